@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""Times forward problem and Jacobian against SciPy with CHOLMOD, in the same minutes, and writes
-the generated parts of docs/PERFORMANCE.md.
+"""Compares the times of forward problem and Jacobian with SciPy and CHOLMOD, run alternately, and
+writes the generated parts of docs/PERFORMANCE.md. One file because it is a standalone program.
 
 Run it with an interpreter that has numpy, scipy and scikit-sparse (the peers' run.sh makes one):
 
     $PYTHON benches/compare.py [--peers ../shared/peers] [--rounds 5] [--no-stages] [--dry-run]
 
-Round by round and size by size the peers' bench_scipy.py and our `peers` run one after the other,
-on one core, one thread each; only ratios inside a round are compared, since the machine's speed
-drifts. Then come the stages against their floors (`floors`) and criterion's medians of all stages
-(`cargo bench`). Before anything is timed, both sides' voltages and Jacobians are held against each
-other on every mesh.
+In every round and for every size, the peers' bench_scipy.py and our `peers` run one after the other
+on one core with one thread each. Only ratios within a round are compared, because the machine's
+speed drifts. Then the stages are compared with their floors (`floors`), and criterion's medians of
+all stages are collected (`cargo bench`). Before timing, the voltages and Jacobians of both sides are
+checked against each other on every mesh.
 """
 
 import argparse
@@ -34,8 +34,8 @@ import numpy as np  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 SIZES = (500, 2000, 5000, 20000)
-# Largest difference of voltages and Jacobian, relative to the largest value. Measured: 3e-13 at
-# 20 368 nodes; the rest is room for other processors and libraries.
+# Largest accepted difference of voltages and Jacobian, relative to the largest value. Measured: 3e-13
+# at 20 368 nodes; the rest is a margin for other processors and libraries.
 AGREE = 1e-11
 PARTS = (
     ("forward", "fwd", "forward_cpu_s"),
@@ -74,7 +74,7 @@ def main():
 
 
 def deliver(parts, options):
-    """Writes parts as soon as they are there: what comes later may fail."""
+    """Writes parts as soon as they are available, because later ones may fail."""
     if options.dry_run:
         print("\n\n".join(parts.values()))
     else:
@@ -98,10 +98,10 @@ def arguments():
         "--patience",
         type=float,
         default=900,
-        help="seconds to wait for quiet at most (default 900)",
+        help="maximum time to wait for a quiet machine, in seconds (default 900)",
     )
     parser.add_argument(
-        "--no-stages", action="store_true", help="leave out cargo bench and its table"
+        "--no-stages", action="store_true", help="skip cargo bench and its table"
     )
     parser.add_argument(
         "--only-st-tv", action="store_true", help="only spatio-temporal total variation"
@@ -129,7 +129,7 @@ def json_lines(text):
 
 
 def build():
-    """Paths of our two programs, built once so that no build falls between the rounds."""
+    """Paths of our two programs, built once before the rounds."""
     print("building", file=sys.stderr)
     command = [
         "cargo",
@@ -173,7 +173,7 @@ def check(program, peers, folder):
             model = eitlib.CEM(*eitlib.disc(size), backend="cholmod")
         except ImportError as error:
             sys.exit(f"{error}: install scikit-sparse 0.4 for {sys.executable}")
-        # the conductivity of benches/src/problem.rs, to the bit
+        # the conductivity of benches/src/problem.rs, bit for bit
         sigma = 1 + 0.1 * (
             (np.arange(model.ne, dtype=np.uint64) * np.uint64(2654435761))
             % np.uint64(2**32)
@@ -202,7 +202,7 @@ def check(program, peers, folder):
 
 
 def one_round(program, peers, folder, number, count):
-    """For each size the peer's times and ours, taken one right after the other."""
+    """For each size, the peer's times and ours, measured one after the other."""
     rows = []
     for size in SIZES:
         environment = {**os.environ, "PEERS_OUT": folder, "PYTHONDONTWRITEBYTECODE": "1"}
@@ -272,14 +272,14 @@ def peers_table(agreement, rounds, load):
     return "\n".join(lines)
 
 
-# The peers' solvers that come first on at least one problem and gap.
+# The peers' solvers that are fastest on at least one problem and gap.
 STTV_PEERS = ("svdprox tau=1000", "rho=30lam")
 STTV_PROBLEMS = ((32, "sttv_problem_small", 2), (64, "sttv_problem", 9))
 STTV_GAPS = ("1e-2", "1e-3", "1e-4")
 
 
 def sttv_table(program, peers, options):
-    """Spatio-temporal total variation: the best peer and ours, problem by problem, in rounds."""
+    """Compares spatio-temporal total variation with the best peer, for each problem in several rounds."""
     rounds = min(options.rounds, 3)
     found = {pixels: [] for pixels, _, _ in STTV_PROBLEMS}
     for number in range(rounds):
@@ -338,7 +338,7 @@ def sttv_table(program, peers, options):
         f"The floor: 4 n r T flops at {ours['flop_per_s'] / 1e9:.0f} GFLOP/s (a product of square "
         "matrices in f32), and the basis and 9 arrays of n T values read or written at "
         f"{ours['byte_per_s'] / 1e9:.0f} GB/s, both measured in the same run. The part of the spectrum "
-        "that is left to an explicit step (docs/DESIGN.md) is counted as if it were not. "
+        "that is left to an explicit step (docs/DESIGN_IMAGES.md) is counted as if it were not. "
         "An iteration's time includes its share of looks at the objective.",
         "",
         "Streams, certified gap of 1e-2 on every frame: linked to the image before, and a window of 8 frames:",
@@ -386,7 +386,7 @@ def floors_table(rows):
 
 
 def moved(count, rate):
-    """Bytes and their rate; nothing where none are moved."""
+    """Bytes and their rate; empty if none are moved."""
     return f"{digits(count / 1e6)} at {rate / 1e9:.0f}" if count else ""
 
 
@@ -418,7 +418,7 @@ def stages_table():
 
 
 def versions():
-    """What was compared with what."""
+    """Describes what was compared."""
     import scipy
     import sksparse
 
@@ -429,7 +429,7 @@ def versions():
 
 
 def cpu():
-    """The processor's name and the number of cores the system shows."""
+    """The processor's name and the number of cores visible to the system."""
     name = platform.processor() or platform.machine()
     with contextlib.suppress(OSError):
         for line in open("/proc/cpuinfo", encoding="utf-8"):
@@ -445,7 +445,7 @@ def digits(number):
 
 
 def spaced(number):
-    """Thousands apart, by a space."""
+    """Separates thousands by a space."""
     return f"{number:,}".replace(",", " ")
 
 

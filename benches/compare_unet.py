@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
-"""Times the U-net's training step and inference against PyTorch, in the same minutes, and writes a
-generated part of docs/PERFORMANCE.md.
+"""Compares the times of the U-net's training step and inference with PyTorch, run alternately, and
+writes a generated part of docs/PERFORMANCE.md.
 
 Run it with an interpreter that has numpy and torch (pip install torch):
 
     $PYTHON benches/compare_unet.py [--rounds 5] [--dry-run]
 
-The program is the example `step_time` of eit-denoise with the feature train: images by our own net and
-by burn's, steps by burn. Round by round and net by net PyTorch and the program run one after the other,
-on one core, one thread each. Before anything is timed, all sides' images and derivatives from the same weights are held against each other. PyTorch runs eagerly, in its own and in
-channels-last order of memory; the faster one counts.
+The program is the example `step_time` of eit-denoise with the feature train: images by our own network
+and by burn's, training steps by burn. In every round and for every network, PyTorch and the program run
+one after the other on one core with one thread each. Before timing, images and derivatives of all sides
+from the same weights are checked against each other. PyTorch runs eagerly, in its default and in
+channels-last memory order; the faster one counts.
 """
 
 import argparse
@@ -28,11 +29,11 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
-# width and depth: the default net, and one of 487 thousand weights
+# width and depth: the default network, and one with 487 thousand weights
 NETS = ((6, 3), (16, 3))
 PIXELS, BATCH = 64, 16
-# Largest difference of images (rounding of f32 through fifteen layers) and of derivatives (the same, and
-# pixels whose positive part falls the other way by it: one of some hundred thousand), relative to the largest.
+# Largest accepted relative difference of images (f32 rounding through fifteen layers) and of derivatives
+# (the same, plus pixels whose sign before a ReLU it flips: one in some hundred thousand).
 AGREE = {"made": 1e-5, "gradient": 1e-3}
 
 
@@ -54,14 +55,14 @@ def arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5, help="rounds, at least 3 (default 5)")
     parser.add_argument("--core", type=int, default=0, help="core to run on (default 0)")
-    parser.add_argument("--budget", type=float, default=1.0, help="seconds a figure (default 1)")
+    parser.add_argument("--budget", type=float, default=1.0, help="seconds per figure (default 1)")
     parser.add_argument(
         "--quiet", type=float, default=None, help="wait until the load average is below this"
     )
     parser.add_argument(
-        "--patience", type=float, default=900, help="seconds to wait for quiet (default 900)"
+        "--patience", type=float, default=900, help="maximum time to wait for a quiet machine, in seconds (default 900)"
     )
-    parser.add_argument("--dry-run", action="store_true", help="print the table, write nothing")
+    parser.add_argument("--dry-run", action="store_true", help="only print the table")
     options = parser.parse_args()
     if options.rounds < 3:
         parser.error(f"--rounds {options.rounds}: fewer than 3 rounds show no spread")
@@ -69,7 +70,7 @@ def arguments():
 
 
 def build():
-    """Path of our program, built once so that no build falls between the rounds."""
+    """Path of our program, built once before the rounds."""
     print("building", file=sys.stderr)
     command = "cargo build --release -p eit-denoise --features train --example step_time"
     messages = json_lines(run([*command.split(), "--message-format", "json-render-diagnostics"]))
@@ -77,7 +78,7 @@ def build():
 
 
 class Net(torch.nn.Module):
-    """The net of `UnetShape`, from its parameters in file order."""
+    """The network of `UnetShape`, from its parameters in file order."""
 
     def __init__(self, width, depth, parameters):
         super().__init__()
@@ -120,7 +121,7 @@ class Net(torch.nn.Module):
         return F.conv2d(now, weights, biases)
 
     def step(self, inputs, wanted, weights):
-        """Error and derivative of a batch whose examples count as `Examples` weighs them."""
+        """Error and derivative of a batch, with the example weights of `Examples`."""
         self.zero_grad()
         error = (weights * (self(inputs) - wanted).square().mean((1, 2, 3))).mean()
         error.backward()
@@ -132,13 +133,13 @@ class Net(torch.nn.Module):
 
 
 def data(images):
-    """Images and the mask of a skin that fills them."""
+    """Images, and the mask of a skin that fills them."""
     images = torch.from_numpy(images).reshape(BATCH, 1, PIXELS, PIXELS)
     return torch.cat([images, torch.ones_like(images)], 1)
 
 
 def check(net, program, folder):
-    """Largest relative differences from PyTorch: images of both nets, burn's derivatives."""
+    """Largest relative differences from PyTorch: images of both networks, burn's derivatives."""
     off = {}
     run([program, *map(str, net), "0", folder])
     read = lambda name: np.fromfile(f"{folder}/{name}.f32", "<f4")  # noqa: E731
@@ -160,7 +161,7 @@ def check(net, program, folder):
 
 
 def least_s(budget_s, work):
-    """Least of as many runs as fit, five at least, after one that does not count."""
+    """Minimum of as many runs as fit the budget, at least five, after a warm-up run."""
     work()
     times, first = [], time.perf_counter()
     while len(times) < 5 or time.perf_counter() < first + budget_s:
@@ -171,7 +172,7 @@ def least_s(budget_s, work):
 
 
 def torch_times(net, parameters, budget_s):
-    """Seconds of a step and of an image, in the faster of two orders of memory."""
+    """Seconds per step and per image, in the faster of two memory orders."""
     generator = np.random.default_rng(1)
     images = generator.uniform(-1, 1, BATCH * PIXELS**2).astype("f4")
     wanted = torch.from_numpy(images).reshape(BATCH, 1, PIXELS, PIXELS) * 0.5
@@ -188,7 +189,7 @@ def torch_times(net, parameters, budget_s):
 
 
 def one_round(program, number, options):
-    """For each net: {side: (step, image)} in seconds; we have no step of our own."""
+    """For each network: {side: (step, image)} in seconds; our own network has no training step."""
     rows = []
     for net in NETS:
         size = json_lines(run([program, *map(str, net), str(options.budget)]))[0]

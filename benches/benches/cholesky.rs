@@ -1,8 +1,10 @@
-//! Our multifrontal Cholesky factorisation beside faer's sparse one: the system matrix of the disc at
-//! about 2 000 and 20 000 nodes, one factorisation and one solve of 15 current patterns, one thread.
+//! Compares our multifrontal Cholesky factorisation with faer's sparse one: the system matrix of
+//! the disc at about 2 000 and 20 000 nodes, one factorisation and one solve with 15 current
+//! patterns, on one thread.
 //!
-//! Both reuse their memory. faer runs in its own order of elimination and in ours. Ours makes use of
-//! right-hand sides that are zero on all nodes, and sweeps backward only; faer solves for any.
+//! Both reuse their memory. faer runs with its own elimination order and with ours. Our solver
+//! exploits right-hand sides that are zero on all nodes and performs only the backward sweep; faer
+//! solves for arbitrary ones.
 #![allow(clippy::expect_used, reason = "a stage that fails must end the bench, not be timed")]
 
 use benches::Result;

@@ -1,5 +1,5 @@
-//! Decoding of live streams, bytes a second on one core: 208 measurements a frame, bytes in pieces
-//! of 4 KiB as a port gives them.
+//! Decoding of live streams, in bytes per second on one core: 208 measurements per frame, in pieces
+//! of 4 KiB as a port delivers them.
 #![allow(clippy::expect_used, reason = "a stage that fails must end the bench, not be timed")]
 
 use criterion::{Criterion, Throughput};
@@ -7,9 +7,9 @@ use eit_hw::codec::{eits1, sciospec, text};
 use std::hint::black_box;
 use std::time::Duration;
 
-/// Bytes of a read.
+/// Bytes per read.
 const PIECE: usize = 4096;
-/// Frames of a stream.
+/// Frames per stream.
 const FRAMES: u32 = 100;
 
 fn main() {

@@ -1,5 +1,5 @@
-//! Spatio-temporal total variation on the peers' reference problems, one thread: set-up, a solve to
-//! a certified gap of 1e-2, a frame of a stream.
+//! Spatio-temporal total variation on the peers' reference problems, on one thread: set-up, a solve
+//! to a certified gap of 1e-2, and one frame of a stream.
 #![allow(clippy::expect_used, reason = "a stage that fails must end the bench, not be timed")]
 
 use benches::Result;

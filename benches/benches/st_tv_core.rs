@@ -1,6 +1,6 @@
-//! Spatio-temporal total variation of a problem of our own, one thread: whole sequences to a certified
-//! gap, with bounds, masked channels and data constraints; frames of a window and of a causal stream, steady
-//! and at the onset of a touch; the choice of weights.
+//! Spatio-temporal total variation on a problem of our own, on one thread: whole sequences to a
+//! certified gap, with bounds, masked channels and data constraints; frames of a windowed and of a
+//! causal stream, steady and at the onset of a touch; the choice of weights.
 #![allow(clippy::expect_used, reason = "a stage that fails must end the bench, not be timed")]
 
 use benches::{Result, problem};
@@ -15,7 +15,7 @@ use ndarray::Array2;
 use std::hint::black_box;
 use std::time::Duration;
 
-/// Nodes of the mesh, pixels of an edge, frames of a sequence and of a turn of the touches.
+/// Nodes of the mesh, pixels per side, frames of a sequence and per turn of the touches.
 const NODES: usize = 1000;
 const PIXELS: usize = 32;
 const FRAMES: usize = 20;
@@ -23,7 +23,7 @@ const TURN: f64 = 397.0;
 /// Noise relative to the root mean square of the data.
 const NOISE: f64 = 0.01;
 
-/// Two touches that circle on the unit disc, as differences of voltages.
+/// Two touches that circle on the unit disc, as voltage differences.
 struct Movie {
     jacobian: Array2<f64>,
     gradient: Gradient,
@@ -124,7 +124,7 @@ fn main() -> Result<()> {
     let rows: Vec<Vec<f64>> = movie.values.rows().into_iter().map(|row| row.to_vec()).collect();
     let settings = StreamSettings { target_gap: 1e-2, ..Default::default() };
     let mut stream = StTvStream::new(solver.clone(), settings)?;
-    // to and fro: the touches never jump
+    // back and forth, so that the touches never jump
     let mut to_and_fro = (0..FRAMES).chain((1..FRAMES - 1).rev()).cycle();
     group.bench_function("window, a steady frame", |b| {
         b.iter(|| {
@@ -151,7 +151,7 @@ fn main() -> Result<()> {
     });
     group.bench_function("causal, onset after rest", |b| {
         b.iter(|| {
-            // eight frames of nothing bring the image to rest
+            // eight empty frames bring the image to rest
             for _ in 0..8 {
                 causal.push(&silence, None).expect("a step");
             }

@@ -1,7 +1,7 @@
-//! Every stage at two sizes: 2 000 and 20 000 nodes, one thread, f64.
+//! Times every stage at two sizes: 2 000 and 20 000 nodes, one thread, f64.
 //!
-//! Forward problem and Jacobian use the peers' meshes where they are present, so that the numbers
-//! stand beside the peers'; everything else uses generated meshes.
+//! Forward problem and Jacobian use the peers' meshes if available, so that the numbers are
+//! comparable with the peers'; everything else uses generated meshes.
 #![allow(clippy::expect_used, reason = "a stage that fails must end the bench, not be timed")]
 
 use benches::{Result, problem};
@@ -17,9 +17,9 @@ use ndarray::Array2;
 use std::time::Duration;
 
 const NODES: [usize; 2] = [2000, 20000];
-/// Pixels on a side of rasters and images.
+/// Pixels per side of rasters and images.
 const PIXELS: usize = 64;
-/// Frames of the batch.
+/// Number of frames in the batch.
 const FRAMES: usize = 100;
 
 fn main() -> Result<()> {
@@ -38,14 +38,15 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// One group per crate; the longer stages run but a few times in the second they are given.
+/// Creates one group per crate; the longer stages run only a few times in the second they are
+/// given.
 fn group<'a>(criterion: &'a mut Criterion, name: &str) -> BenchmarkGroup<'a, WallTime> {
     let mut group = criterion.benchmark_group(name);
     group.sampling_mode(SamplingMode::Flat);
     group
 }
 
-/// Mesh generation and raster; the mesh.
+/// Times mesh generation and raster; returns the mesh.
 fn meshes(criterion: &mut Criterion, nodes: usize) -> Result<Mesh> {
     let (shape, electrodes) = problem::disc();
     let settings = problem::mesh_settings(nodes)?;
@@ -61,7 +62,7 @@ fn meshes(criterion: &mut Criterion, nodes: usize) -> Result<Mesh> {
     Ok(mesh)
 }
 
-/// Model set-up, forward problem, Jacobian; the Jacobian on the generated mesh.
+/// Times model set-up, forward problem and Jacobian; returns the Jacobian on the generated mesh.
 fn forward(criterion: &mut Criterion, nodes: usize, generated: &Mesh) -> Result<Array2<f64>> {
     let peers = problem::peers_mesh(nodes)?;
     let mesh = peers.as_ref().unwrap_or(generated);
@@ -93,7 +94,8 @@ fn linearise(model: &ForwardModel) -> Result<Array2<f64>> {
 
 type MakePrior = fn(&Surface) -> std::result::Result<Box<dyn Prior>, InverseError>;
 
-/// Reconstruction set-up for 208 measurements, prior included; the one with the NOSER prior.
+/// Times reconstruction set-up for 208 measurements, including the prior; returns the one with the
+/// NOSER prior.
 fn set_up(
     criterion: &mut Criterion,
     nodes: usize,
@@ -120,7 +122,7 @@ fn set_up(
     Ok(OneStepGaussNewton::new(jacobian, &Noser::default(), OneStepSettings::default())?)
 }
 
-/// One frame and a batch of frames on pixels.
+/// Times one frame and a batch of frames on pixels.
 fn frames(
     criterion: &mut Criterion,
     nodes: usize,

@@ -1,12 +1,13 @@
-//! Generated parts of `docs/PERFORMANCE.md`, between the marks that `benches/compare.py` uses too.
+//! Generated parts of `docs/PERFORMANCE.md`, between the same markers as in `benches/compare.py`.
 
 use crate::Result;
 use std::path::{Path, PathBuf};
 
-/// Writes a part of `docs/PERFORMANCE.md`, beside its place first.
+/// Writes a part of `docs/PERFORMANCE.md`, through a temporary file.
 ///
 /// # Errors
-/// A file that cannot be read or written, or that does not hold both marks of the part once each.
+/// A file that cannot be read or written, or that does not contain both markers of the part exactly
+/// once.
 pub fn write(part: &str, body: &str) -> Result<()> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/PERFORMANCE.md");
     let failed = |e: std::io::Error| format!("{}: {e}", path.display());
@@ -27,7 +28,7 @@ fn replaced(text: &str, part: &str, body: &str) -> Result<String> {
     Ok(format!("{before}{}\n{}\n{}{after}", marks[0], body.trim_end(), marks[1]))
 }
 
-/// Three significant digits, without an exponent.
+/// Formats three significant digits, without an exponent.
 pub fn digits(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
@@ -36,7 +37,7 @@ pub fn digits(value: f64) -> String {
     format!("{value:.*}", usize::try_from(2 - before).unwrap_or(0))
 }
 
-/// Processor, cores and compiler: what a time is worth nothing without.
+/// Describes processor, cores and compiler, on which all times depend.
 pub fn machine() -> String {
     let list = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = list.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
@@ -49,7 +50,7 @@ pub fn machine() -> String {
     format!("{processor}, {cores} cores; {compiler}")
 }
 
-/// Load average of the last minute, where the system tells.
+/// Load average of the last minute, if the system reports it.
 pub fn load() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
 }

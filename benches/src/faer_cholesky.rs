@@ -1,4 +1,4 @@
-//! faer's sparse Cholesky factorisation, of the matrix of a model: what ours is compared with.
+//! faer's sparse Cholesky factorisation of a model's matrix, for comparison with ours.
 
 use crate::Result;
 use eit_fem::SystemMatrix;
@@ -12,19 +12,19 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Conj, MatMut, Par, Side, Spec};
 
-/// Columns that scratch memory is for: one for each independent pattern of 16 electrodes.
+/// Number of columns that scratch memory allows: one for each independent pattern of 16 electrodes.
 pub const COLUMNS: usize = 15;
 
-/// In which order faer eliminates.
+/// The elimination order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// Its own approximate minimum degree.
+    /// faer's approximate minimum degree order.
     Own,
-    /// The order of the unknowns: that of the model.
+    /// The order of the unknowns in the model.
     Given,
 }
 
-/// A factorisation with all its memory: as ours, it allocates nothing after the set-up.
+/// A factorisation with all its memory; like ours, it allocates nothing after the set-up.
 pub struct FaerCholesky {
     pattern: SymbolicSparseColMat<u32>,
     symbolic: SymbolicCholesky<u32>,
@@ -33,14 +33,14 @@ pub struct FaerCholesky {
 }
 
 impl FaerCholesky {
-    /// Analyses the pattern of a matrix.
+    /// Analyses the sparsity pattern of a matrix.
     ///
     /// # Errors
-    /// Lack of memory.
+    /// Insufficient memory.
     pub fn new(matrix: &SystemMatrix, order: Order) -> Result<Self> {
         let pattern = lower_triangle(&matrix.pattern);
-        // not `SymmetricOrdering::Identity`: with it the simplicial factorisation of faer 0.24 reads
-        // the triangle that is not there
+        // not `SymmetricOrdering::Identity`: with it, the simplicial factorisation of faer 0.24
+        // reads the triangle that is not stored
         let unknowns = matrix.pattern.unknowns();
         let (forward, inverse): (Vec<u32>, Vec<u32>) = (0..unknowns as u32).map(|k| (k, k)).unzip();
         let order = match order {
@@ -57,17 +57,17 @@ impl FaerCholesky {
         Ok(Self { factor: vec![0.0; symbolic.len_val()], pattern, symbolic, memory })
     }
 
-    /// Whether faer found dense blocks worth while.
+    /// Whether faer chose a supernodal factorisation.
     pub fn is_supernodal(&self) -> bool {
         matches!(self.symbolic.raw(), SymbolicCholeskyRaw::Supernodal(_))
     }
 
-    /// Values of the factor.
+    /// Number of entries in the factor.
     pub fn factor_entries(&self) -> usize {
         self.factor.len()
     }
 
-    /// Factorises the matrix with these values, one for each entry of the pattern.
+    /// Factorises the matrix with these values, one per entry of the pattern.
     ///
     /// # Errors
     /// A pivot that is not positive.
@@ -88,7 +88,7 @@ impl FaerCholesky {
         Ok(())
     }
 
-    /// Solves in place, `[unknown, column]`, at most [`COLUMNS`] columns.
+    /// Solves in place, `[unknown, column]`, for at most [`COLUMNS`] columns.
     pub fn solve(&mut self, x: MatMut<'_, f64>) {
         let stack = MemStack::new(&mut self.memory);
         let factor = LltRef::new(&self.symbolic, &self.factor);

@@ -1,4 +1,4 @@
-//! What one thread of this machine can do at best, measured: the denominators of every floor.
+//! Measured limits of one thread on this machine, used as denominators of all floors.
 
 use crate::Result;
 use crate::stopwatch::median;
@@ -9,16 +9,17 @@ use std::hint::black_box;
 /// Repetitions of each measurement.
 const REPEATS: usize = 41;
 
-/// Order of the matrices whose product is timed: 3 x 1.2 MB, most of it in the second-level cache.
+/// Order of the matrices in the timed product: 3 x 1.2 MB, mostly in the second-level cache.
 const ORDER: usize = 384;
 
-/// Independent sums of a read, so that the additions' latency does not hide the memory's rate.
+/// Number of independent sums in a read, so that the latency of additions does not hide the memory
+/// rate.
 const LANES: usize = 32;
 
-/// Floating point operations per second of a dense matrix product in f64.
+/// Measures floating point operations per second of a dense matrix product in f64.
 ///
 /// # Errors
-/// None of its own.
+/// None in practice.
 pub fn matmul_flop_per_s() -> Result<f64> {
     let entry = |i: usize, j: usize| 1.0 / (1.0 + (i + 2 * j) as f64);
     let (a, b) = (Mat::from_fn(ORDER, ORDER, entry), Mat::from_fn(ORDER, ORDER, entry));
@@ -31,10 +32,10 @@ pub fn matmul_flop_per_s() -> Result<f64> {
     Ok(2.0 * (ORDER as f64).powi(3) / times.least_cpu_s)
 }
 
-/// The same in f32.
+/// Measures the same rate in f32.
 ///
 /// # Errors
-/// None of its own.
+/// None in practice.
 pub fn matmul_f32_flop_per_s() -> Result<f64> {
     let entry = |i: usize, j: usize| 1.0 / (1.0 + (i + 2 * j) as f32);
     let (a, b) = (Mat::from_fn(ORDER, ORDER, entry), Mat::from_fn(ORDER, ORDER, entry));
@@ -47,10 +48,10 @@ pub fn matmul_f32_flop_per_s() -> Result<f64> {
     Ok(2.0 * (ORDER as f64).powi(3) / times.least_cpu_s)
 }
 
-/// Bytes per second stored by a plain loop over `bytes` of memory that is used again and again.
+/// Measures bytes per second stored by a plain loop over `bytes` of memory, which is reused.
 ///
 /// # Errors
-/// None of its own.
+/// None in practice.
 pub fn store_byte_per_s(bytes: usize) -> Result<f64> {
     let mut values = vec![0.0_f64; bytes.div_ceil(8)];
     let mut number = 0.0;
@@ -61,11 +62,11 @@ pub fn store_byte_per_s(bytes: usize) -> Result<f64> {
     })
 }
 
-/// Bytes per second read by a sum over `bytes` of memory that is read again and again: the faster
-/// of a plain loop and faer's sum of squares (wider registers where the processor has them).
+/// Measures bytes per second read by a sum over `bytes` of memory, which is read repeatedly: the
+/// faster of a plain loop and faer's sum of squares (wider registers where the processor has them).
 ///
 /// # Errors
-/// None of its own.
+/// None in practice.
 pub fn read_byte_per_s(bytes: usize) -> Result<f64> {
     let values = vec![1.0_f64; bytes.div_ceil(8)];
     let plain = best_rate(bytes, || {
@@ -81,7 +82,7 @@ pub fn read_byte_per_s(bytes: usize) -> Result<f64> {
     Ok(plain.max(wide))
 }
 
-/// Best rate of a pass over `bytes`, repeated for the clock's sake (at least 10 MB a timing).
+/// Best rate of a pass over `bytes`, repeated for timing accuracy (at least 10 MB per timing).
 fn best_rate(bytes: usize, mut pass: impl FnMut()) -> Result<f64> {
     let passes = (10_000_000 / bytes.max(1)).max(1);
     let times = median(REPEATS, || {

@@ -1,22 +1,22 @@
-//! The problems that are timed: a unit disc with 16 electrodes, each over half of its sixteenth of
-//! the rim; adjacent drive and measurement without driven electrodes (208 values); 1 A.
+//! The timed problems: a unit disc with 16 electrodes, each covering half of its sixteenth of the
+//! rim; adjacent drive and measurement without driven electrodes (208 values); 1 A.
 
 use crate::Result;
 use eit_fem::{ForwardModel, PairProtocol};
 use eit_mesh::{Electrode, Mesh, MeshSettings, RimElectrodes, SkinShape, Surface};
 
-/// Electrodes of the disc.
+/// Number of electrodes on the disc.
 pub const ELECTRODES: usize = 16;
 
-/// Contact impedance, ohm metre: 0.01 of sheet resistance times radius, as the peers have it.
+/// Contact impedance, ohm metres: 0.01 of sheet resistance times radius, as used by the peers.
 pub const CONTACT_IMPEDANCE: f64 = 0.01;
 
-/// The mesh on which the peers are timed with about `target` nodes (500, 2000, 5000 or 20000).
+/// Returns the peers' mesh with about `target` nodes (500, 2000, 5000 or 20000).
 ///
-/// `None` after a `skipped:` line where the peers' folder is missing.
+/// Prints a `skipped:` line and returns `None` if the peers' folder is missing.
 ///
 /// # Errors
-/// A file that is there but cannot be used.
+/// A file that exists but cannot be used.
 pub fn peers_mesh(target: usize) -> Result<Option<Mesh>> {
     let Some(arrays) = fixtures::disc_mesh(target)? else { return Ok(None) };
     let nodes = arrays.nodes.rows().into_iter().map(|r| [r[0], r[1], 0.0]).collect();
@@ -25,13 +25,13 @@ pub fn peers_mesh(target: usize) -> Result<Option<Mesh>> {
     Ok(Some(Mesh::new(surface, electrodes)?))
 }
 
-/// The same disc for our own generator.
+/// The same disc for our own mesh generator.
 pub fn disc() -> (SkinShape, RimElectrodes) {
     let width_m = std::f64::consts::PI / ELECTRODES as f64;
     (SkinShape::Disc { radius_m: 1.0 }, RimElectrodes::equally_spaced(ELECTRODES, width_m))
 }
 
-/// Settings that give about `nodes` nodes on [`disc`].
+/// Returns settings that give about `nodes` nodes on [`disc`].
 ///
 /// # Errors
 /// As `MeshSettings::for_nodes`.
@@ -40,7 +40,7 @@ pub fn mesh_settings(nodes: usize) -> Result<MeshSettings> {
     Ok(MeshSettings::default().for_nodes(&shape, &electrodes, nodes)?)
 }
 
-/// The model of a mesh of this disc.
+/// Returns the model of a mesh of this disc.
 ///
 /// # Errors
 /// As `ForwardModel::new`.
@@ -49,15 +49,15 @@ pub fn model(mesh: &Mesh) -> Result<ForwardModel> {
     Ok(ForwardModel::new(mesh, &protocol, &[CONTACT_IMPEDANCE; ELECTRODES])?)
 }
 
-/// Conductivities between 1 and 1.1 S that look random and that any language repeats exactly:
+/// Pseudo-random conductivities between 1 and 1.1 S that any language can reproduce exactly:
 /// `1 + 0.1 (2654435761 e mod 2^32) / 2^32` for element `e` (Knuth's multiplicative hash).
 pub fn conductivity(elements: usize) -> Vec<f64> {
     let hash = |e: usize| (e as u32).wrapping_mul(2_654_435_761);
     (0..elements).map(|e| 1.0 + 0.1 * (f64::from(hash(e)) / 4_294_967_296.0)).collect()
 }
 
-/// Adjacent drive on all electrodes but the grounded last: for each electrode its currents under
-/// `ELECTRODES - 1` patterns, ampere.
+/// Adjacent drive on all electrodes, without the grounded last one: for each electrode its currents
+/// under `ELECTRODES - 1` patterns, amperes.
 pub fn currents() -> impl Iterator<Item = [f64; ELECTRODES - 1]> {
     (0..ELECTRODES - 1).map(|electrode| {
         std::array::from_fn(|pattern| match electrode.checked_sub(pattern) {
@@ -84,7 +84,7 @@ mod tests {
     fn a_generated_disc_has_about_the_nodes_asked_for() {
         let (shape, electrodes) = disc();
         let mesh = eit_mesh::generate(&shape, &electrodes, &mesh_settings(2000).unwrap()).unwrap();
-        // 10 %: what `for_nodes` promises
+        // 10 %: guaranteed by `for_nodes`
         let nodes = mesh.surface().nodes().len();
         assert!((1800..=2200).contains(&nodes), "{nodes}");
         assert_eq!(model(&mesh).unwrap().protocol().measurements(), 208);

@@ -7,15 +7,15 @@ use std::time::Instant;
 /// Medians of repeated runs, seconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Times {
-    /// CPU time of the process, user and system: what other processes hardly disturb.
+    /// CPU time of the process, user and system, which other processes hardly affect.
     pub cpu_s: f64,
-    /// Elapsed time.
+    /// Wall time.
     pub wall_s: f64,
-    /// Least CPU time: what the machine can do, where the median is what it did.
+    /// Minimum CPU time, an estimate of the undisturbed time.
     pub least_cpu_s: f64,
 }
 
-/// Median times of `repeats` runs after one that is not counted.
+/// Returns median times of `repeats` runs, after a warm-up run.
 ///
 /// # Errors
 /// Those of `run`.
@@ -32,7 +32,7 @@ pub fn median(repeats: usize, mut run: impl FnMut() -> Result<()>) -> Result<Tim
     Ok(Times { cpu_s: middle(&mut cpu), wall_s: middle(&mut wall), least_cpu_s })
 }
 
-/// Median of values that are not empty; of an even number the mean of the middle two.
+/// Median of a non-empty list; for an even number of values, the mean of the middle two.
 fn middle(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     let last = values.len() - 1;

@@ -1,4 +1,4 @@
-//! Our factorisation and faer's solve the same systems.
+//! Our factorisation and faer's give the same solutions.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use benches::faer_cholesky::{COLUMNS, FaerCholesky, Order};
@@ -37,7 +37,7 @@ fn faers(matrix: &SystemMatrix, order: Order) -> Mat<f64> {
     x
 }
 
-/// Largest difference over the largest potential.
+/// Largest difference divided by the largest potential.
 fn difference(ours: &[f64], faers: &Mat<f64>) -> f64 {
     let pairs = || {
         let rows = ours.chunks_exact(COLUMNS).enumerate();
@@ -47,9 +47,9 @@ fn difference(ours: &[f64], faers: &Mat<f64>) -> f64 {
     pairs().fold(0.0_f64, |m, (x, y)| m.max((x - y).abs())) / largest
 }
 
-/// The condition numbers are 4.8e4 and 4.3e5 (power iteration with the matrix and its inverse), and a
-/// backward stable factorisation errs by the condition times the roundoff, half of `EPSILON`: two of
-/// them differ by twice that. What was measured is 1.3e-13.
+/// The condition numbers are 4.8e4 and 4.3e5 (power iteration with the matrix and its inverse). A
+/// backward stable factorisation has an error of the condition number times the roundoff, half of
+/// `EPSILON`, and two of them differ by at most twice that. The measured difference is 1.3e-13.
 #[test]
 fn solutions_agree_with_those_of_faer() {
     for (nodes, condition) in [(2000, 4.8e4), (20000, 4.3e5)] {

@@ -1,4 +1,4 @@
-//! The two clocks. Alone in its file: CPU time is that of the process, other tests' included.
+//! The two clocks, in a separate test program because CPU time includes all tests of a process.
 #![allow(clippy::expect_used, reason = "a test")]
 
 use benches::stopwatch::median;
@@ -11,7 +11,7 @@ fn sleep_is_wall_time_and_not_cpu_time() {
         Ok(())
     })
     .expect("sleeping does not fail");
-    // half of the nap is far above what a system call costs
+    // half of the sleep is far above the cost of a system call
     assert!(times.wall_s >= 0.05 && times.cpu_s < 0.025, "{times:?}");
     assert!(times.least_cpu_s <= times.cpu_s, "{times:?}");
 }

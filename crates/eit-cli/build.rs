@@ -1,8 +1,9 @@
-//! Names the commit that the program is built from: weights say it, so that they can be made again.
+//! Stores the commit from which the program is built: trained weights state it, so that they can be
+//! reproduced.
 
 use std::process::Command;
 
-/// What git prints; `None` outside a checkout or without git.
+/// Returns the output of git; `None` outside a checkout or without git.
 fn git(arguments: &[&str]) -> Option<String> {
     let output = Command::new("git").args(arguments).output().ok()?;
     let text = String::from_utf8(output.stdout).ok()?;
@@ -11,10 +12,10 @@ fn git(arguments: &[&str]) -> Option<String> {
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    // the log grows with every commit and checkout, packed references or not
+    // the log grows with every commit and checkout, whether references are packed or not
     for what in ["HEAD", "logs/HEAD"] {
         if let Some(path) = git(&["rev-parse", "--git-path", what]) {
-            // one that is not there would run this at every build
+            // a missing file would trigger this at every build
             if std::path::Path::new(&path).exists() {
                 println!("cargo::rerun-if-changed={path}");
             }

@@ -1,4 +1,4 @@
-//! EITS-1: no bytes panic, and the events do not depend on how they are cut.
+//! EITS-1: no input panics, and the events do not depend on how the bytes are split.
 #![no_main]
 
 use eit_hw::codec::eits1::{Configuration, Decoder, Event, Information};
@@ -11,7 +11,7 @@ fn events(pieces: &[&[u8]]) -> Vec<String> {
             if let Event::Message(message) = &event {
                 assert!(message.values().count() <= usize::from(message.count));
                 assert_eq!(message.qualities().count(), message.measurements());
-                // whatever was read as one is written as it was
+                // whatever decodes encodes to the same bytes
                 if let Some(found) = Configuration::from_bytes(message.payload) {
                     assert_eq!(found.to_bytes(), message.payload);
                 }

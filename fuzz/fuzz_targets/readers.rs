@@ -1,4 +1,4 @@
-//! Readers of files: no bytes panic or ask for memory without end, and what is read has one size.
+//! Readers of files: no input panics or allocates without limit, and results have consistent sizes.
 #![no_main]
 
 use eit_hw::{csv, goe, lct, npy, sciospec, serial_log};

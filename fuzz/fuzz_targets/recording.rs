@@ -1,4 +1,4 @@
-//! Recordings: no bytes panic, whether they are read as a whole or turned into frames.
+//! Recordings: no input panics, whether read as entries or converted to frames.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,5 +1,5 @@
-//! Scenes: no text panics or asks for memory without end, and what is read as one is written as it was and
-//! read again.
+//! Scenes: no text panics or allocates without limit, and a parsed scene is written back unchanged
+//! and parses again.
 #![no_main]
 
 use eit_skin::Scene;
@@ -10,14 +10,14 @@ fuzz_target!(|data: &[u8]| {
     match Scene::parse(text, "fuzz") {
         Ok(mut scene) => {
             assert_eq!(scene.to_toml().expect("as it was"), text);
-            // settings that are written anew are the same settings
+            // changed settings survive writing and reading
             scene.touch.radius_m = Some(0.01);
             if let Ok(written) = scene.to_toml() {
                 let again = Scene::parse(&written, "fuzz").expect("what was written is read");
                 assert_eq!(again.to_toml().expect("as it was"), written);
             }
         }
-        // words for people, of one line
+        // errors have a message
         Err(error) => assert!(!error.to_string().is_empty()),
     }
 });

@@ -1,5 +1,5 @@
-//! Sciospec, both sides: no bytes panic, the events do not depend on how they are cut, and no data
-//! that makes no sense is told.
+//! Sciospec, both sides: no input panics, the events do not depend on how the bytes are split, and
+//! no implausible data are reported.
 #![no_main]
 
 use eit_hw::codec::sciospec::{Decoder, Event, Output};
@@ -30,7 +30,7 @@ fuzz_target!(|data: &[u8]| {
     let whole = events(decoder(), &[data]);
     let cut = usize::from(first) * data.len() / 256;
     assert_eq!(events(decoder(), &[&data[..cut], &data[cut..]]), whole);
-    // frames put together by the driver have as many values as they should
+    // frames assembled by the driver have the right number of values
     let quadruples = [[0, 1, 2, 3], [1, 2, 3, 4]];
     let settings = SciospecSettings::for_quadruples(20, &quadruples);
     let Ok(mut driver) = Sciospec::new(settings) else { return };

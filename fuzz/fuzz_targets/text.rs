@@ -1,5 +1,5 @@
-//! Text boards, every framing: no bytes panic, the events do not depend on how they are cut, and a
-//! frame has as many finite values as it should.
+//! Text boards, every framing: no input panics, the events do not depend on how the bytes are
+//! split, and a frame has the right number of finite values.
 #![no_main]
 
 use eit_hw::codec::text::{Decoder, Event, Framing, Number, TextFormat};
@@ -27,7 +27,7 @@ fn format(choice: u8) -> TextFormat {
 }
 
 fn events(format: &TextFormat, pieces: &[&[u8]]) -> Vec<String> {
-    let mut decoder = Decoder::new(format.clone()).expect("a format that can be");
+    let mut decoder = Decoder::new(format.clone()).expect("a valid format");
     let mut events = Vec::new();
     for piece in pieces {
         decoder.push(piece, &mut |event| {

@@ -1,14 +1,14 @@
-//! A skin that is not there: an emulated instrument that plays a simulated finger.
+//! An emulated instrument that plays a simulated finger.
 use eit_skin::eit_fem::fabric::{PlayCircle, SimulationSettings, TouchScript};
 use eit_skin::eit_hw::emulator::{Emulator, FaultPlan, Listen};
 use eit_skin::emulate::{Content, PlayedFrames, device};
 use eit_skin::{Progress, Skin};
 use std::error::Error;
 
-/// Frames before anybody touches: at least those of the reference.
+/// Number of frames before the first touch: at least those of the reference.
 pub const QUIET: usize = 60;
 
-/// Frames of a press in the middle of the skin, again and again, and the instrument that sends them.
+/// Simulates a repeated press in the middle of the skin, and starts the instrument that sends its frames.
 pub fn start(skin: &Skin) -> Result<Emulator, Box<dyn Error>> {
     let finer = skin.with_nodes(4000, &mut Progress::silent())?;
     let circle = PlayCircle::of(&finer.mesh);

@@ -1,3 +1,3 @@
-//! What the robot's programs share.
+//! Modules shared by the robot's programs.
 pub mod emulated;
 pub mod robot_loop;

@@ -1,11 +1,11 @@
-//! A robot that feels: its loop ticks at its own rate, whatever the instrument does.
+//! A control loop that reads touches at its own rate, whatever the instrument does.
 use eit_skin::{Skin, SkinError, Touch};
 use std::time::{Duration, Instant};
 
 pub const TICK: Duration = Duration::from_millis(10);
 
-/// At every tick `control` gets the newest touches, `None` where the skin is silent or takes its
-/// reference, and says whether to go on. Returns how many ticks came too late.
+/// Calls `control` at every tick with the latest touches (`None` if the instrument is silent or the reference
+/// is being taken); `control` returns whether to continue. Returns the number of late ticks.
 pub fn run(
     skin: &Skin,
     port: Option<&str>,

@@ -1,4 +1,4 @@
-//! The robot feels what it should, and keeps its own time.
+//! The robot detects the touches, and its loop keeps its own rate.
 use eit_skin::Skin;
 use robot::robot_loop::{TICK, run};
 use robot::emulated;
@@ -9,8 +9,7 @@ fn skin() -> Skin {
     Skin::load(concat!(env!("CARGO_MANIFEST_DIR"), "/skin.toml")).unwrap()
 }
 
-/// However long a busy computer takes: until the finger has come and gone, and no longer than 3000
-/// ticks.
+/// Runs until the finger has come and gone, for at most 3000 ticks, however slow the computer.
 #[test]
 fn the_robot_feels_the_emulated_finger() {
     let skin = skin();
@@ -26,8 +25,8 @@ fn the_robot_feels_the_emulated_finger() {
     assert!(has_reference && !ids.is_empty(), "{ids:?} after {ticks} ticks");
 }
 
-/// An instrument that goes away does not stop the loop: ticks go on at their rate, and say that there
-/// is no sense. A callback that takes too long is counted, and not made up for.
+/// An instrument that goes away does not stop the loop: ticks continue at their rate and report that there is
+/// no data. A callback that takes too long is counted as late; lost ticks are not made up for.
 #[test]
 fn ticks_go_on_whatever_the_instrument_does() {
     let skin = skin();
@@ -36,7 +35,7 @@ fn ticks_go_on_whatever_the_instrument_does() {
     let (mut silent, mut ticks, mut start) = (0, 0_u32, None);
     let late = run(&skin, Some(&port), |touches| {
         if touches.is_some() {
-            // it lives: pull its plug
+            // the first data has arrived: unplug it
             emulated = None;
         }
         if emulated.is_some() {
@@ -52,6 +51,6 @@ fn ticks_go_on_whatever_the_instrument_does() {
     })
     .unwrap();
     assert!(late >= 1);
-    // never faster than its rate (the first tick may have come late), also after one that took three
+    // never faster than its rate (the first tick may have been late), even after one that took three ticks
     assert!(start.unwrap().elapsed() + TICK >= TICK * (ticks - 1));
 }

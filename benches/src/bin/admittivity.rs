@@ -1,10 +1,11 @@
-//! Times the complex forward problem against the real one, in the same minutes, one thread, f64.
+//! Compares the times of the complex and the real forward problem, run alternately on one thread in
+//! f64.
 //!
-//! Usage: `admittivity [ROUNDS] NODES...` with NODES of 500, 2000, 5000, 20000; five rounds where the
-//! first number is below 100. Prints one JSON object per mesh: medians of CPU time over the rounds in
-//! seconds, and least, median and greatest ratio inside a round. The real problem is that of `peers`;
-//! the complex one has the same mesh with the phases 0 to 90 degrees among its elements and contacts
-//! of 45 degrees.
+//! Usage: `admittivity [ROUNDS] NODES...` with NODES of 500, 2000, 5000, 20000; five rounds unless
+//! the first number is below 100. Prints one JSON object per mesh: medians of CPU time over the
+//! rounds in seconds, and the minimum, median and maximum ratio within a round. The real problem is
+//! that of `peers`; the complex one uses the same mesh with phases of 0 to 90 degrees across its
+//! elements and contacts of 45 degrees.
 #![allow(clippy::print_stdout, reason = "the table is this program's output")]
 
 use benches::stopwatch::median;
@@ -14,7 +15,7 @@ use ndarray::Array2;
 use serde_json::json;
 use std::hint::black_box;
 
-/// Repetitions of each timing in a round.
+/// Repetitions of each timing per round.
 const REPEATS: usize = 9;
 
 fn main() -> Result<()> {
@@ -22,7 +23,7 @@ fn main() -> Result<()> {
     for argument in std::env::args().skip(1) {
         let number: usize = argument
             .parse()
-            .map_err(|_| format!("'{argument}' is no number of rounds or nodes"))?;
+            .map_err(|_| format!("'{argument}' is not a number of rounds or nodes"))?;
         numbers.push(number);
     }
     let rounds = match numbers.first() {
@@ -42,7 +43,7 @@ fn compare(target: usize, rounds: usize) -> Result<()> {
     let contact = Complex64::from_polar(problem::CONTACT_IMPEDANCE, -std::f64::consts::FRAC_PI_4);
     let complex = AdmittivityModel::new(&mesh, &protocol, &[contact; problem::ELECTRODES])?;
     let sigma = problem::conductivity(real.elements());
-    // 1 to 1.1 S: tenths of it are phases from 0 to 90 degrees
+    // values of 1 to 1.1 S: the excess over 1 is scaled to phases from 0 to 90 degrees
     let turned =
         |s: &f64| Complex64::from_polar(*s, std::f64::consts::FRAC_PI_2 * 10.0 * (s - 1.0));
     let gamma: Vec<Complex64> = sigma.iter().map(turned).collect();
@@ -95,7 +96,7 @@ fn compare(target: usize, rounds: usize) -> Result<()> {
     Ok(())
 }
 
-/// Least, median and greatest quotient inside a round.
+/// Minimum, median and maximum ratio within a round.
 fn ratios(complex: &[f64], real: &[f64]) -> [f64; 3] {
     let mut list: Vec<f64> = complex.iter().zip(real).map(|(c, r)| c / r).collect();
     list.sort_by(f64::total_cmp);

@@ -1,25 +1,27 @@
-//! Takes over what a full report has measured: `cargo run --release -p benches --bin adopt -- DIR
-//! [PEERS [PLANS]]`, DIR of `eit report --out DIR`, PEERS of `eit report --scenes paper-disc-60 --peers
-//! PYTHON --out PEERS`; and, with the table that DIR has left built in, PLANS of `eit report --plans --out
-//! PLANS`. With DIR of `eit report --touches=electrodes --out DIR`, the table of electrode movement alone.
+//! Copies the results of a full report into the project:
+//! `cargo run --release -p benches --bin adopt -- DIR [PEERS [PLANS]]`, with DIR from
+//! `eit report --out DIR` and PEERS from
+//! `eit report --scenes paper-disc-60 --peers PYTHON --out PEERS`. After rebuilding with the table
+//! copied from DIR, PLANS comes from `eit report --plans --out PLANS`. With DIR from
+//! `eit report --touches=electrodes --out DIR`, only the table of electrode movement is copied.
 //!
-//! The tables of choices, plans and the best meshes of forward problems go to `docs/PERFORMANCE.md`,
-//! pictures to `docs/images`, and `inverse.csv`, without peers and without nets that are not shipped, to
-//! `crates/eit-skin/src/plan/measured.csv`, which `eit plan` reads. DIR of `eit report --forward` has the forward
-//! problems alone: the rest stays as it is.
+//! The tables of choices, plans and best meshes of forward problems go to `docs/PERFORMANCE.md`,
+//! pictures to `docs/images`, and `inverse.csv`, without peers and networks that are not shipped,
+//! to `crates/eit-skin/src/plan/measured.csv`, which `eit plan` reads. With DIR from
+//! `eit report --forward`, only the forward problems are updated.
 #![allow(clippy::print_stdout, reason = "a program")]
 
 use benches::{Result, document};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Sections of `report.md` and the parts of the document that they become.
+/// Sections of `report.md`, and the parts of the document that they replace.
 const SECTIONS: [(&str, &str); 3] = [
     ("Which solver for which time", "choices"),
     ("What the plan promised", "plan"),
     ("Forward problem", "forward"),
 ];
-/// Pictures that the document shows.
+/// Pictures used by the document.
 const PICTURES: [&str; 6] = [
     "error_paper_disc_60.png",
     "error_paper_fabric.png",
@@ -30,7 +32,7 @@ const PICTURES: [&str; 6] = [
 ];
 
 fn main() -> Result<()> {
-    let folder = std::env::args().nth(1).ok_or("which folder? eit report --out DIR makes one")?;
+    let folder = std::env::args().nth(1).ok_or("name a folder created by eit report --out DIR")?;
     let folder = Path::new(&folder);
     if folder.join("incomplete.txt").exists() {
         return Err("the report is incomplete: let it run to its end".into());
@@ -90,13 +92,13 @@ fn read(path: &PathBuf) -> Result<String> {
     Ok(fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?)
 }
 
-/// What stands under a headline, up to the next.
+/// Returns the text under a heading, up to the next one.
 fn section(report: &str, title: &str) -> Option<String> {
     let (_, rest) = report.split_once(&format!("\n## {title}\n"))?;
     Some(rest.split("\n## ").next()?.trim().to_owned())
 }
 
-/// Rows of solvers that users have: no peers, no nets of files.
+/// Keeps the rows of solvers available to users: no peers and no networks from files.
 fn shipped(table: &str) -> Result<String> {
     let mut reader = csv::Reader::from_reader(table.as_bytes());
     let head = reader.headers()?.clone();

@@ -1,7 +1,7 @@
-//! What a frame costs that equals its reference, beside one that does not, for every stage that sees
-//! each frame. Writes the table of `docs/PERFORMANCE.md`.
+//! Compares the cost of a frame that equals its reference with that of one that does not, for every
+//! stage that processes each frame. Writes the table of `docs/PERFORMANCE.md`.
 //!
-//! Usage: `equal_frame [--dry-run]`; one core, one thread. `--dry-run` prints the table instead.
+//! Usage: `equal_frame [--dry-run]`; one core, one thread. `--dry-run` only prints the table.
 #![allow(clippy::print_stdout, reason = "the table is this program's output")]
 
 use benches::stopwatch::median;
@@ -19,14 +19,14 @@ use eit_mesh::{Mesh, MeshSettings, Raster, generate};
 use ndarray::{Array2, Axis};
 use std::hint::black_box;
 
-/// Pixels on a side of the images.
+/// Pixels per side of the images.
 const PIXELS: usize = 64;
-/// Frames of the movie of two fingers that circle.
+/// Number of frames in the movie of two circling fingers.
 const FRAMES: usize = 40;
-/// Timings of each stage, and runs of what takes less than a microsecond in each of them.
+/// Number of timings of each stage, and number of runs per timing for stages below a microsecond.
 const REPEATS: usize = 31;
 const RUNS: usize = 1000;
-/// Noise of a voltage as a part of the root mean square of all: 60 dB.
+/// Noise of a voltage relative to the root mean square of all: 60 dB.
 const NOISE: f64 = 1e-3;
 const RATE_HZ: f64 = 20.0;
 
@@ -37,7 +37,7 @@ struct Row {
     equal_s: f64,
 }
 
-/// The skin, what it measures, and how.
+/// The skin with its measurements and model.
 struct Scene {
     mesh: Mesh,
     raster: Raster,
@@ -120,7 +120,7 @@ fn scene() -> Result<Scene> {
     Ok(Scene { mesh: coarse, raster, jacobian, reference, frames, noise_std })
 }
 
-/// Two fingers that circle, with noise.
+/// Simulates two circling fingers, with noise.
 fn frames(mesh: &Mesh, model: &ForwardModel, noise_std: f64) -> Result<Vec<Vec<f64>>> {
     let mut state = 1_u64;
     let mut normal = move || {
@@ -248,7 +248,7 @@ fn total_variation(scene: &Scene) -> Result<Row> {
         let parts = row.iter_mut().zip(frame.iter().zip(&scene.reference));
         parts.for_each(|(dv, (v, reference))| *dv = v - reference);
     }
-    // the exchange of space and time that the pipeline of `eit` uses
+    // the scaling between space and time used by `eit`
     let length_m = raster.pixel_m() * raster.pixels() as f64 / 32.0;
     solver.choose_weights(&DifferenceFrames::all_good(dv.view()), length_m)?;
     let mut stream = CausalStream::new(solver, CausalSettings::default())?;
@@ -257,14 +257,14 @@ fn total_variation(scene: &Scene) -> Result<Row> {
         let frame = row.to_vec();
         let start = cpu_time::ProcessTime::now();
         black_box(stream.push(&frame, None)?);
-        // the first ones come from rest
+        // the first frames start from rest
         if k >= FRAMES / 2 {
             full.push(start.elapsed().as_secs_f64());
         }
     }
     full.sort_by(f64::total_cmp);
     let zero = vec![0.0; scene.reference.len()];
-    // it rests after a few of them
+    // it comes to rest after a few of them
     for _ in 0..64 {
         stream.push(&zero, None)?;
     }

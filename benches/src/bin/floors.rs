@@ -1,9 +1,10 @@
-//! Stages against their floors: what flops and bytes allow on this machine.
+//! Compares the times of stages with their floors, the limits set by flops and bytes on this
+//! machine.
 //!
 //! Usage: `floors NODES...` with NODES of 500, 2000, 5000, 20000. Prints one JSON object per stage:
-//! median CPU time of one thread, the work that no implementation can leave out, and the floor:
-//! flops at the rate of a dense matrix product, bytes at the rate of a plain store or read of as
-//! much memory, both measured here, one after the other.
+//! median CPU time on one thread, the work that every implementation must do, and the floor: flops
+//! at the rate of a dense matrix product, bytes at the rate of a plain store or read of the same
+//! amount of memory. Both rates are measured here, one after the other.
 #![allow(clippy::print_stdout, reason = "the table is this program's output")]
 
 use benches::stopwatch::median;
@@ -16,12 +17,12 @@ use std::hint::black_box;
 
 /// Repetitions of each timing.
 const REPEATS: usize = 15;
-/// Pixels on a side of the image.
+/// Pixels per side of the image.
 const PIXELS: usize = 64;
-/// Frames of the batch.
+/// Number of frames in the batch.
 const FRAMES: usize = 100;
 
-/// Work of a stage.
+/// The work of a stage.
 #[derive(Default)]
 struct Work {
     flop: f64,
@@ -32,7 +33,8 @@ struct Work {
 fn main() -> Result<()> {
     let flop_per_s = limits::matmul_flop_per_s()?;
     for argument in std::env::args().skip(1) {
-        let target = argument.parse().map_err(|_| format!("'{argument}' is no number of nodes"))?;
+        let target =
+            argument.parse().map_err(|_| format!("'{argument}' is not a number of nodes"))?;
         if let Some(mesh) = problem::peers_mesh(target)? {
             let jacobian = forward_and_jacobian(&mesh, flop_per_s)?;
             frames(&mesh, &jacobian, flop_per_s)?;
@@ -56,7 +58,7 @@ fn forward_and_jacobian(mesh: &Mesh, flop_per_s: f64) -> Result<Array2<f64>> {
     })?;
     let cost = model.cost();
     let nodes = mesh.surface().nodes().len();
-    // a factor of so many entries must be written, whatever the flops
+    // a factor with this many entries must be written, whatever the flops
     let work =
         Work { flop: cost.factor_flops, stored_bytes: 8 * cost.factor_entries, ..Work::default() };
     print(nodes, "forward: factorisation, measurements", forward.cpu_s, &work, flop_per_s)?;
@@ -135,7 +137,7 @@ fn print(nodes: usize, stage: &str, cpu_s: f64, work: &Work, flop_per_s: f64) ->
         "flop_per_s": flop_per_s,
         "store_byte_per_s": store_byte_per_s,
         "read_byte_per_s": read_byte_per_s,
-        // arithmetic and memory can run side by side
+        // arithmetic and memory access can overlap
         "floor_s": arithmetic_s.max(memory_s),
         "bound": if arithmetic_s > memory_s { "flops" } else { "bytes" },
     });

@@ -1,7 +1,8 @@
-//! How the forward problem grows with the mesh: time, memory, and the exponent between sizes.
+//! Measures how the forward problem scales with the mesh: time, memory, and the exponent between
+//! sizes.
 //!
-//! Usage: `growth [--dry-run]`. Each size runs in a process of its own, which tells its peak memory.
-//! Writes the part "growth" of `docs/PERFORMANCE.md`; about half a minute.
+//! Usage: `growth [--dry-run]`. Each size runs in its own process, so that its peak memory is
+//! known. Writes the part "growth" of `docs/PERFORMANCE.md`; takes about half a minute.
 #![allow(clippy::print_stdout, reason = "the table is this program's output")]
 
 use benches::stopwatch::median;
@@ -44,7 +45,7 @@ fn in_own_process(nodes: usize) -> Result<Value> {
     Ok(serde_json::from_slice(&out.stdout)?)
 }
 
-/// Times of one size, milliseconds of CPU time.
+/// Measures the times for one size, milliseconds of CPU time.
 fn one(nodes: usize) -> Result<Value> {
     let (shape, electrodes) = problem::disc();
     let mesh = eit_mesh::generate(&shape, &electrodes, &problem::mesh_settings(nodes)?)?;
@@ -87,14 +88,14 @@ fn one(nodes: usize) -> Result<Value> {
     }))
 }
 
-/// Measurements, and sets of them that are not multiples of each other.
+/// Number of measurements, and number of those that are not multiples of each other.
 fn rows(model: &ForwardModel) -> Result<(usize, usize)> {
     let sets = model.unique_measurements().len();
     let all = model.protocol().measurements();
     if sets == 0 || sets > all { Err("no measurements".into()) } else { Ok((all, sets)) }
 }
 
-/// Peak memory of this process, megabytes, where the system tells.
+/// Peak memory of this process in megabytes, if the system reports it.
 fn peak_mb() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -1,20 +1,21 @@
-//! What leaving out saves: for every meaningful choice of crates and features the crates that are
-//! compiled, the time that takes, and the size of a small program. Writes the table of
-//! `docs/PERFORMANCE.md`.
+//! Measures what optional features cost: for every meaningful choice of crates and features, the
+//! crates compiled, their compile time, and the size of a small program. Writes the table of
+//! `docs/PERFORMANCE.md`. One file because it is a standalone program.
 //!
 //! Usage: `lean [--burn] [--dry-run] [--only TEXT]`. `--burn` includes burn, which takes minutes;
-//! `--only` keeps the rows that hold the text (and, like `--dry-run`, prints them). On Linux: CPU time
-//! comes from `/proc`.
+//! `--only` keeps the rows that contain the text and, like `--dry-run`, prints them. Linux only:
+//! CPU time is read from `/proc`.
 //!
-//! All rows build into one folder that was empty. `cargo` is told to call this program in the place of
-//! `rustc`: it runs `rustc` and notes the CPU time of each unit (a crate with its features) under the
-//! hash in its file names. A row's time is the sum over the units that `cargo` names for it, whichever
-//! row compiled them: what a build from nothing takes, without building everything from nothing for
-//! every row.
+//! All rows build into one folder that starts empty. `cargo` is told to call this program instead
+//! of `rustc`: it runs `rustc` and records the CPU time of each unit (a crate with its features)
+//! under the hash in its file names. The time of a row is the sum over the units that `cargo`
+//! reports for it, whichever row compiled them. It equals the time of a build from scratch, without
+//! building everything from scratch for every row.
 //!
-//! Each row is a program outside of this workspace that depends on our crates by path, as a robot's
-//! would, and whose source is one of the examples: no dev-dependency and no feature of another crate
-//! creeps in. Versions are those of this workspace's `Cargo.lock`; nothing is fetched.
+//! Each row is a program outside this workspace that depends on our crates by path, as a robot's
+//! program would, with one of the examples as its source, so no dev-dependencies or features of
+//! other crates are included. Versions are those in this workspace's `Cargo.lock`; nothing is
+//! downloaded.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program's output and progress")]
 
 use benches::{Result, document};
@@ -23,19 +24,19 @@ use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
-/// Jobs of a build.
+/// Number of parallel jobs of a build.
 const JOBS: &str = "2";
 
-/// Set where this program stands in the place of `rustc`: the folder of the times.
+/// Set when this program runs instead of `rustc`: the folder for recorded times.
 const TIMES: &str = "EIT_LEAN_TIMES";
 
 /// One row.
 struct Choice {
     /// Our crates and their features.
     crates: &'static [(&'static str, &'static [&'static str])],
-    /// The example that is the program; empty: the command line `eit`.
+    /// The example to build; empty for the command-line program `eit`.
     example: &'static str,
-    /// Crates that the example uses itself, with their versions.
+    /// Crates that the example uses directly, with their versions.
     others: &'static [(&'static str, &'static str)],
 }
 
@@ -113,12 +114,12 @@ fn main() -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// `rustc` with its time noted.
+/// Runs `rustc` and records its time.
 fn compile(times: &Path) -> Result<ExitCode> {
     let arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
     let (rustc, arguments) = arguments.split_first().ok_or("no compiler named")?;
     let status = Command::new(rustc).args(arguments).env_remove(TIMES).status()?;
-    // `--crate-name NAME` and `-C extra-filename=-HASH`; questions about the compiler have no hash
+    // `--crate-name NAME` and `-C extra-filename=-HASH`; queries to the compiler have no hash
     let words = || arguments.iter().filter_map(|a| a.to_str());
     let name = words().skip_while(|word| *word != "--crate-name").nth(1);
     let hash = words().find_map(|word| word.strip_prefix("extra-filename=-"));
@@ -153,9 +154,10 @@ fn table() -> Result<()> {
         }
     }
     let head = format!(
-        "{}. `cargo build --release` of a program outside of the workspace from nothing: the CPU time \
-         of all `rustc`, {JOBS} at a time, the program's own included, build scripts' runs not. Where \
-         cores are the halves of one, or shared, it is up to twice that of a core alone.",
+        "{}. `cargo build --release` of a program outside of the workspace from scratch: the CPU \
+         time of all `rustc` processes, {JOBS} at a time, including the program's own but \
+         excluding runs of build scripts. On hyper-threaded or shared cores it is up to twice that \
+         on a dedicated core.",
         document::machine()
     );
     let columns = "| crates (features) | program | crates compiled | CPU, s | size, kB | without \
@@ -168,7 +170,7 @@ fn table() -> Result<()> {
     document::write("lean", &body)
 }
 
-/// What a row says.
+/// The costs reported in a row.
 struct Cost {
     crates: usize,
     cpu_s: f64,
@@ -190,7 +192,7 @@ impl Cost {
 }
 
 impl Choice {
-    /// Crates that others of the row bring with them are not told.
+    /// Returns the row's name, without crates that are dependencies of others in the row.
     fn name(&self) -> String {
         let has = |wanted: &str| self.crates.iter().any(|(name, _)| *name == wanted);
         let is_told = |(name, _): &&(&str, &[&str])| match *name {
@@ -227,8 +229,8 @@ impl Choice {
             let mut cargo = Command::new(env!("CARGO"));
             cargo.current_dir(&home).args(command).arg("--offline").args(chosen);
             cargo.env("RUSTC_WRAPPER", &this).env(TIMES, &times).env("CARGO_INCREMENTAL", "0");
-            // cargo's own neighbour: rustup's would take the toolchain that some crates name for
-            // their developers
+            // the `rustc` next to cargo: rustup's would use the toolchain that some crates specify
+            // for their developers
             cargo.env("RUSTC", Path::new(env!("CARGO")).with_file_name("rustc"));
             cargo.env("CARGO_TARGET_DIR", folder.join("target")).stderr(Stdio::inherit());
             cargo
@@ -242,12 +244,12 @@ impl Choice {
         let name = if self.example.is_empty() { "eit" } else { "program" };
         let program = folder.join("target/release").join(name);
         let bytes = std::fs::metadata(&program)?.len();
-        // the same crate with another option: its time is noted under another name
+        // the same crate with another option: its time is recorded under another name
         let mut strip = cargo(&["rustc", "--release", "--quiet", "--jobs", JOBS, "--bin", name]);
         strip.args(["--", "-C", "strip=symbols"]);
         output(strip)?;
         let stripped_bytes = std::fs::metadata(&program)?.len();
-        // the program itself is none of the crates it needs
+        // the program itself does not count as a dependency
         Ok(Cost { crates: names.len() - 1, cpu_s, bytes, stripped_bytes })
     }
 
@@ -272,7 +274,7 @@ impl Choice {
         let home = folder.join("program");
         std::fs::create_dir_all(&home)?;
         std::fs::write(home.join("Cargo.toml"), manifest)?;
-        // the same versions, and the same compiler
+        // the same versions and the same compiler
         for file in ["Cargo.lock", "rust-toolchain.toml"] {
             std::fs::copy(root.join(file), home.join(file))?;
         }
@@ -280,7 +282,7 @@ impl Choice {
     }
 }
 
-/// The noted times of all units that `cargo` names in its messages, seconds.
+/// Total recorded time of all units that `cargo` names in its messages, seconds.
 fn compiled_s(messages: &str, times: &Path) -> Result<f64> {
     let mut units = BTreeSet::new();
     for message in messages.lines() {
@@ -296,7 +298,8 @@ fn compiled_s(messages: &str, times: &Path) -> Result<f64> {
     Ok(sum_s)
 }
 
-/// The hash in `libname-HASH.rlib`, or in `name-HASH/build-script-build`; the name of a program.
+/// Returns the hash in `libname-HASH.rlib` or `name-HASH/build-script-build`, or the name of a
+/// program.
 fn unit(file: &Path) -> Option<String> {
     let of = |name: &OsStr| {
         let (_, hash) = name.to_str()?.rsplit_once('-')?;
@@ -307,7 +310,7 @@ fn unit(file: &Path) -> Option<String> {
     hash.or_else(|| Some(file.file_name()?.to_str()?.to_owned()))
 }
 
-/// A folder of one build, gone with it.
+/// A temporary folder for one build.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -320,12 +323,12 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // what cannot be removed stays in the system's folder for such
+        // a folder that cannot be removed stays in the system's temporary folder
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
-/// What a command prints.
+/// Runs a command and returns its output.
 fn output(mut command: Command) -> Result<String> {
     let done = command.output()?;
     if !done.status.success() {
@@ -334,13 +337,13 @@ fn output(mut command: Command) -> Result<String> {
     Ok(String::from_utf8(done.stdout)?)
 }
 
-/// CPU time of all programs that this one has waited for, and theirs, seconds.
+/// CPU time of all finished child processes of this program and of their children, seconds.
 fn children_cpu_s() -> Result<f64> {
-    /// Ticks a second of every Linux.
+    /// Ticks per second on every Linux system.
     const TICKS_HZ: f64 = 100.0;
     let text = std::fs::read_to_string("/proc/self/stat")?;
     let (_, fields) = text.rsplit_once(')').ok_or("no name in /proc/self/stat")?;
-    // from the third field on; the 16th and 17th are children's user and system time
+    // fields from the third on; the 16th and 17th are user and system time of the children
     let fields = fields.split_whitespace().skip(13).take(2);
     let ticks: f64 = fields.map(str::parse::<f64>).sum::<std::result::Result<f64, _>>()?;
     Ok(ticks / TICKS_HZ)

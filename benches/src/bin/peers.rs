@@ -1,9 +1,9 @@
-//! Times forward problem and Jacobian on the peers' meshes, one thread, f64.
+//! Times the forward problem and Jacobian on the peers' meshes, one thread, f64.
 //!
 //! Usage: `peers [--values FOLDER] NODES...` with NODES of 500, 2000, 5000, 20000. Prints one JSON
 //! object per mesh: sizes, medians of CPU time and wall time in seconds, norms of voltages (V) and
 //! Jacobian (V/S). With `--values` it also writes `voltages_NODES.f64` and `jacobian_NODES.f64`
-//! (raw little-endian f64, row-major), so that the peer's can be held against them.
+//! (raw little-endian f64, row-major) for comparison with the peer's.
 #![allow(clippy::print_stdout, reason = "the table is this program's output")]
 
 use benches::stopwatch::{Times, median};
@@ -25,7 +25,7 @@ fn main() -> Result<()> {
             values = Some(PathBuf::from(arguments.next().ok_or("--values needs a folder")?));
         } else {
             let target = argument.parse().map_err(|_| {
-                format!("'{argument}' is no number of nodes: 500, 2000, 5000 or 20000")
+                format!("'{argument}' is not one of the numbers of nodes 500, 2000, 5000 and 20000")
             })?;
             targets.push(target);
         }
@@ -65,7 +65,7 @@ fn time(target: usize, values: Option<&Path>) -> Result<()> {
         write(folder, &format!("jacobian_{target}.f64"), jacobian.iter())?;
     }
     let cost = model.cost();
-    // the Jacobian alone is not a run of its own: its fields need the factor of a forward solve
+    // the Jacobian cannot run separately: its fields need the factor of a forward solve
     let rest = |part: fn(&Times) -> f64| part(&both) - part(&forward);
     let line = json!({
         "target": target,

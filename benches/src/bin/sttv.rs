@@ -1,13 +1,13 @@
-//! Times spatio-temporal total variation on the peers' reference problems, one thread.
+//! Times spatio-temporal total variation on the peers' reference problems, on one thread.
 //!
-//! Usage: `sttv [PIXELS...]` with PIXELS of 32 and 64. Prints one JSON object per problem: set-up,
-//! time of an iteration, and the times at which the primal objective was first known to be within
-//! 1e-2, 1e-3 and 1e-4 of the certified optimum (what the peers' script reports), and at which the
-//! solver's own certificate reached these gaps. Medians over repeated cold starts. Then a stream over
-//! the same skin: frames a second at a certified gap of 1e-2 on every frame.
+//! Usage: `sttv [PIXELS...]` with PIXELS of 32 and 64. Prints one JSON object per problem: set-up
+//! time, time per iteration, the times at which the primal objective first came within 1e-2, 1e-3
+//! and 1e-4 of the certified optimum (which the peers' script reports), and the times at which the
+//! solver's own certificate reached these gaps. All are medians over repeated cold starts. Then it
+//! times a stream on the same skin: frames per second with a certified gap of 1e-2 on every frame.
 //!
-//! Times are those of the processor: the clock's, times the share of it that this program got, since
-//! the peers' script counts processor time too.
+//! Times are processor times: wall time multiplied by the share of the processor that this program
+//! got, because the peers' script also counts processor time.
 #![allow(clippy::print_stdout, reason = "the table is this program's output")]
 
 use benches::{Result, limits};
@@ -22,13 +22,13 @@ use ndarray::Array1;
 use serde_json::{Map, Value, json};
 use std::time::Instant;
 
-/// Cold starts of each timing.
+/// Number of cold starts per timing.
 const REPEATS: usize = 5;
 const GAPS: [f64; 3] = [1e-2, 1e-3, 1e-4];
-/// Frames of the stream, those of its beginning that are not counted, and frames a turn: the
-/// paper's finger takes 397.
+/// Number of frames of the stream, of initial frames that are not counted, and of frames per turn:
+/// the paper's finger takes 397.
 const STREAM: [usize; 3] = [60, 20, 397];
-/// The same for frames that are linked to the one before, which are quicker.
+/// The same for frames linked to the previous one, which are faster.
 const CAUSAL: [usize; 3] = [437, 40, 397];
 /// Gap of every frame of the stream.
 const STREAM_GAP: f64 = 1e-2;
@@ -62,7 +62,8 @@ fn time(pixels: usize, problem: &StTvProblem) -> Result<Value> {
     let set_up_s = start.elapsed().as_secs_f64();
     let frames = DifferenceFrames::all_good(problem.values.view());
 
-    // the image alone: with the least gap that runs in f32 no proof is tried before 1e-4 is reached
+    // the image alone: with the smallest gap supported in f32, no certificate is computed before
+    // 1e-4 is reached
     let mut primal: [Vec<f64>; 3] = Default::default();
     let mut iteration_s = Vec::new();
     for _ in 0..REPEATS {
@@ -123,19 +124,19 @@ impl Clocks {
         Self { cpu: ProcessTime::now(), wall: Instant::now() }
     }
 
-    /// Share of the processor that this program, of one thread, got since the start.
+    /// Share of the processor that this single-threaded program got since the start.
     fn processor_share(&self) -> f64 {
         (self.cpu.elapsed().as_secs_f64() / self.wall.elapsed().as_secs_f64()).min(1.0)
     }
 }
 
-/// What follows a stream.
+/// A solver that follows a stream.
 enum Follower {
     Window(Box<StTvStream>),
     Causal(Box<CausalStream>),
 }
 
-/// What a frame cost.
+/// Cost of a frame.
 struct Cost {
     iterations: usize,
     seconds: f64,
@@ -169,7 +170,7 @@ impl Follower {
     }
 }
 
-/// Two touches that circle, with the problem's noise, one frame after the other.
+/// Simulates two circling touches, with the problem's noise, frame by frame.
 fn stream(
     problem: &StTvProblem,
     mut follower: Follower,
@@ -222,7 +223,7 @@ fn stream(
     }))
 }
 
-/// Median of values that are not empty.
+/// Median of a non-empty list.
 fn middle(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values[values.len() / 2]

@@ -1,4 +1,4 @@
-//! The command line. Long because what `--help` says is one list: every command and its arguments.
+//! The command line. One file, because `--help` is a single list of all commands and their arguments.
 
 mod init;
 mod learn;
@@ -9,8 +9,8 @@ mod shell;
 pub(crate) use init::{InitArgs, ShapeArg};
 pub(crate) use learn::LearnArgs;
 pub(crate) use live::{
-    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, PublishArgs, RecordArgs,
-    RecoverArgs, ReplayArgs, WatchArgs,
+    BodyArgs, CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, NetworkArgs, PublishArgs,
+    RecordArgs, RecoverArgs, ReplayArgs, WatchArgs,
 };
 pub(crate) use report::{ReportArgs, TouchPart};
 pub(crate) use shell::{CompletionsArgs, ManArgs};
@@ -28,25 +28,25 @@ use std::path::PathBuf;
         high-contrast, general-32, single-frame, plate-with-hole, patches, hemisphere.\n\n\
         First steps:\n  \
         eit demo                               a simulated skin, from voltages to touches\n  \
-        eit plan paper-disc                    what a scene needs, and what it will cost\n  \
+        eit plan paper-disc                    what a scene needs and what it costs\n  \
         eit plan paper-disc --print-scene      a scene file to start from\n  \
-        eit mesh paper-disc --out skin.png     look at the mesh\n  \
+        eit mesh paper-disc --out skin.png     draw the mesh\n  \
         eit forward paper-disc --out v.csv     voltages of the untouched skin\n  \
         eit reconstruct my.toml --frames f.csv --reference 0 --out images\n  \
-        eit simulate paper-disc --out touched  frames of a touched fabric, with the truth\n  \
+        eit simulate paper-disc --out touched  frames of a touched fabric, with ground truth\n  \
         eit train paper-disc --out w.safetensors   a U-net that removes artefacts\n  \
-        eit report --quick                     compare every method on simulated touches\n\n\
-        With an instrument ([instrument] in the scene; `eit emulate` is one without hardware):\n  \
-        eit init my.toml --port /dev/ttyACM0   a scene for your skin, by asking, listening and two presses\n  \
-        eit devices                            serial ports of this computer\n  \
-        eit check my.toml                      is every electrode sound?\n  \
-        eit live my.toml                       touches as they happen\n  \
+        eit report --quick                     compare all methods on simulated touches\n\n\
+        With an instrument ([instrument] in the scene; `eit emulate` replaces the hardware):\n  \
+        eit init my.toml --port /dev/ttyACM0   a scene for your skin, from its size and two presses\n  \
+        eit devices                            list the serial ports of this computer\n  \
+        eit check my.toml                      check every electrode\n  \
+        eit live my.toml                       show touches as they happen\n  \
         eit record my.toml --out press.mcap    a recording that survives a crash\n\n\
-        Exit codes: 0 done, 1 failure, 2 wrong usage or bad input, 3 ended while the instrument was silent or \
-        unplugged, 4 `eit check` found a fault."
+        Exit codes: 0 success, 1 failure, 2 wrong usage or invalid input, 3 ended while the instrument was \
+        silent or unplugged, 4 `eit check` found a fault."
 )]
 pub(crate) struct Cli {
-    /// What to do.
+    /// Command to run.
     #[command(subcommand)]
     pub command: Command,
     /// Print one JSON object on stdout instead of text.
@@ -57,82 +57,83 @@ pub(crate) struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// The paper's two experiments on a simulated fabric, from the voltages to the touches.
+    /// Run the paper's two experiments on a simulated fabric, from voltages to touches.
     ///
     /// Simulates one finger and two fingers on a stretched fabric, sends the frames through an emulated
-    /// instrument on a pseudo-terminal (TCP where there is none), reads and records them by its driver,
-    /// reconstructs them by total variation as they come, denoises them with the U-net, follows the
-    /// touches. Writes report.html (opens by double click; needs no network), its pictures, and
-    /// recordings that `eit replay` turns into the same images to the bit.
+    /// instrument on a pseudo-terminal (or TCP if there is none), reads and records them with its driver,
+    /// reconstructs them by total variation as they arrive, denoises them with the U-net, and tracks the
+    /// touches. Writes report.html (opens in any browser, without network), its pictures, and recordings from
+    /// which `eit replay` reproduces the images bit for bit.
     ///
-    /// A folder that holds other things than an earlier demo is refused without --force. Ctrl-C ends
-    /// it: recordings and images so far are whole, and named.
+    /// A folder with files other than those of an earlier demo is rejected without --force. Ctrl-C stops the
+    /// demo: the recordings and images made so far are complete, and listed.
     Demo(DemoArgs),
-    /// Show what a scene needs, what is left out and why, with sizes and costs.
+    /// Show what a scene needs, what is omitted and why, with sizes and costs.
     Plan(PlanArgs),
-    /// Mesh a scene's skin and report its quality.
+    /// Mesh a scene's skin and report the mesh quality.
     ///
-    /// The ending of --out chooses the format: .msh (Gmsh 4.1 with named electrodes), .vtu
+    /// The file name extension of --out selects the format: .msh (Gmsh 4.1 with named electrodes), .vtu
     /// (ParaView) or .png (picture).
     Mesh(MeshArgs),
     /// Compute the voltage of every measurement, in protocol order.
     ///
-    /// Complex ones where the scene stores charge (docs/SCENE.md).
+    /// The voltages are complex if capacitances of the scene carry current (docs/SCENE.md).
     Forward(ForwardArgs),
     /// Compute the Jacobian [measurement, element], volt per siemens.
     ///
-    /// Complex where the scene stores charge (docs/SCENE.md).
+    /// The Jacobian is complex if capacitances of the scene carry current (docs/SCENE.md).
     Jacobian(JacobianArgs),
     /// Fit background conductivity and contact impedances to the untouched skin.
     ///
-    /// Absolute images need both (method gauss-newton-absolute), and difference images get their
-    /// size from the conductivity. Says how sure each number is, what stays unexplained, and what to
-    /// write into the scene. A gain of the instrument comes out as conductivity.
+    /// Absolute images need both (method gauss-newton-absolute), and difference images are scaled by the
+    /// conductivity. Reports the uncertainty of each value, the unexplained part of the frame, and what to
+    /// write into the scene. A gain of the instrument shows up as conductivity.
     ///
-    /// Contacts show where driven electrodes are measured, and hardly elsewhere: then they stay near
-    /// the scene's, and the answer says so.
+    /// Contact impedances can be determined if driven electrodes are measured, and hardly otherwise; they
+    /// then stay near the scene's values, and the output says so.
     ///
     /// Example: eit calibrate my.toml --frames untouched.csv
     Calibrate(CalibrateArgs),
-    /// Learn place and force of touches from presses at known places.
+    /// Learn position and force of touches from presses at known places.
     ///
     /// Press the real skin at known places (a robot, a grid on paper, known weights), record it, and write
-    /// a table with a line for each press. Held against each other on presses held out are the model
-    /// alone, the model with a learnt correction of its responses, and regression from frames to places;
-    /// the best is taken, and the answer says by how much. 10 presses fix turn, mirror and scale of a
-    /// skin whose electrode order is unknown (--fit-frame), 25 to 100 give maps of place. With force_n in
-    /// the table (three presses at least, a dozen are better) touches carry newtons. The answer holds the
-    /// learning curve: the first presses in time, tested on all after them.
+    /// a table with one line per press. Three methods are compared on held-out presses: the model alone,
+    /// the model with a learnt correction of its responses, and regression from frames to positions. The
+    /// best one is used, and the output states all errors. 10 presses determine rotation, reflection and
+    /// scale of a skin with unknown electrode order (--fit-frame); 25 to 100 give position maps. With
+    /// force_n in the table (at least three presses, better a dozen) touches have a force in newtons. The
+    /// output includes the learning curve: the first presses are learnt, all later ones tested.
     ///
-    /// Name the file in the scene, `learned = "skin.learned"` in its table `touch`, and every command that finds
-    /// touches uses it; touches.csv then has force_n, its standard deviation, and whether a touch is
-    /// unlike all that were learnt. The file belongs to the scene's skin, electrodes and protocol.
+    /// Name the file in the scene, `learned = "skin.learned"` in its table `touch`, and every command that
+    /// finds touches uses it; touches.csv then has force_n, its standard deviation, and whether a touch is
+    /// unlike all presses that were learnt. The file only applies to the scene's skin, electrodes and
+    /// protocol.
     ///
     /// Example: eit learn my.toml --presses presses.csv --frames presses.mcap --reference 0..20
     /// --out skin.learned
     #[command(verbatim_doc_comment)]
     Learn(LearnArgs),
-    /// Simulate frames of a touched fabric, with the truth beside them.
+    /// Simulate frames of a touched fabric, with ground truth.
     ///
-    /// A script moves fingers over the scene's skin: each dents the stretched fabric, changes its
-    /// conductivity (with hysteresis and relaxation) and draws the electrodes near it; the fabric is
-    /// uneven and drifts; an instrument measures. The scene's fabric tables have the
-    /// parameters (docs/FABRIC.md); parts with amplitude zero are left out.
+    /// A script moves fingers over the scene's skin. Each finger dents the stretched fabric, changes its
+    /// conductivity (with hysteresis and relaxation) and pulls on nearby electrodes; the fabric is uneven and
+    /// drifts; an instrument measures. The scene's fabric tables contain the parameters (docs/FABRIC.md);
+    /// effects with amplitude zero are omitted.
     ///
     /// Built-in scripts: paper-one-finger, paper-two-fingers (the experiments of the paper), random,
-    /// press-and-hold, tapping, stroking, closing-in. The script that was run is written to
-    /// script.toml, as a start for one's own.
+    /// press-and-hold, tapping, stroking, closing-in. The script used is written to script.toml, as a
+    /// template for your own.
     ///
-    /// Then: eit reconstruct DIR/scene.toml --out images
+    /// Continue with: eit reconstruct DIR/scene.toml --out images
     Simulate(SimulateArgs),
-    /// Turn recorded frames into images of the conductivity change.
+    /// Reconstruct images of the conductivity change from recorded frames.
     ///
-    /// State the noise in the scene (noise.additive_v or noise.quiet_frames) and the method is total
-    /// variation in space and time; without it one-step Gauss-Newton. `eit plan` says which and why.
+    /// If the scene states the noise (noise.additive_v or noise.quiet_frames), the default method is total
+    /// variation in space and time, otherwise one-step Gauss-Newton. `eit plan` shows which, and why.
     ///
-    /// Writes images.npy [frame, row, column] in siemens (row 0 at the top, NaN outside the
-    /// skin), sheet.png, movie.gif for a sequence, and report.json. Formats of frames: .npy,
-    /// .csv, Sciospec .eit folders, GOE .get, LCT text, KHU Mark2.5 scan folders, raw serial logs.
+    /// Writes images.npy [frame, row, column] in siemens (row 0 at the top, NaN outside the skin), sheet.png,
+    /// movie.gif for a sequence, and report.json. Formats of frames: .npy, .csv, Sciospec .eit folders, GOE
+    /// .get, LCT text, KHU Mark2.5 scan folders, raw serial logs.
     Reconstruct(ReconstructArgs),
     /// Make a learning base for a U-net: simulated sequences with their raw and true images.
     ///
@@ -167,90 +168,101 @@ pub(crate) enum Command {
     Train(TrainArgs),
     /// Remove artefacts from images with a trained U-net.
     ///
-    /// `eit reconstruct` does it by itself where the scene has denoise.weights = "W".
+    /// `eit reconstruct` does this itself if the scene has denoise.weights = "W".
     ///
-    /// Writes images.npy [frame, row, column], sheet.png, movie.gif for a sequence, report.json.
+    /// Writes images.npy [frame, row, column], sheet.png, movie.gif for a sequence, and report.json.
     Denoise(DenoiseArgs),
-    /// Error against run time of every solver on every built-in scene, measured here and now.
+    /// Measure error against run time of every solver on every built-in scene.
     ///
-    /// Simulates soft and hard fingers with a finer mesh and noise; runs the forward problem on
-    /// meshes of many sizes and every inverse solver at many settings; compares what `eit plan`
-    /// promised. Writes report.html (open it), report.md, report.json, tables (inverse.csv,
-    /// forward.csv, plan.csv) and pictures, anew after every scene: until the last one the report says
-    /// that it is incomplete, and Ctrl-C leaves what there is. Some minutes; --quick takes one.
+    /// Simulates soft and hard fingers with a finer mesh and noise; solves the forward problem on meshes of
+    /// many sizes and runs every inverse solver at many settings; compares the results with the predictions
+    /// of `eit plan`. Writes report.html (open it), report.md, report.json, tables (inverse.csv, forward.csv,
+    /// plan.csv) and pictures, again after every scene: until the last one the report says that it is
+    /// incomplete, and Ctrl-C keeps what exists. Takes some minutes, or one with --quick.
     ///
-    /// With --quality instead quality.md and quality.csv (figures of merit over noise, speed and
-    /// number of touches), with --touches touches.md, with --denoise denoise.md and its pictures.
+    /// With --quality it writes quality.md and quality.csv instead (figures of merit against noise, speed and
+    /// number of touches), with --touches touches.md, and with --denoise denoise.md with its pictures.
     ///
     /// Example: `eit report --scenes paper-disc-60 --peers python3`
     Report(ReportArgs),
-    /// Write the first scene of a new skin: what you measured with a ruler, what its board prints, and two
-    /// presses.
+    /// Write the first scene of a new skin, from its measured size, the board's output and two presses.
     ///
-    /// Asks for shape, size and number of electrodes (or takes them from the flags), listens to the board
-    /// and says what it hears; finds the drive and measurement pattern that fits the number of values, by
-    /// reciprocity and by the untouched skin's model; asks for two presses and finds from them which
-    /// electrode is the first, which way they are counted, and whether a touch raises the conductivity.
-    /// Then writes a scene with comments that `eit check` and `eit live` take.
+    /// Asks for shape, size and number of electrodes (unless given by flags), listens to the board and
+    /// reports what it receives; finds the drive and measurement patterns that match the number of values, by
+    /// reciprocity and the model of the untouched skin; asks for two presses and derives from them which
+    /// electrode is the first, in which direction they are counted, and whether a touch raises the
+    /// conductivity. Then writes a commented scene for `eit check` and `eit live`.
     ///
-    /// What nobody knows (the sheet's conductivity, the contacts) has the values of the paper's fabric:
-    /// touches do not depend on them. docs/BUILD_A_SKIN.md goes from fabric and wires to a program.
+    /// Unknown quantities (the sheet's conductivity, the contact impedances) are those of the paper's fabric:
+    /// touches do not depend on them. docs/BUILD_A_SKIN.md leads from fabric and wires to a program.
     ///
     /// Example: eit init my.toml --width-mm 120 --height-mm 80 --electrodes 16 --port /dev/ttyACM0
     Init(InitArgs),
-    /// List the serial ports, or ask the scene's instrument who it is.
+    /// List the serial ports, or identify the scene's instrument.
     ///
     /// Example: eit devices my.toml --port /dev/ttyACM0
     Devices(DevicesArgs),
-    /// Check a live instrument: which electrode is at fault, and what to try.
+    /// Check a live instrument: which electrode is faulty, and what to try.
     ///
-    /// Takes frames of the untouched skin and looks for open electrodes, bad contacts, noise,
-    /// saturation, lost frames, drift and a wrong order. The verdict is good, usable or faulty.
+    /// Takes frames of the untouched skin and looks for open electrodes, bad contacts, noise, saturation,
+    /// lost frames, drift and a wrong order. The verdict is good, usable or faulty.
     ///
     /// Example: eit check my.toml
     Check(CheckArgs),
     /// Show touches of a live instrument as they happen.
     ///
-    /// The first frames are the reference: touch nothing until it says so. After the instrument
-    /// was lost and found again, a new reference is taken. --picture draws the latest image again and
-    /// again. Where the scene's method is st-tv or tv, images are total variation over the last frames;
-    /// otherwise one step at noise figure 1; with denoise.weights the U-net follows. Touches are found
-    /// in the frames, whatever image is shown. An electrode that fails is named and left out until it
-    /// recovers; --json lists such electrodes as faulty_electrodes.
+    /// The first frames are the reference: do not touch the skin until it has been taken. A new reference is
+    /// taken when a lost instrument is found again. --picture redraws the latest image continuously. If the
+    /// scene's method is st-tv or tv, images are made by total variation over the last frames, otherwise in
+    /// one step at noise figure 1; with denoise.weights the U-net follows. Touches are found in the frames,
+    /// independently of the images. A faulty electrode is named and excluded until it recovers; --json lists
+    /// such electrodes as faulty_electrodes.
     ///
     /// Example: eit live my.toml --picture now.png
     Live(LiveArgs),
+    /// Join many patches of skin, each published by `eit live --zenoh`, into one list of touches.
+    ///
+    /// Reads names, topics and poses of the patches from BODY.toml. Prints JSON lines: touches in the robot's
+    /// frame and on one clock whenever they change, and events: a patch that has fallen silent, within half a
+    /// second, and its return. Publishes the same as a message of ROS 2 where the file names a topic. --json
+    /// prints one object with counts and latency at the end instead. Ctrl-C ends it.
+    ///
+    /// Needs a program that was built with zenoh: cargo install --path crates/eit-cli --features zenoh.
+    ///
+    /// Example: eit body body.toml
+    Body(BodyArgs),
     /// Record a live instrument (MCAP).
     ///
-    /// Every second what came is written, whatever happens then: a killed recorder loses the last
-    /// second at most. Ctrl-C ends it cleanly. A terminal shows the rate and the frames that were lost; the
-    /// answer has the mean rate and the longest wait between two frames. Lost frames, disconnections and
-    /// what the instrument says are notes of the recording. `eit reconstruct` reads it like any other file.
+    /// Data is written to the file every second, so a killed recorder loses at most the last second. Ctrl-C
+    /// ends the recording cleanly. A terminal shows the rate and the number of lost frames; the final output
+    /// contains the mean rate and the longest interval between two frames. Lost frames, disconnections and
+    /// notices of the instrument become notes in the recording. `eit reconstruct` reads it like any other
+    /// file.
     ///
     /// Example: eit record my.toml --seconds 60 --out press.mcap
     Record(RecordArgs),
-    /// Play a recording as if it were live: the same images to the bit, at any speed.
+    /// Play a recording as if it were live: the same images bit for bit, at any speed.
     ///
     /// To play it to another program over a serial line or TCP, see `eit emulate --frames`.
     ///
     /// Example: eit replay my.toml --from press.mcap --speed 1
     Replay(ReplayArgs),
-    /// Write what is whole of a damaged recording as a new one.
+    /// Write the intact parts of a damaged recording to a new one.
     ///
-    /// Messages of every topic with their clocks, notes, attachments and metadata; says what is missing.
-    /// The damaged recording stays as it is.
+    /// Keeps messages of every topic with their clocks, notes, attachments and metadata, and reports what is
+    /// missing. The damaged recording is not changed.
     Recover(RecoverArgs),
-    /// Convert recordings: MCAP, CSV, NPY; from every format that is read.
+    /// Convert recordings of any supported format to MCAP, CSV or NPY.
     ///
-    /// From MCAP to MCAP, clocks, epochs, notes and log times go along; messages of other programs and
-    /// attachments do not (`eit recover` keeps them).
+    /// From MCAP to MCAP, clocks, epochs, notes and log times are kept; messages of other programs and
+    /// attachments are not (`eit recover` keeps them).
     ///
     /// Example: eit convert press.mcap --out press.csv
     Convert(ConvertArgs),
-    /// Be the scene's instrument, on a pseudo-terminal or TCP port, with faults if wanted.
+    /// Emulate the scene's instrument on a pseudo-terminal or TCP port, optionally with faults.
     ///
-    /// Speaks the protocol of the scene's driver from the instrument's side and sends frames of a
-    /// file over and over, or the untouched skin by the scene's model, with noise.
+    /// Speaks the protocol of the scene's driver as the instrument, and sends the frames of a file in a loop
+    /// or, without a file, simulated frames of the untouched skin, with noise.
     ///
     /// Example: `eit emulate my.toml --port ./skin --fault unplug_after_bytes=[100000]`, then
     /// `eit live my.toml --port ./skin`
@@ -259,7 +271,7 @@ pub(crate) enum Command {
     ///
     /// Example: eit completions bash > ~/.local/share/bash-completion/completions/eit
     Completions(CompletionsArgs),
-    /// Write the manual pages: eit.1 and one for each command.
+    /// Write the manual pages: eit.1 and one per command.
     ///
     /// Example: eit man --out ~/.local/share/man/man1
     Man(ManArgs),
@@ -271,12 +283,15 @@ pub(crate) struct DemoArgs {
     /// Folder for the results.
     #[arg(long, value_name = "DIR", default_value = "demo-out")]
     pub out: PathBuf,
-    /// Write into a folder that holds other things, too.
+    /// Write into a folder even if it contains other files.
     #[arg(long)]
     pub force: bool,
-    /// Fewer frames, pixels and nodes: seconds, as a check.
+    /// Use fewer frames, pixels and nodes, for a check that takes seconds.
     #[arg(long)]
     pub quick: bool,
+    /// Publish the experiments while they run; once the second begins, the rest of the first is not published.
+    #[command(flatten)]
+    pub network: NetworkArgs,
 }
 
 /// `eit plan`
@@ -287,7 +302,7 @@ pub(crate) struct PlanArgs {
     /// Plan for this method instead of the scene's; the names are those of `eit reconstruct`.
     #[arg(long, value_name = "METHOD")]
     pub method: Option<String>,
-    /// Print the scene file itself instead, as a start for one's own.
+    /// Print the scene file itself, as a template for your own.
     #[arg(long)]
     pub print_scene: bool,
 }
@@ -297,31 +312,31 @@ pub(crate) struct PlanArgs {
 pub(crate) struct MeshArgs {
     /// Scene file or built-in scene.
     pub scene: String,
-    /// Result: F.msh, F.vtu or F.png.
+    /// Output file: F.msh, F.vtu or F.png.
     #[arg(long, value_name = "F")]
     pub out: PathBuf,
-    /// About this many nodes, instead of the scene's density.
+    /// Approximate number of nodes, instead of the scene's density.
     #[arg(long, value_name = "N")]
     pub nodes: Option<usize>,
 }
 
-/// What `eit forward` and `eit jacobian` solve.
+/// Arguments shared by `eit forward` and `eit jacobian`.
 #[derive(Debug, Args)]
 pub(crate) struct SolveArgs {
     /// Scene file or built-in scene.
     pub scene: String,
-    /// Mesh to use instead of the scene's (Gmsh 2.2 or 4.1, electrodes as physical groups
-    /// electrode_1, electrode_2, ...).
+    /// Mesh to use instead of the scene's (Gmsh 2.2 or 4.1, with electrodes as physical groups electrode_1,
+    /// electrode_2, ...).
     #[arg(long, value_name = "F.msh")]
     pub mesh: Option<PathBuf>,
-    /// Conductivity, one value per element of the mesh in file order, siemens (.npy or .csv);
-    /// without it the scene's background. Where the scene stores charge also admittivities (complex .npy).
+    /// Conductivity, one value per element of the mesh in file order, siemens (.npy or .csv) [default: the
+    /// scene's background]. For scenes with capacitances also admittivities (complex .npy).
     #[arg(long, value_name = "F")]
     pub conductivity: Option<PathBuf>,
-    /// Largest rounding error of a voltage, relative to the largest voltage, as in 1e-10: stiff
-    /// contacts and high contrast cost digits in the textbook assembly, and this asks for them
-    /// [default: 1e-6, or a tenth of mesh.required_accuracy]. What the mesh costs is asked for by
-    /// mesh.required_accuracy in the scene.
+    /// Largest rounding error of a voltage, relative to the largest voltage, such as 1e-10: stiff contacts
+    /// and high contrast cost digits in textbook assembly, and a smaller value recovers them [default: 1e-6,
+    /// or a tenth of mesh.required_accuracy]. For the discretisation error, set mesh.required_accuracy in the
+    /// scene.
     #[arg(long, value_name = "R")]
     pub accuracy: Option<f64>,
 }
@@ -331,7 +346,7 @@ pub(crate) struct SolveArgs {
 pub(crate) struct ForwardArgs {
     #[command(flatten)]
     pub solve: SolveArgs,
-    /// Result: F.npy or F.csv, one value per measurement, volt; complex ones as complex128, in CSV as
+    /// Output file: F.npy or F.csv, one value per measurement, volt; complex values as complex128, in CSV as
     /// alternating real and imaginary parts.
     #[arg(long, value_name = "F")]
     pub out: PathBuf,
@@ -342,7 +357,7 @@ pub(crate) struct ForwardArgs {
 pub(crate) struct JacobianArgs {
     #[command(flatten)]
     pub solve: SolveArgs,
-    /// Result: F.npy.
+    /// Output file: F.npy.
     #[arg(long, value_name = "F.npy")]
     pub out: PathBuf,
 }
@@ -352,17 +367,17 @@ pub(crate) struct JacobianArgs {
 pub(crate) struct CalibrateArgs {
     /// Scene file or built-in scene.
     pub scene: String,
-    /// Frames of the untouched skin, one file or several: their mean is fitted. Without it the
-    /// reference of the scene's recording.
+    /// Frames of the untouched skin, in one or more files; their mean is fitted [default: the reference of
+    /// the scene's recording].
     #[arg(long, value_name = "F", num_args = 1..)]
     pub frames: Vec<PathBuf>,
-    /// Which of the frames: a frame number (from 0), "N..M" (mean of N to M-1), "mean", or a file.
+    /// Which of the frames to use: a frame number (from 0), "N..M" (mean of N to M-1), "mean", or a file.
     #[arg(long, value_name = "F|N|N..M|mean", allow_hyphen_values = true)]
     pub reference: Option<String>,
-    /// One factor for all contacts of the scene instead of one impedance each.
+    /// Fit one factor for all contact impedances of the scene instead of each impedance.
     #[arg(long)]
     pub one_contact: bool,
-    /// Use measurements on current-carrying electrodes too, where the instrument gives them.
+    /// Also use measurements on current-carrying electrodes, if the instrument provides them.
     #[arg(long)]
     pub use_driven_electrodes: bool,
 }
@@ -375,21 +390,21 @@ pub(crate) struct SimulateArgs {
     /// Built-in touch script, or a file: F.toml.
     #[arg(long, value_name = "NAME|F.toml", default_value = "paper-one-finger")]
     pub script: String,
-    /// Seed of everything random: fabric, drift, noise, the script "random".
+    /// Seed of all random quantities: fabric, drift, noise, the script "random".
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// Only the first N frames of the script.
+    /// Only simulate the first N frames of the script.
     #[arg(long, value_name = "N")]
     pub frames: Option<usize>,
-    /// About this many nodes in the mesh that simulates [default: 7000; images are made on one of
-    /// 2000]. A mesh file is taken as it is.
+    /// Approximate number of nodes of the simulation mesh [default: 7000; images are made on one of 2000]. A
+    /// mesh file is used unchanged.
     #[arg(long, value_name = "N")]
     pub nodes: Option<usize>,
-    /// Threads [default: all]; the result does not depend on them.
+    /// Number of threads [default: all]; the result does not depend on it.
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
-    /// Folder for frames, truth, pictures and a scene to reconstruct with; or F.npy or F.csv for
-    /// the frames alone.
+    /// Folder for frames, truth, pictures and a scene for their reconstruction; or F.npy or F.csv for the
+    /// frames alone.
     #[arg(long, value_name = "DIR|F")]
     pub out: PathBuf,
 }
@@ -399,16 +414,16 @@ pub(crate) struct SimulateArgs {
 pub(crate) struct ReconstructArgs {
     /// Scene file or built-in scene.
     pub scene: String,
-    /// Frames, one file or several; without it recording.file of the scene.
+    /// Frames, in one or more files [default: recording.file of the scene].
     #[arg(long, value_name = "F", num_args = 1..)]
     pub frames: Vec<PathBuf>,
     /// Reference: a frame number (from 0), "mean", "N..M" (mean of N to M-1), or a file.
     #[arg(long, value_name = "F|N|N..M|mean", allow_hyphen_values = true)]
     pub reference: Option<String>,
-    /// Method instead of the scene's, or of the one that the scene calls for:
+    /// Method, instead of the scene's or the one chosen for the scene:
     /// st-tv (total variation in space and time), tv (frame by frame),
     /// gauss-newton (one-step difference), time-prior (the same with a prior in time),
-    /// kalman (smoother), gauss-newton-absolute (iterated on the non-linear model).
+    /// kalman (smoother), gauss-newton-absolute (iterative, non-linear model).
     #[arg(long, value_name = "METHOD", verbatim_doc_comment)]
     pub method: Option<String>,
     /// Folder for the results.
@@ -430,6 +445,10 @@ pub(crate) struct TrainArgs {
     pub base: Option<PathBuf>,
     #[command(flatten)]
     pub pairs: PairsArgs,
+    /// Start from these weights instead of random ones: "default" (shipped), or a file written by this
+    /// command. They may be those of another skin.
+    #[arg(long, value_name = "W", conflicts_with_all = ["history", "images", "fold", "width", "depth"])]
+    pub from: Option<String>,
     /// Last frames that the net sees.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub history: usize,
@@ -532,13 +551,13 @@ pub(crate) struct DenoiseArgs {
     /// Images of this scene: images.npy of `eit reconstruct`, [frame, row, column].
     #[arg(long, value_name = "F.npy")]
     pub images: PathBuf,
-    /// "default" (of the built-in scene), or a file of `eit train` [default: the scene's].
+    /// "default" (for the built-in scene), or a file written by `eit train` [default: the scene's].
     #[arg(long, value_name = "W")]
     pub weights: Option<String>,
-    /// Take the weights although they were trained for another skin or other pixels.
+    /// Use the weights even if they were trained for another skin or pixel count.
     #[arg(long)]
     pub any_skin: bool,
-    /// True images (truth_conductivity.npy of `eit simulate`): reports how much nearer they are.
+    /// True images (truth_conductivity.npy of `eit simulate`), to report how much the error decreases.
     #[arg(long, value_name = "F.npy")]
     pub truth: Option<PathBuf>,
     /// Folder for the results.

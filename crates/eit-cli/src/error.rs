@@ -1,34 +1,34 @@
-//! Errors of the program: one line that says what, where and how to mend it, and an exit code.
+//! Errors of the program: one line that says what is wrong, where and how to fix it, with an exit code.
 
 use eit_report::ReportError;
 use eit_skin::SkinError;
 
-/// Why a command stopped.
+/// The reason why a command stopped.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum CliError {
-    /// Wrong usage or bad input: exit code 2.
+    /// Wrong usage or invalid input: exit code 2.
     #[error("{0}")]
     Input(String),
     /// The instrument was silent: exit code 3.
     #[error("{0}")]
     Silent(String),
-    /// Everything was right and it still failed: exit code 1.
+    /// A failure although the input was valid: exit code 1.
     #[error("{0}")]
     Failure(String),
 }
 
 impl CliError {
-    /// Bad input.
+    /// Creates an error for invalid input.
     pub fn input(message: impl Into<String>) -> Self {
         Self::Input(message.into())
     }
 
-    /// A failure at a path.
+    /// Creates a failure at a path.
     pub fn at(path: &std::path::Path, error: impl std::fmt::Display) -> Self {
         Self::Failure(format!("{}: {error}", path.display()))
     }
 
-    /// The process's exit code.
+    /// Returns the process's exit code.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Input(_) => 2,
@@ -37,7 +37,7 @@ impl CliError {
         }
     }
 
-    /// The same error with the place in front.
+    /// Prefixes the error with its location.
     pub fn within(self, place: &str) -> Self {
         match self {
             Self::Input(m) => Self::Input(format!("{place}: {m}")),
@@ -65,7 +65,7 @@ impl From<eit_publish::PublishError> for CliError {
     }
 }
 
-/// Errors of the libraries by way of a report's.
+/// Converts errors of the libraries via the report's.
 macro_rules! by_report {
     ($($error:ty),*) => {
         $(impl From<$error> for CliError {

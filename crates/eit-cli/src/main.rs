@@ -1,6 +1,6 @@
 //! `eit`: electrical impedance tomography for robot skin, from the command line.
 //!
-//! Thin: parses, joins the library crates, draws, writes. `eit --help` teaches the rest.
+//! Thin: parses arguments, calls the library crates, and prints. See `eit --help`.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -45,6 +45,7 @@ fn main() -> ExitCode {
         Command::Check(args) => commands::check::run(args),
         Command::Record(args) => commands::record::run(args),
         Command::Live(args) => commands::live::run(args, cli.json),
+        Command::Body(args) => commands::body::run(args, cli.json).map(Ended::from),
         Command::Replay(args) => commands::replay::run(args, cli.json).map(Ended::from),
         Command::Recover(args) => commands::recover::run(args).map(Ended::from),
         Command::Convert(args) => commands::convert::run(args).map(Ended::from),
@@ -64,12 +65,12 @@ fn main() -> ExitCode {
     }
 }
 
-/// The exit code of a command whose answer was printed.
+/// Returns the exit code of a command whose answer was printed.
 fn said(printed: ExitCode, exit_code: u8) -> ExitCode {
     if printed == ExitCode::SUCCESS { ExitCode::from(exit_code) } else { printed }
 }
 
-/// Prints an answer, where one is left to be printed; a reader who has gone away is no failure.
+/// Prints an answer, if there is one; a reader that has gone away is not an error.
 fn say(text: &str) -> ExitCode {
     if text.is_empty() {
         return ExitCode::SUCCESS;
@@ -83,7 +84,7 @@ fn say(text: &str) -> ExitCode {
     }
 }
 
-/// Help and version as they are; wrong usage on one line.
+/// Prints help and version unchanged, and wrong usage on one line.
 fn usage(error: &clap::Error) -> ExitCode {
     if !error.use_stderr() {
         return say(error.render().to_string().trim_end());
@@ -93,7 +94,7 @@ fn usage(error: &clap::Error) -> ExitCode {
         return ExitCode::from(2);
     }
     let text = error.render().to_string();
-    // up to the usage: what is wrong and the tips
+    // lines before the usage: the error and tips
     let lines = text.lines().take_while(|l| !l.starts_with("Usage:")).map(str::trim);
     let words: Vec<&str> = lines.filter(|l| !l.is_empty()).collect();
     let words = words.join(" ");

@@ -1,19 +1,19 @@
-//! Progress on a terminal, nothing in a pipe.
+//! Shows progress on a terminal, but not in a pipe.
 
 use eit_skin::words::printable;
 use eit_skin::{Observer, Progress};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::time::Duration;
 
-/// Columns below which a bar has no room beside its words.
+/// Terminal width below which a bar has no room next to its text.
 const NARROW: u16 = 60;
 
-/// Progress that the terminal shows.
+/// Creates a progress that is shown on the terminal.
 pub(crate) fn terminal() -> Progress {
     Progress::new(Box::new(Bars::default()))
 }
 
-/// One bar for each line of work, on stderr, and only if that is a terminal.
+/// One bar per line of work, on stderr, if that is a terminal.
 #[derive(Default)]
 struct Bars {
     all: MultiProgress,
@@ -63,7 +63,7 @@ impl Observer for Bars {
     }
 }
 
-/// What a line shows; on a narrow terminal the words are cut, and nothing runs over its edge.
+/// Returns the template of a line; on a narrow terminal the text is truncated to fit.
 fn template(steps: usize, columns: Option<u16>) -> &'static str {
     match (steps, columns.is_some_and(|columns| columns < NARROW)) {
         (0, false) => "{spinner} {msg:<28} {elapsed}",
@@ -80,7 +80,7 @@ mod tests {
     use std::io::Result;
     use std::sync::{Arc, Mutex};
 
-    /// A terminal that remembers what was written.
+    /// A terminal that records what was written.
     #[derive(Debug, Clone)]
     struct Paper(u16, Arc<Mutex<String>>);
 
@@ -115,7 +115,7 @@ mod tests {
         }
     }
 
-    /// No line is wider than the terminal, however narrow, and none has a colour.
+    /// No line is wider than the terminal, however narrow, and none is coloured.
     #[test]
     fn lines_fit_the_terminal() {
         for columns in [30, 40, 59, 60, 200] {
@@ -132,7 +132,7 @@ mod tests {
                 assert!(shown.contains("images"), "{shown:?}");
                 assert!(!shown.contains('\u{1b}'), "{shown:?}");
                 for line in shown.lines() {
-                    // padding up to the edge is all that may reach it
+                    // only padding may reach the edge
                     let wide = line.trim_end().chars().count();
                     assert!(wide <= usize::from(columns), "{columns} columns: {line:?}");
                 }

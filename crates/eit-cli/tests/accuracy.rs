@@ -1,4 +1,4 @@
-//! Scenes that say how exact their voltages have to be: the mesh, and the arithmetic.
+//! Scenes that state the required accuracy of their voltages: choice of mesh and of arithmetic.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 mod common;
@@ -22,8 +22,8 @@ fn read(path: &Path) -> Array1<f64> {
     ndarray_npy::read_npy(path).unwrap()
 }
 
-/// The estimate is below what is required, so is the true error (against the series; the allowance
-/// of a half is that of eit-fem's `mesh_choice`), and more accuracy takes more unknowns.
+/// The estimate is below the requirement, and so is the true error (against the series; the allowance of a
+/// half is that of eit-fem's `mesh_choice`); more accuracy needs more unknowns.
 #[test]
 fn the_mesh_is_chosen_for_the_required_accuracy() {
     let folder = tempfile::tempdir().unwrap();
@@ -66,7 +66,7 @@ fn the_mesh_is_chosen_below_the_noise() {
     let (of_mesh, of_noise) =
         (error["of_mesh"].as_f64().unwrap(), error["noise"].as_f64().unwrap());
     assert!(of_mesh < 1.5 * of_noise, "{error}");
-    // the largest voltage differs between meshes by less than they err
+    // the largest voltage differs between meshes by less than their error
     let ratio = error["choice"]["required"].as_f64().unwrap() / of_noise;
     assert!((ratio - 1.0).abs() < 1e-2, "{error}");
     let told = succeed(&["plan", text(&scene)]);
@@ -80,7 +80,7 @@ fn the_mesh_is_chosen_below_the_noise() {
     assert!(succeed(&["plan", text(&scene)]).contains("noise of the instrument: not stated"));
 }
 
-/// On the mesh of a file the kind of elements is what can be chosen.
+/// For the mesh of a file, only the kind of elements can be chosen.
 #[test]
 fn elements_are_chosen_on_the_mesh_of_a_file() {
     let folder = tempfile::tempdir().unwrap();
@@ -107,8 +107,8 @@ fn elements_are_chosen_on_the_mesh_of_a_file() {
     assert!(told.contains("linear elements on this mesh have an error of"), "{told}");
 }
 
-/// Stiff contacts: nothing is asked for, and the digits are there all the same. Voltages of the
-/// command against the library's solve in twice the precision; a mesh file keeps all bits.
+/// Stiff contacts: digits are preserved without asking for it. Compares the command's voltages with the
+/// library's solve in twice the precision; a mesh file preserves all bits.
 #[test]
 fn stiff_contacts_cost_no_digits() {
     let folder = tempfile::tempdir().unwrap();
@@ -132,7 +132,7 @@ fn stiff_contacts_cost_no_digits() {
     let exact = model.solve_to(&sigma, 1e-14, &mut workspace).unwrap().measurements();
     let largest = |v: &Array1<f64>| v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     assert!(largest(&(read(&out) - &exact)) <= bound * largest(&exact));
-    // an everyday skin pays nothing
+    // an ordinary skin incurs no extra cost
     let scene = write_scene(folder.path(), SMALL);
     assert_eq!(
         json(&["forward", text(&scene), "--out", text(&out)])["solve"]["path"],
@@ -140,7 +140,7 @@ fn stiff_contacts_cost_no_digits() {
     );
 }
 
-/// Contacts are fitted on linear elements, so the mesh is chosen among those.
+/// Contacts are fitted on linear elements, so the mesh is chosen for those.
 #[test]
 fn calibration_takes_linear_elements() {
     let folder = tempfile::tempdir().unwrap();
@@ -160,10 +160,13 @@ fn keys_that_contradict_each_other_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let plan = |lines: &str| refuse(&["plan", text(&write_scene(folder.path(), &meshed(lines)))]);
     for (lines, wanted) in [
-        ("required_accuracy = 0.0", "mesh.required_accuracy is 0: a part of the largest voltage"),
+        (
+            "required_accuracy = 0.0",
+            "mesh.required_accuracy is 0: a fraction of the largest voltage",
+        ),
         ("required_accuracy = 1.5", "mesh.required_accuracy is 1.5"),
         ("required_accuracy = nan", "mesh.required_accuracy is NaN"),
-        ("required_accuracy = \"loud\"", "a part of the largest voltage, or \"noise\""),
+        ("required_accuracy = \"loud\"", "a fraction of the largest voltage, or \"noise\""),
         ("required_accuracy = \"noise\"", "noise.additive_v is missing"),
         ("required_accuracy = 1e-3\nnodes = 500", "exclude each other"),
         ("required_accuracy = 1e-3\nedge_m = 0.01", "exclude each other"),

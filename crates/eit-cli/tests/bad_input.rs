@@ -1,4 +1,4 @@
-//! Bad input: exit code 2 and one line that says what, where and how to mend it.
+//! Invalid input: exit code 2 and one line that says what is wrong, where, and how to fix it.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 mod common;
@@ -51,8 +51,8 @@ fn scenes_that_cannot_be() {
         ("[mesh]", "[reconstruction]\nlamda_space = 1.0\n[mesh]", "mean \"lambda_space\"?"),
         ("[mesh]", "[reconstruction]\ndelta = \"noisy\"\n[mesh]", "a number, or \"noise\""),
         ("[mesh]", "[reconstruction]\ndelta = -1.0\n[mesh]", "reconstruction.delta is -1"),
-        ("[mesh]", "[reconstruction]\nlower_s = 1e-6\n[mesh]", "must have zero"),
-        ("[mesh]", "[reconstruction]\nlower_s = 0.0\nupper_s = 0.0\n[mesh]", "must have zero"),
+        ("[mesh]", "[reconstruction]\nlower_s = 1e-6\n[mesh]", "must include zero"),
+        ("[mesh]", "[reconstruction]\nlower_s = 0.0\nupper_s = 0.0\n[mesh]", "must include zero"),
         ("[mesh]", "[reconstruction]\ntarget_gap = nan\n[mesh]", "target_gap is NaN"),
         ("[mesh]", "[reconstruction]\ndeadline_s = 0.0\n[mesh]", "deadline_s is 0"),
         (
@@ -73,11 +73,11 @@ fn scenes_that_cannot_be() {
         (
             "[mesh]",
             "[reconstruction]\nmethod = \"tv\"\nlambda_space = 1.0\nlambda_time = 1.0\n[mesh]",
-            "take \"st-tv\"",
+            "use \"st-tv\"",
         ),
         ("[mesh]", "[recording]\nscale = 0.0\n[mesh]", "recording.scale is 0"),
         ("[mesh]", "[recording]\nframe_rate_hz = 0.0\n[mesh]", "recording.frame_rate_hz is 0"),
-        ("drive = \"adjacent\"", "pairs = [[0, 1, 2]]", "3 values where two are wanted"),
+        ("drive = \"adjacent\"", "pairs = [[0, 1, 2]]", "3 values instead of two"),
         ("drive = \"adjacent\"", "pairs = [[0, 9]]", "electrode index 9"),
         ("drive = \"adjacent\"", "pairs = [[3, 3]]", "with itself"),
         ("drive = \"adjacent\"", "quadruples_file = \"nowhere.csv\"", "nowhere.csv"),
@@ -145,7 +145,7 @@ fn frames_that_cannot_be() {
     let all_missing = [vec!["nan"; 40].join(","), String::new()].join("\n").repeat(2).into_bytes();
     let cases: [Case<'_>; 8] = [
         ("f.csv", csv(2, 39, None), &reference, &["39", "40"]),
-        // some missing values are none: tests/missing_values.rs
+        // a few missing values are accepted: tests/missing_values.rs
         ("f.csv", all_missing, &reference, &["no measurement is usable", "80 value(s) missing"]),
         ("f.csv", csv(2, 40, Some((1, 7, "volt"))), &reference, &["f.csv", "line 2"]),
         ("f.csv", Vec::new(), &reference, &["f.csv", "empty"]),
@@ -162,8 +162,8 @@ fn frames_that_cannot_be() {
     }
 }
 
-/// What would take more memory than there is, is refused with its size, before it is taken: below a limit
-/// of 1.2 GB of addresses, where one raster of so many pixels takes 1.8 GB.
+/// Requests beyond memory are rejected with their size before allocation: under a limit of 1.2 GB of address
+/// space, where one raster of that many pixels takes 1.8 GB.
 #[cfg(unix)]
 #[test]
 fn images_beyond_memory_are_refused_before_work() {
@@ -191,12 +191,12 @@ fn images_beyond_memory_are_refused_before_work() {
         let said = run(302, 8, method);
         assert!(said.contains("302 images of 4096 x 4096 pixels take 41 GB"), "{said}");
     }
-    // the images would fit, but not what they are made by
+    // the images would fit, but not the arrays needed to make them
     let said = run(3, 16, "st-tv");
     assert!(said.contains("208 measurements on 4096 x 4096 pixels take 28 GB"), "{said}");
 }
 
-/// The limits themselves are none of what is refused.
+/// The limits themselves are accepted.
 #[test]
 fn limits_of_electrodes_and_nodes() {
     let folder = tempfile::tempdir().unwrap();
@@ -206,14 +206,14 @@ fn limits_of_electrodes_and_nodes() {
     };
     let said = plan("count = 8", "count = 2049");
     assert!(said.contains("2049 electrodes: a skin has at most 2048"), "{said}");
-    // refused all the same: they do not fit the rim
+    // rejected all the same: they do not fit the rim
     let said = plan("count = 8", "count = 2048");
     assert!(!said.contains("at most"), "{said}");
     for key in ["nodes", "node_limit"] {
         let said = plan("edge_m = 0.012", &format!("{key} = 20000001"));
         let wanted = format!("mesh.{key} is 20000001: it must be at most 20000000");
         assert!(said.contains(&wanted), "{said}");
-        // a scene with another fault
+        // a scene with another error
         let said = plan("edge_m = 0.012", &format!("{key} = 20000000\n[touch]\nradius_m = -1.0"));
         assert!(said.contains("touch.radius_m is -1"), "{said}");
     }
@@ -225,7 +225,7 @@ fn missing_files() {
     assert!(found.contains("--frames"), "{found}");
 }
 
-/// Wrong usage is one line too.
+/// Wrong usage is reported on one line too.
 #[test]
 fn wrong_usage_is_one_line() {
     for arguments in [
@@ -240,9 +240,9 @@ fn wrong_usage_is_one_line() {
     }
 }
 
-/// Contact impedances so far from the sheet that no digit survives nodal assembly: linear elements
-/// have another way (`accuracy.rs`), quadratic ones fail and say so; a few decades nearer the
-/// voltages come with a warning.
+/// Contact impedances so far from the sheet's that no digit survives nodal assembly: linear elements are
+/// solved differently (`accuracy.rs`), quadratic ones fail and say so; a few decades closer, the voltages
+/// come with a warning.
 #[test]
 fn voltages_without_a_certain_digit_are_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -269,7 +269,7 @@ fn voltages_without_a_certain_digit_are_refused() {
     assert!(answer.contains("warning: rounding"), "{answer}");
 }
 
-/// A folder that cannot be made is found before any work: the frames do not even exist.
+/// A folder that cannot be created is detected before any work: the frames do not even exist.
 #[test]
 fn unwritable_output_is_found_first() {
     let folder = tempfile::tempdir().unwrap();
@@ -287,7 +287,7 @@ fn unwritable_output_is_found_first() {
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
 }
 
-/// A result already there survives a run that fails.
+/// An existing result survives a run that fails.
 #[test]
 fn a_failed_run_leaves_the_old_result() {
     let folder = tempfile::tempdir().unwrap();
@@ -301,7 +301,7 @@ fn a_failed_run_leaves_the_old_result() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no temporary is left");
 }
 
-/// A mesh of two parts and one with a zero conductivity are refused with the place.
+/// A mesh of two parts and one with a zero conductivity are rejected with the position.
 #[test]
 fn meshes_and_conductivities_that_cannot_be() {
     let folder = tempfile::tempdir().unwrap();
@@ -346,7 +346,7 @@ fn meshes_and_conductivities_that_cannot_be() {
     }
 }
 
-/// The wrong order is recognised by reciprocity and reported with the key that mends it.
+/// The wrong order is detected by reciprocity and reported with the key that fixes it.
 #[test]
 fn the_wrong_order_is_reported_with_its_key() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,6 +1,6 @@
 //! `eit calibrate`: real tanks of water, and a simulated frame.
 //!
-//! Every number printed here stands in `docs/VALIDATION.md`. The recordings are read in place.
+//! Every number printed here appears in `docs/validation/recordings.md`. The recordings are read in place.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -27,7 +27,7 @@ fn numbers(json: &Value, key: &str) -> Vec<f64> {
     json[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
 }
 
-/// Water alone: the residual before and after, with one contact factor, with one contact each, and
+/// Water alone: the residual before and after, with one factor for all contacts, with one contact each, and
 /// with driven electrodes.
 fn water(name: &str) -> Option<[Value; 3]> {
     fixtures::shared_data(name)?;
@@ -71,21 +71,21 @@ fn uef2017_kit4_water() {
     // found 2.37, 1.69 and 1.18 % (the scene's guess: 2.38 and 2.44 %)
     let after = runs.each_ref().map(|run| number(run, "residual_after"));
     assert!(after[0] < 0.0245 && after[1] < 0.018 && after[2] < 0.0125, "{after:?}");
-    // measured driven electrodes tell every contact
+    // measurements on driven electrodes determine every contact
     assert!(runs[2]["undetermined_electrodes"].as_array().unwrap().is_empty());
 }
 
 #[test]
 fn ktc2023_training_water() {
     let Some(runs) = water("ktc2023_training") else { return };
-    // found 14.13, 14.02 and 6.90 % (the scene's guess: 14.14 and 7.45 %; the last one is given more
-    // and larger voltages): the rest is the model, and no contact mends it
+    // found 14.13, 14.02 and 6.90 % (the scene's guess: 14.14 and 7.45 %; the last run uses more and larger
+    // voltages): the rest is model error, which no contact impedance removes
     let after = runs.each_ref().map(|run| number(run, "residual_after"));
     assert!(after[0] < 0.145 && after[1] < 0.142 && after[2] < 0.072, "{after:?}");
 }
 
-/// Through files: the model's own voltages come back as the scene's numbers, and what it says can be
-/// pasted into a scene.
+/// Through files: the model's own voltages give back the scene's numbers, and the output can be pasted into a
+/// scene.
 #[test]
 fn a_simulated_frame_gives_the_scene_back() {
     let folder = tempfile::tempdir().unwrap();
@@ -96,7 +96,7 @@ fn a_simulated_frame_gives_the_scene_back() {
     succeed(&["forward", text(&path), "--out", text(&frame)]);
     let exact = calibrate(text(&path), &["--frames", text(&frame)]);
     assert!(number(&exact, "residual_before") < 1e-12);
-    // a start that is wrong
+    // a wrong start
     let line = |key: &str| kept.lines().find(|l| l.trim_start().starts_with(key)).unwrap();
     let wrong = kept
         .replace(line("conductivity_s"), "conductivity_s = 7e-5")

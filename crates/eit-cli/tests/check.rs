@@ -1,4 +1,4 @@
-//! What `eit check` says of an instrument at fault: our own emulated device behind TCP.
+//! What `eit check` reports about a faulty instrument: our own emulated device behind TCP.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
@@ -52,13 +52,13 @@ fn electrodes(answer: &Value) -> Vec<u64> {
     findings.iter().filter_map(|finding| finding["electrode"].as_u64()).collect()
 }
 
-/// Whoever is at fault is named, and nobody else.
+/// The faulty electrode is named, and no other.
 #[test]
 fn check_names_the_electrode_at_fault_and_exits_4() {
     let folder = tempfile::tempdir().unwrap();
     let (code, answer) = checked(folder.path(), |_, _, value| value);
     assert_eq!((code, &answer["verdict"]), (Some(0), &"good".into()), "{answer}");
-    // dead; floating at the largest value; noisy. Electrode 13 by people's count
+    // dead; floating at the largest value; noisy. Electrode 13, counted from 1
     let noise = |frame: usize, q: [u32; 4]| {
         let seed = q.iter().fold(frame as u64, |seed, &e| seed * 31 + u64::from(e));
         ((seed * 7907) as f64).sin()
@@ -75,7 +75,7 @@ fn check_names_the_electrode_at_fault_and_exits_4() {
     }
 }
 
-/// Two channels that hold are told as two, and a converter too coarse for touches is a fault.
+/// Two channels that never change are reported as two, and a converter too coarse for touches is a fault.
 #[test]
 fn check_counts_stuck_channels_and_the_steps_of_the_converter() {
     let folder = tempfile::tempdir().unwrap();
@@ -85,13 +85,13 @@ fn check_counts_stuck_channels_and_the_steps_of_the_converter() {
     assert_eq!(code, Some(0), "{answer}");
     let what = answer["findings"].to_string();
     assert!(what.contains("2 measurements do not change"), "{what}");
-    // 10 bits of the largest voltage: hardly a value moves, and a touch is less than a step
+    // 10 bits of the largest voltage: hardly any value changes, and a touch is less than a step
     let (_, answer) = checked(folder.path(), |_, _, value| value);
     let fine = answer["resolution"]["steps_per_touch"].as_f64().unwrap();
     assert!(fine > 100.0, "{answer}");
     let step = 0.05 / 1023.0 * 40.0;
     let (code, answer) = checked(folder.path(), |frame, q, value| {
-        // noise of a twentieth of a step, as of an amplifier
+        // noise of a twentieth of a step, as from an amplifier
         step * (value / step + 0.05 * noise_of(frame, q)).round()
     });
     assert_eq!(code, Some(4), "{answer}");

@@ -88,9 +88,8 @@ fn mesh_file_forward_and_jacobian_agree() {
     assert!(error < 0.02 * largest, "{error:e} of {largest:e}");
 }
 
-/// Shunts (zero) and ideal current sources (infinite) are scenes like others: the limits of what
-/// small and large contact impedances give. No current is measured through a driven electrode here,
-/// so that both limits are finite.
+/// Shunts (zero) and ideal current sources (infinite) are valid scenes: the limits for small and large
+/// contact impedances. No current is measured through a driven electrode here, so both limits are finite.
 #[test]
 fn limits_of_the_contact_impedance_are_scenes() {
     let folder = tempfile::tempdir().unwrap();
@@ -107,8 +106,8 @@ fn limits_of_the_contact_impedance_are_scenes() {
     for (limit, near, nearer) in [("0.0", "1e0", "1e-1"), ("inf", "1e7", "1e8")] {
         let exact = forward(limit);
         let errors = [near, nearer].map(|z| size(&(&forward(z) - &exact)) / size(&exact));
-        // contacts of 1e3 ohm m and the skin of 1e5 ohm square are alike over an electrode of 0.02 m:
-        // a thousandth of that is felt in the third digit, and the limit is met linearly
+        // contacts of 1e3 ohm m and the skin of 1e5 ohm square have similar effect over an electrode of 0.02
+        // m: a thousandth of that shows in the third digit, and the limit is approached linearly
         assert!(errors[0] < 1e-2, "{limit}: {errors:?}");
         assert!((0.08..0.12).contains(&(errors[1] / errors[0])), "{limit}: {errors:?}");
     }
@@ -135,7 +134,7 @@ fn reconstruct_repeats_itself() {
     assert!(run("a") == run("b"), "two runs differ");
 }
 
-/// A transposed table with the key that the refusal names gives the same images.
+/// A transposed table, with the key that the rejection names, gives the same images.
 #[test]
 fn frames_in_columns_need_their_key_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
@@ -175,7 +174,7 @@ fn frames_in_columns_need_their_key_and_nothing_else() {
     assert!(one == other);
 }
 
-/// A second run leaves nothing of the first beside its own results.
+/// A second run leaves nothing of the first next to its own results.
 #[test]
 fn results_of_an_earlier_run_do_not_stay() {
     let folder = tempfile::tempdir().unwrap();
@@ -195,8 +194,8 @@ fn results_of_an_earlier_run_do_not_stay() {
     assert!(out.join("report.json").exists());
 }
 
-/// `elements = "quadratic"` on the same mesh: nearer to the series by two decades, with a Jacobian of
-/// as many elements, and the plan says what is solved.
+/// `elements = "quadratic"` on the same mesh: closer to the series by two decades, with a Jacobian of as many
+/// elements, and the plan says what is solved.
 #[test]
 fn quadratic_elements_are_a_key_of_the_scene() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! `eit demo`, as a user runs it, and what can be in its way.
+//! `eit demo` as a user runs it, and obstacles it may meet.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
@@ -11,7 +11,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// No test waits longer for what must come.
+/// Maximum time that a test waits.
 const LIMIT: Duration = Duration::from_secs(240);
 
 fn json(text: &str) -> Value {
@@ -22,8 +22,8 @@ fn images(folder: &Path) -> Array3<f64> {
     ndarray_npy::read_npy(folder.join("images.npy")).unwrap()
 }
 
-/// Fingers are found, every result is there, the page needs nothing beside it, and the recordings
-/// give the same images, raw images and touches to the bit.
+/// Fingers are found, every result exists, the page needs no other files, and the recordings reproduce
+/// images, raw images and touches bit for bit.
 #[test]
 fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
     let folder = tempfile::tempdir().unwrap();
@@ -33,14 +33,14 @@ fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
         let judged = &experiment["judged"];
         assert_eq!(experiment["line"], "a pseudo-terminal", "{experiment}");
         assert_eq!(experiment["frames"], 30);
-        // measured 28 of 29 and 56 of 58, 3.7 and 2.1 mm, none invented, 0.48 and 0.31 of the error
-        // with a net that was trained on other pixels; the first frame of a contact is not reported
+        // measured 28 of 29 and 56 of 58, 3.7 and 2.1 mm, none invented, 0.48 and 0.31 of the error with a
+        // U-net trained on other pixels; the first frame of a contact is not reported
         let [fingers, found] = ["fingers", "found"].map(|key| judged[key].as_u64().unwrap());
         assert!(fingers >= 29 && 10 * found >= 9 * fingers, "{judged}");
         assert!(10 * judged["invented"].as_u64().unwrap() <= fingers, "{judged}");
         assert!(judged["position_error_m"].as_f64().unwrap() < 6e-3, "{judged}");
         assert!(judged["error_over_raw"].as_f64().unwrap() < 0.8, "{judged}");
-        // proven for every frame, as the scene asks
+        // proven for every frame, as the scene requires
         assert!(experiment["images"]["worst_gap"].as_f64().unwrap() <= 0.1, "{experiment}");
     }
     for file in answer["files"].as_array().unwrap() {
@@ -67,7 +67,7 @@ fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
     }
 }
 
-/// The live net makes of each image what the net makes of a recording, or leaves the raw one.
+/// The live U-net gives the same images as the U-net for recordings, or keeps the raw one.
 fn one_by_one_as_all_at_once(scene: &Path, live: &Path, out: &Path) {
     let raw = live.join("raw.npy");
     let denoise = ["denoise", text(scene), "--images", text(&raw), "--any-skin"];
@@ -92,9 +92,9 @@ fn one_by_one_as_all_at_once(scene: &Path, live: &Path, out: &Path) {
     assert!(by_net > left, "{by_net} by the net, {left} left");
 }
 
-/// A folder with other things is refused by name and left as it is, also one with a scene of the
-/// user's; by force the demo writes beside them. Without a folder for the terminal's name the
-/// instrument is reached by TCP, and the answer says so.
+/// A folder with other files, even a scene of the user's, is rejected by name and left unchanged; with
+/// --force the demo writes next to them. Without a folder for the terminal's name the instrument is reached
+/// by TCP, and the answer says so.
 #[test]
 fn other_content_is_never_written_over_and_tcp_stands_in() {
     let folder = tempfile::tempdir().unwrap();
@@ -105,7 +105,7 @@ fn other_content_is_never_written_over_and_tcp_stands_in() {
         std::fs::write(out.join(name), "mine").unwrap();
     }
     let said = refuse(&["demo", "--quick", "--out", text(&out)]);
-    assert!(said.contains("holds a.txt, b.txt, c.txt and 2 more"), "{said}");
+    assert!(said.contains("contains a.txt, b.txt, c.txt and 2 more"), "{said}");
     assert!(said.contains("--force"), "{said}");
     for name in names {
         assert_eq!(std::fs::read_to_string(out.join(name)).unwrap(), "mine", "{name}");
@@ -119,21 +119,21 @@ fn other_content_is_never_written_over_and_tcp_stands_in() {
         .unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(said.contains("reached by TCP on this computer, as there was no pseudo-terminal"));
+    assert!(said.contains("TCP on this computer, because no pseudo-terminal was available"));
     assert!(out.join("report.html").exists());
     assert_eq!(std::fs::read_to_string(out.join("a.txt")).unwrap(), "mine");
-    // the demo's own are no strangers, the others still are
+    // the demo's own files are accepted, the others still are not
     let said = refuse(&["demo", "--quick", "--out", text(&out)]);
-    assert!(said.contains("holds a.txt, b.txt, c.txt and 1 more"), "{said}");
+    assert!(said.contains("contains a.txt, b.txt, c.txt and 1 more"), "{said}");
     assert!(out.join("report.html").exists(), "what was refused is left alone");
 }
 
-/// Ctrl-C in the middle: what was written is whole and named, and the next demo takes the folder.
+/// Ctrl-C in the middle: files are complete and listed, and the next demo accepts the folder.
 #[test]
 fn ctrl_c_leaves_whole_files() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("demo");
-    // the whole demo lasts more than half a minute: the signal comes in the middle on any computer
+    // the whole demo takes more than half a minute: the signal arrives in the middle on any computer
     let child = Command::new(env!("CARGO_BIN_EXE_eit"))
         .args(["demo", "--out", text(&out), "--json"])
         .stdout(Stdio::piped())

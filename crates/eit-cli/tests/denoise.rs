@@ -87,6 +87,8 @@ fn a_net_is_trained_goes_on_and_denoises() {
     other.extend(FEW);
     assert!(refuse(&other).contains("the seed is 1 there, but 2 here"));
 
+    starts_from_other_weights(&scene, &weights, folder.path());
+
     // a recording of the same skin, with and without the net in the scene
     let touched = folder.path().join("touched");
     succeed(&[
@@ -134,6 +136,25 @@ fn a_net_is_trained_goes_on_and_denoises() {
     assert_eq!(read(&out, "images.npy"), read(&netted, "images.npy"));
 
     refusals(folder.path(), &weights, &images);
+}
+
+/// At a rate at which nothing is learnt the weights stay those that the training started from, and the
+/// file names them; they bring their size.
+#[cfg(feature = "train")]
+fn starts_from_other_weights(scene: &Path, weights: &Path, folder: &Path) {
+    let (out, base) = (folder.join("from.safetensors"), weights.with_extension("base"));
+    let mut arguments = vec!["train", text(scene), "--out", text(&out), "--base", text(&base)];
+    arguments.extend(["--from", text(weights), "--rate", "1e-30"]);
+    arguments.extend(FEW.into_iter().take(9).chain(["--threads", "1"]));
+    succeed(&arguments);
+    let read =
+        |file: &Path| eit_denoise::Weights::from_bytes(&std::fs::read(file).unwrap()).unwrap();
+    let [first, made] = [read(weights), read(&out)];
+    assert_eq!((made.shape, &made.parameters), (first.shape, &first.parameters));
+    assert_eq!(made.about["from"], eit_skin::train::parameter_checksum(&first));
+    assert!(!first.about.contains_key("from"));
+    arguments.extend(["--width", "4"]);
+    assert!(refuse(&arguments).contains("cannot be used with"));
 }
 
 #[cfg(feature = "train")]

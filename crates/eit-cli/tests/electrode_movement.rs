@@ -1,5 +1,5 @@
-//! `reconstruction.electrode_movement_m`: displacements of electrodes as nuisance parameters, on
-//! the simulated fabric, whose rim gives way.
+//! `reconstruction.electrode_movement_m`: displacements of electrodes as nuisance parameters, on the
+//! simulated fabric with its compliant rim.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;
@@ -11,7 +11,7 @@ use ndarray::{Array1, Array2, Array3, Axis};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// What the scenes say of electrodes: twice what they move by in the mean of these recordings.
+/// The value in the scenes: twice the mean movement in these recordings.
 const KEY: &str = "electrode_movement_m = 0.2e-3";
 
 /// A scene with keys under `[reconstruction]`.
@@ -80,7 +80,7 @@ fn images_and_touches_are_made_of_what_is_left() {
     assert!(
         time_s(&report, "electrode movement") > 0.0 && time_s(&plain, "electrode movement") == 0.0
     );
-    // one finger; touches know of movement whether the images do or not
+    // one finger; touches allow for movement whether images do or not
     for report in [&report, &plain] {
         assert_eq!(
             (&report["touches"]["count"], &report["touches"]["most_at_once"]),
@@ -91,16 +91,16 @@ fn images_and_touches_are_made_of_what_is_left() {
         images.iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt()
     };
     let taken = norm(&(&came - &images)) / norm(&came);
-    // the spots are a part of the image, and what is left is most of it
+    // the spots are part of the image, and most of it remains
     assert!((0.05..0.9).contains(&taken), "{taken}");
 
-    // a smaller movement than any tells nothing: the image of equal weights and the same prior
+    // less movement than any changes nothing: the image of equal weights and the same prior
     let (_, same) =
         reconstruct(&sim, &with(&scene, "electrode_movement_m = 1e-12"), "gauss-newton");
     let off = norm(&(&came - &same)) / norm(&came);
     assert!(off < 1e-6, "{off}");
 
-    // measurements are mixed: a frame without one of them has no image, the others keep theirs
+    // measurements are mixed: a frame that lacks one of them has no image, the others keep theirs
     with_a_bad_value(&sim);
     let scene = scene.replace("frames.npy", "bad.mcap");
     let (report, holed) = reconstruct(&sim, &with(&scene, KEY), "gauss-newton");
@@ -112,8 +112,8 @@ fn images_and_touches_are_made_of_what_is_left() {
     assert_eq!(row(&holed), row(&images));
 }
 
-/// A patch that was moved, on a mesh made anew and with nothing else changed, leaves no image: 0.05 of it
-/// for one step, 0.08 for total variation. What is left is the other mesh.
+/// A patch that was moved, on a new mesh and with no other change, leaves hardly any image: 0.05 of it for
+/// one-step, 0.08 for total variation. The rest is due to the other mesh.
 #[test]
 fn a_moved_patch_is_no_touch() {
     let folder = tempfile::tempdir().unwrap();
@@ -142,7 +142,7 @@ fn a_moved_patch_is_no_touch() {
     }
 }
 
-/// The same as it comes, frame by frame; a bad frame is counted and passed over.
+/// The same live, frame by frame; a bad frame is counted and skipped.
 #[test]
 fn a_stream_of_frames_loses_what_electrodes_leave() {
     let folder = tempfile::tempdir().unwrap();
@@ -170,7 +170,7 @@ fn a_stream_of_frames_loses_what_electrodes_leave() {
     }
 }
 
-/// Said before work, with the reason.
+/// Rejected before any work, with the reason.
 #[test]
 fn what_cannot_be_together_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -181,7 +181,7 @@ fn what_cannot_be_together_is_refused() {
     assert!(says.contains("electrode_movement_m is -1: it must be finite and above"), "{says}");
     let absolute = format!("method = \"gauss-newton-absolute\"\n{KEY}");
     let says = refuse(&["plan", text(&key(&absolute))]);
-    assert!(says.contains("movement is taken out of differences"), "{says}");
+    assert!(says.contains("movement is removed from differences"), "{says}");
     let quadratic = SMALL.replace("[mesh]", "[mesh]\nelements = \"quadratic\"");
     let scene = write_scene(folder.path(), &with(&quadratic, KEY));
     let says = refuse(&["plan", text(&scene)]);
@@ -190,14 +190,14 @@ fn what_cannot_be_together_is_refused() {
     let scene = key(KEY);
     let says = refuse(&["train", text(&scene), "--out", &format!("{out}.safetensors")]);
     let why = match cfg!(feature = "train") {
-        true => "`eit train` does not know",
+        true => "`eit train` does not support",
         false => "built without training",
     };
     assert!(says.contains(why), "{says}");
     let images = folder.path().join("images.npy");
     ndarray_npy::write_npy(&images, &Array3::<f64>::zeros((1, 32, 32))).unwrap();
     let says = refuse(&["denoise", text(&scene), "--images", text(&images), "--out", out]);
-    assert!(says.contains("`eit denoise` does not know"), "{says}");
+    assert!(says.contains("`eit denoise` does not support"), "{says}");
 
     let voltages = folder.path().join("v.npy");
     succeed(&["forward", text(&scene), "--out", text(&voltages)]);
@@ -217,8 +217,8 @@ fn what_cannot_be_together_is_refused() {
     assert!(says.contains("before a linear method"), "{says}");
 }
 
-/// The plan has the stage, or says why it is left out; its time is within a wide factor of what it took
-/// (a loaded machine: the report has the honest one).
+/// The plan has the stage, or says why it is omitted; its predicted time is within a wide factor of the real
+/// one (the machine is loaded: see the report for accurate values).
 #[test]
 fn the_plan_shows_the_stage_or_why_it_is_left_out() {
     let folder = tempfile::tempdir().unwrap();
@@ -239,7 +239,7 @@ fn the_plan_shows_the_stage_or_why_it_is_left_out() {
     assert!(stage["why"].as_str().unwrap().contains("0.20 mm"), "{stage}");
     assert!(stage["expected_time_s"].as_f64().unwrap() > 0.0);
 
-    // a mesh that is chosen has elements whose derivatives along displacements are known
+    // a mesh chosen for accuracy has elements with known derivatives along displacements
     let accurate = SMALL.replace("edge_m = 0.012", "required_accuracy = 3e-3");
     let scene = write_scene(folder.path(), &with(&accurate, KEY));
     let out = folder.path().join("m.msh");

@@ -1,5 +1,5 @@
-//! Skins of every geometry through the commands: holes, patches, uneven electrodes, curved surfaces
-//! from files, and meshes with faults.
+//! Skins of all geometries through the commands: holes, patches, unequal electrodes, curved surfaces from
+//! files, and meshes with faults.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 mod common;
@@ -71,7 +71,7 @@ fn a_tube_from_an_stl_file_is_meshed_planned_and_solved() {
         .collect();
     assert_eq!(measures.len(), 16);
     for (l, measure) in measures.iter().enumerate() {
-        // an end may be taken for a rim node near it; chords cut off a percent of a patch
+        // an end may snap to a nearby rim node; chords cut a percent off a patch
         let (wanted, within) = if l < 8 { (0.01, 1e-3) } else { (7.854e-5, 0.033) };
         assert!((measure / wanted - 1.0).abs() < within, "{l}: {measure}");
     }
@@ -79,7 +79,7 @@ fn a_tube_from_an_stl_file_is_meshed_planned_and_solved() {
     let facets = 48.0 * 2.0 * 0.04 * (std::f64::consts::PI / 48.0).sin() * 0.1;
     assert!((found["area_m2"].as_f64().unwrap() / facets - 1.0).abs() < 1e-6);
     assert_eq!(found["mesh_notes"], serde_json::json!([]));
-    // the mesh that was written is the mesh that is solved on
+    // the mesh that was written equals the mesh that is solved on
     let (direct, by_file) = (path("direct.npy"), path("by_file.npy"));
     succeed(&["forward", text(&scene), "--out", text(&direct)]);
     let mesh = path("skin.msh");
@@ -99,8 +99,8 @@ fn a_tube_from_an_stl_file_is_meshed_planned_and_solved() {
     assert!(line.contains("raster") && line.contains("+z"), "{line}");
 }
 
-/// The same tube turned about its axis by one electrode has the same voltages: to discretisation,
-/// since the facets lie the same, to rounding of the file.
+/// The same tube rotated about its axis by one electrode has the same voltages: up to rounding of the file,
+/// because the facets lie the same.
 #[test]
 fn turning_electrodes_by_facets_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
@@ -114,8 +114,8 @@ fn turning_electrodes_by_facets_changes_nothing() {
         .split(',')
         .map(|x| x.parse().unwrap())
         .collect();
-    // drive (0, 1) and drive (1, 2): measured pairs follow in the same order, the first pairs are all
-    // on the rim; electrode 8 is a patch, so pairs across are others
+    // drive (0, 1) and drive (1, 2): measured pairs follow in the same order, the first pairs are all on the
+    // rim; electrode 8 is a patch, so pairs across differ
     let largest = v.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     for k in 0..4 {
         let off = (v[k] - v[13 + k]).abs() / largest;
@@ -145,7 +145,7 @@ fn built_in_geometries_are_meshed_drawn_and_solved() {
     let plan = json(&["plan", "hemisphere"]);
     let error = plan["expected_voltage_error"].as_f64().unwrap();
     assert!((1e-4..2e-2).contains(&error), "{error}");
-    // no series: judged by quadratic elements
+    // no series: estimated with quadratic elements
     let error = json(&["plan", "patches"])["expected_voltage_error"].as_f64().unwrap();
     assert!((1e-4..2e-2).contains(&error), "{error}");
 }
@@ -173,7 +173,7 @@ fn uneven_widths_on_equal_spacing() {
 #[test]
 fn mended_meshes_are_used_and_noted_on_stderr_and_in_json() {
     let folder = tempfile::tempdir().unwrap();
-    // one facet turned over, one twice
+    // one facet inverted, one repeated
     let good = tube_stl(24, 8);
     let facet = good.split_inclusive("endfacet\n").next().unwrap().replacen("solid tube\n", "", 1);
     let lines: Vec<&str> = facet.lines().collect();
@@ -190,8 +190,8 @@ fn mended_meshes_are_used_and_noted_on_stderr_and_in_json() {
     let notes: Vec<&str> =
         found["mesh_notes"].as_array().unwrap().iter().map(|n| n.as_str().unwrap()).collect();
     assert_eq!(notes.len(), 2, "{notes:?}");
-    assert!(notes[0].contains("1 triangles were collapsed or repeated"), "{notes:?}");
-    assert!(notes[1].contains("1 triangles ran against the others"), "{notes:?}");
+    assert!(notes[0].contains("1 collapsed or repeated triangles were dropped"), "{notes:?}");
+    assert!(notes[1].contains("1 triangles were oriented against the others"), "{notes:?}");
     for note in notes {
         assert!(stderr.contains(&format!("eit: note: {note}")), "{stderr}");
     }
@@ -220,7 +220,7 @@ fn what_a_scene_gets_wrong_about_geometry_is_refused() {
     for (from, to, says) in [
         ("radius_m = [0.0", "radius_m = [0.01", "electrode 1: width_m 0.01 and radius_m 0.01"),
         ("[0.040000, 0.000000, 0]", "[0.05, 0.0]", "electrode 1 at [0.05, 0.0, 0.0]"),
-        ("[0.040000, 0.000000, 0]", "[0.05]", "1 values where two or three"),
+        ("[0.040000, 0.000000, 0]", "[0.05]", "1 values instead of two or three"),
         ("positions_m", "count = 3\npositions_m", "electrodes.count"),
         ("radius_m = [0.0", "radius_m = [0.0, 0.0", "17 values for 16 electrodes"),
         ("[0.040000, 0.000000, 0.05]", "[0.040000, 0.000000, 0.001]", "electrode 9"),

@@ -1,8 +1,8 @@
-//! Robot presses on real hydrogel skins: one turn, mirror and scale are fitted on 100 presses (and,
-//! in a second row, the noise figure chosen on them), everything else is the model's; errors are
-//! those of the other presses.
+//! Robot presses on real hydrogel skins: one rotation, reflection and scale are fitted on 100 presses (and,
+//! in a second row, the noise figure is chosen on them); everything else is the model's; errors are those of
+//! the other presses.
 //!
-//! Every number printed here stands in `docs/VALIDATION.md`. The data is read in place.
+//! Every number printed here appears in `docs/validation/learning.md`. The data is read in place.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -24,13 +24,13 @@ use ndarray::{Array2, Axis};
 use std::f64::consts::TAU;
 use std::path::Path;
 
-/// Presses that turn, mirror and scale are fitted on.
+/// Number of presses on which rotation, reflection and scale are fitted.
 const FITTED: usize = 100;
 
-/// Radius of the model; the true one goes into the scale.
+/// Radius of the model; the true one is absorbed by the scale.
 const RADIUS_M: f64 = 0.1;
 
-/// A skin of 16 electrodes, driven as the recordings are.
+/// A skin with 16 electrodes, driven as in the recordings.
 #[derive(Clone)]
 struct Skin {
     mesh: Mesh,
@@ -43,7 +43,7 @@ struct Skin {
 
 fn skin(folder: &Path) -> Skin {
     let shape = SkinShape::Disc { radius_m: RADIUS_M };
-    // widths and contacts are stated nowhere: a tenth of the rim in all, good contacts
+    // widths and contacts are not documented: a tenth of the rim in total, good contacts
     let electrodes = RimElectrodes::equally_spaced(16, 0.004);
     let mesh = generate(&shape, &electrodes, &MeshSettings::with_edge(0.008)).unwrap();
     let protocol = Protocol::from_quadruples(16, &quadruples(folder).unwrap(), 1.0).unwrap();
@@ -57,9 +57,8 @@ fn skin(folder: &Path) -> Skin {
 }
 
 impl Skin {
-    /// Frames of the model whose changes are those of magnitudes, `[press, measurement]`, on a
-    /// scale of their own: a magnitude changes with the sign of its voltage, and the unit of the
-    /// instrument is unknown.
+    /// Frames of the model whose changes are those of magnitudes, `[press, measurement]`, in arbitrary scale:
+    /// a magnitude changes with the sign of its voltage, and the unit of the instrument is unknown.
     fn changed(&self, changes: &Array2<f64>) -> Vec<(Vec<f64>, Vec<f64>)> {
         let sizes: Vec<f64> = changes.rows().into_iter().flatten().map(|c| c.abs()).collect();
         let voltages: Vec<f64> = self.voltages.iter().map(|v| v.abs()).collect();
@@ -134,7 +133,7 @@ fn before_and_after(skin: &Skin, frames: &[(Vec<f64>, Vec<f64>)]) -> [[Vec<[f64;
     places
 }
 
-/// Turn, mirror and scale from the image to the robot, about the skin's centre.
+/// Rotation, reflection and scale from the image to the robot, about the skin's centre.
 #[derive(Debug, Clone, Copy)]
 struct Map {
     angle: f64,
@@ -149,7 +148,7 @@ impl Map {
         [self.scale * (cos * x - sin * y), self.scale * (sin * x + cos * y)]
     }
 
-    /// The best of a grid by the mean distance, which outliers do not rule.
+    /// The best of a grid by the mean distance, on which outliers have limited influence.
     fn fit(found: &[[f64; 2]], truth: &[[f64; 2]]) -> (Self, f64) {
         let mut best = (Self { angle: 0.0, mirror: 1.0, scale: 1.0 }, f64::INFINITY);
         let largest = |places: &[[f64; 2]]| {
@@ -205,7 +204,7 @@ fn split<T: Copy>(all: &[T]) -> [Vec<T>; 2] {
         .map(|wanted| (0..all.len()).filter(|&k| is_fitted(k) == wanted).map(|k| all[k]).collect())
 }
 
-/// Errors of the presses that nothing was fitted on, metres; of the sign that fits the 100 better.
+/// Errors of the held-out presses, metres, for the sign that fits the 100 better.
 fn judge(name: &str, found: &[Vec<[f64; 2]>], truth: &[[f64; 2]]) -> Vec<f64> {
     let [fitted, others] = split(truth);
     let mut best: Option<(f64, Map, &Vec<[f64; 2]>)> = None;
@@ -233,7 +232,7 @@ fn judge(name: &str, found: &[Vec<[f64; 2]>], truth: &[[f64; 2]]) -> Vec<f64> {
     errors
 }
 
-/// Errors at noise figure 1, and at the one that serves the fitted presses best.
+/// Errors at noise figure 1, and at the one that is best for the fitted presses.
 fn both(
     skin: &Skin,
     name: &str,
@@ -266,11 +265,11 @@ fn hydrogel_presses() {
     let truth = around(&positions, [0.046, -0.408]);
     let plain = skin.changed(&responses);
     let [errors, chosen] = both(&skin, "hydrogel_presses", &plain, &truth);
-    // found 10.8 and 7.9 mm; a wrong turn or mirror leaves more than 20
+    // found 10.8 and 7.9 mm; a wrong rotation or reflection gives more than 20
     assert!(quantile(&errors, 0.5) < 0.013 && quantile(&chosen, 0.5) < 0.010);
 }
 
-/// What a net from simulation makes of real presses.
+/// What a U-net trained on simulations makes of real presses.
 #[test]
 fn hydrogel_presses_denoised() {
     let Some(folder) = fixtures::shared_data("hydrogel_presses") else { return };
@@ -297,10 +296,10 @@ fn hydrogel_superpose500() {
         0.5 * (least + column.iter().copied().fold(f64::NEG_INFINITY, f64::max))
     };
     let truth = around(&positions, [middle(0), middle(1)]);
-    // each press against the frame before it: the baseline drifts ten times as much as a press
+    // each press relative to the frame before it: the baseline drifts ten times as much as a press
     let responses = &down - &up;
     let plain = skin.changed(&responses);
     let [errors, chosen] = both(&skin, "hydrogel_superpose500", &plain, &truth);
-    // found 19.3 and 9.9 mm; a wrong turn or mirror leaves more than 40
+    // found 19.3 and 9.9 mm; a wrong rotation or reflection gives more than 40
     assert!(quantile(&errors, 0.5) < 0.023 && quantile(&chosen, 0.5) < 0.013);
 }

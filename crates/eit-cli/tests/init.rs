@@ -1,6 +1,6 @@
-//! `eit init` as the builder of a new skin meets it: a board that prints lines of numbers, whose wiring
-//! nobody wrote down, and a finger that presses when it is asked to. The board's voltages come from another
-//! mesh than the command's, solved with the press in it (no linearisation), rounded to converter steps.
+//! `eit init` as the builder of a new skin uses it: a board that prints lines of numbers and whose wiring is
+//! not documented, and a finger that presses on request. The board's voltages come from another mesh than the
+//! command's, solved with the press in it (no linearisation), rounded to converter steps.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
@@ -20,12 +20,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// Frames a second.
+/// Frame rate, hertz.
 const RATE_HZ: f64 = 40.0;
-/// Radius of the finger, metres; a tenth more than what the command assumes.
+/// Radius of the finger, metres; a tenth more than the command assumes.
 const RADIUS_M: f64 = 0.008;
 
-/// A board that prints the frame that it is told to, in converter steps.
+/// A board that prints a selected frame, in converter steps.
 struct Board {
     frames: Vec<Vec<f64>>,
     which: Arc<AtomicUsize>,
@@ -39,7 +39,7 @@ impl Device for Board {
     fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
         while (self.sent as f64) < now.as_secs_f64() * RATE_HZ {
             let frame = &self.frames[self.which.load(Ordering::Relaxed)];
-            // a step of noise
+            // one step of noise
             let steps = frame.iter().map(|value| (value + self.random.normal()).round() as i64);
             let line: Vec<String> = steps.map(|value| value.to_string()).collect();
             out.extend(format!("{}\r\n", line.join(",")).bytes());
@@ -50,8 +50,8 @@ impl Device for Board {
     fn power_cycle(&mut self) {}
 }
 
-/// Frames of the skin as it truly is, in steps of a 16-bit converter: untouched, and pressed at each of the
-/// places; `times`: factor of the conductivity under the finger.
+/// Frames of the true skin, in steps of a 16-bit converter: untouched, and pressed at each of the places;
+/// `times` is the factor of the conductivity under the finger.
 fn frames(truth: &FirstScene, places_m: &[[f64; 2]], times: f64) -> Vec<Vec<f64>> {
     let skin = Skin::from_scene(truth.scene().unwrap()).unwrap();
     let skin = skin.with_nodes(5000, &mut Progress::silent()).unwrap();
@@ -71,7 +71,7 @@ fn frames(truth: &FirstScene, places_m: &[[f64; 2]], times: f64) -> Vec<Vec<f64>
     all.map(|frame| frame.iter().map(|value| value / largest * 30_000.0).collect()).collect()
 }
 
-/// Runs `eit init` on the board and presses when it asks; the answer.
+/// Runs `eit init` on the board and presses when asked; returns the answer.
 fn init(truth: &FirstScene, times: f64, folder: &Path, arguments: &[&str]) -> (Value, String) {
     let places_m = truth.outline.press_places_m();
     let which = Arc::new(AtomicUsize::new(0));
@@ -99,7 +99,7 @@ fn init(truth: &FirstScene, times: f64, folder: &Path, arguments: &[&str]) -> (V
             which.store(1, Ordering::Relaxed);
         } else if line.starts_with("press 2") {
             which.store(2, Ordering::Relaxed);
-        } else if line.starts_with("seen") {
+        } else if line.starts_with("detected") {
             which.store(0, Ordering::Relaxed);
         }
         said += &format!("{line}\n");
@@ -156,7 +156,7 @@ fn a_board_with_opposite_drive() {
     check(&truth, 1.5, &["--radius-mm", "60", "--electrodes", "8"]);
 }
 
-/// What cannot be is refused before anything is opened or written.
+/// Invalid settings are rejected before anything is opened or written.
 #[test]
 fn wrong_arguments_are_told_by_name() {
     let folder = tempfile::tempdir().unwrap();
@@ -190,7 +190,7 @@ fn wrong_arguments_are_told_by_name() {
     assert!(eit(&["plan", text(&place)]).status.success());
 }
 
-/// A board with another count than the electrodes give: the answer says which number would fit.
+/// A board whose count does not match the electrodes: the answer names a number that would.
 #[test]
 fn another_number_of_electrodes_is_named() {
     let truth = FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16);

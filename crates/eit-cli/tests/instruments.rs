@@ -12,22 +12,22 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// No test waits longer for what must come.
+/// Maximum time that a test waits.
 const LIMIT: Duration = Duration::from_secs(120);
 
-/// A running `eit emulate`; ended when it is dropped, so that its path does not stay: the system may
-/// give the terminal behind it to another test.
+/// A running `eit emulate`; stopped when dropped, so that its path does not remain: the system may give the
+/// terminal behind it to another test.
 struct Emulated(Child);
 
 impl Drop for Emulated {
     fn drop(&mut self) {
-        // gone already is as good
+        // it may have exited already
         let _ = Command::new("kill").arg(self.0.id().to_string()).status();
         let _ = self.0.wait();
     }
 }
 
-/// Starts `eit emulate` and waits until its port is there.
+/// Starts `eit emulate` and waits until its port exists.
 fn emulate(scene: &Path, port: &Path, more: &[&str]) -> Emulated {
     let arguments = [&["emulate", text(scene), "--port", text(port)], more].concat();
     let child = Command::new(env!("CARGO_BIN_EXE_eit"))
@@ -58,12 +58,12 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
 }
 
-/// Recorded frames are those that were sent, whichever instrument sends them.
+/// Recorded frames equal those sent, for every instrument.
 #[test]
 fn record_takes_what_each_instrument_sends() {
     for (instrument, tolerance, sent_hz) in [
         ("driver = \"eits1\"\nframe_rate_hz = 100.0", 1e-6, 100.0),
-        // potentials go as floats of 32 bits, and driven electrodes are far off
+        // potentials are 32-bit floats, and driven electrodes are far off
         ("driver = \"sciospec\"\nframe_rate_hz = 50.0\nrange_v = 10", 3e-6, 50.0),
         ("driver = \"csv\"", 0.0, 50.0),
     ] {
@@ -76,7 +76,7 @@ fn record_takes_what_each_instrument_sends() {
             succeed(&["record", text(&scene), "--out", text(&out), "--frames", "60", "--json"]);
         let answer = json(&answer);
         assert_eq!((&answer["frames"], &answer["lost"]), (&60.into(), &0.into()), "{answer}");
-        // other tests have the processor for up to half of the 60 frames, and what waited meanwhile comes
+        // other tests may occupy the processor for up to half of the 60 frames, and frames that waited arrive
         // at once
         let rate_hz = answer["frame_rate_hz"].as_f64().unwrap();
         assert!((0.5..2.0).contains(&(rate_hz / sent_hz)), "{answer}");
@@ -89,7 +89,7 @@ fn record_takes_what_each_instrument_sends() {
         let read = eit_hw::read_recording(&table, None, &options).unwrap().real;
         assert_eq!(read.dim(), (60, 40));
         let size = sent.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        // recording begins at any frame of the file, and goes on with the next
+        // recording starts at any frame of the file, and continues with the next
         let near = |row: ndarray::ArrayView1<'_, f64>, at: usize| {
             row.iter().zip(sent.row(at % 200)).all(|(a, b)| (a - b).abs() <= tolerance * size)
         };
@@ -117,7 +117,7 @@ fn devices_and_check_tell_who_it_is_and_how_it_is() {
         assert_eq!(answer["verdict"], "good", "{answer}");
         assert_eq!((&answer["frames"], &answer["lost_frames"]), (&40.into(), &0.into()));
     }
-    // electrode 3 has a bad contact: what it drives is weaker than what it senses
+    // electrode 3 has a bad contact: it drives more weakly than it senses
     let (_, sent) = touched_frames(folder.path(), &scene);
     let weak = Array2::from_shape_fn((60, 40), |(frame, i)| {
         let drive = i / 5;
@@ -135,8 +135,8 @@ fn devices_and_check_tell_who_it_is_and_how_it_is() {
     assert!(said.contains("fasten it"), "{said}");
 }
 
-/// What breaks no reciprocity and flags nothing: a bridge between electrodes 3 and 4 takes all voltage
-/// between them, whichever drives; and a multiplexer that holds the values of one electrode.
+/// Faults that neither violate reciprocity nor are flagged: a bridge between electrodes 3 and 4 removes the
+/// voltage between them, whichever drives; and a multiplexer that holds the values of one electrode.
 #[test]
 fn check_names_a_shorted_and_a_stuck_electrode() {
     let pairs: Vec<[usize; 2]> =
@@ -165,14 +165,14 @@ fn check_names_a_shorted_and_a_stuck_electrode() {
     // sound
     let (verdict, findings) = check(&|_, _, value| value);
     assert_eq!((verdict.as_str(), findings.len()), ("good", 0), "{findings:?}");
-    // shorted: a thousandth is left
+    // shorted: a thousandth remains
     let (verdict, findings) =
         check(&|pair, _, value| if pair.contains(&2) { 1e-3 * value } else { value });
     assert_eq!(verdict, "faulty");
     let named: Vec<_> = findings.iter().filter_map(|f| f["electrode"].as_u64()).collect();
     assert!(!named.is_empty() && named.iter().all(|e| [3, 4].contains(e)), "{findings:?}");
     assert!(findings[0]["what"].as_str().unwrap().contains("shorted"), "{findings:?}");
-    // stuck: no noise where electrode 6 takes part
+    // stuck: no noise where electrode 6 is involved
     let (verdict, findings) =
         check(&|pair, frame, value| if of(5, pair) && frame > 0 { 0.0 } else { value });
     assert_eq!(verdict, "faulty", "{findings:?}");
@@ -184,8 +184,8 @@ fn check_names_a_shorted_and_a_stuck_electrode() {
     );
 }
 
-/// Electrode 3 opens in frame 100 of 200 that are sent over and over, and is sound again with the first:
-/// `record` says so once for each, on stderr, in its answer and in the recording, and loses nothing.
+/// Electrode 3 opens in frame 100 of 200 that are sent in a loop, and is sound again with the first: `record`
+/// reports each once, on stderr, in its answer and in the recording, and loses nothing.
 #[test]
 fn record_names_an_electrode_that_opens() {
     let (folder, scene, port) = scene("driver = \"eits1\"\nframe_rate_hz = 100.0");
@@ -201,7 +201,7 @@ fn record_names_an_electrode_that_opens() {
     ndarray_npy::write_npy(&file, &frames).unwrap();
     let _emulated = emulate(&scene, &port, &["--frames", text(&file)]);
     let out = folder.path().join("opens.mcap");
-    // wherever recording begins, all of one round and the second after the fault is in it
+    // wherever recording starts, it contains all of one round and the second after the fault
     let output = eit(&["record", text(&scene), "--out", text(&out), "--frames", "900", "--json"]);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{said}");
@@ -214,7 +214,7 @@ fn record_names_an_electrode_that_opens() {
     }
     let whole = faults.iter().find(|fault| fault["until_s"].is_number()).unwrap();
     let time_s = |key: &str| whole[key].as_f64().unwrap();
-    // 1 s of the fault and 1 s in which it must be sound, unless the reference began within the fault
+    // 1 s of the fault and 1 s in which it must be sound, unless the reference started within the fault
     let lasted_s = time_s("until_s") - time_s("since_s");
     assert!((1.0..2.5).contains(&lasted_s), "{answer}");
     let heals = faults.iter().filter(|fault| fault["until_s"].is_number()).count();
@@ -228,7 +228,7 @@ fn record_names_an_electrode_that_opens() {
     assert_eq!(notes.count(), faults.len() + heals);
 }
 
-/// Unplugged twice meanwhile: the recording says so, and goes on in new epochs.
+/// Unplugged twice meanwhile: the recording says so, and continues in new epochs.
 #[test]
 fn record_goes_on_over_an_unplugged_instrument() {
     let (folder, scene, port) = scene("driver = \"eits1\"\nframe_rate_hz = 100.0");
@@ -271,7 +271,7 @@ fn recording(mut program: Command, scene: &Path, out: &Path) -> Child {
         .spawn()
         .unwrap();
     let start = Instant::now();
-    // the first chunk is the session alone
+    // the first chunk only contains the session
     while std::fs::metadata(out).map_or(0, |data| data.len()) < 10_000 {
         assert!(start.elapsed() < LIMIT, "nothing is recorded");
         std::thread::sleep(Duration::from_millis(20));
@@ -301,9 +301,9 @@ fn ctrl_c_ends_a_recording_and_a_kill_loses_its_last_second() {
     let capture = eit_hw::capture::read(&killed).unwrap();
     let before = capture.frames().count();
     assert!(capture.damage.unfinished && before > 0);
-    // and it is gone on with, where it was cut
+    // and it can be appended to where it was truncated
     let said = refuse(&["record", text(&scene), "--out", text(&killed), "--frames", "20"]);
-    assert!(said.contains("never written over") && said.contains("--append"), "{said}");
+    assert!(said.contains("never overwritten") && said.contains("--append"), "{said}");
     succeed(&["record", text(&scene), "--out", text(&killed), "--frames", "20", "--append"]);
     let capture = eit_hw::capture::read(&killed).unwrap();
     assert_eq!(capture.frames().count(), before + 20);
@@ -311,13 +311,13 @@ fn ctrl_c_ends_a_recording_and_a_kill_loses_its_last_second() {
     assert_eq!(capture.sessions().count(), 2);
 }
 
-/// A disk that gets full: the shell's limit of a file's size stands for it. The system tells of the limit by
-/// SIGXFSZ, which ends a program that does not expect it, and its recording with it.
+/// A full disk, simulated by the shell's limit of file size. The system signals the limit by SIGXFSZ, which
+/// kills a program that does not expect it, and its recording with it.
 #[test]
 fn a_file_size_limit_ends_the_recording_whole_and_names_the_file() {
     let (folder, scene, port) = scene("driver = \"eits1\"\nframe_rate_hz = 200.0");
     let _emulated = emulate(&scene, &port, &[]);
-    // as it is, and where the signal is ignored, as below some services
+    // by default, and with the signal ignored, as under some services
     for (name, before) in [("press.mcap", ""), ("ignored.mcap", "trap '' XFSZ; ")] {
         let out = folder.path().join(name);
         let (eit, out_text) = (env!("CARGO_BIN_EXE_eit"), text(&out));
@@ -333,19 +333,19 @@ fn a_file_size_limit_ends_the_recording_whole_and_names_the_file() {
         assert!(said.contains(&format!("{out_text}: ")) && said.contains("disk space"), "{said}");
         let capture = eit_hw::capture::read(&out).unwrap();
         let frames = capture.frames().count();
-        // cut to its last whole chunk
+        // truncated to its last complete chunk
         assert!(frames > 0 && !capture.damage.is_any(), "{:?}", capture.damage);
-        assert!(said.contains(&format!("holds {frames} frames; ")), "{said}");
+        assert!(said.contains(&format!("contains {frames} frames; ")), "{said}");
     }
 }
 
-/// A terminal that is closed ends a recording like Ctrl-C does; below `nohup` it goes on.
+/// A closed terminal ends a recording like Ctrl-C; under `nohup` it continues.
 #[test]
 fn a_hang_up_ends_a_recording_but_not_below_nohup() {
     let (folder, scene, port) = scene("driver = \"eits1\"\nframe_rate_hz = 200.0");
     let _emulated = emulate(&scene, &port, &[]);
     let out = folder.path().join("press.mcap");
-    // children of tests that are run below `nohup` themselves ignore it, too, and no shell can undo that
+    // children of tests that run under `nohup` themselves ignore it too, and no shell can undo that
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap_or("0");
     if u64::from_str_radix(ignored.trim(), 16).unwrap() & 1 == 1 {
@@ -361,7 +361,7 @@ fn a_hang_up_ends_a_recording_but_not_below_nohup() {
 
     let out = folder.path().join("nohup.mcap");
     let mut shell = Command::new("sh");
-    // what nohup does, which has its own mind about the output
+    // what nohup does, which would also redirect the output
     shell.args(["-c", "trap '' HUP; exec \"$@\"", "sh", env!("CARGO_BIN_EXE_eit")]);
     let mut child = recording(shell, &scene, &out);
     signal(&child, "-HUP");
@@ -377,7 +377,7 @@ fn a_hang_up_ends_a_recording_but_not_below_nohup() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// What was seen live is seen again, to the bit, whatever the speed.
+/// A replay reproduces the live images bit for bit, at any speed.
 #[test]
 fn a_replay_gives_the_images_of_the_live_view_to_the_bit() {
     let (folder, scene, port) = scene("driver = \"eits1\"\nframe_rate_hz = 100.0");
@@ -425,14 +425,14 @@ fn a_replay_gives_the_images_of_the_live_view_to_the_bit() {
     }
     let said = refuse(&["replay", text(&scene), "--from", text(&recording), "--speed", "0"]);
     assert!(said.contains("speed is 0"), "{said}");
-    // a recording is an instrument for other programs too
+    // a recording can serve other programs as an instrument
     let _again = emulate(&scene, &path("again"), &["--frames", text(&recording)]);
     let answer =
         json(&succeed(&["devices", text(&scene), "--port", text(&path("again")), "--json"]));
     assert_eq!(answer["values"], 40);
 }
 
-/// Tables become recordings and tables again, number by number.
+/// Tables become recordings and tables again, with identical numbers.
 #[test]
 fn convert_keeps_every_bit() {
     let folder = tempfile::tempdir().unwrap();
@@ -446,12 +446,12 @@ fn convert_keeps_every_bit() {
     }
     assert_eq!(std::fs::read(path("a.npy")).unwrap(), std::fs::read(path("e.npy")).unwrap());
     let said = refuse(&["convert", text(&path("a.npy")), "--out", text(&path("b.mcap"))]);
-    assert!(said.contains("never written over"), "{said}");
+    assert!(said.contains("never overwritten"), "{said}");
     let said = refuse(&["convert", text(&path("a.npy")), "--out", text(&path("b.txt"))]);
     assert!(said.contains("--out must end in"), "{said}");
 }
 
-/// One line each: what, where, how to mend it; before any work.
+/// One line each: what is wrong, where, how to fix it; before any work.
 #[test]
 fn bad_input_is_told_in_one_line() {
     let (folder, good, port) = scene("driver = \"eits1\"");
@@ -479,14 +479,14 @@ fn bad_input_is_told_in_one_line() {
         let said = record(&with(instrument), &[]);
         assert!(said.contains(wanted), "{instrument}: {said}");
     }
-    // nothing is there
+    // there is nothing at the port
     let said = record(&good, &[]);
     assert!(said.contains("cannot be opened") && said.contains("plug it in"), "{said}");
     let said = record(&good, &["--port", "tcp:127.0.0.1:1"]);
     assert!(said.contains("tcp:127.0.0.1:1: cannot be opened"), "{said}");
     let said = record(&good, &["--seconds", "0"]);
     assert!(said.contains("--seconds 0: it must be above 0"), "{said}");
-    // no frame at all would be a silent instrument, exit code 3
+    // a run without any frame would look like a silent instrument, exit code 3
     let said = record(&good, &["--frames", "0"]);
     assert!(said.contains("--frames 0: it must be above 0"), "{said}");
     for more in [&["live", text(&good)][..], &["replay", text(&good), "--from", "none.mcap"]] {
@@ -501,11 +501,11 @@ fn bad_input_is_told_in_one_line() {
     assert!(said.contains("has no [instrument]"), "{said}");
     assert!(!out.exists(), "refused before anything is made");
 
-    // another device, and a protocol that this one does not measure: both are named
+    // another device, and a protocol that it does not measure: both are named
     let csv = with(&format!("driver = \"csv\"\nport = \"{}\"", text(&port)));
     let emulated = emulate(&csv, &port, &[]);
     let said = record(&good, &[]);
-    assert!(said.contains("lines of text, of 40 numbers"), "{said}");
+    assert!(said.contains("lines of text with 40 numbers"), "{said}");
     assert!(said.contains("instrument.driver") || said.contains("`[instrument] driver`"), "{said}");
     drop(emulated);
     let board = with(&format!("driver = \"openeit-8\"\nport = \"{}\"", text(&port)));
@@ -515,7 +515,7 @@ fn bad_input_is_told_in_one_line() {
     let said = refuse(&[&["emulate", text(&board)], &arguments[..]].concat());
     assert!(said.contains("the protocol of") && said.contains("\"openeit-8\""), "{said}");
     assert!(said.contains("it drives (0, 4)"), "{said}");
-    // the board measures under opposite drives; a scene with adjacent ones wants something else
+    // the board measures with opposite drives, a scene with adjacent ones does not match
     let opposite = std::fs::read_to_string(&board).unwrap().replace("\"adjacent\"", "\"opposite\"");
     let right = folder.path().join("right.toml");
     std::fs::write(&right, opposite).unwrap();

@@ -9,19 +9,19 @@ use std::path::{Path, PathBuf};
 
 const RATE_HZ: f64 = 20.0;
 const QUIET: usize = 40;
-/// First frame of a press, and frames from one to the next: 4 up, 14 steady, 4 down.
+/// First frame of a press, and frames between presses: 4 rising, 14 steady, 4 falling.
 const FIRST: usize = 42;
 const EACH: usize = 32;
 const PRESSES: usize = 13;
 
-/// Place and force of a press, anywhere within 0.75 of the radius.
+/// Position and force of a press, anywhere within 0.75 of the radius.
 fn press(k: usize) -> ([f64; 2], f64) {
     let (sin, cos) = (2.4 * k as f64).sin_cos();
     let radius = 0.075 * ((k as f64 + 0.5) / PRESSES as f64).sqrt();
     ([radius * cos, radius * sin], 0.3 * 8.0_f64.powf((5 * k % PRESSES) as f64 / PRESSES as f64))
 }
 
-/// A simulated recording in a folder, and the table of its presses but for the last.
+/// A simulated recording in a folder, and the table of its presses except the last.
 fn recorded(folder: &Path) -> (PathBuf, PathBuf) {
     let mut script = format!(
         "frame_rate_hz = {RATE_HZ:?}\nframes = {}\nquiet_frames = {QUIET}\n",
@@ -71,7 +71,7 @@ fn presses_become_newtons() {
     ]);
     let answer: serde_json::Value = serde_json::from_str(&answer).unwrap();
     assert_eq!(answer["presses"], PRESSES - 1);
-    // the model is right on a simulated skin: nothing learnt may make places worse
+    // the model is correct on a simulated skin: learning must not make positions worse
     assert_eq!(answer["places_by"], "model", "{answer}");
     assert_eq!(answer["learning_curve"][0]["learnt"], 5, "{answer}");
     let curve = learned.with_extension("curve.csv");
@@ -97,13 +97,13 @@ fn presses_become_newtons() {
         if (last + 11..last + 17).contains(&(value("frame") as usize)) {
             held += 1;
             assert!((value("x_m") - x).hypot(value("y_m") - y) < 5e-3, "{line}");
-            // a press that was not learnt: 10 % in 85 % of them, 26 % at most (docs/VALIDATION.md)
+            // a press that was not learnt: 10 % in 85 % of them, at most 26 % (docs/validation/learning.md)
             assert!((value("force_n") / force - 1.0).abs() < 0.26, "{line}: {force} N");
             assert!(value("force_std_n") > 0.0 && values[column("unlike")] == "false", "{line}");
         }
     }
     assert_eq!(held, 6, "{csv}");
-    // refused elsewhere, and where it was damaged
+    // rejected for another skin, and if damaged
     let elsewhere = folder.path().join("elsewhere.toml");
     std::fs::write(
         &elsewhere,
@@ -121,7 +121,7 @@ fn presses_become_newtons() {
     std::fs::write(&learned, bytes.replacen("\"version\":1", "\"version\":7", 1)).unwrap();
     assert!(reconstruct(&named).contains("version 7 of the format"));
     std::fs::write(&learned, "x_m,y_m\n").unwrap();
-    assert!(reconstruct(&named).contains("no file of `eit learn`"));
+    assert!(reconstruct(&named).contains("not a file of `eit learn`"));
 }
 
 #[test]
@@ -162,7 +162,7 @@ fn bad_tables_are_one_line() {
     );
 }
 
-/// Everything of a folder by name.
+/// Contents of a folder, by name.
 fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let mut all: Vec<_> =
@@ -171,7 +171,7 @@ fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     all
 }
 
-/// No input is written over, whatever it is called, and nothing is left where that is refused.
+/// No input is overwritten, whatever its name, and nothing is left behind after a rejection.
 #[test]
 fn inputs_are_not_written_over() {
     let folder = tempfile::tempdir().unwrap();
@@ -187,22 +187,22 @@ fn inputs_are_not_written_over() {
         refuse(&[&base[..], &["--out", text(&out)], more].concat())
     };
     let said = run("a.curve.csv", "frames.csv", "a.learned", &[]);
-    assert!(said.contains("a.curve.csv: --out would write over the presses"), "{said}");
+    assert!(said.contains("a.curve.csv: --out would overwrite the presses"), "{said}");
     let said = run("presses.csv", "a.curve.csv", "a.learned", &[]);
-    assert!(said.contains("over the frames"), "{said}");
+    assert!(said.contains("overwrite the frames"), "{said}");
     let old = path("b.learned");
     let said = run("presses.csv", "frames.csv", "b.learned", &["--with", text(&old)]);
-    assert!(said.contains("over the earlier file"), "{said}");
+    assert!(said.contains("overwrite the earlier file"), "{said}");
     let curve = path("a.curve.csv");
     let said = run("presses.csv", "frames.csv", "a.learned", &["--reference", text(&curve)]);
-    assert!(said.contains("over the reference"), "{said}");
-    // the curve of presses.learned is not presses.csv: what stops this one is its only press
+    assert!(said.contains("overwrite the reference"), "{said}");
+    // the curve of presses.learned is not presses.csv: the run stops because there is only one press
     let said = run("presses.csv", "frames.csv", "presses.learned", &[]);
-    assert!(!said.contains("write over"), "{said}");
+    assert!(!said.contains("overwrite"), "{said}");
     assert_eq!(contents(folder.path()), before);
 }
 
-/// Devices and pipes have no end: they are refused before they are read.
+/// Devices and pipes have no end: they are rejected before they are read.
 #[cfg(unix)]
 #[test]
 fn devices_and_pipes_are_refused() {

@@ -12,24 +12,24 @@ use std::path::{Path, PathBuf};
 const METHODS: [&str; 6] =
     ["st-tv", "tv", "gauss-newton", "time-prior", "kalman", "gauss-newton-absolute"];
 
-/// Standard deviation of the simulated noise, volt: the largest voltages are a few volts.
+/// Standard deviation of the simulated noise, volt; the largest voltages are a few volts.
 const NOISE_V: f64 = 1e-4;
 /// Quiet frames, then frames with a finger.
 const QUIET: usize = 8;
 const TOUCHED: usize = 4;
 
-/// Where the finger is in a touched frame, metres.
+/// Position of the finger in a touched frame, metres.
 fn finger(frame: usize) -> [f64; 2] {
     [0.04, 0.02 - 0.01 * frame as f64]
 }
 
-/// Recorded frames of a finger and the scene that they belong to.
+/// Recorded frames of a finger and their scene.
 struct Fixture {
     folder: tempfile::TempDir,
     frames: PathBuf,
 }
 
-/// Voltages of the finger on a finer mesh than the scene's, by the program itself.
+/// Voltages of the finger on a finer mesh than the scene's, computed by the program itself.
 fn fixture() -> Fixture {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
@@ -84,8 +84,8 @@ impl Fixture {
     }
 }
 
-/// Centre of what reaches half of the largest value of a frame, metres, on a raster over the disc of
-/// 0.1 m.
+/// Centre of the region above half of the largest value of a frame, metres, on a raster over the disc of 0.1
+/// m.
 fn centre_m(images: &Array3<f64>, frame: usize) -> [f64; 2] {
     let image = images.index_axis(Axis(0), frame);
     let most = image.iter().filter(|v| v.is_finite()).fold(0.0, |m: f64, v| m.max(*v));
@@ -132,7 +132,7 @@ fn every_method_finds_the_finger() {
         assert!(number("lower_bound") <= number("primal"), "{method}");
         let residual = report["residual"].as_array().unwrap();
         assert!(residual[..QUIET].iter().all(Value::is_null), "{method}");
-        // a quarter of the weights of the discrepancy principle: less than the noise is left
+        // a quarter of the weights of the discrepancy principle: the residual is below the noise
         for r in &residual[QUIET..] {
             let ratio = r.as_f64().unwrap() / number("residual_wanted");
             assert!((0.3..1.5).contains(&ratio), "{method}: {ratio}");
@@ -141,7 +141,7 @@ fn every_method_finds_the_finger() {
     }
 }
 
-/// A noise that is stated chooses st-tv, its weights and the frames that it skips; bounds hold.
+/// Stated noise selects st-tv, its weights and the frames that it skips; bounds hold.
 #[test]
 fn the_scene_chooses() {
     let fixture = fixture();
@@ -161,8 +161,8 @@ fn the_scene_chooses() {
     let report = fixture.run(&scene, &reference).1;
     let delta = report["weights"]["delta"].as_f64().unwrap();
     assert!((delta * delta - 40.0).abs() < 1e-9, "40 measurements: {delta}");
-    // the weights that a report states give the same images where the scene states them: with the noise
-    // known, which the model's error raised, and unknown
+    // weights from a report give the same images when stated in the scene: with known noise, which the model
+    // error raised, and with unknown noise
     for noise in [noise.as_str(), ""] {
         let keys = "[reconstruction]\nmethod = \"st-tv\"\npixels = 24\ntarget_gap = 1e-4\n";
         let scene = fixture.scene(&format!("{keys}{noise}"));
@@ -177,14 +177,14 @@ fn the_scene_chooses() {
         let pairs = || images.iter().zip(&again).filter(|(a, _)| a.is_finite());
         let apart = pairs().map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
         let size = pairs().map(|(a, _)| a * a).sum::<f64>().sqrt();
-        // both within 1e-4 of one optimum, which settles the images to a few parts in a hundred
+        // both within 1e-4 of one optimum, which determines the images to a few percent
         assert!(apart <= 0.05 * size, "{apart:e} of {size:e}: {report}");
     }
     let scene = fixture.scene("[reconstruction]\npixels = 24\nlambda_space = 1.0\n");
     let report = fixture.run(&scene, &reference).1;
     assert_eq!(report["weights"]["lambda_space"], 1.0);
     assert_eq!(report["weights"]["rule"], "fixed by the scene");
-    // a gap that no millisecond reaches: the best image so far, with its certificate
+    // a gap that cannot be reached in a millisecond: the best image so far, with its certificate
     let keys = "pixels = 64\nlambda_space = 1e7\ntarget_gap = 1e-12\ndeadline_s = 1e-3\n";
     let scene = fixture.scene(&format!("[reconstruction]\n{keys}"));
     let (images, report) = fixture.run(&scene, &reference);
@@ -193,7 +193,7 @@ fn the_scene_chooses() {
     assert!(images.iter().any(|v| v.is_finite()));
 }
 
-/// One frame is plain total variation, frames alike are one, and quiet frames are none.
+/// One frame is plain total variation, equal frames are one, and quiet frames are none.
 #[test]
 fn what_a_recording_does_not_need_is_left_out() {
     let fixture = fixture();
@@ -221,7 +221,7 @@ fn what_a_recording_does_not_need_is_left_out() {
     let nothing = run(&[6, 7]);
     assert_eq!(nothing["quiet_frames"], 2, "{nothing}");
     assert_eq!(nothing["status"], "nothing to solve");
-    // the same touch with other noise: moving frames are not alike
+    // the same touch with other noise: moving frames are not equal
     assert_eq!(run(&[8, 9, 10, 11])["still"], false);
     let mut noise = Random::new(11);
     let alike = Array2::from_shape_fn((5, frames.ncols()), |(_, i)| {
@@ -235,7 +235,7 @@ fn what_a_recording_does_not_need_is_left_out() {
     let still: Value = serde_json::from_str(&answer).unwrap();
     assert_eq!((&still["still"], &still["method"]), (&true.into(), &"st-tv".into()), "{still}");
     assert_eq!(still["weights"]["lambda_time"], 0.0, "one image has nothing to couple");
-    // the plan looks at the recording and says the same
+    // the plan reads the recording and agrees
     let noise = format!("[reconstruction]\npixels = 16\n[noise]\nadditive_v = {NOISE_V}\n");
     let told = |file: &str| {
         let recording = format!("[recording]\nfile = \"{file}\"\nreference = \"reference.npy\"\n");
@@ -258,7 +258,7 @@ fn what_a_recording_does_not_need_is_left_out() {
     assert!((1..5).all(same), "one image serves all");
 }
 
-/// Limits that no clock can count are none; a frame is named by its number in the recording.
+/// Limits beyond what a clock can count are ignored; a frame is named by its number in the recording.
 #[test]
 fn numbers_out_of_reach() {
     let fixture = fixture();
@@ -270,14 +270,14 @@ fn numbers_out_of_reach() {
     let out = fixture.folder.path().join("none");
     let arguments = ["--frames", text(&fixture.frames), "--reference", "0..8", "--out", text(&out)];
     let found = refuse(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
-    // the first eight frames are quiet and not solved: the first that is solved is number 8
+    // the first eight frames are quiet and not solved: the first one solved is number 8
     assert!(found.contains(&format!("frame {QUIET}: delta is 0")), "{found}");
     let scene = fixture.scene("[reconstruction]\ntarget_gap = 5.0\n");
     assert!(refuse(&["plan", text(&scene)]).contains("target_gap is 5: "));
 }
 
-/// Residuals of the methods on elements are in units of the noise that a difference has, with the
-/// gain of the recording against the model and the share of the reference.
+/// Residuals of the element-based methods are in units of the noise of a difference, including the gain of
+/// the recording against the model and the noise of the reference.
 #[test]
 fn residuals_are_in_units_of_the_noise() {
     let fixture = fixture();
@@ -302,17 +302,17 @@ fn residuals_are_in_units_of_the_noise() {
         // rounding of 10 v
         assert!((ratio - 1.0).abs() < 1e-6, "frame {frame}: {ratio}");
     }
-    // a quiet frame holds noise alone, of which the image follows some degrees of freedom; those
-    // just before the finger have some of its image, for the prior in time
+    // a quiet frame only contains noise, of which the image follows some degrees of freedom; those just
+    // before the finger contain some of its image, due to the prior in time
     let wanted = one["residual_wanted"].as_f64().unwrap();
     for frame in 0..QUIET - 4 {
         let ratio = residual(&one, frame) / wanted;
-        // 40 measurements, up to 20 of them followed: the root of a half, and a spread of a ninth
+        // 40 measurements, up to 20 of them followed: the square root of a half, and a spread of a ninth
         assert!((0.4..1.4).contains(&ratio), "frame {frame}: {ratio}");
     }
 }
 
-/// Without a known noise the weights come from the model's error, and the user is told.
+/// Without known noise the weights come from the model error, and the user is told.
 #[test]
 fn unknown_noise_is_said() {
     let fixture = fixture();
@@ -324,13 +324,13 @@ fn unknown_noise_is_said() {
     assert!(error < 0.01, "{error}");
 }
 
-/// Touches are listed with their places, whatever method makes the pictures, and only where the
-/// noise is known.
+/// Touches are listed with their positions, independently of the image method, and only if the noise is
+/// known.
 #[test]
 fn touches_are_written_where_the_noise_is_known() {
     let fixture = fixture();
     let out = fixture.folder.path().join("out");
-    // the object is a disc of 20 mm: a bell of 7 mm would make two touches of it
+    // the object is a disc of 20 mm: with a bell of 7 mm it would appear as two touches
     let known = fixture.scene(
         "[reconstruction]\npixels = 24\n[noise]\nadditive_v = 1e-4\n[touch]\nradius_m = 0.02\n",
     );
@@ -347,7 +347,7 @@ fn touches_are_written_where_the_noise_is_known() {
              valid,whole,force_n,force_std_n,unlike"
         );
         assert!(rows.iter().all(|row| row.len() == rows[0].len()));
-        // so strong a touch is believed at once
+        // a touch this strong is accepted at once
         assert_eq!((rows.len(), rows[1][0], rows[1][3]), (TOUCHED + 1, "8", "begin"), "{csv}");
         for row in &rows[1..] {
             let number = |k: usize| row[k].parse::<f64>().unwrap();
@@ -358,7 +358,7 @@ fn touches_are_written_where_the_noise_is_known() {
             assert_eq!((row[14], row[15]), ("true", "true"), "{row:?}");
         }
     }
-    // without noise no list, and none is left from before
+    // without noise no list, and none is left from the earlier run
     let unknown = fixture.scene("[reconstruction]\npixels = 24\n");
     let (_, report) = fixture.run(&unknown, &["--method", "gauss-newton", "--reference", "0"]);
     assert!(report["touches"].is_null());
@@ -368,7 +368,7 @@ fn touches_are_written_where_the_noise_is_known() {
         ("least_strength_m2 = -1.0", "touch.least_strength_m2"),
         ("birth_frames = 0", "birth_frames"),
         // of earlier versions
-        ("false_alarms_per_hour = 1.0", "has gone"),
+        ("false_alarms_per_hour = 1.0", "was removed"),
         ("birth_hits = 2", "birth_frames"),
         ("max_touch = 1", "max_touches"),
     ] {
@@ -393,7 +393,7 @@ fn unknown_methods_list_the_names() {
     assert!(!out.exists(), "refused before anything is made");
     let found = refuse(&["plan", text(&fixture.scene("[reconstruction]\nmethod = \"TV\"\n"))]);
     assert!(found.contains("reconstruction.method = \"TV\"") && found.contains("\"kalman\""));
-    // quiet frames that the recording has not
+    // quiet frames beyond the recording
     let scene = fixture.scene("[noise]\nquiet_frames = \"0..100\"\n");
     let found = refuse(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
     assert!(found.contains("quiet_frames") && found.contains("0 to 11"), "{found}");
@@ -434,13 +434,13 @@ fn plan_tells_the_method_and_why() {
     let told = plan(&format!("{noise}[reconstruction]\nlambda_time = 0.0\n"), &[]);
     assert!(told.contains("time term: none") && !told.contains("couples"), "{told}");
     for method in METHODS {
-        assert!(plan("", &["--method", method]).contains(&format!("method {method}: asked for")));
+        assert!(plan("", &["--method", method]).contains(&format!("method {method}: requested")));
     }
 }
 
-/// A resistive skin and one frame need no complex numbers, no time, no net and no instrument, whatever
-/// the method; each comes back where the scene asks for it. `eit-inverse`'s test `one_frame` shows the
-/// same of a program.
+/// A resistive skin and one frame need no complex numbers, no time term, no U-net and no instrument, whatever
+/// the method; each is added if the scene asks for it. `eit-inverse`'s test `one_frame` shows the same for a
+/// program.
 #[test]
 fn plan_of_one_frame_leaves_out_what_it_does_not_need() {
     let folder = tempfile::tempdir().unwrap();
@@ -476,7 +476,7 @@ fn plan_of_one_frame_leaves_out_what_it_does_not_need() {
     );
 }
 
-/// The whole comparison in seconds: every method is in it, and every file.
+/// The whole comparison in seconds: it contains every method and every file.
 #[test]
 fn report_compares_every_method() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Files with values that are no numbers, through the commands: a missing value is no refusal, and a
-//! frame without any blinds nobody.
+//! Files with values that are not numbers, through the commands: missing values are accepted, and a frame
+//! without any value does not interrupt detection.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;
@@ -10,11 +10,11 @@ use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Frames of the finger, which stays: it comes with frame 101 of 200.
+/// Frames with the finger, which stays: it appears in frame 101 of 200.
 const TOUCHED: std::ops::Range<usize> = 101..200;
 /// Frames without a value.
 const EMPTY: [usize; 3] = [60, 120, 150];
-/// Every so many frames some values are missing.
+/// Interval between frames with missing values.
 const HOLED: usize = 7;
 
 /// Frames with holes, as NPY and as CSV.
@@ -24,7 +24,7 @@ fn holed(folder: &Path, scene: &Path) -> [std::path::PathBuf; 2] {
         if EMPTY.contains(&frame) {
             values.fill(f64::NAN);
         } else if frame > 30 && frame % HOLED == 0 {
-            // of measurements that share no electrode's most
+            // spread so that no electrode loses most of its measurements
             [frame % 40, (3 * frame + 17) % 40].iter().for_each(|&i| values[i] = f64::NAN);
         }
     }
@@ -43,7 +43,7 @@ fn table(frames: &Array2<f64>) -> String {
     text
 }
 
-/// Frames of a touch list in which a touch is valid, and all its numbers.
+/// Frames of a touch list with a valid touch, and the ids of all touches.
 fn valid_frames(csv: &Path) -> (Vec<usize>, Vec<String>) {
     let text = std::fs::read_to_string(csv).unwrap();
     let mut lines = text.lines();
@@ -58,8 +58,8 @@ fn valid_frames(csv: &Path) -> (Vec<usize>, Vec<String>) {
     (rows.iter().filter(is_valid).map(|row| row[frame].parse().unwrap()).collect(), ids)
 }
 
-/// The finger is felt from its second frame to the last in all frames but the empty ones, and in no
-/// frame without it. How many numbers its touches get (this small skin splits the finger) is answered.
+/// The finger is detected from its second frame to the last in all but the empty frames, and in no frame
+/// without it. Returns how many ids its touches get (this small skin splits the finger).
 fn check(csv: &Path, first: usize) -> usize {
     let (frames, ids) = valid_frames(csv);
     let found: Vec<usize> = frames.iter().map(|frame| frame + first).collect();
@@ -103,6 +103,6 @@ fn values_that_are_no_numbers_are_missing() {
         ids.push(check(&out.join("touches.csv"), 30));
         std::fs::remove_file(&recording).unwrap();
     }
-    // holes change no numbers
+    // missing values do not change ids
     assert!(ids.iter().all(|count| *count == ids[0]), "{ids:?}");
 }

@@ -1,4 +1,4 @@
-//! Touches for other programs, as those programs read them.
+//! Touches for other programs, as read by those programs.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// No test waits longer for what must come.
+/// Maximum time that a test waits.
 const LIMIT: Duration = Duration::from_secs(120);
 
-/// An emulated skin that is touched from the hundredth of its 200 frames on, and ends with the test.
+/// An emulated skin that is touched from the hundredth of its 200 frames on, and stops with the test.
 struct Skin {
     folder: tempfile::TempDir,
     scene: PathBuf,
@@ -24,7 +24,7 @@ struct Skin {
 
 impl Drop for Skin {
     fn drop(&mut self) {
-        // gone already is as good
+        // it may have exited already
         let _ = Command::new("kill").arg(self.emulator.id().to_string()).status();
         let _ = self.emulator.wait();
     }
@@ -56,7 +56,7 @@ impl Skin {
     }
 }
 
-/// Runs `eit`; its lines, each of which must fit the schema, and what it says on stderr.
+/// Runs `eit`; returns its lines, each checked against the schema, and its stderr.
 fn lines(arguments: &[&str]) -> (Vec<Value>, String) {
     let output = eit(arguments);
     let said = String::from_utf8(output.stderr).unwrap();
@@ -79,14 +79,14 @@ fn frames(lines: &[Value]) -> Vec<&Value> {
     lines.iter().filter(|line| line["type"] == "frame").collect()
 }
 
-/// Names of the lines that are no frames.
+/// Names of the lines that are not frames.
 fn others(lines: &[Value]) -> Vec<&str> {
     let names = lines.iter().filter_map(|line| line["event"].as_str().or(line["type"].as_str()));
     names.filter(|&name| name != "frame").collect()
 }
 
-/// Live lines hold every frame and the finger where it is; a datagram is a line; a replay of what was
-/// recorded meanwhile says the same touches.
+/// Live lines contain every frame and the finger at its place; a datagram is a line; a replay of the
+/// recording made meanwhile reports the same touches.
 #[test]
 fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
     let skin = Skin::new();
@@ -97,7 +97,7 @@ fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
     let listen = std::thread::spawn(move || {
         let mut datagram = [0; 65_536];
         let mut text = String::new();
-        // the last line says so
+        // the last line says `ended`
         while !text.contains("\"ended\"") {
             let size = receiver.recv(&mut datagram).unwrap();
             text += std::str::from_utf8(&datagram[..size]).unwrap();
@@ -152,7 +152,7 @@ fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
     assert!(frames(&again).iter().all(|frame| frame["latency_s"].is_null()));
 }
 
-/// `| head -1` ends a live view, which would go on for ever, with success.
+/// `| head -1` ends a live view, which would continue for ever, with success.
 #[test]
 fn a_closed_pipe_ends_the_run() {
     let skin = Skin::new();
@@ -180,7 +180,7 @@ fn a_closed_pipe_ends_the_run() {
     assert!(status.success(), "{said}");
 }
 
-/// Images are made where a file wants them, and touches are the same with and without.
+/// Images are made if a file needs them, and touches are the same with and without.
 #[test]
 fn images_are_made_for_who_asks() {
     let skin = Skin::new();
@@ -218,7 +218,7 @@ fn bad_wishes_are_refused_before_any_work() {
     }
 }
 
-/// The page of a replay: its address is printed, and what it is sent shows the finger and an image.
+/// The page of a replay: its address is printed, and the data sent to it show the finger and an image.
 #[test]
 fn a_page_shows_touches_and_images() {
     let skin = Skin::new();

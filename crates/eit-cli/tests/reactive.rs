@@ -1,5 +1,5 @@
-//! Skins that store charge: complex voltages and Jacobian against closed forms and the real model, a
-//! plan that says so, clear refusals.
+//! Reactive skins: complex voltages and Jacobian against closed forms and the real model, a plan that says
+//! so, and clear rejections.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 mod common;
@@ -10,7 +10,8 @@ use ndarray::{Array1, Array2, ArrayView, Dimension};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// What the skin of [`SMALL`] and a capacitance of equal admittance have together, over what it has.
+/// Ratio of the total admittance of the skin of [`SMALL`] with a capacitance of equal admittance to that
+/// without.
 const TURN: Complex64 = Complex64::new(1.0, 1.0);
 
 /// [`SMALL`] with more lines in its first three tables.
@@ -27,7 +28,7 @@ fn capacitive(electrodes: &str) -> String {
     with("sheet_capacitance_f = 1e-10", electrodes, &format!("frequency_hz = {frequency_hz:e}"))
 }
 
-/// Contacts of the phase of [`capacitive`]: 1e3 ohm metre beside `1 / (2 pi f c) = 1e3`.
+/// Contacts with the phase of [`capacitive`]: 1e3 ohm metre in parallel with `1 / (2 pi f c) = 1e3`.
 const CONTACTS_OF_45_DEGREES: &str = "contact_capacitance_f_per_m = 1e-8";
 
 /// Result of a command that takes a scene and writes a file.
@@ -52,8 +53,8 @@ fn differ(found: &Array1<Complex64>, wanted: &Array1<Complex64>) -> f64 {
 }
 
 /// `V(t gamma, z / t) = V(gamma, z) / t` and `dV/dgamma` over `t` squared, for every complex `t`: with
-/// contacts of the skin's own phase every voltage is the real one over `1 + i`, as of a resistor and a
-/// capacitor of equal admittance side by side.
+/// contacts of the skin's own phase every voltage is the real one over `1 + i`, as for a resistor and a
+/// capacitor of equal admittance in parallel.
 #[test]
 fn of_one_phase_voltages_and_jacobian_are_the_real_ones_turned() {
     let folder = tempfile::tempdir().unwrap();
@@ -73,13 +74,13 @@ fn of_one_phase_voltages_and_jacobian_are_the_real_ones_turned() {
     println!("voltages {error:.1e}, Jacobian {slope:.1e}");
     // condition number about 1e4; the frequency of the scene is rounded to the last digit
     assert!(error < 1e-12 && slope < 1e-12, "{error:e} {slope:e}");
-    // contacts without capacitance have another phase, and then so have the voltages
+    // contacts without capacitance have another phase, and then so do the voltages
     let mixed = voltages(&file("forward", &capacitive(""), "v.npy"));
     assert!(differ(&mixed, &wanted) > 1e-4);
 }
 
 /// On a strip the current is uniform: `V = I (length / (gamma width) + (z_1 + z_2) / width)`, with
-/// phases of sheet and contacts that have nothing to do with each other.
+/// independent phases of sheet and contacts.
 #[test]
 fn a_strip_has_its_closed_form() {
     let folder = tempfile::tempdir().unwrap();
@@ -102,13 +103,13 @@ fn a_strip_has_its_closed_form() {
     let wanted = (length / (gamma * width) + contacts / width) * current;
     let error = (found[0] - wanted).norm() / wanted.norm();
     println!("{error:.1e}");
-    // linear elements hold a uniform field; condition number about 1e4
+    // linear elements represent a uniform field exactly; condition number about 1e4
     assert!(found.len() == 1 && error < 1e-12, "{found} {wanted}");
 }
 
-/// The Jacobian of a skin of mixed phases: what is left of `V(gamma + h d) - V(gamma) - h J d` falls
-/// with `h` squared along a complex direction. Files of admittivities go in, so that their order is that
-/// of the Jacobian's columns.
+/// The Jacobian of a skin with mixed phases: the remainder `V(gamma + h d) - V(gamma) - h J d` falls with `h`
+/// squared along a complex direction. Admittivities are read from files, so their order is that of the
+/// Jacobian's columns.
 #[test]
 fn taylor_remainders_of_the_jacobian_fall_with_the_square() {
     let folder = tempfile::tempdir().unwrap();
@@ -143,8 +144,8 @@ fn taylor_remainders_of_the_jacobian_fall_with_the_square() {
     assert!(remainders[0] < 0.1 * 0.5 * largest(along.view()), "{remainders:?}");
 }
 
-/// CSV alternates real and imaginary parts; a file of conductivities is completed by the scene's
-/// permittivity, a file of admittivities is taken as it is.
+/// CSV alternates real and imaginary parts; a file of conductivities is combined with the scene's
+/// capacitance, a file of admittivities is used unchanged.
 #[test]
 fn files_hold_the_same_numbers() {
     let folder = tempfile::tempdir().unwrap();
@@ -181,16 +182,16 @@ fn files_hold_the_same_numbers() {
     sheet(Complex64::new(-1.0, 0.0));
     let found = refuse(&arguments);
     assert!(found.contains("the admittivity of element 0 is -1+0i S"), "{found}");
-    // a skin without capacitance does not take them
+    // a skin without capacitance rejects them
     sheet(1e-5 * TURN);
     let real = write_scene(folder.path(), SMALL);
     let found =
         refuse(&["forward", text(&real), "--conductivity", text(&file), "--out", text(&out)]);
-    assert!(found.contains("nothing in the scene stores charge"), "{found}");
+    assert!(found.contains("the scene stores no charge"), "{found}");
 }
 
-/// Nothing flows through a capacitor at rest, nor through none: files are those of the real scene, byte
-/// for byte.
+/// Nothing flows through a capacitor at zero frequency, nor through zero capacitance: files equal those of
+/// the real scene, byte for byte.
 #[test]
 fn without_capacitance_or_frequency_results_are_the_real_ones_to_the_bit() {
     let folder = tempfile::tempdir().unwrap();
@@ -226,7 +227,7 @@ fn plan_says_whether_arithmetic_is_complex_and_why() {
     let scene = write_scene(folder.path(), &capacitive(CONTACTS_OF_45_DEGREES));
     let json: Value = serde_json::from_str(&succeed(&["plan", text(&scene), "--json"])).unwrap();
     assert_eq!(json["complex"], true);
-    // one phase, up to its rounding: elimination in real numbers, turned
+    // a single phase, up to rounding: elimination in real numbers, rotated
     assert!(json["phase_span_deg"].as_f64().unwrap() < 1e-9, "{json}");
     assert!((json["growth"].as_f64().unwrap() - 1.0).abs() < 1e-9, "{json}");
     let names = |list: &Value, key: &str| -> Vec<String> {
@@ -301,7 +302,7 @@ fn keys_are_checked() {
         let found = refused(&content.replace(from, to));
         assert!(found.contains(told), "{told}: {found}");
     }
-    // without a resistance beside it, a capacitance alone is a contact
+    // a capacitance without a resistance in parallel is a contact
     let contacts = "contact_capacitance_f_per_m = 1e-8";
     let content = capacitive(contacts).replace("_ohm_m = 1e3", "_ohm_m = inf");
     succeed(&["plan", text(&write_scene(folder.path(), &content))]);

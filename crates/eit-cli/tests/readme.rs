@@ -1,6 +1,6 @@
-//! The commands of README.md and of the guides run as they are written, in one folder, in order.
+//! The commands of README.md and of the guides run as written, in one folder, in order.
 //!
-//! Left out, and only these: lines that build or install with cargo, and lines that need a board on a port
+//! Only these are excluded: lines that build or install with cargo, and lines that need a board on a port
 //! (`/dev/`, `--port`) or run until they are stopped.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
@@ -35,7 +35,7 @@ fn needs_more(line: &str) -> bool {
         || live.iter().any(|command| line.starts_with(command))
 }
 
-/// Runs what can be run here; how many lines that were.
+/// Runs the lines that can run here; returns how many.
 fn run(name: &str) -> usize {
     let folder = tempfile::tempdir().unwrap();
     let program = PathBuf::from(env!("CARGO_BIN_EXE_eit"));
@@ -55,7 +55,7 @@ fn run(name: &str) -> usize {
 
 #[test]
 fn commands_of_the_readme() {
-    // four to look around with, three from a scene to touches
+    // four to look around, three from a scene to touches
     assert!(run("README.md") >= 7);
 }
 
@@ -64,7 +64,7 @@ fn commands_of_the_guide_to_a_skin_of_ones_own() {
     let name = "docs/BUILD_A_SKIN.md";
     let board: Vec<String> =
         shell_lines(name).into_iter().filter(|line| needs_more(line)).collect();
-    // every command that needs the board is one that `init.rs`, `silence.rs` or `instruments.rs` runs
+    // every command that needs the board is run by `init.rs`, `silence.rs` or `instruments.rs`
     assert!(board.len() >= 5, "{board:?}");
     assert!(run(name) >= 1);
 }

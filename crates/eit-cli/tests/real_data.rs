@@ -1,6 +1,6 @@
-//! Real recordings in, pressure images out: what is known of each must be seen in its images.
+//! From real recordings to images: what is known about each must show in its images.
 //!
-//! Every number printed here stands in `docs/VALIDATION.md`. The recordings are read in place.
+//! Every number printed here appears in `docs/validation/recordings.md`. The recordings are read in place.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -17,7 +17,7 @@ use ndarray::{Array2, Array3, ArrayView2, Axis};
 use serde_json::Value;
 use std::f64::consts::TAU;
 
-/// Images and report of a scene; `None` where its recording is not there.
+/// Images and report of a scene; `None` if its recording is not present.
 struct Run {
     images: Array3<f64>,
     report: Value,
@@ -54,8 +54,8 @@ fn run_by(name: &str, method: &str) -> Option<Run> {
     Some(Run { images, report })
 }
 
-/// The same with the shipped U-net, which never saw a real recording; insulating objects are its
-/// touches turned over. `raw` holds the images before it.
+/// The same with the shipped U-net, which never saw a real recording; insulating objects look like its
+/// touches with reversed sign. `raw` contains the images before it.
 fn run_denoised(name: &str) -> Option<(Run, Run)> {
     let folder = fixtures::shared_data(name)?;
     let shared = folder.parent().unwrap().display().to_string();
@@ -73,7 +73,7 @@ fn run_denoised(name: &str) -> Option<(Run, Run)> {
     Some((run("raw.npy"), run("images.npy")))
 }
 
-/// Frames in which the net was not believed.
+/// Frames in which the U-net's image was rejected.
 fn put_aside(run: &Run) -> Vec<usize> {
     let frames = run.report["denoise"]["check"]["raw_frames"].as_array().unwrap();
     frames.iter().map(|f| f.as_u64().unwrap() as usize).collect()
@@ -99,7 +99,7 @@ impl Object {
 }
 
 impl Run {
-    /// Objects of one sign in one frame, strongest first; nothing of the truth goes in.
+    /// Objects of one sign in one frame, strongest first, found without the truth.
     fn objects(&self, frame: usize, sign: f64) -> Vec<Object> {
         let image = self.images.index_axis(Axis(0), frame).mapv(|v| sign * v);
         let extent: Vec<f64> = self.report["extent_m"]
@@ -141,7 +141,7 @@ impl Run {
         objects
     }
 
-    /// The only `N` objects of a frame; a further one fails.
+    /// The only `N` objects of a frame; a further one is a failure.
     fn exactly<const N: usize>(&self, frame: usize, sign: f64) -> [Object; N] {
         let found = self.objects(frame, sign);
         <[Object; N]>::try_from(found.clone())
@@ -153,7 +153,7 @@ impl Run {
         self.objects(frame, sign)[0]
     }
 
-    /// Part of a frame's energy farther than a distance from its strongest object.
+    /// Fraction of a frame's energy farther than a distance from its strongest object.
     fn outside(&self, frame: usize, sign: f64, distance_m: f64) -> f64 {
         let object = self.strongest(frame, sign);
         let image = self.images.index_axis(Axis(0), frame);
@@ -181,14 +181,14 @@ fn largest(image: ArrayView2<'_, f64>) -> f64 {
     image.iter().filter(|v| v.is_finite()).fold(0.0, |m: f64, v| m.max(v.abs()))
 }
 
-/// Metal conducts beside electrode 1 (top), plastic insulates beside electrode 5 (right).
+/// Metal conducts next to electrode 1 (top), plastic insulates next to electrode 5 (right).
 #[test]
 fn pyeidors_tank16() {
     let Some(run) = run("pyeidors_tank16") else { return };
     let [metal] = run.exactly(1, 1.0).map(|o| o.angle_deg());
     let both = [run.strongest(3, 1.0).angle_deg(), run.strongest(3, -1.0).angle_deg()];
     println!("metal at {metal:.1} deg (90); with plastic {both:.1?} deg (90, 0)");
-    // half the pitch of 16 electrodes is 11 degrees: beside this electrode and no other
+    // half the pitch of 16 electrodes is 11 degrees: next to this electrode and no other
     assert!((metal - 90.0).abs() < 11.0 && (both[0] - 90.0).abs() < 11.0 && both[1].abs() < 11.0);
 }
 
@@ -225,12 +225,12 @@ fn golf_ball_b_shuffled_shows_nothing() {
     let Some(folder) = fixtures::shared_data("golf_ball_b") else { return };
     let frames: Array2<f64> =
         ndarray_npy::read_npy(folder.join("phantom_16elec_1planeB_256xN.npy")).unwrap();
-    // among the measurements that are used, by a fixed step: 71 and 208 have no common factor
+    // among the used measurements, with a fixed step: 71 and 208 are coprime
     let used: Vec<usize> = (0..256).filter(|i| frames[[0, *i]] != 0.0).collect();
     let mut shuffled = frames.clone();
     for (k, &to) in used.iter().enumerate() {
         let from = used[(71 * k) % used.len()];
-        // relative changes move, the reference stays: size and noise are those of the real frame
+        // relative changes are moved, the reference stays: size and noise are those of the real frame
         for f in 1..4 {
             shuffled[[f, to]] = frames[[0, to]] * frames[[f, from]] / frames[[0, from]];
         }
@@ -248,7 +248,7 @@ fn golf_ball_b_shuffled_shows_nothing() {
     for frame in 1..4 {
         let contrasts = [real.contrast(frame, -1.0), control.contrast(frame, -1.0)];
         println!("frame {frame}: contrast {contrasts:.2?} (real, shuffled)");
-        // measured 3.7 to 7.5 against 1.0 to 1.4: an image of nothing has equal signs
+        // measured 3.7 to 7.5 against 1.0 to 1.4: an empty image has equal amounts of both signs
         assert!(contrasts[0] > 2.0 && contrasts[1] < 1.7, "{contrasts:?}");
     }
 }
@@ -268,8 +268,8 @@ fn iirc_rod_2006() {
     let back = turned.windows(2).map(|t| (t[1] - t[0]).to_degrees()).fold(f64::INFINITY, f64::min);
     println!("{turns:.3} turns, smallest step {back:.2} deg");
     assert!((turns - 2.8).abs() < 0.05, "{turns}");
-    // monotone but for the last frame, where the rod rests (the data changes five times less than
-    // usual) and its published track steps back by 0.5 degrees as well
+    // monotone except for the last frame, where the rod rests (the data changes five times less than usual)
+    // and its published track also steps back by 0.5 degrees
     assert!(back > -0.5, "{back}");
 }
 
@@ -301,7 +301,7 @@ fn iirc_rod_2006_by_st_tv() {
          {:.1} deg",
         360.0 * turns / 99.0
     );
-    // what lies farther than 4 cm (twice the rod's diameter) from the object
+    // energy farther than 4 cm (twice the rod's diameter) from the object
     let outside = [&run, &one_step].map(|run| {
         let parts = (0..100).map(|frame| run.outside(frame, -1.0, 0.04));
         parts.sum::<f64>() / 100.0
@@ -312,15 +312,15 @@ fn iirc_rod_2006_by_st_tv() {
     );
     assert!((turns - 2.8).abs() < 0.05, "{turns}");
     assert!(outside[0] < 0.5 * outside[1], "{outside:?}");
-    // the rod was turned by hand, 10.2 degrees a frame with a spread of 3.5: nearly all of the second
-    // difference (measured 4.1 degrees, 5.4 and 5.7 mm) is its own, which a prior in time must keep;
-    // no rougher than one-step to a twentieth of it
+    // the rod was turned by hand, 10.2 degrees per frame with a spread of 3.5: nearly all of the second
+    // difference (measured 4.1 degrees, 5.4 and 5.7 mm) is real, and a prior in time must keep it; no rougher
+    // than one-step, within a twentieth
     assert!(rough_deg[0] < 1.05 * rough_deg[1] && rough_mm[0] < 1.05 * rough_mm[1]);
-    // nor smoothed away: half of what the one-step track shows
+    // nor oversmoothed: half of what the one-step track shows
     assert!(rough_deg[0] > 0.5 * rough_deg[1], "{rough_deg:?}");
 }
 
-/// What a net from simulated touches makes of an insulating rod in a tank.
+/// What a U-net trained on simulated touches makes of an insulating rod in a tank.
 #[test]
 fn iirc_rod_2006_denoised() {
     let Some((raw, net)) = run_denoised("iirc_rod_2006") else { return };
@@ -347,7 +347,7 @@ fn iirc_rod_2006_denoised() {
     assert!(outside[1] <= outside[0], "{outside:?}");
 }
 
-/// The same of an object in another tank, and of the empty one.
+/// The same for an object in another tank, and for the empty one.
 #[test]
 fn sciospec_tank_adjacent_denoised() {
     let Some((raw, net)) = run_denoised("sciospec_tank_adjacent") else { return };
@@ -392,7 +392,7 @@ fn sciospec_tank_adjacent_by_st_tv() {
     assert!(outside[0] < 0.5 * outside[1], "{outside:?}");
 }
 
-/// Channels that are bad in two frames are left out of these by total variation too.
+/// Channels that are bad in two frames are excluded from these by total variation too.
 #[test]
 fn umitooko_serial16_by_st_tv() {
     let Some(run) = run_by("umitooko_serial16", "st-tv") else { return };
@@ -402,7 +402,7 @@ fn umitooko_serial16_by_st_tv() {
     };
     let (torn, before) = (norm(74), norm(73));
     println!("norm of frame 73 {before:.1e}, frame 74 without its bad channels {torn:.1e} S");
-    // a peak says less here: what is wrong in channels that are not flagged makes a small spot
+    // a peak is less informative here: errors in channels that are not flagged make a small spot
     assert!(torn < 3.0 * before);
     for frame in [63, 116, 179, 210] {
         let pair = run.exactly::<2>(frame, -1.0).map(|o| o.angle_deg());
@@ -412,7 +412,7 @@ fn umitooko_serial16_by_st_tv() {
     }
 }
 
-/// A ball moved by hand, no empty frame: seen against the mean, and moving without jumps.
+/// A ball moved by hand, without an empty frame: visible relative to the mean, and moving without jumps.
 #[test]
 fn goe_mf2_ball() {
     let Some(run) = run("goe_mf2_ball") else { return };
@@ -423,8 +423,8 @@ fn goe_mf2_ball() {
     steps.sort_by(f64::total_cmp);
     let weakest = run.images.outer_iter().map(largest).fold(f64::INFINITY, f64::min);
     println!("median step {:.3} radii, weakest frame {weakest:.1e} S", steps[99]);
-    // places drawn at random in a disc are 0.9 radii apart on average; 2 % of the background is four
-    // times what quiet frames of the Sciospec tank show
+    // random positions in a disc are 0.9 radii apart on average; 2 % of the background is four times what
+    // quiet frames of the Sciospec tank show
     assert!(steps[99] < 0.1 && weakest > 2e-4);
 }
 
@@ -445,8 +445,8 @@ fn sciospec_tank_adjacent() {
     }
 }
 
-/// Two inclusions at opposite sides swell and shrink; in frames 74 and 75 an electrode is off: its
-/// saturated channels are left out of these frames, and no other.
+/// Two inclusions at opposite sides swell and shrink; in frames 74 and 75 an electrode is off: its saturated
+/// channels are excluded from these frames, and from no other.
 #[test]
 fn umitooko_serial16() {
     let Some(run) = run("umitooko_serial16") else { return };
@@ -459,21 +459,21 @@ fn umitooko_serial16() {
     for frame in [63, 116, 179, 210] {
         let pair = run.exactly::<2>(frame, -1.0).map(|o| o.angle_deg());
         println!("inclusions of frame {frame} at {pair:.0?} deg");
-        // opposite sides, within two electrode pitches: places are not documented, and the
-        // inclusions swell toward each other
+        // opposite sides, within two electrode pitches: positions are not documented, and the inclusions
+        // swell toward each other
         let apart = (pair[0] - pair[1]).rem_euclid(360.0);
         assert!((apart - 180.0).abs() < 45.0, "{apart}");
     }
 }
 
-/// One and two objects with sign and place of the archive's drawings; 79 current patterns.
+/// One and two objects with sign and position as drawn in the archive; 79 current patterns.
 #[test]
 fn uef2017_kit4() {
     let Some(run) = run("uef2017_kit4") else { return };
     assert_eq!(run.images.shape()[0], 10);
     let radius_m = 0.14;
-    // angle (degrees) and radius of what is drawn: centroids of the filled shapes of
-    // scheme_*.svg relative to the drawn circle; cases 2_3, 2_5, 2_6 are not drawn
+    // angle (degrees) and radius of the drawn objects: centroids of the filled shapes of scheme_*.svg
+    // relative to the drawn circle; cases 2_3, 2_5, 2_6 are not drawn
     let place = |(angle_deg, radius): (f64, f64)| {
         let (sin, cos) = angle_deg.to_radians().sin_cos();
         [radius * radius_m * cos, radius * radius_m * sin]

@@ -1,4 +1,4 @@
-//! Recordings and arrays as `eit recover`, `eit convert` and others read and write them.
+//! Recordings and arrays as read and written by `eit recover`, `eit convert` and others.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
@@ -11,7 +11,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::time::Duration;
 
-/// `eit recover` writes what is whole, and says what is not.
+/// `eit recover` writes the intact parts, and reports the rest.
 #[test]
 fn recover_reports_what_is_missing() {
     let folder = tempfile::tempdir().unwrap();
@@ -30,34 +30,34 @@ fn recover_reports_what_is_missing() {
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(found["bad_chunks"], 1, "{found}");
     let frames = found["frames"].as_u64().unwrap();
-    // chunks hold a second each, more where the processor was away for long: at least three quarters of
-    // three seconds are not in one
+    // chunks contain a second each, or more if the processor was busy for long: at least three quarters of
+    // three seconds are outside a single chunk
     assert!(frames < all && frames > all / 4, "{frames} of {all}");
     let capture = eit_hw::capture::read(&whole).unwrap();
     assert!(capture.frames().count() as u64 == frames && !capture.damage.unfinished);
     assert_eq!(eit(&["recover", text(&damaged), text(&whole)]).status.code(), Some(2));
 }
 
-/// Nothing whole is no recording, and no empty one is left that looks like all that there was.
+/// Nothing intact is an error, and no empty recording is left that would look complete.
 #[test]
 fn nothing_whole_is_refused_and_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let [damaged, new] = ["damaged.mcap", "new.mcap"].map(|name| folder.path().join(name));
     std::fs::write(&damaged, [eit_hw::capture::MAGIC, &[0xa5; 5000]].concat()).unwrap();
     let said = common::refuse(&["recover", text(&damaged), text(&new)]);
-    assert!(said.contains("damaged.mcap: none of its 5008 bytes"), "{said}");
+    assert!(said.contains("damaged.mcap: its 5008 bytes hold no intact message"), "{said}");
     assert!(!new.exists());
     std::fs::write(&damaged, b"").unwrap();
     let said = common::refuse(&["recover", text(&damaged), text(&new)]);
     assert!(said.contains("damaged.mcap") && !new.exists(), "{said}");
-    // a folder that is not there
+    // a folder that does not exist
     std::fs::write(&damaged, [eit_hw::capture::MAGIC, &[0xa5; 5000]].concat()).unwrap();
     let nowhere = folder.path().join("none").join("new.mcap");
     let said = common::refuse(&["recover", text(&damaged), text(&nowhere)]);
     assert!(said.contains("new.mcap: cannot be written"), "{said}");
 }
 
-/// The numbers of a table are not replaced by those in another order.
+/// Values of a table are not replaced by those in another order.
 #[test]
 fn convert_does_not_write_over_what_it_reads() {
     let folder = tempfile::tempdir().unwrap();
@@ -65,11 +65,11 @@ fn convert_does_not_write_over_what_it_reads() {
     std::fs::write(&table, "1,2,3\n4,5,6\n").unwrap();
     let other = folder.path().join("./a.csv");
     let said = common::refuse(&["convert", text(&table), "--out", text(&other)]);
-    assert!(said.contains("is what is converted"), "{said}");
+    assert!(said.contains("is the file to convert"), "{said}");
     assert_eq!(std::fs::read(&table).unwrap(), b"1,2,3\n4,5,6\n");
 }
 
-/// A disk that gets full while it is converted leaves no recording that looks whole.
+/// A disk that fills up during conversion leaves no recording that looks complete.
 #[test]
 fn a_conversion_that_fails_leaves_no_recording() {
     let folder = tempfile::tempdir().unwrap();
@@ -90,7 +90,7 @@ fn a_conversion_that_fails_leaves_no_recording() {
     assert!(!out.exists());
 }
 
-/// Nested brackets in the header of images took a minute, and were echoed whole.
+/// Nested brackets in the header of images once took a minute, and were echoed in full.
 #[test]
 fn a_hostile_header_of_images_is_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
@@ -133,7 +133,7 @@ fn devices_without_an_end_are_no_files() {
     }
 }
 
-/// Converted message by message: epochs, clocks and notes go along, and so does the order of a scene.
+/// Converted message by message: epochs, clocks and notes are kept, and a scene's order applies.
 #[test]
 fn convert_keeps_what_a_recording_holds() {
     let folder = tempfile::tempdir().unwrap();
@@ -149,7 +149,7 @@ fn convert_keeps_what_a_recording_holds() {
     }
     let [one, same] = [&out, &other].map(|path| eit_hw::capture::read(path).unwrap());
     assert_eq!(one.entries, same.entries);
-    // when each message was logged: players go by it
+    // log times of the messages, which players use
     let times = |path: &Path| {
         let (mut reader, mut times) = (CaptureReader::open(path).unwrap(), Vec::new());
         while reader.next_entry().unwrap().is_some() {

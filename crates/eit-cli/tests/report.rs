@@ -1,4 +1,4 @@
-//! `eit report` and what `eit plan` makes of it.
+//! `eit report`, and how `eit plan` uses it.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 mod common;
@@ -12,8 +12,8 @@ fn json(answer: &str) -> Value {
     serde_json::from_str(answer).unwrap()
 }
 
-/// The quick report of a scene: page, tables and pictures; errors that mean something; choices that
-/// are the best of their table.
+/// The quick report of a scene: page, tables and pictures; meaningful errors; choices that are the best of
+/// their table.
 #[test]
 fn the_report_of_a_scene_is_whole() {
     let folder = tempfile::tempdir().unwrap();
@@ -57,9 +57,8 @@ fn the_report_of_a_scene_is_whole() {
     assert!(!out.join("incomplete.txt").exists());
 }
 
-/// Errors of the forward problem mean something: quadratic elements are the better ones on every mesh,
-/// finer meshes are better, none is told that the reference cannot judge, and the chosen meshes
-/// keep their errors.
+/// Errors of the forward problem are meaningful: quadratic elements are better on every mesh, finer meshes
+/// are better, no error is stated that the reference cannot resolve, and the chosen meshes meet their errors.
 fn check_forward(skin: &Value, name: &str) {
     assert_eq!(skin["scene"], name);
     let meshes = skin["meshes"].as_array().unwrap();
@@ -99,7 +98,7 @@ fn check_forward(skin: &Value, name: &str) {
     }
 }
 
-/// Skins without images: a curve against the series, one against a finer mesh, one of patches.
+/// Skins without images: one compared with the series, one with a finer mesh, one with patches.
 #[test]
 fn forward_problems_of_other_skins_are_compared() {
     let folder = tempfile::tempdir().unwrap();
@@ -123,7 +122,7 @@ fn forward_problems_of_other_skins_are_compared() {
     assert!(refused.contains("patches"), "{refused}");
 }
 
-/// Ctrl-C leaves the scenes that were finished, and they say so.
+/// Ctrl-C keeps the finished scenes, and they say so.
 #[cfg(unix)]
 #[test]
 fn an_interrupted_report_keeps_what_it_has() {
@@ -135,7 +134,7 @@ fn an_interrupted_report_keeps_what_it_has() {
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
-    // the last file of a set that is put in its place
+    // the last file of a set to be renamed into place
     while !out.join("report.json").exists() {
         std::thread::sleep(Duration::from_millis(10));
     }
@@ -166,7 +165,7 @@ fn unknown_scenes_and_interpreters_are_refused_before_any_work() {
     assert!(error.contains("no-python"), "{error}");
 }
 
-/// A plan tells the error to expect, where it was measured, and what would be better in less time.
+/// A plan states the expected error, if it was measured, and what would be better in less time.
 #[test]
 fn a_plan_expects_what_was_measured_on_the_nearest_scene() {
     for (scene, like) in [
@@ -180,7 +179,7 @@ fn a_plan_expects_what_was_measured_on_the_nearest_scene() {
         let expected = &plan["expected_images"];
         assert_eq!(expected["measured_on"], like);
         let error = expected["relative_error"].as_f64().unwrap();
-        // worse than twice an empty image is no method to plan with
+        // a method worse than twice an empty image is not worth planning with
         assert!((0.01..2.0).contains(&error), "{scene}: {error}");
         let best = expected["best"].as_array().unwrap();
         assert_eq!(best.len(), 6, "three times, recorded and live");
@@ -190,7 +189,7 @@ fn a_plan_expects_what_was_measured_on_the_nearest_scene() {
     }
 }
 
-/// Every built-in scene is a scene file to start from.
+/// Every built-in scene is a template for a scene file.
 #[test]
 fn built_in_scenes_print_and_mesh() {
     let folder = tempfile::tempdir().unwrap();
@@ -207,7 +206,7 @@ fn built_in_scenes_print_and_mesh() {
     }
 }
 
-/// Currents on all electrodes at once leave no electrode undriven: the scene must know.
+/// Currents on all electrodes at once leave none undriven: the scene must say so.
 #[test]
 fn trigonometric_currents_keep_driven_electrodes() {
     let folder = tempfile::tempdir().unwrap();

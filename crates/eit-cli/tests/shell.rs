@@ -1,4 +1,4 @@
-//! Completions and manual pages, held against the shell and the commands that `eit --help` lists.
+//! Completions and manual pages, compared with the shell and the commands that `eit --help` lists.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;
@@ -55,7 +55,7 @@ fn completions_name_every_command_for_every_shell() {
     assert!(said.contains("cmd") && said.contains("bash"), "{said}");
 }
 
-/// Bash itself completes `eit li` where it is there.
+/// Bash itself completes `eit li`, if it is installed.
 #[cfg(unix)]
 #[test]
 fn bash_completes_a_command() {

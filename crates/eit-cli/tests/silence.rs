@@ -1,5 +1,5 @@
-//! Instruments that fall silent, restart, lie about their numbers or send hostile text, as a user of the
-//! commands meets them. The instrument is our own emulated device behind TCP, with something between.
+//! Instruments that fall silent, restart, report wrong numbers or send hostile text, as a user of the
+//! commands meets them. The instrument is our own emulated device behind TCP, with interference in between.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
@@ -12,7 +12,7 @@ use std::time::Duration;
 
 const HOSTILE: &str = "sk\u{1b}]0;OWNED\u{7}\u{1b}[31min\n\rFAKE LINE\u{9b}2J";
 
-/// It forgets its set-up and says so to nobody: the host sets it up anew.
+/// It loses its set-up without telling the host, which configures it again.
 #[test]
 fn a_restart_that_nobody_heard_of_leads_to_a_new_set_up() {
     let folder = tempfile::tempdir().unwrap();
@@ -34,11 +34,11 @@ fn a_restart_that_nobody_heard_of_leads_to_a_new_set_up() {
     assert!(output.status.success(), "{}", stderr(&output));
     assert_eq!(json["reconnections"], 1, "{json}");
     assert_eq!(json["ended_silent"], false);
-    // set up, 2 s of silence, set up again: more than two seconds of frames are left
+    // set-up, 2 s of silence, set-up again: more than two seconds of frames remain
     assert!(json["frames"].as_u64().unwrap() > 200, "{json}");
-    // it is set up anew after two
+    // it is configured again after two seconds
     assert!(json["silent_s"].as_f64().unwrap() >= 2.0, "{json}");
-    assert!(stderr(&output).contains("no frame has come for 0.5 s"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("no frame for 0.5 s"), "{}", stderr(&output));
     let capture = eit_hw::capture::read(&out).unwrap();
     assert_eq!(capture.frames().last().unwrap().epoch, 1);
 }
@@ -59,18 +59,18 @@ fn silence_at_the_end_is_exit_code_3() {
     assert_eq!(json["ended_silent"], true, "{json}");
     // up to 1.5 s after its start at 100 Hz, some of which the set-up takes
     assert!((20..150).contains(&json["frames"].as_u64().unwrap()), "{json}");
-    // the same while watching, and where nothing comes at all
+    // the same while watching, and if nothing arrives at all
     let (scene, port) = (scene(folder.path()), emulator.endpoint().to_string());
     let output = eit(&["live", text(&scene), "--port", &port, "--seconds", "2"]);
     assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
     assert!(String::from_utf8_lossy(&output.stdout).contains("silent or unplugged at the end"));
-    assert!(stderr(&output).contains("no frame has come for"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("no frame for"), "{}", stderr(&output));
     let output = eit(&["check", text(&scene), "--port", &port, "--seconds", "1"]);
     assert_eq!(output.status.code(), Some(3));
-    assert!(stderr(&output).contains("no frame came within 1 s"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("no frame within 1 s"), "{}", stderr(&output));
 }
 
-/// The count of frames begins anew or has one number that cannot be: hardly a frame is lost.
+/// The frame counter restarts or has one impossible value: hardly a frame is lost.
 #[test]
 fn a_count_that_begins_anew_or_jumps_loses_few_frames() {
     for (name, epochs) in [("anew", 1), ("jump", 0)] {
@@ -98,8 +98,8 @@ fn a_count_that_begins_anew_or_jumps_loses_few_frames() {
         let (output, json, out) = record(folder.path(), &emulator, "3");
         assert!(output.status.success(), "{}", stderr(&output));
         let (found, lost) = (json["frames"].as_u64().unwrap(), json["lost"].as_u64().unwrap());
-        // 3 s at 100 Hz, of which a third may go by while others have the processor; lost is the frame
-        // with the number that cannot be, and one that it hides
+        // 3 s at 100 Hz, of which a third may pass while others occupy the processor; lost are the frame with
+        // the impossible number, and one that it hides
         assert!(found > 200 && lost <= 2, "{name}: {json}");
         assert_eq!(json["reconnections"], 0, "{name}: {json}");
         let capture = eit_hw::capture::read(&out).unwrap();
@@ -107,7 +107,7 @@ fn a_count_that_begins_anew_or_jumps_loses_few_frames() {
     }
 }
 
-/// Names, notes and files of others move no cursor and fake no line.
+/// Names, notes and files from elsewhere cannot move the cursor or fake a line.
 #[test]
 fn nothing_of_others_reaches_the_terminal_as_it_is() {
     let folder = tempfile::tempdir().unwrap();
@@ -137,7 +137,7 @@ fn nothing_of_others_reaches_the_terminal_as_it_is() {
     ];
     for run in &runs {
         let output = eit(run);
-        // what is said is not left out: `eit replay` tells of a recording, not of its instrument
+        // the text is printed, not dropped; `eit replay` names a recording, not its instrument
         let (code, name) = match run[0] {
             "plan" => (2, "scene.toml"),
             "replay" => (0, ""),
@@ -148,7 +148,7 @@ fn nothing_of_others_reaches_the_terminal_as_it_is() {
         for bytes in [&output.stdout, &output.stderr] {
             let said = String::from_utf8(bytes.clone()).unwrap();
             assert!(!said.contains(|c: char| c.is_control() && c != '\n'), "eit {run:?}: {said:?}");
-            // nor begins a line within the name
+            // nor start a line within the name
             assert!(!said.lines().any(|line| line.trim_start().starts_with("FAKE")), "{said:?}");
             all += &said;
         }
@@ -156,7 +156,7 @@ fn nothing_of_others_reaches_the_terminal_as_it_is() {
     }
 }
 
-/// Two programs cannot record to one file, nor two hosts share one instrument.
+/// Two programs cannot record to one file, nor two hosts use one instrument.
 #[test]
 fn a_second_recorder_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -182,7 +182,7 @@ fn a_second_recorder_is_refused() {
         |arguments: &[String]| eit(&arguments.iter().map(String::as_str).collect::<Vec<&str>>());
     let refused = run(&arguments(&ports[1], "1", &["--append"]));
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
-    assert!(stderr(&refused).contains("out.mcap: is being recorded to by another program"));
+    assert!(stderr(&refused).contains("out.mcap: another program is recording to it"));
     // the instrument has one host
     let other = folder.path().join("other.mcap");
     let refused = eit(&[
@@ -198,7 +198,7 @@ fn a_second_recorder_is_refused() {
     assert!(!refused.status.success());
     assert!(running.wait().unwrap().success());
     let capture = eit_hw::capture::read(&out).unwrap();
-    // 4 s at 100 Hz, of which half may go by while others have the processor
+    // 4 s at 100 Hz, of which half may pass while others occupy the processor
     assert!(!capture.damage.is_any() && capture.frames().count() > 200);
     assert!(capture.frames().all(|frame| frame.epoch == 0));
 }

@@ -9,8 +9,8 @@ use serde_json::Value;
 
 const FAST: [&str; 4] = ["--nodes", "1500", "--frames", "40"];
 
-/// Simulate, then reconstruct from the files alone: the finger is found where the truth has it. The
-/// rim is rigid: the artefacts of moving electrodes are brighter than the finger.
+/// Simulates, then reconstructs from the files alone: the finger is found at its true place. The rim is
+/// rigid, because the artefacts of moving electrodes are brighter than the finger.
 #[test]
 fn simulated_frames_reconstruct_from_their_own_scene() {
     let folder = tempfile::tempdir().unwrap();
@@ -41,12 +41,12 @@ fn simulated_frames_reconstruct_from_their_own_scene() {
         [row as f64, column as f64]
     };
     let ([r, c], [i, j]) = (brightest(&truth), brightest(&images));
-    // one-step images place a finger near the rim up to a tenth of the radius, three pixels, out
+    // one-step images place a finger near the rim up to a tenth of the radius, three pixels, too far out
     assert!((r - i).hypot(c - j) < 5.0, "truth ({r}, {c}), image ({i}, {j})");
 }
 
-/// Part of frame 50's squared image that is at its fingers. Three fingers, none near the rim; pixels are
-/// 3 mm, and fingers of 5 mm come out 10 mm wide, a pixel or two from their place.
+/// Fraction of frame 50's squared image that is at its fingers. Three fingers, none near the rim; pixels are
+/// 3 mm, and fingers of 5 mm appear 10 mm wide, a pixel or two from their place.
 fn part_at_fingers(truth: &Array3<f64>, images: &Array3<f64>) -> f64 {
     let bright = truth.index_axis(ndarray::Axis(0), 50);
     let peak = bright.iter().filter(|v| v.is_finite()).fold(0.0_f64, |m, v| m.max(*v));
@@ -64,10 +64,9 @@ fn part_at_fingers(truth: &Array3<f64>, images: &Array3<f64>) -> f64 {
     inside / all
 }
 
-/// Electrodes that move are no noise: weights that explained them, too, would fill the skin with
-/// blobs. The fingers must hold the image, with the noise of the quiet frames and with a stated one that
-/// is a twentieth of the rounding, which no residual reaches: then the corner of the L-curve is
-/// taken.
+/// Moving electrodes are not noise: weights that explained them, too, would fill the skin with blobs. The
+/// fingers must dominate the image, with the noise of the quiet frames and with a stated one of a twentieth
+/// of the rounding, which no residual reaches: then the corner of the L-curve is taken.
 #[test]
 fn total_variation_does_not_explain_moving_electrodes() {
     let folder = tempfile::tempdir().unwrap();
@@ -126,7 +125,7 @@ fn bad_scripts_and_settings_are_one_line() {
     let run = |scene: &str, script: &str| {
         refuse(&["simulate", scene, "--script", script, "--nodes", "1200", "--out", text(&out)])
     };
-    assert!(run("paper-disc", "dance").contains("known are paper-one-finger"));
+    assert!(run("paper-disc", "dance").contains("known scripts are paper-one-finger"));
     let script = |text: &str| {
         let path = folder.path().join("s.toml");
         std::fs::write(&path, text).unwrap();

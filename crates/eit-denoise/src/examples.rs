@@ -3,6 +3,7 @@
 use crate::DenoiseError;
 use crate::learning_base::Shard;
 use crate::raster_symmetry::RasterSymmetry;
+use crate::unet::CLAMP;
 use ndarray::{Array2, Axis};
 
 /// Part of the mean reference error of a sequence that is added to each frame's own before dividing by
@@ -67,7 +68,7 @@ struct Known {
 impl Examples {
     /// Examples from shards of one skin, for a net that sees `history` frames. Every frame becomes an
     /// example, with the frames before it in its shard (zero before the first), all divided by the
-    /// largest magnitude among their images. Frames whose raw images are all zero are left out.
+    /// largest magnitude among their raw images; other images are clamped to twice that. Frames whose raw images are all zero are left out.
     ///
     /// The mean squared error `e` of an example counts as `e / (r + 0.05 R)`. Its reference error `r` is
     /// the mean squared error of its raw image or of an empty one, whichever is smaller, and `R` the
@@ -186,13 +187,17 @@ impl Examples {
                 }
             }
             let seen = &mut self.frames[start..];
-            let scale = seen.iter().fold(0.0_f32, |most, v| most.max(v.abs()));
+            let firsts = seen.chunks_exact(pixels).step_by(images).flatten();
+            let scale = firsts.fold(0.0_f32, |most, v| most.max(v.abs()));
             // dividing by a subnormal number amplifies its rounding
             if scale < f32::MIN_POSITIVE {
                 self.frames.truncate(start);
                 continue;
             }
-            seen.iter_mut().for_each(|v| *v /= scale);
+            for (k, image) in seen.chunks_exact_mut(pixels).enumerate() {
+                let most = if k % images == 0 { 1.0 } else { CLAMP };
+                image.iter_mut().for_each(|v| *v = (*v / scale).clamp(-most, most));
+            }
             self.wanted.extend(wanted.iter().map(|v| v / scale));
             if let Some(all) = &shard.beside.conditions {
                 self.states.extend(all.row(frame));

@@ -13,6 +13,7 @@ mod step;
 pub use step::{TrainStep, weighted_errors};
 
 use crate::{DenoiseError, Epoch, Examples, ImageNet, TrainSettings, TrainStatus, Unet, Weights};
+use burn::grad_clipping::GradientClippingConfig;
 use burn::module::{ModuleVisitor, Param};
 use burn::optim::{AdamConfig, ModuleOptimizer};
 use burn::tensor::Tensor;
@@ -25,6 +26,9 @@ use std::ops::ControlFlow;
 /// Steps over which the rate rises from zero, if the first epoch has so many. Otherwise the first
 /// steps at full rate can push every channel of a small net below zero, where its gradient is zero.
 const WARM_UP: f64 = 200.0;
+/// Largest norm of the gradient of each tensor. Single batches of nearly right images otherwise push
+/// channels below zero for good.
+const MOST_GRADIENT: f32 = 1.0;
 /// Epsilon of Adam, from its paper.
 const EPSILON: f32 = 1e-8;
 
@@ -63,7 +67,9 @@ impl<N: ImageNet> Trainer<N> {
     pub fn new(net: N, settings: &TrainSettings, base: &str) -> Result<Self, DenoiseError> {
         settings.validate()?;
         crate::nets::device_of(&net)?;
-        let (best, optimiser) = (net.valid(), AdamConfig::new().with_epsilon(EPSILON).init());
+        let clipping = Some(GradientClippingConfig::Norm(MOST_GRADIENT));
+        let adam = AdamConfig::new().with_epsilon(EPSILON).with_grad_clipping(clipping);
+        let (best, optimiser) = (net.valid(), adam.init());
         let (settings, base) = (settings.clone(), base.to_owned());
         Ok(Self { settings, net, optimiser, best, curve: Vec::new(), base })
     }

@@ -41,10 +41,10 @@ fn by_definition(weights: &Weights, frames: &Array3<f64>, mask: &Array2<bool>) -
 }
 
 /// What the net sees of a frame in `by_definition`: three images, of which two follow from the first,
-/// and two conditions.
+/// one of them beyond the clamp, and two conditions.
 fn inputs(images: &Array3<f64>) -> (Vec<Array3<f64>>, Array2<f64>) {
     let count = images.dim().0;
-    let others = vec![images.mapv(|v| 0.3 * v.abs() + 1e-7), images.mapv(|v| -2.0 * v)];
+    let others = vec![images.mapv(|v| 0.3 * v.abs() + 1e-7), images.mapv(|v| -3.0 * v)];
     (others, Array2::from_shape_fn((count, 2), |(f, k)| 0.3 + 0.1 * f as f64 - 0.5 * k as f64))
 }
 
@@ -87,8 +87,9 @@ fn several_images_conditions_and_folding_equal_the_definition() {
                     }));
                 }
             }
-            let scale = planes.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
-            planes.iter_mut().for_each(|p| p.mapv_inplace(|v| v / scale));
+            let firsts = planes.iter().step_by(all.len()).flatten();
+            let scale = firsts.fold(0.0_f64, |m, v| m.max(v.abs()));
+            planes.iter_mut().for_each(|p| p.mapv_inplace(|v| (v / scale).clamp(-2.0, 2.0)));
             for condition in conditions.row(last) {
                 planes.push(Array2::from_shape_fn(padded, |(r, c)| {
                     if inside(r, c) { *condition } else { 0.0 }

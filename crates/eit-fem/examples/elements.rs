@@ -1,6 +1,6 @@
 //! Linear and quadratic elements on the paper's disc: error of the voltages against the mesh-free
-//! series, over unknowns and over time, on three families of meshes (the table of
-//! `docs/PERFORMANCE.md`).
+//! series, with unknowns and time, on three families of meshes (the table in
+//! `docs/performance/forward.md`).
 //!
 //! Run with `cargo run --release -p eit-fem --example elements`.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
@@ -20,12 +20,12 @@ const WIDTH_M: f64 = 0.0196;
 const CONDUCTIVITY_S: f64 = 1e-5;
 const IMPEDANCE_OHM_M: f64 = 1e3;
 
-/// A family of meshes; each is finer than the one before by the root of two.
+/// A family of meshes; the edge length falls by sqrt(2) from each to the next.
 struct Family {
     name: &'static str,
     /// Settings for the scale `2^(-k/2)`.
     settings: fn(f64) -> MeshSettings,
-    /// Kinds of elements, and how many meshes of the family they are tried on.
+    /// Element orders, and the number of meshes that each is tried on.
     tried: &'static [(ElementOrder, i32)],
 }
 
@@ -60,8 +60,8 @@ const FAMILIES: [Family; 3] = [
     },
 ];
 
-/// Prints the table with at most `meshes` meshes of each family and the best of `repeats` times; the
-/// least error of each kind of elements.
+/// Prints the table with at most `meshes` meshes per family and the shortest of `repeats` times.
+/// Returns the smallest error of each element order.
 pub fn run(meshes: i32, repeats: usize) -> Result<[f64; 2]> {
     let protocol = PairProtocol::default().protocol()?;
     let exact = series(&protocol)?;
@@ -95,7 +95,8 @@ pub fn run(meshes: i32, repeats: usize) -> Result<[f64; 2]> {
     Ok(least)
 }
 
-/// Voltages, and the shortest times of a forward solve without and with the Jacobian, seconds.
+/// Returns the voltages and the shortest times of a forward solve without and with the Jacobian,
+/// seconds.
 fn solve(model: &ForwardModel, repeats: usize) -> Result<(Array1<f64>, [f64; 2])> {
     let sigma = vec![CONDUCTIVITY_S; model.elements()];
     let mut workspace = model.workspace()?;

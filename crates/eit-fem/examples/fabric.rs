@@ -1,4 +1,4 @@
-//! Frames without an instrument: a finger on the simulated fabric, with the truth beside them.
+//! Frames of one finger on the simulated fabric, with ground truth; no instrument is needed.
 //!
 //! Run with `cargo run --release -p eit-fem --features fabric --example fabric`.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
@@ -9,8 +9,8 @@ use eit_fem::fabric::{Fabric, FabricSettings, PlayCircle, SimulationSettings, To
 use eit_mesh::{MeshSettings, Raster, RimElectrodes, SkinShape, generate};
 use std::error::Error;
 
-/// Root mean square of the change of a voltage, as a part of the largest voltage: in the last frame
-/// without a touch, and in the last of all.
+/// Returns the root mean square change of the voltages, as a fraction of the largest voltage, in
+/// the last frame without touch and in the last frame.
 pub fn run() -> Result<[f64; 2], Box<dyn Error>> {
     let skin = SkinShape::Disc { radius_m: 0.1 };
     let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
@@ -31,8 +31,8 @@ pub fn run() -> Result<[f64; 2], Box<dyn Error>> {
         (change.dot(&change) / before.len() as f64).sqrt() / largest
     };
     let changes = [change(first - 1), change(made.frames_v.nrows() - 1)];
-    println!("{} frames of {} values, touched from frame {first} on", script.frames, before.len());
-    println!("changes by {:.1e} untouched and {:.1e} touched", changes[0], changes[1]);
+    println!("{} frames of {} values, first touch in frame {first}", script.frames, before.len());
+    println!("relative change: {:.1e} untouched, {:.1e} touched", changes[0], changes[1]);
     Ok(changes)
 }
 

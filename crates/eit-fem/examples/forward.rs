@@ -1,4 +1,4 @@
-//! Voltages of the paper's disc, before and after a touch, and what the Jacobian makes of it.
+//! Voltages of the paper's disc before and after a touch, and their prediction by the Jacobian.
 //!
 //! Run with `cargo run --release -p eit-fem --example forward`.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
@@ -11,22 +11,22 @@ use std::error::Error;
 
 const CONDUCTIVITY_S: f64 = 1e-5;
 
-/// Largest change of a voltage under the touch, volt, and the part of the changes that the
-/// Jacobian does not explain.
+/// Returns the largest change of a voltage by the touch, volt, and the fraction of the changes that
+/// the Jacobian does not explain.
 pub fn run() -> Result<(f64, f64), Box<dyn Error>> {
     let skin = SkinShape::Disc { radius_m: 0.1 };
     let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
     let mesh = generate(&skin, &electrodes, &MeshSettings::default())?;
     let model = ForwardModel::new(&mesh, &PairProtocol::default().protocol()?, &[1e3; 16])?;
 
-    // one hundredth more conductivity within 0.015 m of (0.04, 0.03) m
+    // conductivity raised by 1 % within 0.015 m of (0.04, 0.03) m
     let near = |c: [f64; 3]| (c[0] - 0.04).hypot(c[1] - 0.03) < 0.015;
     let centroids = mesh.surface().centroids();
     let added: Vec<f64> =
         centroids.into_iter().map(|c| if near(c) { 0.01 * CONDUCTIVITY_S } else { 0.0 }).collect();
     let touched: Vec<f64> = added.iter().map(|a| CONDUCTIVITY_S + a).collect();
 
-    // one workspace serves every solve; after the first nothing is allocated
+    // one workspace serves every solve; after the first, solves do not allocate
     let mut workspace = model.workspace()?;
     let mut solution = model.solve(&vec![CONDUCTIVITY_S; added.len()], &mut workspace)?;
     let (reference, jacobian) = (solution.measurements(), solution.jacobian());

@@ -1,4 +1,4 @@
-//! Reference solution of the complete electrode model on a homogeneous disc, without a mesh.
+//! Mesh-free reference solution of the complete electrode model on a homogeneous disc.
 //!
 //! On a disc of radius `R` the map from boundary current density to boundary potential is diagonal
 //! in Fourier modes, `cos n t -> R / (sigma n) cos n t`. On electrode `l`, centred at `t_l` with
@@ -13,8 +13,8 @@
 //! ```
 //!
 //! and for `m = 0` the electrode potential; `c_l0 = I_l / (2 a R)` is given. The sum over `n` is
-//! cut at `harmonics`, with the mean of its tail, `1 / (4 n^2 a^2)` for terms of one electrode,
-//! added. Nothing here is shared with the finite element code.
+//! truncated at `harmonics`, and the mean of its tail is added: `1 / (4 n^2 a^2)` for terms of one
+//! electrode. The module shares no numerical code with the finite elements.
 
 use crate::element::ElementOrder;
 use crate::error::FemError;
@@ -24,7 +24,7 @@ use faer::{Mat, Side};
 use ndarray::{Array2, ArrayView2};
 use std::f64::consts::PI;
 
-/// A homogeneous disc with equal rim electrodes.
+/// Series solution for a homogeneous disc with rim electrodes of equal width.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DiscSeries {
     /// Radius, metres.
@@ -33,23 +33,24 @@ pub struct DiscSeries {
     pub conductivity_s: f64,
     /// Centre of each electrode, radians.
     pub electrode_angles_rad: Vec<f64>,
-    /// Length of rim that an electrode covers, metres.
+    /// Length of rim covered by each electrode, metres.
     pub electrode_width_m: f64,
     /// Contact impedance, ohm metre.
     pub contact_impedance_ohm_m: f64,
-    /// Highest Legendre polynomial of the current density.
+    /// Highest Legendre degree of the current density.
     pub degree: usize,
     /// Highest Fourier mode.
     pub harmonics: usize,
 }
 
 impl DiscSeries {
-    /// Electrode potentials [pattern, electrode], volt, each row with sum zero, for currents
-    /// [pattern, electrode], ampere.
+    /// Returns electrode potentials, [pattern, electrode] in volt, for currents, [pattern,
+    /// electrode] in ampere. Each row sums to zero.
     ///
     /// # Errors
-    /// Parameters that are not above zero, electrodes that cover more than the rim, a current
-    /// matrix for another number of electrodes.
+    /// Parameters that are not finite and above zero; electrodes that cover the whole rim or more;
+    /// a current matrix with the wrong number of electrodes; a series too long for these
+    /// electrodes.
     pub fn electrode_potentials(
         &self,
         currents_a: ArrayView2<'_, f64>,
@@ -58,12 +59,12 @@ impl DiscSeries {
         self.electrode_potentials_with(currents_a, &impedance)
     }
 
-    /// [`DiscSeries::electrode_potentials`] with a contact impedance for each electrode, ohm metre, in
-    /// place of [`DiscSeries::contact_impedance_ohm_m`].
+    /// Same as [`DiscSeries::electrode_potentials`], but with one contact impedance per electrode,
+    /// ohm metre, instead of [`DiscSeries::contact_impedance_ohm_m`].
     ///
     /// # Errors
-    /// Those of [`DiscSeries::electrode_potentials`]; impedances that are not one per electrode, above
-    /// zero and finite.
+    /// Those of [`DiscSeries::electrode_potentials`]; a wrong number of impedances, or an impedance
+    /// that is not above zero and finite.
     pub fn electrode_potentials_with(
         &self,
         currents_a: ArrayView2<'_, f64>,
@@ -138,7 +139,7 @@ impl DiscSeries {
         }
     }
 
-    /// `G` for all electrodes and degrees.
+    /// Computes `G` for all electrodes and degrees.
     fn coupling(&self) -> Mat<f64> {
         let (electrodes, terms) = (self.electrode_angles_rad.len(), self.degree + 1);
         let half_angle = 0.5 * self.electrode_width_m / self.radius_m;
@@ -177,10 +178,10 @@ impl DiscSeries {
     }
 }
 
-/// Spherical Bessel functions `j_0 .. j_K` at `x > 0`.
+/// Computes spherical Bessel functions `j_0 .. j_K` at `x > 0`.
 ///
-/// Upward recurrence where it is stable (`x > K`), else downward from far above (Miller),
-/// normalised by `j_0` or `j_1`, whichever is larger.
+/// Uses upward recurrence where it is stable (`x > K`), otherwise downward recurrence from a much
+/// higher degree (Miller), normalised by `j_0` or `j_1`, whichever is larger.
 fn spherical_bessel(x: f64, out: &mut [f64]) {
     let (sin, cos) = x.sin_cos();
     let exact = [sin / x, sin / (x * x) - cos / x];
@@ -194,7 +195,7 @@ fn spherical_bessel(x: f64, out: &mut [f64]) {
         }
         return;
     }
-    // 30 extra terms: each gains at least a factor (2k + 1) / x > 2, 1e-16 in all
+    // 30 extra terms: each gains at least a factor (2k + 1) / x > 2, in total at least 1e-16
     let start = 2 * top + 30;
     let (mut above, mut here) = (0.0_f64, 1e-280_f64);
     let mut found = vec![0.0; top.max(2)];

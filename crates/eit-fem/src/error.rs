@@ -1,22 +1,23 @@
-//! The one error type of this crate. One long file: the enum is one list.
+//! Error type of this crate. The file is long because it holds a single enum.
 
 use crate::sparse::SparseError;
 
-/// What can be wrong with a protocol or a forward problem.
+/// Error in a protocol, a forward problem or a simulated fabric.
 ///
-/// Electrodes inside quadruples and patterns are 0-based, as in data files; electrodes named in a
-/// sentence ("electrode 3") are 1-based, as on a skin. Elements and measurements are 0-based.
+/// Electrode indices in quadruples and patterns are 0-based, as in data files. Electrode numbers in
+/// messages ("electrode 3") are 1-based, as labelled on a skin. Elements and measurements are
+/// 0-based.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FemError {
-    /// Too few electrodes for the wanted patterns.
+    /// Too few electrodes for the requested pattern.
     #[error("{electrodes} electrodes are too few: {pattern} needs at least {needed}")]
     TooFewElectrodes {
-        /// Electrodes given.
+        /// Number of electrodes.
         electrodes: usize,
-        /// The pattern in words.
+        /// Description of the pattern.
         pattern: String,
-        /// Electrodes needed.
+        /// Smallest number of electrodes that the pattern works with.
         needed: usize,
     },
     /// Opposite drive with an odd number of electrodes.
@@ -24,45 +25,45 @@ pub enum FemError {
         "{electrodes} electrodes have no opposite pairs: use an even number or drive = \"skip-N\""
     )]
     NoOpposite {
-        /// Electrodes given.
+        /// Number of electrodes.
         electrodes: usize,
     },
-    /// A quadruple or pair names an electrode that does not exist.
+    /// A quadruple or pair refers to an electrode that does not exist.
     #[error(
-        "{what} {index} names electrode index {electrode}, but the {electrodes} electrodes have \
-         the indices 0 to {last}", last = electrodes.saturating_sub(1)
+        "{what} {index} refers to electrode index {electrode}, but the {electrodes} electrodes have \
+         indices 0 to {last}", last = electrodes.saturating_sub(1)
     )]
     UnknownElectrode {
         /// "quadruple", "drive pair" or "measured pair".
         what: &'static str,
-        /// Its place in the list.
+        /// Its index in the list.
         index: usize,
-        /// Electrode index it names.
+        /// The invalid electrode index.
         electrode: u32,
-        /// Electrodes there are.
+        /// Number of electrodes.
         electrodes: usize,
     },
-    /// A pair of one electrode with itself.
-    #[error("{what} {index} joins electrode index {electrode} with itself")]
+    /// A pair uses the same electrode twice.
+    #[error("{what} {index} connects electrode index {electrode} with itself")]
     DegeneratePair {
         /// "quadruple", "drive pair" or "measured pair".
         what: &'static str,
-        /// Its place in the list.
+        /// Its index in the list.
         index: usize,
         /// The electrode index.
         electrode: u32,
     },
-    /// No measurement left.
-    #[error("the protocol has no measurement: keep the driven electrodes or choose other pairs")]
+    /// The protocol has no measurements.
+    #[error("the protocol has no measurements: keep the driven electrodes or choose other pairs")]
     EmptyProtocol,
-    /// The drive current is not usable.
+    /// The drive current is not finite and positive.
     #[error("current_a is {current_a}: it must be finite and above zero")]
     BadCurrent {
-        /// Value given, ampere.
+        /// The current, ampere.
         current_a: f64,
     },
-    /// A pattern holds NaN or infinity.
-    #[error("{what} pattern {pattern} holds {value} at electrode index {electrode}")]
+    /// A pattern contains NaN or infinity.
+    #[error("{what} pattern {pattern} contains {value} at electrode index {electrode}")]
     NonFinitePattern {
         /// "stimulation" or "measurement".
         what: &'static str,
@@ -73,50 +74,50 @@ pub enum FemError {
         /// The value.
         value: f64,
     },
-    /// A pattern whose entries do not cancel, or that is zero.
+    /// The entries of a pattern do not sum to zero, or all of them are zero.
     #[error(
-        "{what} pattern {pattern} sums to {sum:e} with a largest entry of {largest:e}: what enters \
-         the skin must leave it, and a pattern must not be zero"
+        "{what} pattern {pattern} sums to {sum:e} with a largest entry of {largest:e}: the \
+         entries must sum to zero and must not all be zero"
     )]
     UnbalancedPattern {
         /// "stimulation" or "measurement".
         what: &'static str,
         /// Pattern index.
         pattern: usize,
-        /// Sum over the electrodes.
+        /// Sum of the entries.
         sum: f64,
-        /// Largest magnitude.
+        /// Largest magnitude of an entry.
         largest: f64,
     },
-    /// Protocol and mesh disagree about the electrodes.
+    /// Protocol and mesh have different numbers of electrodes.
     #[error("the protocol is for {protocol} electrodes, but the mesh has {mesh}")]
     ElectrodeCount {
-        /// Electrodes of the protocol.
+        /// Number of electrodes in the protocol.
         protocol: usize,
-        /// Electrodes of the mesh.
+        /// Number of electrodes on the mesh.
         mesh: usize,
     },
     /// An array has the wrong length.
     #[error("{what}: {found} values given, {wanted} needed")]
     WrongLength {
-        /// Which array.
+        /// Name of the array.
         what: &'static str,
-        /// Values given.
+        /// Number of values given.
         found: usize,
-        /// Values needed.
+        /// Number of values needed.
         wanted: usize,
     },
     /// A conductivity is zero, negative or not finite.
     #[error(
         "the conductivity of element {element} is {value_s} S: it must be finite and above zero \
-         ({count} of the elements are not; for a hole leave them out of the mesh)"
+         ({count} of the elements are not; model a hole by leaving elements out of the mesh)"
     )]
     BadConductivity {
-        /// Element index.
+        /// Index of the first such element.
         element: usize,
-        /// Its value, siemens.
+        /// Its conductivity, siemens.
         value_s: f64,
-        /// How many elements are like it.
+        /// Number of such elements.
         count: usize,
     },
     /// A contact impedance is negative or not a number.
@@ -125,56 +126,56 @@ pub enum FemError {
          above zero, or infinite (an ideal current source)"
     )]
     BadContactImpedance {
-        /// 1-based number.
+        /// Electrode number, from 1.
         electrode: usize,
-        /// Its value, ohm metre (rim) or ohm square metre (patch).
+        /// Its contact impedance, ohm metre (rim) or ohm square metre (patch).
         value: f64,
     },
-    /// An admittivity takes no power and stores none, gives power, or is not finite.
+    /// An admittivity is zero, is not finite, or has a negative real part.
     #[cfg(feature = "complex")]
     #[error(
         "the admittivity of element {element} is {value_s} S: its real part must be zero or above, \
-         and not both parts zero ({count} of the elements are like that; for a hole leave them out of \
-         the mesh)"
+         and not both parts zero ({count} of the elements are invalid; model a hole by leaving \
+         elements out of the mesh)"
     )]
     BadAdmittivity {
-        /// Element index.
+        /// Index of the first such element.
         element: usize,
-        /// Its value, siemens.
+        /// Its admittivity, siemens.
         value_s: num_complex::Complex64,
-        /// How many elements are like it.
+        /// Number of such elements.
         count: usize,
     },
-    /// A complex contact impedance that a complex model cannot have.
+    /// A complex contact impedance is zero, is not finite, or has a negative real part.
     #[cfg(feature = "complex")]
     #[error(
-        "the contact impedance of electrode {electrode} is {value}: beside complex admittivities it \
-         must be finite and not zero, with a real part of zero or above (shunts and ideal current \
-         sources need a skin without capacitance)"
+        "the contact impedance of electrode {electrode} is {value}: with complex admittivities \
+         it must be finite and non-zero, with a real part of zero or above (only the real model \
+         supports shunts and ideal current sources)"
     )]
     BadComplexImpedance {
-        /// 1-based number.
+        /// Electrode number, from 1.
         electrode: usize,
-        /// Its value, ohm metre (rim) or ohm square metre (patch).
+        /// Its contact impedance, ohm metre (rim) or ohm square metre (patch).
         value: num_complex::Complex64,
     },
-    /// Inductive and capacitive parts that may cancel.
+    /// Inductive and capacitive parts may cancel (resonance).
     #[cfg(feature = "complex")]
     #[error(
-        "phases of admittivities and contact admittances lie between {:.3} and {:.3} degrees: they \
-         must stay within less than half a turn, or capacitors and inductors cancel (capacitive \
+        "the phases of the admittivities and contact admittances range from {:.3} to {:.3} degrees: \
+         they must span less than 180 degrees, or capacitors and inductors may cancel (capacitive \
          admittivities have positive imaginary parts, capacitive impedances negative ones)",
         degrees[0], degrees[1]
     )]
     OppositePhases {
-        /// Least and greatest phase.
+        /// Smallest and largest phase, degrees.
         degrees: [f64; 2],
     },
-    /// The factorisation met a pivot that rounding has made.
+    /// Rounding pushed a pivot of the complex factorisation out of its half plane.
     #[cfg(feature = "complex")]
     #[error(
-        "the pivot of unknown {unknown} of {unknowns} left the phases of the admittivities: they or \
-         the contact impedances span too many decades for this mesh"
+        "the pivot of unknown {unknown} of {unknowns} is outside the phase range of the admittivities: \
+         they or the contact impedances span too many decades for this mesh"
     )]
     PivotOutOfPhase {
         /// Position in the elimination order.
@@ -182,7 +183,7 @@ pub enum FemError {
         /// Number of unknowns.
         unknowns: usize,
     },
-    /// The factorisation met a pivot that is not positive.
+    /// A pivot of the factorisation is not positive.
     #[error(
         "the system matrix lost positive definiteness at unknown {unknown} of {unknowns}: the \
          conductivities or contact impedances span too many decades for this mesh"
@@ -193,84 +194,85 @@ pub enum FemError {
         /// Number of unknowns.
         unknowns: usize,
     },
-    /// The voltages could not be had to the accuracy asked for.
+    /// The required accuracy of the voltages was not reached.
     #[error(
-        "the voltages are certain to {reached:e} of the largest, and {required:e} was required: the \
-         conductivities or the shapes of triangles span too many decades"
+        "the error bound of the voltages is {reached:e} of the largest voltage, but {required:e} was \
+         required: the conductivities or the triangle shapes span too many decades"
     )]
     AccuracyNotReached {
-        /// Bound of the error relative to the largest voltage.
+        /// Error bound relative to the largest voltage.
         reached: f64,
-        /// What was asked for.
+        /// Required accuracy, relative to the largest voltage.
         required: f64,
     },
-    /// No mesh of a search was fine enough.
+    /// A mesh search found no mesh that is fine enough.
     #[error(
-        "no mesh of at most {most_nodes} nodes has voltages to {required:e} of the largest: the best \
-         that was judged has {reached:e} with {nodes} nodes; allow more nodes, or ask for less"
+        "no mesh of at most {most_nodes} nodes meets the required accuracy of {required:e} of the \
+         largest voltage: the best estimate is {reached:e} with {nodes} nodes; allow more nodes or \
+         accept a larger error"
     )]
     NoMeshSuffices {
-        /// Least estimated error over the largest voltage.
+        /// Smallest estimated error, relative to the largest voltage.
         reached: f64,
-        /// Nodes of the mesh that has it.
+        /// Number of nodes of that mesh.
         nodes: usize,
-        /// What was asked for.
+        /// Required accuracy, relative to the largest voltage.
         required: f64,
-        /// Most nodes that were allowed.
+        /// Largest number of nodes allowed.
         most_nodes: usize,
     },
-    /// An accuracy that quadratic elements do not reach.
+    /// Quadratic elements do not reach the required accuracy.
     #[error(
-        "the voltages of quadratic elements may have lost {expected:e} of the largest, and {required:e} \
-         was required: only linear elements have the path that keeps more"
+        "the expected rounding error with quadratic elements is {expected:e} of the largest voltage, but \
+         {required:e} was required: use linear elements, which have a more accurate solve path"
     )]
     NodalAssemblyOnly {
-        /// Expected loss relative to the largest voltage.
+        /// Expected loss, relative to the largest voltage.
         expected: f64,
-        /// What was asked for.
+        /// Required accuracy, relative to the largest voltage.
         required: f64,
     },
-    /// A limit of the contact impedance with elements that do not know it.
+    /// Quadratic elements do not support a contact impedance of zero or infinity.
     #[error(
         "the contact impedance of electrode {electrode} is {value}: quadratic elements need it above \
-         zero and finite; take linear elements, or a small or large value"
+         zero and finite; use linear elements, or a very small or very large value"
     )]
     LimitOfImpedance {
-        /// 1-based number.
+        /// Electrode number, from 1.
         electrode: usize,
-        /// Its value, ohm metre (rim) or ohm square metre (patch).
+        /// Its contact impedance, ohm metre (rim) or ohm square metre (patch).
         value: f64,
     },
-    /// A curved element that folds over.
+    /// A curved element is inverted somewhere.
     #[error(
-        "triangle {triangle} folds over (stretched by {stretch} at one place): its midside nodes \
-         are too far off the straight edges; use shorter edges where the skin is curved"
+        "triangle {triangle} folds over (its smallest area ratio is {stretch}): its midside nodes are \
+         too far from the straight edges; use shorter edges where the skin is curved"
     )]
     FoldedElement {
         /// Triangle index.
         triangle: usize,
-        /// Least area of the map over that of the straight triangle.
+        /// Smallest local area ratio of the curved element to the straight triangle.
         stretch: f64,
     },
-    /// Every node of an electrode is on other electrodes too.
+    /// Every node of an electrode is shared with other electrodes.
     #[error(
-        "electrode {electrode} has no node of its own: accurate solves need a gap beside it, or an \
-         edge more"
+        "electrode {electrode} shares all its nodes with other electrodes: accurate solves need a gap \
+         beside it, or one more edge on it"
     )]
     NoNodeOfItsOwn {
-        /// 1-based number.
+        /// Electrode number, from 1.
         electrode: usize,
     },
-    /// A contact without impedance at the side of another electrode.
+    /// An electrode with contact impedance zero touches another electrode.
     #[error(
-        "electrode {electrode} has contact impedance 0 and touches another electrode: that is a \
-         short circuit; leave a gap, or give it an impedance"
+        "electrode {electrode} has contact impedance 0 and touches another electrode: this is a \
+         short circuit; leave a gap or set a positive impedance"
     )]
     TouchingShunt {
-        /// 1-based number.
+        /// Electrode number, from 1.
         electrode: usize,
     },
-    /// The factor does not fit into memory or index range.
+    /// The factor does not fit into memory or exceeds the index range.
     #[error("the factor of {unknowns} unknowns does not fit into memory: use a coarser mesh")]
     OutOfMemory {
         /// Number of unknowns.
@@ -279,50 +281,53 @@ pub enum FemError {
     /// A potential overflowed.
     #[error(
         "the potential of electrode {electrode} under stimulation {stimulation} is {value_v} V: \
-         the currents, conductivities and contact impedances together leave the range of numbers"
+         the currents, conductivities and contact impedances together exceed the floating-point range"
     )]
     NonFinitePotential {
         /// Stimulation index.
         stimulation: usize,
-        /// 1-based number.
+        /// Electrode number, from 1.
         electrode: usize,
         /// The potential, volt.
         value_v: f64,
     },
-    /// A displacement names a node that does not exist.
-    #[error("a displacement names node {node}, but the mesh has {nodes} nodes (from 0)")]
+    /// A displacement refers to a node that does not exist.
+    #[error(
+        "a displacement refers to node {node}, but the mesh has {nodes} nodes, numbered from 0"
+    )]
     NoSuchNode {
         /// Node index.
         node: usize,
-        /// Nodes there are.
+        /// Number of nodes of the mesh.
         nodes: usize,
     },
-    /// Asked of a model of quadratic elements.
-    #[error("{what} of quadratic elements: there for linear elements only")]
+    /// The operation is not available with quadratic elements.
+    #[error("{what} are available for linear elements only")]
     LinearElementsOnly {
-        /// What was asked for.
+        /// The requested quantity.
         what: &'static str,
     },
-    /// A contact at a limit, where voltages have no derivative with respect to its impedance.
+    /// A contact impedance of zero or infinity, where the voltages have no derivative with respect
+    /// to it.
     #[error(
-        "the contact impedance of electrode {electrode} is {value}: voltages have a derivative with \
-         respect to it only above zero and below infinity"
+        "the contact impedance of electrode {electrode} is {value}: the voltages have a derivative with \
+         respect to it only if it is above zero and finite"
     )]
     ContactLimit {
-        /// 1-based number.
+        /// Electrode number, from 1.
         electrode: usize,
-        /// Its value, ohm metre (rim) or ohm square metre (patch).
+        /// Its contact impedance, ohm metre (rim) or ohm square metre (patch).
         value: f64,
     },
-    /// An electrode that cannot move along the rim.
+    /// An electrode cannot move along the rim.
     #[error("electrode {electrode} cannot move along the rim: {why}")]
     Immovable {
-        /// 1-based number.
+        /// Electrode number, from 1.
         electrode: usize,
         /// The reason.
         why: &'static str,
     },
-    /// A node position is not a number.
+    /// A node position is not finite.
     #[error("node {node} is moved to {position_m:?} m: positions must be finite")]
     NonFinitePosition {
         /// Node index.
@@ -330,7 +335,7 @@ pub enum FemError {
         /// Its position, metres.
         position_m: [f64; 3],
     },
-    /// A moved triangle is empty.
+    /// A triangle has no area after its nodes have moved.
     #[error("triangle {triangle} has the area {area_m2:e} m^2 after its nodes have moved")]
     ZeroArea {
         /// Triangle index.
@@ -338,17 +343,17 @@ pub enum FemError {
         /// Its area, square metres.
         area_m2: f64,
     },
-    /// An electrode number of a list does not exist.
-    #[error("{what} names electrode {number}, but the skin has electrodes 1 to {electrodes}")]
+    /// A list refers to an electrode number that does not exist.
+    #[error("{what} refers to electrode {number}, but the skin has electrodes 1 to {electrodes}")]
     NoSuchElectrode {
-        /// Which list.
+        /// Name of the list.
         what: &'static str,
-        /// The number, from 1.
+        /// Electrode number, from 1.
         number: usize,
-        /// Electrodes there are.
+        /// Number of electrodes of the skin.
         electrodes: usize,
     },
-    /// A key of a touch script that cannot be.
+    /// A key of a touch script holds an invalid value.
     #[error("finger {finger}, key {key}: {quantity} is {value}: it must be {must}")]
     BadTouch {
         /// The finger's number.
@@ -357,13 +362,15 @@ pub enum FemError {
         key: usize,
         /// The quantity with its unit.
         quantity: &'static str,
-        /// Value given.
+        /// The invalid value.
         value: f64,
-        /// What it must be.
+        /// The requirement.
         must: &'static str,
     },
-    /// Keys of a finger that do not follow each other in time.
-    #[error("finger {finger}, key {key}: its time {time_s} s is not after {before_s} s before it")]
+    /// The keys of a finger are not in ascending order of time.
+    #[error(
+        "finger {finger}, key {key}: its time {time_s} s is not after the previous key at {before_s} s"
+    )]
     UnsortedKeys {
         /// The finger's number.
         finger: u32,
@@ -371,52 +378,52 @@ pub enum FemError {
         key: usize,
         /// Its time, seconds.
         time_s: f64,
-        /// Time of the key before, seconds.
+        /// Time of the previous key, seconds.
         before_s: f64,
     },
-    /// A touch beside the skin.
+    /// A touch is not on the skin.
     #[error("finger {finger}, {place}, {time_s} s: ({x_m}, {y_m}) m is not on the skin")]
     OutsideSkin {
         /// The finger's number.
         finger: u32,
-        /// "at key N" or "on its way".
+        /// "at key N" or "between keys".
         place: String,
-        /// Seconds.
+        /// Time, seconds.
         time_s: f64,
-        /// Position, metres.
+        /// Coordinate x, metres.
         x_m: f64,
-        /// Position, metres.
+        /// Coordinate y, metres.
         y_m: f64,
     },
-    /// A force beyond the contact model.
+    /// A force is too large for the contact model.
     #[error(
-        "finger {finger}, {time_s} s: {force_n} N on a tip of {radius_m} m makes a slope above one, \
-         beyond the contact model: press less, take a larger tip, more tension or a stiffer foundation"
+        "finger {finger}, {time_s} s: {force_n} N on a tip of {radius_m} m gives a slope above one, \
+         beyond the contact model: use less force, a larger tip, more tension or a stiffer foundation"
     )]
     ForceTooLarge {
         /// The finger's number.
         finger: u32,
-        /// Seconds.
+        /// Time, seconds.
         time_s: f64,
-        /// Newton.
+        /// Force, newton.
         force_n: f64,
-        /// Metres.
+        /// Radius of the tip, metres.
         radius_m: f64,
     },
-    /// Touches that fold the mesh.
+    /// Touches invert a triangle of the mesh.
     #[error(
-        "frame {frame}: the touches turn triangle {triangle} over ({area_ratio} of its area at \
-         rest): press less, or touch further apart"
+        "frame {frame}: the touches invert triangle {triangle} (area ratio to rest: {area_ratio}): use \
+         less force, or touches further apart"
     )]
     FoldedMesh {
-        /// Frame.
+        /// Frame index.
         frame: usize,
         /// Triangle index.
         triangle: usize,
-        /// Area seen from above over that at rest.
+        /// Signed area projected onto z = 0, over the area at rest.
         area_ratio: f64,
     },
-    /// A curved skin where a flat one is needed.
+    /// The skin is not flat.
     #[error("node {node} is {height_m} m above the plane z = 0: the simulated fabric is flat")]
     NotFlat {
         /// Node index.
@@ -424,46 +431,46 @@ pub enum FemError {
         /// z, metres.
         height_m: f64,
     },
-    /// An outline whose centroid is in a hole or outside: no play circle.
+    /// The centroid of an outline is in a hole or outside the skin, so there is no play circle.
     #[error("the centroid of the outline, ({x_m}, {y_m}) m, is not on the skin")]
     CentroidOffSkin {
-        /// Position, metres.
+        /// Coordinate x, metres.
         x_m: f64,
-        /// Position, metres.
+        /// Coordinate y, metres.
         y_m: f64,
     },
-    /// More or larger fingers than a skin has room for.
+    /// The fingers are too many or too far apart for the skin.
     #[error(
         "{fingers} fingers cannot stay {apart_m} m apart within {reach_m} m of the skin's centre: \
-         take fewer or smaller ones"
+         use fewer or smaller fingers"
     )]
     NoRoom {
         /// Number of fingers.
         fingers: usize,
-        /// Smallest distance of two, metres.
+        /// Smallest distance between two fingers, metres.
         apart_m: f64,
-        /// Radius of the circle that holds all, metres.
+        /// Radius of the circle that contains all fingers, metres.
         reach_m: f64,
     },
-    /// A finger that leaves its part of the skin within a frame.
+    /// The step between frames exceeds the radius of a finger's territory.
     #[error(
         "step_m is {step_m}: with {fingers} fingers it must be from 0 to {most_m:.1e} m, the radius \
-         that each has for itself"
+         of each finger's territory"
     )]
     StepTooLong {
-        /// Way from frame to frame, metres.
+        /// Path length from one frame to the next, metres.
         step_m: f64,
         /// Number of fingers.
         fingers: usize,
-        /// Largest, metres.
+        /// Largest allowed step, metres.
         most_m: f64,
     },
-    /// A touch script that there is not.
-    #[error("there is no touch script \"{name}\": known are {known}")]
+    /// No built-in touch script has this name.
+    #[error("unknown touch script \"{name}\": available scripts are {known}")]
     UnknownScript {
-        /// Name given.
+        /// The unknown name.
         name: String,
-        /// Names there are.
+        /// The available names.
         known: String,
     },
     /// A parameter is out of range.
@@ -471,12 +478,12 @@ pub enum FemError {
     OutOfRange {
         /// The quantity with its unit.
         quantity: &'static str,
-        /// Value given.
+        /// The invalid value.
         value: f64,
-        /// What it must be.
+        /// The requirement.
         must: &'static str,
     },
-    /// What else can be wrong with a factorisation.
+    /// Another error of the sparse factorisation.
     #[error(transparent)]
     Sparse(SparseError),
 }

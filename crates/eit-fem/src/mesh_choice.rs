@@ -1,26 +1,27 @@
-//! The coarsest mesh whose discretisation stays below a required accuracy, at least cost.
+//! Search for the cheapest mesh whose discretisation error meets a required accuracy.
 //!
-//! Meshes of a family are solved from coarse to fine, each with linear and with quadratic elements,
-//! on the homogeneous skin. The error of a trial is the largest difference of its voltages from
-//! those of a better one, over the largest voltage:
+//! A family of meshes is solved from coarse to fine on the homogeneous skin, each mesh with linear
+//! and with quadratic elements. The error of a trial is estimated from the largest difference
+//! between its voltages and those of a more accurate trial, divided by the largest voltage:
 //!
-//! | trial | judged by | taken as its error |
+//! | trial | compared with | error estimate |
 //! |---|---|---|
 //! | linear | quadratic elements of the same or a finer mesh | the difference |
 //! | quadratic | quadratic elements, [`FINER`] times the nodes | [`SHARE`] times the difference |
-//! | linear, where quadratic elements are not defined | linear elements, `FINER^2` times the nodes | [`SHARE`] times the difference |
+//! | linear, where quadratic elements are not available | linear elements, `FINER^2` times the nodes | [`SHARE`] times the difference |
 //!
-//! With errors of order two in the edge length, `n` times the nodes have `1 / n` of the error, and a
-//! difference is `1 - 1 / n` of it: `SHARE = 2` is exact for `FINER = 2`, and cautious wherever
-//! convergence is faster. Electrode ends hold elements of both orders to second order on even meshes.
+//! If the error is of second order in the edge length, `n` times the nodes have `1 / n` of the
+//! error, and the difference is `1 - 1 / n` of the error. `SHARE = 2` is then exact for `FINER =
+//! 2`, and cautious wherever convergence is faster. On meshes of uniform size, the electrode ends
+//! limit elements of both orders to second-order convergence.
 //!
-//! Of the trials that meet the requirement the cheapest is chosen; the search ends when no cheaper
-//! one is left to be judged. So the finest mesh that is solved has at most `FINER` times (linear
-//! elements alone: `FINER^2` times) the nodes of the chosen one or those of one that costs as much.
-//! It is an estimate: meshes are irregular, and a difference can be small by chance (measured
-//! against the mesh-free series in `tests/mesh_choice.rs`).
+//! The search returns the cheapest trial that meets the requirement. It ends when every cheaper
+//! trial has an error estimate. So the finest mesh that is solved has at most `FINER` times (linear
+//! elements alone: `FINER^2` times) the nodes of the chosen mesh, or of a mesh that costs as much.
+//! The error is an estimate: meshes are irregular, and a difference can be small by chance
+//! (`tests/mesh_choice.rs` measures it against the mesh-free series).
 //!
-//! Long, because question, answer and search are documented in one place.
+//! The file is long because it documents the request, the result and the search in one place.
 
 use crate::element::ElementOrder;
 use crate::error::FemError;
@@ -30,34 +31,34 @@ use crate::protocol::Protocol;
 use eit_mesh::Mesh;
 use ndarray::Array1;
 
-/// Nodes of the mesh that judges over those of the one that is judged, at least.
+/// Smallest ratio of the nodes of the finer mesh to those of the mesh whose error it estimates.
 const FINER: f64 = 2.0;
 
-/// Error over the difference from the mesh that judges.
+/// Ratio of the error to the difference from the finer mesh.
 const SHARE: f64 = 2.0;
 
-/// Edges of a mesh over those of the one before it: the fourth root of a half, about `sqrt(2)` times
-/// the nodes.
+/// Ratio of edge lengths between successive meshes: the fourth root of one half, which gives about
+/// `sqrt(2)` times the nodes.
 const STEP: f64 = 0.840_896_415_253_714_6;
 
-/// Where a search ends at the latest, should `mesh_of` not follow the scale.
+/// Smallest scale tried. Ends the search if `mesh_of` does not follow the scale.
 const LEAST_SCALE: f64 = 1e-4;
 
-/// What a stored byte of the Jacobian costs, in floating point operations of the factorisation:
-/// 3 GB/s against 15 GFLOP/s on the machine of `docs/PERFORMANCE.md`.
+/// Cost of storing one byte of the Jacobian, in floating-point operations of the factorisation: 3
+/// GB/s against 15 GFLOP/s on the machine of `docs/PERFORMANCE.md`.
 const FLOPS_OF_A_BYTE: f64 = 5.0;
 
-/// How exact voltages have to be.
+/// Required accuracy of the voltages.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RequiredAccuracy {
-    /// Largest error of a voltage over the largest voltage.
+    /// Largest error of any voltage, relative to the largest voltage.
     Relative(f64),
-    /// Largest error of a voltage, volt: the standard deviation of the instrument's noise, for
-    /// example.
+    /// Largest error of any voltage, volt; for example the standard deviation of the instrument's
+    /// noise.
     Volts(f64),
 }
 
-/// What a mesh is searched for.
+/// Settings of a search for the cheapest mesh that meets a required accuracy.
 ///
 /// ```
 /// use eit_fem::{MeshSearch, PairProtocol, RequiredAccuracy};
@@ -83,36 +84,38 @@ pub enum RequiredAccuracy {
 /// ```
 #[derive(Debug, Clone, Copy)]
 pub struct MeshSearch<'a> {
-    /// Stimulation and measurement.
+    /// Stimulation and measurement protocol.
     pub protocol: &'a Protocol,
-    /// One value per electrode, as for [`ForwardModel::new`].
+    /// Contact impedance of each electrode, as for [`ForwardModel::new`].
     pub contact_impedance: &'a [f64],
-    /// Of the homogeneous skin, siemens.
+    /// Conductivity of the homogeneous skin, siemens.
     pub conductivity_s: f64,
-    /// What the discretisation has to stay below.
+    /// Required accuracy of the voltages.
     pub required: RequiredAccuracy,
-    /// The order of the elements; `None`: the cheaper one.
+    /// Order of the elements; `None` chooses the cheaper one.
     pub element_order: Option<ElementOrder>,
-    /// No mesh of more nodes is solved.
+    /// Largest number of nodes of a mesh that is solved.
     pub most_nodes: usize,
 }
 
-/// A mesh that was tried with elements of one order.
+/// One trial of a search: a mesh with elements of one order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshTrial {
-    /// Nodes of the mesh.
+    /// Number of nodes of the mesh.
     pub nodes: usize,
-    /// Order of its elements.
+    /// Order of the elements.
     pub element_order: ElementOrder,
-    /// Size and work.
+    /// Size and cost of the model.
     pub cost: ModelCost,
-    /// Estimated error of the voltages over the largest; `None` where no finer mesh judged it.
+    /// Estimated error of the voltages, relative to the largest; `None` if no finer mesh was solved
+    /// to estimate it.
     pub error: Option<f64>,
 }
 
 impl MeshTrial {
-    /// Cost of voltages and Jacobian in floating point operations of the factorisation, with what
-    /// its stores take counted as such: an order of costs, not a time.
+    /// Cost of voltages and Jacobian, in floating-point operations of the factorisation; stores of
+    /// the Jacobian are converted by [`FLOPS_OF_A_BYTE`]. It ranks trials and does not predict a
+    /// time.
     fn work(&self, measurements: usize, triangles: usize) -> f64 {
         let cost = &self.cost;
         let fields = 2.0 * cost.factor_entries as f64 * cost.field_solves as f64;
@@ -121,41 +124,41 @@ impl MeshTrial {
     }
 }
 
-/// The mesh that was found.
+/// Result of a mesh search.
 #[derive(Debug, Clone)]
 pub struct ChosenMesh {
-    /// Solve on this mesh,
+    /// The chosen mesh.
     pub mesh: Mesh,
-    /// with elements of this order.
+    /// Order of the elements to use on it.
     pub element_order: ElementOrder,
-    /// Estimated error of the voltages over the largest one.
+    /// Estimated error of the voltages, relative to the largest.
     pub error: f64,
-    /// What was required, relative to the largest voltage.
+    /// Required accuracy, relative to the largest voltage.
     pub required: f64,
-    /// The largest voltage, volt.
+    /// Largest voltage, volt.
     pub largest_v: f64,
-    /// Everything that was solved, in that order.
+    /// All trials, in the order in which they were solved.
     pub trials: Vec<MeshTrial>,
 }
 
-/// An estimated error of the discretisation.
+/// Estimated discretisation error of one mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
-    /// Of the voltages, over the largest one.
+    /// Error of the voltages, relative to the largest.
     pub error: f64,
-    /// What was required, relative to the largest voltage.
+    /// Required accuracy, relative to the largest voltage.
     pub required: f64,
-    /// The largest voltage, volt.
+    /// Largest voltage, volt.
     pub largest_v: f64,
 }
 
-/// A mesh, its trials, and the voltages of each.
+/// A mesh with its trials and their voltages.
 struct Level {
     mesh: Mesh,
     trials: Vec<(MeshTrial, Array1<f64>)>,
 }
 
-/// Where a trial stands: its level, and its place in that.
+/// Position of a trial: its level and its index within the level.
 #[derive(Clone, Copy)]
 struct Place {
     level: usize,
@@ -163,13 +166,14 @@ struct Place {
 }
 
 impl MeshSearch<'_> {
-    /// Searches among the meshes of `mesh_of`: similar ones, whose edges are all in proportion to the
-    /// scale that it is given, from 1 on downward ([`MeshSettings::similar`](eit_mesh::MeshSettings)
-    /// makes such a family).
+    /// Searches the family of meshes made by `mesh_of`. It is called with a scale, from 1 downward,
+    /// and must return similar meshes whose edge lengths are proportional to it
+    /// ([`MeshSettings::similar`](eit_mesh::MeshSettings) makes such a family).
     ///
     /// # Errors
     /// Those of `mesh_of` and of [`ForwardModel::solve`]; a required accuracy that is not above
-    /// zero, or not between `4 eps` and 1 of the largest voltage; [`FemError::NoMeshSuffices`].
+    /// zero, or is outside `4 eps` to 1 relative to the largest voltage;
+    /// [`FemError::NoMeshSuffices`].
     pub fn run<E: From<FemError>>(
         &self,
         mut mesh_of: impl FnMut(f64) -> Result<Mesh, E>,
@@ -184,7 +188,7 @@ impl MeshSearch<'_> {
                 return Err(self.none(&levels).into());
             }
             scale *= STEP;
-            // where corners hold a mesh fine, the next ones may be the same
+            // where corners keep a mesh fine, the next scale may give the same mesh
             if levels.last().is_some_and(|level| level.mesh.surface().nodes().len() >= nodes) {
                 continue;
             }
@@ -197,8 +201,8 @@ impl MeshSearch<'_> {
         }
     }
 
-    /// Estimates the error of linear elements by quadratic ones on the same mesh: for meshes that
-    /// have no family, such as those of files.
+    /// Estimates the error of linear elements from quadratic elements on the same mesh. Use it for
+    /// a single mesh, such as one read from a file.
     ///
     /// # Errors
     /// Those of [`ForwardModel::with_element_order`] and [`ForwardModel::solve`], and of
@@ -207,10 +211,11 @@ impl MeshSearch<'_> {
         self.estimate(mesh, ElementOrder::Linear, mesh, 1.0)
     }
 
-    /// Estimates the error of quadratic elements by those on a mesh of twice the nodes.
+    /// Estimates the error of quadratic elements from quadratic elements on a mesh with twice the
+    /// nodes.
     ///
     /// # Errors
-    /// As [`MeshSearch::of_linear`].
+    /// Those of [`MeshSearch::of_linear`].
     pub fn of_quadratic(&self, mesh: &Mesh, finer: &Mesh) -> Result<Estimate, FemError> {
         self.estimate(mesh, ElementOrder::Quadratic, finer, SHARE)
     }
@@ -230,7 +235,7 @@ impl MeshSearch<'_> {
         Ok(Estimate { error: share * difference(&found, &best), required, largest_v })
     }
 
-    /// Orders of elements that are solved, the best last.
+    /// Element orders to solve with, the most accurate last.
     fn orders(&self) -> Result<&'static [ElementOrder], FemError> {
         let (quantity, value) = match self.required {
             RequiredAccuracy::Relative(value) => {
@@ -267,7 +272,7 @@ impl MeshSearch<'_> {
         Ok(Level { trials: trials?, mesh })
     }
 
-    /// Estimates errors by the finest mesh with the best elements.
+    /// Estimates errors from the finest mesh with the most accurate elements.
     fn judge(&self, levels: &mut [Level]) {
         let Some((judge, best)) = levels.last().and_then(|level| level.trials.last()).cloned()
         else {
@@ -282,14 +287,14 @@ impl MeshSearch<'_> {
                 (ElementOrder::Quadratic, _) => FINER,
                 (ElementOrder::Linear, ElementOrder::Linear) => FINER * FINER,
             };
-            // meshes have about as many nodes as they were asked for: within a tenth
+            // meshes meet the requested number of nodes only to within a tenth
             if judge.nodes as f64 >= 0.9 * finer * trial.nodes as f64 {
                 trial.error = Some(SHARE * difference(voltages, &best));
             }
         }
     }
 
-    /// The requirement over the largest voltage, and the largest voltage.
+    /// Required accuracy relative to the largest voltage, and the largest voltage.
     fn relative(&self, levels: &[Level]) -> Result<(f64, f64), FemError> {
         let finest = levels.last().and_then(|level| level.trials.last());
         let largest_v = finest.map_or(0.0, |(_, voltages)| largest(voltages));
@@ -301,12 +306,13 @@ impl MeshSearch<'_> {
             RequiredAccuracy::Relative(value) => value,
             RequiredAccuracy::Volts(value) => value / largest_v,
         };
-        // that any mesh suffices is no error
+        // a requirement above 1 is valid: every mesh meets it
         check_accuracy(required.min(0.5))?;
         Ok(required)
     }
 
-    /// The cheapest trial that meets the requirement, once none that is cheaper waits to be judged.
+    /// The cheapest trial that meets the requirement, once every cheaper trial has an error
+    /// estimate.
     fn settled(&self, levels: &[Level], required: f64) -> Option<Place> {
         let allowed =
             |trial: &MeshTrial| self.element_order.is_none_or(|order| order == trial.element_order);
@@ -343,7 +349,7 @@ impl MeshSearch<'_> {
     }
 }
 
-/// Takes the chosen mesh out of its level.
+/// Moves the chosen mesh out of its level and assembles the result.
 fn chosen(mut levels: Vec<Level>, place: Place, required: f64, largest_v: f64) -> ChosenMesh {
     let found = levels[place.level].trials[place.trial].0;
     let trials = levels.iter().flat_map(|l| l.trials.iter().map(|(trial, _)| *trial)).collect();
@@ -357,7 +363,7 @@ fn chosen(mut levels: Vec<Level>, place: Place, required: f64, largest_v: f64) -
     }
 }
 
-/// Largest difference over the largest value of the second.
+/// Largest difference, relative to the largest value of `wanted`.
 fn difference(found: &Array1<f64>, wanted: &Array1<f64>) -> f64 {
     let pairs = found.iter().zip(wanted);
     pairs.fold(0.0_f64, |m, (f, w)| m.max((f - w).abs())) / largest(wanted)

@@ -1,4 +1,4 @@
-//! Vectors in space.
+//! Vectors in three-dimensional space.
 
 pub(crate) type Vector = [f64; 3];
 
@@ -27,7 +27,7 @@ pub(crate) fn norm(a: Vector) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// The direction of a vector; `None` of zero.
+/// Unit vector in the direction of `a`; `None` if `a` is zero.
 pub(crate) fn unit(a: Vector) -> Option<Vector> {
     let length = norm(a);
     (length > 0.0).then(|| scaled(1.0 / length, a))

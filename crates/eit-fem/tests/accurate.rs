@@ -1,5 +1,5 @@
-//! Stiff contacts, high contrast and slivers, against 400-bit solutions and against exact rational
-//! arithmetic.
+//! Accurate solves with stiff contacts, high contrast and slivers, against 400-bit solutions and
+//! exact rational arithmetic. The file is long because it contains the rational reference solver.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 mod common;
@@ -10,15 +10,15 @@ use eit_mesh::{Electrode, Mesh, MeshSettings, RimElectrodes, SkinShape, Surface,
 use num_rational::BigRational;
 use proptest::prelude::*;
 
-/// The least that can be asked for.
+/// The smallest required accuracy that is accepted.
 const FINEST: f64 = 1e-15;
 
 fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
     values.into_iter().fold(0.0, |m, v| m.max(v.abs()))
 }
 
-/// Every value of every case: 4 eps of the value, one rounding of the result and one of the file;
-/// and the bound that is reported holds.
+/// Every value of every case is accurate to 4 eps of the value (rounding of the result and of the
+/// file), and the reported bound holds.
 #[test]
 fn every_extreme_case_keeps_every_digit() {
     let Some(extreme) = fixtures::extreme::load().unwrap() else { return };
@@ -52,8 +52,8 @@ fn every_extreme_case_keeps_every_digit() {
     }
 }
 
-/// The same cases to eight digits: every bound holds, and contact impedances alone never ask for twice
-/// the precision.
+/// The same cases to eight digits: every bound holds, and extreme contact impedances alone never
+/// need twice the precision.
 #[test]
 fn extreme_cases_to_eight_digits_by_the_cheapest_path() {
     let Some(extreme) = fixtures::extreme::load().unwrap() else { return };
@@ -85,7 +85,8 @@ fn extreme_cases_to_eight_digits_by_the_cheapest_path() {
     }
 }
 
-/// An ordinary scene asks for ordinary accuracy and gets nodal assembly, with the same bits.
+/// With ordinary values and accuracy, nodal assembly is used and the results are bit-identical to
+/// `solve`.
 #[test]
 fn the_plain_path_is_taken_where_it_suffices() {
     let protocol = PairProtocol { electrodes: 12, ..Default::default() }.protocol().unwrap();
@@ -100,7 +101,7 @@ fn the_plain_path_is_taken_where_it_suffices() {
     let mut finest = model.solve_to(&conductivity, FINEST, &mut one).unwrap();
     assert_eq!(finest.report().path, SolvePath::ExtendedPrecision);
     let change = finest.measurements() - plain.measurements();
-    // condition number of this matrix about 1e4
+    // the condition number of this matrix is about 1e4
     assert!(largest(&change) < 1e-12 * largest(&plain.measurements()));
     for wish in [0.0, -1.0, f64::NAN, 1.0, f64::EPSILON] {
         let refused = model.solve_to(&conductivity, wish, &mut two);
@@ -108,7 +109,7 @@ fn the_plain_path_is_taken_where_it_suffices() {
     }
 }
 
-/// The paper's disc: what nodal assembly keeps there, and what electrode elimination costs.
+/// The paper's disc: accuracy of nodal assembly and cost of electrode elimination.
 #[test]
 fn the_papers_disc_keeps_twelve_digits_on_the_plain_path() {
     let skin = SkinShape::Disc { radius_m: 0.1 };
@@ -131,11 +132,11 @@ fn the_papers_disc_keeps_twelve_digits_on_the_plain_path() {
         report.factor_entries,
         report.error_bound
     );
-    // condition number about 1e4
+    // the condition number is about 1e4
     assert!(error < 1e-12, "{error:e}");
 }
 
-/// Fields of both paths agree where both are right, on the same scale of potentials.
+/// Fields of both paths agree where both are accurate, with the same reference potential.
 #[test]
 fn fields_and_jacobian_of_both_paths_agree() {
     let kept = PairProtocol {
@@ -151,7 +152,7 @@ fn fields_and_jacobian_of_both_paths_agree() {
     let (mut one, mut two) = (model.workspace().unwrap(), model.workspace().unwrap());
     let mut plain = model.solve(&conductivity, &mut one).unwrap();
     let mut exact = model.solve_to(&conductivity, FINEST, &mut two).unwrap();
-    // 1e-12: rounding of nodal assembly, condition number about 1e4
+    // 1e-12: rounding of nodal assembly with a condition number of about 1e4
     let near = |a: Vec<f64>, b: Vec<f64>| {
         let worst = a.iter().zip(&b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs()));
         assert!(worst < 1e-12 * largest(&a), "{worst:e} of {:e}", largest(&a));
@@ -190,17 +191,17 @@ fn limits_of_contact_impedance_are_limits() {
     for (limit, near) in [(0.0, 1e-40), (f64::INFINITY, 1e40)] {
         let ((v, j, u), (w, k, _)) = (solve(limit, Some(FINEST)), solve(near, Some(FINEST)));
         assert!(u.iter().all(|u| u.is_finite()));
-        // both are right to their last digit
+        // both are accurate to the last digit
         assert!(largest(&(&v - &w)) <= 4.0 * f64::EPSILON * largest(&v));
         assert!(largest(&(&j - &k)) <= 1e-14 * largest(&j));
-        // f64, condition number about 1e4
+        // f64 with a condition number of about 1e4
         let (w, k, _) = solve(limit, None);
         assert!(largest(&(&v - &w)) <= 1e-11 * largest(&v));
         assert!(largest(&(&j - &k)) <= 1e-11 * largest(&j));
     }
 }
 
-/// Voltages of electrodes that carry current through an infinite impedance do not exist.
+/// An electrode that carries current through an infinite impedance has no finite voltage.
 #[test]
 fn infinite_voltages_are_refused() {
     let kept = PairProtocol {
@@ -215,7 +216,7 @@ fn infinite_voltages_are_refused() {
     assert!(matches!(refused, FemError::NonFinitePotential { electrode: 5, .. }), "{refused}");
 }
 
-/// Beyond 32 digits of contrast a solve is refused, or right: the limit of a perfect conductor.
+/// With a contrast beyond 32 digits, a solve fails or reaches the limit of a perfect conductor.
 #[test]
 fn contrast_beyond_all_digits_is_refused_or_right() {
     let protocol = PairProtocol { electrodes: 12, ..Default::default() }.protocol().unwrap();
@@ -230,20 +231,20 @@ fn contrast_beyond_all_digits_is_refused_or_right() {
     match solve(1e45) {
         Err(FemError::AccuracyNotReached { .. } | FemError::NotPositiveDefinite { .. }) => {}
         Err(other) => unreachable!("{other}"),
-        // 1e-12 was asked for; the limit is off by 1e-16
+        // 1e-12 was required; `limit` itself is off by 1e-16
         Ok(v) => assert!(largest(&(&v - &limit)) < 2e-12 * largest(&limit)),
     }
 }
 
-/// Electrodes of the rational reference: two ends, one edge below and one above. With `touching`
-/// the lower one starts at the corner that the left end has.
+/// Electrodes of the rational reference: the two ends, one edge at the bottom and one at the top.
+/// With `touching`, the bottom electrode starts at the corner of the left end.
 fn small_skin(thinness: i32, jitter: &[f64], touching: bool) -> Mesh {
     let (columns, rows) = (4, 2);
     let flat = strip(4.0, 2.0, columns, rows);
     let node = |i: usize, j: usize| (i * (rows + 1) + j) as u32;
     let mut nodes = flat.surface().nodes().to_vec();
     for i in 1..columns {
-        // inner nodes along the strip, dyadic
+        // inner nodes along the strip, at dyadic coordinates
         nodes[node(i, 1) as usize][0] += (jitter[i] * 64.0).round() / 256.0;
     }
     nodes.iter_mut().for_each(|n| n[1] *= 2f64.powi(-thinness));
@@ -274,7 +275,7 @@ fn rational_transfer(
     let mut a = vec![vec![zero.clone(); size + electrodes]; size];
     for (triangle, &sigma) in mesh.surface().triangles().iter().zip(conductivity) {
         let place = |k: usize, c: usize| exact(nodes[triangle[k % 3] as usize][c]);
-        // gradient of hat function k times twice the area: the opposite edge, turned
+        // gradient of hat function k times twice the area: the opposite edge, rotated
         let opposite = |k: usize| [0, 1].map(|c| place(k + 2, c) - place(k + 1, c));
         let (e0, e1) = (opposite(0), opposite(1));
         let double = (&e0[0] * &e1[1]) - (&e0[1] * &e1[0]);
@@ -292,7 +293,7 @@ fn rational_transfer(
         let Electrode::Rim(edges) = electrode else { unreachable!("rim electrodes") };
         for edge in edges {
             let ends = edge.map(|n| n as usize);
-            // along an axis: the length is rational
+            // parallel to an axis, so the length is rational
             let lengths = [0, 1].map(|c| (nodes[ends[0]][c] - nodes[ends[1]][c]).abs());
             assert!(lengths[0] == 0.0 || lengths[1] == 0.0);
             let g = exact(lengths[0] + lengths[1]) / exact(impedance[l]);
@@ -322,7 +323,7 @@ fn rational_transfer(
             }
         }
     }
-    // electrodes stand last: their potentials need the trailing block only
+    // electrodes come last, so their potentials need only the trailing block
     let mut u = vec![vec![zero.clone(); electrodes]; electrodes];
     for k in (0..electrodes).rev() {
         for l in 0..electrodes {
@@ -338,8 +339,9 @@ fn rational_transfer(
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Contrast up to 1e8, contact impedances over 16 decades, triangles as flat as 1 : 16000: each
-    /// value right to its last digits, and within its bound, against exact rational arithmetic.
+    /// With contrast up to 1e8, contact impedances over 16 decades and triangles as flat as 1 :
+    /// 16000, each value is accurate to its last digits and within its bound, compared with exact
+    /// rational arithmetic.
     #[test]
     fn every_digit_of_random_skins_is_right(
         sigma in proptest::collection::vec(-4.0..4.0, 16),
@@ -370,7 +372,8 @@ proptest! {
                 let error = exact(v) - wanted;
                 let error = if error < exact(0.0) { -error } else { error };
                 prop_assert!(error <= exact(bound) || !is_bound, "{} within {}", v, bound);
-                // bounds are not idle: a value of 1e-20 of the largest may lose its last digits
+                // bounds are not trivially large; a value of 1e-20 of the largest may lose its last
+                // digits
                 let idle = bound > 1e-8 * v.abs() && bound > 1e-20 * largest(&found);
                 prop_assert!(!idle || accuracy > FINEST);
             }

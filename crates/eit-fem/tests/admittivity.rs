@@ -1,5 +1,6 @@
-//! Complex admittivity: the real model, closed forms, a dense solve of twice the size in real
-//! numbers, SciPy, and what circuits obey.
+//! Complex admittivity against the real model, closed forms, a dense real solve of twice the size,
+//! SciPy, and the laws of circuits. The file is long because it contains the dense reference
+//! solver.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;
@@ -18,7 +19,7 @@ fn largest<D: Dimension>(values: ArrayView<'_, Complex64, D>) -> f64 {
     values.iter().fold(0.0, |m, v| m.max(v.norm()))
 }
 
-/// Largest difference over the largest value.
+/// Largest difference, relative to the largest value.
 fn differ(found: &Array1<Complex64>, wanted: &Array1<Complex64>) -> f64 {
     largest((found - wanted).view()) / largest(wanted.view())
 }
@@ -29,7 +30,7 @@ fn protocol(driven_electrodes: DrivenElectrodes) -> Protocol {
     settings.protocol().unwrap()
 }
 
-/// Elements that conduct, that store charge, and that do both; magnitudes over two decades.
+/// Elements that conduct, store charge or do both, with magnitudes over two decades.
 fn fabric(elements: usize) -> Vec<Complex64> {
     let (size, phase) = (noise(3, elements), noise(4, elements));
     let element = |e: usize| {
@@ -43,7 +44,7 @@ fn fabric(elements: usize) -> Vec<Complex64> {
     (0..elements).map(element).collect()
 }
 
-/// Capacitive contacts, one of them without any resistance.
+/// Capacitive contacts, one of them purely capacitive.
 fn contacts() -> Vec<Complex64> {
     let (re, im) = (noise(7, 12), noise(8, 12));
     (0..12)
@@ -62,7 +63,7 @@ fn without_capacitance_it_is_the_real_model() {
     let mut workspace = model.workspace().unwrap();
     let mut solution = model.solve(&complex(&sigma), &mut workspace).unwrap();
     let (voltages, jacobian) = (solution.measurements(), solution.jacobian());
-    // no imaginary part comes from nowhere
+    // imaginary parts stay exactly zero
     assert!(voltages.iter().chain(&jacobian).all(|v| v.im == 0.0));
     let error = differ(&voltages, &real.forward(&sigma).unwrap().mapv(Complex64::from));
     let wanted = real.jacobian(&sigma).unwrap().mapv(Complex64::from);
@@ -77,13 +78,13 @@ fn without_capacitance_it_is_the_real_model() {
     assert!(error < 1e-12 && slope < 1e-12 && potential < 1e-12);
     let report = solution.report();
     assert_eq!(report.phase_span_deg, 0.0);
-    // the rows of a real factor have the norm of the diagonal
+    // the squared norm of each row of a real factor is the diagonal entry
     assert!((report.growth - 1.0).abs() < 1e-13, "{}", report.growth);
     assert!(report.backward_error < 1e-14, "{}", report.backward_error);
 }
 
-/// `V(t gamma, z / t) = V(gamma, z) / t` for every complex `t`, and the Jacobian falls with `t^2`;
-/// a quarter turn makes pure capacitors of all conductors.
+/// `V(t gamma, z / t) = V(gamma, z) / t` for every complex `t`, and the Jacobian scales with `1 /
+/// t^2`. A rotation by 90 degrees turns all conductors into pure capacitors.
 #[test]
 fn a_common_phase_turns_the_voltages_and_no_more() {
     let (mesh, protocol) = (ring_disc(8), protocol(DrivenElectrodes::Drop));
@@ -109,7 +110,7 @@ fn a_common_phase_turns_the_voltages_and_no_more() {
     }
 }
 
-/// The mesh-free series knows real numbers only; a homogeneous disc turns them.
+/// The mesh-free series is real; for a homogeneous disc, scaling by a complex factor extends it.
 #[test]
 fn homogeneous_disc_converges_to_the_turned_series() {
     let protocol = protocol(DrivenElectrodes::Drop);
@@ -144,7 +145,7 @@ fn homogeneous_disc_converges_to_the_turned_series() {
 }
 
 /// A strip carries a uniform current: `V = I (length / (gamma width) + (z_1 + z_2) / width)` and
-/// `dV/dgamma_e = -A_e I / (gamma width)^2`, with phases that have nothing to do with each other.
+/// `dV/dgamma_e = -A_e I / (gamma width)^2`, with unrelated phases.
 #[test]
 fn strip_has_its_closed_form() {
     let (length, width, current) = (0.3, 0.1, 1e-4);
@@ -161,13 +162,13 @@ fn strip_has_its_closed_form() {
     let jacobian = model.jacobian(&gammas).unwrap();
     for (found, area) in jacobian.row(0).iter().zip(mesh.surface().areas_m2()) {
         let wanted = -area * current / (gamma * width).powi(2);
-        // a gradient loses one more digit
+        // gradients lose one more digit
         assert!((found - wanted).norm() < 1e-11 * wanted.norm(), "{found} {wanted}");
     }
 }
 
 /// The textbook matrix of all node and electrode potentials, dense: gradients of hat functions
-/// from edge normals, masses of edges. Shares nothing with the library.
+/// from edge normals, masses of edges. Shares no code with the library.
 fn textbook(mesh: &Mesh, gamma: &[Complex64], z: &[Complex64]) -> Array2<Complex64> {
     let nodes = mesh.surface().nodes();
     let mut a = Array2::zeros((nodes.len() + z.len(), nodes.len() + z.len()));
@@ -203,7 +204,7 @@ fn textbook(mesh: &Mesh, gamma: &[Complex64], z: &[Complex64]) -> Array2<Complex
 }
 
 /// Solves `(B + i C)(x + i y) = f` as `[B -C; C B] [x; y] = [f; 0]` by Gaussian elimination with
-/// row exchanges; the last unknown is held at zero.
+/// row exchanges; the last unknown is fixed at zero.
 fn solve_in_reals(a: &Array2<Complex64>, f: &[f64]) -> Vec<Complex64> {
     let n = a.nrows() - 1;
     let mut m = Array2::<f64>::zeros((2 * n, 2 * n + 1));
@@ -260,7 +261,7 @@ fn voltages_are_those_of_a_dense_solve_in_real_numbers() {
     let (mesh, protocol) = (ring_disc(4), protocol(DrivenElectrodes::Keep));
     let model = AdmittivityModel::new(&mesh, &protocol, &contacts()).unwrap();
     let passive = fabric(model.elements());
-    // inductors and capacitors side by side, up to 70 degrees each way: no Higham matrix
+    // both inductive and capacitive, up to 70 degrees each way: not a Higham matrix
     let turned: Vec<Complex64> = noise(11, model.elements())
         .iter()
         .zip(&passive)
@@ -279,7 +280,7 @@ fn voltages_are_those_of_a_dense_solve_in_real_numbers() {
     }
 }
 
-/// Voltages and a directional derivative by SciPy's complex sparse LU on a nodal assembly in
+/// Voltages and a directional derivative against SciPy's complex sparse LU on a nodal assembly in
 /// NumPy (`fixtures/golden/admittivity.py`).
 #[test]
 fn voltages_and_derivative_are_those_of_scipy() {
@@ -297,7 +298,7 @@ fn voltages_and_derivative_are_those_of_scipy() {
     let along = solution.jacobian().dot(&Array1::from(complex(&golden.direction)));
     let slope = differ(&along, &complex(&golden.derivative).into());
     println!("voltages {error:.1e}, derivative {slope:.1e}");
-    // condition number about 1e5 on both sides
+    // the condition number is about 1e5 on both sides
     assert!(error < 1e-12 && slope < 1e-12, "{error:e} {slope:e}");
 }
 
@@ -322,9 +323,9 @@ fn exchanging_current_and_voltage_changes_nothing() {
     }
 }
 
-/// `conj(U) . I = sum over elements of gamma |grad u|^2 + contacts`: what the currents bring in is
-/// what conductors turn into heat (real) and capacitors hold (imaginary). The textbook matrix
-/// weighs every potential, so this is its energy; its rows also give the currents back.
+/// `conj(U) . I = sum over elements of gamma |grad u|^2 + contacts`: the power of the currents is
+/// dissipated in conductors (real part) and stored in capacitors (imaginary part). It is the energy
+/// of the textbook matrix, whose rows also reproduce the currents.
 #[test]
 fn power_and_currents_are_conserved() {
     let (mesh, protocol) = (ring_disc(8), protocol(DrivenElectrodes::Keep));
@@ -338,7 +339,7 @@ fn power_and_currents_are_conserved() {
         let x: Array1<Complex64> = inside.row(s).iter().chain(outside.row(s)).copied().collect();
         let flows = a.dot(&x);
         let nodes = inside.ncols();
-        // entries up to 100 times potentials of order one, a few hundred of them
+        // a few hundred products of entries up to 100 and potentials of order one
         for (flow, current) in flows.iter().skip(nodes).zip(currents) {
             assert!((flow - current).norm() < 1e-12, "{flow} {current}");
         }
@@ -346,13 +347,13 @@ fn power_and_currents_are_conserved() {
         let stored: Complex64 = x.iter().zip(&flows).map(|(x, flow)| x.conj() * flow).sum();
         let given: Complex64 = outside.row(s).iter().zip(currents).map(|(u, i)| u.conj() * i).sum();
         assert!((stored - given).norm() < 1e-12 * given.norm());
-        // heat, and charge: both are positive in a passive skin
+        // dissipated and stored power are both positive in a passive skin
         assert!(given.re > 0.0 && given.im > 0.0, "{given}");
     }
 }
 
-/// What is left after the Jacobian falls with the square of the step, along complex directions and
-/// complex steps.
+/// The remainder after subtracting the Jacobian falls with the square of the step, for complex
+/// directions and steps.
 #[test]
 fn taylor_remainders_have_slope_two() {
     let (mesh, protocol) = (ring_disc(8), protocol(DrivenElectrodes::Keep));
@@ -375,13 +376,13 @@ fn taylor_remainders_have_slope_two() {
         let remainders: Vec<f64> = (4..10).map(|k| remainder(0.5_f64.powi(k))).collect();
         let slopes: Vec<f64> = remainders.windows(2).map(|r| (r[0] / r[1]).log2()).collect();
         println!("phase {phase}: slopes {slopes:.3?}");
-        // the third order is below a hundredth of the second at the last steps
+        // the third-order term is below a hundredth of the second-order term at the last steps
         assert!(slopes.iter().all(|s| (s - 2.0).abs() < 0.1), "{slopes:?}");
         assert!((slopes[4] - 2.0).abs() < 0.01, "{slopes:?}");
     }
 }
 
-/// Cauchy and Riemann: a step along `i d` changes the voltages by `i` times what `d` does.
+/// Cauchy-Riemann: a step along `i d` changes the voltages by `i` times the change along `d`.
 #[test]
 fn voltages_are_holomorphic() {
     let (mesh, protocol) = (ring_disc(4), protocol(DrivenElectrodes::Keep));
@@ -402,7 +403,7 @@ fn voltages_are_holomorphic() {
     assert!(differ(&imaginary, &real.mapv(|v| I * v)) < 1e-6);
 }
 
-/// Eight decades of magnitude, every phase between conductor and capacitor, stiff contacts.
+/// Magnitudes over eight decades, all phases between conductor and capacitor, stiff contacts.
 #[test]
 fn growth_stays_below_three_in_passive_skins() {
     let (mesh, protocol) = (ring_disc(16), protocol(DrivenElectrodes::Drop));
@@ -417,7 +418,7 @@ fn growth_stays_below_three_in_passive_skins() {
             .collect();
         let mut workspace = model.workspace().unwrap();
         let report = model.solve(&gamma, &mut workspace).unwrap().report();
-        // the same magnitudes without phases: componentwise errors are no smaller there
+        // a real skin with the same magnitudes has componentwise errors that are no smaller
         let real = ForwardModel::new(&mesh, &protocol, &[z[0].norm(); 12]).unwrap();
         let sigma: Vec<f64> = gamma.iter().map(|y| y.norm()).collect();
         let mut real_workspace = real.workspace().unwrap();
@@ -451,8 +452,8 @@ fn bad_input_is_named() {
             model.forward(&gamma),
             &format!(
                 "the admittivity of element 17 is {text} S: its real part must be zero or above, \
-                 and not both parts zero (1 of the elements are like that; for a hole leave them \
-                 out of the mesh)"
+                 and not both parts zero (1 of the elements are invalid; model a hole by leaving \
+                 elements out of the mesh)"
             ),
         );
         let mut z = contacts();
@@ -460,9 +461,9 @@ fn bad_input_is_named() {
         says(
             AdmittivityModel::new(&mesh, &protocol, &z),
             &format!(
-                "the contact impedance of electrode 3 is {text}: beside complex admittivities it \
-                 must be finite and not zero, with a real part of zero or above (shunts and ideal \
-                 current sources need a skin without capacitance)"
+                "the contact impedance of electrode 3 is {text}: with complex admittivities it \
+                 must be finite and non-zero, with a real part of zero or above (only the real \
+                 model supports shunts and ideal current sources)"
             ),
         );
     }
@@ -471,13 +472,13 @@ fn bad_input_is_named() {
         AdmittivityModel::new(&mesh, &protocol, &contacts()[1..]),
         "contact impedance (one per electrode): 11 values given, 12 needed",
     );
-    // an inductor without loss beside the contact that is a capacitor without loss
+    // a lossless inductor together with a purely capacitive contact
     let mut resonant = good.clone();
     resonant[0] = -I;
     says(
         model.forward(&resonant),
-        "phases of admittivities and contact admittances lie between -90.000 and 90.000 degrees: \
-         they must stay within less than half a turn, or capacitors and inductors cancel \
+        "the phases of the admittivities and contact admittances range from -90.000 to 90.000 degrees: \
+         they must span less than 180 degrees, or capacitors and inductors may cancel \
          (capacitive admittivities have positive imaginary parts, capacitive impedances negative \
          ones)",
     );

@@ -1,4 +1,4 @@
-//! After the first solve with a workspace nothing is allocated, whichever elements.
+//! After the first solve with a workspace, solves do not allocate, with elements of either order.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 mod common;
@@ -35,6 +35,6 @@ fn solves_on_moved_nodes_allocate_nothing() {
         frame(1);
         assert_eq!((2..5).map(frame).collect::<Vec<_>>(), [0, 0, 0], "{elements:?}");
     }
-    // the counter counts
+    // check that the counter works
     assert!(measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
 }

@@ -1,4 +1,4 @@
-//! What a model refuses, and what it says. Refusals of protocols are in `protocol.rs`.
+//! Invalid input to models and the error messages. Those of protocols are in `protocol.rs`.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;
@@ -62,7 +62,7 @@ fn conductivities_must_be_positive_numbers() {
         conductivity[7] = value;
         let wanted = format!(
             "the conductivity of element 7 is {text} S: it must be finite and above zero (1 of \
-                 the elements are not; for a hole leave them out of the mesh)"
+                 the elements are not; model a hole by leaving elements out of the mesh)"
         );
         says(model.forward(&conductivity), &wanted);
         says(model.jacobian(&conductivity), &wanted);
@@ -70,7 +70,8 @@ fn conductivities_must_be_positive_numbers() {
     says(model.forward(&[1.0; 5]), "conductivity (one per element): 5 values given, 96 needed");
 }
 
-/// Every kind of foreign workspace is refused, and one that only looks foreign is not.
+/// Every kind of mismatched workspace is rejected, but one of another model with equal sizes is
+/// accepted.
 #[test]
 fn workspaces_of_other_models_are_refused() {
     let model = model();
@@ -97,7 +98,7 @@ fn workspaces_of_other_models_are_refused() {
         &on_the_same_mesh(&Protocol::from_quadruples(12, &narrow, 1e-4).unwrap()),
         "electrode potentials",
     );
-    // the same stimulations with an opposite measurement: more combined fields
+    // the same stimulations with opposite measurements: more combined fields
     let opposite = PairProtocol {
         electrodes: 12,
         measure: eit_fem::PairPattern::Opposite,
@@ -112,7 +113,8 @@ fn workspaces_of_other_models_are_refused() {
     let mut same_sizes = on_the_same_mesh(&keep.protocol().unwrap()).workspace().unwrap();
     let wanted = model.forward(&conductivity).unwrap();
     assert_eq!(model.solve(&conductivity, &mut same_sizes).unwrap().measurements(), wanted);
-    // nodes, edges, electrodes but one, and their nodes: 217 + 600 + 11 + 33 and 61 + 156 + 11 + 22
+    // nodes, edges, electrodes except one, and their nodes: 217 + 600 + 11 + 33 and 61 + 156 + 11 +
+    // 22
     says(
         model.solve(&conductivity, &mut finer.workspace().unwrap()).map(|_| ()),
         "workspace of another model: its matrix: 861 values given, 250 needed",
@@ -141,7 +143,7 @@ fn buffers_must_have_the_shape_of_the_answer() {
     into(108, 96).unwrap();
 }
 
-/// Numbers at the ends of the range end in an error, never in NaN.
+/// Values at the ends of the floating-point range give an error, never NaN.
 #[test]
 fn overflow_is_an_error() {
     let mesh = strip(1.0, 1.0, 2, 2);
@@ -152,9 +154,9 @@ fn overflow_is_an_error() {
     says(
         at(1e300, 1e-100, 1e100),
         "the potential of electrode 1 under stimulation 0 is NaN V: the currents, conductivities \
-         and contact impedances together leave the range of numbers",
+         and contact impedances together exceed the floating-point range",
     );
-    // entries of the matrix overflow
+    // matrix entries overflow
     says(
         at(1.0, 1.0, 5e-324),
         "the system matrix lost positive definiteness at unknown 0 of 10: the conductivities or \
@@ -204,7 +206,7 @@ fn disc_series_refuses_what_is_no_disc() {
         DiscSeries { electrode_angles_rad: vec![0.0, 3.0], ..series() },
         "the protocol is for 3 electrodes, but the mesh has 2".into(),
     );
-    // two electrodes in one place: the equations are one pair short of independent
+    // two electrodes at the same place: their equations are linearly dependent
     let twice = DiscSeries {
         electrode_angles_rad: vec![0.0, 0.0, 3.0],
         contact_impedance_ohm_m: 1e-300,
@@ -217,7 +219,7 @@ fn disc_series_refuses_what_is_no_disc() {
 }
 
 proptest! {
-    /// Any conductivities and impedances within a thousand decades: finite voltages or an error.
+    /// Any conductivities and impedances over hundreds of decades give finite voltages or an error.
     #[test]
     fn extreme_values_give_numbers_or_an_error(
         sigma in proptest::collection::vec(-300.0..300.0, 96),

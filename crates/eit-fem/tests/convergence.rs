@@ -1,4 +1,4 @@
-//! Convergence on the meshes of the generator, graded toward electrode ends.
+//! Convergence on generated meshes, graded towards electrode ends.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 use eit_fem::analytic::DiscSeries;
@@ -20,7 +20,7 @@ fn electrodes(first_angle_deg: f64) -> RimElectrodes {
 
 fn mesh(nodes: usize, first_angle_deg: f64) -> Mesh {
     let (skin, electrodes) = (SkinShape::Disc { radius_m: RADIUS_M }, electrodes(first_angle_deg));
-    // edges at the electrode ends shrink with the others: one family of similar meshes
+    // edges at the electrode ends shrink with the others, so the meshes form a similar family
     let ends = WIDTH_M / 4.0 * (500.0 / nodes as f64).sqrt();
     let graded = MeshSettings { electrode_edge_m: Some(ends), ..Default::default() };
     let settings = graded.for_nodes(&skin, &electrodes, nodes).unwrap();
@@ -79,16 +79,16 @@ fn voltages_converge_to_the_series_on_generated_meshes() {
         .map(|k| 2.0 * (errors[k - 1] / errors[k]).ln() / (nodes[k] / nodes[k - 1]).ln())
         .collect();
     println!("orders {orders:.2?}");
-    // P1 voltages converge with order 2, at electrode ends (r log r) with a factor log(1/h) that
-    // costs 0.1 to 0.2; meshes of one family differ by chance in how they meet the ends. The
-    // coarsest mesh has gaps of four edges and errors of both signs: it is not in the family yet.
+    // P1 voltages converge with order 2. At electrode ends (r log r) a factor log(1/h) reduces the
+    // order by 0.1 to 0.2, and meshes of one family differ by chance in how they resolve the ends.
+    // The coarsest mesh has gaps of four edges and errors of both signs, so it is left out.
     assert!(orders[1..].iter().all(|o| (o - 2.0).abs() < 0.3), "{orders:?}");
     assert!(errors.is_sorted_by(|a, b| a > b), "{errors:?}");
     assert!(change < 0.05 * errors[3], "the series is the better one: {change:e}");
 }
 
-/// A touched skin, turned by one electrode, with a mesh of its own: the same voltages one drive
-/// later, to discretisation error.
+/// A touched skin rotated by one electrode, with its own mesh, has the same voltages one drive
+/// later, up to discretisation error.
 #[test]
 fn turning_the_scene_changes_only_discretisation_error() {
     let touched = |angle_deg: f64| {
@@ -104,11 +104,11 @@ fn turning_the_scene_changes_only_discretisation_error() {
         let (here, turned) = (mesh(nodes, 0.0), mesh(nodes, PITCH_DEG));
         let error = largest(&(voltages(&here, |_| CONDUCTIVITY_S) - &exact)) / largest(&exact);
         let v = voltages(&here, touched(10.0));
-        // electrode 1 of the turned skin stands where electrode 2 stood, and so does the touch
+        // electrode 1 of the rotated skin is where electrode 2 was; the touch is rotated too
         let w = voltages(&turned, touched(10.0 + PITCH_DEG));
         let change = largest(&(&w - &v)) / largest(&v);
         println!("{nodes} nodes: turning changes {change:.2e}, error {error:.2e}");
-        // the same skin in place, touch not turned, is another scene
+        // without rotating the touch, the voltages differ
         let other = largest(&(voltages(&turned, touched(10.0)) - &v)) / largest(&v);
         println!("   touch left behind: {other:.2e}");
         assert!(change < 2.0 * error, "{change:e} {error:e}");

@@ -25,7 +25,7 @@ fn voltages(mesh: &Mesh) -> Array1<f64> {
     model.forward(&vec![CONDUCTIVITY_S; mesh.surface().triangles().len()]).unwrap()
 }
 
-/// The flat disc, mesh-free; electrode 1 on the x axis.
+/// Mesh-free voltages of the flat disc; electrode 1 is on the x axis.
 fn series() -> Array1<f64> {
     let (degree, harmonics) = (16, 4000);
     let series = DiscSeries {
@@ -49,15 +49,15 @@ fn error(mesh: &Mesh, exact: &Array1<f64>) -> f64 {
     ((voltages(mesh) - exact) / exact).iter().fold(0.0, |m, e| m.max(e.abs()))
 }
 
-/// Orders in the edge length, which is 1 / sqrt(nodes), between meshes that follow each other.
+/// Convergence orders in the edge length, taken as 1 / sqrt(nodes), between successive meshes.
 fn orders(nodes: &[usize], errors: &[f64]) -> Vec<f64> {
     let ratio = |k: usize| (nodes[k] as f64 / nodes[k - 1] as f64).ln();
     (1..errors.len()).map(|k| 2.0 * (errors[k - 1] / errors[k]).ln() / ratio(k)).collect()
 }
 
-/// The stereographic projection keeps angles, and with them Laplace's equation and currents; on the
-/// equator it keeps lengths, and with them contact impedances: a hemisphere with electrodes on its rim
-/// has the voltages of the flat disc.
+/// The stereographic projection preserves angles, and thereby Laplace's equation and currents. On
+/// the equator it preserves lengths, and thereby contact impedances. So a hemisphere with
+/// electrodes on its rim has the voltages of the flat disc.
 #[test]
 fn a_hemisphere_has_the_voltages_of_the_flat_disc() {
     let exact = series();
@@ -65,7 +65,7 @@ fn a_hemisphere_has_the_voltages_of_the_flat_disc() {
     let electrodes = RimElectrodes::equally_spaced(16, WIDTH_M);
     let (mut nodes, mut errors) = (Vec::new(), Vec::new());
     for wanted in [500, 2000, 8000, 32000] {
-        // one family of similar meshes, as in tests/convergence.rs
+        // a similar family of meshes, as in tests/convergence.rs
         let ends = WIDTH_M / 4.0 * (500.0 / f64::from(wanted)).sqrt();
         let graded = MeshSettings { electrode_edge_m: Some(ends), ..Default::default() };
         let settings = graded.for_nodes(&skin, &electrodes, wanted as usize).unwrap();
@@ -75,14 +75,14 @@ fn a_hemisphere_has_the_voltages_of_the_flat_disc() {
     }
     let orders = orders(&nodes, &errors);
     println!("nodes {nodes:?}, errors {errors:.6?}, orders {orders:.2?}");
-    // as for the flat disc: 2, less what log(1/h) costs at electrode ends; the coarsest mesh is not
-    // in the family yet
+    // as for the flat disc: order 2, reduced by log(1/h) at electrode ends; the coarsest mesh is
+    // left out
     assert!(orders[1..].iter().all(|o| (o - 2.0).abs() < 0.35), "{orders:?}");
     assert!(errors[3] < 1e-3, "{errors:?}");
 }
 
-/// The same skin as a robot builder brings it: triangles of another kind (an octahedron's, halved and
-/// moved to the sphere), through a binary STL file in millimetres, electrodes by position.
+/// The same skin as from a CAD model: triangles of a subdivided octahedron, projected onto the
+/// sphere, from a binary STL file in millimetres, with electrodes given by position.
 #[test]
 fn a_hemisphere_from_an_stl_file_has_them_as_well() {
     let exact = series();
@@ -105,13 +105,13 @@ fn a_hemisphere_from_an_stl_file_has_them_as_well() {
     }
     let orders = orders(&nodes, &errors);
     println!("nodes {nodes:?}, errors {errors:.6?}, orders {orders:.2?}");
-    // as above; meshes that are halved where they are too long are less alike
+    // as above; meshes made by splitting long edges are less similar to each other
     assert!(orders[1..].iter().all(|o| (o - 2.0).abs() < 0.4), "{orders:?}");
     assert!(errors[3] < 1e-3, "{errors:?}");
 }
 
-/// Half an octahedron, every triangle halved on each side and moved to the sphere, as a binary STL
-/// file.
+/// Half an octahedron as a binary STL file, with every side bisected and the nodes projected onto
+/// the sphere.
 fn half_sphere_stl(halvings: u32, radius: f64) -> Vec<u8> {
     let mut corners: Vec<[f64; 3]> =
         vec![[1., 0., 0.], [0., 1., 0.], [-1., 0., 0.], [0., -1., 0.], [0., 0., 1.]];
@@ -156,8 +156,9 @@ fn bessel(x: f64) -> (f64, f64) {
     (zero, one)
 }
 
-/// A round patch in the middle of a disc, the whole rim as the other electrode. Under the patch
-/// `u - U` is `I_0(r / s)` with `s^2 = sigma z`; outside, `u` is a logarithm.
+/// A round patch in the centre of a disc, with the whole rim as the other electrode. Under the
+/// patch, `u - U` is proportional to `I_0(r / s)` with `s^2 = sigma z`; outside, `u` is
+/// logarithmic.
 #[test]
 fn a_patch_in_the_middle_of_a_disc_converges_to_the_closed_form() {
     let (current_a, patch_m, rim_z, patch_z) = (1e-4, 0.03, 1e3, 20.0);
@@ -186,8 +187,8 @@ fn a_patch_in_the_middle_of_a_disc_converges_to_the_closed_form() {
     }
     let orders = orders(&nodes, &errors);
     println!("exact {exact} V: nodes {nodes:?}, errors {errors:.6?}, orders {orders:.2?}");
-    // smooth on both sides of the patch's outline, which the mesh follows: order 2, and nothing to
-    // spoil it
+    // the solution is smooth on both sides of the patch's outline, which the mesh follows: clean
+    // order 2
     assert!(orders.iter().all(|o| (o - 2.0).abs() < 0.3), "{orders:?}");
     assert!(errors[2] < 1e-3, "{errors:?}");
 }

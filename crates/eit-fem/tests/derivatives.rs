@@ -1,5 +1,6 @@
 //! Derivatives with respect to contacts, nodes and electrodes: Taylor remainders, closed forms,
-//! symmetry, and differences of solutions that share neither mesh nor derivative.
+//! symmetry, and differences of independent solutions. The file is long because all these tests
+//! share their skins.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -35,7 +36,7 @@ fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
     values.into_iter().fold(0.0, |m, v| m.max(v.abs()))
 }
 
-/// Driven electrodes measured: contacts enter most there.
+/// Includes measurements on driven electrodes, where contacts matter most.
 fn protocol(electrodes: usize) -> Protocol {
     let driven_electrodes = DrivenElectrodes::Keep;
     let current_a = 0.5;
@@ -44,7 +45,7 @@ fn protocol(electrodes: usize) -> Protocol {
         .unwrap()
 }
 
-/// A skin in a random state: uneven contacts, conductivities from 0.5 to 1.5, and a patch.
+/// A skin in a random state: unequal contacts, conductivities from 0.5 to 1.5, and a patch.
 struct State {
     mesh: Mesh,
     model: ForwardModel,
@@ -64,7 +65,7 @@ impl State {
         Self { mesh, model, impedance, sigma }
     }
 
-    /// Voltages with nodes and contacts changed.
+    /// Voltages after changing nodes and contacts.
     fn voltages(&self, nodes: &[[f64; 3]], impedance: &[f64]) -> Array1<f64> {
         let mut geometry = self.model.geometry();
         self.model.deform(nodes, impedance, &mut geometry).unwrap();
@@ -82,7 +83,7 @@ impl State {
         self.mesh.surface().nodes()
     }
 
-    /// The motions of all electrodes that have them, and the number of the electrode.
+    /// All motions of all electrodes that support them, with the electrode's number.
     fn motions(&self) -> Vec<(ElectrodeMotion, usize, Displacement)> {
         let mut found = Vec::new();
         for motion in MOTIONS {
@@ -100,10 +101,12 @@ impl State {
     }
 }
 
-/// The remainder `|V(t) - V(0) - t J|` falls as `t^2`: slopes between halved steps.
+/// Checks that the remainder `|V(t) - V(0) - t J|` falls as `t^2`, from the slopes between halved
+/// steps.
 ///
-/// The remainder is `t^2 |V''| / 2 + t^3 ..`: with the largest step a few per cent of an electrode
-/// the slope is 2 to 2 %. Rounding (1e-14 of the voltages) stays four digits below the last.
+/// The remainder is `t^2 |V''| / 2 + t^3 ..`. With the largest step a few per cent of an electrode,
+/// the slope is 2 to within 2 %. Rounding (1e-14 of the voltages) stays four digits below the last
+/// remainder.
 fn assert_slope_two(
     what: &str,
     zero: &Array1<f64>,
@@ -119,7 +122,7 @@ fn assert_slope_two(
         slopes.iter().all(|s| (s - 2.0).abs() < 0.1),
         "{what}: {slopes:?} of {a:e} {b:e} {c:e}"
     );
-    // and it is the derivative of something that changes
+    // the derivative is not zero
     assert!(
         largest(slope) * step > 10.0 * a,
         "{what}: first order {:e}, rest {a:e}",
@@ -127,7 +130,7 @@ fn assert_slope_two(
     );
 }
 
-/// `(8 (f(h) - f(-h)) - (f(2h) - f(-2h))) / 12 h`, wrong by `h^4 f^(5) / 30`.
+/// `(8 (f(h) - f(-h)) - (f(2h) - f(-2h))) / 12 h`, with the error `h^4 f^(5) / 30`.
 fn five_points(h: f64, at: impl Fn(f64) -> Array1<f64>) -> Array1<f64> {
     (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h)
 }
@@ -160,12 +163,12 @@ fn taylor_nodes_and_electrodes() {
     let zero = state.voltages(state.nodes(), &state.impedance);
     let mut workspace = state.model.workspace().unwrap();
     let mut solution = state.model.solve(&state.sigma, &mut workspace).unwrap();
-    // all nodes in all directions, out of the plane as well (which counts in second order)
+    // all nodes in all directions, including out of the plane (a second-order effect)
     let shifts = noise(9, 3 * state.nodes().len());
     let field: Vec<[f64; 3]> =
         shifts.chunks_exact(3).map(|s| std::array::from_fn(|k| 2.0 * s[k] - 1.0)).collect();
     let mut motions = state.motions();
-    // 5 motions of 11 rim electrodes, one of all
+    // 5 motions of 11 rim electrodes, and one of all electrodes
     assert_eq!(motions.len(), 5 * 11 + 12);
     motions.push((ElectrodeMotion::Carried([0.0; 3]), 99, Displacement::of_field(&field)));
     let displacements: Vec<Displacement> = motions.iter().map(|m| m.2.clone()).collect();
@@ -180,13 +183,13 @@ fn taylor_nodes_and_electrodes() {
         // h / edge = 1e-2, to the fourth; rounding 1e-13 / h
         assert!(error < 1e-6, "{what}: {error:e}");
     }
-    // one at a time and all together are the same sums
+    // one at a time and all together give the same sums
     let one = solution.movement_jacobian(&displacements[5..6]).unwrap();
     let error = largest(&(&one.column(0) - &jacobian.column(5)));
     assert!(error <= 1e-14 * largest(&one), "{error:e}");
 }
 
-/// Also out of a plane: the same skin bent into a bowl.
+/// The same on a non-planar skin, bent into a bowl.
 #[test]
 fn taylor_on_a_curved_skin() {
     let flat = ring_disc(8);
@@ -212,7 +215,7 @@ fn taylor_on_a_curved_skin() {
     }
 }
 
-/// `V = I (length / (sigma width) + (z1 + z2) / width)`: derivatives of all four by hand.
+/// Analytic derivatives of `V = I (length / (sigma width) + (z1 + z2) / width)`.
 #[test]
 fn strip_has_its_closed_form_derivatives() {
     let (length, width, sigma, current) = (0.3, 0.1, 2e-5, 1e-4);
@@ -241,8 +244,8 @@ fn strip_has_its_closed_form_derivatives() {
     close(slopes[[0, 1]], -current * sheet / (width * width), "width");
 }
 
-/// Moving and turning the whole skin changes nothing; blowing it up changes what contacts in ohm
-/// metre are worth: `dV/dt = -sum z dV/dz` for rim electrodes, twice that for patches.
+/// Rigid motion of the whole skin changes nothing. Scaling it changes the effect of contact
+/// impedances in ohm metre: `dV/dt = -sum z dV/dz` for rim electrodes, twice that for patches.
 #[test]
 fn rigid_motion_and_dilation() {
     let state = State::new();
@@ -262,7 +265,7 @@ fn rigid_motion_and_dilation() {
     let contacts = solution.contact_jacobian().unwrap();
     let voltages = solution.measurements();
     for k in 0..4 {
-        // a derivative for a movement of one radius; rounding of 200 elements
+        // derivative per displacement of one radius; rounding of 200 elements
         assert!(largest(slopes.column(k)) < 1e-12 * largest(&voltages), "{k}");
     }
     let mut weights: Vec<f64> = state.impedance.iter().map(|z| -z).collect();
@@ -273,7 +276,7 @@ fn rigid_motion_and_dilation() {
     assert!(error < 1e-11, "{error:e}");
 }
 
-/// Turning a symmetric skin by 60 degrees renumbers electrodes and measurements, and nothing else.
+/// Rotating a symmetric skin by 60 degrees only renumbers electrodes and measurements.
 #[test]
 fn turning_a_symmetric_skin_renumbers() {
     let mesh = ring_disc(8);
@@ -323,7 +326,7 @@ impl Disc {
         PairProtocol { driven_electrodes, ..Default::default() }.protocol().unwrap()
     }
 
-    /// Without a mesh.
+    /// Mesh-free voltages.
     fn exact(&self) -> Array1<f64> {
         let series = DiscSeries {
             radius_m: RADIUS_M,
@@ -359,7 +362,7 @@ impl Disc {
         ForwardModel::new(mesh, &self.protocol(), &[self.impedance; 16]).unwrap()
     }
 
-    /// With electrode 3 moved along the rim.
+    /// The disc with electrode 3 moved along the rim.
     fn slid(&self, by_m: f64) -> Self {
         let mut angles = self.angles.clone();
         angles[2] += by_m / RADIUS_M;
@@ -375,14 +378,14 @@ impl Disc {
     }
 }
 
-/// Derivatives of the mesh's voltages, [measurement].
+/// Derivatives of the discrete voltages, [measurement].
 struct OfMesh {
     voltages: Array1<f64>,
-    /// Electrode 3 slides: by the displacement, by its ends' nodes alone, by the boundary form.
+    /// Sliding of electrode 3: by its displacement, by its end nodes alone, by the boundary form.
     slide: [Array1<f64>; 3],
-    /// All widen.
+    /// Widening of all electrodes.
     widen: Array1<f64>,
-    /// All contacts.
+    /// Change of all contact impedances.
     contacts: Array1<f64>,
 }
 
@@ -410,7 +413,7 @@ fn ends(mesh: &Mesh) -> [u32; 2] {
     [edges[0][0], edges[edges.len() - 1][1]]
 }
 
-/// `dV = ((U - u)(U* - u*) at the start - that at the end) / z`: what slides past the ends.
+/// Boundary form: `dV = ((U - u)(U* - u*) at the start - the same at the end) / z`.
 fn boundary_form(disc: &Disc, solution: &mut Solution<'_>, ends: [u32; 2]) -> Array1<f64> {
     let (inside, outside) = (solution.node_potentials(), solution.electrode_potentials());
     let protocol = disc.protocol();
@@ -426,10 +429,11 @@ fn relative(found: &Array1<f64>, exact: &Array1<f64>) -> f64 {
     largest(&(found - exact)) / largest(exact)
 }
 
-/// Against the series, which has no mesh, no nodes and no derivative: differences of it.
+/// Derivatives against finite differences of the mesh-free series.
 ///
-/// Bounds are twice what was found. Where driven electrodes are not measured and contacts are high, a
-/// millimetre of width changes voltages by 6e-5 of the largest, less than the mesh: no bound there.
+/// Bounds are twice the measured errors. Without driven electrodes and with high contact
+/// impedances, a millimetre of width changes the voltages by 6e-5 of the largest, less than the
+/// discretisation error, so there is no bound for that case.
 #[test]
 fn disc_derivatives_converge_to_those_of_the_series() {
     for (impedance, driven, bounds) in [
@@ -468,13 +472,13 @@ fn disc_derivatives_converge_to_those_of_the_series() {
                 errors[0],
                 errors[1],
             );
-            // half the edge: order one at least
+            // half the edge length: at least first order
             assert!(errors.iter().zip(&before).all(|(e, b)| *e < 0.7 * b), "{errors:?}");
             before = errors;
             if edge_m == 0.003 {
                 let [slide, widen, contacts] = bounds;
                 assert!(slides[0] < slide && errors[0] < widen && errors[1] < contacts);
-                // low contacts: the current density has no bound at the ends
+                // with low contact impedances the current density is unbounded at the ends
                 let [reaching, ends_alone, boundary] = slides;
                 assert!(impedance > 50.0 || 3.0 * reaching < ends_alone.min(boundary));
             }
@@ -482,7 +486,7 @@ fn disc_derivatives_converge_to_those_of_the_series() {
     }
 }
 
-/// Against differences of solutions on meshes made anew with electrode 3 elsewhere.
+/// Sliding against finite differences of solutions on new meshes with electrode 3 moved.
 #[test]
 fn slide_is_the_difference_of_remeshed_skins() {
     let disc = Disc::paper(1e3, DrivenElectrodes::Drop);
@@ -497,13 +501,13 @@ fn slide_is_the_difference_of_remeshed_skins() {
     let found = (voltages(h) - voltages(-h)) / (2.0 * h);
     let error = relative(slope, &found);
     println!("remeshed by {h} m: {error:.1e}");
-    // the third derivative over 2 mm of a 19.6 mm electrode, 1e-3, and meshes whose voltages differ
-    // by 1e-4 over a change of 5e-2
+    // third derivative over 2 mm of a 19.6 mm electrode: 1e-3; differences between meshes: 1e-4 of
+    // a change of 5e-2
     assert!(error < 6e-3, "{error:e}");
 }
 
-/// Shunts and ideal current sources have derivatives along movements, by the fields of
-/// electrode elimination; with respect to their own impedance they have none.
+/// Shunts and ideal current sources have derivatives along displacements, from the fields of
+/// electrode elimination, but none with respect to their own impedance.
 #[test]
 fn movement_at_the_limits_of_contact_impedance() {
     let state = State::new();
@@ -539,8 +543,8 @@ fn movement_at_the_limits_of_contact_impedance() {
     assert_eq!(error, FemError::ContactLimit { electrode: 3, value: 0.0 });
 }
 
-/// Stiff contacts: the derivative keeps the digits that electrode elimination keeps, against that path's
-/// own differences, where the textbook matrix has lost them.
+/// With stiff contacts, where nodal assembly loses all digits, derivatives are as accurate as
+/// electrode elimination, compared with finite differences on that path.
 #[test]
 fn contacts_over_sixteen_decades() {
     let state = State::new();
@@ -566,7 +570,7 @@ fn contacts_over_sixteen_decades() {
             voltages(&moved)
         });
         let error = found.iter().zip(jacobian.column(l)).zip(&zero).map(|((a, b), v)| {
-            // the rounding of a difference of voltages, and h^4 of the slope
+            // rounding of a difference of voltages, and h^4 of the slope
             (a - b).abs() / (1e-13 * v.abs() / h + 1e-7 * b.abs())
         });
         let error = error.fold(0.0, f64::max);
@@ -584,14 +588,14 @@ fn what_cannot_move_is_refused() {
     );
     let missing = ElectrodeMotion::Slide.displacement(&state.mesh, 12).unwrap_err().to_string();
     assert!(
-        missing.contains("names electrode 13, but the skin has electrodes 1 to 12"),
+        missing.contains("refers to electrode 13, but the skin has electrodes 1 to 12"),
         "{missing}"
     );
-    // both electrodes of the strip end at its corners
+    // both electrodes of the strip end at corners
     let corner = ElectrodeMotion::Widen.displacements(&strip(0.3, 0.1, 6, 4)).unwrap_err();
     assert!(corner.to_string().contains("electrode 1 cannot"), "{corner}");
     assert!(corner.to_string().contains("an end is at a corner of the skin"), "{corner}");
-    // but it can go with the skin
+    // but the skin can carry or stretch them
     assert!(ElectrodeMotion::Stretched.displacements(&strip(0.3, 0.1, 6, 4)).is_ok());
     let disc = ring_disc(8);
     let mut electrodes = disc.electrodes().to_vec();

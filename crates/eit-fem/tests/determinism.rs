@@ -1,4 +1,4 @@
-//! The same input gives the same bits: again, in used memory, on other threads.
+//! The same input gives bit-identical results: repeated, in reused memory, on other threads.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 mod common;
@@ -37,7 +37,7 @@ fn a_used_workspace_gives_the_bits_of_a_fresh_one() {
     }
 }
 
-/// What is asked for, and in which order, does not change the answers.
+/// Results do not depend on which ones are requested and in which order.
 #[test]
 fn answers_do_not_depend_on_the_questions_before_them() {
     let model = model();
@@ -56,13 +56,13 @@ fn answers_do_not_depend_on_the_questions_before_them() {
     assert_eq!(solution.report(), first);
 }
 
-/// A model that was built again from the same input is the same model.
+/// A model rebuilt from the same input gives the same results.
 #[test]
 fn a_rebuilt_model_gives_the_same_bits() {
     let (one, other) = (model(), model());
     let mut workspace = one.workspace().unwrap();
     let wanted = everything(&one, 4, &mut workspace);
-    // equal sizes: the workspace of one serves the other
+    // equal sizes: one workspace serves both
     assert_eq!(everything(&other, 4, &mut workspace), wanted);
 }
 

@@ -1,12 +1,13 @@
-//! The example runs, and shows what it promises.
+//! The examples run and give the expected results.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[path = "../examples/forward.rs"]
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod forward;
 
-/// A one per cent touch is linear up to its square: 1 % of the change, less in a disc, where an
-/// inclusion of contrast `1 + e` acts as `e / (1 + e / 2)`: 0.5 %, and up to twice that near it.
+/// For a touch of one per cent, the non-linear part is second order: 1 % of the change. In a disc,
+/// where an inclusion of contrast `1 + e` acts as `e / (1 + e / 2)`, it is 0.5 %, and up to twice
+/// that near the inclusion.
 #[test]
 fn forward_example() {
     let (change_v, unexplained) = forward::run().unwrap();
@@ -18,7 +19,7 @@ fn forward_example() {
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod elements;
 
-/// On meshes of 1 000 nodes and less quadratic elements are better by two decades.
+/// On meshes of at most 1 000 nodes, quadratic elements are more accurate by two decades.
 #[test]
 fn elements_example() {
     let [linear, quadratic] = elements::run(2, 1).unwrap();
@@ -30,7 +31,7 @@ fn elements_example() {
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod fabric;
 
-/// A finger is far above noise and drift, whose amplitudes `docs/FABRIC.md` has.
+/// A finger changes the voltages far more than noise and drift (amplitudes in `docs/FABRIC.md`).
 #[cfg(feature = "fabric")]
 #[test]
 fn fabric_example() {

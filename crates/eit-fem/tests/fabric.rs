@@ -1,4 +1,5 @@
-//! The simulated fabric as a whole: determinism, parts that switch off, truth, refusals.
+//! The simulated fabric as a whole: determinism, switching effects off, ground truth, invalid
+//! input. The file is long because all these tests share their scene.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use eit_fem::fabric::{
@@ -33,7 +34,7 @@ fn simulate(
     fabric.simulate(script, &raster, &how, &mut |_| {}).unwrap()
 }
 
-/// Presses at a place from 0.4 s to 1.2 s, 10 frames a second.
+/// A press at one place from 0.4 s to 1.2 s, at 10 frames per second.
 fn press(position_m: [f64; 2], force_n: f64) -> TouchScript {
     let key = |time_s, force_n| Key { time_s, position_m, force_n, radius_m: 0.01 };
     TouchScript {
@@ -56,7 +57,7 @@ fn random_script() -> TouchScript {
     script
 }
 
-/// Everything switched on.
+/// All effects switched on.
 fn everything() -> FabricSettings {
     FabricSettings {
         instrument: Instrument {
@@ -70,15 +71,15 @@ fn everything() -> FabricSettings {
     }
 }
 
-/// Values of the first release that had the simulated fabric, all parts switched on. Another
-/// processor sums in another order, which moves frames by 1e-12 of the largest value; other random
-/// numbers move them by 1e-4 and more.
+/// Values from the first release with the simulated fabric, all effects switched on. On another
+/// processor the order of sums differs, which changes frames by 1e-12 of the largest value; other
+/// random numbers change them by 1e-4 and more.
 #[test]
 fn a_seed_gives_the_frames_it_has_always_given() {
     let made = simulate(&everything(), &random_script(), 5, 2);
     for (at, wanted_v) in [
         ([0, 0], -0.890_798_591_693_774_5),
-        // of the lost electrode: it floats
+        // a measurement of the lost electrode, which floats
         ([30, 17], 0.069_943_181_424_004_9),
         ([60, 100], 0.088_405_948_242_314_06),
         ([89, 207], -0.760_721_819_855_040_7),
@@ -93,7 +94,7 @@ fn same_bytes_for_any_number_of_threads() {
     let script = random_script();
     let same = |a: &Simulation, b: &Simulation| {
         assert!(a.frames_v == b.frames_v && a.exact_v == b.exact_v);
-        // images hold NaN outside the skin: bits
+        // images are NaN outside the skin, so compare bits
         let bits = |s: &Simulation| {
             let images = s.truth.pressure_pa.iter().chain(&s.truth.conductivity_change_s);
             images.map(|v| v.to_bits()).collect::<Vec<_>>()
@@ -110,14 +111,14 @@ fn same_bytes_for_any_number_of_threads() {
     }
     let other = simulate(&everything(), &script, 6, 1);
     assert!(one.frames_v != other.frames_v, "another seed is another fabric");
-    // long times: the first frames of a longer script are those of a shorter one
+    // the first frames of a longer script equal those of a shorter one
     let mut short = script.clone();
     short.frames = 50;
     let short = simulate(&everything(), &short, 5, 2);
     assert!(one.frames_v.slice_axis(ndarray::Axis(0), (0..50).into()) == short.frames_v);
 }
 
-/// With everything off, frames are plain solves with the truth's own conductivities.
+/// With all effects off, frames are plain solves with the ground-truth conductivities.
 #[test]
 fn the_ideal_fabric_is_a_plain_solve() {
     let made = simulate(&FabricSettings::ideal(), &press([0.03, 0.02], 2.0), 1, 1);
@@ -132,14 +133,14 @@ fn the_ideal_fabric_is_a_plain_solve() {
     let sigma: Vec<f64> = changes.row(8).iter().map(|c| SIGMA + c).collect();
     let wanted = model.forward(&sigma).unwrap();
     let largest = untouched.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-    // difference and sum of the same numbers: roundings
+    // difference and sum of the same numbers: rounding
     assert!((&made.frames_v.row(8) - &wanted).iter().all(|d| d.abs() < 1e-12 * largest));
     assert!(made.truth.electrode_shift_m.iter().all(|s| *s == 0.0));
     assert!(made.truth.contact_impedance.iter().all(|z| *z == 1e3));
 }
 
-/// Each part of amplitude zero leaves the bytes of a fabric that has never heard of it, and each
-/// part that is on changes them.
+/// An effect with amplitude zero changes no byte of the frames, and every effect that is on changes
+/// them.
 #[test]
 fn parts_switch_off_one_by_one() {
     let script = press([0.07, 0.0], 2.0);
@@ -186,7 +187,7 @@ fn parts_switch_off_one_by_one() {
     for (name, settings) in on {
         assert!(simulate(&settings, &script, 1, 1).frames_v != base.frames_v, "{name}");
     }
-    // settings of a part that is off have no effect at all
+    // other settings of an effect that is off do not matter
     let mut off = ideal.clone();
     off.weave.correlation_m = 0.5;
     off.drift.time_s = 1.0;
@@ -194,7 +195,7 @@ fn parts_switch_off_one_by_one() {
     off.instrument.range_v = Some(1e-9);
     off.instrument.open_factor = 7.0;
     assert_eq!(simulate(&off, &script, 99, 1).frames_v, base.frames_v, "nor has the seed");
-    // switching one part off leaves the random numbers of the others
+    // switching one effect off does not change the random numbers of the others
     let noisy = |weave: Weave| {
         let instrument = Instrument { noise_v: [1e-6, 1e-6], ..ideal.instrument.clone() };
         let made = simulate(&FabricSettings { weave, instrument, ..ideal.clone() }, &script, 1, 1);
@@ -205,7 +206,8 @@ fn parts_switch_off_one_by_one() {
     assert!(difference.iter().all(|d| d.abs() < 1e-14));
 }
 
-/// Pressure of the truth adds up to the force; touches and electrode movement are as told.
+/// The ground-truth pressure integrates to the force; touches and electrode movement match the
+/// script.
 #[test]
 fn the_truth_holds_the_force() {
     let script = press([0.03, -0.02], 2.0);
@@ -214,7 +216,7 @@ fn the_truth_holds_the_force() {
     let pressed = made.truth.pressure_pa.index_axis(ndarray::Axis(0), 8);
     let areas = raster.masked_pixels().iter().zip(raster.covered_areas_m2());
     let force_n: f64 = areas.map(|(&[i, j], area)| pressed[[i, j]] * area).sum();
-    // sixteen points a pixel of 6 mm on a contact of 10 mm across
+    // sixteen points per pixel of 6 mm, on a contact area 10 mm wide
     assert!((force_n / 2.0 - 1.0).abs() < 0.1, "{force_n}");
     let touch = made.truth.touches.iter().find(|t| t.frame == 8).unwrap();
     assert_eq!((touch.finger, touch.force_n, touch.position_m), (7, 2.0, [0.03, -0.02]));
@@ -226,8 +228,8 @@ fn the_truth_holds_the_force() {
     assert!(image[[row, column]] > 0.5 * largest && largest > 0.1 * SIGMA, "{largest:e}");
 }
 
-/// Near the rim the electrodes beside the finger move most, inwards by tenths of a millimetre; a
-/// touch in the middle hardly moves any.
+/// Near the rim, the electrodes beside the finger move most, inwards by tenths of a millimetre; a
+/// touch in the centre hardly moves any.
 #[test]
 fn electrodes_move_towards_a_finger_near_the_rim() {
     let electrode_shift = |position_m: [f64; 2]| {
@@ -244,7 +246,7 @@ fn electrodes_move_towards_a_finger_near_the_rim() {
     assert!(sizes.iter().skip(1).all(|s| *s < sizes[0]), "{sizes:?}");
     assert!(shifts[[0, 0]] < 0.0, "inwards: {}", shifts[[0, 0]]);
     assert!(shifts[[1, 1]] < 0.0 && shifts[[15, 1]] > 0.0, "neighbours towards it");
-    // pulled down by millimetres, drawn in by tenths
+    // pulled down by millimetres, drawn in by tenths of a millimetre
     assert!((1e-3..1e-2).contains(&sizes[0]), "{sizes:?}");
     assert!((-1e-3..-1e-4).contains(&shifts[[0, 0]]), "{}", shifts[[0, 0]]);
     assert!(impedances[0] < impedances[1] && impedances[1] < impedances[8], "{impedances:?}");
@@ -252,8 +254,8 @@ fn electrodes_move_towards_a_finger_near_the_rim() {
     assert!(middle.iter().all(|s| *s < 0.1 * sizes[0]), "{middle:?}");
 }
 
-/// A moving finger drags the electrodes beside it along, one at rest does not; without friction
-/// neither does. Closed form at the rim: compliance mu F (1 + nu)(3 - nu) / 4 pi Y ln(L / r).
+/// A moving finger drags the electrodes beside it; a finger at rest or without friction does not.
+/// Closed form at the rim: compliance mu F (1 + nu)(3 - nu) / 4 pi Y ln(L / r).
 #[test]
 fn a_moving_finger_drags_the_fabric() {
     let shift_y = |friction: f64| {
@@ -264,7 +266,7 @@ fn a_moving_finger_drags_the_fabric() {
         script.fingers[0].keys[0].position_m[1] = -0.03;
         script.fingers[0].keys[2].position_m[1] = 0.03;
         let made = simulate(&settings, &script, 1, 1);
-        // frame 9 is in the middle of the way up; electrode 1 is centred on +x
+        // frame 9 is in the middle of the upward stroke; electrode 1 is centred on +x
         made.truth.electrode_shift_m[[9, 0, 1]]
     };
     let (with, without) = (shift_y(0.4), shift_y(0.0));
@@ -275,8 +277,8 @@ fn a_moving_finger_drags_the_fabric() {
     assert!(((with - without) / wanted - 1.0).abs() < 0.05, "{with:e} {wanted:e}");
 }
 
-/// Noise has the stated standard deviation; quantised values are multiples of the step; a small
-/// range saturates and says so.
+/// Noise has the stated standard deviation, quantised values are multiples of the step, and a small
+/// range saturates and marks the values.
 #[test]
 fn the_instrument_does_what_it_says() {
     let mut script = press([0.0, 0.0], 1.0);
@@ -286,7 +288,7 @@ fn the_instrument_does_what_it_says() {
     let made = simulate(&settings, &script, 1, 2);
     let noise = &made.frames_v - &made.exact_v;
     let std = (noise.iter().map(|n| n * n).sum::<f64>() / noise.len() as f64).sqrt();
-    // 83 200 samples: standard error of 0.25 %, four of them
+    // 83 200 samples: four standard errors of 0.25 %
     assert!((std / 1e-6 - 1.0).abs() < 0.01, "{std:e}");
     let lag: f64 = (0..399).map(|f| noise.row(f).dot(&noise.row(f + 1))).sum();
     assert!(lag.abs() < 0.02 * noise.iter().map(|n| n * n).sum::<f64>(), "frames are independent");
@@ -311,8 +313,8 @@ fn the_instrument_does_what_it_says() {
     assert!(made.truth.quality.iter().all(|q| *q == TrueQuality::Good));
 }
 
-/// A lost electrode spoils exactly the measurements that it takes part in; a loose one does now and
-/// then; a source that gives up halves what it should.
+/// A lost electrode affects exactly the measurements that involve it; a loose one does so at times;
+/// a source at half the needed voltage halves the measurements.
 #[test]
 fn bad_contacts_are_marked() {
     let mut settings = FabricSettings::ideal();
@@ -326,7 +328,8 @@ fn bad_contacts_are_marked() {
     for (k, quadruple) in quadruples.iter().enumerate() {
         let lost = made.truth.quality.column(k).iter().all(|q| *q == TrueQuality::Lost);
         assert_eq!(lost, quadruple.contains(&8), "{quadruple:?}");
-        // a lost one floats: a tenth of the largest voltage; `exact_v` knows the contact only
+        // a lost electrode floats at a tenth of the largest voltage; `exact_v` shows only the poor
+        // contact
         let off = (&made.frames_v.column(k) - &made.exact_v.column(k)).mapv(f64::abs);
         let large = 1e-3 * made.reference_v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         assert_eq!(off.iter().all(|v| *v < large), !lost, "{quadruple:?}");
@@ -353,7 +356,7 @@ fn bad_contacts_are_marked() {
     assert_eq!(made.truth.quality[[0, 0]], TrueQuality::SourceLimited);
 }
 
-/// The mesh hardly matters: the change of voltages by a touch on a mesh of four times the nodes.
+/// The change of voltages by a touch is nearly the same on a mesh with four times the nodes.
 #[test]
 fn finer_meshes_tell_the_same() {
     let change = |edge_m: f64| {
@@ -371,7 +374,7 @@ fn finer_meshes_tell_the_same() {
     };
     let (coarse, fine) = (change(0.006), change(0.003));
     let error = (&coarse - &fine).mapv(|d| d * d).sum().sqrt() / fine.mapv(|d| d * d).sum().sqrt();
-    // the dent of 5 mm on edges of 6 mm; order two would leave a few per cent
+    // a dent of 5 mm on edges of 6 mm; second order would leave a few per cent
     assert!(error < 0.1, "{error}");
 }
 
@@ -384,7 +387,7 @@ fn bad_scripts_are_refused() {
         change(&mut script);
         let message = script.validate(&mesh).unwrap_err().to_string();
         assert_eq!(message, wanted);
-        // and a simulation does not begin
+        // and the simulation does not start
         let fabric =
             Fabric::new(&mesh, &protocol(), SIGMA, &[1e3; 16], &FabricSettings::default()).unwrap();
         let raster = Raster::new(mesh.surface(), 16).unwrap();
@@ -402,7 +405,10 @@ fn bad_scripts_are_refused() {
         "finger 7, key 2: force_n is NaN: it must be at least zero",
     );
     says(&key(&|k| k.radius_m = 0.0), "finger 7, key 2: radius_m is 0: it must be above zero");
-    says(&key(&|k| k.time_s = 0.5), "finger 7, key 2: its time 0.5 s is not after 0.6 s before it");
+    says(
+        &key(&|k| k.time_s = 0.5),
+        "finger 7, key 2: its time 0.5 s is not after the previous key at 0.6 s",
+    );
     says(
         &key(&|k| k.position_m = [0.2, 0.0]),
         "finger 7, at key 2, 1.2 s: (0.2, 0) m is not on the skin",
@@ -436,7 +442,7 @@ fn bad_settings_are_refused() {
     says(&|s| s.weave.amplitude = -0.1, "fabric.weave.amplitude is -0.1");
     says(&|s| s.instrument.noise_v = [2e-6, 1e-6], "noise_v[1] - noise_v[0]");
     says(&|s| s.instrument.bits = 1, "fabric.instrument.bits is 1");
-    says(&|s| s.instrument.lost = vec![17], "fabric.instrument.lost names electrode 17");
+    says(&|s| s.instrument.lost = vec![17], "fabric.instrument.lost refers to electrode 17");
     let hard = press([0.0, 0.0], 1000.0);
     let fabric =
         Fabric::new(&mesh, &protocol(), SIGMA, &[1e3; 16], &FabricSettings::default()).unwrap();
@@ -446,7 +452,8 @@ fn bad_settings_are_refused() {
     assert!(error.starts_with("finger 7, 0.5 s: 500"), "{error}");
 }
 
-/// All built-in scripts are valid on discs of any size, have the stated length and quiet start.
+/// All built-in scripts are valid on the disc and start with 20 quiet frames; the paper's scripts
+/// have the stated lengths.
 #[test]
 fn built_in_scripts_fit_the_skin() {
     let mesh = mesh();
@@ -463,7 +470,7 @@ fn built_in_scripts_fit_the_skin() {
     let one = TouchScript::built_in("paper-one-finger", &circle, 1).unwrap();
     let two = TouchScript::built_in("paper-two-fingers", &circle, 1).unwrap();
     assert_eq!((one.frames, two.frames), (397, 252));
-    // anticlockwise from the top; clockwise
+    // the first is anticlockwise from the top, the second clockwise
     let angle = |s: &TouchScript, f: usize| {
         let [x, y] = s.touches(f)[0].position_m;
         y.atan2(x)

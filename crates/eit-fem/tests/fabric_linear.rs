@@ -1,4 +1,4 @@
-//! A linear skin: voltages are those of the fingers' own image, and nothing else happens.
+//! A linear skin: voltages follow from the image of the fingers alone.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use eit_fem::fabric::{
@@ -10,7 +10,7 @@ use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
 use std::f64::consts::{SQRT_2, TAU};
 
 const SIGMA: f64 = 1e-5;
-/// The second frame with a finger: both are there.
+/// The second frame with a finger; both fingers touch.
 const BOTH: usize = 3;
 
 fn mesh() -> Mesh {
@@ -23,7 +23,7 @@ fn protocol() -> Protocol {
     PairProtocol::default().protocol().unwrap()
 }
 
-/// Two frames without a finger, one with a round tip of 2 N, two with a flat one of 1 N beside it.
+/// Two frames without touch, one with a round tip of 2 N, two with an additional flat tip of 1 N.
 fn script() -> TouchScript {
     let finger = |id, tip, radius_m, position_m, force_n, from: f64| {
         let key = |time_s| Key { time_s, position_m, force_n, radius_m };
@@ -53,15 +53,15 @@ fn simulate(settings: &FabricSettings) -> Simulation {
     try_simulate(settings, &script()).unwrap()
 }
 
-/// The formula of the module, written out.
+/// The module's formula, written out.
 fn change(c: [f64; 3]) -> f64 {
     let bell = (c[0] - 0.03).powi(2) + (c[1] + 0.02).powi(2);
     let pad = (c[0] + 0.05).powi(2) + c[1].powi(2);
     0.3 * 2.0 * (-bell / 2e-4).exp() + if pad <= 4e-4 { 0.3 } else { 0.0 }
 }
 
-/// Each frame is the forward solve of its own conductivity, frames alike are the same bytes, and
-/// frames without a finger are the reference's.
+/// Each frame is the forward solve of its conductivity; equal frames are bit-identical; frames
+/// without touch equal the reference.
 #[test]
 fn frames_are_forward_solves() {
     let made = simulate(&FabricSettings::linear(0.3));
@@ -83,7 +83,7 @@ fn frames_are_forward_solves() {
     assert_eq!(made.frames_v, made.exact_v, "no instrument");
 }
 
-/// Pixels hold the shapes: their integral is the fingers' area, and pressures hold the force.
+/// The pixels integrate to the fingers' area, and the pressures to their force.
 #[test]
 fn the_truth_has_the_shape_of_the_fingers() {
     let made = simulate(&FabricSettings::linear(0.3));
@@ -91,7 +91,7 @@ fn the_truth_has_the_shape_of_the_fingers() {
     let pixel_m2 = raster.pixel_m().powi(2);
     let pressures = made.truth.pressure_pa.index_axis(ndarray::Axis(0), BOTH);
     let force_n: f64 = pressures.iter().filter(|p| p.is_finite()).sum::<f64>() * pixel_m2;
-    // 16 points of a pixel of 3 mm over the edge of a pad of 20 mm
+    // 16 points per pixel of 3 mm, at the edge of a pad of 20 mm
     assert!((force_n / 3.0 - 1.0).abs() < 1e-2, "{force_n}");
     let mut pixels = vec![0.0; raster.masked_pixels().len()];
     let response = LinearResponse { change_per_newton: 0.3 };
@@ -99,7 +99,7 @@ fn the_truth_has_the_shape_of_the_fingers() {
     let amount = pixels.iter().sum::<f64>() * pixel_m2;
     let wanted = 0.3 * (2.0 * TAU * 1e-4 + 0.5 * TAU * 4e-4);
     assert!((amount / wanted - 1.0).abs() < 1e-2, "{amount} {wanted}");
-    // the image by elements of 12 mm is the same one, coarser
+    // the image from elements of 12 mm agrees, but is coarser
     let images = made.truth.conductivity_change_s.index_axis(ndarray::Axis(0), BOTH);
     let of_elements = images.iter().filter(|s| s.is_finite()).sum::<f64>() * pixel_m2 / SIGMA;
     assert!((of_elements / amount - 1.0).abs() < 0.1, "{of_elements} {amount}");
@@ -108,7 +108,7 @@ fn the_truth_has_the_shape_of_the_fingers() {
     assert_eq!((flat.finger, flat.contact_radius_m, flat.depth_m), (2, 0.02, 0.0));
 }
 
-/// A round tip and a flat one that is wider by the root of two hold the same amount.
+/// A round tip and a flat tip with sqrt(2) times the radius have the same total change.
 #[test]
 fn both_tips_hold_the_same_amount() {
     let raster = Raster::new(mesh().surface(), 128).unwrap();
@@ -126,7 +126,7 @@ fn both_tips_hold_the_same_amount() {
     assert!((ratio - 1.0).abs() < 1e-2, "{ratio}");
 }
 
-/// Membrane, law and rim have no effect; unevenness, drift and instrument have theirs.
+/// Membrane, piezoresistive law and rim have no effect; unevenness, drift and instrument do.
 #[test]
 fn only_the_mechanics_is_replaced() {
     let linear = FabricSettings::linear(0.3);
@@ -148,7 +148,7 @@ fn only_the_mechanics_is_replaced() {
     ] {
         assert_ne!(simulate(&settings).frames_v, base.frames_v, "{name}");
     }
-    // a force that no dent could bear
+    // a force too large for the contact model
     let mut hard = script();
     hard.fingers[0].keys.iter_mut().for_each(|key| key.force_n = 1e3);
     let refused = try_simulate(&FabricSettings::ideal(), &hard).unwrap_err();

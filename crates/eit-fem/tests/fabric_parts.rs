@@ -7,12 +7,12 @@ use std::f64::consts::{PI, TAU};
 
 const BOTH: [Tip; 2] = [Tip::Round, Tip::Flat];
 
-/// On soft foam: dents of 10 mm.
+/// Soft foam, with dents of 10 mm.
 fn membrane() -> Membrane {
     Membrane { tension_n_per_m: 100.0, foundation_pa_per_m: 1e6, ..Default::default() }
 }
 
-/// Integral of `2 pi r f(r)` by Simpson's rule on both sides of the contact's edge.
+/// Integral of `2 pi r f(r)` by Simpson's rule on both sides of the contact edge.
 fn over_plane(dent: &Indentation, far_m: f64, f: impl Fn(f64) -> f64) -> f64 {
     let simpson = |from: f64, to: f64| {
         let n = 4000;
@@ -33,18 +33,18 @@ fn over_plane(dent: &Indentation, far_m: f64, f: impl Fn(f64) -> f64) -> f64 {
         sum * h / 3.0
     };
     let a = dent.contact_radius_m;
-    // the first value outside is taken just beyond the edge
+    // evaluate the first outside value just beyond the edge
     simpson(0.0, a) + simpson(a * (1.0 + 1e-12), far_m)
 }
 
-/// The foundation carries the whole force, and so does the contact pressure.
+/// The foundation pressure and the contact pressure both integrate to the force.
 #[test]
 fn forces_balance() {
     for tip in BOTH {
         for force_n in [0.01, 0.5, 2.0, 4.0] {
             let dent = Indentation::new(&membrane(), tip, 0.01, force_n).unwrap();
             let k = membrane().foundation_pa_per_m;
-            // K0 falls to 1e-17 at 0.4 m, forty lengths
+            // K0 falls to 1e-17 at 0.4 m, which is forty membrane lengths
             let carried = over_plane(&dent, 0.4, |r| k * dent.at(r).deflection_m);
             let pressed = over_plane(&dent, 0.02, |r| dent.at(r).pressure_pa);
             // Simpson's rule on 4000 steps: error of 1e-9 measured by halving them
@@ -68,7 +68,7 @@ fn deflection_solves_the_membrane_equation() {
             let w = dent.at(r);
             let laplacian = (slope(r + h) - slope(r - h)) / (2.0 * h) + slope(r) / r;
             let p = k * w.deflection_m - t * laplacian;
-            // rounding of the difference: 1e-16 / 1e-6 of the curvature's scale
+            // rounding of the difference: 1e-16 / 1e-6, relative to the curvature
             let scale = dent.at(0.0).pressure_pa;
             assert!((p - w.pressure_pa).abs() < 1e-6 * scale, "{tip:?} {r}: {p}");
             let derivative =
@@ -76,7 +76,7 @@ fn deflection_solves_the_membrane_equation() {
             assert!((derivative - w.slope).abs() < 1e-8, "{tip:?} {r}");
         }
         let (inside, outside) = (dent.at(a), dent.at(a * (1.0 + 1e-12)));
-        // the step beside the edge, 1e-12
+        // the step beside the edge is 1e-12
         assert!((inside.deflection_m - outside.deflection_m).abs() < 1e-10 * dent.depth_m);
         assert!((inside.slope - outside.slope).abs() < 1e-10);
         assert!((inside.displacement_m - outside.displacement_m).abs() < 1e-10 * dent.depth_m);
@@ -86,15 +86,14 @@ fn deflection_solves_the_membrane_equation() {
     }
 }
 
-/// Without tension a sphere sinks into the foundation alone; without foundation it hangs in the
-/// membrane alone.
+/// Limits for a sphere: foundation only (no tension) and membrane only (no foundation).
 #[test]
 fn limits_of_a_round_tip() {
     let (radius_m, force_n) = (0.01, 0.3);
     let soft = Membrane { tension_n_per_m: 1e-6, foundation_pa_per_m: 1e8, ..membrane() };
     let dent = Indentation::new(&soft, Tip::Round, radius_m, force_n).unwrap();
     let a = (4.0 * radius_m * force_n / (PI * soft.foundation_pa_per_m)).powf(0.25);
-    // the membrane's length over the radius of contact, 1e-7 m / 2.5 mm, enters to first order
+    // the error is first order in membrane length / contact radius, 1e-7 m / 2.5 mm
     assert!((dent.contact_radius_m / a - 1.0).abs() < 1e-4, "{} {a}", dent.contact_radius_m);
     assert!((dent.depth_m / (a * a / (2.0 * radius_m)) - 1.0).abs() < 2e-4);
 
@@ -104,13 +103,13 @@ fn limits_of_a_round_tip() {
     assert!((dent.contact_radius_m / a - 1.0).abs() < 1e-6, "{} {a}", dent.contact_radius_m);
 }
 
-/// A wide flat tip presses the foundation alone in its middle; a narrow one makes the point load's
-/// dent `F / (2 pi T) K0(r/l)`, whose slope far inside `l` is `F / (2 pi T r)`.
+/// At the centre of a wide flat tip only the foundation matters. A narrow tip makes the dent of a
+/// point load, `F / (2 pi T) K0(r/l)`, whose slope for r much smaller than `l` is `F / (2 pi T r)`.
 #[test]
 fn limits_of_a_flat_tip() {
     let wide = Indentation::new(&membrane(), Tip::Flat, 0.2, 20.0).unwrap();
     let wanted = 20.0 / (PI * 0.04) / membrane().foundation_pa_per_m;
-    // the rim's effect falls as exp(-a/l) sqrt(a/l): 1e-8
+    // the effect of the tip's edge falls as exp(-a/l) sqrt(a/l): 1e-8
     assert!((wide.depth_m / wanted - 1.0).abs() < 1e-6);
     let narrow = Indentation::new(&membrane(), Tip::Flat, 1e-5, 1e-3).unwrap();
     let r = 1e-4;
@@ -120,7 +119,7 @@ fn limits_of_a_flat_tip() {
 }
 
 /// In-plane equilibrium `(r N_r)' = N_theta` by central differences, areal strain from its
-/// definition, and the far field that pulls like 1/r.
+/// definition, and the far field that falls like 1/r.
 #[test]
 fn strains_are_in_equilibrium() {
     let nu = membrane().poisson_ratio;
@@ -150,7 +149,7 @@ fn strains_are_in_equilibrium() {
         }
         let far = [0.1, 0.2].map(|r| r * dent.at(r).displacement_m);
         assert!(far[0] < 0.0, "towards the touch");
-        // what K1^2 leaves at ten lengths
+        // the remaining K1^2 term at ten membrane lengths
         assert!((far[0] / far[1] - 1.0).abs() < 1e-6, "{far:?}");
     }
 }
@@ -165,7 +164,7 @@ fn law(settings: &Piezoresistance) -> PiezoLaw {
     PiezoLaw::new(settings, 0.1)
 }
 
-/// Only hysteresis, strong.
+/// Strong hysteresis and no other effect.
 fn plays() -> Piezoresistance {
     Piezoresistance {
         hysteresis: 0.6,
@@ -176,14 +175,14 @@ fn plays() -> Piezoresistance {
     }
 }
 
-/// Responses to a sequence of drives from the virgin state.
+/// Responses to a sequence of drives, from the initial state.
 fn responses(settings: &Piezoresistance, drives: &[f64]) -> Vec<f64> {
     let law = law(settings);
     let mut memory = vec![0.0; law.memory()];
     drives.iter().map(|d| law.step(*d, &mut memory)).collect()
 }
 
-/// First loading: each play follows its threshold behind.
+/// First loading: each play operator lags by its threshold.
 #[test]
 fn virgin_curve() {
     let found = responses(&plays(), &[0.03, 0.08, 0.3, 0.5]);
@@ -197,8 +196,8 @@ fn virgin_curve() {
 }
 
 proptest! {
-    /// Return-point memory (wiping out): an excursion that comes back to its turning point leaves
-    /// no trace.
+    /// Return-point memory (wiping out): an excursion that returns to its turning point leaves no
+    /// trace.
     #[test]
     fn return_point_memory(top in 0.3f64..0.8, low in 0.0f64..0.29, inner in 0.0f64..1.0, after in 0.0f64..1.0) {
         let inner = low + inner * (top - low);
@@ -209,7 +208,8 @@ proptest! {
         prop_assert!((plain[1] - excursion[3]).abs() < 1e-15);
     }
 
-    /// Congruency: minor loops between the same drives have the same height whatever went before.
+    /// Congruency: minor loops between the same drives have the same height, independent of the
+    /// history.
     #[test]
     fn congruency(first in 0.5f64..0.9, second in 0.5f64..0.9, low in 0.0f64..0.2, high in 0.25f64..0.49) {
         let height = |history: [f64; 2]| {
@@ -222,7 +222,7 @@ proptest! {
         prop_assert!((other.0 + other.1).abs() < 1e-14);
     }
 
-    /// Rate independence: points on a monotone way change nothing.
+    /// Rate independence: additional points on a monotonic path change nothing.
     #[test]
     fn rate_independence(top in 0.1f64..0.9, low in 0.0f64..0.5, part in 0.0f64..1.0) {
         let between = low + part * (top - low);
@@ -232,7 +232,7 @@ proptest! {
     }
 }
 
-/// A loop loses something, and unloading lies above loading.
+/// A loop dissipates energy, and unloading lies above loading.
 #[test]
 fn loops_have_area() {
     let c = responses(&plays(), &[0.3, 0.6, 0.3, 0.0]);
@@ -240,7 +240,7 @@ fn loops_have_area() {
     assert!(c[3] > 0.01, "a rest stays: {c:?}");
 }
 
-/// Drive with one Prony term: a ramp over the first step, then at rest.
+/// Drive with one Prony term: a ramp over the first step, then constant.
 #[test]
 fn relaxation_follows_the_exponential() {
     let settings = Piezoresistance {
@@ -260,7 +260,7 @@ fn relaxation_follows_the_exponential() {
     assert!((found[59] - 0.35).abs() < 1e-4, "settles at the remaining share");
 }
 
-/// The exact update: steps of half the length give the same values on a straight ramp.
+/// The update is exact: on a linear ramp, steps of half the length give the same values.
 #[test]
 fn relaxation_does_not_depend_on_the_step() {
     let settings = Piezoresistance { hysteresis: 0.0, ..Default::default() };

@@ -1,14 +1,14 @@
-//! Random paths keep their promises: inside, apart, at their speed, of their seed.
+//! Random paths stay inside and apart, keep their speed, and are determined by the seed.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use eit_fem::FemError;
 use eit_fem::fabric::{PlayCircle, RandomPaths, Tip, TouchScript};
 use eit_mesh::Outline;
 
-/// Steps of a slow and of a fast finger, metres.
+/// Steps of a slow and a fast finger, metres.
 const STEPS_M: [f64; 2] = [0.002, 0.012];
 
-/// Of the paper's disc.
+/// Play circle of the paper's disc.
 fn circle() -> PlayCircle {
     PlayCircle::of_outline(&Outline::disc(0.1).unwrap()).unwrap()
 }
@@ -27,7 +27,7 @@ fn paths() -> RandomPaths {
     }
 }
 
-/// Places, metres, `[frame][finger]`.
+/// Positions, metres, `[frame][finger]`.
 fn positions_m(script: &TouchScript) -> Vec<Vec<[f64; 2]>> {
     let of = |frame| script.touches(frame).iter().map(|touch| touch.position_m).collect();
     (0..script.frames).map(of).collect()
@@ -48,7 +48,7 @@ fn fingers_stay_inside_and_apart_and_keep_their_speed() {
                 for places in &positions_m {
                     assert_eq!(places.len(), fingers);
                     for (k, &place) in places.iter().enumerate() {
-                        // the bounds are met exactly but for rounding
+                        // the bounds hold exactly, up to rounding
                         assert!(distance(place, [0.0; 2]) <= 0.08 + 1e-15);
                         let others = &places[..k];
                         assert!(others.iter().all(|&o| distance(place, o) >= 0.048 - 1e-15));
@@ -56,9 +56,9 @@ fn fingers_stay_inside_and_apart_and_keep_their_speed() {
                 }
                 for pair in positions_m.windows(2) {
                     for (&a, &b) in pair[0].iter().zip(&pair[1]) {
-                        // a chord is no longer than its arc, each end of which the table of
-                        // lengths places to |p''| du^2 / 8 = 2.3e-7 m; and at the sharpest bends
-                        // of the smallest paths 0.54 of it (measured)
+                        // a chord is no longer than its arc; the table of lengths gives each end to
+                        // |p''| du^2 / 8 = 2.3e-7 m; at the sharpest bends of the smallest paths a
+                        // chord is 0.54 of its arc (measured)
                         let chord = distance(a, b);
                         assert!(chord <= step_m + 5e-7, "{chord}");
                         assert!(chord >= 0.5 * step_m, "{fingers} {seed} {chord}");
@@ -69,14 +69,14 @@ fn fingers_stay_inside_and_apart_and_keep_their_speed() {
     }
 }
 
-/// Short steps add up to the same way as the path's own measure.
+/// Short steps add up to the path's own arc length.
 #[test]
 fn steps_are_measured_along_the_path() {
     for seed in 0..10 {
         let paths = RandomPaths { seed, step_m: 1e-4, frames: 4001, ..paths() };
         let positions_m = positions_m(&paths.script(&circle()).unwrap());
         let way: f64 = positions_m.windows(2).map(|pair| distance(pair[0][0], pair[1][0])).sum();
-        // chords of 1e-4 m on bends of 10 mm are short by 4e-6, the path's table by less
+        // chords of 1e-4 m on bends of radius 10 mm are too short by 4e-6, the path's table by less
         assert!((way / 0.4 - 1.0).abs() < 1e-5, "{way}");
     }
 }
@@ -91,7 +91,7 @@ fn the_seed_decides_and_more_frames_go_on() {
     assert_ne!(places(1, 12), places(2, 12));
 }
 
-/// A rectangle's fingers play around its middle, within 0.8 of half its shorter side.
+/// On a rectangle, fingers stay around the centre, within 0.8 of half its shorter side.
 #[test]
 fn other_outlines_have_paths_too() {
     let circle = PlayCircle::of_outline(&Outline::rectangle(0.3, 0.2).unwrap()).unwrap();
@@ -118,7 +118,7 @@ fn paths_that_cannot_be_are_refused() {
         refused(RandomPaths { apart_m, ..paths() }, "apart_m is");
     }
     refused(RandomPaths { fingers: 2, apart_m: 0.164, ..paths() }, "cannot stay 0.164 m apart");
-    // force, radius and rate are those of any script
+    // force, radius and rate are validated as for any script
     let mesh = {
         let skin = eit_mesh::SkinShape::Disc { radius_m: 0.1 };
         let electrodes = eit_mesh::RimElectrodes::equally_spaced(8, 0.01);

@@ -1,4 +1,4 @@
-//! A solve on moved nodes and changed contacts is that of a model built on the moved mesh.
+//! A solve on moved nodes and changed contacts equals that of a model built on the moved mesh.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;
@@ -11,7 +11,7 @@ fn protocol(electrodes: usize) -> Protocol {
     PairProtocol { electrodes, ..Default::default() }.protocol().unwrap()
 }
 
-/// A disc of 12 rim electrodes, or with a patch in place of the last.
+/// A disc with 12 rim electrodes, or with a patch in place of the last.
 fn mesh(patch: bool) -> Mesh {
     let mesh = ring_disc(8);
     let mut electrodes = mesh.electrodes().to_vec();
@@ -29,8 +29,8 @@ fn moved(mesh: &Mesh, size: f64) -> Vec<[f64; 3]> {
     (0..nodes.len()).map(|n| std::array::from_fn(|k| nodes[n][k] + shift(n, k))).collect()
 }
 
-/// Voltages, Jacobian and fields have the bits of the fresh model: both do the same operations in
-/// the same order, because the ordering depends on the triangles alone.
+/// Voltages, Jacobian and fields are bit-identical to those of the new model: both perform the same
+/// operations in the same order, because the ordering depends only on the triangles.
 #[test]
 fn a_deformed_solve_is_that_of_a_fresh_model_on_the_moved_mesh() {
     for patch in [false, true] {
@@ -54,14 +54,15 @@ fn a_deformed_solve_is_that_of_a_fresh_model_on_the_moved_mesh() {
         assert_eq!(solution.jacobian(), wanted.jacobian());
         assert_eq!(solution.node_potentials(), wanted.node_potentials());
         assert!(solution.report().backward_error < 1e-13, "rounding of one solve");
-        // it matters: a movement of 2 % of the radius changes voltages by per cents
+        // the effect is not negligible: moving nodes by 2 % of the radius changes voltages by some
+        // per cent
         let still = model.forward(&sigma).unwrap();
         let change = (&solution.measurements() - &still).mapv(f64::abs).sum();
         assert!(change > 1e-2 * still.mapv(f64::abs).sum());
     }
 }
 
-/// Without movement nothing changes, to the bit, and the model itself never does.
+/// Without movement the results are bit-identical, and the model itself never changes.
 #[test]
 fn the_own_geometry_changes_nothing() {
     let mesh = mesh(false);
@@ -78,8 +79,8 @@ fn the_own_geometry_changes_nothing() {
     assert_eq!(before, model.forward(&sigma).unwrap());
 }
 
-/// Rigid motion and scaling, closed form: turning changes nothing; a sheet blown up by t keeps its
-/// resistances when ohm metre contacts grow by t.
+/// Rigid motion and scaling: rotation changes nothing; a sheet scaled by t keeps its resistances if
+/// contact impedances in ohm metre are scaled by t.
 #[test]
 fn turning_and_blowing_up() {
     let mesh = mesh(false);

@@ -25,7 +25,7 @@ fn strip_has_its_closed_form_jacobian() {
     let jacobian = model.jacobian(&conductivity).unwrap();
     for (found, area) in jacobian.row(0).iter().zip(mesh.surface().areas_m2()) {
         let wanted = -area * current / (sigma * width).powi(2);
-        // condition number about 1e4; a gradient loses one more digit
+        // the condition number is about 1e4; gradients lose one more digit
         assert!((found - wanted).abs() < 1e-11 * wanted.abs(), "{found} {wanted}");
     }
     let (along, wanted) = (sigma * jacobian.sum(), -current * length / (sigma * width));
@@ -106,7 +106,7 @@ fn contact_energy(
     energy
 }
 
-/// `v(t sigma, z / t) = v(sigma, z) / t`, and the Jacobian falls with `t^2`.
+/// `v(t sigma, z / t) = v(sigma, z) / t`, and the Jacobian scales with `1 / t^2`.
 #[test]
 fn scaling_conductivity_and_impedance_scales_voltages() {
     let mesh = ring_disc(8);
@@ -119,7 +119,8 @@ fn scaling_conductivity_and_impedance_scales_voltages() {
         (model.forward(&scaled).unwrap(), model.jacobian(&scaled).unwrap())
     };
     let (v, jacobian) = at(1.0);
-    // a power of two changes no rounding; another factor leaves rounding times the condition, 1e4
+    // a power of two changes no rounding; other factors leave rounding times the condition number,
+    // 1e4
     let (scaled, steep) = at(1024.0);
     assert_eq!(scaled * 1024.0, v);
     assert_eq!(steep * 1024.0 * 1024.0, jacobian);
@@ -128,7 +129,7 @@ fn scaling_conductivity_and_impedance_scales_voltages() {
     assert!(largest(&(steep * 3.7e-5 * 3.7e-5 - &jacobian)) < 1e-12 * largest(&jacobian));
 }
 
-/// Fields do not depend on the scale of the currents, down to currents whose squares vanish.
+/// Fields do not depend on the scale of the currents, down to currents whose squares underflow.
 #[test]
 fn tiny_and_huge_currents_scale_the_jacobian() {
     let mesh = ring_disc(8);
@@ -139,19 +140,19 @@ fn tiny_and_huge_currents_scale_the_jacobian() {
     };
     let one = jacobian(1.0);
     for current in [1e-200, 1e200] {
-        // one rounding more
+        // one more rounding
         assert!(largest(&(jacobian(current) / current - &one)) < 1e-14 * largest(&one));
     }
 }
 
-/// Rows of sets of measurements that are multiples of each other, in both kinds of storage and into
-/// memory whose rows are not in one piece.
+/// Rows of sets of measurements that are multiples of each other, in both number types, and into
+/// memory whose rows are not contiguous.
 #[test]
 fn unique_rows_and_their_factors_are_the_jacobian() {
     let protocol = PairProtocol { electrodes: 12, ..Default::default() }.protocol().unwrap();
     let model = ForwardModel::new(&ring_disc(8), &protocol, &[0.05; 12]).unwrap();
     let sets = model.unique_measurements();
-    // 12 x 9 measurements, each with its reciprocal one
+    // 12 x 9 measurements, in reciprocal pairs
     assert_eq!((sets.len(), sets.iter().map(Vec::len).sum::<usize>()), (54, 108));
     let sigma: Vec<f64> = noise(3, model.elements()).iter().map(|x| 0.5 + x).collect();
     let mut workspace = model.workspace().unwrap();
@@ -163,11 +164,11 @@ fn unique_rows_and_their_factors_are_the_jacobian() {
     for (row, set) in sets.iter().enumerate() {
         assert_eq!(set[0].1, 1.0);
         for &(datum, factor) in set {
-            // condition number of a voltage about 1e4
+            // the condition number of a voltage is about 1e4
             let difference = voltages[datum] - factor * voltages[set[0].0];
             assert!(difference.abs() <= 1e-11 * largest(&voltages));
             for (element, value) in jacobian.row(datum).iter().enumerate() {
-                // two roundings of factors
+                // two roundings from the factors
                 let found = factor * double[[row, element]];
                 assert!((found - value).abs() <= 2.0 * f64::EPSILON * value.abs());
                 let found = factor * f64::from(single[[row, element]]);

@@ -1,4 +1,4 @@
-//! The mesh chosen for a required accuracy: enough, and not much more than enough.
+//! The mesh chosen for a required accuracy is fine enough, but not much finer than needed.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -82,10 +82,11 @@ fn words(chosen: &ChosenMesh) -> String {
     format!("{:?}, {nodes} nodes, estimated {:.1e}", chosen.element_order, chosen.error)
 }
 
-/// Against the mesh-free series, for either order of elements and the cheaper of both.
+/// Against the mesh-free series, for each order of elements and for the cheaper of the two.
 ///
-/// The error may pass the requirement by a half: irregular meshes make the estimate one (the largest
-/// ratio found is in docs/VALIDATION.md). All coarser meshes of the search must miss it.
+/// The error may exceed the requirement by a half, because the error estimate is approximate on
+/// irregular meshes (the largest ratio found is in docs/validation/forward.md). All coarser meshes of the
+/// search must miss the requirement.
 #[test]
 fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {
     let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
@@ -106,11 +107,11 @@ fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {
             assert!(chosen.error <= accuracy);
             assert!(error < 1.5 * accuracy, "{error:e} for {accuracy:e}");
             assert!(kind.is_none_or(|kind| kind == chosen.element_order));
-            // finer for more accuracy
+            // higher accuracy needs finer meshes
             let found = chosen.mesh.surface().nodes().len();
             assert!(found >= nodes || kind.is_none());
             nodes = found;
-            // all cheaper trials of the kind missed it
+            // all coarser trials with the same order missed the requirement
             let fewer = chosen.trials.iter().filter(|t| t.nodes < found);
             let mut fewer = fewer.filter(|t| t.element_order == chosen.element_order);
             assert!(fewer.all(|t| t.error.unwrap() > accuracy));
@@ -118,7 +119,7 @@ fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {
     }
 }
 
-/// What noise is in volts gives the same mesh as its part of the largest voltage.
+/// An accuracy in volts gives the same mesh as the same accuracy relative to the largest voltage.
 #[test]
 fn volts_are_measured_by_the_largest_voltage() {
     let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
@@ -126,14 +127,14 @@ fn volts_are_measured_by_the_largest_voltage() {
     let volts = RequiredAccuracy::Volts(1e-3 * relative.largest_v);
     let search = MeshSearch { required: volts, ..search(&protocol, &impedance, 0.5) };
     let found = search.run(disc).unwrap();
-    // largest voltages of coarse meshes differ in the third digit
+    // the largest voltages of coarse meshes differ in the third digit
     assert_eq!(found.trials.len(), relative.trials.len());
     assert_eq!(found.mesh.surface().nodes().len(), relative.mesh.surface().nodes().len());
     assert!((found.required - 1e-3).abs() < 1e-5);
 }
 
-/// Corners, a hole and patches, judged by quadratic elements on four times the nodes of the finest
-/// mesh tried. Same allowance as on the disc.
+/// A plate with corners, a hole and patches, compared with quadratic elements on four times the
+/// nodes of the finest mesh tried. Same tolerance as on the disc.
 #[test]
 fn chosen_meshes_of_a_plate_with_patches() {
     let skin = SkinShape::Polygon {
@@ -176,7 +177,7 @@ fn chosen_meshes_of_a_plate_with_patches() {
     }
 }
 
-/// Shunts have linear elements only, which then judge themselves.
+/// Shunts support linear elements only, whose error is then estimated from finer linear elements.
 #[test]
 fn shunts_are_searched_with_linear_elements() {
     let protocol = protocol();
@@ -208,13 +209,13 @@ fn what_cannot_be_had_is_refused_with_what_can() {
     let volts = RequiredAccuracy::Volts(f64::NAN);
     let bad = MeshSearch { required: volts, ..search(&protocol, &impedance, 0.5) };
     assert!(matches!(bad.run(disc).unwrap_err(), FemError::OutOfRange { .. }));
-    // errors of the family come through
+    // errors of `mesh_of` are passed on
     let failing = search(&protocol, &impedance, 1e-2)
         .run(|_| Err(FemError::ElectrodeCount { protocol: 1, mesh: 2 }));
     assert!(matches!(failing.unwrap_err(), FemError::ElectrodeCount { protocol: 1, mesh: 2 }));
 }
 
-/// The estimate for meshes without a family, against the series: within a factor of 1.5.
+/// For single meshes, the estimate agrees with the series within a factor of 1.5.
 #[test]
 fn linear_elements_are_judged_by_quadratic_ones_on_the_same_mesh() {
     let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);

@@ -1,4 +1,4 @@
-//! What every solution must obey: closed form, symmetry, conservation, derivative, convergence.
+//! Properties of every solution: closed form, symmetry, conservation, derivative, convergence.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 mod common;
@@ -23,7 +23,7 @@ fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
     values.into_iter().fold(0.0, |m, v| m.max(v.abs()))
 }
 
-/// Uniform current: linear potentials are in the P1 space, so only rounding is left:
+/// Uniform current: linear potentials are in the P1 space, so only rounding errors remain:
 /// V = I (length / (sigma width) + 2 z / width).
 #[test]
 fn strip_has_its_closed_form_resistance() {
@@ -33,7 +33,7 @@ fn strip_has_its_closed_form_resistance() {
     let model = ForwardModel::new(&mesh, &protocol, &[z, z]).unwrap();
     let found = model.forward(&vec![sigma; model.elements()]).unwrap()[0];
     let wanted = current * (length / (sigma * width) + 2.0 * z / width);
-    // condition number of this matrix about 1e4
+    // the condition number of this matrix is about 1e4
     assert!((found - wanted).abs() < 1e-12 * wanted, "{found} {wanted}");
 }
 
@@ -56,7 +56,7 @@ fn patch_electrodes_carry_the_current() {
         model.forward(&vec![0.5; model.elements()]).unwrap()[0]
     };
     let wanted = 0.01 * 20.0 / (0.5 * 0.05);
-    // what the ends disturb decays by exp(-pi x / width): 4e-17 over the shorter strip
+    // the disturbance at the ends decays as exp(-pi x / width): 4e-17 over the shorter strip
     assert!((resistance(80) - resistance(60) - wanted).abs() < 1e-10 * wanted);
 }
 
@@ -79,8 +79,8 @@ fn reciprocity() {
     assert_eq!(pairs, v.len(), "every adjacent measurement has its reciprocal");
 }
 
-/// Current through each electrode, from the potentials on it, is the prescribed one, and the
-/// potentials solve the system to rounding.
+/// The current through each electrode, computed from the potentials on it, is the prescribed one,
+/// and the potentials solve the system to rounding.
 #[test]
 fn electrode_currents_are_the_pattern() {
     let mesh = ring_disc(8);
@@ -150,7 +150,7 @@ fn jacobian_passes_the_taylor_test() {
             .windows(2)
             .map(|t| (remainder(t[0]) / remainder(t[1])).log10())
             .collect();
-        // third-order terms bend the first rate; rounding is far below the last remainder
+        // third-order terms affect the first rate; rounding is far below the last remainder
         assert!(rates.iter().all(|r| (r - 2.0).abs() < 0.1), "{rates:?}");
         let central = (at(1e-4) - at(-1e-4)) / 2e-4;
         // central differences: h^2 = 1e-8 of the third derivative
@@ -158,7 +158,7 @@ fn jacobian_passes_the_taylor_test() {
     }
 }
 
-/// The ring mesh has six-fold symmetry, so turning the skin by two electrodes only renames them.
+/// The ring mesh has six-fold symmetry, so rotating the skin by two electrodes only renumbers them.
 #[test]
 fn rotation_renames_measurements() {
     let mesh = ring_disc(12);
@@ -169,13 +169,13 @@ fn rotation_renames_measurements() {
     for drive in 0..12 {
         for k in 0..per_drive {
             let turned = v[(drive + 2) % 12 * per_drive + k];
-            // other elimination order, condition number about 1e4
+            // another elimination order with a condition number of about 1e4
             assert!((v[drive * per_drive + k] - turned).abs() < 1e-12 * largest(&v));
         }
     }
 }
 
-/// A tilted skin in space is the same skin.
+/// Tilting a skin in space does not change its voltages.
 #[test]
 fn a_skin_tilted_in_space_measures_the_same() {
     let flat = ring_disc(8);
@@ -194,12 +194,12 @@ fn a_skin_tilted_in_space_measures_the_same() {
         ForwardModel::new(mesh, &adjacent(12), &[IMPEDANCE; 12]).unwrap().forward(&sigma).unwrap()
     };
     let (a, b) = (solve(&flat), solve(&tilted));
-    // coordinates are rounded once more at a distance of 3
+    // coordinates have one more rounding, at a distance of 3
     assert!(largest(&(&a - &b)) < 1e-12 * largest(&a));
 }
 
 /// Order of convergence on refined ring discs against the mesh-free series. The contact impedance
-/// is that of a layer (z sigma = 0.5) wider than the coarsest element; thinner layers reach the
+/// gives a boundary layer (z sigma = 0.5) wider than the coarsest element; thinner layers reach the
 /// order only once elements resolve them.
 #[test]
 fn voltages_converge_to_the_series_with_order_two() {
@@ -214,7 +214,7 @@ fn voltages_converge_to_the_series_with_order_two() {
         harmonics: 4000,
     };
     let exact = series.electrode_potentials(protocol.stimulations_a()).unwrap();
-    // a shorter series tells how good the longer one is
+    // the difference from a shorter series bounds the error of the longer one
     let shorter = DiscSeries { degree: 8, harmonics: 2000, ..series.clone() };
     let change =
         largest(&(shorter.electrode_potentials(protocol.stimulations_a()).unwrap() - &exact));
@@ -229,7 +229,7 @@ fn voltages_converge_to_the_series_with_order_two() {
         errors.push(largest(&(found - &exact)) / largest(&exact));
     }
     println!("errors {errors:?}, change of the series {change:.1e}");
-    // at an electrode end the potential goes like r log r, so on uniform meshes order two carries
+    // at an electrode end the potential behaves like r log r, so on uniform meshes second order has
     // a factor log(1/h): error / (h^2 log(1/h)) is constant (measured: to 2 %)
     let constants: Vec<f64> = errors
         .iter()

@@ -1,4 +1,5 @@
-//! Order, counts and refusals of protocols.
+//! Order and counts of protocols, and invalid input. The file is long because it includes an
+//! independent construction of the expected order.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use eit_fem::{DrivenElectrodes, FemError, Order, PairPattern, PairProtocol, Protocol};
@@ -53,7 +54,8 @@ fn opposite_drives_keep_twelve_adjacent_pairs_each() {
     let found = quadruples(&opposite);
     assert_eq!(found.len(), 192);
     for d in 0..16 {
-        // starts d+1 .. d+6 and d+9 .. d+14: the pairs at d-1, d, d+7 and d+8 touch the drive
+        // starts d+1 .. d+6 and d+9 .. d+14: the pairs at d-1, d, d+7 and d+8 include a driven
+        // electrode
         let starts = (1..7).chain(9..15);
         for (k, start) in starts.enumerate() {
             let wanted = [d, d + 8, d + start, d + start + 1].map(|e| e % 16);
@@ -67,7 +69,7 @@ fn skipping_pairs_leave_electrodes_between() {
     let skip = PairPattern::Skip(2);
     let both = PairProtocol { drive: skip.clone(), measure: skip, ..Default::default() };
     let found = quadruples(&both);
-    // pairs that start at d-3, d, d+3 touch the drive (d, d+3)
+    // pairs that start at d-3, d, d+3 share an electrode with the drive (d, d+3)
     assert_eq!(found.len(), 16 * 13);
     assert_eq!(found[..3], [[0, 3, 1, 4], [0, 3, 2, 5], [0, 3, 4, 7]]);
     assert_eq!(found[13], [1, 4, 2, 5]);
@@ -83,7 +85,8 @@ fn explicit_pairs_keep_their_order_and_sign() {
         measure: PairPattern::Pairs(vec![[5, 3], [3, 0], [2, 5], [3, 5]]),
         ..Default::default()
     };
-    // rotated: by distance of the first electrode from the drive's first; ties as given
+    // rotated: by distance of the first electrode from the drive's first electrode; ties keep their
+    // order
     let wanted =
         [[4, 1, 5, 3], [4, 1, 2, 5], [4, 1, 3, 0], [4, 1, 3, 5], [0, 2, 3, 5], [0, 2, 5, 3]];
     assert_eq!(quadruples(&explicit), wanted);
@@ -120,7 +123,7 @@ fn general_patterns_read_every_measurement_under_every_stimulation() {
     assert_eq!(protocol.quadruples(), None);
 }
 
-/// A pattern of seven digits loses its remainder, and keeps its zeros.
+/// The residual sum of a pattern with seven digits is removed, and zeros stay zero.
 #[test]
 fn patterns_of_few_digits_are_balanced() {
     let rounded = array![[0.333_333_3], [0.333_333_3], [-0.666_666_7], [0.0]];
@@ -129,12 +132,12 @@ fn patterns_of_few_digits_are_balanced() {
         // two roundings of numbers below one
         assert!(patterns.row(0).sum().abs() < 2.0 * f64::EPSILON);
         assert_eq!(patterns[[0, 3]], 0.0);
-        // a third of the remainder of 1e-7
+        // a third of the residual of 1e-7
         assert!((patterns[[0, 0]] - rounded[[0, 0]]).abs() < 0.34e-7);
     }
 }
 
-/// Each refusal: what is wrong, where, and the numbers, on one line.
+/// Each error message says what is wrong, where, and with which numbers, on one line.
 #[test]
 fn refusals_say_what_is_wrong() {
     let pairs = |electrodes, drive| PairProtocol { electrodes, drive, ..Default::default() };
@@ -145,7 +148,7 @@ fn refusals_say_what_is_wrong() {
     let off = array![[1.0, 0.5], [-1.0, 0.5], [0.0, -0.75]];
     let zero = array![[0.0], [0.0], [0.0]];
     let nan = array![[1.0, 0.0], [-1.0, f64::NAN], [0.0, -1.0]];
-    // eight lanes of sums, some to plus and some to minus infinity
+    // summation in eight lanes: some sums overflow to plus, others to minus infinity
     let overflow =
         Array2::from_shape_fn((32, 1), |(e, _)| if e % 2 == 0 { 1.7e308 } else { -1.7e308 });
     let measured =
@@ -169,33 +172,32 @@ fn refusals_say_what_is_wrong() {
         ),
         (
             explicit([3, 16]),
-            "drive pair 1 names electrode index 16, but the 16 electrodes have the indices 0 to 15",
+            "drive pair 1 refers to electrode index 16, but the 16 electrodes have indices 0 to 15",
         ),
         (
             measured.protocol(),
-            "measured pair 0 names electrode index 16, but the 16 electrodes have the indices 0 to \
-             15",
+            "measured pair 0 refers to electrode index 16, but the 16 electrodes have indices 0 to 15",
         ),
-        (explicit([3, 3]), "drive pair 1 joins electrode index 3 with itself"),
+        (explicit([3, 3]), "drive pair 1 connects electrode index 3 with itself"),
         (
             Protocol::from_quadruples(4, &[[0, 1, 2, 3], [0, 1, 2, 4]], 1.0),
-            "quadruple 1 names electrode index 4, but the 4 electrodes have the indices 0 to 3",
+            "quadruple 1 refers to electrode index 4, but the 4 electrodes have indices 0 to 3",
         ),
         (
             Protocol::from_quadruples(0, &[[0, 1, 2, 3]], 1.0),
-            "quadruple 0 names electrode index 0, but the 0 electrodes have the indices 0 to 0",
+            "quadruple 0 refers to electrode index 0, but the 0 electrodes have indices 0 to 0",
         ),
         (
             Protocol::from_quadruples(4, &[[0, 1, 2, 2]], 1.0),
-            "quadruple 0 joins electrode index 2 with itself",
+            "quadruple 0 connects electrode index 2 with itself",
         ),
         (
             Protocol::from_quadruples(4, &[], 1.0),
-            "the protocol has no measurement: keep the driven electrodes or choose other pairs",
+            "the protocol has no measurements: keep the driven electrodes or choose other pairs",
         ),
         (
             pairs(3, PairPattern::Adjacent).protocol(),
-            "the protocol has no measurement: keep the driven electrodes or choose other pairs",
+            "the protocol has no measurements: keep the driven electrodes or choose other pairs",
         ),
         (with_current(0.0), "current_a is 0: it must be finite and above zero"),
         (with_current(-1e-3), "current_a is -0.001: it must be finite and above zero"),
@@ -212,20 +214,20 @@ fn refusals_say_what_is_wrong() {
             patterns(&good, &array![[1.0], [-1.0]]),
             "rows of the measurement pattern matrix: 2 values given, 3 needed",
         ),
-        (patterns(&nan, &good), "stimulation pattern 1 holds NaN at electrode index 1"),
+        (patterns(&nan, &good), "stimulation pattern 1 contains NaN at electrode index 1"),
         (
             patterns(&good, &off),
-            "measurement pattern 1 sums to 2.5e-1 with a largest entry of 7.5e-1: what enters the skin \
-             must leave it, and a pattern must not be zero",
+            "measurement pattern 1 sums to 2.5e-1 with a largest entry of 7.5e-1: the entries must \
+             sum to zero and must not all be zero",
         ),
         (
             patterns(&zero, &good),
-            "stimulation pattern 0 sums to 0e0 with a largest entry of 0e0: what enters the skin \
-             must leave it, and a pattern must not be zero",
+            "stimulation pattern 0 sums to 0e0 with a largest entry of 0e0: the entries must \
+             sum to zero and must not all be zero",
         ),
         (
             patterns(&Array2::zeros((3, 0)), &good),
-            "the protocol has no measurement: keep the driven electrodes or choose other pairs",
+            "the protocol has no measurements: keep the driven electrodes or choose other pairs",
         ),
     ];
     for (result, wanted) in cases {
@@ -233,7 +235,7 @@ fn refusals_say_what_is_wrong() {
         assert_eq!(message, wanted);
         assert_eq!(message.lines().count(), 1);
     }
-    // sums of such entries overflow or not, depending on their order; never a NaN in the protocol
+    // the sums may overflow, depending on their order, but the protocol must not contain NaN
     let usable = |p: Protocol| p.stimulations_a().iter().all(|x| x.is_finite());
     assert!(
         patterns(&overflow, &overflow).is_ok_and(usable) || patterns(&overflow, &overflow).is_err()
@@ -268,7 +270,7 @@ fn settings() -> impl Strategy<Value = PairProtocol> {
     })
 }
 
-/// The pairs of a pattern, or `None` where there are none.
+/// Pairs of a pattern, or `None` if it has none.
 fn expected_pairs(pattern: &PairPattern, electrodes: u32) -> Option<Vec<[u32; 2]>> {
     let step = match pattern {
         PairPattern::Adjacent => 1,
@@ -280,7 +282,7 @@ fn expected_pairs(pattern: &PairPattern, electrodes: u32) -> Option<Vec<[u32; 2]
     (step < electrodes).then(|| (0..electrodes).map(|d| [d, (d + step) % electrodes]).collect())
 }
 
-/// The protocol by walking around the skin, or `None` where there must be an error.
+/// Expected quadruples, found by walking around the skin, or `None` if an error is expected.
 fn expected(p: &PairProtocol) -> Option<Vec<[u32; 4]>> {
     let count = p.electrodes as u32;
     let (drives, senses) = (expected_pairs(&p.drive, count)?, expected_pairs(&p.measure, count)?);
@@ -327,7 +329,7 @@ proptest! {
             prop_assert_eq!(row.iter().filter(|i| **i != 0.0).count(), 2);
             prop_assert_eq!(row.fold(0.0_f64, |m, i| m.max(i.abs())), settings.current_a);
         }
-        // patterns say the same as quadruples
+        // patterns agree with the quadruples
         for (&[s, p], &[a, b, m, n]) in protocol.data().iter().zip(found) {
             let drive = protocol.stimulations_a().row(s as usize).to_vec();
             let sense = protocol.measurement_patterns().row(p as usize).to_vec();
@@ -337,7 +339,7 @@ proptest! {
     }
 }
 
-/// Orthogonal, balanced, L - 1 of them: they span every current that electrodes can carry.
+/// L - 1 orthogonal, balanced patterns span all balanced currents.
 #[test]
 fn trigonometric_currents_span_all_currents() {
     for electrodes in [2, 3, 16, 31, 32] {
@@ -348,13 +350,14 @@ fn trigonometric_currents_span_all_currents() {
         assert!(found.quadruples().is_none());
         let products = currents.dot(&currents.t());
         for ((i, j), product) in products.indexed_iter() {
-            // a pattern's energy is L/2 I^2, or L I^2 for the alternating one; rounding of L terms
+            // the squared norm of a pattern is L/2 I^2, or L I^2 for the alternating one; rounding
+            // of L terms
             let energy = 4e-6 * electrodes as f64;
             assert!(if i == j { *product > 0.4 * energy } else { product.abs() < 1e-13 * energy });
         }
         assert!(currents.sum_axis(ndarray::Axis(1)).iter().all(|sum| sum.abs() < 1e-17));
         let peak = currents.iter().fold(0.0_f64, |m, i| m.max(i.abs()));
-        // balancing may take a rounding error from each entry
+        // balancing may change each entry by a rounding error
         assert!((peak - 2e-3).abs() < 1e-15, "{peak}");
     }
     let bad = |electrodes, measure: &PairPattern, current_a| {

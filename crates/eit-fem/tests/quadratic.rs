@@ -1,4 +1,5 @@
-//! Quadratic elements: closed forms, symmetry, conservation, derivative, moved nodes, refusals.
+//! Quadratic elements: closed forms, symmetry, conservation, derivative, moved nodes, invalid input.
+//! The file is long because it repeats the properties of `properties.rs` for quadratic elements.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;
@@ -28,7 +29,7 @@ fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
     values.into_iter().fold(0.0, |m, v| m.max(v.abs()))
 }
 
-/// A strip whose inner nodes are displaced at random, so that no symmetry helps.
+/// A strip with randomly displaced inner nodes, to avoid symmetry.
 fn rough_strip(length: f64, width: f64, columns: usize, rows: usize) -> Mesh {
     let even = strip(length, width, columns, rows);
     let shifts = noise(11, 2 * even.surface().nodes().len());
@@ -56,21 +57,22 @@ fn strip_has_its_closed_form_resistance_and_jacobian() {
     let mut solution = model.solve(&conductivity, &mut workspace).unwrap();
     let found = solution.measurements()[0];
     let wanted = current * (length / (sigma * width) + 2.0 * z / width);
-    // condition number of this matrix about 1e5
+    // the condition number of this matrix is about 1e5
     assert!((found - wanted).abs() < 1e-11 * wanted, "{found} {wanted}");
     let jacobian = solution.jacobian();
     for (found, area) in jacobian.row(0).iter().zip(mesh.surface().areas_m2()) {
         let wanted = -area * current / (sigma * width).powi(2);
         assert!((found - wanted).abs() < 1e-10 * wanted.abs(), "{found} {wanted}");
     }
-    // one digit more than the condition leaves
+    // gradients lose one more digit
     assert!(solution.report().backward_error < 1e-13);
 }
 
-/// Quadratic potentials are exact: a patch over the whole strip feeds it evenly in the limit of a
-/// large impedance, all current leaves at x = 0, and the potential is quadratic along the strip. The
-/// patch is at `l / (sigma width) coth(length / l)` above it with `l = sqrt(z sigma)`, of which the skin
-/// has about `length / (3 sigma width)`; it departs from evenness by `length^2 / (2 sigma z)`.
+/// Quadratic potentials are exact. A patch over the whole strip feeds current evenly in the limit
+/// of a large impedance; all current leaves at x = 0, and the potential is quadratic along the
+/// strip. The resistance is `l / (sigma width) coth(length / l)` with `l = sqrt(z sigma)`, of which
+/// the skin contributes about `length / (3 sigma width)`. The unevenness of the current is
+/// `length^2 / (2 sigma z)`.
 #[test]
 fn quadratic_potentials_are_exact() {
     let (length, width, sigma, z) = (0.3, 0.1, 2.0, 0.02);
@@ -93,7 +95,7 @@ fn quadratic_potentials_are_exact() {
     };
     let (linear, quadratic) = (error(ElementOrder::Linear), error(ElementOrder::Quadratic));
     println!("linear {linear:.1e}, quadratic {quadratic:.1e}");
-    // the part that is not quadratic is a thousandth, and its energy the square of that
+    // the non-quadratic part is a thousandth, and its energy the square of that
     assert!(quadratic < 1e-5, "{quadratic:e}");
     assert!(linear > 1e-3, "the mesh is coarse enough to tell: {linear:e}");
 }
@@ -125,12 +127,12 @@ fn patch_electrodes_are_transmission_lines() {
         .collect();
     let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
     println!("errors {errors:?}, orders {orders:.2?}");
-    // smooth on each element: a voltage is an energy, and converges with twice the order two
+    // the solution is smooth on each element; a voltage is an energy and converges with order four
     assert!(orders.iter().all(|o| (o - 4.0).abs() < 0.3), "{orders:?}");
 }
 
-/// A straight outline with a hole: quadratic elements on a coarse mesh against linear ones on ever
-/// finer meshes.
+/// A polygonal outline with a hole: quadratic elements on a coarse mesh against linear elements on
+/// finer and finer meshes.
 #[test]
 fn polygon_agrees_with_fine_linear_elements() {
     let square = |half: f64| vec![[-half, -half], [half, -half], [half, half], [-half, half]];
@@ -151,8 +153,8 @@ fn polygon_agrees_with_fine_linear_elements() {
         .map(|nodes| largest(&(voltages(nodes, ElementOrder::Linear) - &found)) / largest(&found))
         .to_vec();
     println!("linear elements are apart by {apart:?}");
-    // linear elements come nearer with order two, as far as the quadratic ones are exact: the
-    // corners of the hole leave them h^(4/3)
+    // linear elements converge to the quadratic solution with order two, up to its own error of
+    // h^(4/3) at the corners of the hole
     assert!(apart[0] / apart[2] > 8.0, "{apart:?}");
     assert!(apart[2] < 5e-4, "{apart:?}");
 }
@@ -173,7 +175,7 @@ fn reciprocity_and_rotation() {
     for drive in 0..12 {
         for k in 0..9 {
             let turned = v[(drive + 2) % 12 * 9 + k];
-            // other elimination order, condition number about 1e4
+            // another elimination order with a condition number of about 1e4
             assert!((v[drive * 9 + k] - turned).abs() < 1e-12 * largest(&v));
         }
     }
@@ -203,8 +205,8 @@ fn voltages_are_homogeneous() {
     assert!(error < 1e-10, "{error:e}");
 }
 
-/// No current is lost: potentials sum to zero, and which electrode is the ground (the last one: its
-/// equation is not in the system) does not matter.
+/// Current is conserved: potentials sum to zero, and the choice of the ground electrode (the last,
+/// whose equation is not in the system) does not matter.
 #[test]
 fn the_system_is_solved_and_balanced() {
     let mesh = round_disc(8);
@@ -214,7 +216,7 @@ fn the_system_is_solved_and_balanced() {
     let mut solution = model.solve(&sigma, &mut workspace).unwrap();
     let report = solution.report();
     assert!(report.backward_error < 1e-13, "{report:?}");
-    // nodes, edges (Euler: nodes + triangles - 1) and all electrodes but one
+    // nodes, edges (Euler: nodes + triangles - 1) and all electrodes except one
     let [nodes, triangles] = [mesh.surface().nodes().len(), mesh.surface().triangles().len()];
     assert_eq!(model.cost().unknowns, nodes + (nodes + triangles - 1) + 11);
     assert_eq!(report.unknowns, model.cost().unknowns);
@@ -229,7 +231,7 @@ fn the_system_is_solved_and_balanced() {
     let turned = quadratic(&other, &adjacent(12), &[IMPEDANCE; 12]).forward(&sigma).unwrap();
     let voltages = solution.measurements();
     for (k, v) in turned.iter().enumerate() {
-        // drive 0 of the turned list is drive 1 of the first; condition number about 1e4
+        // drive 0 of the rotated list is drive 1 of the original; the condition number is about 1e4
         let apart = (v - voltages[(k + 9) % 108]).abs();
         assert!(apart < 1e-11 * largest(&voltages), "{k}: {apart:e}");
     }
@@ -272,7 +274,7 @@ fn jacobian_passes_the_taylor_test() {
             .windows(2)
             .map(|t| (remainder(t[0]) / remainder(t[1])).log10())
             .collect();
-        // third-order terms bend the first rate; rounding is far below the last remainder
+        // third-order terms affect the first rate; rounding is far below the last remainder
         assert!(rates.iter().all(|r| (r - 2.0).abs() < 0.1), "{rates:?}");
         let central = (at(1e-4) - at(-1e-4)) / 2e-4;
         // central differences: h^2 = 1e-8 of the third derivative
@@ -280,8 +282,9 @@ fn jacobian_passes_the_taylor_test() {
     }
 }
 
-/// Curved edges move with the skin: turning changes nothing, blowing up by t with contacts grown by
-/// t neither, and a disc stretched to an ellipse is the model of the ellipse's own mesh.
+/// Curved edges move with the skin: rotation changes nothing, nor does scaling both skin and
+/// contact impedances by t, and a disc stretched to an ellipse equals the model of the ellipse's
+/// own mesh.
 #[test]
 fn curved_edges_move_with_the_skin() {
     let mesh = round_disc(4);
@@ -357,7 +360,7 @@ fn what_quadratic_elements_cannot_do_is_said() {
     let error = model.solve_to(&sigma, 1e-15, &mut workspace).unwrap_err();
     assert!(matches!(error, FemError::NodalAssemblyOnly { required: 1e-15, .. }), "{error}");
 
-    // a bend of 0.4 edges into a triangle turns it over
+    // an edge bent by 0.4 of its length into a triangle inverts the triangle
     let [a, b] = mesh.electrodes().first().map(first_edge).unwrap();
     let bent = mesh.with_midpoints(|edge, p| {
         let inwards = if edge == [a.min(b), a.max(b)] { 0.9 } else { 1.0 };
@@ -379,7 +382,7 @@ fn first_edge(electrode: &Electrode) -> [u32; 2] {
     }
 }
 
-/// A mesh without curves has straight elements: the flat ring disc is a polygon to both kinds.
+/// A mesh without edge midpoints has straight elements: the ring disc is then a polygon.
 #[test]
 fn straight_edges_stay_straight() {
     let (flat, round) = (ring_disc(4), round_disc(4));

@@ -12,7 +12,7 @@ const RADIUS_M: f64 = 0.1;
 const WIDTH_M: f64 = 0.0196;
 const CONDUCTIVITY_S: f64 = 1e-5;
 
-/// Uneven contacts: three to one.
+/// Unequal contact impedances, with a ratio of three to one.
 fn impedance() -> Vec<f64> {
     (0..16).map(|l| 500.0 + 1000.0 * f64::from(l * 7 % 16) / 15.0).collect()
 }
@@ -23,13 +23,13 @@ fn electrodes() -> RimElectrodes {
     RimElectrodes { width_m: WIDTH_M, placement }
 }
 
-/// Level `k` of a family of meshes of the paper's disc or a hemisphere: edges `h = h0 / 2^k`. At
-/// electrode ends, where the potential runs like r log r, edges fall with `h^2` and grow with a slope
-/// that falls with h: elements at the distance r are no larger than about `h r`, which smooth parts
-/// need for order four.
+/// Level `k` of a family of meshes of the paper's disc or a hemisphere, with edges `h = h0 / 2^k`.
+/// At electrode ends, where the potential behaves like r log r, edges scale with `h^2` and the
+/// grading with `h`: elements at distance r are at most about `h r` in size, as order four
+/// requires.
 fn graded(shape: &SkinShape, level: i32) -> Mesh {
     let h = 0.5_f64.powi(level);
-    // of a hemisphere the edge at the pole, twice that of the disc it is mapped from
+    // on a hemisphere: the edge length at the pole, twice that of the disc it is mapped from
     let stretch = if matches!(shape, SkinShape::Hemisphere { .. }) { 2.0 } else { 1.0 };
     let settings = MeshSettings {
         edge_m: Some(0.02 * stretch * h),
@@ -56,7 +56,7 @@ fn series(degree: usize, harmonics: usize) -> Array1<f64> {
         conductivity_s: CONDUCTIVITY_S,
         electrode_angles_rad: (0..16).map(|l| (22.5 * f64::from(l)).to_radians()).collect(),
         electrode_width_m: WIDTH_M,
-        // replaced by those of each electrode
+        // replaced by the impedance of each electrode
         contact_impedance_ohm_m: 1e3,
         degree,
         harmonics,
@@ -73,8 +73,8 @@ fn largest(values: &Array1<f64>) -> f64 {
     values.iter().fold(0.0, |m, v| m.max(v.abs()))
 }
 
-/// Checks the orders in h of both kinds of elements on levels 0, 1, 2 and so on; the last error of the
-/// quadratic ones.
+/// Checks the convergence orders of linear and quadratic elements on levels 0, 1, 2 and so on;
+/// returns the last error of the quadratic elements.
 fn check_orders(meshes: &[Mesh], exact: &Array1<f64>) -> f64 {
     let mut last = 0.0;
     for (elements, least) in [(ElementOrder::Linear, 1.8), (ElementOrder::Quadratic, 3.8)] {
@@ -82,7 +82,8 @@ fn check_orders(meshes: &[Mesh], exact: &Array1<f64>) -> f64 {
         let errors: Vec<f64> = meshes.iter().map(error).collect();
         let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
         println!("{elements:?}: errors {errors:?}, orders {orders:?}");
-        // the coarsest mesh has one edge between ends: it may be better or worse than its family
+        // the coarsest mesh has one edge between electrode ends, so its error may not follow the
+        // others
         assert!(orders.iter().all(|order| *order > least), "{elements:?}: {orders:?}");
         last = errors[errors.len() - 1];
     }
@@ -100,8 +101,8 @@ fn paper_disc_with_uneven_contacts() {
     assert!(change < 0.1 * error, "the series is the better one: {change:e}");
 }
 
-/// Stereographic projection keeps angles, and on the equator lengths: a hemisphere with electrodes
-/// on its equator has the voltages of the flat disc, with elements that follow the sphere.
+/// Stereographic projection preserves angles, and on the equator lengths. So a hemisphere with
+/// electrodes on its equator has the voltages of the flat disc, if elements follow the sphere.
 #[test]
 fn hemisphere_has_the_voltages_of_the_disc() {
     let exact = series(20, 8_000);

@@ -1,13 +1,13 @@
-//! Against solutions in 400-bit interval arithmetic, computed by others.
+//! Solutions against independent ones in 400-bit interval arithmetic.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 mod common;
 
 use eit_fem::{ForwardModel, PairProtocol};
 
-/// What each case may lose, as a fraction of its largest voltage: about five times what textbook
-/// assembly with sparse Cholesky was measured to lose, to leave room for another ordering and none
-/// for a wrong formula.
+/// Largest error of each case, as a fraction of its largest voltage: about five times the measured
+/// error of textbook assembly with sparse Cholesky. This allows for another ordering, but not for a
+/// wrong formula.
 const LOSSES: [(&str, f64); 14] = [
     ("plain", 3e-13),
     ("scale1e-7", 3e-13),
@@ -22,7 +22,7 @@ const LOSSES: [(&str, f64); 14] = [
     ("z1e-9", 2e-6),
     ("z1e6", 2e-6),
     ("z1e9", 1e-3),
-    // no digit is right: large contact terms swallow small conductances in the assembled matrix
+    // no correct digit: large contact terms swamp small conductances in the assembled matrix
     ("mixed_z", 0.6),
 ];
 
@@ -49,7 +49,8 @@ fn every_case_loses_what_is_known_and_no_more() {
         );
         assert!(error < expected, "{name}: {error:e} is above the estimate {expected:e}");
         assert!(error < bound, "{name}: {error:e} is above {bound:e}");
-        // the report does not see what assembly lost: README.md says so, ten times what was measured
+        // the backward error does not show the loss during assembly (see README.md); ten times the
+        // measured value
         assert!(name != "mixed_z" || backward < 4e-12, "{backward:e}");
     }
 }

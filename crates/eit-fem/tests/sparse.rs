@@ -1,4 +1,4 @@
-//! The sparse factorisation by its public face, on the matrix of a model.
+//! Public interface of the sparse factorisation, on the matrix of a model.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod common;
@@ -18,7 +18,7 @@ fn matrix(model: &ForwardModel) -> SystemMatrix {
     model.system_matrix(&vec![1.0; model.elements()]).unwrap()
 }
 
-/// `A x` of the whole symmetric matrix.
+/// `A x` with the full symmetric matrix.
 fn product(matrix: &SystemMatrix, x: &[f64]) -> Vec<f64> {
     let (starts, rows) = (matrix.pattern.column_starts(), matrix.pattern.rows());
     let mut y = vec![0.0; x.len()];
@@ -44,7 +44,7 @@ fn solves_the_matrix_of_a_model_as_the_model_does() {
     let cholesky = Cholesky::new(&matrix.pattern, matrix.nodes).unwrap();
     let mut factor = cholesky.memory().unwrap();
     cholesky.factorise(&matrix.values, &mut factor, 1.0).unwrap();
-    // the first stimulation: in at electrode 1, out at electrode 2
+    // the first stimulation: current in at electrode 1, out at electrode 2
     let mut x = vec![f64::NAN; unknowns];
     x[matrix.nodes..].fill(0.0);
     (x[matrix.nodes], x[matrix.nodes + 1]) = (1.0, -1.0);
@@ -56,17 +56,17 @@ fn solves_the_matrix_of_a_model_as_the_model_does() {
             Some(1) => -1.0,
             _ => 0.0,
         };
-        // contacts make terms of 100: a few roundings of them
+        // contact terms are about 100: a few roundings of them
         assert!((value - wanted).abs() < 1e-12, "{k}: {value}, not {wanted}");
     }
     let mut workspace = model.workspace().unwrap();
     let conductivity_s = vec![1.0; model.elements()];
     let potentials_v = model.solve(&conductivity_s, &mut workspace).unwrap().electrode_potentials();
-    // the model's rows sum to zero, here the last electrode is at zero
+    // rows of the model sum to zero; here the last electrode is at zero
     let ground_v = potentials_v[[0, ELECTRODES - 1]];
     for (l, found) in x[matrix.nodes..].iter().enumerate() {
         let wanted = potentials_v[[0, l]] - ground_v;
-        // two ways through one factor
+        // two solve paths with the same factor
         assert!((found - wanted).abs() < 1e-12, "electrode {l}: {found}, not {wanted}");
     }
 }

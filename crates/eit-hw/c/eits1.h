@@ -1,6 +1,6 @@
 /* EITS-1 for firmware: one header, C99, no dynamic memory. The specification is docs/EITS-1.md.
  *
- * Licence: MIT OR Apache-2.0, as the project.
+ * Licence: MIT OR Apache-2.0, like the project.
  *
  * One frame of 208 real values:
  *
@@ -22,7 +22,7 @@ extern "C" {
 
 enum { EITS1_VERSION = 1, EITS1_HEADER_BYTES = 20, EITS1_MAX_MESSAGE_BYTES = 16384 };
 
-/* what a message is */
+/* kind of a message */
 enum {
     EITS1_INFORMATION = 0x01,
     EITS1_CONFIGURATION = 0x02,
@@ -36,7 +36,7 @@ enum {
     EITS1_STOP = 0x43
 };
 
-/* why a command is refused */
+/* reason for refusing a command */
 enum {
     EITS1_REFUSE_UNKNOWN = 1,
     EITS1_REFUSE_LENGTH = 2,
@@ -65,7 +65,7 @@ enum {
     EITS1_Q_MISSING = 32
 };
 
-/* room for a message with this payload: header, CRC, COBS overhead, final 0 */
+/* size of the buffer for a message with this payload: header, CRC, COBS overhead, final 0 */
 #define EITS1_WIRE_BYTES(payload) \
     ((payload) + 24u + ((payload) + 24u) / 254u + 2u)
 
@@ -74,9 +74,9 @@ typedef struct {
     uint8_t *out;
     size_t room;
     size_t at;    /* bytes written */
-    size_t head;  /* place of the open COBS length */
+    size_t head;  /* position of the open COBS length */
     uint32_t crc; /* of the bytes before COBS, inverted */
-    int full;     /* the room was too small */
+    int full;     /* the buffer was too small */
 } eits1_writer;
 
 static inline void eits1_raw(eits1_writer *w, uint8_t byte) {
@@ -106,7 +106,7 @@ static inline void eits1_stuff(eits1_writer *w, uint8_t byte) {
     }
 }
 
-/* one byte of header or payload; the table takes half a byte at a time (Castagnoli, reflected) */
+/* Writes one byte of header or payload; the CRC table covers half a byte (Castagnoli, reflected). */
 static inline void eits1_put(eits1_writer *w, uint8_t byte) {
     static const uint32_t table[16] = {
         0x00000000u, 0x105EC76Fu, 0x20BD8EDEu, 0x30E349B1u, 0x417B1DBCu, 0x5125DAD3u,
@@ -133,7 +133,8 @@ static inline void eits1_put_f32(eits1_writer *w, float v) {
     eits1_put_u32(w, bits);
 }
 
-/* Starts a message: header only. `count` is the number of floats of a frame, else of bytes. */
+/* Starts a message by writing its header. `count` is the number of floats in a frame, otherwise of
+ * payload bytes. */
 static inline void eits1_begin(eits1_writer *w, uint8_t *out, size_t room, uint8_t kind,
                                uint32_t sequence, uint64_t time_us, uint16_t flags,
                                uint16_t count) {
@@ -154,7 +155,7 @@ static inline void eits1_begin(eits1_writer *w, uint8_t *out, size_t room, uint8
     eits1_put_u16(w, count);
 }
 
-/* Ends a message: CRC and 0. Bytes to send, 0 where the room was too small. */
+/* Ends a message with CRC and 0. Returns the number of bytes to send, 0 if the buffer was too small. */
 static inline size_t eits1_end(eits1_writer *w) {
     uint32_t crc = w->crc ^ 0xFFFFFFFFu;
     int i;
@@ -163,7 +164,8 @@ static inline size_t eits1_end(eits1_writer *w) {
     return w->full ? 0 : w->at;
 }
 
-/* A message of bytes: information, configuration, acknowledgement, refusal, text. */
+/* Writes a message of bytes: information, configuration, acknowledgement, refusal or text. Returns
+ * the number of bytes to send, 0 if the buffer is too small or the message too long. */
 static inline size_t eits1_message(uint8_t *out, size_t room, uint8_t kind, uint32_t sequence,
                                    const uint8_t *payload, uint16_t length) {
     eits1_writer w;
@@ -174,9 +176,9 @@ static inline size_t eits1_message(uint8_t *out, size_t room, uint8_t kind, uint
     return eits1_end(&w);
 }
 
-/* A frame of `count` floats (two for a complex value, with EITS1_COMPLEX in `flags`). `quality` is
- * one byte of EITS1_Q_... for each measurement, or NULL. Bytes to send, 0 where the room or the
- * longest message is too small, or the count of complex parts is odd. */
+/* Writes a frame of `count` floats (two per complex value, with EITS1_COMPLEX in `flags`). `quality`
+ * is one byte of EITS1_Q_... flags per measurement, or NULL. Returns the number of bytes to send, 0
+ * if the buffer is too small, the message too long, or `count` odd for complex values. */
 static inline size_t eits1_frame(uint8_t *out, size_t room, uint32_t sequence, uint64_t time_us,
                                  uint16_t flags, const float *values, uint16_t count,
                                  const uint8_t *quality) {

@@ -1,20 +1,20 @@
-//! A skin of 208 complex values at 1000 frames a second over a serial line: what is lost, how much
-//! memory and processor it takes. Emulator, line and session run in this program, each on a thread
-//! of its own.
+//! Load test: a skin of 208 complex values at 1000 frames per second over a serial line. Measures
+//! losses, memory and processor time. Emulator, line and session run in this program, each on its
+//! own thread.
 //!
 //! ```text
 //! cargo run --release -p eit-hw --features serial --example load -- 600
 //! ```
 //!
-//! Arguments: seconds of streaming [600]. Then a consumer that stalls for five seconds, and a day
-//! of frames as fast as they can be taken. docs/PERFORMANCE.md has the results.
+//! Argument: seconds of streaming [600]. Then follow a consumer that stalls for five seconds, and a
+//! day of frames as fast as they can be taken. docs/performance/live.md has the results.
 
 #![allow(
     missing_docs,
     clippy::print_stdout,
     clippy::unwrap_used,
     clippy::panic,
-    reason = "an example prints its result, and stops where something is wrong"
+    reason = "an example prints its result, and stops if something is wrong"
 )]
 
 use std::time::{Duration, Instant};
@@ -46,29 +46,29 @@ fn main() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// What a stream took.
+/// Result of a stream.
 #[derive(Debug)]
 #[allow(dead_code, reason = "printed")]
 pub struct Report {
     pub frames: u64,
     pub statistics: Statistics,
     pub seconds: f64,
-    /// Frames whose values were not those that were sent.
+    /// Number of frames with values other than those sent.
     pub wrong: u64,
-    /// Share of one processor core, by thread.
+    /// Fraction of one processor core used by each thread.
     pub cpu_share: Vec<(String, f64)>,
-    /// Resident memory after a tenth of the time and at the end, MB.
+    /// Resident memory after a tenth of the time and at the end, in MB.
     pub memory_mb: [f64; 2],
 }
 
-/// Quadruples of 16 electrodes: adjacent drive and measurement.
+/// Returns the quadruples of adjacent drive and measurement on 16 electrodes.
 fn quadruples() -> Vec<Quadruple> {
     (0..16_u32)
         .flat_map(|d| (2..15).map(move |k| [d, d + 1, d + k, d + k + 1].map(|e| e % 16)))
         .collect()
 }
 
-/// The instrument: values tell their frame and place.
+/// Starts the instrument; its values encode frame and position.
 fn emulator(folder: &std::path::Path) -> Emulator {
     let information = Information {
         electrodes: 16,
@@ -94,7 +94,7 @@ fn emulator(folder: &std::path::Path) -> Emulator {
     Emulator::start(device, &listen, FaultPlan::default()).unwrap()
 }
 
-/// Exact in 32 bits.
+/// Returns a value that is exact in 32 bits.
 fn value(number: u64, index: usize) -> f64 {
     (number % 4096) as f64 + index as f64 / 512.0
 }
@@ -105,7 +105,7 @@ fn open(emulator: &Emulator, rate_hz: f32, capacity: usize, overflow: Overflow) 
     Session::open(Box::new(driver), emulator.endpoint(), settings).unwrap()
 }
 
-/// Takes frames for so long and checks each.
+/// Streams for this time and checks each frame.
 pub fn stream(folder: &std::path::Path, rate_hz: f32, time: Duration, is_told: bool) -> Report {
     let emulator = emulator(folder);
     let mut session = open(&emulator, rate_hz, 4096, Overflow::Fail);
@@ -148,7 +148,7 @@ fn is_right(frame: &Frame) -> bool {
         && imaginary.iter().enumerate().all(|(i, v)| *v == value(number, 2 * i + 1))
 }
 
-/// A consumer that does not take anything for some seconds; what it finds then.
+/// Runs a consumer that takes nothing for some seconds; returns what it finds then.
 pub fn stall(
     folder: &std::path::Path,
     rate_hz: f32,
@@ -156,7 +156,7 @@ pub fn stall(
     stall_s: f64,
 ) -> (Statistics, u64) {
     let emulator = emulator(folder);
-    // a recorder's queue holds more than the stall
+    // a recorder's queue holds more frames than the stall lasts
     let capacity = if overflow == Overflow::Fail { 16_384 } else { 64 };
     let mut session = open(&emulator, rate_hz, capacity, overflow);
     std::thread::sleep(Duration::from_secs_f64(stall_s));
@@ -172,7 +172,8 @@ pub fn stall(
     (session.statistics(), taken)
 }
 
-/// Frames through codec and driver: how many, frames a second, memory before and after in MB.
+/// Passes frames through codec and driver; returns their number, frames per second, and memory
+/// early and at the end in MB.
 pub fn day_through_driver(count: u32) -> (u64, f64, [f64; 2]) {
     let mut driver = Eits1::new(&quadruples(), 25.0, 1e-4, 0.0).unwrap();
     let payload: Vec<u8> =
@@ -200,7 +201,8 @@ pub fn day_through_driver(count: u32) -> (u64, f64, [f64; 2]) {
     (frames, frames as f64 / start.elapsed().as_secs_f64(), [early_mb, memory_mb()])
 }
 
-/// Frames through a replay that puts them into another order: as [`day_through_driver`].
+/// Passes frames through a replay that reorders the values; returns the same as
+/// [`day_through_driver`].
 pub fn day_through_replay(count: u64) -> (u64, f64, [f64; 2]) {
     let emulated = quadruples();
     let setup = eit_hw::driver::Setup {
@@ -242,14 +244,15 @@ pub fn day_through_replay(count: u64) -> (u64, f64, [f64; 2]) {
     (taken, taken as f64 / start.elapsed().as_secs_f64(), [early_mb, memory_mb()])
 }
 
-/// Processor time of each thread in seconds, by name; empty where the system does not tell.
+/// Returns the processor time of each thread in seconds, by name; empty if the system does not
+/// provide it.
 fn cpu_s() -> Vec<(String, f64)> {
-    /// Ticks a second of every Linux.
+    /// Ticks per second on every Linux.
     const TICKS_HZ: f64 = 100.0;
     let Ok(tasks) = std::fs::read_dir("/proc/self/task") else { return Vec::new() };
     let times = tasks.filter_map(|task| {
         let text = std::fs::read_to_string(task.ok()?.path().join("stat")).ok()?;
-        // number (name) state ...; 11 fields after the state are user and system time
+        // number (name) state ...; user and system time are 11 fields after the state
         let (head, rest) = text.rsplit_once(')')?;
         let name = head.split_once('(')?.1.to_owned();
         let fields: Vec<&str> = rest.split_whitespace().collect();
@@ -260,7 +263,7 @@ fn cpu_s() -> Vec<(String, f64)> {
     times.collect()
 }
 
-/// Resident memory in MB; 0 where the system does not tell.
+/// Returns the resident memory in MB; 0 if the system does not provide it.
 fn memory_mb() -> f64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = text.lines().find(|line| line.starts_with("VmRSS:"));

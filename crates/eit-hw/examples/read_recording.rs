@@ -1,7 +1,7 @@
-//! Reads a recording in whatever format, checks its order by reciprocity and prints what it found.
+//! Reads a recording of any format, checks its order by reciprocity and prints the result.
 //!
-//! `cargo run --release --example read_recording -- FILE_OR_FOLDER`; without one it writes a small
-//! CSV file of its own.
+//! `cargo run --release --example read_recording -- FILE_OR_FOLDER`; without an argument it writes
+//! a small CSV file of its own.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -54,7 +54,7 @@ fn show(path: &Path) -> Result<OrderVerdict, Box<dyn Error>> {
     Ok(verdict)
 }
 
-/// Adjacent drive and measurement without driven electrodes.
+/// Returns the quadruples of adjacent drive and measurement without driven electrodes.
 fn adjacent(ascending: bool) -> Vec<Quadruple> {
     let pairs = |drive: u32| {
         let first = if ascending { 0 } else { drive };
@@ -66,7 +66,7 @@ fn adjacent(ascending: bool) -> Vec<Quadruple> {
     (0..ELECTRODES).flat_map(pairs).collect()
 }
 
-/// Value of a measurement with point electrodes on the circle around a homogeneous disc, whose
+/// Returns the value of a measurement with point electrodes on the rim of a homogeneous disc, whose
 /// potential is that of a half-plane: -ln(distance) / pi for 1 A and 1 S.
 fn half_plane([a, b, m, n]: Quadruple) -> f64 {
     let distance = |i: u32, j: u32| {

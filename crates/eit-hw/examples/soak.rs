@@ -1,18 +1,19 @@
-//! A recorder on a bad line for a long time: 208 values at 1000 frames a second, bytes that are dropped,
-//! flipped and inserted, pauses, and an instrument that is unplugged and plugged in again. Prints a line for
-//! each tenth of the time; in the end the recording is read back, and every value checked.
+//! Soak test: a recorder on a bad line for a long time. 208 values at 1000 frames per second; bytes
+//! are dropped, flipped and inserted, the line pauses, and the instrument is unplugged and plugged
+//! in again. Prints a line for each tenth of the time; at the end the recording is read back and
+//! every value checked.
 //!
 //! ```text
 //! cargo run --release -p eit-hw --features mcap --example soak -- 600
 //! ```
 //!
-//! Arguments: seconds [600].
+//! Argument: seconds [600].
 
 #![allow(
     missing_docs,
     clippy::print_stdout,
     clippy::unwrap_used,
-    reason = "an example prints its result, and stops where something is wrong"
+    reason = "an example prints its result, and stops if something is wrong"
 )]
 
 use std::time::{Duration, Instant};
@@ -24,7 +25,7 @@ use eit_hw::emulator::{Eits1Device, Emulator, FaultPlan, Listen};
 use eit_hw::{Frame, Quadruple, Unit};
 
 const RATE_HZ: f32 = 1000.0;
-/// Bytes a second of such frames.
+/// Bytes per second of such frames.
 const BYTES_S: f64 = 860_000.0;
 
 fn main() {
@@ -33,29 +34,29 @@ fn main() {
     println!("{report:#?}");
 }
 
-/// What came of it.
+/// Result of a run.
 #[derive(Debug)]
 pub struct Report {
     pub statistics: Statistics,
-    /// Faults that the line made.
+    /// Number of faults on the line.
     pub faults: u64,
-    /// Frames in the recording.
+    /// Number of frames in the recording.
     pub recorded: u64,
-    /// Frames in it whose values were not those that were sent.
+    /// Number of recorded frames with values other than those sent.
     pub wrong: u64,
-    /// Epochs in it.
+    /// Number of epochs in the recording.
     pub epochs: u32,
     pub file_mb: f64,
 }
 
-/// Adjacent drive and measurement on 16 electrodes.
+/// Returns the quadruples of adjacent drive and measurement on 16 electrodes.
 fn quadruples() -> Vec<Quadruple> {
     (0..16)
         .flat_map(|d| (2..15).map(move |k| [d, d + 1, d + k, d + k + 1].map(|e| e % 16)))
         .collect()
 }
 
-/// A value that says which measurement of which frame it is; exact in 32 bits.
+/// Returns a value that encodes frame and measurement; exact in 32 bits.
 fn value(frame: u64, [a, b, m, n]: Quadruple) -> f64 {
     f64::from(((a * 16 + b) * 16 + m) * 16 + n) / 65_536.0 + (frame % 32) as f64
 }
@@ -65,7 +66,7 @@ fn is_right(frame: &Frame, quadruples: &[Quadruple]) -> bool {
     frame.values.iter().zip(quadruples).all(|(found, &q)| *found == value(first, q))
 }
 
-/// Records for so long and reads it back.
+/// Records for this time and reads the recording back.
 pub fn run(seconds: f64, rate_hz: f32) -> Report {
     let quadruples = quadruples();
     let information = Information {

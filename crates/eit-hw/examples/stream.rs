@@ -1,7 +1,7 @@
-//! An instrument and nothing else: open it, stream frames, look at their flags, record, read back.
+//! Opens an instrument, streams frames, counts their flags, records them and reads them back.
 //!
 //! Run with `cargo run --release -p eit-hw --features mcap --example stream [FILE.mcap]`. The
-//! instrument is a program at the end of a TCP connection; an electrode comes off after a while.
+//! instrument is emulated behind a TCP connection; one electrode comes off after a while.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
@@ -17,27 +17,27 @@ use std::time::Duration;
 
 const ELECTRODES: u32 = 16;
 const RATE_HZ: f32 = 200.0;
-/// From this frame on the last electrode is off: what it should measure is beyond the converter.
+/// From this frame on the last electrode is off: its measurements exceed the converter's range.
 const LOOSE_FROM: u64 = 40;
 
-/// What came, and what the recording holds.
+/// Result of the example.
 #[derive(Debug, Default)]
 pub struct Outcome {
     pub frames: usize,
-    /// Measurements of all frames, by their flags.
+    /// Number of flagged measurements in all frames, by flags.
     pub flagged: BTreeMap<String, usize>,
-    /// Frames of the recording, read back, and whether they are the same to the bit.
+    /// Number of frames read back from the recording, and whether their values are bit-identical.
     pub recorded: usize,
     pub same: bool,
 }
 
-/// Adjacent drive and measurement, without the driven electrodes.
+/// Returns the quadruples of adjacent drive and measurement without driven electrodes.
 fn quadruples() -> Vec<Quadruple> {
     let one = |d: u32| (2..ELECTRODES - 1).map(move |k| [d, d + 1, d + k, d + k + 1]);
     (0..ELECTRODES).flat_map(one).map(|q| q.map(|e| e % ELECTRODES)).collect()
 }
 
-/// The instrument.
+/// Starts the emulated instrument.
 fn skin() -> Result<Emulator, Box<dyn Error>> {
     let information = Information {
         electrodes: ELECTRODES as u16,
@@ -59,16 +59,16 @@ fn skin() -> Result<Emulator, Box<dyn Error>> {
     Ok(Emulator::start(device, &Listen::Tcp("127.0.0.1:0".to_owned()), FaultPlan::default())?)
 }
 
-/// Streams and records so many frames.
+/// Streams and records this many frames.
 pub fn run(path: &Path, frames: usize) -> Result<Outcome, Box<dyn Error>> {
     let skin = skin()?;
     let quadruples = quadruples();
     let driver = Eits1::new(&quadruples, RATE_HZ, 1e-4, 0.0)?;
-    // a recorder must not lose a frame: rather an end with an error
+    // a recorder must not lose a frame: it ends with an error instead
     let settings =
         SessionSettings { capacity: 4096, overflow: Overflow::Fail, ..Default::default() };
     let mut session = Session::open(Box::new(driver), skin.endpoint(), settings)?;
-    println!("{}: {} values a frame", session.setup().identity, session.setup().value_count);
+    println!("{}: {} values per frame", session.setup().identity, session.setup().value_count);
 
     let record = SessionRecord::of(session.setup(), &quadruples);
     let mut recording = CaptureWriter::create(path, &record, CaptureSettings::default())?;
@@ -86,7 +86,7 @@ pub fn run(path: &Path, frames: usize) -> Result<Outcome, Box<dyn Error>> {
                 outcome.frames += 1;
                 session.recycle(frame);
             }
-            // gaps, notices, an instrument that was lost and found again
+            // gaps, notices, a reconnection
             Some(other) => println!("{other:?}"),
             None => return Err("no frame for five seconds".into()),
         }

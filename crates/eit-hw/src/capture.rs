@@ -1,10 +1,10 @@
 //! Crash-safe recordings of a live instrument in MCAP (feature `mcap`).
 //!
-//! [MCAP](https://mcap.dev) is a container of time-stamped messages that names its own schemas, so
-//! any MCAP tool shows a recording without this crate. Messages are JSON, in chunks with a CRC each,
-//! compressed with LZ4, and the file ends with an index. A chunk is written at the latest one second
-//! after its first message: whatever kills the program, all that came before the last second is
-//! read back. docs/RECORDING.md has the schemas.
+//! [MCAP](https://mcap.dev) is a container for time-stamped messages that stores its own schemas,
+//! so any MCAP tool can open a recording without this crate. Messages are JSON, grouped into chunks
+//! that are compressed with LZ4 and carry a CRC each; the file ends with an index. A chunk is
+//! written at most one second after its first message, so a program that is killed loses at most
+//! its last second. docs/RECORDING.md lists the schemas.
 
 mod container;
 mod content;

@@ -1,8 +1,8 @@
-//! Drivers of instruments: identify, configure, read back, start, frames, stop.
+//! Instrument drivers: identify, configure, read back, start, receive frames, stop.
 //!
-//! A [`Driver`] knows one protocol; a [`Session`] owns the connection, decodes on a thread of its
-//! own, puts frames into protocol order with their quality, and finds a lost instrument again.
-//! Each driver conforms to public sources and none was verified on hardware.
+//! A [`Driver`] implements one protocol. A [`Session`] owns the connection, decodes on its own
+//! thread, puts frames into protocol order with quality flags, and reconnects to a lost instrument.
+//! Each driver follows public sources; none was verified on hardware.
 
 mod decoded;
 mod diagnosis;

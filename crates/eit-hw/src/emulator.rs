@@ -1,10 +1,10 @@
-//! Instruments that are programs: the same bytes from the other side.
+//! Emulated instruments: the device side of every protocol.
 //!
-//! An [`Emulator`] runs a [`Device`] behind a TCP port or, with the feature `serial` on Unix, behind
-//! a pseudo-terminal, which a program opens like any serial port. It answers commands, keeps its
-//! set-up, sends frames at the frame rate with values of the caller, and damages what it sends
-//! after a [`FaultPlan`]. With
-//! [`FaultPlan::line_baud`] both directions are as slow as a serial line of that rate.
+//! An [`Emulator`] runs a [`Device`] behind a TCP port or, with the feature `serial` on Unix,
+//! behind a pseudo-terminal, which programs open like any serial port. It answers commands, keeps
+//! its settings, sends frames at the configured rate with values from the caller, and damages what
+//! it sends according to a [`FaultPlan`]. With [`FaultPlan::line_baud`], both directions are as
+//! slow as a serial line of that rate.
 
 mod boards;
 mod device;
@@ -32,20 +32,21 @@ use self::port::Host;
 use crate::error::HwError;
 use crate::transport::Endpoint;
 
-/// Bytes that wait for a host that does not read; more are lost, as on a line without flow control.
+/// Maximum number of bytes waiting for a host that does not read; more are lost, as on a line
+/// without flow control.
 const MOST_PENDING: usize = 1 << 20;
 
-/// Bytes that a device on a slow line has ready to go.
+/// Size of a device's transmit buffer on a slow line.
 const TRANSMIT_BUFFER: usize = 1024;
 
-/// What an emulator has done.
+/// Counts kept by an emulator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EmulatorStatistics {
     /// Bytes sent, after faults.
     pub sent: u64,
     /// Bytes received.
     pub received: u64,
-    /// Faults made: bytes dropped, changed or inserted, pauses, unplugs.
+    /// Number of faults: bytes dropped, changed or inserted, pauses, unplugs.
     pub faults: u64,
 }
 
@@ -66,11 +67,11 @@ pub struct Emulator {
 }
 
 impl Emulator {
-    /// Starts a device.
+    /// Starts an emulated device.
     ///
     /// # Errors
-    /// [`HwError::Setting`] for a fault plan that cannot be, [`HwError::Open`] where the port cannot
-    /// be made.
+    /// [`HwError::Setting`] for an invalid fault plan, [`HwError::Open`] if the port cannot be
+    /// created.
     pub fn start(
         device: Box<dyn Device>,
         listen: &Listen,
@@ -93,12 +94,12 @@ impl Emulator {
         Ok(Self { endpoint, quit, counters, thread: Some(thread) })
     }
 
-    /// Where a driver finds it.
+    /// Returns the endpoint that a driver connects to.
     pub fn endpoint(&self) -> &Endpoint {
         &self.endpoint
     }
 
-    /// Counts so far.
+    /// Returns the counts so far.
     pub fn statistics(&self) -> EmulatorStatistics {
         EmulatorStatistics {
             sent: self.counters.sent.load(Ordering::Relaxed),
@@ -107,13 +108,13 @@ impl Emulator {
         }
     }
 
-    /// Ends it.
+    /// Stops the emulator and its thread.
     pub fn stop(&mut self) {
         self.quit.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             #[cfg(all(unix, feature = "serial"))]
             self.drain(&thread);
-            // it does not panic unless the caller's source of values does
+            // the thread does not panic unless the caller's source of values does
             let _ = thread.join();
         }
     }
@@ -121,11 +122,11 @@ impl Emulator {
 
 #[cfg(all(unix, feature = "serial"))]
 impl Emulator {
-    /// A pseudo-terminal whose host has gone blocks its writer for ever: what waits in it is read and
-    /// dropped until the thread has seen that it is to end.
+    /// Reads and discards what waits in the pseudo-terminal until the thread has ended. Without a
+    /// host, a full pseudo-terminal blocks its writer forever.
     fn drain(&self, thread: &JoinHandle<()>) {
         let Endpoint::Serial { path, .. } = &self.endpoint else { return };
-        // it looks every 2 ms; only a blocked one is still there then
+        // the thread checks every 2 ms; after this time it must be blocked
         let patience = Duration::from_millis(50);
         let start = Instant::now();
         while !thread.is_finished() && start.elapsed() < patience {
@@ -185,7 +186,7 @@ fn run(
         }
         let effect = faults.damage(&mut out);
         counters.faults.fetch_add(effect.faults, Ordering::Relaxed);
-        // while nobody listens, what is sent is gone
+        // bytes sent while no host is connected are lost
         if host.is_open() && pending.len() + to_host.waiting() < MOST_PENDING {
             to_host.push(&out, now);
         }

@@ -1,14 +1,15 @@
-//! The error of this crate and the places it points to. One long file: the enum is one list.
+//! Errors of this crate, and the places in files they refer to. One long file because the enum is
+//! one list.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 use crate::recording::hint::CountHint;
 
-/// Where in a file.
+/// Position in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum At {
-    /// The file as a whole.
+    /// No particular position.
     File,
     /// A line, counted from 1.
     Line(usize),
@@ -16,12 +17,12 @@ pub enum At {
     Byte(usize),
 }
 
-/// A file and where in it: `press.csv, line 3`.
+/// A file and a position in it: `press.csv, line 3`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
-    /// The file, as it was named by the caller.
+    /// Path of the file, as the caller gave it.
     pub path: PathBuf,
-    /// Where in it.
+    /// Position in the file.
     pub at: At,
 }
 
@@ -51,7 +52,7 @@ impl fmt::Display for At {
 
 impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // a file name may hold a line break, and the message must stay on one line
+        // a file name may contain a line break, but a message must be one line
         let path = self.path.display().to_string().replace(char::is_control, "?");
         match self.at {
             At::File => f.write_str(&path),
@@ -60,28 +61,29 @@ impl fmt::Display for Place {
     }
 }
 
-/// What a reader or a recording refuses. Each message is one line: where, what, how to mend it.
+/// Error of this crate. Each message is one line that says where, what, and how to fix it.
 ///
-/// Messages name keys of the scene file (`[recording] format`, `frames_are`, `complex`, `component`
-/// and `frequency_row`, and some of `[protocol]` and `[electrodes]`) where setting one mends it.
+/// Where a scene setting fixes the problem, the message names it: `[recording] format`,
+/// `frames_are`, `complex`, `component` or `frequency_row`, or a key of `[protocol]` or
+/// `[electrodes]`.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum HwError {
-    /// The system does not let the file be read.
+    /// The file cannot be read.
     #[error("{place}: cannot be read: {source}; check the path and its permissions")]
     Read {
         /// The file.
         place: Place,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A device, a pipe or a socket where a file is wanted.
-    #[error("{place}: is no regular file, but a device or a pipe; name a file")]
+    /// A device, pipe or socket instead of a file.
+    #[error("{place}: is not a regular file but a device, pipe or socket; name a file")]
     NotAFile {
-        /// What was named.
+        /// The path given.
         place: Place,
     },
-    /// A folder where the format is one file.
+    /// A folder, but the format is a single file.
     #[error("{place}: is a folder, but a {format} recording is one file; name the file")]
     Folder {
         /// The folder.
@@ -89,140 +91,144 @@ pub enum HwError {
         /// The format.
         format: &'static str,
     },
-    /// A file where the format is a folder.
-    #[error("{place}: is one file, but a {format} recording is a folder; name the folder")]
+    /// A file, but the format is a folder.
+    #[error("{place}: is a single file, but a {format} recording is a folder; name the folder")]
     NotAFolder {
         /// The file.
         place: Place,
         /// The format.
         format: &'static str,
     },
-    /// A folder that lacks a file of its format.
+    /// A folder without a file that its format requires.
     #[error("{place}: has no `{name}`, which a {format} recording needs; copy the whole folder")]
     MissingFile {
         /// The folder.
         place: Place,
-        /// The name looked for.
+        /// Name of the missing file.
         name: &'static str,
         /// The format.
         format: &'static str,
     },
-    /// Two recordings in one folder.
-    #[error("{place}: holds frames of `{one}` and of `{other}`; keep one recording in a folder")]
+    /// Two recordings in the same folder.
+    #[error("{place}: holds frames of `{one}` and of `{other}`; keep one recording per folder")]
     TwoRecordings {
         /// The folder.
         place: Place,
-        /// Name of the one.
+        /// Name of one recording.
         one: String,
-        /// Name of the other.
+        /// Name of the other recording.
         other: String,
     },
-    /// A file of 0 bytes.
-    #[error("{place}: is empty (0 bytes); record or export it anew")]
+    /// An empty file.
+    #[error("{place}: is empty (0 bytes); record or export it again")]
     Empty {
         /// The file.
         place: Place,
     },
-    /// A file without one value or whole frame.
-    #[error("{place}: no complete frame found ({skipped} cut ones skipped); record it anew")]
+    /// A file without a value or complete frame.
+    #[error(
+        "{place}: no complete frame found ({skipped} incomplete ones skipped); record it again"
+    )]
     NoFrames {
         /// The file.
         place: Place,
-        /// Cut frames that were skipped.
+        /// Number of incomplete frames that were skipped.
         skipped: usize,
     },
-    /// A byte that no text holds.
+    /// A byte that cannot occur in text.
     #[error(
         "{place}: byte 0x{byte:02X} is not text, so the file is binary or in another encoding; \
          export it as UTF-8 text or set `[recording] format`"
     )]
     NotText {
-        /// The first such byte.
+        /// Position of the first such byte.
         place: Place,
-        /// Its value.
+        /// Value of the byte.
         byte: u8,
     },
-    /// Text where the format is binary.
-    #[error("{place}: is text, but {format} is binary; set `[recording] format` to what it is")]
+    /// Text, but the format is binary.
+    #[error(
+        "{place}: is text, but {format} is binary; set `[recording] format` to the file's format"
+    )]
     NotBinary {
         /// The file.
         place: Place,
         /// The format.
         format: &'static str,
     },
-    /// A last line without its end, where a program would have written one.
+    /// A last line without a line end, which a program would have written.
     #[error(
-        "{place}: has no line end, so its last number may be cut; copy the file anew, or end the \
-         line if it is whole"
+        "{place}: has no line end, so its last number may be truncated; copy the file again, or end the \
+         line if it is complete"
     )]
     NoLineEnd {
         /// The last line.
         place: Place,
     },
-    /// A field that is no number.
-    #[error("{place}: value {value} is {text:?}, not a number; write 1234.5e-6, with a point")]
+    /// A field that is not a number.
+    #[error("{place}: value {value} is {text:?}, not a number; write numbers like 1234.5e-6")]
     NotANumber {
         /// The line.
         place: Place,
-        /// Position in the line, from 1.
+        /// Position of the field in the line, from 1.
         value: usize,
-        /// The field, shortened.
+        /// Content of the field, shortened.
         text: String,
     },
     /// A value that is NaN or infinite.
     #[error(
         "{place}: frame {frame}, measurement {measurement} (both counted from 0) is {value}; \
-         leave that frame out or repair it"
+         remove or repair that frame"
     )]
     NonFinite {
         /// Line or byte.
         place: Place,
-        /// The frame, from 0.
+        /// Index of the frame, from 0.
         frame: usize,
-        /// The measurement, from 0.
+        /// Index of the measurement, from 0.
         measurement: usize,
         /// NaN or an infinity.
         value: f64,
     },
-    /// A value that no voltage of this instrument has.
-    #[error("{place}: {value:e} is no voltage; the file is damaged or not {format}")]
+    /// A value that cannot be a voltage of this instrument.
+    #[error("{place}: {value:e} is not a plausible voltage; the file is damaged or not {format}")]
     Implausible {
-        /// Where it stands.
+        /// Position of the value.
         place: Place,
         /// The value.
         value: f64,
         /// The format.
         format: &'static str,
     },
-    /// Another number of something than its surroundings ask for.
-    #[error("{place}: {found} {what}, but {wanted} wanted; {mend}")]
+    /// A count that does not match the rest of the file or the scene.
+    #[error("{place}: {found} {what}, but expected {wanted}; {mend}")]
     Count {
-        /// Where.
+        /// Where the count was found.
         place: Place,
-        /// What is counted.
+        /// What was counted.
         what: &'static str,
-        /// How many there are.
+        /// Number found.
         found: usize,
-        /// How many there should be.
+        /// Number expected.
         wanted: usize,
-        /// How to mend it.
+        /// How to fix it.
         mend: &'static str,
     },
-    /// A header or table field that does not hold what it should.
-    #[error("{place}: {field} is {text:?}, {wanted} wanted; {mend}")]
+    /// A header or table field with an unexpected value.
+    #[error("{place}: {field} is {text:?}, expected {wanted}; {mend}")]
     Field {
-        /// Where.
+        /// Where the field is.
         place: Place,
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// What it holds, shortened.
+        /// Content of the field, shortened.
         text: String,
-        /// What it should hold.
+        /// Expected content.
         wanted: &'static str,
-        /// How to mend it.
+        /// How to fix it.
         mend: &'static str,
     },
-    /// A stored shape that is no frame and no list of frames.
+    /// A stored shape that is neither a frame nor a list of frames.
     #[error(
         "{place}: has the shape {shape:?}; one frame is [measurement], several are \
          [frame, measurement]"
@@ -239,96 +245,97 @@ pub enum HwError {
         /// The line.
         place: Place,
     },
-    /// A frequency row that the recording does not have.
+    /// A frequency row that does not exist in the recording.
     #[error(
-        "{place}: has {rows} frequency rows, row {row} (counted from 0) wanted; \
+        "{place}: has {rows} frequency rows, but row {row} (counted from 0) was requested; \
          set `[recording] frequency_row`"
     )]
     FrequencyRow {
         /// The file.
         place: Place,
-        /// Row asked for, from 0.
+        /// Row requested, from 0.
         row: usize,
-        /// Rows there are.
+        /// Number of rows.
         rows: usize,
     },
-    /// A key that says how a table of numbers is laid out, for what is none.
+    /// A key that applies only to tables of numbers, or to complex values, in another kind of
+    /// recording.
     #[error(
-        "{place}: `[recording] {key}` is for {meant}, but this is a {format} recording; leave the \
-         key out"
+        "{place}: `[recording] {key}` is for {meant}, but this is a {format} recording; remove the \
+         key"
     )]
     UnusedKey {
         /// The file or folder.
         place: Place,
         /// The key of `[recording]`.
         key: &'static str,
-        /// What the recording is.
+        /// Format of the recording.
         format: &'static str,
-        /// What the key is for.
+        /// What the key applies to.
         meant: &'static str,
     },
-    /// A format that is recognised, but not read.
-    #[error("{place}: is a {format} file, which is not read; export it as CSV or NPY")]
+    /// A format that is recognised but not supported.
+    #[error("{place}: is a {format} file, which is not supported; export it as CSV or NPY")]
     Unsupported {
         /// The file.
         place: Place,
         /// Its format.
         format: &'static str,
     },
-    /// No format fits.
+    /// No known format matches.
     #[error("{place}: the format is not recognised; set `[recording] format` to one of {known}")]
     Unrecognised {
         /// File or folder.
         place: Place,
-        /// Names of the formats.
+        /// Names of the known formats.
         known: String,
     },
-    /// More than one format fits.
+    /// More than one format matches.
     #[error(
         "{place}: may be {one} or {other}; set `[recording] format = \"{one}\"` or \"{other}\""
     )]
     Ambiguous {
         /// File or folder.
         place: Place,
-        /// Name of the one format.
+        /// Name of one format.
         one: &'static str,
-        /// Name of the other.
+        /// Name of the other format.
         other: &'static str,
     },
-    /// A format name that does not exist.
+    /// An unknown name of a format.
     #[error("format {name:?} does not exist; set `[recording] format` to one of {known}")]
     UnknownFormat {
-        /// The name given, shortened.
+        /// Name given, shortened.
         name: String,
-        /// Names of the formats.
+        /// Names of the known formats.
         known: String,
     },
-    /// The file has another number of values a frame than the scene's protocol.
+    /// The number of values per frame differs from the scene's protocol.
     #[error(
-        "{place}: {found} values a frame in {frames} frame(s), but the scene's protocol has \
+        "{place}: {found} values per frame in {frames} frame(s), but the scene's protocol has \
          {wanted} measurements; {hint}"
     )]
     CountMismatch {
         /// The file.
         place: Place,
-        /// Values a frame in the file.
+        /// Values per frame in the file.
         found: usize,
-        /// Frames in the file.
+        /// Number of frames in the file.
         frames: usize,
-        /// Measurements of the protocol.
+        /// Number of measurements of the protocol.
         wanted: usize,
         /// What the two counts suggest.
         hint: CountHint,
     },
-    /// The caller's list of quadruples is not as long as the caller's count.
-    #[error("{quadruples} quadruples given for {count} measurements; give one for each")]
+    /// The caller's list of quadruples is not as long as its count of measurements.
+    #[error("{quadruples} quadruples given for {count} measurements; give one per measurement")]
     QuadrupleCount {
-        /// Quadruples given.
+        /// Number of quadruples given.
         quadruples: usize,
-        /// Measurements asked for.
+        /// Number of measurements.
         count: usize,
     },
-    /// A recording that names electrodes, for a protocol of general current patterns.
+    /// A recording that names electrodes, used with a protocol of general current patterns.
     #[error(
         "{place}: names the electrodes of each value, but the scene's protocol has no electrode \
          pairs; use `drive` or `quadruples_file` in `[protocol]`"
@@ -337,9 +344,9 @@ pub enum HwError {
         /// The file.
         place: Place,
     },
-    /// The recording does not have a drive of the protocol.
+    /// The recording lacks a drive of the protocol.
     #[error(
-        "{place}: has no drive ({a}, {b}) (electrodes from 0), which the scene's protocol wants; \
+        "{place}: has no drive ({a}, {b}) (electrodes from 0), which the scene's protocol needs; \
          set `[protocol] drive` to what was recorded, such as ({first_a}, {first_b})"
     )]
     MissingDrive {
@@ -347,25 +354,25 @@ pub enum HwError {
         place: Place,
         /// Electrode where current enters.
         a: u32,
-        /// Electrode where it leaves.
+        /// Electrode where current leaves.
         b: u32,
-        /// First drive of the recording, where current enters.
+        /// Electrode where current enters in the recording's first drive.
         first_a: u32,
-        /// First drive of the recording, where it leaves.
+        /// Electrode where current leaves in the recording's first drive.
         first_b: u32,
     },
-    /// The recording has the drive, but not this measured pair.
+    /// The recording has the drive but not this measured pair.
     #[error(
         "{place}: has no measurement {quadruple:?} (a, b, m, n from 0), which the scene's protocol \
-         wants; set `[protocol] measure` or `quadruples_file` to what was recorded"
+         needs; set `[protocol] measure` or `quadruples_file` to what was recorded"
     )]
     MissingMeasurement {
         /// The file.
         place: Place,
-        /// The measurement.
+        /// The missing measurement.
         quadruple: [u32; 4],
     },
-    /// An electrode number beyond those recorded.
+    /// The protocol uses an electrode that the recording does not have.
     #[error(
         "{place}: has the electrodes 0 to {last}, but the scene's protocol uses electrode \
          {electrode}; set `[electrodes] count` to {count}",
@@ -376,23 +383,23 @@ pub enum HwError {
         place: Place,
         /// Electrode of the protocol, from 0.
         electrode: u32,
-        /// Electrodes of the recording.
+        /// Number of electrodes in the recording.
         count: usize,
     },
-    /// A component of complex values that the recording does not have.
-    #[error("{place}: holds real values only; set `[recording] component = \"real\"`")]
+    /// A component of complex values is requested, but the recording is real.
+    #[error("{place}: contains only real values; set `[recording] component = \"real\"`")]
     NoImaginaryPart {
         /// The file.
         place: Place,
     },
-    /// A setting that cannot be.
-    #[error("{name} is {value}; {wanted} wanted")]
+    /// An invalid setting.
+    #[error("{name} is {value}; expected {wanted}")]
     Setting {
-        /// Which.
+        /// Name of the setting.
         name: &'static str,
-        /// Its value.
+        /// Value of the setting.
         value: String,
-        /// What it should be.
+        /// Valid values.
         wanted: &'static str,
     },
     /// A port or address that cannot be opened.
@@ -400,20 +407,20 @@ pub enum HwError {
     Open {
         /// The port or address.
         endpoint: String,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
         /// What to try.
         mend: String,
     },
-    /// A connection that broke while the instrument was set up.
+    /// The connection was lost.
     #[error("{endpoint}: connection lost: {source}; check cable and power")]
     Lost {
         /// The port or address.
         endpoint: String,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// No answer to a command.
+    /// A command was not answered.
     #[error(
         "{endpoint}: no {wanted} within {waited_s:.1} s; check that the driver is `{driver}`, and the \
          baud rate and power"
@@ -421,169 +428,171 @@ pub enum HwError {
     NoReply {
         /// The port or address.
         endpoint: String,
-        /// The driver.
+        /// Name of the driver.
         driver: &'static str,
-        /// What was waited for.
+        /// Expected answer.
         wanted: &'static str,
-        /// For how long.
+        /// Time waited, in seconds.
         waited_s: f64,
     },
-    /// No answer of an instrument that has said who it is.
+    /// A command was not answered by an instrument that had identified itself.
     #[error(
-        "{endpoint}: the instrument said who it is, but did not answer the command to {command} ({bytes} \
+        "{endpoint}: the instrument identified itself but did not answer the command to {command} ({bytes} \
          bytes) within {waited_s:.1} s; the line loses bytes or is slow: use a shorter cable, or check \
          how long a command its buffer holds"
     )]
     Unanswered {
         /// The port or address.
         endpoint: String,
-        /// What it was told to do.
+        /// What the command tells the instrument to do.
         command: &'static str,
         /// Length of the command.
         bytes: usize,
-        /// How long was waited.
+        /// Time waited, in seconds.
         waited_s: f64,
     },
-    /// Lines came, but of another number of values than the board's.
+    /// Lines were received, but with another number of values than expected of the board.
     #[error(
-        "{endpoint}: whole lines of {found} numbers came, but the scene's protocol has {wanted} \
-         measurements on the electrodes of this scene, {wanted_numbers} numbers a line; {hint}"
+        "{endpoint}: received complete lines of {found} numbers, but the scene's protocol has {wanted} \
+         measurements on the electrodes of this scene, that is {wanted_numbers} numbers per line; {hint}"
     )]
     LineCount {
         /// The port or address.
         endpoint: String,
-        /// Numbers of a whole line.
+        /// Numbers per complete line received.
         found: usize,
-        /// Measurements wanted.
+        /// Number of measurements of the protocol.
         wanted: usize,
-        /// Numbers of a line that were wanted.
+        /// Numbers per line expected.
         wanted_numbers: usize,
         /// What the counts suggest.
         hint: CountHint,
     },
-    /// Bytes came, but not those of the driver's protocol.
-    #[error("{endpoint}: {bytes} bytes came, but no {wanted}: they are {what}; {mend}")]
+    /// Bytes were received, but not of the driver's protocol.
+    #[error("{endpoint}: received {bytes} bytes, but no {wanted}: they are {what}; {mend}")]
     NotUnderstood {
         /// The port or address.
         endpoint: String,
-        /// How many came last.
+        /// Number of bytes received last.
         bytes: usize,
-        /// What was waited for.
+        /// Expected answer.
         wanted: &'static str,
-        /// What they look like.
+        /// What the bytes look like.
         what: String,
         /// What to try.
         mend: String,
     },
-    /// The instrument refuses a command.
-    #[error("{endpoint}: the instrument refuses to {command}: {reason}; change that setting")]
+    /// The instrument refused a command.
+    #[error("{endpoint}: the instrument refused to {command}: {reason}; change that setting")]
     Refused {
         /// The port or address.
         endpoint: String,
-        /// What it should do.
+        /// What the command tells the instrument to do.
         command: &'static str,
-        /// Its reason.
+        /// Reason given by the instrument.
         reason: String,
     },
-    /// The instrument does not do what it was told.
+    /// The instrument did not accept a setting.
     #[error(
-        "{endpoint}: {setting} was set to {wanted}, but the instrument says {found}; set what it \
-         can do"
+        "{endpoint}: {setting} was set to {wanted}, but the instrument reports {found}; choose a \
+         supported value"
     )]
     ReadBack {
         /// The port or address.
         endpoint: String,
-        /// The setting.
+        /// Name of the setting.
         setting: &'static str,
-        /// What was asked for.
+        /// Value requested.
         wanted: String,
-        /// What it says.
+        /// Value reported by the instrument.
         found: String,
     },
     /// Another instrument answers than before.
-    #[error("{endpoint}: is {found} now, but was {wanted}; plug the first one in again")]
+    #[error("{endpoint}: is now {found}, but was {wanted}; plug the original instrument in again")]
     Identity {
         /// The port or address.
         endpoint: String,
-        /// The one before.
+        /// Identity of the original instrument.
         wanted: String,
-        /// The one now.
+        /// Identity of the new instrument.
         found: String,
     },
-    /// More frames than the consumer took.
+    /// The consumer did not take frames fast enough.
     #[error(
-        "{endpoint}: {capacity} frames wait and none was taken in time; take them faster, or set \
+        "{endpoint}: the queue of {capacity} frames is full; read frames faster, or set \
          the queue to keep the latest"
     )]
     Overflow {
         /// The port or address.
         endpoint: String,
-        /// Frames the queue holds.
+        /// Number of frames the queue holds.
         capacity: usize,
     },
-    /// A damaged recording without one whole message.
-    #[error("{place}: none of its {bytes} bytes are a whole message: there is nothing to recover")]
+    /// A damaged recording without a single intact message.
+    #[error("{place}: its {bytes} bytes hold no intact message, so there is nothing to recover")]
     NothingWhole {
-        /// Where the trouble is.
+        /// The recording.
         place: Place,
-        /// Bytes of the file.
+        /// Length of the file in bytes.
         bytes: u64,
     },
-    /// A recording that cannot be written.
+    /// A recording cannot be written.
     #[error("{place}: cannot be written: {source}; check disk space and permissions")]
     Write {
         /// The file.
         place: Place,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// A recording that another program is writing.
     #[error(
-        "{place}: is being recorded to by another program; end that one, or record to another file"
+        "{place}: another program is recording to it; stop that program, or record to another file"
     )]
     Busy {
         /// The file.
         place: Place,
     },
-    /// More values than can be held in memory for a file of this size.
+    /// A file that expands to more values than its size justifies.
     #[error(
-        "{place}: unpacks to more than {most_mb} MB of frames from {file_mb:.1} MB, which looks like a \
-         file made to fill the memory; convert it to CSV, which takes little memory, or play it"
+        "{place}: unpacks to more than {most_mb} MB of frames from {file_mb:.1} MB, like a \
+         file made to exhaust memory; convert it to CSV, which needs little memory, or replay it"
     )]
     TooLarge {
         /// The file.
         place: Place,
-        /// What would be held.
+        /// Limit that was exceeded, in megabytes.
         most_mb: u64,
-        /// The file's size.
+        /// Size of the file in megabytes.
         file_mb: f64,
     },
-    /// A container of records that is none, or lacks what it needs.
+    /// A container of records that is invalid or incomplete, or does not match.
     #[error("{place}: {what}; {mend}")]
     Container {
-        /// Where.
+        /// The file.
         place: Place,
         /// What is wrong.
         what: String,
-        /// How to mend it.
+        /// How to fix it.
         mend: &'static str,
     },
     /// Fields of a [`Recording`](crate::Recording), or slices given to a
-    /// [`FrameMap`](crate::FrameMap), that do not fit each other.
-    #[error("{place}: `{field}` has {found} entries, but {wanted} wanted; build it in one piece")]
+    /// [`FrameMap`](crate::FrameMap), of inconsistent lengths.
+    #[error(
+        "{place}: `{field}` has {found} entries, but expected {wanted}; make the lengths match"
+    )]
     Inconsistent {
         /// The file.
         place: Place,
-        /// Field of the recording.
+        /// Name of the field.
         field: &'static str,
-        /// Entries found.
+        /// Number of entries found.
         found: usize,
-        /// Entries wanted.
+        /// Number of entries expected.
         wanted: usize,
     },
 }
 
-/// At most 40 characters of `text` for a message.
+/// Truncates `text` to 40 characters for a message.
 pub(crate) fn shortened(text: &str) -> String {
     const MOST: usize = 40;
     let mut short: String = text.chars().take(MOST).collect();

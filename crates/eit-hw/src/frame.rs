@@ -1,44 +1,44 @@
-//! One frame of measurements and the quality of each of them.
+//! One frame of measurements, and the quality of each.
 
 use std::fmt;
 use std::ops::{BitOr, BitOrAssign};
 
 /// Electrodes `[a, b, m, n]` of one measurement, 0-based: current enters the skin at `a` and leaves
-/// it at `b`; value = potential at `m` minus potential at `n`.
+/// it at `b`; the value is the potential at `m` minus the potential at `n`.
 pub type Quadruple = [u32; 4];
 
-/// The quadruple with `a < b` and `m < n`, and the sign that this gives its value.
+/// Returns the quadruple with `a < b` and `m < n`, and the resulting sign of its value.
 pub(crate) fn unsigned([a, b, m, n]: Quadruple) -> (Quadruple, f64) {
     let sign = if (a > b) == (m > n) { 1.0 } else { -1.0 };
     ([a.min(b), a.max(b), m.min(n), m.max(n)], sign)
 }
 
-/// One full set of measurements, in the order of the scene's protocol.
+/// One complete set of measurements, in the order of the scene's protocol.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// Value of each measurement; its unit is that of the recording or instrument it came from.
+    /// Value of each measurement, in the unit of the recording or instrument.
     pub values: Vec<f64>,
-    /// Imaginary part of each measurement, as long as `values`, which are the real parts then;
-    /// `None` where the instrument measures real values.
+    /// Imaginary part of each measurement, of the same length as `values`, which then holds the
+    /// real parts; `None` for real measurements.
     pub imaginary: Option<Vec<f64>>,
-    /// Quality of each measurement, as long as `values`.
+    /// Quality of each measurement, of the same length as `values`.
     pub quality: Vec<Quality>,
-    /// Number of the frame since the start of the recording or stream, from 0; holes are frames
-    /// that were lost.
+    /// Number of the frame since the start of the recording or stream, from 0; gaps are lost
+    /// frames.
     pub sequence: u64,
-    /// Number of the connection, from 0: it rises when an instrument was lost and found again, and
-    /// a reference frame of another epoch no longer holds.
+    /// Number of the connection, from 0. It increases when a lost instrument is found again; a
+    /// reference frame of another epoch is no longer valid.
     pub epoch: u32,
-    /// Seconds of the instrument's own clock since its first frame. Regular, but its origin and
-    /// drift are its own: two instruments are aligned by `host_time_s`.
+    /// Seconds by the instrument's clock since its first frame. Regular, but with an origin and
+    /// drift of its own; use `host_time_s` to align two instruments.
     pub device_time_s: Option<f64>,
     /// Seconds since the Unix epoch (1970-01-01 00:00 UTC) by this computer's clock when the last
-    /// byte of the frame had arrived. The origin is the same for all instruments; an f64 resolves
-    /// 0.24 us there.
+    /// byte of the frame had arrived. The origin is common to all instruments; the f64 resolution
+    /// is 0.24 us there.
     pub host_time_s: Option<f64>,
 }
 
-/// Flags that say what is wrong with one measurement; none set means good.
+/// Flags that describe what is wrong with one measurement; no flag means good.
 ///
 /// ```
 /// use eit_hw::Quality;
@@ -50,11 +50,11 @@ pub struct Frame {
 pub struct Quality(u16);
 
 impl Quality {
-    /// Nothing wrong.
+    /// No flag set.
     pub const GOOD: Self = Self(0);
-    /// The converter or amplifier was at its limit.
+    /// The converter or amplifier reached its limit.
     pub const SATURATED: Self = Self(1);
-    /// The value does not change although others do.
+    /// The value stays constant while others change.
     pub const STUCK: Self = Self(1 << 1);
     /// An electrode of the measurement is not connected.
     pub const OPEN: Self = Self(1 << 2);
@@ -74,22 +74,23 @@ impl Quality {
         (Self::MISSING, "missing"),
     ];
 
-    /// Whether no flag is set.
+    /// Returns whether no flag is set.
     pub const fn is_good(self) -> bool {
         self.0 == 0
     }
 
-    /// Whether every flag of `other` is set.
+    /// Returns whether every flag of `other` is set.
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
 
-    /// The flags as bits: saturated 1, stuck 2, open 4, over range 8, non-finite 16, missing 32.
+    /// Returns the flags as bits: saturated 1, stuck 2, open 4, over range 8, non-finite 16,
+    /// missing 32.
     pub const fn bits(self) -> u16 {
         self.0
     }
 
-    /// The flags of these [`bits`](Self::bits); `None` where one of them has no meaning.
+    /// Returns the flags of these [`bits`](Self::bits), or `None` if one is unknown.
     ///
     /// ```
     /// use eit_hw::Quality;

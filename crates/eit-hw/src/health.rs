@@ -1,5 +1,5 @@
-//! Checks of measured frames against physics: reciprocity, the sign of a model, and the state of
-//! each electrode.
+//! Checks of measured frames: reciprocity, the sign relative to a model, and the state of each
+//! electrode.
 
 mod check;
 mod correlation;

@@ -1,7 +1,7 @@
-//! Readers of recorded files, one per format, and the recognition of the format.
+//! Readers of recorded files, one per format, and recognition of the format.
 //!
-//! Each reader is a pure `parse` from bytes and a `read` that opens the file. The path given to
-//! `parse` is only for messages.
+//! Each reader has a pure `parse` from bytes and a `read` that opens the file. The path given to
+//! `parse` is used in messages only.
 
 pub mod black_sensor;
 pub mod csv;
@@ -26,23 +26,23 @@ use crate::recording::{Format, FrameOrientation, Recording};
 /// First bytes of an MCAP file.
 pub(crate) const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
-/// Options of every reader; each reader looks at its own.
+/// Options of all readers; each reader uses its own.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadOptions {
-    /// `[recording] frames_are`: what one frame is, for [`Format::Csv`] and [`Format::Npy`]; other
-    /// formats refuse it. `None`: what `csv` and `npy` say.
+    /// `[recording] frames_are`: the layout of frames, for [`Format::Csv`] and [`Format::Npy`];
+    /// rejected for other formats. `None` defers to `csv` and `npy`.
     pub frames_are: Option<FrameOrientation>,
     /// `[recording] complex`: rows (or columns) alternate real and imaginary parts, for
-    /// [`Format::Csv`] and [`Format::Npy`]; other formats refuse it. `false`: what `csv` and `npy`
-    /// say.
+    /// [`Format::Csv`] and [`Format::Npy`]; rejected for other formats. `false` defers to `csv` and
+    /// `npy`.
     pub complex: bool,
-    /// For [`Format::Csv`].
+    /// Options for [`Format::Csv`].
     pub csv: csv::CsvOptions,
-    /// For [`Format::Npy`].
+    /// Options for [`Format::Npy`].
     pub npy: npy::NpyOptions,
-    /// For [`Format::Sciospec`].
+    /// Options for [`Format::Sciospec`].
     pub sciospec: sciospec::SciospecOptions,
-    /// For [`Format::SerialLog`].
+    /// Options for [`Format::SerialLog`].
     pub serial_log: serial_log::SerialLogOptions,
 }
 
@@ -61,7 +61,7 @@ impl ReadOptions {
         }
     }
 
-    /// Refuses the keys of tables for a format that is none.
+    /// Rejects keys for tables if the format is not a table.
     fn check(&self, format: Format, path: &Path) -> Result<(), HwError> {
         let key = match format {
             Format::Csv | Format::Npy => None,
@@ -75,19 +75,22 @@ impl ReadOptions {
     }
 }
 
-/// Reads a recording, in the format given or, without one, in the format recognised.
+/// Reads a recording in the given format or, without one, in the recognised format.
 ///
-/// A folder with `.eit` files is Sciospec, one with KHU's `ProjectionTableSendLog.txt` KHU. Of a
-/// file, in this order: the first bytes `\x93NUMPY` are NPY, `\x89MCAP` MCAP; the first line `#MEAS` is LCT;
-/// a line `time_pc [s],` at the start is a log of the board `black_sensor`; the
-/// endings `.eit`, `.get`, `.npy` and `.csv` are what they say; other text is a serial log if it
-/// has a line `s`, `ref:` or `data:`, else CSV. Text that may be either (lines of as many numbers
-/// as a serial log has, without any `s`) and all else is an error that names the key
-/// `[recording] format`.
+/// A folder with `.eit` files is Sciospec; one with KHU's `ProjectionTableSendLog.txt` is KHU. A
+/// file is recognised by the first rule that applies:
+/// - first bytes `\x93NUMPY`: NPY; `\x89MCAP`: MCAP;
+/// - first line `#MEAS`: LCT;
+/// - a line `time_pc [s],` at the start: log of the board `black_sensor`;
+/// - ending `.eit`, `.get`, `.npy` or `.csv`: that format;
+/// - other text with a line `s`, `ref:` or `data:`: serial log; other text: CSV.
+///
+/// Text that may be either of the last two (lines of as many numbers as in a serial log, without
+/// any `s`) and everything else is an error that names the key `[recording] format`.
 ///
 /// # Errors
-/// [`HwError`] of the reader, or [`HwError::Unrecognised`] and [`HwError::Ambiguous`];
-/// [`HwError::UnusedKey`] where the options say how a table is laid out and the format is none.
+/// Any [`HwError`] of the reader; [`HwError::Unrecognised`] and [`HwError::Ambiguous`];
+/// [`HwError::UnusedKey`] if the options describe the layout of a table but the format is not one.
 pub fn read_recording(
     path: &Path,
     format: Option<Format>,
@@ -108,7 +111,7 @@ pub fn read_recording(
     if format == Some(Format::Khu) {
         return khu::read(path);
     }
-    // message by message: the file is not held beside its frames
+    // message by message, so that the file is not held in memory besides its frames
     #[cfg(feature = "mcap")]
     if format.is_none_or(|format| format == Format::Mcap) && files::begins_with(path, MCAP_MAGIC)? {
         options.check(Format::Mcap, path)?;

@@ -1,4 +1,4 @@
-//! A recorded file in memory, as it was recorded, and the measurements of a protocol out of it.
+//! Recorded files in memory, and selection of a protocol's measurements.
 
 mod file;
 mod format;

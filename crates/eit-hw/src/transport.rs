@@ -19,14 +19,14 @@ use std::time::{Duration, Instant};
 use self::advice::advice;
 use crate::error::HwError;
 
-/// Longest wait of one read: so fast does a reader thread see that it should stop.
+/// Longest wait of one read, and thus the delay until a reader thread notices that it should stop.
 const POLL: Duration = Duration::from_millis(20);
-/// Longest time a command may take to leave.
+/// Longest time to send a command.
 const WRITE_LIMIT: Duration = Duration::from_secs(2);
-/// A TCP connection is tried so long, and so often: between two tries a stop is seen.
+/// Time limit and number of attempts for a TCP connection; between attempts a stop is noticed.
 const CONNECT_LIMIT: Duration = Duration::from_secs(1);
 const CONNECT_TRIES: usize = 3;
-/// Bytes that are kept of what came while an instrument was set up.
+/// Number of bytes kept of what was received during set-up.
 const MAX_RECORDED: usize = 4096;
 
 trait Port: Read + Write + Send {}
@@ -36,9 +36,9 @@ impl<T: Read + Write + Send> Port for T {}
 pub struct Link {
     endpoint: Endpoint,
     port: Box<dyn Port>,
-    /// Waits end when it is set.
+    /// Ends reads and waits when set.
     quit: Arc<AtomicBool>,
-    /// The last bytes that came, `None` where nobody wants to know.
+    /// The last bytes received; `None` if they are not recorded.
     recorded: Option<Vec<u8>>,
 }
 
@@ -52,12 +52,12 @@ impl Link {
     /// Opens the connection.
     ///
     /// # Errors
-    /// [`HwError::Open`] with what the system says and what to try.
+    /// [`HwError::Open`] with the system's error and what to try.
     pub fn open(endpoint: &Endpoint) -> Result<Self, HwError> {
         Self::open_until(endpoint, Arc::default())
     }
 
-    /// As [`open`](Self::open); once `quit` is set, reads and waits end with [`HwError::Lost`].
+    /// Opens the connection; once `quit` is set, reads and waits end with [`HwError::Lost`].
     pub(crate) fn open_until(endpoint: &Endpoint, quit: Arc<AtomicBool>) -> Result<Self, HwError> {
         let port = match endpoint {
             Endpoint::Serial { path, baud, dtr } => serial(path, *baud, *dtr),
@@ -72,22 +72,22 @@ impl Link {
         }
     }
 
-    /// Keeps what comes from now on, the last 4 KiB of it.
+    /// Starts recording what is received; keeps the last 4 KiB.
     pub(crate) fn record_input(&mut self) {
         self.recorded = Some(Vec::new());
     }
 
-    /// What has come since [`record_input`](Self::record_input); no more is kept.
+    /// Returns what was received since [`record_input`](Self::record_input), and stops recording.
     pub(crate) fn recorded_input(&mut self) -> Vec<u8> {
         self.recorded.take().unwrap_or_default()
     }
 
-    /// Where it leads.
+    /// Returns the endpoint of the connection.
     pub fn endpoint(&self) -> &Endpoint {
         &self.endpoint
     }
 
-    /// Bytes that have arrived, 0 where none came within about 20 ms.
+    /// Reads bytes that have arrived; returns 0 if none came within about 20 ms.
     ///
     /// # Errors
     /// [`HwError::Lost`] once the other side is gone.
@@ -110,10 +110,10 @@ impl Link {
         }
     }
 
-    /// Sends all bytes.
+    /// Sends all bytes to the operating system.
     ///
     /// # Errors
-    /// [`HwError::Lost`] where the other side is gone or takes nothing for 2 s.
+    /// [`HwError::Lost`] if the other side is gone or accepts nothing for 2 s.
     pub fn write(&mut self, mut bytes: &[u8]) -> Result<(), HwError> {
         let limit = Instant::now() + WRITE_LIMIT;
         while !bytes.is_empty() {
@@ -126,12 +126,13 @@ impl Link {
                 Err(error) => return Err(self.lost(error)),
             }
         }
-        // the kernel has them. To wait until they are on the line could last for ever: nothing ends
-        // that wait where the other side takes nothing
+        // the kernel has the bytes. Waiting until they are sent could take forever: nothing ends
+        // that wait if the other side accepts nothing
         Ok(())
     }
 
-    /// Throws bytes away until none come for `quiet`, at most for `most`; whether it got quiet.
+    /// Discards bytes until none come for `quiet`, but for at most `most`; returns whether the line
+    /// fell silent.
     ///
     /// # Errors
     /// [`HwError::Lost`] once the other side is gone.
@@ -159,7 +160,7 @@ fn is_wait(error: &io::Error) -> bool {
 }
 
 fn tcp(address: &str, quit: &AtomicBool) -> io::Result<Box<dyn Port>> {
-    let mut last = io::Error::new(ErrorKind::NotFound, "the name has no address");
+    let mut last = io::Error::new(ErrorKind::NotFound, "the host name has no address");
     let addresses: Vec<SocketAddr> = address.to_socket_addrs()?.collect();
     for _ in 0..CONNECT_TRIES {
         let mut is_slow = false;
@@ -180,7 +181,7 @@ fn tcp(address: &str, quit: &AtomicBool) -> io::Result<Box<dyn Port>> {
                 }
             }
         }
-        // where nobody listens, nobody will in the next moment
+        // if the connection is refused now, it will be refused in the next moment, too
         if !is_slow {
             break;
         }
@@ -196,7 +197,8 @@ fn serial(path: &str, baud: u32, dtr: Option<bool>) -> io::Result<Box<dyn Port>>
         None => builder.preserve_dtr_on_open(),
     };
     let port = builder.open().map_err(io::Error::from)?;
-    // what a former owner of the port left; a device still sending is drained by its driver
+    // discard what a previous user of the port left; a device still sending is drained by its
+    // driver
     port.clear(serialport::ClearBuffer::Input).map_err(io::Error::from)?;
     Ok(Box::new(port))
 }

@@ -1,4 +1,4 @@
-//! A running stream allocates nothing per frame, whichever codec, driver or recording.
+//! Checks that a running stream allocates nothing per frame, for every codec, driver and recording.
 
 #![allow(
     missing_docs,
@@ -19,7 +19,7 @@ use eit_hw::codec::{eits1, sciospec, text};
 use eit_hw::driver::{Decoded, Driver, Eits1, Polarity, Sciospec, SciospecSettings};
 use eit_hw::{Frame, Quality};
 
-/// Frames that fill every buffer, and frames that are counted.
+/// Frames that fill every buffer first, and frames for which allocations are counted.
 const WARM: usize = 4;
 const COUNTED: usize = 20;
 
@@ -59,14 +59,14 @@ fn sciospec_wire() -> Vec<Vec<u8>> {
     (0..WARM + COUNTED).map(frame).collect()
 }
 
-/// Feeds the first frames, then counts allocations while the others are decoded.
+/// Feeds the first frames, then counts allocations while decoding the others.
 fn counted(frames: &[Vec<u8>], mut decode: impl FnMut(&[u8]) -> usize) -> (u64, usize) {
     let warm: usize = frames[..WARM].iter().map(|wire| decode(wire)).sum();
     black_box(warm);
     let mut seen = 0;
     let info = measure(|| {
         for wire in &frames[WARM..] {
-            // in pieces, as they come
+            // in pieces, as they arrive
             seen += wire.chunks(500).map(&mut decode).sum::<usize>();
         }
     });
@@ -106,7 +106,7 @@ fn codecs_allocate_nothing_per_frame() {
         seen
     };
     assert_eq!(counted(&lines, &mut decode), (0, COUNTED));
-    // the counter counts
+    // verifies that the counter counts
     assert!(measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
 }
 
@@ -127,7 +127,7 @@ fn drivers_allocate_nothing_per_frame() {
     let found = counted(&sciospec_wire(), |bytes| frames(&mut driver, bytes));
     assert_eq!(found, (0, COUNTED));
 
-    // complex values are set up by a connection; real ones need none
+    // a connection sets up complex values; real ones need none
     let mut driver = Eits1::new(&rotated(16), 10.0, 1e-4, 0.0).unwrap();
     let payload: Vec<u8> = (0..208).flat_map(|index| (index as f32).to_le_bytes()).collect();
     let wire = |sequence| {
@@ -147,8 +147,7 @@ fn drivers_allocate_nothing_per_frame() {
     assert_eq!(counted(&wires, |bytes| frames(&mut driver, bytes)), (0, COUNTED));
 }
 
-/// A recording puts frames into its chunk without a copy of them; a chunk costs what the container
-/// needs.
+/// Recording copies no frame; only the container allocates, per chunk.
 #[test]
 fn a_recorder_allocates_nothing_per_frame() {
     let folder = tempfile::tempdir().unwrap();
@@ -164,15 +163,15 @@ fn a_recorder_allocates_nothing_per_frame() {
     };
     let settings = CaptureSettings { flush_s: 3600.0, sync: false };
     let mut writer = CaptureWriter::create(&path, &SessionRecord::default(), settings).unwrap();
-    // frames of one chunk: the container's list of messages doubles now and then
+    // within one chunk only the container's list of messages grows, by doubling
     (0..40).for_each(|_| writer.frame(&frame).unwrap());
     let info = measure(|| (0..20).for_each(|_| writer.frame(&frame).unwrap()));
     assert!(info.count_total <= 4, "{}", info.count_total);
     writer.finish().unwrap();
 }
 
-/// Whatever a file says, reading it message by message takes at most 64 MB and twice its size: a message of 7 MB of zeros
-/// that is packed 200 times, a reference of as many, a chunk at the limit, lengths that lie.
+/// Reading message by message takes at most 64 MB plus twice the size of any file: a message of 7
+/// MB of zeros packed 200 times, a reference of as many, a chunk at the limit, wrong lengths.
 #[test]
 fn a_hostile_recording_takes_little_memory() {
     use common::recordings::{channel, container, frame_json, lz4_chunk, message, zeros};
@@ -195,7 +194,7 @@ fn a_hostile_recording_takes_little_memory() {
                 black_box(&entry);
             }
         });
-        // read as a whole, it is refused before it fills the memory
+        // reading the whole file fails before it exhausts memory
         let whole = measure(|| drop(black_box(parse(&bytes, path))));
         println!(
             "{index}: {} kB: {} and {} kB at most",
@@ -204,7 +203,7 @@ fn a_hostile_recording_takes_little_memory() {
             whole.bytes_max / 1000
         );
         assert!(streamed.bytes_max < most, "{index}: {} of {most}", streamed.bytes_max);
-        // packed numbers may be legitimate: up to 24 times the file
+        // compressed numbers may be legitimate: up to 24 times the file size
         let most = (64 << 20) + 24 * bytes.len() as u64;
         assert!(whole.bytes_max < most, "{index}: {} of {most}", whole.bytes_max);
     }

@@ -1,5 +1,5 @@
-//! Small files of each format with one thing wrong: the message says where, what and how to mend
-//! it, on one line.
+//! Reads small files of each format with one error each: the message says on one line where and
+//! what it is, and how to fix it. One file, because all formats share the same helpers.
 
 #![allow(
     missing_docs,
@@ -23,7 +23,7 @@ use eit_hw::{
     read_recording, sciospec, serial_log,
 };
 
-/// The message of a refusal, which is one line and holds all of `parts`.
+/// Asserts that the error message is one line and contains all of `parts`.
 #[track_caller]
 fn refused(result: Result<impl Sized, HwError>, parts: &[&str]) {
     let message = result.err().expect("refused").to_string();
@@ -66,12 +66,12 @@ fn csv_layouts_that_are_read() {
 
 #[test]
 fn csv_faults() {
-    refused(csv_of(""), &["f.csv", "empty (0 bytes)", "anew"]);
+    refused(csv_of(""), &["f.csv", "empty (0 bytes)", "again"]);
     refused(csv_of("# only a comment\n\n"), &["f.csv", "no complete frame"]);
     refused(csv_of("a,b\n"), &["no complete frame"]);
-    refused(csv_of("1,2\n3,4,5\n"), &["f.csv, line 2", "3 values", "2 wanted", "complete"]);
-    refused(csv_of("1,2\n3\n"), &["line 2", "1 values", "2 wanted"]);
-    refused(csv_of("1,2\n3,x4\n"), &["line 2", "value 2", "\"x4\"", "point"]);
+    refused(csv_of("1,2\n3,4,5\n"), &["f.csv, line 2", "3 values", "expected 2", "complete"]);
+    refused(csv_of("1,2\n3\n"), &["line 2", "1 values", "expected 2"]);
+    refused(csv_of("1,2\n3,x4\n"), &["line 2", "value 2", "\"x4\"", "1234.5e-6"]);
     refused(csv_of("a,b\nc,d\n"), &["line 2", "value 1", "\"c\""]);
     refused(csv_of("1,,2\n"), &["line 1", "value 2", "\"\""]);
     refused(csv_of("0,5;1,5\n"), &["\"0,5\"", "1234.5e-6"]);
@@ -89,7 +89,7 @@ fn csv_faults() {
     refused(csv::parse(b"1,z\n", &name("a\nb.csv"), &CsvOptions::default()), &["a?b.csv"]);
 }
 
-/// An NPY file of version 1.
+/// Returns an NPY file of version 1.
 fn npy_bytes(header: &str, data: &[u8]) -> Vec<u8> {
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
     bytes.extend(u16::try_from(header.len()).unwrap().to_le_bytes());
@@ -142,13 +142,13 @@ fn npy_faults() {
     refused(npy_of(b""), &["f.npy", "empty"]);
     refused(npy_of(b"1,2,3\n"), &["its start", "1,2,3", "numpy.save"]);
     refused(npy_of(b"\x93NUMPY\x09\x00aaaaaaa"), &["version", "1, 2 or 3"]);
-    refused(npy_of(b"\x93NUMPY\x01\x00\x76\x00{'descr'"), &["8 bytes of header", "118 wanted"]);
+    refused(npy_of(b"\x93NUMPY\x01\x00\x76\x00{'descr'"), &["8 bytes of header", "expected 118"]);
     refused(npy_of(b"\x93NUMPY\x02\x00\xFF\xFF\xFF\xFF{"), &["bytes of header", "4294967295"]);
     refused(npy_of(&npy_bytes("{}", &[])), &["type is \"\""]);
     refused(npy_with("'|O'", "(2,)", &[]), &["type", "|O", "'<f8'"]);
     refused(npy_with("[('a', '<f8')]", "(2,)", &[]), &["type", "[('a'"]);
-    refused(npy_with("'<f8'", "(2,)", &[0; 15]), &["15 bytes of data", "16 wanted", "cut"]);
-    refused(npy_with("'<f8'", "(2,)", &[0; 17]), &["17 bytes of data", "16 wanted"]);
+    refused(npy_with("'<f8'", "(2,)", &[0; 15]), &["15 bytes of data", "expected 16", "truncated"]);
+    refused(npy_with("'<f8'", "(2,)", &[0; 17]), &["17 bytes of data", "expected 16"]);
     refused(npy_with("'<f8'", "()", &[0; 8]), &["shape []", "[frame, measurement]"]);
     refused(npy_with("'<f8'", "(1, 1, 1)", &[0; 8]), &["shape [1, 1, 1]"]);
     refused(npy_with("'<f8'", "(0, 4)", &[]), &["no complete frame"]);
@@ -189,7 +189,7 @@ fn sciospec_headers_that_are_read() {
     let frames = chosen.frames_for(Some(&[[1, 0, 0, 1]]), 1, eit_hw::Component::Real).unwrap();
     assert_eq!(frames.values, ndarray::array![[1.0]]);
     refused(eit_of(&format!("{text}1 2\n1 0 2 0 3 0\n")), &["line 13", "drive", "\"1 2\""]);
-    refused(eit_of(&format!("{text}2 3\n1 0 2 0\n")), &["line 14", "2 channels", "3 wanted"]);
+    refused(eit_of(&format!("{text}2 3\n1 0 2 0\n")), &["line 14", "2 channels", "expected 3"]);
     let repeated = eit_of(&format!("{EIT_HEADER}1 2\n1 0 2 0\n1 2\n1 0 2 0\n")).unwrap();
     assert_eq!(repeated.notes, [Note::RepeatedDrive { a: 0, b: 1 }]);
 }
@@ -206,10 +206,10 @@ fn sciospec_faults() {
     refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3\n")), &["line 13", "3 real and imaginary"]);
     refused(
         eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 4\n2 1\n1 2 3")),
-        &["line 15", "3 real and imaginary", "4 wanted"],
+        &["line 15", "3 real and imaginary", "expected 4"],
     );
-    // cut out of -2.5E-6
-    refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 -2.5")), &["line 13", "no line end", "anew"]);
+    // truncated from -2.5E-6
+    refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 -2.5")), &["line 13", "no line end", "again"]);
     refused(eit_of(&format!("{EIT_HEADER}1 3\n1 2 3 4\n")), &["drive is \"1 3\""]);
     refused(eit_of(&format!("{EIT_HEADER}1 1\n1 2 3 4\n")), &["drive is \"1 1\"", "different"]);
     refused(
@@ -229,7 +229,7 @@ fn sciospec_folders() {
     let write = |name: &str, text: &str| fs::write(path.join(name), text).unwrap();
     let read = || read_recording(path, None, &ReadOptions::default());
     let frame = |value: u32| format!("{EIT_HEADER}1 2\n{value} 0 2 0\n");
-    // numeric order, with a hole
+    // numeric order, with a gap
     write("t_9.eit", &frame(9));
     write("t_10.eit", &frame(10));
     write("t_13.EIT", &frame(13));
@@ -238,9 +238,9 @@ fn sciospec_folders() {
     assert_eq!(recording.real.column(0).to_vec(), [9.0, 10.0, 13.0]);
     assert_eq!(recording.notes, [Note::MissingFrameFiles { count: 2, first: 11 }]);
     write("t_14.eit", &format!("{EIT_HEADER}2 1\n1 0 2 0\n"));
-    refused(read(), &["t_14.eit", "0 drives like those", "1 wanted"]);
+    refused(read(), &["t_14.eit", "0 drives like those", "expected 1"]);
     write("t_14.eit", &format!("{EIT_HEADER}1 2\n1 0 2 0 3 0\n"));
-    refused(read(), &["t_14.eit", "3 electrodes", "2 wanted"]);
+    refused(read(), &["t_14.eit", "3 electrodes", "expected 2"]);
     write("t_14.eit", "");
     refused(read(), &["t_14.eit", "empty"]);
     fs::remove_file(path.join("t_14.eit")).unwrap();
@@ -257,14 +257,14 @@ fn goe_faults() {
     refused(goe(b""), &["f.get", "empty"]);
     refused(goe(b"1,2,3\n"), &["is text", "`[recording] format`"]);
     refused(goe(b"---Draeger EIT-Software---\r\n"), &["Draeger"]);
-    refused(goe(&[0; 1023]), &["no complete frame", "1 cut"]);
+    refused(goe(&[0; 1023]), &["no complete frame", "1 incomplete"]);
     let mut frames = [0.25_f32; 512];
     frames[256 + 3] = f32::INFINITY;
     let bytes = |frames: &[f32]| frames.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>();
     refused(goe(&bytes(&frames)), &["byte 1036", "frame 1, measurement 3", "inf"]);
     frames[256 + 3] = -1e30;
-    refused(goe(&bytes(&frames)), &["byte 1036", "e30 is no voltage", "Goe-MF II"]);
-    // beyond the voltages nothing is looked at
+    refused(goe(&bytes(&frames)), &["byte 1036", "e30 is not a plausible voltage", "Goe-MF II"]);
+    // values after the voltages are ignored
     frames[256 + 3] = 0.25;
     frames[256 + 208] = f32::NAN;
     assert_eq!(goe(&bytes(&frames)).unwrap().frame_count(), 2);
@@ -273,7 +273,7 @@ fn goe_faults() {
 #[test]
 fn goe_fills_the_half_that_was_not_measured() {
     let whole: Vec<_> = common::rotated(16);
-    // a value per unordered pair of drive and measured pair, the second half of which is 0
+    // one value per unordered pair of drive and measured pair; the second half is 0
     let frame: Vec<f32> = (0..256)
         .map(|slot| match whole.get(slot) {
             Some(&[drive, _, measured, _]) if measured > drive => (16 * drive + measured) as f32,
@@ -305,10 +305,10 @@ fn lct_rows_and_header() {
     let five = |last| [rows[0], rows[1], rows[2], rows[3], last];
     let repeated = lct(&lct_text(&five("7 8 2"))).unwrap();
     assert_eq!(repeated.notes, [Note::RepeatedLastRow { line: 11 }]);
-    refused(lct(&lct_text(&five("7 8 3"))), &["5 rows", "4 wanted", "Length"]);
-    refused(lct(&lct_text(&rows[..3])), &["3 rows", "4 wanted"]);
+    refused(lct(&lct_text(&five("7 8 3"))), &["5 rows", "expected 4", "Length"]);
+    refused(lct(&lct_text(&rows[..3])), &["3 rows", "expected 4"]);
     refused(lct(&lct_text(&["1 2 2", "3 4 0", "5 6 2", "7 8 2"])), &["line 8", "current is 0"]);
-    refused(lct(&lct_text(&["1 2"])), &["line 7", "2 values", "3 wanted"]);
+    refused(lct(&lct_text(&["1 2"])), &["line 7", "2 values", "expected 3"]);
     refused(lct(&lct_text(&["1 2 2", "1 2 inf", "5 6 2", "7 8 2"])), &["line 8", "is inf"]);
     refused(lct(&lct_text(&["1 2 x"])), &["line 7", "value 3", "\"x\""]);
     refused(
@@ -339,7 +339,7 @@ fn serial_log_cuts() {
         let recording = log(text).unwrap();
         (recording.real.outer_iter().map(|row| row[0]).collect::<Vec<_>>(), recording.skipped)
     };
-    // whole frames, with all marks
+    // complete frames, with all marks
     let (values, skipped) = rows("ref:\n1 1\n1 1\ndata:\ns\n2 2 \r\n2 6.55\ns\n3 3 3 3\n");
     assert_eq!(values, [1.0, 2.0, 3.0]);
     // the `s` before the frame in one line has no lines of its own
@@ -349,29 +349,29 @@ fn serial_log_cuts() {
     assert!(recording.quality[[0, 2]].is_good());
     for (text, reason) in [
         ("1 1\n1 1\ns\n2 2\n2 2\n", "line 1: its start is missing"),
-        ("s\n1 1\ns\n2 2\n2 2\n", "line 1: 1 lines of 2"),
-        ("s\n1 1\n1 1\n1 1\ns\n2 2\n2 2\n", "line 1: 3 lines of 2"),
-        ("s\n1 1\n1\ns\n2 2\n2 2\n", "line 3: 1 values in a line of 2"),
-        ("s\n1 1 1\n1 1\ns\n2 2\n2 2\n", "line 2: 3 values in a line of 2"),
-        ("s\n1 1\n1 1.2.3\ns\n2 2\n2 2\n", "line 3: a value is no finite number"),
-        ("s\n1 1\n1 nan\ns\n2 2\n2 2\n", "line 3: a value is no finite number"),
+        ("s\n1 1\ns\n2 2\n2 2\n", "line 1: 1 lines instead of 2"),
+        ("s\n1 1\n1 1\n1 1\ns\n2 2\n2 2\n", "line 1: 3 lines instead of 2"),
+        ("s\n1 1\n1\ns\n2 2\n2 2\n", "line 3: 1 values in a line instead of 2"),
+        ("s\n1 1 1\n1 1\ns\n2 2\n2 2\n", "line 2: 3 values in a line instead of 2"),
+        ("s\n1 1\n1 1.2.3\ns\n2 2\n2 2\n", "line 3: a value is not a finite number"),
+        ("s\n1 1\n1 nan\ns\n2 2\n2 2\n", "line 3: a value is not a finite number"),
         ("s\n2 2\n2 2\ns\n1 1\n1 1", "line 6: the file ends within a number"),
-        ("s\n2 2\n2 2\ns\n", "line 4: 0 lines of 2"),
+        ("s\n2 2\n2 2\ns\n", "line 4: 0 lines instead of 2"),
     ] {
         let (values, skipped) = rows(text);
         assert_eq!(values, [2.0], "{text:?}");
         assert_eq!(skipped.first[0].to_string(), reason, "{text:?}");
     }
-    // a lost `s` joins two frames, of which neither is read
+    // a lost `s` merges two frames, and neither is read
     assert_eq!(rows("s\n1 1\n1 1\n1 1\n1 1\ns\n2 2\n2 2\n").1.frames, 2);
     refused(log(""), &["f.txt", "empty"]);
-    refused(log("s\n1 1\n"), &["no complete frame", "1 cut"]);
+    refused(log("s\n1 1\n"), &["no complete frame", "1 incomplete"]);
     refused(log("\u{0}\u{1}\n"), &["no complete frame"]);
     let none = SerialLogOptions { lines_per_frame: 0, ..options };
     refused(serial_log::parse(b"s\ns\n1 1\n", &name("f.txt"), &none), &["no complete frame"]);
 }
 
-/// A table of 4 channels and 2 projections; roles are the column `ChInfo`.
+/// Returns a table of 4 channels and 2 projections; roles are the column `ChInfo`.
 fn khu_table(roles: [[u32; 4]; 2]) -> String {
     let mut text = "ProjIndex\tCh\tChIndex\tChInfo\tInj.Freq\tAmp1High\r\n".to_owned();
     for (projection, roles) in roles.iter().enumerate() {
@@ -401,24 +401,24 @@ fn khu_folders() {
     write("ProjectionTableSendLog.txt", &khu_table(ROLES));
     write("10 Scan.txt", &scan(10));
     let recording = read().unwrap();
-    // counts over 2^15 and the gain of 0.2
+    // counts divided by 2^15 and by the gain of 0.2
     assert_eq!(recording.real.column(0).to_vec(), [2.0, 10.0].map(|c| c / (32768.0 * 0.2)));
     assert_eq!(recording.notes, [Note::MissingFrameFiles { count: 7, first: 3 }]);
     assert_eq!(recording.quality[[0, 2]], Quality::SATURATED);
     assert!(recording.quality[[0, 3]].is_good());
     write("11Scan.txt", &(scan(1) + "0 0 1 1\r\n"));
-    refused(read(), &["11Scan.txt", "9 records", "8 wanted"]);
+    refused(read(), &["11Scan.txt", "9 records", "expected 8"]);
     write("11Scan.txt", &scan(1).replacen("1 0", "2 0", 1));
-    refused(read(), &["11Scan.txt, line 2", "2 where 1 follows"]);
+    refused(read(), &["11Scan.txt, line 2", "2 instead of 1"]);
     write("11Scan.txt", scan(1).trim_end());
     refused(read(), &["11Scan.txt, line 8", "no line end"]);
     write("11Scan.txt", "0 0 1\r\n");
-    refused(read(), &["line 1", "3 values", "4 wanted"]);
+    refused(read(), &["line 1", "3 values", "expected 4"]);
     write("11Scan.txt", &scan(1).replacen("1.0", "nan", 1));
     assert_eq!(read().unwrap().quality[[2, 0]], Quality::NON_FINITE);
     refused(
         khu::read(&path.join("2Scan.txt")),
-        &["2Scan.txt", "is one file", "folder", "name the folder"],
+        &["2Scan.txt", "is a single file", "folder", "name the folder"],
     );
     refused(
         read_recording(&path.join("2Scan.txt"), None, &ReadOptions::default()),
@@ -449,7 +449,7 @@ fn keys_of_tables_are_for_tables() {
         let read = |options: &ReadOptions| read_recording(&path.join(name), None, options);
         assert!(read(&ReadOptions::default()).is_ok(), "{name}");
         refused(read(&frames_are), &[name, "`[recording] frames_are`", "csv and npy", format]);
-        refused(read(&complex), &[name, "`[recording] complex`", "csv and npy", format, "leave"]);
+        refused(read(&complex), &[name, "`[recording] complex`", "csv and npy", format, "remove"]);
     }
     refused(read_recording(path, None, &frames_are), &["`[recording] frames_are`", "sciospec"]);
     let khu = tempfile::tempdir().unwrap();
@@ -464,11 +464,11 @@ fn keys_of_tables_are_for_tables() {
     refused(npy(&complex), &["f.npy", "`[recording] complex`", "complex npy", "real numbers"]);
     let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }";
     write("f.npy", &npy_bytes(header, &floats));
-    refused(npy(&complex), &["1 rows", "2 wanted", "`[recording] complex = false`"]);
+    refused(npy(&complex), &["1 rows", "expected 2", "`[recording] complex = false`"]);
     let both = ReadOptions { frames_are: Some(FrameOrientation::Columns), ..complex.clone() };
     let recording = npy(&both).unwrap();
     assert_eq!((recording.real[[0, 0]], recording.imaginary.unwrap()[[0, 0]]), (1.0, 2.0));
-    // the keys go over the options of one reader
+    // the keys take precedence over the options of one reader
     let mut options = ReadOptions { frames_are: both.frames_are, ..ReadOptions::default() };
     options.npy.orientation = FrameOrientation::Matrix;
     assert_eq!(npy(&options).unwrap().real.dim(), (2, 1));
@@ -487,7 +487,7 @@ fn vectors_are_one_frame() {
         for orientation in orientations {
             let recording = with(shape, orientation);
             assert_eq!(recording.real, ndarray::array![[1.0, 2.0, 3.0]], "{shape}");
-            // only by rows is that not what the key says
+            // with rows, this is not what the key says
             let noted = shape == "(3, 1)" && orientation == FrameOrientation::Rows;
             assert_eq!(recording.notes.contains(&Note::OneColumn { rows: 3 }), noted);
         }
@@ -519,7 +519,7 @@ fn recognition() {
     refused(read("a.bin", &[1, 2, 3]), &["a.bin", "not recognised", "\"csv\"", "\"serial-log\""]);
     refused(read("a.txt", b"some words\nand more\n"), &["not recognised"]);
     refused(read("a.txt", b""), &["empty"]);
-    refused(read("a.npy", b"1,2\n"), &["NPY mark"]);
+    refused(read("a.npy", b"1,2\n"), &["NPY magic"]);
     refused(read_recording(path, None, &ReadOptions::default()), &["not recognised"]);
     let missing = path.join("there is none.csv");
     refused(read_recording(&missing, None, &ReadOptions::default()), &["cannot be read", "path"]);

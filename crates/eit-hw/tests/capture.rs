@@ -1,4 +1,5 @@
-//! Recordings: what is written is read back, whatever becomes of the file.
+//! Recordings: what is written is read back, whatever happens to the file. One file, because all
+//! tests share the same recordings.
 
 #![allow(
     missing_docs,
@@ -43,7 +44,7 @@ fn entries(count: u64) -> Vec<Entry> {
     entries
 }
 
-/// A recording with a chunk after every so many entries.
+/// Writes a recording with a chunk after every `per_chunk` entries.
 fn recorded(path: &Path, entries: &[Entry], per_chunk: usize, finish: bool) -> Vec<u8> {
     let Entry::Session(session) = &entries[0] else { panic!("a session comes first") };
     let settings = CaptureSettings { flush_s: 3600.0, ..CaptureSettings::default() };
@@ -56,11 +57,11 @@ fn recorded(path: &Path, entries: &[Entry], per_chunk: usize, finish: bool) -> V
         writer.finish().unwrap();
         return std::fs::read(path).unwrap();
     }
-    // the file as it is if the program is killed here
+    // the file as it would be if the program were killed here
     std::fs::read(path).unwrap()
 }
 
-/// Ends of the chunks, from the container's own layout: opcode, length, body.
+/// Returns the ends of the chunks, from the container's layout: opcode, length, body.
 fn chunk_ends(bytes: &[u8]) -> Vec<usize> {
     let (mut at, mut ends) = (8, Vec::new());
     while at + 9 <= bytes.len() {
@@ -74,7 +75,7 @@ fn chunk_ends(bytes: &[u8]) -> Vec<usize> {
     ends
 }
 
-/// The key of a touch's `id` was `name` once; such a recording is written here without our writer.
+/// A touch's `id` was once called `name`; this test writes such a recording without our writer.
 #[test]
 fn touches_of_an_older_recording_are_read() {
     let mut file = std::io::Cursor::new(Vec::new());
@@ -104,7 +105,7 @@ fn every_entry_is_read_back_to_the_bit() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let mut wanted = entries(100);
-    // all that JSON has no number for, and the ends of the numbers it has
+    // everything that JSON has no number for, and the limits of the numbers that it has
     let mut odd = frame(100);
     odd.values[..6].copy_from_slice(&[f64::MAX, f64::MIN_POSITIVE, 5e-324, -0.0, 0.1, 1e22]);
     odd.imaginary = Some(odd.values.iter().map(|value| -value).collect());
@@ -134,7 +135,8 @@ fn every_entry_is_read_back_to_the_bit() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
-/// The file cut at every chunk's end and at 1 000 other places: every chunk before the cut is read.
+/// Truncates the file at the end of every chunk and at 1 000 other places: every chunk before the
+/// cut is read.
 #[test]
 fn a_cut_recording_keeps_every_whole_chunk() {
     let folder = tempfile::tempdir().unwrap();
@@ -162,7 +164,7 @@ fn a_cut_recording_keeps_every_whole_chunk() {
     assert!(matches!(parse(&[], &path), Err(HwError::Empty { .. })));
 }
 
-/// A changed byte costs the chunk that it is in, and is told; nothing wrong is read.
+/// A changed byte costs its chunk and is reported; nothing wrong is read.
 #[test]
 fn a_damaged_chunk_is_left_out_and_told() {
     let folder = tempfile::tempdir().unwrap();
@@ -179,7 +181,7 @@ fn a_damaged_chunk_is_left_out_and_told() {
             Ok(capture) => capture,
             Err(error) => panic!("byte {at}: {error}"),
         };
-        // what is read was written, in its order
+        // what is read was written, in the same order
         let mut rest = wanted.iter();
         for entry in &capture.entries {
             assert!(rest.any(|wanted| wanted == entry), "byte {at}");
@@ -190,13 +192,13 @@ fn a_damaged_chunk_is_left_out_and_told() {
             told += 1;
         }
     }
-    // most of the file is chunks; the rest are indexes, which repeat what is known
+    // most of the file is chunks; the rest is indexes, which repeat known data
     assert!(told > 150, "{told}");
 }
 
 const CHILD: &str = "EIT_HW_TEST_RECORDING";
 
-/// Not a test by itself: the program that is killed.
+/// Not a test of its own: the program that the next test kills.
 #[test]
 fn killed_writer() {
     let Ok(path) = std::env::var(CHILD) else { return };
@@ -232,18 +234,18 @@ fn a_killed_recorder_loses_the_last_moment_only() {
         assert_eq!((found.sequence, &found.values), (sequence, &frame(sequence).values));
     }
     let last = capture.frames().last().unwrap().host_time_s.unwrap();
-    // 0.2 s asked for; the rest is for a computer that does other things
+    // 0.2 s is set; the rest allows for a busy computer
     assert!(killed - last < 1.0, "{}", killed - last);
     println!("lost the last {:.3} s of {} frames", killed - last, capture.frames().count());
 
-    // it can be gone on with
+    // it can be appended to
     CaptureWriter::append(&path, &session(), CaptureSettings::default()).unwrap().finish().unwrap();
     let after = read(&path).unwrap();
     assert!(!after.damage.unfinished && after.frames().count() == capture.frames().count());
 }
 
-/// A recording that was gone on with: each run begins at epoch 0 and sequence 0. Played, the second
-/// is another epoch, so that no reference of the first is subtracted from it.
+/// Appends to a recording: each run begins at epoch 0 and sequence 0. Replayed, the second run is
+/// another epoch, so that no reference of the first is subtracted from it.
 #[test]
 fn a_second_run_is_another_epoch() {
     let folder = tempfile::tempdir().unwrap();
@@ -266,14 +268,16 @@ fn a_second_run_is_another_epoch() {
     }
     assert_eq!(told, ["0.0", "0.1", "0.2", "epoch 1", "1.0", "1.1", "1.2"]);
 
-    // what was measured otherwise is not mixed in, and nothing is lost by trying
+    // a recording of another set-up is rejected and stays as it is
     let before = std::fs::read(&path).unwrap();
     let others = [
         SessionRecord { quadruples: rotated(8), ..session() },
         SessionRecord { unit: UnitName::Ohm, ..session() },
         SessionRecord { current_a: Some(1e-3), ..session() },
     ];
-    for (other, what) in others.iter().zip(["measurements", "the unit", "the current"]) {
+    for (other, what) in
+        others.iter().zip(["other measurements", "another unit", "another current"])
+    {
         let refused = CaptureWriter::append(&path, other, settings()).err().unwrap().to_string();
         assert!(refused.contains(what), "{refused}");
     }
@@ -315,7 +319,7 @@ fn what_cannot_be_written_or_read_is_told() {
     assert!(matches!(create(never), Err(HwError::Setting { name: "flush_s", .. })));
     std::fs::remove_file(&path).ok();
     drop(create(CaptureSettings::default()).unwrap());
-    // a recording is never written over
+    // a recording is never overwritten
     assert!(matches!(create(CaptureSettings::default()), Err(HwError::Write { .. })));
     let not = folder.path().join("not.mcap");
     std::fs::write(&not, b"1,2,3\n").unwrap();

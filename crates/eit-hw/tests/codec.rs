@@ -1,4 +1,5 @@
-//! Codecs: worked bytes of the protocols, any chunking, garbage, and the encoder in C.
+//! Codecs: known bytes of the protocols, any splitting into pieces, garbage, and the encoder in C.
+//! One file, because all codecs go through the same tests.
 
 #![allow(
     missing_docs,
@@ -15,7 +16,7 @@ use eit_hw::{HwError, Quadruple, Quality};
 use proptest::prelude::*;
 use text::{Fault, Framing, Number, TextFormat};
 
-/// Events as text: they borrow, and all that counts is that they are equal.
+/// Returns events as text: they borrow, and only their equality matters.
 fn eits1_events(pieces: &[&[u8]]) -> Vec<String> {
     let (mut decoder, mut events) = (eits1::Decoder::new(), Vec::new());
     pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
@@ -47,7 +48,7 @@ fn presets() -> Vec<TextFormat> {
     ]
 }
 
-/// A frame of each text preset as its board writes it, and how often.
+/// Returns `frames` frames of a text preset as its board sends them.
 fn board_lines(format: &TextFormat, frames: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     for frame in 0..frames {
@@ -104,7 +105,7 @@ fn sciospec_frame() -> sciospec::DataFrame {
 
 #[test]
 fn eits1_worked_example() {
-    // docs/EITS-1.md
+    // the example in docs/EITS-1.md
     let wire = [
         0x03, 0x01, 0x10, 0x01, 0x02, 0x07, 0x01, 0x01, 0x04, 0x40, 0x42, 0x0F, 0x01, 0x01, 0x01,
         0x01, 0x01, 0x01, 0x02, 0x02, 0x01, 0x01, 0x03, 0xC0, 0x3F, 0x01, 0x07, 0x80, 0xBE, 0x14,
@@ -130,7 +131,7 @@ fn eits1_worked_example() {
     assert_eq!(decoded, 1);
 }
 
-/// The CRC finds each flipped bit, wherever it is, and the next message is received.
+/// The CRC detects every flipped bit, and the next message is received.
 #[test]
 fn eits1_refuses_every_flipped_bit_and_recovers() {
     let (one, next) = (eits1_frame(7, &[1.5, -0.25, 0.0, 1e-9]), eits1_frame(8, &[2.0]));
@@ -140,7 +141,7 @@ fn eits1_refuses_every_flipped_bit_and_recovers() {
         wire[bit / 8] ^= 1 << (bit % 8);
         wire.extend(&next);
         let events = eits1_events(&[&wire]);
-        // a flipped end mark joins the two: both are lost
+        // a flipped end mark merges the two messages: both are lost
         let last_byte = bit / 8 == one.len() - 1;
         let messages: Vec<_> = events.iter().filter(|e| e.starts_with("Message")).collect();
         if last_byte {
@@ -179,7 +180,7 @@ fn eits1_bodies_round_trip_and_refuse() {
         assert_eq!(eits1::Configuration::from_bytes(&bytes[..end]), None);
     }
     let refused = eits1::Configuration::new(&[[0, 1, 2, 256]], 25.0, 1e-4, 0.0).unwrap_err();
-    assert_eq!(refused.to_string(), "electrode (from 0) is 256; at most 255 for EITS-1 wanted");
+    assert_eq!(refused.to_string(), "electrode (from 0) is 256; expected at most 255 for EITS-1");
     assert!(eits1::Configuration::new(&[], 25.0, 1e-4, 0.0).is_err());
 }
 
@@ -205,7 +206,7 @@ fn eits1_refuses_to_encode_what_cannot_be_read() {
     assert_eq!(eits1_events(&[&wire]).len(), 1);
 }
 
-/// A firmware author's encoder, compiled as C99 without a warning, gives the same bytes.
+/// The encoder for firmware compiles as C99 without warnings and produces the same bytes.
 #[test]
 fn the_c_header_encodes_what_the_decoder_reads() {
     let folder = tempfile::tempdir().unwrap();
@@ -270,7 +271,7 @@ int main(void) {
         let values: Vec<f32> = message.values().collect();
         let wanted: Vec<f32> =
             (0..count).map(|i| if i % 5 != 0 { i as f32 * 0.37 - 20.0 } else { 0.0 }).collect();
-        // one rounding more where the compiler does not fuse
+        // one more rounding where the compiler does not fuse
         assert!(
             values.len() == count && values.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-4)
         );
@@ -281,7 +282,7 @@ int main(void) {
         assert_eq!(bits, wanted);
         count += if count < 300 { 1 } else { 181 };
     });
-    // 0 to 300, 481, 662, 843, 1024, and the text
+    // frames of 0 to 300, 481, 662, 843 and 1024 values, and the text
     assert_eq!(seen, 306);
     assert_eq!(wanted_wire, output.stdout);
 }
@@ -313,7 +314,7 @@ fn sciospec_worked_bytes() {
     );
 }
 
-/// One damaged byte costs at most the frame it is in and the one that follows it.
+/// One damaged byte costs at most its frame and the next one.
 #[test]
 fn sciospec_recovers_from_each_lost_inserted_or_changed_byte() {
     let mut one = Vec::new();
@@ -377,7 +378,7 @@ fn text_presets_read_what_boards_send() {
                 frames += 1;
             }
             text::Event::Line(line) => assert!(line == "OpenEIT" || line == "mode 3", "{line}"),
-            // the first line of an unmarked stream may be cut
+            // the first line of an unmarked stream may be incomplete
             text::Event::Skipped(
                 Fault::TruncatedStart | Fault::NotANumber { .. } | Fault::Values { .. },
             ) => {
@@ -391,7 +392,7 @@ fn text_presets_read_what_boards_send() {
 
 #[test]
 fn numbers_as_boards_write_them() {
-    // the firmware's own example: no padding, an odd count of digits
+    // the firmware's own example: no padding, an odd number of digits
     assert_eq!(Number::HexInteger.parse(b"ffb4"), Some(65_460.0));
     assert_eq!(Number::HexInteger.parse(b"ffffd8f1"), Some(-9999.0));
     assert_eq!(Number::HexInteger.parse(b"abc"), Some(2748.0));
@@ -454,7 +455,7 @@ fn text_formats_that_cannot_be_are_refused() {
     }
 }
 
-/// Bytes that look like each protocol: whole frames, cut frames, garbage.
+/// Bytes that resemble each protocol: complete frames, truncated frames, garbage.
 fn stream() -> impl Strategy<Value = Vec<u8>> {
     let eits1 = (any::<u32>(), prop::collection::vec(any::<f32>(), 0..20))
         .prop_map(|(sequence, values)| eits1_frame(sequence, &values));
@@ -479,7 +480,7 @@ fn stream() -> impl Strategy<Value = Vec<u8>> {
 }
 
 proptest! {
-    /// Neither panic nor another event however the bytes come.
+    /// No decoder panics, and the events do not depend on how the bytes are split.
     #[test]
     fn events_do_not_depend_on_the_pieces(bytes in stream(), sizes in prop::collection::vec(1_usize..40, 1..60)) {
         let mut pieces: Vec<&[u8]> = Vec::new();
@@ -497,14 +498,14 @@ proptest! {
     }
 }
 
-/// A million bytes of garbage: no frame comes of it, and each decoder is in step afterwards.
+/// A million bytes of garbage give no frame, and each decoder resynchronises afterwards.
 #[test]
 fn garbage_gives_no_frame_and_passes() {
     let mut random = fixtures::Random::new(1);
     let garbage: Vec<u8> = (0..1 << 20).map(|_| random.below(256) as u8).collect();
     let mut last = Vec::new();
     sciospec::encode_data(&sciospec_frame(), &mut last);
-    // frames enough to get out of a false start of any length
+    // enough frames to leave a false start of any length
     let sciospec = sciospec_events(&[&garbage, &last.repeat(3)]);
     let data: Vec<_> = sciospec.iter().filter(|event| event.starts_with("Data")).collect();
     assert!((2..=3).contains(&data.len()), "{}", data.len());
@@ -514,12 +515,12 @@ fn garbage_gives_no_frame_and_passes() {
         let is_frame = |event: &&String| event.starts_with("Frame");
         let events = text_events(&format, &[&garbage, b"\n", &board_lines(&format, 2)]);
         let frames = events.iter().filter(is_frame).count();
-        // the garbage may have opened a frame, which costs the first
+        // the garbage may have opened a frame, which costs the first one
         assert!((1..=2).contains(&frames), "{format:?}: {frames}");
     }
 }
 
-/// The bytes of a real serial line, as a reader of whole files and as a driver take them.
+/// The bytes of a real serial line give a reader of files and a driver the same frames.
 #[test]
 fn a_recorded_serial_line_gives_the_frames_of_its_log() {
     let Some(folder) = fixtures::shared_data("umitooko_serial16") else { return };
@@ -553,7 +554,7 @@ fn a_recorded_serial_line_gives_the_frames_of_its_log() {
             "{name}: log {}, decoder {frames}, same {same}, skipped {skipped}",
             log.frame_count()
         );
-        // the reader also takes the reference and frames of one line, which have no `s`
+        // the reader also accepts the reference and frames on one line, which have no `s`
         assert!(same == frames || frames - same <= skipped + log.skipped.frames, "{name}");
         files += 1;
     }

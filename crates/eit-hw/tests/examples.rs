@@ -1,4 +1,4 @@
-//! The examples run and find what they should.
+//! The examples run and give the expected results.
 
 #![allow(
     missing_docs,
@@ -21,7 +21,7 @@ use std::time::Duration;
 
 use eit_hw::driver::Overflow;
 
-/// The load run in small: a rate that a busy computer keeps, nothing about its speed.
+/// The load test at small scale: a rate that a busy computer can sustain; nothing about its speed.
 #[test]
 fn load_loses_nothing_and_every_value_is_right() {
     let folder = tempfile::tempdir().unwrap();
@@ -37,12 +37,12 @@ fn load_loses_nothing_and_every_value_is_right() {
     let (statistics, taken) = load::stall(folder.path(), 200.0, Overflow::Fail, 1.0);
     assert_eq!((statistics.dropped, statistics.lost), (0, 0), "{statistics:?}");
     assert!(taken >= 100, "{taken} {statistics:?}");
-    // an hour of frames at 25 a second, as fast as they can be taken
+    // an hour of frames at 25 per second, as fast as they can be taken
     assert_eq!(load::day_through_driver(90_000).0, 90_000);
     assert_eq!(load::day_through_replay(90_000).0, 90_000);
 }
 
-/// The soak in small: bytes dropped, flipped and inserted, pauses, three times unplugged.
+/// The soak test at small scale: bytes dropped, flipped and inserted, pauses, three unplugs.
 #[test]
 fn soak_records_what_comes_and_no_wrong_value() {
     let report = soak::run(8.0, 200.0);
@@ -57,16 +57,16 @@ fn read_recording_names_the_right_order() {
     match read_recording::run().unwrap() {
         eit_hw::OrderVerdict::Other { better, ours } => {
             assert_eq!(better[0].setting, "[protocol] order = \"ascending\"");
-            // the model is exact but for rounding of 17 digits written as text
+            // the model is exact but for rounding to 17 digits of text
             assert!(better[0].error < 1e-14 && ours > 0.75, "{better:?} {ours}");
         }
         other => panic!("{other:?}"),
     }
 }
 
-/// 208 measurements, adjacent: each of the 16 electrodes measures in 26 of them, and of the 60 frames
-/// at least the last 20 come with the last electrode off (it may be more: the instrument counts from
-/// its start, and frames before the session are not ours).
+/// 208 adjacent measurements: each of the 16 electrodes measures in 26 of them. Of the 60 frames,
+/// at least the last 20 have the last electrode off; it may be more, since the instrument counts
+/// from its own start and frames before the session are not received.
 #[test]
 fn stream_flags_what_the_instrument_could_not_measure_and_records_all() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! Recordings of other programs, and files that only look like recordings: read within bounds, or refused.
+//! Recordings of other programs, and files that only resemble recordings: read within limits, or
+//! rejected.
 
 #![allow(
     missing_docs,
@@ -20,14 +21,14 @@ use common::rotated;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord, parse, read};
 use eit_hw::{HwError, Note, ReadOptions, read_recording};
 
-/// Channels of the session and frames, and a session with these many measurements.
+/// Returns the channels of session and frames, and a session with this many measurements.
 fn start(quadruples: usize) -> Vec<u8> {
     let session = SessionRecord { quadruples: rotated(16)[..quadruples].to_vec(), ..session() };
     let json = serde_json::to_vec(&session).unwrap();
     [channel(1, "/eit/session"), channel(2, "/eit/frame"), message(1, &json)].concat()
 }
 
-/// The default of the mcap package of PyPI is Zstandard.
+/// Zstandard is the default of the mcap package of PyPI.
 #[test]
 fn zstandard_is_read_and_gone_on_with_only_by_the_same_set_up() {
     let folder = tempfile::tempdir().unwrap();
@@ -36,7 +37,7 @@ fn zstandard_is_read_and_gone_on_with_only_by_the_same_set_up() {
     let packed = ruzstd::encoding::compress_to_vec(&content[..], level);
     let bytes = container(&[
         chunk(b"zstd", &packed, content.len() as u64, crc32fast_of(&content)),
-        // what does not end where it says is bad
+        // content that does not end where stated is bad
         chunk(b"zstd", &packed, content.len() as u64 - 1, 0),
     ]);
     let path = folder.path().join("z.mcap");
@@ -52,12 +53,13 @@ fn zstandard_is_read_and_gone_on_with_only_by_the_same_set_up() {
     assert_eq!(std::fs::read(&path).unwrap(), bytes);
 }
 
-/// CRC-32 as the container has it, of the crate that the library has for its other codes.
+/// Returns the CRC-32 of the container, computed with the crate that the library uses for its other
+/// codes.
 fn crc32fast_of(bytes: &[u8]) -> u32 {
     crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(bytes)
 }
 
-/// Lengths that lie ask for no memory, and what unpacks without end is left out.
+/// Wrong lengths allocate no memory, and content that unpacks endlessly is skipped.
 #[test]
 fn hostile_lengths_are_told_at_once() {
     let path = Path::new("hostile.mcap");
@@ -77,7 +79,7 @@ fn hostile_lengths_are_told_at_once() {
         let capture = parse(&bytes, path).unwrap();
         assert!(capture.entries.is_empty() && capture.damage.is_any());
     }
-    // values beyond what any instrument has, in a chunk that can be
+    // more values than any instrument has, in a valid chunk
     let many = [start(4), message(2, &frame_json(&zeros(300_000)))].concat();
     let bytes = container(&[lz4_chunk(&many)]);
     let capture = parse(&bytes, path).unwrap();
@@ -87,7 +89,7 @@ fn hostile_lengths_are_told_at_once() {
         message(2, &[&br#"{"sequence":0,"epoch":0,"values":"#[..], &vec![b'['; 1 << 20]].concat());
     let bytes = container(&[start(4), deep]);
     assert_eq!(parse(&bytes, path).unwrap().damage.bad_messages, 1);
-    // frames that fill the memory: 40 times 200 000 zeros, packed 200 times
+    // frames that exhaust memory: 40 times 200 000 zeros, packed 200 times
     let large = frame_json(&zeros(200_000));
     let many = [start(0), message(2, &large).repeat(40)].concat();
     let bytes = container(&[lz4_chunk(&many).repeat(12)]);
@@ -95,13 +97,13 @@ fn hostile_lengths_are_told_at_once() {
     assert!(matches!(refused, HwError::TooLarge { .. }), "{refused}");
 }
 
-/// Chunk heads one after another, each of which looks like it could be one: time stays bounded.
+/// A file of chunk headers, each of which looks possible: time stays bounded.
 #[test]
 fn a_file_of_heads_takes_no_time() {
     let packed = vec![0; 32];
     let mut bytes = container(&[]);
     while bytes.len() < 2 << 20 {
-        // a length that fits nothing, so that each place is tried
+        // a length that fits nothing, so that each position is tried
         let mut one = chunk(b"", &packed, 1 << 20, 1);
         one[1] ^= 1;
         one[9 + 28 + 4..][..8].copy_from_slice(&(1_u64 << 20).to_le_bytes());
@@ -130,8 +132,8 @@ fn only_regular_files_are_read() {
     }
 }
 
-/// The host's clock was set back and forth while it was recorded: the instrument's rules, and without one
-/// a step of an hour is not waited for.
+/// The host's clock was set back and forth during recording: the instrument's clock determines the
+/// pace, and without one a step of an hour is not waited for.
 #[test]
 fn a_replay_in_real_time_does_not_follow_a_clock_that_is_set() {
     use eit_hw::driver::{Event, FrameSource as _, Pace, Replay};
@@ -158,7 +160,7 @@ fn a_replay_in_real_time_does_not_follow_a_clock_that_is_set() {
         }
         let took_s = start.elapsed().as_secs_f64();
         assert_eq!(told, 10);
-        // nine steps of 0.04 s, one of which is the clock's
+        // nine steps of 0.04 s, one of which comes from the clock
         assert!((0.3..5.0).contains(&took_s), "{step_s} s: {took_s:.2} s");
     }
 }

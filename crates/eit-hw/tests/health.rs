@@ -1,4 +1,4 @@
-//! The health check finds what was broken, names it, and finds nothing where nothing is.
+//! The health check finds and names what is broken, and finds nothing in a healthy skin.
 
 #![allow(
     missing_docs,
@@ -21,7 +21,7 @@ use ndarray::Array2;
 const FRAMES: usize = 60;
 const NOISE: f64 = 1e-4;
 
-/// 25 frames a second of a homogeneous disc.
+/// Returns frames of a homogeneous disc, 25 per second.
 fn healthy() -> MeasuredFrames {
     let quadruples = rotated(16);
     let truth = point_electrode_disc(&quadruples, 16);
@@ -54,14 +54,15 @@ fn faults(report: &HealthReport) -> Vec<u32> {
 fn nothing_is_found_where_nothing_is_wrong() {
     let report = check(&healthy());
     assert_eq!((report.verdict(), report.findings.len()), (Verdict::Good, 0), "{report:?}");
-    // a median of 59 has a deviation of about 15 %; 208 of them stay within five
+    // a median of 59 values has a deviation of about 15 %; 208 of them stay within five
     for noise in &report.noise_std {
         assert!((noise / NOISE - 1.0).abs() < 0.75, "{noise:e}");
     }
-    // the difference of two uniform numbers is triangular: half of them are within
-    // sqrt 3 (2 - sqrt 2) = 1.015 deviations, which the normal factor 1.4826 / sqrt 2 makes 1.064
+    // the difference of two uniform numbers is triangular: half of them are within sqrt 3 (2 - sqrt
+    // 2) = 1.015 deviations, which the factor for a normal distribution 1.4826 / sqrt 2 turns into
+    // 1.064
     let mean = report.noise_std.iter().sum::<f64>() / 208.0;
-    // deviation of the mean 1 %, and a finite median lies a little too high
+    // the mean deviates by 1 %, and the median of a finite number is slightly too high
     assert!((mean / NOISE - 1.064).abs() < 0.05, "{mean:e}");
     assert!((report.frame_rate_hz.unwrap() - 25.0).abs() < 1e-9);
     assert!(report.reciprocity.unwrap() < 1e-3);
@@ -73,7 +74,7 @@ fn a_bad_contact_is_found_by_reciprocity() {
         let mut frames = healthy();
         let mut random = Random::new(8);
         for (mut column, quadruple) in frames.values.columns_mut().into_iter().zip(rotated(16)) {
-            // what it senses is anything
+            // it senses arbitrary values
             if quadruple[2] == electrode || quadruple[3] == electrode {
                 let offset = random.between(-1.0, 1.0);
                 column.mapv_inplace(|value| value + offset);
@@ -135,7 +136,7 @@ fn troubles_of_the_whole_are_told_with_what_to_try() {
     only(&check(&drifting), "values drift by");
 
     let mut swapped = healthy();
-    // two electrodes' wires changed over at the voltmeter is no one electrode's fault
+    // swapping the wires of two electrodes at the voltmeter is not the fault of one electrode
     let mut random = Random::new(1);
     swapped
         .values
@@ -154,7 +155,7 @@ fn troubles_of_the_whole_are_told_with_what_to_try() {
     only(&report, "9.1 % of the data are lost");
     let slow = StreamFacts { lost_frames: 0, wanted_rate_hz: Some(50.0) };
     let report = check_health(&healthy(), &rotated(16), &slow).unwrap();
-    only(&report, "25.00 frames a second, 50.00 wanted");
+    only(&report, "25.00 frames per second instead of 50.00");
 
     let mut silent = healthy();
     silent.values.fill(0.0);
@@ -172,13 +173,13 @@ fn bad_input_is_refused() {
     few.values = few.values.select(ndarray::Axis(0), &[0, 1, 2]);
     few.quality = few.quality.select(ndarray::Axis(0), &[0, 1, 2]);
     let error = check_health(&few, &rotated(16), &facts()).unwrap_err();
-    assert!(error.to_string().contains("3 frames, but 8 wanted"), "{error}");
+    assert!(error.to_string().contains("3 frames, but expected 8"), "{error}");
     let mut wild = healthy();
     wild.values.fill(f64::NAN);
     assert_eq!(check(&wild).verdict(), Verdict::Faulty);
 }
 
-/// A real tank with a real instrument, nothing known to be wrong.
+/// A real tank and instrument without known faults.
 #[test]
 fn a_real_tank_is_healthy() {
     let Some(folder) = fixtures::shared_data("sciospec_tank_adjacent") else { return };

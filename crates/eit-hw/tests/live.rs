@@ -1,5 +1,6 @@
-//! Drivers against emulated instruments: over a real serial line (a pseudo-terminal) and TCP, in
-//! order and with faults. No frame may hold a value that the instrument did not measure.
+//! Drivers against emulated instruments, over a real serial line (a pseudo-terminal) and TCP, with
+//! and without faults. No frame may contain a value that the instrument did not measure. One file,
+//! because all drivers share the same instruments and checks.
 
 #![allow(
     missing_docs,
@@ -25,13 +26,13 @@ use eit_hw::emulator::{
 use eit_hw::{Endpoint, Frame, HwError, Quadruple, Quality, Unit};
 
 const WAIT: Duration = Duration::from_millis(500);
-/// No test waits longer for what must come.
+/// Time limit for anything that must arrive.
 const LIMIT: Duration = Duration::from_secs(20);
 
-/// A value that says which measurement of which frame it is; exact in 32 bits.
+/// Returns a value that encodes frame and measurement; exact in 32 bits.
 fn value(sequence: u64, [a, b, m, n]: Quadruple) -> f64 {
     let place = f64::from(((a * 16 + b) * 16 + m) * 16 + n) / 65_536.0;
-    // 5 bits of the frame, 16 of the measurement
+    // 5 bits for the frame, 16 for the measurement
     place + (sequence % 32) as f64
 }
 
@@ -61,7 +62,7 @@ fn eits1_driver(rate: f32) -> Box<dyn Driver> {
     Box::new(Eits1::new(&rotated(16), rate, 1e-4, 0.0).unwrap())
 }
 
-/// A pseudo-terminal where there are some, else TCP: the folder keeps its path.
+/// Returns a pseudo-terminal in the folder where available, otherwise TCP.
 fn line(folder: &tempfile::TempDir) -> Listen {
     if cfg!(unix) {
         #[cfg(unix)]
@@ -73,11 +74,11 @@ fn line(folder: &tempfile::TempDir) -> Listen {
 
 fn quick() -> SessionSettings {
     let reconnect = Some(Backoff { initial_s: 0.01, max_s: 0.1, give_up_s: 15.0 });
-    // room enough that nothing is dropped while other tests have the processor
+    // large enough that nothing is dropped while other tests use the processor
     SessionSettings { capacity: 4096, reconnect, ..SessionSettings::default() }
 }
 
-/// The value's frame is its sequence in its stream, so a frame is checked by itself.
+/// Checks a frame by itself: its values encode its sequence in the stream.
 fn check_frame(frame: &Frame, quadruples: &[Quadruple]) {
     let first = (frame.values[0] - value(0, quadruples[0])).round() as u64;
     for (found, &quadruple) in frame.values.iter().zip(quadruples) {
@@ -102,7 +103,7 @@ fn eits1_over_a_serial_line_end_to_end() {
     let folder = tempfile::tempdir().unwrap();
     let emulator =
         Emulator::start(eits1_device("7"), &line(&folder), FaultPlan::default()).unwrap();
-    // the scene's order is another than the one that the driver measures
+    // the scene's order differs from the one that the driver measures
     let wanted: Vec<Quadruple> = ascending(16);
     let settings = SessionSettings { quadruples: Some(wanted.clone()), ..quick() };
     let mut session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
@@ -119,7 +120,7 @@ fn eits1_over_a_serial_line_end_to_end() {
     session.stop();
     let statistics = session.statistics();
     assert_eq!((statistics.lost, statistics.damaged_bytes, statistics.dropped), (0, 0, 0));
-    // stopped, it sends nothing more
+    // once stopped, it sends nothing more
     while session.next_event(Duration::ZERO).unwrap().is_some() {}
     std::thread::sleep(Duration::from_millis(50));
     let sent = emulator.statistics().sent;
@@ -127,7 +128,7 @@ fn eits1_over_a_serial_line_end_to_end() {
     assert_eq!(emulator.statistics().sent, sent);
 }
 
-/// Every frame accepted is right, every frame lost is counted.
+/// Every accepted frame is right, and every lost frame is counted.
 #[test]
 fn eits1_on_a_bad_line_loses_frames_but_tells_no_wrong_one() {
     let folder = tempfile::tempdir().unwrap();
@@ -147,7 +148,7 @@ fn eits1_on_a_bad_line_loses_frames_but_tells_no_wrong_one() {
         match session.next_event(WAIT).unwrap() {
             Some(Event::Frame(frame)) => {
                 check_frame(&frame, &rotated(16));
-                // 32 frames are told apart
+                // values distinguish 32 frames
                 let number = (frame.values[0] - value(0, rotated(16)[0])).round() as u64;
                 let (number_before, sequence_before) = last.unwrap_or((number, frame.sequence));
                 let steps = (frame.sequence - sequence_before) % 32;
@@ -161,7 +162,7 @@ fn eits1_on_a_bad_line_loses_frames_but_tells_no_wrong_one() {
     }
     let last = last.unwrap().1;
     assert_eq!(seen + gaps, last + 1);
-    // 866 bytes a frame: one in four is hit; between a tenth and a half is 5 deviations away
+    // 866 bytes per frame: one in four is hit; a tenth and a half are 5 deviations away
     assert!((50..600).contains(&gaps), "{gaps}");
     assert!(session.statistics().damaged_bytes > 10_000 && emulator.statistics().faults > 50);
 }
@@ -185,7 +186,7 @@ fn an_unplugged_instrument_is_found_again_in_a_new_epoch() {
                 assert!(last.is_none_or(|last| frame.sequence > last));
                 last = Some(frame.sequence);
                 per_epoch[frame.epoch as usize] += 1;
-                // the clock starts anew with the instrument
+                // the clock restarts with the instrument
                 assert!(frame.device_time_s.unwrap() >= 0.0);
             }
             Some(Event::Disconnected { .. }) => news.push(0),
@@ -222,7 +223,7 @@ fn another_instrument_on_the_same_port_is_refused() {
     };
     let HwError::Identity { wanted, found, .. } = &error else { panic!("{error}") };
     assert_eq!((wanted.as_str(), found.as_str()), ("emulated skin 7", "emulated skin 8"));
-    // it is told once, then the session is over
+    // reported once, then the session is over
     assert_eq!(session.next_event(WAIT).unwrap(), None);
 }
 
@@ -254,14 +255,14 @@ fn a_slow_consumer_gets_the_latest_or_an_error() {
     let statistics = session.statistics();
     assert!(statistics.dropped > 10, "{statistics:?}");
     let first = frames(&session, 1, &rotated(16)).remove(0);
-    // of the frames before it, all but those in the queue were dropped
+    // of the earlier frames, all but those in the queue were dropped
     assert!(first.sequence >= statistics.dropped, "{} {statistics:?}", first.sequence);
     drop(session);
 
     let recorder = SessionSettings { capacity: 3, overflow: Overflow::Fail, ..quick() };
     let session = Session::open(eits1_driver(500.0), emulator.endpoint(), recorder).unwrap();
     std::thread::sleep(Duration::from_millis(200));
-    // what came before is whole
+    // what came before is complete
     let kept = frames(&session, 3, &rotated(16));
     assert_eq!(kept.iter().map(|frame| frame.sequence).collect::<Vec<_>>(), [0, 1, 2]);
     let start = Instant::now();
@@ -291,8 +292,8 @@ fn a_silent_instrument_is_told() {
     }
 }
 
-/// 2.5 s from frame to frame, as of a slow board that writes lines: longer than the silence and the stall of
-/// an instrument at ten frames a second.
+/// 2.5 s between frames, as for a slow text board: longer than what is silence or a stall at ten
+/// frames per second.
 #[test]
 fn a_slow_board_is_neither_silent_nor_set_up_anew() {
     let board = Board::preset("serial-16").unwrap();
@@ -361,7 +362,7 @@ fn every_board_over_a_line() {
         let source = move |sequence: u64, quadruples: &[Quadruple], values: &mut [f64]| {
             let step = if complex { 2 } else { 1 };
             for (parts, [a, b, m, n]) in values.chunks_exact_mut(step).zip(quadruples) {
-                // whole numbers: some boards write no others; below their saturation
+                // whole numbers, since some boards send no others; below their saturation
                 let whole = (a * 37 + b * 11 + m * 5 + n) % 500 + (sequence % 32) as u32 * 500;
                 parts.fill(f64::from(whole + 1) / if name == "serial-16" { 4096.0 } else { 1.0 });
             }
@@ -390,7 +391,7 @@ fn every_board_over_a_line() {
     }
 }
 
-/// Potentials that name drive, electrode and frame, with the current entering at `a`.
+/// Returns potentials that encode drive, electrode and frame, with the current entering at `a`.
 fn potential(sequence: u64, [a, b]: [u32; 2], electrode: u32) -> [f64; 2] {
     let driven = f64::from(u8::from(electrode == a)) - f64::from(u8::from(electrode == b));
     let place = f64::from((a * 32 + b) * 32 + electrode + 1) / 131_072.0;
@@ -460,8 +461,8 @@ fn sciospec_over_a_serial_line_with_either_polarity() {
     }
 }
 
-/// Lost bytes make holes, which are flagged; no value is wrong. (Changed bits within a value cannot
-/// be seen: this protocol has no checksum.)
+/// Lost bytes leave gaps, which are flagged; no value is wrong. (Changed bits within a value cannot
+/// be detected: this protocol has no checksum.)
 #[test]
 fn sciospec_on_a_line_that_loses_bytes() {
     let folder = tempfile::tempdir().unwrap();
@@ -481,7 +482,7 @@ fn sciospec_on_a_line_that_loses_bytes() {
         holes += missing / 13;
         seen += 1;
     }
-    // 2240 bytes a frame and 2e-4: 45 losses in 100 frames, most of them cost one or two drives
+    // 2240 bytes per frame and 2e-4: 45 losses in 100 frames, most of which cost one or two drives
     assert!((10..200).contains(&holes), "{holes}");
 }
 
@@ -568,14 +569,14 @@ fn ports_that_cannot_be_opened_and_instruments_that_do_not_answer() {
     let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
     let error = identify(&mut *eits1_driver(10.0), emulator.endpoint()).unwrap_err();
     assert!(matches!(&error, HwError::NotUnderstood { .. }), "{error}");
-    assert!(error.to_string().contains("lines of text, of 13 numbers"), "{error}");
+    assert!(error.to_string().contains("lines of text with 13 numbers"), "{error}");
 
-    // a measurement that the instrument was not told to take
+    // a measurement that the instrument cannot take
     let emulator = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();
     let settings = SessionSettings { quadruples: Some(vec![[0, 8, 2, 3]]), ..quick() };
     let error = Session::open(eits1_driver(10.0), emulator.endpoint(), settings).unwrap_err();
     assert!(matches!(error, HwError::MissingDrive { a: 0, b: 8, .. }), "{error}");
-    // a rate that it does not have
+    // an unsupported rate
     let error = identify(&mut *eits1_driver(2000.0), emulator.endpoint()).unwrap_err();
     assert!(error.to_string().contains("value cannot be set"), "{error}");
 }
@@ -616,8 +617,8 @@ fn a_live_instrument_is_recorded_and_read_like_a_file() {
     assert_eq!(frames.unit, Unit::Volt);
 }
 
-/// A host that goes away in the middle of a frame leaves a terminal that nobody reads: its writer
-/// blocks, and the emulator ends all the same.
+/// A host that disconnects in the middle of a frame leaves a terminal that nobody reads: writing to
+/// it blocks, and the emulator stops all the same.
 #[cfg(unix)]
 #[test]
 fn an_emulator_ends_although_nobody_reads_its_terminal() {
@@ -639,7 +640,7 @@ fn an_emulator_ends_although_nobody_reads_its_terminal() {
         .open_native()
         .unwrap();
     host.write_all(b"hello").unwrap();
-    // it sends, so its next write finds no room
+    // it keeps sending, so its next write finds no room
     host.read_exact(&mut [0; 100]).unwrap();
     std::thread::sleep(Duration::from_millis(100));
     drop(host);

@@ -1,4 +1,5 @@
-//! Parsers on arbitrary and on damaged bytes never panic; what is written is read back.
+//! Parsers never panic on arbitrary or damaged bytes, and what is written is read back. One file,
+//! because all formats share the same generators.
 
 #![allow(
     missing_docs,
@@ -26,8 +27,8 @@ use proptest::sample::Index;
 const ORIENTATIONS: [FrameOrientation; 3] =
     [FrameOrientation::Rows, FrameOrientation::Columns, FrameOrientation::Matrix];
 
-/// Every parser on the same bytes. What is read has values and fits itself; what is refused is
-/// refused in one line.
+/// Runs every parser on the same bytes: results have values and are consistent, errors are one
+/// line.
 fn parse_all(bytes: &[u8]) {
     let path = name("f");
     let check = |result: Result<Recording, HwError>| match result {
@@ -70,7 +71,7 @@ const NPY: &[u8] =
     b"\x93NUMPY\x01\x00\x3D\x00{'descr': '<i2', 'fortran_order': True, 'shape': (2, 3), }   \
       \x01\x00\x02\x00\x03\x00\x04\x00\x05\x00\x06\x00";
 
-/// A file of each format.
+/// Returns a file of each format.
 fn samples() -> Vec<Vec<u8>> {
     let floats = (0..512).flat_map(|index: u16| f32::from(index).to_le_bytes()).collect();
     let mut log = b"ref:\n1 2\n3 4\ndata:\ns\n1 2\n3 4\ns\n5 6\n7 8\n".to_vec();
@@ -79,7 +80,7 @@ fn samples() -> Vec<Vec<u8>> {
     vec![csv, NPY.to_vec(), EIT.to_vec(), LCT.to_vec(), floats, log]
 }
 
-/// Characters that text formats are made of.
+/// Generates characters that occur in text formats.
 fn texty() -> impl Strategy<Value = Vec<u8>> {
     let byte = prop::sample::select(b"0123456789.,;-+eE# \t\r\nsnaif:()'{}".to_vec());
     prop::collection::vec(byte, 0..400)
@@ -168,7 +169,7 @@ proptest! {
         table in table(2..5, 2..6),
         orientation in prop::sample::select(ORIENTATIONS.to_vec()),
     ) {
-        // the rows or columns of `table` are real parts: put the imaginary one of each behind it
+        // the rows or columns of `table` are real parts: insert the imaginary part after each
         let axis = ndarray::Axis(usize::from(orientation != FrameOrientation::Rows));
         let doubled = ndarray::concatenate(axis, &[table.view(), (-&table).view()]).unwrap();
         let count = table.len_of(axis);
@@ -279,7 +280,7 @@ proptest! {
         start in any::<Index>(),
         length in 1..17_usize,
     ) {
-        // frame f, line d, value k is 100 f + d + k / 100: no two lines are alike
+        // frame f, line d, value k is 100 f + d + k / 100: no two lines are equal
         let value = |f: usize, d: usize, k: usize| 100.0 * f as f64 + d as f64 + k as f64 / 100.0;
         let mut lines = Vec::new();
         for frame in 0..frames {
@@ -288,32 +289,32 @@ proptest! {
                 (0..13).map(|k| format!("{:.2} ", value(frame, d, k))).collect::<String>()
             }));
         }
-        // fewer than a frame with its `s`: more could join two halves
+        // fewer lines than a frame with its `s`: more could join two halves
         let start = start.index(lines.len());
         lines.drain(start..(start + length).min(17 * frames));
         let text = lines.join("\n") + "\n";
         let options = SerialLogOptions { full_scale: None, ..SerialLogOptions::default() };
         match serial_log::parse(text.as_bytes(), &name("f.txt"), &options) {
             Ok(recording) => {
-                // without its `s` a frame runs into the one before
+                // without its `s` a frame continues the one before
                 let first = start.saturating_sub(1) / 17;
                 let touched = (start + length).min(17 * frames).div_ceil(17) - first;
                 prop_assert_eq!(recording.frame_count(), frames - touched);
                 for row in recording.real.rows() {
                     let frame = (row[0] / 100.0).floor() as usize;
                     for (slot, &found) in row.iter().enumerate() {
-                        // text of two decimals against their sum in f64
+                        // text of two decimals compared with their sum in f64
                         prop_assert!((found - value(frame, slot / 13, slot % 13)).abs() < 1e-9);
                     }
                 }
             }
-            // every frame was touched
+            // every frame lost a line
             Err(error) => prop_assert!(matches!(error, HwError::NoFrames { .. }), "{error}"),
         }
     }
 }
 
-/// [frame, measurement] out of a table.
+/// Returns the frames of a table, [frame, measurement].
 fn frames_of(table: &Array2<f64>, orientation: FrameOrientation) -> Array2<f64> {
     let columns = table.t().as_standard_layout().into_owned();
     match orientation {
@@ -323,7 +324,7 @@ fn frames_of(table: &Array2<f64>, orientation: FrameOrientation) -> Array2<f64> 
     }
 }
 
-/// An NPY file of version 3.
+/// Returns an NPY file of version 3.
 fn npy_bytes(table: &Array2<f64>, fortran: bool, big: bool) -> Vec<u8> {
     let data: Vec<u8> = if fortran { table.t().to_owned() } else { table.clone() }
         .as_standard_layout()
@@ -343,7 +344,7 @@ fn npy_bytes(table: &Array2<f64>, fortran: bool, big: bool) -> Vec<u8> {
     bytes
 }
 
-/// Finite numbers of any size, [row, column].
+/// Generates finite numbers of any size, [row, column].
 fn table(
     rows: std::ops::Range<usize>,
     columns: std::ops::Range<usize>,

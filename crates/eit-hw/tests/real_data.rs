@@ -1,4 +1,5 @@
-//! Every reader on real recordings; each figure is the one that the folder's README.md states.
+//! Every reader on real recordings; each figure is stated in the folder's README.md. One file,
+//! because all recordings go through the same checks.
 
 #![allow(
     missing_docs,
@@ -30,13 +31,13 @@ fn real_frames(recording: &Recording, quadruples: &[Quadruple]) -> MeasuredFrame
     recording.frames_for(Some(quadruples), quadruples.len(), Component::Real).unwrap()
 }
 
-/// Reciprocity error of each frame.
+/// Returns the reciprocity error of each frame.
 fn errors(frames: &MeasuredFrames, quadruples: &[Quadruple]) -> Vec<f64> {
     let error = |frame: eit_hw::Frame| reciprocity_error(quadruples, &frame.values).unwrap();
     frames.frames().map(error).collect()
 }
 
-/// All errors lie in a range.
+/// Asserts that all errors are in a range.
 #[track_caller]
 fn within(errors: &[f64], low: f64, high: f64) {
     for (frame, &error) in errors.iter().enumerate() {
@@ -44,7 +45,7 @@ fn within(errors: &[f64], low: f64, high: f64) {
     }
 }
 
-/// The right order is confirmed, and found where the scene has the wrong one.
+/// Asserts that the right order is confirmed, and suggested if the scene has the wrong one.
 #[track_caller]
 fn order_is_recognised(frame: &[f64], right: &[Quadruple], wrong: &[Quadruple]) {
     let verdict = recognise_order(frame, right, &[("wrong", wrong.to_vec())]);
@@ -54,7 +55,7 @@ fn order_is_recognised(frame: &[f64], right: &[Quadruple], wrong: &[Quadruple]) 
         OrderVerdict::Other { better, ours } => {
             assert_eq!(better.len(), 1);
             assert_eq!(better[0].setting, "right");
-            // wrong orders of all these recordings are at 0.75 and above
+            // wrong orders of all these recordings have errors of at least 0.75
             assert!(ours > 0.75, "{ours}");
         }
         other => panic!("{other:?}"),
@@ -70,7 +71,7 @@ fn goe_200_frames() {
     assert_eq!(recording.skipped.frames, 0);
     assert!(recording.notes.is_empty() && recording.imaginary.is_none());
     let frames = real_frames(&recording, &rotated(16));
-    // stated: 2.8 %; single frames scatter by 0.1 to 0.3 %
+    // stated: 2.8 %; single frames vary by 0.1 to 0.3 %
     within(&errors(&frames, &rotated(16)), 0.0265, 0.0315);
     let mean = frames.mean_frame();
     let error = reciprocity_error(&rotated(16), &mean).unwrap();
@@ -106,9 +107,9 @@ fn sciospec_255_frames_at_20_a_second() {
     let frames = real_frames(&recording, &rotated(16));
     let times = frames.device_time_s.as_ref().unwrap();
     assert_eq!(times[0], 0.0);
-    // 254 periods of 50 ms; the file time stamps jitter by less than one
+    // 254 periods of 50 ms; the time stamps in the files jitter by less than one
     assert!((times[254] - 12.7).abs() < 0.05, "{}", times[254]);
-    // stated: 2.7 %; frames with and without object scatter by 0.4 %
+    // stated: 2.7 %; frames with and without object vary by 0.4 %
     within(&errors(&frames, &rotated(16)), 0.024, 0.032);
     order_is_recognised(&frames.mean_frame(), &rotated(16), &ascending(16));
 
@@ -119,7 +120,7 @@ fn sciospec_255_frames_at_20_a_second() {
     assert_eq!(scaled.values, &frames.values * (1e-3 / 5e-3));
     assert_eq!((scaled.unit, scaled.frequency_hz), (Unit::Volt, Some(10e3)));
 
-    // the drive's first channel is where current enters: its potential is the highest
+    // current enters at the first channel of a drive, which has the highest potential
     for (index, &[a, b]) in drives.iter().enumerate() {
         let row = recording.real.row(0);
         let potentials = &row.as_slice().unwrap()[index * 16..][..16];
@@ -200,7 +201,7 @@ fn pyeidors_columns_alternate() {
             within(&errors(&frames, &rotated(16)), 0.012, 0.03);
             order_is_recognised(&frames.mean_frame(), &rotated(16), &ascending(16));
         }
-        // read as rows, the file is refused with the right key
+        // read as rows, the file is rejected with the right key
         let refused = recognised(&path).frames_for(None, 208, Component::Real).unwrap_err();
         assert!(refused.to_string().contains("frames_are = \"columns\""), "{refused}");
     }
@@ -228,7 +229,7 @@ fn phased_holds_more_than_real() {
 #[test]
 fn umitooko_logs() {
     let Some(folder) = fixtures::shared_data("umitooko_serial16") else { return };
-    // a reference and 242 frames that start with `s`, all whole
+    // a reference and 242 frames that start with `s`, all complete
     let recording = recognised(&folder.join("__3.txt"));
     assert_eq!(recording.format, Format::SerialLog);
     assert_eq!(recording.real.dim(), (243, 208));
@@ -288,7 +289,7 @@ fn umitooko_loses_a_cut_frame_only() {
     let Some(folder) = fixtures::shared_data("umitooko_serial16") else { return };
     let text = std::fs::read_to_string(folder.join("__3.txt")).unwrap();
     let whole = recognised(&folder.join("__3.txt"));
-    // line 25 lies in the first frame after the reference (lines 1 to 17, `data:` is 18)
+    // line 25 is in the first frame after the reference (lines 1 to 17, `data:` is 18)
     let lines: Vec<_> = text.lines().collect();
     let mut cut = lines.clone();
     cut[24] = &cut[24][..30];
@@ -321,12 +322,12 @@ fn khu_volts_gain_and_overflow() {
                 for channel in overflowed {
                     let quadruple @ [a, b, m, n] = quadruples[projection * 32 + channel];
                     let on_driven = [m, n].contains(&a) || [m, n].contains(&b);
-                    // the drive of neighbours (0, 31) overflows one pair further
+                    // for the drive of neighbours (0, 31) another pair overflows
                     assert!(on_driven || quadruple == [0, 31, 1, 2], "{quadruple:?}");
                 }
             }
         }
-        // a passive body: the potential is highest where current enters
+        // in a passive body the potential is highest where current enters
         let frames = real_frames(&recording, quadruples);
         for (&[a, b, m, n], &value) in quadruples.iter().zip(&frames.mean_frame()) {
             if m == a || n == b {
@@ -388,7 +389,7 @@ fn iirc_rod_with_driven_electrodes() {
     assert!((errors[0] - 0.056).abs() < 0.0005, "{}", errors[0]);
     within(&errors, 0.055, 0.07);
     order_is_recognised(&frames.mean_frame(), &ascending_kept(16), &rotated_kept(16));
-    // a scene that leaves out driven electrodes is told so
+    // for a scene that drops driven electrodes, the error says so
     let refused = recording.frames_for(None, 208, Component::Real).unwrap_err();
     assert!(refused.to_string().contains("driven_electrodes = \"keep\""), "{refused}");
 }
@@ -463,7 +464,8 @@ fn hydrogel_has_no_reciprocal_pairs() {
     assert!(refused.to_string().contains("opposite drive"), "{refused}");
 }
 
-/// Each recording with a model of the tank: the shape fits, the sign is the recording's own.
+/// Compares each recording with a model of the tank: the shape fits, the sign is that of the
+/// recording.
 #[test]
 fn sign_against_a_homogeneous_disc() {
     let columns = CsvOptions { orientation: FrameOrientation::Columns, complex: true };
@@ -493,7 +495,7 @@ fn black_sensor_logs_read_as_frames() {
         let path = folder.join(name);
         let recording = read_recording(&path, None, &ReadOptions::default()).unwrap();
         assert_eq!(recording.format, Format::BlackSensor);
-        // counted anew: a mark, and 16 rows of a time and 16 counts behind it with nothing between them
+        // counted independently: a mark directly followed by 16 rows of a time and 16 counts
         let bytes = std::fs::read(&path).unwrap();
         let text = String::from_utf8_lossy(&bytes);
         let lines: Vec<&str> = text.lines().map(|line| line.trim_end_matches(',')).collect();
@@ -517,10 +519,10 @@ fn black_sensor_logs_read_as_frames() {
         let found: Vec<Vec<f64>> = recording.real.rows().into_iter().map(|r| r.to_vec()).collect();
         println!("{name}: {} frames of {marks} marks", found.len());
         assert!(whole.len() > 20 && found == whole, "{name}: {} and {}", found.len(), whole.len());
-        // the last frame may be cut by the end of the log, which is no fault of its lines
+        // the end of the log may truncate the last frame, which is no fault of its lines
         let skipped = recording.skipped.frames;
         assert!([skipped, skipped + 1].contains(&(marks - whole.len())), "{name}: {skipped}");
-        // the largest is far from the rail of 16 bits, and beyond that of 15
+        // the largest is far from the rail of 16 bits, and above that of 15
         let largest = whole.iter().flatten().fold(0.0_f64, |most, &count| most.max(count));
         assert!((32_767.0..65_535.0).contains(&largest), "{name}: {largest}");
         assert!(recording.quality.iter().all(|quality| quality.is_good()), "{name}");

@@ -1,4 +1,5 @@
-//! A recording's values as the measurements of a protocol, and reciprocity.
+//! Selection of a protocol's measurements from a recording, and reciprocity. One file, because all
+//! tests share the same recordings.
 
 #![allow(
     missing_docs,
@@ -20,7 +21,7 @@ use eit_hw::{
 use ndarray::array;
 use proptest::prelude::*;
 
-/// Two complex frames of three values.
+/// Returns two complex frames of three values.
 fn complex() -> Recording {
     let options = CsvOptions { complex: true, ..CsvOptions::default() };
     parse(b"3,0,-6\n4,1,-8\n6,0,3\n8,2,4\n", &name("f.csv"), &options).unwrap()
@@ -42,10 +43,10 @@ fn phased_turns_one_phase_to_the_real_axis() {
     recording.imaginary = Some(&recording.real * (4.0 / 3.0));
     let phased = recording.frames_for(None, 3, Component::Phased).unwrap().values;
     for (phased, real) in phased.iter().zip(&recording.real) {
-        // a handful of roundings of numbers of order 10
+        // a few roundings of numbers of order 10
         assert!((phased - real * 5.0 / 3.0).abs() < 1e-14, "{phased} {real}");
     }
-    // values that are not good do not turn it
+    // flagged values do not rotate it
     recording.real[[0, 1]] = f64::NAN;
     recording.quality[[0, 1]] = Quality::NON_FINITE;
     let flagged = recording.frames_for(None, 3, Component::Phased).unwrap();
@@ -143,8 +144,8 @@ fn counts_that_differ_are_explained() {
     assert_eq!(hint(207, 1, 208), CountHint::Unknown);
 }
 
-/// A table of 2 frames of 4 values in either file format and the options by which its frames are
-/// the columns; what the message then says mends it.
+/// A table of 2 frames of 4 values in either file format, and options that read its columns as
+/// frames; following the message fixes it.
 #[test]
 fn a_swapped_table_is_mended_by_the_key_of_the_message() {
     let folder = tempfile::tempdir().unwrap();
@@ -258,7 +259,7 @@ fn values_become_volts() {
     assert_eq!(frames(Unit::Arbitrary, Some(0.25)), unchanged);
 }
 
-/// What a stream takes from its values is what `frames_for` takes of the same values in a file.
+/// A stream selects the same measurements as `frames_for` does from a file.
 #[test]
 fn frames_one_by_one_are_those_of_the_recording() {
     let mut recording = complex();
@@ -378,12 +379,13 @@ fn flags_come_back_from_their_bits() {
     for bits in 0..=u16::MAX {
         let some = flags.iter().filter(|flag| flag.bits() & bits != 0);
         let quality = some.fold(Quality::GOOD, |all, &flag| all | flag);
-        // bits of no flag are refused
+        // bits of no flag are rejected
         assert_eq!(Quality::from_bits(bits), (quality.bits() == bits).then_some(quality));
     }
 }
 
-/// A reciprocal value for each quadruple: symmetric in drive and measured pair, odd in either.
+/// Returns a reciprocal value for each quadruple: symmetric in drive and measured pair, odd in
+/// either.
 fn reciprocal([a, b, m, n]: Quadruple, seed: f64) -> f64 {
     let g = |i: u32, j: u32| (seed + f64::from(i.min(j)) * 7.1 + f64::from(i.max(j)) * 3.3).sin();
     g(a, m) - g(a, n) - g(b, m) + g(b, n)
@@ -418,7 +420,7 @@ proptest! {
             .iter()
             .map(|&q| reciprocal(q, seed) * (1.0 + if q[0] < q[2] { relative } else { -relative }))
             .collect();
-        // v (1 + r) against v (1 - r): 2 r / sqrt(1 + r^2), rounded to about 1e-16 / r
+        // v (1 + r) compared with v (1 - r): 2 r / sqrt(1 + r^2), rounded to about 1e-16 / r
         let expected = 2.0 * relative / (1.0 + relative * relative).sqrt();
         let error = reciprocity_error(&order, &frame).unwrap();
         prop_assert!((error / expected - 1.0).abs() < 1e-9, "{error} {expected}");
@@ -440,7 +442,7 @@ fn errors_at_the_edges() {
     assert_eq!(reciprocity_error(&order, &[f64::NAN, 1.0]), None);
     assert_eq!(reciprocity_error(&order, &[f64::INFINITY, 1.0]), None);
     assert_eq!(reciprocity_error(&[], &[]), None);
-    // driven electrodes do not count
+    // driven electrodes are ignored
     assert_eq!(reciprocity_error(&[[0, 1, 1, 2], [1, 2, 0, 1]], &[1.0, 5.0]), None);
 }
 

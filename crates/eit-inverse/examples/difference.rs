@@ -39,7 +39,7 @@ fn model(edge_m: f64) -> Result<(Mesh, ForwardModel), Box<dyn Error>> {
     Ok((mesh, model))
 }
 
-/// Half as much conductivity again within 0.015 m of the finger.
+/// Conductivity, increased by half within 0.015 m of the finger.
 fn touched(mesh: &Mesh) -> Vec<f64> {
     let near = |c: [f64; 3]| (c[0] - FINGER_M[0]).hypot(c[1] - FINGER_M[1]) < 0.015;
     let centroids = mesh.surface().centroids();
@@ -51,7 +51,7 @@ fn measure() -> Result<(Array2<f64>, Vec<f64>), Box<dyn Error>> {
     let (mesh, model) = model(0.004)?;
     let reference = model.forward(&vec![CONDUCTIVITY_S; model.elements()])?;
     let frame = model.forward(&touched(&mesh))?;
-    // a multiplicative generator and sums of twelve draws: normal enough, and the same everywhere
+    // a congruential generator and sums of twelve numbers: nearly normal, and the same on every machine
     let mut state = 1_u64;
     let mut uniform = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

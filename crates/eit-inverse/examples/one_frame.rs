@@ -1,6 +1,7 @@
-//! One frame, one image: the least that a program needs to see where a skin is touched. A mesh, a
-//! model and a linear reconstruction; no sequence, no instrument, no net, and nothing of them in the
-//! binary (`tests/one_frame.rs`).
+//! One frame, one image: the smallest program that shows where a skin is touched.
+//!
+//! It uses a mesh, a model and a linear reconstruction. Sequences, instruments and neural networks are
+//! neither used nor linked (checked by `tests/one_frame.rs`).
 //!
 //! Run with `cargo run --release -p eit-inverse --example one_frame`.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
@@ -24,7 +25,7 @@ fn skin(edge_m: f64) -> Result<(Mesh, ForwardModel), Box<dyn Error>> {
     Ok((mesh, model))
 }
 
-/// A touched frame and the untouched one, volts: what an instrument would measure.
+/// Simulates a touched and an untouched frame as measured by an instrument, volts.
 fn measure() -> Result<[Vec<f64>; 2], Box<dyn Error>> {
     let (mesh, model) = skin(0.004)?;
     let away = |c: &[f64; 3]| (c[0] - FINGER_M[0]).hypot(c[1] - FINGER_M[1]);
@@ -34,7 +35,7 @@ fn measure() -> Result<[Vec<f64>; 2], Box<dyn Error>> {
     Ok([model.forward(&touched)?.to_vec(), model.forward(&untouched)?.to_vec()])
 }
 
-/// Distance of the brightest pixel from the finger, metres.
+/// Prints the image and returns the distance of the brightest pixel from the finger, metres.
 pub fn run() -> Result<f64, Box<dyn Error>> {
     let [frame, reference_frame] = measure()?;
     let (mesh, model) = skin(0.006)?;
@@ -49,7 +50,7 @@ pub fn run() -> Result<f64, Box<dyn Error>> {
     let largest = pixels.iter().copied().fold(0.0, f64::max);
     let image = raster.image_from_pixels(&pixels.to_vec())?;
     for row in image.rows() {
-        // NaN outside the skin is no shade
+        // pixels outside the skin are NaN and stay blank
         let shade =
             |x: &f64| b" .:-=+*#%@"[((x / largest).max(0.0) * 9.0).round() as usize] as char;
         let line = |x: &f64| if x.is_nan() { [' '; 2] } else { [shade(x); 2] };

@@ -1,5 +1,5 @@
-//! A finger that slides: each frame to an image as it comes, total variation in space and time, each
-//! image linked to the one before it and with a bound on its distance from the optimum.
+//! A sliding finger: each frame is reconstructed as it arrives, by total variation in space and time. Each
+//! image is linked to the one before it and has a certified gap.
 //!
 //! Run with `cargo run --release -p eit-inverse --example stream`.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
@@ -13,18 +13,18 @@ use std::error::Error;
 
 const SHEET_S: f64 = 1e-5;
 const FRAMES: usize = 24;
-/// Frames of the untouched skin after them.
+/// Number of frames of the untouched skin that follow.
 const UNTOUCHED: usize = 16;
 /// Noise of a voltage, volt; the smallest voltages of this skin are about 0.1 V.
 const NOISE_V: f64 = 1e-4;
 
-/// What the stream did.
+/// Results of the stream.
 pub struct Outcome {
     /// Distance of the touch from the finger, metres, of each frame with a finger.
     pub errors_m: Vec<f64>,
     /// Largest proven relative gap.
     pub worst_gap: f64,
-    /// Frames after the finger had gone that cost nothing.
+    /// Number of frames after the release that needed no iteration.
     pub quiet: usize,
 }
 
@@ -36,13 +36,13 @@ fn skin(edge_m: f64) -> Result<(Mesh, ForwardModel), Box<dyn Error>> {
     Ok((mesh, model))
 }
 
-/// Where the finger is in a frame, metres.
+/// Position of the finger in a frame, metres.
 fn finger_m(frame: usize) -> [f64; 2] {
     let angle = 0.06 * frame as f64;
     [0.05 * angle.cos(), 0.05 * angle.sin()]
 }
 
-/// DifferenceFrames from the untouched frame, `[frame, measurement]`, volts.
+/// Differences from the untouched frame, `[frame, measurement]`, volts.
 fn measure() -> Result<Array2<f64>, Box<dyn Error>> {
     let (mesh, model) = skin(0.005)?;
     let centroids = mesh.surface().centroids();
@@ -67,7 +67,7 @@ fn measure() -> Result<Array2<f64>, Box<dyn Error>> {
     Ok(differences)
 }
 
-/// Centre of the pixels that reach half of the largest: total variation makes plateaus.
+/// Centre of the pixels above half of the largest value; total variation gives images with plateaus.
 fn centre_m(image: &[f64], raster: &Raster) -> [f64; 2] {
     let half = 0.5 * image.iter().copied().fold(0.0, f64::max);
     let places = raster.masked_pixels().iter().map(|&[row, column]| raster.centre_m(row, column));
@@ -79,7 +79,7 @@ fn centre_m(image: &[f64], raster: &Raster) -> [f64; 2] {
     sum.map(|s| s / count)
 }
 
-/// The frames, the solver that they are for, and where its pixels are.
+/// Simulates the frames and sets up the solver and its raster.
 pub fn set_up() -> Result<(Array2<f64>, StTv, Raster), Box<dyn Error>> {
     let differences = measure()?;
     let (mesh, model) = skin(0.008)?;
@@ -90,13 +90,13 @@ pub fn set_up() -> Result<(Array2<f64>, StTv, Raster), Box<dyn Error>> {
     let noise_std = Some(vec![NOISE_V; differences.ncols()]);
     let settings = StTvSettings { noise_std, lower_s: 0.0, ..Default::default() };
     let mut solver = StTv::new(&jacobian, &gradient, settings)?;
-    // weights from some frames of the same skin; about what 16 electrodes resolve
+    // choose the weights from frames of the same skin, with the edge of a pixel as length
     let length_m = 0.2 / 32.0;
     solver.choose_weights(&DifferenceFrames::all_good(differences.view()), length_m)?;
     Ok((differences, solver, raster))
 }
 
-/// Streams the frames, then some of a skin that nothing touches.
+/// Streams the frames of the finger, then frames of the untouched skin.
 pub fn run() -> Result<Outcome, Box<dyn Error>> {
     let (differences, solver, raster) = set_up()?;
     let settings = CausalSettings { target_gap: 1e-2, ..Default::default() };

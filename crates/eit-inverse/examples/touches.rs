@@ -1,7 +1,8 @@
-//! Two fingers on the built-in skin: images to touches, and each finger's place fitted to the frame.
+//! Two fingers on the built-in skin: touches from images, and the position of each finger fitted to the
+//! frame.
 //!
-//! Simulated on a finer mesh than the one that is reconstructed on. Prints the places and the time
-//! of an image.
+//! The data is simulated on a finer mesh than that of the reconstruction. Prints the positions and the
+//! time per image.
 
 #![allow(missing_docs, reason = "an example is read, not linked against")]
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
@@ -23,13 +24,13 @@ const SHEET_S: f64 = 1e-5;
 const FINGERS_M: [[f64; 2]; 2] = [[0.04, 0.01], [-0.03, -0.04]];
 const IMAGES: usize = 2000;
 
-/// What the example finds.
+/// Results of the example.
 pub struct Outcome {
     /// Distance of each finger from its tracked touch, metres.
     pub image_errors_m: Vec<f64>,
     /// Distance of each finger from its fitted bell, metres.
     pub fit_errors_m: Vec<f64>,
-    /// Median, 95 % and longest time of an image, seconds.
+    /// Median, 95th percentile and maximum of the time per image, seconds.
     pub push_s: [f64; 3],
 }
 

@@ -1,8 +1,8 @@
-//! Checks of input that every room shares.
+//! Input checks shared by all modules.
 
 use crate::InverseError;
 
-/// Refuses a wrong length, naming both counts.
+/// Rejects a wrong length with an error that names both counts.
 pub(crate) fn check_length(
     what: &'static str,
     found: usize,
@@ -11,7 +11,7 @@ pub(crate) fn check_length(
     if found == wanted { Ok(()) } else { Err(InverseError::WrongLength { what, found, wanted }) }
 }
 
-/// Refuses anything but a finite number above zero.
+/// Rejects anything but a finite number above zero.
 pub(crate) fn check_positive(quantity: &'static str, value: f64) -> Result<(), InverseError> {
     if value > 0.0 && value.is_finite() {
         Ok(())

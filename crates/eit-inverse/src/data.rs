@@ -1,4 +1,4 @@
-//! Difference data of frames, and the measurements of them that count.
+//! Difference data of frames and the choice of measurements.
 
 mod channels;
 mod difference;

@@ -1,31 +1,34 @@
-//! The one error type of this crate.
+//! The error type of this crate.
 
-/// What can be wrong with a Jacobian, a prior, settings or data.
+/// Errors caused by a Jacobian, a prior, settings or data.
 ///
-/// Every variant carries the numbers that were found. Indices of frames, measurements and
-/// elements are 0-based, in protocol and mesh order.
+/// Every variant carries the offending numbers. Indices of frames, measurements and elements are
+/// 0-based, in protocol and mesh order.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InverseError {
     /// An array has the wrong length.
     #[error("{what}: {found} values, but {wanted} are needed")]
     WrongLength {
-        /// Which array.
+        /// Name of the array.
         what: &'static str,
         /// Values given.
         found: usize,
         /// Values needed.
         wanted: usize,
     },
-    /// A Jacobian without rows or columns.
-    #[error("the Jacobian is {measurements} x {elements}: it needs a measurement and an element")]
+    /// A Jacobian has no rows or no columns.
+    #[error(
+        "the Jacobian is {measurements} x {elements}: it needs at least one measurement and one \
+         element"
+    )]
     EmptyJacobian {
         /// Rows.
         measurements: usize,
         /// Columns.
         elements: usize,
     },
-    /// A Jacobian entry that is NaN or infinite.
+    /// A Jacobian entry is NaN or infinite.
     #[error(
         "the Jacobian is {value} at measurement {measurement}, element {element}: it must be finite"
     )]
@@ -37,53 +40,57 @@ pub enum InverseError {
         /// The entry.
         value: f64,
     },
-    /// No used measurement senses any element.
+    /// No used measurement is sensitive to any element.
     #[error(
-        "the {measurements} used measurements sense nothing (J P J' is zero): check the Jacobian's \
-         units and which measurements are left out"
+        "none of the {measurements} used measurements is sensitive to the image (J P J' is zero): \
+         check the Jacobian's units and which measurements are excluded"
     )]
     NoSensitivity {
         /// Used measurements.
         measurements: usize,
     },
-    /// Every measurement is left out.
-    #[error("all {measurements} measurements are left out: at least one must be used")]
+    /// Every measurement is excluded.
+    #[error("all {measurements} measurements are excluded: at least one must be used")]
     NothingUsed {
         /// Measurements of the protocol.
         measurements: usize,
     },
-    /// A measurement is asked for that the reconstruction was built without.
+    /// A requested measurement was excluded when the reconstruction was built.
     #[error(
-        "measurement {measurement} was left out before: build the reconstruction anew to use it"
+        "measurement {measurement} was excluded when the reconstruction was built: rebuild the \
+         reconstruction to use it"
     )]
     NotAvailable {
         /// Measurement index.
         measurement: usize,
     },
-    /// A measurement is named that the protocol has not.
-    #[error("measurement {measurement} does not exist: the protocol has {measurements} (from 0)")]
+    /// A measurement index is beyond the protocol.
+    #[error(
+        "measurement {measurement} does not exist: the protocol has {measurements} measurements, \
+         numbered from 0"
+    )]
     UnknownMeasurement {
         /// Measurement index.
         measurement: usize,
         /// Measurements of the protocol.
         measurements: usize,
     },
-    /// Masked measurements cannot be taken out of a reconstruction after the fact: at this
-    /// hyperparameter they carry a part of the image almost alone.
+    /// Masked measurements cannot be removed from a finished reconstruction: at this hyperparameter
+    /// a part of the image depends almost entirely on them.
     #[error(
-        "leaving {masked} measurements out of this reconstruction would err by {expected_error:.0e} of \
-         the image: use `OneStepGaussNewton::restricted_to` or a larger hyperparameter"
+        "masking {masked} measurements of this reconstruction would cause a relative image error of \
+         {expected_error:.0e}: use `OneStepGaussNewton::restricted_to` or a larger hyperparameter"
     )]
     MaskedDominates {
-        /// How many are masked.
+        /// Number of masked measurements.
         masked: usize,
-        /// Expected error by rounding, as a part of the image; 1 where no digit would be left.
+        /// Expected rounding error relative to the image; 1 if no digit would be correct.
         expected_error: f64,
     },
-    /// A measured value, or its difference to the reference, is NaN or infinite.
+    /// A measured value, or its difference from the reference, is NaN or infinite.
     #[error(
-        "frame {frame}, measurement {measurement} is {value}: leave the measurement out (`used`) \
-         or repair the frame"
+        "frame {frame}, measurement {measurement} is {value}: exclude the measurement (`used`) or \
+         repair the frame"
     )]
     NonFiniteData {
         /// Frame index (0 for a single frame).
@@ -101,10 +108,10 @@ pub enum InverseError {
         /// The value.
         value: f64,
     },
-    /// Normalised data needs a reference voltage that is not zero.
+    /// A voltage that normalised data divides by is zero.
     #[error(
-        "measurement {measurement} of {what} is {value:e} V: normalised data divides by it; leave \
-         the measurement out (`used`) or use plain differences"
+        "measurement {measurement} of {what} is {value:e} V: normalised data divides by it; exclude \
+         the measurement (`used`) or use plain differences"
     )]
     ZeroReference {
         /// "the reference frame" or "the model voltages".
@@ -114,17 +121,17 @@ pub enum InverseError {
         /// The value, volts.
         value: f64,
     },
-    /// A setting is out of its range.
+    /// A setting is out of range.
     #[error("{quantity} is {value}: it must be {must}")]
     OutOfRange {
         /// The quantity with its unit.
         quantity: &'static str,
         /// The value given.
         value: f64,
-        /// What it must be.
+        /// The accepted range.
         must: &'static str,
     },
-    /// One entry of a list is out of its range.
+    /// The value for one measurement is out of range.
     #[error("{quantity} of measurement {measurement} is {value}: it must be {must}")]
     MeasurementOutOfRange {
         /// The quantity with its unit.
@@ -133,44 +140,44 @@ pub enum InverseError {
         measurement: usize,
         /// The value given.
         value: f64,
-        /// What it must be.
+        /// The accepted range.
         must: &'static str,
     },
-    /// A prior whose covariance is not positive semi-definite, or overflows.
+    /// A prior covariance is not positive semi-definite, or overflows.
     #[error("prior {prior}: J P J' is not finite and positive semi-definite (pivot {pivot})")]
     BadCovariance {
         /// The prior's name.
         prior: &'static str,
-        /// Pivot or measurement at which it showed.
+        /// Pivot or measurement at which this was detected.
         pivot: usize,
     },
     /// A matrix factorisation failed.
     #[error("{what} failed at size {size}: the input is too badly scaled for double precision")]
     Factorisation {
-        /// Which one.
+        /// Name of the factorisation.
         what: &'static str,
-        /// Rows of the matrix.
+        /// Number of rows of the matrix.
         size: usize,
     },
-    /// A hyperparameter rule that reads data was given none.
+    /// A hyperparameter rule that needs data was given frames without a usable difference.
     #[error(
-        "{rule} chooses the hyperparameter from data: give it a frame that differs from the \
-         reference frame in what the skin can change"
+        "{rule} needs a signal to choose the hyperparameter: give it data that differs from the \
+         reference frame in a way that a conductivity change can explain"
     )]
     NoDifference {
-        /// The rule.
+        /// Name of the rule.
         rule: &'static str,
     },
-    /// The prior changes with the Jacobian, where an iterated reconstruction needs one that stays.
+    /// The prior depends on the Jacobian, but an iterated reconstruction needs a fixed prior.
     #[error(
-        "prior {prior} depends on the Jacobian, which changes from step to step: use Tikhonov, \
-         Laplace or Gaussian"
+        "prior {prior} depends on the Jacobian, which changes at every step: use Tikhonov, Laplace \
+         or Gaussian"
     )]
     PriorNotFixed {
         /// The prior's name.
         prior: &'static str,
     },
-    /// One element's conductivity is out of its range.
+    /// The conductivity of one element is out of range.
     #[error("{quantity} of element {element} is {value} S: it must be {must}")]
     ElementOutOfRange {
         /// The quantity.
@@ -179,77 +186,77 @@ pub enum InverseError {
         element: usize,
         /// The value given, siemens.
         value: f64,
-        /// What it must be.
+        /// The accepted range.
         must: &'static str,
     },
-    /// A frame that no conductivity of the model explains.
+    /// The frame's correlation with the model's voltages is not positive.
     #[error(
-        "the frame has the correlation {correlation:.3} with the model's voltages: check the sign \
+        "the correlation of the frame with the model's voltages is {correlation:.3}: check the sign \
          of the data, the protocol, and the number and order of electrodes"
     )]
     UnlikeModel {
-        /// Cosine between the two; NaN for a frame of zeros.
+        /// Cosine between the frame and the model's voltages; NaN for a frame of zeros.
         correlation: f64,
     },
-    /// The forward model refused.
+    /// Error from the forward model.
     #[error("forward model: {0}")]
     Forward(#[from] eit_fem::FemError),
-    /// A data constraint that no image can fulfil.
+    /// No image can satisfy the data constraint.
     #[error(
-        "frame {frame}: delta is {delta:.4e}, but no image comes nearer to the data than {least:.4e} \
-         (what reciprocal and duplicate measurements disagree by): use a larger delta"
+        "frame {frame}: delta is {delta:.4e}, but the smallest residual of any image is {least:.4e} \
+         (reciprocal or duplicate measurements disagree by this much): use a larger delta"
     )]
     DeltaTooSmall {
         /// Frame index.
         frame: usize,
-        /// Radius of the frame.
+        /// Radius of the frame's data constraint.
         delta: f64,
-        /// Least residual norm of any image.
+        /// Smallest residual norm of any image.
         least: f64,
     },
-    /// A cell of an image that is NaN or infinite.
+    /// A cell of an image is NaN or infinite.
     #[error("image {frame}, cell {cell} is {value}: it must be finite")]
     NonFiniteImage {
-        /// Image index, counted from the first that was pushed.
+        /// Image index, counted from the first image pushed.
         frame: usize,
         /// Cell index.
         cell: usize,
         /// The value.
         value: f64,
     },
-    /// Too few frames without touch to learn the noise from.
-    #[error("{found} quiet frames are given, {needed} are needed to measure the noise")]
+    /// Too few frames without a touch to estimate the noise.
+    #[error("{found} quiet frames given: at least {needed} are needed to estimate the noise")]
     TooFewQuietFrames {
         /// Frames given.
         found: usize,
         /// Frames needed.
         needed: usize,
     },
-    /// No cell of an image, or no measurement, shows noise.
-    #[error("{what}: state the noise, or give quiet frames that show it")]
+    /// The noise is not given, or the data shows none.
+    #[error("{what}: specify the noise, or give quiet frames that contain noise")]
     NoiseUnknown {
-        /// What is missing.
+        /// Why the noise is unknown.
         what: &'static str,
     },
-    /// Time stands still, runs backwards or is not finite.
+    /// A timestamp does not increase or is not finite.
     #[error("frame {frame} is at {time_s} s, after a frame at {before_s} s: time must increase")]
     TimeOrder {
-        /// Frame index, counted from the first that was pushed.
+        /// Frame index, counted from the first frame pushed.
         frame: usize,
-        /// Its time, seconds.
+        /// Time of this frame, seconds.
         time_s: f64,
         /// Time of the frame before, seconds.
         before_s: f64,
     },
-    /// More touches in one frame than there is room for.
-    #[error("{found} touches in one frame: at most {most} can be followed")]
+    /// A frame has more touches than the tracker can hold.
+    #[error("{found} touches in one frame: at most {most} can be tracked")]
     TooManyTouches {
         /// Touches given.
         found: usize,
-        /// The most that fit.
+        /// Largest number of touches.
         most: usize,
     },
-    /// A touch that is not on the skin.
+    /// A touch is too far from the skin.
     #[error(
         "touch {touch} at {position_m:?} m is {distance_m:e} m from the skin: it must be within \
          {limit_m:e} m"
@@ -257,37 +264,37 @@ pub enum InverseError {
     OutsideSkin {
         /// Touch index.
         touch: usize,
-        /// Its position, metres.
+        /// Position of the touch, metres.
         position_m: [f64; 3],
         /// Distance to the skin, metres.
         distance_m: f64,
-        /// Largest distance, metres.
+        /// Largest accepted distance, metres.
         limit_m: f64,
     },
-    /// Too few presses to learn from.
-    #[error("{found} presses, but at least {needed} are needed to learn from")]
+    /// Too few presses for learning.
+    #[error("{found} presses given: learning needs at least {needed}")]
     TooFewPresses {
         /// Presses given.
         found: usize,
         /// Presses needed.
         needed: usize,
     },
-    /// A press that changed nothing.
-    #[error("press {press}: its frame is zero, as if nothing had touched the skin")]
+    /// A press changed no measurement.
+    #[error("press {press}: its frame is all zero, as without a touch")]
     EmptyPress {
         /// Press index.
         press: usize,
     },
-    /// A press whose place is not finite.
-    #[error("press {press} is at {place_m:?} m: places must be finite")]
+    /// The position of a press is not finite.
+    #[error("press {press} is at {place_m:?} m: its position must be finite")]
     NonFinitePlace {
         /// Press index.
         press: usize,
-        /// Its place, metres.
+        /// Position of the press, metres.
         place_m: [f64; 3],
     },
-    /// Presses that tell nothing of places.
-    #[error("all {presses} presses are alike: press at different places")]
+    /// The presses do not differ enough to learn positions from.
+    #[error("all {presses} presses are alike: press at different positions")]
     PressesAtOnePlace {
         /// Presses given.
         presses: usize,

@@ -1,24 +1,24 @@
-//! Learning from presses at known places: where a touch is, and how hard it presses.
+//! Learning from presses at known positions: where a touch is and how hard it presses.
 //!
 //! ```text
-//! presses (frames, places) + model --pose--> places on the model's skin
-//!        --choose--> ResponseMap     what a press at each place does to the frame, and from it the place
-//!                    PlaceRegression frame -> place directly
-//!        --force---> ForceCurve      strength of a touch at its place -> newtons
+//! presses (frames, positions) + model --pose--> positions on the model's skin
+//!        --choose--> ResponseMap     response to a press at each position, searched for the position
+//!                    PlaceRegression frame -> position directly
+//!        --force---> ForceCurve      strength and position of a touch -> newtons
 //! ```
 //!
 //! | file | holds |
 //! |---|---|
-//! | `presses.rs` | [`Presses`], [`ModelResponses`]: what is learnt from, and the physical model's part |
-//! | `response_map.rs` | [`ResponseMap`]: a Gaussian process over places with the model as its mean |
-//! | `locate.rs` | [`Locator`], [`Located`]: place, covariance and strength of a touch in a frame |
-//! | `choose.rs` | its parameters by cross-validation, and the errors that they leave |
-//! | `regression.rs` | [`PlaceRegression`]: kernel ridge from frame to place, leave-one-out in closed form |
-//! | `pose.rs` | [`Pose`]: turn, mirror, scale and shift of the places against the model, sign of the change |
-//! | `force.rs` | [`ForceCurve`]: strength and place to newtons, monotone |
+//! | `presses.rs` | [`Presses`], [`ModelResponses`]: data to learn from, and the model's responses |
+//! | `response_map.rs` | [`ResponseMap`]: a Gaussian process over positions with the model as its mean |
+//! | `locate.rs` | [`Locator`], [`Located`]: position, covariance and strength of a touch in a frame |
+//! | `choose.rs` | its parameters by cross-validation, and the remaining errors |
+//! | `regression.rs` | [`PlaceRegression`]: kernel ridge regression from frame to position |
+//! | `pose.rs` | [`Pose`]: rotation, mirror, scale and shift from press table to model, and sign |
+//! | `force.rs` | [`ForceCurve`]: strength and position to newtons, monotone |
 //!
-//! Frames here are differences `[channel]`, pressed less untouched, in any unit; a channel is a measurement
-//! that counts.
+//! Frames here are differences `[channel]`, pressed minus untouched, in any unit. A channel is a
+//! measurement that is used.
 
 mod choose;
 mod force;

@@ -1,7 +1,9 @@
 #![doc = include_str!("../README.md")]
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
-// Modules import one way: error, check, geometry; then data, noise, prior; then one_step, sequence and
-// st_tv. touch stands on metrics, noise and one_step; calibration on data; learn on touch. No two files import each other.
+// Dependency order of the modules: error, check, geometry; then data, noise, prior; then one_step,
+// sequence and st_tv. touch uses metrics, noise and one_step; calibration uses data; learn uses touch.
+// No two files import each other.
 mod calibration;
 mod check;
 mod data;

@@ -1,13 +1,13 @@
-//! Figures of merit of an image or an image sequence against the truth.
+//! Figures of merit of an image or an image sequence compared with the truth.
 //!
 //! | question | figure |
 //! |---|---|
-//! | how near is the image to the truth? | [`relative_error`], [`correlation_coefficient`], [`structural_similarity`] |
+//! | how close to the truth? | [`relative_error`], [`correlation_coefficient`], [`structural_similarity`] |
 //! | how well does it show one target? | [`greit_figures`], [`half_maximum_centre_m`], [`position_error_m`] |
-//! | does it find several touches? | [`touch_position_errors_m`] |
-//! | how steady is a sequence, how much of it is artefact? | [`rms_second_difference_m`], [`artefact_energy`] |
+//! | does it show several touches? | [`touch_position_errors_m`] |
+//! | how smooth is a sequence, and how much is artefact? | [`rms_second_difference_m`], [`artefact_energy`] |
 //!
-//! All but the similarity, which needs the pixels' order, work on elements and on pixels alike.
+//! All of them work on elements and on pixels, except the similarity, which needs the order of the pixels.
 
 mod cells;
 mod greit;
@@ -28,22 +28,20 @@ use crate::check::check_length;
 use crate::geometry::distance_m;
 use eit_mesh::Surface;
 
-/// Relative error of an image, both `[element]` (or pixel), 0 for the truth and 1 for an empty
-/// image:
+/// Returns the relative error of an image `[element]` or `[pixel]`: 0 for the truth, 1 for an image of zeros.
 ///
 /// ```text
 /// RE = |x - t| / |t|,   |x|^2 = sum over elements of area x^2
 /// ```
 ///
-/// Infinite where the truth is zero and the image is not; NaN where both are zero or a value is
-/// not finite.
+/// Infinite if the truth is zero and the image is not; NaN if both are zero or a value is not finite.
 ///
 /// # Errors
 /// [`InverseError::WrongLength`].
 pub fn relative_error(image: &[f64], truth: &[f64], areas_m2: &[f64]) -> Result<f64, InverseError> {
     check_length("truth", truth.len(), image.len())?;
     check_length("areas_m2", areas_m2.len(), image.len())?;
-    // relative to the largest value, so that no unit under- or overflows
+    // relative to the largest value, so that no unit underflows or overflows
     let largest = image.iter().chain(truth).fold(0.0_f64, |m, x| m.max(x.abs()));
     let (mut error, mut size) = (0.0, 0.0);
     for ((x, t), area) in image.iter().zip(truth).zip(areas_m2) {
@@ -54,10 +52,9 @@ pub fn relative_error(image: &[f64], truth: &[f64], areas_m2: &[f64]) -> Result<
     Ok((error / size).sqrt())
 }
 
-/// Area-weighted correlation coefficient of two images `[element]`, -1 to 1.
+/// Returns the area-weighted correlation coefficient of two images `[element]`, -1 to 1.
 ///
-/// `CC = cov(x, t) / sqrt(var(x) var(t))` with means over the skin's area. NaN where an image is
-/// constant.
+/// `CC = cov(x, t) / sqrt(var(x) var(t))` with means over the skin's area. NaN if an image is constant.
 ///
 /// # Errors
 /// [`InverseError::WrongLength`].
@@ -81,7 +78,7 @@ pub fn correlation_coefficient(
     Ok(covariance / image_variance.sqrt() / truth_variance.sqrt())
 }
 
-/// Which changes a figure of merit looks at.
+/// Sign of the changes that are evaluated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ChangeSign {
     /// More conductivity: positive values.
@@ -91,7 +88,7 @@ pub enum ChangeSign {
 }
 
 impl ChangeSign {
-    /// 1 or -1.
+    /// Returns 1 or -1.
     pub fn factor(self) -> f64 {
         match self {
             Self::Increase => 1.0,
@@ -100,8 +97,9 @@ impl ChangeSign {
     }
 }
 
-/// Values relative to the largest of one sign, and that one's amount: 1 at the largest, below zero
-/// where the sign is the other, zero where a value is not finite. `None` where no value has the
+/// Returns values relative to the largest of one sign, and that largest magnitude.
+///
+/// 1 at the largest, negative for the other sign, zero for non-finite values. `None` if no value has the
 /// sign.
 fn sizes(values: &[f64], sign: ChangeSign) -> Option<(Vec<f64>, f64)> {
     let size = |x: &f64| if x.is_finite() { sign.factor() * x } else { 0.0 };
@@ -109,20 +107,18 @@ fn sizes(values: &[f64], sign: ChangeSign) -> Option<(Vec<f64>, f64)> {
     (largest > 0.0).then(|| (values.iter().map(|x| size(x) / largest).collect(), largest))
 }
 
-/// Centre of gravity of the part of an image that reaches half of its largest value of one sign,
-/// metres:
+/// Returns the centroid of the part of an image that reaches half of its largest value of one sign, metres.
 ///
 /// ```text
 /// sum over the part  |x| area position / sum over the part  |x| area,   part: |x| >= max |x| / 2
 /// ```
 ///
-/// `values`, `areas_m2` and `positions_m` (in two or three dimensions) have one entry per element
-/// or per pixel. Values that are not finite (pixels outside the skin) are no part of the image.
-/// `None` where no value has the sign.
+/// `values`, `areas_m2` and `positions_m` (in two or three dimensions) have one entry per element or per
+/// pixel. Non-finite values (pixels outside the skin) are ignored. Returns `None` if no value has the sign.
 ///
-/// Source: the position of the figures of merit of GREIT, Adler et al., *Physiol. Meas.* 30
-/// (2009), S35-S55, section 2.3. GREIT's part begins at a quarter of the largest value and all of
-/// it counts alike; half, and the value as a weight, depend less on what lies at the threshold.
+/// Source: the position in the GREIT figures of merit, Adler et al., *Physiol. Meas.* 30 (2009), S35-S55,
+/// section 2.3. GREIT uses a quarter of the largest value, with equal weights. Half, with the value as
+/// weight, depends less on what lies at the threshold.
 ///
 /// # Errors
 /// [`InverseError::WrongLength`].
@@ -146,8 +142,8 @@ pub fn half_maximum_centre_m<const D: usize>(
     Ok(Some(moment.map(|x| x / total)))
 }
 
-/// [`half_maximum_centre_m`] of an image `[element]` on a surface; the sign of the largest
-/// amplitude decides which sign counts. `None` for an image that is zero.
+/// Returns [`half_maximum_centre_m`] of an image `[element]` on a surface, for the sign of the largest
+/// magnitude; `None` for an image of zeros.
 ///
 /// # Errors
 /// [`InverseError::WrongLength`].
@@ -160,7 +156,7 @@ pub fn half_amplitude_centre_m(
     half_maximum_centre_m(image, surface.areas_m2(), &surface.centroids(), sign)
 }
 
-/// Centroid of the element of largest amplitude, metres; `None` for an image that is zero.
+/// Returns the centroid of the element of largest magnitude, metres; `None` for an image of zeros.
 ///
 /// # Errors
 /// [`InverseError::WrongLength`].
@@ -168,8 +164,8 @@ pub fn peak_position_m(image: &[f64], surface: &Surface) -> Result<Option<[f64; 
     Ok(peak(image, surface)?.map(|e| surface.centroids()[e]))
 }
 
-/// Distance of [`half_amplitude_centre_m`] to the true position, metres; infinite for an image
-/// that is zero.
+/// Returns the distance of [`half_amplitude_centre_m`] from the true position, metres; infinite for an
+/// image of zeros.
 ///
 /// # Errors
 /// [`InverseError::WrongLength`].
@@ -182,7 +178,7 @@ pub fn position_error_m(
     Ok(centre.map_or(f64::INFINITY, |c| distance_m(c, truth_m)))
 }
 
-/// Element of largest amplitude; values that are not finite do not count.
+/// Returns the element of largest magnitude, ignoring non-finite values.
 fn peak(image: &[f64], surface: &Surface) -> Result<Option<usize>, InverseError> {
     check_length("image", image.len(), surface.triangles().len())?;
     let finite = (0..image.len()).filter(|&e| image[e].is_finite());

@@ -1,4 +1,4 @@
-//! The noise of the data, measured on quiet frames, and nuisance parameters.
+//! Noise of the data, estimated from quiet frames, and nuisance parameters.
 
 mod estimate;
 mod nuisance;

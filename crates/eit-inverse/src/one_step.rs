@@ -1,10 +1,10 @@
-//! One frame, one linear step: the map from difference data to an image, and its hyperparameter.
+//! One-step linear reconstruction of single frames, and the choice of its hyperparameter.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
 //! | `gauss_newton`, `settings`, `report` | [`OneStepGaussNewton`](crate::OneStepGaussNewton): set-up |
-//! | `whitened`, `spectrum` | the weighted problem and its eigen-expansion, which methods of sequences share |
-//! | `reconstructor`; `masked`, `missing` | frames to images; without masked measurements |
+//! | `whitened`, `spectrum` | weighted problem and its eigen-expansion, shared with sequence methods |
+//! | `reconstructor`; `masked`, `missing` | frames to images; the same with masked measurements |
 //! | `hyperparameter` | rules that choose lambda |
 
 mod gauss_newton;

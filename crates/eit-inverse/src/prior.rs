@@ -1,9 +1,8 @@
-//! Priors: what images are expected before any measurement.
+//! Priors: what is expected of an image before any measurement.
 //!
-//! A prior is a Gaussian with mean zero and covariance `P = R^-1`. Reconstruction in measurement
-//! space needs nothing of it but the product `J P`, so that is all a prior provides; `R` itself is
-//! never formed. The overall size of `P` does not matter (see
-//! [`OneStepGaussNewton`](crate::OneStepGaussNewton)).
+//! A prior is a Gaussian of mean zero and covariance `P = R^-1`. Reconstruction in measurement space needs
+//! only the product `J P`, so that is all a prior provides; `R` itself is never formed. The overall scale
+//! of `P` does not matter (see [`OneStepGaussNewton`](crate::OneStepGaussNewton)).
 
 mod gaussian;
 mod laplace;
@@ -20,15 +19,17 @@ use ndarray::{Array2, ArrayView2};
 
 /// A Gaussian prior on the conductivity change of each element.
 pub trait Prior {
-    /// Short name for reports, for example "laplace".
+    /// Returns a short name for reports, for example "laplace".
     fn name(&self) -> &'static str;
 
-    /// `W^1/2 J P`, `[measurement, element]`, from the weighted Jacobian `W^1/2 J`,
-    /// `[measurement, element]`. `P` must be symmetric and positive semi-definite.
+    /// Returns `W^1/2 J P`, `[measurement, element]`, for the weighted Jacobian `W^1/2 J`,
+    /// `[measurement, element]`.
+    ///
+    /// `P` must be symmetric and positive semi-definite.
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`] when the Jacobian has not one column per element of the
-    /// prior's mesh.
+    /// [`InverseError::WrongLength`] if the number of columns is not that of the elements of the prior's
+    /// mesh.
     fn covariance_times(
         &self,
         weighted_jacobian: ArrayView2<'_, f64>,

@@ -1,19 +1,18 @@
-//! Classical methods that turn difference data of a sequence into images: what newer ones are
-//! measured against.
+//! Classical methods for reconstructing sequences of difference data, used as baselines.
 //!
-//! | method | prior in time | one frame costs, flops |
+//! | method | temporal prior | flops per frame |
 //! |---|---|---|
-//! | [`OneStepGaussNewton`](crate::OneStepGaussNewton) | none: each frame alone | `2 r (m + n)` |
-//! | [`TimePrior`] | correlation that decays exponentially | `2 r (m + n) + 10 r` |
+//! | [`OneStepGaussNewton`](crate::OneStepGaussNewton) | none: frames are independent | `2 r (m + n)` |
+//! | [`TimePrior`] | exponentially decaying correlation | `2 r (m + n) + 10 r` |
 //! | [`KalmanSmoother`] | random walk | the same |
-//! | [`KalmanFilter`] | random walk, the past alone | the same |
-//! | [`AbsoluteGaussNewton`] | none; the model is not linearised | per step `m^2 n` and the prior's `J P` |
+//! | [`KalmanFilter`] | random walk, past frames only | the same |
+//! | [`AbsoluteGaussNewton`] | none; non-linear model | per step `m^2 n` and the prior's `J P` |
 //!
 //! for `m` used measurements, `n` elements and `r <= m` independent measurements. The first four
-//! are linear and direct. All share the meaning of the hyperparameter lambda with
-//! [`OneStepGaussNewton`](crate::OneStepGaussNewton): noise of variance `lambda^2 s W^-1` against a
-//! prior of covariance `P`, with the scale `s` of the Jacobian, so a lambda chosen there (for noise
-//! figure 1, say) serves here.
+//! are linear and direct. In all of them the hyperparameter lambda has the same meaning as in
+//! [`OneStepGaussNewton`](crate::OneStepGaussNewton): noise of covariance `lambda^2 s W^-1` and a
+//! prior of covariance `P`, with the scale `s` of the Jacobian. A lambda chosen there (for noise
+//! figure 1, for example) can be used here.
 
 mod absolute;
 mod kalman;

@@ -1,17 +1,17 @@
-//! Spatio-temporal total variation: certified, anytime, streaming.
+//! Spatio-temporal total variation, with certificates, time limits and streaming.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
 //! | `batch`, `solve` | [`StTv`]: set-up, whole sequences |
 //! | `stream`, `window` | [`StTvStream`]: a sliding window |
-//! | `causal` | [`CausalStream`]: each frame anchored to the image before |
-//! | `weights`, `quiet` | weights from the noise, frames that hold nothing else |
-//! | `settings`, `gradient` | what a caller states |
-//! | `task`, `problem`, `run` | one sequence in inner units; what of it is solved; the run from the first iterate to the proof |
-//! | `state`, `engine`, `sweep`, `fit`, `step` | the iterate; one iteration; its passes; the exact data step; step sizes |
-//! | `certificate`, `flow`, `passes` | primal value and lower bound of any iterate; duals brought nearer to feasible |
-//! | `data`, `operators`, `laplacian` | what is computed once: compressed data, packed operators, a sparse factor |
-//! | `kernel`, `dense`, `ball`, `float` | inner loops along the frames, small matrices, the map of a ball, `f32` or `f64` |
+//! | `causal` | [`CausalStream`]: each frame linked to the image before |
+//! | `weights`, `quiet` | weights from the noise level; frames that contain only noise |
+//! | `settings`, `gradient` | user input: settings and spatial differences |
+//! | `task`, `problem`, `run` | a sequence in internal units; the problem; first iterate to certificate |
+//! | `state`, `engine`, `sweep`, `fit`, `step` | iterate; iteration; its passes; data step; step sizes |
+//! | `certificate`, `flow`, `passes` | primal value and lower bound; search for nearly feasible duals |
+//! | `data`, `operators`, `laplacian` | precomputed: compressed data, packed operators, a sparse factor |
+//! | `kernel`, `dense`, `ball`, `float` | inner loops, small matrices, prox of a ball, `f32` or `f64` |
 
 mod ball;
 mod batch;

@@ -1,27 +1,27 @@
-//! Touches instead of pictures: contacts with a place, a strength and a name that stays.
+//! Touch detection and tracking: contacts with a position, a strength and a stable id.
 //!
 //! ```text
-//! frame -> detect (bells on the linearised model, beside all that is no touch) -> track (who is who)
-//! image -> segment (above the noise floor, parted where two hills meet) -> track
-//! frame -> fit (a few bells on the non-linear model): position to the statistical limit
+//! frame -> detect (Gaussian-like bells on the linearised model, fitted with all nuisances) -> track
+//! image -> segment (above the noise floor, split where two peaks stand out) -> track
+//! frame -> fit (a few bells on the non-linear model): accuracy near the Cramer-Rao bound
 //! ```
 //!
 //! | file | holds |
 //! |---|---|
-//! | `detector/` | [`TouchDetector`]: the touches of a frame, and a reference that follows the rest |
-//! | `points.rs` | [`TouchTracker`]: names and velocities of detected touches |
-//! | `reference.rs` | [`AdaptiveReference`]: a reference frame that follows drift, not contact |
-//! | `contact.rs` | [`Touch`]: what is reported |
-//! | `noise.rs`, `normal.rs` | [`NoiseFloor`]: threshold at a stated rate of false touches |
-//! | `segment.rs` | blobs of an image and where they are |
-//! | `assign.rs`, `filter.rs`, `track.rs` | optimal assignment, Kalman filter, names |
+//! | `detector/` | [`TouchDetector`]: the touches of a frame, and a reference that follows everything else |
+//! | `points.rs` | [`TouchTracker`]: ids and velocities of detected touches |
+//! | `reference.rs` | [`AdaptiveReference`]: a reference frame that follows drift but not contact |
+//! | `contact.rs` | [`Touch`]: what is reported for each touch |
+//! | `noise.rs`, `normal.rs` | [`NoiseFloor`]: threshold for a given rate of false touches |
+//! | `segment.rs` | blobs of an image and their positions |
+//! | `assign.rs`, `filter.rs`, `track.rs` | optimal assignment, Kalman filter, ids |
 //! | `stream.rs`, `settings.rs` | [`TouchStream`]: image in, touches out |
-//! | `skin.rs`, `bell.rs`, `fit.rs` | [`TouchFit`]: bells fitted to a frame, their number chosen |
-//! | `bound.rs` | [`cramer_rao`]: what no unbiased method can beat |
+//! | `skin.rs`, `bell.rs`, `fit.rs` | [`TouchFit`]: bells fitted to a frame, and their number chosen |
+//! | `bound.rs` | [`cramer_rao`]: lower bound on the error of any unbiased method |
 //!
-//! [`TouchDetector`] is what `eit-skin` takes. [`TouchStream`] needs a linear image or quiet images and
-//! microseconds; [`TouchFit`] needs the forward model and some ten forward solves, and has no bias toward
-//! the rim.
+//! `eit-skin` uses [`TouchDetector`]. [`TouchStream`] needs a linear image or quiet images, and takes
+//! microseconds. [`TouchFit`] needs the forward model and about ten forward solves per frame, and has no
+//! bias toward the rim.
 
 mod assign;
 mod bell;

@@ -1,17 +1,17 @@
-//! How uneven an untouched sheet is, from its reference frame.
+//! Unevenness of an untouched sheet, estimated from its reference frame.
 //!
 //! ```text
 //! v_ref / g - v(sigma) = J diag(sigma) B c + U q + e        ln sigma = ln sigma_0 + B c
 //! ```
 //!
-//! `B` holds bells `exp(-r^2 / length^2)` at spread places, `c` is normal with mean 0: `ln sigma` is then
-//! near a Gaussian field of covariance `amplitude^2 exp(-r^2 / (2 length^2))`. `U q` is what contacts,
-//! displaced electrodes and the gain `g` do, `e` the error of each voltage, known but for a factor. The
-//! amplitude and that factor are those of greatest evidence (marginal likelihood); the amplitude is zero
-//! where an even sheet explains the frame as well.
+//! `B` holds bells `exp(-r^2 / length^2)` at evenly spread positions, and `c` is normal with mean 0.
+//! `ln sigma` is then nearly a Gaussian field of covariance `amplitude^2 exp(-r^2 / (2 length^2))`. `U q`
+//! is the effect of contacts, displaced electrodes and the gain `g`; `e` is the error of each voltage,
+//! known up to a factor. The amplitude and that factor maximise the evidence (marginal likelihood). The
+//! amplitude is zero if an even sheet explains the frame equally well.
 //!
-//! **Cost** for `n` voltages, `p` places: `2 n p (elements + n)` flops and 32 Cholesky factorisations of
-//! `n^3 / 3`; once, at set-up.
+//! **Cost** for `n` voltages, `p` positions: `2 n p (elements + n)` flops and 32 Cholesky factorisations of
+//! `n^3 / 3`, once, at set-up.
 //!
 //! Source: Kaipio, Somersalo, *Statistical and Computational Inverse Problems* (2005), section 3.3; MacKay,
 //! *Neural Computation* 4 (1992), 415-447, for the evidence.
@@ -24,68 +24,68 @@ use faer::linalg::solvers::{Llt, Solve};
 use faer::{Col, Mat, Side};
 use ndarray::ArrayRef2;
 
-/// More places than this cost more than they tell.
+/// Most positions; more cost more than they tell.
 const MOST_PLACES: f64 = 500.0;
 
-/// Bells stand this part of their length apart: their sum is even to 1e-3 then.
+/// Spacing of the bells as a fraction of their length, at which their sum is even to 1e-3.
 const SPACING: f64 = 0.6;
 
-/// Standard deviations of `ln sigma` among which the frame chooses, ...
+/// Standard deviations of `ln sigma` to try, ...
 const AMPLITUDES: [f64; 6] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.4];
 
-/// ... and factors of the errors of voltages, one after the other, ...
+/// ... and factors of the voltages' errors to try, alternating with them, ...
 const ERROR_SCALES: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 16.0];
 
-/// ... so often.
+/// ... this many times.
 const ROUNDS: usize = 2;
 
-/// Bells that an uneven sheet is made of.
+/// Basis of bells for an uneven sheet.
 #[derive(Debug, Clone)]
 pub struct UnevenSheet {
     /// `[element, place]`.
     basis: Mat<f64>,
 }
 
-/// What a reference frame is held against. Voltages `[measurement]`.
+/// Inputs of [`UnevenSheet::fit`]. Voltages are `[measurement]`.
 #[derive(Debug, Clone, Copy)]
 pub struct ReferenceModel<'a> {
-    /// `[measurement, element]`, volts per siemens, at `conductivity_s`.
+    /// Jacobian at `conductivity_s`, `[measurement, element]`, volts per siemens.
     pub jacobian: &'a ArrayRef2<f64>,
-    /// The sheet that voltages and Jacobian are of, siemens per square.
+    /// Conductivity at which voltages and Jacobian were computed, siemens per square.
     pub conductivity_s: &'a [f64],
-    /// Its voltages.
+    /// Voltages of the model, volts.
     pub model_v: &'a [f64],
-    /// The reference frame, divided by the gain between the model and it.
+    /// The reference frame divided by its gain relative to the model, volts.
     pub reference_v: &'a [f64],
-    /// Standard deviation of the error of each voltage, above zero.
+    /// Standard deviation of the error of each voltage, volts, above zero.
     pub error_v: &'a [f64],
-    /// What else changes the voltages, for one standard deviation each: `[measurement, unknown]`.
+    /// Other effects on the voltages, per standard deviation of each: `[measurement, unknown]`.
     pub unknowns: &'a ArrayRef2<f64>,
-    /// Which measurements count.
+    /// Which measurements are used.
     pub used: &'a [bool],
 }
 
-/// An uneven sheet.
+/// A fitted uneven sheet.
 #[derive(Debug, Clone)]
 pub struct Unevenness {
     /// `ln (sigma / sigma_0)` of each element.
     pub log_change: Vec<f64>,
-    /// Standard deviation of it that the frame prefers; zero for an even sheet.
+    /// Standard deviation of `ln (sigma / sigma_0)` of greatest evidence; zero for an even sheet.
     pub amplitude: f64,
-    /// Factor of the errors of voltages that it prefers.
+    /// Factor of the voltages' errors of greatest evidence.
     pub error_scale: f64,
-    /// Logarithm of the evidence against that of an even sheet.
+    /// Logarithm of the evidence relative to that of an even sheet.
     pub log_evidence: f64,
     coefficients: Col<f64>,
 }
 
 impl UnevenSheet {
-    /// Unevenness of this correlation length on a skin; longer where the skin is very large.
+    /// Builds a basis of the given correlation length, which is increased on a very large skin.
     ///
     /// # Errors
     /// A length that is not above zero.
     pub fn new(surface: &Surface, length_m: f64) -> Result<Self, InverseError> {
-        check_positive("length of the unevenness", length_m)?;
+        check_positive("correlation length of the unevenness", length_m)?;
         let area: f64 = surface.areas_m2().iter().sum();
         let spacing_m = (SPACING * length_m).max((area / MOST_PLACES).sqrt());
         let length_m = spacing_m / SPACING;
@@ -99,18 +99,20 @@ impl UnevenSheet {
         let mut basis = Mat::from_fn(centroids.len(), at.len(), |element, place| {
             (-(distance_m(centroids[element], at[place]) / length_m).powi(2)).exp()
         });
-        // coefficients of variance 1 give `B c` variance 1, in the mean of elements
+        // coefficients of variance 1 give `B c` variance 1, averaged over elements
         let spread = basis.norm_l2() / (centroids.len().max(1) as f64).sqrt();
         basis *= faer::Scale(spread.recip());
         Ok(Self { basis })
     }
 
-    /// The sheet that explains a reference frame; `before` is what the model's sheet was found by, so
-    /// that further calls are Gauss-Newton steps.
+    /// Finds the sheet that explains a reference frame.
+    ///
+    /// Pass as `before` the result from which the model's sheet was made; repeated calls are then
+    /// Gauss-Newton steps.
     ///
     /// # Errors
-    /// Wrong lengths; values of used measurements that are not finite; errors that are not above zero;
-    /// nothing used.
+    /// Wrong lengths, non-finite values of used measurements, errors that are not above zero, or no used
+    /// measurement.
     pub fn fit(
         &self,
         model: &ReferenceModel<'_>,
@@ -156,7 +158,7 @@ impl UnevenSheet {
         })
     }
 
-    /// The measurements that count.
+    /// Checks the input and returns the used measurements.
     fn check(&self, model: &ReferenceModel<'_>) -> Result<Vec<usize>, InverseError> {
         let measurements = model.used.len();
         check_length("rows of the Jacobian", model.jacobian.nrows(), measurements)?;
@@ -184,19 +186,19 @@ impl UnevenSheet {
 /// A frame and what may explain it, in units of each voltage's error.
 struct Frame {
     left: Col<f64>,
-    /// Covariance of the unknowns.
+    /// Covariance of the unknowns' effects.
     errors: Mat<f64>,
     /// Covariance of voltages for an amplitude of 1.
     gram: Mat<f64>,
 }
 
-/// A hypothesis, and how well it explains the frame.
+/// A hypothesis and its evidence.
 struct Choice {
     amplitude: f64,
     error_scale: f64,
-    /// Inverse covariance times data.
+    /// Inverse covariance times the data.
     solved: Col<f64>,
-    /// Logarithm of the normal density of the data, less a constant.
+    /// Logarithm of the normal density of the data, up to a constant.
     log_evidence: f64,
 }
 
@@ -215,7 +217,7 @@ impl Frame {
         Ok(Choice { amplitude, error_scale, solved, log_evidence })
     }
 
-    /// The best of a choice and others, `(amplitude, error_scale)`.
+    /// Returns the best of one hypothesis and others, `(amplitude, error_scale)`.
     fn better<const N: usize>(
         &self,
         best: Choice,

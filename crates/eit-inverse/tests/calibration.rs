@@ -1,5 +1,5 @@
-//! Calibration on simulated frames: exact ones, noisy ones from a finer mesh, and what data do not
-//! tell.
+//! Calibration on simulated frames: exact ones, noisy ones from a finer mesh, and parameters that the data
+//! cannot determine.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -29,7 +29,7 @@ fn model(edge_m: f64, protocol: &Protocol, impedance: &[f64]) -> ForwardModel {
     ForwardModel::new(&mesh, protocol, impedance).unwrap()
 }
 
-/// Fine at the ends of electrodes, which driven electrodes see first.
+/// Fine at the ends of electrodes, to which measurements on driven electrodes are most sensitive.
 fn graded(edge_m: f64, electrode_edge_m: f64, protocol: &Protocol) -> ForwardModel {
     let skin = SkinShape::Disc { radius_m: 0.1 };
     let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
@@ -53,8 +53,8 @@ fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// Without noise, on the same mesh, from a start that is wrong by a factor of forty and of five:
-/// the truth comes back.
+/// Without noise and on the same mesh, the truth is recovered from a start that is wrong by factors of
+/// forty and five.
 #[test]
 fn exact_frames_give_the_exact_skin() {
     let protocol = protocol(DrivenElectrodes::Keep);
@@ -73,7 +73,7 @@ fn exact_frames_give_the_exact_skin() {
         found.residual_after
     );
     assert_eq!(found.status, CalibrationStatus::Converged);
-    // what is unexplained counts as 1e-8 of the frame, and the prior pulls within that
+    // the least residual is 1e-8 of the frame; the prior can pull within that
     assert!((found.conductivity_s / SIGMA_S - 1.0).abs() < 1e-6);
     for (z, truth) in found.contact_impedance.iter().zip(&truth) {
         assert!((z / truth).ln().abs() < 1e-4, "{z} {truth}");
@@ -82,21 +82,21 @@ fn exact_frames_give_the_exact_skin() {
     assert!(found.undetermined().is_empty());
 }
 
-/// Truth drawn from the prior, frames from a mesh four times as fine in nodes, with noise: errors
-/// in units of the stated covariance have the square `p` on average.
+/// Truth drawn from the prior, and noisy frames from a mesh with four times as many nodes: the squared
+/// errors in units of the stated covariance are `p` on average.
 #[test]
 fn errors_are_those_of_the_covariance() {
     let protocol = protocol(DrivenElectrodes::Keep);
     let fine = graded(0.003, 0.00025, &protocol);
     let model = graded(0.004, 0.0005, &protocol);
     let (seeds, spread) = (40, 0.5);
-    // noise as stated, or estimated; and as stated, with frames of the same mesh
+    // noise known, noise estimated, and noise known with frames of the same mesh
     let mut squares = [0.0; 3];
     for seed in 0..seeds {
         let mut random = Random::new(1000 + seed);
         let truth: Vec<f64> = (0..16).map(|_| CONTACT * (spread * random.normal()).exp()).collect();
         let clean = [&fine, &model].map(|model| voltages(model, SIGMA_S, &truth));
-        // so much that the coarser mesh hardly shows
+        // enough noise to hide most of the coarser mesh's error
         let noise = 0.05 * rms(&clean[0]);
         let frames = clean.map(|clean| -> Vec<f64> {
             clean.iter().map(|v| v + noise * random.normal()).collect()
@@ -120,13 +120,13 @@ fn errors_are_those_of_the_covariance() {
     println!(
         "mean squared error in units of the covariance: {squares:.3?} (known, estimated, same mesh)"
     );
-    // chi-square of 40 x 17: a standard deviation of 0.054; three of them, and the curvature of the
-    // model over its covariance; another mesh adds its own difference (found: 0.17)
+    // chi-square of 40 x 17 has a standard deviation of 0.054. Allowed are three of them, plus the
+    // curvature of the model over its covariance; another mesh adds its own difference (found: 0.17).
     assert!((squares[2] - 1.0).abs() < 0.2, "{squares:?}");
     assert!(squares.iter().all(|s| (s - 1.0).abs() < 0.3), "{squares:?}");
 }
 
-/// `e' C^-1 e`, by Gauss elimination.
+/// `e' C^-1 e`, by Gaussian elimination.
 fn mahalanobis(found: &Calibration, error: &[f64]) -> f64 {
     let count = error.len();
     let mut rows: Vec<Vec<f64>> = (0..count)
@@ -147,8 +147,8 @@ fn mahalanobis(found: &Calibration, error: &[f64]) -> f64 {
     solution.iter().zip(error).map(|(s, e)| s * e).sum()
 }
 
-/// Where driven electrodes are not measured, contacts hardly enter: the report says that the prior
-/// decides, the conductivity is right all the same, and a gain is part of it.
+/// Without measurements on driven electrodes, contacts have little effect. The result reports that the
+/// prior decides, the conductivity is right nevertheless, and a gain becomes part of it.
 #[test]
 fn what_data_do_not_tell_is_reported() {
     let protocol = protocol(DrivenElectrodes::Drop);
@@ -175,8 +175,8 @@ fn what_data_do_not_tell_is_reported() {
     let one = Calibration::of_frame(&model, &frame, &common).unwrap();
     assert_eq!(one.covariance.dim(), (2, 2));
     assert!(one.contact_impedance.iter().all(|z| *z == one.contact_impedance[0]));
-    // a gain of 7 is a conductivity 7 times lower, exactly, and contacts 7 times higher: from a
-    // start that is moved alike nothing else changes
+    // A gain of 7 means a conductivity exactly 7 times lower and contacts 7 times higher. With the start
+    // scaled alike, nothing else changes.
     let loud: Vec<f64> = frame.iter().map(|v| 7.0 * v).collect();
     let moved = CalibrationSettings { contact_impedance: vec![7.0 * CONTACT; 16], ..common };
     let two = Calibration::of_frame(&model, &loud, &moved).unwrap();
@@ -199,8 +199,8 @@ fn bad_input_is_refused() {
         assert!(error.contains(wanted), "{error}");
     };
     let minus: Vec<f64> = frame.iter().map(|v| -v).collect();
-    says(&minus, &good, "correlation -1.000 with the model's voltages: check the sign");
-    says(&vec![0.0; frame.len()], &good, "correlation NaN");
+    says(&minus, &good, "voltages is -1.000: check the sign");
+    says(&vec![0.0; frame.len()], &good, "voltages is NaN");
     says(&frame[1..], &good, "frame: 255 values, but 256 are needed");
     let mut broken = frame.clone();
     broken[17] = f64::NAN;
@@ -209,7 +209,7 @@ fn bad_input_is_refused() {
     let settings = CalibrationSettings { used: Some(without), ..good.clone() };
     assert!(Calibration::of_frame(&model, &broken, &settings).is_ok());
     let shunt = CalibrationSettings { contact_impedance: vec![0.0; 16], ..good.clone() };
-    says(&frame, &shunt, "contact_impedance to start from is 0");
+    says(&frame, &shunt, "starting contact_impedance is 0");
     let few = CalibrationSettings { contact_impedance: vec![1.0; 3], ..good.clone() };
     says(&frame, &few, "contact_impedance: 3 values, but 16 are needed");
     let zero = CalibrationSettings { conductivity_s: 0.0, ..good.clone() };

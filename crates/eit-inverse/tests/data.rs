@@ -1,5 +1,5 @@
-//! Difference data and rows of the Jacobian: against the formulas written out, and against what the
-//! reconstruction itself makes of a frame.
+//! Difference data and rows of the Jacobian, compared with the written-out formulas and with what the
+//! reconstruction itself does with a frame.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -12,7 +12,7 @@ use eit_inverse::{
 use fixtures::Random;
 use ndarray::Array2;
 
-/// 40 measurements, of which two are not used and hold what cannot be computed with.
+/// 40 measurements; two are unused and hold invalid values.
 struct Scene {
     jacobian: Array2<f64>,
     model_voltages_v: Vec<f64>,
@@ -38,7 +38,7 @@ fn bits<'a>(values: impl IntoIterator<Item = &'a f64>) -> Vec<u64> {
     values.into_iter().map(|x| x.to_bits()).collect()
 }
 
-/// To the bit: programs compare images made before and after they took these functions.
+/// Bit for bit, because programs compare images made before and after they used these functions.
 #[test]
 fn differences_are_the_formula() {
     let Scene { frame, reference_frame, used, .. } = scene();
@@ -74,7 +74,8 @@ fn rows_are_divided_by_the_models_voltages() {
     }
 }
 
-/// The same image by both ways: the reconstruction's own, and plain data made of the normalised.
+/// Both ways give the same image: the reconstruction's own normalisation, and plain data made from
+/// normalised ones.
 #[test]
 fn the_reconstruction_makes_the_same_of_a_frame() {
     let Scene { jacobian, model_voltages_v, frame, reference_frame, used } = scene();
@@ -96,7 +97,7 @@ fn the_reconstruction_makes_the_same_of_a_frame() {
     let plain = OneStepGaussNewton::new(&rows, &prior, settings).unwrap();
     let wanted = own.reconstruct(&frame, &reference_frame).unwrap();
     let found = plain.reconstruct(&difference, &vec![0.0; difference.len()]).unwrap();
-    // weight / voltage * entry, or entry / voltage: a rounding apart, over lambda^2 = 1e-3
+    // weight / voltage * entry or entry / voltage: one rounding apart, divided by lambda^2 = 1e-3
     assert!(relative_difference(&found, &wanted) < 1e-12);
 }
 

@@ -1,4 +1,6 @@
 //! One-step Gauss-Newton against hand solutions, the model-space form and its own symmetries.
+//!
+//! Over 300 lines because it covers all properties of one method.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -143,7 +145,7 @@ fn relative_residual_is_that_of_the_image() {
     let found = inverse.relative_residual(&frame, &reference).unwrap().unwrap();
     assert!((found - (residual / norm).sqrt()).abs() < 1e-12);
     assert_eq!(inverse.relative_residual(&reference, &reference).unwrap(), None);
-    // data whose squares leave the range of doubles
+    // data whose squares underflow or overflow
     for unit in [1e-300, 1e290] {
         let frame: Vec<f64> = frame.iter().zip(&reference).map(|(v, r)| unit * (v - r)).collect();
         let scaled = inverse.relative_residual(&frame, &[0.0; 12]).unwrap().unwrap();
@@ -176,7 +178,7 @@ fn every_prior_finds_a_target_and_rank_is_that_of_reciprocity() {
     for prior in priors {
         let inverse = OneStepGaussNewton::new(&jacobian, prior, settings(0.01)).unwrap();
         let rank = inverse.report().rank;
-        // 208 measurements, equal in pairs by reciprocity; a smooth prior sees fewer still
+        // 208 measurements, equal in pairs by reciprocity; a smooth prior has an even lower rank
         assert!(rank <= 104, "{}: rank {rank}", prior.name());
         if prior.name() == "tikhonov" {
             assert_eq!(rank, 104);
@@ -187,13 +189,13 @@ fn every_prior_finds_a_target_and_rank_is_that_of_reciprocity() {
         assert!(error_m < 0.01, "{}: {error_m} m off", prior.name());
         let correlation =
             metrics::correlation_coefficient(&image, &truth, coarse.areas_m2()).unwrap();
-        // measured 0.65 (Laplace) to 0.78 (NOSER): touches are smeared to what 16 electrodes resolve
+        // measured 0.65 (Laplace) to 0.78 (NOSER): touches are blurred to the resolution of 16 electrodes
         assert!(correlation > 0.6, "{}: correlation {correlation}", prior.name());
-        // the smallest lambdas divide by nothing at the rounding floor: consistent data is
-        // explained
+        // very small lambdas are stable, because eigenvalues at the rounding floor are truncated:
+        // consistent data is explained
         let tiny = OneStepGaussNewton::new(&jacobian, prior, settings(1e-9)).unwrap();
         let residual = tiny.relative_residual(&frame, &reference).unwrap().unwrap();
-        // the smooth priors cut the spectrum at its noise floor: measured 3e-6
+        // smooth priors truncate the spectrum at the rounding floor: measured 3e-6
         assert!(residual < 1e-5, "{}: residual {residual:e}", prior.name());
     }
 }
@@ -210,7 +212,7 @@ fn reciprocal_rows_count_as_one_measurement_of_double_weight() {
     let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
     let touch = Array1::from(target(&surface, [0.03, -0.02], 0.02, 1.0));
     let both = OneStepGaussNewton::new(&full, &prior, settings(0.02)).unwrap();
-    // merged: half as many rows of the same summed weight, so s doubles; lambda^2 s must not
+    // merged: half as many rows with the same total weight, so s doubles; lambda^2 s must stay the same
     let merged = OneStepSettings {
         noise_std: Some(vec![0.5_f64.sqrt(); first.len()]),
         ..settings(0.02 * 0.5_f64.sqrt())
@@ -239,7 +241,7 @@ fn left_out_measurements_are_as_if_never_made() {
         data: DifferenceData::Normalised { model_voltages_v: voltages.clone() },
         ..settings(0.05)
     };
-    // electrode 3 fails: every measurement it takes part in
+    // electrode 3 fails: exclude every measurement that involves it
     let used: Vec<bool> = adjacent(8).iter().map(|q| !q.contains(&3)).collect();
     let full = OneStepGaussNewton::new(&jacobian, &prior, base.clone()).unwrap();
     let built = OneStepSettings { used: Some(used.clone()), ..base };
@@ -331,7 +333,7 @@ fn normalised_data_with_the_noise_of_its_model_voltages_is_plain_data() {
         let settings = OneStepSettings { noise_std, data, ..settings(0.05) };
         OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap()
     });
-    // dv / v0, J / v0 and e / |v0|: the v0 cancel, all but their largest ratio in the units
+    // dv / v0, J / v0 and e / |v0|: the v0 cancel, except in the unit given by the largest noise_std
     let [a, b] = [&plain, &normalised].map(|i| i.reconstruct(&frame, &reference).unwrap());
     // lambda^2 s is 2.5e-3 of the mean eigenvalue; 1e-16 over it, with a margin
     assert!(relative_difference(&a, &b) < 1e-12);
@@ -448,14 +450,14 @@ fn public_types_cross_threads() {
 }
 
 proptest! {
-    // no file of failures: the seed is printed with the failing values
+    // no persistence file: the seed is printed with the failing values
     #![proptest_config(ProptestConfig {
         cases: 32,
         failure_persistence: None,
         ..Default::default()
     })]
 
-    /// Another order of the measurements, with all that belongs to them, is the same image.
+    /// Permuting the measurements and all their properties does not change the image.
     #[test]
     fn permuting_measurements_changes_nothing(seed in any::<u64>(), hyperparameter in 1e-3..10.0) {
         let mut random = Random::new(seed);
@@ -478,7 +480,7 @@ proptest! {
         prop_assert!(relative_difference(&permuted, &straight) < 1e-8);
     }
 
-    /// Normalised data does not know gains, drive current, nor the sign of a channel.
+    /// Normalised data is independent of channel gains, drive current and channel signs.
     #[test]
     fn normalised_data_is_free_of_gain(seed in any::<u64>()) {
         let mut random = Random::new(seed);
@@ -497,7 +499,7 @@ proptest! {
         let seen = |x: &[f64]| x.iter().zip(&gains).map(|(x, g)| x * g).collect::<Vec<f64>>();
         let plain = inverse.reconstruct(&frame, &reference).unwrap();
         let gained = inverse.reconstruct(&seen(&frame), &seen(&reference)).unwrap();
-        // dv loses at most one digit to the difference of values of order one
+        // dv loses at most one digit in the difference of values of order one
         prop_assert!(relative_difference(&gained, &plain) < 1e-12);
         let mut zero = reference.clone();
         zero[3] = 0.0;
@@ -508,7 +510,7 @@ proptest! {
         prop_assert!(refused);
     }
 
-    /// Units of current, conductivity and noise cancel in the meaning of lambda.
+    /// Lambda is independent of the units of current, conductivity and noise.
     #[test]
     fn lambda_is_free_of_units(seed in any::<u64>(), unit in -9.0..9.0_f64,
                                noise in -9.0..9.0_f64) {
@@ -525,7 +527,7 @@ proptest! {
         prop_assert!(relative_difference(&image, &expected) < 1e-11);
     }
 
-    /// Any finite data gives a finite image or a named error, whatever the rank of the Jacobian.
+    /// Any finite data gives a finite image, for any rank of the Jacobian.
     #[test]
     fn any_rank_gives_a_finite_image(seed in any::<u64>(), m in 1_usize..12, n in 1_usize..12,
                                      rank in 1_usize..5, power in -12.0..3.0_f64) {
@@ -542,7 +544,7 @@ proptest! {
     }
 }
 
-/// Against the batch, which always multiplies: to the bit, but for the sign of a zero.
+/// Compared with the batch, which always multiplies: exactly equal, except for the sign of a zero.
 #[test]
 fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
     let surface = disc(0.1, 6);
@@ -566,7 +568,7 @@ fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
             };
             status.map(|status| (status, image.clone()))
         };
-        // a measurement that is not used may differ
+        // an unused measurement may differ
         let mut frame = reference.clone();
         frame[3] = f64::NAN;
         let (status, image) = one(&frame, &[]).unwrap();
@@ -574,7 +576,7 @@ fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
         let batch = ArrayView2::from_shape((1, count), &reference).unwrap();
         let batch = map.reconstruct_frames(batch, &reference).unwrap();
         assert_eq!(image, batch.row(0).to_vec());
-        // one bit of one measurement is a change, unless it is left out of this frame
+        // one bit of one measurement is a change, unless it is masked in this frame
         frame[5] = f64::from_bits(frame[5].to_bits() + 1);
         let (status, image) = one(&frame, &[]).unwrap();
         assert_eq!(status, FrameStatus::Computed);
@@ -583,7 +585,7 @@ fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
         assert_eq!(status, FrameStatus::Unchanged);
         assert!(image.iter().all(|x| *x == 0.0));
         assert_eq!(one(&frame, &[7]).unwrap().0, FrameStatus::Computed);
-        // equal, but no number
+        // equal to the reference except for a NaN
         frame.copy_from_slice(&reference);
         frame[5] = f64::NAN;
         let wrong = one(&frame, &[]);

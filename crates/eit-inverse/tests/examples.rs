@@ -1,4 +1,4 @@
-//! The examples run, and show what they promise.
+//! Runs the examples and checks their results.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[path = "../examples/difference.rs"]
@@ -10,8 +10,8 @@ mod difference;
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod stream;
 
-/// Each image within a tenth of the radius of the finger; eight untouched frames bring the image to rest,
-/// and the rest of the 16 is free.
+/// Each image is within a tenth of the radius of the finger. Eight untouched frames bring the image to
+/// rest, and the remaining of the 16 cost nothing.
 #[cfg(feature = "st-tv")]
 #[test]
 fn stream_example() {
@@ -22,8 +22,8 @@ fn stream_example() {
     assert_eq!(outcome.quiet, 9);
 }
 
-/// The same frames through a window of 8 with its bound at zero, which binds when the finger leaves:
-/// every gap is proven, and 8 untouched frames forget the finger.
+/// The same frames through a window of 8 with its bound at zero, which becomes active when the finger
+/// leaves. Every gap is proven, and 8 untouched frames clear the finger from the window.
 #[cfg(feature = "st-tv")]
 #[test]
 fn window_of_the_stream_example() {
@@ -49,7 +49,7 @@ fn window_of_the_stream_example() {
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod touches;
 
-/// The README's table is what the example finds, to one unit of its last digits.
+/// The README's table matches the example's results to one unit of its last digits.
 #[test]
 fn readme_table_of_the_example() {
     let outcomes = difference::run().unwrap();
@@ -68,8 +68,8 @@ fn readme_table_of_the_example() {
     }
 }
 
-/// Every prior and rule finds the finger: within a tenth of the radius (what 16 electrodes resolve
-/// at half the radius), with a positive correlation of image and truth.
+/// Every prior and rule finds the finger within a tenth of the radius (the resolution of 16 electrodes at
+/// half the radius), with a positive correlation between image and truth.
 #[test]
 fn difference_example() {
     let outcomes = difference::run().unwrap();
@@ -81,15 +81,15 @@ fn difference_example() {
     }
 }
 
-/// The fit is nearer than the image; both find both fingers.
+/// The fit is more accurate than the image; both find both fingers.
 #[test]
 fn touches_example() {
     let outcome = touches::run().unwrap();
     assert_eq!(outcome.image_errors_m.len(), 2);
     for (image_m, fit_m) in outcome.image_errors_m.iter().zip(&outcome.fit_errors_m) {
-        // a one-step image of a finger may be a tenth of the radius too far out
+        // a one-step image of a finger may be off outward by a tenth of the radius
         assert!(*image_m < 0.01, "{image_m}");
-        // the bound is 0.3 to 0.5 mm at 60 dB, of each coordinate: three of it
+        // the bound is 0.3 to 0.5 mm at 60 dB for each coordinate; three times that is allowed
         assert!(*fit_m < 2e-3, "{fit_m}");
     }
 }

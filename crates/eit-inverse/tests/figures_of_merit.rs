@@ -1,4 +1,6 @@
-//! Figures of merit on images whose figures follow from geometry, or are another program's.
+//! Figures of merit on images whose figures follow from geometry or come from another program.
+//!
+//! One file over 300 lines: all figures share the skin and the helpers that draw images.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -53,7 +55,7 @@ fn relative_error_of_known_images() {
     assert_eq!(error(&[1.0, 0.0], &[0.0; 2]), f64::INFINITY);
     assert!(error(&[0.0; 2], &[0.0; 2]).is_nan());
     assert!(error(&[f64::NAN, 0.0], &[1.0; 2]).is_nan());
-    // squares of these leave the range of doubles
+    // squares of these are outside the range of doubles
     for unit in [1e-300, 1e300] {
         assert!((error(&[2.0 * unit, unit], &[unit, unit]) - 0.2_f64.sqrt()).abs() < 1e-15);
     }
@@ -77,14 +79,14 @@ fn similarity_images() -> (Array2<f64>, Array2<f64>) {
     (image, truth)
 }
 
-/// Golden numbers of scikit-image 0.26.0 (NumPy 2.4.6) on the same two images `x` and `t`:
+/// Reference values of scikit-image 0.26.0 (NumPy 2.4.6) on the same two images `x` and `t`:
 ///
 /// ```python
 /// m, S = structural_similarity(x, t, data_range=t.max() - t.min(), gaussian_weights=True,
 ///                              sigma=1.5, use_sample_covariance=False, full=True)
 /// ```
 ///
-/// Its mean is over pixels with whole windows, five from the rim, as this test takes it.
+/// Its mean covers pixels with whole windows, five from the rim, and so does this test's.
 #[test]
 fn similarity_is_that_of_scikit_image() {
     let (image, truth) = similarity_images();
@@ -100,7 +102,7 @@ fn similarity_is_that_of_scikit_image() {
         values.sum::<f64>() / (14.0 * 10.0)
     };
     let own = map(None);
-    // both sides sum a window in their own order: some dozens of roundings (measured 1.3e-15)
+    // both programs sum a window in their own order: a few dozen roundings (measured 1.3e-15)
     let tolerance = 1e-13;
     assert!((mean(&own) - 0.493_138_216_753_249_04).abs() < tolerance, "{}", mean(&own));
     for (place, wanted) in [
@@ -133,7 +135,7 @@ fn similarity_looks_at_the_mask_only() {
     let map = metrics::structural_similarity_map(image.view(), truth.view(), mask.view(), None);
     let map = map.unwrap().unwrap();
     assert!(map.iter().zip(&mask).all(|(x, inside)| x.is_nan() != *inside));
-    // constant images: no window, whole or cut, has a variance, so only the means count
+    // constant images: no window, whole or cut, has a variance, so only the means matter
     let (x, t) = (0.4, 0.7);
     let flat = |value| Array2::from_elem(image.raw_dim(), value);
     let wanted = (2.0 * x * t + 1e-4) / (x * x + t * t + 1e-4);
@@ -169,31 +171,31 @@ fn similarity_refuses_what_it_cannot_measure() {
     assert_eq!(wrong, InverseError::WrongLength { what: "image", found: 19, wanted: 20 });
 }
 
-/// A disc of radius 30 mm and height 2 around the skin's centre, then beside it.
+/// A disc of radius 30 mm and height 2, at the skin's centre and then off it.
 #[test]
 fn greit_figures_of_a_disc() {
     let (_, _, cells) = skin();
     for (centre, truth) in [([0.0, 0.0], [0.0, 0.0]), ([0.05, 0.02], [0.03, 0.06])] {
         let values = image(&cells, |x, y| 2.0 * f64::from(inside(x, y, centre, 0.03)));
         let found = greit(&values, &cells, truth, 4.0 * PI * 0.03_f64.powi(2));
-        // 120 of the 1160 pixels lie on the rim, in or out at random: sqrt(120) / 2 pixels, 0.5 %
+        // 120 of the 1160 pixels lie on the rim, randomly in or out: sqrt(120) / 2 pixels, 0.5 %
         assert!((found.amplitude_response - 0.5).abs() < 0.005, "{found:?}");
         assert!((found.resolution - 0.3).abs() < 0.003, "{found:?}");
-        // rim pixels whose centre lies between the two circles, which differ by half a percent
+        // rim pixels with centres between the two circles, which differ by half a percent
         assert!(found.shape_deformation < 0.02, "{found:?}");
         assert_eq!(found.ringing, 0.0);
         let place = (found.centre_m[0] - centre[0]).hypot(found.centre_m[1] - centre[1]);
         assert!(place < 2e-4, "{found:?}");
         let radial = truth[0].hypot(truth[1]) - centre[0].hypot(centre[1]);
         assert!((found.position_error_m - radial).abs() < 2e-4, "{found:?}");
-        // less conductivity is the same in the mirror
+        // a decrease gives the same figures with the sign reversed
         let negative: Vec<f64> = values.iter().map(|x| -x).collect();
         assert_eq!(greit(&negative, &cells, truth, -4.0 * PI * 0.03_f64.powi(2)), found);
     }
 }
 
-/// Of an ellipse with half axes `a = t b`, `2 / pi (atan sqrt t - atan 1 / sqrt t)` lies outside
-/// the circle of its area: the two curves meet at the polar angle `atan 1 / sqrt t`.
+/// Of an ellipse with semi-axes `a = t b`, the fraction `2 / pi (atan sqrt t - atan 1 / sqrt t)` lies
+/// outside the circle of equal area: the two curves meet at the polar angle `atan 1 / sqrt t`.
 #[test]
 fn greit_shape_deformation_of_ellipses() {
     let (_, _, cells) = skin();
@@ -209,13 +211,13 @@ fn greit_shape_deformation_of_ellipses() {
     }
 }
 
-/// A bell of standard deviation s: its quarter amplitude set has the radius `s sqrt(2 ln 4)`, and a
-/// ring of -v around it has the ringing `v ring area / integral of the bell over that circle`,
+/// The quarter amplitude set of a bell of standard deviation s has the radius `s sqrt(2 ln 4)`. A ring of
+/// -v around it has the ringing `v ring area / integral of the bell over that circle`, and that integral is
 /// three quarters of the whole bell.
 #[test]
 fn greit_figures_of_a_bell_with_a_ring() {
     let (_, _, cells) = skin();
-    // off the grid's symmetries, which would make every rim err alike
+    // off the grid's symmetries, where all rim errors would have the same sign
     let (sigma, v, place) = (0.012, 0.1, [0.0031, -0.0017]);
     let ring = |x: f64, y: f64| {
         let r = (x - place[0]).hypot(y - place[1]);
@@ -228,7 +230,7 @@ fn greit_figures_of_a_bell_with_a_ring() {
     // 510 pixels in the set and 1400 in the ring, of which 80 and 420 lie on the rims
     let resolution = sigma * (2.0 * 4.0_f64.ln()).sqrt() / RADIUS_M;
     assert!((found.resolution / resolution - 1.0).abs() < 0.01, "{found:?} {resolution}");
-    // the tail of the bell under the ring makes up for 1e-4 of it
+    // the tail of the bell under the ring compensates 1e-4 of it
     let ringing = v * ring_m2 / (0.75 * bell_amount);
     assert!((found.ringing / ringing - 1.0).abs() < 0.02, "{found:?} {ringing}");
     let response = 1.0 - v * ring_m2 / bell_amount;
@@ -253,14 +255,14 @@ fn greit_refuses_impossible_targets() {
     assert!(matches!(wrong, InverseError::OutOfRange { .. }));
     let wrong = figures(&values[1..], [0.0; 2], 1.0, Increase).unwrap_err();
     assert!(matches!(wrong, InverseError::WrongLength { .. }));
-    // two far discs of equal size: nothing where their common centre is
+    // two distant discs of equal size: nothing at their common centre
     let two = |x, y| inside(x, y, [0.07, 0.0], 0.01) || inside(x, y, [-0.07, 0.0], 0.01);
     let values = image(&cells, |x, y| f64::from(two(x, y)));
     let found = figures(&values, [0.0; 2], 1.0, Increase).unwrap().unwrap();
     assert_eq!((found.ringing, found.shape_deformation), (f64::INFINITY, 1.0));
 }
 
-/// Pixels across a side are neighbours: those of one row and the next column, and so on.
+/// Pixels that share a side are joined, in a row or a column; pixels on a diagonal are not.
 #[test]
 fn blobs_are_joined_across_sides() {
     // four squares of 1 m, two triangles each
@@ -306,7 +308,7 @@ fn touches_are_paired_with_blobs() {
         let [x, y] = centre.unwrap();
         assert!((x - place[0]).hypot(y - place[1]) < 2e-4, "{found:?}");
     }
-    // one touch less is an extra blob, one more is missed, and so is one too far off
+    // one touch fewer is an extra blob, one more is missed, and so is one too far away
     let found = errors(&truth[..2], &settings);
     assert_eq!((found.missed, found.extra), (0, 1));
     let found = errors(&[truth[0], truth[1], truth[2], [0.0, 0.09]], &settings);
@@ -322,7 +324,7 @@ fn touches_are_paired_with_blobs() {
     assert_eq!((found.missed, found.extra), (3, 0));
 }
 
-/// The nearest blob of touch 0 is also touch 1's only one: pairing greedily would miss one.
+/// The blob nearest to touch 0 is also the only one near touch 1: greedy pairing would miss one.
 #[test]
 fn pairing_is_not_greedy() {
     let (_, _, cells) = skin();
@@ -367,7 +369,7 @@ fn smoothness_of_known_tracks() {
     let circle: Vec<_> = (0..30).map(|k| Some([radius * turn(k).1, radius * turn(k).0])).collect();
     let wanted = 2.0 * radius * (1.0 - angle.cos());
     assert!((rms(&circle).unwrap() - wanted).abs() < 1e-15);
-    // a gap takes out the three frames that need it
+    // a gap removes the three frames that need it
     let mut broken = vec![Some([0.0, 0.0]); 7];
     broken[3] = None;
     broken[6] = Some([3.0, 4.0]);
@@ -376,7 +378,7 @@ fn smoothness_of_known_tracks() {
     assert_eq!(rms(&[Some([0.0; 2]), None, Some([0.0; 2]), Some([0.0; 2])]), None);
 }
 
-/// Of a bell's energy, `exp(-d^2 / sigma^2)` lies farther than `d`.
+/// The fraction `exp(-d^2 / sigma^2)` of a bell's energy lies farther away than `d`.
 #[test]
 fn artefact_energy_of_a_bell() {
     let (_, _, cells) = skin();
@@ -402,7 +404,7 @@ fn artefact_energy_of_a_bell() {
     assert!(matches!(wrong, Err(InverseError::WrongLength { .. })));
 }
 
-/// The same touch has the same figures on elements and on pixels.
+/// The same touch has the same figures of merit on elements and on pixels.
 #[test]
 fn elements_and_pixels_agree() {
     let (surface, raster, pixels) = skin();
@@ -425,7 +427,7 @@ fn elements_and_pixels_agree() {
     assert!((integral / amount - 1.0).abs() < 0.01, "{integral} {amount}");
 }
 
-/// Sum of distances of the best pairing by trying all orders of the touches.
+/// Sum of distances of the best pairing, by trying all orders of the touches.
 fn best_by_permutation(distances: &[Vec<f64>], touches: usize) -> f64 {
     fn place(distances: &[Vec<f64>], blob: usize, left: &mut Vec<usize>, skips: usize) -> f64 {
         if blob == distances.len() || left.is_empty() {
@@ -452,7 +454,7 @@ proptest! {
         ..Default::default()
     })]
 
-    /// The similarity is 1 for equal images, never beyond -1 and 1, and free of the unit.
+    /// The similarity is 1 for equal images, always within -1 and 1, and independent of the unit.
     #[test]
     fn similarity_is_bounded(values in prop::collection::vec(-1.0..1.0_f64, 2 * 13 * 12),
                              hole in prop::collection::vec(prop::bool::weighted(0.8), 13 * 12),
@@ -469,12 +471,12 @@ proptest! {
         prop_assert!((-1.0..=1.0).contains(&found));
         let same = score(&truth, &truth).unwrap();
         prop_assert!((same - 1.0).abs() < 1e-12);
-        // rounding of the unit, which cancels but for the last digits
+        // rounding of the unit, which otherwise cancels
         let scaled = score(&(&image * unit), &(&truth * unit)).unwrap();
         prop_assert!((scaled - found).abs() < 1e-10);
     }
 
-    /// Figures of an arbitrary image stay in their ranges, whatever the image holds.
+    /// Figures of any image stay within their ranges.
     #[test]
     fn figures_stay_in_range(values in prop::collection::vec(
                                  prop_oneof![4 => -1.0..1.0_f64, 1 => Just(0.0),
@@ -497,7 +499,7 @@ proptest! {
         let blobs = metrics::blobs(&values, &cells, Increase, level).unwrap();
         let area: f64 = blobs.iter().map(|b| b.area_m2).sum();
         let largest = values.iter().filter(|x| x.is_finite()).fold(0.0_f64, |m, x| m.max(*x));
-        // all cells that reach the level are in a blob, and in one only
+        // every cell that reaches the level is in exactly one blob
         let reached = values.iter().zip(surface.areas_m2()).filter(|(x, _)| **x / largest >= level);
         let wanted: f64 = reached.map(|(_, a)| a).sum();
         prop_assert!((area - wanted).abs() <= 1e-12 * wanted);
@@ -508,12 +510,12 @@ proptest! {
         prop_assert_eq!(found.extra, blobs.len().saturating_sub(3));
     }
 
-    /// The pairing is the best of all permutations. Blobs are single elements that do not touch.
+    /// The pairing is the best of all permutations. Blobs are single elements that do not touch each other.
     #[test]
     fn pairing_is_the_best_of_all(chosen in prop::collection::vec(0..16_usize, 1..6),
                                   truth in prop::collection::vec(
                                       [-0.1..0.1_f64, -0.1..0.1_f64], 1..6)) {
-        // every second square of every second row, so that no two share a side
+        // every second square of every second row, so that no two squares share a side
         let surface = common::grid(8, |i, j| {
             [0.02 * i as f64 - 0.08, 0.02 * j as f64 - 0.08, 0.0]
         });

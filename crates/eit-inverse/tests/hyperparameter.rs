@@ -1,4 +1,6 @@
-//! Rules for the hyperparameter against what they claim to find.
+//! Hyperparameter rules: each is compared with an independent evaluation of its criterion.
+//!
+//! Over 300 lines because all rules share one scene.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -66,7 +68,7 @@ fn noise_figure_is_reached_and_agrees_with_monte_carlo() {
         assert_eq!(chosen.status, HyperparameterStatus::NoiseFigureReached);
         // the documented accuracy; measured 9e-4
         assert!((chosen.criterion / figure - 1.0).abs() < 1e-3, "{}", chosen.criterion);
-        // noise of the given standard deviations through the reconstruction itself
+        // reconstruct sampled noise of the given standard deviations
         let reference = vec![0.0; 208];
         let image = inverse.reconstruct(&target.signal_v, &reference).unwrap();
         let signal = image.iter().zip(areas).map(|(x, a)| x.abs() * a).sum::<f64>() / total;
@@ -82,8 +84,8 @@ fn noise_figure_is_reached_and_agrees_with_monte_carlo() {
         let data: f64 =
             target.signal_v.iter().zip(&noise_std).map(|(v, e)| (v / e).abs()).sum::<f64>() / 208.0;
         let sampled = data / (signal / variance.sqrt());
-        // relative standard error of a standard deviation over 2000 draws and a few degrees of
-        // freedom: 1 / sqrt(2 * 2000) = 1.6 %; three of them
+        // three relative standard errors of a standard deviation over 2000 samples with a few degrees of
+        // freedom: 1 / sqrt(2 * 2000) = 1.6 % each
         assert!((sampled / figure - 1.0).abs() < 0.05, "{sampled} for {figure}");
     }
 }
@@ -99,8 +101,8 @@ fn noise_figure_falls_with_lambda_and_says_when_it_cannot_be_had() {
     let chosen = inverse.choose_hyperparameter(&choice).unwrap();
     assert_eq!(chosen.status, HyperparameterStatus::NoiseFigureUnreachable);
     let largest = chosen.curve.iter().map(|p| p.criterion).fold(0.0, f64::max);
-    assert!((chosen.criterion / largest - 1.0).abs() < 1e-12, "the nearest is used");
-    // the branch that is searched: from where damping begins to the least value near 1
+    assert!((chosen.criterion / largest - 1.0).abs() < 1e-12, "the nearest figure is used");
+    // the falling branch: from the onset of damping to the minimum near lambda 1
     let branch: Vec<f64> = chosen
         .curve
         .iter()
@@ -108,10 +110,10 @@ fn noise_figure_falls_with_lambda_and_says_when_it_cannot_be_had() {
         .map(|p| p.criterion)
         .collect();
     assert!(branch.len() > 20 && branch.is_sorted_by(|a, b| a > b), "{branch:?}");
-    // the documented least value, "about 0.5"
+    // the documented minimum, "about 0.5"
     let least = chosen.curve.iter().map(|p| p.criterion).fold(f64::INFINITY, f64::min);
     assert!((0.45..0.55).contains(&least), "{least}");
-    // on it, a figure that also occurs beyond the least value is found at the smaller lambda
+    // a noise figure that occurs on both sides of the minimum is found at the smaller lambda
     let figure = chosen.curve.last().unwrap().criterion;
     let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
     assert!(inverse.choose_hyperparameter(&choice).unwrap().hyperparameter < 1.0);
@@ -152,8 +154,8 @@ fn cross_validation_finds_the_lambda_of_least_prediction_error() {
             .unwrap();
         let ratio = chosen.hyperparameter / best;
         let loss = prediction_error(chosen.hyperparameter) / prediction_error(best);
-        // measured 0.96 to 1.05 with losses below 1e-3: the minimum is flat. Both minima are those
-        // of 2080 noisy values, and the best is only sought at eight points per decade (1.33)
+        // measured 0.96 to 1.05 with losses below 1e-3: the minimum is flat. Both minima are for 2080
+        // noisy values, and the best lambda is searched at only eight points per decade (factor 1.33)
         assert!((0.85..1.2).contains(&ratio), "noise {relative_noise}: ratio {ratio}");
         assert!(loss < 1.002, "noise {relative_noise}: loss {loss}");
     }
@@ -163,7 +165,7 @@ fn cross_validation_finds_the_lambda_of_least_prediction_error() {
 fn cross_validation_of_noise_free_data_ends_at_the_lower_edge() {
     let (surface, jacobian) = scene();
     let prior = Tikhonov::new(&surface);
-    // data in the range of the Jacobian's smallest eigenvector too: any damping costs
+    // data with a component along the smallest eigenvector, so that any damping increases the error
     let truth = Array1::from_iter((0..jacobian.ncols()).map(|_| 0.0));
     let mut random = Random::new(31);
     let signal = jacobian.dot(&truth.mapv(|_| random.normal()));
@@ -193,7 +195,7 @@ fn residual_norm_counts_standard_deviations_of_the_given_noise() {
     let (surface, jacobian) = scene();
     let prior = Tikhonov::new(&surface);
     let mut random = Random::new(61);
-    // microvolts, to tell an absolute weight from a relative one
+    // microvolts, to distinguish absolute from relative weights
     let noise_std: Vec<f64> = (0..208).map(|_| 1e-6 * (0.5 + random.uniform())).collect();
     let frames = Array2::from_shape_fn((20, 208), |(_, i)| noise_std[i] * random.normal());
     let reference = vec![0.0; 208];
@@ -210,7 +212,8 @@ fn residual_norm_counts_standard_deviations_of_the_given_noise() {
         let left = &frames - &images.dot(&jacobian.t());
         let direct = (left / &Array1::from(noise_std.clone())).mapv(|x| x * x).sum();
         let square = (point.residual_norm / noise_scale).powi(2);
-        // at the small end the residual is what reciprocity leaves over: it cancels a little
+        // for small lambda the residual is the difference between reciprocal measurements, with some
+        // cancellation
         assert!((square / direct - 1.0).abs() < 1e-6, "{point:?}: {square} for {direct}");
     }
     // no image: 4160 squares of mean 1, relative standard deviation (2 / 4160)^1/2 = 2.2 %; three
@@ -263,9 +266,9 @@ fn l_curve_corner_of_shaw_s_problem_is_near_the_best_lambda() {
             .unwrap();
         let (at_corner, at_best) = (error(chosen.hyperparameter), error(best));
         // Hansen 2001, section 7: near the optimum, but not at it. Measured for noise 1e-2, 1e-3,
-        // 1e-4: 0.58, 0.21, 0.70 of the best lambda, with 1.1, 1.1, 1.5 times the least error. That is
-        // luck too: of 20 such triples of seeds, 6 keep these bounds; the others miss by a factor of 2
-        // to 4 for one of the three
+        // 1e-4: 0.58, 0.21, 0.70 of the best lambda, with 1.1, 1.1, 1.5 times the smallest error. This
+        // depends on the seeds: of 20 such triples, 6 satisfy these bounds; the others exceed them by a
+        // factor of 2 to 4 for one of the three
         assert!((0.09..1.7).contains(&(chosen.hyperparameter / best)), "std {std}");
         assert!(at_corner < 2.7 * at_best, "std {std}: {at_corner} {at_best}");
     }

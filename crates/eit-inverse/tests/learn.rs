@@ -1,6 +1,6 @@
-//! Places learnt from presses of real skins: learnt from the first presses in time, tested on the rest.
+//! Positions learnt from presses on real skins: learnt from the first presses in time, tested on the rest.
 //!
-//! Every number printed here stands in `docs/VALIDATION.md`. The data is read in place.
+//! Every number printed here is listed in `docs/validation/learning.md`. The data are read in place.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

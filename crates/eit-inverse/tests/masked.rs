@@ -1,4 +1,4 @@
-//! Leaving measurements out of one frame against reconstructions built without them.
+//! Masking measurements of one frame, compared with reconstructions built without them.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -14,8 +14,8 @@ use fixtures::Random;
 use ndarray::Array2;
 use proptest::prelude::*;
 
-/// A scene of 8 electrodes (40 measurements, 20 independent) with everything that can differ from
-/// channel to channel: noise, normalised data, a channel that is never used.
+/// A scene with 8 electrodes (40 measurements, 20 independent) in which everything differs from channel to
+/// channel: noise, normalised data, one unused channel.
 struct Scene {
     jacobian: Array2<f64>,
     settings: OneStepSettings,
@@ -41,7 +41,7 @@ fn scene(hyperparameter: f64) -> Scene {
     Scene { jacobian, settings, frame, reference_frame }
 }
 
-/// The hyperparameter at which `built` weighs its prior as `full` does, in absolute weights
+/// Hyperparameter at which the prior has the same weight in `built` as in `full`, in absolute units
 /// `lambda^2 s / noise_scale^2`.
 fn same_damping(full: &OneStepGaussNewton, built: &OneStepGaussNewton) -> f64 {
     let (full, built) = (full.report(), built.report());
@@ -49,7 +49,7 @@ fn same_damping(full: &OneStepGaussNewton, built: &OneStepGaussNewton) -> f64 {
     full.hyperparameter * root(full.scale, full.noise_scale) / root(built.scale, built.noise_scale)
 }
 
-/// The frame's image without the masked measurements, whose values are destroyed first.
+/// Image of the frame without the masked measurements, whose values are overwritten first.
 fn masked_image(
     map: &Reconstructor,
     frame: &[f64],
@@ -66,7 +66,7 @@ fn masked_image(
 }
 
 /// Sets of masked measurements: none, one, the channels of an electrode, more than half of the rank,
-/// nearly all; unordered, repeated, and with the unused one among them.
+/// nearly all; unordered, repeated, and including the unused one.
 fn sets() -> Vec<Vec<usize>> {
     let electrode = (0..40).filter(|&i| adjacent(8)[i].contains(&3)).collect();
     let many = (0..40).rev().filter(|i| i % 3 != 0).collect();
@@ -84,7 +84,7 @@ fn a_frame_without_bad_values_is_as_if_they_were_never_measured() {
         let full = OneStepGaussNewton::new(&jacobian, &prior, settings.clone()).unwrap();
         let on_raster = full.on_raster(raster.pixel_from_element()).unwrap();
         for masked in sets() {
-            let case = format!("lambda {hyperparameter}, {} left out", masked.len());
+            let case = format!("lambda {hyperparameter}, {} masked", masked.len());
             let used: Vec<bool> = (0..40).map(|i| i != UNUSED && !masked.contains(&i)).collect();
             let built = OneStepSettings { used: Some(used.clone()), ..settings.clone() };
             let mut built = OneStepGaussNewton::new(&jacobian, &prior, built).unwrap();
@@ -96,16 +96,16 @@ fn a_frame_without_bad_values_is_as_if_they_were_never_measured() {
             let image =
                 masked_image(full.reconstructor(), &frame, &reference_frame, &masked).unwrap();
             let error = relative_difference(&image, &expected);
-            // rounding 1e-16 over the smallest eigenvalue of the fill, about lambda^2 / 20 (20 left
-            // out) or more: 2e-9 at 1e-3 (measured: 4e-9), 2e-12 at 0.03 (7e-12); with a margin of 4, and
-            // no less than what building anew loses. Of 20 draws of the scene 9 keep this and the next
-            // bound; others have smaller eigenvalues, and lose up to 7 times as much
+            // rounding 1e-16 over the smallest eigenvalue of the fill, about lambda^2 / 20 (20 masked) or
+            // more: 2e-9 at 1e-3 (measured: 4e-9), 2e-12 at 0.03 (7e-12); with a margin of 4, and at least
+            // the rounding error of a rebuild. Of 20 random scenes 9 satisfy this and the next bound;
+            // others have smaller eigenvalues and up to 7 times the error
             let tolerance = 1e-12_f64.max(1e-14 / hyperparameter.powi(2));
             assert!(error < tolerance, "{case}: {error:e}");
-            // singular values of the kept rows: the root of that loss (measured: 1e-12)
+            // from the singular values of the kept rows: the root of that error (measured: 1e-12)
             let error = relative_difference(&other, &expected);
             assert!(error < 4e-12, "{case}, restricted: {error:e}");
-            // difference data made elsewhere has the same image, to the bit
+            // difference data computed separately gives exactly the same image
             let map = full.reconstructor();
             let mut difference = map.difference(&frame, &reference_frame).unwrap().to_vec();
             let kept = (0..40).filter(|&i| i != UNUSED);
@@ -130,15 +130,15 @@ fn a_frame_without_bad_values_is_as_if_they_were_never_measured() {
 }
 
 proptest! {
-    // no file of failures: the seed is printed with the failing values
+    // no persistence file: the seed is printed with the failing values
     #![proptest_config(ProptestConfig {
         cases: 64,
         failure_persistence: None,
         ..Default::default()
     })]
 
-    /// Whatever the sizes, the rank, the hyperparameter and the set: the right image, or a refusal
-    /// that states the loss. Never a wrong image.
+    /// For any size, rank, hyperparameter and set: the right image, or an error that states the expected
+    /// loss of accuracy. Never a wrong image.
     #[test]
     fn any_set_is_right_or_refused(seed in any::<u64>(), m in 2_usize..30, n in 1_usize..30,
                                    rank in 1_usize..30, power in -9.0..2.0_f64, part in 0.0..1.0) {
@@ -164,14 +164,14 @@ proptest! {
             Ok(_) => {
                 let expected = built.reconstruct(&frame, &reference_frame).unwrap();
                 let error = relative_difference(&image, &expected);
-                // estimates up to 1e-6 are let through; they hold to a factor of ten (worst of
-                // 20 000 cases: 9e-6; a case of 20 left out of 21 may be off by more)
+                // estimates up to 1e-6 are accepted and correct within a factor of ten (worst of 20 000
+                // cases: 9e-6; with 20 of 21 masked the error may be larger)
                 prop_assert!(error < 1e-4, "{error:e}");
                 let sane = power < -3.0 || error < 1e-7;
                 prop_assert!(sane, "{error:e}");
             }
             Err(error) => {
-                // lambda^2 below 1e-8: never met by a rule that finds noise in its data
+                // only for lambda^2 below 1e-8, which no rule chooses for noisy data
                 let refused = matches!(
                     error,
                     InverseError::MaskedDominates { expected_error, .. } if expected_error > 1e-6

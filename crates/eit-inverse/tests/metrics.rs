@@ -1,4 +1,4 @@
-//! Figures of merit on images whose figures are known.
+//! Figures of merit on images with known figures.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -29,7 +29,7 @@ fn positions_of_known_images() {
     let surface = disc(0.1, 20);
     let place = [0.03, -0.02, 0.0];
     let mut image = target(&surface, [place[0], place[1]], 0.02, -2.0);
-    // side lobes of the other sign and below half do not count
+    // side lobes of the other sign and below half the maximum are ignored
     let lobe = target(&surface, [-0.05, 0.05], 0.02, 0.9);
     image.iter_mut().zip(&lobe).for_each(|(x, l)| *x += l);
     let error_m = metrics::position_error_m(&image, &surface, place).unwrap();
@@ -61,7 +61,7 @@ fn half_maximum_centre_is_weighted_by_value_and_area() {
     assert_eq!(centre(&values, Decrease), Some([5.0, 5.0]));
     assert_eq!(centre(&[1.0, 2.0, 0.0, 0.0, f64::INFINITY], Decrease), None);
     assert_eq!(centre(&[f64::NAN, 0.0, -0.0, -1.0, f64::INFINITY], Increase), None);
-    // sizes whose products with areas leave the range of doubles
+    // values whose products with areas are outside the range of doubles
     for unit in [1e-320, 1e308] {
         let values = [unit, unit, 0.0, -unit, f64::NAN];
         assert_eq!(centre(&values, Increase), Some([2.0 / 3.0, 0.0]), "{unit:e}");
@@ -72,7 +72,7 @@ fn half_maximum_centre_is_weighted_by_value_and_area() {
     }
 }
 
-/// The same touch on elements and on pixels is in the same place.
+/// The same touch has the same position on elements and on pixels.
 #[test]
 fn elements_and_pixels_share_one_definition() {
     let surface = disc(0.1, 24);
@@ -100,8 +100,7 @@ proptest! {
         ..Default::default()
     })]
 
-    /// Contrast and offset are no part of the correlation; the sign of the image is no part of
-    /// its position.
+    /// The correlation does not depend on contrast and offset, nor the position on the sign of the image.
     #[test]
     fn figures_are_free_of_contrast(gain in 0.01..100.0_f64, offset in -10.0..10.0_f64,
                                     x in -0.06..0.06_f64, y in -0.06..0.06_f64) {

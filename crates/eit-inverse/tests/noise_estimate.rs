@@ -1,4 +1,4 @@
-//! Noise of quiet frames: rounding by converters, channels that float or stand still.
+//! Noise of quiet frames: rounding by converters, channels that float or are stuck.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -32,8 +32,8 @@ fn smallest_step_is_over_time_within_a_channel() {
     assert_eq!(smallest_step(Array2::<f64>::zeros((0, 3)).view()), 0.0);
 }
 
-/// Noise of a twentieth of a step: most channels stand still, and in some one step is the only event.
-/// None has less than the rounding.
+/// Noise of a twentieth of a step: most channels never change, and in some, one step is the only event. No
+/// channel has less noise than the rounding.
 #[test]
 fn no_channel_has_less_noise_than_its_rounding() {
     let mut random = Random::new(1);
@@ -41,43 +41,43 @@ fn no_channel_has_less_noise_than_its_rounding() {
     let still = |i: &usize| quiet.column(*i).iter().all(|v| *v == quiet[(0, *i)]);
     let count = (0..CHANNELS).filter(still).count();
     assert!((CHANNELS / 2..CHANNELS).contains(&count), "{count}");
-    // whole multiples of a step differ by it to rounding of doubles, 0.2 V / 1e-5 V * 2e-16
+    // whole multiples of a step are exact up to the rounding of doubles, 0.2 V / 1e-5 V * 2e-16
     assert!((smallest_step(quiet.view()) / STEP_V - 1.0).abs() < 1e-10);
     let rounding_v = STEP_V / 12.0_f64.sqrt();
     let std_v = noise_std_of_quiet_frames(quiet.view()).unwrap();
     assert_eq!(std_v.len(), CHANNELS);
     for (i, std_v) in std_v.iter().enumerate() {
         assert!(*std_v > (1.0 - 1e-10) * rounding_v, "{i}: {std_v:e}");
-        // where nothing moves, no more than that either
+        // where nothing changes, no more than that either
         assert!(!still(&i) || *std_v < (1.0 + 1e-10) * rounding_v, "{i}: {std_v:e}");
     }
 }
 
-/// Noise of five steps is measured as it is.
+/// Noise of five steps is measured as such.
 #[test]
 fn noise_above_rounding_is_as_measured() {
     let quiet = rounded(frames(&mut Random::new(2), 5.0 * STEP_V), STEP_V);
     let std_v = noise_std_of_quiet_frames(quiet.view()).unwrap();
     let mean = std_v.iter().sum::<f64>() / CHANNELS as f64 / (5.0 * STEP_V);
-    // an estimate of 49 differences errs by 12 %, their mean over 208 channels by 1 %; rounding adds
-    // 1 / 12 / 25 to the variance
+    // an estimate from 49 differences is off by 12 %, the mean over 208 channels by 1 %; rounding adds 1 /
+    // 12 / 25 to the variance
     assert!((mean - 1.0).abs() < 0.04, "{mean}");
     assert!(std_v.iter().all(|e| (0.4..1.7).contains(&(e / (5.0 * STEP_V)))));
 }
 
-/// 10 bits hide all noise: frames are equal, the step shows between channels.
+/// 10 bits hide all noise: the frames are identical, but the step shows between channels.
 #[test]
 fn equal_frames_have_the_rounding_of_their_values() {
     let step_v = 0.4 / 1024.0;
     let quiet = rounded(frames(&mut Random::new(3), 0.0), step_v);
     let std_v = noise_std_of_quiet_frames(quiet.view()).unwrap();
     let rounding_v = step_v / 12.0_f64.sqrt();
-    // 208 of 1024 values: some are neighbours
+    // 208 of 1024 values: some are adjacent
     assert!(std_v.iter().all(|e| (e / rounding_v - 1.0).abs() < 1e-10), "{:e}", std_v[0]);
 }
 
-/// Electrodes that float make a few channels a thousand times noisier: the others are measured as if
-/// they were not there, and one that stands still gets a tenth of the others', not of theirs.
+/// Floating electrodes make a few channels a thousand times noisier. The others are measured as if those
+/// were absent, and a stuck channel gets a tenth of the others' noise, not of theirs.
 #[test]
 fn floating_channels_do_not_raise_the_floor_of_the_others() {
     let std_v = 1e-6;
@@ -94,10 +94,10 @@ fn floating_channels_do_not_raise_the_floor_of_the_others() {
         assert_eq!(with[i], without[i], "{i}");
     }
     for i in floating {
-        // 49 differences: 12 %, five of these
+        // 49 differences: 12 %; five times that is allowed
         assert!((with[i] / (1e3 * std_v) - 1.0).abs() < 0.6, "{i}: {:e}", with[i]);
     }
-    // a median of 208 channels of 12 % each, whose place moves by six of them
+    // a median of 208 channels of 12 % each, shifted by six ranks
     assert!((with[100] / (0.1 * std_v) - 1.0).abs() < 0.06, "{:e}", with[100]);
 }
 
@@ -112,7 +112,7 @@ fn bad_frames_are_refused_by_name() {
     let mut nan = quiet.clone();
     nan[(7, 11)] = f64::NAN;
     assert!(matches!(refused(&nan), InverseError::NonFiniteData { frame: 7, measurement: 11, .. }));
-    // nothing moves, and values tell no step
+    // nothing changes, and the values do not show a step
     for value in [0.0, 0.3] {
         let equal = Array2::from_elem((FRAMES, CHANNELS), value);
         assert!(matches!(refused(&equal), InverseError::OutOfRange { .. }), "{value}");

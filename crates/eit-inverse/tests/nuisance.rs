@@ -1,4 +1,4 @@
-//! Nuisance parameters: taken out of the data or solved with the image, the same image.
+//! Nuisance parameters whitened away or solved with the image give the same image.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;
@@ -30,7 +30,7 @@ fn problem() -> Problem {
     }
 }
 
-/// `argmin |W (d - A x)|^2 + |P x|^2` by normal equations and Gauss elimination.
+/// `argmin |W (d - A x)|^2 + |P x|^2` by normal equations and Gaussian elimination.
 fn solve(a: &Array2<f64>, d: &[f64], weights: &[f64], precisions: &[f64]) -> Vec<f64> {
     let w = Array2::from_diag(&aview1(weights).mapv(|w| w * w));
     let normal = a.t().dot(&w).dot(a) + Array2::from_diag(&aview1(precisions).mapv(|p| p * p));
@@ -83,12 +83,12 @@ fn whitened_data_are_white() {
     let twice = nuisance.whiten_jacobian(&once.t().to_owned()).unwrap();
     for ((i, k), value) in twice.indexed_iter() {
         let wanted = if i == k { 1.0 } else { 0.0 };
-        // covariances over noise: 1e6 roundings
+        // ratio of covariances to noise: 1e6 roundings
         assert!((value - wanted).abs() < 1e-9, "{i} {k} {value}");
     }
 }
 
-/// A measurement that is not used says nothing, whatever it is.
+/// An unused measurement has no effect, whatever its value.
 #[test]
 fn unused_measurements_are_not_looked_at() {
     let mut p = problem();
@@ -112,9 +112,9 @@ fn unused_measurements_are_not_looked_at() {
     assert!(matches!(none, InverseError::NothingUsed { measurements: 30 }));
 }
 
-/// Taken out or not, unknowns that hardly vary leave the image as it was, at the prior of the data
-/// as they came; those that vary leave less of it, and at the same lambda the prior would be
-/// another one.
+/// With the prior scaled by the original data, unknowns that hardly vary leave the image unchanged when
+/// whitened away, and unknowns that vary leave less of it. At the same lambda without `set_prior_of`, the
+/// prior would differ.
 #[test]
 fn the_prior_is_taken_over() {
     let surface = disc(0.1, 2);
@@ -148,10 +148,10 @@ fn the_prior_is_taken_over() {
         let square = |x: &ndarray::Array1<f64>| x.iter().map(|v| v * v).sum::<f64>();
         (square(&(other - &image)) / square(&image)).sqrt()
     };
-    // what is left of a deviation of 1e-9 of the noise is its square; rounding
+    // a deviation of 1e-9 of the noise leaves its square; the rest is rounding
     assert!(off(&left(1e-9, true)) < 1e-10);
     let [taken_over, same_lambda] = [true, false].map(|takes_over| off(&left(10.0, takes_over)));
-    // 5 of 30 directions are gone, a sixth of the image's energy
+    // 5 of 30 directions are removed, a sixth of the image's energy
     assert!((0.1..0.8).contains(&taken_over), "{taken_over}");
     assert!((taken_over - same_lambda).abs() > 1e-3, "{taken_over} {same_lambda}");
 }

@@ -1,8 +1,9 @@
-//! What one image of one frame leaves out: this program is the example `one_frame` and a look at its
-//! own names. No harness, so that nothing else is linked into it.
+//! What a program leaves out that reconstructs one image from one frame. It runs the example `one_frame`
+//! and searches its own executable for names. It has no test harness, so that nothing else is linked into
+//! it.
 //!
-//! The linker drops what nothing calls; what can be called, at any depth, is there under its name. So
-//! a name that is missing is code that cannot run.
+//! The linker drops code that nothing calls; whatever can be called, at any depth, appears under its name.
+//! A missing name therefore means code that cannot run.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs, reason = "tests")]
 
 #[path = "../examples/one_frame.rs"]
@@ -11,8 +12,8 @@ mod one_frame;
 
 use std::collections::BTreeSet;
 
-/// Modules of this crate that one image of one frame has no use for: time, touches, drift, other
-/// methods, choice of the hyperparameter, figures of merit.
+/// Modules of this crate that a single image does not need: time, touches, drift, other methods, choice of
+/// the hyperparameter, figures of merit.
 const LEFT_OUT: [&str; 9] = [
     "calibration",
     "metrics",
@@ -25,7 +26,7 @@ const LEFT_OUT: [&str; 9] = [
     "touch",
 ];
 
-/// Crates and modules: complex numbers, the network, instruments, recordings, nets.
+/// Crates and modules that must be absent: complex numbers, the network, instruments, recordings, nets.
 const FOREIGN: [&[&str]; 8] = [
     &["num_complex"],
     &["gemm_c64"],
@@ -37,8 +38,8 @@ const FOREIGN: [&[&str]; 8] = [
     &["burn_tensor"],
 ];
 
-/// A path as the compiler mangles it: every name after its length. Put together at run time, so that
-/// it does not stand in this program by itself.
+/// A path as the compiler mangles it: every name after its length. Built at run time, so that it does not
+/// occur in this program itself.
 fn mangled(path: &[&str]) -> Vec<u8> {
     path.iter().map(|name| format!("{}{name}", name.len())).collect::<String>().into_bytes()
 }
@@ -47,7 +48,7 @@ fn holds(program: &[u8], what: &[u8]) -> bool {
     program.windows(what.len()).any(|window| window == what)
 }
 
-/// Modules of this crate that the program names: rooms, and what stands in them.
+/// Modules of this crate named in the program, with the files inside them.
 fn modules(program: &[u8]) -> BTreeSet<String> {
     let own = mangled(&["eit_inverse"]);
     let ends = (own.len()..program.len()).filter(|&end| program[..end].ends_with(&own));
@@ -59,7 +60,7 @@ fn modules(program: &[u8]) -> BTreeSet<String> {
     ends.map(path).collect()
 }
 
-/// The name at the start of a mangled path, and what follows it.
+/// Returns the name at the start of a mangled path and the rest of the path.
 fn name(path: &[u8]) -> (String, &[u8]) {
     let digits = path.iter().take_while(|byte| byte.is_ascii_digit()).count();
     let length = std::str::from_utf8(&path[..digits]).unwrap().parse().unwrap_or(0);
@@ -68,7 +69,7 @@ fn name(path: &[u8]) -> (String, &[u8]) {
 }
 
 fn main() {
-    // the brightest pixel, of 6 mm, within a tenth of the radius
+    // the brightest pixel, of 6 mm, is within a tenth of the radius
     let error_m = one_frame::run().unwrap();
     assert!(error_m < 0.01, "{error_m} m off");
     if cfg!(windows) {
@@ -78,7 +79,7 @@ fn main() {
     let program = std::fs::read(std::env::current_exe().unwrap()).unwrap();
     let modules = modules(&program);
     println!("modules of eit-inverse in one image of one frame: {modules:?}");
-    // what is used is found, so what is not found is not there
+    // names that are used are found, so a name that is not found is absent
     for used in ["one_step::reconstructor", "one_step::spectrum"] {
         assert!(modules.contains(used), "{used}: {modules:?}");
     }

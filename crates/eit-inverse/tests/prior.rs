@@ -21,12 +21,12 @@ fn gaussian(surface: &Surface, length_m: f64) -> Gaussian {
     Gaussian::new(surface, &GaussianSettings { length_m: Some(length_m) }).unwrap()
 }
 
-/// `P` from its product with the identity.
+/// Returns `P` from its product with the identity.
 fn covariance(prior: &dyn Prior, elements: usize) -> Array2<f64> {
     prior.covariance_times(Array2::eye(elements).view()).unwrap()
 }
 
-/// Smallest and largest eigenvalue of a symmetric matrix.
+/// Returns the smallest and largest eigenvalue of a symmetric matrix.
 fn eigenvalue_range(matrix: &Array2<f64>) -> [f64; 2] {
     let n = matrix.nrows();
     let values = faer::Mat::from_fn(n, n, |i, j| matrix[(i, j)])
@@ -51,7 +51,7 @@ fn noser_is_free_of_scale_and_survives_an_element_that_nothing_senses() {
     jacobian.column_mut(4).fill(0.0);
     let prior = Noser::default();
     let one = prior.covariance_times(jacobian.view()).unwrap();
-    // entries whose squares underflow or overflow; the shape of J P must stay
+    // entries whose squares underflow or overflow; the shape of J P must not change
     for unit in [1e-200, 1e-3, 1e150] {
         let other = prior.covariance_times((&jacobian * unit).view()).unwrap();
         let (one, other) = (&one / one[(0, 0)], &other / other[(0, 0)]);
@@ -65,7 +65,7 @@ fn noser_is_free_of_scale_and_survives_an_element_that_nothing_senses() {
 
 #[test]
 fn noser_of_full_exponent_follows_an_element_s_unit() {
-    // exponent 1: an element in another unit of conductivity has the image in that unit
+    // exponent 1: with another unit of conductivity in an element, its image is in that unit
     let jacobian = Random::new(2).normals(5, 8);
     let units = array![1.0, 10.0, 0.1, 3.0, 1.0, 7.0, 0.5, 2.0];
     let prior = Noser { exponent: 1.0 };
@@ -99,11 +99,11 @@ fn laplace_of_a_constant_is_its_mass() {
     let surface = disc(0.1, 5);
     let product = laplace(&surface, 0.05).precision_times(&vec![2.0; 150]).unwrap();
     let mass: Vec<f64> = surface.areas_m2().iter().map(|a| 2.0 * a / 0.0025).collect();
-    // rounding of the cancelling weights of about 1.7
+    // rounding of cancelling weights of about 1.7
     product.iter().zip(&mass).for_each(|(p, m)| assert!((p - m).abs() < 1e-13));
 }
 
-/// `u' R u` with a mass term of no account (1e-8 of `u^2`): the discrete Dirichlet energy.
+/// `u' R u` with a negligible mass term (1e-8 of `u^2`): the discrete Dirichlet energy.
 fn energy(surface: &Surface, u: impl Fn([f64; 3]) -> f64) -> f64 {
     let values: Vec<f64> = surface.centroids().into_iter().map(u).collect();
     let product = laplace(surface, 1e4).precision_times(&values).unwrap();
@@ -145,7 +145,8 @@ fn laplace_is_the_same_on_a_rolled_skin() {
     let u = |x: f64, y: f64| (2.0 * x + y).sin();
     let on_flat = energy(&flat, |x| u(x[0], x[1]));
     let on_rolled = energy(&rolled, |x| u(x[0].atan2(x[2] + 1.0), x[1]));
-    // chords of h = 1 / 48 against arcs: h^2 / 24 = 2e-5 relative (measured: 2.3e-5), twice that
+    // chords of h = 1 / 48 instead of arcs: h^2 / 24 = 2e-5 relative (measured: 2.3e-5); twice that is
+    // allowed
     assert!((on_rolled / on_flat - 1.0).abs() < 4e-5, "{on_rolled} {on_flat}");
 }
 
@@ -187,9 +188,9 @@ fn gaussian_covariance_is_as_stated() {
                 worst[usize::from(!inner)] = worst[usize::from(!inner)].max(error);
             }
         }
-        // inside: lumping of elements into cells (elements of 0.008 m are larger than a cell at
-        // l = 0.01); at the rim the kernel's other half is missing
-        // (measured: 0.016, 0.007, 0.002 inside; 0.07, 0.11, 0.13 at the rim)
+        // In the interior, the lumping of elements into cells matters (elements of 0.008 m are larger than
+        // a cell at l = 0.01); at the rim, half of the kernel is missing (measured: 0.016, 0.007, 0.002
+        // inside; 0.07, 0.11, 0.13 at the rim).
         let inside = if length_m < 0.015 { 0.02 } else { 0.01 };
         assert!(worst[0] < inside && worst[1] < 0.15, "{length_m}: {worst:?}");
     }
@@ -202,7 +203,7 @@ fn gaussian_of_a_tiny_length_is_white_and_its_size_is_bounded() {
     let matrix = covariance(&gaussian(&surface, 1e-4), n);
     assert!(relative_difference(&matrix, &Array2::eye(n)) < 1e-12);
     let fine = gaussian(&disc(0.1, 30), 0.02);
-    // pi 4^2 w^2 / (w / 2)^2 = 201 sources in reach, and the cells that the rim of the disc cuts
+    // pi 4^2 w^2 / (w / 2)^2 = 201 sources within reach, plus the cells cut by the rim of the disc
     // (measured: 158 per element, fewer at the rim)
     let per_element = fine.kernel_entries() as f64 / 5400.0;
     assert!((140.0..210.0).contains(&per_element), "{per_element}");
@@ -223,7 +224,8 @@ fn gaussian_does_not_care_where_the_skin_lies() {
     let far = Surface::new(far, here.triangles().to_vec()).unwrap();
     let n = here.areas_m2().len();
     let (a, b) = (covariance(&gaussian(&here, 0.03), n), covariance(&gaussian(&far, 0.03), n));
-    // 512 m has a spacing of 1e-13 m; a centroid that changes its cell on the way shows as lumping
+    // at 512 m the spacing of doubles is 1e-13 m; a centroid that changes its cell through that shows as
+    // lumping
     assert!(relative_difference(&a, &b) < 0.02);
 }
 
@@ -263,8 +265,8 @@ fn images_do_not_depend_on_the_mesh() {
             size += y * y;
         }
         let error = (difference / size).sqrt();
-        // the elements' own size: 0.008 m against 0.0056 m shift and smear a pixel of 0.008 m;
-        // measured 1.6 % (Laplace) to 2.2 % (NOSER)
+        // the elements' own size: 0.008 m and 0.0056 m shift and smear a pixel of 0.008 m; measured 1.6 %
+        // (Laplace) to 2.2 % (NOSER)
         assert!(error < 0.025, "{}: {error}", prior_a.name());
     }
 }

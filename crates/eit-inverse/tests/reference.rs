@@ -1,4 +1,4 @@
-//! The adaptive reference: drift is followed, touches are not.
+//! The adaptive reference follows drift but not touches.
 
 #![allow(
     missing_docs,
@@ -24,12 +24,12 @@ const CHANNELS: usize = 208;
 const NOISE: f64 = 1e-3;
 const RATE_HZ: f64 = 20.0;
 
-/// Voltages over two decades, as adjacent protocols have them.
+/// Voltages over two decades, as in adjacent protocols.
 fn rest() -> Vec<f64> {
     (0..CHANNELS).map(|i| 0.1 * 10.0_f64.powf(2.0 * ((i * 37) % CHANNELS) as f64 / 208.0)).collect()
 }
 
-/// Relative change by a touch: 5 % in a few channels, next to none in most.
+/// Relative change by a touch: 5 % in a few channels, almost none in most.
 fn touch(i: usize) -> f64 {
     0.05 * (-(((i * 53) % CHANNELS) as f64 / 25.0).powi(2)).exp()
 }
@@ -45,7 +45,7 @@ impl Skin {
         Self { random: Random::new(seed), frame: vec![0.0; CHANNELS], rest: rest() }
     }
 
-    /// A frame with a common factor and a touch of some strength.
+    /// Returns a frame with a common factor and a touch of the given strength.
     fn frame(&mut self, factor: f64, strength: f64) -> &[f64] {
         for i in 0..CHANNELS {
             let clean = self.rest[i] * factor * (1.0 + strength * touch(i));
@@ -64,14 +64,14 @@ fn start(seed: u64, settings: ReferenceSettings) -> (Skin, AdaptiveReference) {
     (skin, AdaptiveReference::of_quiet_frames(quiet.view(), settings).unwrap())
 }
 
-/// Largest relative error of the reference against a true factor, in units of a frame's noise.
+/// Largest error of the reference relative to a true factor, in units of a frame's noise.
 fn error(reference: &AdaptiveReference, rest: &[f64], factor: f64) -> f64 {
     let errors = reference.reference().iter().zip(rest).map(|(v, r)| (v - factor * r) / NOISE);
     (errors.map(|e| e * e).sum::<f64>() / CHANNELS as f64).sqrt()
 }
 
-/// A drift of 1 % a minute is followed without lag: the error is that of a mean over the time
-/// constant, and no frame is taken for a touch.
+/// A drift of 1 % a minute is followed without lag: the error is that of a mean over the time constant, and
+/// no frame is taken for a touch.
 #[test]
 fn steady_drift_is_followed_without_lag() {
     let (mut skin, mut reference) = start(1, ReferenceSettings::default());
@@ -83,19 +83,19 @@ fn steady_drift_is_followed_without_lag() {
         assert_eq!(step.state, ReferenceState::Following, "{time_s} s, {step:?}");
         largest = largest.max(error(&reference, &skin.rest, factor));
     }
-    // until the slope is known the largest channel lags by 1 % / min * 30 s / e = 1.8e-3 of 10 V, 18
-    // noises; afterwards what is left is the noise of the filter, 1.25 dt / tau of the variance
+    // Until the slope is known, the largest channel lags by 1 % / min * 30 s / e = 1.8e-3 of 10 V, 18 times
+    // the noise. Afterwards only the noise of the filter remains, 1.25 dt / tau of the variance.
     let last = error(&reference, &skin.rest, 1.0 + 0.01 * (600.0 - 1.0 / RATE_HZ) / 60.0);
     println!("largest {largest:.3}, last {last:.3} of the noise");
     assert!(last < 0.15, "{last}");
 }
 
-/// Held for ten minutes at a drift of 0.1 % a minute: the difference keeps its strength.
+/// A touch held for ten minutes at a drift of 0.1 % a minute keeps its strength.
 #[test]
 fn a_held_touch_does_not_fade() {
     for (drift_per_s, common_mode, tolerance) in
-        // without drift: the noise of a mean of 8 s; with drift, 1.2 % in the ten minutes and a
-        // quarter of the touch's 5 %, a fiftieth of the touch
+        // without drift: the noise of a mean over 8 s; with drift, 1.2 % in all, a quarter of the touch's 5
+        // %: a fiftieth of the touch may be left
         [(0.0, true, 0.01), (0.0, false, 0.01), (0.001 / 60.0, true, 0.02)]
     {
         let settings = ReferenceSettings { common_mode, ..Default::default() };
@@ -111,7 +111,7 @@ fn a_held_touch_does_not_fade() {
                     let factor = 1.0 + drift_per_s * time_s;
                     let pressed = time_s >= begin_s && time_s < end_s;
                     let frame = skin.frame(factor, f64::from(u8::from(pressed)));
-                    // the tracker knows one frame later, and tells two frames longer
+                    // the tracker reports it one frame later and for two frames longer
                     let touched = time_s >= begin_s + 0.06 && time_s < end_s + 0.11;
                     let step = reference.push(frame, time_s, touched).unwrap();
                     if pressed {
@@ -145,8 +145,8 @@ fn a_held_touch_does_not_fade() {
     }
 }
 
-/// A frame beyond the noise is no drift, even before the tracker says so; the same frame again and
-/// again is not either. The command takes it at once.
+/// A frame beyond the noise is not drift, even before the tracker reports a touch; nor is the same frame
+/// repeated. The rezero command adopts it at once.
 #[test]
 fn rezero_is_immediate_and_nothing_else_is() {
     let (mut skin, mut reference) = start(3, ReferenceSettings::default());
@@ -162,9 +162,9 @@ fn rezero_is_immediate_and_nothing_else_is() {
     assert_eq!(reference.reference(), frame);
 }
 
-/// The whole way from frames to touches under a thermal drift of 1 % a minute of all voltages: none
-/// in five minutes of rest, one while something presses for two, none afterwards; its place is that
-/// without drift to a millimetre.
+/// The whole chain from frames to touches under a thermal drift of 1 % a minute in all voltages: no touch
+/// in five minutes of rest, one during a press of two minutes, none afterwards. Its position agrees with
+/// that without drift to a millimetre.
 #[test]
 fn thermal_drift_is_no_touch_and_does_not_move_one() {
     let place = |drift_per_s: f64| -> [f64; 2] {

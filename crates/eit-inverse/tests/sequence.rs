@@ -1,5 +1,7 @@
 //! Images of the classical methods against hand solutions, the dense solution of the whole sequence,
 //! each other, and simulations on a finer mesh.
+//!
+//! Over 300 lines because all methods are tested through the same trait on the same problems.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -20,7 +22,7 @@ use fixtures::Random;
 use ndarray::{Array1, Array2, ArrayView2, Axis, array};
 use proptest::prelude::*;
 
-/// A covariance given as a matrix.
+/// A prior covariance given as a matrix.
 struct Dense(Array2<f64>);
 
 impl Prior for Dense {
@@ -54,7 +56,7 @@ fn images(
     method.reconstruct_sequence(&frames).unwrap().images
 }
 
-/// Methods that weigh a linear model by a covariance in time, `[method]`, with that covariance.
+/// Linear methods with a temporal covariance, and that covariance.
 type InTime = (Box<dyn SequenceSolver>, Array2<f64>);
 
 fn methods_in_time(
@@ -105,8 +107,8 @@ fn scene(seed: u64, [frames, measurements, elements]: [usize; 3], lambda: f64) -
     }
 }
 
-/// The most probable images and their residuals, with all covariances of the sequence as dense
-/// matrices: `(K (x) P) J~' (J~ (K (x) P) J~' + lambda^2 s W^-1)^-1 dv`, masked rows left out.
+/// Maximum a posteriori images and their residuals, with all covariances of the sequence as dense
+/// matrices: `(K (x) P) J~' (J~ (K (x) P) J~' + lambda^2 s W^-1)^-1 dv`, without masked rows.
 fn batch(
     scene: &Scene,
     in_time: &Array2<f64>,
@@ -139,7 +141,7 @@ fn batch(
     (images, residual)
 }
 
-/// Every method in time against the dense solution, masked values destroyed.
+/// Compares every temporal method with the dense solution; masked values are NaN.
 fn compare_with_batch(scene: &Scene, good: &Array2<bool>, tolerance: f64) {
     let mut values = scene.values.clone();
     values.iter_mut().zip(good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
@@ -156,8 +158,8 @@ fn compare_with_batch(scene: &Scene, good: &Array2<bool>, tolerance: f64) {
         if good.iter().any(|good| *good) {
             let error = relative_difference(&sequence.images, &images);
             assert!(error < tolerance, "{name} {in_time:?} {good:?}: image off by {error:e}");
-            // a frame that is fitted to the last digit has a residual of rounding alone: relative
-            // to the largest of the sequence, not each to its own
+            // the residual of an exactly fitted frame is pure rounding, so the error is relative to the
+            // largest residual of the sequence
             let error = relative_difference(&sequence.report.residual, &residual);
             assert!(error < 10.0 * tolerance, "{name}: residual off by {error:e}");
         } else {
@@ -180,7 +182,7 @@ fn images_are_the_dense_solution_of_the_whole_sequence() {
         let dead: Vec<(usize, usize)> = (0..5).flat_map(|t| [(t, 1), (t, 6)]).collect();
         let all: Vec<(usize, usize)> = (0..5).flat_map(|t| (0..7).map(move |i| (t, i))).collect();
         for masked in [&[][..], &[(0, 3)], &[(4, 0), (1, 2), (1, 3)], &lost, &dead, &all] {
-            // condition d_1 / mu of about 10 / lambda^2 = 1e7 for the least lambda: measured 7e-11
+            // condition d_1 / mu of about 10 / lambda^2 = 1e7 for the smallest lambda: measured 7e-11
             compare_with_batch(&scene, &with(masked), 1e-9);
         }
     }
@@ -196,7 +198,7 @@ proptest! {
         log_lambda in -2.0_f64..1.0,
     ) {
         let scene = scene(seed, [4, 6, elements], 10_f64.powf(log_lambda));
-        // condition up to 1e5 of the dense system, times the spread of K: 1e3
+        // condition of the dense system up to 1e5, times the condition of K, 1e3
         compare_with_batch(&scene, &Array2::from_shape_vec((4, 6), good).unwrap(), 1e-8);
     }
 }
@@ -233,7 +235,7 @@ fn scalar_problems_by_hand() {
     let mut filter = KalmanFilter::new(&jacobian, &prior, &settings).unwrap();
     let mut image = [f64::NAN];
     filter.push(&[5.0], None, &mut image).unwrap();
-    assert!((image[0] - 2.0).abs() < 1e-15, "the filter knows nothing of frame 2");
+    assert!((image[0] - 2.0).abs() < 1e-15, "the filter does not use frame 2");
     filter.push(&[10.0], None, &mut image).unwrap();
     assert!((image[0] - 2.0 - gained).abs() < 1e-14);
 }
@@ -281,9 +283,9 @@ fn without_correlation_in_time_every_frame_is_one_step() {
             let frames = DifferenceFrames { values: values.view(), good: Some(good.view()) };
             let a = one.reconstruct_sequence(&frames).unwrap();
             let b = in_time.reconstruct_sequence(&frames).unwrap();
-            // the same spectrum, the same sums in another order: measured 2e-15
+            // same spectrum, same sums in a different order: measured 2e-15
             assert!(relative_difference(&b.images, &a.images) < 1e-13, "lambda {lambda}");
-            // one from the Jacobian, the others from the spectrum: measured 1e-12
+            // computed from the Jacobian and from the spectrum: measured 1e-12
             let direct = residuals(&jacobian, &noise_std, &frames, &a.images);
             for found in [&a.report.residual, &b.report.residual] {
                 let error = relative_difference(found, &direct);
@@ -316,10 +318,10 @@ fn masked_everywhere_is_built_without() {
     pairs.extend(full.into_iter().zip(built).map(|(full, built)| (full.0, built.0)));
     for (mut full, mut built) in pairs {
         let masked = images(&mut *full, &values, Some(&good));
-        // unused channels are not looked at either
+        // unused channels are not read either
         let left_out = images(&mut *built, &values, None);
         let error = relative_difference(&masked, &left_out);
-        // two spectra, condition d_1 / mu of 1e5: measured 2e-11
+        // different spectra, condition d_1 / mu of 1e5: measured 2e-11
         assert!(error < 1e-10, "{}: {error:e}", full.name());
     }
 }
@@ -342,11 +344,11 @@ fn the_filter_is_the_smoother_of_the_frames_so_far() {
             let values = scene.values.select(Axis(0), &so_far);
             let masks = good.select(Axis(0), &so_far);
             let sequence = images(&mut smoother, &values, Some(&masks));
-            // the same operations on the same numbers, but for the product of the image
+            // the same operations on the same numbers, except for the product that gives the image
             assert!(relative_difference(&image, sequence.row(t)) < 1e-14, "frame {t}");
             assert_eq!(filter.frames(), t + 1);
         }
-        // a wrong frame leaves no trace
+        // a rejected frame has no effect
         let mut bad = scene.values.row(0).to_vec();
         bad[3] = f64::NAN;
         let error = filter.push(&bad, None, &mut image).unwrap_err();
@@ -376,7 +378,7 @@ fn normalised_data_is_plain_data_in_other_units() {
             images(&mut method, values, Some(&good))
         };
         let error = relative_difference(&one(&normalised, &ratios), &one(&plain, &values));
-        // two spectra, condition d_1 / mu of 1e4: measured 2e-11
+        // different spectra, condition d_1 / mu of 1e4: measured 2e-11
         assert!(error < 1e-10, "{error:e}");
         let [plains, ratio] =
             [&plain, &normalised].map(|settings| methods_in_time(&jacobian, &prior, settings, 3));
@@ -402,7 +404,7 @@ fn wrong_data_is_refused() {
         let mut bad = values.clone();
         bad[(2, 11)] = f64::NAN;
         let mut masked = good.clone();
-        // a mask in that frame, but elsewhere
+        // a mask in that frame, but of another channel
         masked[(2, 30)] = false;
         let frames = DifferenceFrames { values: bad.view(), good: Some(masked.view()) };
         let error = method.reconstruct_sequence(&frames).unwrap_err();
@@ -450,7 +452,7 @@ fn settings_out_of_range_are_refused() {
         let settings = TimePriorSettings { correlation_frames, ..Default::default() };
         out_of_range(TimePrior::new(&jacobian, &prior, &settings).unwrap_err());
     }
-    // a negative zero is a zero
+    // -0.0 is treated as zero
     let settings = TimePriorSettings { correlation_frames: -0.0, ..Default::default() };
     let values = Array2::ones((2, 40));
     let sequence =
@@ -470,7 +472,7 @@ fn settings_out_of_range_are_refused() {
         out_of_range(KalmanSmoother::new(&jacobian, &prior, &settings).unwrap_err());
         out_of_range(KalmanFilter::new(&jacobian, &prior, &settings).unwrap_err());
     }
-    // the square of the last leaves the range of doubles
+    // the square of the last overflows
     for lambda in [0.0, -1.0, f64::NAN, 1e-170, 1e170] {
         let difference = single(lambda);
         let settings = TimePriorSettings { one_step: difference, ..Default::default() };
@@ -478,7 +480,7 @@ fn settings_out_of_range_are_refused() {
     }
 }
 
-// From here on: the iterated reconstruction.
+// Tests of the iterated reconstruction.
 
 const CONDUCTIVITY_S: f64 = 1e-5;
 
@@ -495,7 +497,7 @@ fn background(model: &ForwardModel) -> Vec<f64> {
     vec![CONDUCTIVITY_S; model.elements()]
 }
 
-/// Where the conductivity is the background's times a factor.
+/// A patch whose conductivity is the background times a factor.
 #[derive(Clone, Copy)]
 struct Patch {
     at_m: [f64; 2],
@@ -506,7 +508,7 @@ fn patch(at_m: [f64; 2], factor: f64) -> Patch {
     Patch { at_m, factor }
 }
 
-/// The background times the factor of each patch within 0.03 m of it.
+/// The background, multiplied by the factor of each patch within 0.03 m of its centre.
 fn touched(mesh: &Mesh, patches: &[Patch]) -> Vec<f64> {
     let factor = |c: [f64; 3]| {
         let is_near = |p: &&Patch| (c[0] - p.at_m[0]).hypot(c[1] - p.at_m[1]) < 0.03;
@@ -515,7 +517,7 @@ fn touched(mesh: &Mesh, patches: &[Patch]) -> Vec<f64> {
     mesh.surface().centroids().into_iter().map(|c| CONDUCTIVITY_S * factor(c)).collect()
 }
 
-/// Difference data `[frame, measurement]` of the patches, one frame for each list.
+/// Difference data `[frame, measurement]` of patches, one frame per list.
 fn simulate(mesh: &Mesh, model: &ForwardModel, frames: &[&[Patch]]) -> Array2<f64> {
     let reference = model.forward(&background(model)).unwrap();
     let mut values = Array2::zeros((frames.len(), reference.len()));
@@ -547,9 +549,9 @@ fn strong_contrast_from_a_finer_mesh_is_found_better_than_by_one_step() {
     let jacobian = coarse.jacobian(&reference).unwrap();
     let prior = Laplace::new(mesh.surface(), &LaplaceSettings::default()).unwrap();
     for (patches, gain) in [
-        // an insulating patch, a tenth of the background; best errors 0.42 against 0.71
+        // an insulating patch, a tenth of the background; best errors 0.42 and 0.71
         (&[patch([0.04, 0.02], 0.1)][..], 0.7),
-        // an insulator and a conductor; best errors 0.50 against 0.77
+        // an insulator and a conductor; best errors 0.50 and 0.77
         (&[patch([0.045, 0.02], 5.0), patch([-0.045, -0.01], 0.2)][..], 0.8),
     ] {
         let values = simulate(&fine_mesh, &fine, &[patches]);
@@ -574,12 +576,12 @@ fn strong_contrast_from_a_finer_mesh_is_found_better_than_by_one_step() {
         });
         let best = |errors: &[f64]| errors.iter().copied().fold(f64::INFINITY, f64::min);
         assert!(best(&iterated) < gain * best(&one), "{iterated:?} against {one:?}");
-        // and lambda by lambda
+        // also for each lambda
         assert!(iterated.iter().zip(&one).all(|(a, b)| a < b), "{iterated:?} against {one:?}");
     }
 }
 
-/// 8 electrodes, a coarse mesh: fast.
+/// A fast problem: 8 electrodes, a coarse mesh.
 struct Small {
     mesh: Mesh,
     model: ForwardModel,
@@ -618,12 +620,12 @@ fn bounds_hold_exactly_and_the_objective_never_rises() {
                 AbsoluteGaussNewton::new(&model, &reference, &prior, settings).unwrap();
             let sequence =
                 method.reconstruct_sequence(&DifferenceFrames::all_good(values.view())).unwrap();
-            // the image is sigma - sigma_ref, rounded once more
+            // the image is sigma - sigma_ref, with one more rounding
             let [lower, upper] = bounds_s.map(|b| b - CONDUCTIVITY_S);
             assert!(sequence.images.iter().all(|x| (lower..=upper).contains(x)), "{bounds:?}");
             let least = sequence.images.iter().copied().fold(0.0, f64::min);
             if tight && lambda < 0.05 {
-                // it is the bound that holds it: the touches go ten times beyond
+                // the bound is active: the touches exceed it ten times
                 assert!(least < 0.9 * lower, "{bounds:?}: {least:e} of {lower:e}");
             }
             for report in method.frame_reports() {
@@ -634,8 +636,8 @@ fn bounds_hold_exactly_and_the_objective_never_rises() {
     }
 }
 
-/// The objective of an image from its definition: an own forward solution, and the inverse of the
-/// map to unknowns.
+/// Objective of an image from its definition, with a separate forward solution and the inverse of the map
+/// from the unknowns.
 fn objective_by_definition(
     small: &Small,
     areas: &[f64],
@@ -696,14 +698,14 @@ fn the_objective_is_the_one_documented_and_the_image_its_minimum() {
         let at = |x: &[f64]| objective_by_definition(&small, &areas, x, &dv, mu, range);
         let (expected, found) = (at(&x), *report.objective.last().unwrap());
         if t == 2 {
-            // no touch: data of rounding
+            // no touch: the data is pure rounding
             assert!(found < 1e-20 && report.iterations <= 1, "{found:e}");
             continue;
         }
-        // x through a logarithm and back, R x carried along through all steps: measured 4e-13
+        // rounding of x in a logarithm and back, and of R x updated over all steps: measured 4e-13
         assert!((found / expected - 1.0).abs() < 1e-11, "{found:e} for {expected:e}");
-        // any way off it is uphill: a thousandth of x costs 3e-6 of the objective and more, far
-        // above the 1e-12 to which the steps go
+        // the objective increases in every direction: a change of a thousandth of x costs at least 3e-6 of
+        // it, far above the accuracy of the steps, 1e-12
         let size = x.iter().map(|x| x * x).sum::<f64>().sqrt() / (x.len() as f64).sqrt();
         for _ in 0..20 {
             let way: Vec<f64> = x.iter().map(|_| 1e-3 * size * random.normal()).collect();
@@ -730,7 +732,7 @@ fn for_small_changes_it_is_one_step() {
         relative_difference(&images(&mut iterated, &values, None), &images(&mut one, &values, None))
     };
     let [large, small] = [1e-3, 1e-4].map(&mut error);
-    // the difference is of second order in the data, so of first order relative to the image
+    // the difference is of second order in the data, hence of first order relative to the image
     assert!((large / small / 10.0 - 1.0).abs() < 0.05 && small < 1e-3, "{large:e} {small:e}");
 }
 
@@ -757,10 +759,10 @@ fn masked_channels_and_lost_frames_of_the_iterated_reconstruction() {
     values.iter_mut().zip(&good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
     let masked = images(&mut build(&full), &values, Some(&good));
     let left_out = images(&mut build(&without), &values, None);
-    // two systems of other size, solved to rounding in each step: measured 5e-13
+    // two systems of different size, solved to rounding in each step: measured 5e-13
     assert!(relative_difference(&masked, &left_out) < 1e-10);
 
-    // a frame without any channel has the prior's image, and the next starts from the one before
+    // a frame without any channel has the image zero, and the next one starts from the frame before it
     good.row_mut(1).fill(false);
     values.row_mut(1).fill(f64::NAN);
     let mut method = build(&full);
@@ -781,9 +783,9 @@ fn a_frame_starts_from_the_frame_before() {
     let [first, second] = [0, 1].map(|t| method.frame_reports()[t].clone());
     assert!(first.iterations > 1 && second.iterations <= 1, "{first:?} {second:?}");
     assert!(second.objective[0] <= *first.objective.last().unwrap() * (1.0 + 1e-12));
-    // and a sequence does not depend on the one before it
+    // a sequence does not depend on the previous sequence
     assert_eq!(images(&mut method, &twice, None), sequence);
-    // no change, no image, no step
+    // without a change the image is zero and no step is taken
     let still = images(&mut method, &Array2::zeros((2, 40)), None);
     assert!(still.iter().all(|x| *x == 0.0));
     assert!(method.frame_reports().iter().all(|report| report.iterations == 0));
@@ -805,7 +807,7 @@ fn normalised_data_of_the_iterated_reconstruction() {
         let mut method = AbsoluteGaussNewton::new(&model, &reference, &prior, settings).unwrap();
         method.reconstruct_sequence(&DifferenceFrames::all_good(values.view())).unwrap()
     });
-    // the same problem in other units, rounding of a few steps: measured 4e-13
+    // the same problem in other units; rounding of a few steps: measured 4e-13
     assert!(relative_difference(&b.images, &a.images) < 1e-10);
     assert!(relative_difference(&b.report.residual, &a.report.residual) < 1e-9);
 }

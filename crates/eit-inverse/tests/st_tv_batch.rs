@@ -1,4 +1,4 @@
-//! How soon a sequence is certified, and that its certificate holds where data is hard.
+//! Number of iterations to a certified sequence, and validity of the certificate for difficult data.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -15,7 +15,7 @@ fn gap(target_gap: f64) -> Stop {
     Stop { target_gap, ..Default::default() }
 }
 
-/// The peers' problem with its weights times a factor in time.
+/// Reference problem with its temporal weight multiplied by a factor.
 fn reference(pixels: usize, in_time: f64) -> Option<Problem> {
     let reference = fixtures::st_tv::load(pixels).unwrap()?;
     let gradient = Gradient::pixels(&reference.mask, 1.0).unwrap();
@@ -33,7 +33,7 @@ fn converged(problem: &Problem, stop: &Stop) -> ImageSequence {
     sequence
 }
 
-/// Measured: 258 and 418 iterations. One step size for all took 1 225 at 64 x 64.
+/// Measured: 258 and 418 iterations. A uniform step size took 1 225 at 64 x 64.
 #[test]
 fn the_references_are_certified_to_a_thousandth_within_500_iterations() {
     for (pixels, most) in [(32, 350), (64, 500)] {
@@ -58,7 +58,7 @@ fn bounds_that_bind_cost_no_more_than_twice_the_iterations() {
     }
 }
 
-/// Measured: 457 iterations to 1e-2, 1 350 to 1e-3: farther than with equal weights, but no cap.
+/// Measured: 457 iterations to 1e-2, 1 350 to 1e-3: more than with equal weights, but below the cap.
 #[test]
 fn a_large_weight_in_time_is_certified() {
     let Some(problem) = reference(32, 30.0) else { return };
@@ -70,9 +70,9 @@ fn a_large_weight_in_time_is_certified() {
     }
 }
 
-/// Rows from 1 to 1e-8 and weights down to 1e-14, as far electrodes and little noise have them, with
-/// masked channels: the bound may not exceed what an image costs by the raw rows that are left. A Gram
-/// matrix of these rows would square their condition number.
+/// Rows from 1 to 1e-8 and weights down to 1e-14, as with distant electrodes and little noise, and masked
+/// channels: the bound must not exceed the objective of any image, computed from the remaining raw rows. A
+/// Gram matrix of these rows would square their condition number.
 #[test]
 fn bounds_of_graded_rows_hold_with_masked_channels() {
     let mut random = Random::new(21);
@@ -105,7 +105,7 @@ fn bounds_of_graded_rows_hold_with_masked_channels() {
                 let mut least = f64::INFINITY;
                 for images in [&own.images, &other.images, &truth] {
                     let found = problem.objective(images);
-                    // residuals are differences of values of the size of the data
+                    // rounding of residuals, which are differences of values as large as the data
                     let value = found.data + found.variation + problem.rounding(images);
                     least = least.min(value);
                 }
@@ -118,7 +118,7 @@ fn bounds_of_graded_rows_hold_with_masked_channels() {
     }
 }
 
-/// What `f32` cannot resolve goes on in `f64`, instead of up to the cap without a bound.
+/// A problem beyond the precision of `f32` continues in `f64`, instead of reaching the cap without a bound.
 #[test]
 fn an_ill_conditioned_sequence_is_certified_to_a_hundredth() {
     let mut random = Random::new(5);

@@ -1,7 +1,7 @@
-//! The causal stream: closed forms, the batch solver's optimum of the same frame, every certificate
+//! Causal stream: closed forms, comparison with the batch solver on the same frame, every certificate
 //! recomputed from the raw Jacobian, events, no allocation.
 //!
-//! Long because every property is checked on one set of scenes.
+//! Over 300 lines because every property is checked on the same set of scenes.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -26,17 +26,18 @@ use std::time::Duration;
 const MEASUREMENTS: usize = 40;
 const NOISE: f64 = 0.02;
 const GAP: f64 = 1e-2;
-/// Share of `lambda_time` in a causal frame, by default.
+/// Default of `CausalSettings::time_share`.
 const SHARE: f64 = 0.25;
 
-/// A basis with smooth rows that see it, and touches on it.
+/// A basis with a smooth Jacobian, and touches on it.
 struct Scene {
     jacobian: Array2<f64>,
     gradient: Gradient,
     places: Vec<[f64; 2]>,
 }
 
-/// Dipoles near the rim of the unit disc: large near it, small in the middle, as in a real skin.
+/// Fields of dipoles near the rim of the unit disc: large near the rim and small in the middle, as in a
+/// real skin.
 fn scene_on(places: Vec<[f64; 2]>, gradient: Gradient, weight: impl Fn(usize) -> f64) -> Scene {
     let mut random = Random::new(7);
     let mut jacobian = Array2::zeros((MEASUREMENTS, places.len()));
@@ -65,7 +66,7 @@ fn pixels(side: usize) -> Scene {
     scene_on(places, Gradient::pixels(&mask, 1.0).unwrap(), |_| 30.0 / (side * side) as f64)
 }
 
-/// Two rectangles that do not touch: a skin in two parts.
+/// Two separate rectangles: a skin in two parts.
 fn two_parts() -> Scene {
     let mask = Array2::from_shape_fn((9, 21), |(_, j)| j != 10);
     let inside = mask.indexed_iter().filter(|(_, m)| **m);
@@ -84,7 +85,7 @@ fn mesh(nodal: bool) -> Scene {
     scene_on(places, gradient, |p| 10.0 * areas[p])
 }
 
-/// Touches at rest, pressed, moving, jumping, released, of frame `f`.
+/// Touches in frame `f`: none, pressed, moving, jumping, released.
 fn touches(f: usize) -> Vec<([f64; 2], f64)> {
     let at = |angle: f64, radius: f64| [radius * angle.cos(), radius * angle.sin()];
     let turn = 0.03 * f as f64;
@@ -114,7 +115,7 @@ impl Scene {
         dv
     }
 
-    /// Weights that fit the noise: units of the data term over those of the sums.
+    /// Weights that suit the noise, in units of the data term over those of the sums.
     fn settings(&self) -> StTvSettings {
         let area: f64 = self.gradient.areas_m2().iter().sum();
         let length = (area / std::f64::consts::PI).sqrt();
@@ -138,11 +139,12 @@ impl Scene {
     }
 }
 
-/// Objective and lower bound of a frame, from the raw Jacobian, the image before and the dual point.
+/// Objective and lower bound of a frame, computed from the raw Jacobian, the previous image and the dual
+/// point.
 struct Audit {
     primal: f64,
     lower_bound: f64,
-    /// Largest ratio of a dual to its radius where no bound helps.
+    /// Largest ratio of a dual to its radius, for duals that no bound relaxes.
     kappa: f64,
     /// `|W^1/2 (J x - dv)|` over the radius of a constrained frame.
     violation: f64,
@@ -227,7 +229,7 @@ fn audit(
     }
 }
 
-/// Streams frames and audits every one; returns the iterations of each.
+/// Streams frames and checks the certificate of each; returns their numbers of iterations.
 fn stream_and_audit(
     scene: &Scene,
     settings: &StTvSettings,
@@ -253,8 +255,8 @@ fn stream_and_audit(
         }
         let (own, status) = (step.certificate, step.status);
         let image = step.image.to_vec();
-        // both together do not always converge within the cap; what is claimed must hold all the same
-        // nor do frames that have lost most of their channels
+        // Constrained frames with bounds, and frames that have lost most of their channels, do not always
+        // converge within the cap. The reported bounds must be valid nevertheless.
         let is_hard = settings.lower_s.is_finite() && settings.fidelity != Fidelity::Penalised
             || good.iter().filter(|g| **g).count() < MEASUREMENTS / 4;
         if is_hard && status == SequenceStatus::IterationCap && own.primal.is_infinite() {
@@ -266,10 +268,10 @@ fn stream_and_audit(
         assert!(image.iter().all(|x| (lower..=upper).contains(x)), "frame {f}");
         let found =
             audit(scene, settings, &good, &dv, stream.image_before(), &image, &stream.dual());
-        // f64 throughout: sums over some hundred terms, and an objective of the size of the bound; the
-        // objective of a touch is above 1, and one that has gone leaves differences of what it was
+        // rounding in f64 of sums over a few hundred terms; the objective of a touch is above 1, and after
+        // its release differences of values of that size remain
         let rounding = 1e-9 * found.primal.abs() + 1e-12;
-        // an image that is reported in f32's bounds may only be better than it says
+        // the reported objective includes the rounding error of f32, so the true one may only be lower
         assert!(found.primal <= own.primal + rounding, "frame {f}: {} {own:?}", found.primal);
         assert!(found.kappa <= 1.0 + 1e-9, "frame {f}: {}", found.kappa);
         assert!(found.violation <= 1.0 + 1e-8, "frame {f}: {}", found.violation);
@@ -289,7 +291,7 @@ fn all(_: usize) -> Vec<bool> {
     vec![true; MEASUREMENTS]
 }
 
-/// A lost electrode, another one, both, none.
+/// Masks of successive frames: none, one lost electrode, two, most channels, none.
 fn some(f: usize) -> Vec<bool> {
     (0..MEASUREMENTS)
         .map(|i| match f % 80 {
@@ -347,7 +349,7 @@ fn one_pixel_is_a_shifted_and_clipped_least_squares() {
     let power = 5.25;
     let settings = StTvSettings { lambda_space: 1.0, lambda_time: 0.8, ..Default::default() };
     let bounded = StTvSettings { lower_s: -0.1, upper_s: 1.5, ..settings.clone() };
-    // the objective is within the gap, and curved by `power`: sqrt(2 gap P / power), with P of 1
+    // an objective within the gap, with curvature `power`: error sqrt(2 gap P / power), with P of order 1
     for (settings, target_gap, error) in [(settings, 1e-6, 1e-3), (bounded, 1e-2, 0.07)] {
         let [lower, upper] = [settings.lower_s, settings.upper_s];
         let solver = StTv::new(&jacobian, &gradient, settings).unwrap();
@@ -382,7 +384,7 @@ fn a_first_frame_with_a_faint_anchor_is_the_batch_solution() {
         let stop = Stop { target_gap: 1e-5, ..Default::default() };
         let optimum = batch.solve(&DifferenceFrames::all_good(values.view()), &stop).unwrap();
         let optimum = optimum.report.certificate.unwrap();
-        // so faint that the anchor adds less than the gap, yet large enough for its dual
+        // so small that the anchor term is below the gap, yet large enough for its dual
         let share = 2e-2;
         let solver = StTv::new(&scene.jacobian, &scene.gradient, settings.clone()).unwrap();
         let how = CausalSettings { target_gap: 1e-3, time_share: share, ..Default::default() };
@@ -392,8 +394,8 @@ fn a_first_frame_with_a_faint_anchor_is_the_batch_solution() {
             share * settings.lambda_time * step.image.iter().map(|x| x.abs()).sum::<f64>();
         let own = step.certificate;
         assert_eq!(step.status, SequenceStatus::Converged, "{own:?}");
-        // without its anchor's term the image is a candidate of the other problem, and the other way
-        // round the anchor only adds
+        // without the anchor term the image is a candidate of the batch problem, and the anchor term only
+        // increases the objective
         assert!(own.primal - added >= optimum.lower_bound * (1.0 - 1e-9), "{own:?} {optimum:?}");
         assert!(own.lower_bound <= optimum.primal + 1.5 * added, "{own:?} {optimum:?}");
         assert!(own.primal >= optimum.lower_bound, "{own:?} {optimum:?}");
@@ -420,7 +422,7 @@ fn events_are_bounded() {
     let mut iterations = Vec::new();
     for f in 0..400 {
         let angle = f as f64 / 397.0 * std::f64::consts::TAU;
-        // a finger pressed at 60 of each 100 frames and released at 20, the other one at 80 and 40
+        // of each 100 frames, one finger is pressed at 60 and released at 20, the other at 80 and 40
         let is_pressed = [!(20..60).contains(&(f % 100)), !(40..80).contains(&(f % 100))];
         let touch = |k: usize| [(0.55, 0.15, 0.5, 0.0), (0.45, 0.12, 0.4, 2.0)][k];
         let value = |p: &[f64; 2]| -> f64 {
@@ -473,7 +475,7 @@ fn allocates_nothing_after_set_up() {
         });
         assert_eq!(counted.count_total, 0, "{counted:?}");
     }
-    // the counter does count
+    // the counter does count allocations
     assert!(allocation_counter::measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
 }
 
@@ -498,8 +500,8 @@ fn a_deadline_is_kept() {
         least = least.min(step.seconds);
     }
     println!("best of eight: {:.3} of the deadline", least / deadline.as_secs_f64());
-    // without its check there would be no end; how well it is kept is no matter for a test that shares its
-    // processor
+    // without the check of the deadline the call would never return; a test on a shared processor cannot
+    // measure how precisely the deadline is kept
     assert!(least <= 3.0 * deadline.as_secs_f64(), "{least}");
 }
 
@@ -535,7 +537,7 @@ fn the_image_does_not_depend_on_units() {
         for (a, b) in plain.iter().zip(images(volt, siemens)) {
             let largest = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
             for (a, b) in a.iter().zip(&b) {
-                // f32 rounds the inner problem alike up to the last digits; gaps of 1e-2 are far more
+                // in internal units the problems differ by rounding only, far below the gap of 1e-2
                 assert!((a - b).abs() <= 1e-2 * largest, "{volt} {siemens}: {a} {b}");
             }
         }
@@ -547,7 +549,7 @@ fn rest_dropped_frames_and_references() {
     let scene = pixels(14);
     let mut stream = scene.stream(scene.settings(), GAP);
     let mut random = Random::new(3);
-    // noise alone: rest
+    // pure noise: rest
     let step = stream.push(&scene.frame(0, &mut random), None).unwrap();
     assert!(step.quiet && step.iterations == 0);
     // a touch, held over a dropped frame and one without a good channel
@@ -559,23 +561,23 @@ fn rest_dropped_frames_and_references() {
     let step = stream.push(&dv, Some(&none)).unwrap();
     assert_eq!(step.image, held);
     assert_eq!(step.status, SequenceStatus::Direct);
-    // an anchor is the image before
+    // an anchor becomes the previous image
     stream.anchor(&held).unwrap();
     stream.push(&dv, None).unwrap();
     assert_eq!(stream.image_before(), held);
-    // the touch becomes the reference: nothing is left of it
+    // the touch becomes part of the reference and vanishes
     stream.change_reference(&dv).unwrap();
     let step = stream.push(&vec![0.0; MEASUREMENTS], None).unwrap();
     assert!(step.quiet && step.image.iter().all(|x| *x == 0.0));
-    // after a restart a frame is as the first one
+    // after a restart a frame is treated as the first one
     let first = scene.stream(scene.settings(), GAP).push(&dv, None).unwrap().image.to_vec();
     stream.restart();
     let again = stream.push(&dv, None).unwrap().image.to_vec();
     let distance: f64 = first.iter().zip(&again).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
     let norm: f64 = first.iter().map(|a| a * a).sum::<f64>().sqrt();
-    // both within the gap of one optimum; steps differ
+    // both are within the gap of the same optimum; their steps differ
     assert!(distance <= 0.1 * norm, "{distance} {norm}");
-    // release: eight quiet frames at most and the image is zero
+    // release: after at most eight quiet frames the image is zero
     let mut zero = false;
     for _ in 0..9 {
         let quiet: Vec<f64> = (0..MEASUREMENTS).map(|_| 0.5 * NOISE * random.normal()).collect();

@@ -1,4 +1,7 @@
 //! Primal values and lower bounds against certified optima and an interior-point solver.
+//!
+//! Over 300 lines because the interior-point formulation, the random problems and the checks belong
+//! together.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -20,8 +23,9 @@ use problem::Problem;
 use proptest::prelude::*;
 use std::time::Duration;
 
-/// The interior-point solver is asked for 1e-12 and may stop at 1e-8 of its residuals; an objective
-/// can be off by that times the norm of the multipliers, up to about 100 for these problems.
+/// Accuracy of the interior-point solver. It is run with a tolerance of 1e-12 and may stop at residuals of
+/// 1e-8; the error of the objective is that times the norm of the multipliers, up to about 100 for these
+/// problems.
 const INTERIOR_POINT: f64 = 1e-6;
 
 /// `A x + s = b` with `s` in cones, row by row.
@@ -44,15 +48,15 @@ impl Rows {
     }
 }
 
-/// The optimum by an interior-point method, on the problem as a second-order cone program:
+/// Computes the optimum by an interior-point method, as a second-order cone program:
 ///
 /// ```text
 /// min  sum_t |z_t|^2 / 2 + lambda_space sum s_tg + lambda_time sum area_p r_tp
 /// z_t = W^1/2 (J x_t - dv_t),   |D_g x_t| <= s_tg,   |x_{t+1} - x_t| <= r_t,   bounds
 /// ```
 ///
-/// with `|z_t| <= delta_t` instead of its square where the data is constrained. `None` where the
-/// method loses its way in rounding, about once in a hundred problems.
+/// with `|z_t| <= delta_t` instead of its square for constrained data. Returns `None` if the method fails
+/// because of rounding, about once in a hundred problems.
 fn optimum(problem: &Problem) -> Option<f64> {
     let Problem { jacobian, gradient, settings, .. } = problem;
     let (frames, n, groups) = (problem.frames(), gradient.unknowns(), gradient.groups());
@@ -125,7 +129,7 @@ fn optimum(problem: &Problem) -> Option<f64> {
     let square = CscMatrix::new_from_triplets(unknowns, unknowns, diagonal.clone(), diagonal, ones);
     let (is, js, values) = rows.entries;
     let matrix = CscMatrix::new_from_triplets(rows.right.len(), unknowns, is, js, values);
-    // as accurately as it goes
+    // the tightest tolerance that succeeds
     [1e-12, 1e-10, 1e-8].into_iter().find_map(|accuracy| {
         let settings = DefaultSettings {
             verbose: false,
@@ -147,16 +151,16 @@ fn optimum(problem: &Problem) -> Option<f64> {
     })
 }
 
-/// A skin of each basis with 1 to 36 unknowns.
+/// Basis of a skin with 1 to 36 unknowns.
 #[derive(Debug, Clone, Copy)]
 enum Basis {
-    /// Pixels, inside with this probability: holes and parts of their own.
+    /// Pixels that are inside with this probability, which gives holes and separate parts.
     Pixels(f64),
     Nodes,
     Elements,
 }
 
-/// Recipe of a random problem.
+/// Parameters of a random problem.
 #[derive(Debug, Clone)]
 struct Recipe {
     basis: Basis,
@@ -168,10 +172,10 @@ struct Recipe {
     bounds: [f64; 2],
     /// Ratio of the largest noise to the smallest; `None`: no `noise_std`.
     noise: Option<f64>,
-    /// Noise in the data, standard deviations.
+    /// Noise in the data, in standard deviations.
     noise_level: f64,
     masked: f64,
-    /// Radius over that of an image known to be feasible; `None`: penalised.
+    /// Radius relative to that of an image known to be feasible; `None`: penalised.
     radius: Option<f64>,
     seed: u64,
 }
@@ -189,7 +193,7 @@ fn recipes() -> impl Strategy<Value = Recipe> {
         Just([0.0, infinite]),
         Just([-infinite, 0.0]),
         Just([-0.3, 0.8]),
-        // zero is not allowed
+        // bounds that exclude zero
         Just([0.2, infinite]),
         Just([-1.0, -0.1]),
     ];
@@ -256,7 +260,7 @@ impl Recipe {
             (0..self.measurements).map(|_| 0.2 * ratio.powf(random.uniform())).collect()
         });
         let [lower_s, upper_s] = self.bounds;
-        // some of the unknowns keep their value from frame to frame, some are equal to the first
+        // some unknowns keep their value from frame to frame, some equal the first value
         let mut truth = Array2::zeros((self.frames, n));
         let first = random.normal();
         for t in 0..self.frames {
@@ -278,13 +282,13 @@ impl Recipe {
         let good = (self.masked > 0.0)
             .then(|| Array2::from_shape_simple_fn(shape, || random.uniform() >= self.masked));
         if let Some(good) = &good {
-            // masked values are never looked at
+            // masked values are never read
             values.zip_mut_with(good, |value, good| *value = if *good { *value } else { f64::NAN });
         }
         let settings = StTvSettings { lower_s, upper_s, noise_std, ..Default::default() };
         let mut problem = Problem { jacobian, gradient, settings, values, good };
         if let Some(factor) = self.radius {
-            // such that the image behind the data is feasible, and not all of its noise
+            // chosen so that the true image is feasible
             let unit = problem.clone().constrained(1.0);
             let share = |(t, residual): (usize, f64)| match unit.radius(t) {
                 Some(radius) if radius > 0.0 => residual / radius,
@@ -299,10 +303,10 @@ impl Recipe {
     }
 }
 
-/// The interior-point optimum lies between the bounds of a result.
+/// Checks that the interior-point optimum lies between the bounds of a result.
 fn holds_the_optimum(sequence: &ImageSequence, optimum: f64) -> Result<(), String> {
     let certificate = sequence.report.certificate.ok_or("no certificate")?;
-    // an optimum of 0 is found to the interior-point solver's absolute accuracy
+    // an optimum of 0 is known to the absolute accuracy of the interior-point solver
     let slack = INTERIOR_POINT * optimum.abs() + 1e-8;
     if certificate.lower_bound > optimum + slack {
         return Err(format!("lower bound above the optimum {optimum:e}: {certificate:?}"));
@@ -314,7 +318,7 @@ fn holds_the_optimum(sequence: &ImageSequence, optimum: f64) -> Result<(), Strin
 }
 
 proptest! {
-    /// Whatever the problem, wherever the solver stops.
+    /// For any problem, wherever the solver stops.
     #[test]
     fn the_optimum_always_lies_between_the_bounds(
         recipe in recipes(),
@@ -337,7 +341,7 @@ proptest! {
         }
     }
 
-    /// Weights, noise and masks within what a skin has: one default serves them all.
+    /// For realistic weights, noise and masks, the default settings converge.
     #[test]
     fn the_asked_gap_is_reached_on_any_basis_with_any_bounds(
         recipe in recipes(),
@@ -378,7 +382,7 @@ fn reference(pixels: usize) -> Option<(StTvProblem, Problem)> {
     Some((reference, problem))
 }
 
-/// The result's bounds hold the interval in which the optimum is known to lie.
+/// Checks that the bounds of a result are consistent with the known interval of the optimum.
 fn holds_the_reference(
     reference: &StTvProblem,
     problem: &Problem,
@@ -406,7 +410,7 @@ fn the_reference_sequence_has_its_objective() {
 fn the_small_reference_is_solved_to_any_gap() {
     let Some((reference, problem)) = reference(32) else { return };
     let solver = problem.solver().unwrap();
-    // reciprocity
+    // half of the measurements, by reciprocity
     assert_eq!(solver.rank(), 104);
     for target_gap in [1e-1, 1e-2, 1e-3, 1e-4] {
         let stop = Stop { target_gap, ..Default::default() };
@@ -439,10 +443,10 @@ fn a_cap_is_kept_and_its_result_certified() {
         holds_the_reference(&reference, &problem, &sequence, &stop);
         let report = &sequence.report;
         assert_eq!(report.status, SequenceStatus::IterationCap);
-        // limits are looked at every 4 iterations, then one each for the image and its proof
+        // limits are checked every 4 iterations, plus one iteration each for image and bound
         assert!(report.iterations <= max_iterations.max(6), "{}", report.iterations);
         let primal = report.certificate.unwrap().primal;
-        // over-relaxed iterates need not fall from look to look, but three looks on they have
+        // with over-relaxation the objective need not decrease at every evaluation
         assert!(primal <= 1.05 * last, "{primal:e} after {last:e}");
         last = primal;
     }
@@ -462,7 +466,7 @@ fn a_deadline_returns_the_best_so_far_with_its_certificate() {
         assert_eq!(sequence.report.status, SequenceStatus::Deadline);
         assert!(sequence.report.seconds >= 1e-3 * milliseconds as f64);
     }
-    // a deadline that is far away changes nothing
+    // a distant deadline has no effect
     let stop = Stop { deadline: Some(Duration::from_secs(36_000)), ..Default::default() };
     let sequence = solver.solve(&problem.differences(), &stop).unwrap();
     assert_eq!(sequence.report.status, SequenceStatus::Converged);
@@ -482,7 +486,7 @@ fn the_same_input_gives_the_same_bytes() {
             let bits: Vec<u64> = values.map(|v| v.to_bits()).collect();
             (bits, sequence.report.iterations)
         };
-        // set-up included
+        // including set-up
         assert_eq!(bytes(), bytes());
     }
 }
@@ -494,9 +498,9 @@ fn one_constrained_frame_of_the_reference_agrees_with_an_interior_point_solver()
     let channels = problem.values.ncols();
     let noise_std = reference.noise_norm / ((20 * channels) as f64).sqrt();
     problem.settings.noise_std = Some(vec![noise_std; channels]);
-    // the expected noise, times 1.1 so that images within the bounds are feasible
+    // expected norm of the noise, times 1.1 so that images within the bounds are feasible
     let mut problem = problem.constrained(1.1 * (channels as f64).sqrt()).with_weights(1.0, 0.0);
-    // the images without bounds are lower than this
+    // the finite bound is active: without it, images reach lower values
     for lower_s in [f64::NEG_INFINITY, -0.15] {
         problem.settings.lower_s = lower_s;
         let optimum = optimum(&problem).unwrap();

@@ -1,4 +1,6 @@
-//! Spatio-temporal total variation at the edges of its domain: the right answer or a clear error.
+//! Spatio-temporal total variation in extreme cases: the right answer or a clear error.
+//!
+//! Over 300 lines because it covers every kind of extreme input on one small problem.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -35,9 +37,9 @@ fn converged(problem: &Problem, stop: &Stop) -> ImageSequence {
     sequence
 }
 
-/// A touch that grows and moves over 4 x 5 pixels, seen by a Jacobian that contains the identity:
-/// then `|J x|^2 >= |x|^2`, and two sequences whose objectives are within `g` of the optimum differ by
-/// no more than `2 sqrt(2 g)` (strong convexity).
+/// A touch that grows and moves over 4 x 5 pixels, with a Jacobian that contains the identity. Then
+/// `|J x|^2 >= |x|^2`, and two sequences whose objectives are within `g` of the optimum differ by at most
+/// `2 sqrt(2 g)` (strong convexity).
 fn scene(frames: usize) -> Problem {
     let mut random = Random::new(11);
     let (rows, columns) = (4, 5);
@@ -53,7 +55,7 @@ fn scene(frames: usize) -> Problem {
     Problem::new(jacobian, square(rows, columns), values).with_weights(0.2, 0.1)
 }
 
-/// Largest distance of two sequences of [`scene`] that are within a relative gap of their optimum.
+/// Upper bound on the distance of two sequences of [`scene`] within a relative gap of their optimum.
 fn strong_convexity(primal: f64, relative_gap: f64) -> f64 {
     2.0 * (2.0 * relative_gap * primal).sqrt()
 }
@@ -64,7 +66,7 @@ fn distance(a: &Array2<f64>, b: &Array2<f64>) -> f64 {
 
 #[test]
 fn the_jacobians_unit_does_not_matter() {
-    // J -> c J, lambda -> c lambda: x -> x / c with the same objective; and the data's unit too
+    // J -> c J, lambda -> c lambda: x -> x / c with the same objective; then the unit of the data too
     let stop = gap(1e-6);
     let original = scene(3);
     let wanted = converged(&original, &stop);
@@ -75,7 +77,7 @@ fn the_jacobians_unit_does_not_matter() {
         scaled.jacobian *= factor;
         let found = converged(&scaled, &stop);
         let [other_lower, other_upper] = bounds_of(&found);
-        // one optimum, in both intervals
+        // both intervals contain the optimum
         assert!(other_lower <= upper && lower <= other_upper, "1e{exponent}");
         let error = distance(&(&found.images * factor), &wanted.images);
         assert!(error <= strong_convexity(upper, 1e-6), "1e{exponent}: {error:e}");
@@ -136,10 +138,10 @@ fn duplicate_rows_are_a_weight_of_two_and_zero_rows_are_nothing() {
     let [lower, upper] = bounds_of(&wanted);
     let [other_lower, other_upper] = bounds_of(&found);
     assert!(other_lower <= upper && lower <= other_upper);
-    // the Jacobian's least singular value is now the root of 2: 1 is on the safe side
+    // the smallest singular value of the Jacobian is now the root of 2; assuming 1 is conservative
     assert!(distance(&found.images, &wanted.images) <= strong_convexity(upper, 1e-6));
 
-    // rows without sensitivity, with values of their own: half their square is added
+    // rows of zeros with non-zero data add half the square of the data
     let mut silent = weighted.clone();
     let zero = Array2::zeros((2, silent.jacobian.ncols()));
     silent.jacobian = concatenate(Axis(0), &[silent.jacobian.view(), zero.view()]).unwrap();
@@ -156,7 +158,7 @@ fn duplicate_rows_are_a_weight_of_two_and_zero_rows_are_nothing() {
 
 #[test]
 fn unequal_duplicates_count_with_their_mean() {
-    // two values 1 and 3 of one pixel: the image is 2 whatever lambda, the rest stays
+    // two values 1 and 3 of one pixel: the image is 2 for any lambda, and the rest is residual
     let problem =
         Problem::new(array![[1.0], [1.0]], square(1, 1), array![[1.0, 3.0]]).with_weights(5.0, 0.0);
     let sequence = converged(&problem, &gap(1e-9));
@@ -184,14 +186,14 @@ fn one_pixel_is_a_line_in_time() {
     for (found, wanted) in sequence.images.iter().zip([3.0, 3.1, -2.0]) {
         assert!((found - wanted).abs() < 1e-5, "{}", sequence.images);
     }
-    // with them the last frame is drawn up by lambda / J^2 and the first two down together by half
-    // of it: mean 3.05 - 0.5 lambda / 4
+    // with links the last frame is raised by lambda / J^2, and the first two are merged and lowered by
+    // half of it: mean 3.05 - 0.5 lambda / 4
     let sequence = converged(&one().with_weights(1.0, 1.0), &gap(1e-8));
     for (found, wanted) in sequence.images.iter().zip([2.925, 2.925, -1.75]) {
-        // 2 sqrt(2 g) / J with an objective of order 10
+        // 2 sqrt(2 g) / J for an objective of order 10
         assert!((found - wanted).abs() < 5e-4, "{}", sequence.images);
     }
-    // and one frame of one pixel
+    // a single frame of one pixel
     let mut single = one();
     single.values = array![[6.0]];
     let sequence = single.solve(&gap(1e-6));
@@ -214,7 +216,7 @@ fn bounds_that_leave_zero_out_have_their_optimum() {
             assert_eq!(sequence.report.status, SequenceStatus::Converged);
             let wanted = 0.5 * (nearest - 1.0_f64).powi(2) * frames as f64;
             let [lower, upper] = bounds_of(&sequence);
-            // rounding
+            // tolerance for rounding
             assert!(lower <= wanted * (1.0 + 1e-9), "{lower:e} above {wanted}");
             assert!(upper >= wanted * (1.0 - 1e-9), "{upper:e} below {wanted}");
         }
@@ -236,7 +238,7 @@ fn bounds_far_away_are_none() {
 
 #[test]
 fn parts_of_a_skin_that_share_their_data_are_certified() {
-    // two pixels that touch at a corner only: least squares within bounds, whatever lambda_space
+    // two pixels that touch at a corner only: least squares within bounds, for any lambda_space
     let apart = Array2::from_shape_vec((2, 2), vec![true, false, false, true]).unwrap();
     let gradient = Gradient::pixels(&apart, 1.0).unwrap();
     let jacobian = array![[1.0, 0.9], [0.9, 1.0], [0.5, -0.5]];
@@ -253,7 +255,7 @@ fn parts_of_a_skin_that_share_their_data_are_certified() {
             for stop in [gap(1e-3), Stop { max_iterations: 0, ..gap(1e-3) }] {
                 let sequence = problem.solve(&stop);
                 let [lower, upper] = bounds_of(&sequence);
-                // the documented rounding of the bound is 1e-13; a thousand times that
+                // a thousand times the documented rounding error of the bound, 1e-13
                 assert!(
                     lower <= optimum * (1.0 + 1e-10) && optimum * (1.0 - 1e-10) <= upper,
                     "{lower:e} {upper:e}, lambda {lambda_space:e}, {bounds:?}"
@@ -291,13 +293,13 @@ fn a_thousand_frames() {
 
 #[test]
 fn delta_zero_is_solved_where_the_data_is_consistent() {
-    // 20 unknowns, 26 rows, no noise: the image is the only one that fits
+    // 20 unknowns, 26 rows, no noise: only one image fits
     let mut problem = scene(2);
     let truth = Array2::from_shape_fn((2, 20), |(t, p)| if p % 7 < 3 + t { 1.0 } else { -0.5 });
     problem.values = truth.dot(&problem.jacobian.t());
     let problem = problem.constrained(0.0);
     let sequence = problem.solve(&gap(1e-3));
-    // delta is met to rounding of the data
+    // delta is satisfied to the rounding of the data
     let root = (2.0 * problem.size()).sqrt();
     assert!(
         problem.residuals(&sequence.images).iter().all(|r| *r <= 1e-6 * root),
@@ -344,7 +346,7 @@ fn a_delta_above_the_data_needs_no_iteration() {
         (0, SequenceStatus::Converged)
     );
     assert_eq!(bounds_of(&sequence), [0.0, 0.0]);
-    // just below it the zero sequence is not feasible
+    // for a slightly smaller delta the zero sequence is infeasible
     let sequence = problem.constrained(largest * 0.5).solve(&gap(1e-3));
     assert!(sequence.images.iter().any(|x| *x != 0.0));
 }
@@ -359,7 +361,7 @@ fn without_links_every_frame_is_on_its_own() {
     for t in 0..4 {
         let mut alone = together.clone();
         alone.values = together.values.select(Axis(0), &[t]);
-        // a time term means nothing to one frame
+        // a time term has no effect on a single frame
         let alone = alone.with_weights(0.2, if t % 2 == 0 { 0.0 } else { 7.0 });
         let one = converged(&alone, &stop);
         sums.iter_mut().zip(bounds_of(&one)).for_each(|(sum, b)| *sum += b);
@@ -374,13 +376,13 @@ fn huge_weights_leave_a_constant() {
     let problem = scene(3);
     let column = problem.jacobian.sum_axis(Axis(1));
     let power = column.dot(&column);
-    // the least squares constant of all frames, and of each
+    // least-squares constants of all frames together and of each frame
     let constants: Vec<f64> =
         problem.values.rows().into_iter().map(|row| row.dot(&column) / power).collect();
     let mean = constants.iter().sum::<f64>() / 3.0;
     for lambda in [1e3, 1e8, 1e15, 1e30] {
         let sequence = converged(&problem.clone().with_weights(lambda, lambda), &gap(1e-6));
-        // the constant itself has to a gap of 1e-6 a power of 1e2
+        // tolerance: a gap of 1e-6 for a constant with a power of about 1e2
         assert!(
             sequence.images.iter().all(|x| (x - mean).abs() < 2e-3),
             "{lambda:e}: {}",
@@ -433,7 +435,7 @@ fn a_masked_channel_equals_a_missing_row() {
     let stop = gap(1e-6);
     let mut masked = scene(3);
     let mut missing = masked.clone();
-    // row 22 is one of the extra ones: what is left still contains the identity
+    // row 22 is one of the extra rows: the others still contain the identity
     let kept: Vec<usize> = (0..26).filter(|&i| i != 22).collect();
     missing.jacobian = missing.jacobian.select(Axis(0), &kept);
     missing.values = missing.values.select(Axis(1), &kept);
@@ -475,10 +477,10 @@ fn a_frame_without_any_channel_follows_its_neighbours() {
         let sequence = converged(&problem, &gap(1e-3));
         assert_eq!(sequence.report.residual[1], 0.0);
     }
-    // without links nothing says anything: any constant is right
+    // without links nothing determines the frame: any constant is optimal
     let sequence = converged(&problem.clone().with_weights(0.2, 0.0), &gap(1e-3));
     assert_eq!(sequence.report.residual[1], 0.0);
-    // nor in a sequence of such frames
+    // a sequence of such frames only
     problem.good = Some(Array2::from_elem((3, 26), false));
     let sequence = converged(&problem, &gap(1e-3));
     assert_eq!(bounds_of(&sequence), [0.0, 0.0]);
@@ -546,7 +548,7 @@ fn settings_out_of_range_are_refused() {
     assert!(matches!(error, InverseError::WrongLength { found: 27, wanted: 26, .. }), "{error}");
     let error = refused(&|s| s.used = Some(vec![false; 26]));
     assert!(matches!(error, InverseError::NothingUsed { measurements: 26 }), "{error}");
-    // the same through set_weights, which then changes nothing
+    // the same with set_weights, which changes nothing on an error
     let mut solver = good.solver().unwrap();
     for (space, time, delta) in [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, f64::NAN)] {
         let fidelity = Fidelity::Constrained { delta };
@@ -581,7 +583,7 @@ fn jacobians_and_frames_that_do_not_fit_are_refused() {
     let error = problem.solver().unwrap_err();
     let named = matches!(error, InverseError::NonFiniteJacobian { measurement: 7, element: 3, .. });
     assert!(named, "{error}");
-    // a row that is never used is never looked at
+    // an unused row is never read
     problem.settings.used = Some((0..26).map(|i| i != 7).collect());
     assert!(problem.solver().is_ok());
 
@@ -604,12 +606,12 @@ fn jacobians_and_frames_that_do_not_fit_are_refused() {
 
 #[test]
 fn bounds_that_the_data_cannot_meet_are_not_called_solved() {
-    // dv = -5 to within 1, but the conductivity only rises
+    // dv = -5 to within 1, but the bounds only allow an increase of the conductivity
     let mut problem =
         Problem::new(array![[1.0, 0.0], [0.0, 1.0]], square(1, 2), array![[-5.0, -5.0]])
             .constrained(1.0);
     problem.settings.lower_s = 0.0;
-    // an error would be as good
+    // an error would be acceptable too
     if let Ok(sequence) = problem.try_solve(&gap(1e-3)) {
         assert_ne!(sequence.report.status, SequenceStatus::Converged);
         assert_eq!(bounds_of(&sequence)[1], f64::INFINITY);

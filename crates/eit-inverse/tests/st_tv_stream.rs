@@ -1,5 +1,7 @@
-//! The sliding window: equal to a batch solve of the window, no allocation, and everything that
-//! happens to a running instrument.
+//! Sliding window: agreement with a batch solve of the window, no allocation, and all events of a
+//! running instrument.
+//!
+//! Over 300 lines because every event is tested on the same scene.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
 use eit_inverse::{
@@ -13,7 +15,7 @@ use std::hint::black_box;
 const SIDE: usize = 14;
 const MEASUREMENTS: usize = 40;
 
-/// Smooth random rows on a disc of pixels, and frames of a touch that moves, with noise.
+/// A smooth random Jacobian on a disc of pixels, and noisy frames of a moving touch.
 struct Scene {
     jacobian: Array2<f64>,
     gradient: Gradient,
@@ -32,7 +34,7 @@ fn scene(count: usize, noise: f64) -> Scene {
     let mut random = Random::new(7);
     let mut jacobian = Array2::zeros((MEASUREMENTS, pixels.len()));
     for mut row in jacobian.rows_mut() {
-        // a dipole near the rim: large near it, small in the middle, as in a real skin
+        // field of a dipole near the rim: large near the rim and small in the middle, as in a real skin
         let angle = std::f64::consts::TAU * random.uniform();
         let turn = std::f64::consts::TAU * random.uniform();
         let source = [1.2 * centre * angle.cos(), 1.2 * centre * angle.sin()];
@@ -100,7 +102,7 @@ fn equals_the_batch_solution_of_the_window_to_the_gap() {
             let stop = Stop { target_gap: 1e-4, ..Default::default() };
             let batch = solver.solve(&DifferenceFrames::all_good(values.view()), &stop).unwrap();
             let optimum = batch.report.certificate.unwrap();
-            // both are certified: the intervals overlap, up to the rounding of f64
+            // both are certified, so the intervals overlap, up to the rounding of f64
             assert!(own.lower_bound <= optimum.primal * (1.0 + 1e-9), "frame {f}");
             assert!(optimum.lower_bound <= own.primal * (1.0 + 1e-9), "frame {f}");
             // the stream's objective is within its own gap of the optimum
@@ -141,7 +143,7 @@ fn allocates_nothing_after_set_up() {
         }
     });
     assert_eq!(counted.count_total, 0, "{counted:?}");
-    // the counter does count
+    // the counter does count allocations
     assert!(allocation_counter::measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
 }
 
@@ -175,7 +177,7 @@ fn a_lost_electrode_changes_the_data_not_the_sanity_of_the_image() {
     let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
     let whole_frame = |dv: &Vec<f64>| MaskedFrame { dv: dv.clone(), good: None };
     let clean: Vec<MaskedFrame> = scene.frames.iter().map(whole_frame).collect();
-    // a sixth of the channels is gone from frame 12 on, and reads rubbish
+    // from frame 12 on a sixth of the channels is lost and delivers invalid values
     let mut damaged = clean.clone();
     let good: Vec<bool> = (0..MEASUREMENTS).map(|i| i % 6 != 0).collect();
     for frame in damaged.iter_mut().skip(12) {
@@ -189,8 +191,7 @@ fn a_lost_electrode_changes_the_data_not_the_sanity_of_the_image() {
     let (whole, part) = (images(&solver, &clean), images(&solver, &damaged));
     for (f, (a, b)) in part.iter().zip(&whole).enumerate() {
         assert!(a.iter().all(|v| v.is_finite()), "image {f}");
-        // before the loss enters the window the two are the same
-        // measured: 0.33 at most; half the image would be no image
+        // before the loss enters the window both are equal; later the measured difference is at most 0.33
         let most = if f + 2 < 12 { 0.0 } else { 0.5 };
         assert!(distance(a, b) <= most, "image {f}: {}", distance(a, b));
     }
@@ -210,7 +211,7 @@ fn a_dropped_frame_is_interpolated() {
         if f == 12 {
             assert_eq!(step.residual, 0.0, "a frame without data has no residual");
             let image = step.image.unwrap();
-            assert!(image.iter().any(|v| v.abs() > 0.2), "the touch is there all the same");
+            assert!(image.iter().any(|v| v.abs() > 0.2), "the touch is still visible");
         }
     }
 }
@@ -223,7 +224,7 @@ fn another_reference_moves_the_images() {
     for dv in scene.frames.iter().take(20) {
         stream.push(dv, None).unwrap();
     }
-    // frame 19 becomes the reference: the same frame again is then zero
+    // frame 19 becomes the reference, so the image of the same frame becomes zero
     let reference = scene.frames[19].clone();
     stream.change_reference(&reference).unwrap();
     let zero = vec![0.0; MEASUREMENTS];
@@ -271,7 +272,7 @@ fn bad_input_is_refused_and_leaves_the_window() {
     assert!(stream.change_reference(&bad).is_err());
     let good = |i: usize| i != 7;
     let mask: Vec<bool> = (0..MEASUREMENTS).map(good).collect();
-    // masked, the same value is never looked at
+    // if masked, the same value is never read
     stream.push(&bad, Some(&mask)).unwrap();
     twin.push(&bad, Some(&mask)).unwrap();
     let pixels = solver.unknowns();
@@ -297,7 +298,7 @@ fn settings_out_of_range_are_refused() {
 #[test]
 fn a_frame_that_no_image_can_fit_leaves_the_window_as_it_was() {
     let mut scene = scene(14, NOISE);
-    // two measurements of the same thing
+    // a duplicate measurement
     let twin = scene.jacobian.row(MEASUREMENTS - 2).to_owned();
     scene.jacobian.row_mut(MEASUREMENTS - 1).assign(&twin);
     scene.frames.iter_mut().for_each(|dv| dv[MEASUREMENTS - 1] = dv[MEASUREMENTS - 2]);
@@ -311,7 +312,7 @@ fn a_frame_that_no_image_can_fit_leaves_the_window_as_it_was() {
     let (mut clean, mut tried) = (stream_of(&solver, 6, 2), stream_of(&solver, 6, 2));
     for (f, dv) in scene.frames.iter().enumerate() {
         if f == 7 {
-            // a difference of 100 between two channels leaves each 50 standard deviations off
+            // a difference of 100 between two duplicates puts each 50 standard deviations off
             let refused = tried.push(&contradiction, None).unwrap_err();
             assert!(matches!(refused, InverseError::DeltaTooSmall { frame: 7, .. }), "{refused}");
             let refused = tried.change_reference(&change).unwrap_err();
@@ -320,7 +321,7 @@ fn a_frame_that_no_image_can_fit_leaves_the_window_as_it_was() {
         let wanted = clean.push(dv, None).unwrap().image.map(<[f64]>::to_vec);
         let found = tried.push(dv, None).unwrap().image.map(<[f64]>::to_vec);
         match (found, wanted) {
-            // data that was moved there and back differs by rounding, which f32 iterations amplify
+            // the data was changed and restored; the rounding error is amplified by the f32 iterations
             (Some(found), Some(wanted)) => assert!(distance(&found, &wanted) < 1e-3, "frame {f}"),
             (found, wanted) => assert_eq!(found, wanted, "frame {f}"),
         }
@@ -343,9 +344,9 @@ fn a_first_frame_next_to_nothing_does_not_spoil_the_rest() {
     }
 }
 
-/// Frames that equal the reference to the bit: without a stated noise only these are quiet. They are
-/// data as long as the window holds a touch, and nothing once it does not; what comes after is as if
-/// they had been solved for.
+/// Frames equal to the reference; without `noise_std` only these are quiet. They are treated as data while
+/// the window contains a touch, and cost nothing afterwards. Later results are the same as if they had been
+/// solved.
 #[test]
 fn frames_that_equal_the_reference_cost_nothing_once_the_window_holds_no_other() {
     let scene = scene(6, NOISE);
@@ -360,7 +361,7 @@ fn frames_that_equal_the_reference_cost_nothing_once_the_window_holds_no_other()
         }
         for f in 0..10 {
             let step = stream.push(&zero, None).unwrap();
-            // the touches leave the window one after the other
+            // the touched frames leave the window one by one
             assert_eq!(step.quiet, f + 1 >= window, "zero frame {f}");
             assert_eq!(step.iterations == 0, step.quiet);
             if step.quiet {
@@ -369,7 +370,7 @@ fn frames_that_equal_the_reference_cost_nothing_once_the_window_holds_no_other()
                 assert_eq!(stream.window_image(window - 1, 5), Some(0.0));
             }
         }
-        // a stream that has rested and one that is new solve the same problems
+        // a stream that was at rest and a new stream solve the same problems
         let mut fresh = stream_of(&solver, window, 0);
         for _ in 0..window {
             assert!(fresh.push(&zero, None).unwrap().quiet);
@@ -380,7 +381,7 @@ fn frames_that_equal_the_reference_cost_nothing_once_the_window_holds_no_other()
                 assert_eq!(step.status, SequenceStatus::Converged);
                 step.certificate
             });
-            // both certified: the intervals of the window's optimum overlap
+            // both are certified, so the intervals of the optimum overlap
             assert!(rested.lower_bound <= new.primal * (1.0 + 1e-9));
             assert!(new.lower_bound <= rested.primal * (1.0 + 1e-9));
         }

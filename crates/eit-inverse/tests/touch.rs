@@ -1,4 +1,6 @@
-//! Touches from images: places, names, false alarms.
+//! Touches from images: positions, ids, false alarms.
+//!
+//! One file over 300 lines: the tests share the helpers that draw images and build streams.
 
 #![allow(
     missing_docs,
@@ -22,7 +24,7 @@ use ndarray::Array2;
 const RADIUS_M: f64 = 0.1;
 const MEASUREMENTS: usize = 208;
 
-/// Linear reconstruction on 24 x 24 pixels, of unit noise.
+/// Linear reconstruction on 24 x 24 pixels, for unit noise.
 fn linear() -> (Surface, Raster, Reconstructor) {
     let surface = disc(RADIUS_M, 12);
     let jacobian = jacobian(&surface, RADIUS_M, 16);
@@ -39,7 +41,7 @@ fn quiet(reconstructor: &Reconstructor, count: usize, random: &mut Random) -> Ar
     reconstructor.reconstruct_frames(frames.view(), &[0.0; MEASUREMENTS]).unwrap()
 }
 
-/// Touches that quiet frames make.
+/// Number of touches found in quiet frames.
 fn false_touches(frames: usize, seed: u64, settings: &TouchStreamSettings) -> usize {
     let (surface, raster, reconstructor) = linear();
     let cells = Cells::of_raster_on(&raster, &surface).unwrap();
@@ -57,8 +59,8 @@ fn false_touches(frames: usize, seed: u64, settings: &TouchStreamSettings) -> us
     found
 }
 
-/// 30 000 quiet frames at a rate of 30 in them. Images count one by one, so the rate is met and
-/// not only kept: a Poisson count of mean 30 is outside of 14 to 49 once in a thousand.
+/// 30 000 quiet frames at a rate of 30 false touches in them. Every image counts by itself, so the rate
+/// must be met and not only bounded: a Poisson count of mean 30 is outside 14 to 49 once in a thousand.
 #[test]
 fn false_touches_come_at_the_stated_rate() {
     let per_hour = 30.0 / 30_000.0 * 20.0 * 3600.0;
@@ -71,14 +73,14 @@ fn false_touches_come_at_the_stated_rate() {
     let found = false_touches(30_000, 17, &each);
     println!("{found} false touches where 30 are allowed");
     assert!((14..=49).contains(&found), "{found}");
-    // confirmed by a second image, which need not be as near as the bound takes: fewer
+    // confirmed by a second image, which the bound does not require to be near: fewer
     let confirmed = TouchStreamSettings { birth_hits: 2, birth_frames: 3, ..each };
     let found = false_touches(30_000, 18, &confirmed);
     println!("{found} confirmed false touches where at most 30 are allowed");
     assert!(found <= 49, "{found}");
 }
 
-/// What quiet images show is what the reconstruction says.
+/// The floor measured on quiet images agrees with the one computed from the reconstruction.
 #[test]
 fn measured_and_propagated_floors_agree() {
     let (_, _, reconstructor) = linear();
@@ -87,15 +89,15 @@ fn measured_and_propagated_floors_agree() {
     let propagated = NoiseFloor::of_reconstruction(&reconstructor, &[1.0; MEASUREMENTS]).unwrap();
     let pairs = measured.std().iter().zip(propagated.std());
     let worst = pairs.map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f64::max);
-    // 1 / sqrt(2 * 2000) is 1.6 %, five of it
+    // 1 / sqrt(2 * 2000) is 1.6 %; five times that is allowed
     assert!(worst < 0.08, "{worst}");
-    // both numbers are means of 300 samples: 4 % each; five of it
+    // both numbers are means of 300 samples, 4 % each; five times that is allowed
     let ratio = measured.effective_cells(4.0) / propagated.effective_cells(4.0);
     assert!((ratio - 1.0).abs() < 0.3, "{ratio}");
     assert!(measured.lag_one_correlation().abs() < 0.02);
 }
 
-/// `P(max > 3)` of quiet images against its formula.
+/// Compares `P(max > 3)` of quiet images with its formula.
 #[test]
 fn effective_cells_give_the_tail_of_the_largest_value() {
     let (_, _, reconstructor) = linear();
@@ -109,7 +111,7 @@ fn effective_cells_give_the_tail_of_the_largest_value() {
     let (found, wanted) =
         (above.count() as f64, 20_000.0 * 1.349_898e-3 * floor.effective_cells(3.0));
     println!("{found} images above 3, {wanted:.0} by the formula");
-    // counting error 1 / sqrt(800) and the formula's own 4 %: five of both
+    // counting error 1 / sqrt(800) and the formula's own 4 %; five times both is allowed
     assert!((found / wanted - 1.0).abs() < 0.27, "{found} {wanted}");
 }
 
@@ -138,7 +140,7 @@ fn settings() -> TouchStreamSettings {
     TouchStreamSettings { frame_rate_hz: 50.0, ..Default::default() }
 }
 
-/// Places between pixels: the error is a small part of a pixel (3.1 mm).
+/// Between pixels, the position error is a small fraction of a pixel (3.1 mm).
 #[test]
 fn places_are_finer_than_pixels() {
     let (cells, stream) =
@@ -152,8 +154,8 @@ fn places_are_finer_than_pixels() {
         squares +=
             (touches[0].position_m[0] - at[0]).powi(2) + (touches[0].position_m[1] - at[1]).powi(2);
         assert_eq!(touches[0].position_m[2], 0.0);
-        // half maximum of a bell: radius 1.177 sigma, and the part of the integral inside it is half
-        // (pixels come and go at the contour: in 5 of 20 such draws one place of 100 is off by 17 %)
+        // Half maximum of a bell: radius 1.177 sigma, and half of the integral lies inside. (Pixels come
+        // and go at the contour: in 5 of 20 such draws, one position of 100 is off by 17 %.)
         let area = std::f64::consts::PI * (1.177e-2_f64).powi(2);
         let found = touches[0].area_m2.unwrap();
         assert!((found / area - 1.0).abs() < 0.12, "{found}");
@@ -163,11 +165,11 @@ fn places_are_finer_than_pixels() {
     }
     let rms = (squares / 100.0_f64).sqrt();
     println!("rms {:.3} mm", 1e3 * rms);
-    // pixels at the half-maximum contour come and go with a weight near zero
+    // pixels come and go at the half-maximum contour with a weight near zero
     assert!(rms < 0.1 * 3.125e-3, "{rms}");
 }
 
-/// The covariance of a place is that of its scatter.
+/// The covariance of a position matches its scatter.
 #[test]
 fn position_covariance_is_that_of_the_scatter() {
     let (surface, raster, reconstructor) = linear();
@@ -193,11 +195,11 @@ fn position_covariance_is_that_of_the_scatter() {
     let scatter: f64 =
         (0..2).map(|i| places.iter().map(|p| (p[i] - mean(i)).powi(2)).sum::<f64>() / 399.0).sum();
     println!("scatter {:.4} mm, stated {:.4} mm", 1e3 * scatter.sqrt(), 1e3 * variance.sqrt());
-    // first order in noise of a fortieth of the peak; 400 samples tell 4 %
+    // first order in noise of a fortieth of the peak; 400 samples give it to 4 %
     assert!((scatter.sqrt() / variance.sqrt() - 1.0).abs() < 0.3);
 }
 
-/// Begin, hold, end; a new touch has a new name.
+/// Begin, hold, end; a new touch gets a new id.
 #[test]
 fn names_live_once() {
     let (cells, mut stream) = drawn(settings());
@@ -224,7 +226,7 @@ fn names_live_once() {
     }
 }
 
-/// A finger at 0.1 m/s on a circle keeps its name; its velocity is found.
+/// A finger moving on a circle at 0.1 m/s keeps its id, and its velocity is found.
 #[test]
 fn a_sliding_touch_keeps_its_name_and_has_its_velocity() {
     let (cells, mut stream) = drawn(settings());
@@ -248,11 +250,11 @@ fn a_sliding_touch_keeps_its_name_and_has_its_velocity() {
     }
     let rms = (squares / 130.0_f64).sqrt();
     println!("velocity error {rms:.4} m/s rms");
-    // pixels make errors of 0.1 mm a step of 20 ms, which an acceleration of 2 m/s^2 lets through
+    // pixels cause errors of 0.1 mm per step of 20 ms, which an acceleration of 2 m/s^2 lets through
     assert!(rms < 0.2 * speed, "{rms}");
 }
 
-/// Two fingers that meet, are one blob for a moment, and part again: both names come back.
+/// Two fingers that meet, are one blob for a moment, and separate again both get their ids back.
 #[test]
 fn touches_that_merge_and_part_keep_their_names() {
     let (cells, mut stream) = drawn(TouchStreamSettings { forgiven_frames: 40, ..settings() });
@@ -273,7 +275,7 @@ fn touches_that_merge_and_part_keep_their_names() {
     assert!(last[0].position_m[0] * last[1].position_m[0] < 0.0);
 }
 
-/// One finger becomes two: the second has a new name and says where it came from.
+/// When one finger becomes two, the second has a new id and says where it came from.
 #[test]
 fn a_split_names_its_origin() {
     let (cells, mut stream) = drawn(settings());
@@ -287,7 +289,7 @@ fn a_split_names_its_origin() {
     assert_eq!(last.iter().map(|t| t.split_from).collect::<Vec<_>>(), [None, Some(1)]);
 }
 
-/// Touching touches are two by the watershed, one where no saddle is between them.
+/// Adjacent touches are separated by the watershed, and are one if there is no saddle between them.
 #[test]
 fn watershed_parts_touches_that_touch() {
     let once = TouchStreamSettings { birth_hits: 1, birth_frames: 1, ..settings() };
@@ -297,7 +299,7 @@ fn watershed_parts_touches_that_touch() {
         let touches = stream.clone().push(&image, 0.0).unwrap().to_vec();
         assert_eq!(touches.len(), wanted, "{gap_m}");
     }
-    // an artefact below a quarter of the strongest is none; decreases are none
+    // an artefact below a quarter of the strongest touch is not a touch; nor is a decrease
     let mut image = bells(&cells, &[[0.04, 0.0]], 0.01);
     let other = bells(&cells, &[[-0.04, 0.0]], 0.01);
     image.iter_mut().zip(&other).for_each(|(x, y)| *x += 0.2 * y);
@@ -325,7 +327,7 @@ fn touches_lie_on_curved_skins() {
     let raster = Raster::new(&surface, 40).unwrap();
     let by_pixels = Cells::of_raster_on(&raster, &surface).unwrap();
     let area: f64 = by_pixels.areas_m2().iter().sum();
-    // every triangle is under one pixel or another: rounding of sums
+    // every triangle is under some pixel: rounding of sums
     assert!((area / surface.areas_m2().iter().sum::<f64>() - 1.0).abs() < 1e-9);
     for cells in [by_pixels, Cells::of_surface(&surface)] {
         let noise = Random::new(2).normals(40, cells.areas_m2().len()) * 1e-3;
@@ -334,20 +336,20 @@ fn touches_lie_on_curved_skins() {
         let mut stream = TouchStream::new(cells.clone(), floor, once).unwrap();
         let [x, y, z] =
             stream.push(&bells(&cells, &[[0.05, -0.03]], 0.01), 0.0).unwrap()[0].position_m;
-        // cells of 5 mm on a slope: the part above half maximum is not even
+        // cells of 5 mm on a slope make the part above half maximum uneven
         assert!((x - 0.05).hypot(y + 0.03) < 1.5e-3, "{x} {y}");
         // the mean over a bell is above the surface by 4 * 2 * (radius squared / 2), half a millimetre
         assert!((z - height(x, y)).abs() < 1e-3, "{z}");
     }
 }
 
-/// Two images of noise more than a track's memory: nothing grows, nothing is allocated.
+/// Two images of noise more than a track's memory: nothing grows and nothing is allocated.
 #[test]
 fn push_allocates_nothing() {
     let (cells, mut stream) = drawn(settings());
     let mut random = Random::new(8);
     for k in 0..60 {
-        // up to fifteen blobs that come and go: more than may be kept
+        // up to fifteen blobs come and go, more than may be kept
         let count = (random.uniform() * 16.0) as usize;
         let centres: Vec<[f64; 2]> = (0..count)
             .map(|_| [0.14 * (random.uniform() - 0.5), 0.14 * (random.uniform() - 0.5)])
@@ -415,8 +417,8 @@ fn bad_input_is_refused_by_name() {
     assert!(matches!(other, Err(InverseError::WrongLength { .. })));
 }
 
-/// Three ways to say that nothing is there: told, zeros, and a value of 1e-300 that hides among them
-/// and takes the whole way. Touches, their ends and those that come back are the same.
+/// Three ways to report an empty image: by a call, by zeros, and by a value of 1e-300 among zeros, which
+/// takes the full computation. Touches, their ends and their returns are the same.
 #[test]
 fn an_image_of_zeros_is_the_same_whoever_says_so() {
     let (cells, told) = drawn(settings());

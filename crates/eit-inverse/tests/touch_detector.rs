@@ -1,5 +1,4 @@
-//! The detector of touches on linear data of a disc: honest covariances, no false touches, touches that
-//! are held, drift.
+//! The touch detector on linear data of a disc: correct covariances, no false touches, held touches, drift.
 
 #![allow(
     missing_docs,
@@ -19,14 +18,14 @@ use eit_inverse::touch::{DetectedTouch, DetectorModel, DetectorSettings, TouchDe
 use fixtures::Random;
 use ndarray::{Array1, Array2};
 
-/// `(p - c)' C^-1 (p - c)` in the plane: mean 2, variance 4 where `C` is the covariance of `p`.
+/// `(p - c)' C^-1 (p - c)` in the plane: mean 2, variance 4 if `C` is the covariance of `p`.
 fn normalised_squared(touch: &DetectedTouch, at: [f64; 2]) -> f64 {
     let [x, y] = [0, 1].map(|k| touch.position_m[k] - at[k]);
     let [[a, b, _], [_, d, _], _] = touch.position_covariance_m2;
     (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b)
 }
 
-/// Places and strengths err by what is stated of them.
+/// Positions and strengths err as their covariances state.
 #[test]
 fn covariances_are_honest() {
     let mut random = Random::new(3);
@@ -44,15 +43,15 @@ fn covariances_are_honest() {
     }
     stds_m.sort_by(f64::total_cmp);
     println!("mean square {squared:.2} and {strengths:.2}, median std {:.2e} m", stds_m[150]);
-    // means of 300: standard deviations 2 / sqrt 300 = 0.12 and sqrt(2 / 300) = 0.08, five of each; what
-    // the meshes differ by comes on top
+    // means of 300: standard deviations 2 / sqrt 300 = 0.12 and sqrt(2 / 300) = 0.08; allowed are five of
+    // each, plus the difference between the meshes
     assert!((squared - 2.0).abs() < 0.6, "{squared}");
     assert!((strengths - 1.0).abs() < 0.4, "{strengths}");
 }
 
-/// A touch must lower a rest of about 104 by the factor 1.8, which is 46 of chi^2. Alone, each place
-/// does that once in `P(|N| > 6.8) / 2 = 5e-12`; 20 000 frames with some hundred independent places are
-/// expected to show 1e-5 touches. No least strength helps.
+/// A touch must lower a residual of about 104 by the factor 1.8, which is 46 of chi^2. A single position
+/// does so by chance with `P(|N| > 6.8) / 2 = 5e-12`; 20 000 frames with some hundred independent positions
+/// are expected to show 1e-5 touches. The least strength is set too low to help.
 #[test]
 fn white_noise_shows_nothing() {
     let mut random = Random::new(4);
@@ -64,13 +63,13 @@ fn white_noise_shows_nothing() {
         rests += step.chi_square / step.rows as f64 / 20_000.0;
         assert!(detector.touches().is_empty(), "frame {frame}: {:?}", detector.touches());
     }
-    // 1 for each row, less the sheet's; a reference that follows within 1 s adds 0.05 / 2. A mean of
-    // 2e6 squares is known to 0.1 %
+    // 1 per row, less the sheet's; a reference that follows within 1 s adds 0.05 / 2. A mean of 2e6 squares
+    // is known to 0.1 %.
     println!("mean square of a row {rests:.4}");
     assert!((rests - 1.015).abs() < 0.015, "{rests}");
 }
 
-/// Turned by an electrode, a touch is found at the turned place.
+/// A touch rotated by one electrode is found at the rotated position.
 #[test]
 fn turned_touches_have_turned_places() {
     let detector = SKIN.detector(1e-8);
@@ -82,7 +81,7 @@ fn turned_touches_have_turned_places() {
             let frame = touched(&[([r * cos, r * sin], FINGER)]);
             let [touch] = push(&mut detector.clone(), &frame)[..] else { panic!("{r} {turn}") };
             let [x, y, _] = touch.position_m;
-            // turned back
+            // rotated back
             let (sin, cos) = turned.sin_cos();
             [cos * x + sin * y, cos * y - sin * x]
         });
@@ -93,15 +92,15 @@ fn turned_touches_have_turned_places() {
         assert!((mean[0].hypot(mean[1]) - r).abs() < 0.5e-3, "{r} {mean:?}");
     }
     println!("places differ by {worst_m:.2e} m");
-    // a fifth of the mesh's edge of 5 mm, over which a bell of 7 mm is sampled
+    // a fifth of the mesh's edge of 5 mm, on which a bell of 7 mm is sampled
     assert!(worst_m < 1e-3, "{worst_m}");
 }
 
-/// The least strength of a skin in use.
+/// Least strength of a skin in practical use.
 const LEAST: f64 = 2e-6;
 
-/// Ten minutes of a touch that stays, at 2 Hz: it is still there at the end and where it was, and
-/// nothing is shown after it.
+/// A touch held for ten minutes at 2 Hz is still present and in place at the end, and nothing is shown
+/// after it.
 #[test]
 fn a_held_touch_stays_and_leaves_nothing() {
     let mut random = Random::new(11);
@@ -116,7 +115,7 @@ fn a_held_touch_stays_and_leaves_nothing() {
         match detector.touches() {
             [] if !is_held => {}
             [touch] if is_held => {
-                // five standard deviations of the place
+                // five standard deviations of the position
                 assert!(distance_m(touch, at) < 5e-3, "frame {frame}: {touch:?}");
                 strengths.push(touch.strength_s_m2 / FINGER);
             }
@@ -128,7 +127,7 @@ fn a_held_touch_stays_and_leaves_nothing() {
     assert!((last - 1.0).abs() < 0.1, "{last}");
 }
 
-/// The whole sheet gains 1 % of its conductivity within a minute.
+/// The whole sheet gains 1 % of conductivity within a minute.
 #[test]
 fn a_slow_drift_shows_nothing() {
     let mut random = Random::new(12);
@@ -141,15 +140,15 @@ fn a_slow_drift_shows_nothing() {
     }
 }
 
-/// What a wave of the sheet changes, volts: half a percent of its conductivity, 0.28 m long.
+/// Voltage change by a wave of the sheet: half a percent of its conductivity, 0.28 m long.
 fn wave_v() -> Array1<f64> {
     let wave = |c: &[f64; 3]| 5e-3 * (20.0 * c[0] + 10.0 * c[1]).sin();
     let change: Array1<f64> = TRUTH.surface.centroids().iter().map(wave).collect();
     TRUTH.jacobian.dot(&change)
 }
 
-/// Quiet frames hold a wave of one shape and random amplitude: the same wave in later frames shows
-/// nothing, and a finger on it is found. A detector that has not seen quiet frames shows touches.
+/// Quiet frames contain a wave of one shape and random amplitude. The same wave in later frames shows no
+/// touch, and a finger on it is found. A detector without quiet frames shows touches.
 #[test]
 fn what_quiet_frames_do_is_no_touch() {
     let mut random = Random::new(13);
@@ -184,13 +183,13 @@ fn what_quiet_frames_do_is_no_touch() {
     let finger = touched(&[(at, FINGER)]);
     for _ in 0..100 {
         let [touch] = push(&mut told.clone(), &on_wave(&finger, &mut random))[..] else { panic!() };
-        // five standard deviations of the place, which the wave's direction hardly costs
+        // five standard deviations of the position, which the wave's direction hardly increases
         assert!(distance_m(&touch, at) < 5e-3, "{touch:?}");
     }
 }
 
-/// A contact that gets worse changes all of its electrode's measurements by the same part. A bell near the
-/// electrode explains some of that; the gain explains all, and nothing is shown in its place.
+/// A contact that gets worse changes all measurements of its electrode by the same fraction. A bell near
+/// the electrode explains some of that, the gain explains all of it, and no touch is shown instead.
 #[test]
 fn a_gain_is_no_touch() {
     let quadruples = adjacent(ELECTRODES);
@@ -211,19 +210,19 @@ fn a_gain_is_no_touch() {
         let step = detector.push(&frame, |_| false, DT_S).unwrap();
         assert!(detector.touches().is_empty(), "{electrode}: {:?}", detector.touches());
         assert_eq!(step.blamed, Some(electrode));
-        // and a finger is still a finger
+        // a real finger is still found
         let at = place(&mut random, 0.8);
         let frame = random.noisy(&touched(&[(at, FINGER)]), SKIN.noise_std_v[0]);
         let step = aware.clone().push(&frame, |_| false, DT_S).unwrap();
         assert_eq!((push(&mut aware.clone(), &frame).len(), step.blamed), (1, None), "{at:?}");
     }
-    // else the gain would prove nothing
+    // otherwise the gain would prove nothing
     assert!(fooled > ELECTRODES / 2, "{fooled}");
 }
 
-/// A light touch near the rim changes more voltages than a hard one in the middle, which is hardly seen: it
-/// is no artefact of that one, although it has but an eighth of its strength. In the middle beside a hard touch
-/// at the rim it might be, and is not shown.
+/// A light touch near the rim changes more voltages than a hard one in the middle, which is hardly sensed.
+/// It cannot be an artefact of the hard one, although it has only an eighth of its strength. A light touch
+/// in the middle beside a hard one at the rim could be, and is not shown.
 #[test]
 fn a_touch_is_faint_beside_what_explains_more() {
     let mut random = Random::new(21);
@@ -241,8 +240,8 @@ fn a_touch_is_faint_beside_what_explains_more() {
     assert_eq!(shown, [40, 20]);
 }
 
-/// Six fingers at random, 40 mm apart, each frame on its own. Full Gauss-Newton steps may run away; where they
-/// were not taken back, frame 165 showed nothing at all.
+/// Six fingers at random, 40 mm apart, each frame on its own. Full Gauss-Newton steps may diverge; when
+/// they were not undone, frame 165 showed no touch at all.
 #[test]
 fn six_fingers_are_found_from_one_frame() {
     let mut random = Random::new(22);
@@ -263,7 +262,7 @@ fn six_fingers_are_found_from_one_frame() {
         let touches = push(&mut detector.clone(), &values);
         let is_found = |at: &&[f64; 2]| touches.iter().any(|t| distance_m(t, **at) < 0.02);
         let here = places.iter().filter(is_found).count();
-        // measured: 4 once, else 5 and 6
+        // measured: 4 once, otherwise 5 and 6
         assert!(here >= 3, "frame {frame}: {here} of {places:?}");
         found += here;
         shown += touches.len();

@@ -1,4 +1,4 @@
-//! The detector of touches on linear data of a disc: missing values, bad input, allocations.
+//! The touch detector on linear data of a disc: missing values, invalid input, allocations.
 
 #![allow(
     missing_docs,
@@ -15,8 +15,8 @@ use eit_inverse::InverseError;
 use eit_inverse::touch::{DetectedTouch, DetectorModel, DetectorSettings, TouchDetector};
 use fixtures::Random;
 
-/// Touches without the measurements that `lost` names: by a frame that lacks them, and by a detector
-/// that never had them.
+/// Touches without the measurements in `lost`: from a frame that lacks them, and from a detector that never
+/// had them.
 fn without(lost: &[usize], frame: &[f64]) -> [Vec<DetectedTouch>; 2] {
     let settings = DetectorSettings::with_least(1e-8);
     let all = [true; MEASUREMENTS];
@@ -32,7 +32,7 @@ fn without(lost: &[usize], frame: &[f64]) -> [Vec<DetectedTouch>; 2] {
     [whole.touches().to_vec(), never.touches().to_vec()]
 }
 
-/// A measurement that is missing, and its reciprocal, are as if they had never been there.
+/// Losing a measurement and its reciprocal equals never having had them.
 #[test]
 fn missing_measurements_are_left_out() {
     let mut random = Random::new(6);
@@ -63,12 +63,12 @@ fn missing_measurements_are_left_out() {
         }
     }
     println!("largest difference {worst:.1e}");
-    // 1.3e-13: rounding of a covariance of condition 100
+    // 1.3e-13: rounding for a covariance of condition 100
     assert!(worst < 1e-11, "{worst}");
 }
 
-/// One of two reciprocals is missing: the other stands for both, with a noise that is too small by
-/// sqrt 2. The place stays within a standard deviation.
+/// If one of two reciprocal measurements is missing, the other stands for both, with a noise too small by
+/// sqrt 2. The position stays within a standard deviation.
 #[test]
 fn half_a_pair_suffices() {
     let mut random = Random::new(7);
@@ -86,7 +86,7 @@ fn half_a_pair_suffices() {
     assert!(off_m < std_m, "{off_m} {std_m}");
 }
 
-/// Touches come and go, measurements too: nothing is allocated once there have been the most.
+/// Touches and measurements come and go: nothing is allocated once the largest numbers have occurred.
 #[test]
 fn push_allocates_nothing() {
     let mut random = Random::new(8);
@@ -109,7 +109,7 @@ fn push_allocates_nothing() {
     assert!(most >= 5, "{most}");
 }
 
-/// What a frame must not hold is named, and the detector is as before.
+/// Invalid values in a frame are named in the error, and the detector is unchanged.
 #[test]
 fn bad_frames_change_nothing() {
     let mut random = Random::new(9);
@@ -138,12 +138,12 @@ fn bad_frames_change_nothing() {
     }
     assert_eq!(push(&mut detector, &frame), push(&mut untroubled, &frame));
     assert_eq!(detector.reference_v(), untroubled.reference_v());
-    // a value that is missing may be anything
+    // a missing value may be anything
     detector.push(&nan, |i| i == 17, DT_S).unwrap();
     assert_eq!(detector.touches().len(), 1);
 }
 
-/// A frame of which nothing is there shows nothing, and the next one is as any.
+/// A frame with all values missing shows no touch, and the next frame works as usual.
 #[test]
 fn an_empty_frame_shows_nothing() {
     let mut random = Random::new(10);
@@ -178,7 +178,7 @@ fn bad_models_are_refused_by_name() {
         refused(&DetectorModel { reference_v: &reference_v, ..SKIN.model(&all) }),
         InverseError::NonFiniteReference { measurement: 3, .. }
     ));
-    // nobody looks at the reference of what is not used
+    // references of unused measurements are not read
     let mut used = all;
     used[3] = false;
     let model = DetectorModel { reference_v: &reference_v, ..SKIN.model(&used) };
@@ -190,8 +190,8 @@ fn bad_models_are_refused_by_name() {
     }
 }
 
-/// Of either measurement of a pair, and of unknowns: measurement and element are named. Nobody looks at
-/// what is not used.
+/// Non-finite values of either measurement of a pair, or of the unknowns: the error names measurement and
+/// element. Unused values are not read.
 #[test]
 fn derivatives_that_are_no_numbers_are_named() {
     let settings = || DetectorSettings::with_least(1e-8);

@@ -1,4 +1,6 @@
-//! Bells fitted to frames of a finer mesh, against the Cramer-Rao bound.
+//! Bells fitted to frames of a finer mesh, compared with the Cramer-Rao bound.
+//!
+//! One file over 300 lines: all tests share the helpers that simulate a skin and fit its frames.
 
 #![allow(
     missing_docs,
@@ -40,11 +42,11 @@ fn background(model: &ForwardModel) -> Vec<f64> {
 }
 
 fn bell(x: f64) -> Bell {
-    // off the axis: no symmetry of the electrodes helps
+    // off the axis, so that no symmetry of the electrodes helps
     Bell { position_m: [x, 0.1 * x, 0.0], amplitude: 0.3, radius_m: 0.01 }
 }
 
-/// Noise of `decibel` below the root mean square of the reference voltages.
+/// Noise of `decibel` dB below the root mean square of the reference voltages.
 fn noise_v(reference: &[f64], decibel: f64) -> f64 {
     let square = reference.iter().map(|v| v * v).sum::<f64>() / reference.len() as f64;
     square.sqrt() * 10.0_f64.powf(-decibel / 20.0)
@@ -54,7 +56,7 @@ fn settings(reference: &[f64], decibel: f64) -> FitSettings {
     FitSettings::with_noise(vec![noise_v(reference, decibel); reference.len()])
 }
 
-/// Frames of a skin with touches.
+/// Returns the voltages of a skin with touches.
 fn frame(mesh: &Mesh, model: &ForwardModel, bells: &[Bell]) -> Vec<f64> {
     let sigma: Vec<f64> = mesh
         .surface()
@@ -108,16 +110,16 @@ fn derivatives_leave_a_quadratic_remainder() {
         let (mut remainder, linear) =
             (remainder, slopes.column(parameter).mapv(|x| x * x).sum().sqrt());
         let (whole, half) = (remainder(unit), remainder(0.5 * unit));
-        // 4 for an exact derivative; a wrong one by 1 % of the slope would give 2 to 3.5
+        // 4 for an exact derivative; an error of 1 % in the slope would give 2 to 3.5
         assert!((whole / half - 4.0).abs() < 0.4, "parameter {parameter}: {}", whole / half);
         assert!(whole < 0.2 * linear * unit, "parameter {parameter}");
     }
 }
 
-/// Bounds of the paper's skin for a bell of 10 mm and 30 %, amplitude and radius unknown: 0.62 mm
-/// in the centre, 0.28 mm at half the radius, 0.07 mm near the rim at 60 dB by an independent
-/// calculation, whose mesh and definition of the root mean square are not known exactly; here each
-/// difference has noise of 1e-3 of the root mean square of the reference voltages.
+/// Bounds for the paper's skin with a bell of 10 mm and 30 %, amplitude and radius unknown: 0.62 mm in the
+/// centre, 0.28 mm at half the radius and 0.07 mm near the rim at 60 dB, from an independent calculation
+/// whose mesh and definition of the root mean square are not known exactly. Here the noise of each
+/// difference is 1e-3 of the root mean square of the reference voltages.
 #[test]
 fn bound_of_the_paper_disc() {
     let (mesh, model) = skin(0.004);
@@ -131,8 +133,8 @@ fn bound_of_the_paper_disc() {
         cramer_rao(&model, mesh.surface(), &sheet, settings, &touch, nuisance).unwrap()[0]
     };
     let all = Nuisance::AmplitudeAndRadius;
-    // a tenth: what the two calculations may differ by in mesh and noise. Near the rim is at 0.8 of
-    // the radius in the gap between two electrodes (11.25 degrees)
+    // A tenth is how far the two calculations may differ through mesh and noise. "Near the rim" is at 0.8
+    // of the radius in the gap between two electrodes (11.25 degrees).
     for (radius, angle, wanted_m) in
         [(0.0, 0.0, 0.62e-3), (0.05, 0.0, 0.28e-3), (0.08, 11.25, 0.07e-3)]
     {
@@ -140,11 +142,11 @@ fn bound_of_the_paper_disc() {
         println!("{radius} m: {:.3} mm, wanted {:.3} mm", 1e3 * found, 1e3 * wanted_m);
         assert!((found / wanted_m - 1.0).abs() < 0.1, "{radius} m: {found}");
     }
-    // ten times the noise, ten times the bound: the information is quadratic in it
+    // ten times the noise gives ten times the bound: the information is quadratic in it
     let ratio =
         bound(0.05, 0.0, 40.0, all).position_std_m / bound(0.05, 0.0, 60.0, all).position_std_m;
     assert!((ratio - 10.0).abs() < 1e-6, "{ratio}");
-    // what is known cannot hurt
+    // known parameters cannot increase the bound
     for radius in [0.0, 0.05, 0.09] {
         let [known, amplitude, both] = [Nuisance::Known, Nuisance::Amplitude, all]
             .map(|nuisance| bound(radius, 0.0, 60.0, nuisance).position_std_m);
@@ -153,13 +155,14 @@ fn bound_of_the_paper_disc() {
     }
 }
 
-/// Root mean square distance of the fit from the truth against the bound (of the distance), on data
-/// of another, finer mesh.
+/// Root mean square distance of the fit from the truth, compared with the bound (of the distance), on data
+/// from a finer mesh.
 ///
-/// 16 trials: the root mean square of a distance has a standard deviation of 12.5 %, so that 1.5
-/// times the bound is four of them. At 40 dB the bound is a linear model's; the fit is not bound by
-/// it where it is as large as the touch. Without noise what is left is the error of the meshes,
-/// which must be below the bound; for 70 dB (a third of the bound of 60 dB) near the rim the mesh of
+/// With 16 trials the root mean square of a distance has a standard deviation of 12.5 %, so 1.5 times the
+/// bound is four of them. At 40 dB the bound holds for a linear model, and the fit may beat it if the bound
+/// is as large as the touch. Without noise the error of the meshes remains, which must be below the bound.
+/// For 70 dB (a third of the bound at 60 dB) near the rim, the mesh of 5 mm is too coarse and that of 3 mm
+/// is not.
 /// 5 mm is too coarse, that of 3 mm is not.
 #[test]
 fn fit_reaches_the_bound() {
@@ -213,10 +216,10 @@ fn fit_reaches_the_bound() {
                 solves as f64 / TRIALS as f64
             );
             assert!(rms < 1.5 * bound_m, "{x} m, {decibel} dB: {rms} {bound_m}");
-            // the mean of 16 times 204 squares: 2.5 %; four of it
+            // the mean of 16 times 204 squares is known to 2.5 %; four times that is allowed
             assert!((reduced - 1.0).abs() < 0.1, "{reduced}");
             if decibel > 55.0 {
-                // the covariance of the fit is that of the bound, at another place and strength
+                // the fit's covariance is that of the bound, at another position and strength
                 assert!(((2.0 * stated).sqrt() / bound_m - 1.0).abs() < 0.3);
             }
         }
@@ -241,7 +244,7 @@ fn fit_reaches_the_bound() {
     }
 }
 
-/// As many touches as the data carries: none, one, two, and no more.
+/// The fit finds as many touches as the data support: none, one or two.
 #[test]
 fn number_of_touches_is_what_the_data_carries() {
     let (fine_mesh, fine) = skin(0.0025);
@@ -259,7 +262,7 @@ fn number_of_touches_is_what_the_data_carries() {
         (vec![], 0),
         (vec![at(0.04)], 1),
         (vec![at(0.015), at(0.06)], 2),
-        // their distance is 0.8 radii: one bell to the data
+        // they are 0.8 radii apart: one bell as far as the data can tell
         (vec![at(0.036), at(0.044)], 1),
     ] {
         let data = noisy(&frame(&fine_mesh, &fine, &touches), std, &mut random);
@@ -288,7 +291,7 @@ fn number_of_touches_is_what_the_data_carries() {
     }
 }
 
-/// More touches than the data carries: said, not hidden.
+/// Fitting more touches than the data support is reported.
 #[test]
 fn touches_that_are_not_there_are_not_valid() {
     let (mesh, model) = skin(0.006);
@@ -299,7 +302,7 @@ fn touches_that_are_not_there_are_not_valid() {
     let data = noisy(&reference, noise_v(&reference, 40.0), &mut Random::new(2));
     let result = fit.fit(&data, &reference, &[bell(0.0), bell(0.03)]).unwrap();
     assert!(result.touches.iter().all(|touch| !touch.valid), "{result:?}");
-    // two bells in one place: their parameters cannot be told apart, and no panic
+    // two bells at one position: their parameters cannot be separated, and nothing panics
     let twins = fit.bound(&[bell(0.03), bell(0.03)], Nuisance::AmplitudeAndRadius).unwrap();
     assert!(twins.iter().all(|bound| bound.position_std_m > 0.1));
 }

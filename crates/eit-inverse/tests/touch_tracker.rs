@@ -1,4 +1,6 @@
-//! Names, births, ends and velocities of detected touches, with touches that no detector made.
+//! Ids, births, ends and velocities of detected touches, on synthetic detections.
+//!
+//! One file over 300 lines: all tests share the `Bench` that drives a tracker.
 
 #![allow(
     missing_docs,
@@ -13,7 +15,7 @@ use fixtures::Random;
 
 const DT_S: f64 = 0.05;
 
-/// Strength from which a touch is believed at once, S m^2.
+/// Strength from which a touch is reported at once, S m^2.
 const STRONG: f64 = 6e-6;
 const WEAK: f64 = 0.5 * STRONG;
 
@@ -50,13 +52,13 @@ impl Bench {
     }
 }
 
-/// The only touch.
+/// Returns the only touch.
 fn only(touches: &[Touch]) -> Touch {
     let [touch] = touches else { panic!("{touches:?}") };
     *touch
 }
 
-/// Seventeen at places of their own.
+/// Seventeen touches at different positions.
 fn seventeen() -> Vec<DetectedTouch> {
     (0..17).map(|k| touch(0.1 * f64::from(k), 0.0, WEAK)).collect()
 }
@@ -68,17 +70,17 @@ fn more_touches_than_fit_are_refused() {
     let mut untroubled = bench.tracker.clone();
     let refused = bench.tracker.push(&seventeen(), 1.0, true).unwrap_err();
     assert_eq!(refused, InverseError::TooManyTouches { found: 17, most: 16 });
-    // as before: the second frame of weak ones names as many as there may be
+    // unchanged: the second frame of weak touches names as many as allowed
     let frame = &seventeen()[..16];
     let touches = bench.tracker.push(frame, 1.0, true).unwrap();
     assert_eq!(touches.len(), 8);
     assert_eq!(touches, untroubled.push(frame, 1.0, true).unwrap());
-    // settings that allow more have room for more
+    // settings that allow more touches have room for more
     let mut roomy = Bench::new(|settings| settings.max_touches = 20);
     assert!(roomy.tracker.push(&seventeen(), 1.0, true).is_ok());
 }
 
-/// Touches that jump while old ones are long forgiven fill all there is room for.
+/// Touches that jump while old ones are forgiven for long fill all available room.
 #[test]
 fn crowds_neither_panic_nor_exceed_the_most() {
     let mut bench = Bench::new(|settings| settings.forgiven_frames = 20);
@@ -93,7 +95,7 @@ fn crowds_neither_panic_nor_exceed_the_most() {
     }
 }
 
-/// A clone bears touches as its original does, whether it was made before any or in between.
+/// A clone tracks touches as its original does, whether it was made before or between touches.
 #[test]
 fn clones_follow_as_their_originals_do() {
     let frame: Vec<DetectedTouch> =
@@ -125,7 +127,7 @@ fn weak_touches_are_born_when_shown_often_enough() {
     }
 }
 
-/// What is seen once and then not is never reported, however often.
+/// A touch seen once and then not again is never reported, however often this happens.
 #[test]
 fn single_sightings_of_weak_touches_are_never_reported() {
     let mut bench = Bench::new(|_| ());
@@ -136,19 +138,19 @@ fn single_sightings_of_weak_touches_are_never_reported() {
     }
 }
 
-/// At once, with either sign.
+/// Strong touches are reported at once, with either sign.
 #[test]
 fn strong_touches_are_born_at_once() {
     for strength in [STRONG, -STRONG] {
         let mut bench = Bench::new(|settings| settings.birth_frames = 10);
         let born = only(&bench.push(&[touch(0.0, 0.0, strength)]));
         assert_eq!((born.state, born.intensity_s_m2), (TouchState::Begin, strength));
-        // it has been born, weak or not
+        // once born it continues, weak or not
         assert_eq!(only(&bench.push(&[touch(0.0, 0.0, WEAK)])).state, TouchState::Hold);
     }
 }
 
-/// What is strong, but not four of its own standard deviations, is believed when shown often enough.
+/// A strong touch below four of its own standard deviations is reported only when shown often enough.
 #[test]
 fn strong_touches_that_are_hardly_known_must_be_shown_again() {
     let known_to = |strength_std_s_m2: f64| DetectedTouch {
@@ -162,7 +164,7 @@ fn strong_touches_that_are_hardly_known_must_be_shown_again() {
     }
 }
 
-/// One that is not shown stays for the forgiven frames, not valid, ends once and is gone.
+/// A missing touch stays for the forgiven frames as not valid, ends once and is gone.
 #[test]
 fn forgiven_frames_then_the_end() {
     for forgiven in [0, 1, 3] {
@@ -176,13 +178,13 @@ fn forgiven_frames_then_the_end() {
         assert_eq!((end.id, end.state, end.valid), (1, TouchState::End, false), "{forgiven}");
         assert_eq!(end.intensity_s_m2, STRONG);
         assert!(bench.push(&[]).is_empty());
-        // numbers are never used again
+        // ids are never reused
         assert_eq!(only(&bench.push(&[touch(0.02, 0.0, STRONG)])).id, 2);
     }
 }
 
-/// A gap of the forgiven frames costs neither the number nor the age, of one that rests and of one that
-/// goes on behind the gap where it would have been.
+/// A gap of forgiven frames changes neither id nor age, for a touch at rest and for a moving one that
+/// reappears where it would have been.
 #[test]
 fn numbers_are_kept_through_gaps() {
     for speed_m_s in [0.0, 0.3] {
@@ -197,14 +199,14 @@ fn numbers_are_kept_through_gaps() {
     }
 }
 
-/// Two fingers pass each other at 12 mm, listed in either order: each keeps its number.
+/// Two fingers that pass each other at 12 mm, listed in either order, keep their ids.
 #[test]
 fn numbers_are_kept_through_a_crossing() {
     let mut bench = Bench::new(|_| ());
     for frame in 0..41 {
         let x_m = 0.2 * DT_S * f64::from(frame - 20);
         let mut found = [touch(x_m, 6e-3, STRONG), touch(-x_m, -6e-3, 1.5 * STRONG)];
-        // the first is number 1
+        // the first has id 1
         if frame % 2 == 1 {
             found.swap(0, 1);
         }
@@ -217,7 +219,7 @@ fn numbers_are_kept_through_a_crossing() {
     }
 }
 
-/// Farther than the gate is another touch; the old one is forgiven and ends.
+/// A touch beyond the gate is another touch; the old one is forgiven and ends.
 #[test]
 fn beyond_the_gate_is_another_touch() {
     for (way_m, is_same) in [(39e-3, true), (41e-3, false)] {
@@ -229,7 +231,7 @@ fn beyond_the_gate_is_another_touch() {
     }
 }
 
-/// Named touches are never more than the most; the next is named when one has ended.
+/// There are never more named touches than the limit; the next one is named when one has ended.
 #[test]
 fn the_most_is_kept() {
     let mut bench = Bench::new(|settings| settings.max_touches = 2);
@@ -237,14 +239,14 @@ fn the_most_is_kept() {
     let ids = |touches: &[Touch]| touches.iter().map(|touch| touch.id).collect::<Vec<_>>();
     (0..5).for_each(|_| assert_eq!(ids(&bench.push(&three)), [1, 2]));
     assert_eq!(ids(&bench.push(&three[1..])), [1, 2]);
-    // the first ends, the third takes its room
+    // the first ends, the third takes its place
     let touches = bench.push(&three[1..]);
     assert_eq!(ids(&touches), [1, 2, 3]);
     assert_eq!(touches[0].state, TouchState::End);
     assert_eq!(touches[2].state, TouchState::Begin);
 }
 
-/// Times that do not follow are refused with both times, and the tracker is as before.
+/// Times that do not increase are rejected with both times, and the tracker is unchanged.
 #[test]
 fn time_that_goes_back_is_refused() {
     let mut bench = Bench::new(|_| ());
@@ -263,8 +265,8 @@ fn time_that_goes_back_is_refused() {
     assert!(!only(bench.tracker.touches()).whole);
 }
 
-/// A point that goes steadily, measured without error, has that velocity to rounding; one that rests
-/// after that soon has none.
+/// A point in steady motion, measured without error, has its velocity to rounding; one that comes to rest
+/// soon has none.
 #[test]
 fn velocity_of_a_steady_point() {
     let mut bench = Bench::new(|_| ());
@@ -280,7 +282,7 @@ fn velocity_of_a_steady_point() {
         let place_m = velocity_m_s * DT_S * 29.0;
         assert!((touch.position_m[i] - place_m).abs() < 1e-9, "{touch:?}");
     }
-    // the filter forgets a velocity within some ten frames
+    // the filter forgets a velocity within about ten frames
     for _ in 0..30 {
         bench.push(&[self::touch(velocity_m_s[0] * 1.45, velocity_m_s[1] * 1.45, STRONG)]);
     }
@@ -288,8 +290,7 @@ fn velocity_of_a_steady_point() {
     assert!(rest.velocity_m_s.iter().all(|v| v.abs() < 1e-3), "{rest:?}");
 }
 
-/// What explains more is surer, what has been there for longer, and what is better known; strength alone
-/// does not count.
+/// Confidence rises with worth, age and relative precision of the strength; strength alone does not matter.
 #[test]
 fn confidence_rises_with_worth_age_and_certainty() {
     let confidences_of = |worth: f64, strength_s_m2: f64, part: f64| -> Vec<f64> {
@@ -312,7 +313,7 @@ fn confidence_rises_with_worth_age_and_certainty() {
     for pair in all.windows(2).chain(parts.windows(2)) {
         assert!(pair[0].iter().zip(&pair[1]).all(|(less, more)| more > less), "{pair:?}");
     }
-    // a strength of which nothing is known: reported with the second frame, and no number is lost
+    // a strength of unknown precision: reported with the second frame, and no id is lost
     let mut bench = Bench::new(|_| ());
     let unknown = DetectedTouch { strength_std_s_m2: f64::INFINITY, ..touch(0.0, 0.0, STRONG) };
     bench.push(&[unknown]);

@@ -1,5 +1,5 @@
-//! The uneven sheet of a reference frame, on linear data of a disc from a mesh of its own: its amplitude,
-//! its map, and none where there is none.
+//! The uneven sheet estimated from a reference frame, on linear data of a disc from a separate mesh: its
+//! amplitude and map, and an even sheet when the truth is even.
 
 #![allow(
     missing_docs,
@@ -16,11 +16,11 @@ use eit_inverse::{InverseError, ReferenceModel, UnevenSheet, Unevenness};
 use fixtures::Random;
 use ndarray::Array1;
 
-/// Correlation length of the truth and of the fit.
+/// Correlation length of truth and fit.
 const LENGTH_M: f64 = 0.02;
 
 /// A Gaussian field of covariance `amplitude^2 exp(-r^2 / (2 L^2))` as a sum of waves (Shinozuka and
-/// Deodatis 1991), which shares nothing with the bells of the fit: its value at any point.
+/// Deodatis 1991), independent of the fit's bells. Returns its value at any point.
 fn field(random: &mut Random, amplitude: f64) -> impl Fn(&[f64; 3]) -> f64 + use<> {
     let count = 400;
     let waves: Vec<[f64; 3]> = (0..count)
@@ -59,9 +59,9 @@ fn fit(reference_v: &[f64], used: &[bool]) -> Result<Unevenness, InverseError> {
 
 const ALL: [bool; MEASUREMENTS] = [true; MEASUREMENTS];
 
-/// The amplitude is found on its grid (a factor of 2 apart), the errors' factor is the true one (the
-/// fit is told twice the true error), and the map is that of the truth where currents reach: a correlation
-/// of 0.7 over the whole disc, whose middle 104 voltages hardly see at 2 cm.
+/// The amplitude is found on its grid (a factor of 2 apart), the factor of the errors is the true one (the
+/// fit is told twice the true error), and the map matches the truth where currents reach: a correlation of
+/// 0.7 over the whole disc, whose middle 104 voltages hardly sense at 2 cm.
 #[test]
 fn an_uneven_sheet_is_found() {
     for (seed, amplitude) in [(1, 0.05), (2, 0.05), (3, 0.1), (4, 0.2)] {
@@ -91,8 +91,8 @@ fn an_uneven_sheet_is_found() {
     }
 }
 
-/// An even sheet is not made uneven: the evidence stays far below the 10 from which a finder of touches
-/// believes. Chance alone gives `ln` of the choices that are tried, 3 or 4.
+/// An even sheet stays even: the evidence stays far below 10, the level at which the touch finder accepts
+/// an uneven sheet. Chance alone gives `ln` of the number of choices tried, 3 or 4.
 #[test]
 fn an_even_sheet_stays_even() {
     for seed in 0..20 {
@@ -102,7 +102,7 @@ fn an_even_sheet_stays_even() {
     }
 }
 
-/// The gain is an unknown: a reference 3 % higher is no uneven sheet.
+/// The gain is an unknown: a reference 3 % higher does not count as unevenness.
 #[test]
 fn gain_is_no_unevenness() {
     let reference_v: Vec<f64> = SKIN.model_v.iter().map(|v| 1.03 * v).collect();
@@ -111,7 +111,7 @@ fn gain_is_no_unevenness() {
     assert!(found.log_evidence < 5.0 && most < 1e-3, "{} {most}", found.log_evidence);
 }
 
-/// Measurements that do not count do not count, whatever they hold.
+/// Unused measurements have no effect, whatever their values.
 #[test]
 fn unused_measurements_are_left_out() {
     let mut random = Random::new(7);

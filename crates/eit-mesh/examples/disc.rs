@@ -1,4 +1,4 @@
-//! A disc of 0.1 m radius with 16 electrodes, as fine and as coarse as wanted.
+//! A disc of 0.1 m radius with 16 electrodes, meshed at three resolutions.
 //!
 //! Run with `cargo run --release -p eit-mesh --example disc`.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
@@ -9,10 +9,10 @@ use eit_mesh::{
 };
 use std::time::Instant;
 
-/// Meshes the disc at three sizes; returns the figures of each.
+/// Meshes the disc at three resolutions and returns the quality of each mesh.
 pub fn run() -> Result<Vec<Quality>, MeshError> {
     let skin = SkinShape::Disc { radius_m: 0.1 };
-    // electrode 1 at the top, numbers running counter-clockwise
+    // electrode 1 at the top, numbers increasing counter-clockwise
     let electrodes = RimElectrodes {
         width_m: 0.0196,
         placement: Placement::EquallySpaced {

@@ -1,4 +1,4 @@
-//! A sparse matrix in compressed rows: just what the raster operators need.
+//! A sparse matrix in compressed-row format, with the operations that the raster needs.
 
 use crate::MeshError;
 use ndarray::{Array2, ArrayView2};
@@ -6,8 +6,8 @@ use ndarray::{Array2, ArrayView2};
 /// A sparse matrix [row, column] in compressed sparse rows (CSR).
 ///
 /// Row `r` holds the entries `row_starts[r]..row_starts[r + 1]` of `column_indices` and `values`;
-/// columns ascend within a row. Made by this crate and valid once made, so products cannot fail
-/// but for vectors of the wrong length.
+/// columns ascend within a row. Only this crate creates these matrices, and they are always valid:
+/// products fail only for vectors of the wrong length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CsrMatrix {
     columns: usize,
@@ -17,8 +17,9 @@ pub struct CsrMatrix {
 }
 
 impl CsrMatrix {
-    /// Takes rows as they are. The caller vouches for `row_starts` ascending from 0 to the number
-    /// of entries, as many columns as values, and every column below `columns`.
+    /// Stores rows without checking them. The caller guarantees that `row_starts` ascends from 0 to
+    /// the number of entries, that there are as many columns as values, and that every column is
+    /// below `columns`.
     pub(crate) fn from_parts(
         columns: usize,
         row_starts: Vec<usize>,
@@ -42,8 +43,8 @@ impl CsrMatrix {
         self.columns
     }
 
-    /// Start of each row in [`column_indices`](Self::column_indices) and
-    /// [`values`](Self::values); one more than there are rows, the last is the number of entries.
+    /// Start of each row in [`column_indices`](Self::column_indices) and [`values`](Self::values),
+    /// followed by the total number of entries: one element more than there are rows.
     pub fn row_starts(&self) -> &[usize] {
         &self.row_starts
     }
@@ -58,7 +59,7 @@ impl CsrMatrix {
         &self.values
     }
 
-    /// Columns and values of one row; empty for a row that does not exist.
+    /// Returns the columns and values of one row, or empty slices if the row does not exist.
     pub fn row(&self, row: usize) -> (&[u32], &[f64]) {
         match self.row_starts.get(row..=row.saturating_add(1)) {
             Some(&[start, end]) => (&self.column_indices[start..end], &self.values[start..end]),
@@ -66,7 +67,7 @@ impl CsrMatrix {
         }
     }
 
-    /// `y = A x`, without allocating: `x` has a value per column, `y` one per row.
+    /// Computes `y = A x` without allocating; `x` has one value per column, `y` one per row.
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
@@ -80,7 +81,7 @@ impl CsrMatrix {
         Ok(())
     }
 
-    /// `x = A' y`, without allocating: `y` has a value per row, `x` one per column.
+    /// Computes `x = A' y` without allocating; `y` has one value per row, `x` one per column.
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
@@ -97,8 +98,8 @@ impl CsrMatrix {
         Ok(())
     }
 
-    /// `A B` for a dense `B` [column, k]: [row, k]. Turns, for example, a reconstruction matrix
-    /// [element, measurement] into one [masked pixel, measurement].
+    /// Computes `A B` [row, k] for a dense `B` [column, k], for example to turn a reconstruction
+    /// matrix [element, measurement] into one [masked pixel, measurement].
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
@@ -114,8 +115,8 @@ impl CsrMatrix {
         Ok(product)
     }
 
-    /// `B A` for a dense `B` [k, row]: [k, column]. Turns, for example, a Jacobian
-    /// [measurement, element] into one [measurement, masked pixel], through `element_from_pixel`.
+    /// Computes `B A` [k, column] for a dense `B` [k, row], for example to turn a Jacobian
+    /// [measurement, element] into one [measurement, masked pixel] through `element_from_pixel`.
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
@@ -138,7 +139,7 @@ impl CsrMatrix {
     }
 }
 
-/// Four partial sums: a quarter of the rounding error of one running sum, and no slower chain.
+/// Uses four partial sums: a quarter of the rounding error of one running sum, and no slower.
 fn sparse_dot(columns: &[u32], weights: &[f64], x: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     let (column_fours, column_rest) = columns.as_chunks::<4>();

@@ -1,33 +1,33 @@
-//! Electrodes on a surface, and the mesh: both together.
+//! Electrodes on a surface, and the mesh that combines the two.
 
 use crate::surface::{middle, norm, sub};
 use crate::{MeshError, Surface};
 use std::collections::HashMap;
 
-/// Where an electrode touches the skin.
+/// The part of the skin that an electrode covers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Electrode {
-    /// Rim edges as node pairs. Contact impedance in ohm metre.
+    /// Rim edges as node pairs. Contact impedance in ohm metres.
     Rim(Vec<[u32; 2]>),
-    /// Triangles of the surface. Contact impedance in ohm square metre.
+    /// Triangles of the surface. Contact impedance in ohm square metres.
     Patch(Vec<u32>),
 }
 
-/// A skin: a surface and the electrodes on it, in the order of their numbers.
+/// A skin: a surface and the electrodes on it, in order of electrode number.
 ///
-/// Valid once built: every rim electrode lies on the rim, every patch on triangles, and no place
-/// belongs to two electrodes. Electrodes may touch in a node.
+/// Always valid: every rim electrode lies on the rim, every patch consists of existing triangles,
+/// and no edge or triangle belongs to two electrodes. Electrodes may share a node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mesh {
     surface: Surface,
     electrodes: Vec<Electrode>,
-    /// Edges whose true curve is known to bend, smaller node first and ascending, and the middle of
-    /// that curve.
+    /// Edges known to be curved (smaller node first, in ascending order), with the midpoint of each
+    /// curve.
     midpoints_m: Vec<([u32; 2], [f64; 3])>,
 }
 
 impl Mesh {
-    /// Puts electrodes on a surface. The triangles of a patch are kept in ascending order.
+    /// Adds electrodes to a surface. The triangles of each patch are sorted in ascending order.
     ///
     /// # Errors
     /// [`MeshError::EmptyElectrode`], [`MeshError::NotOnRim`], [`MeshError::UnknownTriangle`] or
@@ -54,27 +54,27 @@ impl Mesh {
         Ok(Self { surface, electrodes, midpoints_m: Vec::new() })
     }
 
-    /// The surface.
+    /// Returns the surface.
     pub fn surface(&self) -> &Surface {
         &self.surface
     }
 
-    /// The electrodes, electrode 1 first.
+    /// Returns the electrodes, starting with electrode 1.
     pub fn electrodes(&self) -> &[Electrode] {
         &self.electrodes
     }
 
-    /// Says where the true skin runs between nodes: for curved elements.
+    /// Sets the midpoints of curved edges, for curved elements.
     ///
-    /// `middle` is handed the nodes and the straight midpoint (metres) of every edge, smaller node
-    /// first and ascending, and answers with the middle of the curve that the edge stands for: the
-    /// nearest point of a sphere, say. Edges whose midpoint comes back unchanged are straight.
-    /// Triangles, areas and electrode measures stay those of the straight edges. [`generate`]
-    /// does this for the arcs of its outlines.
+    /// `middle` receives the nodes and the straight midpoint (metres) of every edge, smaller node
+    /// first and in ascending order. It returns the midpoint of the curve that the edge
+    /// approximates, for example the nearest point of a sphere. Edges whose midpoint is returned
+    /// unchanged are straight. Triangles, areas and electrode measures remain those of the straight
+    /// edges. [`generate`] does this for the arcs of its outlines.
     ///
     /// # Errors
-    /// [`MeshError::BadMidpoint`] for a middle that is not finite, or farther from the straight
-    /// one than half the edge (a half circle).
+    /// [`MeshError::BadMidpoint`] if a midpoint is not finite or is farther from the straight one
+    /// than half the edge length (a semicircle).
     ///
     /// [`generate`]: crate::generate
     pub fn with_midpoints(
@@ -97,14 +97,14 @@ impl Mesh {
         Ok(self)
     }
 
-    /// The middle of the curve that an edge stands for, metres; `None` where it is straight, or
-    /// nothing else is known.
+    /// Returns the midpoint of the curve that an edge approximates, metres, or `None` if the edge
+    /// is straight or no midpoint was set.
     pub fn midpoint_m(&self, edge: [u32; 2]) -> Option<[f64; 3]> {
         let place = self.midpoints_m.binary_search_by_key(&sorted(edge), |(edge, _)| *edge).ok()?;
         Some(self.midpoints_m[place].1)
     }
 
-    /// [`Mesh::with_midpoints`] for the edges that the generator has cut from arcs.
+    /// Does the same as [`Mesh::with_midpoints`] for the edges that the generator cut from arcs.
     pub(crate) fn with_arcs(mut self, midpoints: &[([u32; 2], [f64; 2])]) -> Self {
         let flat = |&(edge, [x, y]): &([u32; 2], [f64; 2])| (sorted(edge), [x, y, 0.0]);
         self.midpoints_m = midpoints.iter().map(flat).collect();
@@ -119,21 +119,21 @@ impl Mesh {
 
     fn check_midpoint(&self, edge: [u32; 2], position_m: [f64; 3]) -> Result<(), MeshError> {
         let [a, b] = edge.map(|n| self.surface.nodes()[n as usize]);
-        // not a number is not within half the edge
+        // NaN fails this comparison
         if norm(sub(position_m, self.straight_middle(edge))) <= 0.5 * norm(sub(b, a)) {
             return Ok(());
         }
         Err(MeshError::BadMidpoint { edge, position_m })
     }
 
-    /// Length in metres (rim) or area in square metres (patch) of an electrode (index from 0): the
-    /// measure that contact impedance is divided by. `None` for an electrode that does not exist.
+    /// Returns the length in metres (rim) or area in square metres (patch) of an electrode (index
+    /// from 0), by which the contact impedance is divided. `None` if the electrode does not exist.
     pub fn electrode_measure(&self, electrode: usize) -> Option<f64> {
         Some(self.parts(electrode)?.iter().map(|(measure, _)| measure).sum())
     }
 
-    /// Mean position of an electrode (index from 0), weighted by length or area, metres. `None` for
-    /// an electrode that does not exist.
+    /// Returns the centroid of an electrode (index from 0), weighted by length or area, metres.
+    /// `None` if the electrode does not exist.
     pub fn electrode_centre_m(&self, electrode: usize) -> Option<[f64; 3]> {
         let parts = self.parts(electrode)?;
         let total: f64 = parts.iter().map(|(measure, _)| measure).sum();
@@ -142,8 +142,8 @@ impl Mesh {
         Some([moment(0) / total, moment(1) / total, moment(2) / total])
     }
 
-    /// Length or area, and centre, of each edge or triangle of an electrode. Its indices were
-    /// checked by [`Mesh::new`].
+    /// Returns the length or area and the centre of each edge or triangle of an electrode, whose
+    /// indices [`Mesh::new`] has checked.
     fn parts(&self, electrode: usize) -> Option<Vec<(f64, [f64; 3])>> {
         let surface = &self.surface;
         let edge = |e: &[u32; 2]| {
@@ -166,7 +166,7 @@ fn sorted(edge: [u32; 2]) -> [u32; 2] {
     [edge[0].min(edge[1]), edge[0].max(edge[1])]
 }
 
-/// Adds the place of an edge that is not on the rim, where its nodes exist.
+/// Adds the position of an edge that is not on the rim, if its nodes exist.
 fn at_place(error: MeshError, surface: &Surface) -> MeshError {
     match error {
         MeshError::NotOnRim { electrode, edge, .. } => {

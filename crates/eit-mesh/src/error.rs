@@ -1,24 +1,24 @@
-//! The one error type of this crate. One long file: the enum is one list.
+//! The error type of this crate, in one file because the enum is a single list.
 
-/// What can be wrong with a mesh, a skin's description or a mesh file.
+/// An invalid mesh, skin description or mesh file.
 ///
-/// Every variant carries the numbers that were found. Indices of nodes, triangles and edges are
-/// 0-based; electrodes are named by their 1-based number, as on a skin.
+/// Every variant carries the numbers involved. Node, triangle and edge indices are 0-based;
+/// electrodes are identified by their 1-based number.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshError {
-    /// A surface needs at least one triangle.
+    /// The surface has no triangles.
     #[error("the mesh has {nodes} nodes and no triangle: a skin needs at least one triangle")]
     NoTriangles {
-        /// Nodes found.
+        /// Number of nodes.
         nodes: usize,
     },
-    /// More nodes or triangles than 32-bit indices can name.
-    #[error("{count} {what} are more than 32-bit indices can name: use a coarser mesh")]
+    /// There are more nodes or triangles than 32-bit indices can address.
+    #[error("{count} {what} exceed the range of 32-bit indices: use a coarser mesh")]
     TooLarge {
         /// "nodes" or "triangles".
         what: &'static str,
-        /// How many.
+        /// Their number.
         count: usize,
     },
     /// A coordinate is NaN or infinite.
@@ -29,20 +29,20 @@ pub enum MeshError {
         /// Its coordinates, metres.
         position_m: [f64; 3],
     },
-    /// A triangle names a node that does not exist.
-    #[error("triangle {triangle} names node {node}, but the mesh has {nodes} nodes")]
+    /// A triangle refers to a node that does not exist.
+    #[error("triangle {triangle} refers to node {node}, but the mesh has {nodes} nodes")]
     UnknownNode {
         /// Triangle index.
         triangle: usize,
-        /// Node it names.
+        /// Node index that was not found.
         node: u32,
-        /// Nodes there are.
+        /// Number of nodes.
         nodes: usize,
     },
-    /// A triangle without area.
+    /// A triangle has no area.
     #[error(
-        "triangle {triangle} (nodes {nodes:?}) at {position_m:?} has the area {area_m2:e} m2, zero to \
-         rounding: remove it or move its nodes"
+        "triangle {triangle} (nodes {nodes:?}) at {position_m:?} has an area of {area_m2:e} m2, \
+         zero to rounding: remove it or move its nodes"
     )]
     ZeroArea {
         /// Triangle index.
@@ -54,7 +54,7 @@ pub enum MeshError {
         /// Its centroid, metres.
         position_m: [f64; 3],
     },
-    /// A node that belongs to no triangle.
+    /// A node belongs to no triangle.
     #[error("node {node} at {position_m:?} belongs to no triangle: remove it")]
     UnusedNode {
         /// Node index.
@@ -62,23 +62,23 @@ pub enum MeshError {
         /// Its coordinates, metres.
         position_m: [f64; 3],
     },
-    /// An edge with three triangles or more.
+    /// An edge belongs to three or more triangles.
     #[error(
-        "edge {edge:?} at {position_m:?} belongs to {triangles} triangles: a skin is a surface, at \
-         most 2 meet"
+        "edge {edge:?} at {position_m:?} belongs to {triangles} triangles: in a surface, at most 2 \
+         triangles share an edge"
     )]
     NonManifoldEdge {
         /// Its nodes.
         edge: [u32; 2],
-        /// Triangles found on it.
+        /// Number of triangles that contain it.
         triangles: usize,
-        /// Its middle, metres.
+        /// Its midpoint, metres.
         position_m: [f64; 3],
     },
-    /// The two sides of the surface cannot be told apart.
+    /// The surface has only one side.
     #[error(
-        "the surface cannot be oriented at triangle {triangle} at {position_m:?}: it is twisted like a \
-         Moebius band"
+        "the surface cannot be oriented at triangle {triangle} at {position_m:?}: it is twisted \
+         like a Moebius strip"
     )]
     NotOrientable {
         /// Triangle index.
@@ -86,10 +86,10 @@ pub enum MeshError {
         /// Its centroid, metres.
         position_m: [f64; 3],
     },
-    /// The surface falls apart.
+    /// The surface is not connected.
     #[error(
-        "the mesh has {parts} parts that share no edge; the part of triangle {triangle} at \
-         {position_m:?} has {part_triangles} of {triangles} triangles: keep one part, or join them"
+        "the mesh has {parts} parts that share no edge; the part containing triangle {triangle} at \
+         {position_m:?} has {part_triangles} of {triangles} triangles: keep one part or join them"
     )]
     Unconnected {
         /// Number of parts.
@@ -100,67 +100,73 @@ pub enum MeshError {
         position_m: [f64; 3],
         /// Triangles in the smallest part.
         part_triangles: usize,
-        /// Triangles in all.
+        /// Total number of triangles.
         triangles: usize,
     },
-    /// An electrode without edges or triangles.
+    /// An electrode has no edges or triangles.
     #[error("electrode {electrode} covers nothing: give it at least one rim edge or one triangle")]
     EmptyElectrode {
-        /// 1-based number.
+        /// 1-based electrode number.
         electrode: usize,
     },
-    /// A rim electrode on an edge that is not on the rim.
+    /// A rim electrode contains an edge that is not on the rim.
     #[error(
-        "electrode {electrode} names edge {edge:?} at {position_m:?}, which is not on the rim of \
-         the skin"
+        "electrode {electrode} contains edge {edge:?} at {position_m:?}, which is not on the rim \
+         of the skin"
     )]
     NotOnRim {
-        /// 1-based number.
+        /// 1-based electrode number.
         electrode: usize,
         /// The edge's nodes.
         edge: [u32; 2],
-        /// Its middle, metres; its nodes may not exist: NaN then.
+        /// Its midpoint, metres; NaN if its nodes do not exist.
         position_m: [f64; 3],
     },
-    /// A patch electrode names a triangle that does not exist.
-    #[error("electrode {electrode} names triangle {triangle}, but the mesh has {triangles}")]
+    /// A patch electrode refers to a triangle that does not exist.
+    #[error(
+        "electrode {electrode} refers to triangle {triangle}, but the mesh has {triangles} \
+         triangles"
+    )]
     UnknownTriangle {
-        /// 1-based number.
+        /// 1-based electrode number.
         electrode: usize,
-        /// Triangle it names.
+        /// Triangle index that was not found.
         triangle: u32,
-        /// Triangles there are.
+        /// Number of triangles.
         triangles: usize,
     },
     /// Two electrodes claim the same edge or triangle (or one electrode claims it twice).
-    #[error("electrodes {first} and {second} overlap on {place}: each place has one electrode")]
+    #[error(
+        "electrodes {first} and {second} overlap on {place}: each edge or triangle belongs to at \
+         most one electrode"
+    )]
     OverlappingElements {
-        /// 1-based number.
+        /// 1-based electrode number.
         first: usize,
-        /// 1-based number.
+        /// 1-based electrode number.
         second: usize,
         /// "edge [a, b]" or "triangle t".
         place: String,
     },
-    /// A length, width or count of the skin's description is out of its range.
+    /// A length, width or count in the skin's description is out of range.
     #[error("{quantity} is {value}: it must be {must}")]
     OutOfRange {
         /// The quantity with its unit, for example "radius_m".
         quantity: &'static str,
         /// The value given.
         value: f64,
-        /// What it must be.
+        /// The condition it must satisfy.
         must: &'static str,
     },
-    /// Electrodes that run into each other along the rim.
+    /// Two electrodes overlap along the rim.
     #[error(
         "electrodes {first} and {second} overlap by {overlap_m:.3e} m of rim: their centres are \
          {distance_m:.3e} m apart and they are {width_m:.3e} m wide; make them narrower or fewer"
     )]
     OverlappingElectrodes {
-        /// 1-based number.
+        /// 1-based electrode number.
         first: usize,
-        /// 1-based number.
+        /// 1-based electrode number.
         second: usize,
         /// Overlap, metres of rim.
         overlap_m: f64,
@@ -169,58 +175,58 @@ pub enum MeshError {
         /// Mean of the two widths, metres of rim.
         width_m: f64,
     },
-    /// An electrode position that is not on the rim.
+    /// An electrode position is not on the rim.
     #[error(
         "electrode {electrode} at {position_m:?} is {distance_m:.3e} m from the rim: a rim \
-         electrode lies on it (within {tolerance_m:.1e} m)"
+         electrode must lie within {tolerance_m:.1e} m of it"
     )]
     OffRim {
-        /// 1-based number.
+        /// 1-based electrode number.
         electrode: usize,
         /// Position given, metres.
         position_m: [f64; 2],
         /// Distance to the nearest rim point, metres.
         distance_m: f64,
-        /// Tolerance, metres.
+        /// Largest distance accepted, metres.
         tolerance_m: f64,
     },
-    /// An outline that crosses itself, or a hole that is not inside.
-    #[error("the outline is not usable at [{x_m}, {y_m}]: {problem}")]
+    /// An outline crosses itself, or a hole is not inside it.
+    #[error("the outline is invalid at [{x_m}, {y_m}]: {problem}")]
     BadOutline {
-        /// Where, metres.
+        /// x coordinate of the problem, metres.
         x_m: f64,
-        /// Where, metres.
+        /// y coordinate of the problem, metres.
         y_m: f64,
-        /// What is wrong there.
+        /// What is wrong at that point.
         problem: &'static str,
     },
-    /// Refinement ran into its cap.
+    /// Refinement reached the node limit.
     #[error(
-        "meshing stopped at {nodes} nodes before the wanted edge length was reached: raise \
-         edge_m or the node limit ({limit})"
+        "meshing stopped at {nodes} nodes before reaching the requested edge length: raise edge_m \
+         or the node limit ({limit})"
     )]
     RefinementIncomplete {
-        /// Nodes at the stop.
+        /// Nodes when it stopped.
         nodes: usize,
-        /// The cap.
+        /// The limit.
         limit: usize,
     },
-    /// A mesh file that cannot be read.
+    /// A mesh file cannot be read.
     #[error("{file}: line {line}: {problem}")]
     Parse {
         /// File name as given.
         file: String,
-        /// 1-based line, 0 where the whole file is meant.
+        /// 1-based line, or 0 if the error concerns the whole file.
         line: usize,
-        /// What is wrong and how to mend it.
+        /// What is wrong and how to fix it.
         problem: String,
     },
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{path}: {reason}")]
     Io {
         /// Path as given.
         path: String,
-        /// The system's words.
+        /// The system's message.
         reason: String,
     },
     /// An array has the wrong length.
@@ -228,26 +234,26 @@ pub enum MeshError {
     WrongLength {
         /// Which array.
         what: &'static str,
-        /// Values given.
+        /// Number of values given.
         found: usize,
-        /// Values needed.
+        /// Number of values needed.
         wanted: usize,
     },
-    /// A raster so coarse, or a skin so thin, that no pixel is half covered.
+    /// The raster is so coarse, or the skin so thin, that no pixel is at least half covered.
     #[error(
-        "of {pixels} x {pixels} pixels none is half covered by the skin (the fullest to \
-         {largest:.3}): use more pixels"
+        "none of the {pixels} x {pixels} pixels is half covered by the skin (the largest covered \
+         fraction is {largest:.3}): use more pixels"
     )]
     NoMaskedPixel {
-        /// Pixels on a side.
+        /// Pixels per side.
         pixels: usize,
-        /// Largest covered fraction of a pixel.
+        /// Largest covered fraction of any pixel.
         largest: f64,
     },
-    /// A surface on edge seen from +z has no picture.
+    /// The surface is edge-on when seen from +z.
     #[error(
-        "seen from +z the surface has {projected_m2:e} m2 of its {area_m2:e} m2: turn or flatten \
-         it before it is rasterised"
+        "seen from +z, only {projected_m2:e} m2 of the surface's {area_m2:e} m2 is visible: rotate \
+         or flatten it before rasterising"
     )]
     UprightSurface {
         /// Projected area, square metres.
@@ -255,19 +261,19 @@ pub enum MeshError {
         /// Area, square metres.
         area_m2: f64,
     },
-    /// Part of the surface looks away from +z, so pixels would mix two sheets.
+    /// Part of the surface faces away from +z, so a pixel would mix two layers.
     #[error(
-        "triangle {triangle} looks away from +z, where the rest looks to it: a raster would mix \
-         two sheets; cut or flatten the surface before it is rasterised"
+        "triangle {triangle} faces away from +z, unlike the rest of the surface: a raster would \
+         mix two layers; cut or flatten the surface before rasterising"
     )]
     FoldedSurface {
         /// Triangle index.
         triangle: usize,
     },
-    /// Triangles lie over one another seen from +z.
+    /// Triangles overlap when seen from +z.
     #[error(
-        "triangle {triangle} lies over others in pixel [{row}, {column}] seen from +z: a raster \
-         would mix two sheets; cut or flatten the surface before it is rasterised"
+        "triangle {triangle} overlaps others in pixel [{row}, {column}] when seen from +z: a \
+         raster would mix two layers; cut or flatten the surface before rasterising"
     )]
     OverlappingSheets {
         /// Triangle index.
@@ -277,75 +283,75 @@ pub enum MeshError {
         /// Pixel column.
         column: usize,
     },
-    /// Electrodes so close along the rim that they touch.
+    /// Two electrodes on the rim are so close that they touch.
     #[error(
         "electrodes {first} and {second} leave a gap of {gap_m:.3e} m of rim: touching electrodes \
-         are one conductor; leave at least {least_m:.1e} m"
+         act as one conductor; leave at least {least_m:.1e} m"
     )]
     TouchingElectrodes {
-        /// 1-based number.
+        /// 1-based electrode number.
         first: usize,
-        /// 1-based number.
+        /// 1-based electrode number.
         second: usize,
         /// Gap found, metres of rim.
         gap_m: f64,
         /// Smallest gap, metres of rim.
         least_m: f64,
     },
-    /// The middle of a curve that cannot be.
+    /// The midpoint of a curved edge is invalid.
     #[error(
-        "the middle of the edge between nodes {} and {} is put at {position_m:?} m: it must be finite \
-         and within half the edge of its straight middle", edge[0], edge[1]
+        "the midpoint of the edge between nodes {} and {} is {position_m:?} m: it must be finite \
+         and at most half the edge length from the straight midpoint", edge[0], edge[1]
     )]
     BadMidpoint {
-        /// Its nodes.
+        /// Nodes of the edge.
         edge: [u32; 2],
         /// Position given, metres.
         position_m: [f64; 3],
     },
-    /// A field's name that the file format cannot hold.
+    /// A field name is not valid in the file format.
     #[error(
-        "the field name {name:?} cannot stand in this file: no quotes, no control characters, \
-         not \"electrode\""
+        "the field name {name:?} is not valid in this file: it must not contain quotes or control \
+         characters, nor be \"electrode\""
     )]
     BadFieldName {
         /// The name given.
         name: String,
     },
-    /// A mesh far beyond the node limit, refused before any work.
+    /// The mesh would far exceed the node limit; detected before any meshing.
     #[error(
         "an edge length of {edge_m:e} m needs about {expected:.1e} nodes, but the limit is \
          {limit}: raise edge_m or node_limit"
     )]
     TooManyNodes {
-        /// Edge length asked for, metres.
+        /// Requested edge length, metres.
         edge_m: f64,
-        /// Nodes expected.
+        /// Expected number of nodes.
         expected: f64,
         /// The limit.
         limit: usize,
     },
-    /// An electrode position that is on no part of the skin.
+    /// An electrode position is too far from the skin.
     #[error(
-        "electrode {electrode} at {position_m:?} is {distance_m:.3e} m from the nearest {what} (within \
-         {tolerance_m:.1e} m is on it): move it, or look at the unit of the file (scale_m)"
+        "electrode {electrode} at {position_m:?} is {distance_m:.3e} m from the nearest {what} (at \
+         most {tolerance_m:.1e} m is allowed): move it, or check the unit of the file (scale_m)"
     )]
     OffSurface {
-        /// 1-based number.
+        /// 1-based electrode number.
         electrode: usize,
         /// Position given, metres.
         position_m: [f64; 3],
         /// Distance to the nearest point, metres.
         distance_m: f64,
-        /// Tolerance, metres.
+        /// Largest distance accepted, metres.
         tolerance_m: f64,
         /// "point of the skin" or "point of its rim".
         what: &'static str,
     },
-    /// A rim that goes through one node more than once.
+    /// The rim passes through one node more than once.
     #[error(
-        "the rim goes through node {node} at {position_m:?} more than once: there, rim lengths have no \
-         order; widen the place or cut the node in two"
+        "the rim passes through node {node} at {position_m:?} more than once, so positions along \
+         the rim are ambiguous; widen the skin there or split the node in two"
     )]
     PinchedRim {
         /// Node index.
@@ -353,50 +359,50 @@ pub enum MeshError {
         /// Its coordinates, metres.
         position_m: [f64; 3],
     },
-    /// A rim electrode on a skin that has no rim.
+    /// A rim electrode was given for a skin that has no rim.
     #[error(
         "electrode {electrode} is a rim electrode, but the skin is closed and has no rim: give it a \
          radius_m instead of a width_m"
     )]
     NoRim {
-        /// 1-based number.
+        /// 1-based electrode number.
         electrode: usize,
     },
-    /// A patch that is not on the skin whole.
+    /// A patch does not lie entirely on the skin.
     #[error("the patch of electrode {electrode} at {position_m:?} {problem}")]
     BadPatch {
-        /// 1-based number.
+        /// 1-based electrode number.
         electrode: usize,
-        /// Where, metres.
+        /// Position of the problem, metres.
         position_m: [f64; 3],
-        /// What is wrong there and how to mend it.
+        /// What is wrong there and how to fix it.
         problem: &'static str,
     },
-    /// Two patches on the same place.
+    /// Two patches overlap or are too close.
     #[error(
-        "the patches of electrodes {first} and {second} lie {gap_m:.3e} m apart (below zero: over \
-         one another): leave at least {least_m:.1e} m, or make them smaller"
+        "the patches of electrodes {first} and {second} lie {gap_m:.3e} m apart (negative: they \
+         overlap): leave at least {least_m:.1e} m, or make them smaller"
     )]
     OverlappingPatches {
-        /// 1-based number.
+        /// 1-based electrode number.
         first: usize,
-        /// 1-based number.
+        /// 1-based electrode number.
         second: usize,
-        /// Distance of their outlines, metres.
+        /// Distance between their outlines, metres.
         gap_m: f64,
         /// Smallest gap, metres.
         least_m: f64,
     },
-    /// An electrode's width or radius is out of its range.
+    /// An electrode's width or radius is out of range.
     #[error("electrode {electrode}: {quantity} is {value}: it must be {must}")]
     ElectrodeSize {
-        /// 1-based number.
+        /// 1-based electrode number.
         electrode: usize,
         /// "width_m" or "radius_m".
         quantity: &'static str,
         /// The value given.
         value: f64,
-        /// What it must be.
+        /// The condition it must satisfy.
         must: &'static str,
     },
 }

@@ -1,10 +1,10 @@
-//! Electrodes of flat skins, rim and patches, checked against the outline and each other.
+//! Electrodes of flat skins, both rim and patch, checked against the outline and each other.
 
 use crate::geometry::{Disc, Loop, Outline, distance};
 use crate::rim_electrodes::{OFF_RIM, RimElectrodes, RimInterval, SMALLEST, check_gaps, project};
 use crate::{Contact, MeshError, PlacedElectrode, SkinShape};
 
-/// Electrodes of a flat skin where they will be meshed.
+/// Electrodes of a flat skin at their final positions.
 #[derive(Debug, Default)]
 pub(crate) struct FlatElectrodes {
     /// Index of each rim electrode, and the rim it covers.
@@ -13,9 +13,9 @@ pub(crate) struct FlatElectrodes {
     pub patches: Vec<(usize, Disc)>,
 }
 
-/// A patch keeps this fraction of its radius (the larger one's) from the rim and from other
-/// patches. Its outline is a polygon of the disc's area, whose corners stand out by up to 2.3 %
-/// where it has the fewest, twelve.
+/// Minimum distance of a patch from the rim and from other patches, as a fraction of its radius
+/// (the larger radius of two patches). The outline of a patch is a polygon of the disc's area,
+/// whose corners lie up to 2.3 % outside the circle when it has the fewest sides, twelve.
 const PATCH_GAP: f64 = 0.05;
 
 impl FlatElectrodes {
@@ -71,25 +71,25 @@ impl FlatElectrodes {
 }
 
 impl PlacedElectrode {
-    /// Checks electrodes against the outline of a shape, before any meshing.
+    /// Checks electrodes against the outline of a shape, without meshing.
     ///
     /// # Errors
-    /// As [`generate_placed`](crate::generate_placed), of the electrodes alone.
+    /// Those of [`generate_placed`](crate::generate_placed) that concern electrodes.
     pub fn validate(electrodes: &[Self], shape: &SkinShape) -> Result<(), MeshError> {
         FlatElectrodes::placed(electrodes, &shape.outline()?).map(|_| ())
     }
 }
 
-/// Refuses a patch that is not on the skin whole.
+/// Rejects a patch that does not lie entirely on the skin.
 fn check_disc(electrode: usize, disc: Disc, outline: &Outline) -> Result<(), MeshError> {
     let gap = |l: &Loop| l.project(disc.centre_m).1 - disc.radius_m;
     let nearest_m = outline.loops().iter().map(gap).fold(f64::INFINITY, f64::min);
     let problem = match outline.loops_around(disc.centre_m) {
-        0 => "lies outside of the skin",
+        0 => "lies outside the skin",
         2.. => "lies in a hole of the skin",
-        _ if nearest_m < 0.0 => "runs over the rim: move it inwards or make it smaller",
+        _ if nearest_m < 0.0 => "extends beyond the rim: move it inwards or make it smaller",
         _ if nearest_m < PATCH_GAP * disc.radius_m => {
-            "is nearer to the rim than a twentieth of its radius: move it inwards or make it smaller"
+            "is closer to the rim than a twentieth of its radius: move it inwards or make it smaller"
         }
         _ => return Ok(()),
     };
@@ -97,7 +97,7 @@ fn check_disc(electrode: usize, disc: Disc, outline: &Outline) -> Result<(), Mes
     Err(MeshError::BadPatch { electrode, position_m: [x, y, 0.0], problem })
 }
 
-/// Refuses patches too near to each other.
+/// Rejects patches that are too close to each other.
 fn check_discs(patches: &[(usize, Disc)]) -> Result<(), MeshError> {
     for (k, (first, a)) in patches.iter().enumerate() {
         for (second, b) in &patches[k + 1..] {

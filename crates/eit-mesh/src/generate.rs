@@ -1,10 +1,10 @@
-//! From a shape, electrodes and a size field to a mesh.
+//! Generates a mesh from a shape, electrodes and a size field.
 //!
-//! Order of work: the outline is cut at corners and electrode ends ([`rim`]), the inside is
-//! filled by a frontal Delaunay insertion that follows the size field and then refined to an
-//! angle limit ([`interior`]), and the inner nodes are smoothed ([`crate::smooth`]). Rim nodes
-//! never move and rim edges are never split. A patch is meshed as a skin of its own, with the nodes of
-//! the hole that it leaves ([`patch`]).
+//! Steps: the outline is cut at corners and electrode ends ([`rim`]); the interior is filled by
+//! frontal Delaunay insertion that follows the size field and then refined to an angle limit
+//! ([`interior`]); the interior nodes are smoothed ([`crate::smooth`]). Rim nodes never move and
+//! rim edges are never split. A patch is meshed separately, using the nodes around the hole left
+//! for it ([`patch`]).
 
 pub(crate) mod interior;
 mod node_count;
@@ -20,18 +20,17 @@ use crate::{Electrode, Mesh, MeshError, PlacedElectrode, SkinShape, Surface, smo
 
 /// Meshes a flat skin (z = 0), or a hemisphere, with electrodes on its rim.
 ///
-/// Every electrode end is a node on the true outline, and so is every corner. On a disc of
-/// radius R, rim edges of length h are chords, so an electrode's mesh length falls short of its
-/// width by the fraction h^2 / (24 R^2), and the area by about four times that. The mesh knows the
-/// middle of each arc, and on a hemisphere of each edge ([`Mesh::midpoint_m`]), for curved elements.
-/// The same input gives the same mesh, bit for bit.
+/// Every electrode end and every corner is a node on the true outline. On a disc of radius R, rim
+/// edges of length h are chords, so an electrode's length in the mesh falls short of its width by
+/// the fraction h^2 / (24 R^2), and the area by about four times that. The mesh stores the midpoint
+/// of each arc, and on a hemisphere of every edge ([`Mesh::midpoint_m`]), for curved elements. The
+/// same input gives the same mesh, bit for bit.
 ///
 /// # Errors
 /// [`MeshError::OutOfRange`], [`MeshError::BadOutline`], [`MeshError::OverlappingElectrodes`],
 /// [`MeshError::TouchingElectrodes`], [`MeshError::OffRim`] or [`MeshError::TooManyNodes`] before
-/// any work;
-/// [`MeshError::RefinementIncomplete`] where the wanted edge length needs more nodes than
-/// [`MeshSettings::node_limit`].
+/// any meshing; [`MeshError::RefinementIncomplete`] if the requested edge length needs more nodes
+/// than [`MeshSettings::node_limit`].
 ///
 /// # Example
 /// ```
@@ -53,19 +52,20 @@ pub fn generate(
     mesh(shape, &outline, &FlatElectrodes::rim(electrodes, &outline)?, settings)
 }
 
-/// Meshes a skin as [`generate`] does, with electrodes of any width and spacing on its rim, and round
+/// Meshes a skin as [`generate`] does, with rim electrodes of any width and spacing, and round
 /// patches inside it.
 ///
 /// Rim electrodes may be off the rim by 1e-3 of the outer rim's length and are moved to the nearest
-/// rim point. The nodes on the outline of a patch form a polygon of the disc's area, so that
-/// [`Mesh::electrode_measure`] is `pi r^2`; they lie off the circle by up to 2.3 % of the radius,
-/// 0.9 % by default. A patch keeps a twentieth of its radius from the rim and from other patches.
+/// rim point. The nodes on a patch outline form a polygon of the disc's area, so that
+/// [`Mesh::electrode_measure`] is `pi r^2`; they lie up to 2.3 % of the radius off the circle, 0.9
+/// % by default. A patch must be at least a twentieth of its radius from the rim and from other
+/// patches.
 ///
 /// # Errors
 /// As [`generate`], and [`MeshError::ElectrodeSize`], [`MeshError::OffSurface`],
-/// [`MeshError::BadPatch`] for a patch that is not on the skin whole (outside, in a hole, over the
-/// rim; or on a hemisphere, where patches go with [`place_electrodes`](crate::place_electrodes)),
-/// [`MeshError::OverlappingPatches`].
+/// [`MeshError::OverlappingPatches`] and [`MeshError::BadPatch`] for a patch that does not lie
+/// entirely on the skin (outside it, in a hole or across the rim) or lies on a hemisphere, where
+/// patches need [`place_electrodes`](crate::place_electrodes).
 ///
 /// # Example
 /// ```
@@ -89,8 +89,8 @@ pub fn generate_placed(
     let flat = FlatElectrodes::placed(electrodes, &outline)?;
     if let (SkinShape::Hemisphere { .. }, Some((index, _))) = (shape, flat.patches.first()) {
         let position_m = electrodes[*index].position_m;
-        let problem = "is on a generated hemisphere, which has rim electrodes only: write the mesh to \
-                       a file and place the patch on that";
+        let problem = "is on a generated hemisphere, which supports only rim electrodes: write the \
+                       mesh to a file and place the patch on that mesh";
         return Err(MeshError::BadPatch { electrode: index + 1, position_m, problem });
     }
     mesh(shape, &outline, &flat, settings)
@@ -106,7 +106,8 @@ fn mesh(
     let discs: Vec<Disc> = electrodes.patches.iter().map(|(_, disc)| *disc).collect();
     let intervals: Vec<RimInterval> =
         electrodes.rim.iter().map(|(_, interval)| *interval).collect();
-    // a third of the radius is a sixth of the width, as on the rim
+    // a third of the radius is a sixth of the diameter, the same fraction of the width as on the
+    // rim
     let patch_edge =
         |radius_m: f64| settings.electrode_edge_m.unwrap_or(radius_m / 3.0).min(edge_m);
     let patch_edges_m: Vec<f64> = discs.iter().map(|disc| patch_edge(disc.radius_m)).collect();
@@ -133,19 +134,19 @@ fn mesh(
     }
 }
 
-/// The point of a sphere around the origin that is nearest to another; on the equator it stays there.
+/// Projects a point onto the sphere around the origin; points on the equator stay on it.
 fn onto_sphere(point: [f64; 3], radius_m: f64) -> [f64; 3] {
     let scale = radius_m / norm(point);
     point.map(|x| scale * x)
 }
 
-/// The point of a skin that stands for a point inside its outline.
+/// Maps a point inside the outline to the skin.
 fn on_shape(shape: &SkinShape, [x, y]: [f64; 2]) -> [f64; 3] {
     match *shape {
         SkinShape::Hemisphere { radius_m } => {
             let square = (x * x + y * y) / (radius_m * radius_m);
             let factor = 2.0 / (1.0 + square);
-            // the rim to the last bit: 0 there, not the rounding of its coordinates
+            // rim nodes get a height of exactly 0, without the rounding error of their coordinates
             let height = (1.0 - square) * (0.5 * factor);
             let height = if height.abs() < 1e-14 { 0.0 } else { height };
             [factor * x, factor * y, radius_m * height]

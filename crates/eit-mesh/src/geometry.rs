@@ -11,10 +11,11 @@ pub use loops::Loop;
 use piece::Piece;
 use std::f64::consts::TAU;
 
-/// Points of an outline nearer than this fraction of its outer length are the same point.
+/// Points of an outline closer than this fraction of its outer length are treated as the same
+/// point.
 ///
-/// Coordinates carry a rounding error of 1e-16 of their size; seven digits above it leave the
-/// smallest gap between electrodes (a few times this) seven correct digits.
+/// Coordinates carry a rounding error of 1e-16 of their magnitude. This value is seven digits
+/// larger, so the smallest gap between electrodes (a few times this) keeps seven correct digits.
 pub(crate) const RESOLUTION: f64 = 1e-9;
 
 /// The shape of a flat skin.
@@ -26,20 +27,20 @@ pub enum SkinShape {
         /// Radius, metres.
         radius_m: f64,
     },
-    /// A rectangle centred at the origin, sides along x and y.
+    /// A rectangle centred at the origin, with sides along x and y.
     Rectangle {
         /// Side along x, metres.
         width_m: f64,
         /// Side along y, metres.
         height_m: f64,
     },
-    /// The upper half of a sphere centred at the origin, its rim the circle at z = 0. Meshed as a
-    /// disc and mapped by the inverse stereographic projection, which keeps angles.
+    /// The upper half of a sphere centred at the origin, with its rim at z = 0. It is meshed as a
+    /// disc and mapped by the inverse stereographic projection, which preserves angles.
     Hemisphere {
         /// Radius, metres.
         radius_m: f64,
     },
-    /// A polygon with holes. Loops close by themselves and may turn either way.
+    /// A polygon with holes. Loops close automatically and may run in either direction.
     Polygon {
         /// Corners of the outer loop, metres.
         outline_m: Vec<[f64; 2]>,
@@ -49,12 +50,12 @@ pub enum SkinShape {
 }
 
 impl SkinShape {
-    /// The outline of the shape, checked; of a hemisphere its rim.
+    /// Returns the validated outline of the shape; for a hemisphere, that of its rim.
     ///
     /// # Errors
     /// [`MeshError::OutOfRange`] for a size that is not finite or not between 1e-9 m and 1e9 m;
-    /// [`MeshError::BadOutline`] for a polygon that touches or crosses itself, has a spike
-    /// sharper than one degree, or a hole that is not inside or not clear of the others.
+    /// [`MeshError::BadOutline`] for a polygon that touches or crosses itself, has a spike sharper
+    /// than one degree, or has a hole that is not inside it or not clear of the other loops.
     pub fn outline(&self) -> Result<Outline, MeshError> {
         match self {
             Self::Disc { radius_m } | Self::Hemisphere { radius_m } => Outline::disc(*radius_m),
@@ -80,7 +81,7 @@ pub struct Outline {
 }
 
 impl Outline {
-    /// A disc centred at the origin; arc length starts on the +x axis.
+    /// Creates a disc centred at the origin; arc length starts on the +x axis.
     ///
     /// # Errors
     /// [`MeshError::OutOfRange`].
@@ -90,7 +91,7 @@ impl Outline {
         Ok(Self { loops: vec![Loop::new(vec![rim])], centre: [0.0; 2] })
     }
 
-    /// A rectangle centred at the origin; arc length starts at its lower left corner.
+    /// Creates a rectangle centred at the origin; arc length starts at its lower left corner.
     ///
     /// # Errors
     /// [`MeshError::OutOfRange`].
@@ -100,12 +101,13 @@ impl Outline {
         Self::polygon(&[[-x, -y], [x, -y], [x, y], [-x, y]], &[])
     }
 
-    /// A polygon with holes, loops turning either way.
+    /// Creates a polygon with holes, whose loops may run in either direction.
     ///
-    /// All pairs of sides are compared: quadratic in the number of corners (10 000: 1 s).
+    /// All pairs of sides are compared, so the time is quadratic in the number of corners (10 000
+    /// corners: 1 s).
     ///
     /// # Errors
-    /// [`MeshError::BadOutline`] with the place, or [`MeshError::OutOfRange`].
+    /// [`MeshError::BadOutline`] with the position, or [`MeshError::OutOfRange`].
     pub fn polygon(outline_m: &[[f64; 2]], holes_m: &[Vec<[f64; 2]>]) -> Result<Self, MeshError> {
         check_polygon(outline_m, holes_m)?;
         let mut loops = vec![Loop::polygon(outline_m, true)];
@@ -113,22 +115,23 @@ impl Outline {
         Ok(Self { loops, centre: centroid(outline_m) })
     }
 
-    /// The loops: outer loop first, then the holes in their order.
+    /// Returns the loops: the outer loop, then the holes in their order.
     pub fn loops(&self) -> &[Loop] {
         &self.loops
     }
 
-    /// Whether a point that is clear of the loops is on the skin: inside the outer loop, in no hole.
+    /// Whether a point lies on the skin: inside the outer loop and in no hole. The point must not
+    /// lie on a loop.
     pub fn contains(&self, point_m: [f64; 2]) -> bool {
         self.loops_around(point_m) == 1
     }
 
-    /// Number of loops around a point that is clear of them: 0 outside, 1 on the skin, 2 in a hole.
+    /// Number of loops around a point that is not on a loop: 0 outside, 1 on the skin, 2 in a hole.
     pub(crate) fn loops_around(&self, point_m: [f64; 2]) -> usize {
         self.loops.iter().filter(|l| l.is_around(point_m)).count()
     }
 
-    /// This outline with round holes, as loops after its own.
+    /// Returns this outline with round holes, added as loops after its own.
     pub(crate) fn pierced(&self, discs: &[Disc]) -> Self {
         let mut pierced = self.clone();
         pierced.loops.extend(discs.iter().map(|disc| {
@@ -138,7 +141,7 @@ impl Outline {
         pierced
     }
 
-    /// Centroid of the area inside the outer loop (holes not taken off), metres.
+    /// Centroid of the area inside the outer loop (holes not subtracted), metres.
     pub fn centre_m(&self) -> [f64; 2] {
         self.centre
     }
@@ -157,24 +160,24 @@ impl Outline {
         self.loops.iter().flat_map(|l| &l.pieces).map(under).sum()
     }
 
-    /// Arc length on the outer loop of the outermost rim point seen from the centroid at an
-    /// angle counter-clockwise from +x.
+    /// Arc length of the outermost point of the outer loop at an angle counter-clockwise from +x,
+    /// seen from the centroid.
     ///
     /// # Errors
-    /// [`MeshError::OutOfRange`] where no rim is seen at that angle: the angle is not finite, or
-    /// the outline bends so far that its centroid lies outside.
+    /// [`MeshError::OutOfRange`] if no rim point lies in that direction: the angle is not finite,
+    /// or the outline is so concave that its centroid lies outside.
     pub fn arc_length_at_angle(&self, angle_deg: f64) -> Result<f64, MeshError> {
         self.loops[0].outermost_at(self.centre, angle_deg.to_radians()).ok_or(
             MeshError::OutOfRange {
                 quantity: "first_angle_deg",
                 value: angle_deg,
-                must: "a finite angle at which the rim is seen from the centroid of the outline \
-                       (else give positions_m)",
+                must: "a finite angle at which a ray from the centroid of the outline meets the \
+                       rim (otherwise give positions_m)",
             },
         )
     }
 
-    /// Box around the outer loop: `[low, high]`, metres.
+    /// Bounding box of the outer loop: `[low, high]`, metres.
     pub(crate) fn bounds_m(&self) -> [[f64; 2]; 2] {
         let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
         for piece in &self.loops[0].pieces {
@@ -190,8 +193,9 @@ impl Outline {
         bounds
     }
 
-    /// Distance from the rim point at `arc_length_m` on a loop to the nearest piece of the outline
-    /// that is neither its own nor next to its own on the same loop, metres; infinite if none.
+    /// Distance from the rim point at `arc_length_m` on a loop to the nearest piece of the outline,
+    /// excluding the point's own piece and its neighbours on the same loop, metres; infinite if
+    /// there is none.
     pub(crate) fn clearance_m(&self, loop_index: usize, arc_length_m: f64) -> f64 {
         let own = &self.loops[loop_index];
         let (piece, count) = (own.piece_at(arc_length_m), own.pieces.len());
@@ -201,7 +205,7 @@ impl Outline {
             for (k, other) in l.pieces.iter().enumerate() {
                 let steps = (k + count - piece) % count;
                 let adjacent = index == loop_index && (steps <= 1 || steps + 1 == count);
-                // a corner also belongs to the piece before its own
+                // a corner also belongs to the preceding piece
                 let at_corner = arc_length_m <= own.starts_m[piece];
                 let before = index == loop_index && at_corner && steps + 2 == count;
                 if !adjacent && !before {
@@ -212,7 +216,7 @@ impl Outline {
         nearest
     }
 
-    /// Distance below which two points of the outline are one, metres.
+    /// Distance below which two points of the outline are treated as one, metres.
     pub(crate) fn resolution_m(&self) -> f64 {
         RESOLUTION * self.loops[0].length_m()
     }
@@ -230,7 +234,7 @@ pub(crate) fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
     a[0] * b[1] - a[1] * b[0]
 }
 
-/// Shoelace formula about the first corner: positive where counter-clockwise.
+/// Shoelace formula about the first corner: positive if counter-clockwise.
 fn signed_area(corners: &[[f64; 2]]) -> f64 {
     0.5 * triangles_from_first(corners).map(|(twice_area, _)| twice_area).sum::<f64>()
 }
@@ -242,8 +246,8 @@ fn centroid(corners: &[[f64; 2]]) -> [f64; 2] {
     })
 }
 
-/// The fan of triangles about the first corner: twice the signed area, and centroid, of each.
-/// Differences from the first corner keep the digits of an outline far from the origin.
+/// Twice the signed area and the centroid of each triangle in the fan about the first corner.
+/// Taking differences from the first corner preserves the digits of an outline far from the origin.
 fn triangles_from_first(corners: &[[f64; 2]]) -> impl Iterator<Item = (f64, [f64; 2])> + '_ {
     let origin = corners.first().copied().unwrap_or_default();
     corners.windows(2).map(move |side| {

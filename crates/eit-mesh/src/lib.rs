@@ -1,10 +1,11 @@
 //! Triangulated skins with electrodes for electrical impedance tomography.
 //!
 //! A [`Mesh`] is a [`Surface`] (nodes in metres, triangles) with [`Electrode`]s on its rim or
-//! inside it. [`generate`] meshes a [`SkinShape`] with [`RimElectrodes`], as fine as
-//! [`MeshSettings`] ask; [`generate_placed`] takes electrodes by position, patches among them.
-//! [`read_mesh`] reads a surface from Gmsh, STL or OBJ and says what it had to mend ([`Repairs`]);
-//! [`place_electrodes`] puts electrodes on it. [`Quality`] says how good the triangles are.
+//! inside it. [`generate`] meshes a [`SkinShape`] with [`RimElectrodes`] at the resolution set by
+//! [`MeshSettings`]; [`generate_placed`] takes electrodes by position, including patches inside the
+//! skin. [`read_mesh`] reads a surface from a Gmsh, STL or OBJ file and reports what it repaired
+//! ([`Repairs`]); [`place_electrodes`] adds electrodes to it. [`Quality`] measures the shape of the
+//! triangles.
 //!
 //! # Example
 //! ```
@@ -15,6 +16,7 @@
 //! assert!(Quality::of(&mesh).smallest_angle_deg > 30.0);
 //! # Ok::<(), eit_mesh::MeshError>(())
 //! ```
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -1,9 +1,9 @@
-//! Electrodes on any surface, by position: on its rim by width, inside it by radius.
+//! Places electrodes on any surface, by position: on its rim with a width, inside it with a radius.
 //!
-//! Order of work: positions are moved to the surface, electrode ends become rim nodes
-//! ([`rim`]), triangles near electrodes are halved until they follow the size field
-//! ([`refine`]), and triangles are cut along the outlines of patches ([`patch`]). The surface
-//! keeps its shape: every new node lies on an edge that was there.
+//! Steps: positions are projected to the surface; electrode ends become rim nodes ([`rim`]);
+//! triangles near electrodes are bisected until they follow the size field ([`refine`]); triangles
+//! are cut along the outlines of patches ([`patch`]). The surface keeps its shape, because every
+//! new node lies on an existing edge.
 
 mod electrode;
 mod patch;
@@ -18,31 +18,32 @@ use patch::Ball;
 use refine::refine;
 use rim::Rims;
 
-/// Positions further from the surface than this fraction of its longest side are not on it: room
-/// for measured positions and for facets that cut across a round link.
+/// Positions further from the surface than this fraction of its longest side are rejected. It
+/// allows for measurement error and for facets that cut across a curved link.
 const OFF_SURFACE: f64 = 1e-2;
-/// Points of a surface nearer than this fraction of its longest side are the same point.
+/// Points of a surface closer than this fraction of its longest side are treated as the same point.
 const RESOLUTION: f64 = 1e-9;
 
-/// Puts electrodes on a surface, by position.
+/// Places electrodes on a surface, by position.
 ///
 /// A rim electrode covers `width_m` of rim, half on each side of the rim point nearest to its
-/// position; its ends become nodes (a rim node within 1e-4 of an edge's length is taken for the end). A
-/// patch covers the triangles inside the sphere of `radius_m` around the nearest point of the
-/// surface, which are cut along the sphere. The cut is made of chords of at most a third of the
-/// radius, so the area falls short of the disc's by about one percent, and with the square of
-/// [`MeshSettings::electrode_edge_m`]; [`Mesh::electrode_measure`] has the area that counts.
+/// position. Its ends become nodes; a rim node within 1e-4 of an edge length of an end is used
+/// instead. A patch covers the triangles inside the sphere of `radius_m` around the nearest point
+/// of the surface, which are cut along the sphere. The cut consists of chords of at most a third of
+/// the radius, so the area falls short of the disc's by about one percent, and the deficit
+/// decreases with the square of [`MeshSettings::electrode_edge_m`]. [`Mesh::electrode_measure`]
+/// returns the actual area.
 ///
-/// Of the settings, `electrode_edge_m`, `grading` and `node_limit` mean what they mean for
-/// [`generate`](crate::generate); `edge_m`, if given, is the longest edge wanted anywhere. Edges that are
-/// longer than wanted are halved; nothing is made coarser and no node moves, so triangles are about
+/// The settings `electrode_edge_m`, `grading` and `node_limit` mean the same as for
+/// [`generate`](crate::generate); `edge_m`, if given, is the longest edge allowed anywhere. Edges
+/// that are too long are bisected; nothing is coarsened and no node moves, so triangles are about
 /// as good as those of the surface.
 ///
 /// # Errors
 /// [`MeshError::ElectrodeSize`], [`MeshError::OffSurface`], [`MeshError::NoRim`],
 /// [`MeshError::OverlappingElectrodes`], [`MeshError::TouchingElectrodes`] or
-/// [`MeshError::OutOfRange`] before any work; [`MeshError::BadPatch`] for a patch that runs over
-/// the rim, [`MeshError::OverlappingPatches`], [`MeshError::RefinementIncomplete`].
+/// [`MeshError::OutOfRange`] before any meshing; [`MeshError::BadPatch`] for a patch that extends
+/// beyond the rim, [`MeshError::OverlappingPatches`], [`MeshError::RefinementIncomplete`].
 ///
 /// # Example
 /// ```
@@ -94,7 +95,7 @@ pub fn place_electrodes(
     Mesh::new(surface, covered.into_iter().flatten().collect())
 }
 
-/// Nodes and triangles at work: consistently oriented, not checked.
+/// Nodes and triangles during refinement: consistently oriented, otherwise unchecked.
 struct Skin {
     nodes: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
@@ -116,19 +117,19 @@ impl Skin {
     }
 }
 
-/// A point between two others.
+/// Interpolates between two points.
 fn between(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     std::array::from_fn(|k| a[k] + t * (b[k] - a[k]))
 }
 
-/// An electrode's place on the rim.
+/// The part of the rim covered by an electrode.
 struct Covered {
     /// Index of the electrode.
     electrode: usize,
     interval: RimInterval,
 }
 
-/// The rim that each rim electrode covers, checked.
+/// Returns the validated rim interval of each rim electrode.
 fn intervals(
     rims: &Rims,
     skin: &Skin,
@@ -173,7 +174,7 @@ fn intervals(
     Ok(covered)
 }
 
-/// The sphere of each patch.
+/// Returns the sphere of each patch.
 fn balls(
     surface: &Surface,
     electrodes: &[PlacedElectrode],
@@ -199,11 +200,11 @@ fn balls(
     Ok(balls)
 }
 
-/// The wanted edge length: as in [`crate::size_field`], in space and with spheres as sources.
+/// Requested edge length, as in [`crate::size_field`] but in space and with spheres as sources.
 struct Field {
     edge_m: f64,
     grading: f64,
-    /// Centre, radius (0: a point) and the edge length wanted there.
+    /// Centre, radius (0: a point) and requested edge length of each source.
     sources: Vec<([f64; 3], f64, f64)>,
 }
 
@@ -217,7 +218,7 @@ impl Field {
     ) -> Result<Self, MeshError> {
         for (quantity, edge) in settings.edges() {
             if let Some(value) = edge.filter(|&e| e < resolution_m) {
-                let must = "at least 1e-9 of the skin's size (shorter edges drown in rounding)";
+                let must = "at least 1e-9 of the skin's size (shorter edges are lost in rounding)";
                 return Err(MeshError::OutOfRange { quantity, value, must });
             }
         }
@@ -231,7 +232,8 @@ impl Field {
             sources.extend(ends.iter().map(|&end| (end, 0.0, size(electrode))));
         }
         for ball in balls {
-            // inside a patch edges as on its outline: longer ones would reach across it
+            // edges inside a patch are as short as on its outline: longer ones would reach across
+            // it
             let electrode = &electrodes[ball.electrode];
             let wanted = size(electrode).min(0.5 * ball.radius);
             sources.push((ball.centre, ball.radius, wanted));

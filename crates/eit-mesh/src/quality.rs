@@ -1,10 +1,10 @@
-//! How well shaped a mesh is.
+//! Measures how well shaped a mesh is.
 
 use crate::surface::{norm, sub};
 use crate::{Electrode, Mesh, Surface};
 use std::fmt;
 
-/// Shape figures of a mesh.
+/// Shape statistics of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
     /// Number of nodes.
@@ -27,7 +27,7 @@ pub struct Quality {
     pub longest_edge_m: f64,
     /// Area, square metres.
     pub area_m2: f64,
-    /// Edges (rim electrode) or triangles (patch electrode) of each electrode.
+    /// Number of edges (rim electrode) or triangles (patch electrode) of each electrode.
     pub elements_per_electrode: Vec<usize>,
 }
 
@@ -64,15 +64,15 @@ impl Quality {
         report
     }
 
-    /// Longest edge over shortest.
+    /// Ratio of the longest edge to the shortest.
     pub fn edge_ratio(&self) -> f64 {
         self.longest_edge_m / self.shortest_edge_m
     }
 }
 
 impl Surface {
-    /// Shape of one triangle, `q = 4 sqrt(3) A / (a^2 + b^2 + c^2)` with area `A` and sides `a`,
-    /// `b`, `c`: 1 is equilateral, 0 flat. NaN for a triangle that does not exist.
+    /// Quality of one triangle, `q = 4 sqrt(3) A / (a^2 + b^2 + c^2)` with area `A` and sides `a`,
+    /// `b`, `c`: 1 is equilateral, 0 degenerate. NaN if the triangle does not exist.
     ///
     /// Source: Bhatia, Lawrence, *Two-dimensional finite element mesh generation based on
     /// stripwise automatic triangulation*, *Comput. Struct.* 36 (1990), 309-319.
@@ -96,8 +96,9 @@ fn elements(electrode: &Electrode) -> usize {
     }
 }
 
-/// Angle opposite each side, radians: `tan = 4 A / (sum of the squares of the other sides - own
-/// square)`, which keeps its digits at all angles.
+/// Angle opposite each side, radians:
+/// `tan = 4 A / (sum of the squares of the other sides - own square)`, which is accurate at all
+/// angles.
 fn angles(sides: [f64; 3], area_m2: f64) -> [f64; 3] {
     let [a, b, c] = sides.map(|s| s * s);
     [b + c - a, c + a - b, a + b - c].map(|cos_part| (4.0 * area_m2).atan2(cos_part))

@@ -1,29 +1,30 @@
-//! Surface to pixels and back: a square grid over the skin and two area-weighted operators.
+//! Conversion between surface and pixels: a square grid over the skin and two area-weighted
+//! operators.
 //!
-//! Let `A[p, t]` be the area that pixel `p` and triangle `t` share, found by exact clipping
+//! Let `A[p, t]` be the area shared by pixel `p` and triangle `t`, computed by exact clipping
 //! (`raster/overlap.rs`), `c[p] = sum_t A[p, t]` the covered area of a pixel and
-//! `a[t] = sum_{p in mask} A[p, t]` the part of a triangle that lies under the mask. Then
+//! `a[t] = sum_{p in mask} A[p, t]` the part of a triangle under the mask. Then
 //!
 //! ```text
 //! pixel_from_element[p, t] = A[p, t] / c[p]        element_from_pixel[t, p] = A[p, t] / a[t]
 //! ```
 //!
-//! Rows sum to one, so constants stay constant, and no value leaves the range of its sources.
+//! Rows sum to one, so constants are preserved, and no value leaves the range of its sources.
 //!
 //! **Conservation.** `sum_p c[p] y[p] = sum_t a[t] x[t]` holds for `y = pixel_from_element x` and
-//! for `x = element_from_pixel y`: the integral over the part of the skin under the mask is kept.
-//! Where every touched pixel is in the mask, `a[t]` is the whole triangle and the integral over
-//! the skin is kept. Rim pixels less than half covered are outside the mask; what lies under
-//! them is in no pixel.
+//! for `x = element_from_pixel y`: the integral over the part of the skin under the mask is
+//! preserved. If every touched pixel is in the mask, `a[t]` is the whole triangle and the integral
+//! over the skin is preserved. Rim pixels that are less than half covered are outside the mask, and
+//! the skin under them belongs to no pixel.
 //!
-//! **Order.** Values taken from a linear function at the centroids come back at the centres of
-//! fully covered pixels with an error of at most `|gradient| h` (h the longest edge), and
-//! O(h^2 / pixel) once triangles are smaller than pixels: only the triangles that a pixel's
-//! sides cut are wrong, by O(h), and they are O(h / pixel) of it. The other way the same holds
-//! with the two sizes exchanged.
+//! **Order.** Sampling a linear function at the centroids and converting it to pixels gives an
+//! error of at most `|gradient| h` (h the longest edge) at the centres of fully covered pixels, and
+//! O(h^2 / pixel) once triangles are smaller than pixels: only the triangles cut by a pixel's sides
+//! contribute an error, O(h) each, and they make up O(h / pixel) of the pixel. For the opposite
+//! direction the same holds with the two sizes exchanged.
 //!
-//! **Curved surfaces** are seen from +z: everything above is in areas projected on the x-y plane.
-//! A surface that lies over itself in that view is refused, since a pixel would mix two sheets.
+//! **Curved surfaces** are projected along z: all areas above are areas in the x-y plane. A surface
+//! that overlaps itself in this view is rejected, because a pixel would mix two layers.
 
 mod operators;
 mod overlap;
@@ -33,18 +34,18 @@ use ndarray::{Array2, Array3, ArrayView2, ArrayViewMut2, ArrayViewMut3, Axis};
 use operators::{element_from_pixel, masked_area, masked_numbers, pixel_from_element};
 use overlap::{Grid, Overlaps};
 
-/// Covered fraction from which a pixel belongs to the mask, less the rounding of its sum, so that
-/// pixels cut exactly in half fall on the same side everywhere.
+/// Minimum covered fraction of a pixel in the mask. It is reduced by the rounding of the sum, so
+/// that pixels covered exactly by half are treated alike everywhere.
 const MASK_COVERAGE: f64 = 0.5 - 1e-9;
 
-/// Most pixels on a side: 4096 squared is 134 MB of coverage alone.
+/// Maximum number of pixels per side: at 4096 squared, coverage alone takes 134 MB.
 const PIXELS_LIMIT: usize = 4096;
 
-/// A grid of n x n square pixels over a skin and the operators between its pixels and triangles.
+/// A grid of n x n square pixels over a skin, with operators between its pixels and triangles.
 ///
 /// The grid is centred on the skin's bounding box and as wide as its longer side; row 0 is at the
 /// top (largest y), column 0 at the left (smallest x). A pixel belongs to the mask if the skin
-/// covers at least half of its area. Masked pixels are numbered row by row.
+/// covers at least half of its area. Masked pixels are numbered in row-major order.
 ///
 /// # Example
 /// ```
@@ -72,13 +73,13 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// A raster of `pixels` x `pixels` over the surface.
+    /// Creates a raster of `pixels` x `pixels` over the surface.
     ///
     /// # Errors
-    /// [`MeshError::OutOfRange`] unless `pixels` is from 1 to 4096, [`MeshError::NoMaskedPixel`]
-    /// if no pixel is half covered, [`MeshError::UprightSurface`],
-    /// [`MeshError::FoldedSurface`] or [`MeshError::OverlappingSheets`] if the surface is on edge
-    /// or lies over itself seen from +z.
+    /// [`MeshError::OutOfRange`] unless `pixels` is from 1 to 4096, [`MeshError::NoMaskedPixel`] if
+    /// no pixel is half covered, [`MeshError::UprightSurface`], [`MeshError::FoldedSurface`] or
+    /// [`MeshError::OverlappingSheets`] if the surface is edge-on or overlaps itself when seen from
+    /// +z.
     pub fn new(surface: &Surface, pixels: usize) -> Result<Self, MeshError> {
         if !(1..=PIXELS_LIMIT).contains(&pixels) {
             return Err(MeshError::OutOfRange {
@@ -113,7 +114,7 @@ impl Raster {
         })
     }
 
-    /// Pixels on a side: images are [`pixels`, `pixels`].
+    /// Number of pixels per side: images are [`pixels`, `pixels`].
     pub fn pixels(&self) -> usize {
         self.mask.nrows()
     }
@@ -134,7 +135,8 @@ impl Raster {
         [x_min + (column as f64 + 0.5) * self.pixel_m, y_max - (row as f64 + 0.5) * self.pixel_m]
     }
 
-    /// Pixel `[row, column]` that holds a point (metres); `None` outside the grid.
+    /// Returns the pixel `[row, column]` that contains a point (metres), or `None` outside the
+    /// grid.
     pub fn pixel_at(&self, position_m: [f64; 2]) -> Option<[usize; 2]> {
         let [x_min, x_max, y_min, y_max] = self.extent_m;
         let inside =
@@ -148,42 +150,44 @@ impl Raster {
         &self.mask
     }
 
-    /// Fraction of each pixel's area that the skin covers, 0 to 1: [row, column]. Its sum times
-    /// the pixel's area is the skin's (projected) area.
+    /// Fraction of each pixel's area that the skin covers, 0 to 1: [row, column]. Its sum times the
+    /// area of a pixel is the (projected) area of the skin.
     pub fn coverage(&self) -> &Array2<f64> {
         &self.coverage
     }
 
-    /// `[row, column]` of each masked pixel, in the operators' order: row by row.
+    /// `[row, column]` of each masked pixel, in the order of the operators: row-major.
     pub fn masked_pixels(&self) -> &[[usize; 2]] {
         &self.masked_pixels
     }
 
-    /// Area of skin in each masked pixel (`c` of the module's formulas), square metres.
+    /// Area of skin in each masked pixel (`c` in the formulas of the module), square metres.
     pub fn covered_areas_m2(&self) -> &[f64] {
         &self.covered_areas_m2
     }
 
-    /// Area of each triangle that lies under the mask (`a` of the module's formulas), square
-    /// metres; zero where a triangle meets no masked pixel.
+    /// Area of each triangle under the mask (`a` in the formulas of the module), square metres;
+    /// zero for a triangle that meets no masked pixel.
     pub fn masked_areas_m2(&self) -> &[f64] {
         &self.masked_areas_m2
     }
 
-    /// Values per triangle to values per masked pixel: [masked pixel, triangle], rows sum to one.
+    /// Operator from triangle values to masked pixel values: [masked pixel, triangle]; rows sum to
+    /// one.
     pub fn pixel_from_element(&self) -> &CsrMatrix {
         &self.pixel_from_element
     }
 
-    /// Values per masked pixel to values per triangle: [triangle, masked pixel], rows sum to one.
+    /// Operator from masked pixel values to triangle values: [triangle, masked pixel]; rows sum to
+    /// one.
     ///
-    /// A triangle that meets no masked pixel takes the one whose centre is nearest to its
-    /// centroid (the first of equals).
+    /// A triangle that meets no masked pixel takes the value of the one whose centre is nearest to
+    /// its centroid (the first, if several are equally near).
     pub fn element_from_pixel(&self) -> &CsrMatrix {
         &self.element_from_pixel
     }
 
-    /// Values per masked pixel as an image [row, column], NaN outside the mask.
+    /// Converts masked pixel values to an image [row, column], NaN outside the mask.
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
@@ -193,7 +197,7 @@ impl Raster {
         Ok(image)
     }
 
-    /// [`image_from_pixels`](Self::image_from_pixels) without allocating.
+    /// Does the same as [`image_from_pixels`](Self::image_from_pixels) without allocating.
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
@@ -212,7 +216,7 @@ impl Raster {
         Ok(())
     }
 
-    /// Frames of values [frame, masked pixel] as images [frame, row, column], NaN outside.
+    /// Converts frames [frame, masked pixel] to images [frame, row, column], NaN outside the mask.
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
@@ -225,7 +229,7 @@ impl Raster {
         Ok(images)
     }
 
-    /// [`images_from_pixels`](Self::images_from_pixels) without allocating.
+    /// Does the same as [`images_from_pixels`](Self::images_from_pixels) without allocating.
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
@@ -247,7 +251,7 @@ impl Raster {
         Ok(())
     }
 
-    /// Values per triangle as an image [row, column], NaN outside the mask.
+    /// Converts triangle values to an image [row, column], NaN outside the mask.
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
@@ -257,8 +261,8 @@ impl Raster {
         self.image_from_pixels(&pixels)
     }
 
-    /// The masked pixels of an image [row, column], in the operators' order, without allocating.
-    /// Undoes [`image_from_pixels_into`](Self::image_from_pixels_into).
+    /// Copies the masked pixels of an image [row, column] in the order of the operators, without
+    /// allocating: the inverse of [`image_from_pixels_into`](Self::image_from_pixels_into).
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].

@@ -1,9 +1,10 @@
-//! Mends what is harmless in triangles from a file, and says what it mended.
+//! Repairs harmless faults in triangles from a file and reports the repairs.
 //!
-//! Harmless is what leaves the skin as it is: nodes written twice, nodes that no triangle uses,
-//! triangles turned over, repeated, or collapsed because two of their corners are one node. All
-//! else is refused by [`Surface::new`] with the index in the file and the place: a triangle that
-//! is flat without being collapsed would leave a crack if it were dropped.
+//! A fault is harmless if repairing it leaves the skin unchanged: duplicate nodes, nodes that no
+//! triangle uses, and triangles that are inverted, repeated or collapsed because two of their
+//! corners are one node. Everything else is rejected by [`Surface::new`] with the index in the file
+//! and the position. For example, dropping a triangle that is flat but not collapsed would leave a
+//! crack.
 
 mod notes;
 
@@ -13,13 +14,13 @@ pub use notes::Repairs;
 use std::collections::{HashMap, HashSet};
 
 impl Surface {
-    /// A surface from nodes and triangles of any origin, mended where that is harmless.
+    /// Creates a surface from nodes and triangles of any origin, repairing harmless faults.
     ///
-    /// Nodes within `merge_m` (metres; 0 merges none) of an earlier one become that one; then
+    /// Nodes within `merge_m` (metres; 0 merges none) of an earlier one are merged with it; then
     /// collapsed and repeated triangles and unused nodes are dropped. The rest keeps its order.
     ///
     /// # Errors
-    /// Those of [`Surface::new`]; indices are those of the arguments.
+    /// Those of [`Surface::new`]; indices refer to the arguments.
     ///
     /// # Example
     /// ```
@@ -52,17 +53,18 @@ impl Surface {
     }
 }
 
-/// Nodes and triangles without what is harmless.
+/// Nodes and triangles after repair.
 pub(crate) struct Mended {
     pub nodes: Vec<[f64; 3]>,
     pub triangles: Vec<[u32; 3]>,
-    /// New index of each node and triangle; `None` if dropped (a merged node has its twin's).
+    /// New index of each node and triangle; `None` if dropped. A merged node has the index of the
+    /// node it was merged with.
     pub node_of: Vec<Option<u32>>,
     pub triangle_of: Vec<Option<u32>>,
     pub repairs: Repairs,
 }
 
-/// Old indices, to put errors in the terms of the arguments.
+/// Old index of each repaired node and triangle, for errors in terms of the arguments.
 pub(crate) struct Numbers {
     nodes: Vec<u32>,
     triangles: Vec<u32>,
@@ -72,7 +74,7 @@ impl Mended {
     pub fn numbers(&self) -> Numbers {
         let inverse = |of: &[Option<u32>], count: usize| {
             let mut old = vec![0; count];
-            // backwards, so that the first of merged nodes stays
+            // in reverse, so that the first of several merged nodes is kept
             for (index, new) in of.iter().enumerate().rev() {
                 if let Some(slot) = new.and_then(|n| old.get_mut(n as usize)) {
                     *slot = index as u32;
@@ -108,7 +110,7 @@ impl Numbers {
     }
 }
 
-/// Merges nodes and drops what is of no use.
+/// Merges nodes and drops unused nodes and collapsed or repeated triangles.
 pub(crate) fn mend(
     nodes: &[[f64; 3]],
     triangles: &[[u32; 3]],
@@ -153,7 +155,7 @@ pub(crate) fn mend(
         }
         let is_merged = twin_of[node] as usize != node;
         repairs.merged_nodes += usize::from(is_merged && named[node]);
-        // twins come first, so theirs is known
+        // twins have smaller indices, so theirs is already known
         new[node] = new[twin_of[node] as usize];
         repairs.dropped_nodes += usize::from(!named[node]);
     }
@@ -163,7 +165,7 @@ pub(crate) fn mend(
     Ok(Mended { nodes: left, triangles: kept, node_of: new, triangle_of, repairs })
 }
 
-/// Nodes that have an earlier one within a distance.
+/// Number of nodes that are within a distance of an earlier one.
 pub(crate) fn coincident(nodes: &[[f64; 3]], distance_m: f64) -> usize {
     twins(nodes, distance_m)
         .iter()
@@ -172,7 +174,7 @@ pub(crate) fn coincident(nodes: &[[f64; 3]], distance_m: f64) -> usize {
         .count()
 }
 
-/// The longest side of the box around finite nodes, metres; 0 without any.
+/// Longest side of the bounding box of the finite nodes, metres; 0 if there are none.
 pub(crate) fn size_m(nodes: &[[f64; 3]]) -> f64 {
     let side = |k: usize| {
         let along = nodes.iter().map(|p| p[k]).filter(|x| x.is_finite());
@@ -183,10 +185,10 @@ pub(crate) fn size_m(nodes: &[[f64; 3]]) -> f64 {
     side(0).max(side(1)).max(side(2))
 }
 
-/// For each node the first one within `distance_m` of it that has no such one itself.
+/// Returns for each node the first unmerged node within `distance_m` of it, or itself.
 fn twins(nodes: &[[f64; 3]], distance_m: f64) -> Vec<u32> {
-    // cells so large that most nodes are far from their borders, so small that the nodes in one,
-    // which are a distance apart, stay few
+    // large enough that most nodes are far from cell borders, and small enough that a cell holds
+    // few nodes, since unmerged nodes are at least a distance apart
     let cell_m = 8.0 * distance_m;
     let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
     let mut twin_of = Vec::with_capacity(nodes.len());
@@ -201,7 +203,7 @@ fn twins(nodes: &[[f64; 3]], distance_m: f64) -> Vec<u32> {
     twin_of
 }
 
-/// The first node of the cells within a distance of a position.
+/// Returns the first node within a distance of a position.
 fn near(
     nodes: &[[f64; 3]],
     cells: &HashMap<[i64; 3], Vec<u32>>,
@@ -209,13 +211,13 @@ fn near(
     distance_m: f64,
     cell_m: f64,
 ) -> Option<u32> {
-    // casts saturate: beyond 1e18 cells all are one, which is slow but right
+    // casts saturate: beyond 1e18 cells, all share one cell, which is slow but correct
     let low = at.map(|x| ((x - distance_m) / cell_m).floor() as i64);
     let high = at.map(|x| ((x + distance_m) / cell_m).floor() as i64);
     let mut first: Option<u32> = None;
     for corner in 0..8 {
         let bit = |k: usize| corner >> k & 1 == 1;
-        // where both ends lie in one cell it is looked at once
+        // if both ends lie in one cell, search it only once
         if (0..3).any(|k| bit(k) && low[k] == high[k]) {
             continue;
         }
@@ -230,7 +232,7 @@ fn near(
     first
 }
 
-/// Whether two orders of the same three nodes turn the same way.
+/// Whether two orderings of the same three nodes have the same orientation.
 fn same_sense(a: [u32; 3], b: [u32; 3]) -> bool {
     (0..3).any(|k| [a[k], a[(k + 1) % 3], a[(k + 2) % 3]] == b)
 }

@@ -3,55 +3,56 @@
 use crate::MeshError;
 use crate::geometry::Outline;
 
-/// The sense in which electrode numbers run around the skin.
+/// The direction in which electrode numbers increase around the skin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Direction {
-    /// Seen from +z.
+    /// Counter-clockwise, seen from +z.
     #[default]
     Counterclockwise,
-    /// Seen from +z.
+    /// Clockwise, seen from +z.
     Clockwise,
 }
 
-/// Where the centres of the electrodes lie.
+/// Positions of the electrode centres.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Placement {
-    /// Equal steps of rim length on the outer loop (on a disc: equal angles).
+    /// Equally spaced along the outer loop (on a disc: at equal angles).
     EquallySpaced {
-        /// Number of electrodes; zero gives a bare skin.
+        /// Number of electrodes; zero for a bare skin.
         count: usize,
-        /// Centre of electrode 1 seen from the centroid of the outline, degrees
-        /// counter-clockwise from +x (any number of turns). Where the ray meets the rim more
-        /// than once, the outermost point is meant.
+        /// Centre of electrode 1, seen from the centroid of the outline, degrees counter-clockwise
+        /// from +x (any number of turns). If the ray meets the rim more than once, the outermost
+        /// point counts.
         first_angle_deg: f64,
-        /// The sense in which the numbers run.
+        /// The direction in which the numbers increase.
         direction: Direction,
     },
-    /// Given centres, metres, electrode 1 first; on the outer rim or on the rim of a hole. Each
-    /// may be off the rim by 1e-3 of the outer rim's length (measured positions are rounded) and
-    /// is moved to the nearest rim point.
+    /// Given centres, metres, electrode 1 first, on the outer rim or the rim of a hole. Each may be
+    /// off the rim by 1e-3 of the outer rim's length (measured positions are rounded) and is moved
+    /// to the nearest rim point.
     At(Vec<[f64; 2]>),
 }
 
-/// Electrodes along the rim, all of one width; [`PlacedElectrode`](crate::PlacedElectrode)s have each its own.
+/// Electrodes along the rim, all of the same width; a [`PlacedElectrode`](crate::PlacedElectrode)
+/// has its own.
 ///
-/// Electrodes keep a gap: touching electrodes would be one conductor, and the complete electrode
-/// model takes them as disjoint. The gap may be as small as 1e-8 of the rim's length.
+/// Electrodes must not touch: they would be one conductor, and the complete electrode model assumes
+/// that they are disjoint. Gaps may be as small as 1e-8 of the rim's length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RimElectrodes {
-    /// Length of rim that each covers, metres (measured along the true outline).
+    /// Length of rim covered by each electrode, metres (measured along the true outline).
     pub width_m: f64,
-    /// Where they lie.
+    /// Positions of the electrodes.
     pub placement: Placement,
 }
 
-/// Positions further off than this fraction of the outer length are not on the rim.
+/// Positions further from the rim than this fraction of the outer length are rejected.
 pub(crate) const OFF_RIM: f64 = 1e-3;
-/// Smallest width and gap, in units of the outline's resolution.
+/// Smallest width and gap, in multiples of the resolution of the outline.
 pub(crate) const SMALLEST: f64 = 10.0;
 
-/// The rim that one electrode covers: from `start_m` over `width_m` of arc length.
+/// The rim covered by one electrode: `width_m` of arc length from `start_m`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct RimInterval {
     /// 0 is the outer loop.
@@ -61,14 +62,14 @@ pub(crate) struct RimInterval {
 }
 
 impl RimElectrodes {
-    /// Equally spaced electrodes, electrode 1 on the +x axis, counter-clockwise.
+    /// Creates equally spaced electrodes, counter-clockwise, with electrode 1 on the +x axis.
     pub fn equally_spaced(count: usize, width_m: f64) -> Self {
         let (first_angle_deg, direction) = (0.0, Direction::Counterclockwise);
         let placement = Placement::EquallySpaced { count, first_angle_deg, direction };
         Self { width_m, placement }
     }
 
-    /// No electrodes: a bare skin.
+    /// Creates no electrodes: a bare skin.
     pub fn none() -> Self {
         Self::equally_spaced(0, 0.0)
     }
@@ -90,7 +91,7 @@ impl RimElectrodes {
         self.place(outline).map(|_| ())
     }
 
-    /// Centre of each electrode on an outline, metres, whatever the width.
+    /// Returns the centre of each electrode on an outline, metres, independent of the width.
     ///
     /// # Errors
     /// [`MeshError::OutOfRange`], [`MeshError::OffRim`].
@@ -100,7 +101,7 @@ impl RimElectrodes {
         Ok(self.centres(outline)?.into_iter().map(point).collect())
     }
 
-    /// The rim each electrode covers, checked, electrode 1 first.
+    /// Returns the validated rim interval of each electrode, electrode 1 first.
     pub(crate) fn place(&self, outline: &Outline) -> Result<Vec<RimInterval>, MeshError> {
         if self.count() == 0 {
             return Ok(Vec::new());
@@ -133,7 +134,7 @@ impl RimElectrodes {
         Ok(centres.iter().map(interval).collect())
     }
 
-    /// A million electrodes is far beyond any skin and keeps all that follows in memory.
+    /// Limits the count to a million, far beyond any skin, to bound memory use.
     fn check_count(&self) -> Result<(), MeshError> {
         if self.count() <= 1_000_000 {
             return Ok(());
@@ -142,7 +143,7 @@ impl RimElectrodes {
         Err(MeshError::OutOfRange { quantity, value, must: "at most 1000000" })
     }
 
-    /// Loop and arc length of each centre.
+    /// Returns loop and arc length of each centre.
     fn centres(&self, outline: &Outline) -> Result<Vec<(usize, f64)>, MeshError> {
         let length_m = outline.loops()[0].length_m();
         match &self.placement {
@@ -163,7 +164,7 @@ impl RimElectrodes {
     }
 }
 
-/// Loop and arc length of the rim point nearest to a position.
+/// Returns loop and arc length of the rim point nearest to a position.
 pub(crate) fn project(
     outline: &Outline,
     electrode: usize,
@@ -175,15 +176,15 @@ pub(crate) fn project(
         .enumerate()
         .min_by(|a, b| a.1.1.total_cmp(&b.1.1))
         .unwrap_or((0, (0.0, f64::NAN)));
-    // also refuses NaN
+    // also rejects NaN
     if distance_m <= tolerance_m {
         return Ok((loop_index, s_m));
     }
     Err(MeshError::OffRim { electrode, position_m, distance_m, tolerance_m })
 }
 
-/// Refuses electrodes (number, loop, centre and width) that overlap or touch their neighbour on
-/// the same loop.
+/// Rejects electrodes (number, loop, centre and width) that overlap or touch their neighbour on the
+/// same loop.
 pub(crate) fn check_gaps(
     electrodes: &[(usize, usize, f64, f64)],
     length_of: impl Fn(usize) -> f64,
@@ -200,7 +201,8 @@ pub(crate) fn check_gaps(
             let (first, second) = (number.min(next), number.max(next));
             let width_m = 0.5 * (own_m + other_m);
             let gap_m = distance_m - width_m;
-            // what rounding of the positions leaves of an exact zero is still "touching"
+            // a zero gap that rounding of the positions made slightly negative still counts as
+            // touching
             if gap_m < -resolution_m {
                 let overlap_m = -gap_m;
                 return Err(MeshError::OverlappingElectrodes {

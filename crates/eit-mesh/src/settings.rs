@@ -1,28 +1,27 @@
-//! How fine a mesh is wanted.
+//! Settings of the mesh generator.
 
 use crate::geometry::Outline;
 use crate::{MeshError, SkinShape};
 
-/// How fine a mesh is wanted.
+/// Settings of the mesh generator: edge lengths, limits and smoothing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshSettings {
-    /// Edge length away from the electrodes, metres; of a hemisphere at the pole, half of it at the
-    /// rim. `None`: a 38th of the side of the square
-    /// that has the skin's area, about 2000 nodes.
+    /// Edge length away from the electrodes, metres; on a hemisphere, the length at the pole, with
+    /// half of it at the rim. `None`: the side of the square that has the skin's area divided by
+    /// 38, which gives about 2000 nodes.
     pub edge_m: Option<f64>,
-    /// Edge length at the ends of the electrodes and at corners that reach into the skin (those of a
-    /// hole), where the current density is singular, metres.
-    /// Also that on the outline of a patch, at most a twelfth of it.
-    /// `None`: a sixth of the electrode's width (a third of a patch's radius), or `edge_m` where that is
-    /// smaller; at corners that of the finest electrode. Gaps and other corners may need shorter edges
-    /// and get them.
+    /// Edge length at electrode ends and re-entrant corners (such as those of a hole), where the
+    /// current density is singular, metres. Also used on patch outlines, up to a twelfth of their
+    /// length. `None`: a sixth of the electrode's width (a third of a patch's radius), or `edge_m`
+    /// if that is smaller; at corners, the length used for the finest electrode. Gaps and other
+    /// corners get shorter edges where they need them.
     pub electrode_edge_m: Option<f64>,
-    /// Growth of the edge length with distance from such a place, 0.05 to 0.5. Small values
-    /// give better triangles and more of them; above 0.4 the smallest angles can fall to 19 degrees.
+    /// Growth of the edge length with distance from such a point, 0.05 to 0.5. Small values give
+    /// better triangles but more of them; above 0.4 the smallest angles can fall to 19 degrees.
     pub grading: f64,
-    /// More nodes than this are an error.
+    /// Maximum number of nodes; more are an error.
     pub node_limit: usize,
-    /// Rounds of smoothing; 0 leaves the refined mesh as it is.
+    /// Number of smoothing rounds; 0 leaves the refined mesh unchanged.
     pub smoothing_rounds: usize,
 }
 
@@ -39,19 +38,20 @@ impl Default for MeshSettings {
 }
 
 impl MeshSettings {
-    /// Settings with a given interior edge length, the rest as default.
+    /// Returns the default settings with the given interior edge length.
     pub fn with_edge(edge_m: f64) -> Self {
         Self { edge_m: Some(edge_m), ..Self::default() }
     }
 
-    /// One of a family of similar meshes, for looking at convergence or for the mesh that just
-    /// suffices: all edges shrink with `scale`. At 1 the inner ones are a ninth of the side of the
-    /// square that has the skin's area (some hundred nodes), those at electrode ends and at corners that
-    /// reach into the skin a quarter of that, or a third of `electrode_m` where this is smaller: the
-    /// width of the narrowest electrode, or diameter of a patch.
+    /// Returns the settings of one member of a family of similar meshes, for convergence studies or
+    /// for finding the coarsest sufficient mesh. All edge lengths are proportional to `scale`. At
+    /// scale 1 the interior edges are a ninth of the side of the square that has the skin's area (a
+    /// few hundred nodes). Edges at electrode ends and re-entrant corners are a quarter of that, or
+    /// a third of `electrode_m` (the width of the narrowest electrode or diameter of the smallest
+    /// patch) if that is smaller.
     ///
     /// # Errors
-    /// [`MeshError::OutOfRange`] for a scale or width that is not above zero and finite.
+    /// [`MeshError::OutOfRange`] for a scale or width that is not positive and finite.
     pub fn similar(
         &self,
         shape: &SkinShape,
@@ -72,12 +72,12 @@ impl MeshSettings {
         })
     }
 
-    /// Every edge length that is set, with its name.
+    /// Returns every edge length with its name.
     pub(crate) fn edges(&self) -> [(&'static str, Option<f64>); 2] {
         [("edge_m", self.edge_m), ("electrode_edge_m", self.electrode_edge_m)]
     }
 
-    /// Checks every number.
+    /// Checks that all settings are valid.
     ///
     /// # Errors
     /// [`MeshError::OutOfRange`].
@@ -98,20 +98,20 @@ impl MeshSettings {
         Ok(())
     }
 
-    /// Interior edge length on the outline of a shape, metres, checked against its size and the node
-    /// limit.
+    /// Interior edge length on the outline of a shape, metres, checked against the size of the
+    /// outline and the node limit.
     pub(crate) fn edge_on(&self, outline: &Outline, shape: &SkinShape) -> Result<f64, MeshError> {
         for (quantity, edge) in self.edges() {
             if let Some(value) = edge.filter(|&e| e < outline.resolution_m()) {
                 let must =
-                    "at least 1e-9 of the outline's length (shorter edges drown in rounding)";
+                    "at least 1e-9 of the outline's length (shorter edges are lost in rounding)";
                 return Err(MeshError::OutOfRange { quantity, value, must });
             }
         }
         let wanted = self.edge_m.map(|edge_m| edge_m / stretch(shape));
         let edge_m = wanted.unwrap_or_else(|| outline.area_m2().sqrt() / 38.0);
         let expected = NODES_PER_SQUARE_EDGE * outline.area_m2() / (edge_m * edge_m);
-        // the estimate is within a factor of 1.5 of what comes out
+        // the estimate is within a factor of 1.5 of the actual number
         if expected > 2.0 * self.node_limit as f64 {
             let limit = self.node_limit;
             return Err(MeshError::TooManyNodes { edge_m, expected, limit });
@@ -120,11 +120,11 @@ impl MeshSettings {
     }
 }
 
-/// Nodes in the area of a square with the wanted edge as its side, in equilateral triangles:
-/// 2 / sqrt(3).
+/// Number of nodes per square whose side is the requested edge, for equilateral triangles: 2 /
+/// sqrt(3).
 pub(crate) const NODES_PER_SQUARE_EDGE: f64 = 1.154_700_538_379_251_7;
 
-/// Largest length of a skin over that in its outline: 2 at the pole of a hemisphere.
+/// Largest ratio of a length on the skin to that in its outline: 2 at the pole of a hemisphere.
 pub(crate) fn stretch(shape: &SkinShape) -> f64 {
     if matches!(shape, SkinShape::Hemisphere { .. }) { 2.0 } else { 1.0 }
 }

@@ -1,15 +1,16 @@
-//! The wanted edge length at a point: fine at the electrode ends, where the current density is
+//! Requested edge length at a point: short at the electrode ends, where the current density is
 //! singular, and growing linearly with the distance from them.
 
 use crate::geometry::distance;
 
-/// A point and the edge length wanted there, metres.
+/// A point and the edge length requested there, metres.
 pub(crate) type Source = ([f64; 2], f64);
 
 /// `h(x) = min(edge_m, min_i(size_i + grading |x - x_i|))` over point sources `i`.
 ///
-/// `h` is Lipschitz with constant `grading`. A quadtree keeps, for each cell, the few sources
-/// that can be the smallest somewhere in it, so that evaluation does not depend on their number.
+/// `h` is Lipschitz continuous with constant `grading`. Each quadtree cell keeps the few sources
+/// that can be the smallest somewhere in it, so the evaluation time does not grow with the number
+/// of sources.
 #[derive(Debug, Clone)]
 pub(crate) struct SizeField {
     edge_m: f64,
@@ -34,12 +35,12 @@ enum Cell {
 /// A leaf with at most this many sources is not split: scanning them costs about as much as one
 /// more level.
 const FEW: usize = 4;
-/// A cell no longer than this many wanted edges is not split: it will hold about one node, and
-/// far from a row of sources all are about equally far, however small the cell.
+/// A cell no longer than this many requested edges is not split: it will hold about one node, and
+/// far from a row of sources all are about equally distant, however small the cell.
 const FINEST: f64 = 1.0;
 
 impl SizeField {
-    /// A field over the box from `low` to `high`, metres.
+    /// Creates a field over the box from `low` to `high`, metres.
     pub fn new(edge_m: f64, grading: f64, [low, high]: [[f64; 2]; 2], sources: &[Source]) -> Self {
         let root = Square { low, side: (high[0] - low[0]).max(high[1] - low[1]) };
         let mut field = Self { edge_m, grading, root, cells: vec![Cell::Leaf(Vec::new())] };
@@ -61,13 +62,14 @@ impl SizeField {
         }
     }
 
-    /// The sources that can be below `edge_m` and below every other source somewhere in a square,
-    /// and `h` at its centre.
+    /// Returns the sources that can be below `edge_m` and below every other source somewhere in a
+    /// square, and `h` at its centre.
     fn can_be_smallest(&self, square: Square, sources: &[Source]) -> (Vec<Source>, f64) {
         let side = square.side;
         let centre = square.low.map(|x| x + 0.5 * side);
         let most_above = self.grading * 0.5 * side * 2f64.sqrt();
-        // h at the centre, and no source more than this above it, bounds h in the square
+        // inside the square, h exceeds its value at the centre by at most this, and a source falls
+        // below its own by at most this
         let at_centre = |s: &Source| s.1 + self.grading * distance(s.0, centre);
         let smallest = sources.iter().map(at_centre).fold(self.edge_m, f64::min);
         let limit = (smallest + most_above).min(self.edge_m);
@@ -75,7 +77,7 @@ impl SizeField {
         (kept, smallest)
     }
 
-    /// Wanted edge length, metres.
+    /// Returns the requested edge length, metres.
     pub fn at(&self, point: [f64; 2]) -> f64 {
         let (mut square, mut cell) = (self.root, 0);
         loop {
@@ -116,7 +118,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// The tree drops no source that matters: equal to brute force, bit for bit.
+        /// The tree drops no relevant source: it equals brute force, bit for bit.
         #[test]
         fn equals_brute_force(
             sources in prop::collection::vec((prop::array::uniform2(-1.0..1.0f64), 1e-4..0.3f64), 0..60),

@@ -1,5 +1,5 @@
-//! Smoothing: moves inner nodes to optimal places for the size field and restores the Delaunay
-//! property, round by round, keeping the best round. Rim nodes stay.
+//! Smoothing: moves interior nodes to optimal positions for the size field and restores the
+//! Delaunay property after each round, keeping the best round. Rim nodes do not move.
 
 mod flip;
 
@@ -9,17 +9,17 @@ use crate::quality::shape_quality;
 use crate::size_field::SizeField;
 use flip::{Neighbours, restore_delaunay};
 
-/// A node may move where the triangles around it all stay above this quality (angles of about 35
-/// to 98 degrees), even if the worst of them gets worse: the mean gains more.
+/// A node may move if all triangles around it stay above this quality (angles of about 35 to 98
+/// degrees), even if the worst of them gets worse: the gain in the mean is larger.
 const GOOD_ENOUGH: f64 = 0.8;
-/// Sweeps over the nodes between two triangulations: four cost about as much as one
-/// triangulation, and more gain nothing measurable.
+/// Sweeps over the nodes between two triangulations: four take about as long as one triangulation,
+/// and more give no measurable improvement.
 const SWEEPS: usize = 4;
 
-/// Smooths for a number of rounds, and returns the best of the rounds and the start. The first
-/// `rim_nodes` nodes stay.
+/// Smooths for a number of rounds and returns the best triangulation, which may be the initial one.
+/// The first `rim_nodes` nodes do not move.
 ///
-/// Every triangle keeps a positive area throughout, so the outline and its edges stay as well.
+/// Every triangle keeps a positive area throughout, so the outline and its edges are preserved.
 pub(crate) fn smooth(
     start: Triangulation,
     rim_nodes: usize,
@@ -81,12 +81,12 @@ impl Stars {
     }
 }
 
-/// Moves one node to its place in the optimal Delaunay triangulation of its neighbours, or half
-/// or a quarter of the way there, if the triangles around it allow it. Says whether it moved.
+/// Moves one node to its position in the optimal Delaunay triangulation of its neighbours, or half
+/// or a quarter of the way, if the triangles around it allow it. Returns whether it moved.
 ///
-/// The place is `sum w_t c_t / sum w_t` with the circumcentres `c_t` and `w_t = A_t / h^4` (Chen
-/// and Holst 2011, "Efficient mesh optimization schemes based on optimal Delaunay
-/// triangulations", with the density `h^-4` that spreads nodes by the size field in the plane).
+/// The position is `sum w_t c_t / sum w_t` with the circumcentres `c_t` and `w_t = A_t / h^4` (Chen
+/// and Holst 2011, "Efficient mesh optimization schemes based on optimal Delaunay triangulations",
+/// with the density `h^-4`, which distributes nodes by the size field in the plane).
 fn relax(current: &mut Triangulation, star: &[u32], node: usize, sizes: &[f64]) -> bool {
     let old = current.points[node];
     let (mut weight, mut sum) = (0.0, [0.0; 2]);
@@ -95,8 +95,8 @@ fn relax(current: &mut Triangulation, star: &[u32], node: usize, sizes: &[f64]) 
         let nodes = current.triangles[t as usize];
         let corners = nodes.map(|n| current.points[n as usize]);
         worst = worst.min(quality(corners));
-        // h is nearly linear over a triangle: its mean is that of the corners. A ratio, so that
-        // the fourth power stays in range at any scale.
+        // h is nearly linear over a triangle, so its mean is that of the corners. A ratio is used
+        // so that the fourth power stays in range at any scale.
         let size = nodes.iter().map(|&n| sizes[n as usize]).sum::<f64>() / sizes[node];
         let w = area(corners) / (size * size * size * size);
         let c = circumcentre(corners);
@@ -120,7 +120,7 @@ fn area([a, b, c]: [[f64; 2]; 3]) -> f64 {
     0.5 * cross([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]])
 }
 
-/// [`shape_quality`], negative where turned over.
+/// [`shape_quality`], negative for an inverted triangle.
 fn quality(corners: [[f64; 2]; 3]) -> f64 {
     let [a, b, c] = corners;
     let squares = [(a, b), (b, c), (c, a)].map(|(p, q)| {
@@ -130,8 +130,8 @@ fn quality(corners: [[f64; 2]; 3]) -> f64 {
     shape_quality(area(corners), squares)
 }
 
-/// Sine of the excess over 180 degrees of the sum of the angles at `c` and `d` on both sides of
-/// the edge `a b`: positive where `d` lies inside the circle through `a`, `b`, `c`.
+/// Sine of the amount by which the angles at `c` and `d`, opposite the edge `a b`, exceed 180
+/// degrees in sum: positive if `d` lies inside the circle through `a`, `b`, `c`.
 fn incircle_sine([a, b, c]: [[f64; 2]; 3], d: [f64; 2]) -> f64 {
     let from = |p: [f64; 2], q: [f64; 2]| [q[0] - p[0], q[1] - p[1]];
     let (ca, cb, da, db) = (from(c, a), from(c, b), from(d, a), from(d, b));
@@ -145,7 +145,7 @@ fn circumcentre([a, b, c]: [[f64; 2]; 3]) -> [f64; 2] {
     [a[0] + (v[1] * uu - u[1] * vv) / twice, a[1] + (u[0] * vv - v[0] * uu) / twice]
 }
 
-/// Mean quality plus smallest quality: neither is bought with the other.
+/// Mean quality plus smallest quality, so that neither is sacrificed for the other.
 fn score(triangulation: &Triangulation) -> f64 {
     let (mut sum, mut worst) = (0.0, f64::INFINITY);
     for corners in &triangulation.triangles {

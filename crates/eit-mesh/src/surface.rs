@@ -1,23 +1,23 @@
-//! A triangulated surface: nodes, triangles, rim. Valid once built.
+//! A triangulated surface: nodes, triangles and rim. Always valid.
 //!
-//! A flat skin has z = 0; a robot link is the same code. Indices are `u32`: half the memory
-//! traffic of `usize` in the assembly, which is bound by it.
+//! Flat skins (z = 0) and robot links use the same code. Indices are `u32`, which halves the memory
+//! traffic of `usize`, the bottleneck of assembly.
 
 use crate::MeshError;
 use std::collections::HashMap;
 
-/// Triangles whose area is below this fraction of their longest edge squared count as empty.
+/// Triangles with an area below this fraction of their longest edge squared count as degenerate.
 ///
 /// The cross product of two edges of length h carries a rounding error of about
-/// `4 * f64::EPSILON * h^2` (two products and one difference per component), so an area below it
-/// has no correct digit. Slivers above it are kept: they are valid, only badly conditioned.
+/// `4 * f64::EPSILON * h^2` (two products and one difference per component), so a smaller area has
+/// no correct digit. Slivers above it are kept: they are valid, only badly conditioned.
 const ZERO_AREA: f64 = 4.0 * f64::EPSILON;
 
 /// A connected, oriented, manifold triangulated surface.
 ///
-/// Invariants, checked by [`Surface::new`]: finite nodes, each used by a triangle; triangles with
-/// area, consistently oriented (counter-clockwise seen from +z where the surface is flat); at
-/// most two triangles on an edge; one connected part.
+/// Invariants, checked by [`Surface::new`]: nodes are finite and each is used by a triangle;
+/// triangles have a positive area and a consistent orientation (counter-clockwise seen from +z if
+/// the surface is flat); at most two triangles share an edge; the surface is connected.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
     nodes: Vec<[f64; 3]>,
@@ -27,13 +27,13 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Checks and keeps nodes (metres) and triangles (node indices).
+    /// Creates a surface from nodes (metres) and triangles (node indices) and checks it.
     ///
-    /// Triangles that run against their neighbours are turned (second and third node swapped);
-    /// apart from that every order is kept, so values per element stay with their element.
+    /// Triangles oriented against their neighbours are reversed (second and third node swapped);
+    /// all orders are otherwise kept, so values per element stay with their element.
     ///
     /// # Errors
-    /// Everything that breaks an invariant of [`Surface`], with the index of the offender.
+    /// Any violation of an invariant of [`Surface`], with the index of the item at fault.
     pub fn new(nodes: Vec<[f64; 3]>, mut triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         check_nodes_and_indices(&nodes, &triangles)?;
         let areas_m2 = check_areas(&nodes, &triangles)?;
@@ -65,7 +65,7 @@ impl Surface {
         &self.areas_m2
     }
 
-    /// Rim edges as node pairs, the skin on their left; in the order of their triangles.
+    /// Rim edges as node pairs, with the skin on their left, in triangle order.
     pub fn rim_edges(&self) -> &[[u32; 2]] {
         &self.rim_edges
     }
@@ -85,13 +85,14 @@ impl Surface {
             .collect()
     }
 
-    /// The three triangles across the sides (0-1, 1-2, 2-0) of each triangle; `None` on the rim.
+    /// Returns the three triangles across the sides (0-1, 1-2, 2-0) of each triangle; `None` on the
+    /// rim.
     pub fn neighbours(&self) -> Vec<[Option<u32>; 3]> {
         // built from valid triangles, so the only error of `neighbours` cannot occur
         neighbours(&self.nodes, &self.triangles).unwrap_or_default()
     }
 
-    /// Smallest box that holds the surface: `[min, max]`, metres.
+    /// Bounding box of the surface: `[min, max]`, metres.
     pub fn bounds_m(&self) -> [[f64; 3]; 2] {
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         for node in &self.nodes {
@@ -172,7 +173,7 @@ fn check_areas(nodes: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Vec<f64>, M
         let [a, b, c] = corners.map(|n| nodes[n as usize]);
         let area_m2 = 0.5 * norm(normal(nodes, corners));
         let longest = norm(sub(b, a)).max(norm(sub(c, b))).max(norm(sub(a, c)));
-        // coordinates may overflow on the way
+        // intermediate values may overflow
         if !area_m2.is_finite() || area_m2 <= ZERO_AREA * longest * longest {
             let position_m = middle(&[a, b, c]);
             return Err(MeshError::ZeroArea { triangle, nodes: corners, area_m2, position_m });
@@ -182,7 +183,7 @@ fn check_areas(nodes: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Vec<f64>, M
     Ok(areas_m2)
 }
 
-/// Triangles across each side; refuses edges of three triangles or more.
+/// Returns the triangles across each side; rejects edges shared by three or more triangles.
 fn neighbours(
     nodes: &[[f64; 3]],
     triangles: &[[u32; 3]],
@@ -217,7 +218,7 @@ fn count_on_edge(triangles: &[[u32; 3]], edge: [u32; 2]) -> usize {
     triangles.iter().filter(|t| t.contains(&edge[0]) && t.contains(&edge[1])).count()
 }
 
-/// Neighbours as sides of the turned triangles (turning swaps sides 0 and 2).
+/// Returns neighbours by side of the reoriented triangles (reversing swaps sides 0 and 2).
 fn oriented_sides(
     triangles: &[[u32; 3]],
     neighbours: &[[Option<u32>; 3]],
@@ -235,8 +236,8 @@ fn oriented_sides(
         .collect()
 }
 
-/// Turns triangles so that neighbours run against each other along their common edge, and the
-/// whole surface so that most of its area looks toward +z. Refuses more than one part.
+/// Orients triangles so that neighbours traverse their common edge in opposite directions, and the
+/// whole surface so that most of its area faces +z. Rejects disconnected surfaces.
 fn orient(
     nodes: &[[f64; 3]],
     triangles: &mut [[u32; 3]],
@@ -292,7 +293,7 @@ fn orient(
     Ok(())
 }
 
-/// Whether two triangles run along their common edge in the same direction.
+/// Whether two triangles traverse their common edge in the same direction.
 fn same_direction(a: [u32; 3], b: [u32; 3]) -> bool {
     (0..3).any(|i| (0..3).any(|j| a[i] == b[j] && a[(i + 1) % 3] == b[(j + 1) % 3]))
 }

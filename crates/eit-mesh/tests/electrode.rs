@@ -1,11 +1,11 @@
-//! Electrodes and triangles of a mesh whose figures are known by hand.
+//! Electrodes and triangles of a mesh with quantities computed by hand.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
 use eit_mesh::{Electrode, Mesh, Quality, Surface};
 
-/// Two right-angled triangles on a rectangle of 3 m x 4 m that stands upright (x = 1, y across)
-/// and, above it, an equilateral one on the upper side.
+/// Two right triangles that form an upright 3 m x 4 m rectangle (x = 1, y across), with an
+/// equilateral triangle above its upper side.
 fn upright() -> Surface {
     let nodes = vec![
         [1.0, 0.0, 0.0],
@@ -24,7 +24,7 @@ fn close(a: [f64; 3], b: [f64; 3]) -> bool {
 
 #[test]
 fn measure_and_centre_of_rim_and_patch_electrodes() {
-    // the lower and the right side: an L of 3 m and 4 m; and the whole rectangle
+    // the lower and the right side (an L of 3 m and 4 m), and the whole rectangle
     let rim = Electrode::Rim(vec![[0, 1], [1, 2]]);
     let patch = Electrode::Patch(vec![1, 0]);
     let mesh = Mesh::new(upright(), vec![rim, patch]).unwrap();
@@ -76,7 +76,7 @@ fn midpoints_are_kept_for_edges_that_bend() {
     }
     assert_eq!((bent.midpoint_m([0, 1]), bent.midpoint_m([7, 9])), (None, None));
 
-    // the diagonal is 5 m long: 2.5 m is a half circle
+    // the diagonal is 5 m long, so 2.5 m is a semicircle
     for (off, fits) in [(2.5, true), (2.6, false), (f64::NAN, false), (f64::INFINITY, false)] {
         let far = |edge, [x, y, z]: [f64; 3]| {
             if edge == [0, 2] { [x + off, y, z] } else { [x, y, z] }

@@ -1,12 +1,12 @@
-//! The examples run, and show what they promise.
+//! The examples run and give the documented results.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[path = "../examples/disc.rs"]
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod disc;
 
-/// Finer edges give more nodes, and every size a mesh with angles above 30 degrees (the
-/// refinement alone promises 28, smoothing adds some) and a mean quality above 0.96.
+/// Finer edges give more nodes; every mesh has angles above 30 degrees (refinement alone guarantees
+/// 28, smoothing improves it) and a mean quality above 0.96.
 #[test]
 fn disc_example() {
     let figures = disc::run().unwrap();

@@ -1,4 +1,5 @@
-//! Meshes of discs, rectangles and polygons: validity, electrodes, quality, refusals.
+//! Meshes of discs, rectangles and polygons: validity, electrodes, quality, errors. One file
+//! because all tests share its shapes and checks.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 #![allow(missing_docs, reason = "tests are described where their names do not suffice")]
 
@@ -12,8 +13,8 @@ use std::f64::consts::TAU;
 const RADIUS_M: f64 = 0.1;
 const DISC: SkinShape = SkinShape::Disc { radius_m: RADIUS_M };
 
-/// Delaunay refinement stops at 28 degrees; smoothing trades angles against the mean but keeps
-/// the worst quality, which leaves some degrees below in the worst case.
+/// Delaunay refinement stops at 28 degrees. Smoothing improves the mean at the expense of angles
+/// but preserves the worst quality, which costs a few degrees at worst.
 const LEAST_ANGLE_DEG: f64 = 25.0;
 
 /// The same for gradings from 0.3 to 0.5.
@@ -50,7 +51,7 @@ fn position(mesh: &Mesh, node: u32) -> [f64; 2] {
     [x, y]
 }
 
-/// First and last node of an electrode; its edges must follow each other.
+/// First and last node of an electrode, whose edges must form a chain.
 fn ends(mesh: &Mesh, electrode: usize) -> [[f64; 2]; 2] {
     let edges = rim_edges(&mesh.electrodes()[electrode]);
     assert!(edges.windows(2).all(|pair| pair[0][1] == pair[1][0]), "{edges:?}");
@@ -66,14 +67,14 @@ fn rim_area(mesh: &Mesh) -> f64 {
     mesh.surface().rim_edges().iter().map(edge).sum()
 }
 
-/// The triangles fill the rim: no overlap, no gap (rounding of some thousand sums).
+/// The triangles fill the rim without overlap or gap, to the rounding of some thousand sums.
 fn assert_fills_rim(mesh: &Mesh) {
     let area: f64 = mesh.surface().areas_m2().iter().sum();
     assert!((area / rim_area(mesh) - 1.0).abs() < 1e-12);
 }
 
-/// Electrode lengths on a disc: chords of at most `h` fall short of their arcs by at most
-/// h^2 / (24 R^2), to fourth order; coordinates round at 1e-16 R.
+/// Electrode lengths on a disc: chords of at most `h` fall short of their arcs by at most h^2 / (24
+/// R^2), up to fourth order; coordinates are rounded at 1e-16 R.
 fn assert_chord_lengths(mesh: &Mesh, width_m: f64) {
     for (index, electrode) in mesh.electrodes().iter().enumerate() {
         let chord = |e: &[u32; 2]| {
@@ -88,7 +89,7 @@ fn assert_chord_lengths(mesh: &Mesh, width_m: f64) {
     }
 }
 
-/// Angle counter-clockwise from +x in turns, the nearest to `wanted`.
+/// Angle counter-clockwise from +x in turns, taking the branch nearest to `wanted`.
 fn turns_off(point: [f64; 2], wanted_deg: f64) -> f64 {
     let off = point[1].atan2(point[0]) / TAU - wanted_deg / 360.0;
     (off - off.round()).abs()
@@ -105,8 +106,8 @@ fn everyday_disc() {
     assert_chord_lengths(&mesh, 0.0196);
 }
 
-/// Ends are nodes on the circle, at the wanted angles, to rounding: angle, cosine and radius
-/// each round once or twice.
+/// Ends are nodes on the circle at the requested angles, to rounding: angle, cosine and radius are
+/// each rounded once or twice.
 #[test]
 fn electrode_ends_are_nodes_at_their_angles() {
     let half_deg = 0.5 * (0.0196 / RADIUS_M).to_degrees();
@@ -217,7 +218,7 @@ fn bare_skins_and_coarse_edges() {
     }
 }
 
-/// A corner cannot be opened: its own angle is the smallest, and refinement still ends.
+/// A sharp corner keeps its angle, which is the smallest, and refinement still terminates.
 #[test]
 fn sharp_corners() {
     for corner_deg in [1.5f64, 5.0, 20.0] {
@@ -233,9 +234,9 @@ fn sharp_corners() {
     }
 }
 
-/// Strips between hole and rim far narrower than the wanted edge are resolved.
-/// At corners that reach into the skin (a hole's, an L's) edges are as short as at electrode ends; at other
-/// corners, and around a hole that is an octagon, they are not.
+/// Strips between hole and rim that are far narrower than the requested edge are resolved. At
+/// re-entrant corners (of a hole or an L) edges are as short as at electrode ends; at other corners
+/// and around an octagonal hole they are not.
 #[test]
 fn corners_that_reach_into_the_skin_are_graded() {
     let positions = vec![[0.15, 0.0], [0.0, 0.15]];
@@ -298,7 +299,7 @@ fn scale_does_not_matter() {
         let electrodes = RimElectrodes::equally_spaced(16, 0.196 * scale);
         Quality::of(&generate(&shape, &electrodes, &MeshSettings::default()).unwrap()).nodes
     };
-    // powers of two scale exactly: the same decisions everywhere
+    // powers of two scale exactly, so every decision is the same
     assert_eq!(node_count(1.0), node_count(2f64.powi(-29)));
     assert_eq!(node_count(1.0), node_count(2f64.powi(29)));
 }
@@ -318,8 +319,8 @@ fn wanted_numbers_of_nodes() {
     assert!(matches!(error, MeshError::OutOfRange { quantity: "number of nodes", .. }), "{error}");
 }
 
-/// Edges of a family shrink with its scale, at electrode ends and at the corners of a hole more than
-/// inside; corners that point outward stay as they were.
+/// All edges of a family scale together; electrode ends and hole corners are finer than the
+/// interior, convex corners are not.
 #[test]
 fn similar_meshes_are_graded_to_ends_and_inner_corners() {
     let skin = SkinShape::Polygon {
@@ -349,7 +350,7 @@ fn similar_meshes_are_graded_to_ends_and_inner_corners() {
         let edge_m = scale * area_m2.sqrt() / 9.0;
         for place in [[-0.02, -0.02], [0.02, 0.02], [0.02, -0.1], [0.1, 0.02]] {
             let ratio = shortest_at(&mesh, place) / (0.25 * edge_m);
-            // edges divide what lies between two places of the rim
+            // edges divide the rim between two breakpoints evenly
             assert!((0.5..1.3).contains(&ratio), "{place:?} at scale {scale}: {ratio}");
         }
         assert!(shortest_at(&mesh, [0.1, 0.1]) > 0.4 * edge_m, "{scale}");
@@ -477,7 +478,7 @@ fn node_limit_is_kept() {
     let fine = MeshSettings::with_edge(1e-6);
     let error = generate(&DISC, &everyday(), &fine).unwrap_err();
     assert!(matches!(error, MeshError::TooManyNodes { limit: 1_000_000, .. }), "{error}");
-    // near: found out on the way, on the rim or inside
+    // close to the limit: detected during meshing, on the rim or inside
     for node_limit in [50, 500, 1500] {
         let settings = MeshSettings { node_limit, edge_m: Some(0.005), ..Default::default() };
         let error = generate(&DISC, &everyday(), &settings).unwrap_err();
@@ -505,8 +506,8 @@ fn smoothing_never_makes_it_worse() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
 
-    /// Any layout that keeps its gaps gives a mesh that fills the rim with good triangles and
-    /// electrodes of their width.
+    /// Any layout that respects the gaps gives a mesh that fills the rim with good triangles and
+    /// electrodes of the requested width.
     #[test]
     fn random_layouts_on_a_disc(
         count in 1usize..40,
@@ -523,9 +524,9 @@ proptest! {
         let settings = MeshSettings { edge_m: Some(edge_m), grading, ..Default::default() };
         let mesh = generate(&DISC, &RimElectrodes { width_m, placement }, &settings).unwrap();
         let quality = Quality::of(&mesh);
-        // neighbouring rim edges differ by the grading and are never split, which refinement
-        // cannot mend: steep fields cost some degrees
-        // (smallest seen in 400 layouts: 29 below 0.3, 19 above)
+        // neighbouring rim edges differ by the grading and are never split, which refinement cannot
+        // compensate: steep fields cost some degrees (smallest seen in 400 layouts: 29 below 0.3,
+        // 19 above)
         let least_deg = if grading < 0.3 { LEAST_ANGLE_DEG } else { STEEP_ANGLE_DEG };
         prop_assert!(quality.smallest_angle_deg > least_deg, "{}", quality);
         prop_assert_eq!(mesh.electrodes().len(), count);
@@ -533,7 +534,7 @@ proptest! {
         assert_chord_lengths(&mesh, width_m);
     }
 
-    /// Star-shaped polygons with corners anywhere: meshed as they are, or refused as outlines.
+    /// Star-shaped polygons with random corners: meshed unchanged, or rejected as outlines.
     #[test]
     fn random_polygons(
         radii in prop::collection::vec(0.02..0.1f64, 3..12),
@@ -563,7 +564,7 @@ proptest! {
     }
 }
 
-/// Edges on the rim of a disc know the midpoints of their arcs; every other edge is straight.
+/// Rim edges on a disc store the midpoints of their arcs; every other edge is straight.
 #[test]
 fn arcs_are_known_by_their_midpoints() {
     let settings = MeshSettings::with_edge(0.02);

@@ -1,4 +1,5 @@
-//! Gmsh files: what Gmsh wrote, what this crate writes, and what must be refused.
+//! Gmsh files: files written by Gmsh and by this crate, and files that must be rejected. One file
+//! because all tests share its sample files.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -6,7 +7,7 @@
     clippy::print_stderr,
     missing_docs
 )]
-// a test may stop at the first surprise, and says which data it skipped
+// a test may stop at the first failure, and prints which data it skipped
 
 mod surfaces;
 
@@ -24,14 +25,15 @@ fn written(mesh: &Mesh, version: GmshVersion) -> String {
     String::from_utf8(bytes).unwrap()
 }
 
-/// Every node as its three bit patterns: `==` on floats would take -0 for 0.
+/// Every node as three bit patterns, because `==` on floats equates -0 and 0.
 fn bits(mesh: &Mesh) -> Vec<[u64; 3]> {
     mesh.surface().nodes().iter().map(|p| p.map(f64::to_bits)).collect()
 }
 
-/// `tests/files/plate_*.msh` were written by Gmsh 4.15.2: a plate of 0.2 m x 0.1 m; electrode_1 is
-/// two curves (the left side), electrode_2 the middle 0.04 m of the right side, electrode_3 a
-/// square of 0.04 m which is also in the group "everything", and a point of its own.
+/// `tests/files/plate_*.msh` were written by Gmsh 4.15.2: a 0.2 m x 0.1 m plate. electrode_1
+/// consists of two curves (the left side), electrode_2 is the middle 0.04 m of the right side,
+/// electrode_3 is a 0.04 m square that is also in the group "everything", and there is an isolated
+/// point.
 fn plate(version: &str) -> Mesh {
     let name = format!("tests/files/plate_{version}.msh");
     read_gmsh(PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap()
@@ -42,8 +44,8 @@ fn reads_what_gmsh_writes() {
     for version in ["22", "41"] {
         let mesh = plate(version);
         let surface = mesh.surface();
-        // 98 triangles, of which the 2.2 file repeats 14; 61 nodes, one of them the lone point
-        // (which Gmsh does not save) and one corner each
+        // 98 triangles, 14 of which the 2.2 file repeats; 61 nodes, one of them the isolated point
+        // (which Gmsh does not save) and one at each corner
         assert_eq!(surface.triangles().len(), 98);
         let area_m2: f64 = surface.areas_m2().iter().sum();
         // 98 areas of about 2e-4 with rounding 1e-16 each
@@ -176,7 +178,7 @@ fn missing_file_is_named() {
 }
 
 /// A plate of two triangles with sparse tags, an unused node, a point, a negative physical tag,
-/// Windows line ends, blank lines and sections to pass over.
+/// Windows line endings, blank lines and sections to skip.
 const SMALL_22: &str = "\
 $MeshFormat\r\n2.2 0 8\r\n$EndMeshFormat
 $Comments
@@ -205,7 +207,8 @@ $Elements
 $EndElements
 ";
 
-/// The same in 4.1: parametric nodes, electrode_1 in two entities, blocks of one entity apart.
+/// The same in 4.1: parametric nodes, electrode_1 in two entities, non-adjacent blocks of one
+/// entity.
 const SMALL_41: &str = "\
 $MeshFormat
 4.1 0 8
@@ -265,7 +268,7 @@ fn reads_sparse_tags_and_split_groups() {
     assert_eq!(mesh.electrodes(), [Electrode::Rim(vec![[0, 1], [1, 2]])]);
 }
 
-/// Asserts that a changed file is refused at a line with words.
+/// Asserts that a modified file is rejected at a line with the given words.
 fn refused(base: &str, from: &str, to: &str, line: usize, words: &str) {
     assert!(base.contains(from), "{from} is not in the file");
     let text = base.replacen(from, to, 1);
@@ -298,11 +301,11 @@ fn refuses_files_at_their_line() {
     bad_22("2 9 \"skin\"", "1 9 \"electrode_2\"", 10, "electrode_2 is named but has no line");
     bad_22("900 0 0 0", "900 0 nan 0", 15, "not finite");
     bad_22("900 0 0 0", "900 0 0", 15, "the line ends before a coordinate");
-    bad_22("900 0 0 0", "-1 0 0 0", 15, "\"-1\" is where the node's tag is expected");
+    bad_22("900 0 0 0", "-1 0 0 0", 15, "expected the node's tag, found \"-1\"");
     bad_22("3 5 5 5", "900 5 5 5", 17, "node 900 again, first on line 15");
     bad_22("$Nodes\n5", "$Nodes\n6", 20, "section $Nodes ends before all its nodes");
     bad_22("$Nodes\n5", "$Nodes\n4", 19, "$EndNodes is missing here");
-    bad_22("$Nodes\n5", "$Nodes\n99999999999999999999", 14, "where a count is expected");
+    bad_22("$Nodes\n5", "$Nodes\n99999999999999999999", 14, "expected a count");
     bad_22("$Nodes\n5", "$Nodes\n18446744073709551615", 20, "section $Nodes ends");
     bad_22("3 2 2 9 1", "3 3 2 9 1", 25, "a quadrangle: turn recombination off");
     bad_22("3 2 2 9 1", "3 9 2 9 1", 25, "of second or higher order: mesh with order 1");
@@ -323,7 +326,7 @@ fn refuses_files_at_their_line() {
 #[test]
 fn refuses_4_1_files_at_their_line() {
     let bad = |from: &str, to: &str, line, words: &str| refused(SMALL_41, from, to, line, words);
-    bad("1 0 0 2 8 -7 2", "1 0 0 2 8 x 2", 11, "\"x\" is where a physical tag is expected");
+    bad("1 0 0 2 8 -7 2", "1 0 0 2 8 x 2", 11, "expected a physical tag, found \"x\"");
     bad("0 0 2 8 -7 2", "0 0 99999999999 8 -7 2", 11, "the line ends before a physical tag");
     bad("$EndEntities", "$PartitionedEntities", 15, "$EndEntities is missing");
     bad("$Entities", "$PartitionedEntities", 8, "the mesh is partitioned");
@@ -346,7 +349,7 @@ fn a_cut_file_is_never_read() {
 
 #[test]
 fn repeated_parts_do_not_multiply() {
-    // every electrode name on one tag, which an entity repeats: refused at the second name
+    // every electrode name on one tag, which an entity repeats: rejected at the second name
     let names: String = (1..2000).map(|n| format!("1 7 \"electrode_{n}\"\n")).collect();
     let text = SMALL_41
         .replace("1\n1 7 \"electrode_1\"\n", &format!("1999\n{names}"))
@@ -356,17 +359,17 @@ fn repeated_parts_do_not_multiply() {
 }
 
 proptest! {
-    // a mesh of any size, turned any way in space, comes back bit for bit
+    // a mesh of any size and orientation in space is restored bit for bit
     #[test]
     fn round_trip_of_any_coordinates(
-        // squares of areas must neither vanish nor overflow
+        // squared areas must neither vanish nor overflow
         exponent in -60_i32..60,
         axes in prop::array::uniform2(prop::array::uniform3(-1.0_f64..1.0)),
         shift in prop::array::uniform3(-1.0_f64..1.0),
         version in prop::sample::select(VERSIONS.to_vec()),
     ) {
         let [a, b] = axes;
-        // the disc keeps an area
+        // the disc keeps a nonzero area
         prop_assume!((0..3).any(|i| {
             let j = (i + 1) % 3;
             (a[i] * b[j] - a[j] * b[i]).abs() > 0.01
@@ -397,7 +400,7 @@ proptest! {
         let mut bytes = if version_4 { SMALL_41 } else { SMALL_22 }.as_bytes().to_vec();
         for (place, value) in changes {
             let place = place.index(bytes.len());
-            // characters that keep numbers numbers reach deeper than any byte
+            // characters that keep numbers valid reach deeper into the parser than random bytes
             let alphabet = b"0123456789-. \n$e";
             let number = alphabet[value as usize % alphabet.len()];
             bytes[place] = if from_alphabet { number } else { value };

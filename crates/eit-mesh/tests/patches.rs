@@ -1,4 +1,4 @@
-//! Patches inside generated skins, rim electrodes of uneven width, hemispheres.
+//! Patches inside generated skins, rim electrodes of different widths, hemispheres.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 #![allow(missing_docs, reason = "tests are described where their names do not suffice")]
 
@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 const DISC: SkinShape = SkinShape::Disc { radius_m: 0.1 };
-/// As in tests/generate.rs: refinement stops at 28 degrees, smoothing may trade some.
+/// As in tests/generate.rs: refinement stops at 28 degrees, and smoothing may cost some of that.
 const LEAST_ANGLE_DEG: f64 = 25.0;
 
 fn plate_with_hole() -> SkinShape {
@@ -64,7 +64,7 @@ fn every_electrode_has_its_place_and_measure() {
     assert_eq!(kinds, [true, false, true, false, true, false]);
 }
 
-/// A patch's triangles are those inside its outline, no others.
+/// The triangles of a patch are exactly those inside its outline.
 #[test]
 fn a_patch_is_a_disc() {
     let patch = [PlacedElectrode::patch([0.02, 0.01, 0.0], 0.03)];
@@ -82,7 +82,7 @@ fn a_patch_is_a_disc() {
     assert_eq!(on_outline, 19);
 }
 
-/// Given where equally spaced ones would lie, electrodes by position make the same mesh.
+/// Electrodes placed at the equally spaced positions give the same mesh.
 #[test]
 fn positions_and_equal_spacing_agree() {
     let settings = MeshSettings::default();
@@ -106,7 +106,7 @@ fn patches_that_are_not_on_the_skin_are_refused_with_their_number() {
     for (position_m, radius_m, says) in [
         ([0.12, 0.1, 0.0], 0.005, "in a hole"),
         ([0.4, 0.1, 0.0], 0.01, "outside"),
-        ([0.29, 0.1, 0.0], 0.02, "over the rim"),
+        ([0.29, 0.1, 0.0], 0.02, "beyond the rim"),
         ([0.08, 0.1, 0.0], 0.0199, "twentieth"),
     ] {
         let error = place(&[good, PlacedElectrode::patch(position_m, radius_m)]);
@@ -139,8 +139,8 @@ fn the_number_of_nodes_is_met_with_patches() {
     assert!((nodes / 4000.0 - 1.0).abs() < 0.1, "{nodes}");
 }
 
-/// All nodes and midpoints of edges on the sphere, the rim at z = 0, area and electrode lengths to the
-/// chords' part, and the angles of the flat mesh but for their part of the curvature.
+/// All nodes and edge midpoints lie on the sphere and the rim at z = 0. Area and electrode lengths
+/// are exact up to the chords; angles are those of the flat mesh up to the effect of curvature.
 #[test]
 fn a_hemisphere_is_half_a_sphere() {
     let dome = SkinShape::Hemisphere { radius_m: 0.1 };
@@ -158,7 +158,7 @@ fn a_hemisphere_is_half_a_sphere() {
         let radius = middle.iter().map(|x| x * x).sum::<f64>().sqrt();
         assert!((radius / 0.1 - 1.0).abs() < 1e-15 * 8.0 && middle[2] >= 0.0, "{middle:?}");
     }
-    // a facet of edge h lies h^2 / (12 R^2) of its area inside: 5e-4
+    // a facet with edges h is smaller by the fraction h^2 / (12 R^2) of its area: 5e-4
     let missing = 1.0 - area_m2(&mesh) / (TAU * 0.01);
     assert!((0.0..2e-3).contains(&missing), "{missing:e}");
     for l in 0..16 {
@@ -176,7 +176,8 @@ fn a_hemisphere_is_half_a_sphere() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Any patch that fits, and any gap to the rim down to the smallest: a valid mesh, exact area.
+    /// Any patch that fits, down to the smallest gap to the rim, gives a valid mesh with exact
+    /// area.
     #[test]
     fn any_patch_that_fits_is_meshed(
         angle in 0.0..TAU, from_centre in 0.0..0.9f64, size in 0.01..1.0f64,
@@ -191,7 +192,7 @@ proptest! {
         let found = mesh.electrode_measure(0).unwrap();
         prop_assert!((found / (PI * radius_m * radius_m) - 1.0).abs() < 1e-11);
         let quality = Quality::of(&mesh);
-        // the gap of a twentieth is narrow: angles as for steep gradings
+        // a gap of a twentieth is narrow: angles as for steep gradings
         prop_assert!(quality.smallest_angle_deg > 15.0, "{}", quality);
     }
 }

@@ -35,7 +35,8 @@ fn nodes_of(mesh: &Mesh, electrode: usize) -> Vec<[f64; 3]> {
     nodes.into_iter().map(|n| surface.nodes()[n as usize]).collect()
 }
 
-/// Widths to rounding, around corners and on a rim in space, and nothing of the shape lost.
+/// Widths are exact to rounding, also around corners and on a rim in space, and the area is
+/// preserved.
 #[test]
 fn rim_electrodes_have_their_width_and_the_surface_keeps_its_area() {
     let saddle = saddle();
@@ -80,7 +81,8 @@ fn a_rim_electrode_runs_around_a_corner_and_around_a_hole() {
     assert!(matches!(mesh.electrodes()[2], Electrode::Patch(_)), "in the order of the list");
 }
 
-/// What a patch lacks of `pi r^2` is what its chords cut off, and falls with the square of the edge.
+/// The area missing from `pi r^2` is what the chords cut off, and decreases with the square of the
+/// edge.
 #[test]
 fn patches_have_their_area_and_the_rest_falls_with_the_square_of_the_edge() {
     let (radius_m, position_m) = (0.3, [0.93, 1.06, 0.0]);
@@ -105,7 +107,7 @@ fn patches_have_their_area_and_the_rest_falls_with_the_square_of_the_edge() {
     assert!(missing[2] < missing[0] / 6.0, "order 2 would be 16: {missing:?}");
 }
 
-/// All of a sphere that is nearer than `r` to a point of it has the area `pi r^2` (Archimedes).
+/// The part of a sphere closer than `r` to one of its points has the area `pi r^2` (Archimedes).
 #[test]
 fn a_patch_on_a_sphere_has_its_area() {
     let patch = [PlacedElectrode::patch([0.48, 0.36, 0.8], 0.3)];
@@ -115,10 +117,10 @@ fn a_patch_on_a_sphere_has_its_area() {
     assert!(missing.abs() < 2e-3, "{missing:e}");
 }
 
-/// On a thin fold the sphere of a patch goes through both sheets: only its own is covered.
+/// On a thin fold the sphere of a patch cuts both layers, but the patch covers only its own.
 #[test]
 fn a_patch_covers_one_sheet_of_a_fold() {
-    // a strip folded at x = 1 to two sheets 0.02 apart
+    // a strip folded at x = 1 into two layers 0.02 apart
     let strip = rectangle(40, 10, 2.0, 0.5);
     let folded = moved(&strip, |[x, y, _]| {
         let bend = 0.01 * ((x - 1.0) / 0.02).tanh();
@@ -206,7 +208,8 @@ fn a_closed_surface_takes_patches_and_no_rim_electrodes() {
     assert!((mesh.electrode_measure(1).unwrap() / (PI * 0.02) - 1.0).abs() < 0.033);
 }
 
-/// Nine squares without the middle one and a corner one: two of the others touch in one node.
+/// Nine squares without the middle one and one at a corner: two of the remaining ones touch in one
+/// node.
 #[test]
 fn a_rim_through_one_node_twice_is_refused() {
     let whole = rectangle(3, 3, 3.0, 3.0);
@@ -225,7 +228,7 @@ fn a_rim_through_one_node_twice_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
 
-    /// Electrodes of any width and place: lengths and area to rounding.
+    /// Electrodes of any width and position: lengths and area are exact to rounding.
     #[test]
     fn widths_are_exact_wherever_electrodes_lie(
         start in 0.0..TAU,

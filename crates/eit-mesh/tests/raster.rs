@@ -1,6 +1,7 @@
-//! Rasters: exact areas, rows that sum to one, conservation, order of accuracy.
+//! Rasters: exact areas, rows that sum to one, conservation, order of accuracy. One file because
+//! all tests share its surfaces.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
-// a test may stop at the first surprise
+// a test may stop at the first failure
 
 mod surfaces;
 
@@ -8,13 +9,13 @@ use eit_mesh::{CsrMatrix, MeshError, Raster, Surface};
 use ndarray::{Array2, Array3, array};
 use proptest::prelude::*;
 
-/// The surface turned, so that no edge follows the grid.
+/// The surface rotated, so that no edge follows the grid.
 fn turned(surface: &Surface, angle: f64) -> Surface {
     let (s, c) = angle.sin_cos();
     surfaces::moved(surface, |[x, y, z]| [c * x - s * y, s * x + c * y, z])
 }
 
-/// A rectangle with its inner nodes pushed about smoothly: triangles of all shapes.
+/// A rectangle whose inner nodes are displaced smoothly, giving triangles of all shapes.
 fn warped(cells: u32) -> Surface {
     surfaces::moved(&surfaces::rectangle(cells, cells, 1.0, 1.0), |[x, y, z]| {
         let push = 0.08 * (std::f64::consts::PI * x).sin() * (std::f64::consts::PI * y).sin();
@@ -207,9 +208,9 @@ fn linear_functions_converge_at_the_stated_order() {
     // triangles far smaller than pixels: second order in h
     let errors: Vec<f64> = [40, 80, 160].iter().map(|&cells| linear_errors(cells, 8).0).collect();
     let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
-    // cut triangles differ from mesh to mesh, so the order scatters about 2 or above
+    // cut triangles differ between meshes, so the order scatters around 2 or above
     assert!(orders.iter().all(|o| *o > 1.7), "{errors:?} {orders:?}");
-    // the other way with the sizes exchanged
+    // the opposite direction, with the sizes exchanged
     for pixels in [8, 16, 32] {
         let (_, up) = linear_errors(64, pixels);
         assert!(up <= gradient * std::f64::consts::SQRT_2 / pixels as f64, "{pixels}: {up}");
@@ -222,7 +223,7 @@ fn linear_functions_converge_at_the_stated_order() {
 
 #[test]
 fn triangles_outside_the_mask_take_the_nearest_pixel() {
-    // a square with a thin tongue to the right: the tongue covers a quarter of its pixels
+    // a square with a thin tongue on the right, which covers a quarter of its pixels
     let nodes = vec![
         [0.0, 0.0, 0.0],
         [1.0, 0.0, 0.0],
@@ -338,13 +339,14 @@ fn products_agree() {
 fn surfaces_without_a_picture_are_refused() {
     let flat = surfaces::rectangle(8, 8, 1.0, 1.0);
     let refused = |surface: &Surface| Raster::new(surface, 16).unwrap_err();
-    // on edge
+    // edge-on
     let upright = surfaces::moved(&flat, |[x, y, _]| [x, 0.0, y]);
     assert!(matches!(refused(&upright), MeshError::UprightSurface { .. }));
     // folded at x = 0.5 like a tent lying on its side
     let folded = surfaces::moved(&flat, |[x, y, _]| [0.7 * x.min(1.05 - x), y, x]);
     assert!(matches!(refused(&folded), MeshError::FoldedSurface { .. }));
-    // a ramp of one and a half turns: every triangle looks up, half the ring twice
+    // a ramp of one and a half turns: every triangle faces up, but half of the ring is covered
+    // twice
     let ramp = surfaces::moved(&surfaces::rectangle(60, 4, 1.0, 1.0), |[x, y, _]| {
         let angle = 3.0 * std::f64::consts::PI * x;
         [(2.0 - y) * angle.cos(), (2.0 - y) * angle.sin(), x]
@@ -367,7 +369,7 @@ fn surfaces_without_a_picture_are_refused() {
 
 #[test]
 fn curved_surfaces_are_seen_from_above() {
-    // a dome: projected areas count, and walls that stand upright take their nearest pixel
+    // a dome: projected areas count, and vertical walls take their nearest pixel
     let flat = surfaces::disc(12, 0.1);
     let dome = surfaces::moved(&flat, |[x, y, _]| [x, y, (0.0121 - x * x - y * y).sqrt()]);
     let (one, other) = (Raster::new(&flat, 32).unwrap(), Raster::new(&dome, 32).unwrap());

@@ -1,4 +1,5 @@
-//! STL and OBJ files, and what is mended in meshes from files.
+//! STL and OBJ files, and repairs of meshes from files. One file because all tests share its
+//! surfaces.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 #![allow(missing_docs, reason = "tests are described where their names do not suffice")]
 
@@ -11,7 +12,7 @@ use eit_mesh::{
 use proptest::prelude::*;
 use surfaces::{binary_stl, half_sphere, obj, text_stl};
 
-/// What is wrong in a file, and where.
+/// Line and description of the error in a file.
 fn refused(result: Result<(Surface, Repairs), MeshError>) -> (usize, String) {
     match result.unwrap_err() {
         MeshError::Parse { file, line, problem } => {
@@ -22,7 +23,7 @@ fn refused(result: Result<(Surface, Repairs), MeshError>) -> (usize, String) {
     }
 }
 
-/// The same corners triangle by triangle, to `within`.
+/// Checks that the corners agree triangle by triangle, to `within`.
 fn assert_same_shape(found: &Surface, wanted: &Surface, within: f64) {
     assert_eq!(found.nodes().len(), wanted.nodes().len());
     assert_eq!(found.triangles().len(), wanted.triangles().len());
@@ -40,7 +41,7 @@ fn every_format_gives_the_surface_that_was_written() {
     let surface = half_sphere(3, 40.0);
     let (text, repairs) = parse_stl(text_stl(&surface).as_bytes(), "link", 1.0).unwrap();
     assert_same_shape(&text, &surface, 0.0);
-    // each of the 256 triangles brought three corners
+    // each of the 256 triangles has its own three corners
     assert_eq!(repairs.merged_nodes, 3 * 256 - surface.nodes().len());
     assert_eq!(repairs.notes(), Vec::<String>::new(), "nothing to report of a clean file");
     // f32 rounds at 6e-8 of the coordinate
@@ -78,7 +79,7 @@ fn lengths_are_scaled_and_files_are_known_by_their_ending() {
     assert!(matches!(read_mesh(folder.path().join("b.stl"), 1.0), Err(MeshError::Io { .. })));
 }
 
-/// Cut off anywhere, an STL file is refused, and the message says so.
+/// An STL file cut off anywhere is rejected with a message that says so.
 #[test]
 fn truncated_stl_files_are_named() {
     let surface = half_sphere(0, 1.0);
@@ -86,10 +87,10 @@ fn truncated_stl_files_are_named() {
     for length in 0..binary.len() {
         let (_, problem) = refused(parse_stl(&binary[..length], "link", 1.0));
         // a header alone that begins with "solid" reads as text
-        let said = ["cut off", "no STL file", "is expected"];
+        let said = ["cut off", "no STL file", "expected"];
         assert!(said.iter().any(|s| problem.contains(s)), "{length} bytes: {problem}");
         if length >= 84 {
-            assert!(problem.contains("announces 4 triangles"), "{length} bytes: {problem}");
+            assert!(problem.contains("declares 4 triangles"), "{length} bytes: {problem}");
         }
     }
     let text = text_stl(&surface);
@@ -147,7 +148,7 @@ fn obj_faces_of_any_size_and_negative_numbers() {
     assert_eq!(refused("v 0 0\n").0, 1);
 }
 
-/// Two triangles on a square and what may be wrong with them.
+/// Two triangles that form a square, with whatever faults a test adds.
 fn square() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let nodes = vec![[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
     (nodes, vec![[0, 1, 2], [0, 2, 3]])
@@ -156,12 +157,12 @@ fn square() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
 #[test]
 fn harmless_faults_are_mended_and_noted() {
     let (mut nodes, mut triangles) = square();
-    nodes.push([5.0, 5.0, 0.0]); // of no use
-    nodes.push([1.0 + 1e-8, 0.0, 0.0]); // node 1 again
+    nodes.push([5.0, 5.0, 0.0]); // unused
+    nodes.push([1.0 + 1e-8, 0.0, 0.0]); // duplicate of node 1
     nodes.push([2.0, 0.5, 0.0]);
-    triangles.push([5, 2, 6]); // turned, on node 1's twin
+    triangles.push([5, 2, 6]); // reversed, uses the duplicate
     triangles.push([1, 5, 2]); // collapsed
-    triangles.push([3, 0, 2]); // triangle 1 again
+    triangles.push([3, 0, 2]); // duplicate of triangle 1
     let (surface, repairs) = Surface::repaired(nodes, triangles, 1e-6).unwrap();
     assert_eq!(surface.nodes().len(), 5);
     assert_eq!(surface.triangles().len(), 3);
@@ -177,7 +178,7 @@ fn harmless_faults_are_mended_and_noted() {
     assert!((flat - 1.5).abs() < 1e-15);
 }
 
-/// A surface that looks down is as good as one that looks up.
+/// A surface that faces down is as valid as one that faces up.
 #[test]
 fn a_whole_surface_turned_over_is_no_fault() {
     let (nodes, triangles) = square();
@@ -199,11 +200,12 @@ fn slivers_are_kept_and_noted() {
     assert!(repairs.notes()[0].contains("triangle 0"), "{repairs}");
 }
 
-/// What is not harmless is refused with the index in the file, not that after mending, and the place.
+/// Faults that change the skin are rejected with the position and the index in the file, not that
+/// after repair.
 #[test]
 fn faults_that_change_the_skin_are_refused_with_index_and_place() {
     let (mut nodes, mut triangles) = square();
-    nodes.insert(0, [9.0, 9.0, 0.0]); // of no use: shifts every index
+    nodes.insert(0, [9.0, 9.0, 0.0]); // unused: shifts every index
     triangles.iter_mut().flatten().for_each(|n| *n += 1);
     triangles.insert(0, [1, 1, 2]); // collapsed: shifts the triangles
     let with = |node: [f64; 3], triangle: [u32; 3]| {
@@ -290,8 +292,8 @@ fn a_cut_in_a_gmsh_mesh_stays_and_is_noted() {
     assert!(repairs.notes()[0].contains("cut"), "{repairs}");
 }
 
-/// A square of four triangles around its centre, cut from there to the corner [1, 1], which is there
-/// twice.
+/// A square of four triangles around its centre, cut from the centre to the corner [1, 1], which
+/// exists twice.
 fn cut_square() -> Mesh {
     let nodes =
         vec![[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [0.5, 0.5, 0.], [1., 1., 0.]];
@@ -299,7 +301,8 @@ fn cut_square() -> Mesh {
     Mesh::new(Surface::new(nodes, triangles).unwrap(), vec![Electrode::Rim(vec![[0, 1]])]).unwrap()
 }
 
-/// An electrode without edges, one on an inner edge (as where a hole was filled), each with its line.
+/// An electrode without edges and one on an inner edge (as if a hole had been filled) are reported
+/// with their lines.
 #[test]
 fn electrodes_that_cover_nothing_are_refused_with_their_line() {
     let text = two_plates(0.0);
@@ -316,7 +319,7 @@ fn electrodes_that_cover_nothing_are_refused_with_their_line() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
-    /// Whatever the bytes, the readers answer.
+    /// The readers return a result for any bytes.
     #[test]
     fn readers_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400), solid in any::<bool>()) {
         let bytes = if solid { [b"solid ".as_slice(), &bytes].concat() } else { bytes };
@@ -324,7 +327,7 @@ proptest! {
         let _ = parse_obj(&bytes, "link", 1.0);
     }
 
-    /// A good file with bytes changed, cut out or put in.
+    /// A valid file with bytes changed, removed or inserted.
     #[test]
     fn readers_never_panic_on_damaged_files(
         at in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
@@ -346,8 +349,8 @@ proptest! {
         let _ = parse_obj(&bytes, "link", 1.0);
     }
 
-    /// Any two-plane roof split into triangles of its own corners, jittered within the tolerance,
-    /// comes back with its nodes merged and its area.
+    /// Any two-plane roof made of triangles with separate corners, jittered within the tolerance,
+    /// is restored with its nodes merged and its area preserved.
     #[test]
     fn jittered_corners_are_merged(
         columns in 1..6u32, rows in 1..6u32,

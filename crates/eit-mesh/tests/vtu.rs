@@ -1,6 +1,6 @@
-//! VTU files, read back by an XML parser and a base64 decoder that are not ours.
+//! VTU files, read back by an independent XML parser and base64 decoder.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
-// a test may stop at the first surprise
+// a test may stop at the first failure
 
 mod surfaces;
 
@@ -9,7 +9,7 @@ use eit_mesh::{Electrode, ElementField, Mesh, MeshError, write_vtu};
 use proptest::prelude::*;
 use roxmltree::{Document, Node};
 
-/// The bytes of a named array, with the type it must have; checks the length in front.
+/// Returns the bytes of a named array after checking its type and leading length.
 fn array(document: &Document<'_>, parent: &str, name: &str, kind: &str) -> Vec<u8> {
     let is_array = |n: &Node<'_, '_>| {
         n.has_tag_name("DataArray")
@@ -83,7 +83,7 @@ fn check(mesh: &Mesh, fields: &[ElementField<'_>]) {
         assert_eq!(found.len(), wanted.len());
         let (values, edges) = found.split_at(triangles.len());
         assert!(values.iter().map(|x| x.to_bits()).eq(field.values.iter().map(|x| x.to_bits())));
-        // a line has the value of the one triangle that has both its ends
+        // a line has the value of the triangle that contains both its ends
         for ((_, ends, _), value) in wanted[triangles.len()..].iter().zip(edges) {
             let owner = triangles.iter().position(|t| ends.iter().all(|n| t.contains(n))).unwrap();
             assert_eq!(value.to_bits(), field.values[owner].to_bits());
@@ -95,7 +95,7 @@ fn check(mesh: &Mesh, fields: &[ElementField<'_>]) {
 fn round_trip_is_exact() {
     check(&Mesh::new(surfaces::disc(2, 0.1), vec![]).unwrap(), &[]);
     let mesh = surfaces::with_electrodes(surfaces::disc(3, 0.1));
-    // 54 values: with NaN, -0 and the smallest number, and names that XML must escape
+    // 54 values, with NaN, -0 and the smallest number, and names that XML must escape
     let mut values: Vec<f64> = (0..54).map(|t| f64::from(t) / 7.0).collect();
     (values[3], values[4], values[5]) = (f64::NAN, -0.0, f64::from_bits(1));
     check(&mesh, &[ElementField { name: "conductivity_s", values: &values }]);

@@ -1,4 +1,4 @@
-//! Every kind of picture, of a disc that a finger walks around.
+//! One picture of every kind, of a disc with a finger moving around it.
 //!
 //! Run with `cargo run --release -p eit-picture --example gallery -- DIR`.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
@@ -16,11 +16,11 @@ use std::f64::consts::TAU;
 use std::fs::File;
 use std::path::Path;
 
-/// Frames of the movie, and how many there are in a second.
+/// Number of frames in the movie, and frames per second.
 const FRAMES: usize = 8;
 const RATE_HZ: f64 = 10.0;
 
-/// Draws all pictures into a folder; returns the width and height of each PNG.
+/// Draws all pictures into a folder and returns the width and height of each PNG.
 pub fn run(folder: &Path) -> Result<Vec<[usize; 2]>, Box<dyn Error>> {
     let mesh = disc()?;
     let raster = Raster::new(mesh.surface(), 64)?;
@@ -57,13 +57,13 @@ fn disc() -> Result<Mesh, eit_mesh::MeshError> {
     generate(&SkinShape::Disc { radius_m: 0.1 }, &electrodes, &MeshSettings::default())
 }
 
-/// Where the finger is.
+/// Returns the finger's position.
 fn place_m(frame: usize) -> [f64; 2] {
     let angle = TAU * frame as f64 / FRAMES as f64;
     [0.05 * angle.cos(), 0.05 * angle.sin()]
 }
 
-/// What it changes, in siemens: [frame, row, column].
+/// Returns the conductivity change it causes, in siemens: [frame, row, column].
 fn finger(raster: &Raster) -> Array3<f64> {
     let pixels = raster.pixels();
     Array3::from_shape_fn((FRAMES, pixels, pixels), |(frame, row, column)| {
@@ -74,7 +74,7 @@ fn finger(raster: &Raster) -> Array3<f64> {
     })
 }
 
-/// Areas of the triangles.
+/// Draws the areas of the triangles.
 fn quality(mesh: &Mesh) -> Result<Canvas, eit_picture::PictureError> {
     let surface = mesh.surface();
     let triangles: Vec<[usize; 3]> =
@@ -93,7 +93,7 @@ fn quality(mesh: &Mesh) -> Result<Canvas, eit_picture::PictureError> {
     draw_mesh(&drawing, &SkinDrawing::from_mesh(mesh, &View::TOP), &settings)
 }
 
-/// Where the finger was, and where it was found.
+/// Draws the true and detected positions of the finger.
 fn tracks(skin: &SkinDrawing) -> Result<Canvas, eit_picture::PictureError> {
     let true_m: Vec<[f64; 2]> = (0..=FRAMES).map(place_m).collect();
     let found_m = true_m.iter().map(|[x, y]| [x + 0.003, y - 0.002]).collect();
@@ -104,7 +104,7 @@ fn tracks(skin: &SkinDrawing) -> Result<Canvas, eit_picture::PictureError> {
     draw_tracks(&[panel], skin, &PictureSettings { zoom: 2, ..Default::default() })
 }
 
-/// Errors that fall with the length of an edge, at the first and the second order.
+/// Draws errors that decrease with the edge length, of first and second order.
 fn decay() -> Result<Canvas, eit_picture::PictureError> {
     let series = |order: i32| Series {
         name: format!("order {order}"),
@@ -116,8 +116,8 @@ fn decay() -> Result<Canvas, eit_picture::PictureError> {
         markers: true,
     };
     draw_plot(&Plot {
-        title: "Error against the length of an edge".to_owned(),
-        footnote: "Halving the edges halves the one and quarters the other".to_owned(),
+        title: "Error against edge length".to_owned(),
+        footnote: "Halving the edge length halves one error and quarters the other".to_owned(),
         x_label: "edge (m)".to_owned(),
         y_label: "relative error".to_owned(),
         x_log: true,

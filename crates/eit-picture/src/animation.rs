@@ -1,4 +1,4 @@
-//! The sequence of images as a GIF.
+//! Writes a sequence of images as a GIF.
 
 use std::{collections::HashMap, io::Write};
 
@@ -11,26 +11,27 @@ use crate::{
     sheet::{ImageSheet, SheetLayout},
 };
 
-/// Most frames of an animation; of more, as many are chosen evenly.
+/// Maximum number of frames in an animation; longer sequences are sampled evenly.
 const MAX_FRAMES: usize = 300;
-/// Longer side of the skin's panel, in points and pixels: alone, and beside others.
+/// Longer side of the skin's panel, in points and pixels: for a single image and for several per
+/// frame.
 const SIDE: f64 = 320.0;
 const SMALL_SIDE: f64 = 240.0;
-/// Images of a frame at most.
+/// Maximum number of images per frame.
 const MOST_SIDE_BY_SIDE: usize = 8;
-/// Colours of a GIF's table.
+/// Number of colours in a GIF's colour table.
 const TABLE: usize = 256;
 
-/// Writes images [frame, row, column] as a GIF that loops forever, `rate_hz` frames a second.
+/// Writes images [frame, row, column] as a GIF that loops forever, at `rate_hz` frames per second.
 ///
-/// Scale, electrodes and texts are those of [`crate::draw_sheet`], and stay the same throughout.
-/// Of more than 300 frames 300 are chosen evenly. GIF counts in hundredths of a second, and
-/// viewers ignore a delay below two of them, so faster rates play at 50 Hz. `progress` gets the
-/// number of frames written and of all. With [`PictureSettings::columns`] a frame shows so many
-/// images side by side.
+/// Scale, electrodes and texts are those of [`crate::draw_sheet`] and stay the same throughout.
+/// Sequences of more than 300 frames are sampled evenly to 300. GIF delays are multiples of 10 ms,
+/// and viewers ignore delays below 20 ms, so faster rates play at 50 Hz. `progress` receives the
+/// number of frames written and the total. With [`PictureSettings::columns`], each frame shows that
+/// number of images side by side.
 ///
 /// # Errors
-/// As for a sheet; a rate that is not positive; trouble with `out`.
+/// As for a sheet; a rate that is not positive; a failure to write to `out`.
 pub fn write_gif(
     images: ArrayView3<'_, f64>,
     skin: &SkinDrawing,
@@ -47,7 +48,7 @@ pub fn write_gif(
     let side = if group > 1 { SMALL_SIDE } else { SIDE };
     let layout = SheetLayout { most: MAX_FRAMES, group, cells: group, side, zoom: 1 };
     let sheet = ImageSheet::new(images, skin, settings, layout)?;
-    // a page of a few panels of 320 points, wrapped texts and a bar stays far below 65535 pixels
+    // a page with a few panels of 320 points, wrapped texts and a bar stays far below 65535 pixels
     let [width, height] = sheet.page.canvas.size_px();
     let mut palette = Palette::new(sheet.scale.colors());
     let mut encoder = Encoder::new(out, width as u16, height as u16, &palette.table())?;
@@ -65,8 +66,8 @@ pub fn write_gif(
     Ok(())
 }
 
-/// The smallest rectangle in which two pages differ, as a frame that stays on the page; all of
-/// it if there was none before, a single pixel if nothing changed.
+/// Returns the smallest rectangle in which two pages differ, as a frame that is kept on the page:
+/// everything if there was no previous page, a single pixel if nothing changed.
 fn changed(before: &[u8], now: &[u8], [width, height]: [usize; 2]) -> Frame<'static> {
     let mut columns = [width, 0];
     let mut rows = [height, 0];
@@ -95,7 +96,7 @@ fn changed(before: &[u8], now: &[u8], [width, height]: [usize; 2]) -> Frame<'sta
     }
 }
 
-/// The colours of a GIF: those of the scale, those of lines and text, and greys between them.
+/// The colours of a GIF: those of the scale, lines and text, with greys between them.
 struct Palette {
     colors: Vec<Rgb>,
     nearest: HashMap<Rgb, u8>,
@@ -110,12 +111,12 @@ impl Palette {
         Self { colors, nearest: HashMap::new() }
     }
 
-    /// The colours as the file wants them.
+    /// Returns the colour table in file format.
     fn table(&self) -> Vec<u8> {
         self.colors.concat()
     }
 
-    /// For each pixel the index of the nearest colour, the first of equals.
+    /// Returns the index of the nearest colour for each pixel; of equally near ones, the first.
     fn indices(&mut self, rgb: &[u8]) -> Vec<u8> {
         let colors = &self.colors;
         let nearest = |color: &Rgb| {
@@ -148,7 +149,7 @@ mod tests {
         bytes
     }
 
-    /// Full pages as a viewer composes them (palette indices), and the delays.
+    /// Decodes the full pages that a viewer displays (palette indices) and the delays.
     fn play(bytes: &[u8]) -> (Vec<Vec<u8>>, Vec<u16>, usize) {
         let mut options = gif::DecodeOptions::new();
         options.set_color_output(gif::ColorOutput::Indexed);
@@ -187,8 +188,8 @@ mod tests {
                 let off = shown.iter().zip(wanted).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
                 worst = worst.max(off);
             }
-            // the table lacks mixtures of lines with saturated colours: 39 at worst here, where
-            // a frame that is not drawn would be off by more than 100
+            // the table has no mixtures of lines with saturated colours: at worst 39 off here,
+            // whereas a missing frame would be off by more than 100
             assert!(worst <= 48, "frame {k}: {worst}");
         }
     }
@@ -210,7 +211,7 @@ mod tests {
         assert_eq!(play(&bytes).1, vec![2; 300]);
     }
 
-    /// Three images a frame: the first two frames of six images, the panels beside each other.
+    /// Three images per frame: six images give two frames with the panels side by side.
     #[test]
     fn images_of_a_frame_stand_side_by_side() {
         let settings = PictureSettings { columns: Some(3), ..Default::default() };

@@ -1,4 +1,4 @@
-//! One axis of a plot: its range and what is written along it.
+//! One axis of a plot: its range, ticks and labels.
 
 use std::ops::Range;
 
@@ -6,45 +6,46 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 
 use crate::ticks::{Ticks, power_of_ten, round_number};
 
-/// Room between the extreme points and the axes, as part of the range.
+/// Space between the extreme points and the axes, as a fraction of the range.
 const PADDING: f64 = 0.04;
-/// Most ticks along an axis, so that the numbers stand apart.
+/// Maximum number of ticks along an axis, so that labels stay apart.
 const MOST_TICKS: usize = 8;
-/// Most decades of an axis with lines between them.
+/// Largest number of decades for which an axis has lines between the powers of ten.
 const MOST_MINOR: f64 = 6.0;
-/// Axes of fewer decades than this have numbers within them: all of 1 to 9, those that every reader knows, or at
-/// least one between two powers.
+/// Axes with fewer decades than this have labels within the decades: all of 1 to 9, or 1, 2 and 5,
+/// or at least one between two powers of ten.
 const WITHIN_DECADES: f64 = 2.5;
-/// Length of an axis and width of a letter or digit, points: the shorter axis has its labels above each other.
+/// Axis length and character width in points, for the distance between labels. The vertical axis is
+/// shorter, but its labels are stacked.
 const LENGTH: f64 = 400.0;
 const LETTER: f64 = 7.0;
-/// What is written within a decade, the most that leave [`MOST_TICKS`].
+/// Multiples labelled within a decade: the first set whose labels fit is used.
 const WITHIN: [&[i32]; 3] = [&[1, 2, 3, 4, 5, 6, 7, 8, 9], &[1, 2, 5], &[1, 3]];
 
-/// A range and its ticks. Takes the place of plotters' own axes, whose logarithmic one has no ticks within a
-/// decade and whose linear one takes ranges below 2e-16 for empty.
+/// A range and its ticks. Replaces the axes of plotters, whose logarithmic axis has no ticks within
+/// a decade and whose linear axis treats ranges below 2e-16 as empty.
 #[derive(Clone, Debug)]
 pub(crate) struct Axis {
     log: bool,
-    /// Ends; their logarithms to base ten where the axis is logarithmic.
+    /// Ends of the range, as base-10 logarithms if the axis is logarithmic.
     low: f64,
     high: f64,
     /// Quantity and unit.
     pub(crate) name: String,
     ticks: Vec<f64>,
-    /// What stands at the ticks.
+    /// Labels at the ticks.
     pub(crate) labels: Vec<String>,
-    /// Where fainter lines run: 2, 3, ... 9 times the powers of ten.
+    /// Positions of fainter lines: 2, 3, ... 9 times the powers of ten.
     minor: Vec<f64>,
 }
 
 impl Axis {
-    /// An axis over all values, which are finite, and positive if `log`.
+    /// Creates an axis that covers all values, which must be finite, and positive if `log`.
     pub(crate) fn new(values: impl Iterator<Item = f64> + Clone, log: bool, name: &str) -> Self {
         let transformed = values.map(|v| if log { v.log10() } else { v });
         let least = transformed.clone().fold(f64::INFINITY, f64::min);
         let most = transformed.fold(f64::NEG_INFINITY, f64::max);
-        // a single value, or values alike to six digits, still need an axis with ticks
+        // a single value, or values that agree to six digits, still need an axis with ticks
         let least_span = if log { 0.02 } else { (1e-6 * least.abs().max(most.abs())).max(1e-300) };
         let missing = (least_span - (most - least)).max(0.0) / 2.0;
         let padding = PADDING * (most - least + 2.0 * missing);
@@ -59,14 +60,14 @@ impl Axis {
         };
         match log {
             true if axis.high - axis.low >= WITHIN_DECADES => axis.mark_decades(),
-            // two numbers at least, so that it shows what a step is
+            // at least two numbers, so that the step is apparent
             true if axis.within(WITHIN[0]).len() > 1 => axis.mark_within_decades(),
             _ => axis.mark_round_values(),
         }
         axis
     }
 
-    /// These multiples of powers of ten that are on the axis, ascending.
+    /// Returns the given multiples of powers of ten that lie on the axis, in ascending order.
     fn within(&self, multiples: &'static [i32]) -> Vec<(i32, i32)> {
         let decades = self.low.floor() as i32..=self.high.floor() as i32;
         let all = decades.flat_map(|decade| multiples.iter().map(move |k| (*k, decade)));
@@ -75,7 +76,7 @@ impl Axis {
             .collect()
     }
 
-    /// Whether labels at these have a letter's width between them.
+    /// Whether labels at these positions are at least a character apart.
     fn stand_apart(&self, ticks: &[(i32, i32)]) -> bool {
         let letters = round_numbers(ticks).iter().map(|label| label.chars().count()).max();
         let wanted = LETTER * (letters.unwrap_or(0) + 1) as f64;
@@ -85,7 +86,8 @@ impl Axis {
         ticks.windows(2).all(|pair| apart(pair) >= wanted)
     }
 
-    /// Ticks at round numbers within a few decades, and fainter lines at all others.
+    /// Places ticks at round numbers within a few decades, and fainter lines at all other
+    /// multiples.
     fn mark_within_decades(&mut self) {
         let fits = |ticks: &Vec<(i32, i32)>| {
             (2..=MOST_TICKS).contains(&ticks.len()) && self.stand_apart(ticks)
@@ -99,7 +101,7 @@ impl Axis {
         self.minor = rest.filter(|at| !self.ticks.contains(at)).collect();
     }
 
-    /// Ticks at powers of ten, at most eight of them.
+    /// Places at most eight ticks, at powers of ten.
     fn mark_decades(&mut self) {
         let every = (((self.high - self.low) / MOST_TICKS as f64).ceil() as i32).max(1);
         let decades = self.low.ceil() as i32..=self.high.floor() as i32;
@@ -114,7 +116,8 @@ impl Axis {
         }
     }
 
-    /// Ticks at round values; beyond thousands and thousandths the name says the power of ten.
+    /// Places ticks at round values; beyond thousands and thousandths, the power of ten moves to
+    /// the axis name.
     fn mark_round_values(&mut self) {
         let ends = self.range();
         let mut ticks = Ticks::new(ends.start, ends.end, MOST_TICKS);
@@ -128,7 +131,8 @@ impl Axis {
     }
 }
 
-/// Digits times powers of ten, all in one way: plain up to thousands and thousandths.
+/// Formats digits times powers of ten, all in the same style: plain up to thousands and
+/// thousandths.
 fn round_numbers(ticks: &[(i32, i32)]) -> Vec<String> {
     let is_plain = ticks.iter().all(|(_, decade)| decade.abs() <= 3);
     ticks.iter().map(|(k, decade)| round_number(*k, *decade, is_plain)).collect()
@@ -191,7 +195,8 @@ mod tests {
         assert_eq!(decades.minor.len(), 3 * 8 + 2, "{decades:?}");
     }
 
-    /// An axis of one or two decades has round numbers within them, evenly chosen, and lines at all others.
+    /// An axis of one or two decades has evenly chosen labels within them, and lines at all other
+    /// multiples.
     #[test]
     fn few_decades_have_numbers_within_them() {
         let labels = |low: f64, high: f64| Axis::new([low, high].into_iter(), true, "x").labels;

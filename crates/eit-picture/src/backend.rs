@@ -1,4 +1,4 @@
-//! plotters draws on a [`Canvas`].
+//! A plotters backend that draws on a [`Canvas`].
 
 use std::convert::Infallible;
 
@@ -13,13 +13,14 @@ use crate::{
     text::{CAP_HEIGHT_EM, DESCENT_EM},
 };
 
-/// A canvas as plotters sees it, in pixels. Lines and letters are the canvas's own (docs/DESIGN.md says why).
+/// A canvas as seen by plotters, in pixels. The canvas draws lines and letters itself
+/// (docs/DESIGN.md explains why).
 pub(crate) struct Backend(pub(crate) Canvas);
 
-/// Nothing can go wrong.
+/// Drawing cannot fail.
 type Drawn = Result<(), DrawingErrorKind<Infallible>>;
 
-/// Colour and opacity.
+/// Returns colour and opacity.
 fn color_of(color: BackendColor) -> (Rgb, f64) {
     let (r, g, b) = color.rgb;
     ([r, g, b], color.alpha)
@@ -63,7 +64,7 @@ impl DrawingBackend for Backend {
     ) -> Drawn {
         let (color, opacity) = color_of(style.color());
         let width = style.stroke_width();
-        // sharp along the axes: the borders of the line are those of pixels
+        // align lines along the axes with pixel borders, so that they are sharp
         let middle = f64::from(width % 2) / 2.0;
         let path: Vec<_> =
             path.into_iter().map(|(x, y)| [x, y].map(|at| f64::from(at) + middle)).collect();
@@ -71,7 +72,7 @@ impl DrawingBackend for Backend {
         Ok(())
     }
 
-    /// A disc: plots have no other circles.
+    /// Draws a filled circle; plots use no others.
     fn draw_circle<S: BackendStyle>(
         &mut self,
         at: BackendCoord,
@@ -125,7 +126,8 @@ mod tests {
         Backend(Canvas::new(200.0, 200.0, 1, Font::load().unwrap()))
     }
 
-    /// First and one past the last column, then row, that is more black than white.
+    /// Returns the first column and one past the last, then the same for rows, that are darker than
+    /// mid-grey.
     fn dark(page: &Backend) -> [[i32; 2]; 2] {
         let dots = page.0.rgb().chunks_exact(3).enumerate().filter(|(_, dot)| dot[0] < 128);
         let dots: Vec<[i32; 2]> = dots.map(|(k, _)| [k as i32 % 200, k as i32 / 200]).collect();
@@ -135,7 +137,7 @@ mod tests {
         })
     }
 
-    /// An I of 73 pixels, the middle of its stem 15 from where it starts, wherever it is anchored.
+    /// An I of 73 pixels, its stem centred 15 pixels from its start, for every anchor.
     #[test]
     fn text_stands_where_it_is_anchored() {
         let written = |h_pos, v_pos, turn: FontTransform| {
@@ -154,9 +156,9 @@ mod tests {
         let [x, y] = written(HPos::Center, VPos::Center, FontTransform::None);
         assert!(middle(x).abs() <= 1 && middle(y).abs() <= 1, "{x:?} {y:?}");
         let [x, y] = written(HPos::Right, VPos::Bottom, FontTransform::None);
-        // the room of a descender, 24 pixels, stays below
+        // 24 pixels are left below for descenders
         assert!((middle(x) + 15).abs() <= 1 && (y[1] + 24).abs() <= 1, "{x:?} {y:?}");
-        // upwards: what was the right is the top
+        // rotated upwards: the right side becomes the top
         let [x, y] = written(HPos::Left, VPos::Center, FontTransform::Rotate270);
         assert!(middle(x).abs() <= 1 && (middle(y) + 15).abs() <= 1, "{x:?} {y:?}");
     }
@@ -167,7 +169,7 @@ mod tests {
             let style = ShapeStyle::from(BLACK).stroke_width(width);
             let mut page = page();
             page.draw_line((100, 20), (100, 180), &style).unwrap();
-            // inside of its ends, a row is black and white
+            // between its ends, a row is only black and white
             let row = &page.0.rgb()[3 * 200 * 100..3 * 200 * 101];
             assert!(row.iter().all(|part| *part == 0 || *part == 255));
             assert_eq!(row.iter().filter(|part| **part == 0).count(), 3 * width as usize);

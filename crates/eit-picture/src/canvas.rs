@@ -1,4 +1,4 @@
-//! Pixels, and the three marks everything is made of: rectangles, strokes and text.
+//! A pixel canvas and its three drawing primitives: rectangles, strokes and text.
 
 use std::io::Write;
 
@@ -15,16 +15,16 @@ use crate::{
 
 /// Red, green, blue (sRGB).
 pub(crate) type Rgb = [u8; 3];
-/// Paper.
+/// Background.
 pub(crate) const WHITE: Rgb = [255; 3];
-/// Text and electrodes.
+/// Colour of text and electrodes.
 pub(crate) const INK: Rgb = [32; 3];
-/// Outlines and axes.
+/// Colour of outlines and axes.
 pub(crate) const LINE: Rgb = [96; 3];
-/// Hatching where the skin has no value.
+/// Colour of the hatching where the skin has no value.
 pub(crate) const PALE: Rgb = [196; 3];
 
-/// A white page to draw on. Positions are in points, x to the right and y down from the top left.
+/// A white page to draw on. Positions are in points from the top left, x to the right and y down.
 #[derive(Clone, Debug)]
 pub struct Canvas {
     pixels: RgbImage,
@@ -33,7 +33,7 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// An empty page of `width` by `height` points with `zoom` pixels to a point.
+    /// Creates an empty page of `width` by `height` points with `zoom` pixels per point.
     pub(crate) fn new(width: f64, height: f64, zoom: usize, font: Font) -> Self {
         let [width, height] = [width, height].map(|s| s.ceil().max(1.0) as u32 * zoom as u32);
         Self { pixels: RgbImage::from_pixel(width, height, image::Rgb(WHITE)), zoom, font }
@@ -44,12 +44,12 @@ impl Canvas {
         [self.pixels.width() as usize, self.pixels.height() as usize]
     }
 
-    /// The pixels row by row from the top, three bytes each.
+    /// Pixels in row-major order from the top, three bytes each.
     pub fn rgb(&self) -> &[u8] {
         self.pixels.as_raw()
     }
 
-    /// Pixels to a point.
+    /// Pixels per point.
     pub(crate) fn zoom(&self) -> usize {
         self.zoom
     }
@@ -62,7 +62,7 @@ impl Canvas {
     /// Writes the page as PNG.
     ///
     /// # Errors
-    /// [`PictureError::Png`] when `out` cannot be written.
+    /// [`PictureError::Png`] if writing to `out` fails.
     pub fn write_png(&self, out: impl Write) -> Result<(), PictureError> {
         let (width, height) = self.pixels.dimensions();
         PngEncoder::new_with_quality(out, CompressionType::Default, FilterType::Adaptive)
@@ -70,7 +70,7 @@ impl Canvas {
         Ok(())
     }
 
-    /// Lays `color` over a pixel, `opacity` from 0 to 1; outside the page nothing happens.
+    /// Blends `color` into a pixel with `opacity` from 0 to 1; does nothing outside the page.
     pub(crate) fn blend(&mut self, x: i64, y: i64, color: Rgb, opacity: f64) {
         let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else { return };
         let Some(pixel) = self.pixels.get_pixel_mut_checked(x, y) else { return };
@@ -80,7 +80,7 @@ impl Canvas {
         }
     }
 
-    /// Fills a rectangle, its borders rounded to whole pixels.
+    /// Fills a rectangle whose borders are rounded to whole pixels.
     pub(crate) fn fill_rect(&mut self, [left, top]: [f64; 2], size: [f64; 2], color: Rgb) {
         let px = |at: f64| (at * self.zoom as f64).round() as i64;
         let (columns, rows) = (px(left)..px(left + size[0]), px(top)..px(top + size[1]));
@@ -96,9 +96,9 @@ impl Canvas {
         self.stroke_px(&points, width * zoom, color, opacity);
     }
 
-    /// The same in pixels.
+    /// Does the same as [`Self::stroke`] in pixels.
     ///
-    /// Each pixel takes the coverage of the nearest segment, so that joints are not darker.
+    /// Each pixel takes the coverage of the nearest segment, so joints are not darker.
     pub(crate) fn stroke_px(&mut self, points: &[[f64; 2]], width: f64, color: Rgb, opacity: f64) {
         let finite = points.iter().flatten().all(|v| v.is_finite());
         let Some(last) = points.last().copied().filter(|_| finite) else { return };

@@ -1,14 +1,14 @@
 //! Two colour maps: diverging for signed changes, sequential for magnitudes.
 //!
-//! Both have a lightness that is monotone (sequential) or falls alike to both sides (diverging),
-//! and neither asks the eye to tell red from green.
+//! The lightness is monotone (sequential) or decreases equally to both sides (diverging), and
+//! neither map requires distinguishing red from green.
 
 use crate::canvas::Rgb;
 
-/// Which colours stand for the values.
+/// The colours that represent values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ColorMap {
-    /// Blue, light grey at zero, red: Moreland's cool-warm. The range is made symmetric.
+    /// Blue, light grey at zero, red: Moreland's cool-warm map. The range is made symmetric.
     #[default]
     CoolWarm,
     /// Dark violet to yellow: viridis.
@@ -16,7 +16,8 @@ pub enum ColorMap {
 }
 
 impl ColorMap {
-    /// The colour at `position`, 0 the lower end and 1 the upper; positions beyond are clamped.
+    /// Returns the colour at `position`, from 0 (lower end) to 1 (upper end); other positions are
+    /// clamped.
     pub fn color(self, position: f64) -> Rgb {
         let position = position.clamp(0.0, 1.0);
         match self {
@@ -26,8 +27,8 @@ impl ColorMap {
     }
 }
 
-/// Viridis at 33 equidistant positions, 0xRRGGBB, from matplotlib 3's `_cm_listed.py` (N. Smith,
-/// S. van der Walt, E. Firing; CC0). Linear between them it is within 1.8/255 of the full table.
+/// Viridis at 33 equidistant positions, 0xRRGGBB, from matplotlib 3's `_cm_listed.py` (N. Smith, S.
+/// van der Walt, E. Firing; CC0). Linear interpolation is within 1.8/255 of the full table.
 const VIRIDIS: [u32; 33] = [
     0x440154, 0x470d60, 0x48186a, 0x482374, 0x472d7b, 0x453681, 0x424086, 0x3f4989, 0x3b528b,
     0x375a8d, 0x33638d, 0x2f6a8e, 0x2c728e, 0x297a8e, 0x26818e, 0x23898e, 0x21908c, 0x1f988b,
@@ -47,13 +48,13 @@ fn viridis(position: f64) -> Rgb {
 
 /// Ends of cool-warm in sRGB: blue, red.
 const COOL_WARM_ENDS: [[f64; 3]; 2] = [[59.0, 76.0, 192.0], [180.0, 4.0, 38.0]];
-/// Least magnitude of the neutral colour between saturated ends, in Msh space.
+/// Minimum magnitude of the neutral colour between saturated ends, in Msh space.
 const NEUTRAL_MAGNITUDE: f64 = 88.0;
 
-/// K. Moreland, "Diverging Color Maps for Scientific Visualization", ISVC 2009, LNCS 5876,
-/// 92-103, doi:10.1007/978-3-642-10520-3_9: straight lines in Msh, the polar form of CIELAB,
-/// from either end to an unsaturated middle. The ends are saturated and far apart in hue, which
-/// is the only branch of the paper's algorithm needed here.
+/// K. Moreland, "Diverging Color Maps for Scientific Visualization", ISVC 2009, LNCS 5876, 92-103,
+/// doi:10.1007/978-3-642-10520-3_9: straight lines in Msh, the polar form of CIELAB, from either
+/// end to an unsaturated middle. The ends are saturated and far apart in hue, so only that branch
+/// of the paper's algorithm is needed.
 fn cool_warm(position: f64) -> Rgb {
     let ends = COOL_WARM_ENDS.map(|rgb| msh_from_lab(lab_from_srgb(rgb)));
     let middle = ends[0][0].max(ends[1][0]).max(NEUTRAL_MAGNITUDE);
@@ -67,8 +68,8 @@ fn cool_warm(position: f64) -> Rgb {
     srgb_from_lab(lab_from_msh(msh))
 }
 
-/// Hue of the unsaturated colour of magnitude `middle` from which the way to `end` is even: it
-/// is turned so that the path is as straight in CIELAB as at its saturated end.
+/// Hue of the unsaturated colour of magnitude `middle` that makes the change towards `end` uniform:
+/// it is rotated so that the path in CIELAB is as straight as at the saturated end.
 fn adjusted_hue([magnitude, saturation, hue]: [f64; 3], middle: f64) -> f64 {
     if magnitude >= middle {
         return hue;
@@ -130,7 +131,7 @@ mod tests {
 
     #[test]
     fn cool_warm_is_the_published_table() {
-        // every fourth row of CoolWarmFloat33 / the paper's 33-row table
+        // every fourth row of the paper's 33-row table, CoolWarmFloat33
         let published: [Rgb; 9] = [
             [59, 76, 192],
             [98, 130, 234],
@@ -144,7 +145,7 @@ mod tests {
         ];
         for (row, expected) in published.iter().enumerate() {
             let color = ColorMap::CoolWarm.color(row as f64 / 8.0);
-            // one unit: the paper's matrix of sRGB has other last digits
+            // within one unit: the paper's sRGB matrix differs in the last digits
             let close = color.iter().zip(expected).all(|(a, b)| a.abs_diff(*b) <= 1);
             assert!(close, "{row}: {color:?}, published {expected:?}");
         }
@@ -157,7 +158,7 @@ mod tests {
         for i in 0..100 {
             let away = f64::from(i) / 200.0;
             let sides = [-1.0, 1.0].map(|s| lightness(ColorMap::CoolWarm, 0.5 + s * away));
-            // 8-bit channels round the lightness by up to 0.4; the ends differ by 0.5
+            // rounding to 8-bit channels changes the lightness by up to 0.4; the ends differ by 0.5
             assert!((sides[0] - sides[1]).abs() < 1.5, "{away}: {sides:?}");
             let further = lightness(ColorMap::CoolWarm, 0.5 + away + 0.005);
             assert!(further < sides[1] + 0.2, "{away}");
@@ -168,7 +169,7 @@ mod tests {
     fn viridis_brightens_throughout() {
         let steps: Vec<f64> =
             (0..=256).map(|i| lightness(ColorMap::Viridis, f64::from(i) / 256.0)).collect();
-        // a step of 8-bit colour may lose 0.2 by rounding; over eight steps it must gain
+        // 8-bit rounding may lose 0.2 in one step; over eight steps the lightness must increase
         assert!(steps.windows(9).all(|w| w[8] > w[0] + 1.0));
         assert!(steps[0] < 15.0 && steps[256] > 90.0);
     }

@@ -1,8 +1,8 @@
-//! Errors of this crate.
+//! The error type of this crate.
 
 use crate::Extent;
 
-/// What a point of a drawing belongs to.
+/// The list that a coordinate belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum PointOf {
@@ -24,97 +24,98 @@ impl std::fmt::Display for PointOf {
     }
 }
 
-/// Why there is no picture.
+/// A picture that cannot be drawn or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PictureError {
-    /// No image, or images without pixels.
+    /// No image was given, or images without pixels.
     #[error(
         "nothing to draw: the images are [{frames}, {rows}, {columns}]; give at least one pixel"
     )]
     Empty {
-        /// Images given.
+        /// Number of images.
         frames: usize,
-        /// Rows of each.
+        /// Rows per image.
         rows: usize,
-        /// Columns of each.
+        /// Columns per image.
         columns: usize,
     },
-    /// A curve without points, or none that the axes can show.
+    /// No series has a point that the axes can show.
     #[error(
         "nothing to draw: none of the {series} series has a finite point that the axes can show"
     )]
     NoPoints {
-        /// Series given.
+        /// Number of series.
         series: usize,
     },
-    /// plotters could not draw.
+    /// plotters failed to draw.
     #[error("cannot draw the plot: {message}")]
     Plot {
-        /// What plotters says.
+        /// The message from plotters.
         message: String,
     },
-    /// A coordinate of the skin that is not a number.
+    /// A coordinate of the skin is not finite.
     #[error("{what} {index} has the coordinates ({x_m}, {y_m}) m; they must be finite")]
     Coordinates {
-        /// Which list the point is in.
+        /// The list that contains the point.
         what: PointOf,
-        /// Which of the list, from 0.
+        /// Index in that list, from 0.
         index: usize,
-        /// The point.
+        /// x coordinate, metres.
         x_m: f64,
-        /// The point.
+        /// y coordinate, metres.
         y_m: f64,
     },
-    /// A raster without area.
+    /// The raster has no area.
     #[error(
-        "the skin spans x {} to {} m and y {} to {} m, seen from above: it must have width and \
-         height there",
+        "the skin spans x {} to {} m and y {} to {} m, seen from above: both ranges must be non-empty",
         .0.x_min_m, .0.x_max_m, .0.y_min_m, .0.y_max_m
     )]
     Extent(Extent),
-    /// Labels do not fit the frames.
+    /// The number of labels does not match the number of frames.
     #[error("{labels} labels for {frames} frames; give one for each frame")]
     LabelCount {
-        /// Labels given.
+        /// Number of labels.
         labels: usize,
-        /// Frames given.
+        /// Number of frames.
         frames: usize,
     },
-    /// Values do not fit the mesh.
+    /// The number of values does not match the mesh.
     #[error("{values} values for {triangles} triangles; give one for each triangle")]
     ValueCount {
-        /// Values given.
+        /// Number of values.
         values: usize,
-        /// Triangles given.
+        /// Number of triangles.
         triangles: usize,
     },
-    /// A triangle names a node that there is not.
-    #[error("triangle {triangle} names node {node}, but there are {nodes} nodes, counted from 0")]
+    /// A triangle refers to a node that does not exist.
+    #[error(
+        "triangle {triangle} refers to node {node}, but there are {nodes} nodes, counted from 0"
+    )]
     NodeIndex {
-        /// Triangle, from 0.
+        /// Triangle index, from 0.
         triangle: usize,
-        /// Node it names.
+        /// Node index that was not found.
         node: usize,
         /// Number of nodes.
         nodes: usize,
     },
-    /// A range of values without width.
-    #[error("the range of the colour bar [{low}, {high}] must be finite and rising")]
+    /// The range of values is empty.
+    #[error("the range of the colour bar [{low}, {high}] must be finite and increasing")]
     Range {
         /// Value at the lower end.
         low: f64,
         /// Value at the upper end.
         high: f64,
     },
-    /// A frame rate that is none.
+    /// The frame rate is not positive and finite.
     #[error("the frame rate {rate_hz} Hz must be finite and above 0")]
     FrameRate {
         /// Rate given.
         rate_hz: f64,
     },
-    /// The built-in font does not load.
-    #[error("the built-in font does not load; the program file is damaged")]
+    /// The built-in font cannot be loaded.
+    #[error("the built-in font cannot be loaded; the program file is damaged")]
     Font,
     /// The PNG could not be written.
     #[error("cannot write the PNG: {0}")]

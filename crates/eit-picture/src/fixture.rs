@@ -1,4 +1,4 @@
-//! Skins and images for the tests of this folder.
+//! Skins and images for the unit tests of this crate.
 
 use std::f64::consts::TAU;
 
@@ -16,7 +16,7 @@ fn arc(from: f64, to: f64, points: usize) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// A disc of 0.1 m whose electrodes cover half of the rim, the first on top.
+/// A disc of 0.1 m radius whose electrodes cover half of the rim, the first at the top.
 pub(crate) fn disc(electrodes: usize) -> SkinDrawing {
     let each = TAU / electrodes.max(1) as f64;
     let electrode = |k: usize| {
@@ -39,7 +39,7 @@ pub(crate) fn inner_box(number: usize, [x, y]: [f64; 2], half_side_m: f64) -> El
     ElectrodeDrawing { number, rim_m, drawn: true }
 }
 
-/// A bump of 2 microsiemens that walks around the disc once.
+/// A bump of 2 microsiemens that moves around the disc once.
 pub(crate) fn walk(frames: usize, pixels: usize) -> Array3<f64> {
     let centre = |k: usize| (k as f64 + 0.5) * 2.0 * RADIUS_M / pixels as f64 - RADIUS_M;
     Array3::from_shape_fn((frames, pixels, pixels), |(frame, row, column)| {

@@ -1,17 +1,18 @@
-//! From meshes and rasters to what the pictures need.
+//! Converts meshes and rasters to drawing data.
 
 use crate::{ElectrodeDrawing, Extent, SkinDrawing, View};
 use eit_mesh::{Electrode, Mesh, Raster, Surface};
 use std::collections::HashMap;
 
 impl SkinDrawing {
-    /// The skin of a mesh seen from +z, for images on this raster: its extent is the raster's.
+    /// Creates the drawing of a mesh seen from +z, for images on this raster, whose extent it
+    /// takes.
     pub fn from_raster(mesh: &Mesh, raster: &Raster) -> Self {
         let [x_min_m, x_max_m, y_min_m, y_max_m] = raster.extent_m();
         skin_with_extent(mesh, &View::TOP, Extent { x_min_m, x_max_m, y_min_m, y_max_m })
     }
 
-    /// The skin of a mesh as seen in a view; its extent is the bounding box.
+    /// Creates the drawing of a mesh in a view; its extent is the bounding box.
     pub fn from_mesh(mesh: &Mesh, view: &View) -> Self {
         let mut extent = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
         for &node in mesh.surface().nodes() {
@@ -42,7 +43,7 @@ fn skin_with_extent(mesh: &Mesh, view: &View, extent: Extent) -> SkinDrawing {
     SkinDrawing { outlines_m, electrodes: electrodes.collect(), extent }
 }
 
-/// Outer edges of a set of triangles: those that only one of them has.
+/// Outer edges of a set of triangles: those that belong to only one of them.
 fn patch_rim(surface: &Surface, triangles: &[u32]) -> Vec<[u32; 2]> {
     let mut edges: HashMap<[u32; 2], ([u32; 2], usize)> = HashMap::new();
     for &t in triangles {
@@ -59,11 +60,11 @@ fn patch_rim(surface: &Surface, triangles: &[u32]) -> Vec<[u32; 2]> {
     rim
 }
 
-/// Joins directed edges to chains of nodes, longest first; a closed chain repeats its start.
+/// Joins directed edges into chains of nodes, longest first; a closed chain repeats its first node.
 fn chains(edges: &[[u32; 2]]) -> Vec<Vec<u32>> {
     let mut next: HashMap<u32, u32> = edges.iter().map(|e| (e[0], e[1])).collect();
     let ends: std::collections::HashSet<u32> = edges.iter().map(|e| e[1]).collect();
-    // open chains start where no edge ends
+    // open chains start at nodes where no edge ends
     let mut starts: Vec<u32> = edges.iter().map(|e| e[0]).filter(|n| !ends.contains(n)).collect();
     starts.extend(edges.iter().map(|e| e[0]));
     let mut found = Vec::new();

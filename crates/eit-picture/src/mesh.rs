@@ -1,4 +1,4 @@
-//! A mesh: edges, electrodes, and if wanted a value for each triangle.
+//! Draws a mesh: edges, electrodes and optionally a value per triangle.
 
 use crate::{
     PictureError, PictureSettings, PointOf, SkinDrawing,
@@ -10,10 +10,10 @@ use crate::{
     text::Font,
 };
 
-/// Longer side of the picture's panel, in points.
+/// Longer side of the panel, in points.
 const SIDE: f64 = 480.0;
-/// Width of an edge in points; where edges are shorter than `FULL_EDGE` points they are paler,
-/// so that a fine mesh does not turn black.
+/// Width of an edge in points; edges shorter than `FULL_EDGE` points are paler, so that a fine mesh
+/// does not turn black.
 const EDGE_WIDTH: f64 = 0.6;
 const FULL_EDGE: f64 = 7.0;
 
@@ -24,16 +24,18 @@ pub struct MeshDrawing<'a> {
     pub nodes_m: &'a [[f64; 2]],
     /// Triangles as indices of nodes, from 0.
     pub triangles: &'a [[usize; 3]],
-    /// A value for each triangle, such as its conductivity; NaN is left white.
+    /// One value per triangle, for example its conductivity; NaN is left white.
     pub values: Option<&'a [f64]>,
 }
 
-/// Draws a mesh with the skin's electrodes on top; the outline is drawn where the skin has one.
+/// Draws a mesh with the electrodes of the skin on top, and its outline if it has one.
 ///
-/// Colours, bar and texts are those of `settings`; the small print counts nodes and triangles.
+/// `settings` provides colours, bar and texts; the footnote gives the numbers of nodes and
+/// triangles.
 ///
 /// # Errors
-/// Values that are not one per triangle, nodes that do not exist, coordinates not finite.
+/// A number of values other than the number of triangles, nodes that do not exist, coordinates that
+/// are not finite.
 pub fn draw_mesh(
     mesh: &MeshDrawing<'_>,
     skin: &SkinDrawing,
@@ -110,8 +112,8 @@ fn draw_edges(canvas: &mut Canvas, triangles: &[[usize; 3]], at: impl Fn(usize) 
     }
 }
 
-/// Fills the pixels whose centre is in a triangle of either orientation. A centre on an edge
-/// belongs to both its triangles, so that no gap shows.
+/// Fills the pixels whose centres lie in a triangle of either orientation. A centre on an edge
+/// belongs to both triangles, so that no gap shows.
 fn fill_triangle(canvas: &mut Canvas, corners: [[f64; 2]; 3], color: Rgb) {
     let zoom = canvas.zoom() as f64;
     let [a, b, c] = corners.map(|p| p.map(|at| at * zoom));
@@ -155,7 +157,7 @@ mod tests {
         let (low, high) =
             (count(ColorMap::Viridis.color(0.0)), count(ColorMap::Viridis.color(1.0)));
         // each is half of a square on the diagonals of a disc of about 225 points; edges,
-        // electrodes and antialiasing hide up to a tenth
+        // electrodes and anti-aliasing hide up to a tenth
         let area = 225.0 * 225.0;
         for pixels in [low, high] {
             assert!((0.9..1.05).contains(&(pixels as f64 / area)), "{pixels} of {area}");

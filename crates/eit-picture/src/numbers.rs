@@ -1,27 +1,28 @@
-//! Electrodes on the page: their arcs, and where their numbers stand.
+//! Electrodes on the page: their arcs and the positions of their numbers.
 
 use crate::{ElectrodeDrawing, text::Font};
 
-/// Em of the electrodes' numbers, in points.
+/// Em of the electrode numbers, in points.
 pub(crate) const NUMBER_EM: f64 = 10.0;
-/// From the rim to the number's box, in points: half the electrode's arc and some air.
+/// Distance from the rim to the box of a number, in points: half the electrode's arc width and some
+/// space.
 pub(crate) const NUMBER_GAP: f64 = 5.0;
-/// Height of a number's box over its em.
+/// Height of a number's box relative to its em.
 pub(crate) const NUMBER_HEIGHT: f64 = 0.8;
 
-/// The number of an electrode and where it stands.
+/// The number of an electrode and its position.
 #[derive(Clone, Debug)]
 pub(crate) struct Number {
     pub(crate) number: usize,
     pub(crate) middle: [f64; 2],
-    /// Of the text, in points.
+    /// Width of the text, in points.
     pub(crate) width: f64,
-    /// Stands on the skin, not beside it.
+    /// Whether it lies on the skin rather than beside it.
     pub(crate) on_skin: bool,
 }
 
 impl Number {
-    /// True if the boxes of two numbers come too close.
+    /// Whether the boxes of two numbers are too close.
     pub(crate) fn overlaps(&self, other: &Self) -> bool {
         let apart = |axis: usize| (self.middle[axis] - other.middle[axis]).abs();
         apart(0) < (self.width + other.width) / 2.0 + 2.0
@@ -29,7 +30,7 @@ impl Number {
     }
 }
 
-/// Where a horizontal line crosses closed curves.
+/// Returns the x coordinates where a horizontal line crosses closed curves.
 pub(crate) fn crossings(outlines: &[Vec<[f64; 2]>], y: f64) -> Vec<f64> {
     let edges = outlines.iter().flat_map(|curve| curve.windows(2));
     edges
@@ -38,8 +39,8 @@ pub(crate) fn crossings(outlines: &[Vec<[f64; 2]>], y: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Numbers beside the middles of the electrodes, outside the skin where there is an outside.
-/// Where they would overlap, only every second, third, ... is kept, from number 1.
+/// Places numbers next to the middles of the electrodes, outside the skin if one side is outside.
+/// If they would overlap, only every second, third, ... is kept, starting with number 1.
 pub(crate) fn place_numbers<'a>(
     electrodes: impl Iterator<Item = &'a ElectrodeDrawing>,
     curves: &[Vec<[f64; 2]>],
@@ -62,7 +63,8 @@ pub(crate) fn place_numbers<'a>(
         let outward = match sides {
             [true, false] => 1.0,
             [false, true] => -1.0,
-            // both alike, as for a patch in the skin: away from what the curve surrounds
+            // both sides are alike, as for a patch in the skin: place it away from what the curve
+            // surrounds
             _ => away_from_centre(curve, middle, normal, size),
         };
         let half_box =
@@ -70,7 +72,7 @@ pub(crate) fn place_numbers<'a>(
         let middle = beside(outward * (NUMBER_GAP + half_box));
         numbers.push(Number { number, middle, width, on_skin: sides == [false; 2] });
     }
-    // beyond 200 numbers a panel is full anyway, and comparing all pairs would take long
+    // more than 200 numbers fill a panel anyway, and comparing all pairs would take long
     let mut every = numbers.len() / 200 + 1;
     loop {
         let kept: Vec<Number> = numbers
@@ -86,19 +88,19 @@ pub(crate) fn place_numbers<'a>(
     }
 }
 
-/// The sign of the normal that leads away from the middle of a curve's points, or for a straight
-/// one away from the middle of the panel.
+/// Sign of the normal that points away from the mean of a curve's points or, for a straight curve,
+/// away from the middle of the panel.
 fn away_from_centre(curve: &[[f64; 2]], middle: [f64; 2], normal: [f64; 2], size: [f64; 2]) -> f64 {
     let along = |centre: [f64; 2]| {
         normal[0] * (middle[0] - centre[0]) + normal[1] * (middle[1] - centre[1])
     };
     let count = curve.len().max(1) as f64;
     let own = along([0, 1].map(|axis| curve.iter().map(|p| p[axis]).sum::<f64>() / count));
-    // half a point: less is the rounding of a straight electrode
+    // below half a point, the sign is only the rounding of a straight electrode
     if own.abs() > 0.5 { own.signum() } else { along(size.map(|s| s / 2.0)).signum() }
 }
 
-/// A polyline shortened by `length` at both ends, at most to half; a closed one is kept.
+/// Shortens a polyline by `length` at both ends, at most to half; closed ones are unchanged.
 pub(crate) fn trimmed(mut curve: Vec<[f64; 2]>, length: f64) -> Vec<[f64; 2]> {
     if curve.first() == curve.last() {
         return curve;
@@ -125,13 +127,13 @@ pub(crate) fn trimmed(mut curve: Vec<[f64; 2]>, length: f64) -> Vec<[f64; 2]> {
     curve
 }
 
-/// Lengths of the edges of a polyline.
+/// Lengths of the segments of a polyline.
 fn lengths(curve: &[[f64; 2]]) -> Vec<f64> {
     curve.windows(2).map(|edge| (edge[1][0] - edge[0][0]).hypot(edge[1][1] - edge[0][1])).collect()
 }
 
-/// The point halfway along a polyline, or to the right of a closed one, and the direction there,
-/// of length one.
+/// The midpoint of a polyline by length, or the rightmost position of a closed one, and the unit
+/// direction there.
 fn middle_of(curve: &[[f64; 2]]) -> Option<([f64; 2], [f64; 2])> {
     if curve.len() > 1 && curve.first() == curve.last() {
         let right = curve.iter().map(|p| p[0]).fold(f64::NEG_INFINITY, f64::max);

@@ -1,4 +1,4 @@
-//! The page around the panels: headline, grid, colour bar, small print.
+//! The page around the panels: title, grid, colour bar, footnote.
 
 use plotters::style::text_anchor::HPos;
 
@@ -8,41 +8,41 @@ use crate::{
     text::Font,
 };
 
-/// Border of the page in points.
+/// Margin of the page in points.
 pub(crate) const MARGIN: f64 = 14.0;
-/// Ems of headline, labels and small print, in points.
+/// Ems of title, labels and footnote, in points.
 pub(crate) const TITLE_EM: f64 = 14.0;
 pub(crate) const LABEL_EM: f64 = 11.0;
 pub(crate) const NOTE_EM: f64 = 10.0;
-/// Line height over em.
+/// Line height relative to the em.
 pub(crate) const LEADING: f64 = 1.5;
-/// Least width of the page in points, for titles over slim skins.
+/// Minimum width of the page in points, so that titles fit above narrow skins.
 const LEAST_WIDTH: f64 = 300.0;
-/// Wanted width over height of a grid of panels.
+/// Target ratio of width to height of a grid of panels.
 const GRID_ASPECT: f64 = 1.5;
-/// Between panels, and between panels and bar, in points.
+/// Gap between panels, and between panels and bar, in points.
 const GAP: [f64; 2] = [8.0, 18.0];
-/// Room above the bar for its heading, and the longest and shortest bar, in points.
+/// Height above the bar for its heading, and the shortest and longest bar, in points.
 const BAR_HEADING: f64 = 26.0;
 const BAR_HEIGHT: [f64; 2] = [80.0, 260.0];
 
-/// What a page must hold.
+/// The contents that determine the layout of a page.
 pub(crate) struct PageSettings<'a> {
     pub(crate) title: &'a str,
     pub(crate) note: &'a str,
     /// Number of panels.
     pub(crate) cells: usize,
-    /// Panels to a row; left out: chosen.
+    /// Panels per row; chosen automatically if `None`.
     pub(crate) columns: Option<usize>,
-    /// Size of each, in points.
+    /// Size of each panel, in points.
     pub(crate) cell_size: [f64; 2],
-    /// Width of the widest label under a panel; none: no room for labels.
+    /// Width of the widest label under a panel; `None` reserves no space for labels.
     pub(crate) label_width: Option<f64>,
     pub(crate) scale: Option<&'a Scale>,
     pub(crate) zoom: usize,
 }
 
-/// A page with everything on it but the panels.
+/// A page with everything except the panels.
 pub(crate) struct Page {
     pub(crate) canvas: Canvas,
     /// Upper left corners of the panels, in whole points.
@@ -51,8 +51,8 @@ pub(crate) struct Page {
 }
 
 impl Page {
-    /// Lays the page out and writes what does not change from frame to frame. Long, but one
-    /// chain: each length follows from those before.
+    /// Lays out the page and writes everything that is the same in all frames. It is long because
+    /// each length follows from the preceding ones.
     pub(crate) fn new(settings: &PageSettings<'_>, font: Font) -> Self {
         let PageSettings { cells, columns: wanted, cell_size, label_width, scale, zoom, .. } =
             *settings;
@@ -83,7 +83,7 @@ impl Page {
         let mut canvas = Canvas::new(width, height, zoom, font);
         write_block(&mut canvas, &title, TITLE_EM, MARGIN);
         write_block(&mut canvas, &note, NOTE_EM, note_top);
-        // what is narrower than the page stands in its middle
+        // content narrower than the page is centred
         let left = (MARGIN + (width - 2.0 * MARGIN - grid[0] - bar) / 2.0).floor();
         if let Some(scale) = scale {
             let above = ((body - bar_height - BAR_HEADING) / 2.0).max(0.0);
@@ -112,7 +112,7 @@ impl Page {
     }
 }
 
-/// Columns of a grid near the wanted shape, with no more than its rows need.
+/// Number of columns that brings a grid close to the target shape, without empty columns.
 fn columns(cells: usize, step: [f64; 2]) -> usize {
     let cells = cells.max(1);
     let wanted = (cells as f64 * GRID_ASPECT * step[1] / step[0]).sqrt().round();
@@ -120,12 +120,12 @@ fn columns(cells: usize, step: [f64; 2]) -> usize {
     cells.div_ceil(rows)
 }
 
-/// Height of lines of text, in points.
+/// Height of a block of text, in points.
 pub(crate) fn block_height(lines: &[String], em: f64) -> f64 {
     (lines.len() as f64 * em * LEADING).ceil()
 }
 
-/// Lines from the left margin down; small print is paler.
+/// Writes lines downwards from the left margin; the footnote is paler.
 pub(crate) fn write_block(canvas: &mut Canvas, lines: &[String], em: f64, top: f64) {
     let color = if em > LABEL_EM { INK } else { LINE };
     for (k, line) in lines.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! One image of the skin: values, outline, electrodes and their numbers.
-//! Long because the layers share one scale from metres to pixels.
+//! One image of the skin: values, outline, electrodes and their numbers. One file because all
+//! layers share the same scale from metres to pixels.
 
 use ndarray::ArrayView2;
 use plotters::style::text_anchor::HPos;
@@ -12,29 +12,29 @@ use crate::{
     text::Font,
 };
 
-/// Half the length of a mark's strokes, in points.
+/// Half the length of a marker's strokes, in points.
 const MARK_ARM: f64 = 5.0;
-/// Thickness of an electrode's arc, in points.
+/// Width of an electrode's arc, in points.
 const ELECTRODE_WIDTH: f64 = 4.0;
-/// Least side of the skin's drawing, in points, however slim the skin.
+/// Minimum side of the drawn skin, in points, however narrow the skin.
 const LEAST_SIDE: f64 = 2.0;
 
-/// A skin laid out on a rectangle of the page, at the origin.
+/// A skin laid out on a rectangle of the page whose corner is the origin.
 #[derive(Clone, Debug)]
 pub(crate) struct Panel {
-    /// Size with the numbers around, in points.
+    /// Size including the electrode numbers, in points.
     pub(crate) size: [f64; 2],
     outlines: Vec<Vec<[f64; 2]>>,
     electrodes: Vec<Vec<[f64; 2]>>,
     numbers: Vec<Number>,
     extent: Extent,
     view: View,
-    /// Pixels of the page inside the skin, row by row.
+    /// Pixels of the page inside the skin, in row-major order.
     inside: Vec<bool>,
     pixels: [usize; 2],
 }
 
-/// Metres to points: `(x - x_m) scale + margin`, y upside down.
+/// Metres to points: `(x - x_m) scale + margin`, with y flipped.
 #[derive(Clone, Copy, Debug)]
 struct View {
     scale: f64,
@@ -54,7 +54,7 @@ impl View {
 }
 
 impl Panel {
-    /// Fits the skin into a square of `side` points, numbers included.
+    /// Fits the skin, including electrode numbers, into a square of `side` points.
     ///
     /// # Errors
     /// Coordinates that are not finite; a raster without area.
@@ -81,7 +81,7 @@ impl Panel {
             curve
         };
         let outlines: Vec<_> = skin.outlines_m.iter().map(|o| close(on_page(o))).collect();
-        // the stroke's round ends reach beyond its points, the electrode must not
+        // the round ends of the stroke reach beyond its points, but the electrode must not
         let electrodes: Vec<_> =
             shown().map(|e| trimmed(on_page(&e.rim_m), ELECTRODE_WIDTH / 2.0)).collect();
         let numbers = place_numbers(shown(), &electrodes, &outlines, size, font);
@@ -90,14 +90,14 @@ impl Panel {
         Ok(Self { size, outlines, electrodes, numbers, extent: skin.extent, view, inside, pixels })
     }
 
-    /// Where a point of the skin is, on the panel at the origin.
+    /// Converts a point of the skin to a position on the panel at the origin.
     pub(crate) fn to_page(&self, point_m: [f64; 2]) -> [f64; 2] {
         self.view.to_page(point_m)
     }
 
-    /// Paints the values [row, column]; hatched where the skin has none (NaN).
+    /// Draws the values [row, column]; hatched where the skin has none (NaN).
     ///
-    /// `corner` is the panel's place on the page, in whole points; `smooth` as in
+    /// `corner` is the position of the panel on the page, in whole points; `smooth` as in
     /// [`crate::PictureSettings`].
     pub(crate) fn draw_image(
         &self,
@@ -126,7 +126,8 @@ impl Panel {
         }
     }
 
-    /// Value at a point: bilinear between the finite centres around it, or its pixel's own.
+    /// Value at a point: bilinear between the finite pixel centres around it, or that of the pixel
+    /// itself.
     fn value_at(
         &self,
         [x, y]: [f64; 2],
@@ -138,7 +139,7 @@ impl Panel {
         let (rows, columns) = image.dim();
         let across = (x - x_min_m) / (x_max_m - x_min_m) * columns as f64;
         let down = (y_max_m - y) / (y_max_m - y_min_m) * rows as f64;
-        // half a pixel of grace: the outline may run just outside the raster
+        // allow half a pixel, because the outline may lie just outside the raster
         let near = |at: f64, count: usize| (-0.5..=count as f64 + 0.5).contains(&at);
         if !near(across, columns) || !near(down, rows) {
             return None;
@@ -163,7 +164,7 @@ impl Panel {
                 }
             }
         }
-        // without an outline the pixel's own NaN is the border
+        // without an outline, the NaN of the pixel itself marks the border
         let own = || {
             image[[
                 (down.max(0.0) as usize).min(rows - 1),
@@ -174,7 +175,7 @@ impl Panel {
         (total > 0.0 && !blank).then(|| sum / total)
     }
 
-    /// Draws outline, electrodes and numbers with the panel's corner at `corner`.
+    /// Draws outline, electrodes and numbers, with the panel's corner at `corner`.
     pub(crate) fn draw_skin(&self, canvas: &mut Canvas, corner: [f64; 2]) {
         let place = |curve: &[[f64; 2]]| -> Vec<[f64; 2]> {
             curve.iter().map(|p| [corner[0] + p[0], corner[1] + p[1]]).collect()
@@ -195,7 +196,7 @@ impl Panel {
         }
     }
 
-    /// Draws a small cross on each place that is on the panel, dark on a light ground.
+    /// Draws a small cross at each position on the panel, dark on a light ground.
     pub(crate) fn draw_marks(&self, canvas: &mut Canvas, corner: [f64; 2], marks_m: &[[f64; 2]]) {
         let on_panel = |p: &[f64; 2]| (0..2).all(|i| (0.0..=self.size[i]).contains(&p[i]));
         for [x, y] in marks_m.iter().map(|mark| self.to_page(*mark)).filter(on_panel) {
@@ -223,7 +224,7 @@ fn bounds_m(skin: &SkinDrawing) -> Result<Extent, PictureError> {
     let mut high = [f64::NEG_INFINITY; 2];
     for (what, index, curve) in outlines.chain(electrodes) {
         for &[x_m, y_m] in curve {
-            // 1e150: spans and their squares stay finite
+            // 1e150, so that spans and their squares stay finite
             if !(x_m.abs() < 1e150 && y_m.abs() < 1e150) {
                 return Err(PictureError::Coordinates { what, index, x_m, y_m });
             }
@@ -237,7 +238,8 @@ fn bounds_m(skin: &SkinDrawing) -> Result<Extent, PictureError> {
     Ok(Extent { x_min_m: low[0], x_max_m: high[0], y_min_m: low[1], y_max_m: high[1] })
 }
 
-/// Which pixels have their centre inside the curves (even-odd); all of them without curves.
+/// Marks the pixels whose centres are inside the curves (even-odd rule); all of them if there are
+/// no curves.
 fn inside(outlines: &[Vec<[f64; 2]>], [columns, rows]: [usize; 2], zoom: f64) -> Vec<bool> {
     let mut inside = vec![outlines.is_empty(); columns * rows];
     for (row, line) in inside.chunks_exact_mut(columns.max(1)).enumerate() {
@@ -302,7 +304,7 @@ mod tests {
         let panel = Panel::new(&disc(16), 200.0, zoom, &Font::load().unwrap()).unwrap();
         let radius_px = panel.view.scale * 0.1 * zoom as f64;
         let area_px = panel.inside.iter().filter(|inside| **inside).count() as f64;
-        // the rim's 1000 pixels are each wrong by half a pixel at random: 0.1 % is ten sigma
+        // each of the 1000 rim pixels is off by half a pixel at random: 0.1 % is ten sigma
         assert!((area_px / (std::f64::consts::PI * radius_px.powi(2)) - 1.0).abs() < 1e-3);
     }
 
@@ -310,7 +312,7 @@ mod tests {
     fn trimming_takes_the_length_it_says() {
         let curve = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 10.0], [4.0, 10.0]];
         assert_eq!(trimmed(curve.clone(), 2.0), [[1.0, 1.0], [1.0, 10.0], [2.0, 10.0]]);
-        // a quarter of the length of 14 is left out at either end, and half stays
+        // a quarter of the length of 14 is removed at either end, and half remains
         assert_eq!(trimmed(curve, 99.0), [[1.0, 2.5], [1.0, 9.5]]);
         assert_eq!(trimmed(vec![[1.0, 1.0]; 3], 2.0), vec![[1.0, 1.0]; 3]);
         assert!(trimmed(Vec::new(), 2.0).is_empty());

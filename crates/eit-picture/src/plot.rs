@@ -1,4 +1,5 @@
-//! Curves over an axis: L-curves, convergence, error against run time.
+//! Draws curves over an axis: L-curves, convergence, error against run time. One file because
+//! layout, axes and curves share one coordinate system.
 
 use std::{cell::RefCell, convert::Infallible, rc::Rc};
 
@@ -25,17 +26,17 @@ use crate::{
 
 /// Size of the area between the axes, in points.
 const AREA: [f64; 2] = [400.0, 270.0];
-/// Longer names in the legend are cut, in points.
+/// Width limit of names in the legend, in points; longer ones are shortened.
 const NAME_WIDTH: f64 = 200.0;
-/// Height of a line of labels, of both below the axis, and length of a tick, in points.
+/// Height of a label line, height of both lines below the axis, and length of a tick, in points.
 const LINE_HEIGHT: f64 = 18.0;
 const LABELS: f64 = 2.0 * LINE_HEIGHT;
 const TICK: f64 = 3.0;
-/// Lines of the grid, at the numbers and between them.
+/// Colours of grid lines at the labels and between them.
 const GRID: Rgb = [212; 3];
 const FAINT: Rgb = [235; 3];
-/// Colours that colour-blind readers tell apart (M. Okabe, K. Ito, "Color Universal Design",
-/// 2008), without the yellow that is too pale for lines on paper.
+/// Colours that colour-blind readers can distinguish (M. Okabe, K. Ito, "Color Universal Design",
+/// 2008), without the yellow, which is too pale for lines on paper.
 pub(crate) const COLORS: [Rgb; 7] = [
     [0, 114, 178],
     [213, 94, 0],
@@ -49,23 +50,23 @@ pub(crate) const COLORS: [Rgb; 7] = [
 /// One curve.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// What the legend calls it; empty: not in the legend.
+    /// Name in the legend; empty to omit it.
     pub name: String,
-    /// Points (x, y) in the order in which the line joins them; a point that is not finite, or
-    /// not positive on a logarithmic axis, interrupts it.
+    /// Points (x, y) in the order in which the line connects them; a point that is not finite, or
+    /// not positive on a logarithmic axis, interrupts the line.
     pub points: Vec<[f64; 2]>,
-    /// Joins the points.
+    /// Whether to connect the points.
     pub line: bool,
-    /// Marks each point.
+    /// Whether to mark each point.
     pub markers: bool,
 }
 
 /// Curves with their axes.
 #[derive(Clone, Debug)]
 pub struct Plot {
-    /// Headline; may be empty.
+    /// Title; may be empty.
     pub title: String,
-    /// Small print below; may be empty.
+    /// Footnote; may be empty.
     pub footnote: String,
     /// Quantity and unit along x.
     pub x_label: String,
@@ -77,14 +78,14 @@ pub struct Plot {
     pub y_log: bool,
     /// The curves.
     pub series: Vec<Series>,
-    /// Pixels to a point (1 to 4).
+    /// Pixels per point (1 to 4).
     pub zoom: usize,
 }
 
-/// Draws curves, their legend to the right.
+/// Draws curves with a legend on the right.
 ///
 /// # Errors
-/// [`PictureError::NoPoints`] when no point can be shown.
+/// [`PictureError::NoPoints`] if no point can be shown.
 pub fn draw_plot(plot: &Plot) -> Result<Canvas, PictureError> {
     let points = || plot.series.iter().flat_map(|s| &s.points).filter(|p| plot.shows(p));
     if points().next().is_none() {
@@ -106,14 +107,14 @@ pub fn draw_plot(plot: &Plot) -> Result<Canvas, PictureError> {
 }
 
 impl Plot {
-    /// True for a point that the axes can show.
+    /// Whether the axes can show a point.
     fn shows(&self, point: &[f64; 2]) -> bool {
         let logs = [self.x_log, self.y_log];
         point.iter().zip(logs).all(|(v, log)| v.abs() <= 1e300 && (!log || *v >= 1e-300))
     }
 }
 
-/// Where the parts of a plot are, in points.
+/// Positions of the parts of a plot, in points.
 struct Layout {
     size: [f64; 2],
     title: Vec<String>,
@@ -121,17 +122,17 @@ struct Layout {
     note_top: f64,
     /// Upper left corner of the area between the axes.
     corner: [f64; 2],
-    /// Names in the legend, cut to its width; empty where a series is not in it.
+    /// Names in the legend, shortened to its width; empty for a series that is not listed.
     names: Vec<String>,
 }
 
 impl Layout {
-    /// One chain: each length follows from those before.
+    /// Computes the layout; each length follows from the preceding ones.
     fn new(plot: &Plot, y_axis: &Axis, font: &Font) -> Self {
         let widest = |texts: &[String]| {
             texts.iter().map(|text| font.width(text, LABEL_EM)).fold(0.0, f64::max)
         };
-        // the axis's name, its numbers and its ticks
+        // axis name, labels and ticks
         let left = (MARGIN + LINE_HEIGHT + widest(&y_axis.labels) + 3.0 * TICK).ceil();
         let name = |series: &Series| font.shortened(&series.name, LABEL_EM, NAME_WIDTH);
         let names: Vec<String> = plot.series.iter().map(name).collect();
@@ -149,28 +150,28 @@ impl Layout {
     }
 }
 
-/// plotters' error with our backend.
+/// Error of plotters with this crate's backend.
 type PlotError = DrawingAreaErrorKind<Infallible>;
 
-/// Draws with plotters, so many pixels to a point.
+/// Draws with plotters, at a number of pixels per point.
 #[derive(Clone, Copy)]
 struct Pen {
     zoom: f64,
 }
 
 impl Pen {
-    /// Points in whole pixels.
+    /// Converts points to whole pixels.
     fn px(self, length: f64) -> i32 {
         (length * self.zoom).round() as i32
     }
 
-    /// A line so many points wide, or a filled shape.
+    /// Style of a line of the given width in points, or of a filled shape.
     fn style(self, [r, g, b]: Rgb, width: f64) -> ShapeStyle {
         let stroke_width = self.px(width).max(1) as u32;
         ShapeStyle { color: RGBColor(r, g, b).into(), filled: true, stroke_width }
     }
 
-    /// How labels are written; the backend knows one font.
+    /// Style of labels; the backend has one font.
     fn text(self, pos: Pos) -> TextStyle<'static> {
         let font = FontDesc::new(FontFamily::SansSerif, LABEL_EM * self.zoom, FontStyle::Normal);
         let [r, g, b] = INK;
@@ -216,7 +217,7 @@ impl Pen {
         Ok(())
     }
 
-    /// The series with their colours, which come again with hollow marks.
+    /// Returns the series with their colours; when colours repeat, markers are hollow.
     fn curves(self, plot: &Plot) -> impl Iterator<Item = Curve<'_>> {
         plot.series.iter().enumerate().map(move |(k, series)| Curve {
             series,
@@ -227,7 +228,7 @@ impl Pen {
     }
 }
 
-/// A series as it is drawn.
+/// A series with its drawing style.
 struct Curve<'a> {
     series: &'a Series,
     color: Rgb,
@@ -236,12 +237,13 @@ struct Curve<'a> {
 }
 
 impl Curve<'_> {
-    /// Joins points where the series is a line.
+    /// Connects the points if the series is a line.
     fn line<C: Clone>(&self, points: &[C]) -> Option<PathElement<C>> {
         self.series.line.then(|| PathElement::new(points, self.pen.style(self.color, 1.6)))
     }
 
-    /// Dots or rings where the series has markers, with a white rim that keeps neighbours apart.
+    /// Draws dots or rings if the series has markers, with a white border that separates
+    /// neighbours.
     fn markers<C: Copy>(&self, points: &[C]) -> Vec<Circle<C, f64>> {
         let rings = [(4.0, WHITE), (3.0, self.color), (1.5, WHITE)];
         let rings = &rings[..if self.hollow { 3 } else { 2 }];
@@ -292,7 +294,7 @@ mod tests {
         assert!(height(30) >= height(9) + 11 * LINE_HEIGHT as usize);
     }
 
-    /// Numbers below the axis have a letter's width between them, whatever the range.
+    /// Labels below the axis are at least a character apart, whatever the range.
     #[test]
     fn numbers_along_an_axis_stand_apart() {
         use plotters::coord::ranged1d::{BoldPoints, Ranged as _};

@@ -1,4 +1,4 @@
-//! From values to colours, and the bar that says which is which.
+//! Maps values to colours and draws the colour bar.
 
 use plotters::style::text_anchor::HPos;
 
@@ -8,21 +8,21 @@ use crate::{
     ticks::{Ticks, with_prefix},
 };
 
-/// Steps of colour. Odd, so that zero has the neutral one; few enough to leave room for greys
-/// in the 256 colours of a GIF.
+/// Number of colour steps. Odd, so that zero has the neutral colour; few enough to leave room for
+/// greys in the 256 colours of a GIF.
 pub(crate) const LEVELS: usize = 201;
-/// Values beyond this would overflow in differences; they count as infinite.
+/// Values beyond this would overflow in differences, so they count as infinite.
 const LARGEST: f64 = 1e300;
-/// A largest magnitude below this counts as zero: its ticks would underflow.
+/// A largest magnitude below this counts as zero, because its ticks would underflow.
 const SMALLEST: f64 = 1e-300;
 /// Em of numbers, in points.
 const TICK_EM: f64 = 11.0;
-/// Most room for the bar's heading, in points; a longer one is cut.
+/// Width limit of the bar's heading, in points; a longer one is shortened.
 const HEADING_WIDTH: f64 = 160.0;
 /// Width of the bar and length of its ticks, in points.
 const BAR: [f64; 2] = [14.0, 4.0];
 
-/// The map from values to colours that all panels of a picture share.
+/// The map from values to colours shared by all panels of a picture.
 #[derive(Clone, Debug)]
 pub(crate) struct Scale {
     low: f64,
@@ -30,12 +30,12 @@ pub(crate) struct Scale {
     colors: Vec<Rgb>,
     heading: String,
     ticks: Ticks,
-    /// What a reader must know about values that the colours do not tell apart.
+    /// Notes on values that the colours do not distinguish.
     pub(crate) remarks: Vec<String>,
 }
 
 impl Scale {
-    /// A scale for these values; NaN counts as absent.
+    /// Creates a scale for these values; NaN counts as absent.
     pub(crate) fn new<'a>(
         values: impl Iterator<Item = &'a f64> + Clone,
         settings: &PictureSettings,
@@ -79,36 +79,36 @@ impl Scale {
         Ok(Self { low, high, colors, heading, ticks, remarks })
     }
 
-    /// The value that stands for `value` in interpolation: infinities become the bar's ends.
+    /// Replaces infinite values by the nearest end of the bar, for interpolation.
     pub(crate) fn bounded(&self, value: f64) -> f64 {
         if value.abs() > LARGEST { value.clamp(self.low, self.high) } else { value }
     }
 
-    /// Colour of a value that is not NaN; beyond the ends the end's colour.
+    /// Colour of a value that is not NaN; values beyond the ends take the colour of the end.
     pub(crate) fn color(&self, value: f64) -> Rgb {
         let level = self.position(value) * (LEVELS - 1) as f64;
         self.colors[(level.round() as usize).min(LEVELS - 1)]
     }
 
-    /// All colours there are, from the lower end up.
+    /// All colours, from the lower end up.
     pub(crate) fn colors(&self) -> &[Rgb] {
         &self.colors
     }
 
-    /// Place of a value on the bar, 0 to 1.
+    /// Position of a value on the bar, 0 to 1.
     fn position(&self, value: f64) -> f64 {
         ((value - self.low) / (self.high - self.low)).clamp(0.0, 1.0)
     }
 
-    /// Space that [`Scale::draw_bar`] takes to the right of its left border, in points.
+    /// Width that [`Scale::draw_bar`] needs to the right of its left border, in points.
     pub(crate) fn bar_width(&self, width_of: impl Fn(&str, f64) -> f64) -> f64 {
         let labels = self.ticks.labels.iter().map(|label| width_of(label, TICK_EM));
         let labels = BAR[0] + BAR[1] + 4.0 + labels.fold(0.0, f64::max);
         labels.max(width_of(&self.heading, TICK_EM).min(HEADING_WIDTH))
     }
 
-    /// Draws the bar, its heading on top and its ticks on the right; the heading's middle is 18
-    /// points above `top`.
+    /// Draws the bar with its heading above and its ticks on the right; the middle of the heading
+    /// is 18 points above `top`.
     pub(crate) fn draw_bar(&self, canvas: &mut Canvas, [left, top]: [f64; 2], height: f64) {
         let heading = canvas.font().shortened(&self.heading, TICK_EM, HEADING_WIDTH);
         canvas.text(&heading, TICK_EM, [left, top - 18.0], HPos::Left, INK);
@@ -130,7 +130,7 @@ impl Scale {
     }
 }
 
-/// What a bar does not show: that there is no value, or only one.
+/// Describes what a bar cannot show: that there is no value, or only one.
 fn alike(least: f64, most: f64, unit: &str) -> String {
     if least > most {
         return "no finite value".to_owned();
@@ -139,17 +139,17 @@ fn alike(least: f64, most: f64, unit: &str) -> String {
     format!("all values are {value}\u{a0}{unit}").trim_end().to_owned()
 }
 
-/// A range of positive width that can be divided into ticks, symmetric for a diverging map.
+/// Returns a range of positive width that can be divided into ticks, symmetric for a diverging map.
 fn widened([low, high]: [f64; 2], map: ColorMap) -> [f64; 2] {
     let largest = low.abs().max(high.abs());
     if low > high || largest < SMALLEST {
-        // no values, or all zero: any bar will do
+        // no values, or all zero: any bar is suitable
         return if map == ColorMap::CoolWarm { [-1.0, 1.0] } else { [0.0, 1.0] };
     }
     if map == ColorMap::CoolWarm {
         return [-largest, largest];
     }
-    // narrower than 1e-6 of its place, a range cannot be written in a few digits
+    // a range narrower than 1e-6 of its magnitude cannot be labelled with few digits
     let missing = (1e-6 * largest - (high - low)).max(0.0);
     [low - missing / 2.0, high + missing / 2.0]
 }

@@ -1,11 +1,11 @@
-//! How the values are shown and what is written around them.
+//! Settings for displaying values and for the surrounding text.
 
 use crate::ColorMap;
 
-/// What stands under each image.
+/// The label under each image.
 #[derive(Clone, Debug, Default)]
 pub enum FrameLabels {
-    /// "frame 12", counting from 0 as the array does.
+    /// "frame 12", counting from 0 like the array.
     #[default]
     Number,
     /// "frame 12 · 1.20 s", with the frame's time at this rate in hertz; frame 0 is at 0 s.
@@ -13,42 +13,44 @@ pub enum FrameLabels {
         /// Frames per second of the data.
         rate_hz: f64,
     },
-    /// One text per frame, such as the name of the method.
+    /// One text per frame, for example the name of the method.
     Text(Vec<String>),
 }
 
-/// How the values are shown and what is written around them.
+/// Settings for displaying values and for the surrounding text.
 #[derive(Clone, Debug)]
 pub struct PictureSettings {
-    /// Headline; may be empty.
+    /// Title; may be empty.
     pub title: String,
-    /// Small print below: method, hyperparameter. What was left out or clipped is added to it.
+    /// Footnote, for example method and hyperparameter. Notes on omitted frames and clipped values
+    /// are appended.
     pub footnote: String,
-    /// Symbol over the colour bar.
+    /// Symbol above the colour bar.
     pub quantity: String,
-    /// Unit of the values without prefix; the bar adds one (µS).
+    /// Unit of the values without a prefix; the bar adds one (µS).
     pub unit: String,
-    /// Colours.
+    /// Colour map.
     pub map: ColorMap,
-    /// Values at the two ends of the bar, made symmetric for a diverging map. Left out: all
-    /// finite values fit, without percentiles.
+    /// Values at the two ends of the bar, made symmetric for a diverging map. `None`: the range of
+    /// all finite values.
     pub range: Option<[f64; 2]>,
-    /// What stands under each image.
+    /// Labels under the images.
     pub labels: FrameLabels,
-    /// Places that are marked in each frame, metres; empty, or one list for each frame.
+    /// Positions to mark in each frame, metres; empty, or one list per frame.
     pub marks_m: Vec<Vec<[f64; 2]>>,
-    /// Images to a row of a sheet (left out: near the shape of a page); in an animation, images
-    /// side by side, which are taken in groups of so many.
+    /// Images per row of a sheet (`None`: chosen for a page-like shape); in an animation, images
+    /// per frame, shown side by side and taken in groups of this size.
     pub columns: Option<usize>,
-    /// Bilinear between pixel centres, which also fills half a pixel of NaN at the rim of the
-    /// skin and of holes in the data; false shows each pixel as the square it is.
+    /// Whether to interpolate bilinearly between pixel centres, which also fills half a pixel of
+    /// NaN at the rim of the skin and around holes in the data; otherwise each pixel is drawn as a
+    /// square.
     pub smooth: bool,
-    /// Pixels to a point (1 to 4); an animation always has 1.
+    /// Pixels per point (1 to 4); an animation always has 1.
     pub zoom: usize,
 }
 
 impl Default for PictureSettings {
-    /// Changes of conductivity in siemens on the diverging map.
+    /// Conductivity changes in siemens with the diverging map.
     fn default() -> Self {
         Self {
             title: String::new(),

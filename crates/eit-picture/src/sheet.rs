@@ -1,4 +1,4 @@
-//! The contact sheet: one or many images of one skin on a page, with one colour bar.
+//! Draws a sheet: one or more images of one skin on a page with one colour bar.
 
 use ndarray::{ArrayView3, Axis};
 
@@ -11,22 +11,22 @@ use crate::{
     text::Font,
 };
 
-/// Most images on a sheet.
+/// Maximum number of images on a sheet.
 const MAX_PANELS: usize = 24;
-/// Sides of the panels in points: a single image, up to four, and more.
+/// Sides of the panels in points: for one image, up to four, and more.
 const PANEL_SIDES: [f64; 3] = [400.0, 280.0, 190.0];
 
-/// Longer labels are cut, in points.
+/// Width limit of labels, in points; longer ones are shortened.
 const LABEL_WIDTH: f64 = 300.0;
 
-/// Draws images [frame, row, column] on one page, with one scale for all of them.
+/// Draws images [frame, row, column] on one page with a common scale.
 ///
-/// Row 0 is at the top (largest y); NaN is no value. Of more than 24 frames, 24 are chosen
-/// evenly, the first and the last among them, and the small print says so. A raster finer than
-/// the panel's pixels is sampled, not averaged.
+/// Row 0 is at the top (largest y); NaN means no value. Of more than 24 frames, 24 are chosen
+/// evenly, including the first and the last, and the footnote says so. A raster finer than the
+/// panel's pixels is sampled, not averaged.
 ///
 /// # Errors
-/// No image; a skin whose coordinates are not finite; labels, range or rate that do not fit.
+/// No image; a skin with coordinates that are not finite; labels, range or rate that are not valid.
 pub fn draw_sheet(
     images: ArrayView3<'_, f64>,
     skin: &SkinDrawing,
@@ -44,25 +44,25 @@ pub fn draw_sheet(
     Ok(canvas)
 }
 
-/// How many frames of how many go where.
+/// How frames are selected and arranged.
 pub(crate) struct SheetLayout {
-    /// Most frames to choose.
+    /// Maximum number of frames to show.
     pub(crate) most: usize,
-    /// Images that belong to one frame.
+    /// Number of images per frame.
     pub(crate) group: usize,
-    /// Panels side by side.
+    /// Number of panels on the page.
     pub(crate) cells: usize,
-    /// Longer side of each, in points.
+    /// Longer side of each panel, in points.
     pub(crate) side: f64,
-    /// Pixels to a point.
+    /// Pixels per point.
     pub(crate) zoom: usize,
 }
 
-/// Chosen frames, and the page that waits for them.
+/// The selected frames and a page without them.
 pub(crate) struct ImageSheet<'a> {
     images: ArrayView3<'a, f64>,
     smooth: bool,
-    /// Which of the images are shown.
+    /// Indices of the images shown.
     pub(crate) chosen: Vec<usize>,
     labels: Vec<String>,
     marks_m: Vec<Vec<[f64; 2]>>,
@@ -72,7 +72,7 @@ pub(crate) struct ImageSheet<'a> {
 }
 
 impl<'a> ImageSheet<'a> {
-    /// Checks the input and prepares everything that all frames share.
+    /// Validates the input and prepares everything that all frames share.
     pub(crate) fn new(
         images: ArrayView3<'a, f64>,
         skin: &SkinDrawing,
@@ -115,7 +115,7 @@ impl<'a> ImageSheet<'a> {
         Ok(Self { images, smooth: settings.smooth, chosen, labels, marks_m, scale, panel, page })
     }
 
-    /// Draws the `k`-th of the chosen frames into a panel of the page.
+    /// Draws the `k`-th selected frame into a panel of the page.
     pub(crate) fn draw_frame(&self, canvas: &mut Canvas, cell: usize, k: usize) {
         let corner = self.page.corners[cell];
         let image = self.images.index_axis(Axis(0), self.chosen[k]);
@@ -126,20 +126,20 @@ impl<'a> ImageSheet<'a> {
     }
 }
 
-/// The notes that are not empty, in one line.
+/// Joins the notes that are not empty into one line.
 pub(crate) fn joined(notes: &[String]) -> String {
     let notes: Vec<&str> = notes.iter().map(|n| n.trim()).filter(|n| !n.is_empty()).collect();
     notes.join(" · ")
 }
 
-/// Evenly chosen indices, the first and the last among them; all of them up to `most`.
+/// Returns evenly chosen indices, including the first and the last; all of them up to `most`.
 fn evenly_chosen(frames: usize, most: usize) -> Vec<usize> {
     let count = frames.min(most);
     let gaps = count.saturating_sub(1).max(1);
     (0..count).map(|k| (k * frames.saturating_sub(1) + gaps / 2) / gaps).collect()
 }
 
-/// Labels of the chosen frames.
+/// Labels of the selected frames.
 fn labels(
     labels: &FrameLabels,
     frames: usize,
@@ -196,7 +196,7 @@ mod tests {
         // 3 x 2 and 6 x 4 panels of 190 points, a gap of 8 and a label of 17 under each
         assert_eq!([w24 - w6, h24 - h6], [3 * (190 + 8), 2 * (190 + 17 + 8)]);
         assert_eq!(size(6, 2), [2 * w6, 2 * h6]);
-        // one line more in the small print: "24 of 25 frames"
+        // one more line in the footnote: "24 of 25 frames"
         assert_eq!(size(25, 1)[0], w24);
         assert!(size(25, 1)[1] > h24);
     }
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_touch_is_red_where_it_is() {
-        // frame 0 of the walk: the bump is to the right
+        // frame 0 of the walk: the bump is on the right
         let skin = disc(4);
         let canvas = draw_sheet(walk(1, 64).view(), &skin, &small()).unwrap();
         let red = ColorMap::CoolWarm.color(1.0);
@@ -225,7 +225,8 @@ mod tests {
             let at = 3 * (y * canvas.size_px()[0] + x);
             &canvas.rgb()[at..at + 3]
         };
-        // panel of 400 points at (14, 14); its middle is the disc's, 0.05 m are about 92 points
+        // panel of 400 points at (14, 14); its middle is that of the disc, and 0.05 m are about 92
+        // points
         assert_eq!(pixel(214 + 92, 214), red);
         assert_eq!(pixel(214 - 92, 214), ColorMap::CoolWarm.color(0.5));
     }
@@ -238,7 +239,7 @@ mod tests {
         let hatched = count(&draw_sheet(images.view(), &skin, &small()).unwrap(), PALE);
         assert!(hatched > 1000, "{hatched}");
         skin.outlines_m.clear();
-        // an edge of a letter may happen to have that grey
+        // the edge of a letter may happen to have that grey
         let letters = count(&draw_sheet(images.view(), &skin, &small()).unwrap(), PALE);
         assert!(letters < 50, "{letters}");
     }

@@ -1,6 +1,6 @@
 //! The skin around the values, as plain data.
 
-/// Where a raster lies: the outer borders of its pixels, in metres.
+/// Position of a raster: the outer borders of its pixels, in metres.
 ///
 /// Pixel (row i, column j) covers x from `x_min_m + j w` to `x_min_m + (j + 1) w` and y from
 /// `y_max_m - (i + 1) h` to `y_max_m - i h`, with w and h the pixel's sides.
@@ -16,25 +16,25 @@ pub struct Extent {
     pub y_max_m: f64,
 }
 
-/// One electrode as it is drawn.
+/// An electrode to draw.
 #[derive(Clone, Debug)]
 pub struct ElectrodeDrawing {
-    /// Its number as people count, from 1.
+    /// Electrode number, from 1.
     pub number: usize,
     /// Points along the rim that it covers, in metres.
     pub rim_m: Vec<[f64; 2]>,
-    /// False leaves both the arc and the number out.
+    /// Whether to draw the arc and the number.
     pub drawn: bool,
 }
 
-/// The skin around the values: outline, electrodes and the raster's place.
+/// The skin around the values: outline, electrodes and position of the raster.
 #[derive(Clone, Debug)]
 pub struct SkinDrawing {
-    /// Closed curves in metres, first the outer one, then the holes; the last point need not
-    /// repeat the first. Empty: images are not clipped, and blank where they are NaN.
+    /// Closed curves in metres, the outer one first, then the holes; the last point need not repeat
+    /// the first. If empty, images are not clipped, and are blank where they are NaN.
     pub outlines_m: Vec<Vec<[f64; 2]>>,
     /// The electrodes in any order.
     pub electrodes: Vec<ElectrodeDrawing>,
-    /// Borders of the raster that the images are on.
+    /// Borders of the raster of the images.
     pub extent: Extent,
 }

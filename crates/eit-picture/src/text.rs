@@ -1,16 +1,17 @@
-//! Lettering: widths, line breaks and anti-aliased glyphs of the built-in font.
+//! Text: widths, line breaks and anti-aliased glyphs of the built-in font.
 
 use ab_glyph::{Font as _, FontRef, PxScale, ScaleFont as _, point};
 use plotters::style::text_anchor::HPos;
 
 use crate::PictureError;
 
-/// Height of capitals and digits of DejaVu Sans over its em (1493 of 2048 units), and how far letters
-/// reach below the line (483).
+/// Height of capitals and digits of DejaVu Sans relative to its em (1493 of 2048 units), and
+/// descent below the baseline (483).
 pub(crate) const CAP_HEIGHT_EM: f64 = 0.729;
 pub(crate) const DESCENT_EM: f64 = 0.236;
 
-/// Most lines of a text; the rest is cut, so that no text makes a page too large to write.
+/// Maximum number of lines of a text; the rest is cut, so that no text makes a page too large to
+/// write.
 const MOST_LINES: usize = 12;
 
 /// The built-in sans serif.
@@ -18,25 +19,25 @@ const MOST_LINES: usize = 12;
 pub(crate) struct Font(FontRef<'static>);
 
 impl Font {
-    /// Loads the font that the program carries.
+    /// Loads the built-in font.
     pub(crate) fn load() -> Result<Self, PictureError> {
         let bytes: &'static [u8] = include_bytes!("../assets/DejaVuSans-subset.ttf");
         FontRef::try_from_slice(bytes).map(Self).map_err(|_| PictureError::Font)
     }
 
-    /// ab_glyph scales by ascent plus descent; sizes here are the em as elsewhere.
+    /// ab_glyph scales by ascent plus descent; sizes in this crate are the em.
     fn scale(&self, em: f64) -> PxScale {
         let units_per_em = self.0.units_per_em().unwrap_or(2048.0);
         PxScale::from(em as f32 * self.0.height_unscaled() / units_per_em)
     }
 
-    /// Width of a line of text whose em is `em`, in the same unit.
+    /// Width of a line of text with em `em`, in the same unit.
     pub(crate) fn width(&self, text: &str, em: f64) -> f64 {
         let font = self.0.as_scaled(self.scale(em));
         text.chars().map(|c| f64::from(font.h_advance(font.glyph_id(c)))).sum()
     }
 
-    /// Where a line of text starts, seen from the place that it is aligned to.
+    /// Offset of the start of a line of text from its anchor.
     pub(crate) fn left_of(&self, text: &str, em: f64, align: HPos) -> f64 {
         match align {
             HPos::Left => 0.0,
@@ -45,8 +46,8 @@ impl Font {
         }
     }
 
-    /// Breaks text at blanks (but not at no-break spaces) so that no line is wider than `width`;
-    /// a longer word is cut, and so is a text of more than twelve lines.
+    /// Breaks text at spaces (but not at no-break spaces) so that no line is wider than `width`; a
+    /// longer word is cut, as is a text of more than twelve lines.
     pub(crate) fn wrap(&self, text: &str, em: f64, width: f64) -> Vec<String> {
         let mut lines = Vec::new();
         let mut line = String::new();
@@ -72,7 +73,7 @@ impl Font {
         lines
     }
 
-    /// Text on one line, cut with an ellipsis if it is wider than `width`.
+    /// Text on one line, shortened with an ellipsis if it is wider than `width`.
     pub(crate) fn shortened(&self, text: &str, em: f64, width: f64) -> String {
         match &self.wrap(text, em, width)[..] {
             [] => String::new(),
@@ -81,8 +82,8 @@ impl Font {
         }
     }
 
-    /// Calls `paint(x, y, coverage)` for each pixel that a line of text touches, the baseline
-    /// starting at (`x`, `y`); pixel coordinates count right and down and may be negative.
+    /// Calls `paint(x, y, coverage)` for each pixel touched by a line of text whose baseline starts
+    /// at (`x`, `y`); pixel coordinates count right and down and may be negative.
     pub(crate) fn raster(
         &self,
         text: &str,

@@ -1,4 +1,4 @@
-//! Round numbers along an axis, and how they are written.
+//! Round numbers along an axis and their labels.
 
 use plotters::coord::ranged1d::Ranged as _;
 use plotters::coord::types::RangedCoordf64;
@@ -6,24 +6,25 @@ use plotters::coord::types::RangedCoordf64;
 /// Round numbers along an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Ticks {
-    /// Where they stand.
+    /// Positions of the ticks.
     pub(crate) values: Vec<f64>,
-    /// What is written: the value over ten to the exponent.
+    /// Labels: the values divided by ten to the exponent.
     pub(crate) labels: Vec<String>,
-    /// Power of ten, a multiple of three, that the labels leave out.
+    /// Power of ten, a multiple of three, that the labels omit.
     pub(crate) exponent: i32,
-    /// Digits after the point that tell neighbours apart once the exponent is left out.
+    /// Decimal places that distinguish neighbouring labels once the exponent is omitted.
     decimals: i32,
 }
 
 impl Ticks {
-    /// At most `most` ticks at multiples of 1, 2 or 5 times a power of ten between the ends, which are
-    /// finite and apart.
+    /// Returns at most `most` ticks at multiples of 1, 2 or 5 times a power of ten between the
+    /// ends, which must be finite and distinct.
     pub(crate) fn new(low: f64, high: f64, most: usize) -> Self {
-        // the largest end decides the prefix: one to three digits before the point
+        // the end of larger magnitude decides the prefix: one to three digits before the point
         let largest = low.abs().max(high.abs()) * (1.0 + 1e-9);
         let exponent = 3 * (largest.log10() / 3.0).floor() as i32;
-        // plotters takes ranges below 2e-16 for empty: its ticks are those of the numbers that are written
+        // plotters treats ranges below 2e-16 as empty, so the ticks are computed for the scaled
+        // numbers of the labels
         let unit = 10f64.powi(exponent);
         let written = RangedCoordf64::from(low / unit..high / unit).key_points(most);
         let step = written.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
@@ -32,7 +33,7 @@ impl Ticks {
         Self { values, labels: Vec::new(), exponent, decimals }.labelled(exponent)
     }
 
-    /// The same ticks, written over ten to another exponent.
+    /// Returns the same ticks, labelled with another exponent.
     pub(crate) fn labelled(mut self, exponent: i32) -> Self {
         self.decimals += exponent - self.exponent;
         let decimals = self.decimals.clamp(0, 12) as usize;
@@ -43,14 +44,14 @@ impl Ticks {
     }
 }
 
-/// A decimal number with a real minus sign, and none on zero.
+/// Formats a decimal number with a true minus sign, but none on zero.
 fn signed(value: f64, decimals: usize) -> String {
     let digits = format!("{:.decimals$}", value.abs());
     let zero = digits.chars().all(|c| c == '0' || c == '.');
     if value < 0.0 && !zero { format!("−{digits}") } else { digits }
 }
 
-/// Ten to an integer power, as printed: 10⁻⁶.
+/// Formats ten to an integer power: 10⁻⁶.
 pub(crate) fn power_of_ten(exponent: i32) -> String {
     const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let mut text = String::from("10");
@@ -60,7 +61,7 @@ pub(crate) fn power_of_ten(exponent: i32) -> String {
     text
 }
 
-/// A digit times a power of ten: 0.05, 5 and 500 in plain numbers, else 5×10⁻⁶.
+/// Formats a digit times a power of ten: 0.05, 5 and 500 if plain, otherwise 5×10⁻⁶.
 pub(crate) fn round_number(digit: i32, exponent: i32, is_plain: bool) -> String {
     match exponent {
         _ if !is_plain && digit == 1 => power_of_ten(exponent),
@@ -70,7 +71,7 @@ pub(crate) fn round_number(digit: i32, exponent: i32, is_plain: bool) -> String 
     }
 }
 
-/// The unit that stands for ten to `exponent` of `unit`: µS, or 10⁻¹⁵ S beyond the prefixes.
+/// Returns the unit for ten to `exponent` times `unit`: µS, or 10⁻¹⁵ S beyond the prefixes.
 pub(crate) fn with_prefix(unit: &str, exponent: i32) -> String {
     let prefix = match exponent {
         -12 => "p",

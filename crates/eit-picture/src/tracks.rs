@@ -1,4 +1,4 @@
-//! Ways of touches over skins.
+//! Draws tracks of touches on skins.
 
 use plotters::style::text_anchor::HPos;
 
@@ -13,37 +13,38 @@ use crate::{
 
 /// Longer side of a skin, in points: alone, and beside others.
 const SIDES: [f64; 2] = [400.0, 300.0];
-/// Width of a true way, and of the places of the first, second ... track found, in points: where one
-/// lies on another, all are seen.
+/// Width of a true track, and of the dots of the first, second, ... detected track, in points: all
+/// remain visible where they overlap.
 const WAY: f64 = 9.0;
 const PLACES: [f64; 3] = [4.6, 2.6, 2.6];
-/// Length of the legend's samples and distance of its lines, in points.
+/// Length of the legend's samples and line height of the legend, in points.
 const SAMPLE: f64 = 18.0;
 const LINE_HEIGHT: f64 = 16.0;
-/// Colour of the truth.
+/// Colour of true tracks.
 const TRUE: Rgb = [208; 3];
 
-/// One way.
+/// One track.
 #[derive(Clone, Debug)]
 pub struct Track {
-    /// What the legend calls it; empty: not in the legend.
+    /// Name in the legend; empty to omit it.
     pub name: String,
-    /// Places in order, metres; one that is not finite interrupts the way.
+    /// Positions in order, metres; one that is not finite interrupts the track.
     pub places_m: Vec<[f64; 2]>,
-    /// A grey line where it is true, coloured places where it was found.
+    /// Whether this is a true track (grey line) rather than a detected one (coloured dots).
     pub is_truth: bool,
 }
 
-/// The ways over one skin.
+/// The tracks on one skin.
 #[derive(Clone, Debug)]
 pub struct TracksPanel {
-    /// Below the skin.
+    /// Label below the skin.
     pub label: String,
-    /// The truth first: what is later lies on top.
+    /// Tracks in drawing order: the true ones first, later ones on top.
     pub tracks: Vec<Track>,
 }
 
-/// Draws skins side by side with the ways over each; of the settings only title, footnote and zoom matter.
+/// Draws skins side by side, each with its tracks. Only title, footnote and zoom of the settings
+/// are used.
 ///
 /// # Errors
 /// A skin whose coordinates are not finite.
@@ -92,12 +93,12 @@ pub fn draw_tracks(
     Ok(canvas)
 }
 
-/// The ways that have a name.
+/// The tracks that have a name.
 fn legend(panel: &TracksPanel) -> impl Iterator<Item = &Track> {
     panel.tracks.iter().filter(|track| !track.name.is_empty())
 }
 
-/// How a way is drawn: a line where it is true, dots on a white rim where it was found.
+/// How a track is drawn: a line if true, dots with a white border if detected.
 #[derive(Clone, Copy)]
 struct Look {
     color: Rgb,
@@ -119,7 +120,7 @@ impl Look {
     }
 }
 
-/// Grey for the truth, then one colour after the other.
+/// Grey for the truth, then one colour per track.
 fn looks(panel: &TracksPanel) -> Vec<Look> {
     let mut next = COLORS.into_iter().cycle();
     let mut sizes = PLACES.into_iter();
@@ -134,7 +135,7 @@ fn looks(panel: &TracksPanel) -> Vec<Look> {
     panel.tracks.iter().map(of).collect()
 }
 
-/// What is what, below the skin.
+/// Draws the legend below the skin.
 fn draw_legend(canvas: &mut Canvas, panel: &TracksPanel, [left, top]: [f64; 2], width: f64) {
     let mut y = top + LINE_HEIGHT / 2.0;
     canvas.text(&panel.label, LABEL_EM, [left + width / 2.0, y], HPos::Center, INK);
@@ -165,7 +166,7 @@ mod tests {
         PictureSettings { zoom: 1, ..Default::default() }
     }
 
-    /// A found place has its colour where it is, and only there; the truth is no colour.
+    /// Detected positions are coloured, and nothing else is; the truth is grey.
     #[test]
     fn places_are_where_they_were_found() {
         let draw = |tracks| draw_tracks(&[panel(tracks)], &disc(4), &small()).unwrap();
@@ -174,7 +175,7 @@ mod tests {
         };
         let truth = draw(vec![track(true, vec![[-0.05, 0.0], [0.05, 0.0]])]);
         assert_eq!(count(&truth), 0);
-        // dots of 4.6 points: 17 pixels, of which those on the rim are blended; three more in the legend
+        // dots of 4.6 points: 17 pixels, blended at their borders; three more in the legend
         let found = draw(vec![track(false, vec![[0.05, 0.0], [f64::NAN, 0.0], [-0.05, 0.0]])]);
         assert!((5 * 4..=5 * 17).contains(&count(&found)), "{}", count(&found));
     }

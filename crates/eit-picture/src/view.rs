@@ -1,8 +1,8 @@
-//! From where a mesh in space is drawn.
+//! The direction from which a mesh in space is drawn.
 
 use eit_mesh::Surface;
 
-/// A parallel projection: axes to the right, upwards and towards the eye, of length one.
+/// A parallel projection: unit axes to the right, upwards and towards the viewer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
     right: [f64; 3],
@@ -10,24 +10,26 @@ pub struct View {
     eye: [f64; 3],
 }
 
-/// A surface whose mean normal is shorter than this is closed or nearly so: it looks every way.
+/// A surface whose mean normal is shorter than this is closed or nearly so, and faces no particular
+/// direction.
 const LOOKS_NOWHERE: f64 = 0.05;
-/// A mean normal so near to +z is +z, so that mesh and images of a flat skin lie over each other.
+/// A mean normal this close to +z counts as +z, so that mesh and images of a flat skin coincide.
 const UPRIGHT: f64 = 1e-6;
 
 impl View {
-    /// From +z, as images are.
+    /// The view from +z, as in images.
     pub const TOP: Self =
         Self { right: [1.0, 0.0, 0.0], up: [0.0, 1.0, 0.0], eye: [0.0, 0.0, 1.0] };
 
-    /// From where the surface looks on the whole; a closed one from above, in front and the right.
+    /// Chooses the direction that the surface faces on average; a closed surface is seen from
+    /// above, in front and the right.
     pub fn of(surface: &Surface) -> Self {
         let mut mean = [0.0; 3];
         for t in 0..surface.triangles().len() {
             let n = normal(surface.corners(t));
             mean = [0, 1, 2].map(|k| mean[k] + n[k]);
         }
-        // normals are as long as twice their area
+        // each normal is twice as long as its triangle's area
         let area_m2: f64 = surface.areas_m2().iter().sum();
         let eye = match length(mean) > 2.0 * LOOKS_NOWHERE * area_m2 {
             true => unit(mean),
@@ -41,22 +43,22 @@ impl View {
         Self { right, up: cross(eye, right), eye }
     }
 
-    /// Where a point is drawn.
+    /// Projects a point to the page.
     pub fn flat(&self, point: [f64; 3]) -> [f64; 2] {
         [dot(self.right, point), dot(self.up, point)]
     }
 
-    /// The triangles that look towards the eye, the furthest first.
+    /// Returns the triangles that face the viewer, the furthest first.
     pub fn visible(&self, surface: &Surface) -> Vec<usize> {
         let towards = |&t: &usize| dot(normal(surface.corners(t)), self.eye) > 0.0;
         let mut visible: Vec<usize> = (0..surface.triangles().len()).filter(towards).collect();
         let height = |t: usize| surface.corners(t).iter().map(|&p| dot(p, self.eye)).sum::<f64>();
-        // stable: on a flat skin the order stays
+        // stable sort: on a flat skin the order is kept
         visible.sort_by(|&a, &b| height(a).total_cmp(&height(b)));
         visible
     }
 
-    /// For a picture's title; nothing where a surface is flat and seen from +z.
+    /// Returns a description for a picture's title; empty for a flat surface seen from +z.
     pub fn words(&self, surface: &Surface) -> String {
         let [low, high] = surface.bounds_m();
         if *self == Self::TOP {
@@ -83,7 +85,7 @@ fn unit(a: [f64; 3]) -> [f64; 3] {
     a.map(|x| x / length(a))
 }
 
-/// Normal of a triangle, twice its area long.
+/// Normal of a triangle, with a length of twice its area.
 fn normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
     let from_a = |p: [f64; 3]| [p[0] - a[0], p[1] - a[1], p[2] - a[2]];
     cross(from_a(b), from_a(c))
@@ -97,7 +99,7 @@ mod tests {
         Surface::new(nodes, triangles).unwrap()
     }
 
-    /// Lengths in the picture are those of the skin, whatever way it stands.
+    /// Lengths in the picture are those of the skin, whatever its orientation.
     #[test]
     fn an_upright_plate_is_seen_from_its_front() {
         let nodes = vec![[0., 0., 0.], [0., 3., 0.], [0., 3., 2.], [0., 0., 2.]];

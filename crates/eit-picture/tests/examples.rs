@@ -1,4 +1,4 @@
-//! The example runs, and draws what it promises.
+//! The example runs and draws the documented pictures.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[cfg(feature = "mesh")]
@@ -6,7 +6,7 @@
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod gallery;
 
-/// Every file is the picture that was drawn, and a point is two pixels: all sizes are even.
+/// Every file is a picture of the returned size; a point is two pixels, so all sizes are even.
 #[cfg(feature = "mesh")]
 #[test]
 fn gallery_example() {
@@ -14,7 +14,7 @@ fn gallery_example() {
     let sizes = gallery::run(folder.path()).unwrap();
     for (name, size) in ["sheet", "mesh", "tracks", "plot"].iter().zip(&sizes) {
         let bytes = std::fs::read(folder.path().join(format!("{name}.png"))).unwrap();
-        // the header of a PNG: width and height, four bytes each from the 17th on
+        // header of a PNG: width and height, four bytes each from the 17th byte on
         let number = |at: usize| u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap());
         assert_eq!([number(16) as usize, number(20) as usize], *size, "{name}");
         assert!(size.iter().all(|length| length % 2 == 0), "{name}: {size:?}");

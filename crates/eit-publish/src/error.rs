@@ -6,10 +6,10 @@ use std::io;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PublishError {
-    /// No address that datagrams can go to.
+    /// The address cannot be used.
     #[error("{address}: {error}; give HOST:PORT, such as 127.0.0.1:9000")]
     Address {
-        /// What was given.
+        /// The address given.
         address: String,
         /// What is wrong with it.
         error: io::Error,
@@ -17,9 +17,9 @@ pub enum PublishError {
     /// No socket for datagrams.
     #[error("{address}: no UDP socket: {error}")]
     Socket {
-        /// Where datagrams should have gone.
+        /// Destination of the datagrams.
         address: String,
-        /// What the system says.
+        /// What the system reports.
         error: io::Error,
     },
     /// A line could not be written.
@@ -28,11 +28,77 @@ pub enum PublishError {
     /// A line could not be encoded.
     #[error("cannot encode a line of touches: {0}")]
     Encode(#[from] serde_json::Error),
+    /// No thread for a sink.
+    #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+    #[error("cannot start a thread that publishes: {0}")]
+    Thread(#[source] io::Error),
+    /// A topic that ROS 2 does not allow.
+    #[cfg(feature = "zenoh")]
+    #[error(
+        "{topic}: not a topic of ROS 2; give words of letters, digits and single underscores, separated by \
+         slashes, such as skin/left_arm"
+    )]
+    Topic {
+        /// The name given.
+        topic: String,
+    },
+    /// A message type whose definition is not known here.
+    #[cfg(feature = "zenoh")]
+    #[error("{name}: no definition of this message type")]
+    MessageType {
+        /// The type.
+        name: String,
+    },
+    /// A payload that is not the expected message, or a message that cannot be encoded.
+    #[cfg(feature = "zenoh")]
+    #[error("not a valid message: {0}")]
+    Cdr(#[source] cdr_encoding::Error),
+    /// A payload without the header of little-endian CDR.
+    #[cfg(feature = "zenoh")]
+    #[error("not a message: {bytes} bytes that do not begin with the header of little-endian CDR")]
+    CdrHeader {
+        /// Length of the payload.
+        bytes: usize,
+    },
+    /// Zenoh failed.
+    #[cfg(feature = "zenoh")]
+    #[error("zenoh cannot {action}: {source}")]
+    Zenoh {
+        /// What it was to do.
+        action: &'static str,
+        /// What it reports.
+        source: zenoh::Error,
+    },
+    /// The file of a body cannot be used.
+    #[cfg(feature = "zenoh")]
+    #[error("{path}: {message}")]
+    Body {
+        /// The file.
+        path: String,
+        /// What is wrong with it.
+        message: String,
+    },
+    /// The Foxglove server or its recording failed.
+    #[cfg(feature = "foxglove")]
+    #[error("{place}: {source}")]
+    Foxglove {
+        /// Address or file.
+        place: String,
+        /// What the SDK reports.
+        source: Box<foxglove::FoxgloveError>,
+    },
 }
 
 impl PublishError {
-    /// Whether what was given is wrong, rather than what happened.
+    /// Whether the caller's input is at fault.
     pub fn is_input(&self) -> bool {
-        matches!(self, Self::Address { .. })
+        match self {
+            Self::Address { .. } => true,
+            #[cfg(feature = "zenoh")]
+            Self::Topic { .. } | Self::Body { .. } | Self::Zenoh { .. } => true,
+            #[cfg(feature = "foxglove")]
+            Self::Foxglove { .. } => true,
+            _ => false,
+        }
     }
 }

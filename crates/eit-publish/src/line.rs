@@ -1,10 +1,10 @@
-//! What a line says. Fields are described in `schema/touches.schema.json` and docs/JSON_LINES.md.
+//! Content of the lines. Fields are described in `schema/touches.schema.json` and docs/JSON_LINES.md.
 
 use eit_skin::faults::{ElectrodeFault, FaultKind};
 use eit_skin::{Touch, TouchFrame, TouchState};
 use serde::{Serialize, Serializer};
 
-/// First line: what the others are about.
+/// The first line: describes the skin and its source.
 #[derive(Serialize)]
 #[serde(tag = "type", rename = "start")]
 pub(crate) struct StartLine<'a> {
@@ -16,7 +16,7 @@ pub(crate) struct StartLine<'a> {
     pub host_time_s: Option<f64>,
 }
 
-/// Something that happened between frames.
+/// An event between frames.
 #[derive(Serialize, Default)]
 #[serde(tag = "type", rename = "event")]
 pub(crate) struct EventLine<'a> {
@@ -31,7 +31,7 @@ pub(crate) struct EventLine<'a> {
     pub epoch: Option<u32>,
 }
 
-/// The touches of a frame.
+/// The touches of one frame.
 #[derive(Serialize)]
 #[serde(tag = "type", rename = "frame")]
 pub(crate) struct FrameLine<'a> {
@@ -60,7 +60,7 @@ impl<'a> From<&TouchFrame<'a>> for FrameLine<'a> {
     }
 }
 
-// lists are written one by one: collecting them first would allocate
+// serialised item by item, because collecting them first would allocate
 struct Faults<'a>(&'a [ElectrodeFault]);
 
 impl Serialize for Faults<'_> {
@@ -79,7 +79,7 @@ impl Serialize for Touches<'_> {
 
 #[derive(Serialize)]
 struct FaultPart {
-    /// Numbered from 1.
+    /// Number of the electrode, from 1.
     electrode: usize,
     fault: &'static str,
     since_s: f64,
@@ -110,10 +110,10 @@ struct TouchPart {
     valid: bool,
     whole: bool,
     age_s: f64,
-    /// Only a skin that has learnt from presses of known force knows it.
+    /// Known only if the skin has learnt from presses of known force.
     force_n: Option<f64>,
     force_std_n: Option<f64>,
-    /// Only a skin that has learnt knows whether a touch is like those it was taught.
+    /// Whether the touch differs from all presses learnt; known only if the skin has learnt.
     unlike: Option<bool>,
     split_from: Option<u64>,
     merged_into: Option<u64>,

@@ -1,44 +1,52 @@
-//! Frames and events to lines, and lines to whoever wants them.
+//! Encodes frames and events as lines, and hands them to every sink.
 
 use crate::VERSION;
 use crate::error::PublishError;
 use crate::line::{EventLine, FrameLine, StartLine};
+#[cfg(any(feature = "foxglove", feature = "zenoh"))]
+use crate::outbox::Severity;
+use crate::shape::SkinShape;
 use crate::udp::UdpSink;
 use eit_skin::TouchFrame;
 use eit_skin::eit_hw::driver::Event;
+use eit_skin::ndarray::ArrayView2;
 use eit_skin::words::{event_words, printable_json};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::io::{ErrorKind, Write};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// What the lines are about.
+/// What is published.
 #[derive(Debug, Clone, Copy)]
 pub struct Start<'a> {
     /// Name of the skin.
     pub skin: &'a str,
     /// Instrument or recording.
     pub instrument: &'a str,
-    /// Electrodes of the skin.
+    /// Number of electrodes.
     pub electrodes: usize,
-    /// Frames of a reference.
+    /// Number of frames in a reference.
     pub reference_frames: usize,
-    /// Frames come now: events are stamped with this computer's clock.
+    /// Whether frames arrive now; then events carry the time of this computer's clock.
     pub is_live: bool,
 }
 
-/// Writes touches frame by frame, and what happens between them, as lines of JSON.
+/// Publishes the touches of each frame, and what happens between frames, to any number of sinks.
 ///
-/// A line is encoded once, into memory that is used again, and leaves at once and whole: one write and
-/// one flush, one datagram. From the longest line on nothing is allocated for a frame.
+/// A line of JSON is encoded once, into a buffer that is reused, and leaves whole and at once: one write and one
+/// flush, one datagram. After the longest line so far, a frame does not allocate.
 #[derive(Default)]
 pub struct Publisher {
     out: Option<Box<dyn Write + Send>>,
     udp: Vec<UdpSink>,
     #[cfg(feature = "web")]
     web: Option<crate::web::WebServer>,
+    #[cfg(feature = "zenoh")]
+    zenoh: Vec<crate::ZenohSink>,
+    #[cfg(feature = "foxglove")]
+    foxglove: Option<crate::FoxgloveSink>,
     line: Vec<u8>,
-    /// Frames that were published.
+    /// Frames published.
     frames: u64,
     is_live: bool,
     /// A reference is being taken.
@@ -47,27 +55,41 @@ pub struct Publisher {
 }
 
 impl Publisher {
-    /// Without anybody to write to.
+    /// A publisher without sinks.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Writes lines here, too. A reader that is slow makes its writer wait.
+    /// Adds a writer of lines. A slow reader makes the publisher wait.
     pub fn with_lines(mut self, out: impl Write + Send + 'static) -> Self {
         self.out = Some(Box::new(out));
         self
     }
 
-    /// Sends lines there, too.
+    /// Adds a destination of datagrams.
     pub fn with_udp(mut self, sink: UdpSink) -> Self {
         self.udp.push(sink);
         self
     }
 
-    /// Shows the page, too (feature `web`): frames as often as an eye sees them.
+    /// Adds the page for browsers (feature `web`), which shows at most 30 frames a second.
     #[cfg(feature = "web")]
     pub fn with_web(mut self, server: crate::web::WebServer) -> Self {
         self.web = Some(server);
+        self
+    }
+
+    /// Adds zenoh (feature `zenoh`).
+    #[cfg(feature = "zenoh")]
+    pub fn with_zenoh(mut self, sink: crate::ZenohSink) -> Self {
+        self.zenoh.push(sink);
+        self
+    }
+
+    /// Adds Foxglove (feature `foxglove`).
+    #[cfg(feature = "foxglove")]
+    pub fn with_foxglove(mut self, sink: crate::FoxgloveSink) -> Self {
+        self.foxglove = Some(sink);
         self
     }
 
@@ -77,49 +99,118 @@ impl Publisher {
         self.web.is_some()
     }
 
-    /// Whether a browser shows the page (feature `web`).
-    #[cfg(feature = "web")]
-    pub fn has_viewer(&self) -> bool {
-        self.web.as_ref().is_some_and(crate::web::WebServer::has_browser)
+    /// Whether a sink can show images.
+    pub fn takes_images(&self) -> bool {
+        #[cfg(feature = "web")]
+        if self.web.is_some() {
+            return true;
+        }
+        #[cfg(feature = "zenoh")]
+        if !self.zenoh.is_empty() {
+            return true;
+        }
+        #[cfg(feature = "foxglove")]
+        if self.foxglove.is_some() {
+            return true;
+        }
+        false
     }
 
-    /// The skin that the page draws (feature `web`).
+    /// Whether somebody looks at images now: a browser, a subscriber of the image topic, Foxglove or its recording.
+    pub fn has_viewer(&self) -> bool {
+        #[cfg(feature = "web")]
+        if self.web.as_ref().is_some_and(crate::web::WebServer::has_browser) {
+            return true;
+        }
+        #[cfg(feature = "zenoh")]
+        if self.zenoh.iter().any(crate::ZenohSink::wants_images) {
+            return true;
+        }
+        #[cfg(feature = "foxglove")]
+        if self.foxglove.as_ref().is_some_and(crate::FoxgloveSink::wants_images) {
+            return true;
+        }
+        false
+    }
+
+    /// Tells sinks that draw the skin its shape.
     ///
     /// # Errors
     ///
     /// A shape that cannot be encoded.
-    #[cfg(feature = "web")]
-    pub fn skin(&self, shape: &crate::web::SkinShape) -> Result<(), PublishError> {
-        self.web.as_ref().map_or(Ok(()), |web| web.skin(shape))
+    #[cfg_attr(
+        not(any(feature = "web", feature = "foxglove")),
+        allow(unused_variables, clippy::unused_self, reason = "no sink here draws")
+    )]
+    pub fn skin(&self, shape: &SkinShape) -> Result<(), PublishError> {
+        #[cfg(feature = "foxglove")]
+        if let Some(foxglove) = &self.foxglove {
+            foxglove.skin(shape);
+        }
+        #[cfg(feature = "web")]
+        if let Some(web) = &self.web {
+            web.skin(shape)?;
+        }
+        Ok(())
     }
 
-    /// Whether the page could do with a new image: somebody looks, and the last one is old (feature
-    /// `web`).
-    #[cfg(feature = "web")]
+    /// Whether a sink wants a new image: somebody looks, and the last image is old enough.
+    #[cfg_attr(
+        not(any(feature = "web", feature = "foxglove", feature = "zenoh")),
+        allow(clippy::unused_self, reason = "no sink here takes images")
+    )]
     pub fn wants_image(&mut self) -> bool {
-        self.web.as_mut().is_some_and(crate::web::WebServer::wants_image)
+        #[allow(unused_mut, reason = "not without features")]
+        let mut wanted = false;
+        #[cfg(feature = "web")]
+        if let Some(web) = &mut self.web {
+            wanted |= web.wants_image();
+        }
+        #[cfg(feature = "zenoh")]
+        for zenoh in &mut self.zenoh {
+            wanted |= zenoh.is_image_due();
+        }
+        #[cfg(feature = "foxglove")]
+        if let Some(foxglove) = &mut self.foxglove {
+            wanted |= foxglove.is_image_due();
+        }
+        wanted
     }
 
-    /// An image `[row, column]` for the page, siemens: row 0 at the top, NaN outside the skin (feature
-    /// `web`).
+    /// Publishes an image `[row, column]` in siemens: row 0 at the top, NaN outside the skin.
     ///
     /// # Errors
     ///
     /// An image that cannot be encoded.
-    #[cfg(feature = "web")]
-    pub fn image(&self, image: eit_skin::ndarray::ArrayView2<'_, f64>) -> Result<(), PublishError> {
-        let Some(web) = &self.web else { return Ok(()) };
-        web.tell(&serde_json::to_vec(&crate::web::ImageEvent::new(image))?);
+    #[cfg_attr(
+        not(any(feature = "web", feature = "foxglove", feature = "zenoh")),
+        allow(unused_variables, clippy::unused_self, reason = "no sink here takes images")
+    )]
+    pub fn image(&self, image: ArrayView2<'_, f64>) -> Result<(), PublishError> {
+        #[cfg(feature = "zenoh")]
+        for zenoh in &self.zenoh {
+            zenoh.image(image);
+        }
+        #[cfg(feature = "foxglove")]
+        if let Some(foxglove) = &self.foxglove {
+            foxglove.image(image);
+        }
+        #[cfg(feature = "web")]
+        if let Some(web) = &self.web {
+            web.tell(&serde_json::to_vec(&crate::web::ImageEvent::new(image))?);
+        }
         Ok(())
     }
 
-    /// The first line.
+    /// Publishes the first line.
     ///
     /// # Errors
     ///
     /// A line that cannot be written.
     pub fn start(&mut self, start: &Start<'_>) -> Result<(), PublishError> {
         self.is_live = start.is_live;
+        #[cfg(feature = "zenoh")]
+        self.zenoh.iter().for_each(|zenoh| zenoh.start(start));
         let line = StartLine {
             version: VERSION,
             skin: start.skin,
@@ -131,7 +222,7 @@ impl Publisher {
         self.say(&line)
     }
 
-    /// Frames that the reference still wants: the first and the last are told.
+    /// Reports how many frames the reference still needs: only the first and the last report are published.
     ///
     /// # Errors
     ///
@@ -143,6 +234,8 @@ impl Publisher {
             (false, _) => ("reference_started", "touch nothing while the reference is taken"),
             (true, _) => return Ok(()),
         };
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        self.incident(Severity::Information, text);
         let frames = (left > 0).then_some(left as u64);
         self.say(&EventLine {
             event,
@@ -153,13 +246,22 @@ impl Publisher {
         })
     }
 
-    /// An event of the instrument; nothing for a frame.
+    /// Publishes an event of the instrument; does nothing for a frame.
     ///
     /// # Errors
     ///
     /// A line that cannot be written.
     pub fn event(&mut self, event: &Event) -> Result<(), PublishError> {
         let Some(words) = event_words(event) else { return Ok(()) };
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        self.incident(
+            match event {
+                Event::Disconnected { .. } | Event::Silent { .. } => Severity::Error,
+                Event::Gap { .. } => Severity::Warning,
+                _ => Severity::Information,
+            },
+            &words,
+        );
         let mut line = EventLine { text: &words, host_time_s: self.now_s(), ..Default::default() };
         line.event = match *event {
             Event::Gap { frames } => {
@@ -173,7 +275,7 @@ impl Publisher {
             Event::Disconnected { .. } => "disconnected",
             Event::Reconnected { epoch } => {
                 line.epoch = Some(epoch);
-                // a reference that was begun before is of no use
+                // a reference begun before the interruption is discarded
                 self.is_waiting = false;
                 "reconnected"
             }
@@ -182,13 +284,22 @@ impl Publisher {
         self.say(&line)
     }
 
-    /// The touches of a frame.
+    /// Publishes the touches of a frame.
     ///
     /// # Errors
     ///
     /// A line that cannot be written.
     pub fn touches(&mut self, frame: &TouchFrame<'_>) -> Result<(), PublishError> {
         self.frames += 1;
+        #[cfg(feature = "zenoh")]
+        self.zenoh.iter().for_each(|zenoh| zenoh.frame(frame));
+        #[cfg(feature = "foxglove")]
+        if let Some(foxglove) = &self.foxglove {
+            foxglove.frame(frame);
+        }
+        if !self.has_lines() {
+            return Ok(());
+        }
         self.encode(&FrameLine::from(frame))?;
         #[cfg(feature = "web")]
         if let Some(web) = &mut self.web {
@@ -197,33 +308,72 @@ impl Publisher {
         self.write()
     }
 
-    /// The last line.
+    /// Publishes the last line, and sends what sinks have queued, within two seconds each.
     ///
     /// # Errors
     ///
     /// A line that cannot be written.
     pub fn end(&mut self) -> Result<(), PublishError> {
-        self.say(&EventLine {
+        let said = self.say(&EventLine {
             event: "ended",
             text: "no frame follows",
             frames: Some(self.frames),
             host_time_s: self.now_s(),
             ..Default::default()
-        })
+        });
+        #[cfg(feature = "zenoh")]
+        self.zenoh.iter_mut().for_each(crate::ZenohSink::finish);
+        #[cfg(feature = "foxglove")]
+        if let Some(foxglove) = &mut self.foxglove {
+            foxglove.finish();
+        }
+        said
     }
 
-    /// Whether the reader of the lines has gone away: a closed pipe is no error, and ends a program that
-    /// writes for it.
+    /// Whether the reader of the lines has closed its pipe, which is not an error but ends a program that writes
+    /// for it.
     pub fn is_closed(&self) -> bool {
         self.is_closed
     }
 
-    /// Where datagrams go, and how many went.
+    /// The UDP sinks with their counts.
     pub fn udp(&self) -> &[UdpSink] {
         &self.udp
     }
 
-    /// Tells everybody what is no frame.
+    /// The zenoh sinks with their counts (feature `zenoh`).
+    #[cfg(feature = "zenoh")]
+    pub fn zenoh(&self) -> &[crate::ZenohSink] {
+        &self.zenoh
+    }
+
+    /// The Foxglove sink with its counts (feature `foxglove`).
+    #[cfg(feature = "foxglove")]
+    pub fn foxglove(&self) -> Option<&crate::FoxgloveSink> {
+        self.foxglove.as_ref()
+    }
+
+    /// Whether a sink takes lines.
+    fn has_lines(&self) -> bool {
+        #[cfg(feature = "web")]
+        if self.web.is_some() {
+            return true;
+        }
+        self.out.is_some() || !self.udp.is_empty()
+    }
+
+    /// Tells sinks that do not take lines what happened.
+    #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+    fn incident(&self, severity: Severity, text: &str) {
+        #[cfg(feature = "zenoh")]
+        self.zenoh.iter().for_each(|zenoh| zenoh.incident(severity, text));
+        #[cfg(feature = "foxglove")]
+        if let Some(foxglove) = &self.foxglove {
+            foxglove.incident(severity, text);
+        }
+    }
+
+    /// Publishes a line that is not a frame.
     fn say(&mut self, line: &impl Serialize) -> Result<(), PublishError> {
         self.encode(line)?;
         #[cfg(feature = "web")]
@@ -233,8 +383,8 @@ impl Publisher {
         self.write()
     }
 
-    /// A line may end on a terminal, and names and words of others are in it: what moves a cursor or turns text
-    /// around is escaped, beyond what JSON asks for.
+    /// Encodes a line. It may end on a terminal and contains names given by others, so control characters and those
+    /// that change the direction of text are escaped, beyond what JSON requires.
     fn encode(&mut self, line: &impl Serialize) -> Result<(), PublishError> {
         self.line.clear();
         serde_json::to_writer(&mut self.line, line)?;
@@ -244,7 +394,7 @@ impl Publisher {
         Ok(())
     }
 
-    /// Gives the line at hand to pipes and sockets.
+    /// Writes the encoded line to pipes and sockets.
     fn write(&mut self) -> Result<(), PublishError> {
         for sink in &mut self.udp {
             sink.send(&self.line);
@@ -260,9 +410,25 @@ impl Publisher {
         }
     }
 
-    /// This computer's clock, for live frames.
+    /// This computer's clock, if frames are live.
     fn now_s(&self) -> Option<f64> {
-        let since = || SystemTime::now().duration_since(UNIX_EPOCH).ok();
-        self.is_live.then(since)?.map(|since| since.as_secs_f64())
+        self.is_live.then(since_1970)?.map(|since| since.as_secs_f64())
     }
+}
+
+/// Time by this computer's clock; `None` before 1970.
+fn since_1970() -> Option<Duration> {
+    SystemTime::now().duration_since(UNIX_EPOCH).ok()
+}
+
+/// Seconds since 1970 by this computer's clock.
+#[cfg(any(feature = "foxglove", feature = "zenoh"))]
+pub(crate) fn clock_s() -> f64 {
+    since_1970().map_or(0.0, |since| since.as_secs_f64())
+}
+
+/// Nanoseconds since 1970 by this computer's clock.
+#[cfg(feature = "zenoh")]
+pub(crate) fn clock_ns() -> i64 {
+    since_1970().map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
 }

@@ -1,11 +1,11 @@
-//! Lines as datagrams.
+//! Sends lines as datagrams.
 
 use crate::error::PublishError;
 use std::io::{self, ErrorKind};
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 
-/// Sends each line as a datagram, without its line end, and never waits: a network that is gone costs
-/// lines, which are counted, and not the frames of the skin.
+/// Sends each line as a datagram, without the line end, and never waits: if the network is down, lines are lost and
+/// counted, but frames are not delayed.
 #[derive(Debug)]
 pub struct UdpSink {
     socket: UdpSocket,
@@ -16,11 +16,11 @@ pub struct UdpSink {
 }
 
 impl UdpSink {
-    /// To HOST:PORT; nobody needs to listen there yet.
+    /// Creates a sink for HOST:PORT; no receiver needs to be listening yet.
     ///
     /// # Errors
     ///
-    /// An address that is none or is not found; no socket.
+    /// An invalid or unresolved address, or no socket.
     pub fn new(address: &str) -> Result<Self, PublishError> {
         let refuse = |error| PublishError::Address { address: address.to_owned(), error };
         let found = address.to_socket_addrs().map_err(refuse)?.next();
@@ -45,7 +45,7 @@ impl UdpSink {
     pub(crate) fn send(&mut self, line: &[u8]) {
         let mut outcome = self.socket.send(line);
         if matches!(&outcome, Err(error) if error.kind() == ErrorKind::ConnectionRefused) {
-            // told of the datagram before this one, which was not sent: somebody may listen by now
+            // this error is about the previous datagram; the current one was not sent, and a receiver may be there by now
             outcome = self.socket.send(line);
         }
         match outcome {
@@ -57,22 +57,22 @@ impl UdpSink {
         }
     }
 
-    /// Where datagrams go.
+    /// Destination of the datagrams.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Lines that the system took; UDP does not say who received them.
+    /// Lines that the system accepted; UDP does not report whether they were received.
     pub fn sent(&self) -> u64 {
         self.sent
     }
 
-    /// Lines that it did not take.
+    /// Lines that the system did not accept.
     pub fn unsent(&self) -> u64 {
         self.unsent
     }
 
-    /// Why it did not take the last of them.
+    /// Error of the last line that was not accepted.
     pub fn last_error(&self) -> Option<&io::Error> {
         self.last_error.as_ref()
     }

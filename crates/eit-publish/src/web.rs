@@ -1,5 +1,5 @@
-//! One page with the skin, its touches and images, for browsers: a small HTTP server that answers two
-//! paths, the page and its server-sent events.
+//! A page with the skin, its touches and images: a small HTTP server with two paths, the page and its server-sent
+//! events.
 
 mod connection;
 mod request;
@@ -10,32 +10,19 @@ pub use server::WebServer;
 use eit_skin::ndarray::ArrayView2;
 use serde::Serialize;
 
-/// The page: no file besides it is loaded.
+/// The page, which loads no other file.
 const PAGE: &str = include_str!("web/page.html");
 
-/// What the page draws the skin from.
-#[derive(Debug, Clone, Serialize)]
-#[serde(tag = "type", rename = "skin")]
-pub struct SkinShape {
-    /// Name of the skin.
-    pub name: String,
-    /// Closed curves, metres: the outer one, then holes.
-    pub outlines_m: Vec<Vec<[f64; 2]>>,
-    /// Points of each electrode, metres, in the order of their numbers.
-    pub electrodes_m: Vec<Vec<[f64; 2]>>,
-    /// Borders of images: least x, largest x, least y, largest y, metres.
-    pub extent_m: [f64; 4],
-}
-
-/// An image for the page.
+/// An image on the page.
 #[derive(Serialize)]
 #[serde(tag = "type", rename = "image")]
 pub(crate) struct ImageEvent {
     pub rows: usize,
     pub columns: usize,
-    /// Change of conductivity at the ends of the colours, siemens.
+    /// Conductivity change at the ends of the colour scale, siemens.
     pub range_s: f64,
-    /// A byte for each pixel, row by row from the top: 0 outside the skin, else 1 to 255, 128 for no change.
+    /// One byte per pixel in row-major order from the top: 0 outside the skin, else 1 to 255 with 128 for no change;
+    /// base64.
     pub pixels: String,
 }
 

@@ -1,10 +1,13 @@
 //! Lines as their readers get them.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
+mod common;
+
+use common::{FAULTS, start, touch};
 use eit_publish::{PublishError, Publisher, SCHEMA, Start, UdpSink};
 use eit_skin::eit_hw::driver::Event;
-use eit_skin::faults::{ElectrodeFault, FaultKind};
-use eit_skin::{LearntTouch, Touch, TouchFrame, TouchState};
+use eit_skin::faults::ElectrodeFault;
+use eit_skin::{LearntTouch, Touch, TouchFrame};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 use std::net::UdpSocket;
@@ -35,53 +38,8 @@ impl Shared {
     }
 }
 
-fn touch() -> Touch {
-    Touch {
-        id: 7,
-        state: TouchState::Hold,
-        position_m: [0.03, -0.01, 0.0],
-        position_covariance_m2: [[4e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 0.0]],
-        velocity_m_s: [0.1, 0.0, -0.0],
-        area_m2: None,
-        intensity_s_m2: 2.5e-11,
-        intensity_std_s_m2: Some(1e-12),
-        peak_s: 1e-6,
-        confidence: 0.97,
-        age_frames: 12,
-        age_s: 0.12,
-        valid: true,
-        whole: false,
-        split_from: None,
-        merged_into: Some(3),
-        learnt: None,
-    }
-}
-
-const FAULTS: [ElectrodeFault; 1] =
-    [ElectrodeFault { electrode: 4, kind: FaultKind::Stuck, since_s: 1.5 }];
-
 fn frame<'a>(touches: &'a [Touch], faults: &'a [ElectrodeFault]) -> TouchFrame<'a> {
-    TouchFrame {
-        number: 60,
-        sequence: 100,
-        epoch: 1,
-        time_s: 2.0,
-        host_time_s: Some(1.7e9 + 0.25),
-        touches,
-        faults,
-        whole: faults.is_empty(),
-        latency_s: Some(2e-3),
-    }
-}
-
-fn start() -> Start<'static> {
-    Start {
-        skin: "arm",
-        instrument: "a \"board\"\nof 16",
-        electrodes: 16,
-        reference_frames: 40,
-        is_live: true,
-    }
+    TouchFrame { number: 60, ..common::frame(100, touches, faults) }
 }
 
 /// Every kind of line.

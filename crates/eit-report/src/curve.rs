@@ -1,4 +1,4 @@
-//! The learning curve, as numbers and as a picture.
+//! Writes the learning curve as numbers and as a picture.
 
 use crate::error::ReportError;
 use crate::output::{OutFile, io};
@@ -6,7 +6,7 @@ use eit_denoise::Epoch;
 use eit_picture::{Plot, Series, draw_plot};
 use std::path::Path;
 
-/// Writes `csv` and `png` beside the weights; `footnote` names the net.
+/// Writes `csv` and `png` files next to the weights; `footnote` names the network.
 pub fn write(curve: &[Epoch], footnote: String, weights: &Path) -> Result<(), ReportError> {
     OutFile::new(&weights.with_extension("csv"))?.write(|w| {
         writeln!(w, "epoch,train_error,held_out_error,rate").map_err(io)?;
@@ -25,11 +25,11 @@ pub fn write(curve: &[Epoch], footnote: String, weights: &Path) -> Result<(), Re
         title: "Learning curve".to_owned(),
         footnote,
         x_label: "epoch".to_owned(),
-        y_label: "mean squared error, part of the raw images'".to_owned(),
+        y_label: "mean squared error, relative to the raw images".to_owned(),
         x_log: false,
         y_log: true,
         series: vec![
-            line("learnt from", &|e| e.train_error),
+            line("training set", &|e| e.train_error),
             line("held out", &|e| e.held_out_error),
         ],
         zoom: 2,

@@ -1,8 +1,9 @@
-//! `eit demo`: the two experiments of the paper from the simulated fabric to the touches, through an
-//! emulated instrument, its driver, a recording, the stream of total variation and the U-net.
+//! `eit demo`: runs the two experiments of the paper from the simulated fabric to the touches,
+//! through an emulated instrument, its driver, a recording, streaming total variation and the
+//! U-net.
 //!
-//! While one experiment runs live, the other is simulated. What comes from the instrument is looked
-//! at by the loop of `eit live`, so that `eit replay` gives the same images.
+//! While one experiment runs live, the other is simulated. The instrument's data pass through the
+//! same loop as in `eit live`, so `eit replay` gives the same images.
 
 mod experiment;
 mod folder;
@@ -22,7 +23,7 @@ use eit_fem::fabric::Simulation;
 use eit_picture::SkinDrawing;
 use eit_skin::Progress;
 use eit_skin::StopFlag;
-use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
+use eit_skin::live::{LiveFrame, LiveModel, REFERENCE_FRAMES};
 use eit_skin::scene::{Instrument, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -30,12 +31,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// The page.
+/// File name of the page.
 const REPORT: &str = "report.html";
-/// The numbers.
+/// File name of the results as JSON.
 const NUMBERS: &str = "report.json";
 
-/// Everything that a demo writes.
+/// Names of all files that a demo writes.
 fn own() -> Vec<&'static str> {
     let mut own = vec!["scene.toml", REPORT, NUMBERS];
     own.extend([pictures::MESH, pictures::WAYS, pictures::LATENCY, pictures::OVERVIEW]);
@@ -46,20 +47,26 @@ fn own() -> Vec<&'static str> {
     own
 }
 
-/// What the threads share.
+/// Called with every frame of an experiment while it runs live: its name, the model and the frame. The experiments
+/// run on threads of their own and may overlap.
+pub type FrameWatcher<'a> = dyn Fn(&str, &LiveModel, &LiveFrame<'_>) + Sync + 'a;
+
+/// State shared by the threads.
 struct Stage<'a> {
+    watcher: Option<&'a FrameWatcher<'a>>,
     folder: &'a DemoFolder,
     model: &'a Arc<LiveModel>,
     instrument: &'a Instrument,
     skin: SkinDrawing,
     interrupt: &'a StopFlag,
-    /// One of them has failed: the other need not go on.
+    /// Set when one thread has failed, so that the other stops.
     has_failed: AtomicBool,
 }
 
-/// Runs the demo.
+/// Runs the demo; `watcher` sees its frames, too.
 pub fn run(
     args: &DemoSettings,
+    watcher: Option<&FrameWatcher<'_>>,
     interrupt: &StopFlag,
     progress: &mut Progress,
 ) -> Result<Answer, ReportError> {
@@ -72,6 +79,7 @@ pub fn run(
     let model = Arc::new(LiveModel::from_scene(&scene, REFERENCE_FRAMES, progress)?);
     let raster = model.linearised.raster(progress)?;
     let stage = Stage {
+        watcher,
         folder: &folder,
         model: &model,
         instrument: &instrument,
@@ -92,7 +100,7 @@ impl Stage<'_> {
         !self.interrupt.is_set() && !self.has_failed.load(Ordering::Relaxed)
     }
 
-    /// Simulates the experiments one after the other; each is seen live as soon as it is there.
+    /// Simulates the experiments one after the other; each runs live once it has been simulated.
     fn experiments(
         &self,
         fabric: &TouchedFabric,
@@ -136,7 +144,7 @@ impl Stage<'_> {
         Ok((shown, files))
     }
 
-    /// One experiment live, judged and drawn.
+    /// Runs one experiment live, evaluates it and draws its pictures.
     fn experiment(
         &self,
         experiment: Experiment,
@@ -157,7 +165,7 @@ impl Stage<'_> {
         Ok((shown, files))
     }
 
-    /// Writes pictures, page and numbers.
+    /// Writes pictures, page and results.
     fn report(
         &self,
         shown: &[Shown],
@@ -195,7 +203,7 @@ impl Stage<'_> {
     }
 }
 
-/// The command that plays a recording.
+/// Returns the command that replays a recording.
 fn replay_command(folder: &Path, experiment: &Experiment) -> String {
     format!(
         "eit replay {} --from {} --out {}-again",
@@ -234,10 +242,10 @@ fn text(shown: &[Shown], folder: &DemoFolder, seconds: f64) -> String {
         let latency_ms = ms(seen.summary.latency_s(0.5));
         let image_ms = ms(seen.summary.image_latency_s(0.5));
         lines.push(format!(
-            "{}: {} images, {} touches where no finger is ({} of them with none on the skin); fingers \
-             found in {} of {} cases, {:.1} mm off; {latency_ms:.1} ms from a frame to its touches, \
-             {image_ms:.0} ms to its image; the \
-             U-net leaves {quotient:.2} of the squared error of images",
+            "{}: {} images, {} false touches ({} of them with no finger on the skin); fingers \
+             found in {} of {} cases, position error {:.1} mm; {latency_ms:.1} ms from a frame to \
+             its touches, {image_ms:.0} ms to its image; the U-net reduces the squared error of \
+             images to {quotient:.2}",
             experiment.name,
             seen.summary.frames,
             judged.invented,
@@ -248,19 +256,22 @@ fn text(shown: &[Shown], folder: &DemoFolder, seconds: f64) -> String {
         ));
     }
     if let Some(line) = shown.iter().map(|s| &s.seen.line).find(|line| line.starts_with("TCP")) {
-        lines.push(format!("the instrument was reached by {line}"));
+        lines.push(format!("connection to the instrument: {line}"));
     }
-    lines.push(format!("medians; {seconds:.0} s in all"));
-    lines.push(format!("look at {}", folder.join(REPORT).display()));
+    lines.push(format!("all values are medians; total time {seconds:.0} s"));
+    lines.push(format!("report: {}", folder.join(REPORT).display()));
     lines.extend(
-        shown.first().map(|s| format!("again: {}", replay_command(folder.path(), &s.experiment))),
+        shown
+            .first()
+            .map(|s| format!("to replay: {}", replay_command(folder.path(), &s.experiment))),
     );
     lines.join("\n")
 }
 
-/// What is there after Ctrl-C.
+/// Answer after Ctrl-C.
 fn interrupted(folder: &DemoFolder, shown: &[Shown]) -> Answer {
-    let mut text = "interrupted: no report, no pictures; what there is, is whole".to_owned();
+    let mut text =
+        "interrupted: no report and no pictures; the files written are complete".to_owned();
     let mut files = vec!["scene.toml"];
     for experiment in EXPERIMENTS {
         let seen = shown.iter().find(|shown| shown.experiment.name == experiment.name);
@@ -276,7 +287,7 @@ fn interrupted(folder: &DemoFolder, shown: &[Shown]) -> Answer {
             files.push(experiment.recording);
             files.push(experiment.folder);
         } else if own.exists() {
-            text += &format!("\n{}: simulated, not seen; {}", experiment.name, own.display());
+            text += &format!("\n{}: simulated, not run live; {}", experiment.name, own.display());
             files.push(experiment.folder);
         }
     }

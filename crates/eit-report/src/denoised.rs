@@ -1,4 +1,4 @@
-//! `eit denoise`: images through a trained U-net.
+//! `eit denoise`: applies a trained U-net to images.
 
 use crate::error::ReportError;
 use crate::output::{OutFolder, io, read_images, write_npy};
@@ -10,7 +10,8 @@ use eit_skin::scene::DenoiseSettings;
 use eit_skin::{MeshOverride, Progress, Scene, Skin};
 use serde_json::json;
 
-/// Reads images and weights, checks both against the scene, denoises, draws, reports.
+/// Reads images and weights, checks both against the scene, denoises the images, and writes
+/// pictures and a report.
 pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, ReportError> {
     let mut scene = Scene::load(&args.scene)?;
     scene.refuse_movement("denoise")?;
@@ -24,8 +25,8 @@ pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, Repo
     let (frames, rows, columns) = raw.dim();
     if frames == 0 || rows != columns || rows == 0 {
         return Err(ReportError::input(format!(
-            "{}: {frames} images of {rows} x {columns} pixels, but this program's are square, and \
-             there must be one",
+            "{}: {frames} images of {rows} x {columns} pixels; at least one is needed, and images \
+             must be square",
             args.images.display()
         )));
     }
@@ -37,13 +38,13 @@ pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, Repo
     let truth = args.truth.as_deref().map(read_images).transpose()?;
     if let Some(truth) = truth.as_ref().filter(|truth| truth.dim() != raw.dim()) {
         return Err(ReportError::input(format!(
-            "--truth has [frame, row, column] = {:?}, the images {:?}",
+            "--truth has the shape [frame, row, column] = {:?}, but the images have {:?}",
             truth.shape(),
             raw.shape()
         )));
     }
     let mut out = OutFolder::new(&args.out)?;
-    // the images say how many pixels
+    // the number of pixels is that of the images
     scene.reconstruction.pixels = Some(rows);
     let skin = Skin::set_up(&scene, &MeshOverride::default(), progress)?;
     let raster = skin.raster(progress)?;
@@ -77,7 +78,7 @@ pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, Repo
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
     let mut lines = vec![
         format!("{frames} images; {}", net.words()),
-        "not checked against measurements: `eit reconstruct` with [denoise] does that".to_owned(),
+        "not checked against measurements; `eit reconstruct` with [denoise] does that".to_owned(),
     ];
     lines.extend(compared.map(|s| s.words()));
     lines.push(format!("written to {}: {}", out.path().display(), out.names().join(", ")));

@@ -1,4 +1,4 @@
-//! Errors of reports.
+//! The error type of this crate.
 
 use eit_denoise::DenoiseError;
 use eit_fem::FemError;
@@ -9,28 +9,28 @@ use eit_picture::PictureError;
 use eit_skin::SkinError;
 use std::path::Path;
 
-/// Why a report stopped.
+/// A report that failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// Wrong settings or bad input.
+    /// Invalid settings or input.
     #[error("{0}")]
     Input(String),
-    /// Everything was right and it still failed.
+    /// A failure with valid input.
     #[error("{0}")]
     Failure(String),
-    /// A skin.
+    /// An error of `eit-skin`.
     #[error(transparent)]
     Skin(#[from] SkinError),
 }
 
 impl ReportError {
-    /// Bad input.
+    /// Creates an error for invalid input.
     pub fn input(message: impl Into<String>) -> Self {
         Self::Input(message.into())
     }
 
-    /// A failure at a path.
+    /// Creates a failure that names a path.
     pub fn at(path: &Path, error: impl std::fmt::Display) -> Self {
         Self::Failure(format!("{}: {error}", path.display()))
     }
@@ -44,7 +44,7 @@ impl ReportError {
         }
     }
 
-    /// The same error with the place in front.
+    /// Prepends the place to the error.
     pub fn within(self, place: &str) -> Self {
         match self {
             Self::Input(m) => Self::Input(format!("{place}: {m}")),

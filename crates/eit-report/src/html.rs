@@ -1,7 +1,7 @@
-//! One HTML page that needs nothing beside it: pictures are inside, no script, no network.
+//! Writes a self-contained HTML page: pictures are embedded, with no scripts and no network access.
 //!
-//! Opens by double click. A browser without style sheets still shows headings, pictures and tables
-//! in order.
+//! The file can be opened directly. A browser without style sheets still shows headings, pictures
+//! and tables in order.
 
 use crate::error::ReportError;
 use crate::output::io;
@@ -10,8 +10,8 @@ use base64::engine::general_purpose::STANDARD;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::io::Write;
 
-/// Light and dark by the reader's setting; tables scroll on narrow screens instead of widening the
-/// page; pictures keep white paper.
+/// Follows the reader's light or dark setting; tables scroll on narrow screens instead of widening
+/// the page; pictures keep a white background.
 const STYLE: &str = "
 :root { color-scheme: light dark; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
@@ -29,46 +29,46 @@ pre { overflow-x: auto; padding: .6rem; border: 1px solid #8884; }
 /// A page.
 #[derive(Debug, Clone, Default)]
 pub struct Page {
-    /// Headline, also the browser's.
+    /// Title of the page and of the browser window.
     pub title: String,
-    /// What the page is, in a sentence or two.
+    /// Introduction of a sentence or two.
     pub lead: String,
-    /// Its parts, in order.
+    /// Sections, in order.
     pub sections: Vec<Section>,
 }
 
-/// A part of a page.
+/// A section of a page.
 #[derive(Debug, Clone, Default)]
 pub struct Section {
-    /// Headline; in the table of contents.
+    /// Heading, also used in the table of contents.
     pub title: String,
-    /// What it shows, from top to bottom.
+    /// Contents, from top to bottom.
     pub blocks: Vec<Block>,
 }
 
-/// A piece of a section.
+/// A block of a section.
 #[derive(Debug, Clone)]
 pub enum Block {
     /// A paragraph.
     Text(String),
-    /// Lines to type or to look at, as they are.
+    /// Preformatted lines, such as commands.
     Code(String),
-    /// A picture: the content of a PNG or GIF file, and what it shows.
+    /// A picture with its caption.
     Picture {
-        /// The file's bytes.
+        /// Content of a PNG or GIF file.
         bytes: Vec<u8>,
-        /// What a reader who cannot see it is told; also the small print below.
+        /// Caption below the picture, also its alternative text.
         caption: String,
     },
-    /// Names and what is said of each.
+    /// Terms with their descriptions.
     List(Vec<(String, String)>),
     /// A table.
     Table {
-        /// Names of the columns.
+        /// Column headings.
         head: Vec<String>,
         /// Cells of each row.
         rows: Vec<Vec<String>>,
-        /// Conditions, below.
+        /// Conditions, shown below the table.
         note: String,
     },
 }
@@ -138,7 +138,7 @@ impl Block {
     }
 }
 
-/// Whether a cell stands to the right, under the digits of its column.
+/// Whether a cell is a number, which is right-aligned.
 fn is_number(cell: &str) -> bool {
     cell.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '-' | '+'))
 }
@@ -147,8 +147,7 @@ fn is_number(cell: &str) -> bool {
 mod tests {
     use super::*;
 
-    /// Whatever a recording or a scene is called, it is text on the page; and the page fetches
-    /// nothing.
+    /// Whatever a recording or a scene is named, it appears as text; and the page loads nothing.
     #[test]
     fn the_page_is_closed_and_text_stays_text() {
         let page = Page {

@@ -1,4 +1,5 @@
 #![doc = include_str!("../README.md")]
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 pub mod curve;
 pub mod demo;
@@ -17,16 +18,16 @@ pub use error::ReportError;
 
 use serde_json::Value;
 
-/// What a report found.
+/// The result of a command.
 #[derive(Debug, Clone)]
 pub struct Answer {
-    /// For people.
+    /// Text for the terminal.
     pub text: String,
-    /// For programs: one object.
+    /// A JSON object for programs.
     pub json: Value,
 }
 
-/// The text of an answer with its warning, if there is one.
+/// Returns the text of an answer followed by its warning, if there is one.
 pub fn with_warning(text: String, warning: Option<&String>) -> String {
     match warning {
         Some(warning) => format!("{text}\nwarning: {warning}"),

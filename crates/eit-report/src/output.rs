@@ -1,5 +1,6 @@
-//! Files are written beside their place and renamed, so that nothing half-written is ever seen
-//! and nothing already there is lost. Whether a place is writable is found before computing.
+//! Output files are written under a temporary name in the target folder and then renamed, so that
+//! incomplete files are never visible and existing files are not lost. Whether a folder is writable
+//! is checked before computing.
 
 mod stack;
 
@@ -10,17 +11,18 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// A file to be: its temporary stands from the start, which proves that the folder is writable.
+/// An output file. Its temporary file exists from the start, which proves that the folder is
+/// writable.
 pub struct OutFile {
     path: PathBuf,
     temporary: NamedTempFile,
 }
 
 impl OutFile {
-    /// Reserves a place.
+    /// Reserves a path.
     pub fn new(path: &Path) -> Result<Self, ReportError> {
         if path.is_dir() {
-            let message = "is a folder: --out names a file here";
+            let message = "is a folder, but --out must name a file here";
             return Err(ReportError::input(format!("{}: {message}", path.display())));
         }
         let folder = match path.parent() {
@@ -35,7 +37,7 @@ impl OutFile {
         Ok(Self { path: path.to_path_buf(), temporary })
     }
 
-    /// Writes the content and puts the file in its place.
+    /// Writes the content and renames the file to its final path.
     pub fn write(
         self,
         content: impl FnOnce(&mut dyn Write) -> Result<(), ReportError>,
@@ -49,14 +51,14 @@ impl OutFile {
     }
 }
 
-/// A folder for results: all files appear together at the end, or none.
+/// An output folder whose files all appear together at the end, or not at all.
 pub struct OutFolder {
     path: PathBuf,
     files: Vec<(&'static str, NamedTempFile)>,
 }
 
 impl OutFolder {
-    /// Makes the folder if needed and checks that it can be written to.
+    /// Creates the folder if necessary and checks that it is writable.
     pub fn new(path: &Path) -> Result<Self, ReportError> {
         let refused = |e: std::io::Error| {
             ReportError::input(format!(
@@ -70,7 +72,7 @@ impl OutFolder {
         Ok(Self { path: path.to_path_buf(), files: Vec::new() })
     }
 
-    /// Writes one file of the folder, still under a temporary name.
+    /// Writes one file of the folder, under a temporary name for now.
     pub fn write(
         &mut self,
         name: &'static str,
@@ -81,13 +83,13 @@ impl OutFolder {
         self.end(name, writer)
     }
 
-    /// Begins a file of the folder that grows for a while; [`end`](Self::end) ends it.
+    /// Begins a file of the folder that is written gradually; [`end`](Self::end) completes it.
     pub fn begin(&self, name: &'static str) -> Result<BufWriter<NamedTempFile>, ReportError> {
         let place = self.path.join(name);
         Ok(BufWriter::new(temporary_in(&self.path).map_err(|e| ReportError::at(&place, e))?))
     }
 
-    /// Ends a file that [`begin`](Self::begin) has begun, still under a temporary name.
+    /// Completes a file begun with [`begin`](Self::begin), under a temporary name for now.
     pub fn end(
         &mut self,
         name: &'static str,
@@ -99,8 +101,8 @@ impl OutFolder {
         Ok(())
     }
 
-    /// Puts all files in their places and removes results of an earlier run that this one has not
-    /// made again: `own` are the names that the command may write.
+    /// Renames all files to their final names and removes results of an earlier run that this run
+    /// did not write. `own` lists the names that the command may write.
     pub fn commit(self, own: &[&str]) -> Result<(), ReportError> {
         let names = self.names();
         for (name, temporary) in self.files {
@@ -119,7 +121,7 @@ impl OutFolder {
         Ok(())
     }
 
-    /// The folder.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -136,13 +138,13 @@ fn temporary_in(folder: &Path) -> std::io::Result<NamedTempFile> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        // temporary files are private by default; these become the user's ordinary files
+        // temporary files are private by default; these become ordinary user files
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     builder.tempfile_in(folder)
 }
 
-/// Writes any error of a writer as a failure.
+/// Converts an I/O error of a writer to a failure.
 pub fn io(error: std::io::Error) -> ReportError {
     ReportError::Failure(format!("writing failed: {error}"))
 }
@@ -161,7 +163,7 @@ where
     array.write_npy(out).map_err(|e| ReportError::Failure(format!("writing failed: {e}")))
 }
 
-/// Writes rows of numbers as comma-separated text, shortest form that reads back exactly.
+/// Writes rows of numbers as comma-separated text, in the shortest form that reads back exactly.
 pub fn write_csv(
     rows: ndarray::ArrayView2<'_, f64>,
     out: &mut dyn Write,
@@ -173,17 +175,19 @@ pub fn write_csv(
     Ok(())
 }
 
-/// The ending of a path, lower case.
+/// Returns the extension of a path in lower case.
 pub fn ending(path: &Path) -> String {
     path.extension().map_or_else(String::new, |e| e.to_string_lossy().to_lowercase())
 }
 
-/// Images of a file, [frame, row, column].
+/// Reads the images of a file: [frame, row, column].
 pub fn read_images(path: &Path) -> Result<ndarray::Array3<f64>, ReportError> {
     let array = eit_hw::npy::read_array(path)?;
     let shape = array.shape().to_vec();
     array.into_dimensionality().map_err(|_| {
         let place = path.display();
-        ReportError::input(format!("{place}: has the shape {shape:?}; [frame, row, column] wanted"))
+        ReportError::input(format!(
+            "{place}: has the shape {shape:?}; expected [frame, row, column]"
+        ))
     })
 }

@@ -1,4 +1,5 @@
-//! `eit reconstruct`
+//! `eit reconstruct`: reconstructs images from a recording. One file because it lists the steps of
+//! a single command.
 
 mod gauss_newton;
 mod total_variation;
@@ -24,57 +25,57 @@ use ndarray::{Array3, ArrayView3};
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// Frames a second of a movie whose rate is not known.
+/// Frames per second of a movie whose rate is unknown.
 const MOVIE_RATE_HZ: f64 = 10.0;
 
-/// What a method made of the frames.
+/// Result of a method.
 struct Made {
     /// Siemens, [frame, row, column], NaN outside the skin.
     images: Array3<f64>,
     raster: Raster,
-    /// Small print of the pictures.
+    /// Footnote of the pictures.
     footnote: String,
-    /// How hyperparameter or weights were chosen, where there is a curve.
+    /// Plot of the choice of hyperparameter or weights, if there was one.
     curve: Option<Canvas>,
-    /// The method's part of `report.json`.
+    /// Part of `report.json` for the method.
     report: Value,
-    /// The method's part of the text.
+    /// Part of the text for the method.
     lines: Vec<String>,
-    /// What the user should know.
+    /// Notes for the user.
     notes: Vec<String>,
 }
 
-/// A recording ready for a method.
+/// The input of a method.
 #[derive(Clone, Copy)]
 struct Task<'a> {
     fitted: &'a FittedFrames,
     method: Method,
-    /// Where electrodes moved: the recording as it came, and what was made of it.
+    /// If electrode movement was removed: the original recording and the result.
     before: Option<Before<'a>>,
 }
 
-/// A recording before the movement of electrodes was taken out, and after.
+/// A recording before and after removing electrode movement.
 #[derive(Clone, Copy)]
 struct Before<'a> {
     fitted: &'a FittedFrames,
     without: &'a WithoutMovement,
 }
 
-/// Why the method was taken, and what the user should know.
+/// The reason for the choice of method, and notes for the user.
 struct Remarks {
     why: &'static str,
     notes: Vec<String>,
 }
 
-/// Reads frames, reconstructs, draws, reports.
+/// Reads frames, reconstructs images, and writes pictures and a report.
 ///
 /// # Errors
 ///
-/// Bad input, named with its place; a method that fails; a folder that cannot be written to.
+/// Invalid input, with its place; failure of a method; a folder that cannot be written to.
 pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer, ReportError> {
     let scene = Scene::load(&args.scene)?;
     scene.check_stages()?;
-    // an unknown name is refused before anything is made
+    // reject an unknown method before doing any work
     method::choose(&scene.stage_settings(), args.method.as_deref(), None)?;
     let mut out = OutFolder::new(&args.out)?;
     let skin = Skin::set_up(&scene, &MeshOverride::default(), progress)?;
@@ -93,14 +94,14 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     let mut fitted = Arc::new(linearised).fit(frames)?;
     let found = eit_skin::touches::touches(&fitted, progress)?;
     if let Some(found) = &found {
-        // images go on without faulty electrodes
+        // images do not use faulty electrodes
         found.leave_out(&mut fitted.frames);
     }
     let task = Task { fitted: &fitted, method: choice.method, before: None };
     let (mut made, without) = make(&task, progress)?;
     if let Some(net) = &net {
         out.write("raw.npy", |w| write_npy(&made.images, w))?;
-        // an image is held against the data it came from
+        // an image is compared with the data that it was made from
         let of_images = without.as_ref().map_or(&fitted, |without| &without.fitted);
         denoise(net, of_images, &mut made, progress)?;
     }
@@ -134,7 +135,7 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     Ok(Answer { text, json })
 }
 
-/// Images through the net, those that do not explain their measurements kept raw.
+/// Applies the network to the images; those that do not explain their measurements stay raw.
 fn denoise(
     net: &Net,
     fitted: &FittedFrames,
@@ -152,7 +153,7 @@ fn denoise(
             made.report["denoise"]["check"] = checked.json();
         }
         None => made.notes.push(
-            "these weights know no limit of misfit: denoised images are not checked against the \
+            "these weights contain no misfit limit: denoised images are not checked against the \
              measurements"
                 .to_owned(),
         ),
@@ -160,8 +161,8 @@ fn denoise(
     Ok(())
 }
 
-/// Images by the task's method, of data without what moving electrodes explain where the scene says
-/// that they move; and those data.
+/// Reconstructs images with the task's method. If the scene says that electrodes move, the effect
+/// of movement is first removed from the data, which are returned as well.
 fn make(
     task: &Task<'_>,
     progress: &mut Progress,
@@ -177,7 +178,7 @@ fn make(
     let before = Some(Before { fitted, without: &without });
     let left = Task { fitted: &without.fitted, before, ..*task };
     let mut made = of_method(&left, progress)?;
-    made.footnote += ", movement of electrodes taken out";
+    made.footnote += ", electrode movement removed";
     made.lines.push(without.line.clone());
     made.notes.extend(without.note.clone());
     let movement_m = fitted.skin.skin.settings.reconstruction.electrode_movement_m;
@@ -186,13 +187,13 @@ fn make(
 }
 
 impl Task<'_> {
-    /// Plain or normalised, of the recording as it came.
+    /// Plain or normalised difference data, as in the original recording.
     fn kind(&self) -> DifferenceKind {
         self.before.map_or(self.fitted, |before| before.fitted).skin.difference_kind()
     }
 }
 
-/// Title, footnote, labels.
+/// Returns picture settings with title, footnote and labels.
 pub fn picture_settings(name: &str, footnote: String, rate_hz: Option<f64>) -> PictureSettings {
     PictureSettings {
         title: name.to_owned(),
@@ -205,9 +206,9 @@ pub fn picture_settings(name: &str, footnote: String, rate_hz: Option<f64>) -> P
     }
 }
 
-/// Colour range of a sequence: all values, unless a few frames dwarf the others. Then the largest
-/// value of 95 % of the frames, but at least a quarter of the largest of all, so that noise stays
-/// pale; the small print tells what was clipped.
+/// Colour range of a sequence: all values, unless a few frames are much larger than the rest. In
+/// that case it is the largest value of 95 % of the frames, but at least a quarter of the overall
+/// maximum, so that noise stays faint; the footnote says what was clipped.
 fn common_range(images: ArrayView3<'_, f64>) -> Option<[f64; 2]> {
     let finite = |v: &&f64| v.is_finite();
     let mut largest: Vec<f64> = images
@@ -221,7 +222,7 @@ fn common_range(images: ArrayView3<'_, f64>) -> Option<[f64; 2]> {
     (largest.len() >= 20 && range < 0.5 * most).then_some([-range, range])
 }
 
-/// `sheet.png`, and `movie.gif` where there is a sequence.
+/// Writes `sheet.png`, and `movie.gif` for a sequence.
 pub fn write_pictures(
     out: &mut OutFolder,
     images: ArrayView3<'_, f64>,
@@ -283,7 +284,7 @@ fn report(
     report
 }
 
-/// As in the scene file.
+/// Name of the difference, as in the scene file.
 fn kind_words(kind: DifferenceKind) -> &'static str {
     match kind {
         DifferenceKind::Plain => "plain",
@@ -322,7 +323,7 @@ fn text(task: &Task<'_>, made: &Made, Remarks { why, notes }: &Remarks, out: &Ou
     lines.join("\n")
 }
 
-/// A forward solve for reports.
+/// Returns the JSON report of a forward solve.
 pub fn solve_json(report: &SolveReport) -> Value {
     json!({
         "unknowns": report.unknowns,

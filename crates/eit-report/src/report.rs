@@ -1,5 +1,5 @@
-//! `eit report`: error against run time of every method, their quality over noise, how well touches
-//! are found, and what a U-net makes of it, all on simulated touches of built-in skins.
+//! `eit report`: error against run time of every method, image quality against noise, accuracy of
+//! touch detection, and the effect of a U-net, all on simulated touches of built-in skins.
 
 mod benchmark;
 mod denoise;
@@ -19,13 +19,13 @@ use crate::output::OutFolder;
 use crate::settings::ReportSettings;
 use eit_skin::{Progress, StopFlag};
 
-/// Files of the parts: each run removes those of the others that it does not make.
+/// Output files of all parts: each run removes those of other parts.
 const FILES: [&str; 23] = [
     "report.html",
     "report.md",
     "report.json",
     "incomplete.txt",
-    // of earlier versions
+    // written by earlier versions
     "forward.png",
     "inverse.csv",
     "forward.csv",
@@ -47,13 +47,13 @@ const FILES: [&str; 23] = [
     "denoised.png",
 ];
 
-/// Runs the benchmark of error against run time, or instead the part that the settings name: tables of
-/// quality, touch figures, or U-nets.
+/// Runs the benchmark of error against run time, or the part selected in the settings: quality
+/// tables, touch figures or U-nets.
 ///
 /// # Errors
 ///
-/// Settings that name no scene, weights that cannot be read, a folder that cannot be written to;
-/// failures of the solvers that a part cannot do without.
+/// Settings that select no scene, weights that cannot be read, a folder that cannot be written to;
+/// failures of solvers that a part needs.
 pub fn run(
     settings: &ReportSettings,
     stop: &StopFlag,

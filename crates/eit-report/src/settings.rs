@@ -1,57 +1,57 @@
-//! What is asked of the reports.
+//! Settings of the reports.
 
 use std::path::PathBuf;
 
 /// Settings of the demo.
 #[derive(Debug, Clone)]
 pub struct DemoSettings {
-    /// Folder for the results.
+    /// Output folder.
     pub out: PathBuf,
-    /// Write into a folder that holds other things, too.
+    /// Whether to write into a folder that contains other files.
     pub force: bool,
-    /// Fewer frames, pixels and nodes: seconds, as a check.
+    /// Whether to use fewer frames, pixels and nodes, for a check that takes seconds.
     pub quick: bool,
 }
 
 /// Settings of a reconstruction with its pictures and report.
 #[derive(Debug, Clone)]
 pub struct ReconstructSettings {
-    /// Scene file or built-in scene.
+    /// Scene file or name of a built-in scene.
     pub scene: String,
-    /// Files of frames; empty: the scene's recording.
+    /// Files with frames; if empty, the scene's recording.
     pub frames: Vec<PathBuf>,
-    /// Reference frame instead of the scene's.
+    /// Reference frame, overriding the scene's.
     pub reference: Option<String>,
-    /// Method instead of the scene's.
+    /// Method, overriding the scene's.
     pub method: Option<String>,
-    /// Folder for the results.
+    /// Output folder.
     pub out: PathBuf,
 }
 
-/// Which report, and how large.
+/// Selects a report and its extent.
 #[derive(Debug, Clone, Default)]
 pub struct ReportSettings {
-    /// Folder for the results.
+    /// Output folder.
     pub out: PathBuf,
-    /// Fewer frames, pixels and movies.
+    /// Whether to use fewer frames, pixels and movies.
     pub quick: bool,
-    /// Figures of merit over noise, speed and touches instead of error against time.
+    /// Report figures of merit against noise, speed and touches instead of error against time.
     pub quality: bool,
-    /// Touches instead of images: these parts.
+    /// Report these parts on touches instead of images.
     pub touches: Vec<TouchPart>,
-    /// What U-nets make of images.
+    /// Report the effect of U-nets on images.
     pub denoise: bool,
-    /// Only these scenes; empty: all.
+    /// Scenes to include; if empty, all.
     pub scenes: Vec<String>,
-    /// Only what a plan promises of each scene, beside what is measured.
+    /// Only compare the predictions of a plan with measurements, for each scene.
     pub plans: bool,
-    /// Only the forward problem of each skin.
+    /// Only report the forward problem of each skin.
     pub forward: bool,
-    /// A Python that runs the peers.
+    /// Python interpreter that runs the peer programs.
     pub peers: Option<PathBuf>,
     /// U-nets to compare: "default" or files.
     pub weights: Vec<String>,
-    /// Method of the raw images of U-nets.
+    /// Method of the raw images for U-nets.
     pub method: Option<String>,
     /// Added to the seed of every sequence that U-nets are compared on.
     pub seed: u64,
@@ -62,17 +62,17 @@ pub struct ReportSettings {
 pub enum TouchPart {
     /// Every part.
     All,
-    /// Touches without a finger, and whether confidence holds what it says.
+    /// False touches, and whether the confidence is calibrated.
     Reliability,
-    /// Position error of one touch beside its bound.
+    /// Position error of one touch, compared with its bound.
     Position,
-    /// The same when electrodes move.
+    /// Position error when electrodes move.
     Movement,
-    /// What taking the movement of electrodes out of the data does to images and touches.
+    /// Effect on images and touches of removing electrode movement from the data.
     Electrodes,
     /// Two-point discrimination.
     Pairs,
-    /// Fingers followed over time.
+    /// Tracking fingers over time.
     Tracks,
     /// GREIT figures of merit.
     Greit,
@@ -83,35 +83,35 @@ pub enum TouchPart {
 /// Settings of a simulation on the fabric.
 #[derive(Debug, Clone)]
 pub struct SimulateSettings {
-    /// Scene file or built-in scene.
+    /// Scene file or name of a built-in scene.
     pub scene: String,
-    /// Built-in touch script, or a file.
+    /// Name of a built-in touch script, or a file.
     pub script: String,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Only the first frames of the script.
+    /// Number of frames of the script to simulate; `None` for all.
     pub frames: Option<usize>,
-    /// Nodes of the mesh that simulates.
+    /// Nodes of the simulation mesh.
     pub nodes: Option<usize>,
-    /// Threads; `None`: all. The result does not depend on them.
+    /// Number of threads; `None` for all. The result does not depend on it.
     pub threads: Option<usize>,
-    /// Folder for everything, or a file for the frames alone.
+    /// Output folder, or a file for the frames alone.
     pub out: PathBuf,
 }
 
-/// Settings of images through a U-net.
+/// Settings for applying a U-net to images.
 #[derive(Debug, Clone)]
 pub struct DenoiseImages {
-    /// Scene file or built-in scene.
+    /// Scene file or name of a built-in scene.
     pub scene: String,
     /// Images [frame, row, column].
     pub images: PathBuf,
-    /// "default" or a file; `None`: the scene's.
+    /// "default" or a file; `None` for the scene's.
     pub weights: Option<String>,
-    /// Take weights of another skin or other pixels.
+    /// Whether to accept weights of another skin or pixel count.
     pub any_skin: bool,
-    /// True images to compare with.
+    /// True images for comparison.
     pub truth: Option<PathBuf>,
-    /// Folder for the results.
+    /// Output folder.
     pub out: PathBuf,
 }

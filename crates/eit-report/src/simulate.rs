@@ -1,10 +1,10 @@
-//! Simulated sequences of fingers on a linear skin (`eit_fem::fabric::LinearResponse`): soft ones are bells,
-//! hard ones pads with an edge.
+//! Simulated sequences of fingers on a linear skin (`eit_fem::fabric::LinearResponse`): soft
+//! fingers are Gaussian bells, hard ones are pads with an edge.
 //!
-//! The simulated fabric solves each frame on a mesh finer than the one that reconstructs; noise of
-//! any level and seed goes onto the same voltages afterwards. The reference frame is the untouched
-//! skin with noise of its own. Everything random comes from a seed, so a sequence has the same bytes
-//! every time.
+//! The simulated fabric solves each frame on a mesh finer than that of the reconstruction; noise of
+//! any level and seed is then added to the same voltages. The reference frame is the untouched skin
+//! with its own noise. All random numbers come from seeds, so a sequence is always the same bit for
+//! bit.
 
 mod fabric_frames;
 mod sequence;
@@ -21,24 +21,26 @@ use eit_skin::frames::Frames;
 use eit_skin::{Progress, Skin};
 use ndarray::Array3;
 
-/// A simulated sequence and its truth.
+/// A simulated sequence with its truth.
 pub(crate) struct SimulatedSequence {
-    /// Voltages with noise and their reference.
+    /// Noisy voltages and their reference.
     pub frames: Frames,
     /// True conductivity change, siemens, [frame, row, column], NaN outside the skin.
     pub truth: Array3<f64>,
-    /// True places of the fingers, metres, `[frame][finger]`; a finger keeps its number.
+    /// True positions of the fingers, metres, `[frame][finger]`; the index of a finger does not
+    /// change.
     pub positions_m: Vec<Vec<[f64; 2]>>,
-    /// Standard deviation of the noise, volt.
+    /// Standard deviation of the noise, volts.
     pub noise_std_v: f64,
-    /// Nodes of the mesh that simulated.
+    /// Nodes of the simulation mesh.
     pub nodes: usize,
 }
 
-/// Simulates a random sequence on a mesh of its own; its truth is on the raster of the reconstruction.
+/// Simulates a random sequence on its own mesh; the truth is on the reconstruction raster.
 ///
-/// For several noise levels of one sequence take its steps: [`TouchSequence::random`],
-/// [`TouchSequence::voltages`] once, [`with_noise`](voltages::SequenceVoltages::with_noise) for each.
+/// For several noise levels of one sequence, use its steps: [`TouchSequence::random`] and
+/// [`TouchSequence::voltages`] once, [`with_noise`](voltages::SequenceVoltages::with_noise) for
+/// each level.
 pub(crate) fn simulate(
     skin: &Skin,
     settings: &SequenceSettings,

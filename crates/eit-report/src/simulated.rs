@@ -1,4 +1,5 @@
-//! `eit simulate`: frames of the simulated fabric, with their truth and a scene to reconstruct.
+//! `eit simulate`: writes frames of the simulated fabric, with their truth and a scene for
+//! reconstruction.
 
 use crate::Answer;
 use crate::error::ReportError;
@@ -14,18 +15,18 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 
-/// Nodes of the mesh that simulates: 3.5 times those that reconstruct.
+/// Nodes of the simulation mesh: 3.5 times those of the reconstruction mesh.
 const NODES: usize = 7000;
-/// Files that a run may leave out.
+/// Files that a run may omit.
 const OPTIONAL: [&str; 1] = ["truth.gif"];
 
-/// Where results go.
+/// Where to write results.
 enum Out {
     Folder(OutFolder),
     Frames(OutFile, String),
 }
 
-/// Simulates and writes.
+/// Runs a simulation and writes its results.
 pub fn run(args: &SimulateSettings, progress: &mut Progress) -> Result<Answer, ReportError> {
     let scene = Scene::load(&args.scene)?;
     let file = script_file(&args.script)?;
@@ -82,7 +83,7 @@ pub fn run(args: &SimulateSettings, progress: &mut Progress) -> Result<Answer, R
     Ok(Answer { text: crate::with_warning(text, note.as_ref()), json })
 }
 
-/// The script of a file; `None` for the name of a built-in one, which needs the mesh.
+/// Reads the script from a file; `None` for the name of a built-in one, which needs the mesh.
 fn script_file(name: &str) -> Result<Option<TouchScript>, ReportError> {
     let path = Path::new(name);
     if ending(path) == "toml" {
@@ -95,11 +96,11 @@ fn script_file(name: &str) -> Result<Option<TouchScript>, ReportError> {
     }
     let known = TouchScript::BUILT_IN.join(", ");
     Err(ReportError::input(format!(
-        "--script {name}: there is no such script: known are {known}; or give a file: F.toml"
+        "--script {name}: no such script; known scripts are {known}; or give a file F.toml"
     )))
 }
 
-/// The script that will be run, checked on its skin.
+/// Returns the script to run, checked against its skin.
 fn script(
     args: &SimulateSettings,
     file: Option<TouchScript>,
@@ -116,7 +117,7 @@ fn script(
     Ok(script)
 }
 
-/// A simulation and what it was made of.
+/// A simulation and its input.
 struct Made<'a> {
     scene: &'a Scene,
     script: &'a TouchScript,
@@ -178,8 +179,8 @@ impl Made<'_> {
         Ok(())
     }
 
-    /// The scene with this recording: reference and noise from the quiet frames, files of the
-    /// scene by their full paths.
+    /// Returns the scene with this recording: reference and noise from the quiet frames, files of
+    /// the scene with their full paths.
     fn scene_table(&self) -> Result<toml::Table, ReportError> {
         let mut table: toml::Table =
             from_toml(&Scene::text(&self.scene.place)?, &self.scene.place)?;
@@ -220,7 +221,8 @@ impl Made<'_> {
         let rate_hz = self.script.frame_rate_hz;
         let settings = PictureSettings {
             title: format!("{}: {}, truth", self.scene.name, self.script.name),
-            footnote: "true change of the sheet conductivity against the untouched skin".to_owned(),
+            footnote: "true change of the sheet conductivity relative to the untouched skin"
+                .to_owned(),
             labels: FrameLabels::Time { rate_hz },
             ..Default::default()
         };
@@ -239,7 +241,7 @@ impl Made<'_> {
         Ok(())
     }
 
-    /// Largest movement of an electrode in the plane of the skin, metres.
+    /// Largest electrode displacement in the plane of the skin, metres.
     fn largest_shift_m(&self) -> f64 {
         let shifts = self.made.truth.electrode_shift_m.rows().into_iter();
         shifts.map(|s| s[0].hypot(s[1])).fold(0.0, f64::max)
@@ -284,7 +286,7 @@ impl Made<'_> {
     fn text(&self, out: &Path) -> String {
         let report = &self.made.report;
         format!(
-            "{} frames of {} measurements, script {}, on {} nodes; {:.0} frames a second on {} \
+            "{} frames of {} measurements, script {}, on {} nodes; {:.0} frames per second on {} \
              threads\nelectrodes moved by up to {:.2} mm in the plane\nwritten to {}",
             report.frames,
             self.made.reference_v.len(),

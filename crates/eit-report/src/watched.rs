@@ -1,4 +1,4 @@
-//! What `eit live` and `eit replay` show, keep and answer.
+//! Output and summary of `eit live` and `eit replay`.
 
 use crate::Answer;
 use crate::error::ReportError;
@@ -13,19 +13,19 @@ use std::io::{BufWriter, Write as _};
 use std::path::Path;
 use tempfile::NamedTempFile;
 
-/// Files of `--out` that a run may leave out.
+/// Files in the output folder that a run may omit.
 pub const OPTIONAL: [&str; 2] = ["images.npy", "raw.npy"];
 
-/// What `--out` writes, frame by frame: memory does not grow with the hours.
+/// Writes the output folder frame by frame, so memory does not grow with run time.
 pub struct Kept {
     folder: OutFolder,
-    /// From the first image on; the raw ones where a net follows.
+    /// Present from the first image on; the second file holds raw images if a network is used.
     images: Option<(ImageFile, Option<ImageFile>)>,
     touches: BufWriter<NamedTempFile>,
 }
 
 impl Kept {
-    /// Reserves the folder.
+    /// Creates the output folder.
     pub fn new(path: &Path) -> Result<Self, ReportError> {
         let folder = OutFolder::new(path)?;
         let mut touches = folder.begin("touches.csv")?;
@@ -33,7 +33,7 @@ impl Kept {
         Ok(Self { folder, images: None, touches })
     }
 
-    /// Takes an image and its touches.
+    /// Stores an image and its touches.
     pub fn take(&mut self, shown: &LiveFrame<'_>) -> Result<(), ReportError> {
         if let Some(made) = shown.images {
             self.take_image(made)?;
@@ -61,7 +61,7 @@ impl Kept {
         Ok(())
     }
 
-    /// Puts the files in their places; their names.
+    /// Completes the files and returns their names.
     pub fn finish(self) -> Result<Vec<&'static str>, ReportError> {
         let Self { mut folder, images, touches } = self;
         if let Some((images, raw)) = images {
@@ -77,7 +77,7 @@ impl Kept {
     }
 }
 
-/// Touches as a recording holds them.
+/// Converts touches to a recording's format.
 pub fn record_of(shown: &LiveFrame<'_>) -> TouchesRecord {
     let touches = shown.touches.iter().filter(|touch| touch.state != TouchState::End);
     TouchesRecord {
@@ -93,7 +93,7 @@ pub fn record_of(shown: &LiveFrame<'_>) -> TouchesRecord {
     }
 }
 
-/// What was seen, for people and for programs.
+/// Summarises a run as text and JSON.
 pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&str]) -> Answer {
     let rate_hz =
         (summary.span_s > 0.0).then(|| summary.frames.saturating_sub(1) as f64 / summary.span_s);
@@ -104,7 +104,7 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
          skipped, {} references taken",
         summary.frames,
         if summary.images.is_empty() { "" } else { " with images" },
-        rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} a second")),
+        rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} per second")),
         summary.touches,
         summary.most_at_once,
         statistics.lost,
@@ -114,8 +114,8 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
     for (what, latency_s) in [("touches", touches_s), ("image", images_s)] {
         if let [Some(median), Some(high), Some(worst)] = latency_s.map(|s| s.map(|s| 1e3 * s)) {
             text += &format!(
-                "\nfrom the last byte of a frame to its {what}: {median:.1} ms in the median, \
-                 {high:.1} ms in 95 %, {worst:.1} ms at worst",
+                "\nfrom the last byte of a frame to its {what}: median {median:.1} ms, 95 % \
+                 {high:.1} ms, maximum {worst:.1} ms",
             );
         }
     }
@@ -126,7 +126,7 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
         text += &format!("\nimages: {}", summary.images_words());
     }
     for notice in summary.notices.iter().take(20) {
-        text += &format!("\nit said: {notice}");
+        text += &format!("\nnotice: {notice}");
     }
     let json = json!({
         "instrument": name,

@@ -1,4 +1,4 @@
-//! Touches of a recording, without images: what a robot would act on, and what a frame costs.
+//! Finds touches in a recording without images, as a robot would, and measures the time per frame.
 //!
 //! ```text
 //! cargo run --release -p eit-skin --example find_touches -- SCENE OUT.csv [FRAMES]

@@ -1,4 +1,5 @@
-//! A skin from its scene to its live touches: `cargo run --example robot --features hw -- SCENE [PORT]`.
+//! Prints the touches of a scene's instrument live:
+//! `cargo run --example robot --features hw -- SCENE [PORT]`.
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use eit_skin::{Skin, SkinError};

@@ -1,4 +1,4 @@
-//! The instrument of a scene, opened.
+//! Opens the instrument of a scene.
 
 use crate::error::SkinError;
 use crate::scene::Instrument;
@@ -9,12 +9,12 @@ use eit_hw::capture::SessionRecord;
 use eit_hw::driver::FrameSource;
 use eit_hw::driver::{Overflow, Session, SessionSettings};
 
-/// Frames that may wait while a recorder is busy with the disk: 8 s at 1000 frames a second.
+/// Frames that may queue while a recorder waits for the disk: 8 s at 1000 frames per second.
 const RECORDER_FRAMES: usize = 8192;
-/// Frames that may wait for a live view, which wants the present.
+/// Frames that may queue for a live view, which needs only the latest.
 const VIEWER_FRAMES: usize = 8;
 
-/// Opens the scene's instrument. A protocol that it does not measure is told with both names.
+/// Opens the scene's instrument. If it does not measure the scene's protocol, the error names both.
 pub fn open(
     instrument: &Instrument,
     port: Option<&str>,
@@ -36,7 +36,7 @@ pub fn open(
         | HwError::MissingMeasurement { .. }
         | HwError::MissingElectrode { .. }
         | HwError::CountMismatch { .. } => SkinError::input(format!(
-            "the protocol of {} is not what the instrument \"{}\" measures: {error}",
+            "the protocol of {} does not match what the instrument \"{}\" measures: {error}",
             instrument.place,
             instrument.driver_name()
         )),
@@ -44,7 +44,7 @@ pub fn open(
     })
 }
 
-/// What a recording says about itself.
+/// Returns the metadata of a recording: the source's set-up, current, frequency, scene and program version.
 #[cfg(feature = "recording")]
 pub fn session_record(
     scene_toml: &str,

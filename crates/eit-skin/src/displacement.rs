@@ -1,4 +1,4 @@
-//! Which way electrodes may go, and what that does to the voltages.
+//! Directions in which electrodes may move, and the derivatives of the voltages along them.
 
 use crate::error::SkinError;
 use crate::progress::Progress;
@@ -7,7 +7,7 @@ use eit_fem::{Displacement, ElectrodeMotion};
 use eit_mesh::{Electrode, Mesh, Surface};
 use ndarray::Array2;
 
-/// Derivative of the background's voltages along the displacements of electrodes, [measurement,
+/// Derivatives of the background's voltages with respect to electrode displacements, [measurement,
 /// displacement], volt per metre.
 pub(crate) fn jacobian(
     background: &[f64],
@@ -22,7 +22,8 @@ pub(crate) fn jacobian(
     })
 }
 
-/// Two for each electrode: along the rim and outward with the skin; of a patch, along the skin.
+/// Two displacements per electrode: along the rim and outward with the skin, or, for a patch, two along the
+/// skin.
 fn displacements(mesh: &Mesh) -> Result<Vec<Displacement>, SkinError> {
     let rim = [ElectrodeMotion::CarriedAlong, ElectrodeMotion::CarriedOutward];
     let patches = mesh.electrodes().iter().filter(|e| matches!(e, Electrode::Patch(_))).count();
@@ -45,7 +46,7 @@ fn displacements(mesh: &Mesh) -> Result<Vec<Displacement>, SkinError> {
     Ok(found)
 }
 
-/// Two directions along the skin under a patch: perpendicular to each other and to its mean normal.
+/// Two unit vectors along the skin under a patch, perpendicular to each other and to its mean normal.
 fn tangents(surface: &Surface, triangles: &[u32]) -> [[f64; 3]; 2] {
     let cross = |a: [f64; 3], b: [f64; 3]| {
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
@@ -62,7 +63,7 @@ fn tangents(surface: &Surface, triangles: &[u32]) -> [[f64; 3]; 2] {
         (0..3).for_each(|k| normal[k] += twice_area[k]);
     }
     let normal = unit(normal);
-    // the axis that is least along the normal, without its part across the skin
+    // the coordinate axis least aligned with the normal, projected onto the tangent plane
     let least = (0..3).min_by(|&i, &k| normal[i].abs().total_cmp(&normal[k].abs())).unwrap_or(0);
     let across = normal[least];
     let mut axis = normal.map(|n| -across * n);

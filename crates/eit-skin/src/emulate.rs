@@ -1,4 +1,4 @@
-//! The instrument of a scene as a program: what it measures, and the device that sends it.
+//! Emulates the instrument of a scene: what it measures, and the device that sends it.
 
 mod arrange;
 
@@ -16,14 +16,14 @@ use ndarray::Array2;
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Noise of the untouched skin where the scene states none, as a part of the median voltage: 80 dB.
+/// Noise of the untouched skin if the scene states none, relative to the median voltage: 80 dB.
 const DEFAULT_NOISE: f64 = 1e-4;
-/// Highest frame rate that an emulated EITS-1 instrument agrees to.
+/// Highest frame rate that an emulated EITS-1 instrument accepts.
 const MOST_RATE_HZ: f32 = 10_000.0;
-/// What an instrument is that is told apart by nothing else.
+/// Name that an emulated EITS-1 instrument reports.
 const NAME: &str = "emulated skin";
 
-/// Voltages that the device sends over and over, [frame, value of the device].
+/// Voltages that the device plays in a loop, [frame, value of the device].
 struct Played {
     real: Array2<f64>,
     imaginary: Option<Array2<f64>>,
@@ -44,10 +44,10 @@ impl Played {
     }
 }
 
-/// Frames that an emulated instrument plays over and over.
+/// Frames that an emulated instrument plays in a loop.
 #[derive(Debug, Clone, Copy)]
 pub enum PlayedFrames<'a> {
-    /// The untouched skin by its own model, with noise.
+    /// The untouched skin as simulated by its own model, with noise.
     Untouched,
     /// A file of frames in the protocol's order.
     File(&'a Path),
@@ -55,10 +55,10 @@ pub enum PlayedFrames<'a> {
     Values(&'a Array2<f64>),
 }
 
-/// What is sent.
+/// What an emulated instrument sends.
 #[derive(Debug, Clone, Copy)]
 pub struct Content<'a> {
-    /// What is played over and over.
+    /// Frames to play in a loop.
     pub frames: PlayedFrames<'a>,
     /// Serial number.
     pub serial: &'a str,
@@ -66,7 +66,7 @@ pub struct Content<'a> {
     pub seed: u64,
 }
 
-/// The device that the scene's driver talks to.
+/// Builds the device that the scene's driver talks to.
 pub fn device(
     skin: &Skin,
     instrument: &Instrument,
@@ -89,7 +89,7 @@ pub fn device(
         DriverKind::Eits1 => Ok(eits1(instrument, content.serial, played)),
         DriverKind::Sciospec(_) => sciospec(instrument, content.serial, played),
         DriverKind::Board(board) => {
-            // what the driver multiplies by is divided by here
+            // inverse of the factor that the driver multiplies by
             let unit = match board.unit {
                 Unit::Volt => 1.0,
                 Unit::Ohm => instrument.current_a,
@@ -100,13 +100,13 @@ pub fn device(
     }
 }
 
-/// An electrode that a drive leaves alone: potentials are against it.
+/// Returns an electrode that a drive does not use; potentials are measured against it.
 fn free_electrode(drive: [u32; 2]) -> u32 {
     (0..).find(|electrode| !drive.contains(electrode)).unwrap_or_default()
 }
 
-/// Measurements whose voltages the device needs: those it sends, and of a Sciospec instrument each
-/// potential against that of an electrode that is not driven.
+/// Measurements whose voltages the device needs: those it sends or, for a Sciospec instrument, the potential
+/// of each electrode against one that is not driven.
 fn quadruples(instrument: &Instrument) -> Vec<Quadruple> {
     match &instrument.kind {
         DriverKind::Eits1 => instrument.quadruples.clone(),
@@ -160,7 +160,7 @@ fn from_model(
     })
 }
 
-/// Frames of a file in the scene's protocol, as voltages of the wanted measurements.
+/// Reads frames in the scene's protocol from a file and converts them to voltages of the wanted measurements.
 fn from_file(
     skin: &Skin,
     instrument: &Instrument,
@@ -174,7 +174,7 @@ fn from_file(
         let mut frames = recording.frames_for(own, count, component)?;
         frames.to_volts(instrument.current_a);
         frames.values *= scale;
-        // a value that was not measured cannot be sent
+        // a missing value cannot be sent
         frames.values.mapv_inplace(|value| if value.is_finite() { value } else { 0.0 });
         arranged(&instrument.quadruples, &frames.values, wanted)
             .map_err(|why| mismatch(skin, instrument, &why))
@@ -189,8 +189,8 @@ fn from_file(
 
 fn mismatch(skin: &Skin, instrument: &Instrument, why: &str) -> SkinError {
     SkinError::input(format!(
-        "the protocol of {} is not what the instrument \"{}\" measures: {why}; change [protocol] or \
-         instrument.driver",
+        "the protocol of {} does not match what the instrument \"{}\" measures: {why}; change \
+         [protocol] or instrument.driver",
         skin.place,
         instrument.driver_name()
     ))
@@ -213,7 +213,7 @@ fn eits1(instrument: &Instrument, serial: &str, mut played: Played) -> Box<dyn D
     let source = move |number: u64, quadruples: &[Quadruple], values: &mut [f64]| {
         let step = if complex { 2 } else { 1 };
         for (slots, quadruple) in values.chunks_exact_mut(step).zip(quadruples) {
-            // a host with another scene may ask for what this one does not have
+            // a host with another scene may ask for a measurement that this one lacks
             let parts = place.get(quadruple).map_or([0.0; 2], |&index| played.at(number, index));
             slots.copy_from_slice(&parts[..step]);
         }
@@ -246,7 +246,7 @@ fn sciospec(
                 index += 1;
             }
         }
-        // against the mean, as against an instrument's ground
+        // relative to the mean, as an instrument measures against its ground
         let count = potentials.len() as f64;
         for part in 0..2 {
             let mean = potentials.iter().map(|parts| parts[part]).sum::<f64>() / count;
@@ -271,7 +271,7 @@ fn text_board(
         }
     };
     let mut board = board.clone();
-    // the device knows no scene: it sends what it is given
+    // the device has no scene: it sends what it is given
     board.layout = Layout::ProtocolOrder;
     Box::new(BoardDevice::new(board, instrument.frame_rate_hz, Box::new(source)))
 }

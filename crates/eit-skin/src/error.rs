@@ -1,4 +1,4 @@
-//! Errors: one line that says what, where and how to mend it.
+//! Errors: one line that says what is wrong, where, and how to fix it.
 
 use eit_denoise::DenoiseError;
 use eit_fem::FemError;
@@ -7,16 +7,16 @@ use eit_inverse::InverseError;
 use eit_mesh::MeshError;
 use std::path::Path;
 
-/// Why something about a skin failed.
+/// An error while building or using a skin.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SkinError {
-    /// An error and its place: a file, a scene, a frame.
+    /// An error with its location: a file, a scene or a frame.
     #[error("{place}: {source}")]
     Within {
-        /// Where.
+        /// Location.
         place: String,
-        /// What.
+        /// The error.
         source: Box<SkinError>,
     },
     /// A setting outside its range.
@@ -26,15 +26,15 @@ pub enum SkinError {
         key: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// Allowed values.
         must: &'static str,
     },
-    /// Two settings that cannot be together.
+    /// Two settings that exclude each other.
     #[error("{one} and {other} exclude each other: keep one")]
     Exclusive {
         /// Key of the scene.
         one: &'static str,
-        /// The other.
+        /// The other key.
         other: &'static str,
     },
     /// A setting that would silently have no effect.
@@ -45,7 +45,7 @@ pub enum SkinError {
         /// "without ..." or "with ...".
         because: String,
     },
-    /// A setting that is needed.
+    /// A required setting is missing.
     #[error("{key} is missing: {why} needs it")]
     Missing {
         /// Key of the scene.
@@ -53,17 +53,19 @@ pub enum SkinError {
         /// What needs it.
         why: String,
     },
-    /// A list of another length than the electrodes.
-    #[error("{key} has {found} values for {electrodes} electrodes: give one number or one each")]
+    /// A list with the wrong length for the number of electrodes.
+    #[error(
+        "{key} has {found} values for {electrodes} electrodes: give one number, or one per electrode"
+    )]
     WrongCount {
         /// Key of the scene.
         key: String,
-        /// Values that it has.
+        /// Number of values in the list.
         found: usize,
-        /// Electrodes of the skin.
+        /// Number of electrodes of the skin.
         electrodes: usize,
     },
-    /// A frame of another length than the protocol.
+    /// A frame with the wrong length for the protocol.
     #[error(
         "a frame of {values} values with {flags} flags, but the protocol has {measurements} \
          measurements"
@@ -76,12 +78,12 @@ pub enum SkinError {
         /// Measurements of the protocol.
         measurements: usize,
     },
-    /// A list of another length than the protocol.
+    /// A list with the wrong length for the protocol.
     #[error("{what} has {found} values, but the protocol has {measurements} measurements")]
     MeasurementCount {
         /// Which list.
         what: &'static str,
-        /// Values that it has.
+        /// Number of values in the list.
         found: usize,
         /// Measurements of the protocol.
         measurements: usize,
@@ -94,35 +96,35 @@ pub enum SkinError {
         /// Electrodes of the skin.
         electrodes: usize,
     },
-    /// Frames that the recording does not have.
+    /// A frame number beyond the end of the recording.
     #[error("{what}: the recording has frames 0 to {last}")]
     NoSuchFrame {
-        /// What asked for them.
+        /// What refers to the frame.
         what: String,
         /// Last frame of the recording.
         last: usize,
     },
-    /// Arrays beyond memory.
+    /// Arrays that are too large for memory.
     #[error("{what} take {gigabytes:.0} GB: {advice}")]
     TooLarge {
-        /// Which.
+        /// Which arrays.
         what: String,
-        /// Their size.
+        /// Their size, gigabytes.
         gigabytes: f64,
         /// How to make them smaller.
         advice: &'static str,
     },
-    /// Rounding may have cost all digits of the voltages.
+    /// Rounding may have destroyed every digit of the voltages.
     #[error(
         "no digit of the voltages is certain: conductances on this skin span {decades:.0} decades \
          (contact impedances times conductivity against element size, or contrast); bring them \
-         nearer to each other"
+         closer together"
     )]
     NoCertainDigit {
         /// Powers of ten between the smallest and the largest conductance.
         decades: f64,
     },
-    /// Noise that is needed and neither stated nor measured.
+    /// The noise is required, but neither stated nor measured.
     #[error("{who} needs the noise: state [noise] additive_v or quiet_frames")]
     UnknownNoise {
         /// What needs it.
@@ -131,33 +133,33 @@ pub enum SkinError {
     /// Settings or data that do not fit together; the message names them.
     #[error("{0}")]
     Input(String),
-    /// Everything was right and it still failed.
+    /// A failure although the input was valid.
     #[error("{0}")]
     Failure(String),
-    /// Of a mesh.
+    /// An error of the mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// Of the forward model.
+    /// An error of the forward model.
     #[error(transparent)]
     Fem(#[from] FemError),
-    /// Of a reconstruction.
+    /// An error of the reconstruction.
     #[error(transparent)]
     Inverse(#[from] InverseError),
-    /// Of an instrument or a recording.
+    /// An error of an instrument or a recording.
     #[error(transparent)]
     Hw(#[from] HwError),
-    /// Of a U-net.
+    /// An error of a U-net.
     #[error(transparent)]
     Denoise(#[from] DenoiseError),
 }
 
 impl SkinError {
-    /// Bad input.
+    /// Creates an error for invalid input.
     pub fn input(message: impl Into<String>) -> Self {
         Self::Input(message.into())
     }
 
-    /// Refuses a list that has not one value for each measurement.
+    /// Rejects a list that does not have one value per measurement.
     pub(crate) fn check_measurements(
         what: &'static str,
         found: usize,
@@ -169,17 +171,18 @@ impl SkinError {
         }
     }
 
-    /// A failure at a path.
+    /// Creates a failure at a path.
     pub fn at(path: &Path, error: impl std::fmt::Display) -> Self {
         Self::Failure(format!("{}: {error}", path.display()))
     }
 
-    /// The same error with the place in front.
+    /// Adds a location in front of the error.
     pub fn within(self, place: &str) -> Self {
         Self::Within { place: place.to_owned(), source: Box::new(self) }
     }
 
-    /// Whether the caller's input is at fault; otherwise everything was right and it still failed.
+    /// Returns whether invalid input caused the error; otherwise something failed although the input was
+    /// valid.
     pub fn is_input(&self) -> bool {
         match self {
             Self::Within { source, .. } => source.is_input(),

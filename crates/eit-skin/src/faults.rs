@@ -1,16 +1,16 @@
-//! Electrodes that fail while the skin is in use: open, shorted, noisy, stuck, drifting.
+//! Faults of electrodes while the skin is in use: open, shorted, noisy, stuck, drifting.
 //!
-//! A linear passive skin is reciprocal: driving `[a, b]` and measuring `[m, n]` gives the same change
-//! as the other way round, whatever touches it. What breaks that is a fault, and the electrode with
-//! the largest part of broken measurements has it; the rest is looked at again without it. Channels
-//! that repeat themselves exactly while others move are stuck. A gain that drifts is reciprocal: there
-//! the detector of touches says whose gain explains the frame ([`FaultMonitor::blame`]).
+//! A linear passive skin is reciprocal: driving `[a, b]` and measuring `[m, n]` gives the same change as the
+//! reverse, whatever touches it. A violation of reciprocity therefore indicates a fault. The electrode with
+//! the largest fraction of violating measurements is taken to be faulty, and the rest is examined again
+//! without it. Channels that repeat exactly while others change are stuck. A drifting gain is reciprocal; the
+//! touch detector reports the electrode whose gain explains the frame ([`FaultMonitor::blame`]).
 //!
-//! A frame without a single good value, or one in which more contradicts than a third of the
-//! electrodes explain, is a bad frame (a packet that was dropped or damaged): it is left out whole, and
-//! blames nobody unless five of the second kind come in a row.
+//! A frame is bad (a dropped or damaged packet) if it has no valid value, or more violations than faults of a
+//! third of the electrodes explain. A bad frame is discarded whole and blames no electrode, unless five of
+//! the second kind come in a row.
 //!
-//! Costs a few operations for each measurement and electrode, and allocates nothing after set-up.
+//! The monitor needs a few operations per measurement and electrode, and does not allocate after set-up.
 
 mod contradictions;
 mod flagged;
@@ -26,50 +26,50 @@ pub use stream::{StreamMonitor, of_frames};
 
 use serde_json::{Value, json};
 
-/// What is wrong with an electrode.
+/// Kind of electrode fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FaultKind {
-    /// Its measurements contradict their reciprocals, or are dead: open, shorted or noisy.
+    /// Its measurements violate reciprocity or are dead: open, shorted or noisy.
     Contradicts,
-    /// Its measurements repeat themselves while others change.
+    /// Its measurements repeat exactly while others change.
     Stuck,
-    /// Its gain drifts away: a contact that gets worse.
+    /// Its gain drifts: a contact that gets worse.
     Drifts,
     /// The instrument flags most of its measurements.
     Flagged,
 }
 
 impl FaultKind {
-    /// For people, after "electrode 5 ".
+    /// Describes the fault for people, to follow "electrode 5 ".
     pub fn words(self) -> &'static str {
         match self {
             Self::Contradicts => "contradicts the others: open, shorted or noisy",
-            Self::Stuck => "is stuck: its measurements repeat themselves",
+            Self::Stuck => "is stuck: its measurements repeat exactly",
             Self::Drifts => "drifts: its contact gets worse",
             Self::Flagged => "is flagged by the instrument",
         }
     }
 }
 
-/// An electrode that is left out.
+/// An electrode that is excluded because of a fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ElectrodeFault {
-    /// Electrode, from 0.
+    /// Electrode index, from 0.
     pub electrode: usize,
-    /// What is wrong.
+    /// Kind of fault.
     pub kind: FaultKind,
-    /// Time of the frame in which it was found, seconds.
+    /// Time of the frame in which the fault was found, seconds.
     pub since_s: f64,
 }
 
 impl ElectrodeFault {
-    /// For people; electrodes are numbered from 1.
+    /// Describes the fault for people; electrodes are numbered from 1.
     pub fn words(&self) -> String {
         let Self { electrode, kind, since_s } = self;
-        format!("electrode {} {}; left out from {since_s:.2} s on", electrode + 1, kind.words())
+        format!("electrode {} {}; excluded from {since_s:.2} s on", electrode + 1, kind.words())
     }
 
-    /// For programs; electrodes are numbered from 1.
+    /// Returns the fault as JSON; electrodes are numbered from 1.
     pub fn json(&self) -> Value {
         json!({
             "electrode": self.electrode + 1,

@@ -1,13 +1,13 @@
-//! The first scene of a new skin: from what its builder measured with a ruler and what its board prints.
+//! Writes the first scene of a new skin, from its measured size and the values that its board prints.
 //!
-//! 1. [`fitting_protocols`]: pair protocols with as many measurements as the board prints, best first by
-//!    reciprocity and by the likeness of the untouched frame to the model.
-//! 2. [`PressWatch`]: notices when the skin is pressed and held, and when it is released.
-//! 3. [`find_numbering`]: which electrode is the first and which way they are counted, from presses at
-//!    known places, and whether a touch raises or lowers the conductivity.
+//! 1. [`fitting_protocols`]: finds pair protocols with as many measurements as the board prints values,
+//!    sorted by reciprocity and by the correlation of the untouched frame with the model.
+//! 2. [`PressWatch`]: detects when the skin is pressed and held, and when it is released.
+//! 3. [`find_numbering`]: finds which electrode is the first and in which direction they are counted, from
+//!    presses at known places, and whether a touch raises or lowers the conductivity.
 //!
-//! [`FirstScene::to_toml`] writes what was found, with comments. What nobody knows has the values of the
-//! paper's fabric: normalised differences do not depend on the conductivity, and hardly on the contacts.
+//! [`FirstScene::to_toml`] writes the result, with comments. Unknown values are those of the paper's fabric:
+//! normalised differences do not depend on the conductivity, and hardly on the contact impedance.
 //!
 //! ```
 //! use eit_skin::first_scene::{FirstScene, Outline};
@@ -30,9 +30,9 @@ use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 
 /// Conductivity of the paper's fabric, siemens per square.
 const CONDUCTIVITY_S: f64 = 1e-5;
-/// Contact impedance beside it, ohm metre.
+/// Contact impedance of the paper's electrodes, ohm metre.
 const CONTACT_IMPEDANCE_OHM_M: f64 = 1e3;
-/// Widest electrode that is assumed where nobody measured it, metres.
+/// Largest electrode width assumed where it was not measured, metres.
 const WIDEST_M: f64 = 0.01;
 
 /// Outline of a flat skin around the origin.
@@ -53,7 +53,7 @@ pub enum Outline {
 }
 
 impl Outline {
-    /// Length of the rim, metres.
+    /// Returns the length of the rim, metres.
     pub fn rim_m(&self) -> f64 {
         match *self {
             Self::Disc { radius_m } => std::f64::consts::TAU * radius_m,
@@ -61,7 +61,7 @@ impl Outline {
         }
     }
 
-    /// Half of its extent along x and y, metres.
+    /// Returns half of the extent along x and y, metres.
     pub fn half_extent_m(&self) -> [f64; 2] {
         match *self {
             Self::Disc { radius_m } => [radius_m, radius_m],
@@ -69,42 +69,43 @@ impl Outline {
         }
     }
 
-    /// Where to press so that the numbering of the electrodes follows: seven tenths of the way from the
-    /// centre to the right rim, and to the upper one. No turn and no mirror image leaves both in place.
+    /// Returns where to press so that the electrode numbering can be determined: seven tenths of the way from
+    /// the centre to the right rim, and to the upper rim. No rotation or reflection leaves both places fixed.
     pub fn press_places_m(&self) -> [[f64; 2]; 2] {
         let [x, y] = self.half_extent_m();
         [[0.7 * x, 0.0], [0.0, 0.7 * y]]
     }
 }
 
-/// What is known of a new skin. Electrodes are equally spaced along the rim.
+/// What is known about a new skin. Electrodes are equally spaced along the rim.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FirstScene {
     /// Outline.
     pub outline: Outline,
     /// Number of electrodes.
     pub electrodes: usize,
-    /// Length of rim that each covers, metres.
+    /// Length of rim that each electrode covers, metres.
     pub electrode_width_m: f64,
-    /// Where electrode 1 is, counter-clockwise from +x as seen from the centre, degrees.
+    /// Position of electrode 1, counter-clockwise from +x as seen from the centre, degrees.
     pub first_angle_deg: f64,
-    /// Which way electrodes are counted.
+    /// Direction in which electrodes are counted.
     pub direction: Direction,
-    /// What the board measures.
+    /// The board's measurement protocol.
     pub protocol: PairProtocol,
     /// "csv", "eits1" or a board's name.
     pub driver: String,
     /// Serial port or `tcp:HOST:PORT`.
     pub port: Option<String>,
-    /// Rate of the serial line, where it is not the driver's own.
+    /// Baud rate of the serial line, if it is not the driver's default.
     pub baud: Option<u32>,
     /// Whether touches raise or lower the conductivity.
     pub sign: TouchSign,
 }
 
 impl FirstScene {
-    /// Electrodes that cover half of the rim, each 10 mm at most; the first at +x, counted
-    /// counter-clockwise; adjacent drive and measurement; a board that prints lines of numbers.
+    /// Creates a first scene with default settings: electrodes cover half of the rim, at most 10 mm each; the
+    /// first is at +x, counted counter-clockwise; adjacent drive and measurement; a board that prints lines
+    /// of numbers.
     pub fn new(outline: Outline, electrodes: usize) -> Self {
         let spacing_m = outline.rim_m() / electrodes.max(1) as f64;
         Self {
@@ -121,10 +122,10 @@ impl FirstScene {
         }
     }
 
-    /// The scene, checked.
+    /// Returns the scene after checking it.
     ///
     /// # Errors
-    /// Sizes that are not above zero, electrodes that overlap, a protocol that the electrodes do not have.
+    /// Sizes that are not above zero; electrodes that overlap; a protocol that does not fit the electrodes.
     pub fn scene(&self) -> Result<Scene, SkinError> {
         if self.electrodes < 4 {
             return Err(SkinError::input(format!(
@@ -157,7 +158,7 @@ impl FirstScene {
         Ok(scene)
     }
 
-    /// The scene file, with comments; `notes` stand at its head.
+    /// Returns the text of the scene file, with comments; `notes` come first.
     pub fn to_toml(&self, notes: &[String]) -> String {
         let mut text = String::new();
         for note in notes.iter().flat_map(|note| note.lines()) {
@@ -176,8 +177,8 @@ impl FirstScene {
         };
         text += &format!(
             "[skin]\n{shape}\n\
-             # nobody has measured the sheet. Touches and normalised images are relative to it, so the\n\
-             # paper's value serves; `eit calibrate` fits it where absolute images are wanted\n\
+             # the sheet was not measured. Touches and normalised images are relative to it, so the\n\
+             # paper's value suffices; `eit calibrate` fits it if absolute images are needed\n\
              conductivity_s = {CONDUCTIVITY_S:e}\n\n\
              [electrodes]                   # equally spaced along the rim\n\
              count = {}\n\
@@ -230,7 +231,7 @@ impl FirstScene {
     }
 }
 
-/// The name of a pattern in a scene. Lists of pairs have none and are not among the candidates.
+/// The name of a pattern in a scene. Lists of pairs have no name and are not among the candidates.
 fn pattern(pattern: &PairPattern) -> String {
     match pattern {
         PairPattern::Adjacent | PairPattern::Pairs(_) => "adjacent".to_owned(),
@@ -239,7 +240,7 @@ fn pattern(pattern: &PairPattern) -> String {
     }
 }
 
-/// To a thousandth of a degree.
+/// Rounds to a thousandth of a degree.
 fn rounded(angle_deg: f64) -> f64 {
     (angle_deg * 1e3).round() / 1e3 + 0.0
 }

@@ -1,4 +1,4 @@
-//! Frames held against a linearised skin: what images are made of.
+//! Frames fitted to a linearised skin: the input of a reconstruction.
 
 use crate::error::SkinError;
 use crate::frames::{Frames, ModelFit, QuietFrames};
@@ -9,11 +9,11 @@ use ndarray::{Array2, ArrayView1};
 use std::sync::Arc;
 
 impl LinearisedSkin {
-    /// Holds frames against the model.
+    /// Fits the model to the reference of frames.
     ///
     /// # Errors
     ///
-    /// A reference of zero, or of the opposite sign where differences are plain.
+    /// A reference of zero, or of the opposite sign if differences are plain.
     pub fn fit(self: &Arc<Self>, mut frames: Frames) -> Result<FittedFrames, SkinError> {
         let voltages = self.voltages.to_vec();
         let kind = self.difference_kind();
@@ -22,25 +22,25 @@ impl LinearisedSkin {
     }
 }
 
-/// Frames with their reference, held against a linearised skin: what images are made of.
+/// Frames with their reference, fitted to a linearised skin: the input of a reconstruction.
 #[derive(Debug, Clone)]
 pub struct FittedFrames {
     /// The model.
     pub skin: Arc<LinearisedSkin>,
     /// Values and reference, in protocol order.
     pub frames: Frames,
-    /// How the model's voltages explain the reference.
+    /// How well the model's voltages explain the reference.
     pub fit: ModelFit,
 }
 
 impl FittedFrames {
-    /// Difference data [frame, measurement], zero where a value is not used: volt, or relative to
+    /// Returns difference data [frame, measurement], zero where a value is not used: in volt, or relative to
     /// the reference.
     pub fn differences(&self) -> Array2<f64> {
         self.frames.differences(self.skin.difference_kind())
     }
 
-    /// The same with NaN where a value is not used or not good.
+    /// Returns the same with NaN where a value is not used or not good.
     pub fn differences_or_nan(&self) -> Array2<f64> {
         let mut differences = self.differences();
         differences.zip_mut_with(&self.good(), |value, good| {
@@ -51,21 +51,21 @@ impl FittedFrames {
         differences
     }
 
-    /// Whether a value is good and used, [frame, measurement].
+    /// Returns whether each value is good and used, [frame, measurement].
     pub fn good(&self) -> Array2<bool> {
         &self.frames.good & &ArrayView1::from(&self.frames.used)
     }
 
-    /// The noise of the differences: that which the settings state, else that of the quiet frames;
-    /// `None` where it is unknown.
+    /// Returns the noise of the differences: that of the settings, else that of the quiet frames; `None` if
+    /// it is unknown.
     ///
-    /// The gain between the model's voltages and the reference's scales the division of normalised
-    /// data. A difference has the noise of its frame and `1 / k` of that variance from a reference
-    /// that is the mean of `k` frames.
+    /// For normalised data, the gain between the model's voltages and the reference scales the division. The
+    /// variance of a difference is that of its frame plus `1 / k` of it from a reference that is the mean of
+    /// `k` frames.
     ///
     /// # Errors
     ///
-    /// Quiet frames that the settings name and that show no noise.
+    /// Quiet frames that the settings name, but that show no noise.
     pub fn noise(&self) -> Result<Option<DataNoise>, SkinError> {
         let Self { skin, frames, fit } = self;
         if skin.is_white {
@@ -90,7 +90,7 @@ impl FittedFrames {
             Err(error) if keys.quiet_frames.is_some() => {
                 Err(SkinError::from(error).within("noise.quiet_frames"))
             }
-            // nobody said that the frames of the reference show noise
+            // the reference frames were not declared quiet
             Err(_) => Ok(None),
         }
     }
@@ -105,7 +105,7 @@ fn measured(
     if matches!(data, DifferenceData::Normalised { .. }) {
         for (e, (reference, used)) in std.iter_mut().zip(frames.reference.iter().zip(&frames.used))
         {
-            // unused ones have any reference
+            // the reference of an unused measurement may be anything
             if *used {
                 *e /= reference.abs();
             }

@@ -1,24 +1,24 @@
-//! Whether an instrument and its skin are fit for use: what the frames say of the instrument as a whole,
-//! and who is faulty by the same judgement as while the skin is in use.
+//! Checks whether an instrument and its skin are ready for use: the instrument's stream as a whole, and
+//! faulty electrodes by the same criteria as in use.
 
 use crate::error::SkinError;
 use crate::faults::{self, FaultKind};
 use crate::scene::Instrument;
 use eit_hw::{Finding, HealthReport, Quadruple, Quality, ReferenceFrames, Severity, Trouble};
 
-/// An electrode is noisy by itself where its measurements without the faulty electrodes have so many
-/// times the noise of the others.
+/// An electrode is noisy if its measurements without faulty electrodes have more than this multiple of the
+/// noise of all such measurements.
 const NOISY_TIMES: f64 = 4.0;
 
-/// Checks frames that were taken while nothing touched the skin.
+/// Checks frames of the untouched skin.
 ///
-/// [`ReferenceFrames::check`] judges the stream (losses, rate, drift, saturation, reciprocity as a whole)
-/// and puts numbers to electrodes; [`faults::of_frames`] says which of them would be left out in use. An
-/// electrode that either names is named once.
+/// [`ReferenceFrames::check`] judges the stream (losses, rate, drift, saturation, overall reciprocity) and
+/// computes figures per electrode; [`faults::of_frames`] finds the electrodes that would be excluded in use.
+/// An electrode found by both is reported once.
 ///
 /// # Errors
 ///
-/// Too few frames, or frames of another length than the protocol.
+/// Too few frames; frames with the wrong length for the protocol.
 pub fn check(quiet: &ReferenceFrames, instrument: &Instrument) -> Result<HealthReport, SkinError> {
     let mut report = quiet.check(&instrument.quadruples)?;
     let found = faults::of_frames(&instrument.quadruples, instrument.electrodes, &quiet.frames)?;
@@ -26,7 +26,7 @@ pub fn check(quiet: &ReferenceFrames, instrument: &Instrument) -> Result<HealthR
         let electrode = fault.electrode as u32;
         let of_electrode = |finding: &&mut Finding| finding.electrode == Some(electrode);
         if let Some(known) = report.findings.iter_mut().find(of_electrode) {
-            // left out in use: no mere warning
+            // excluded in use, so more than a warning
             known.severity = Severity::Fault;
             continue;
         }
@@ -51,14 +51,13 @@ pub fn check(quiet: &ReferenceFrames, instrument: &Instrument) -> Result<HealthR
     Ok(report)
 }
 
-/// What is left without the measurements of faulty electrodes: whoever measures against one of them is
-/// noisy, too.
+/// The measurements without faulty electrodes: those against a faulty electrode are noisy, too.
 struct Explained<'a> {
     faulty: &'a [u32],
     /// Quadruple and noise of each measurement of sound electrodes.
     sound: Vec<(Quadruple, f64)>,
     noise: f64,
-    /// Measurements of sound electrodes that stand still.
+    /// Measurements of sound electrodes that are stuck.
     stuck: Vec<Quadruple>,
 }
 
@@ -85,7 +84,7 @@ impl<'a> Explained<'a> {
         }
     }
 
-    /// Whether a finding stands beside the faulty electrodes; its numbers are those without them.
+    /// Whether a finding remains beside the faulty electrodes; updates its numbers to those without them.
     fn leaves(&self, finding: &mut Finding) -> bool {
         match (&mut finding.trouble, finding.electrode) {
             (Trouble::Reciprocity { .. }, _) => false,
@@ -106,7 +105,7 @@ impl<'a> Explained<'a> {
     }
 }
 
-/// Of the finite values; not a number where there is none.
+/// Median of the finite values; NaN if there are none.
 fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
     values.sort_unstable_by(f64::total_cmp);

@@ -1,23 +1,23 @@
-//! Place and force of touches, learnt from presses at known places on the real skin.
+//! Learns position and force of touches from presses at known places on the real skin.
 //!
 //! ```text
 //! table of presses + frames -> LearnedSkin::learn -> file -> [touch] learned -> TouchFinder: place, force_n
 //! ```
 //!
-//! Three ways to a place are held against each other by cross-validation on the presses, and the best is
-//! taken: the model alone (what a skin without presses has), a [`ResponseMap`] (the model's response with a
-//! learnt correction), and a [`PlaceRegression`](eit_inverse::learn::PlaceRegression) from frames to places. The
-//! file keeps the presses with the parameters that were chosen, not the maps made of them.
+//! Three ways to locate a touch are compared by cross-validation on the presses, and the best is used: the
+//! model alone (as for a skin without presses), a [`ResponseMap`] (the model's response with a learnt
+//! correction), and a [`PlaceRegression`](eit_inverse::learn::PlaceRegression) from frames to places. The
+//! file stores the presses with the chosen parameters, not the maps made from them.
 //!
 //! | file | holds |
 //! |---|---|
 //! | `table.rs`, `presses.rs` | the table of presses, and the frames that it names |
-//! | `touched.rs` | presses whose frames do not show them |
-//! | `earlier.rs` | presses of an earlier file beside new ones |
-//! | `learning.rs`, `model.rs` | [`LearnedSkin::learn`], and what the model says of each place |
-//! | `curve.rs` | errors by the number of presses |
-//! | `file.rs` | the file |
-//! | `refine.rs` | touches of a frame by what was learnt |
+//! | `touched.rs` | rejection of presses that their frames do not show |
+//! | `earlier.rs` | merging presses of an earlier file with new ones |
+//! | `learning.rs`, `model.rs` | [`LearnedSkin::learn`], and the model's response at each place |
+//! | `curve.rs` | errors against the number of presses |
+//! | `file.rs` | file format |
+//! | `refine.rs` | applying what was learnt to the touches of a frame |
 
 mod curve;
 mod earlier;
@@ -43,23 +43,23 @@ use eit_inverse::learn::{
 };
 use serde::{Deserialize, Serialize};
 
-/// Places at which a map is made, about.
+/// Approximate number of places for which a map is computed.
 const CANDIDATES: usize = 700;
 
-/// What places are taken from.
+/// How a touch is located.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PlacesBy {
-    /// The model without anything learnt.
+    /// By the model alone, without learning.
     Model,
-    /// The model's responses with a learnt correction.
+    /// By the model's responses with a learnt correction.
     Map,
-    /// Regression from frames; the map where there are several touches, or a channel is missing.
+    /// By regression from frames; by the map if there are several touches or a channel is missing.
     Regression,
 }
 
 impl PlacesBy {
-    /// In words.
+    /// Describes the method in words.
     pub fn words(self) -> &'static str {
         match self {
             Self::Model => "the model alone",
@@ -69,18 +69,18 @@ impl PlacesBy {
     }
 }
 
-/// How the coordinates of the table lie on the scene's skin.
+/// How the coordinates of the table relate to the scene's skin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Frame {
     /// They are the scene's.
     #[default]
     Scene,
-    /// Nobody knows: turn, mirror, scale, shift and the sign of the change are fitted. The coordinates of an
-    /// earlier file's table are taken to be the same.
+    /// Unknown: rotation, reflection, scale, shift and the sign of the change are fitted. The table of an
+    /// earlier file is assumed to use the same coordinates.
     Fitted,
 }
 
-/// Errors of places on the presses, metres of the table: median and mean.
+/// Position errors over the presses, in metres of the table: median and mean.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PlaceErrors {
     /// Median.
@@ -95,87 +95,87 @@ impl PlaceErrors {
     }
 }
 
-/// What each way to a place errs by, each on the same presses: all that were learnt.
+/// Position errors of each method, each over the same presses: all that were learnt.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ErrorsByWay {
-    /// The model alone; `None` where the noise of frames is unknown and it finds no touches.
+    /// The model alone; `None` if the noise of the frames is unknown, so that no touches can be found.
     pub model: Option<PlaceErrors>,
     /// The map, by cross-validation.
     pub map: PlaceErrors,
-    /// Regression, by leave-one-out.
+    /// Regression, by leave-one-out cross-validation.
     pub regression: PlaceErrors,
 }
 
-/// Force and what its strength is taken from: whichever of the two errs less on the same presses.
+/// Force curve and the source of its strength: whichever has the smaller error on the same presses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearnedForce {
     /// [`PlacesBy::Model`] or [`PlacesBy::Map`].
     pub strength_by: PlacesBy,
-    /// The curve.
+    /// Curve of force against strength.
     pub curve: ForceCurve,
 }
 
-/// What presses have taught of one skin.
+/// What was learnt from presses on one skin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearnedSkin {
     /// Checksum of shape, electrodes and protocol.
     pub fingerprint: String,
-    /// Measurements of the protocol.
+    /// Number of measurements of the protocol.
     pub measurements: usize,
     /// Measurements that were learnt.
     pub channels: Vec<usize>,
-    /// What the model's derivatives of each channel are multiplied by: measured over modelled voltage.
+    /// Factor for the model's derivatives of each channel: measured over modelled voltage.
     pub ratios: Vec<f64>,
-    /// Radius of a touch on the model, metres.
+    /// Radius of a touch in the model, metres.
     pub bell_m: f64,
-    /// Sign of the change of conductivity.
+    /// Sign of the conductivity change.
     pub sign: f64,
-    /// From the table to the scene.
+    /// Transform from the table to the scene.
     pub pose: Pose,
     /// Frames of presses and their places on the scene's skin.
     pub presses: Presses,
-    /// Forces of the presses, newtons, where known.
+    /// Forces of the presses, newtons, if known.
     pub forces_n: Vec<Option<f64>>,
     /// Parameters of the map.
     pub map: ResponseMapSettings,
-    /// What the covariance of a place by the map is multiplied by, from cross-validation.
+    /// Factor for the covariance of a place found by the map, from cross-validation.
     pub covariance_factor: f64,
-    /// Part of a frame that a press may leave unexplained, from cross-validation.
+    /// Fraction of a frame that a press may leave unexplained, from cross-validation.
     pub rest_limit: f64,
     /// Parameters of the regression.
     pub regression: PlaceRegressionSettings,
-    /// The way that errs least on the presses.
+    /// Method with the smallest error on the presses.
     pub places_by: PlacesBy,
-    /// What each errs by.
+    /// Errors of each method.
     pub errors: ErrorsByWay,
-    /// Force, where at least three presses state it and show a touch.
+    /// Force, if at least three presses state it and show a touch.
     pub force: Option<LearnedForce>,
 }
 
 impl LearnedSkin {
-    /// Refuses a skin that this was not learnt on.
+    /// Rejects a skin other than the one that this was learnt on.
     ///
     /// # Errors
     ///
-    /// Another shape, other electrodes, another protocol.
+    /// Different shape, electrodes or protocol.
     pub fn check(&self, skin: &LinearisedSkin) -> Result<(), SkinError> {
         let measurements = skin.skin.protocol.measurements();
         if self.fingerprint == skin.skin.fingerprint && self.measurements == measurements {
             return Ok(());
         }
         Err(SkinError::input(format!(
-            "learnt on another skin: shape, electrodes and protocol have the checksum {} and {} \
-             measurements, those of {} {} and {measurements}; learn anew, or take the scene that it \
-             was learnt with",
+            "learnt on another skin: its shape, electrodes and protocol have the checksum {} and {} \
+             measurements, those of {} have {} and {measurements}; learn again, or use the scene that \
+             it was learnt with",
             self.fingerprint, self.measurements, skin.skin.place, skin.skin.fingerprint,
         )))
     }
 
-    /// The map, made anew from presses and parameters.
+    /// Rebuilds the map from presses and parameters.
     ///
     /// # Errors
     ///
-    /// A skin that this was not learnt on.
+    /// A skin other than the one that this was learnt on.
     pub fn response_map(&self, skin: &LinearisedSkin) -> Result<ResponseMap, SkinError> {
         self.check(skin)?;
         let Self { channels, ratios, bell_m, sign, presses, .. } = self;
@@ -195,8 +195,8 @@ impl LearnedSkin {
 }
 
 impl ErrorsByWay {
-    /// The way with the least mean error. Where the frame was fitted on the presses, the model's errors are not
-    /// those of held-out presses, and a skin whose electrodes nobody knows is not the model's: never the model.
+    /// Returns the method with the smallest mean error. Never the model if the frame was fitted: its errors
+    /// are then not those of held-out presses, and a skin with unknown electrodes is not the model's.
     fn best(&self, frame: Frame) -> PlacesBy {
         let (by, least) = match self.regression.mean_m < self.map.mean_m {
             true => (PlacesBy::Regression, self.regression.mean_m),

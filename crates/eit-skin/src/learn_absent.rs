@@ -1,11 +1,11 @@
-//! Without feature `learn` nothing learnt is applied: a skin that asks for it is refused.
+//! Without feature `learn`, nothing learnt can be applied: a skin that needs it is rejected.
 
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use eit_inverse::touch::DetectedTouch;
 use std::path::Path;
 
-/// Nothing learnt.
+/// Never constructed without feature `learn`.
 #[derive(Debug)]
 pub(crate) enum LearnedTouches {}
 

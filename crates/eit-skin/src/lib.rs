@@ -1,4 +1,5 @@
 #![doc = include_str!("../README.md")]
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 #[cfg(feature = "hw")]
 pub mod connect;
@@ -43,7 +44,7 @@ pub mod touches;
 pub mod train;
 pub mod words;
 
-// what a robot's program names, so that it needs no further dependency
+// re-exported so that a robot's program needs no further dependency
 pub use eit_inverse::touch::{LearntTouch, Touch, TouchState};
 pub use {eit_denoise, eit_fem, eit_hw, eit_inverse, eit_mesh, ndarray};
 

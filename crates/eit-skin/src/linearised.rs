@@ -1,4 +1,4 @@
-//! A skin linearised at its untouched state: what every linear method starts from.
+//! A skin linearised at its untouched state: the starting point of every linear method.
 
 use crate::displacement;
 use crate::error::SkinError;
@@ -13,34 +13,34 @@ use eit_mesh::Raster;
 use ndarray::{Array1, Array2};
 use std::sync::OnceLock;
 
-/// Voltages and Jacobian of the homogeneous background.
+/// Voltages and Jacobian for the homogeneous background.
 #[derive(Debug, Clone)]
 pub struct LinearisedSkin {
     /// The skin.
     pub skin: Skin,
-    /// Voltages of the background, volt.
+    /// Voltages for the background, volt.
     pub voltages: Array1<f64>,
     /// [measurement, element], volt per siemens.
     pub jacobian: Array2<f64>,
-    /// Where electrodes move: [measurement, displacement], volt per metre.
+    /// Derivatives for electrode movement, if electrodes move: [measurement, displacement], volt per metre.
     pub movement: Option<Array2<f64>>,
-    /// How the solve went.
+    /// Report of the forward solve.
     pub report: SolveReport,
-    /// What rounding may have cost, where that is worth saying.
+    /// Effect of rounding, if it is worth a warning.
     pub warning: Option<String>,
-    /// Data are differences already, white and of standard deviation 1: nuisance parameters were
-    /// taken out.
+    /// Whether the data are already differences, white with standard deviation 1, because nuisance parameters
+    /// were removed.
     pub(crate) is_white: bool,
     raster: OnceLock<Raster>,
 }
 
 impl Skin {
-    /// Voltages and Jacobian of the homogeneous background, and what movement of electrodes does to
-    /// them where the settings let them move.
+    /// Computes voltages and Jacobian for the homogeneous background, and their derivatives for electrode
+    /// movement if the settings allow it.
     ///
     /// # Errors
     ///
-    /// A model that cannot be solved, or of whose voltages no digit is certain.
+    /// A model that cannot be solved, or whose voltages have no certain digit.
     pub fn linearise(&self, progress: &mut Progress) -> Result<LinearisedSkin, SkinError> {
         let background = self.background_s();
         let mut linearised = progress.stage("forward and Jacobian", || {
@@ -68,7 +68,7 @@ impl Skin {
 }
 
 impl LinearisedSkin {
-    /// The same skin for other images.
+    /// Returns the skin with other reconstruction settings.
     pub fn with_reconstruction(mut self, settings: ReconstructionSettings) -> Self {
         if settings.pixels != self.skin.settings.reconstruction.pixels {
             self.raster = OnceLock::new();
@@ -77,11 +77,11 @@ impl LinearisedSkin {
         self
     }
 
-    /// Settings that the skin's leave open, chosen for its `frame_time_s`; needs feature `plan`.
+    /// Chooses the settings left open, within the skin's `frame_time_s`; requires feature `plan`.
     ///
     /// # Errors
     ///
-    /// `frame_time_s` without that feature.
+    /// `frame_time_s` is set without that feature.
     #[cfg(not(feature = "plan"))]
     pub fn in_frame_time(self, _frames: Option<usize>, _live: bool) -> Result<Self, SkinError> {
         match self.skin.settings.reconstruction.frame_time_s {
@@ -94,17 +94,17 @@ impl LinearisedSkin {
         }
     }
 
-    /// The same skin with another Jacobian, of white differences.
+    /// Returns the skin with a Jacobian for white differences.
     pub(crate) fn whitened(&self, jacobian: Array2<f64>) -> Self {
         Self { jacobian, movement: None, is_white: true, ..self.clone() }
     }
 
-    /// Plain or normalised difference.
+    /// Returns whether differences are plain or normalised.
     pub fn difference_kind(&self) -> DifferenceKind {
         if self.is_white { DifferenceKind::Plain } else { self.skin.difference_kind() }
     }
 
-    /// What is subtracted and divided by, for methods that take the Jacobian of elements.
+    /// Returns what is subtracted and divided by, for methods that use the element Jacobian.
     pub fn difference_data(&self) -> DifferenceData {
         match self.difference_kind() {
             DifferenceKind::Plain => DifferenceData::Plain,
@@ -114,11 +114,11 @@ impl LinearisedSkin {
         }
     }
 
-    /// The pixels of the skin's images, made once.
+    /// Returns the pixel raster of the skin's images, built on first use.
     ///
     /// # Errors
     ///
-    /// Those of [`Raster::new`].
+    /// The errors of [`Raster::new`].
     pub fn raster(&self, progress: &mut Progress) -> Result<&Raster, SkinError> {
         if let Some(raster) = self.raster.get() {
             return Ok(raster);
@@ -127,11 +127,11 @@ impl LinearisedSkin {
         Ok(self.raster.get_or_init(|| raster))
     }
 
-    /// The prior that the settings name, else Laplace's.
+    /// Returns the prior that the settings name, else Laplace's.
     ///
     /// # Errors
     ///
-    /// Those of the prior.
+    /// The errors of the prior.
     pub fn prior(&self) -> Result<Box<dyn Prior + Send + Sync>, SkinError> {
         let surface = self.skin.mesh.surface();
         let keys = &self.skin.settings.reconstruction;
@@ -149,8 +149,8 @@ impl LinearisedSkin {
         })
     }
 
-    /// Rows of a Jacobian as derivatives of the differences: divided by the model's voltages where
-    /// data are normalised, zero where a measurement is not used.
+    /// Converts rows of a Jacobian to derivatives of the differences: divided by the model's voltages if data
+    /// are normalised, zero where a measurement is not used.
     pub(crate) fn rows_of_differences(
         &self,
         mut rows: Array2<f64>,
@@ -160,16 +160,16 @@ impl LinearisedSkin {
         Ok(rows)
     }
 
-    /// Whether images are made of a measurement, `[measurement]`: all, but those on current-carrying
-    /// electrodes where the settings leave them out.
+    /// Whether images use each measurement, `[measurement]`: all, except those on current-carrying electrodes
+    /// if the settings omit these.
     pub fn imaging_measurements(&self) -> Vec<bool> {
         let driven = crate::frames::on_driven_electrodes(&self.skin.protocol);
         let use_driven = self.skin.settings.reconstruction.use_driven_electrodes;
         driven.into_iter().map(|driven| use_driven || !driven).collect()
     }
 
-    /// The Jacobian of differences on pixels, `[measurement, masked pixel]`: `J` of elements times the
-    /// elements of a pixel image.
+    /// Returns the Jacobian of differences with respect to pixels, `[measurement, masked pixel]`: the element
+    /// Jacobian times the matrix from pixels to elements.
     ///
     /// # Errors
     ///

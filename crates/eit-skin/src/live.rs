@@ -1,8 +1,9 @@
-//! Frames to touches as they come: one loop for an instrument, a replay and the demo.
+//! From frames to touches in real time: one loop for an instrument, a replay and the demo.
 //!
-//! The first frames of an epoch are the reference; from then on each frame gives its touches
-//! ([`TouchFinder`](crate::touches::TouchFinder)) and, for who wants to look, an image ([`LiveImages`]),
-//! whatever the pace: nothing looks at a clock, so that a recording gives the same to the bit.
+//! The first frames of an epoch are the reference. After that, each frame yields its touches
+//! ([`TouchFinder`](crate::touches::TouchFinder)) and, if wanted, an image ([`LiveImages`]). Touches do not
+//! depend on timing or any clock: a recording reproduces them bit for bit. So do images, except that those of
+//! live frames are skipped while further frames wait ([`LiveObserver::wants_every_image`]).
 
 mod clock;
 mod images;
@@ -28,93 +29,104 @@ use eit_hw::driver::{Event, FrameSource};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Frames of the reference where nothing else is asked for.
+/// Default number of reference frames.
 pub const REFERENCE_FRAMES: usize = 40;
-/// Fewer do not show the noise.
+/// Fewer frames do not show the noise.
 const LEAST_REFERENCE_FRAMES: usize = 8;
 /// How often to check for shutdown.
 const WAIT: Duration = Duration::from_millis(50);
 
-/// What is built before the first frame comes.
+/// A consumer that is always behind still gets an image this often.
+const LONGEST_SKIP: Duration = Duration::from_millis(250);
+
+/// What is built before the first frame arrives.
 #[derive(Debug)]
 pub struct LiveModel {
-    /// The skin, linearised.
+    /// The linearised skin.
     pub linearised: Arc<LinearisedSkin>,
     pub(crate) method: Method,
     pub(crate) net: Option<Net>,
-    /// Frames at the start of each epoch that are its reference.
+    /// Number of frames at the start of each epoch that form its reference.
     pub reference_frames: usize,
 }
 
-/// Sees what is found while frames come.
+/// Receives results as frames arrive.
 pub trait LiveObserver {
-    /// What may go wrong with it.
+    /// Error type of the observer.
     type Error: From<SkinError>;
 
-    /// An event as it came, before anything is made of it.
+    /// Called with each event as it arrives, before it is processed.
     ///
     /// # Errors
     ///
-    /// One ends the loop.
+    /// Any error ends the loop.
     fn event(&mut self, _event: &Event) -> Result<(), Self::Error> {
         Ok(())
     }
 
-    /// Nothing came for a moment.
+    /// Called when no event arrived for a moment.
     ///
     /// # Errors
     ///
-    /// One ends the loop.
+    /// Any error ends the loop.
     fn idle(&mut self) -> Result<(), Self::Error> {
         Ok(())
     }
 
-    /// Frames that are still wanted for the reference.
+    /// Called while the reference is taken, with the number of frames that are still needed.
     ///
     /// # Errors
     ///
-    /// One ends the loop.
+    /// Any error ends the loop.
     fn waiting(&mut self, _left: usize) -> Result<(), Self::Error> {
         Ok(())
     }
 
-    /// A frame's touches, before its image is made: who acts on touches need not wait for it.
+    /// Called with a frame's touches before its image is made, so that acting on touches need not wait for
+    /// it.
     ///
     /// # Errors
     ///
-    /// One ends the loop.
+    /// Any error ends the loop.
     fn touches(&mut self, _frame: &LiveFrame<'_>) -> Result<(), Self::Error> {
         Ok(())
     }
 
-    /// A frame's touches, and its image where images are made.
+    /// Called with a frame's touches, and its image if images are made.
     ///
     /// # Errors
     ///
-    /// One ends the loop.
+    /// Any error ends the loop.
     fn frame(&mut self, frame: &LiveFrame<'_>) -> Result<(), Self::Error>;
 
-    /// Whether anybody may look at images, asked once before the first frame: touches do without, and come
-    /// sooner where none is made.
+    /// Returns whether images may be wanted; called once before the first frame. Touches do not need images,
+    /// and arrive sooner if none are made.
     fn wants_images(&self) -> bool {
         true
     }
 
-    /// Whether anybody looks at the image of the frame at hand, asked for each frame where somebody may.
+    /// Returns whether the image of the current frame is wanted; called for each frame if images may be
+    /// wanted.
     fn wants_image(&self) -> bool {
         true
     }
 
-    /// Whether to go on; called at least every 50 ms.
+    /// Whether every image is needed, even if touches then come late. By default the image of a live frame
+    /// is skipped while further frames wait, except for one every quarter of a second.
+    fn wants_every_image(&self) -> bool {
+        false
+    }
+
+    /// Returns whether to continue; called at least every 50 ms.
     fn goes_on(&mut self, summary: &Summary) -> bool;
 }
 
 impl LiveModel {
-    /// Checks a scene and builds what needs no frame.
+    /// Checks a scene and builds everything that needs no frame.
     ///
     /// # Errors
     ///
-    /// Bad settings, before any work; a skin that cannot be built.
+    /// Invalid settings, before any work; a skin that cannot be built.
     pub fn from_scene(
         scene: &Scene,
         reference_frames: usize,
@@ -126,11 +138,11 @@ impl LiveModel {
         Self::new(&skin, reference_frames, progress)
     }
 
-    /// Builds what needs no frame.
+    /// Builds everything that needs no frame.
     ///
     /// # Errors
     ///
-    /// Bad settings, or a skin that cannot be linearised.
+    /// Invalid settings, or a skin that cannot be linearised.
     pub fn new(
         skin: &Skin,
         reference_frames: usize,
@@ -139,28 +151,28 @@ impl LiveModel {
         check_reference_frames(reference_frames)?;
         skin.settings.touch.validate().map_err(|e| e.within(&skin.place))?;
         let mut linearised = skin.linearise(progress)?.in_frame_time(None, true)?;
-        // those of other methods want the whole sequence, or cost more than a frame's time
+        // other methods need the whole sequence, or take longer than a frame
         let method = match method::choose(&linearised.skin.settings, None, None)?.method {
             method if method.is_tv() => method,
             _ => Method::GaussNewton,
         };
         let net = linearised.skin.net()?;
-        // frame numbers of a recording mean nothing here
+        // quiet frame numbers refer to a recording
         let noise = &mut linearised.skin.settings.noise;
         *noise = NoiseSettings { quiet_frames: None, ..noise.clone() };
         Ok(Self { linearised: Arc::new(linearised), method, net, reference_frames })
     }
 
-    /// The skin.
+    /// Returns the skin.
     pub fn skin(&self) -> &Skin {
         &self.linearised.skin
     }
 
-    /// Watches a source until the observer has enough or the source is over.
+    /// Processes a source until the observer stops it or the source ends.
     ///
     /// # Errors
     ///
-    /// Those of the source, the images and the observer.
+    /// Errors of the source, the images and the observer.
     pub fn watch<O: LiveObserver>(
         self: &Arc<Self>,
         source: &mut dyn FrameSource,
@@ -173,6 +185,7 @@ impl LiveModel {
             stream = stream.without_images();
         }
         let mut first_frame = None;
+        let mut last_image = Instant::now();
         while observer.goes_on(&summary) && !source.is_over() {
             let Some(event) = source.next_event(WAIT).map_err(SkinError::from)? else {
                 observer.idle()?;
@@ -180,7 +193,7 @@ impl LiveModel {
             };
             observer.event(&event)?;
             if matches!(event, Event::Reconnected { .. }) {
-                // contacts and gains may have changed: an old reference does not hold
+                // contacts and gains may have changed: the old reference is invalid
                 stream.restart();
             }
             if let Some(words) = event_words(&event) {
@@ -198,7 +211,14 @@ impl LiveModel {
                 Pushed::Shown(shown) => {
                     observer.touches(&shown)?;
                     if observer.wants_image() {
-                        stream.make_image(&frame)?;
+                        let is_behind =
+                            is_live && source.frames_waiting() > 0 && !observer.wants_every_image();
+                        if is_behind && last_image.elapsed() < LONGEST_SKIP {
+                            summary.skipped_images += 1;
+                        } else {
+                            stream.make_image(&frame)?;
+                            last_image = Instant::now();
+                        }
                     }
                     if let Some(shown) = stream.shown(&frame) {
                         summary.take_frame(&shown);

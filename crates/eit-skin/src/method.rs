@@ -1,27 +1,27 @@
-//! Which method reconstructs: the one that is asked for, or the one that the scene calls for.
+//! Chooses the reconstruction method: the one requested, or the one that suits the scene.
 
 use crate::error::SkinError;
 use crate::scene::StageSettings;
 
-/// A method of reconstruction.
+/// A reconstruction method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// Total variation in space and time.
     StTv,
-    /// Total variation in space, each frame by itself.
+    /// Total variation in space, frame by frame.
     Tv,
-    /// One-step difference.
+    /// One-step difference reconstruction.
     GaussNewton,
-    /// One-step difference of the whole sequence, correlated in time.
+    /// One-step difference reconstruction of the whole sequence, with correlation in time.
     TimePrior,
     /// Kalman smoother.
     Kalman,
-    /// Iterated on the non-linear model.
+    /// Iterative reconstruction with the non-linear model.
     GaussNewtonAbsolute,
 }
 
 impl Method {
-    /// All, in the order of the documents.
+    /// All methods, in the order of the documentation.
     pub const ALL: [Self; 6] = [
         Self::StTv,
         Self::Tv,
@@ -31,7 +31,7 @@ impl Method {
         Self::GaussNewtonAbsolute,
     ];
 
-    /// As in the scene file.
+    /// Returns the name used in scene files.
     pub fn name(self) -> &'static str {
         match self {
             Self::StTv => "st-tv",
@@ -43,7 +43,7 @@ impl Method {
         }
     }
 
-    /// For small print.
+    /// Describes the method, for small print.
     pub fn words(self) -> &'static str {
         match self {
             Self::StTv => "spatio-temporal total variation",
@@ -55,12 +55,12 @@ impl Method {
         }
     }
 
-    /// Whether it minimises a total variation.
+    /// Returns whether the method minimises total variation.
     pub fn is_tv(self) -> bool {
         matches!(self, Self::StTv | Self::Tv)
     }
 
-    /// Reads a name; `key` says where it stands.
+    /// Parses a name; `key` tells where it comes from.
     pub fn parse(key: &str, name: &str) -> Result<Self, SkinError> {
         Self::ALL.into_iter().find(|m| m.name() == name).ok_or_else(|| {
             let names = Self::ALL.map(|m| format!("\"{}\"", m.name())).join(", ");
@@ -69,24 +69,24 @@ impl Method {
     }
 }
 
-/// A method and why it was taken.
+/// A method and the reason for choosing it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MethodChoice {
     /// The method.
     pub method: Method,
-    /// Why it was taken.
+    /// Reason for the choice.
     pub why: &'static str,
 }
 
-/// The method of the command line, or of the scene, or the one that the scene's keys, its noise
-/// and the number of frames (where it is known) call for.
+/// Chooses the method: that of the command line, else that of the scene, else the one that suits the scene's
+/// keys, its noise and the number of frames (if known).
 ///
-/// Noise that the scene does not state is no reason for a total variation, even if the reference
-/// frames show some: its weights follow from the noise, so the user should have looked at it.
+/// Without noise stated in the scene, total variation is not chosen, even if the reference frames show noise:
+/// its weights follow from the noise, so the user should have checked it.
 ///
 /// # Errors
 ///
-/// A name that is no method's.
+/// An unknown method name.
 pub fn choose(
     settings: &StageSettings,
     flag: Option<&str>,
@@ -95,11 +95,11 @@ pub fn choose(
     let keys = &settings.reconstruction;
     let taken = |method, why| Ok(MethodChoice { method, why });
     if let Some(name) = flag {
-        return taken(Method::parse("--method", name)?, "asked for");
+        return taken(Method::parse("--method", name)?, "requested");
     }
     if let Some(name) = &keys.method {
         let why = match keys.is_chosen_in_time {
-            true => "the least error within frame_time_s",
+            true => "the smallest error within frame_time_s",
             false => "stated in the scene",
         };
         return taken(Method::parse("reconstruction.method", name)?, why);
@@ -112,8 +112,8 @@ pub fn choose(
     match (total_variation, noise, frames) {
         (false, false, _) => taken(
             Method::GaussNewton,
-            "the scene states no noise ([noise] additive_v or quiet_frames), which the weights of \
-             st-tv follow from",
+            "the scene states no noise ([noise] additive_v or quiet_frames), from which the weights of \
+             st-tv follow",
         ),
         (_, _, Some(1)) => taken(Method::Tv, "one frame: nothing to couple in time"),
         (true, ..) => taken(Method::StTv, "the scene sets its keys"),

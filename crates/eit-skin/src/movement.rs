@@ -1,17 +1,17 @@
-//! Movement of electrodes, taken out of data and Jacobian before a method sees them.
+//! Removes electrode movement from data and Jacobian before reconstruction.
 //!
-//! `reconstruction.electrode_movement_m` says how far electrodes go with the fabric. Displacements of
-//! each along the rim and outward are then unknowns beside the image ([`NuisanceParameters`]); what is left
-//! of data and Jacobian serves every linear method as it is.
+//! `reconstruction.electrode_movement_m` states how far electrodes move with the fabric. Displacements of
+//! each electrode along the rim and outward are then unknowns in addition to the image
+//! ([`NuisanceParameters`]). Any linear method can use the data and Jacobian without them.
 //!
-//! Where the prior is Gaussian, two things keep the balance between image and displacements. The
-//! hyperparameter is that of the data as they came, and its prior is taken over: the noise figure of
-//! what is left would ask for an image as noisy as data that have lost a part of their signal, and so
-//! for less of a prior. And displacements are weighed against the error that this prior stands for:
-//! lambda is the ratio of noise to expected signal, 0.08 at noise figure 1 on the paper's skin, which is
-//! far more than the noise of an instrument. Weighed against the latter beside such a prior,
-//! displacements are cheaper than any image, and explain the touch. Total variation, whose weights come
-//! from the noise, needs neither.
+//! With a Gaussian prior, two measures keep the balance between image and displacements. First, the
+//! hyperparameter and prior are those chosen for the original data. The noise figure of the remaining data
+//! would require an image as noisy as data that lost part of their signal, and so a weaker prior. Second,
+//! displacements are weighted against the error that this prior implies: lambda is the ratio of noise to
+//! expected signal, 0.08 at noise figure 1 on the paper's skin, which is far above the noise of an
+//! instrument. If displacements were weighted against the instrument's noise beside such a prior, they would
+//! be cheaper than any image and would explain the touch. Total variation, whose weights follow from the
+//! noise, needs neither measure.
 
 mod whitening;
 
@@ -31,46 +31,45 @@ use eit_inverse::{NuisanceParameters, OneStepGaussNewton};
 use ndarray::{Array2, ArrayView1};
 use std::sync::Arc;
 
-/// Model without what electrodes that move explain, and what takes it out of differences.
+/// The model without electrode movement, and the operator that removes movement from differences.
 pub(crate) struct TakenOut {
-    /// What displacements are weighed against, in units of the noise.
+    /// Error against which displacements are weighted, in units of the noise.
     pub error: f64,
-    /// DifferenceFrames to white noise of standard deviation 1.
+    /// Converts differences to white ones with standard deviation 1, without movement.
     pub side: NuisanceParameters,
-    /// The Jacobian of those; voltages as they were.
+    /// Model with the Jacobian of those differences; voltages are unchanged.
     pub linearised: LinearisedSkin,
 }
 
-/// Frames without what electrodes that move explain: what a method is given in place of those that
-/// came.
+/// Frames without electrode movement, as a replacement for the original ones.
 #[derive(Debug)]
 pub struct WithoutMovement {
-    /// White differences against a reference of zero, and their model.
+    /// White differences relative to a reference of zero, and their model.
     pub fitted: FittedFrames,
-    /// Takes movement out of further differences.
+    /// Removes movement from further differences.
     pub side: NuisanceParameters,
-    /// For the report.
+    /// Line for the report.
     pub line: String,
-    /// Frames that have no image.
+    /// Note about frames without an image, if there are any.
     pub note: Option<String>,
-    /// Where the prior is Gaussian: the reconstruction of the data as they came.
+    /// For Gaussian priors, the reconstruction of the original data.
     before: Option<Before>,
 }
 
-/// The one-step reconstruction of the data as they came, and how its hyperparameter was chosen.
+/// One-step reconstruction of the original data, and how its hyperparameter was chosen.
 #[derive(Debug)]
 struct Before {
     difference: OneStepGaussNewton,
     chosen: ChosenBy,
 }
 
-/// How far electrodes move, for people.
+/// Describes how far electrodes may move.
 pub(crate) fn words(movement_m: f64) -> String {
     format!("electrodes may move by {:.2} mm", 1e3 * movement_m)
 }
 
-/// Takes movement out of a model for differences of this noise; `None` where electrodes do not move.
-/// `before` is the reconstruction of the data as they came, where its prior is Gaussian.
+/// Removes movement from a model, for differences with this noise; `None` if electrodes do not move. `before`
+/// is the reconstruction of the original data if its prior is Gaussian.
 pub(crate) fn take_out(
     linearised: &LinearisedSkin,
     noise: &DataNoise,
@@ -86,7 +85,7 @@ pub(crate) fn take_out(
         let signal = expected_signal(linearised, &jacobian, noise, used);
         (before.report().hyperparameter * signal).max(1.0)
     });
-    // weights are those of the noise, so that deviations count in its units
+    // the weights are those of the noise, so deviations count in its units
     let std = vec![movement_m / error; movement.ncols()];
     let movement = linearised.rows_of_differences(movement.clone(), used)?;
     let side = NuisanceParameters::new(&movement, &std, &noise.std, Some(used))?;
@@ -94,8 +93,8 @@ pub(crate) fn take_out(
     Ok(Some(TakenOut { error, side, linearised }))
 }
 
-/// Root mean square of the differences of a synthetic touch, in units of the noise. No recording is
-/// looked at, so that a frame has one image, whatever comes before or after it.
+/// Root mean square of the differences of a synthetic touch, in units of the noise. It does not depend on a
+/// recording, so the image of a frame does not depend on other frames.
 fn expected_signal(
     linearised: &LinearisedSkin,
     jacobian: &Array2<f64>,
@@ -114,12 +113,11 @@ fn expected_signal(
 }
 
 impl FittedFrames {
-    /// Frames and model without what electrodes that move explain; `None` where the settings say
-    /// nothing of movement.
+    /// Returns frames and model without electrode movement; `None` if the settings do not enable it.
     ///
     /// # Errors
     ///
-    /// A method that does not take differences, or noise that is not known.
+    /// A method that does not take differences; unknown noise.
     pub fn without_movement(
         &self,
         method: Method,
@@ -132,8 +130,8 @@ impl FittedFrames {
         if method == Method::GaussNewtonAbsolute {
             return Err(SkinError::input(
                 "gauss-newton-absolute and reconstruction.electrode_movement_m exclude each other: \
-                 movement is taken out of differences, before a linear method; take another method, \
-                 or the key out",
+                 movement is removed from differences before a linear method; use another method, \
+                 or remove the key",
             ));
         }
         let Some(noise) = self.noise()? else {
@@ -142,7 +140,7 @@ impl FittedFrames {
         let (noise, before) = match method.is_tv() {
             true => (noise, None),
             false => {
-                // measurements are equal where no noise is stated
+                // without stated noise, all measurements have the same
                 let stated = settings.noise.additive_v.is_some();
                 let noise = if stated { noise } else { noise.alike(&self.frames.used) };
                 let before = self.before(&noise, progress)?;
@@ -155,9 +153,9 @@ impl FittedFrames {
             let Some(TakenOut { error, side, linearised }) = taken else { return Ok(None) };
             let given = side.kept_variance().iter().map(|kept| 1.0 - kept).sum::<f64>();
             let mut line =
-                format!("{}: {given:.1} directions of the data go to that", words(movement_m));
+                format!("{}: this takes {given:.1} directions of the data", words(movement_m));
             if error > 1.0 {
-                line += &format!(", weighed against {error:.0} times the noise");
+                line += &format!(", weighted against {error:.0} times the noise");
             }
             let White { frames, note } =
                 whitened(&self.frames, self.skin.difference_kind(), &side)?;
@@ -166,7 +164,7 @@ impl FittedFrames {
         })
     }
 
-    /// The one-step reconstruction of the data as they came, with its hyperparameter.
+    /// The one-step reconstruction of the original data, with its hyperparameter.
     fn before(&self, noise: &DataNoise, progress: &mut Progress) -> Result<Before, SkinError> {
         let mut settings = self.one_step_settings()?;
         settings.noise_std = Some(noise.std.clone());
@@ -182,12 +180,12 @@ impl FittedFrames {
 }
 
 impl WithoutMovement {
-    /// One-step images of what is left, with the prior of the data as they came; `None` for total
+    /// Prepares one-step images without movement, with the prior of the original data; `None` for total
     /// variation.
     ///
     /// # Errors
     ///
-    /// Those of the reconstruction.
+    /// The errors of the reconstruction.
     pub fn one_step(&self, progress: &mut Progress) -> Result<Option<Imaging>, SkinError> {
         let Some(Before { difference: before, chosen }) = &self.before else { return Ok(None) };
         let linearised = &self.fitted.skin;
@@ -205,14 +203,14 @@ impl WithoutMovement {
     }
 }
 
-/// White frames, and what is to be said of them.
+/// White frames, and a note about them.
 struct White {
     frames: Frames,
     note: Option<String>,
 }
 
-/// White differences against a reference of zero. Measurements are mixed, so that a frame without some
-/// of them has no image: its differences are zero.
+/// White differences relative to a reference of zero. Whitening mixes measurements, so a frame that lacks
+/// some has no image: its differences are zero.
 fn whitened(
     frames: &Frames,
     kind: DifferenceKind,
@@ -222,8 +220,8 @@ fn whitened(
     if clean.is_empty() {
         return Err(SkinError::input(format!(
             "none of {count} frames is good in every used measurement, and \
-             reconstruction.electrode_movement_m mixes measurements: take it out of the scene, or \
-             the bad ones out of the protocol"
+             reconstruction.electrode_movement_m mixes measurements: remove it from the scene, or \
+             the bad measurements from the protocol"
         )));
     }
     let differences = frames.differences(kind);

@@ -1,4 +1,4 @@
-//! One-step difference images, and what the methods on elements share: prior, data, lambda.
+//! One-step difference images, and what all element-based methods share: prior, data, lambda.
 
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
@@ -14,30 +14,30 @@ use eit_inverse::{
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView1, Axis};
 
-/// Noise figure where nothing is stated: the image is as noisy as the data.
+/// Default noise figure: the image is as noisy as the data.
 pub const DEFAULT_NOISE_FIGURE: f64 = 1.0;
 
-/// A reconstruction ready for frames.
+/// A one-step reconstruction that is ready for frames.
 #[derive(Debug)]
 pub struct Imaging {
-    /// On elements.
+    /// Reconstruction on elements.
     pub difference: OneStepGaussNewton,
     /// How the hyperparameter was chosen.
     pub chosen: ChosenHyperparameter,
-    /// The rule in words.
+    /// Rule that chose it, in words.
     pub rule: String,
-    /// Pixels of the pictures.
+    /// Pixels of the images.
     pub raster: Raster,
-    /// Plain or normalised.
+    /// Plain or normalised differences.
     pub kind: DifferenceKind,
 }
 
 impl FittedFrames {
-    /// The one-step reconstruction that the settings ask for.
+    /// Prepares the one-step reconstruction that the settings specify.
     ///
     /// # Errors
     ///
-    /// Those of the reconstruction and of the choice of its hyperparameter.
+    /// Errors of the reconstruction and of choosing its hyperparameter.
     pub fn one_step(&self, progress: &mut Progress) -> Result<Imaging, SkinError> {
         let settings = self.one_step_settings()?;
         let prior = self.skin.prior()?;
@@ -50,11 +50,11 @@ impl FittedFrames {
         Ok(Imaging { difference, chosen, rule, raster, kind: self.skin.difference_kind() })
     }
 
-    /// Data, weights and channels; lambda is the default.
+    /// Returns settings with data, weights and channels; lambda is the default.
     ///
     /// # Errors
     ///
-    /// Those of the difference data.
+    /// The errors of the difference data.
     pub fn one_step_settings(&self) -> Result<OneStepSettings, SkinError> {
         let data = self.skin.difference_data();
         let skin = &self.skin.skin;
@@ -69,12 +69,12 @@ impl FittedFrames {
     }
 }
 
-/// A hyperparameter and the rule that chose it, in words.
+/// A hyperparameter and the rule that chose it.
 #[derive(Debug, Clone)]
 pub struct ChosenBy {
     /// The choice.
     pub chosen: ChosenHyperparameter,
-    /// The rule.
+    /// The rule, in words.
     pub rule: String,
 }
 
@@ -94,7 +94,7 @@ pub(crate) fn choose(
     if needs_data && clean.is_empty() {
         return Err(SkinError::input(
             "the hyperparameter is chosen from the data, but no frame is good in every used \
-             measurement: take hyperparameter = \"noise-figure\" or a number",
+             measurement: set hyperparameter = \"noise-figure\" or a number",
         ));
     }
     let values = frames.values.select(Axis(0), &clean);
@@ -120,10 +120,10 @@ pub(crate) fn choose(
 }
 
 impl Imaging {
-    /// Images [frame, row, column] in siemens, NaN outside the skin.
+    /// Computes images [frame, row, column] in siemens, NaN outside the skin.
     ///
-    /// Frames with bad values among the used measurements are reconstructed without them; one without a
-    /// good value is zero.
+    /// Frames with bad values among the used measurements are reconstructed without those values; the image
+    /// of a frame without a good value is zero.
     pub fn images(
         &self,
         frames: &Frames,
@@ -151,7 +151,7 @@ impl Imaging {
                 match reconstructor
                     .reconstruct_masked_into(&values, reference, &bad, memory, &mut image)
                 {
-                    // a dropped frame shows nothing, and hides no other
+                    // a dropped frame has an empty image and does not affect others
                     Err(InverseError::NothingUsed { .. }) => image.fill(0.0),
                     made => {
                         made.map_err(|e| SkinError::from(e).within(&format!("frame {frame}")))?;
@@ -165,7 +165,7 @@ impl Imaging {
         })
     }
 
-    /// Part of each frame's difference that its image leaves unexplained, 0 to 1; `None` where the
+    /// Returns the fraction of each frame's difference that its image does not explain, 0 to 1; `None` if the
     /// frame has bad values or does not differ from the reference.
     pub fn residuals(&self, frames: &Frames) -> Result<Vec<Option<f64>>, SkinError> {
         let mut residuals = vec![None; frames.values.nrows()];

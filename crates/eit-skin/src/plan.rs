@@ -1,7 +1,7 @@
-//! What a skin needs, what is left out and why, and what it costs.
+//! What a skin needs, what is omitted and why, and what it costs.
 //!
-//! Builds what sizes need (mesh and symbolic factorisation) and predicts the rest from measured rates
-//! ([`stages`]) and from the solvers' table ([`measured`]).
+//! Builds what is needed for sizes (mesh and symbolic factorisation), and predicts the rest from measured
+//! rates ([`stages`]) and the table of measured solvers ([`measured`]).
 
 mod electrodes;
 pub mod expected;
@@ -35,31 +35,31 @@ use sequence::Sequence;
 use serde_json::{Value, json};
 use voltage_error::VoltageError;
 
-/// A plan in words and numbers.
+/// A plan as text and as JSON.
 #[derive(Debug, Clone)]
 pub struct PlanText {
-    /// For people.
+    /// Text for people.
     pub text: String,
-    /// For programs: one object.
+    /// One JSON object for programs.
     pub json: Value,
 }
 
-/// What a skin needs, what is left out and why.
+/// What a skin needs, what is omitted and why.
 #[derive(Debug)]
 pub struct Plan {
     /// Name of the skin.
     pub name: String,
-    /// The method and why it was taken.
+    /// Method, and why it was chosen.
     pub choice: MethodChoice,
-    /// Frames that it is for; `None`: no recording that can be read.
+    /// Number of frames that the plan is for; `None` without a readable recording.
     pub frames: Option<usize>,
-    /// What the method does with them.
+    /// How the method treats the frames.
     pub sequence: Sequence,
-    /// What is done, in the order of the work.
+    /// Work to do, in order.
     pub stages: Vec<Stage>,
-    /// What is not done.
+    /// Work that is omitted.
     pub left_out: Vec<LeftOut>,
-    /// How the method works on this skin.
+    /// Notes on how the method works on this skin.
     words: Vec<String>,
     error: VoltageError,
     expected: Expected,
@@ -69,18 +69,18 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Plans for a skin by a method, or by the one that its settings call for.
+    /// Plans for a skin with a given method, or with the one that its settings imply.
     ///
     /// # Errors
     ///
-    /// An unknown method, a skin that cannot be solved, weights that cannot be read.
+    /// An unknown method; a skin that cannot be solved; weights that cannot be read.
     pub fn of(
         mut skin: Skin,
         method: Option<&str>,
         progress: &mut Progress,
     ) -> Result<Self, SkinError> {
         method::choose(&skin.settings, method, None)?;
-        // an instrument alone is watched as it measures
+        // without recorded files, an instrument is processed live
         let is_live = skin.instrument.is_some() && skin.settings.recording.files.is_none();
         let recording = sequence::read(&skin, progress);
         let frames = recording.as_ref().map(|frames| frames.values.nrows());
@@ -117,7 +117,7 @@ impl Plan {
         })
     }
 
-    /// For programs.
+    /// Returns the plan as JSON.
     pub fn json(&self) -> Value {
         json!({
             "scene": self.name,
@@ -137,7 +137,7 @@ impl Plan {
         })
     }
 
-    /// For people.
+    /// Returns the plan as text.
     pub fn text(&self) -> String {
         let mut lines = vec![
             format!("method {}: {}", self.choice.method.name(), self.choice.why),
@@ -157,7 +157,7 @@ impl Plan {
     }
 }
 
-/// What is done, and why.
+/// A stage and the reason for it.
 fn stage_lines(s: &Stage) -> [String; 2] {
     [
         format!(
@@ -172,7 +172,7 @@ fn stage_lines(s: &Stage) -> [String; 2] {
     ]
 }
 
-/// Voltages of the untouched skin on this mesh, and the path of their solve.
+/// Voltages of the untouched skin on this mesh, and how they were solved.
 fn untouched(skin: &Skin) -> Result<(Vec<f64>, SolvePath), SkinError> {
     let background = skin.background_s();
     let mut workspace = skin.model.workspace()?;
@@ -191,7 +191,7 @@ fn stage_json(stage: &Stage) -> Value {
     })
 }
 
-/// Three digits and a power of ten.
+/// Two digits and a power of ten.
 fn short(value: f64) -> String {
     if value == 0.0 { "-".to_owned() } else { format!("{value:.1e}") }
 }

@@ -1,37 +1,37 @@
-//! Progress of long work: stages with their times, told to whoever observes them.
+//! Progress of long work: stages and their times, reported to an observer.
 
 use serde::Serialize;
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// Sees the stages of long work as they run. Every method does nothing by default.
+/// Observes the stages of long work as they run. Every method does nothing by default.
 pub trait Observer: Send {
-    /// A stage begins. `group` names what it is part of and may be empty; `steps` is the number of its
-    /// steps, or 0 where it has none.
+    /// Called when a stage begins. `group` names what it is part of and may be empty; `steps` is the number
+    /// of its steps, or 0 if it has none.
     fn begin(&mut self, _group: &str, _stage: &str, _steps: usize) {}
 
-    /// The current stage turns out to have so many steps.
+    /// Called when the number of steps of the current stage changes.
     fn length(&mut self, _steps: usize) {}
 
-    /// So many steps of the current stage are done.
+    /// Called with the number of finished steps of the current stage.
     fn position(&mut self, _done: usize) {}
 
-    /// What the current stage is doing.
+    /// Called with a description of what the current stage is doing.
     fn message(&mut self, _text: &str) {}
 
-    /// The current stage has ended.
+    /// Called when the current stage ends.
     fn end(&mut self) {}
 
-    /// Something the user should know.
+    /// Called with a note for the user.
     fn note(&mut self, _text: &str) {}
 
-    /// An observer for work that runs beside this one, on another thread.
+    /// Returns an observer for concurrent work on another thread.
     fn beside(&self) -> Box<dyn Observer> {
         Box::new(Silent)
     }
 }
 
-/// Observes nothing.
+/// An observer that does nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 
@@ -40,20 +40,20 @@ impl Observer for Silent {}
 /// Wall time of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StageTime {
-    /// What was done.
+    /// Name of the stage.
     pub stage: &'static str,
     /// Wall time, seconds.
     pub time_s: f64,
 }
 
-/// Runs stages one after the other, tells an [`Observer`] and keeps their times.
+/// Runs stages one after the other, reports them to an [`Observer`] and records their times.
 pub struct Progress {
     times: Vec<StageTime>,
     group: String,
     observer: Box<dyn Observer>,
 }
 
-/// The steps of a running stage; threads may share them.
+/// Steps of a running stage; can be shared between threads.
 pub struct Steps<'a>(Mutex<Counted<'a>>);
 
 struct Counted<'a> {
@@ -62,7 +62,7 @@ struct Counted<'a> {
 }
 
 impl<'a> Steps<'a> {
-    /// One more step is done.
+    /// Reports that one more step is done.
     pub fn inc(&self) {
         let mut counted = self.counted();
         counted.done += 1;
@@ -70,29 +70,29 @@ impl<'a> Steps<'a> {
         counted.observer.position(done);
     }
 
-    /// So many steps are done.
+    /// Reports the number of finished steps.
     pub fn set_position(&self, done: usize) {
         let mut counted = self.counted();
         counted.done = done;
         counted.observer.position(done);
     }
 
-    /// The stage turns out to have so many steps.
+    /// Reports a changed number of steps.
     pub fn set_length(&self, steps: usize) {
         self.counted().observer.length(steps);
     }
 
-    /// What the stage is doing.
+    /// Reports what the stage is doing.
     pub fn set_message(&self, text: &str) {
         self.counted().observer.message(text);
     }
 
-    /// Something the user should know.
+    /// Reports a note for the user.
     pub fn note(&self, text: &str) {
         self.counted().observer.note(text);
     }
 
-    /// A thread that panicked between two counts has left a number behind, nothing worse.
+    /// A panic in another thread leaves at worst a wrong count, so poisoning is ignored.
     fn counted(&self) -> std::sync::MutexGuard<'_, Counted<'a>> {
         self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
@@ -105,17 +105,17 @@ impl Default for Progress {
 }
 
 impl Progress {
-    /// Tells this observer.
+    /// Creates a progress that reports to `observer`.
     pub fn new(observer: Box<dyn Observer>) -> Self {
         Self { times: Vec::new(), group: String::new(), observer }
     }
 
-    /// Tells nobody.
+    /// Creates a progress that reports to nobody.
     pub fn silent() -> Self {
         Self::new(Box::new(Silent))
     }
 
-    /// For work at the same time, with an observer of its own.
+    /// Creates a progress for concurrent work, with an observer of its own.
     pub fn beside(&self) -> Self {
         Self::new(self.observer.beside())
     }
@@ -129,7 +129,7 @@ impl Progress {
     ///
     /// # Errors
     ///
-    /// Those of the work.
+    /// The errors of the work.
     pub fn stage<T, E>(
         &mut self,
         stage: &'static str,
@@ -142,7 +142,7 @@ impl Progress {
     ///
     /// # Errors
     ///
-    /// Those of the work.
+    /// The errors of the work.
     pub fn steps<T, E>(
         &mut self,
         stage: &'static str,
@@ -158,12 +158,12 @@ impl Progress {
         result
     }
 
-    /// Tells the observer something that the user should know.
+    /// Reports a note for the user.
     pub fn note(&mut self, text: &str) {
         self.observer.note(text);
     }
 
-    /// Times so far.
+    /// Returns the times so far.
     pub fn times(&self) -> &[StageTime] {
         &self.times
     }

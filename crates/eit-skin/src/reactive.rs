@@ -1,4 +1,4 @@
-//! Skins that store charge: the complex forward model.
+//! Reactive skins, whose capacitances carry current: the complex forward model.
 
 use crate::error::SkinError;
 use crate::progress::Progress;
@@ -7,33 +7,33 @@ use crate::skin::{Body, MeshOverride, REAL_BYTES, warning_of_loss};
 use eit_fem::{AdmittivityModel, AdmittivityReport, Complex64};
 use eit_mesh::Mesh;
 
-/// A skin whose capacitances carry current: mesh and complex forward model.
+/// A reactive skin: mesh and complex forward model.
 #[derive(Debug)]
 pub struct ReactiveSkin {
     /// Name for titles.
     pub name: String,
     /// The skin's surface with its electrodes.
     pub mesh: Mesh,
-    /// Ready to solve.
+    /// Forward model, ready to solve.
     pub model: AdmittivityModel,
-    /// Of the untouched sheet, siemens per square.
+    /// Admittivity of the untouched sheet, siemens per square.
     pub background: Complex64,
-    /// Of the drive current.
+    /// Frequency of the drive current, hertz.
     pub frequency_hz: f64,
-    /// What was mended in the mesh file.
+    /// Repairs made to the mesh file.
     pub notes: Vec<String>,
-    /// Whether the mesh is that of a file.
+    /// Whether the mesh was read from a file.
     pub from_file: bool,
     /// Capacitance of the sheet, farad per square.
     capacitance_f: f64,
 }
 
 impl ReactiveSkin {
-    /// Sets up a skin that stores charge.
+    /// Builds a reactive skin.
     ///
     /// # Errors
     ///
-    /// A scene that cannot be built; the message names key, value and place.
+    /// A scene that cannot be built; the message names key, value and location.
     pub fn set_up(
         scene: &Scene,
         mesh: &MeshOverride,
@@ -56,13 +56,14 @@ impl ReactiveSkin {
         })
     }
 
-    /// Admittivity of a sheet of this conductivity and the skin's capacitance, siemens per square.
+    /// Returns the admittivity of a sheet with this conductivity and the skin's capacitance, siemens per
+    /// square.
     pub fn admittivity_of(&self, conductivity_s: f64) -> Complex64 {
         eit_fem::admittivity(conductivity_s, self.capacitance_f, self.frequency_hz)
     }
 }
 
-/// Refuses voltages that rounding may have made worthless; warns where it may have cost digits.
+/// Rejects voltages that rounding may have made meaningless; warns if it may have cost digits.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! The classical methods that take a sequence of frames, on the elements of the mesh.
+//! Classical methods for a sequence of frames, on the elements of the mesh.
 
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
@@ -12,12 +12,12 @@ use eit_inverse::{OneStepGaussNewton, OneStepSettings, Prior, SequenceSolver};
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView2};
 
-/// Distance of the background from a bound of the absolute method that lies on it: its map from
-/// numbers to conductivities needs room on both sides.
+/// Relative distance of the background from a bound of the absolute method: its mapping from unknowns to
+/// conductivities needs room on both sides.
 const ROOM: f64 = 0.01;
 
-/// Sets up a method on elements; `settings` hold the hyperparameter. `None` for those of total
-/// variation, which work on pixels.
+/// Sets up a method on elements; `settings` contain the hyperparameter. `None` for total variation, which
+/// works on pixels.
 pub fn method<'a>(
     method: Method,
     linearised: &'a LinearisedSkin,
@@ -51,13 +51,13 @@ pub fn method<'a>(
     }))
 }
 
-/// Bounds of the conductivity from those of its change.
+/// Converts bounds of the conductivity change to bounds of the conductivity.
 fn bounds_s(skin: &Skin) -> Option<[f64; 2]> {
     let (keys, background) = (&skin.settings.reconstruction, skin.conductivity_s);
     if keys.lower_s.is_none() && keys.upper_s.is_none() {
         return None;
     }
-    // the widest that the method takes by itself
+    // the widest range that the method allows by default
     let [least, most] = [1e-3 * background, 1e3 * background];
     let lower = keys
         .lower_s
@@ -68,7 +68,7 @@ fn bounds_s(skin: &Skin) -> Option<[f64; 2]> {
     Some([lower, upper])
 }
 
-/// A movie of elements as a movie of masked pixels, both [frame, value].
+/// Converts a movie on elements to one on masked pixels, both [frame, value].
 pub fn pixels_of(images: ArrayView2<'_, f64>, raster: &Raster) -> Result<Array2<f64>, SkinError> {
     let pixels = raster.pixel_from_element().multiply_dense(images.t())?;
     Ok(pixels.reversed_axes())

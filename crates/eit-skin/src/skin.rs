@@ -1,4 +1,4 @@
-//! One skin: mesh, protocol and forward model, with the settings of every stage behind them.
+//! A skin: mesh, protocol and forward model, with the settings of all later stages.
 
 use crate::error::SkinError;
 use crate::progress::Progress;
@@ -16,71 +16,71 @@ use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Pixels along the longer side where the scene states none: a disc of 64 has 3 200 pixels, ten
-/// times more than 208 measurements can tell apart.
+/// Default number of pixels along the longer side: a disc of 64 has 3 200 pixels, ten times more than 208
+/// measurements can distinguish.
 pub const DEFAULT_PIXELS: usize = 64;
 
-/// Largest array that is tried, bytes.
+/// Maximum size of an array, bytes.
 const MOST_BYTES: f64 = 8e9;
 
-/// Bytes of a real number.
+/// Size of a real number, bytes.
 pub(crate) const REAL_BYTES: f64 = 8.0;
 
-/// What stays the same whatever is made of a skin's frames.
+/// The parts of a skin that do not depend on how its frames are processed.
 #[derive(Debug)]
 pub struct SkinModel {
     /// Name for titles: the scene file's stem or the built-in name.
     pub name: String,
-    /// The scene as it was named, for messages.
+    /// The scene as named by the user, for messages.
     pub place: String,
     /// The skin's surface with its electrodes.
     pub mesh: Mesh,
-    /// Patterns, in data order.
+    /// Stimulation and measurement patterns, in data order.
     pub protocol: Protocol,
-    /// Ready to solve.
+    /// Forward model, ready to solve.
     pub model: ForwardModel,
     /// Conductivity of the untouched sheet, siemens per square.
     pub conductivity_s: f64,
-    /// Of each electrode: ohm metre on the rim, ohm square metre of a patch.
+    /// Contact impedance per electrode: ohm metre on the rim, ohm square metre for a patch.
     pub contact_impedance: Vec<f64>,
-    /// What the mesh comes from.
+    /// Source of the mesh.
     pub source: MeshSource,
-    /// What was mended in the mesh file.
+    /// Repairs made to the mesh file.
     pub notes: Vec<String>,
-    /// What the scene requires of the mesh, and what was found.
+    /// Required and estimated accuracy of the mesh, if the scene requires one.
     pub accuracy: Option<Accuracy>,
-    /// The pair protocol behind the patterns, where the order of data can be checked against others.
+    /// The pair protocol behind the patterns, if the order of data can be compared with others.
     pub pairs: Option<PairProtocol>,
-    /// Whether data in another order than the protocol's is refused.
+    /// Whether data in another order than the protocol's is rejected.
     pub check_order: bool,
-    /// The mesh-free series of this skin, where there is one.
+    /// The mesh-free series for this skin, if there is one.
     pub series: Option<DiscSeries>,
-    /// Turns and mirror images that leave a disc as it is.
+    /// Rotations and reflections that map a disc with its electrodes onto itself.
     pub symmetry: Option<Symmetry>,
-    /// The simulated fabric.
+    /// Settings of the simulated fabric.
     pub fabric: FabricSettings,
-    /// The instrument, where the scene names one.
+    /// Settings of the instrument, if the scene has one.
     pub instrument: Option<InstrumentSettings>,
     /// Amplitude of the drive current, ampere.
     pub current_a: f64,
-    /// Checksum of shape, electrodes and protocol: what a trained net belongs to.
+    /// Checksum of shape, electrodes and protocol, to which a trained net belongs.
     pub fingerprint: String,
     /// The scene as TOML, for recordings.
     pub scene_toml: String,
-    /// Why nothing of the skin is complex.
+    /// Why the skin needs no complex numbers.
     pub why_real: &'static str,
 }
 
-/// What overrides the scene's mesh.
+/// Overrides of the scene's mesh.
 #[derive(Debug, Clone, Default)]
 pub struct MeshOverride {
-    /// A mesh file that brings its electrodes.
+    /// A mesh file that contains its electrodes.
     pub file: Option<PathBuf>,
     /// About this many nodes instead of the scene's density.
     pub nodes: Option<usize>,
 }
 
-/// A skin: the start of everything. Clones share mesh and model.
+/// A skin, from which everything else is built. Clones share mesh and model.
 ///
 /// ```
 /// use eit_skin::{Scene, Skin};
@@ -93,7 +93,7 @@ pub struct MeshOverride {
 #[derive(Debug, Clone)]
 pub struct Skin {
     parts: Arc<SkinModel>,
-    /// Settings of the stages behind the model.
+    /// Settings of the stages after the model.
     pub settings: StageSettings,
 }
 
@@ -106,29 +106,29 @@ impl Deref for Skin {
 }
 
 impl Skin {
-    /// Reads a scene file, or takes a built-in scene by its name, and sets the skin up.
+    /// Reads a scene file, or a built-in scene by name, and sets up the skin.
     ///
     /// # Errors
     ///
-    /// A scene that cannot be read or built; the message names key, value and place.
+    /// A scene that cannot be read or built; the message names key, value and location.
     pub fn load(name_or_path: impl AsRef<Path>) -> Result<Self, SkinError> {
         Self::from_scene(Scene::load(&name_or_path.as_ref().to_string_lossy())?)
     }
 
-    /// Sets a skin up: meshes it, builds protocol and forward model.
+    /// Sets up a skin: generates the mesh, and builds protocol and forward model.
     ///
     /// # Errors
     ///
-    /// As [`Skin::load`].
+    /// The errors of [`Skin::load`].
     pub fn from_scene(scene: Scene) -> Result<Self, SkinError> {
         Self::set_up(&scene, &MeshOverride::default(), &mut Progress::silent())
     }
 
-    /// [`Skin::from_scene`] with a mesh of one's own, telling its progress.
+    /// Like [`Skin::from_scene`], with an override of the mesh and progress reports.
     ///
     /// # Errors
     ///
-    /// As [`Skin::load`].
+    /// The errors of [`Skin::load`].
     pub fn set_up(
         scene: &Scene,
         mesh: &MeshOverride,
@@ -171,11 +171,11 @@ impl Skin {
         Ok(Self { parts: Arc::new(model), settings: scene.stage_settings() })
     }
 
-    /// The same skin on another mesh, of about so many nodes: to simulate on.
+    /// Returns the same skin on another mesh with about this many nodes, for simulation.
     ///
     /// # Errors
     ///
-    /// A mesh file, which is one mesh; a mesh that cannot be generated.
+    /// A mesh file, which is fixed; a mesh that cannot be generated.
     pub fn with_nodes(&self, nodes: usize, progress: &mut Progress) -> Result<Self, SkinError> {
         let source = self.source.with_nodes(nodes)?;
         let BuiltMesh { mesh, notes } = progress.stage("mesh", || source.build())?;
@@ -213,8 +213,8 @@ impl Skin {
         Ok(Self { parts: Arc::new(parts), settings: self.settings.clone() })
     }
 
-    /// Plain or normalised difference: pairs are normalised, which cancels gains per channel;
-    /// general patterns have voltages near zero, which cannot be divided by.
+    /// Returns whether differences are plain or normalised. Pair protocols are normalised, which cancels
+    /// channel gains; general patterns have voltages near zero, by which one cannot divide.
     pub fn difference_kind(&self) -> DifferenceKind {
         let default = match self.protocol.quadruples() {
             Some(_) => DifferenceKind::Normalised,
@@ -223,59 +223,57 @@ impl Skin {
         self.settings.reconstruction.difference.map_or(default, Into::into)
     }
 
-    /// The untouched skin, a conductivity for each element, siemens per square.
+    /// Returns the conductivity of the untouched skin for each element, siemens per square.
     pub fn background_s(&self) -> Vec<f64> {
         vec![self.conductivity_s; self.model.elements()]
     }
 
-    /// Pixels along the longer side of the skin's images.
+    /// Returns the number of pixels along the longer side of the skin's images.
     pub fn pixels(&self) -> usize {
         self.settings.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS)
     }
 
-    /// The pixels of the skin's images.
+    /// Creates the pixel raster of the skin's images.
     ///
     /// # Errors
     ///
-    /// Those of [`Raster::new`].
+    /// The errors of [`Raster::new`].
     pub fn raster(&self, progress: &mut Progress) -> Result<Raster, SkinError> {
         Ok(progress.stage("raster", || Raster::new(self.mesh.surface(), self.pixels()))?)
     }
 
-    /// The simulated fabric of this skin: what a touch does to its voltages, with the truth beside
-    /// every frame.
+    /// Returns the simulated fabric of this skin, which computes the effect of touches on the voltages, with
+    /// the truth for every frame.
     ///
     /// # Errors
     ///
-    /// Settings of the fabric that cannot be simulated.
+    /// Invalid settings of the fabric.
     pub fn simulated_fabric(&self) -> Result<Fabric, SkinError> {
         self.fabric_with(&self.fabric)
     }
 
-    /// The simulated fabric with other settings than the scene's.
+    /// Returns the simulated fabric with other settings than the scene's.
     ///
-    /// # Errors
-    /// Those of [`Fabric::new`].
+    /// The errors of [`Fabric::new`].
     pub fn fabric_with(&self, settings: &FabricSettings) -> Result<Fabric, SkinError> {
         let (sheet_s, impedance) = (self.conductivity_s, &self.contact_impedance);
         let fabric = Fabric::new(&self.mesh, &self.protocol, sheet_s, impedance, settings);
         fabric.map_err(|e| SkinError::from(e).within(&self.place))
     }
 
-    /// What rounding may cost the voltages, of the largest: a tenth of the required accuracy.
+    /// Allowed rounding error of the voltages, relative to the largest: a tenth of the required accuracy.
     fn rounding(&self) -> f64 {
         let required = self.accuracy.as_ref().map_or(1.0, |accuracy| accuracy.required);
-        // f64 results have no more
+        // the limit of f64 results
         (0.1 * required).clamp(4.0 * f64::EPSILON, WARN_LOSS)
     }
 
-    /// One solve whose rounding is known to be small: by the textbook assembly where that suffices,
-    /// else with electrodes eliminated analytically ([`ForwardModel::solve_to`]). Quadratic elements
-    /// have the first path only.
+    /// Solves with a small, known rounding error: by textbook assembly if that suffices, else with electrodes
+    /// eliminated analytically ([`ForwardModel::solve_to`]). Quadratic elements only support the former.
     ///
     /// # Errors
     ///
-    /// Those of the model: conductivities that are not above zero, or no digit that is certain.
+    /// Errors of the model: conductivities that are not above zero, or voltages without a certain digit.
     pub fn solve<'a>(
         &'a self,
         conductivity_s: &[f64],
@@ -284,11 +282,11 @@ impl Skin {
         self.solve_to(conductivity_s, self.rounding(), workspace)
     }
 
-    /// [`Skin::solve`] to a rounding error of the caller's choice, relative to the largest voltage.
+    /// Like [`Skin::solve`], with a given rounding error relative to the largest voltage.
     ///
     /// # Errors
     ///
-    /// As [`Skin::solve`].
+    /// The errors of [`Skin::solve`].
     pub fn solve_to<'a>(
         &'a self,
         conductivity_s: &[f64],
@@ -304,7 +302,7 @@ impl Skin {
     }
 }
 
-/// Mesh and protocol of a scene, however complex its numbers are.
+/// Mesh and protocol of a scene, for real or complex models.
 pub(crate) struct Body {
     pub choice: MeshChoice,
     pub protocol: Protocol,
@@ -312,7 +310,7 @@ pub(crate) struct Body {
 }
 
 impl Body {
-    /// Refuses a Jacobian, of values of `value_bytes`, beyond memory.
+    /// Builds mesh and protocol; rejects a Jacobian too large for memory, with `value_bytes` per value.
     pub fn of(
         scene: &Scene,
         mesh: &MeshOverride,
@@ -323,7 +321,7 @@ impl Body {
             Some(file) => MeshSource::file(file),
             None => scene.mesh(mesh.nodes)?,
         };
-        // what needs no mesh is checked before one is made
+        // check everything that needs no mesh before generating one
         if let Some(electrodes) = source.electrodes() {
             scene.protocol(electrodes)?;
             scene.check_contacts(electrodes)?;
@@ -351,11 +349,11 @@ impl Body {
     }
 }
 
-/// Losses worth a warning, and losses that leave nothing to report.
+/// Loss above which to warn, and loss above which to reject the voltages.
 const WARN_LOSS: f64 = 1e-6;
 const REFUSE_LOSS: f64 = 0.1;
 
-/// Refuses voltages that rounding may have made worthless; warns where it may have cost digits.
+/// Rejects voltages that rounding may have made meaningless; warns if it may have cost digits.
 ///
 /// # Errors
 ///
@@ -364,7 +362,7 @@ pub fn rounding_warning(report: &SolveReport) -> Result<Option<String>, SkinErro
     warning_of_loss(report.expected_loss)
 }
 
-/// [`rounding_warning`] of an expected loss.
+/// [`rounding_warning`] for an expected loss.
 pub(crate) fn warning_of_loss(loss: f64) -> Result<Option<String>, SkinError> {
     if loss.is_nan() || loss > REFUSE_LOSS {
         let decades = (loss / (1000.0 * f64::EPSILON)).log10();
@@ -377,12 +375,12 @@ pub(crate) fn warning_of_loss(loss: f64) -> Result<Option<String>, SkinError> {
     }))
 }
 
-/// Refuses more images of `pixels` x `pixels` than memory holds; before a raster is made, which takes some
-/// 1.8 GB for 4096.
+/// Rejects a number of images of `pixels` x `pixels` that do not fit in memory. Call it before creating a
+/// raster, which takes some 1.8 GB for 4096 pixels.
 ///
 /// # Errors
 ///
-/// More than 8 GB of them.
+/// Images of more than 8 GB in total.
 pub fn check_images(count: usize, pixels: usize) -> Result<(), SkinError> {
     let bytes = 8.0 * count as f64 * (pixels as f64).powi(2);
     if bytes > MOST_BYTES {
@@ -395,12 +393,12 @@ pub fn check_images(count: usize, pixels: usize) -> Result<(), SkinError> {
     Ok(())
 }
 
-/// Refuses a Jacobian on so many pixels x pixels, as total variation needs it, that memory does not hold;
-/// before a raster is made.
+/// Rejects a Jacobian on `pixels` x `pixels`, as total variation needs it, that does not fit in memory. Call
+/// it before creating a raster.
 ///
 /// # Errors
 ///
-/// More than 8 GB of it.
+/// A Jacobian of more than 8 GB.
 pub fn check_pixel_jacobian(measurements: usize, pixels: usize) -> Result<(), SkinError> {
     let bytes = 8.0 * measurements as f64 * (pixels as f64).powi(2);
     if bytes > MOST_BYTES {

@@ -4,30 +4,29 @@ use crate::noise::DataNoise;
 use eit_fem::fabric::Random;
 use ndarray::{Array1, Array2};
 
-/// Frames of the touch.
+/// Number of frames of the touch.
 const FRAMES: usize = 8;
-/// Standard deviation of its bell as a part of the skin's longer side: a fingertip on a skin of 20 cm.
+/// Standard deviation of its bell as a fraction of the skin's longer side: a fingertip on a skin of 20 cm.
 const BELL: f64 = 1.0 / 16.0;
-/// Its change of conductivity, relative to the background: a light touch. The weights of total
-/// variation grow with its square. Measured on the two experiments of `eit demo`, where fingers raise
-/// the conductivity by 0.35 to 0.4: with 0.1 the weights are those that `eit reconstruct` chooses
-/// knowing the recording; with 0.25 the images after the net have the same error for one finger and 1.6
-/// times it for two, with 0.5 twice that error.
+/// Its change of conductivity, relative to the background: a light touch. The weights of total variation grow
+/// with its square. Measured on the two experiments of `eit demo`, where fingers raise the conductivity by
+/// 0.35 to 0.4: with 0.1 the weights equal those that `eit reconstruct` chooses knowing the recording; with
+/// 0.25 the images after the U-net have the same error for one finger and 1.6 times it for two; with 0.5
+/// twice that error.
 const CHANGE: f64 = 0.1;
-/// How far from the middle of the skin to its farthest point it comes.
+/// Fraction of the way from the middle of the skin to its farthest point that it covers.
 const REACH: f64 = 0.8;
 
-/// Places of unknowns, seen from +z.
+/// Positions of unknowns, seen from +z.
 pub struct Places {
-    /// Metres.
+    /// Positions, metres.
     pub at_m: Vec<[f64; 2]>,
     /// Longer side of the skin, metres.
     pub side_m: f64,
 }
 
-/// DifferenceFrames of a fingertip on its way from the middle of the skin towards its farthest point,
-/// [frame, measurement], with noise. `jacobian` has a column for each place; `sheet_s` is the
-/// background.
+/// Simulates the differences of a fingertip that moves from the middle of the skin towards its farthest
+/// point, [frame, measurement], with noise. `jacobian` has a column per place; `sheet_s` is the background.
 pub fn touch(
     jacobian: &Array2<f64>,
     places: &Places,
@@ -42,7 +41,7 @@ pub fn touch(
         if distance(&p, &middle) > distance(&best, &middle) { p } else { best }
     });
     let (width_m, change_s) = (BELL * side_m, CHANGE * sheet_s);
-    // any seed: the choice sees the size of the noise alone
+    // any seed: the choice only depends on the size of the noise
     let mut random = Random::stream(0, 0x0a02_bdbf_7bb3_c0a7);
     let mut frames = Array2::zeros((FRAMES, jacobian.nrows()));
     for (k, mut frame) in frames.rows_mut().into_iter().enumerate() {

@@ -1,4 +1,5 @@
-//! Total variation: its Jacobian on pixels, its weights, and the frames that need no solve.
+//! Total variation: its Jacobian on pixels, its weights, and the frames that need no solve. One file, because
+//! the steps of a reconstruction depend on each other.
 
 mod part;
 mod stream;
@@ -20,27 +21,27 @@ use ndarray::Array2;
 use part::Part;
 use std::time::Duration;
 
-/// Relative gap that is good enough where the scene states none: images no longer change visibly.
+/// Default relative gap: images no longer change visibly.
 pub const DEFAULT_TARGET_GAP: f64 = 1e-2;
 
-/// Part of the weights of the discrepancy principle that is used: that principle is known to smooth
-/// too much. Measured on simulated fingers (bells and pads, one and two, slow and fast, 32 pixels):
-/// a quarter lowers the relative error by 8 to 20 % at 40 to 70 dB of noise and keeps every touch;
-/// structural similarity falls at 40 dB only. With an eighth it falls up to 60 dB.
+/// Fraction of the weights of the discrepancy principle that is used, because that principle is known to
+/// oversmooth. Measured on simulated fingers (bells and pads, one and two, slow and fast, 32 pixels): a
+/// quarter lowers the relative error by 8 to 20 % at 40 to 70 dB of noise and keeps every touch; structural
+/// similarity falls at 40 dB only. With an eighth it falls up to 60 dB.
 const SHARE: f64 = 0.25;
 
-/// Length of the exchange between weights in space and time, as a part of the raster's side: about
-/// what 16 electrodes resolve, whatever the pixels. A patch of this length that changes from one
-/// frame to the next costs as much as an edge along its side. Measured as above: four times the
-/// length leaves noise in slow fingers, a quarter smears fast ones.
+/// Length that relates weights in space and time, as a fraction of the raster's side: about the resolution of
+/// 16 electrodes, regardless of the pixels. A patch of this length that changes from one frame to the next
+/// costs as much as an edge along its side. Measured as above: four times the length leaves noise in slow
+/// fingers, a quarter smears fast ones.
 const TIME_LENGTH: f64 = 1.0 / 32.0;
 
-/// Weight in space over weight in time, metres.
+/// Returns the ratio of the weight in space to that in time, metres.
 pub fn time_length_m(raster: &Raster) -> f64 {
     TIME_LENGTH * raster.pixel_m() * raster.pixels() as f64
 }
 
-/// Sets up the solver of a method with the scene's bounds; its weights are still to be chosen.
+/// Sets up the solver of a method with the scene's bounds; its weights remain to be chosen.
 pub fn solver(
     jacobian: &Array2<f64>,
     raster: &Raster,
@@ -61,40 +62,40 @@ pub fn solver(
     Ok(StTv::new(jacobian, &gradient, settings)?)
 }
 
-/// Whether the method has a term in time.
+/// Whether the method has a time term.
 fn has_time(method: Method, keys: &ReconstructionSettings) -> bool {
     method == Method::StTv && keys.lambda_time != Some(0.0)
 }
 
-/// When the scene wants the iteration to stop.
+/// Returns the stopping criteria of the scene.
 pub fn stop(keys: &ReconstructionSettings) -> Stop {
     Stop {
         target_gap: keys.target_gap.unwrap_or(DEFAULT_TARGET_GAP),
-        // what no clock can count (584 thousand million years) is no deadline
+        // a deadline beyond what a clock can count (584 thousand million years) is none
         deadline: keys.deadline_s.and_then(|limit_s| Duration::try_from_secs_f64(limit_s).ok()),
         ..Default::default()
     }
 }
 
-/// The weights in use and how they came about.
+/// The weights in use and how they were chosen.
 #[derive(Debug, Clone)]
 pub struct Weights {
-    /// Weight of edges in space, as the scene would state it: without the model's error, which chosen
-    /// weights count as noise.
+    /// Weight of edges in space, as the scene would state it: excluding the model error, which chosen weights
+    /// count as noise.
     pub lambda_space: f64,
     /// Weight of changes in time, likewise.
     pub lambda_time: f64,
-    /// Radius of the constrained form, in units of the noise where that is known.
+    /// Radius of the constrained form, in units of the noise if that is known.
     pub delta: Option<f64>,
-    /// Where they came from, in words.
+    /// How they were chosen, in words.
     pub rule: String,
-    /// The search, where there was one.
+    /// The search for the weights, if there was one.
     pub chosen: Option<ChosenWeights>,
 }
 
 impl Weights {
-    /// States the weights, and the search for them, for data in another unit of noise: `factor` times
-    /// the weights for data in the old one.
+    /// Converts the weights, and the search for them, to data in another unit of noise: `factor` times the
+    /// weights for the old unit.
     fn rescale(&mut self, factor: f64) {
         let in_search = self.chosen.iter_mut().flat_map(|chosen| {
             let curve = chosen.curve.iter_mut().map(|point| &mut point.lambda_space);
@@ -109,33 +110,33 @@ impl Weights {
 /// A sequence reconstructed by total variation.
 #[derive(Debug)]
 pub struct TvMovie {
-    /// Siemens, [frame, masked pixel].
+    /// Images in siemens, [frame, masked pixel].
     pub pixels: Array2<f64>,
-    /// The solve; `None` where every frame is quiet.
+    /// Report of the solve; `None` if every frame is quiet.
     pub report: Option<SequenceReport>,
-    /// Residual of each frame, in units of the noise; `None` for a quiet one.
+    /// Residual of each frame, in units of the noise; `None` for a quiet frame.
     pub residual: Vec<Option<f64>>,
-    /// Weights; `None` where every frame is quiet.
+    /// Weights; `None` if every frame is quiet.
     pub weights: Option<Weights>,
-    /// Noise that the data is weighted by; `None`: equal in all and of unknown size.
+    /// Noise by which the data are weighted; `None` if all have equal noise of unknown size.
     pub noise: Option<DataNoise>,
-    /// Frames that do not differ from the reference beyond noise.
+    /// Whether each frame does not differ from the reference beyond noise.
     pub quiet: Vec<bool>,
-    /// Whether the other frames do not differ from each other, so that one image serves all.
+    /// Whether the other frames do not differ from each other, so that one image represents all.
     pub still: bool,
-    /// Independent directions of the data.
+    /// Number of independent directions of the data.
     pub rank: usize,
-    /// Measurements of the reconstruction.
+    /// Number of measurements used.
     pub used: usize,
 }
 
 impl FittedFrames {
-    /// Reconstructs a sequence: quiet frames are skipped, a still scene is one frame, weights are those
-    /// of the settings or chosen from the noise.
+    /// Reconstructs a sequence by total variation: quiet frames are skipped, a static scene is solved as one
+    /// frame, and weights are those of the settings or chosen from the noise.
     ///
     /// # Errors
     ///
-    /// A data constraint without known noise, or one that no image meets.
+    /// A data constraint without known noise, or one that no image satisfies.
     pub fn total_variation(
         &self,
         method: Method,
@@ -144,12 +145,12 @@ impl FittedFrames {
         reconstruct(self, method, progress)
     }
 
-    /// Whether no frame differs from the others beyond noise, as far as the noise is known.
-    /// [`FittedFrames::total_variation`] looks again, at those that are not quiet.
+    /// Returns whether no frame differs from the others beyond noise; false if the noise is unknown.
+    /// [`FittedFrames::total_variation`] checks again, without quiet frames.
     ///
     /// # Errors
     ///
-    /// Those of the noise.
+    /// The errors of the noise.
     pub fn is_still(&self) -> Result<bool, SkinError> {
         let Some(noise) = self.noise()? else { return Ok(false) };
         let none_quiet = vec![false; self.frames.values.nrows()];
@@ -157,7 +158,7 @@ impl FittedFrames {
     }
 }
 
-/// [`FittedFrames::total_variation`]. Long, but one chain: each step decides what the next has to do.
+/// [`FittedFrames::total_variation`]. A long function, because each step decides what the next one has to do.
 fn reconstruct(
     fitted: &FittedFrames,
     method: Method,
@@ -204,7 +205,7 @@ fn reconstruct(
         part.take_mean();
     }
     movie.noise = weighting(movie.noise, keys, &part);
-    // one image has nothing to couple in time, and its report says so
+    // a single image has no time term, and its report says so
     let method = if part.values.nrows() == 1 { Method::Tv } else { method };
     let mut solver =
         progress.stage("set-up of total variation", || set_up(method, movie.noise.as_ref()))?;
@@ -226,8 +227,8 @@ fn reconstruct(
     Ok(movie)
 }
 
-/// The noise to weight by: with the model's error where the weights follow from it. Numbers that are
-/// given mean the noise alone, or none, and a guess must not change their meaning.
+/// Returns the noise to weight by, including the model error if the weights are derived from it. Weights
+/// given as numbers refer to the noise alone, or to none, and an estimate must not change their meaning.
 fn weighting(
     known: Option<DataNoise>,
     keys: &ReconstructionSettings,
@@ -242,7 +243,7 @@ fn weighting(
     })
 }
 
-/// Sets the weights of the scene, or chooses them by the noise.
+/// Sets the scene's weights, or chooses them by the noise.
 fn weights(
     solver: &mut StTv,
     keys: &ReconstructionSettings,
@@ -257,7 +258,7 @@ fn weights(
     if delta.is_none() && keys.lambda_space.is_none() {
         return chosen_weights(solver, frames, length_m);
     }
-    // constrained by delta, only their ratio matters
+    // with the constraint delta, only their ratio matters
     let lambda_space = keys.lambda_space.unwrap_or(1.0);
     let lambda_time = match keys.lambda_time {
         _ if solver.settings().lambda_time == 0.0 => 0.0,
@@ -273,13 +274,12 @@ fn weights(
     Ok(Weights { lambda_space, lambda_time, delta, rule: rule.to_owned(), chosen: None })
 }
 
-/// Chooses the weights by the discrepancy principle, with the model's error as noise where that is
-/// larger.
+/// Chooses the weights by the discrepancy principle, with the model error as noise if that is larger.
 ///
-/// Where no weight brings the residual down to the noise, what is left at the smallest ones is the
-/// model's error (linearisation, contact impedances, shape). Weights so small only fit that error,
-/// and images are wild. It is taken as noise instead: the search began at the weight that holds
-/// noise of one standard deviation, so that many times this weight hold the error.
+/// If no weight reduces the residual to the noise, what remains at the smallest weights is the model error
+/// (linearisation, contact impedances, shape). Weights that small only fit that error, and images are wild.
+/// It is taken as noise instead: the search started at the weight that suits noise of one standard deviation,
+/// so the error requires a proportional multiple of it.
 pub fn chosen_weights(
     solver: &mut StTv,
     frames: &DifferenceFrames<'_>,
@@ -303,12 +303,12 @@ pub fn chosen_weights(
 }
 
 impl TvMovie {
-    /// Number of quiet frames.
+    /// Returns the number of quiet frames.
     pub fn quiet_count(&self) -> usize {
         self.quiet.iter().filter(|quiet| **quiet).count()
     }
 
-    /// Puts the images of a solve in the places of its frames; one image may serve several.
+    /// Assigns the images of a solve to its frames; one image may serve several.
     fn take(&mut self, found: ImageSequence, frames: &[usize]) {
         let last = found.images.nrows().saturating_sub(1);
         for (k, &frame) in frames.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Touches of a recording: found in its frames, held against everything that is not a touch, and
-//! followed over time, against a reference that follows drift.
+//! Touches of a recording: detected in its frames as distinct from all other effects, and tracked over time,
+//! with a reference that follows drift.
 
 mod background;
 mod choices;
@@ -17,44 +17,44 @@ use crate::progress::Progress;
 use eit_inverse::touch::{Touch, TouchState};
 use ndarray::Array2;
 
-/// Frames a second where nobody says.
+/// Default frame rate, hertz.
 pub(crate) const DEFAULT_RATE_HZ: f64 = 20.0;
 
-/// A touch of a frame.
+/// A touch in a frame.
 #[derive(Debug, Clone, Copy)]
 pub struct TouchRow {
-    /// Number of the frame, from 0.
+    /// Index of the frame, from 0.
     pub frame: usize,
-    /// Its time, seconds.
+    /// Time of the frame, seconds.
     pub time_s: f64,
     /// The touch.
     pub touch: Touch,
 }
 
-/// Touches of all frames, and what they rest on.
+/// Touches of all frames, and how they were found.
 #[derive(Debug, Clone)]
 pub struct Touches {
-    /// One row for each touch of each frame.
+    /// One row per touch and frame.
     pub rows: Vec<TouchRow>,
     /// Number of frames.
     pub frames: usize,
-    /// Frames a second that were counted with.
+    /// Frame rate that was used, hertz.
     pub rate_hz: f64,
     /// What the finder chose, and why.
     pub choices: Choices,
     /// Faults of electrodes, in the order in which they were found.
     pub faults: Vec<ElectrodeFault>,
-    /// Values that were left out, [frame, measurement]: bad ones, and those of faulty electrodes.
+    /// Values that were excluded, [frame, measurement]: bad ones, and those of faulty electrodes.
     pub is_missing: Array2<bool>,
 }
 
 impl Touches {
-    /// How many different ones.
+    /// Returns the number of distinct touches.
     pub fn count(&self) -> usize {
         self.rows.iter().filter(|row| row.touch.state == TouchState::Begin).count()
     }
 
-    /// Most at once.
+    /// Returns the largest number of simultaneous touches.
     pub fn most(&self) -> usize {
         let frames = self.rows.chunk_by(|a, b| a.frame == b.frame);
         let alive = |rows: &[TouchRow]| {
@@ -63,15 +63,15 @@ impl Touches {
         frames.map(alive).max().unwrap_or(0)
     }
 
-    /// Frames that show a touch to be acted on.
+    /// Returns the number of frames with a touch to act on.
     pub fn frames_with_touch(&self) -> usize {
         let frames = self.rows.chunk_by(|a, b| a.frame == b.frame);
         let acted_on = |row: &TouchRow| row.touch.valid && row.touch.state != TouchState::End;
         frames.filter(|rows| rows.iter().any(acted_on)).count()
     }
 
-    /// Marks what was left out as not good, so that images do without it, too. Frames of which nothing
-    /// would be left stay as they are.
+    /// Marks excluded values as not good, so that images ignore them too. Frames in which nothing would
+    /// remain are unchanged.
     pub fn leave_out(&self, frames: &mut Frames) {
         for (mut good, missing) in frames.good.rows_mut().into_iter().zip(self.is_missing.rows()) {
             let left = good.iter().zip(missing).zip(&frames.used);
@@ -81,7 +81,7 @@ impl Touches {
         }
     }
 
-    /// Places seen from +z of each frame's valid touches, metres.
+    /// Returns the positions of each frame's valid touches as seen from +z, metres.
     pub fn marks(&self, frames: usize) -> Vec<Vec<[f64; 2]>> {
         let mut marks = vec![Vec::new(); frames];
         for TouchRow { frame, touch, .. } in self.rows.iter().filter(|row| row.touch.valid) {
@@ -91,12 +91,11 @@ impl Touches {
     }
 }
 
-/// Finds touches in frames, whatever method makes the pictures. `None` where the noise of the data
-/// is unknown.
+/// Finds touches in frames, independently of any image. `None` if the noise of the data is unknown.
 ///
 /// # Errors
 ///
-/// Settings that no finder can be made with.
+/// Invalid settings.
 pub fn touches(
     fitted: &FittedFrames,
     progress: &mut Progress,

@@ -12,7 +12,7 @@ mod simulated;
 
 pub use held_out::{held_out_scores, model_error};
 #[cfg(feature = "train")]
-pub use learn::{MadeBy, Training, Worth, learn, weights};
+pub use learn::{MadeBy, Training, Worth, learn, parameter_checksum, weights};
 pub use sequences::Sequences;
 
 use crate::error::SkinError;

@@ -1,11 +1,11 @@
-//! Events of an instrument in words, and words of others made harmless.
+//! Describes events of an instrument, and makes text from other sources safe to print.
 
 use eit_hw::driver::Event;
 use std::borrow::Cow;
 
-/// Text as it may go to a terminal or a page: devices, recordings, scenes and file names may hold
-/// characters that move the cursor, change the title of the window or turn the direction of the text.
-/// Line ends and tabs stay.
+/// Makes text safe for a terminal or a page: devices, recordings, scenes and file names may contain
+/// characters that move the cursor, change the window title or reverse the text direction. Line ends and tabs
+/// are kept.
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.contains(is_hostile) {
         return Cow::Borrowed(text);
@@ -13,8 +13,8 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(text.replace(is_hostile, "?"))
 }
 
-/// JSON as it may go to a terminal: what [`printable`] replaces is escaped, so that programs read what
-/// was meant.
+/// Makes JSON safe for a terminal: escapes what [`printable`] replaces, so that programs read the original
+/// text.
 pub fn printable_json(json: &str) -> Cow<'_, str> {
     if !json.contains(is_hostile) {
         return Cow::Borrowed(json);
@@ -22,7 +22,7 @@ pub fn printable_json(json: &str) -> Cow<'_, str> {
     let mut escaped = String::with_capacity(json.len());
     for character in json.chars() {
         match is_hostile(character) {
-            // only text holds them, and all are of the basic plane
+            // such characters only occur in strings, and all are in the basic plane
             true => escaped += &format!("\\u{:04x}", u32::from(character)),
             false => escaped.push(character),
         }
@@ -35,19 +35,19 @@ fn is_hostile(character: char) -> bool {
     turns || character.is_control() && !matches!(character, '\n' | '\t')
 }
 
-/// An event in words; `None` for a frame.
+/// Describes an event; `None` for a frame.
 pub fn event_words(event: &Event) -> Option<String> {
     Some(match event {
         Event::Frame(_) => return None,
         Event::Gap { frames } => format!("{frames} frames were lost"),
-        // one line, whatever it says
+        // a single line, whatever it contains
         Event::Notice(text) => printable(text).replace('\n', "?"),
         Event::Silent { for_s } => {
-            format!("no frame has come for {for_s:.1} s: check its power and cable")
+            format!("no frame for {for_s:.1} s: check its power and cable")
         }
         Event::Disconnected { reason } => format!("disconnected: {reason}"),
         Event::Reconnected { epoch } => {
-            format!("connected again; epoch {epoch}: an old reference frame does not hold")
+            format!("reconnected; epoch {epoch}: earlier reference frames are invalid")
         }
         other => format!("{other:?}"),
     })

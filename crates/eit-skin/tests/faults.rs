@@ -1,4 +1,4 @@
-//! Which electrode has failed, from voltages alone.
+//! Detection of failed electrodes from voltages alone.
 
 #![allow(
     missing_docs,
@@ -16,10 +16,10 @@ use eit_skin::eit_fem::fabric::Random;
 use eit_skin::faults::{ElectrodeFault, FaultKind, FaultMonitor};
 use voltages::{Bench, DT_S, ELECTRODES, MEASUREMENTS, NOISE_V};
 
-/// Frames in which an electrode that failed must be named.
+/// Number of frames within which a failed electrode must be named.
 const IN_TIME: usize = 5;
 
-/// Frames after its last bad one in which it is used again: a second.
+/// Frames after its last bad one at which it is used again: a second.
 const HEALING: usize = 20;
 
 /// Inputs of an open electrode float: a tenth of the largest voltage.
@@ -54,7 +54,7 @@ fn every_open_electrode_is_named_at_once() {
     }
 }
 
-/// All in the first frame, since with one overlooked the touches of that frame are noise; chance lets
+/// All in the first frame, because with one overlooked the touches of that frame are noise; by chance
 /// floating values fit in one draw of twenty.
 #[test]
 fn four_open_electrodes_are_named() {
@@ -73,7 +73,7 @@ fn four_open_electrodes_are_named() {
     assert!(at_once >= 18, "{at_once}");
 }
 
-/// An electrode without any voltage: its measurements and their reciprocals are zero alike.
+/// An electrode without any voltage: its measurements and their reciprocals are both zero.
 #[test]
 fn a_dead_electrode_is_named() {
     let mut bench = Bench::new(22);
@@ -83,7 +83,7 @@ fn a_dead_electrode_is_named() {
     assert_eq!(bench.faults(), [(7, FaultKind::Contradicts)]);
 }
 
-/// A fault that lasts as long as the reference is listed with those that are found, and never heals.
+/// A fault that lasts as long as the reference is listed with detected ones, and never heals.
 #[test]
 fn a_lasting_fault_stays() {
     let lost = Bench::new(31).of(9);
@@ -97,7 +97,7 @@ fn a_lasting_fault_stays() {
     bench.check_missing(&[]);
 }
 
-/// One channel that contradicts its reciprocal is left out with it; no electrode is to blame.
+/// One channel that violates reciprocity is excluded with its reciprocal; no electrode is blamed.
 #[test]
 fn a_bad_channel_is_no_bad_electrode() {
     let mut bench = Bench::new(23);
@@ -113,7 +113,7 @@ fn a_bad_channel_is_no_bad_electrode() {
 fn a_stuck_electrode_is_named() {
     let mut bench = Bench::new(24);
     let lost = bench.of(5);
-    // without a touch: under one it contradicts its reciprocals before
+    // without a touch: under one it would violate reciprocity first
     let quiet = |bench: &mut Bench| -> Vec<f64> {
         let Bench { reference, random, .. } = bench;
         reference.iter().map(|v| v + NOISE_V * random.normal()).collect()
@@ -144,7 +144,7 @@ fn a_still_skin_is_not_stuck() {
     assert_eq!(bench.faults(), []);
 }
 
-/// Two frames in a row must blame the same electrode; a gain that stands still is used again.
+/// Two consecutive frames must blame the same electrode; a gain that has stopped drifting is used again.
 #[test]
 fn a_drifting_electrode_is_blamed_and_comes_back() {
     let mut bench = Bench::new(26);
@@ -162,7 +162,7 @@ fn a_drifting_electrode_is_blamed_and_comes_back() {
     }
     push(&mut bench, 1.0, Some(7));
     assert_eq!(bench.faults(), [(7, FaultKind::Drifts)]);
-    // left out of the frame that was blamed too
+    // excluded from the blaming frame too
     bench.check_missing(&bench.of(7));
     // 1 % a second for 3 s
     for k in 0..60 {
@@ -174,7 +174,7 @@ fn a_drifting_electrode_is_blamed_and_comes_back() {
         push(&mut bench, 1.03, None);
         still += 1;
     }
-    // the second begins where the gain has gone 0.1 % for the last time: two frames of drift
+    // the second starts when the gain has changed by 0.1 % for the last time: two frames of drift
     assert!((HEALING - 2..=HEALING + 2).contains(&still), "{still}");
     assert_eq!(bench.monitor.healed(), bench.of(7));
 }
@@ -195,7 +195,7 @@ fn a_flagged_electrode_is_named_and_flags_alone_are_none() {
         bench.push_healthy(1);
     }
     assert_eq!(bench.faults(), []);
-    // half of them, and values that are no numbers: left out, nobody is to blame
+    // half of them, and values that are not numbers: excluded, but no electrode is blamed
     let half: Vec<usize> = lost.iter().copied().step_by(2).collect();
     let mut frame = bench.frame();
     half.iter().for_each(|&i| frame[i] = f64::NAN);
@@ -206,13 +206,13 @@ fn a_flagged_electrode_is_named_and_flags_alone_are_none() {
 
 const NOTHING: [(usize, FaultKind); 0] = [];
 
-/// Frames that no value is good in: not a number, or flagged.
+/// Frames without a good value: NaN, or flagged.
 fn push_dropped(bench: &mut Bench, is_nan: bool) {
     let frame = if is_nan { vec![f64::NAN; MEASUREMENTS] } else { bench.frame() };
     bench.push_frame(&frame, |_| is_nan);
 }
 
-/// A value for each measurement that has nothing to do with it.
+/// A random value for each measurement, unrelated to it.
 fn push_garbage(bench: &mut Bench) {
     bench.push(&ALL, |random, _| 0.1 * random.normal());
 }
@@ -262,14 +262,14 @@ fn a_garbage_frame_blames_nobody_but_five_do() {
             push_garbage(&mut bench);
         }
         assert!(bench.faults().len() >= 6, "{seed}: {:?}", bench.faults());
-        // and all of them come back
+        // and all of them recover
         bench.push_healthy(HEALING + 1);
         assert_eq!(bench.faults(), NOTHING, "{seed}");
         bench.check_missing(&[]);
     }
 }
 
-/// Garbage of any size, and a packet that lost its first value: all others are a place too early.
+/// Garbage of any size, and a packet that lost its first value: all others are one place too early.
 #[test]
 fn damaged_packets_blame_nobody() {
     for seed in 0..20 {
@@ -291,7 +291,7 @@ fn damaged_packets_blame_nobody() {
     }
 }
 
-/// An electrode that is open stays out while frames are dropped, and each fault is found beside them.
+/// An open electrode stays excluded while frames are dropped, and other faults are found meanwhile.
 #[test]
 fn bad_frames_neither_heal_nor_hide_a_fault() {
     let drops: [fn(&mut Bench); 2] = [|bench| push_dropped(bench, true), push_garbage];
@@ -301,7 +301,7 @@ fn bad_frames_neither_heal_nor_hide_a_fault() {
         let lost = bench.of(5);
         bench.push(&lost, floating);
         for _ in 0..3 {
-            // longer than it takes to heal, less in a row than blames everybody
+            // longer than healing takes, with fewer consecutive frames than blame everything
             bench.push_healthy(3);
             (0..4).for_each(|_| drop(&mut bench));
             assert_eq!(bench.faults(), [(5, FaultKind::Contradicts)]);
@@ -311,7 +311,7 @@ fn bad_frames_neither_heal_nor_hide_a_fault() {
         assert_eq!(bench.faults(), [(5, FaultKind::Contradicts)]);
         bench.push_healthy(2);
         assert_eq!(bench.faults(), NOTHING);
-        // flags in every second frame that comes whole
+        // flags in every second complete frame
         let flagged = bench.of(3);
         for _ in 0..IN_TIME {
             assert_eq!(bench.faults(), NOTHING);
@@ -323,14 +323,14 @@ fn bad_frames_neither_heal_nor_hide_a_fault() {
     }
 }
 
-/// A second of good frames without a break; the measurements that come back are listed once.
+/// A second of good frames without interruption; the measurements that recover are listed once.
 #[test]
 fn an_open_electrode_heals() {
     let mut bench = Bench::new(28);
     let lost = bench.of(5);
     bench.push(&lost, floating);
     bench.push_healthy(HEALING - 2);
-    // loose: once more open, the second begins anew
+    // a loose contact: opening once more restarts the second
     bench.push(&lost, floating);
     for frame in 1..=HEALING {
         assert_eq!(bench.faults(), [(5, FaultKind::Contradicts)], "{frame}");
@@ -344,7 +344,7 @@ fn an_open_electrode_heals() {
     assert!(bench.monitor.healed().is_empty());
 }
 
-/// What does not count accuses nobody and is never missing.
+/// Measurements that do not count blame no electrode and are never missing.
 #[test]
 fn unused_measurements_do_not_count() {
     let of_5 = Bench::new(29).of(5);
@@ -376,7 +376,7 @@ fn push_allocates_nothing() {
     cycle(true);
 }
 
-/// Whatever is refused, the monitor goes on as if it had not been asked.
+/// After a rejected call the monitor continues as if it had not been made.
 #[test]
 fn wrong_lengths_and_electrodes_are_refused() {
     let protocol = PairProtocol::default().protocol().unwrap();

@@ -1,7 +1,7 @@
-//! Touches on a dome: places in the mesh's frame, on a curved skin whose sheet is uneven.
+//! Touches on a dome: positions in the mesh's coordinates, on a curved skin with an uneven sheet.
 //!
-//! The simulated fabric is flat, so that frames here are forward solutions of the full non-linear model on
-//! a mesh of their own: nothing moves and nothing is remembered.
+//! The simulated fabric is flat, so the frames here are forward solutions of the full non-linear model on
+//! another mesh, without movement or memory.
 
 #![allow(
     missing_docs,
@@ -20,7 +20,7 @@ use std::sync::Arc;
 const RADIUS_M: f64 = 0.1;
 const RATE_HZ: f64 = 20.0;
 const QUIET_FRAMES: usize = 40;
-/// Frames of a press, and of the rest after it.
+/// Number of frames of a press, and of the rest after it.
 const PRESS: usize = 8;
 const REST: usize = 8;
 const PRESSES: usize = 16;
@@ -29,9 +29,9 @@ fn distance_m(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
-/// A place on the dome (rim at z = 0), away from the rim by 5 mm or more.
+/// A position on the dome (rim at z = 0), at least 5 mm from the rim.
 fn place(random: &mut Random) -> [f64; 3] {
-    // even in height, and so on the sphere
+    // uniform in height, and therefore on the sphere
     let z = RADIUS_M * (0.05 + 0.95 * random.uniform());
     let angle = std::f64::consts::TAU * random.uniform();
     let r = (RADIUS_M * RADIUS_M - z * z).sqrt();
@@ -82,16 +82,16 @@ impl Simulated {
     }
 }
 
-/// As the instrument writes them: noise 80 dB below the largest voltage, 16 bits.
+/// As the instrument records them: noise 80 dB below the largest voltage, 16 bits.
 fn measured(voltages: &[f64], largest: f64, random: &mut Random) -> Vec<f64> {
     let step = 2.0 * 1.25 * largest / 65536.0;
     let read = |v: &f64| ((v + 1e-4 * largest * random.normal()) / step).round() * step;
     voltages.iter().map(read).collect()
 }
 
-/// Found within 25 mm in 95 % of the frames, half of the places within 2 mm and 95 % within 6 mm (the mesh
-/// that reconstructs has edges of 6 mm); nothing where no finger is, by 25 mm or four of its own standard
-/// deviations, and never more than fingers.
+/// Found within 25 mm in 95 % of the frames, half of the positions within 2 mm and 95 % within 6 mm (the
+/// reconstruction mesh has edges of 6 mm); nothing where there is no finger, by 25 mm or four of its own
+/// standard deviations, and never more touches than fingers.
 #[test]
 fn touches_on_a_dome() {
     let mut random = Random::new(21);
@@ -110,7 +110,7 @@ fn touches_on_a_dome() {
     add(&[], QUIET_FRAMES, &mut random);
     for press in 0..PRESSES {
         let mut fingers = vec![place(&mut random)];
-        // every second press is of two fingers
+        // every second press has two fingers
         while press % 2 == 1 && fingers.len() < 2 {
             let other = place(&mut random);
             if distance_m(&fingers[0], &other) > 0.05 {
@@ -148,14 +148,14 @@ fn touches_on_a_dome() {
                 errors_m.push(least);
             }
         }
-        // where the top hardly shows in the voltages, a touch says so
+        // where the top hardly shows in the voltages, the touch states a larger uncertainty
         let is_of = |touch: &Touch, finger: &[f64; 3]| {
             let std_m = touch.position_std_m().iter().map(|s| s * s).sum::<f64>().sqrt();
             distance_m(&touch.position_m, finger) < (4.0 * std_m).max(0.025)
         };
         let invented = |touch: &&&Touch| !fingers.iter().any(|finger| is_of(touch, finger));
         extra += here.len().saturating_sub(fingers.len()) + here.iter().filter(invented).count();
-        // on the skin, within what a chord of its edges leaves
+        // on the skin, up to the error of its edges' chords
         for touch in here {
             let off = (touch.position_m.iter().map(|x| x * x).sum::<f64>().sqrt() - RADIUS_M).abs();
             assert!(off < 1e-3, "frame {frame}: {:?}", touch.position_m);

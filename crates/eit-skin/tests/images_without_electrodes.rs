@@ -1,4 +1,4 @@
-//! Images go on without an electrode that fails while frames are taken.
+//! Images continue without an electrode that fails during a recording.
 
 #![allow(
     missing_docs,
@@ -15,24 +15,24 @@ use eit_skin::eit_fem::fabric::Random;
 use eit_skin::{FittedFrames, Progress};
 use std::f64::consts::TAU;
 
-/// The electrode that breaks, from 0, ...
+/// Electrode that breaks, from 0, ...
 const BROKEN: usize = 5;
-/// ... and the frame from which on: 3 s after the quiet ones.
+/// ... and the frame from which it is broken: 3 s after the quiet ones.
 const BROKEN_FROM: usize = 100;
 
 const SEEDS: [u64; 3] = [71, 81, 91];
 
-/// Fingers lighter than this are on their way, newton.
+/// Lighter fingers are still moving down or up, newton.
 const FULL_N: f64 = 0.7;
 
-/// Nearer than this to the electrode, an image is of what the others see from afar, metres.
+/// Closer than this to the electrode, an image only shows what the others see from afar, metres.
 const BLIND_M: f64 = 60e-3;
 
 /// The image of a frame with a finger that presses.
 struct Peak {
-    /// From the finger to the largest value of the one-step image, metres.
+    /// Distance from the finger to the largest value of the one-step image, metres.
     error_m: f64,
-    /// From the finger to the electrode that breaks, metres.
+    /// Distance from the finger to the broken electrode, metres.
     to_broken_m: f64,
 }
 
@@ -60,8 +60,8 @@ fn worst_m<'a>(peaks: impl IntoIterator<Item = &'a Peak>) -> f64 {
     peaks.into_iter().map(|peak| peak.error_m).fold(0.0, f64::max)
 }
 
-/// One finger presses six times after an electrode has opened. With the values that the touches' search
-/// leaves out, images show the finger; with all values they show the electrode.
+/// One finger presses six times after an electrode has opened. Without the values that the touch finder
+/// excludes, images show the finger; with all values they show the electrode.
 #[test]
 fn images_go_on_without_an_open_electrode() {
     let (mut healthy, mut with, mut without) = (Vec::new(), Vec::new(), Vec::new());
@@ -78,7 +78,7 @@ fn images_go_on_without_an_open_electrode() {
         let before = fitted.frames.good.clone();
         recording.touches().leave_out(&mut fitted.frames);
         let good = &fitted.frames.good;
-        // nothing before the fault, and from soon after it on all of the electrode's
+        // nothing before the fault, and soon after it all measurements of the electrode
         assert!(good.rows().into_iter().take(BROKEN_FROM).zip(before.rows()).all(|(a, b)| a == b));
         let lost = common::measurements_of(BROKEN);
         assert!(lost.iter().all(|&i| before[[BROKEN_FROM + 5, i]] && !good[[BROKEN_FROM + 5, i]]));
@@ -92,10 +92,10 @@ fn images_go_on_without_an_open_electrode() {
     println!(
         "worst {of_all:?} m healthy and without, {far_m} m far from it; with {nearest_m} m at best"
     );
-    // what one-step images err by near a rim, a tenth of the radius, and a pixel; measured 12 mm
+    // error of one-step images near a rim, a tenth of the radius, plus a pixel; measured 12 mm
     assert!(of_all[0] < 15e-3 && far_m < 15e-3, "{of_all:?} {far_m}");
-    // beside the electrode that is not there the peak is drawn inward: measured 27 mm
+    // next to the missing electrode the peak is drawn inward: measured 27 mm
     assert!(of_all[1] < 35e-3, "{of_all:?}");
-    // what the open electrode measures is brighter than any finger, and is beside it
+    // the measurements of the open electrode are brighter than any finger, and next to it
     assert!(nearest_m > 35e-3, "{nearest_m}");
 }

@@ -1,4 +1,4 @@
-//! Place and force learnt from presses on the simulated fabric, and the file that holds them.
+//! Position and force learnt from presses on the simulated fabric, and their file.
 #![cfg(feature = "learn")]
 #![allow(
     clippy::unwrap_used,
@@ -20,7 +20,7 @@ use eit_skin::learn::{Frame, LearnedSkin, Press, PressFrames, PressTable};
 use eit_skin::touches::{Touches, touches};
 use std::sync::Arc;
 
-/// Presses of each script that are learnt from.
+/// Number of presses of each script that are learnt.
 const LEARNT: usize = 12;
 const TESTED: usize = 28;
 /// Presses reach to 0.85 of the radius.
@@ -30,8 +30,8 @@ const FIRST_FRAME: usize = 42;
 /// Frames from one press to the next; its force rises in 4, stays for 14 and falls in 4.
 const EACH: usize = 32;
 
-/// Presses of 0.2 to 3 N anywhere within 0.85 of the radius; the places that are learnt from are spread as a
-/// person would spread them: four near the middle, eight toward the rim.
+/// Presses of 0.2 to 3 N anywhere within 0.85 of the radius; the learnt places are spread as a person would:
+/// four near the middle, eight toward the rim.
 struct Presses {
     script: TouchScript,
     places_m: Vec<[f64; 2]>,
@@ -114,7 +114,7 @@ fn anywhere(random: &mut Random) -> [f64; 2] {
     }
 }
 
-/// The touches of frames with what was learnt applied, as a scene that names the file gets them.
+/// Touches with what was learnt applied, as for a scene that names the file.
 fn with_file(fitted: &FittedFrames, file: &std::path::Path) -> Touches {
     let mut fitted = fitted.clone();
     let mut linearised = (*fitted.skin).clone();
@@ -123,7 +123,7 @@ fn with_file(fitted: &FittedFrames, file: &std::path::Path) -> Touches {
     touches(&fitted, &mut Progress::silent()).unwrap().unwrap()
 }
 
-/// Errors of the steady frames of tested presses: of places, metres, and of forces, part of them; and frames
+/// Errors in the steady frames of tested presses: of positions, metres, and of forces, relative; and frames
 /// without a touch.
 fn errors(presses: &Presses, touches: &Touches) -> (Vec<f64>, Vec<f64>, usize) {
     let (mut places, mut forces, mut missed) = (Vec::new(), Vec::new(), 0);
@@ -147,7 +147,7 @@ fn errors(presses: &Presses, touches: &Touches) -> (Vec<f64>, Vec<f64>, usize) {
     (places, forces, missed)
 }
 
-/// The file says the same but for the last digit of numbers, which JSON may lose.
+/// The file is identical except for the last digit of numbers, which JSON may lose.
 fn assert_same(read: &LearnedSkin, written: &LearnedSkin) {
     assert_eq!(read.channels, written.channels);
     assert_eq!(
@@ -196,7 +196,7 @@ fn twelve_presses_give_newtons() {
             quantile_of(&forces, 1.0),
             forces.len(),
         );
-        // measured: 0.043 to 0.047 in the median, 0.102 to 0.149 of 90 %, places as untrained
+        // measured: 0.043 to 0.047 (median), 0.102 to 0.149 (90 % quantile), positions as without learning
         assert!(quantile_of(&forces, 0.5) < 0.07, "seed {seed}");
         assert!(quantile_of(&forces, 0.9) < 0.2, "seed {seed}");
         let [before, after] = [&untrained, &places].map(|of| quantile_of(of, 0.5));

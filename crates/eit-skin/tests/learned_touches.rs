@@ -1,9 +1,9 @@
-//! Touches of a skin whose channels do not respond as its model says, with what presses have taught of it: maps and
-//! regression, several fingers, missing electrodes, frames unlike all that were learnt, and earlier files.
+//! Touches on a skin whose channels do not respond as its model says, corrected by presses: maps and
+//! regression, several fingers, missing electrodes, frames unlike all learnt ones, and earlier files.
 //!
-//! Frames are the model's own with gains of electrodes that it does not know: what is tested is what becomes of
-//! presses, not how well a fabric is modelled (`learn.rs`, on the simulated fabric, and `docs/VALIDATION.md`).
-//! Long because all cases press the same skin by the same few functions.
+//! Frames are the model's own with electrode gains that it does not know: this tests the learning, not how
+//! well a fabric is modelled (see `learn.rs`, on the simulated fabric, and `docs/validation/learning.md`).
+//! One file, because all cases press the same skin with the same few functions.
 #![cfg(feature = "learn")]
 #![allow(
     clippy::unwrap_used,
@@ -25,20 +25,20 @@ use eit_skin::{FittedFrames, LinearisedSkin, MeshOverride, Progress, Skin, SkinE
 use std::sync::{Arc, LazyLock};
 
 const QUIET: usize = 40;
-/// Untouched frames before each press, and frames of it.
+/// Number of untouched frames before each press, and of frames of it.
 const BEFORE: usize = 8;
 const HELD: usize = 8;
 const RATE_HZ: f64 = 20.0;
-/// Strength of a press of 1 N, S m^2: that of a fingertip on the simulated fabric, about.
+/// Strength of a press of 1 N, S m^2: about that of a fingertip on the simulated fabric.
 const STRENGTH_S_M2: f64 = 5e-11;
-/// Radius of what presses.
+/// Radius of the pressing tip.
 const TIP_M: f64 = 0.01;
-/// Deviations of the logarithms of electrodes' gains: a response is wrong by 17 % on each channel, and a stranger's
-/// by more.
+/// Standard deviation of the logarithms of electrode gains: a response is wrong by 17 % on each channel, and
+/// that of another skin by more.
 const GAIN_STD: f64 = 0.12;
 const STRANGE_STD: f64 = 0.5;
 
-/// The skin as its model sees it; made once.
+/// The skin as modelled; built once.
 static SKIN: LazyLock<Arc<LinearisedSkin>> = LazyLock::new(|| {
     let mut progress = Progress::silent();
     let scene = Scene::load("paper-disc").unwrap();
@@ -51,10 +51,10 @@ static SKIN: LazyLock<Arc<LinearisedSkin>> = LazyLock::new(|| {
     Arc::new(skin.linearise(&mut progress).unwrap())
 });
 
-/// A finger: where, and how hard.
+/// A finger: position and force.
 type Finger = ([f64; 2], f64);
 
-/// What presses the skin after the quiet frames, one after the other.
+/// Presses on the skin after the quiet frames, one after the other.
 struct Script {
     presses: Vec<Vec<Finger>>,
     /// Gains of the channels in each press.
@@ -74,7 +74,7 @@ fn real() -> Array1<f64> {
     gains(GAIN_STD, "real")
 }
 
-/// Presses spread evenly within 0.8 of the radius, turned by an angle; forces of 0.5 to 2 N.
+/// Presses spread evenly within 0.8 of the radius, rotated by an angle; forces of 0.5 to 2 N.
 fn spread(count: usize, turn_rad: f64) -> Vec<Vec<Finger>> {
     let finger = |k: usize| {
         let (sin, cos) = (2.4 * k as f64 + turn_rad).sin_cos();
@@ -125,7 +125,7 @@ impl Script {
         frames
     }
 
-    /// Each press as a line; places as `place` tells them.
+    /// Each press as a line, with places converted by `place`.
     fn table(&self, place: impl Fn([f64; 2]) -> [f64; 2]) -> PressTable {
         let press = |(k, fingers): (usize, &Vec<Finger>)| {
             let (at, force_n) = fingers[0];
@@ -166,7 +166,7 @@ fn learn(
     LearnedSkin::learn(&fitted, &pressed, frame, earlier, &mut Progress::silent())
 }
 
-/// The touches of frames, by way of a file, as a scene that names it gets them.
+/// The touches of frames, via a file, as for a scene that names it.
 fn touches_of(frames: &Array2<f64>, learned: Option<&LearnedSkin>) -> Vec<TouchRow> {
     let mut fitted = fitted(frames);
     let file = tempfile::NamedTempFile::new().unwrap();
@@ -189,8 +189,8 @@ fn distance_m(row: &TouchRow, at: [f64; 2]) -> f64 {
     (x - at[0]).hypot(y - at[1])
 }
 
-/// Errors of places, metres, and of forces, part of them, of single presses; a press without one touch is infinitely
-/// far.
+/// Errors of positions, metres, and of forces, relative, for each press; a press without exactly one touch
+/// counts as infinitely far.
 fn errors(script: &Script, rows: &[TouchRow]) -> [Vec<f64>; 2] {
     let (mut places_m, mut forces) = (Vec::new(), Vec::new());
     for (press, fingers) in script.presses.iter().enumerate() {
@@ -212,7 +212,7 @@ fn median(values: &[f64]) -> f64 {
     sorted[sorted.len() / 2]
 }
 
-/// 60 presses: enough for regression, too.
+/// 60 presses: enough for regression too.
 static LEARNED: LazyLock<LearnedSkin> = LazyLock::new(|| {
     let learning = learn(&Script::new(spread(60, 0.0), 1), Frame::Scene, None).unwrap();
     println!("{:?} {:?} {:?}", learning.skin.places_by, learning.skin.errors, learning.skin.map);
@@ -224,8 +224,8 @@ fn by(places_by: PlacesBy) -> LearnedSkin {
     LearnedSkin { places_by, ..LEARNED.clone() }
 }
 
-/// Presses that were not learnt: places by the map and by regression are nearer than the model's, and forces are
-/// known.
+/// Presses that were not learnt: positions by the map and by regression are closer than the model's, and
+/// forces are known.
 #[test]
 fn map_and_regression_place_what_the_model_misplaces() {
     let script = Script::new(spread(20, 1.0), 2);
@@ -240,12 +240,13 @@ fn map_and_regression_place_what_the_model_misplaces() {
             median(&forces)
         );
         assert!(after < before, "{places_by:?}: {after} mm, untrained {before} mm");
-        // the model misses presses at the rim, learnt or not
+        // the model misses presses at the rim, with or without learning
         assert!(forces.len() >= 18 && median(&forces) < 0.1, "{places_by:?}: {forces:?}");
     }
 }
 
-/// Two fingers: each is placed by the map in what the other leaves, and has its force; none is unlike the presses.
+/// Two fingers: the map locates each in what the other leaves, and gives its force; neither is unlike the
+/// presses.
 #[test]
 fn two_fingers_have_their_places_and_forces() {
     let pairs = vec![
@@ -267,7 +268,7 @@ fn two_fingers_have_their_places_and_forces() {
                     .unwrap();
                 let (error_m, found_n) = (distance_m(nearest, *at), nearest.touch.force_n());
                 println!("{places_by:?}: {:.1} mm, {found_n:?} of {force_n} N", 1e3 * error_m);
-                // found 0.2 to 2.7 mm, where the model alone errs by up to 6.8; forces within 9 %
+                // found 0.2 to 2.7 mm, where the error of the model alone is up to 6.8; forces within 9 %
                 assert!(error_m < 4e-3, "{at:?}: {:?}", nearest.touch);
                 assert!((found_n.unwrap() / force_n - 1.0).abs() < 0.15, "{:?}", nearest.touch);
             }
@@ -275,14 +276,14 @@ fn two_fingers_have_their_places_and_forces() {
     }
 }
 
-/// Without an electrode what is left of the frame places touches: regression, which knows whole frames only, gives
-/// way to the map.
+/// Without an electrode, the rest of the frame locates touches: the map replaces regression, which needs
+/// complete frames.
 #[test]
 fn a_missing_electrode_costs_little() {
     let script = Script::new(spread(20, 1.0), 4);
     let mut frames = script.frames();
     let whole = touches_of(&frames, Some(&by(PlacesBy::Regression)));
-    // not a number from the first press on, as a driver gives an electrode that it flags
+    // NaN from the first press on, as a driver reports an electrode that it flags
     let quadruples = SKIN.skin.protocol.quadruples().unwrap();
     for (i, _) in quadruples.iter().enumerate().filter(|(_, q)| q.contains(&3)) {
         frames.column_mut(i).iter_mut().skip(QUIET).for_each(|v| *v = f64::NAN);
@@ -297,8 +298,8 @@ fn a_missing_electrode_costs_little() {
     }
 }
 
-/// A skin that responds in another way than the one that was learnt: most of its touches are unlike all presses, and
-/// such a touch has no force; of the skin's own hardly one is.
+/// A skin that responds differently from the learnt one: most of its touches are unlike all presses, and such
+/// a touch has no force; on the learnt skin hardly any is.
 #[test]
 fn a_touch_unlike_all_presses_is_said_to_be() {
     let count = |gains: Array1<f64>| {
@@ -315,13 +316,13 @@ fn a_touch_unlike_all_presses_is_said_to_be() {
     };
     let (own, other) = (count(real()), count(gains(STRANGE_STD, "stranger")));
     println!("unlike, found: {own:?}, {other:?} of another skin");
-    // one in twenty presses held out leaves more than 1 / 1.5 of the limit
+    // one in twenty held-out presses leaves more than 1 / 1.5 of the limit
     assert!(own[1] >= 15 && own[0] <= 1, "{own:?}");
     assert!(other[1] >= 5 && 2 * other[0] > other[1], "{other:?}");
 }
 
-/// Places in the coordinates of a robot, mirrored, turned, scaled and shifted, with the sign unknown: the pose is
-/// found, and touches are where they are on the scene's skin.
+/// Places in a robot's coordinates, mirrored, rotated, scaled and shifted, with unknown sign: the pose is
+/// found, and touches are at their place on the scene's skin.
 #[test]
 fn the_frame_of_a_table_is_fitted() {
     let script = Script::new(spread(30, 0.0), 7);
@@ -342,13 +343,13 @@ fn the_frame_of_a_table_is_fitted() {
     let new = Script::new(spread(10, 1.0), 8);
     let [places, _] = errors(&new, &touches_of(&new.frames(), Some(&learned)));
     assert!(median(&places) < 5e-3, "{places:?}");
-    // beside places of the scene such a file makes no sense, and the other way round
+    // such a file cannot be combined with places of the scene, nor vice versa
     let new = Script::new(spread(10, 0.3), 9);
     let mixed = learn(&new, Frame::Scene, Some(&learned)).unwrap_err().to_string();
     assert!(mixed.contains("were fitted to the scene"), "{mixed}");
     let mixed = learn(&new, Frame::Fitted, Some(&LEARNED)).unwrap_err().to_string();
     assert!(mixed.contains("are the scene's"), "{mixed}");
-    // beside places of the robot it does: one frame is fitted to all
+    // it can be combined with places of the robot: one frame is fitted to all
     let fitted = self::fitted(&new.frames());
     let pressed = PressFrames::new(&new.table(robot), &fitted.frames).unwrap();
     let mut silent = Progress::silent();
@@ -362,7 +363,7 @@ fn the_frame_of_a_table_is_fitted() {
     }
 }
 
-/// An earlier file: its presses count in all errors and in the curve, and the same frames twice are refused.
+/// An earlier file: its presses count in all errors and in the curve, and duplicate frames are rejected.
 #[test]
 fn an_earlier_file_stands_beside_new_presses() {
     let old = learn(&Script::new(spread(12, 0.0), 10), Frame::Scene, None).unwrap().skin;
@@ -371,7 +372,7 @@ fn an_earlier_file_stands_beside_new_presses() {
     let same = Script::new(spread(12, 0.0), 10);
     let twice = learn(&same, Frame::Scene, Some(&old)).unwrap_err().to_string();
     assert!(
-        twice.starts_with("table, line 2: its frame is that of press 1 of the earlier"),
+        twice.starts_with("table, line 2: it has the same frame as press 1 of the earlier"),
         "{twice}"
     );
     let new = Script::new(spread(10, 1.3), 11);
@@ -383,7 +384,7 @@ fn an_earlier_file_stands_beside_new_presses() {
     let curve = learning_curve(&fitted, &pressed, Frame::Scene, Some(&old), &mut silent).unwrap();
     let counts: Vec<_> = curve.iter().map(|p| (p.learnt, p.earlier, p.tested)).collect();
     assert_eq!(counts, [(12, 12, 10), (17, 12, 5)]);
-    // the model's error is that of old and new presses, as the others' are: on old ones alone it is another
+    // the model's error covers old and new presses, like the others'; for the old ones alone it differs
     let of_all: f64 = 22.0 * both.errors.model.unwrap().mean_m;
     let of_old: f64 = 12.0 * old.errors.model.unwrap().mean_m;
     let of_new = 10.0 * learn(&new, Frame::Scene, None).unwrap().skin.errors.model.unwrap().mean_m;
@@ -394,7 +395,7 @@ fn an_earlier_file_stands_beside_new_presses() {
     assert!(turned.contains("touch.sign"), "{turned}");
 }
 
-/// What is wrong with a press is said with its line, before anything is learnt from it.
+/// Errors in a press are reported with its line, before anything is learnt from it.
 #[test]
 fn presses_that_are_none_are_named() {
     let script = Script::new(spread(8, 0.0), 12);
@@ -411,7 +412,7 @@ fn presses_that_are_none_are_named() {
     };
     assert_eq!(refused(&frames, &|_| {}), "learnt");
     let starts = |text: String, wanted: &str| assert!(text.starts_with(wanted), "{text}");
-    // two untouched frames among those of a press, then nothing else, then half of another press
+    // two untouched frames among those of a press, then no others, then half of another press
     let part = refused(&frames, &|p| {
         (p[2].first_frame, p[2].before_last) = (Some(first(2) - 2), Some(first(2) - 3));
     });
@@ -441,7 +442,7 @@ fn presses_that_are_none_are_named() {
     starts(one_place, "table: all 8 presses are alike");
 }
 
-/// Most of a press fits no place: it is named, and learnt all the same.
+/// Most of a press fits no place: it is reported, and learnt all the same.
 #[test]
 fn presses_unlike_the_others_are_named() {
     let mut script = Script::new(spread(30, 0.0), 13);
@@ -453,14 +454,14 @@ fn presses_unlike_the_others_are_named() {
     assert!(learning.unlike[0].rest > 0.5 && learning.skin.presses.places_m.len() == 30);
 }
 
-/// A file by hand whose numbers nothing can be computed with is refused with their name.
+/// A handwritten file with unusable numbers is rejected with their name.
 #[test]
 fn numbers_of_a_file_are_checked() {
     let learned = learn(&Script::new(spread(12, 0.0), 14), Frame::Scene, None).unwrap().skin;
     let refused = |change: &dyn Fn(&mut LearnedSkin)| {
         let mut learned = learned.clone();
         change(&mut learned);
-        // a program would not write it
+        // the program would not write it
         learned.to_bytes().unwrap_err().to_string()
     };
     let wrong = refused(&|l| l.ratios[3] = f64::NAN);

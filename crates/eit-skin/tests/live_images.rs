@@ -1,4 +1,4 @@
-//! Images of a live stream that are made only while somebody looks.
+//! Images of a live stream that are only made while they are needed.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -8,14 +8,17 @@
 )]
 
 use eit_skin::eit_fem::fabric::Random;
-use eit_skin::eit_hw::{Frame, Quality, Unit};
-use eit_skin::live::LiveModel;
+use eit_skin::eit_hw::driver::{Event, FrameSource, Identity, Limits, Setup, Statistics};
+use eit_skin::eit_hw::{Frame, HwError, Layout, Quality, Unit};
+use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, Summary};
 use eit_skin::scene::Scene;
-use eit_skin::{LiveStream, MeshOverride, Progress, Skin};
+use eit_skin::{LiveStream, MeshOverride, Progress, Skin, SkinError};
+use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::Duration;
 
 const REFERENCE: usize = 20;
-/// A finger stays for these frames after the reference, then the skin is untouched.
+/// A finger stays for this number of frames after the reference, then the skin is untouched.
 const TOUCHED: usize = 4;
 const ALL: usize = 12;
 
@@ -28,8 +31,9 @@ fn model() -> Arc<LiveModel> {
     Arc::new(LiveModel::new(&skin, REFERENCE, &mut progress).unwrap())
 }
 
-/// Noise of a ten-thousandth, and the response of an element in the middle while it is touched.
-fn frames(model: &LiveModel) -> Vec<Frame> {
+/// Noise of a ten-thousandth, and the response of an element in the middle while it is touched; one frame each
+/// `step_s` seconds.
+fn frames(model: &LiveModel, step_s: f64) -> Vec<Frame> {
     let linearised = &model.linearised;
     let centroids = linearised.skin.mesh.surface().centroids();
     let nearest = |k: &usize| centroids[*k][0].hypot(centroids[*k][1]);
@@ -51,14 +55,14 @@ fn frames(model: &LiveModel) -> Vec<Frame> {
             imaginary: None,
             sequence: sequence as u64,
             epoch: 0,
-            device_time_s: Some(0.05 * sequence as f64),
+            device_time_s: Some(step_s * sequence as f64),
             host_time_s: None,
         }
     };
     (0..REFERENCE + ALL).map(frame).collect()
 }
 
-/// The last image, where images are made of these frames after the reference alone.
+/// The last image, if images are only made of these frames after the reference.
 fn last_image(
     model: &Arc<LiveModel>,
     frames: &[Frame],
@@ -82,19 +86,114 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
-/// An image after frames without one is not linked to an old image, whatever that showed; without a gap it is
-/// linked.
+/// An image after frames without one shows nothing of a touch that ended meanwhile, whether it is coupled to the
+/// last image (short gap) or not (more than half a second): it differs from a first image by less than a
+/// hundredth of the touch. That is the gap to which images are solved; measured 0.002.
 #[test]
-fn an_image_after_a_gap_is_as_a_first_one() {
+fn an_image_after_a_gap_shows_nothing_of_an_old_touch() {
     let model = model();
-    let frames = frames(&model);
     let last = TOUCHED + 2;
-    let frames = &frames[..=REFERENCE + last];
-    let first = last_image(&model, frames, |k| k == last);
-    let after_gap = last_image(&model, frames, |k| k < TOUCHED || k == last);
-    let linked = last_image(&model, frames, |_| true);
-    let touched = last_image(&model, &frames[..REFERENCE + TOUCHED], |_| true);
-    let [gap, link] = [&after_gap, &linked].map(|image| distance(image, &first));
-    println!("{gap:e} after a gap, {link:e} linked, {:e} of the touch", distance(&touched, &first));
-    assert!(gap < 0.1 * link, "{gap:e} {link:e}");
+    for step_s in [0.05, 0.2] {
+        let frames = frames(&model, step_s);
+        let frames = &frames[..=REFERENCE + last];
+        let first = last_image(&model, frames, |k| k == last);
+        let after_gap = last_image(&model, frames, |k| k < TOUCHED || k == last);
+        let touched = last_image(&model, &frames[..REFERENCE + TOUCHED], |_| true);
+        let [gap, touch] = [&after_gap, &touched].map(|image| distance(image, &first));
+        println!("a frame each {step_s} s: {gap:e} after a gap, {touch:e} of the touch");
+        assert!(gap < 0.01 * touch, "{gap:e} {touch:e}");
+    }
+}
+
+/// An instrument whose frames have all arrived: the consumer is behind until the last one.
+struct Backlog {
+    setup: Setup,
+    frames: VecDeque<Frame>,
+}
+
+impl FrameSource for Backlog {
+    fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    fn next_event(&mut self, _: Duration) -> Result<Option<Event>, HwError> {
+        Ok(self.frames.pop_front().map(Event::Frame))
+    }
+
+    fn recycle(&mut self, _: Frame) {}
+
+    fn statistics(&self) -> Statistics {
+        Statistics::default()
+    }
+
+    fn frames_waiting(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn is_over(&self) -> bool {
+        self.frames.is_empty()
+    }
+}
+
+/// Numbers of the frames whose touches were given, and of those that had an image.
+#[derive(Default)]
+struct Seen {
+    wants_every_image: bool,
+    touches: Vec<u64>,
+    images: Vec<u64>,
+}
+
+impl LiveObserver for Seen {
+    type Error = SkinError;
+
+    fn touches(&mut self, frame: &LiveFrame<'_>) -> Result<(), SkinError> {
+        self.touches.push(frame.number);
+        Ok(())
+    }
+
+    fn frame(&mut self, frame: &LiveFrame<'_>) -> Result<(), SkinError> {
+        if frame.images.is_some() {
+            self.images.push(frame.number);
+        }
+        Ok(())
+    }
+
+    fn wants_every_image(&self) -> bool {
+        self.wants_every_image
+    }
+
+    fn goes_on(&mut self, _: &Summary) -> bool {
+        true
+    }
+}
+
+/// While live frames wait, touches of all of them are given and images are skipped and counted. Nobody's image is
+/// skipped who needs every one, nor in a replay.
+#[test]
+fn images_are_skipped_while_frames_wait_and_touches_never() {
+    let model = model();
+    let all: Vec<u64> = (0..ALL as u64).collect();
+    for (is_live, wants_every_image) in [(true, false), (true, true), (false, false)] {
+        let frames: VecDeque<Frame> = frames(&model, 0.05).into();
+        let name = || "backlog".to_owned();
+        let setup = Setup {
+            identity: Identity { driver: "test", name: name(), serial: name() },
+            layout: Layout::ProtocolOrder,
+            value_count: frames[0].values.len(),
+            complex: false,
+            unit: Unit::Volt,
+            frame_rate_hz: Some(20.0),
+            limits: Limits::default(),
+        };
+        let mut seen = Seen { wants_every_image, ..Seen::default() };
+        let mut source = Backlog { setup, frames };
+        let summary = model.watch(&mut source, is_live, &mut seen).unwrap();
+        assert_eq!(seen.touches, all);
+        let skipped = summary.skipped_images as usize;
+        assert_eq!(seen.images.len() + skipped, ALL);
+        // the last frame has none behind it
+        assert_eq!(seen.images.last(), all.last());
+        println!("live: {is_live}, every image: {wants_every_image}: {skipped} skipped");
+        assert_eq!(skipped > 0, is_live && !wants_every_image);
+    }
 }

@@ -1,5 +1,5 @@
-//! The hyperparameter of one-step images by the noise figure, where the figure falls, rises and falls
-//! once more: of its crossings the first is the one.
+//! Choice of the hyperparameter of one-step images by the noise figure if the figure falls, rises and falls
+//! again: its first crossing is the right one.
 
 #![allow(
     missing_docs,
@@ -20,7 +20,7 @@ use std::sync::Arc;
 
 const QUIET_FRAMES: usize = 40;
 
-/// Nodes of the mesh that simulates; the one that reconstructs is the scene's own.
+/// Nodes of the simulation mesh; that of the reconstruction is the scene's own.
 const NODES: usize = 4000;
 
 /// Voltages of a skin at rest and with one finger, which doubles the conductivity within 7 mm.
@@ -54,7 +54,7 @@ impl Simulated {
         self.quiet_v.iter().fold(0.0, |most, v| most.max(v.abs()))
     }
 
-    /// Quiet frames and a touched one behind them, noisy and rounded to whole steps.
+    /// Quiet frames followed by a touched one, noisy and rounded to whole steps.
     fn frames(&self, noise_v: f64, step_v: f64) -> Array2<f64> {
         let mut random = Random::new(0);
         Array2::from_shape_fn((QUIET_FRAMES + 1, self.quiet_v.len()), |(frame, i)| {
@@ -73,17 +73,17 @@ fn fitted(scene: &Scene, values: &Array2<f64>, additive_v: Option<f64>) -> Fitte
     linearised.fit(frames).unwrap()
 }
 
-/// What an image at a hyperparameter is worth.
+/// Quality of an image at a hyperparameter.
 #[derive(Debug)]
 struct Worth {
     degrees_of_freedom: f64,
-    /// Pixels that are independent under noise, at four standard deviations.
+    /// Number of pixels that are independent under noise, at four standard deviations.
     cells: f64,
-    /// From the largest value to the finger, metres.
+    /// Distance from the largest value to the finger, metres.
     off_m: f64,
 }
 
-/// At the hyperparameter that was chosen, and where the noise figure falls below 1 for the last time.
+/// At the chosen hyperparameter, and where the noise figure falls below 1 for the last time.
 fn worths(
     fitted: &FittedFrames,
     values: &Array2<f64>,
@@ -97,7 +97,7 @@ fn worths(
     let skin = &fitted.skin.skin;
     let centroids = skin.mesh.surface().centroids();
     let raster = fitted.skin.raster(&mut Progress::silent()).unwrap().clone();
-    // where it is not used, a value may be anything that is finite
+    // an unused value may be any finite number
     let finite = |v: &f64| if v.is_finite() { *v } else { 0.0 };
     let frame: Vec<f64> = values.row(QUIET_FRAMES).iter().map(finite).collect();
     [chosen.hyperparameter, last[1].hyperparameter].map(|hyperparameter| {
@@ -114,12 +114,12 @@ fn worths(
     })
 }
 
-/// Images are those of the first crossing; the last one, which was taken before, is no image.
+/// Images are those of the first crossing; the last one, which was used before, gives no image.
 fn check(name: &str, [first, last]: &[Worth; 2]) {
     println!("{name}: {first:?}, at the last crossing {last:?}");
-    // that the case is one of several crossings
+    // the case has several crossings
     assert!(last.degrees_of_freedom < 2.0 && last.off_m > 20e-3, "{last:?}");
-    // of 104 or 78 rows, a third or more
+    // of 104 or 78 rows, at least a third
     assert!(first.degrees_of_freedom > 25.0, "{first:?}");
     assert!(first.cells > 10.0 * last.cells, "{first:?} {last:?}");
     assert!(first.cells > 100.0, "{first:?}");
@@ -127,7 +127,7 @@ fn check(name: &str, [first, last]: &[Worth; 2]) {
     assert!(first.off_m < 6e-3, "{first:?}");
 }
 
-/// 12 x 8 cm with its noise stated, by the path of every one-step image.
+/// 12 x 8 cm with stated noise, by the path of every one-step image.
 #[test]
 fn a_small_rectangle() {
     let electrodes = ElectrodeSettings::equally_spaced(16, 0.0125, 1e3);
@@ -143,8 +143,8 @@ fn a_small_rectangle() {
     check("rectangle", &worths);
 }
 
-/// The paper's disc without electrode 5, whose weights take rounding for silence: a third of the channels
-/// stand still and get a tenth of the others' noise, as a robot's own estimate may have it.
+/// The paper's disc without electrode 5, with weights that take rounding for silence: a third of the channels
+/// never change and get a tenth of the others' noise, as a robot's own estimate may have it.
 #[test]
 fn without_an_electrode() {
     let scene = Scene::load("paper-disc").unwrap();
@@ -173,8 +173,8 @@ fn without_an_electrode() {
     check("without electrode 5", &worths);
 }
 
-/// Deviation of each measurement from one quiet frame to the next, at least a tenth of the median of
-/// those that move, relative to the reference; 1 where it is not used.
+/// Deviation of each measurement from one quiet frame to the next, at least a tenth of the median of those
+/// that change, relative to the reference; 1 where it is not used.
 fn noise_without_rounding(fitted: &FittedFrames, values: &Array2<f64>) -> Vec<f64> {
     let used = &fitted.frames.used;
     let deviation = |i: usize| {

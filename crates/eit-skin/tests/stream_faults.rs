@@ -1,4 +1,4 @@
-//! Which electrode fails, without a model: the first frames of a stream are the reference.
+//! Detection of failing electrodes without a model: the first frames of a stream are the reference.
 
 #![allow(
     missing_docs,
@@ -17,7 +17,7 @@ use voltages::{Bench, DT_S, ELECTRODES, MEASUREMENTS};
 
 /// First frames.
 const REFERENCE: usize = 20;
-/// Frames in which an electrode that failed must be named.
+/// Number of frames within which a failed electrode must be named.
 const IN_TIME: usize = 5;
 
 /// A stream of touched frames.
@@ -54,14 +54,14 @@ const SOUND: Change = |_, _| ();
 const OPEN_5: Change = |bench, values| {
     bench.of(5).iter().for_each(|&i| values[i] = 0.025 * bench.random.normal());
 };
-/// A bridge from electrode 5 to 6: no voltage between them, whoever drives.
+/// A bridge from electrode 5 to 6: no voltage between them, whichever drives.
 const SHORTED_5: Change = |bench, values| {
     for (value, &[a, _, m, _]) in values.iter_mut().zip(&bench.quadruples) {
         *value *= if a == 5 || m == 5 { 1e-3 } else { 1.0 };
     }
 };
 
-/// Touches in the reference and behind it are no faults.
+/// Touches during and after the reference are not faults.
 #[test]
 fn touches_are_no_fault() {
     for seed in 0..5 {
@@ -88,7 +88,7 @@ fn electrodes_that_fail_are_named_and_come_back() {
     }
 }
 
-/// What fails from the start is named with the last frame of the reference, and comes back too.
+/// Faults from the start are named with the last frame of the reference, and can heal.
 #[test]
 fn electrodes_that_fail_from_the_start_are_named() {
     for change in [OPEN_5, SHORTED_5] {
@@ -113,7 +113,7 @@ fn a_stuck_electrode_is_named() {
         for (i, value) in values.iter_mut().enumerate() {
             *value += voltages::NOISE_V * stream.bench.random.normal();
             if stream.bench.quadruples[i].contains(&5) {
-                // untouched: under a touch it contradicts its reciprocals before
+                // untouched: under a touch it would violate reciprocity first
                 *value = stream.bench.reference[i] + 1e-7 * held[i];
             }
         }
@@ -122,7 +122,7 @@ fn a_stuck_electrode_is_named() {
     assert_eq!(stream.faults(), [(5, FaultKind::Stuck)]);
 }
 
-/// Measurements in another order than stated: no electrode is at fault.
+/// Measurements in another order than stated: no electrode is blamed.
 #[test]
 fn a_wrong_order_blames_nobody() {
     let mut stream = Stream::new(4);
@@ -138,7 +138,7 @@ fn bad_input_is_refused() {
     assert!(StreamMonitor::new(&[], ELECTRODES, REFERENCE).is_err());
     let mut monitor = StreamMonitor::new(&quadruples, ELECTRODES, REFERENCE).unwrap();
     assert!(monitor.push(&[0.0; MEASUREMENTS - 1], |_| true, 0.0).is_err());
-    // frames without a value, and all zero: nothing can be said
+    // frames without a value, or all zero: no conclusion is possible
     for value in [f64::NAN, 0.0] {
         monitor.restart();
         for frame in 0..2 * REFERENCE {
@@ -164,7 +164,7 @@ fn push_allocates_nothing_behind_the_reference() {
     }
 }
 
-/// Real instruments: a stream without a fault names nobody, whatever stands in the tank.
+/// Real instruments: a stream without a fault blames no electrode, whatever is in the tank.
 #[test]
 fn real_recordings_name_nobody() {
     let options = eit_hw::ReadOptions::default();

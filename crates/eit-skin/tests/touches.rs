@@ -1,5 +1,5 @@
-//! Touches of the simulated fabric through the library, with nothing set: few enough frames for every
-//! check. Full figures: `docs/VALIDATION.md`.
+//! Touches on the simulated fabric through the library, with default settings: few enough frames for every
+//! run. Full figures: `docs/validation/touches.md`.
 
 #![allow(
     missing_docs,
@@ -25,12 +25,12 @@ const SEEDS: [u64; 3] = [71, 81, 91];
 /// Forces of presses, newton.
 const PRESS_N: std::ops::Range<f64> = 0.7..2.0;
 
-/// The electrode that breaks, from 0, ...
+/// Electrode that breaks, from 0, ...
 const BROKEN: usize = 5;
-/// ... and the frame from which on: 3 s after the quiet ones.
+/// ... and the frame from which it is broken: 3 s after the quiet ones.
 const BROKEN_FROM: usize = 100;
 
-/// What a script must reach.
+/// Bars that a script must meet.
 struct Bars {
     found: f64,
     error_m: f64,
@@ -38,8 +38,8 @@ struct Bars {
     id_changes: usize,
 }
 
-/// The bars of the full scripts are tighter (found 0.99, 3 mm, 0.01 extra): here one press at the rim is
-/// 5 % of all frames, and one that is found a frame late costs 0.003.
+/// The bars of the full scripts are tighter (found 0.99, 3 mm, 0.01 extra): here one press at the rim is 5 %
+/// of all frames, and one that is found a frame late costs 0.003.
 const ONE: Bars = Bars { found: 0.97, error_m: 6e-3, extra: 0.05, id_changes: 0 };
 
 fn check(name: &str, score: &Score, bars: &Bars) {
@@ -63,7 +63,7 @@ fn check_drawn(name: &str, fingers: u32, bars: &Bars, draw: impl Fn(&mut Drawn))
     check(name, &counts.score(), bars);
 }
 
-/// 15 s without a finger show nothing, the press behind them is found.
+/// 15 s without a finger show nothing, and the press after them is found.
 #[test]
 fn quiet() {
     check_drawn("quiet", 1, &ONE, |drawn| {
@@ -77,22 +77,22 @@ fn one() {
     check_drawn("one", 1, &ONE, |drawn| (0..6).for_each(|_| _ = drawn.press(PRESS_N)));
 }
 
-/// Four fingers, 40 mm apart or more.
+/// Four fingers, at least 40 mm apart.
 #[test]
 fn four() {
     let bars = Bars { found: 0.95, ..ONE };
     check_drawn("four", 4, &bars, |drawn| (0..3).for_each(|_| _ = drawn.press(PRESS_N)));
 }
 
-/// Three chords of 60 mm or more at 50 mm/s: friction drags fabric and electrodes along. One stroke of
-/// the nine may change its number.
+/// Three chords of 60 mm or more at 50 mm/s: friction drags fabric and electrodes along. One stroke of the
+/// nine may change its id.
 #[test]
 fn slide() {
     let bars = Bars { error_m: 8e-3, id_changes: 1, ..ONE };
     check_drawn("slide", 1, &bars, |drawn| (0..3).for_each(|_| _ = drawn.slide(1.5, 0.05)));
 }
 
-/// One finger that presses again and again from half a second after the electrode breaks on.
+/// One finger that presses repeatedly, starting half a second after the electrode breaks.
 fn bench(seed: u64, presses: usize) -> Recording {
     let mut drawn = Drawn::new(seed, 1);
     drawn.next_s = FIRST_S + 3.5;
@@ -100,7 +100,7 @@ fn bench(seed: u64, presses: usize) -> Recording {
     Recording::simulate(&drawn.script(), seed)
 }
 
-/// The frame in which the only fault was found: it is this electrode's and came from contradictions.
+/// The frame in which the only fault was found: that of this electrode, by violated reciprocity.
 fn frame_of_fault(touches: &Touches) -> usize {
     let [fault] = touches.faults[..] else { panic!("{:?}", touches.faults) };
     assert_eq!((fault.electrode, fault.kind), (BROKEN, FaultKind::Contradicts));
@@ -126,8 +126,8 @@ fn open_electrode() {
     check("open electrode", &counts.score(), &ONE);
 }
 
-/// The electrode gets its signal back before the second press: within 2 s it is used again, and nothing
-/// is shown for that.
+/// The electrode recovers before the second press: within 2 s it is used again, and no touch is shown for
+/// that.
 #[test]
 fn open_electrode_heals() {
     let seed = SEEDS[0];
@@ -136,7 +136,7 @@ fn open_electrode_heals() {
     drawn.press(0.8..2.0).next_s += 3.0;
     drawn.press(0.8..2.0).press(0.8..2.0);
     let mut recording = Recording::simulate(&drawn.script(), seed);
-    // a second after the lift of the first press
+    // a second after the first press was lifted
     let healed_from = ((FIRST_S + 3.5 + 1.1 + 1.0) * RATE_HZ) as usize;
     recording.open(BROKEN, BROKEN_FROM..healed_from, &mut Random::new(seed));
     let touches = recording.touches();
@@ -145,7 +145,7 @@ fn open_electrode_heals() {
     let is_back = |frame: usize| all.iter().all(|&i| !touches.is_missing[[frame, i]]);
     let back = (healed_from..recording.values.nrows()).find(|&frame| is_back(frame)).unwrap();
     println!("used again {} frames after its signal", back - healed_from);
-    // 1 s of good frames is what the monitor asks for
+    // the monitor requires 1 s of good frames
     assert!(back - healed_from <= (2.0 * RATE_HZ) as usize, "{back}");
     assert!((back..recording.values.nrows()).all(is_back));
     check("healed", &Counts::of(&recording, &touches, QUIET_FRAMES).score(), &ONE);
@@ -153,7 +153,7 @@ fn open_electrode_heals() {
     assert!(last.touch.whole, "{last:?}");
 }
 
-/// Values that are not numbers are left out of their frames; the touch goes on and says so.
+/// Values that are not numbers are excluded from their frames; the touch continues and says so.
 #[test]
 fn missing_values() {
     let seed = SEEDS[0];
@@ -178,8 +178,8 @@ fn missing_values() {
     check("missing values", &Counts::of(&recording, &touches, QUIET_FRAMES).score(), &ONE);
 }
 
-/// Packets that were dropped and of garbage, while a finger presses: nobody is blamed, the touch is not
-/// valid in them, goes on under its number, and the frame behind is whole.
+/// Dropped packets and garbage while a finger presses: no electrode is blamed, the touch is not valid in
+/// them, keeps its id, and the next frame is complete.
 #[test]
 fn bad_frames() {
     let seed = SEEDS[0];

@@ -1,4 +1,4 @@
-//! One image of one frame, of a skin built in code.
+//! Reconstructs one image of one frame, on a skin built in code.
 use eit_skin::ndarray::{Axis, stack};
 use eit_skin::scene::{ElectrodeSettings, Reference, Scene, SkinSettings};
 use eit_skin::{Progress, Skin};
@@ -10,7 +10,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut scene = Scene::new(SkinSettings::rectangle(0.2, 0.1, 1e-5), electrodes);
     scene.recording.reference = Some(Reference::Frame(0));
     let (skin, progress) = (Skin::from_scene(scene)?, &mut Progress::silent());
-    // an untouched frame and one with a finger, on another mesh than the image's
+    // an untouched frame and one with a finger, on a different mesh than the image's
     let finer = skin.with_nodes(5000, progress)?;
     let finger = |c: &[f64; 3]| 1.0 + 0.5 * (-0.5 * (c[0] - 0.04).hypot(c[1]).powi(2) / 1e-4).exp();
     let touched: Vec<f64> =

@@ -1,4 +1,4 @@
-//! Scene to live touches: `robot_loop [PORT]`; without a port an emulated skin is touched.
+//! Runs a control loop on live touches: `robot_loop [PORT]`; without a port, an emulated skin is touched.
 use eit_skin::Skin;
 use robot::{emulated, robot_loop};
 use std::error::Error;
@@ -10,7 +10,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let port = port.or(emulated.as_ref().map(|emulated| emulated.endpoint().to_string()));
     let (mut ticks, mut touched) = (0..800, 0);
     let late = robot_loop::run(&skin, port.as_deref(), |touches| {
-        // here the robot draws back, grasps harder, or says hello; without a sense it slows down
+        // here a robot would draw back, or grasp harder; without a sensor it would slow down
         touched += usize::from(touches.is_some_and(|touches| !touches.is_empty()));
         ticks.next().is_some()
     })?;

@@ -1,4 +1,4 @@
-//! Frames of a simulated finger, with the truth beside them.
+//! Simulates frames of a finger, with ground truth.
 use eit_skin::eit_fem::fabric::{PlayCircle, SimulationSettings, TouchScript};
 use eit_skin::{Progress, Skin};
 use std::error::Error;

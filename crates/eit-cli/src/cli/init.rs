@@ -15,7 +15,7 @@ pub(crate) enum ShapeArg {
 /// `eit init`
 #[derive(Debug, Args)]
 pub(crate) struct InitArgs {
-    /// The scene file to write. A file that exists is refused without --force.
+    /// Scene file to write. An existing file is rejected without --force.
     #[arg(value_name = "SCENE.toml")]
     pub out: PathBuf,
     /// Outline of the skin.
@@ -33,30 +33,30 @@ pub(crate) struct InitArgs {
     /// Number of electrodes, equally spaced along the rim.
     #[arg(long, value_name = "N")]
     pub electrodes: Option<usize>,
-    /// Length of rim that an electrode covers, millimetres [default: half of the spacing, 10 at most].
+    /// Length of rim that each electrode covers, millimetres [default: half of the spacing, at most 10].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub electrode_width_mm: Option<f64>,
-    /// Where one of the electrodes is, counter-clockwise from the right as seen from the centre, degrees.
-    /// Any of them: which one is the first is found by presses.
+    /// Position of any one of the electrodes, counter-clockwise from the right as seen from the centre,
+    /// degrees. The presses determine which electrode is the first.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
     pub electrode_at_deg: f64,
     /// Port of the board: /dev/ttyACM0, COM3, tcp:host:port (`eit devices` lists the serial ports). Without
-    /// it the scene is written with adjacent drive and measurement, and no instrument.
+    /// it, the scene gets adjacent drive and measurement, and no instrument.
     #[arg(long, value_name = "PORT")]
     pub port: Option<String>,
-    /// Rate of the serial line, bits a second; USB devices ignore it.
+    /// Baud rate of the serial line; USB devices ignore it.
     #[arg(long, value_name = "BAUD", default_value_t = 115_200)]
     pub baud: u32,
     /// How long to listen to the board, seconds.
     #[arg(long, value_name = "S", default_value_t = 3.0)]
     pub listen_s: f64,
-    /// Do not ask for presses: electrode 1 is at --electrode-at-deg, counted counter-clockwise.
+    /// Do not ask for presses: electrode 1 is then at --electrode-at-deg, counted counter-clockwise.
     #[arg(long)]
     pub no_presses: bool,
     /// How long to wait for each press, seconds.
     #[arg(long, value_name = "S", default_value_t = 60.0)]
     pub press_wait_s: f64,
-    /// Write over a scene file that exists.
+    /// Overwrite an existing scene file.
     #[arg(long)]
     pub force: bool,
 }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// `eit devices`
 #[derive(Debug, Args)]
 pub(crate) struct DevicesArgs {
-    /// Ask this scene's instrument who it is.
+    /// Identify this scene's instrument.
     pub scene: Option<String>,
     /// Port instead of the scene's: /dev/ttyACM0, COM3 or tcp:host:port.
     #[arg(long, value_name = "P", requires = "scene")]
@@ -22,47 +22,48 @@ pub(crate) struct CheckArgs {
     /// Port instead of the scene's.
     #[arg(long, value_name = "P")]
     pub port: Option<String>,
-    /// Frames to take.
+    /// Number of frames to take.
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub frames: usize,
-    /// Seconds to wait for them at most; fewer frames will do from 8 on.
+    /// Maximum waiting time, seconds; fewer frames suffice from 8 on.
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     pub seconds: f64,
 }
 
-/// `eit live` and what `eit replay` shares with it.
+/// Arguments of `eit live` shared with `eit replay`.
 #[derive(Debug, Args)]
 pub(crate) struct WatchArgs {
-    /// Frames at the start of each epoch that are the reference and show the noise.
+    /// Number of frames at the start of each epoch that form the reference and show the noise.
     #[arg(long, value_name = "N", default_value_t = REFERENCE_FRAMES)]
     pub reference_frames: usize,
-    /// Only the first N frames behind the reference.
+    /// Stop after N frames, not counting the reference.
     #[arg(long, value_name = "N")]
     pub frames: Option<u64>,
-    /// Picture of the latest image, drawn anew up to five times a second: F.png.
+    /// Picture of the latest image, redrawn up to five times per second: F.png.
     #[arg(long, value_name = "F.png")]
     pub picture: Option<PathBuf>,
-    /// Folder for images.npy [frame, row, column] and touches.csv of all frames; with a U-net also
-    /// raw.npy, the images before it.
+    /// Folder for images.npy [frame, row, column] and touches.csv of all frames; with a U-net also raw.npy,
+    /// the images before it.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Who else hears of touches.
+    /// Where else touches are published.
     #[command(flatten)]
     pub publish: PublishArgs,
 }
 
-/// Touches for other programs.
+/// Arguments for publishing touches to other programs.
 #[derive(Debug, Args)]
 pub(crate) struct PublishArgs {
-    /// Touches on stdout as JSON lines, one object a frame as soon as they are found, and nothing else:
-    /// text goes to stderr (docs/JSON_LINES.md). No image is made but for --picture, --out and --web.
+    /// Write touches to stdout as JSON lines, one object per frame as soon as its touches are found, and
+    /// nothing else; text goes to stderr (docs/JSON_LINES.md). No images are made unless --picture, --out,
+    /// --web, --zenoh or --foxglove needs them.
     #[arg(long)]
     pub json_lines: bool,
-    /// Send the same lines there by UDP, a datagram each; more than once for more.
+    /// Send the same lines by UDP, one per datagram; can be repeated.
     #[arg(long, value_name = "HOST:PORT")]
     pub udp: Vec<String>,
-    /// Show the skin as a page for browsers, whose address is printed; any but one of this computer
-    /// asks for a token [default: 127.0.0.1:8484; port 0: any that is free].
+    /// Serve a page that shows the skin in a browser, and print its address; an address other than this
+    /// computer's requires a token [default: 127.0.0.1:8484; port 0: any free port].
     #[arg(
         long,
         value_name = "HOST:PORT",
@@ -71,6 +72,71 @@ pub(crate) struct PublishArgs {
         default_missing_value = "127.0.0.1:8484"
     )]
     pub web: Option<String>,
+    /// Publishers behind cargo features.
+    #[command(flatten)]
+    pub network: NetworkArgs,
+}
+
+/// ROS 2 by zenoh, and Foxglove.
+#[derive(Debug, Args)]
+#[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "refused whatever they are"))]
+pub(crate) struct NetworkArgs {
+    /// Publish as a node of ROS 2 by zenoh (rmw_zenoh): topics KEY/touches, KEY/image and /diagnostics, with KEY
+    /// such as skin/left_arm. Needs a build with --features zenoh (docs/BODY.md).
+    #[arg(long, value_name = "KEY")]
+    pub zenoh: Option<String>,
+    /// Where zenoh connects and listens.
+    #[command(flatten)]
+    pub session: SessionArgs,
+    /// Publish every frame instead of changes and ten heartbeats a second.
+    #[arg(long, requires = "zenoh")]
+    pub zenoh_every_frame: bool,
+    /// Name of the skin's coordinate frame in ROS 2 and Foxglove.
+    #[arg(long, value_name = "NAME", default_value = "skin")]
+    pub frame_id: String,
+    /// Domain of ROS 2 [default: ROS_DOMAIN_ID, else 0].
+    #[arg(long, value_name = "N", requires = "zenoh")]
+    pub ros_domain: Option<u32>,
+    /// Serve Foxglove; whoever reaches the address can watch. Needs a build with --features foxglove
+    /// [default: 127.0.0.1:8765; port 0: any free port].
+    #[arg(
+        long,
+        value_name = "HOST:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1:8765"
+    )]
+    pub foxglove: Option<String>,
+    /// Record what Foxglove is shown: F.mcap, which must not exist.
+    #[arg(long, value_name = "F.mcap")]
+    pub foxglove_record: Option<PathBuf>,
+}
+
+/// The zenoh session of `--zenoh`.
+#[derive(Debug, Args)]
+#[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "refused whatever they are"))]
+pub(crate) struct SessionArgs {
+    /// Endpoint that zenoh connects to, repeatable [default: tcp/localhost:7447, the router of rmw_zenoh].
+    #[arg(long, value_name = "ENDPOINT", requires = "zenoh")]
+    pub zenoh_connect: Vec<String>,
+    /// Endpoint that zenoh listens at, repeatable [default: any free port of this computer].
+    #[arg(long, value_name = "ENDPOINT", requires = "zenoh")]
+    pub zenoh_listen: Vec<String>,
+    /// Configuration file of zenoh; endpoints given here replace its own.
+    #[arg(long, value_name = "F.json5", requires = "zenoh")]
+    pub zenoh_config: Option<PathBuf>,
+}
+
+/// `eit body`
+#[derive(Debug, Args)]
+#[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "refused whatever they are"))]
+pub(crate) struct BodyArgs {
+    /// The body: names, topics and poses of its patches (docs/BODY.md).
+    #[arg(value_name = "BODY.toml")]
+    pub body: PathBuf,
+    /// End after so many seconds.
+    #[arg(long, value_name = "S")]
+    pub seconds: Option<f64>,
 }
 
 /// `eit live`
@@ -81,13 +147,13 @@ pub(crate) struct LiveArgs {
     /// Port instead of the scene's.
     #[arg(long, value_name = "P")]
     pub port: Option<String>,
-    /// How it is watched.
+    /// How the skin is watched.
     #[command(flatten)]
     pub watch: WatchArgs,
-    /// End after so many seconds.
+    /// Stop after this many seconds.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,
-    /// Record meanwhile: F.mcap.
+    /// Also record to F.mcap.
     #[arg(long, value_name = "F.mcap")]
     pub record: Option<PathBuf>,
 }
@@ -100,22 +166,22 @@ pub(crate) struct RecordArgs {
     /// Port instead of the scene's.
     #[arg(long, value_name = "P")]
     pub port: Option<String>,
-    /// The recording: F.mcap.
+    /// Output file: F.mcap.
     #[arg(long, value_name = "F.mcap")]
     pub out: PathBuf,
-    /// End after so many frames.
+    /// Stop after this many frames.
     #[arg(long, value_name = "N")]
     pub frames: Option<u64>,
-    /// End after so many seconds.
+    /// Stop after this many seconds.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,
-    /// Go on with a recording, also one that was cut by a crash.
+    /// Append to a recording, even if a crash truncated it.
     #[arg(long)]
     pub append: bool,
-    /// Force what is written to the disk every second: it survives a power cut too.
+    /// Flush to the disk every second, so that the recording also survives a power cut.
     #[arg(long)]
     pub sync: bool,
-    /// A note at its beginning.
+    /// Note to store at its beginning.
     #[arg(long, value_name = "TEXT")]
     pub note: Option<String>,
 }
@@ -125,16 +191,16 @@ pub(crate) struct RecordArgs {
 pub(crate) struct ReplayArgs {
     /// Scene file or built-in scene.
     pub scene: String,
-    /// The recording: F.mcap.
+    /// Recording to play: F.mcap.
     #[arg(long, value_name = "F.mcap")]
     pub from: PathBuf,
-    /// How it is watched.
+    /// How the skin is watched.
     #[command(flatten)]
     pub watch: WatchArgs,
-    /// So many times as fast as it was recorded [default: as fast as possible].
+    /// Speed relative to real time [default: as fast as possible].
     #[arg(long, value_name = "X", conflicts_with = "step")]
     pub speed: Option<f64>,
-    /// One frame for each line on stdin: press Enter.
+    /// Show one frame per line on stdin: press Enter.
     #[arg(long)]
     pub step: bool,
 }
@@ -142,9 +208,9 @@ pub(crate) struct ReplayArgs {
 /// `eit recover`
 #[derive(Debug, Args)]
 pub(crate) struct RecoverArgs {
-    /// The damaged recording; it is only read.
+    /// Damaged recording; it is not changed.
     pub input: PathBuf,
-    /// The new recording: F.mcap.
+    /// New recording: F.mcap.
     #[arg(value_name = "OUT")]
     pub out: PathBuf,
 }
@@ -152,15 +218,15 @@ pub(crate) struct RecoverArgs {
 /// `eit convert`
 #[derive(Debug, Args)]
 pub(crate) struct ConvertArgs {
-    /// Recording of any format that is read.
+    /// Recording of any supported format.
     pub input: PathBuf,
-    /// Result: F.mcap, F.csv or F.npy; one frame a row.
+    /// Output file: F.mcap, F.csv or F.npy; one frame per row.
     #[arg(long, value_name = "F")]
     pub out: PathBuf,
-    /// Put the values into the order of this scene's protocol.
+    /// Reorder the values to this scene's protocol.
     #[arg(long, value_name = "SCENE")]
     pub scene: Option<String>,
-    /// Rows of a table alternate real and imaginary parts.
+    /// Rows of the table alternate real and imaginary parts.
     #[arg(long)]
     pub complex: bool,
 }
@@ -170,29 +236,28 @@ pub(crate) struct ConvertArgs {
 pub(crate) struct EmulateArgs {
     /// Scene file or built-in scene.
     pub scene: String,
-    /// Where it is found: a path where nothing is yet (a pseudo-terminal), or tcp:127.0.0.1:PORT
-    /// (0: a free one, which is printed).
+    /// Where to listen: a path that does not exist yet (a pseudo-terminal), or tcp:127.0.0.1:PORT (0: a free
+    /// port, which is printed).
     #[arg(long, value_name = "P")]
     pub port: String,
-    /// Frames in the scene's protocol: frames.npy of `eit simulate`, a recording, any format that
-    /// is read.
+    /// Frames in the scene's protocol: frames.npy of `eit simulate`, a recording, or any supported format.
     #[arg(long, value_name = "F")]
     pub frames: Option<PathBuf>,
-    /// Frames a second of a board that sends them by itself [default: 20]; others are told theirs.
+    /// Frame rate of a board that sends frames by itself, hertz [default: 20]; other drivers receive the
+    /// host's rate.
     #[arg(long, value_name = "R")]
     pub rate_hz: Option<f64>,
     /// Serial number.
     #[arg(long, value_name = "TEXT", default_value = "1")]
     pub serial: String,
-    /// What goes wrong, several times if wanted: drop_byte, flip_bit, insert_byte, pause
-    /// (probability of each byte), pause_s, unplug_after_bytes=[N, ...], unplugged_s, spared_bytes,
-    /// line_baud.
+    /// Fault to simulate; can be repeated: drop_byte, flip_bit, insert_byte, pause (probability per byte),
+    /// pause_s, unplug_after_bytes=[N, ...], unplugged_s, spared_bytes, line_baud.
     #[arg(long, value_name = "KEY=VALUE")]
     pub fault: Vec<String>,
     /// Seed of noise and faults.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// End after so many seconds.
+    /// Stop after this many seconds.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,
 }

@@ -9,41 +9,41 @@ pub(crate) struct ReportArgs {
     /// Folder for the results.
     #[arg(long, value_name = "DIR", default_value = "report-out")]
     pub out: PathBuf,
-    /// Fewer frames, pixels and movies: seconds instead of minutes, as a check.
+    /// Use fewer frames, pixels and movies, for a check that takes seconds instead of minutes.
     #[arg(long)]
     pub quick: bool,
-    /// Figures of merit over noise, speed and touches instead of error against time.
+    /// Report figures of merit against noise, speed and touches, instead of error against time.
     #[arg(long)]
     pub quality: bool,
-    /// Touches instead of images: those without a finger and whether confidence holds what it says,
-    /// position error beside its bound, moving electrodes and what taking them out of the data does,
-    /// two-point discrimination, tracks, GREIT figures, latency; or the parts named, as in
+    /// Report on touches instead of images: touches without a finger and reliability of the confidence,
+    /// position error compared with its bound, moving electrodes and the effect of removing movement from the
+    /// data, two-point discrimination, tracks, GREIT figures, latency; or only the parts named, as in
     /// --touches=reliability,pairs.
     #[arg(long, conflicts_with = "quality", value_name = "PARTS", value_delimiter = ',')]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "all")]
     pub touches: Vec<TouchPart>,
-    /// What U-nets make of images: error before and after, touches lost and invented, on scripts
-    /// and fabrics that they were not trained on, and on frames like none they have seen.
+    /// Report on U-nets: error before and after, touches lost and invented, on scripts and fabrics outside
+    /// the training set, and on frames unlike any of it.
     #[arg(long, conflicts_with_all = ["quality", "touches"])]
     pub denoise: bool,
-    /// Only these scenes of the error-against-run-time report: paper-disc-60, paper-disc-40,
-    /// paper-fabric, stiff-contact, high-contrast, general-32, single-frame; and, of which the forward
-    /// problem alone is run, plate-with-hole, patches, hemisphere.
+    /// Only run these scenes of the error-against-run-time report: paper-disc-60, paper-disc-40,
+    /// paper-fabric, stiff-contact, high-contrast, general-32, single-frame; and, for the forward problem
+    /// only, plate-with-hole, patches, hemisphere.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     #[arg(conflicts_with_all = ["quality", "touches", "denoise"])]
     pub scenes: Vec<String>,
-    /// Only what `eit plan` promises of each scene, beside what is measured.
+    /// Only compare the predictions of `eit plan` for each scene with measurements.
     #[arg(long, conflicts_with_all = ["quality", "touches", "denoise", "peers"])]
     pub plans: bool,
-    /// Only the forward problem of each skin: error of the voltages over time, linear and quadratic
-    /// elements on even and graded meshes.
+    /// Only solve the forward problem of each skin: error of the voltages against time, with linear and
+    /// quadratic elements on even and graded meshes.
     #[arg(long, conflicts_with_all = ["quality", "touches", "denoise", "plans"])]
     pub forward: bool,
-    /// Also run NumPy, SciPy and, where installed, CHOLMOD and pyEIT on the same problems, with this
-    /// Python; five minutes for each at the most.
+    /// Also run NumPy, SciPy and, if installed, CHOLMOD and pyEIT on the same problems, with this Python; at
+    /// most five minutes each.
     #[arg(long, value_name = "PYTHON", conflicts_with_all = ["quality", "touches", "denoise"])]
     pub peers: Option<PathBuf>,
-    /// U-nets to compare: "default", or a file of `eit train`; more than once for more.
+    /// U-nets to compare: "default", or a file written by `eit train`; can be repeated.
     #[arg(long, value_name = "W", default_value = "default")]
     pub weights: Vec<String>,
     /// Method of the raw images for --denoise [default: st-tv].
@@ -59,17 +59,17 @@ pub(crate) struct ReportArgs {
 pub(crate) enum TouchPart {
     /// Every part.
     All,
-    /// Touches without a finger, and whether confidence holds what it says.
+    /// Touches without a finger, and reliability of the confidence.
     Reliability,
-    /// Position error of one touch beside its bound.
+    /// Position error of one touch compared with its bound.
     Position,
-    /// The same when electrodes move.
+    /// The same with moving electrodes.
     Movement,
-    /// What taking the movement of electrodes out of the data does to images and touches.
+    /// Effect of removing electrode movement from the data on images and touches.
     Electrodes,
     /// Two-point discrimination.
     Pairs,
-    /// Fingers followed over time.
+    /// Tracking of fingers over time.
     Tracks,
     /// GREIT figures of merit.
     Greit,

@@ -1,4 +1,4 @@
-//! Arguments of what helps to use the program.
+//! Arguments of commands that help to use the program.
 
 use clap::Args;
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// `eit completions`
 #[derive(Debug, Args)]
 pub(crate) struct CompletionsArgs {
-    /// The shell.
+    /// Shell to complete for.
     #[arg(value_enum)]
     pub shell: clap_complete::Shell,
 }
@@ -14,7 +14,7 @@ pub(crate) struct CompletionsArgs {
 /// `eit man`
 #[derive(Debug, Args)]
 pub(crate) struct ManArgs {
-    /// Folder for the pages; those that are there are written anew.
+    /// Folder for the pages; existing pages are overwritten.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
 }

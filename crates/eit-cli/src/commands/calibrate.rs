@@ -1,4 +1,4 @@
-//! `eit calibrate`: background conductivity and contact impedances from the untouched skin.
+//! `eit calibrate`: fits background conductivity and contact impedances to the untouched skin.
 
 use super::Answer;
 use crate::cli::CalibrateArgs;
@@ -10,7 +10,7 @@ use eit_skin::scene::{ElementKind, Reference, Scene};
 use eit_skin::{MeshOverride, Progress, Skin};
 use serde_json::{Value, json};
 
-/// Reads the frame of the untouched skin, fits, says what to write into the scene.
+/// Reads the frame of the untouched skin, fits, and reports what to write into the scene.
 pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
     let mut scene = Scene::load(&args.scene)?;
     scene.reconstruction.use_driven_electrodes |= args.use_driven_electrodes;
@@ -20,7 +20,7 @@ pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
     }
     let mut progress = progress::terminal();
     let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
-    // frames that are given are of the untouched skin: all of them
+    // frames given on the command line are all of the untouched skin
     let mean = || (!args.frames.is_empty()).then(|| "mean".to_owned());
     let reference = args.reference.clone().or_else(mean).map(Reference::Text);
     let frames =
@@ -46,10 +46,10 @@ fn settings(args: &CalibrateArgs, skin: &Skin, frames: &Frames) -> CalibrationSe
     }
 }
 
-/// DataMisfit above this many times the stated noise is the model's error, and counts as noise.
+/// A misfit above this multiple of the stated noise is taken as model error, and counts as noise.
 const MODEL_ERROR: f64 = 2.0;
 
-/// By the stated noise; by what stays unexplained where that is much more.
+/// Fits with the stated noise, or with the unexplained part if that is much larger.
 fn fit(
     model: &eit_fem::ForwardModel,
     frames: &Frames,
@@ -62,7 +62,7 @@ fn fit(
         return Ok(found);
     }
     notes.push(format!(
-        "what stays unexplained is {times:.0} times the stated noise: deviations are by the former"
+        "the unexplained part is {times:.0} times the stated noise: deviations are based on the former"
     ));
     let settings = CalibrationSettings { noise_std_v: None, ..settings };
     Ok(Calibration::of_frame(model, &frames.reference, &settings)?)
@@ -76,7 +76,7 @@ fn status(found: &Calibration) -> &'static str {
     }
 }
 
-/// Electrodes (from 1) whose contacts the data tell less about than the prior does.
+/// Electrodes (from 1) whose contacts are determined less by the data than by the prior.
 fn undetermined(found: &Calibration) -> Vec<usize> {
     let all = 1..=found.contact_impedance.len();
     let common = found.determined.len() == 2;
@@ -90,8 +90,8 @@ fn text(frames: &Frames, found: &Calibration, notes: &[String]) -> String {
     let used = frames.used.iter().filter(|used| **used).count();
     let mut lines = vec![
         format!(
-            "{}: {used} measurements, {} after {} steps; unexplained {:.2} % of the frame, before \
-             {:.2} %",
+            "{}: {used} measurements, {} after {} steps; unexplained {:.2} % of the frame, {:.2} % \
+             before",
             frames.reference_source,
             status(found),
             found.iterations,
@@ -101,14 +101,14 @@ fn text(frames: &Frames, found: &Calibration, notes: &[String]) -> String {
         format!("conductivity {:.4e} S, to {:.2} %", found.conductivity_s, 100.0 * std[0]),
     ];
     for (l, z) in found.contact_impedance.iter().enumerate() {
-        // e to the deviation of a logarithm
+        // exponential of the standard deviation of a logarithm
         lines.push(format!("contact {}: {z:.3e}, to a factor of {:.2}", l + 1, contact(l).exp()));
     }
     let weak = undetermined(found);
     if !weak.is_empty() {
         lines.push(format!(
-            "the data hardly tell the contacts of electrodes {weak:?}: those are near the scene's \
-             (measured driven electrodes would tell: --use-driven-electrodes)"
+            "the data hardly determine the contacts of electrodes {weak:?}, which stay near the scene's \
+             (measurements on driven electrodes would: --use-driven-electrodes)"
         ));
     }
     lines.extend(notes.iter().map(|note| format!("note: {note}")));

@@ -1,4 +1,4 @@
-//! `eit check`: is the instrument fit for use, and what to try where it is not.
+//! `eit check`: whether the instrument is ready for use, and what to try if not.
 
 use super::{Answer, Ended, FAULTY};
 use crate::cli::CheckArgs;
@@ -13,7 +13,7 @@ use eit_skin::{connect, health};
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// Takes quiet frames and judges them.
+/// Takes frames of the untouched skin and judges them.
 pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
     if !(args.seconds > 0.0 && args.seconds <= 3600.0) {
         let message = format!("--seconds {}: it must be above 0, to 3600", args.seconds);
@@ -28,7 +28,7 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
     let mut session = progress
         .stage("connect", || connect::open(&instrument, args.port.as_deref(), Overflow::Fail))?;
     let limit = Duration::from_secs_f64(args.seconds);
-    let quiet = progress.stage("measure: touch nothing", || {
+    let quiet = progress.stage("measure: do not touch the skin", || {
         measure_reference_frames(&mut session, args.frames, limit)
     })?;
     let statistics = session.statistics();
@@ -37,14 +37,14 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
     let name = session.setup().identity.to_string();
     if found == 0 {
         return Err(CliError::Silent(format!(
-            "{name}: no frame came within {} s, {} bytes in all: check its power and cable, and that its \
-             scan runs",
+            "{name}: no frame within {} s, {} bytes in total: check its power and cable, and that its \
+             scan is running",
             args.seconds, statistics.bytes
         )));
     }
     let report = health::check(&quiet, &instrument).map_err(|error| {
         CliError::Failure(format!(
-            "{found} frames came within {} s, {} bytes in all: {error}",
+            "{found} frames within {} s, {} bytes in total: {error}",
             args.seconds, statistics.bytes
         ))
     })?;
@@ -95,7 +95,7 @@ fn text(
     ];
     if let Some(Resolution { step, steps_per_touch, still }) = &report.resolution {
         lines.push(format!(
-            "resolution {step:.2e}: a touch of 1 % is {steps_per_touch:.1} steps; {still} of {} \
+            "resolution {step:.2e}: a change of 1 % is {steps_per_touch:.1} steps; {still} of {} \
              measurements never change",
             report.noise_std.len()
         ));
@@ -103,9 +103,9 @@ fn text(
     let findings = report.findings.iter();
     lines.extend(findings.map(|finding| format!("{}: {finding}", severity(finding.severity))));
     if report.findings.is_empty() {
-        lines.push("nothing is wrong".to_owned());
+        lines.push("no faults found".to_owned());
     }
-    lines.extend(quiet.notices.iter().map(|notice| format!("it said: {notice}")));
+    lines.extend(quiet.notices.iter().map(|notice| format!("notice of the instrument: {notice}")));
     lines.join("\n")
 }
 
@@ -121,7 +121,7 @@ fn to_json(
         .map(|finding| {
             json!({
                 "severity": severity(finding.severity),
-                // as people count, like in the text
+                // numbered from 1, as in the text
                 "electrode": finding.electrode.map(|electrode| electrode + 1),
                 "what": finding.to_string(),
                 "try": finding.advice(),

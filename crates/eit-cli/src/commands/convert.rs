@@ -1,4 +1,4 @@
-//! `eit convert`: recordings to and from tables of numbers.
+//! `eit convert`: converts recordings to and from tables of numbers.
 
 mod streamed;
 
@@ -15,24 +15,24 @@ use serde_json::json;
 use std::io::Read as _;
 use std::path::Path;
 
-/// Frames as they are written.
+/// Frames as written.
 struct Table {
     real: Array2<f64>,
     imaginary: Option<Array2<f64>>,
     quality: Array2<eit_hw::Quality>,
-    /// Electrodes of each value; empty: not named.
+    /// Electrodes of each value; empty if not named.
     quadruples: Vec<Quadruple>,
 }
 
-/// Reads any recording and writes it in the format of the ending.
+/// Reads any recording and writes it in the format of the file name extension.
 pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     let ending = check_ending(&args.out, &["mcap", "csv", "npy"])?;
     if ending == "mcap" && args.out.exists() {
-        let message = "exists, and a recording is never written over: name another file";
+        let message = "exists, and a recording is never overwritten: name another file";
         return Err(CliError::input(format!("{}: {message}", args.out.display())));
     }
     if is_same_file(&args.input, &args.out) {
-        let message = "is what is converted, and would be lost: name another file";
+        let message = "is the file to convert, and would be lost: name another file";
         return Err(CliError::input(format!("{}: {message}", args.out.display())));
     }
     let scene = args.scene.as_deref().map(Scene::load).transpose()?;
@@ -52,7 +52,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
         notes.push(format!("{flagged} flagged values: a table has no flags"));
     }
     if skipped > 0 {
-        notes.push(format!("{skipped} frames left out: a value is not finite"));
+        notes.push(format!("{skipped} frames skipped: a value is not finite"));
     }
     let complex = table.imaginary.is_some();
     if complex && ending != "mcap" {
@@ -62,7 +62,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     Ok(answer(args, &Counts { written, skipped, count, complex, flagged }, &notes))
 }
 
-/// Whether both are there and are one, by whatever names.
+/// Whether both paths exist and denote the same file.
 fn is_same_file(one: &Path, other: &Path) -> bool {
     match (one.canonicalize(), other.canonicalize()) {
         (Ok(one), Ok(other)) => one == other,
@@ -70,7 +70,7 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
     }
 }
 
-/// Ends a new recording; where something has failed, it is removed: it would look like a whole one.
+/// Finishes a new recording, or removes it after a failure, because it would look complete.
 fn whole_or_none(
     writer: CaptureWriter,
     written: Result<(), CliError>,
@@ -84,7 +84,7 @@ fn whole_or_none(
         }
     };
     if ended.is_err() {
-        // it was made for this alone; the error says what matters
+        // the file was created for this; the original error matters more
         let _ = std::fs::remove_file(place);
     }
     ended
@@ -120,7 +120,7 @@ fn answer(args: &ConvertArgs, counts: &Counts, notes: &[String]) -> Answer {
 const ALTERNATE: &str =
     "rows of real and imaginary parts alternate: read it with [recording] complex = true";
 
-/// Whether a file is a recording of ours, which is converted message by message.
+/// Whether a file is one of our recordings, which are converted message by message.
 fn is_recording(path: &Path) -> Result<bool, CliError> {
     if path.is_dir() {
         return Ok(false);
@@ -145,7 +145,7 @@ fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Ans
     };
     let quadruples = protocol.as_ref().and_then(|protocol| protocol.quadruples());
     if protocol.is_some() && quadruples.is_none() {
-        let message = "[protocol] has general current patterns, which no recording names";
+        let message = "[protocol] has general current patterns, which recordings do not support";
         return Err(CliError::input(message));
     }
     let (source, found) = Source::new(&args.input, quadruples)?;
@@ -162,7 +162,7 @@ fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Ans
                 notes.push(format!("{flagged} flagged values: a table has no flags"));
             }
             if unfinished > 0 {
-                notes.push(format!("{unfinished} frames left out: a value is not finite"));
+                notes.push(format!("{unfinished} frames skipped: a value is not finite"));
             }
             if complex {
                 notes.push(ALTERNATE.into());
@@ -187,8 +187,8 @@ fn table(recording: &Recording, scene: Option<&Scene>) -> Result<Table, CliError
                 Layout::ProtocolOrder => Vec::new(),
                 Layout::Potentials { .. } => {
                     return Err(CliError::input(format!(
-                        "{}: holds potentials of electrodes: give --scene, whose protocol says \
-                         which differences are wanted",
+                        "{}: contains electrode potentials: give --scene, whose protocol defines the \
+                         differences",
                         recording.path.display()
                     )));
                 }
@@ -237,7 +237,7 @@ fn write_mcap(args: &ConvertArgs, recording: &Recording, table: &Table) -> Resul
     Ok(table.real.nrows())
 }
 
-/// Frames written, and frames left out.
+/// Returns the number of frames written, and of frames skipped.
 fn write_table(
     args: &ConvertArgs,
     table: &Table,

@@ -1,4 +1,4 @@
-//! `eit devices`: serial ports, and who answers on the scene's.
+//! `eit devices`: lists serial ports, or identifies the scene's instrument.
 
 use super::Answer;
 use crate::cli::DevicesArgs;
@@ -6,7 +6,7 @@ use crate::error::CliError;
 use eit_skin::scene::Scene;
 use serde_json::{Value, json};
 
-/// Lists the ports; with a scene, asks its instrument who it is.
+/// Lists the ports or, with a scene, identifies its instrument.
 pub(crate) fn run(args: &DevicesArgs) -> Result<Answer, CliError> {
     if let Some(scene) = &args.scene {
         return ask(&Scene::load(scene)?, args.port.as_deref());
@@ -31,7 +31,9 @@ pub(crate) fn run(args: &DevicesArgs) -> Result<Answer, CliError> {
         list.push(json!({ "port": port.path, "usb": ids, "name": name, "serial": serial }));
     }
     let text = match lines.is_empty() {
-        true => "no serial ports: plug the instrument in; one on a network is tcp:host:port".into(),
+        true => {
+            "no serial ports: plug the instrument in; for one on a network use tcp:host:port".into()
+        }
         false => lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n"),
     };
     Ok(Answer { text, json: json!({ "ports": list }) })
@@ -47,10 +49,10 @@ fn ask(scene: &Scene, port: Option<&str>) -> Result<Answer, CliError> {
         eit_hw::Unit::Arbitrary => "arbitrary",
     };
     let rate =
-        setup.frame_rate_hz.map_or(String::new(), |rate| format!(", {rate} frames a second"));
+        setup.frame_rate_hz.map_or(String::new(), |rate| format!(", {rate} frames per second"));
     let kind = if setup.complex { "complex" } else { "real" };
     let text = format!(
-        "{endpoint}: {} (driver {}), {} {kind} values a frame{rate}, unit {unit}",
+        "{endpoint}: {} (driver {}), {} {kind} values per frame{rate}, unit {unit}",
         setup.identity, setup.identity.driver, setup.value_count
     );
     let json: Value = json!({

@@ -1,4 +1,4 @@
-//! Electrodes that fail while an instrument is recorded.
+//! Electrodes that fail during a recording.
 
 use eit_hw::Frame;
 use eit_skin::faults::{ElectrodeFault, StreamMonitor};
@@ -6,17 +6,17 @@ use eit_skin::live::REFERENCE_FRAMES;
 use eit_skin::scene::Instrument;
 use serde_json::{Value, json};
 
-/// Faults that are kept for the answer: an electrode with a loose contact fails again and again.
+/// Maximum number of faults reported: an electrode with a loose contact fails repeatedly.
 const KEPT: usize = 100;
 
-/// Looks at each frame after it was recorded; the model of the skin is not needed.
+/// Checks each frame after it was recorded, without a model of the skin.
 pub(super) struct ElectrodeWatch {
-    /// `None` where the protocol cannot be watched: recording goes on without.
+    /// `None` if the protocol cannot be monitored; recording continues without.
     monitor: Option<StreamMonitor>,
     first_s: Option<f64>,
     frames: u64,
     period_s: f64,
-    /// Faults of the frame before.
+    /// Faults in the previous frame.
     before: Vec<ElectrodeFault>,
     seen: Vec<Seen>,
     more: u64,
@@ -41,13 +41,13 @@ impl ElectrodeWatch {
         }
     }
 
-    /// The instrument was lost and found: what was measured before holds no longer.
+    /// Starts again after the instrument was lost and found: the old reference is invalid.
     pub(super) fn restart(&mut self) {
         self.monitor.iter_mut().for_each(StreamMonitor::restart);
         self.before.clear();
     }
 
-    /// Takes a frame; `tell` hears of every electrode that fails or comes back.
+    /// Takes a frame; calls `tell` for every electrode that fails or recovers.
     pub(super) fn push<E>(
         &mut self,
         frame: &Frame,
@@ -56,7 +56,7 @@ impl ElectrodeWatch {
         let time_s = self.time_s(frame);
         let Some(monitor) = &mut self.monitor else { return Ok(()) };
         let is_good = |i: usize| frame.quality.get(i).is_some_and(|quality| quality.is_good());
-        // a frame that is not judged is recorded all the same
+        // a frame that cannot be checked is recorded all the same
         if monitor.push(&frame.values, is_good, time_s).is_err() {
             return Ok(());
         }
@@ -66,7 +66,7 @@ impl ElectrodeWatch {
         }
         for fault in now.iter().filter(|fault| !self.before.contains(fault)) {
             let (number, words) = (fault.electrode + 1, fault.kind.words());
-            tell(&format!("electrode {number} {words}; from {time_s:.2} s on"))?;
+            tell(&format!("electrode {number} {words}; since {time_s:.2} s"))?;
             match self.seen.len() < KEPT {
                 true => self.seen.push(Seen { fault: *fault, healed_s: None }),
                 false => self.more += 1,
@@ -74,7 +74,7 @@ impl ElectrodeWatch {
         }
         for fault in self.before.iter().filter(|fault| !now.contains(fault)) {
             tell(&format!(
-                "electrode {} is sound again; from {time_s:.2} s on",
+                "electrode {} is sound again; since {time_s:.2} s",
                 fault.electrode + 1
             ))?;
             let seen = self.seen.iter_mut().find(|seen| seen.fault == *fault);
@@ -85,7 +85,7 @@ impl ElectrodeWatch {
         Ok(())
     }
 
-    /// Seconds since the first frame.
+    /// Time since the first frame, seconds.
     fn time_s(&mut self, frame: &Frame) -> f64 {
         self.frames += 1;
         let clock = frame.device_time_s.or(frame.host_time_s).filter(|time_s| time_s.is_finite());
@@ -93,7 +93,7 @@ impl ElectrodeWatch {
         now_s - *self.first_s.get_or_insert(now_s)
     }
 
-    /// For people: a line for each fault.
+    /// Describes each fault on a line, for people.
     pub(super) fn lines(&self) -> String {
         let line = |Seen { fault, healed_s }: &Seen| {
             let until =
@@ -108,7 +108,7 @@ impl ElectrodeWatch {
         lines
     }
 
-    /// For programs; electrodes are numbered from 1.
+    /// Returns the faults as JSON; electrodes are numbered from 1.
     pub(super) fn json(&self) -> Value {
         let of = |Seen { fault, healed_s }: &Seen| {
             json!({

@@ -1,4 +1,4 @@
-//! `eit emulate`: the scene's instrument as a program, for trying everything without hardware.
+//! `eit emulate`: emulates the scene's instrument, to try everything without hardware.
 
 use super::{Answer, record};
 use crate::cli::EmulateArgs;
@@ -52,10 +52,10 @@ pub(crate) fn run(args: &EmulateArgs, is_json: bool) -> Result<Answer, CliError>
     let place = emulator.endpoint().to_string();
     let driver = instrument.driver_name().to_owned();
     if !is_json {
-        // at once: others wait for it
+        // flush at once: other programs wait for it
         let mut out = std::io::stdout().lock();
-        // a reader who has gone away is no failure
-        let _ = writeln!(out, "{driver} at {place}; Ctrl-C ends it").and_then(|()| out.flush());
+        // a reader that has gone away is not an error
+        let _ = writeln!(out, "{driver} at {place}; Ctrl-C stops it").and_then(|()| out.flush());
     }
     let start = Instant::now();
     while !interrupt.is_set() && limit.is_none_or(|limit| start.elapsed() < limit) {
@@ -65,7 +65,7 @@ pub(crate) fn run(args: &EmulateArgs, is_json: bool) -> Result<Answer, CliError>
     let statistics = emulator.statistics();
     Ok(Answer {
         text: format!(
-            "{} bytes sent, {} received, {} faults made, {:.1} s",
+            "{} bytes sent, {} received, {} faults simulated, {:.1} s",
             statistics.sent,
             statistics.received,
             statistics.faults,
@@ -89,14 +89,14 @@ fn listen(port: &str) -> Result<Listen, CliError> {
     #[cfg(unix)]
     {
         let path = std::path::PathBuf::from(port);
-        // what an emulator that was killed has left leads nowhere
+        // a link left by a killed emulator points nowhere
         let led = std::fs::read_link(&path).is_ok_and(|to| to.starts_with("/dev/pts"));
         if led && !path.exists() {
             std::fs::remove_file(&path).map_err(|e| CliError::at(&path, e))?;
         }
         if path.symlink_metadata().is_ok() {
             return Err(CliError::input(format!(
-                "--port {port}: exists; name a path where nothing is, or tcp:127.0.0.1:PORT"
+                "--port {port}: exists; name a path that does not exist, or tcp:127.0.0.1:PORT"
             )));
         }
         Ok(Listen::PseudoTerminal(path))

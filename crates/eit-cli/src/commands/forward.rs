@@ -12,7 +12,7 @@ use eit_skin::scene::Scene;
 use ndarray::{Array1, Array2, Axis};
 use serde_json::json;
 
-/// Solves, reports, writes voltages; complex ones where the scene stores charge.
+/// Solves, reports and writes voltages; complex ones for reactive scenes.
 pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
     let format = check_ending(&args.out, &["npy", "csv"])?;
     let scene = Scene::load(&args.solve.scene)?;
@@ -50,8 +50,7 @@ pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
     Ok(Answer { text: with_warning(text, solved.warning.as_ref()), json })
 }
 
-/// Complex voltages: `.npy` of complex numbers, or one row of CSV in which real and imaginary parts
-/// alternate.
+/// Complex voltages: `.npy` of complex numbers, or one row of CSV with alternating real and imaginary parts.
 fn complex(
     args: &ForwardArgs,
     scene: &Scene,
@@ -93,7 +92,7 @@ fn complex(
     Ok(Answer { text: with_warning(text, solved.warning.as_ref()), json })
 }
 
-/// One row in which real and imaginary parts alternate.
+/// One row with alternating real and imaginary parts.
 fn parts(voltages: &Array1<Complex64>) -> Array2<f64> {
     let parts: Array1<f64> = voltages.iter().flat_map(|v| [v.re, v.im]).collect();
     parts.insert_axis(Axis(0))

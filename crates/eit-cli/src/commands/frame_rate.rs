@@ -1,25 +1,25 @@
-//! How fast frames come, watched while they are recorded.
+//! Rate at which frames arrive during a recording.
 
 use std::time::Instant;
 
-/// The rate of the last frames is a mean over so many seconds.
+/// Averaging time of the recent rate, seconds.
 const RECENT_S: f64 = 2.0;
 
-/// Arrivals of frames: their rate, and the longest wait between two of them.
+/// Arrival of frames: their rate, and the longest interval between two of them.
 #[derive(Debug, Default)]
 pub(super) struct FrameRate {
     first: Option<Instant>,
     last: Option<Instant>,
     frames: u64,
     longest_wait_s: f64,
-    /// Start of the seconds that are averaged, and frames in them.
+    /// Start of the averaging interval, and number of frames in it.
     since: Option<Instant>,
     recent_frames: u64,
     recent_hz: Option<f64>,
 }
 
 impl FrameRate {
-    /// A frame has come.
+    /// Counts a frame that arrived at `now`.
     pub fn frame(&mut self, now: Instant) {
         if let Some(last) = self.last.replace(now) {
             self.longest_wait_s = self.longest_wait_s.max(seconds(last, now));
@@ -27,7 +27,7 @@ impl FrameRate {
         self.first.get_or_insert(now);
         self.frames += 1;
         let since = *self.since.get_or_insert(now);
-        // the first one begins the time
+        // the first frame starts the interval
         self.recent_frames += u64::from(since != now);
         let lasted_s = seconds(since, now);
         if lasted_s >= RECENT_S {
@@ -36,27 +36,27 @@ impl FrameRate {
         }
     }
 
-    /// Frames a second of the last seconds; of all where those are fewer.
+    /// Returns the frame rate over the last seconds, or over all if there were fewer.
     pub fn recent_hz(&self) -> Option<f64> {
         self.recent_hz.or_else(|| self.mean_hz())
     }
 
-    /// Frames a second from the first to the last; `None` of fewer than two.
+    /// Returns the mean frame rate; `None` for fewer than two frames.
     pub fn mean_hz(&self) -> Option<f64> {
         let lasted_s = seconds(self.first?, self.last?);
         (lasted_s > 0.0).then(|| (self.frames - 1) as f64 / lasted_s)
     }
 
-    /// The longest time between two frames; `None` of fewer than two.
+    /// Returns the longest interval between two frames; `None` for fewer than two.
     pub fn longest_wait_s(&self) -> Option<f64> {
         (self.frames > 1).then_some(self.longest_wait_s)
     }
 
-    /// In words, with a comma in front; nothing of fewer than two frames.
+    /// Describes rate and interval after a comma; empty for fewer than two frames.
     pub fn words(&self) -> String {
         match (self.mean_hz(), self.longest_wait_s()) {
             (Some(mean_hz), Some(wait_s)) => {
-                format!(", {mean_hz:.1} a second, at most {wait_s:.3} s apart")
+                format!(", {mean_hz:.1} per second, at most {wait_s:.3} s apart")
             }
             _ => String::new(),
         }
@@ -76,7 +76,7 @@ mod tests {
     fn rates_and_the_longest_wait() {
         let (mut rate, start) = (FrameRate::default(), Instant::now());
         assert_eq!((rate.mean_hz(), rate.recent_hz(), rate.longest_wait_s()), (None, None, None));
-        // 5 s at 10 Hz, a wait of 3 s, 4 s at 20 Hz
+        // 5 s at 10 Hz, a pause of 3 s, 4 s at 20 Hz
         let times = (0..50).map(|i| 100 * i).chain((0..80).map(|i| 7900 + 50 * i));
         let mut last_ms = 0;
         for time_ms in times {
@@ -84,11 +84,11 @@ mod tests {
             last_ms = time_ms;
         }
         let mean_hz = 129.0 / (1e-3 * last_ms as f64);
-        // rounding of nanoseconds
+        // rounding to nanoseconds
         let near = |found: Option<f64>, wanted: f64| (found.unwrap() - wanted).abs() < 1e-6;
         assert!(near(rate.mean_hz(), mean_hz), "{rate:?}");
         assert!(near(rate.longest_wait_s(), 3.0), "{rate:?}");
         assert!(near(rate.recent_hz(), 20.0), "{rate:?}");
-        assert_eq!(rate.words(), format!(", {mean_hz:.1} a second, at most 3.000 s apart"));
+        assert_eq!(rate.words(), format!(", {mean_hz:.1} per second, at most 3.000 s apart"));
     }
 }

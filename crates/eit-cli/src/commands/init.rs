@@ -1,4 +1,4 @@
-//! `eit init`: the first scene of a new skin, from a ruler, a port and two presses.
+//! `eit init`: the first scene of a new skin, from its size, a port and two presses.
 
 mod ask;
 mod board;
@@ -13,9 +13,9 @@ use eit_skin::scene::{Direction, TouchSign};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Below this the model does not look like the skin at all.
+/// Correlation below which the model does not represent the skin at all.
 const UNLIKE: f64 = 0.6;
-/// The next best numbering must be so much less like the presses.
+/// Minimum lead in likeness over the next best numbering.
 const CLEAR: f64 = 0.03;
 
 /// Asks, listens, and writes the scene.
@@ -30,18 +30,18 @@ pub(crate) fn run(args: &InitArgs, is_json: bool) -> Result<Answer, CliError> {
     }
     let notes = notes(&first, &found);
     let text = first.to_toml(&notes);
-    // whatever happened meanwhile, a scene that cannot be read is not written
+    // never write a scene that cannot be read
     first.scene()?;
     write(&args.out, &text, args.force)?;
     Ok(answer(&args.out, &first, &found))
 }
 
-/// What the board told.
+/// What was found out about the board.
 #[derive(Debug, Default)]
 struct Found {
-    /// One line each, for people.
+    /// Results for people, one per line.
     lines: Vec<String>,
-    /// What is uncertain, and what to do.
+    /// What is uncertain, and what to do about it.
     warnings: Vec<String>,
     values: Option<usize>,
     rate_hz: Option<f64>,
@@ -50,7 +50,7 @@ struct Found {
     numbering: Option<Numbering>,
 }
 
-/// Refuses numbers that cannot be before anything is asked.
+/// Rejects invalid numbers before asking anything.
 fn check(args: &InitArgs) -> Result<(), CliError> {
     let sizes = [
         ("--radius-mm", args.radius_mm),
@@ -80,14 +80,14 @@ fn check(args: &InitArgs) -> Result<(), CliError> {
     }
     if args.out.exists() && !args.force {
         return Err(CliError::input(format!(
-            "{} exists: give --force to write over it",
+            "{} exists: give --force to overwrite it",
             args.out.display()
         )));
     }
     Ok(())
 }
 
-/// What the builder knows: from the command line, else asked for.
+/// What the builder knows: from the command line, or by asking.
 fn described(args: &InitArgs, questions: &mut Questions) -> Result<FirstScene, CliError> {
     let shape = match (args.shape, args.radius_mm, args.width_mm.or(args.height_mm)) {
         (Some(shape), ..) => shape,
@@ -121,13 +121,15 @@ fn described(args: &InitArgs, questions: &mut Questions) -> Result<FirstScene, C
     Ok(first)
 }
 
-/// What stands at the head of the scene.
+/// Comments at the head of the scene.
 fn notes(first: &FirstScene, found: &Found) -> Vec<String> {
     let mut notes = vec!["Written by `eit init`; docs/SCENE.md has every key.".to_owned()];
     notes.extend(found.lines.iter().cloned());
     notes.extend(found.warnings.iter().map(|warning| format!("UNSURE: {warning}")));
     if first.port.is_none() {
-        notes.push("No board was listened to: [protocol] and [instrument] are a start.".to_owned());
+        notes.push(
+            "Written without a board: [protocol] and [instrument] are a template.".to_owned(),
+        );
     }
     notes
 }
@@ -141,7 +143,7 @@ fn write(place: &Path, text: &str, force: bool) -> Result<(), CliError> {
     options.write(true);
     match force {
         true => options.create(true).truncate(true),
-        // whoever made it meanwhile keeps it
+        // never overwrite a file that was created meanwhile
         false => options.create_new(true),
     };
     options.open(place).and_then(|mut file| file.write_all(text.as_bytes())).map_err(failed)
@@ -151,11 +153,11 @@ fn answer(place: &Path, first: &FirstScene, found: &Found) -> Answer {
     let mut lines = found.lines.clone();
     lines.extend(found.warnings.iter().map(|warning| format!("unsure: {warning}")));
     let place = place.display();
-    lines.push(format!("{place} is written. Look at it: `eit mesh {place} --out skin.png`"));
+    lines.push(format!("{place} is written. Draw it: `eit mesh {place} --out skin.png`"));
     if first.port.is_some() {
         lines.push(format!("Then: `eit check {place}`, and touches: `eit live {place} --web`"));
     } else {
-        lines.push(format!("Then: what it needs and costs, `eit plan {place}`"));
+        lines.push(format!("Then see what it needs and costs: `eit plan {place}`"));
     }
     Answer { text: lines.join("\n"), json: to_json(&place.to_string(), first, found) }
 }

@@ -10,7 +10,7 @@ use eit_report::with_warning;
 use eit_skin::scene::Scene;
 use serde_json::json;
 
-/// Solves, writes the Jacobian; a complex one where the scene stores charge.
+/// Solves and writes the Jacobian; a complex one for reactive scenes.
 pub(crate) fn run(args: &JacobianArgs) -> Result<Answer, CliError> {
     check_ending(&args.out, &["npy"])?;
     let scene = Scene::load(&args.solve.scene)?;

@@ -1,4 +1,4 @@
-//! `eit learn`: place and force of touches from presses at known places.
+//! `eit learn`: learns position and force of touches from presses at known places.
 
 mod answer;
 mod outputs;
@@ -19,16 +19,16 @@ use std::sync::Arc;
 struct Found {
     learning: Learning,
     curve: Vec<CurvePoint>,
-    /// Of the frames and of the presses.
+    /// Notes about the frames and the presses.
     notes: Vec<String>,
 }
 
-/// Reads table and frames, learns, writes the file and the learning curve.
+/// Reads table and frames, learns, and writes the file and the learning curve.
 pub(crate) fn run(args: &LearnArgs) -> Result<Answer, CliError> {
     let mut scene = Scene::load(&args.scene)?;
-    // what was learnt before is no part of what is learnt now
+    // ignore what was learnt before
     scene.touch.learned = None;
-    // frames of the table are counted from the start of the recording
+    // the table counts frames from the start of the recording
     scene.recording.first_frame = None;
     super::check_ending(&args.out, &["learned"])?;
     let outputs = Outputs::new(args, &scene)?;
@@ -53,7 +53,7 @@ pub(crate) fn run(args: &LearnArgs) -> Result<Answer, CliError> {
     Ok(answer::answer(args, &found, &progress))
 }
 
-/// What is subtracted; any frame will do where every press has its own.
+/// The reference; any frame serves if every press has its own.
 fn reference(args: &LearnArgs, scene: &Scene, table: &PressTable) -> Option<Reference> {
     let own = table.presses.iter().all(|press| press.before_first.is_some());
     let any = (own && scene.recording.reference.is_none()).then(|| "mean".to_owned());

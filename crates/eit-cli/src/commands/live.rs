@@ -24,7 +24,7 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     let frames = args.watch.reference_frames;
     let model = Arc::new(LiveModel::from_scene(&scene, frames, &mut progress)?);
     let mut viewer = Viewer::new(&model, &args.watch, limit, !is_json)?;
-    // a recording must not lose a frame; a view wants the present
+    // a recording must not lose frames; a view needs the latest
     let overflow = match args.record {
         Some(_) => Overflow::Fail,
         None => Overflow::KeepLatest,
@@ -44,7 +44,7 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     let statistics = FrameSource::statistics(&session);
     let name = session.setup().identity.to_string();
     let ended_silent = viewer.is_silent();
-    // what stopped the view is what the user wants to know; a writer that failed fails again
+    // report first what stopped the view: a writer that failed fails again
     let files = viewer.finish();
     let summary = summary?;
     let mut answer = answer(&name, &summary, &statistics, &files?);

@@ -14,7 +14,7 @@ use eit_skin::scene::{Accuracy, MeshChoice, Scene, element_words};
 use serde_json::json;
 use std::io::Write;
 
-/// Meshes, reports the quality, writes.
+/// Generates the mesh, reports its quality, and writes it.
 pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
     let format = check_ending(&args.out, &["msh", "vtu", "png"])?;
     let scene = Scene::load(&args.scene)?;
@@ -55,7 +55,7 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
     Ok(Answer { text: format!("{quality}{chosen}\nwritten: {}", args.out.display()), json })
 }
 
-/// Length in metres or area in square metres of each electrode.
+/// Length in metres, or area in square metres, of each electrode.
 fn measures(mesh: &Mesh) -> Vec<Option<f64>> {
     (0..mesh.electrodes().len()).map(|l| mesh.electrode_measure(l)).collect()
 }
@@ -74,7 +74,7 @@ fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), Report
         title: format!("{name}: mesh{}", view.words(surface)),
         footnote: match hidden {
             0 => String::new(),
-            _ => format!("{hidden} more triangles look away"),
+            _ => format!("{hidden} more triangles face away"),
         },
         quantity: "quality".to_owned(),
         unit: String::new(),

@@ -1,6 +1,11 @@
-//! One file per command. A command returns what it found, as text and as JSON.
+//! One file per command. A command returns its result as text and as JSON.
 
 pub(crate) mod base;
+#[cfg(feature = "zenoh")]
+pub(crate) mod body;
+#[cfg(not(feature = "zenoh"))]
+#[path = "body_absent.rs"]
+pub(crate) mod body;
 pub(crate) mod calibrate;
 pub(crate) mod check;
 pub(crate) mod convert;
@@ -16,6 +21,7 @@ pub(crate) mod jacobian;
 pub(crate) mod learn;
 pub(crate) mod live;
 pub(crate) mod mesh;
+mod network;
 pub(crate) mod plan;
 mod publish;
 pub(crate) mod reconstruct;
@@ -45,9 +51,9 @@ pub(crate) const SILENT: u8 = 3;
 /// Exit code of a check that found a fault.
 pub(crate) const FAULTY: u8 = 4;
 
-/// What a command found, and the exit code that says so to scripts.
+/// A command's result, and the exit code.
 pub(crate) struct Ended {
-    /// What it found.
+    /// Result.
     pub answer: Answer,
     /// 0, [`SILENT`] or [`FAULTY`].
     pub exit_code: u8,
@@ -59,7 +65,7 @@ impl From<Answer> for Ended {
     }
 }
 
-/// Refuses `--frames 0`: nothing would come, and that is what a silent instrument is known by.
+/// Rejects `--frames 0`, which could not be told from a silent instrument.
 fn check_frames(frames: Option<u64>) -> Result<(), CliError> {
     match frames {
         Some(0) => {
@@ -69,7 +75,7 @@ fn check_frames(frames: Option<u64>) -> Result<(), CliError> {
     }
 }
 
-/// Refuses an ending that the command does not write.
+/// Rejects a file name extension that the command does not write.
 fn check_ending(path: &Path, known: &[&str]) -> Result<String, CliError> {
     let found = ending(path);
     if known.contains(&found.as_str()) {

@@ -10,7 +10,7 @@ use eit_skin::reactive::ReactiveSkin;
 use eit_skin::{MeshOverride, Scene, Skin};
 use serde_json::json;
 
-/// Prints the scene, or what it needs.
+/// Prints the scene, or plans for it.
 pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     if args.print_scene {
         let text = Scene::text(&args.scene)?;

@@ -1,6 +1,6 @@
-//! Touches for other programs, besides what `eit live` and `eit replay` show.
+//! Publishes touches to other programs, in addition to the output of `eit live` and `eit replay`.
 
-use super::Answer;
+use super::{Answer, network};
 use crate::cli::PublishArgs;
 use crate::error::CliError;
 use eit_picture::SkinDrawing;
@@ -9,16 +9,17 @@ use eit_skin::Progress;
 use eit_skin::live::LiveModel;
 use eit_skin::words::printable;
 
-/// Opens what is asked for; `None` where nothing is.
+/// Opens the requested outputs; `None` if there are none.
 pub(super) fn open(args: &PublishArgs, is_json: bool) -> Result<Option<Publisher>, CliError> {
     if args.json_lines && is_json {
-        let message = "--json-lines and --json: each wants stdout for itself; take one";
+        let message = "--json-lines and --json both need stdout: use one";
         return Err(CliError::input(message));
     }
-    if !args.json_lines && args.udp.is_empty() && args.web.is_none() {
+    let is_networked = network::is_wanted(&args.network);
+    if !args.json_lines && args.udp.is_empty() && args.web.is_none() && !is_networked {
         return Ok(None);
     }
-    let mut publisher = Publisher::new();
+    let mut publisher = network::open(&args.network, Publisher::new())?;
     for address in &args.udp {
         let sink = UdpSink::new(address).map_err(|e| CliError::from(e).within("--udp"))?;
         publisher = publisher.with_udp(sink);
@@ -34,7 +35,7 @@ pub(super) fn open(args: &PublishArgs, is_json: bool) -> Result<Option<Publisher
     Ok(Some(publisher))
 }
 
-/// The skin as the page draws it.
+/// Converts the skin for drawing on the page.
 pub(super) fn shape(model: &LiveModel) -> Result<SkinShape, CliError> {
     let raster = model.linearised.raster(&mut Progress::silent())?;
     let mut drawing = SkinDrawing::from_raster(&model.skin().mesh, raster);
@@ -49,7 +50,7 @@ pub(super) fn shape(model: &LiveModel) -> Result<SkinShape, CliError> {
     })
 }
 
-/// The last line, and what could not be sent.
+/// Sends the last line, and reports what could not be sent.
 pub(super) fn end(mut publisher: Publisher) -> Result<(), CliError> {
     publisher.end()?;
     for sink in publisher.udp() {
@@ -61,10 +62,11 @@ pub(super) fn end(mut publisher: Publisher) -> Result<(), CliError> {
             );
         }
     }
+    network::report(&publisher);
     Ok(())
 }
 
-/// An answer goes to stderr where stdout is for lines.
+/// Prints an answer to stderr if stdout is used for lines.
 pub(super) fn told(args: &PublishArgs, answer: Answer) -> Answer {
     if !args.json_lines {
         return answer;

@@ -6,7 +6,7 @@ use crate::error::CliError;
 use crate::progress;
 use eit_report::settings::ReconstructSettings;
 
-/// Reads frames, reconstructs, draws, reports.
+/// Reads frames, reconstructs, draws and reports.
 pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let settings = ReconstructSettings {
         scene: args.scene.clone(),

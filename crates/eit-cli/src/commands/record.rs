@@ -1,4 +1,4 @@
-//! `eit record`: a live instrument into a crash-safe recording.
+//! `eit record`: records a live instrument to a crash-safe file.
 
 use super::electrode_watch::ElectrodeWatch;
 use super::frame_rate::FrameRate;
@@ -18,10 +18,10 @@ use std::time::{Duration, Instant};
 
 /// How often to check for shutdown.
 const WAIT: Duration = Duration::from_millis(50);
-/// A silence at the start is shown from here on; others once the session tells them.
+/// Silence at the start from which it is shown; later silences are reported by the session.
 const TOLD_SILENCE: Duration = Duration::from_millis(500);
 
-/// Records until enough frames came, the time is over, or Ctrl-C.
+/// Records until enough frames arrived, the time is over, or Ctrl-C.
 pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let limit = duration(args.seconds)?;
     super::check_frames(args.frames)?;
@@ -29,8 +29,8 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     super::check_ending(place, &["mcap"])?;
     if place.exists() && !args.append {
         return Err(CliError::input(format!(
-            "{}: exists, and a recording is never written over: name another file, or go on with \
-             it by --append",
+            "{}: exists, and a recording is never overwritten: name another file, or append to \
+             it with --append",
             place.display()
         )));
     }
@@ -43,14 +43,14 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let record = connect::session_record(&scene.to_toml()?, &instrument, &session);
     let bytes_before = std::fs::metadata(place).map_or(0, |data| data.len());
     let settings = CaptureSettings { sync: args.sync, ..CaptureSettings::default() };
-    // decided once: what another recorder makes meanwhile is not gone on with
+    // decide once: never append to a file that another recorder creates meanwhile
     let mut writer = match args.append && place.exists() {
         true => CaptureWriter::append(place, &record, settings)?,
         false => CaptureWriter::create(place, &record, settings).map_err(unwritable)?,
     };
     if let Some(cut) = writer.cut_tail() {
         progress.note(&format!(
-            "{}: {} bytes at the end were no whole record and are kept in {}",
+            "{}: {} bytes at the end were an incomplete record and are kept in {}",
             place.display(),
             cut.bytes,
             cut.path.display()
@@ -68,7 +68,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
         silent_since: Some(Instant::now()),
         electrodes,
     };
-    let ended = progress.steps("recording; Ctrl-C ends it", 0, |bar| {
+    let ended = progress.steps("recording; Ctrl-C stops it", 0, |bar| {
         let start = Instant::now();
         while taken.frames < args.frames.unwrap_or(u64::MAX)
             && limit.is_none_or(|limit| start.elapsed() < limit)
@@ -80,7 +80,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
             taken.next(&session, &mut writer, WAIT, &mut |words| bar.note(words))?;
             if let Some(since) = taken.silent_since.filter(|since| since.elapsed() > TOLD_SILENCE) {
                 let silent_s = since.elapsed().as_secs_f64();
-                bar.set_message(&format!("NO FRAME for {silent_s:.0} s; Ctrl-C ends it"));
+                bar.set_message(&format!("NO FRAME for {silent_s:.0} s; Ctrl-C stops it"));
             } else if taken.frames.is_multiple_of(16) {
                 bar.set_message(&taken.progress(session.statistics().lost));
             }
@@ -89,7 +89,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     });
     session.stop();
     let interrupted = ended.map_err(|error| stopped(error, place, taken.frames))?;
-    // what had come before the end
+    // events that arrived before the end
     while taken.frames < args.frames.unwrap_or(u64::MAX)
         && taken
             .next(&session, &mut writer, Duration::ZERO, &mut |words| progress.note(words))
@@ -103,12 +103,12 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     Ok(Ended { answer, exit_code })
 }
 
-/// A place that cannot be written to is bad input, other than a disk that gets full.
+/// A place that cannot be written to is invalid input, unlike a full disk.
 fn unwritable(error: eit_hw::HwError) -> CliError {
     CliError::input(error.to_string())
 }
 
-/// `--seconds` as a time.
+/// Converts `--seconds` to a duration.
 pub(super) fn duration(seconds: Option<f64>) -> Result<Option<Duration>, CliError> {
     let time = |s: f64| Duration::try_from_secs_f64(s).ok().filter(|time| !time.is_zero());
     match seconds.map(time) {
@@ -126,19 +126,20 @@ struct Taken {
     frames: u64,
     notes: u64,
     rate: FrameRate,
-    /// Since when no frame has come, once that was told; also before the first.
+    /// Time since when no frame has arrived, once reported; also set before the first frame.
     silent_since: Option<Instant>,
     electrodes: ElectrodeWatch,
 }
 
 impl Taken {
-    /// What is seen while it is recorded.
+    /// Status shown during a recording.
     fn progress(&self, lost: u64) -> String {
-        let rate = self.rate.recent_hz().map_or(String::new(), |hz| format!(", {hz:.1} a second"));
-        format!("{} frames{rate}, {lost} lost; Ctrl-C ends it", self.frames)
+        let rate =
+            self.rate.recent_hz().map_or(String::new(), |hz| format!(", {hz:.1} per second"));
+        format!("{} frames{rate}, {lost} lost; Ctrl-C stops it", self.frames)
     }
 
-    /// Waits for an event and records it; false where none came.
+    /// Waits for an event and records it; returns false if there was none.
     fn next(
         &mut self,
         session: &Session,
@@ -184,12 +185,12 @@ impl Taken {
     }
 }
 
-/// Whether people are told at once.
+/// Whether to tell the user at once.
 pub(super) fn is_news(event: &Event) -> bool {
     matches!(event, Event::Silent { .. } | Event::Disconnected { .. } | Event::Reconnected { .. })
 }
 
-/// What went wrong, and what is left of the recording.
+/// Describes what went wrong, and what the recording contains.
 fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
     let left = match eit_hw::capture::CaptureReader::open(place) {
         Ok(mut reader) => {
@@ -197,14 +198,14 @@ fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
             while let Ok(Some(entry)) = reader.next_entry() {
                 whole += u64::from(matches!(entry, eit_hw::capture::Entry::Frame(_)));
             }
-            format!("{} holds {whole} frames; {frames} came in this run", place.display())
+            format!("{} contains {whole} frames; {frames} arrived in this run", place.display())
         }
         Err(_) => format!("{} is not readable", place.display()),
     };
     CliError::Failure(format!("the recording has stopped: {error}; {left}"))
 }
 
-/// Silences in words.
+/// Describes periods of silence.
 pub(super) fn silence(silent_s: f64, ended_silent: bool) -> String {
     let mut words = String::new();
     if silent_s > 0.0 {
@@ -227,7 +228,7 @@ fn answer(
     let bytes = std::fs::metadata(place).map_or(0, |data| data.len());
     let new_bytes = bytes.saturating_sub(bytes_before);
     let text = format!(
-        "{} frames of {} in {}{}, {:.1} kB a frame; {} lost, {} with flagged values, {} damaged \
+        "{} frames of {} in {}{}, {:.1} kB per frame; {} lost, {} with flagged values, {} damaged \
          bytes, {} reconnections",
         taken.frames,
         session.setup().identity,

@@ -1,4 +1,4 @@
-//! `eit recover`: what is whole of a damaged recording, as a new one.
+//! `eit recover`: writes the intact parts of a damaged recording to a new one.
 
 use super::{Answer, check_ending};
 use crate::cli::RecoverArgs;
@@ -8,22 +8,22 @@ use eit_hw::capture::{Damage, Recovered, recover};
 use serde_json::json;
 use std::io::ErrorKind::StorageFull;
 
-/// Writes the new recording and says what is missing in it.
+/// Writes the new recording and reports what is missing.
 pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
     check_ending(&args.out, &["mcap"])?;
     if args.out.exists() {
         return Err(CliError::input(format!(
-            "{}: exists, and a recording is never written over: name another file",
+            "{}: exists, and a recording is never overwritten: name another file",
             args.out.display()
         )));
     }
     let recovered = recover(&args.input, &args.out).map_err(|error| match error {
-        // a place where no file can be made is bad input, other than a disk that gets full
+        // a place where no file can be created is invalid input, unlike a full disk
         HwError::Write { ref source, .. } if source.kind() != StorageFull => {
             CliError::input(error.to_string())
         }
         HwError::Read { .. } if args.out.exists() => {
-            let what = "it cannot be read any further, and what came before is in";
+            let what = "it cannot be read any further, and everything before is in";
             CliError::Failure(format!("{error}; {what} {}", args.out.display()))
         }
         _ => error.into(),
@@ -42,20 +42,20 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         "{frames} frames, {messages} other messages and {attachments} attachments in {place}"
     );
     for (count, what) in [
-        (bad_chunks as u64, "damaged chunk(s) left out"),
-        (bad_messages as u64, "message(s) that cannot be read left out"),
-        (bad_attachments, "damaged attachment(s) left out"),
-        (skipped_bytes, "byte(s) between whole records left out"),
-        (truncated_bytes, "byte(s) at the end left out: no whole record"),
-        (mended_chunks as u64, "chunk(s) had a damaged head and are whole"),
+        (bad_chunks as u64, "damaged chunk(s) skipped"),
+        (bad_messages as u64, "unreadable message(s) skipped"),
+        (bad_attachments, "damaged attachment(s) skipped"),
+        (skipped_bytes, "byte(s) between complete records skipped"),
+        (truncated_bytes, "byte(s) at the end skipped: not a complete record"),
+        (mended_chunks as u64, "chunk(s) had a damaged header and are complete"),
     ] {
         if count > 0 {
             text += &format!("\n{count} {what}");
         }
     }
     text += match (damage.is_any() || bad_attachments > 0, unfinished) {
-        (false, false) => "\nnothing was wrong",
-        (false, true) => "\nit was not finished, and nothing else was wrong",
+        (false, false) => "\nno damage found",
+        (false, true) => "\nthe recording was not finished; no other damage found",
         (true, _) => "",
     };
     let json = json!({

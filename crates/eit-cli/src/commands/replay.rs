@@ -1,4 +1,4 @@
-//! `eit replay`: a recording played as if it were live.
+//! `eit replay`: plays a recording as if it were live.
 
 use super::viewer::Viewer;
 use super::{Answer, publish};
@@ -14,7 +14,7 @@ use eit_skin::scene::Scene;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Watches to the end of the recording, Ctrl-C or enough frames.
+/// Watches until the end of the recording, Ctrl-C or enough frames.
 pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> {
     super::check_frames(args.watch.frames)?;
     let publisher = publish::open(&args.watch.publish, is_json)?;
@@ -24,7 +24,7 @@ pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> 
     let model = Arc::new(LiveModel::from_scene(&scene, frames, &mut progress)?);
     let protocol = &model.skin().protocol;
     let quadruples = protocol.quadruples().ok_or_else(|| {
-        CliError::input("[protocol] has general current patterns, which no recording names")
+        CliError::input("[protocol] has general current patterns, which recordings do not support")
     })?;
     let pace = args.speed.map_or(Pace::OnDemand, Pace::Speed);
     let mut replay = Replay::open(&args.from, Some(quadruples), pace)?;
@@ -42,7 +42,7 @@ pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> 
     Ok(publish::told(&args.watch.publish, answer))
 }
 
-/// A replay that waits for a line on stdin before each frame; the end of stdin lets it run.
+/// A replay that waits for a line on stdin before each frame, until stdin ends.
 struct Stepped(Replay);
 
 impl FrameSource for Stepped {
@@ -53,7 +53,7 @@ impl FrameSource for Stepped {
     fn next_event(&mut self, timeout: Duration) -> Result<Option<Event>, HwError> {
         let event = self.0.next_event(timeout)?;
         if let Some(Event::Frame(_)) = &event {
-            // a stdin that cannot be read is at its end
+            // treat a stdin that cannot be read as ended
             let _ = std::io::stdin().read_line(&mut String::new());
         }
         Ok(event)

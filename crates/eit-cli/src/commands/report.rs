@@ -6,7 +6,7 @@ use crate::error::CliError;
 use crate::{interrupt, progress};
 use eit_report::settings::{self, ReportSettings};
 
-/// Runs the report that is asked for until its end or Ctrl-C.
+/// Runs the requested report until its end or Ctrl-C.
 pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
     let part = |part: &TouchPart| match part {
         TouchPart::All => settings::TouchPart::All,

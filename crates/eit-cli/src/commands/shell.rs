@@ -1,4 +1,5 @@
-//! `eit completions` and `eit man`: what a shell and `man` know of the program, from its own definitions.
+//! `eit completions` and `eit man`: shell completions and manual pages, generated from the program's own
+//! definitions.
 
 use super::Answer;
 use crate::cli::{Cli, CompletionsArgs, ManArgs};
@@ -6,7 +7,7 @@ use crate::error::CliError;
 use clap::CommandFactory as _;
 use serde_json::json;
 
-/// The completions of a shell.
+/// Returns the completions for a shell.
 pub(crate) fn completions(args: &CompletionsArgs) -> Result<Answer, CliError> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut Cli::command(), "eit", &mut script);
@@ -15,11 +16,11 @@ pub(crate) fn completions(args: &CompletionsArgs) -> Result<Answer, CliError> {
     Ok(Answer { text, json })
 }
 
-/// The manual pages of the program and its commands.
+/// Writes the manual pages of the program and its commands.
 pub(crate) fn man(args: &ManArgs) -> Result<Answer, CliError> {
     let failed = |error| CliError::at(&args.out, error);
     std::fs::create_dir_all(&args.out).map_err(failed)?;
-    // a page for each command of ours, and none for clap's own `help`
+    // a page for each of our commands, but not for clap's own `help`
     let command = Cli::command().disable_help_subcommand(true);
     let pages = 1 + command.get_subcommands().count();
     clap_mangen::generate_to(command, &args.out).map_err(failed)?;

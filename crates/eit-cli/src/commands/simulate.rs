@@ -6,7 +6,7 @@ use crate::error::CliError;
 use crate::progress;
 use eit_report::settings::SimulateSettings;
 
-/// Simulates and writes.
+/// Simulates a touched fabric and writes the results.
 pub(crate) fn run(args: &SimulateArgs) -> Result<Answer, CliError> {
     let settings = SimulateSettings {
         scene: args.scene.clone(),

@@ -1,4 +1,4 @@
-//! One solve for `eit forward` and `eit jacobian`: real, or complex where the scene stores charge.
+//! One solve for `eit forward` and `eit jacobian`: real, or complex for reactive scenes.
 
 use crate::cli::SolveArgs;
 use crate::error::CliError;
@@ -8,13 +8,13 @@ use eit_skin::{MeshOverride, Progress, Scene, Skin, rounding_warning};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// What was solved, `R` its report.
+/// Result of a solve; `R` is its report.
 pub(super) struct Solved<T, R = SolveReport> {
     pub elements: usize,
     pub wanted: T,
     pub report: R,
     pub warning: Option<String>,
-    /// What was mended in the mesh file.
+    /// Repairs made to the mesh file.
     pub notes: Vec<String>,
 }
 
@@ -22,7 +22,7 @@ fn mesh(args: &SolveArgs) -> MeshOverride {
     MeshOverride { file: args.mesh.clone(), nodes: None }
 }
 
-/// Meshes and solves for one conductivity; `take` reads what the command wants.
+/// Builds mesh and model and solves for one conductivity; `take` extracts what the command needs.
 pub(super) fn real<T>(
     args: &SolveArgs,
     scene: &Scene,
@@ -49,11 +49,11 @@ pub(super) fn real<T>(
     })
 }
 
-/// `--accuracy`, in range.
+/// Returns `--accuracy` after checking its range.
 fn accuracy(args: &SolveArgs) -> Result<Option<f64>, CliError> {
     match args.accuracy {
         Some(value) if !(value > 0.0 && value < 1.0) => {
-            let why = "a part of the largest voltage is above 0 and below 1";
+            let why = "a fraction of the largest voltage, it must be above 0 and below 1";
             Err(CliError::input(format!("--accuracy {value}: {why}")))
         }
         accuracy => Ok(accuracy),
@@ -68,7 +68,7 @@ pub(super) fn complex<T>(
     take: impl FnOnce(&mut AdmittivitySolution<'_>) -> T,
 ) -> Result<Solved<T, AdmittivityReport>, CliError> {
     if args.accuracy.is_some() {
-        let why = "complex voltages are solved one way; its report bounds their rounding";
+        let why = "complex voltages are only solved in one way, whose report bounds their rounding";
         return Err(CliError::input(format!("--accuracy: {why}")));
     }
     let skin = ReactiveSkin::set_up(scene, &mesh(args), progress)?;
@@ -84,19 +84,19 @@ pub(super) fn complex<T>(
     })
 }
 
-/// The conductivities of a file, checked for length.
+/// Reads conductivities from a file and checks their number.
 fn conductivity(path: &Path, elements: usize) -> Result<Vec<f64>, CliError> {
     let table = per_element(path, elements)?;
     if table.imaginary.is_some() {
-        let message = "complex values; a conductivity is real, and nothing in the scene stores charge \
+        let message = "complex values; a conductivity is real, and the scene stores no charge \
                        (protocol.frequency_hz and a capacitance)";
         return Err(CliError::input(format!("{}: {message}", path.display())));
     }
     Ok(table.real.iter().copied().collect())
 }
 
-/// The admittivity to solve for: the scene's background; conductivities of a file beside the scene's
-/// capacitance; or admittivities, where the file holds complex numbers.
+/// Returns the admittivity to solve for: the scene's background; conductivities from a file with the scene's
+/// capacitance; or admittivities, if the file contains complex numbers.
 fn admittivity(skin: &ReactiveSkin, file: Option<&Path>) -> Result<Vec<Complex64>, CliError> {
     let elements = skin.model.elements();
     let Some(path) = file else { return Ok(vec![skin.background; elements]) };
@@ -110,7 +110,7 @@ fn admittivity(skin: &ReactiveSkin, file: Option<&Path>) -> Result<Vec<Complex64
     })
 }
 
-/// A file of one value per element, in file order.
+/// Reads a file with one value per element, in file order.
 fn per_element(path: &Path, elements: usize) -> Result<eit_hw::Recording, CliError> {
     let table =
         eit_hw::read_recording(path, None, &eit_hw::ReadOptions::default()).map_err(|e| {
@@ -127,7 +127,7 @@ fn per_element(path: &Path, elements: usize) -> Result<eit_hw::Recording, CliErr
     Ok(table)
 }
 
-/// A complex solve for reports.
+/// Returns the report of a complex solve as JSON.
 pub(super) fn complex_json(report: &AdmittivityReport) -> Value {
     json!({
         "unknowns": report.unknowns,

@@ -4,7 +4,7 @@ use super::Answer;
 use crate::cli::TrainArgs;
 use crate::error::CliError;
 use crate::{interrupt, progress};
-use eit_denoise::{TrainSettings, TrainStatus, UnetConfig, UnetShape};
+use eit_denoise::{TrainSettings, TrainStatus, Unet, UnetConfig, UnetShape, Weights};
 use eit_report::curve;
 use eit_report::output::OutFile;
 use eit_skin::denoise::Scores;
@@ -19,7 +19,8 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     scene.refuse_movement("train")?;
     super::check_ending(&args.out, &["safetensors"])?;
-    let (shape, settings) = settings(args)?;
+    let first = args.from.as_ref().map(|file| first_weights(file)).transpose()?;
+    let (shape, settings) = settings(args, first.as_ref())?;
     let open = args.device.open();
     let device = open.map_err(|e| CliError::input(format!("--device {}: {e}", args.device)))?;
     let request = super::base::request(&args.pairs)?;
@@ -37,14 +38,22 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         sequences.complete(&mut held_out, shape, threads)
     })?;
     let name = base.checksum()?;
+    let from = first.as_ref().map(train::parameter_checksum);
+    let source = match &from {
+        Some(from) => format!("{name} from {from}"),
+        None => name.clone(),
+    };
     let training = Training {
         settings: &settings,
-        base: &name,
+        base: &source,
         checkpoint: &args.out.with_extension("checkpoint"),
         threads,
         stop: &stop,
     };
-    let net = UnetConfig::from(shape).with_seed(args.pairs.seed).init(&device)?;
+    let net = match &first {
+        Some(weights) => Unet::from_weights(weights, &device)?,
+        None => UnetConfig::from(shape).with_seed(args.pairs.seed).init(&device)?,
+    };
     let trainer = train::learn(net, &training, &sequences, &learnt, &held_out, &mut progress)?;
     let bare = trainer.weights(&skin.fingerprint, base.settings().pixels, &BTreeMap::new())?;
     let worth = progress.stage("compare", || {
@@ -53,7 +62,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         Ok::<_, CliError>(Worth { scores, model_error })
     })?;
     let program = format!("eit {}", env!("CARGO_PKG_VERSION"));
-    let made_by = MadeBy { program: &program, commit: env!("EIT_COMMIT") };
+    let made_by = MadeBy { program: &program, commit: env!("EIT_COMMIT"), from: from.as_deref() };
     let weights = train::weights(&skin, &base, &trainer, &worth, &made_by)?;
     let Worth { scores, model_error } = worth;
     curve::write(trainer.curve(), footnote(shape, args.pairs.seed), &args.out)?;
@@ -65,6 +74,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         "skin": skin.fingerprint,
         "base": folder.display().to_string(),
         "base_checksum": name,
+        "from": from,
         "examples": base.frames(),
         "parameters": shape.parameters(),
         "multiply_adds": shape.multiply_adds(weights.pixels[0], weights.pixels[1]),
@@ -124,10 +134,28 @@ fn footnote(shape: UnetShape, seed: u64) -> String {
     )
 }
 
-fn settings(args: &TrainArgs) -> Result<(UnetShape, TrainSettings), CliError> {
+/// Weights to start from: a file, or "default" for the shipped ones.
+fn first_weights(name: &str) -> Result<Weights, CliError> {
+    let weights = match name {
+        "default" => Weights::paper_disc(),
+        file => {
+            let bytes =
+                std::fs::read(file).map_err(|e| CliError::input(format!("--from {file}: {e}")))?;
+            Weights::from_bytes(&bytes)
+        }
+    };
+    weights.map_err(|e| CliError::input(format!("--from {name}: {e}")))
+}
+
+/// Size of the net, that of the weights to start from where there are some, and how it is trained.
+fn settings(
+    args: &TrainArgs,
+    first: Option<&Weights>,
+) -> Result<(UnetShape, TrainSettings), CliError> {
     let TrainArgs { history, width, depth, images, fold, .. } = *args;
     let conditions = usize::from(images > 1);
-    let shape = UnetShape { history, width, depth, images, conditions, fold };
+    let asked = UnetShape { history, width, depth, images, conditions, fold };
+    let shape = first.map_or(asked, |weights| weights.shape);
     let TrainArgs { epochs, batch, rate, patience, .. } = *args;
     let seed = args.pairs.seed;
     let settings = TrainSettings { seed, epochs, batch, rate, patience };

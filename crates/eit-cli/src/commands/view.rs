@@ -1,4 +1,4 @@
-//! The latest image and its touches, on a terminal or as a picture that is drawn again and again.
+//! The latest image and its touches, on a terminal or as a picture that is redrawn continuously.
 
 use crate::error::CliError;
 use eit_inverse::touch::TouchState;
@@ -13,27 +13,27 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// A picture at most so often.
+/// Minimum interval between pictures.
 const PICTURE_EVERY: Duration = Duration::from_millis(200);
-/// The terminal at most so often.
+/// Minimum interval between updates of the terminal.
 const TERMINAL_EVERY: Duration = Duration::from_millis(100);
-/// A silence is shown from here on.
+/// Duration from which a silence is shown.
 const TOLD_SILENCE: Duration = Duration::from_millis(500);
-/// Columns of the image on a terminal; a row shows two of its rows.
+/// Width of the image on a terminal, in characters; a line shows two image rows.
 const COLUMNS: usize = 44;
-/// Ends of the colours: the largest value of so many frames back, and at least this many times the
-/// level of a touch, so that noise stays pale.
+/// The colour range: the largest value over this many frames, and at least this multiple of the weakest
+/// touch, so that noise stays pale.
 const RANGE_FRAMES: usize = 50;
 const RANGE_IN_LEVELS: f64 = 2.0;
 
-/// Ends of the colours, steady over some frames.
+/// Colour range, steady over some frames.
 #[derive(Debug, Default)]
 struct Range {
     largest: VecDeque<f64>,
 }
 
 impl Range {
-    /// After an image; `level_s` is the change of conductivity of the faintest touch.
+    /// Returns the range after an image; `level_s` is the conductivity change of the faintest touch.
     fn of(&mut self, images: &LiveImages, level_s: f64) -> f64 {
         let size = images.pixels().iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         self.largest.push_back(size);
@@ -45,7 +45,7 @@ impl Range {
     }
 }
 
-/// The image at hand, [1, row, column].
+/// The current image, [1, row, column].
 pub(super) fn image(images: &LiveImages) -> Result<Array3<f64>, CliError> {
     let pixels = images.pixels();
     let row = ArrayView2::from_shape((1, pixels.len()), pixels)
@@ -53,7 +53,7 @@ pub(super) fn image(images: &LiveImages) -> Result<Array3<f64>, CliError> {
     Ok(images.raster().images_from_pixels(row)?)
 }
 
-/// A PNG file of the latest image, replaced in one step.
+/// A PNG file of the latest image, replaced atomically.
 pub(crate) struct Picture {
     path: PathBuf,
     skin: Option<SkinDrawing>,
@@ -62,13 +62,13 @@ pub(crate) struct Picture {
 }
 
 impl Picture {
-    /// A picture at this path, which must be writable.
+    /// Creates a picture at this path, which must be writable.
     pub fn new(path: &Path) -> Result<Self, CliError> {
         OutFile::new(path)?;
         Ok(Self { path: path.to_path_buf(), skin: None, range: Range::default(), last: None })
     }
 
-    /// Draws it, if the last one is old enough.
+    /// Draws the picture if the last one is old enough.
     pub fn show(&mut self, model: &LiveModel, shown: &LiveFrame<'_>) -> Result<(), CliError> {
         let Some(images) = shown.images else { return Ok(()) };
         let range = self.range.of(images, shown.finder.level_s());
@@ -97,19 +97,19 @@ impl Picture {
     }
 }
 
-/// The view on a terminal; nothing where stdout is none.
+/// The view on a terminal; does nothing if stdout is not a terminal.
 pub(crate) struct Terminal {
     is_on: bool,
     range: Range,
     last: Option<Instant>,
-    /// Arrivals of the last frames.
+    /// Arrival times of the last frames.
     arrivals: VecDeque<Instant>,
-    /// What was shown last.
+    /// Text shown last.
     shown: String,
 }
 
 impl Terminal {
-    /// On stdout where that is a terminal and is not for an answer alone.
+    /// Creates a view on stdout if that is a terminal and not reserved for an answer.
     pub fn new(is_wanted: bool) -> Self {
         use std::io::IsTerminal as _;
         let is_on = is_wanted && std::io::stdout().is_terminal();
@@ -117,19 +117,19 @@ impl Terminal {
         Self { is_on, range, last: None, arrivals, shown }
     }
 
-    /// Whether it shows anything.
+    /// Returns whether it shows anything.
     pub fn is_on(&self) -> bool {
         self.is_on
     }
 
-    /// While the reference is taken.
+    /// Shows progress while the reference is taken.
     pub fn waiting(&mut self, left: usize) {
         if self.is_on {
-            self.say(&format!("touch nothing: {left} more frames for the reference\n"));
+            self.say(&format!("do not touch the skin: {left} more frames for the reference\n"));
         }
     }
 
-    /// Something that the user should hear of at once; on a terminal the view shows it.
+    /// Reports something to the user at once; on a terminal the view shows it.
     pub fn news(&mut self, words: &str) {
         if !self.is_on {
             eprintln!("eit: note: {}", printable(words));
@@ -139,7 +139,7 @@ impl Terminal {
         self.say(&text);
     }
 
-    /// While no frame comes: the picture is an old one.
+    /// Shows a silence: the picture is outdated.
     pub fn silent(&mut self, silence: Duration) {
         if !self.is_on
             || silence < TOLD_SILENCE
@@ -150,12 +150,12 @@ impl Terminal {
         self.last = Some(Instant::now());
         self.arrivals.clear();
         let silent_s = silence.as_secs_f64();
-        let words = "check its power and cable; the picture is old";
+        let words = "check its power and cable; the picture is outdated";
         let text = format!("{}NO FRAME for {silent_s:.1} s: {words}\n", self.shown);
         self.say(&text);
     }
 
-    /// Draws the view, if the last one is old enough.
+    /// Draws the view if the last one is old enough.
     pub fn show(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
         self.arrivals.push_back(Instant::now());
         if self.arrivals.len() > RANGE_FRAMES {
@@ -179,9 +179,9 @@ impl Terminal {
             _ => 0.0,
         };
         let latency =
-            shown.latency_s.map_or(String::new(), |s| format!(", {:.1} ms late", 1e3 * s));
-        // writing to a String does not fail
-        let _ = writeln!(text, "frame {}, {rate:.1} a second{latency}", shown.frame.sequence);
+            shown.latency_s.map_or(String::new(), |s| format!(", latency {:.1} ms", 1e3 * s));
+        // writing to a String cannot fail
+        let _ = writeln!(text, "frame {}, {rate:.1} per second{latency}", shown.frame.sequence);
         for touch in shown.touches.iter().filter(|touch| touch.state != TouchState::End) {
             let [x, y, _] = touch.position_m.map(|part| 1e3 * part);
             let _ = writeln!(
@@ -205,14 +205,14 @@ impl Terminal {
         Ok(())
     }
 
-    /// Clears the terminal and writes; a terminal that has gone away is no failure.
+    /// Clears the terminal and writes; a terminal that has gone away is not an error.
     fn say(&self, text: &str) {
         let mut out = std::io::stdout().lock();
         let _ = write!(out, "\x1b[H\x1b[J{text}").and_then(|()| out.flush());
     }
 }
 
-/// An image in characters of two pixels each.
+/// Draws an image in characters of two pixels each.
 fn blocks(image: ArrayView2<'_, f64>, range: f64) -> String {
     let (rows, columns) = image.dim();
     let step = (columns.max(rows) as f64 / COLUMNS as f64).max(1.0);
@@ -233,7 +233,7 @@ fn blocks(image: ArrayView2<'_, f64>, range: f64) -> String {
             };
             let (upper, lower) = (at(row, column), at(row + 1, column));
             let sign = if upper.is_none() && lower.is_none() { ' ' } else { '\u{2580}' };
-            // writing to a String does not fail
+            // writing to a String cannot fail
             let _ = write!(text, "{}{}{sign}", paint(upper, 3), paint(lower, 4));
         }
         text += "\x1b[0m\n";

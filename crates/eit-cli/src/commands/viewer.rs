@@ -1,4 +1,4 @@
-//! What `eit live` and `eit replay` show and keep.
+//! What `eit live` and `eit replay` show and store.
 
 use super::publish;
 use super::record::is_news;
@@ -16,14 +16,14 @@ use eit_skin::words::event_words;
 use ndarray::Axis;
 use std::time::{Duration, Instant};
 
-/// Shows, records and keeps.
+/// Shows, records and stores frames.
 pub(super) struct Viewer<'a> {
     model: &'a LiveModel,
     frames: u64,
     start: Instant,
     limit: Option<Duration>,
     interrupt: StopFlag,
-    /// Since when no frame has come, once that was told; also before the first.
+    /// Time since when no frame has arrived, once reported; also set before the first frame.
     silent_since: Option<Instant>,
     terminal: Terminal,
     picture: Option<Picture>,
@@ -33,7 +33,7 @@ pub(super) struct Viewer<'a> {
 }
 
 impl<'a> Viewer<'a> {
-    /// Reserves what will be written.
+    /// Reserves the output files.
     pub fn new(
         model: &'a LiveModel,
         args: &WatchArgs,
@@ -48,9 +48,12 @@ impl<'a> Viewer<'a> {
             limit,
             interrupt: interrupt::listen()?,
             silent_since: Some(Instant::now()),
-            // lines have stdout for themselves, and the view would wipe the address of the page away
+            // stdout is reserved for lines, and the view would overwrite the printed addresses
             terminal: Terminal::new(
-                is_shown && !args.publish.json_lines && args.publish.web.is_none(),
+                is_shown
+                    && !args.publish.json_lines
+                    && args.publish.web.is_none()
+                    && args.publish.network.foxglove.is_none(),
             ),
             picture: args.picture.as_deref().map(Picture::new).transpose()?,
             writer: None,
@@ -59,12 +62,12 @@ impl<'a> Viewer<'a> {
         })
     }
 
-    /// Records what comes from now on.
+    /// Records from now on.
     pub fn record(&mut self, writer: CaptureWriter) {
         self.writer = Some(writer);
     }
 
-    /// Publishes touches from now on, those of this instrument or recording.
+    /// Publishes touches of this instrument or recording from now on.
     pub fn publish(
         &mut self,
         publisher: Option<Publisher>,
@@ -73,7 +76,7 @@ impl<'a> Viewer<'a> {
     ) -> Result<(), CliError> {
         self.publisher = publisher;
         let Some(publisher) = &mut self.publisher else { return Ok(()) };
-        if publisher.has_web() {
+        if publisher.takes_images() {
             publisher.skin(&publish::shape(self.model)?)?;
         }
         let skin = self.model.skin();
@@ -86,19 +89,19 @@ impl<'a> Viewer<'a> {
         })?)
     }
 
-    /// Whether the instrument is silent or unplugged.
+    /// Returns whether the instrument is silent or unplugged.
     pub fn is_silent(&self) -> bool {
         self.silent_since.is_some()
     }
 
-    /// Whether images are seen besides those of the page; where nothing else is asked for, the summary tells of
+    /// Whether images are needed other than by the publisher; without any other output, the summary reports on
     /// them.
     fn is_seen(&self) -> bool {
         let is_kept = self.picture.is_some() || self.kept.is_some();
         self.terminal.is_on() || is_kept || self.publisher.is_none()
     }
 
-    /// Ends recording and writes what was kept; the names of the files.
+    /// Finishes the recording and writes what was stored; returns the names of the files.
     pub fn finish(self) -> Result<Vec<&'static str>, CliError> {
         if let Some(publisher) = self.publisher {
             publish::end(publisher)?;
@@ -185,11 +188,16 @@ impl LiveObserver for Viewer<'_> {
     }
 
     fn wants_images(&self) -> bool {
-        self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::has_web)
+        self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::takes_images)
     }
 
     fn wants_image(&self) -> bool {
         self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::has_viewer)
+    }
+
+    /// Stored images are those of all frames.
+    fn wants_every_image(&self) -> bool {
+        self.kept.is_some()
     }
 
     fn goes_on(&mut self, summary: &Summary) -> bool {

@@ -1,4 +1,4 @@
-//! Our own emulated device behind TCP, with something between.
+//! Our own emulated device behind TCP, with interference in between.
 
 use super::{SMALL, eit, text, write_scene};
 use eit_hw::codec::eits1::Information;
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 use std::time::Duration;
 
-/// What a device with so many electrodes says of itself.
+/// Information reported by a device with this number of electrodes.
 pub fn information(electrodes: u16, name: &str) -> Information {
     Information {
         electrodes,
@@ -23,7 +23,7 @@ pub fn information(electrodes: u16, name: &str) -> Information {
     }
 }
 
-/// A sound device on 8 electrodes.
+/// A faultless device with 8 electrodes.
 pub fn device(name: &str) -> Box<dyn Device> {
     let source = |sequence: u64, quadruples: &[Quadruple], values: &mut [f64]| {
         for (index, (slot, [a, _, m, _])) in values.iter_mut().zip(quadruples).enumerate() {
@@ -35,7 +35,7 @@ pub fn device(name: &str) -> Box<dyn Device> {
     Box::new(Eits1Device::new(information(8, name), Box::new(source)))
 }
 
-/// A device of which something becomes while it runs.
+/// A device that is manipulated while it runs.
 pub struct Meddled<F> {
     pub device: Box<dyn Device>,
     pub meddle: F,
@@ -68,7 +68,7 @@ pub fn scene(folder: &Path) -> PathBuf {
     write_scene(folder, &format!("{SMALL}\n{rate}"))
 }
 
-/// `eit record` of it: what the program said, its answer, and the recording.
+/// Runs `eit record` on it: the program's output, its answer, and the recording.
 pub fn record(folder: &Path, emulator: &Emulator, seconds: &str) -> (Output, Value, PathBuf) {
     let (scene, out) = (scene(folder), folder.join("out.mcap"));
     let port = emulator.endpoint().to_string();

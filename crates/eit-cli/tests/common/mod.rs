@@ -23,7 +23,7 @@ pub fn succeed(arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Runs `eit` and expects refusal with exit code 2 and one line; returns the line.
+/// Runs `eit` and expects a rejection with exit code 2 and one line; returns the line.
 pub fn refuse(arguments: &[&str]) -> String {
     let output = eit(arguments);
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -60,7 +60,7 @@ pub fn write_scene(folder: &Path, content: &str) -> PathBuf {
     path
 }
 
-/// A small valid scene; tests break one thing of it.
+/// A small valid scene; tests break one part of it.
 pub const SMALL: &str = r#"
 [skin]
 shape = "disc"
@@ -80,7 +80,7 @@ current_a = 1e-4
 edge_m = 0.012
 "#;
 
-/// Two hundred frames of 40 values: quiet first, then a finger that stays.
+/// Two hundred frames of 40 values: quiet at first, then a finger that stays.
 pub fn touched_frames(folder: &Path, scene: &Path) -> (PathBuf, Array2<f64>) {
     let [voltages, mesh, sigma] = ["v.npy", "m.msh", "s.npy"].map(|name| folder.join(name));
     succeed(&["mesh", text(scene), "--out", text(&mesh)]);

@@ -1,6 +1,7 @@
 //! Runs any net on sequences, scaled and padded as in [`crate::Denoiser`].
 
 use super::ImageNet;
+use crate::unet::CLAMP;
 use crate::{DenoiseError, ImageStack};
 use burn::tensor::{Device, Tensor, TensorData};
 use ndarray::{ArrayView2, ArrayView3, Axis};
@@ -18,7 +19,8 @@ pub fn images_through<N: ImageNet>(net: &N, raw: &ImageStack) -> Result<ImageSta
 }
 
 /// Cleans a whole sequence with a net of burn: `D(x, c) = s N(x / s, c, mask)`, `s` the largest
-/// magnitude inside the mask over all images that the net sees, as [`crate::Denoiser::denoise_with`]; frames
+/// magnitude inside the mask over the first images of the frames that the net sees, other images clamped, as
+/// in [`crate::Denoiser::denoise_with`]; frames
 /// before the first count as zero, and zero gives zero. For a [`super::Unet`] the images are
 /// those of the denoiser to the rounding of `f32`; that one is faster and does not allocate.
 ///
@@ -112,13 +114,16 @@ impl Frames<'_> {
                 std::iter::once(first).chain(others)
             })
             .collect();
-        let scale = images.iter().flatten().fold(0.0_f64, |most, value| value.abs().max(most));
+        let firsts = images.iter().step_by(1 + others.len()).flatten();
+        let scale = firsts.fold(0.0_f64, |most, value| value.abs().max(most));
         let divisor = if scale > 0.0 { scale } else { 1.0 };
         // frames before the first
         let before = (history * (1 + others.len()) - images.len()) * size[0] * size[1];
         inputs.extend(std::iter::repeat_n(0.0, before));
-        for image in &images {
-            let image: Vec<f32> = image.iter().map(|value| (value / divisor) as f32).collect();
+        for (k, image) in images.iter().enumerate() {
+            let most = if k % (1 + others.len()) == 0 { 1.0 } else { CLAMP };
+            let scaled = image.iter().map(|value| ((value / divisor) as f32).clamp(-most, most));
+            let image: Vec<f32> = scaled.collect();
             padded(&image, columns, *size, inputs);
         }
         let inside: Vec<f32> = mask.iter().map(|inside| f32::from(u8::from(*inside))).collect();

@@ -11,7 +11,9 @@ use std::ops::Range;
 /// A U-net ready for the images of one skin.
 ///
 /// `D(x, c) = s N(x / s, c, mask)` with the net `N`, the conditions `c`, and `s` the largest
-/// magnitude inside the mask over all images that the net sees. Scaling the images scales the result. Where
+/// magnitude inside the mask over the first images of all frames that the net sees. Other images are clamped
+/// to `-2 s` and `2 s`: where noise ruins one of them, the first still has its scale. Scaling the images
+/// scales the result. Where
 /// the first image of a frame is zero, its other images count as zero too; where all that the net sees is
 /// zero, so is the result: the net has biases and would not give zero by itself, so it does not run.
 /// Frames before the first count as zero, an untouched skin.
@@ -43,6 +45,9 @@ pub struct NetFrame<'a> {
     /// Conditions, [`UnetShape::conditions`] of them.
     pub conditions: &'a [f64],
 }
+
+/// Largest magnitude of images other than the first, relative to the scale.
+pub(crate) const CLAMP: f32 = 2.0;
 
 /// How the image of a frame was computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -135,7 +140,8 @@ impl Denoiser {
         self.pushed += 1;
         let Self { net, history, places, .. } = self;
         let UnetShape { images, conditions, history: frames, fold, .. } = net.shape;
-        let scale = history.iter().fold(0.0_f64, |most, v| v.abs().max(most));
+        let firsts = history.chunks_exact(places.len()).step_by(images).flatten();
+        let scale = firsts.fold(0.0_f64, |most, v| v.abs().max(most));
         self.silent = scale == 0.0;
         if self.silent {
             self.write_zero(out);
@@ -143,9 +149,10 @@ impl Denoiser {
         }
         let input = &mut net.levels[0];
         let planes = input.input.chunks_exact_mut(fold * fold * input.plane.len());
-        for (planes, image) in planes.zip(history.chunks_exact(places.len())) {
+        for (k, (planes, image)) in planes.zip(history.chunks_exact(places.len())).enumerate() {
+            let most = if k % images == 0 { 1.0 } else { CLAMP };
             for (place, value) in places.iter().zip(image) {
-                planes[*place] = (value / scale) as f32;
+                planes[*place] = ((value / scale) as f32).clamp(-most, most);
             }
         }
         for (k, condition) in frame.conditions.iter().enumerate().take(conditions) {

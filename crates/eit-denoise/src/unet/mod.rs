@@ -6,6 +6,8 @@ mod net;
 mod shape;
 mod weights;
 
+#[cfg(any(feature = "base", feature = "burn"))]
+pub(crate) use denoiser::CLAMP;
 pub use denoiser::{Denoiser, NetFrame, NetStatus};
 #[cfg(feature = "burn")]
 pub(crate) use shape::Convolution;

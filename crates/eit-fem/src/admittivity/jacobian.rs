@@ -1,12 +1,13 @@
-//! The adjoint Jacobian with respect to complex admittivity: the kernel of the real model with two
-//! planes for one.
+//! Adjoint Jacobian with respect to complex admittivity: the real kernel with two planes per
+//! component.
 //!
 //! ```text
 //! dV/dgamma_e = -integral over e of grad u_stimulation . grad u_measurement     (no conjugate)
 //! ```
 //!
-//! Real and imaginary parts of the gradients lie apart, so that products of fields run over whole
-//! registers; they meet where a row is stored. 16 flops a product (real: 3), 16 bytes a value.
+//! Real and imaginary parts of the gradients are stored separately, so that products of fields use
+//! whole registers; they are interleaved when a row is stored. 16 flops per product (real: 3), 16
+//! bytes per value.
 
 use crate::element::gradient::gradient;
 use crate::model::ForwardModel;
@@ -16,32 +17,32 @@ use num_complex::Complex64;
 /// Elements per block: 16 fields x 4 planes x 128 x 8 bytes = 64 KiB of gradients.
 const BLOCK: usize = 128;
 
-/// Values from one plane of a field to the next: eight more than a block, as in the real kernel.
+/// Stride between the planes of a field: eight more than a block, as in the real kernel.
 const STRIDE: usize = BLOCK + 8;
 
-/// Planes of a field: both components, real and imaginary.
+/// Planes per field: two components, real and imaginary parts.
 const PLANES: usize = 4;
 
-/// Memory of one block.
+/// Working memory for one block.
 pub(super) struct Block {
-    /// Scaled gradients [slot, plane, element]; see `Fields::slots`.
+    /// Scaled gradients, [slot, plane, element]; see `Fields::slots`.
     gradients: Vec<f64>,
-    /// One product of fields, real and imaginary part.
+    /// One product of fields: real part, imaginary part.
     product: [Vec<f64>; 2],
 }
 
 impl Block {
-    /// Number of values in the memory.
+    /// Number of gradient values.
     pub fn size(&self) -> usize {
         self.gradients.len()
     }
 
-    /// [`Block::size`] of the memory for a model.
+    /// [`Block::size`] needed for a model.
     pub fn size_for(model: &ForwardModel) -> usize {
         model.fields.slot_count() * PLANES * STRIDE
     }
 
-    /// Memory for a model.
+    /// Allocates the memory for a model.
     pub fn new(model: &ForwardModel) -> Self {
         Self {
             gradients: vec![0.0; Self::size_for(model)],
@@ -50,12 +51,12 @@ impl Block {
     }
 }
 
-/// The planes of a slot: x real, x imaginary, y real, y imaginary.
+/// Planes of a slot: x real, x imaginary, y real, y imaginary.
 fn planes(gradients: &[f64], slot: u32, count: usize) -> [&[f64]; PLANES] {
     std::array::from_fn(|p| &gradients[(slot as usize * PLANES + p) * STRIDE..][..count])
 }
 
-/// Fills `jacobian` [measurement, element] from potentials [unknown, solve].
+/// Fills `jacobian`, [measurement, element], from potentials, [unknown, solve].
 pub(super) fn fill(
     model: &ForwardModel,
     potentials: &[Complex64],
@@ -87,7 +88,7 @@ pub(super) fn fill(
     }
 }
 
-/// Minus the product of two gradients.
+/// Computes minus the product of two gradients.
 fn multiply(f: [&[f64]; PLANES], g: [&[f64]; PLANES], re: &mut [f64], im: &mut [f64]) {
     let count = re.len();
     let ([fx, fxi, fy, fyi], [gx, gxi, gy, gyi]) = (f.map(|p| &p[..count]), g.map(|p| &p[..count]));
@@ -98,7 +99,7 @@ fn multiply(f: [&[f64]; PLANES], g: [&[f64]; PLANES], re: &mut [f64], im: &mut [
     }
 }
 
-/// Scaled gradients of the basis fields on one block.
+/// Computes the scaled gradients of the basis fields on one block.
 fn gradients(
     model: &ForwardModel,
     potentials: &[Complex64],

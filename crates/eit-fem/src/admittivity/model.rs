@@ -1,4 +1,4 @@
-//! A skin with complex admittivity and contacts.
+//! Forward model with complex admittivity and contact impedances.
 
 use super::phases::Phases;
 use crate::error::FemError;
@@ -7,7 +7,8 @@ use crate::protocol::Protocol;
 use eit_mesh::Mesh;
 use num_complex::Complex64;
 
-/// Admittivity `conductivity_s + 2 pi i frequency_hz capacitance_f` of a sheet, siemens per square.
+/// Returns the admittivity of a sheet, `conductivity_s + 2 pi i frequency_hz capacitance_f`,
+/// siemens per square.
 ///
 /// ```
 /// let gamma = eit_fem::admittivity(1e-5, 2e-10, 10e3);
@@ -17,7 +18,7 @@ pub fn admittivity(conductivity_s: f64, capacitance_f: f64, frequency_hz: f64) -
     Complex64::new(conductivity_s, std::f64::consts::TAU * frequency_hz * capacitance_f)
 }
 
-/// A skin with complex admittivity and contact impedances at one frequency, ready to solve.
+/// Forward model of a skin with complex admittivity and contact impedances at one frequency.
 ///
 /// ```
 /// use eit_fem::{AdmittivityModel, Complex64, PairProtocol, admittivity};
@@ -39,24 +40,24 @@ pub fn admittivity(conductivity_s: f64, capacitance_f: f64, frequency_hz: f64) -
 /// ```
 #[derive(Debug)]
 pub struct AdmittivityModel {
-    /// Patterns, ordering and symbolic factor, with insulated electrodes: what contacts add to the
-    /// matrix is complex.
+    /// Patterns, ordering and symbolic factorisation. Its electrodes are insulated; the complex
+    /// contact terms are added separately.
     pub(super) real: ForwardModel,
-    /// What contacts add, one value per entry of the matrix.
+    /// Contact terms, one value per matrix entry.
     pub(super) contacts: Vec<Complex64>,
     /// Phases of the contact admittances.
     pub(super) phases: Phases,
 }
 
 impl AdmittivityModel {
-    /// Prepares the model: checks, ordering and symbolic factorisation.
+    /// Creates a model: validates the input, orders the unknowns and factorises symbolically.
     ///
-    /// `contact_impedance` is one value per electrode of the mesh, ohm metre for rim electrodes and
-    /// ohm square metre for patches; capacitive contacts have a negative imaginary part.
+    /// `contact_impedance` holds one value per electrode of the mesh, ohm metre for rim electrodes
+    /// and ohm square metre for patches. Capacitive contacts have a negative imaginary part.
     ///
     /// # Errors
-    /// Those of [`ForwardModel::new`]; impedances that are zero, not finite, or negative in their
-    /// real part. Shunts and ideal current sources are for the real model only.
+    /// Those of [`ForwardModel::new`]; impedances that are zero, not finite, or have a negative
+    /// real part. Only the real model supports shunts and ideal current sources.
     pub fn new(
         mesh: &Mesh,
         protocol: &Protocol,
@@ -66,27 +67,27 @@ impl AdmittivityModel {
             let value = contact_impedance[l];
             return Err(FemError::BadComplexImpedance { electrode: l + 1, value });
         }
-        // an infinite impedance adds exactly zero
+        // an infinite impedance contributes exactly zero
         let real =
             ForwardModel::new(mesh, protocol, &vec![f64::INFINITY; contact_impedance.len()])?;
-        // `1/z` has the phase of the conjugate, which does not overflow
+        // the conjugate of `z` has the phase of `1/z` and cannot overflow
         let admittances: Vec<Complex64> = contact_impedance.iter().map(Complex64::conj).collect();
         let contacts = contact_values(&real, contact_impedance);
         Ok(Self { contacts, phases: Phases::of(&admittances), real })
     }
 
-    /// The protocol.
+    /// Returns the protocol.
     pub fn protocol(&self) -> &Protocol {
         self.real.protocol()
     }
 
-    /// Number of elements: the length of an admittivity.
+    /// Number of elements, which is the length of an admittivity vector.
     pub fn elements(&self) -> usize {
         self.real.elements()
     }
 
-    /// What solves of this model cost, counted in complex numbers: 16 bytes an entry, four real
-    /// flops for each one.
+    /// Returns the size of the model and the cost of its solves, counted in complex numbers: 16
+    /// bytes per entry, four real flops per counted flop.
     pub fn cost(&self) -> ModelCost {
         self.real.cost()
     }
@@ -110,15 +111,15 @@ impl AdmittivityModel {
     }
 }
 
-/// Whether an admittance or impedance is a number that takes power or stores it.
+/// Whether an admittance or impedance is finite, non-zero and does not generate power.
 fn is_passive(value: Complex64) -> bool {
     value.is_finite() && value.re >= 0.0 && (value.re > 0.0 || value.im != 0.0)
 }
 
-/// Electrode part of the matrix values. A contact is a resistor and a reactance in parallel,
-/// `1/z = 1/r + 1/(i x)`, and each of the two is filled as the impedance of a real model.
+/// Computes the electrode part of the matrix values. A contact is a resistor in parallel with a
+/// reactance, `1/z = 1/r + 1/(i x)`; each is filled in as the impedance of a real model.
 fn contact_values(real: &ForwardModel, contact_impedance: &[Complex64]) -> Vec<Complex64> {
-    // without reactance `r` is `z` to the last bit, and `x` infinite
+    // without a reactive part, `r` equals `z` exactly and `x` is infinite
     let parallel = |a: f64, b: f64| if b == 0.0 { a } else { a + b * (b / a) };
     let resistances: Vec<f64> = contact_impedance.iter().map(|z| parallel(z.re, z.im)).collect();
     let reactances: Vec<f64> = contact_impedance.iter().map(|z| -parallel(z.im, z.re)).collect();

@@ -1,13 +1,13 @@
-//! Phases of admittances: whether they fit into half a turn, and where its middle is.
+//! Range of the phases of admittances: whether it spans less than 180 degrees, and its middle.
 
 use crate::error::FemError;
 use num_complex::Complex64;
 
-/// Cosine of half the span below which a factorisation without pivoting has no digit left: entries
-/// may grow with its inverse square.
+/// Threshold on the cosine of half the span. Entries may grow with the inverse square of this
+/// cosine; below the threshold, a factorisation without pivoting has no correct digit.
 const LEAST_COSINE: f64 = 1e-8;
 
-/// The least and the greatest phase of a list, between a quarter turn down and a quarter turn up.
+/// Smallest and largest phase of a list, from -90 to 90 degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Phases {
     least: f64,
@@ -15,9 +15,9 @@ pub(super) struct Phases {
 }
 
 impl Phases {
-    /// Of numbers in the right half plane that are not zero.
+    /// Phase range of non-zero numbers in the right half plane.
     pub fn of(numbers: &[Complex64]) -> Self {
-        // rises with the phase and needs no arc tangent; -1 and 1 on the imaginary axis
+        // monotonic in the phase and needs no arc tangent; -1 and 1 on the imaginary axis
         let rank = |y: &Complex64| y.im / (y.re + y.im.abs());
         let ranks = numbers.iter().map(rank);
         let (least, most) =
@@ -26,20 +26,20 @@ impl Phases {
         Self { least: phase(least), most: phase(most) }
     }
 
-    /// Both lists.
+    /// Union of two ranges.
     pub fn with(self, other: Self) -> Self {
         Self { least: self.least.min(other.least), most: self.most.max(other.most) }
     }
 
-    /// From the least to the greatest, radians.
+    /// Difference between the largest and the smallest phase, radians.
     pub fn span(self) -> f64 {
         self.most - self.least
     }
 
-    /// The middle, as a number of size one.
+    /// Middle of the range, as a complex number of modulus one.
     ///
     /// # Errors
-    /// A span of half a turn: inductors and capacitors that cancel.
+    /// A span of 180 degrees: inductors and capacitors may cancel.
     pub fn direction(self) -> Result<Complex64, FemError> {
         if (0.5 * self.span()).cos() < LEAST_COSINE {
             let degrees = [self.least.to_degrees(), self.most.to_degrees()];
@@ -61,7 +61,7 @@ mod tests {
         };
         let real = phases(&[(1e-9, 0.0), (3.0, 0.0)]);
         assert_eq!((real.span(), real.direction()), (0.0, Ok(Complex64::new(1.0, 0.0))));
-        // conductors and pure capacitors: a quarter turn around 45 degrees
+        // conductors and pure capacitors: 90 degrees, centred at 45 degrees
         let passive = phases(&[(2.0, 0.0), (0.0, 1e-5), (1.0, 1.0)]);
         assert!((passive.span() - FRAC_PI_2).abs() < 1e-15);
         let middle = passive.direction().unwrap_or_default();
@@ -69,7 +69,7 @@ mod tests {
         assert_eq!(phases(&[(0.0, 2.0)]).span(), 0.0);
         let joined = real.with(phases(&[(1.0, -1.0)]));
         assert!((joined.span() - FRAC_PI_4).abs() < 1e-15);
-        // a capacitor and an inductor without loss
+        // a lossless capacitor and a lossless inductor
         let resonant = phases(&[(0.0, 1.0), (0.0, -1.0)]);
         assert!(matches!(resonant.direction(), Err(FemError::OppositePhases { .. })));
     }

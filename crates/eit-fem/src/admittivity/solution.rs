@@ -1,9 +1,9 @@
-//! Numbers of one solve with complex admittivity: voltages, fields, Jacobian, certificate.
+//! Results of one solve with complex admittivity: voltages, fields, Jacobian and report.
 //!
-//! As in the real model, voltages come from the trailing block of the factor, fields are solved for
-//! when something first asks for them, and after the first solve with a workspace nothing is
-//! allocated by [`AdmittivityModel::solve`], [`AdmittivitySolution::measurements_into`] and
-//! [`AdmittivitySolution::jacobian_into`].
+//! As in the real model, voltages come from the trailing block of the factor, and fields are solved
+//! on first use. After the first solve with a workspace, [`AdmittivityModel::solve`],
+//! [`AdmittivitySolution::measurements_into`] and [`AdmittivitySolution::jacobian_into`] do not
+//! allocate.
 
 use super::jacobian;
 use super::model::AdmittivityModel;
@@ -15,39 +15,38 @@ use ndarray::{Array1, Array2, ArrayViewMut2};
 use num_complex::Complex64;
 use std::time::{Duration, Instant};
 
-/// The solved forward problem of one admittivity.
+/// Solution of the forward problem for one admittivity.
 #[derive(Debug)]
 pub struct AdmittivitySolution<'a> {
     model: &'a AdmittivityModel,
     workspace: &'a mut AdmittivityWorkspace,
     phases: Phases,
     fields_solved: bool,
-    /// Backward error and growth.
+    /// Backward error and growth, once computed.
     quality: Option<(f64, f64)>,
     time: Duration,
 }
 
-/// How a solve with complex admittivity went.
+/// Size, accuracy and time of a solve with complex admittivity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdmittivityReport {
-    /// Node and electrode potentials.
+    /// Number of unknowns: node and electrode potentials.
     pub unknowns: usize,
-    /// Stored entries of the factor, 16 bytes each.
+    /// Number of stored entries of the factor, 16 bytes each.
     pub factor_entries: usize,
-    /// Fields solved: the rank of the protocol's patterns.
+    /// Number of fields solved: the rank of the protocol's patterns.
     pub field_solves: usize,
-    /// Between the least and the greatest phase of admittivities and contact admittances, degrees:
-    /// 0 where everything is resistive, at most 90 without inductors. Near 180 (resonance) growth
-    /// is without bound.
+    /// Range of the phases of admittivities and contact admittances, degrees. It is 0 if everything
+    /// is resistive and at most 90 without inductors. Near 180 (resonance) the growth is unbounded.
     pub phase_span_deg: f64,
-    /// What elimination without pivoting may multiply rounding by: the largest
-    /// `(|L| |L^T|)_ii / |a_ii|`. 1 where everything is resistive, below 3 without inductors.
+    /// Largest factor by which elimination without pivoting may amplify rounding: the largest `(|L|
+    /// |L^T|)_ii / |a_ii|`. It is 1 if everything is resistive and below 3 without inductors.
     pub growth: f64,
     /// Largest componentwise backward error `|A x - b|_i / (|A| |x| + |b|)_i` of the fields
-    /// (Oettli and Prager 1964): 1e-16 is as exact as the matrix itself.
+    /// (Oettli and Prager 1964). At 1e-16, the solve is as accurate as the matrix entries.
     pub backward_error: f64,
-    /// What rounding may have cost the voltages, relative to the largest:
-    /// `1000 eps growth max |a_ii| / min |a_ii|` over the diagonal, an estimate as in
+    /// Estimated rounding error of the voltages, relative to the largest: `1000 eps growth max
+    /// |a_ii| / min |a_ii|` over the diagonal. Compare
     /// [`SolveReport::expected_loss`](crate::SolveReport::expected_loss).
     pub expected_loss: f64,
     /// Time of assembly, factorisation and fields, seconds.
@@ -55,7 +54,7 @@ pub struct AdmittivityReport {
 }
 
 impl<'a> AdmittivitySolution<'a> {
-    /// Assembles and factorises for an admittivity that has been checked.
+    /// Assembles and factorises for a validated admittivity.
     pub(super) fn new(
         model: &'a AdmittivityModel,
         admittivity_s: &[Complex64],
@@ -84,12 +83,12 @@ impl<'a> AdmittivitySolution<'a> {
         Ok(Self { model, workspace, phases, fields_solved: false, quality: None, time })
     }
 
-    /// Voltages in protocol order, volt.
+    /// Returns the voltages in protocol order, volt.
     pub fn measurements(&self) -> Array1<Complex64> {
         (0..self.model.protocol().measurements()).map(|datum| self.voltage(datum)).collect()
     }
 
-    /// [`AdmittivitySolution::measurements`] into memory of the caller; allocates nothing.
+    /// Writes [`AdmittivitySolution::measurements`] into the caller's memory. Does not allocate.
     ///
     /// # Errors
     /// [`FemError::WrongLength`] if there is not one value per measurement.
@@ -111,7 +110,7 @@ impl<'a> AdmittivitySolution<'a> {
         weights.iter().map(|&(l, weight)| potentials[l as usize] * weight).sum()
     }
 
-    /// Electrode potentials [stimulation, electrode], volt; each row sums to zero.
+    /// Returns the electrode potentials, [stimulation, electrode], volt. Each row sums to zero.
     pub fn electrode_potentials(&self) -> Array2<Complex64> {
         let electrodes = self.model.protocol().electrodes();
         let stimulations = self.model.real.patterns.stimulations_a.len();
@@ -119,8 +118,8 @@ impl<'a> AdmittivitySolution<'a> {
         Array2::from_shape_fn((stimulations, electrodes), |(s, l)| values[s * electrodes + l])
     }
 
-    /// Potentials inside the skin [stimulation, node], volt, on the scale of
-    /// [`AdmittivitySolution::electrode_potentials`].
+    /// Returns the potentials at the nodes of the skin, [stimulation, node], volt, with the same
+    /// reference as [`AdmittivitySolution::electrode_potentials`].
     pub fn node_potentials(&mut self) -> Array2<Complex64> {
         self.solve_fields();
         let real = &self.model.real;
@@ -142,9 +141,9 @@ impl<'a> AdmittivitySolution<'a> {
         result
     }
 
-    /// Jacobian [measurement, element] in volt per siemens: the holomorphic derivative of each
-    /// voltage with respect to the admittivity of each element, so that a change `d` of complex
-    /// admittivity changes the voltages by `J d`.
+    /// Returns the Jacobian, [measurement, element], in volt per siemens: the holomorphic
+    /// derivative of each voltage with respect to the admittivity of each element. To first order,
+    /// a change `d` of the complex admittivity changes the voltages by `J d`.
     pub fn jacobian(&mut self) -> Array2<Complex64> {
         let shape = (self.model.protocol().measurements(), self.model.elements());
         let mut jacobian = Array2::zeros(shape);
@@ -152,7 +151,7 @@ impl<'a> AdmittivitySolution<'a> {
         jacobian
     }
 
-    /// [`AdmittivitySolution::jacobian`] into memory of the caller.
+    /// Writes [`AdmittivitySolution::jacobian`] into the caller's memory.
     ///
     /// # Errors
     /// [`FemError::WrongLength`] if the shape is not [measurement, element].
@@ -180,8 +179,8 @@ impl<'a> AdmittivitySolution<'a> {
         jacobian::fill(&self.model.real, potentials, block, jacobian);
     }
 
-    /// How the solve went. The first call solves the fields, if nothing has needed them yet,
-    /// multiplies each by the matrix and reads the factor once; later calls copy the result.
+    /// Returns size, accuracy and time of the solve. The first call solves the fields if needed,
+    /// multiplies each by the matrix and reads the factor once; later calls reuse the result.
     pub fn report(&mut self) -> AdmittivityReport {
         self.solve_fields();
         let real = &self.model.real;
@@ -246,7 +245,7 @@ impl<'a> AdmittivitySolution<'a> {
         worst
     }
 
-    /// Largest over smallest entry of the assembled diagonal.
+    /// Ratio of the largest to the smallest entry of the assembled diagonal.
     fn spread(&self) -> f64 {
         let entries = self.model.real.assembly.pattern.diagonal();
         let diagonal = entries.map(|entry| self.workspace.matrix[entry].norm());

@@ -1,4 +1,4 @@
-//! What an [`AdmittivityModel`] is asked for.
+//! Solves of an [`AdmittivityModel`].
 
 use super::model::AdmittivityModel;
 use super::phases::Phases;
@@ -9,7 +9,7 @@ use ndarray::{Array1, Array2};
 use num_complex::Complex64;
 
 impl AdmittivityModel {
-    /// Memory for solves of this model.
+    /// Allocates memory for solves of this model.
     ///
     /// # Errors
     /// [`FemError::OutOfMemory`].
@@ -19,14 +19,14 @@ impl AdmittivityModel {
 
     /// Assembles and factorises for one admittivity per element, siemens.
     ///
-    /// Elements may conduct, store charge, or both: real parts are zero or above, and neither part
-    /// has to be there in every element. With capacitors alone (no conductance at all) the skin is
-    /// as well posed as with conductors alone.
+    /// Elements may conduct, store charge, or both. Real parts must be zero or above, and an
+    /// element's two parts must not both be zero. A purely capacitive skin is as well posed as a
+    /// purely conductive one.
     ///
     /// # Errors
-    /// A wrong number of values; a value that is zero, not finite or negative in its real part;
-    /// inductive beside capacitive elements or contacts that cancel; a workspace of another model;
-    /// potentials that overflow.
+    /// A wrong number of values; a value that is zero, is not finite or has a negative real part;
+    /// inductive and capacitive elements or contacts that may cancel; values that span too many
+    /// decades; a workspace of another model; potentials that overflow.
     pub fn solve<'a>(
         &'a self,
         admittivity_s: &[Complex64],
@@ -37,7 +37,8 @@ impl AdmittivityModel {
         AdmittivitySolution::new(self, admittivity_s, phases, workspace)
     }
 
-    /// Voltages of every measurement for one admittivity per element; allocates a workspace.
+    /// Returns the voltages in protocol order for one admittivity per element. Allocates a
+    /// workspace.
     ///
     /// # Errors
     /// Those of [`AdmittivityModel::solve`].
@@ -45,7 +46,7 @@ impl AdmittivityModel {
         Ok(self.solve(admittivity_s, &mut self.workspace()?)?.measurements())
     }
 
-    /// Jacobian [measurement, element], volt per siemens; allocates a workspace.
+    /// Returns the Jacobian, [measurement, element], volt per siemens. Allocates a workspace.
     ///
     /// # Errors
     /// Those of [`AdmittivityModel::solve`].

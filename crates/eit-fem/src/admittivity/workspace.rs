@@ -1,4 +1,4 @@
-//! Memory of one solve with complex admittivity.
+//! Working memory of a solve with complex admittivity.
 
 use super::jacobian::Block;
 use super::model::AdmittivityModel;
@@ -8,20 +8,20 @@ use faer::{Mat, c64};
 use num_complex::Complex64;
 use std::fmt;
 
-/// Memory of one solve with complex admittivity; make one per thread and reuse it.
+/// Working memory of a solve with complex admittivity. Create one per thread and reuse it.
 pub struct AdmittivityWorkspace {
     /// Values of the system matrix.
     pub(super) matrix: Vec<c64>,
     pub(super) factor: Factor<c64>,
-    /// Real or imaginary parts of the admittivity.
+    /// Real or imaginary parts of the admittivity, siemens.
     part_s: Vec<f64>,
-    /// Real parts of the assembled elements, then their imaginary parts.
+    /// Assembled element terms: real parts, imaginary parts.
     assembled: [Vec<f64>; 2],
-    /// Electrode potentials for unit currents [electrode but ground, electrode but ground].
+    /// Electrode potentials for unit currents, [electrode except ground, electrode except ground].
     pub(super) transfer: Mat<c64>,
-    /// Electrode potentials [stimulation, electrode], row-major.
+    /// Electrode potentials, [stimulation, electrode], row-major.
     pub(super) electrode_potentials: Vec<c64>,
-    /// Potentials [unknown, basis pattern], row-major.
+    /// Potentials, [unknown, basis pattern], row-major.
     pub(super) potentials: Vec<c64>,
     pub(super) block: Block,
 }
@@ -37,7 +37,7 @@ impl fmt::Debug for AdmittivityWorkspace {
 }
 
 impl AdmittivityWorkspace {
-    /// For a model.
+    /// Allocates the memory for a model.
     pub(super) fn new(model: &AdmittivityModel) -> Result<Self, FemError> {
         let real = &model.real;
         let (electrodes, entries) = (real.protocol().electrodes(), real.assembly.pattern.entries());
@@ -55,7 +55,7 @@ impl AdmittivityWorkspace {
         })
     }
 
-    /// Every size that a solve of `model` relies on.
+    /// Checks every size that a solve of `model` relies on.
     pub(super) fn check(&self, model: &AdmittivityModel) -> Result<(), FemError> {
         let real = &model.real;
         let (factor, scratch) = self.factor.sizes();
@@ -83,7 +83,7 @@ impl AdmittivityWorkspace {
         }
     }
 
-    /// Assembles the matrix: real and imaginary parts by the real model's code.
+    /// Assembles the matrix; the code of the real model computes its real and imaginary parts.
     pub(super) fn assemble(&mut self, model: &AdmittivityModel, admittivity_s: &[Complex64]) {
         let Self { matrix, part_s, assembled, .. } = self;
         let parts: [fn(&Complex64) -> f64; 2] = [|y| y.re, |y| y.im];
@@ -98,7 +98,7 @@ impl AdmittivityWorkspace {
         }
     }
 
-    /// That no electrode potential overflowed.
+    /// Checks that no electrode potential overflowed.
     pub(super) fn check_potentials(&self) -> Result<(), FemError> {
         let electrodes = self.transfer.nrows() + 1;
         match self.electrode_potentials.iter().position(|v| !v.is_finite()) {

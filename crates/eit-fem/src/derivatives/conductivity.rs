@@ -1,20 +1,21 @@
-//! The adjoint Jacobian with respect to conductivity.
+//! Adjoint Jacobian with respect to conductivity.
 //!
-//! Elements are taken in blocks whose scaled gradients stay in the second-level cache. Each
-//! product of two fields is formed once and written to every measurement that is a multiple of it
-//! (reciprocal ones: half of the rows). For 208 rows and `e` elements: 3 flops for each of 104 e
-//! products (9 for quadratic elements), 208 e values written, 8 bytes each. The stores are the floor.
+//! Elements are processed in blocks whose scaled gradients stay in the second-level cache. Each
+//! product of two fields is computed once and written to every measurement that is a multiple of it
+//! (reciprocal measurements: half of the rows). For 208 rows and `e` elements: 3 flops for each of
+//! 104 e products (9 for quadratic elements), and 208 e values of 8 bytes written. The stores limit
+//! the speed.
 //!
-//! Measured on the discs of the benches, linear elements, one thread (Xeon with 2 MiB second-level
-//! cache), the shortest of many runs, memory reused:
+//! Measured on the discs of the benches with linear elements, one thread (Xeon with 2 MiB
+//! second-level cache), shortest of many runs, memory reused:
 //!
-//! | elements | Jacobian | this module | the same memory set to a constant |
+//! | elements | Jacobian | this module | writing a constant to the same memory |
 //! |---|---|---|---|
 //! | 3 932 (6.5 MB) | 0.80 ms | 0.61 ms, 11 GB/s | 0.29 ms, 22 GB/s |
 //! | 40 222 (67 MB) | 15.2 ms | 12.1 ms, 5.5 GB/s | 8.0 ms, 8.4 GB/s |
 //!
-//! Gathering and combining gradients take 0.11 and 1.4 ms of it, so ordering the triangles for
-//! locality could gain 2 %. Blocks of 128 and 512 elements are 10 and 3 % slower.
+//! Gathering and combining gradients take 0.11 and 1.4 ms of this, so ordering the triangles for
+//! locality could gain 2 %. Blocks of 128 and 512 elements are 10 % and 3 % slower.
 
 use super::solved_fields::{Potentials, SolvedFields};
 use crate::element::ElementOrder;
@@ -24,39 +25,40 @@ use ndarray::ArrayViewMut2;
 use std::ops::Range;
 
 /// Elements per block: 16 fields x 2 components x 256 x 8 bytes = 64 KiB of gradients (160 KiB for
-/// the 5 components of quadratic elements), and rows are written in runs of half a page.
+/// the 5 components of quadratic elements). Rows are written in runs of half a page.
 const BLOCK: usize = 256;
 
-/// Values from one component of a field to the next. Eight more than a block, or all fields of
-/// one element would fall into two of the sixty-four sets of a first-level cache.
+/// Stride between the components of a field. It is eight more than a block; with a stride of
+/// exactly one block, all fields of an element would map to two of the sixty-four sets of a
+/// first-level cache.
 const STRIDE: usize = BLOCK + 8;
 
-/// Memory of one block.
+/// Working memory for one block.
 pub(crate) struct Block {
-    /// Scaled gradients [slot, component, element]; see `Fields::slots`.
+    /// Scaled gradients, [slot, component, element]; see `Fields::slots`.
     gradients: Vec<f64>,
     /// One product of fields.
     product: Vec<f64>,
 }
 
 impl Block {
-    /// Number of values in the memory.
+    /// Number of gradient values.
     pub fn size(&self) -> usize {
         self.gradients.len()
     }
 
-    /// [`Block::size`] of the memory for a model.
+    /// [`Block::size`] needed for a model.
     pub fn size_for(model: &ForwardModel) -> usize {
         model.fields.slot_count() * model.dofs.order.components() * STRIDE
     }
 
-    /// Memory for a model.
+    /// Allocates the memory for a model.
     pub fn new(model: &ForwardModel) -> Self {
         Self { gradients: vec![0.0; Self::size_for(model)], product: vec![0.0; BLOCK] }
     }
 }
 
-/// The components of a slot.
+/// Ranges of the components of a slot.
 fn components<const COMPONENTS: usize>(slot: u32) -> [Range<usize>; COMPONENTS] {
     std::array::from_fn(|c| {
         let at = (slot as usize * COMPONENTS + c) * STRIDE;
@@ -64,8 +66,8 @@ fn components<const COMPONENTS: usize>(slot: u32) -> [Range<usize>; COMPONENTS] 
     })
 }
 
-/// Storage of the rows of [`Solution::unique_jacobian`](crate::Solution::unique_jacobian): `f64` or
-/// `f32`. Sealed: nothing else is one.
+/// Number type of [`Solution::unique_jacobian`](crate::Solution::unique_jacobian): `f64` or `f32`.
+/// Sealed.
 pub trait JacobianValue: private::Narrow + Copy + Default {}
 
 impl JacobianValue for f64 {}
@@ -89,7 +91,7 @@ mod private {
     }
 }
 
-/// Fills `jacobian` [measurement, element].
+/// Fills `jacobian`, [measurement, element].
 pub(crate) fn fill(
     solved: &SolvedFields<'_>,
     block: &mut Block,
@@ -102,20 +104,20 @@ pub(crate) fn fill(
     });
 }
 
-/// Fills `jacobian` [product, element]: the row of the first measurement of each product.
+/// Fills `jacobian`, [product, element], with the row of the first measurement of each product.
 pub(crate) fn fill_unique<T: JacobianValue>(
     solved: &SolvedFields<'_>,
     block: &mut Block,
     mut jacobian: ArrayViewMut2<'_, T>,
 ) {
     each_product(solved, block, |index, start, values| {
-        // a product is there because of a measurement
+        // every product has at least one measurement
         let factor = solved.model.fields.products[index].data.first().map_or(0.0, |first| first.1);
         write(&mut jacobian, index, start, factor, values);
     });
 }
 
-/// Writes scaled values into a row, from an element on.
+/// Writes scaled values into a row, starting at element `start`.
 fn write<T: JacobianValue>(
     jacobian: &mut ArrayViewMut2<'_, T>,
     row: usize,
@@ -137,7 +139,8 @@ fn write<T: JacobianValue>(
     }
 }
 
-/// Calls with every product of fields on every block: its index, the first element, values.
+/// Calls `take` for every product of fields on every block, with the product's index, the first
+/// element and the values.
 fn each_product(
     solved: &SolvedFields<'_>,
     block: &mut Block,
@@ -186,7 +189,8 @@ fn each_product_of<const NODES: usize, const PAIRS: usize, const COMPONENTS: usi
     }
 }
 
-/// Scaled gradients of the basis fields on one block of elements: their nodes and coefficients.
+/// Computes the scaled gradients of the basis fields on one block of elements, given by their nodes
+/// and coefficients.
 fn fill_gradients<const NODES: usize, const PAIRS: usize, const COMPONENTS: usize>(
     nodes: &[[u32; NODES]],
     coefficients: &[[f64; PAIRS]],

@@ -1,29 +1,31 @@
-//! Derivative with respect to contact impedances.
+//! Derivatives with respect to contact impedances.
 //!
-//! The equation of an electrode's potential gives `U - u = z I / measure + (mu - u)` with the mean
-//! `mu` of the skin's potential under it. Currents `I` are known and deviations `mu - u` are formed
-//! from differences of neighbours, so neither a large nor a small `z` cancels digits:
+//! The equation of an electrode's potential gives `U - u = z I / measure + (mu - u)`, where `mu` is
+//! the mean potential of the skin under the electrode. The currents `I` are known, and the
+//! deviations `mu - u` are computed from differences of potentials, so neither a large nor a small
+//! `z` causes cancellation:
 //!
 //! ```text
 //! dV/dz = factor ( I_f I_g / measure  +  integral of (mu_f - u_f)/z (mu_g - u_g)/z )
 //! ```
 //!
-//! (the mixed terms vanish: deviations have mean zero).
+//! The mixed terms vanish because the deviations have mean zero.
 
 use super::solved_fields::SolvedFields;
 use crate::error::FemError;
 use crate::model::contact::measure;
 use ndarray::ArrayViewMut2;
 
-/// The fields under one electrode.
+/// Fields under one electrode.
 pub(crate) struct ContactFields {
-    /// Length, metres, or area, square metres.
+    /// Length (metres) or area (square metres) of the electrode.
     pub measure: f64,
-    /// Of each part: edges or triangles.
+    /// Length or area of each part (edge or triangle).
     pub measures: Vec<f64>,
-    /// Corners of a part.
+    /// Number of corners of a part.
     corners: usize,
-    /// [slot, 1 + part x corner]: the current of a field, then `mu - u`.
+    /// [slot, 1 + part x corner]: the current of a field, then `mu - u` at the corners of each
+    /// part.
     rows: Vec<f64>,
 }
 
@@ -38,7 +40,7 @@ pub(crate) struct Under<'a> {
 }
 
 impl<'a> Under<'a> {
-    /// Deviations at the corners of one part.
+    /// Returns the deviations at the corners of one part.
     pub fn part(&self, part: usize) -> &'a [f64] {
         &self.deviations[part * self.corners..][..self.corners]
     }
@@ -52,7 +54,7 @@ impl ContactFields {
         let measures: Vec<f64> =
             parts.iter().map(|nodes| measure(nodes, &solved.geometry.positions)).collect();
         let total: f64 = measures.iter().sum();
-        // electrodes have a part, and all parts of one electrode are alike
+        // every electrode has a part, and all its parts are of one kind
         let corners = parts.first().map_or(0, Vec::len);
         let width = 1 + corners * parts.len();
         let solves = fields.basis.nrows();
@@ -77,7 +79,7 @@ impl ContactFields {
         Self { measure: total, measures, corners, rows }
     }
 
-    /// A field, by its index.
+    /// Returns a field by its index.
     pub fn field(&self, solved: &SolvedFields<'_>, field: u32) -> Under<'_> {
         let width = 1 + self.corners * self.measures.len();
         let slot = solved.model.fields.slots[field as usize] as usize;
@@ -86,14 +88,15 @@ impl ContactFields {
     }
 }
 
-/// Mean of the product of two linear functions over an edge or triangle, from corner values.
+/// Computes the mean of the product of two linear functions over an edge or triangle, from corner
+/// values.
 pub(crate) fn mean_product(a: &[f64], b: &[f64]) -> f64 {
     let count = a.len() as f64;
     let products: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
     (a.iter().sum::<f64>() * b.iter().sum::<f64>() + products) / (count * (count + 1.0))
 }
 
-/// Fills [measurement, electrode].
+/// Fills `jacobian`, [measurement, electrode].
 pub(crate) fn fill(
     solved: &SolvedFields<'_>,
     mut jacobian: ArrayViewMut2<'_, f64>,

@@ -1,32 +1,33 @@
-//! Ways for nodes to move.
+//! Displacements of the nodes.
 
 use crate::error::FemError;
 
-/// A way for nodes to move: of each node that does, metres for each unit of one parameter.
+/// Displacement of the nodes per unit of one parameter; nodes that are not listed do not move.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Displacement {
     nodes: Vec<(u32, [f64; 3])>,
 }
 
 impl Displacement {
-    /// From the nodes (mesh order, from 0) that move. What a node has several times is added up.
+    /// Creates a displacement from the nodes that move (index in mesh order, from 0) and their
+    /// vectors, metres per unit of the parameter. Vectors of repeated nodes are added.
     pub fn new(nodes: Vec<(u32, [f64; 3])>) -> Self {
         Self { nodes }
     }
 
-    /// From a vector at every node of a mesh.
+    /// Creates a displacement from one vector per mesh node.
     pub fn of_field(field: &[[f64; 3]]) -> Self {
         let moved = (0u32..).zip(field.iter().copied()).filter(|(_, v)| *v != [0.0; 3]);
         Self { nodes: moved.collect() }
     }
 
-    /// Nodes that move, metres for each unit of the parameter.
+    /// Nodes that move and their vectors, metres per unit of the parameter.
     pub fn nodes(&self) -> &[(u32, [f64; 3])] {
         &self.nodes
     }
 
-    /// Node positions (metres) with `amount` of this displacement added: what
-    /// [`ForwardModel::deform`](crate::ForwardModel::deform) takes.
+    /// Adds `amount` times this displacement to the node positions (metres), for use with
+    /// [`ForwardModel::deform`](crate::ForwardModel::deform).
     ///
     /// # Errors
     /// [`FemError::NoSuchNode`], [`FemError::NonFinitePosition`].
@@ -39,7 +40,7 @@ impl Displacement {
         Ok(())
     }
 
-    /// That it is one of a mesh of so many nodes.
+    /// Checks that all nodes exist in a mesh of `nodes` nodes and that all vectors are finite.
     pub(crate) fn check(&self, nodes: usize) -> Result<(), FemError> {
         for &(node, position_m) in &self.nodes {
             let node = node as usize;

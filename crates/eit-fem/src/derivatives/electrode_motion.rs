@@ -1,19 +1,21 @@
-//! How nodes move when an electrode does.
+//! Displacements of the nodes when an electrode moves.
 //!
-//! Two kinds. An electrode that **slides** changes its place on a skin that stays: only the ends of
-//! its support move. Nodes of the rim then move along the rim, nodes inside follow, and the domain
-//! stays what it is (on a rim of chords to the second order in their length). An electrode that is
-//! **carried** goes with the skin: its nodes and those around it are shifted, as stretched fabric
-//! does, and the rim bends.
+//! There are two kinds of motion. An electrode that **slides** changes its position on a fixed
+//! skin: only the ends of its support move. Rim nodes then move along the rim, interior nodes
+//! follow, and the domain does not change (on a polygonal rim, to second order in the edge length).
+//! An electrode that is **carried** moves with the skin: its nodes and those around it are shifted,
+//! as in stretched fabric, and the rim bends.
 //!
-//! The displacement reaches about one width of the electrode into the skin instead of moving the
-//! end's node alone. For the discrete model either is exact. But as a derivative of the skin's
-//! voltages, moving one node changes the size of the triangles at the singular end and with it the
-//! error of the voltages: `docs/DESIGN.md` has the numbers. (Volume and boundary forms of shape
-//! derivatives: Hiptmair, Paganini, Sargheini, *BIT* 55 (2015), 459-485; the boundary form for
-//! electrodes: Darde, Hakula, Hyvonen, Staboulis, *Inverse Probl. Imaging* 6 (2012), 399-421.)
+//! The displacement extends about one electrode width into the skin instead of moving only the end
+//! node. Both are exact derivatives of the discrete model. But moving a single node changes the
+//! size of the triangles at the singular electrode end, and with it the discretisation error of the
+//! voltages, so it approximates the derivative of the continuous model poorly; `docs/DESIGN.md` has
+//! the numbers. (Volume and boundary forms of shape derivatives: Hiptmair, Paganini, Sargheini,
+//! *BIT* 55 (2015), 459-485; the boundary form for electrodes: Darde, Hakula, Hyvonen, Staboulis,
+//! *Inverse Probl. Imaging* 6 (2012), 399-421.)
 //!
-//! Long, because the way along the rim, its corners and the reach into the skin are one thing.
+//! The file is long because movement along the rim, its corners and the extension into the skin
+//! depend on each other.
 
 use super::displacement::Displacement;
 use crate::error::FemError;
@@ -21,42 +23,45 @@ use crate::vector::{Vector, along, cross, dot, norm, scaled, sub, unit};
 use eit_mesh::{Electrode, Mesh};
 use std::collections::HashMap;
 
-/// Rim that turns by more than this in one node has a corner there: the mesher's coarsest arcs turn
-/// by 30 degrees. Its cosine is that of 35 degrees.
+/// Cosine of 35 degrees. A rim node where the rim turns by more than this is a corner; the coarsest
+/// arcs of the mesher turn by 30 degrees per node.
 const CORNER_COSINE: f64 = 0.819;
 
-/// A displacement reaches no farther into the skin than this part of the root of its area.
+/// Largest extension of a displacement into the skin, as a fraction of the square root of the
+/// skin's area.
 const DEEPEST: f64 = 0.25;
 
-/// How an electrode moves, for each metre of its parameter.
+/// How an electrode moves, per metre of its parameter.
 ///
-/// Along the rim means with the skin on the left, on the outer rim of a flat skin
-/// counter-clockwise. Conductivities stay with their triangles, so where they vary within a width of
-/// the electrode, a sliding electrode takes them along.
+/// The positive direction along the rim has the skin on the left; on the outer rim of a flat skin
+/// this is counter-clockwise. Conductivities stay with their triangles. A sliding electrode
+/// therefore shifts conductivities that vary within one electrode width of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum ElectrodeMotion {
-    /// Both ends slide along the rim, over a skin that stays.
+    /// Both ends slide along the rim over a fixed skin.
     Slide,
-    /// The ends slide apart, each by half, over a skin that stays: the width grows by the
-    /// parameter.
+    /// The ends slide apart over a fixed skin, each by half, so the width grows by the parameter.
     Widen,
-    /// The electrode is carried by the skin, along its own chord.
+    /// The skin carries the electrode along the electrode's chord.
     CarriedAlong,
-    /// The electrode is carried by the skin, outward in the skin's plane.
+    /// The skin carries the electrode outward in the skin's plane.
     CarriedOutward,
-    /// The electrode, rim or patch, is carried by the skin along a vector.
+    /// The skin carries the electrode (rim or patch) along a vector.
     Carried([f64; 3]),
-    /// The electrode is stretched with the skin along its chord: the width grows by the parameter.
+    /// The electrode is stretched with the skin along its chord, so the width grows by the
+    /// parameter.
     Stretched,
 }
 
 impl ElectrodeMotion {
-    /// The displacement of one electrode (index from 0), in node order of the mesh.
+    /// Returns the displacement for one electrode (index from 0).
     ///
     /// # Errors
-    /// [`FemError::NoSuchElectrode`]; [`FemError::Immovable`] for a patch along the rim, an end at a
-    /// corner or on another electrode, an electrode that is not one piece of rim.
+    /// [`FemError::NoSuchElectrode`]. [`FemError::Immovable`] for any motion but
+    /// [`ElectrodeMotion::Carried`] of a patch, an electrode that is not one piece of rim, or a
+    /// ring whose ends meet; and for sliding or widening with an end at a corner or on another
+    /// electrode.
     pub fn displacement(&self, mesh: &Mesh, electrode: usize) -> Result<Displacement, FemError> {
         let electrodes = mesh.electrodes().len();
         if electrode >= electrodes {
@@ -66,7 +71,7 @@ impl ElectrodeMotion {
         Skin::new(mesh).displacement(*self, electrode)
     }
 
-    /// The displacements of all electrodes, electrode 1 first.
+    /// Returns the displacements of all electrodes, electrode 1 first.
     ///
     /// # Errors
     /// Those of [`ElectrodeMotion::displacement`].
@@ -76,28 +81,28 @@ impl ElectrodeMotion {
     }
 }
 
-/// Of a node at `x` reaches from where it is all: 1 and then down to 0, both without slope.
+/// Smooth weight that falls from 1 at `x = 0` to 0 at `x = 1`, with zero slope at both ends.
 fn fade(x: f64) -> f64 {
     if x < 1.0 { (1.0 - x) * (1.0 - x) * (1.0 + 2.0 * x) } else { 0.0 }
 }
 
-/// A mesh with what moving along its rim needs.
+/// A mesh with the rim topology and normals that movement needs.
 struct Skin<'a> {
     mesh: &'a Mesh,
     nodes: &'a [Vector],
-    /// Node after and before each rim node.
+    /// Next and previous rim node of each rim node.
     next: HashMap<u32, u32>,
     before: HashMap<u32, u32>,
-    /// Rim nodes that two pieces of rim share: nothing moves past them.
+    /// Rim nodes shared by two pieces of rim. Nothing moves past them.
     pinched: Vec<u32>,
-    /// Electrodes of each node, at most two counted: the first, and whether there are others.
+    /// For each electrode node: its first electrode, and whether it belongs to others too.
     owner: HashMap<u32, (usize, bool)>,
-    /// Normal of the skin at each node, not of unit length.
+    /// Normal of the skin at each node, not normalised.
     normals: Vec<Vector>,
     depth_m: f64,
 }
 
-/// An end of a step on the way along the rim: a node and what it moves by.
+/// A node on the path along the rim, and its displacement.
 type Stop = (u32, Vector);
 
 impl<'a> Skin<'a> {
@@ -160,7 +165,7 @@ impl<'a> Skin<'a> {
         norm(sub(self.place(b), self.place(a)))
     }
 
-    /// Nodes of a rim electrode in the order of the rim.
+    /// Nodes of a rim electrode, in rim order.
     fn path(&self, l: usize) -> Result<Vec<u32>, FemError> {
         let immovable = |why| FemError::Immovable { electrode: l + 1, why };
         let Electrode::Rim(edges) = &self.mesh.electrodes()[l] else {
@@ -183,7 +188,7 @@ impl<'a> Skin<'a> {
         if path.len() == edges.len() + 1 { Ok(path) } else { Err(pieces) }
     }
 
-    /// Direction of the rim at a node, exact on a circle; `None` at a corner.
+    /// Tangent of the rim at a node, exact on a circle; `None` at a corner.
     fn tangent(&self, node: u32) -> Option<Vector> {
         if self.pinched.contains(&node) {
             return None;
@@ -195,11 +200,11 @@ impl<'a> Skin<'a> {
         if dot(into, out) < CORNER_COSINE * h * k {
             return None;
         }
-        // chords of h and k leave the tangent by angles in proportion to their lengths
+        // the angles between the tangent and chords of lengths h and k are proportional to h and k
         unit(along(scaled(k / h, into), h / k, out))
     }
 
-    /// What both ends of an electrode, by `ends` along the rim, move.
+    /// Displacement that moves the two ends of an electrode by `ends` along the rim.
     fn slide(&self, l: usize, ends: [f64; 2]) -> Result<Displacement, FemError> {
         let immovable = |why| FemError::Immovable { electrode: l + 1, why };
         let path = self.path(l)?;
@@ -218,8 +223,8 @@ impl<'a> Skin<'a> {
         Ok(self.follow(l, &way, width_m.min(self.depth_m)))
     }
 
-    /// The nodes of the electrode, and its width. Corners stay; between them and the ends, or
-    /// between both ends, the movement is shared out.
+    /// Displacements of the electrode's nodes, and its width. Corners are fixed; the movement is
+    /// interpolated between corners and ends, or between both ends if there are no corners.
     fn inside(&self, path: &[u32], [a, b]: [f64; 2]) -> (Vec<Stop>, f64) {
         let mut arcs = vec![0.0];
         for step in path.windows(2) {
@@ -240,8 +245,8 @@ impl<'a> Skin<'a> {
         (stops.collect(), width_m)
     }
 
-    /// The nodes beyond an end, fading out over a width or up to what stays: a corner, another
-    /// electrode. The last one stays.
+    /// Displacements of the rim nodes beyond an end. They decay to zero over one electrode width,
+    /// or up to the nearest corner or other electrode. The last node does not move.
     fn outside(&self, way: &HashMap<u32, u32>, end: u32, amount: f64, width_m: f64) -> Vec<Stop> {
         let mut nodes: Vec<(u32, f64, Option<Vector>)> = Vec::new();
         let (mut at, mut arc) = (end, 0.0);
@@ -262,9 +267,10 @@ impl<'a> Skin<'a> {
         nodes.into_iter().map(stop).collect()
     }
 
-    /// A way along the rim, and the nodes inside the skin that follow it: each the mean of the way's
-    /// vectors by the inverse fourth power of the distance. (The nearest place of the way would jump
-    /// from one chord to the next: seen from inside, a rim of chords has an edge at every node.)
+    /// Displacement of the nodes on the path `way` and of the interior nodes that follow it. An
+    /// interior node moves by the mean of the path's vectors, weighted by the inverse fourth power
+    /// of the distance. (The vector at the nearest point of the path would jump from one chord to
+    /// the next, because a polygonal rim has a kink at every node.)
     fn follow(&self, l: usize, way: &[Stop], depth_m: f64) -> Displacement {
         let mut moved: Vec<Stop> = way.iter().copied().filter(|s| s.1 != [0.0; 3]).collect();
         let segments: Vec<[Vector; 2]> =
@@ -298,7 +304,8 @@ impl<'a> Skin<'a> {
         Displacement::new(moved)
     }
 
-    /// Nodes of an electrode moved by a field, those around it by less, other electrodes not.
+    /// Displacement that moves the nodes of an electrode by `field`, surrounding nodes by a
+    /// decaying fraction of it, and other electrodes not at all.
     fn carry(&self, l: usize, field: impl Fn(Vector) -> Vector) -> Displacement {
         let segments = self.segments(l);
         let others = self.owner.iter().filter(|(_, (first, more))| *first != l || *more);
@@ -306,7 +313,7 @@ impl<'a> Skin<'a> {
             let distances = segments.iter().map(|[a, b]| to_segment(place, *a, *b));
             distances.fold(f64::INFINITY, f64::min)
         };
-        // touching electrodes leave no room: then nothing around moves
+        // if another electrode touches this one, no surrounding node moves
         let clear = others.map(|(&node, _)| distance(self.place(node)));
         let size =
             self.mesh.electrode_measure(l).map_or(0.0, |measure| match self.mesh.electrodes()[l] {
@@ -331,7 +338,7 @@ impl<'a> Skin<'a> {
         Displacement::new(moved)
     }
 
-    /// Sides of the parts of an electrode.
+    /// Sides of an electrode's edges or triangles.
     fn segments(&self, l: usize) -> Vec<[Vector; 2]> {
         match &self.mesh.electrodes()[l] {
             Electrode::Rim(edges) => edges.iter().map(|e| e.map(|n| self.place(n))).collect(),
@@ -362,7 +369,7 @@ impl<'a> Skin<'a> {
         Ok(Chord { direction, outward, centre, width_m })
     }
 
-    /// A vector without its part across the skin.
+    /// Projects a vector onto the tangent plane of the skin.
     fn in_plane(&self, node: u32, vector: Vector) -> Vector {
         match unit(self.normals[node as usize]) {
             Some(normal) => along(vector, -dot(vector, normal), normal),
@@ -371,7 +378,7 @@ impl<'a> Skin<'a> {
     }
 }
 
-/// The line between the ends of an electrode.
+/// Chord between the ends of an electrode.
 struct Chord {
     direction: Vector,
     outward: Vector,
@@ -379,7 +386,7 @@ struct Chord {
     width_m: f64,
 }
 
-/// A box.
+/// An axis-aligned bounding box.
 struct Bounds([Vector; 2]);
 
 impl Bounds {
@@ -399,7 +406,7 @@ impl Bounds {
     }
 }
 
-/// Distance of a point to a segment.
+/// Distance from a point to a segment.
 fn to_segment(point: Vector, a: Vector, b: Vector) -> f64 {
     let side = sub(b, a);
     let t = (dot(sub(point, a), side) / dot(side, side)).clamp(0.0, 1.0);

@@ -1,17 +1,17 @@
-//! Derivatives of the voltages with respect to contacts, node positions and electrodes.
+//! Derivatives of the voltages with respect to conductivity, contact impedances and node positions.
 //!
-//! The discrete model is `A x = b` with currents `b` that no parameter changes. A measurement is
-//! `factor x_g . A x_f` with the fields `f`, `g` of its product ([`crate::protocol`]), so for every
-//! parameter `p` of the matrix
+//! The discrete model is `A x = b`, where the currents `b` do not depend on any parameter. A
+//! measurement is `factor x_g . A x_f`, with the fields `f` and `g` of its product
+//! ([`crate::protocol`]). So for every parameter `p` of the matrix
 //!
 //! ```text
 //! dV/dp = -factor x_g . (dA/dp) x_f
 //! ```
 //!
-//! exactly, and the fields that the Jacobian with respect to conductivity solves for serve all of
-//! them: no further solve. What differs is `dA/dp`: [`contact`] (one number per electrode),
-//! [`movement`] (strain of triangles, stretch of electrode parts). [`electrode_motion`] says how
-//! nodes move when an electrode does.
+//! exactly. All derivatives use the fields that the Jacobian with respect to conductivity needs and
+//! require no further solve. Only `dA/dp` differs: [`contact`] has one number per electrode,
+//! [`movement`] the strain of triangles and the stretch of electrode parts. [`electrode_motion`]
+//! computes how nodes move when an electrode does.
 
 pub(crate) mod conductivity;
 pub(crate) mod contact;

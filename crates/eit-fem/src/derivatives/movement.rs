@@ -1,15 +1,16 @@
-//! Derivative along displacements of the nodes.
+//! Derivatives along displacements of the nodes.
 //!
-//! With the gradient `D` of the displacement in a triangle's own plane, nodal values held,
-//! `grad u` changes by `-D' grad u` and the area by `area trace D`, so that
+//! Let `D` be the gradient of the displacement in the plane of a triangle. With nodal values fixed,
+//! `grad u` changes by `-D' grad u` and the area by `area trace D`, so
 //!
 //! ```text
 //! d(area grad f . grad g) = area grad f . (trace S - 2 S) grad g,     S = (D + D') / 2
 //! ```
 //!
-//! whose matrix has trace zero: two numbers a triangle. The gradients are those of the Jacobian, in
-//! the frame of the first edge ([`crate::element`]). An electrode part of measure `m` holds
-//! `m/z mean (U - u)(U* - u*)`, with `U - u = z I / measure + (mu - u)` as in [`super::contact`].
+//! The matrix `trace S - 2 S` has trace zero, so two numbers per triangle describe it. The
+//! gradients are those of the Jacobian, in the frame of the first edge ([`crate::element`]). An
+//! electrode part of measure `m` contributes `m/z mean (U - u)(U* - u*)`, with `U - u = z I /
+//! measure + (mu - u)` as in [`super::contact`].
 
 use super::contact::{ContactFields, Under, mean_product};
 use super::displacement::Displacement;
@@ -21,7 +22,7 @@ use ndarray::ArrayViewMut2;
 /// Elements per block: 16 fields x 2 components x 64 x 8 bytes = 16 KiB of gradients.
 const BLOCK: usize = 64;
 
-/// What one displacement does to one triangle: conductivity times `S22 - S11` and `-2 S12`.
+/// Strain of one triangle by one displacement: conductivity times `S22 - S11` and `-2 S12`.
 struct Strain {
     element: u32,
     displacement: u32,
@@ -29,7 +30,7 @@ struct Strain {
     across: f64,
 }
 
-/// Change of the measure of one part of an electrode.
+/// Change of the length or area of one part of an electrode by one displacement.
 struct Stretch {
     electrode: u32,
     part: u32,
@@ -37,7 +38,7 @@ struct Stretch {
     change: f64,
 }
 
-/// Fills [measurement, displacement]; displacements have been checked.
+/// Fills `jacobian`, [measurement, displacement], for validated displacements.
 pub(crate) fn fill(
     solved: &SolvedFields<'_>,
     displacements: &[Displacement],
@@ -53,7 +54,7 @@ pub(crate) fn fill(
         moves.clear(solved, displacement);
     }
     let count = displacements.len();
-    // derivative of the energy [product, displacement]
+    // derivative of the energy, [product, displacement]
     let mut sums = vec![0.0; products.len() * count];
     add_elements(solved, &mut strains, count, &mut sums);
     add_contacts(solved, &mut stretches, count, &mut sums);
@@ -66,7 +67,7 @@ pub(crate) fn fill(
     }
 }
 
-/// The vector of each unknown that is a node, and whether it moves.
+/// Displacement of each unknown that is a node, and whether it moves.
 struct Moves {
     vectors: Vec<Vector>,
     moved: Vec<bool>,
@@ -128,7 +129,7 @@ impl Moves {
         }
     }
 
-    /// Change of the length of an edge or the area of a triangle.
+    /// Computes the change of the length of an edge or the area of a triangle.
     fn stretch(&self, solved: &SolvedFields<'_>, nodes: &[u32]) -> f64 {
         let place = |n: u32| solved.geometry.positions[n as usize];
         let vector = |n: u32| self.vectors[n as usize];
@@ -149,7 +150,8 @@ impl Moves {
     }
 }
 
-/// `S22 - S11` and `-2 S12` of a triangle whose corners move, in the frame of its first edge.
+/// Computes `S22 - S11` and `-2 S12` of a triangle whose corners move, in the frame of its first
+/// edge.
 fn strain(corners: [Vector; 3], vectors: [Vector; 3]) -> [f64; 2] {
     let (e1, e2) = (sub(corners[1], corners[0]), sub(corners[2], corners[0]));
     let (w1, w2) = (sub(vectors[1], vectors[0]), sub(vectors[2], vectors[0]));
@@ -164,7 +166,7 @@ fn strain(corners: [Vector; 3], vectors: [Vector; 3]) -> [f64; 2] {
     [dot(second, d2) - dot(first, d1), -(dot(first, d2) + dot(second, d1))]
 }
 
-/// Adds what triangles contribute, block by block of those that are strained.
+/// Adds the contributions of the strained triangles, block by block.
 fn add_elements(solved: &SolvedFields<'_>, strains: &mut [Strain], count: usize, sums: &mut [f64]) {
     strains.sort_by_key(|s| s.element);
     let fields = &solved.model.fields;
@@ -206,7 +208,7 @@ fn add_elements(solved: &SolvedFields<'_>, strains: &mut [Strain], count: usize,
     }
 }
 
-/// Scaled gradients [slot, component, element] of some elements.
+/// Computes scaled gradients, [slot, component, element], of the given elements.
 fn gather(solved: &SolvedFields<'_>, elements: &[u32], gradients: &mut [f64]) {
     let fields = &solved.model.fields;
     let solves = fields.basis.nrows();
@@ -229,7 +231,7 @@ fn gather(solved: &SolvedFields<'_>, elements: &[u32], gradients: &mut [f64]) {
     fields.combine(gradients, 2 * BLOCK);
 }
 
-/// Adds what stretched parts of electrodes contribute.
+/// Adds the contributions of the stretched electrode parts.
 fn add_contacts(
     solved: &SolvedFields<'_>,
     stretches: &mut [Stretch],
@@ -252,8 +254,9 @@ fn add_contacts(
     }
 }
 
-/// Mean of `(U - u)(U* - u*) / z` over a part. Without impedance it is zero; where current enters
-/// evenly, measurements under which both fields carry some have no finite voltage.
+/// Mean of `(U - u)(U* - u*) / z` over a part. It is zero for a shunt. For an ideal current source
+/// the term in which both fields carry current is left out: such measurements have no finite
+/// voltage.
 fn density(f: Under<'_>, g: Under<'_>, part: usize, z: f64, measure: f64) -> f64 {
     let mean = |u: &[f64]| u.iter().sum::<f64>() / u.len() as f64;
     let (df, dg) = (f.part(part), g.part(part));

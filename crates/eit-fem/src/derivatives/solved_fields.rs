@@ -1,8 +1,8 @@
-//! Solved fields and the state they belong to: what every derivative is summed from.
+//! Solved fields and their model state, from which every derivative is computed.
 
 use crate::model::{ForwardModel, Geometry};
 
-/// Solved fields and the state they belong to.
+/// Solved fields with the model, geometry and conductivity they belong to.
 pub(crate) struct SolvedFields<'a> {
     pub model: &'a ForwardModel,
     pub geometry: &'a Geometry,
@@ -10,7 +10,8 @@ pub(crate) struct SolvedFields<'a> {
     pub conductivity_s: &'a [f64],
 }
 
-/// Potentials [unknown, solve], and what extended precision has beyond their last digit.
+/// Potentials, [unknown, solve]. `low` holds the low-order parts if they were solved in extended
+/// precision.
 #[derive(Clone, Copy)]
 pub(crate) struct Potentials<'a> {
     pub values: &'a [f64],

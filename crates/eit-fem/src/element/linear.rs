@@ -1,8 +1,8 @@
-//! Linear triangles: see [`crate::element`].
+//! Linear triangles; see [`crate::element`].
 
 use crate::vector::{cross, dot, norm, sub};
 
-/// Coefficients of a linear triangle, dimensionless: `alpha`, `-gamma`, `beta`.
+/// Computes the dimensionless coefficients of a linear triangle: `alpha`, `-gamma`, `beta`.
 pub(crate) fn linear(corners: [[f64; 3]; 3]) -> [f64; 3] {
     let edge = |k: usize| sub(corners[k], corners[0]);
     let (e1, e2) = (edge(1), edge(2));
@@ -26,7 +26,7 @@ mod tests {
     #[test]
     fn stiffness_of_the_right_triangle_is_the_textbook_one() {
         let k = stiffness::<3, 3>(&linear([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]));
-        // exact numbers, a few roundings
+        // the exact values, up to a few roundings
         for (found, wanted) in k.iter().zip([-0.5, -0.5, 0.0]) {
             assert!((found - wanted).abs() < 4.0 * f64::EPSILON);
         }

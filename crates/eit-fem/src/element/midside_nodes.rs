@@ -1,35 +1,36 @@
-//! Midside nodes: the nodes of quadratic elements beside those of the mesh, one on each edge.
+//! Midside nodes: the additional nodes of quadratic elements, one per edge.
 //!
-//! They are numbered after the mesh's nodes, by their edges (smaller node first, ascending). Where the
-//! mesh knows a curve, a midside node lies off the midpoint of its straight edge by an *offset*, kept in
-//! the frame of a triangle at the edge: its two sides and its normal times the square root of twice its
-//! area. So the offset turns, grows and stretches with the skin when nodes move.
+//! They are numbered after the mesh nodes, in ascending order of their edges (smaller node first).
+//! Where the mesh describes a curved edge, a midside node has an *offset* from the midpoint of the
+//! straight edge. The offset is stored in the frame of a triangle at the edge: two of its sides and
+//! its normal, scaled to the square root of twice the area. The offset therefore rotates, scales
+//! and stretches with the skin when nodes move.
 
 use super::order::ElementOrder;
 use crate::vector::{cross, dot, norm, sub};
 use eit_mesh::Mesh;
 
-/// The midside nodes of a mesh; none for linear elements.
+/// Midside nodes of a mesh; empty for linear elements.
 #[derive(Debug)]
 pub(crate) struct MidsideNodes {
     mesh_nodes: usize,
-    /// The edge of each midside node.
+    /// Edge of each midside node.
     edges: Vec<[u32; 2]>,
     offsets: Vec<Offset>,
 }
 
-/// How a midside node is off the middle of its straight edge.
+/// Offset of a midside node from the midpoint of its straight edge.
 #[derive(Debug)]
 struct Offset {
     node: u32,
-    /// A triangle at the edge, the edge first.
+    /// Corners of a triangle at the edge; the edge's nodes come first.
     corners: [u32; 3],
-    /// Along its sides 0-1 and 0-2, and its normal.
+    /// Components along sides 0-1 and 0-2 and along the normal.
     coefficients: [f64; 3],
 }
 
 impl MidsideNodes {
-    /// The midside nodes that elements of an order need.
+    /// Creates the midside nodes that elements of the given order need.
     pub fn new(mesh: &Mesh, order: ElementOrder) -> Self {
         let surface = mesh.surface();
         let mut midside_nodes =
@@ -62,18 +63,18 @@ impl MidsideNodes {
         midside_nodes
     }
 
-    /// Nodes of the mesh.
+    /// Number of mesh nodes.
     pub fn mesh_nodes(&self) -> usize {
         self.mesh_nodes
     }
 
-    /// Nodes of the mesh and midside nodes.
+    /// Number of mesh nodes and midside nodes together.
     pub fn all_nodes(&self) -> usize {
         self.mesh_nodes + self.edges.len()
     }
 
-    /// Appends the nodes of an element (three corners) or of an electrode's edge (two ends): these
-    /// and, where there are any, the midside nodes of the sides in order.
+    /// Appends the nodes of an element (three corners) or of an electrode's edge (two ends): the
+    /// given nodes, then the midside nodes of the sides in order, if there are any.
     pub fn extend(&self, corners: &[u32], nodes: &mut Vec<u32>) {
         nodes.extend_from_slice(corners);
         let sides = if corners.len() == 2 { 1 } else { corners.len() };
@@ -85,7 +86,8 @@ impl MidsideNodes {
         nodes.extend((0..sides).filter_map(middle));
     }
 
-    /// Hands every midside node (counted from 0) and its place to `visit`, for mesh nodes at `nodes_m`.
+    /// Calls `visit` with every midside node (numbered from 0) and its position, for mesh nodes at
+    /// `nodes_m`.
     pub fn places(&self, nodes_m: &[[f64; 3]], mut visit: impl FnMut(usize, [f64; 3])) {
         let mut offsets = self.offsets.iter().peekable();
         for (index, edge) in self.edges.iter().enumerate() {
@@ -110,7 +112,7 @@ fn mean(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|k| 0.5 * (a[k] + b[k]))
 }
 
-/// Two sides of a triangle, and its normal as long as the square root of twice its area.
+/// Two sides of a triangle, and its normal scaled to the square root of twice the area.
 fn frame(corners: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     let (e1, e2) = (sub(corners[1], corners[0]), sub(corners[2], corners[0]));
     let normal = cross(e1, e2);
@@ -124,7 +126,7 @@ fn in_frame(corners: [[f64; 3]; 3], vector: [f64; 3]) -> [f64; 3] {
     let (v1, v2) = (dot(vector, e1), dot(vector, e2));
     let [g11, g12, g22] = [dot(e1, e1), dot(e1, e2), dot(e2, e2)];
     let size = dot(normal, normal);
-    // the determinant of the sides' products is the normal's fourth power
+    // the determinant of the sides' Gram matrix is the fourth power of the normal's length
     let determinant = size * size;
     [
         (v1 * g22 - v2 * g12) / determinant,

@@ -1,21 +1,21 @@
-//! Which finite elements potentials are made of.
+//! Order of the finite elements.
 
-/// The order of the finite elements: how potentials run inside a triangle.
+/// Order of the finite elements: how the potential varies inside a triangle.
 ///
-/// Conductivity is one value per triangle with either.
+/// Conductivity is constant in each triangle for both orders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ElementOrder {
-    /// Linear potentials, three nodes, straight edges (P1).
+    /// Linear potential, three nodes, straight edges (P1).
     #[default]
     Linear,
-    /// Quadratic potentials, six nodes (P2). Edges follow the curve that the mesh knows
-    /// ([`Mesh::midpoint_m`](eit_mesh::Mesh::midpoint_m)) as parabolas through its midpoint. Solved in
-    /// `f64` only, with contact impedances above zero and finite.
+    /// Quadratic potential, six nodes (P2). Where the mesh gives the midpoint of a curved edge
+    /// ([`Mesh::midpoint_m`](eit_mesh::Mesh::midpoint_m)), the edge is a parabola through it.
+    /// Solves use `f64` only and need finite contact impedances above zero.
     Quadratic,
 }
 
 impl ElementOrder {
-    /// Nodes of one element.
+    /// Number of nodes per element.
     pub(crate) fn nodes(self) -> usize {
         match self {
             Self::Linear => 3,
@@ -23,12 +23,13 @@ impl ElementOrder {
         }
     }
 
-    /// Components of a scaled gradient.
+    /// Number of components of a scaled gradient.
     pub(crate) fn components(self) -> usize {
         self.nodes() - 1
     }
 
-    /// Pairs of different nodes: coefficients of an element, and its off-diagonal stiffness.
+    /// Number of pairs of distinct nodes: the number of coefficients and of off-diagonal stiffness
+    /// entries.
     pub(crate) fn pairs(self) -> usize {
         self.nodes() * (self.nodes() - 1) / 2
     }

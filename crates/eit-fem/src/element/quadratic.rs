@@ -2,35 +2,35 @@
 //!
 //! Nodes 0, 1, 2 are the corners, 3, 4, 5 the midside nodes of edges 0-1, 1-2, 2-0. In barycentric
 //! coordinates `b` the shape functions are `b_i (2 b_i - 1)` for corners and `4 b_i b_j` for midside nodes;
-//! they map the reference triangle to the place of the element as they interpolate potentials.
-//! At each point of a quadrature rule the two tangents `t1, t2` of that map span the skin's tangent
-//! plane, in whose frame the gradient is taken as on a linear triangle with `e1 = t1`, `e2 = t2`.
-//! (Ciarlet, Raviart 1972; Hughes, The Finite Element Method, section 3.) On a straight triangle the
-//! rule is exact.
+//! the same functions map the reference triangle to the element (isoparametric). At each point of a
+//! quadrature rule, the two tangents `t1, t2` of that map span the tangent plane of the skin. The
+//! gradient in that plane is computed as on a linear triangle with `e1 = t1`, `e2 = t2`. (Ciarlet,
+//! Raviart 1972; Hughes, The Finite Element Method, section 3.) On a straight triangle the rule is
+//! exact.
 //!
-//! The scaled gradients at the six points are twelve components, but only five of them are
-//! independent. An orthogonal factorisation `G = Q A` keeps the triangular part `A` alone: five
-//! components that give every product of gradients that the twelve give, at less than half the
-//! work for each field and each Jacobian entry.
+//! The scaled gradients at the six points have twelve components, of which only five are
+//! independent. Of an orthogonal factorisation `G = Q A`, only the triangular factor `A` is kept:
+//! its five components give the same products of gradients as the twelve, at less than half the
+//! work per field and Jacobian entry.
 
 use super::gradient::pair;
 use crate::vector::{cross, dot, norm, sub};
 
-/// Nodes of a triangle.
+/// Number of nodes of a triangle.
 const NODES: usize = 6;
-/// Independent components of a gradient.
+/// Number of independent components of a gradient.
 const COMPONENTS: usize = NODES - 1;
-/// Coefficients.
+/// Number of coefficients.
 const PAIRS: usize = 15;
 
-/// Triangle rule of degree 4: the two barycentric coordinates that differ from the third are equal;
-/// that coordinate and the weight of each of its three points (Cowper 1973; weights sum to one).
+/// Triangle rule of degree 4. Two barycentric coordinates of each point are equal; each entry holds
+/// their value and the weight of its three points (Cowper 1973; the weights sum to one).
 const ORBITS: [(f64, f64); 2] = [
     (0.445_948_490_915_964_9, 0.223_381_589_678_011_47),
     (0.091_576_213_509_770_74, 0.109_951_743_655_321_87),
 ];
 
-/// Edge rule of degree 7: Gauss and Legendre's four points on -1 .. 1 and their weights.
+/// Edge rule of degree 7: the four Gauss-Legendre points on -1 .. 1 and their weights.
 const EDGE_POINTS: [(f64, f64); 4] = [
     (-0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
     (-0.339_981_043_584_856_26, 0.652_145_154_862_546_1),
@@ -55,7 +55,7 @@ fn values([b0, b1, b2]: [f64; 3]) -> [f64; NODES] {
     [corner(b0), corner(b1), corner(b2), 4.0 * b0 * b1, 4.0 * b1 * b2, 4.0 * b2 * b0]
 }
 
-/// Derivatives of the shape functions along the reference triangle's sides 0-1 and 0-2.
+/// Derivatives of the shape functions along sides 0-1 and 0-2 of the reference triangle.
 fn slopes([b0, b1, b2]: [f64; 3]) -> [[f64; NODES]; 2] {
     let corner = |b: f64| 4.0 * b - 1.0;
     [
@@ -64,8 +64,8 @@ fn slopes([b0, b1, b2]: [f64; 3]) -> [[f64; NODES]; 2] {
     ]
 }
 
-/// Sum of places times derivatives that sum to zero, from differences: no digit is lost far from
-/// the origin.
+/// Sum of node positions times shape-function derivatives. It uses differences from the first node,
+/// which avoids cancellation far from the origin; the derivatives sum to zero.
 fn tangent<const N: usize>(nodes: &[[f64; 3]; N], slopes: &[f64; N]) -> [f64; 3] {
     let mut sum = [0.0; 3];
     for (node, slope) in nodes.iter().zip(slopes).skip(1) {
@@ -75,8 +75,8 @@ fn tangent<const N: usize>(nodes: &[[f64; 3]; N], slopes: &[f64; N]) -> [f64; 3]
     sum
 }
 
-/// Least area of the map over that of the straight triangle, among the points of the rule: one on a
-/// straight element, below zero where the element folds over.
+/// Smallest ratio of the local area of the map to that of the straight triangle, over the points of
+/// the rule. It is one for a straight element and negative where the element folds over.
 pub(crate) fn least_stretch(nodes: [[f64; 3]; NODES]) -> f64 {
     let normal = cross(sub(nodes[1], nodes[0]), sub(nodes[2], nodes[0]));
     let stretch = |at: [f64; 3]| {
@@ -86,9 +86,9 @@ pub(crate) fn least_stretch(nodes: [[f64; 3]; NODES]) -> f64 {
     points().map(|(at, _)| stretch(at)).fold(f64::INFINITY, f64::min)
 }
 
-/// Coefficients of an element, dimensionless: see [`crate::element`].
+/// Computes the dimensionless coefficients of an element; see [`crate::element`].
 pub(crate) fn coefficients(nodes: [[f64; 3]; NODES]) -> [f64; PAIRS] {
-    // what node i + 1 adds to each of the twelve components
+    // contribution of node i + 1 to each of the twelve components
     let mut columns = [[0.0; 2 * NODES]; COMPONENTS];
     for (k, (at, weight)) in points().enumerate() {
         let along = slopes(at);
@@ -107,8 +107,9 @@ pub(crate) fn coefficients(nodes: [[f64; 3]; NODES]) -> [f64; PAIRS] {
     triangular(columns)
 }
 
-/// The triangular factor of an orthogonal factorisation, last column first (modified Gram-Schmidt:
-/// the factor is as exact as Householder's, Higham 2002, section 19.8).
+/// Computes the triangular factor of an orthogonal factorisation, last column first, by modified
+/// Gram-Schmidt; the factor is as accurate as that of Householder's method (Higham 2002, section
+/// 19.8).
 fn triangular(mut columns: [[f64; 2 * NODES]; COMPONENTS]) -> [f64; PAIRS] {
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
     let mut factor = [0.0; PAIRS];
@@ -126,8 +127,8 @@ fn triangular(mut columns: [[f64; 2 * NODES]; COMPONENTS]) -> [f64; PAIRS] {
     factor
 }
 
-/// Values of the shape functions at the points of a triangle, and the area that each stands for,
-/// square metres.
+/// Values of the shape functions at the quadrature points of a triangle, and the area weight of
+/// each point, square metres.
 pub(crate) fn triangle_points(
     nodes: [[f64; 3]; NODES],
 ) -> impl Iterator<Item = ([f64; NODES], f64)> {
@@ -137,8 +138,8 @@ pub(crate) fn triangle_points(
     })
 }
 
-/// Values of the shape functions of an edge (ends, middle) at its points, and the length that each
-/// stands for, metres.
+/// Values of the shape functions of an edge (ends, middle) at its quadrature points, and the length
+/// weight of each point, metres.
 pub(crate) fn edge_points(nodes: [[f64; 3]; 3]) -> impl Iterator<Item = ([f64; 3], f64)> {
     EDGE_POINTS.into_iter().map(move |(t, weight)| {
         let values = [0.5 * t * (t - 1.0), 0.5 * t * (t + 1.0), 1.0 - t * t];
@@ -183,7 +184,7 @@ mod tests {
         }
     }
 
-    /// On straight triangles: the energy of a linear function is that of the linear element.
+    /// On a straight triangle, a linear function has the energy of the linear element.
     #[test]
     fn linear_functions_have_the_energy_of_linear_elements() {
         let nodes = straight(CORNERS);
@@ -195,7 +196,8 @@ mod tests {
         assert!((least_stretch(nodes) - 1.0).abs() < 1e-14);
     }
 
-    /// Textbook stiffness of the right triangle with legs 1: six times it is whole numbers.
+    /// Textbook stiffness of the right triangle with legs of 1; six times the stiffness is an
+    /// integer.
     #[test]
     fn stiffness_of_the_right_triangle() {
         let right = straight([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
@@ -223,7 +225,7 @@ mod tests {
         }
     }
 
-    /// The five components give the products of the twelve, on an element bent in space.
+    /// On an element curved in space, the five components give the products of the twelve.
     #[test]
     fn the_triangular_factor_keeps_all_products() {
         let mut nodes = straight(CORNERS);
@@ -247,7 +249,7 @@ mod tests {
         assert!((g.iter().map(|x| x * x).sum::<f64>() - energy).abs() < 1e-13 * energy);
     }
 
-    /// Measures: a quarter of the unit circle as one parabola, and a straight triangle.
+    /// Length of a quarter of the unit circle as one parabola, and area of a straight triangle.
     #[test]
     fn edges_and_triangles_have_their_measure() {
         let root = 0.5_f64.sqrt();

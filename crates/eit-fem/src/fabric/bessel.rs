@@ -1,17 +1,20 @@
 //! Modified Bessel functions of orders 0 and 1, scaled: `exp(-x) I_n(x)` and `exp(x) K_n(x)`.
 //!
-//! I: the power series (Abramowitz and Stegun 9.6.10), whose terms are all positive, and beyond
-//! x = 30 the asymptotic series (9.7.1), whose smallest term is there below 1e-17. K: the series
-//! with the logarithm (9.6.13, and its derivative) up to x = 2, then to x = 30 the integral 9.6.24,
-//! `exp(x) K_n(x) = integral over t > 0 of exp(-x (cosh t - 1)) cosh(n t)`, by the trapezoidal
-//! rule, which converges exponentially on integrands of this kind, then the asymptotic series
-//! (9.7.2). Relative errors below 1e-12 for x from 1e-8 to 1e4 (tested by the Wronskian and
-//! against tables).
+//! I: the power series (Abramowitz and Stegun 9.6.10), whose terms are all positive, up to x = 30;
+//! beyond that the asymptotic series (9.7.1), whose smallest term is then below 1e-17.
+//!
+//! K: the series with the logarithm (9.6.13, and its derivative) up to x = 2; then up to x = 30 the
+//! integral 9.6.24, `exp(x) K_n(x) = integral over t > 0 of exp(-x (cosh t - 1)) cosh(n t)`, by the
+//! trapezoidal rule, which converges exponentially for such integrands; beyond that the asymptotic
+//! series (9.7.2).
+//!
+//! Relative errors are below 1e-12 for x from 1e-8 to 1e4 (tested with the Wronskian and against
+//! tables).
 
 /// Euler's constant.
 const GAMMA: f64 = 0.577_215_664_901_532_9;
 
-/// `exp(-x) [I_0(x), I_1(x)]`, x >= 0.
+/// Computes `exp(-x) [I_0(x), I_1(x)]`, x >= 0.
 pub(super) fn i_scaled(x: f64) -> [f64; 2] {
     if x > 30.0 {
         let root = (std::f64::consts::TAU * x).sqrt();
@@ -20,7 +23,7 @@ pub(super) fn i_scaled(x: f64) -> [f64; 2] {
     let quarter = 0.25 * x * x;
     let (mut term, mut i0, mut i1) = (1.0, 0.0, 0.0);
     let mut k = 0.0;
-    // terms fall from k = x / 2 on
+    // terms decrease from k = x / 2 on
     while term > 1e-18 * i0 {
         i0 += term;
         i1 += term / (k + 1.0);
@@ -31,7 +34,7 @@ pub(super) fn i_scaled(x: f64) -> [f64; 2] {
     [scale * i0, scale * 0.5 * x * i1]
 }
 
-/// `1 + (mu - 1) / 8x + (mu - 1)(mu - 9) / (2! (8x)^2) + ...`: K at x, I at -x.
+/// Computes `1 + (mu - 1) / 8x + (mu - 1)(mu - 9) / (2! (8x)^2) + ...`, for K at x and for I at -x.
 fn asymptotic(mu: f64, x: f64) -> f64 {
     let (mut term, mut sum) = (1.0, 1.0);
     for k in 1..20 {
@@ -42,7 +45,7 @@ fn asymptotic(mu: f64, x: f64) -> f64 {
     sum
 }
 
-/// `exp(x) [K_0(x), K_1(x)]`, x > 0.
+/// Computes `exp(x) [K_0(x), K_1(x)]`, x > 0.
 pub(super) fn k_scaled(x: f64) -> [f64; 2] {
     if x > 30.0 {
         let root = (0.5 * std::f64::consts::PI / x).sqrt();
@@ -68,7 +71,7 @@ pub(super) fn k_scaled(x: f64) -> [f64; 2] {
 }
 
 fn k_by_integral(x: f64) -> [f64; 2] {
-    // the integrand is as wide as 1 / sqrt(x); six steps to its standard deviation
+    // the width of the integrand is proportional to 1 / sqrt(x); six steps per standard deviation
     let step = 0.4 / x.sqrt();
     let first = step.cosh();
     let (mut before, mut cosh) = (1.0, first);
@@ -89,7 +92,8 @@ fn k_by_integral(x: f64) -> [f64; 2] {
 mod tests {
     use super::*;
 
-    /// Abramowitz and Stegun, tables 9.8 and 9.11, and the values of any library of functions.
+    /// Values from Abramowitz and Stegun, tables 9.8 and 9.11, with further digits as any function
+    /// library gives.
     #[test]
     fn tabulated_values() {
         let table = [
@@ -100,7 +104,7 @@ mod tests {
             let [a, b] = i_scaled(x).map(|v| v * f64::exp(x));
             let k = k_scaled(x)[0] * f64::exp(-x);
             for (found, wanted) in [(a, i0), (b, i1), (k, k0)] {
-                // roundings of some twenty terms
+                // rounding of about twenty terms
                 assert!((found / wanted - 1.0).abs() < 1e-14, "{x}: {found} {wanted}");
             }
         }
@@ -108,19 +112,19 @@ mod tests {
         assert!((k1 / 0.601_907_230_197_234_6 - 1.0).abs() < 1e-14, "{k1}");
     }
 
-    /// `I0 K1 + I1 K0 = 1/x` ties all four together, over every branch.
+    /// `I0 K1 + I1 K0 = 1/x` checks all four functions, over every branch.
     #[test]
     fn wronskian() {
         for k in -160..=80 {
             let x = 10_f64.powf(f64::from(k) / 20.0);
             let ([i0, i1], [k0, k1]) = (i_scaled(x), k_scaled(x));
             let wronskian = x * (i0 * k1 + i1 * k0);
-            // thirty times the rounding of cosh over twenty steps
+            // thirty times the rounding error of cosh over twenty steps
             assert!((wronskian - 1.0).abs() < 1e-12, "x {x}: {wronskian}");
         }
     }
 
-    /// Both sides of each change of method agree.
+    /// The methods agree where one takes over from another.
     #[test]
     fn branches_meet() {
         for (x, both) in

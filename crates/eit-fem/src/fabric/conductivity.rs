@@ -1,7 +1,8 @@
-//! Drives of elements and pressures of pixels, as means over their areas.
+//! Mean drive of each element and mean pressure of each pixel.
 //!
-//! Away from the edges of contacts the value in the middle stands for the mean; where an edge may
-//! cut an element or pixel, the mean of sixteen points does.
+//! The mean over an element is approximated by its value at the centroid, or by the mean of sixteen
+//! points if the edge of a contact may cross the element. The mean over a pixel uses sixteen
+//! points.
 
 use super::contact::Dent;
 use super::motion::Placed;
@@ -11,21 +12,22 @@ use super::script::Touch;
 use super::settings::LinearResponse;
 use eit_mesh::{Raster, Surface};
 
-/// Beyond so many lengths of the membrane from a contact, strains are below 1e-17 of their largest.
+/// Distance from a contact, in membrane lengths, beyond which strains are below 1e-17 of their
+/// largest value.
 const REACH: f64 = 20.0;
 
-/// Triangles of the skin as the law sees them.
+/// Triangles of the skin, prepared for evaluating drives.
 #[derive(Debug)]
 pub(super) struct Elements {
-    /// Middle, and longest distance of a corner from it.
+    /// Centroid of each triangle, and the largest distance of a corner from it.
     middles: Vec<([f64; 2], f64)>,
-    /// Corners.
+    /// Corners of each triangle.
     corners: Vec<[[f64; 2]; 3]>,
     reach_m: f64,
 }
 
 impl Elements {
-    /// `length_m`: length of the membrane.
+    /// `length_m` is the characteristic length of the membrane.
     pub fn new(surface: &Surface, length_m: f64) -> Self {
         let corners: Vec<[[f64; 2]; 3]> = (0..surface.triangles().len())
             .map(|t| surface.corners(t).map(|p| [p[0], p[1]]))
@@ -37,14 +39,14 @@ impl Elements {
         Self { middles: corners.iter().map(middle).collect(), corners, reach_m: REACH * length_m }
     }
 
-    /// Relative change of the conductivity of each element of a linear skin: that at its middle.
+    /// Computes the relative conductivity change of each element of a linear skin, at its centroid.
     pub fn changes_into(&self, linear: &LinearResponse, touches: &[Touch], changes: &mut [f64]) {
         for (change, (middle, _)) in changes.iter_mut().zip(&self.middles) {
             *change = linear.relative_change(touches, *middle);
         }
     }
 
-    /// Mean drive of each element under touches.
+    /// Computes the mean drive of each element under the touches.
     pub fn drives_into(&self, touches: &[Placed], law: &PiezoLaw, drives: &mut [f64]) {
         for ((drive, (middle, size)), corners) in
             drives.iter_mut().zip(&self.middles).zip(&self.corners)
@@ -61,13 +63,13 @@ impl Elements {
     }
 }
 
-/// Distance from the edge of a touch's contact, negative inside.
+/// Distance from the edge of a touch's contact area; negative inside.
 fn beyond(touch: &Placed, place: [f64; 2]) -> f64 {
     let [x, y] = touch.position_m;
     (place[0] - x).hypot(place[1] - y) - touch.dent.contact_radius_m
 }
 
-/// Pressure and strain of all touches at a place.
+/// Sums the pressure and strain of all touches at a point.
 fn together(touches: &[Placed], place: [f64; 2]) -> Dent {
     touches.iter().fold(Dent::default(), |mut sum, touch| {
         let [x, y] = touch.position_m;
@@ -78,7 +80,7 @@ fn together(touches: &[Placed], place: [f64; 2]) -> Dent {
     })
 }
 
-/// Middles of the sixteen equal triangles that a triangle is cut into.
+/// Centroids of the sixteen equal triangles that subdivide a triangle.
 fn sixteenths(corners: &[[f64; 2]; 3]) -> impl Iterator<Item = [f64; 2]> {
     let [a, b, c] = *corners;
     let place = move |i: usize, j: usize, third: f64| {
@@ -90,7 +92,7 @@ fn sixteenths(corners: &[[f64; 2]; 3]) -> impl Iterator<Item = [f64; 2]> {
     upright.chain(turned)
 }
 
-/// Mean contact pressure of each masked pixel, pascal.
+/// Computes the mean contact pressure of each masked pixel, pascal.
 pub(super) fn pressures_into(raster: &Raster, touches: &[Placed], pressures_pa: &mut [f64]) {
     let pixel_m = raster.pixel_m();
     for (pressure_pa, &[row, column]) in pressures_pa.iter_mut().zip(raster.masked_pixels()) {

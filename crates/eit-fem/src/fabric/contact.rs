@@ -1,10 +1,10 @@
 //! Contact of a fingertip with a stretched fabric on a soft layer, in closed form.
 //!
-//! The fabric is a membrane of tension `T` on an elastic (Winkler) foundation of stiffness `k`,
-//! wide against `l = sqrt(T/k)`. Its deflection `w` (positive where pushed in) under a pressure `p`
-//! obeys `k w - T laplacian(w) = p`; away from the load it falls like `K0(r/l)`. (Selvadurai,
-//! Elastic Analysis of Soil-Foundation Interaction, 1979: the Filonenko-Borodich foundation;
-//! Johnson, Contact Mechanics, 1985, section 4.3, for the foundation alone.)
+//! The fabric is a membrane of tension `T` on an elastic (Winkler) foundation of stiffness `k`, and
+//! is much wider than `l = sqrt(T/k)`. Its deflection `w` (positive where pushed in) under a
+//! pressure `p` obeys `k w - T laplacian(w) = p`; away from the load it decays like `K0(r/l)`.
+//! (Selvadurai, Elastic Analysis of Soil-Foundation Interaction, 1979: the Filonenko-Borodich
+//! foundation; Johnson, Contact Mechanics, 1985, section 4.3, for the foundation alone.)
 //!
 //! *Flat tip*, radius `a`, uniform pressure `p = F / (pi a^2)`:
 //!
@@ -12,8 +12,9 @@
 //! r < a: w = p/k (1 - A K1(A) I0(r/l)),   r > a: w = p/k A I1(A) K0(r/l),   A = a/l
 //! ```
 //!
-//! *Round tip*, radius `R`: where it touches, `w = d - r^2/2R`. A membrane has no bending stiffness,
-//! so there is no line load at the edge `r = a` of the contact and the slope is continuous there:
+//! *Round tip*, radius `R`: in the contact area, `w = d - r^2/2R`. A membrane has no bending
+//! stiffness, so there is no line load at the contact edge `r = a`, and the slope is continuous
+//! there:
 //!
 //! ```text
 //! w(a) = (a l / R) K0(A)/K1(A),    d = w(a) + a^2/2R,    p = k w + 2 T/R  (r < a)
@@ -22,83 +23,85 @@
 //!
 //! Limits: without tension `F = pi k a^4 / 4R`; without foundation `F = 2 pi T a^2 / R`.
 //!
-//! *In the plane* the fabric stretches as it follows the dent (Foeppl-von Karman strains at given
-//! deflection, linear elastic sheet of Poisson's ratio `nu`). With `f = w'^2 / 2` and
-//! `g(r) = integral from r to infinity of f/s ds`, equilibrium `(r N_r)' = N_theta` gives
+//! *In the plane*, the fabric stretches as it follows the dent (Foeppl-von Karman strains for a
+//! given deflection; linear elastic sheet with Poisson's ratio `nu`). With `f = w'^2 / 2` and `g(r)
+//! = integral from r to infinity of f/s ds`, the equilibrium `(r N_r)' = N_theta` gives
 //!
 //! ```text
 //! u(r) = (1 - nu)/2 r g(r) - (1 + nu)/2 (1/r) integral from 0 to r of s f ds
 //! areal strain = u' + f + u/r = (1 - nu) g(r)
 //! ```
 //!
-//! so far away the fabric is drawn towards the touch like `1/r`. All integrals have closed forms:
-//! `integral of x K1^2 = x^2/2 (K1^2 - K0 K2)`, `integral of K1^2/x = (K0^2 - K1^2)/2`, and the same
-//! for I up to sign.
+//! Far from the touch, the fabric is drawn towards it with a displacement that falls like `1/r`.
+//! All integrals have closed forms: `integral of x K1^2 = x^2/2 (K1^2 - K0 K2)`, `integral of
+//! K1^2/x = (K0^2 - K1^2)/2`, and the same for I up to sign.
 //!
-//! Slopes above one are refused: the strains are those of small slopes (at a slope of 0.5, a
-//! rotation of 27 degrees, they are 6 % too large). Several touches add up, which is exact for the
-//! deflection of flat tips, and for the rest where touches are some `l` apart.
+//! Slopes above one are rejected, because the strains assume small slopes (at a slope of 0.5, a
+//! rotation of 27 degrees, they are 6 % too large). Several touches are added. This is exact for
+//! the deflection of flat tips; for everything else it is accurate if touches are several `l`
+//! apart.
 
 use super::bessel::{i_scaled, k_scaled};
 use super::settings::Membrane;
 use std::f64::consts::PI;
 
-/// Shape of what touches.
+/// Shape of a fingertip.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum Tip {
-    /// A sphere; the radius is its radius of curvature, and the contact grows with the force.
+    /// A sphere. The radius is its radius of curvature; the contact area grows with the force.
     #[default]
     Round,
-    /// A soft pad; the radius is that of the contact, the pressure is uniform.
+    /// A soft pad. The radius is that of the contact area; the pressure is uniform.
     Flat,
 }
 
-/// The dent that one touch makes.
+/// Dent made by one touch, as a whole.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Indentation {
-    /// Radius of contact, metres.
+    /// Radius of the contact area, metres.
     pub contact_radius_m: f64,
-    /// Deflection in the middle, metres.
+    /// Deflection at the centre, metres.
     pub depth_m: f64,
-    /// Largest slope, at the edge of the contact.
+    /// Largest slope, which is at the contact edge.
     pub slope: f64,
     tip: Tip,
-    /// Radius of curvature of a round tip.
+    /// Radius of the tip.
     tip_radius_m: f64,
-    /// Pressure of a flat tip; what a round tip adds to the foundation's.
+    /// Pressure of a flat tip; for a round tip, the part in addition to the foundation's pressure.
     pressure_pa: f64,
     foundation_pa_per_m: f64,
     length_m: f64,
     poisson_ratio: f64,
-    /// Deflection at the edge of the contact.
+    /// Deflection at the contact edge.
     edge_m: f64,
-    /// Integral of s f over the contact, square metres, and g at its edge.
+    /// Integral of s f over the contact area, square metres, and g at its edge.
     inner_m2: f64,
     edge_g: f64,
     /// exp(A) [K0(A), K1(A)].
     edge_k: [f64; 2],
 }
 
-/// What a touch does to a place at a distance from its middle.
+/// Local effect of a touch at a distance from its centre.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Dent {
-    /// Contact pressure, pascal; zero outside the contact.
+    /// Contact pressure, pascal; zero outside the contact area.
     pub pressure_pa: f64,
     /// Deflection, metres, positive where pushed in.
     pub deflection_m: f64,
-    /// Derivative of the deflection with the distance, not above zero.
+    /// Derivative of the deflection with respect to the distance; never positive.
     pub slope: f64,
-    /// Displacement in the plane away from the middle of the touch, metres.
+    /// In-plane displacement away from the centre of the touch, metres.
     pub displacement_m: f64,
     /// Relative change of area.
     pub areal_strain: f64,
 }
 
 impl Indentation {
-    /// The dent of a force in newton; `radius_m` as [`Tip`] says. `None` if the force is too large
-    /// for the model: the slope at the edge of the contact would exceed one.
+    /// Computes the dent of a force in newton; the meaning of `radius_m` depends on [`Tip`].
+    /// Returns `None` if the force is too large for the model, i.e. if the slope at the contact
+    /// edge would exceed one.
     ///
     /// Force, radius and membrane must be finite and above zero.
     pub fn new(membrane: &Membrane, tip: Tip, radius_m: f64, force_n: f64) -> Option<Self> {
@@ -156,7 +159,7 @@ impl Indentation {
         (slope <= 1.0).then_some(dent)
     }
 
-    /// At a distance from the middle, metres.
+    /// Returns the local effect at a distance from the centre, metres.
     pub fn at(&self, distance_m: f64) -> Dent {
         let inside = distance_m <= self.contact_radius_m;
         let (deflection_m, slope, area_m2, g) = match (inside, self.tip) {
@@ -180,7 +183,7 @@ impl Indentation {
         }
     }
 
-    /// Deflection, slope, integral of s f from the middle, g.
+    /// Outside the contact area: deflection, slope, integral of s f from the centre, g.
     fn outside(&self, r: f64) -> (f64, f64, f64, f64) {
         let (a, l) = (self.contact_radius_m, self.length_m);
         let (at, x) = (a / l, r / l);
@@ -225,7 +228,7 @@ impl Indentation {
     }
 }
 
-/// Radius of contact of a round tip: the root of F(a) = force, which rises with a.
+/// Computes the contact radius of a round tip: the root of F(a) = force, where F increases with a.
 fn round_contact(membrane: &Membrane, radius_m: f64, force_n: f64) -> Option<f64> {
     let Membrane { tension_n_per_m: t, foundation_pa_per_m: k, .. } = *membrane;
     let l = (t / k).sqrt();

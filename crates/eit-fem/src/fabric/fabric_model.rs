@@ -1,4 +1,4 @@
-//! A fabric with electrodes.
+//! The simulated fabric with its electrodes.
 
 use super::conductivity::Elements;
 use super::motion::Motion;
@@ -8,7 +8,7 @@ use crate::model::ForwardModel;
 use crate::protocol::Protocol;
 use eit_mesh::Mesh;
 
-/// A fabric with electrodes, ready to be touched.
+/// Simulated fabric with electrodes.
 #[derive(Debug)]
 pub struct Fabric {
     pub(super) mesh: Mesh,
@@ -21,13 +21,13 @@ pub struct Fabric {
 }
 
 impl Fabric {
-    /// Prepares the fabric on a flat mesh; `conductivity_s` is the sheet's, siemens,
-    /// `contact_impedance` one per electrode (ohm metre for rim electrodes, ohm square metre for
-    /// patches).
+    /// Creates a fabric on a flat mesh. `conductivity_s` is the sheet conductivity, siemens;
+    /// `contact_impedance` has one value per electrode (ohm metre for rim electrodes, ohm square
+    /// metre for patches).
     ///
     /// # Errors
-    /// Those of [`ForwardModel::new`] and [`FabricSettings::validate`], a conductivity that is not
-    /// finite and above zero, and a skin that is not flat.
+    /// Those of [`ForwardModel::new`] and [`FabricSettings::validate`]; a conductivity that is not
+    /// finite and above zero; a skin that is not flat.
     pub fn new(
         mesh: &Mesh,
         protocol: &Protocol,

@@ -1,7 +1,8 @@
-//! From exact voltages to what an instrument writes down.
+//! Simulated instrument: from exact voltages to recorded values.
 //!
-//! In order: a source that gives up limits the current; each channel has its gain and its noise;
-//! the converter rounds and clips. A part of zero amplitude is not computed.
+//! Each channel has its own gain and noise; the converter then rounds and clips. (The compliance
+//! limit of the current source applies before, in `simulate/frame.rs`.) Effects of zero amplitude
+//! are not computed.
 
 use super::random::Random;
 use super::settings::Instrument;
@@ -9,17 +10,17 @@ use super::stream::Purpose;
 use super::truth::TrueQuality;
 use crate::protocol::Protocol;
 
-/// Voltages of inputs that float, root mean square, as a part of the largest voltage.
+/// Root mean square voltage of floating inputs, as a fraction of the largest voltage.
 const FLOATING: f64 = 0.1;
 
-/// The channels of one instrument.
+/// Channels of one instrument.
 #[derive(Debug)]
 pub(super) struct Channels {
     settings: Instrument,
     seed: u64,
     /// Largest voltage of the untouched skin, volt.
     largest_v: f64,
-    /// Per measurement.
+    /// Gain of each measurement.
     gains: Option<Vec<f64>>,
     noise_v: Option<Vec<f64>>,
     /// Step and range of the converter, volt.
@@ -27,7 +28,8 @@ pub(super) struct Channels {
 }
 
 impl Channels {
-    /// `reference_v`: exact voltages of the untouched skin, which set the range.
+    /// Creates the channels. `reference_v` holds the exact voltages of the untouched skin, which
+    /// set the default range.
     pub fn new(settings: &Instrument, protocol: &Protocol, reference_v: &[f64], seed: u64) -> Self {
         let patterns = protocol.measurement_patterns().nrows();
         let per_channel = |purpose: Purpose, sample: &dyn Fn(&mut Random) -> f64| -> Vec<f64> {
@@ -51,20 +53,20 @@ impl Channels {
         }
     }
 
-    /// Standard deviation of each measurement's noise, volt: additive, and of rounding
-    /// (`step / sqrt(12)`).
+    /// Returns the standard deviation of each measurement's noise, volt: additive noise and
+    /// rounding (`step / sqrt(12)`).
     pub fn noise_std_v(&self, measurements: usize) -> Vec<f64> {
         let rounding = self.converter.map_or(0.0, |[step, _]| step * step / 12.0);
         let additive = |k: usize| self.noise_v.as_ref().map_or(0.0, |noise| noise[k].powi(2));
         (0..measurements).map(|k| (additive(k) + rounding).sqrt()).collect()
     }
 
-    /// Range of the converter, volt.
+    /// Returns the range of the converter, volt.
     pub fn range_v(&self) -> Option<f64> {
         self.converter.map(|c| c[1])
     }
 
-    /// Turns exact voltages of a frame into measured ones, and marks what was clipped.
+    /// Turns the exact voltages of a frame into recorded ones and marks clipped values.
     pub fn measure(&self, frame: usize, values_v: &mut [f64], quality: &mut [TrueQuality]) {
         if let Some(gains) = &self.gains {
             values_v.iter_mut().zip(gains).for_each(|(v, gain)| *v *= gain);
@@ -74,7 +76,7 @@ impl Channels {
             values_v.iter_mut().zip(noise_v).for_each(|(v, std)| *v += std * random.normal());
         }
         if quality.contains(&TrueQuality::Lost) {
-            // no current through the electrode, and inputs that float
+            // no current through the electrode, and floating inputs
             let mut random = Purpose::Floating.stream(self.seed, frame);
             for (v, quality) in values_v.iter_mut().zip(&*quality) {
                 let floating = FLOATING * self.largest_v * random.normal();
@@ -94,7 +96,8 @@ impl Channels {
     }
 }
 
-/// Which loose contacts are open in which frame: an alternating process that starts closed.
+/// Simulates which loose contacts are open in which frame: an alternating process that starts
+/// closed.
 pub(super) fn open_contacts(
     settings: &Instrument,
     frames: usize,

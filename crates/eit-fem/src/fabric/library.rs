@@ -1,4 +1,4 @@
-//! Touch scripts that come with the crate, fitted into the largest circle of a skin.
+//! Built-in touch scripts, scaled to the play circle of a skin.
 
 use super::contact::Tip;
 use super::play_circle::PlayCircle;
@@ -7,16 +7,16 @@ use super::stream::Purpose;
 use crate::error::FemError;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Frames a second; the paper states none.
+/// Frames per second; the paper states none.
 const RATE_HZ: f64 = 10.0;
-/// Frames before the first touch: enough to measure noise to 10 %.
+/// Number of frames before the first touch, enough to measure noise to 10 %.
 const QUIET: usize = 20;
-/// Force of a finger that touches without pressing hard, newton.
+/// Force of a light touch, newton.
 const FORCE_N: f64 = 1.5;
-/// Time to press and to lift, seconds.
+/// Time to press and time to lift, seconds.
 const PRESS_S: f64 = 0.3;
 
-/// A finger that presses, goes along places and lifts.
+/// A finger that presses, moves through the given places and lifts.
 fn along(id: u32, circle: &PlayCircle, start_s: f64, end_s: f64, places: &[[f64; 2]]) -> Finger {
     let radius_m = circle.tip_m();
     let key = |time_s, position_m, force_n| Key { time_s, position_m, force_n, radius_m };
@@ -31,7 +31,7 @@ fn along(id: u32, circle: &PlayCircle, start_s: f64, end_s: f64, places: &[[f64;
     Finger { id, tip: Tip::Round, interpolation: Interpolation::Linear, keys }
 }
 
-/// A finger that presses several times.
+/// A finger that taps at the given places with the given forces.
 fn taps(id: u32, radius_m: f64, start_s: f64, period_s: f64, places: &[([f64; 2], f64)]) -> Finger {
     let mut keys = Vec::new();
     for (k, &(position_m, force_n)) in places.iter().enumerate() {
@@ -44,7 +44,7 @@ fn taps(id: u32, radius_m: f64, start_s: f64, period_s: f64, places: &[([f64; 2]
 }
 
 impl TouchScript {
-    /// Names of the built-in scripts. The first two are the experiments of Duan, Taurand and
+    /// Names of the built-in scripts. The first two follow the experiments of Duan, Taurand and
     /// Soleimani (Sci. Rep. 9:8831, 2019).
     pub const BUILT_IN: [&str; 7] = [
         "paper-one-finger",
@@ -56,7 +56,7 @@ impl TouchScript {
         "closing-in",
     ];
 
-    /// A built-in script; only "random" uses the seed.
+    /// Returns a built-in script. Only "random" uses the seed.
     ///
     /// # Errors
     /// [`FemError::UnknownScript`].
@@ -91,16 +91,16 @@ impl TouchScript {
     }
 }
 
-/// Anticlockwise near the rim from the top for one turn, then to the centre.
+/// One turn anticlockwise near the rim, starting at the top, then to the centre.
 fn paper_one(circle: &PlayCircle, start_s: f64, frames: usize) -> Finger {
-    // steps of 5 degrees; the way to the centre at the same speed
+    // steps of 5 degrees; the path to the centre has about the same speed
     let turn = (0..=72).map(|k| circle.at(0.8, FRAC_PI_2 + TAU * f64::from(k) / 72.0));
     let home = (1..=12).map(|k| circle.at(0.8 * (1.0 - f64::from(k) / 12.0), FRAC_PI_2));
     let places: Vec<[f64; 2]> = turn.chain(home).collect();
     along(1, circle, start_s, (frames - 5) as f64 / RATE_HZ, &places)
 }
 
-/// Two fingers opposite each other, clockwise for one turn.
+/// Two fingers opposite each other, one turn clockwise.
 fn paper_two(circle: &PlayCircle, start_s: f64, frames: usize) -> Vec<Finger> {
     let finger = |id: u32, first: f64| {
         let places: Vec<[f64; 2]> =
@@ -110,7 +110,7 @@ fn paper_two(circle: &PlayCircle, start_s: f64, frames: usize) -> Vec<Finger> {
     vec![finger(1, PI), finger(2, 0.0)]
 }
 
-/// Two fingers that come as near as two fingertips can, wait and part.
+/// Two fingers that approach until the fingertips nearly touch, wait and part.
 fn closing_in(circle: &PlayCircle, start_s: f64, end_s: f64) -> Vec<Finger> {
     let near = 1.2 * circle.tip_m() / circle.radius_m;
     let finger = |id: u32, angle: f64| {
@@ -120,7 +120,8 @@ fn closing_in(circle: &PlayCircle, start_s: f64, end_s: f64) -> Vec<Finger> {
     vec![finger(1, PI), finger(2, 0.0)]
 }
 
-/// Three fingers that come and go, each in a third of the circle, so that they never meet.
+/// Three fingers that press and lift at random, each within a third of the circle, so they never
+/// meet.
 fn random(circle: &PlayCircle, start_s: f64, frames: usize, seed: u64) -> Vec<Finger> {
     let end_s = (frames - 5) as f64 / RATE_HZ;
     let turn = Purpose::Script.stream(seed, 0).between(0.0, TAU);

@@ -1,12 +1,12 @@
-//! A linear skin: its conductivity follows the force and the shape of each finger, at once and
-//! without memory. With `F` the force, `f` the middle and `R` the radius of a touch,
+//! Linear skin: the conductivity depends linearly on the force of each finger, without memory. With
+//! force `F`, centre `f` and radius `R` of a touch,
 //!
 //! ```text
 //! sigma(x) = sigma_0(x) (1 + sum over touches of  change_per_newton F s(|x - f| / R))
 //! round tip: s(q) = exp(-q^2 / 2), a bell of standard deviation R;   flat tip: s(q) = 1 up to q = 1, else 0
 //! ```
 //!
-//! A round tip of radius R and a flat one of radius `sqrt(2) R` hold the same amount of change.
+//! A round tip of radius R and a flat tip of radius `sqrt(2) R` have the same total change.
 
 use super::contact::Tip;
 use super::pixels::pixel_means_into;
@@ -16,13 +16,13 @@ use eit_mesh::Raster;
 use std::f64::consts::{PI, TAU};
 
 impl LinearResponse {
-    /// Relative change of the conductivity at a place.
+    /// Returns the relative change of the conductivity at a point.
     pub fn relative_change(&self, touches: &[Touch], place_m: [f64; 2]) -> f64 {
         let change = |touch: &Touch| self.change_per_newton * touch.force_n * shape(touch, place_m);
         touches.iter().map(change).sum()
     }
 
-    /// Sheet conductivity at places such as the centroids of elements, siemens; z is ignored.
+    /// Returns the sheet conductivity at points such as element centroids, siemens. Ignores z.
     pub fn conductivity_s(
         &self,
         untouched_s: f64,
@@ -33,13 +33,15 @@ impl LinearResponse {
         places_m.iter().map(at).collect()
     }
 
-    /// Mean relative change of each masked pixel, on 4 x 4 points: a truth that knows no mesh.
+    /// Computes the mean relative change of each masked pixel, from 4 x 4 points: a ground truth
+    /// that does not depend on a mesh.
     pub fn pixel_changes_into(&self, touches: &[Touch], raster: &Raster, pixels: &mut [f64]) {
         pixel_means_into(raster, |place| self.relative_change(touches, place), pixels);
     }
 }
 
-/// Pressure of the touches at a place, pascal: in their shape, with their force as integral.
+/// Pressure of the touches at a point, pascal. It has the shape of the touches and integrates to
+/// their force.
 pub(super) fn pressure_pa(touches: &[Touch], place_m: [f64; 2]) -> f64 {
     let of_one = |touch: &Touch| {
         let area_m2 = touch.radius_m.powi(2)
@@ -52,7 +54,7 @@ pub(super) fn pressure_pa(touches: &[Touch], place_m: [f64; 2]) -> f64 {
     touches.iter().map(of_one).sum()
 }
 
-/// One in the middle of a touch.
+/// Shape of a touch: one at its centre.
 fn shape(touch: &Touch, place_m: [f64; 2]) -> f64 {
     let [x, y] = [0, 1].map(|k| place_m[k] - touch.position_m[k]);
     let (square, radius_square) = (x.powi(2) + y.powi(2), touch.radius_m.powi(2));

@@ -1,21 +1,22 @@
-//! The simulated fabric: frames of a touched skin, with the truth beside them.
+//! Simulated fabric: frames of a touched skin, with ground truth.
 //!
 //! A [`TouchScript`] moves fingers over a skin. Each touch dents the stretched fabric
-//! ([`Indentation`]: membrane on a soft layer, closed form); pressure and strain change the sheet
-//! conductivity with hysteresis and relaxation ([`PiezoLaw`]); the dent draws nodes and electrodes
-//! towards it and changes their contacts, which is what the artefacts of real skins come from; the
-//! fabric is uneven and drifts; an instrument with noise, gain errors, a converter and bad contacts
-//! measures. Every frame is a full non-linear solve on the deformed mesh. Model, parameters and
-//! sources: `docs/FABRIC.md`.
+//! ([`Indentation`]: a membrane on a soft layer, in closed form). Pressure and strain change the
+//! sheet conductivity, with hysteresis and relaxation ([`PiezoLaw`]). The dent pulls nodes and
+//! electrodes towards it and changes their contact impedances, which causes the artefacts seen on
+//! real skins. The fabric is uneven and drifts. It is measured by an instrument with noise, gain
+//! errors, a converter and bad contacts. Every frame is a full non-linear solve on the deformed
+//! mesh. `docs/FABRIC.md` in the repository describes the model, its parameters and their sources.
 //!
-//! With a [`LinearResponse`] ([`FabricSettings::linear`]) none of that happens: the conductivity has the
-//! shape of the fingers, and the voltages are those of that image alone. Methods are compared on it.
+//! With a [`LinearResponse`] ([`FabricSettings::linear`]) there are no mechanics: the conductivity
+//! change has the shape of the fingers, and the voltages follow from that image alone. It serves to
+//! compare reconstruction methods.
 //!
-//! Simulate on a finer mesh than the one that reconstructs.
+//! Simulate on a finer mesh than the one used for reconstruction.
 //!
-//! The skin must be flat (z = 0). Frames are the same bytes for any number of threads; a part whose
-//! amplitude is zero is not computed and changes nothing else. Script times between frames are not
-//! seen: a tap shorter than a frame may be missed, as an instrument would.
+//! The skin must be flat (z = 0). Frames are bit-identical for any number of threads. An effect
+//! whose amplitude is zero is not computed and does not change the others. The script is sampled at
+//! frame times only, so a tap shorter than a frame may be missed, as with a real instrument.
 //!
 //! # Example
 //! ```

@@ -1,52 +1,52 @@
-//! How touches move the nodes of the mesh and change the electrodes' contacts.
+//! Movement of the mesh nodes under touches, and the resulting change of contact impedances.
 //!
-//! The displacement of the free fabric, in the plane and downwards, is held back near the rim by
-//! its stiffness: with the distance `D` to the rim and the membrane's length `l`, a node moves by
+//! Near the rim, the rim's stiffness reduces the displacement of the free fabric, both in the plane
+//! and downwards. With the distance `D` to the rim and the membrane's length `l`, a node moves by
 //!
 //! ```text
 //! (1 - (1 - compliance) exp(-D / l)) times the sum over touches of (u(r) away from it, -w(r))
 //! ```
 //!
-//! so that the rim itself follows by `compliance`. A fabric that is pulled down beside an electrode
-//! presses on it: `ln(z / z_0) = -contact_gain w / l` with the free deflection there.
-
+//! so the rim itself moves by the fraction `compliance`. A fabric that is pulled down beside an
+//! electrode presses on it: `ln(z / z_0) = -contact_gain w / l`, with the free deflection `w` at
+//! the electrode.
 //!
-//! A moving finger drags the fabric along by friction `mu F`. An elastic sheet of stiffness `Y` moves
-//! around a force in its plane by (Kelvin's solution in plane stress, the part that is the same in
-//! all directions; Love, A Treatise on the Mathematical Theory of Elasticity, section 148)
+//! A moving finger drags the fabric with the friction force `mu F`. Around an in-plane force, an
+//! elastic sheet of stiffness `Y` moves by (the isotropic part of Kelvin's solution in plane
+//! stress; Love, A Treatise on the Mathematical Theory of Elasticity, section 148)
 //!
 //! ```text
 //! mu F (1 + nu)(3 - nu) / (4 pi Y) ln(L / max(r, a)),   none beyond r = L
 //! ```
 //!
-//! along the movement, with the contact's radius `a`; `L`, half of the skin's longer side, is where
-//! the rim holds it.
+//! in the direction of the movement, where `a` is the contact radius and `L`, half the skin's
+//! longer side, is the distance at which the rim holds the fabric.
 
 use super::contact::Indentation;
 use super::settings::{FabricSettings, Rim};
 use eit_mesh::{Electrode, Mesh};
 
-/// A dent and where it is, metres.
+/// A dent and its position, metres.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Placed {
     pub position_m: [f64; 2],
     pub dent: Indentation,
-    /// Displacement by friction where the logarithm is one, metres.
+    /// Displacement by friction at the distance where the logarithm is one, metres.
     pub drag_m: [f64; 2],
 }
 
-/// What does not change over the frames.
+/// Data for node movement that does not change between frames.
 #[derive(Debug)]
 pub(super) struct Motion {
     rim: Rim,
     length_m: f64,
     moves: bool,
-    /// Half of the skin's longer side.
+    /// Half of the skin's longer side, metres.
     half_m: f64,
     nodes_m: Vec<[f64; 3]>,
-    /// Part of the free displacement that each node makes.
+    /// Fraction of the free displacement by which each node moves.
     follows: Vec<f64>,
-    /// Nodes of each electrode with weights of sum one.
+    /// Nodes of each electrode, with weights that sum to one.
     electrodes: Vec<Vec<(u32, f64)>>,
 }
 
@@ -77,12 +77,12 @@ impl Motion {
         }
     }
 
-    /// Whether anything moves or changes at all.
+    /// Whether touches move the nodes.
     pub fn moves(&self) -> bool {
         self.moves
     }
 
-    /// Node positions under touches, metres.
+    /// Computes the node positions under touches, metres.
     pub fn nodes_into(&self, touches: &[Placed], nodes_m: &mut [[f64; 3]]) {
         let places = self.nodes_m.iter().zip(&self.follows);
         for (moved, (place, follows)) in nodes_m.iter_mut().zip(places) {
@@ -101,7 +101,7 @@ impl Motion {
         }
     }
 
-    /// Mean displacement of each electrode, metres.
+    /// Computes the mean displacement of each electrode, metres.
     pub fn shifts_into(&self, nodes_m: &[[f64; 3]], shifts_m: &mut [[f64; 3]]) {
         for (shift, nodes) in shifts_m.iter_mut().zip(&self.electrodes) {
             *shift = std::array::from_fn(|k| {
@@ -113,7 +113,7 @@ impl Motion {
         }
     }
 
-    /// Change of ln(contact impedance) of each electrode, added to `logs`.
+    /// Adds the change of ln(contact impedance) of each electrode to `logs`.
     pub fn add_contacts(&self, touches: &[Placed], logs: &mut [f64]) {
         if self.rim.contact_gain == 0.0 || touches.is_empty() {
             return;
@@ -132,7 +132,7 @@ impl Motion {
     }
 }
 
-/// Nodes of an electrode, weighted by length or area.
+/// Nodes of an electrode, weighted by length or area; the weights sum to one.
 fn weights(mesh: &Mesh, electrode: &Electrode) -> Vec<(u32, f64)> {
     let surface = mesh.surface();
     let mut weights: Vec<(u32, f64)> = match electrode {
@@ -164,7 +164,7 @@ fn weights(mesh: &Mesh, electrode: &Electrode) -> Vec<(u32, f64)> {
     weights
 }
 
-/// Distance of a point from a segment, metres.
+/// Distance from a point to a segment, metres.
 pub(super) fn segment_distance_m(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
     let dot = |u: [f64; 3], v: [f64; 3]| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
     let sub = |u: [f64; 3], v: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| u[k] - v[k]) };

@@ -1,17 +1,18 @@
-//! Random closed paths of fingers that never meet.
+//! Random closed paths for fingers that never meet.
 //!
-//! Each of n fingers has a round territory of its own. With `R` 0.8 of the play circle's radius, `d`
-//! the smallest distance of two fingers and n >= 2, the territories' centres stand on a circle of
-//! radius `R - rho` at equal angles, and
+//! Each of n fingers has its own circular territory. Let `R` be 0.8 of the play circle's radius and
+//! `d` the smallest distance between two fingers. For n >= 2, the centres of the territories lie at
+//! equal angles on a circle of radius `R - rho`, and the territories' radius
 //!
 //! ```text
 //! rho = (R sin(pi / n) - d / 2) / (1 + sin(pi / n))
 //! ```
 //!
-//! makes neighbouring territories exactly `d` apart; one finger has the whole circle. Inside its
-//! territory a finger runs an epicycle `m + a (e^(i s u) + b e^(i k u + i w))` with random centre
-//! `m`, size `a (1 + b)`, sense `s`, and 2 or 3 turns `k` of the small circle to one of the large.
-//! `b <= 1/4` keeps `|dp/du| >= a / 4`: the path bends now more, now less, and has no corners.
+//! puts neighbouring territories exactly `d` apart. A single finger has the whole circle of radius
+//! `R`. Within its territory a finger follows an epicycle `m + a (e^(i s u) + b e^(i k u + i w))`
+//! with random centre `m`, size `a (1 + b)`, sense `s`, and `k` (2 or 3) turns of the small circle
+//! per turn of the large one. `b <= 1/4` ensures `|dp/du| >= a / 4`, so the path varies in
+//! curvature but has no corners.
 
 use super::contact::Tip;
 use super::play_circle::PlayCircle;
@@ -20,48 +21,49 @@ use super::script::{Finger, Interpolation, Key, TouchScript};
 use crate::error::FemError;
 use std::f64::consts::{PI, TAU};
 
-/// Part of the play circle's radius that fingers stay inside: nearer to the rim, a bell of 12 mm on
-/// a skin of 0.1 m would be cut by it.
+/// Fraction of the play circle's radius that fingers stay within. Nearer to the rim, the rim would
+/// cut off a bell of 12 mm on a skin of 0.1 m.
 const INSIDE: f64 = 0.8;
-/// Most fingers.
+/// Largest number of fingers.
 const MOST_FINGERS: usize = 4;
-/// Most frames: more are probably a typing error.
+/// Largest number of frames; more are probably a typing error.
 const MOST_FRAMES: usize = 1_000_000;
-/// Chords that stand for a path when its length is measured: their sum is short by less than 1e-5
-/// of it, and a place between two of their ends is known to 3e-6 of the path's size.
+/// Number of chords that approximate a path for its arc length. Their sum is too short by less than
+/// a fraction 1e-5, and interpolated positions are accurate to 3e-6 of the path's size.
 const CHORDS: usize = 2048;
 
-/// Fingers on random closed paths that all go the same way from frame to frame and press all the
+/// Fingers on random closed paths. All move by the same path length per frame and press all the
 /// time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RandomPaths {
-    /// Fingers, 1 to 4; all are alike.
+    /// Number of fingers, 1 to 4; all have the same tip and force.
     pub fingers: usize,
-    /// Frames; fewer are the first ones of more.
+    /// Number of frames. A shorter script equals the start of a longer one.
     pub frames: usize,
-    /// Frames a second.
+    /// Frames per second.
     pub frame_rate_hz: f64,
-    /// Way of every finger from one frame to the next along its path, metres; 0: at rest.
+    /// Path length that every finger moves per frame, metres; 0: at rest.
     pub step_m: f64,
-    /// Smallest distance of two fingers, metres.
+    /// Smallest distance between two fingers, metres.
     pub apart_m: f64,
     /// Shape of the fingers.
     pub tip: Tip,
-    /// Metres; see [`Tip`].
+    /// Radius of the fingertips, metres; see [`Tip`].
     pub radius_m: f64,
-    /// Newton.
+    /// Force of each finger, newton.
     pub force_n: f64,
-    /// Decides the paths.
+    /// Seed of the random paths.
     pub seed: u64,
 }
 
 impl RandomPaths {
-    /// The script, with fingers numbered from 1. All places lie within 0.8 of the circle's radius and
-    /// at least `apart_m` from each other.
+    /// Returns the script, with fingers numbered from 1. All positions lie within 0.8 of the
+    /// circle's radius, and fingers are at least `apart_m` apart.
     ///
     /// # Errors
-    /// [`FemError::OutOfRange`] for a number of fingers or frames, [`FemError::NoRoom`] for fingers
-    /// too large for the circle, [`FemError::StepTooLong`].
+    /// [`FemError::OutOfRange`] for an invalid number of fingers or frames, or an invalid
+    /// `apart_m`; [`FemError::NoRoom`] if the fingers do not fit into the circle;
+    /// [`FemError::StepTooLong`].
     pub fn script(&self, circle: &PlayCircle) -> Result<TouchScript, FemError> {
         let (reach_m, territory_m) = self.room(circle)?;
         let mut random = Random::named(self.seed, "paths", 0);
@@ -82,7 +84,7 @@ impl RandomPaths {
         })
     }
 
-    /// Radii of the circle that holds all fingers and of each finger's territory, metres.
+    /// Radius of the circle that contains all fingers, and of each finger's territory, metres.
     fn room(&self, circle: &PlayCircle) -> Result<(f64, f64), FemError> {
         let Self { fingers, frames, step_m, apart_m, .. } = *self;
         let out_of_range =
@@ -113,7 +115,7 @@ impl RandomPaths {
         Ok((reach_m, territory_m))
     }
 
-    /// A finger with a key at every frame.
+    /// Creates a finger with a key at every frame.
     fn finger(&self, id: u32, path: &Path) -> Finger {
         let key = |frame: usize| Key {
             time_s: frame as f64 / self.frame_rate_hz,
@@ -126,7 +128,7 @@ impl RandomPaths {
     }
 }
 
-/// An epicycle; see the module.
+/// An epicycle; see the module documentation.
 struct Path {
     middle: [f64; 2],
     large_m: f64,
@@ -136,7 +138,7 @@ struct Path {
     phase: f64,
     /// Parameter at arc length 0.
     start: f64,
-    /// Arc length at each of `CHORDS + 1` equal steps of the parameter, from 0.
+    /// Arc length at `CHORDS + 1` equally spaced values of the parameter, from 0.
     lengths_m: Vec<f64>,
 }
 
@@ -145,7 +147,7 @@ impl Path {
         let size_m = territory_m * random.between(0.6, 0.95);
         let share = random.between(0.05, 0.25);
         let (sin, cos) = random.between(0.0, TAU).sin_cos();
-        // equally likely everywhere that the size leaves free
+        // uniformly distributed over the area that the size leaves free
         let off_m = (territory_m - size_m) * random.between(0.0, 1.0).sqrt();
         let mut sign = || if random.between(0.0, 1.0) < 0.5 { -1.0 } else { 1.0 };
         let (sense, turn_sense) = (sign(), sign());
@@ -183,7 +185,7 @@ impl Path {
         ]
     }
 
-    /// The point at an arc length, going around again after the end; always on the path.
+    /// Returns the point at an arc length, wrapping around at the end. It lies on the path exactly.
     fn at(&self, length_m: f64) -> [f64; 2] {
         let along = length_m.rem_euclid(self.lengths_m[CHORDS]);
         let k = self.lengths_m.partition_point(|l| *l <= along).clamp(1, CHORDS);

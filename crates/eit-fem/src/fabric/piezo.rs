@@ -1,45 +1,46 @@
-//! From pressure and strain to conductivity: a saturating response, hysteresis, relaxation.
+//! Piezoresistive law from pressure and strain to conductivity: saturation, hysteresis and
+//! relaxation.
 //!
-//! The drive of a place is what its ln(conductivity) would change by without memory,
+//! The drive `d` is the change of ln(conductivity) that would occur without memory:
 //!
 //! ```text
 //! d = pressure_gain p / (p + half_pressure) + strain_gain e       e: areal strain
 //! ```
 //!
-//! Memory is a Prandtl-Ishlinskii operator (Krejci, Hysteresis, Convexity and Dissipation in
-//! Hyperbolic Equations, 1996; Kuhnen, European Journal of Control 9:407, 2003): with `n` plays of
-//! thresholds `r_i`, each holding a share `h / n` of the response,
+//! Hysteresis is a Prandtl-Ishlinskii operator (Krejci, Hysteresis, Convexity and Dissipation in
+//! Hyperbolic Equations, 1996; Kuhnen, European Journal of Control 9:407, 2003), with `n` play
+//! operators of thresholds `r_i`, each contributing a share `h / n` of the response:
 //!
 //! ```text
 //! c = (1 - h) d + h/n sum of P_i,        P_i <- max(d - r_i, min(d + r_i, P_i))
 //! ```
 //!
-//! It does not depend on how fast the drive changes; inner loops close, wipe out, and are
-//! congruent. Then shares `g_j` of the response fade: after a step the change overshoots and
-//! settles at `1 - sum of g_j` of it, each with its own time,
+//! It is independent of the rate of the drive and has the wiping-out and congruency properties. In
+//! addition, shares `g_j` of the response relax, each with its own time constant `T_j`: after a
+//! step, the change overshoots and settles at the fraction `1 - sum of g_j`.
 //!
 //! ```text
 //! change of ln(conductivity) = c - sum of g_j y_j,      T_j y_j' = c - y_j
 //! ```
 //!
-//! (a Prony series; Christensen, Theory of Viscoelasticity, 1982). The update is exact for a
-//! response that runs straight between frames.
+//! This is a Prony series (Christensen, Theory of Viscoelasticity, 1982). The update is exact for a
+//! response that is linear between frames.
 
 use super::contact::Dent;
 use super::settings::Piezoresistance;
 
-/// The law and its constants.
+/// Piezoresistive law with its constants.
 #[derive(Debug, Clone)]
 pub struct PiezoLaw {
     settings: Piezoresistance,
-    /// Weight of each play.
+    /// Weight of each play operator.
     play_weight: f64,
-    /// For each Prony term: share, decay over a step, weight of the slope in y.
+    /// For each Prony term: share, decay over a step, and weight of the response's change in y.
     terms: Vec<[f64; 3]>,
 }
 
 impl PiezoLaw {
-    /// For steps of `step_s` seconds between frames; settings must be valid.
+    /// Creates the law for frames `step_s` seconds apart. The settings must be valid.
     pub fn new(settings: &Piezoresistance, step_s: f64) -> Self {
         let hysteresis = settings.hysteresis > 0.0 && !settings.thresholds.is_empty();
         let mut settings = settings.clone();
@@ -49,7 +50,7 @@ impl PiezoLaw {
         }
         let term = |(share, time_s): (&f64, &f64)| {
             let x = step_s / time_s;
-            // 1 - (1 - e^-x)/x, the part of a ramp's step that y follows
+            // 1 - (1 - e^-x)/x, the fraction of a ramp's change that y follows
             [*share, (-x).exp(), 1.0 + (-x).exp_m1() / x]
         };
         let terms = settings.relaxing.iter().zip(&settings.relaxation_s);
@@ -58,19 +59,20 @@ impl PiezoLaw {
         Self { settings, play_weight, terms }
     }
 
-    /// Numbers of memory for one place.
+    /// Number of memory values per element.
     pub fn memory(&self) -> usize {
         self.settings.thresholds.len() + usize::from(!self.terms.is_empty()) + self.terms.len()
     }
 
-    /// Drive without memory; pressure and strain of several touches add up before it.
+    /// Returns the drive. Add the pressure and strain of several touches before calling it.
     pub fn drive(&self, dent: &Dent) -> f64 {
         let Piezoresistance { pressure_gain, half_pressure_pa, strain_gain, .. } = self.settings;
         let p = dent.pressure_pa;
         pressure_gain * p / (p + half_pressure_pa) + strain_gain * dent.areal_strain
     }
 
-    /// Change of ln(conductivity) for the next frame's drive; `memory` starts as zeros.
+    /// Returns the change of ln(conductivity) for the drive of the next frame. `memory` must start
+    /// as zeros.
     pub fn step(&self, drive: f64, memory: &mut [f64]) -> f64 {
         let (plays, rest) = memory.split_at_mut(self.settings.thresholds.len());
         let mut sum = 0.0;

@@ -1,20 +1,21 @@
-//! The part of a skin that built-in scripts and random paths stay inside.
+//! Region of a skin that built-in scripts and random paths stay within.
 
 use super::motion::segment_distance_m;
 use crate::error::FemError;
 use eit_mesh::{Mesh, Outline};
 
-/// The largest circle around the middle of a skin that meets no rim.
+/// Largest circle around the centroid of a skin that does not cross the rim.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlayCircle {
     /// Centroid of the skin's area, metres.
     pub centre_m: [f64; 2],
-    /// Its distance from the rim, metres.
+    /// Distance from the centroid to the rim, metres.
     pub radius_m: f64,
 }
 
 impl PlayCircle {
-    /// Of a mesh, seen from +z. For a skin with its centroid in a hole, write scripts by hand.
+    /// Computes the circle of a mesh, seen from +z. If the centroid of the skin is in a hole, write
+    /// scripts by hand.
     pub fn of(mesh: &Mesh) -> Self {
         let surface = mesh.surface();
         let areas = surface.areas_m2();
@@ -31,7 +32,8 @@ impl PlayCircle {
         Self { centre_m, radius_m }
     }
 
-    /// Of an outline, around its centroid (holes not taken off): the same whatever mesh is made.
+    /// Computes the circle of an outline, around its centroid (ignoring holes). It does not depend
+    /// on the mesh.
     ///
     /// # Errors
     /// [`FemError::CentroidOffSkin`].
@@ -45,13 +47,13 @@ impl PlayCircle {
         Ok(Self { centre_m, radius_m: distances.fold(f64::INFINITY, f64::min) })
     }
 
-    /// A place at a part of the radius and an angle, radians counter-clockwise from +x.
+    /// Point at a fraction of the radius and an angle, radians counter-clockwise from +x.
     pub(super) fn at(&self, part: f64, angle: f64) -> [f64; 2] {
         let r = part * self.radius_m;
         [self.centre_m[0] + r * angle.cos(), self.centre_m[1] + r * angle.sin()]
     }
 
-    /// A fingertip, and a smaller one on skins where it would cover too much.
+    /// Radius of a fingertip: 10 mm, or less on small skins.
     pub(super) fn tip_m(&self) -> f64 {
         0.01_f64.min(0.15 * self.radius_m)
     }

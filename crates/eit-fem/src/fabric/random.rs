@@ -1,67 +1,67 @@
-//! Seeded random numbers in streams that do not depend on each other. The `fixtures` of the workspace
-//! compile this file too: it uses nothing else of this crate.
+//! Seeded random numbers in independent streams. The workspace's `fixtures` also compile this file,
+//! so it uses nothing else of this crate.
 
 use ndarray::Array2;
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
 use rand_pcg::Pcg64;
 
-/// Random numbers for simulation, training and tests: PCG XSL RR 128/64 (O'Neill, *PCG: a family of
-/// simple fast space-efficient statistically good algorithms*, HMC-CS-2014-0905).
+/// Random number generator for simulation, training and tests: PCG XSL RR 128/64 (O'Neill, *PCG: a
+/// family of simple fast space-efficient statistically good algorithms*, HMC-CS-2014-0905).
 ///
-/// The same seed and stream give the same numbers on every machine, whatever else is drawn. A part
-/// of a simulation that draws from a stream of its own ([`Random::named`]) therefore changes no other
-/// part when it is switched on or off, or runs in another order.
+/// The same seed and stream give the same numbers on every machine, independent of other streams. A
+/// part of a simulation with its own stream ([`Random::named`]) therefore does not affect the other
+/// parts if it is switched on or off, or runs in another order.
 #[derive(Debug, Clone)]
 pub struct Random(Pcg64);
 
 impl Random {
-    /// The first stream of a seed, where one is enough.
+    /// Creates the first stream of a seed, for uses that need only one.
     pub fn new(seed: u64) -> Self {
         Self::stream(seed, 0)
     }
 
-    /// The stream of a purpose, such as `"contact drift"`, and an index within it, such as a frame or
-    /// an electrode. Streams of different names are different but for a chance of 2^-64.
+    /// Creates the stream for a purpose, such as `"contact drift"`, and an index within it, such as
+    /// a frame or an electrode. Two names share a stream with a probability of 2^-64.
     pub fn named(seed: u64, purpose: &str, index: u64) -> Self {
         Self::stream(seed, u128::from(fnv1a(purpose)) << 64 | u128::from(index))
     }
 
-    /// A stream by its number.
+    /// Creates a stream by its number.
     pub fn stream(seed: u64, stream: u128) -> Self {
         Self(Pcg64::new(u128::from(seed), stream))
     }
 
-    /// Uniform in [0, 1).
+    /// Draws a number uniformly from [0, 1).
     pub fn uniform(&mut self) -> f64 {
         StandardUniform.sample(&mut self.0)
     }
 
-    /// Uniform from `low` to `high`.
+    /// Draws a number uniformly from `low` to `high`.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
     }
 
-    /// Uniform in the logarithm, between two numbers above 0.
+    /// Draws a number log-uniformly between two positive numbers.
     pub fn log_between(&mut self, low: f64, high: f64) -> f64 {
         self.between(low.ln(), high.ln()).exp()
     }
 
-    /// A whole number from 0 to below `count`, each equally likely; 0 for a `count` of 0.
+    /// Draws an integer uniformly from 0 to below `count`; returns 0 if `count` is 0.
     pub fn below(&mut self, count: usize) -> usize {
         ((count as f64 * self.uniform()) as usize).min(count.saturating_sub(1))
     }
 
-    /// Normal with mean 0 and standard deviation 1.
+    /// Draws a normal number with mean 0 and standard deviation 1.
     pub fn normal(&mut self) -> f64 {
         StandardNormal.sample(&mut self.0)
     }
 
-    /// Values with white noise of a standard deviation.
+    /// Returns the values with added white noise of standard deviation `std`.
     pub fn noisy(&mut self, values: &[f64], std: f64) -> Vec<f64> {
         values.iter().map(|value| value + std * self.normal()).collect()
     }
 
-    /// Independent [`normal`](Self::normal) numbers, [row, column], drawn row by row.
+    /// Draws independent [`normal`](Self::normal) numbers, [row, column], row by row.
     pub fn normals(&mut self, rows: usize, columns: usize) -> Array2<f64> {
         Array2::from_shape_simple_fn((rows, columns), || self.normal())
     }
@@ -78,7 +78,7 @@ fn fnv1a(text: &str) -> u64 {
 mod tests {
     use super::{Random, fnv1a};
 
-    /// A generator whose numbers change would silently change every simulated frame.
+    /// If the generator's numbers changed, every simulated frame would change silently.
     #[test]
     fn numbers_stay_the_same() {
         let mut random = Random::stream(5, 8 << 64 | 17);
@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn streams_are_independent_and_repeat() {
-        // the hash of the published test suite
+        // a hash from the published test suite
         assert_eq!(fnv1a("foobar"), 0x8594_4171_f739_67e8);
         let first = |mut random: Random| [0; 4].map(|_| random.uniform().to_bits());
         let gain = first(Random::named(3, "gain", 0));
@@ -106,13 +106,14 @@ mod tests {
         ] {
             assert!(first(other).iter().all(|bits| !gain.contains(bits)));
         }
-        // two streams of one seed: 10 000 products of mean 0 and deviation 1, five deviations
+        // two streams of one seed: 10 000 products with mean 0 and deviation 1; allow five
+        // deviations
         let (mut one, mut two) = (Random::named(1, "a", 0), Random::named(1, "b", 0));
         let mean = (0..10_000).map(|_| one.normal() * two.normal()).sum::<f64>() / 10_000.0;
         assert!(mean.abs() < 0.05, "{mean}");
     }
 
-    /// Ten thousand numbers each: five standard deviations of the mean.
+    /// Ten thousand numbers each; the tolerance is five standard deviations of the mean.
     #[test]
     fn distributions_have_their_moments() {
         const N: usize = 10_000;
@@ -127,7 +128,7 @@ mod tests {
         assert!((variance - 1.0).abs() < 5.0 * 1.414 / 100.0, "{variance}");
         let mut counts = [0_usize; 4];
         (0..N).for_each(|_| counts[random.below(4)] += 1);
-        // binomial: 2500 with a deviation of 43
+        // binomial: mean 2500, deviation 43
         assert!(counts.iter().all(|count| count.abs_diff(2500) < 217), "{counts:?}");
         assert_eq!((random.below(1), random.below(0)), (0, 0));
     }

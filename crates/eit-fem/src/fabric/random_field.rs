@@ -1,18 +1,18 @@
-//! Random fields: what of the fabric varies in place or time without a rule.
+//! Random fields, for random variation of the fabric in space or time.
 
 use super::random::Random;
 
-/// A stationary Gaussian process or field as a sum of waves with random directions: covariance
-/// `exp(-|x|^2 / 2 L^2)` on average over seeds (spectral representation, Shinozuka and Deodatis,
+/// Stationary Gaussian process or field as a sum of waves with random directions. Averaged over
+/// seeds, its covariance is `exp(-|x|^2 / 2 L^2)` (spectral representation, Shinozuka and Deodatis,
 /// Applied Mechanics Reviews 44:191, 1991).
 #[derive(Debug, Clone)]
 pub(super) struct Waves<const D: usize> {
-    /// Wave vector and phase.
+    /// Wave vector and phase of each wave.
     waves: Vec<([f64; D], f64)>,
 }
 
 impl<const D: usize> Waves<D> {
-    /// `count` waves of correlation length (or time) `correlation`.
+    /// Draws `count` waves for the correlation length (or time) `correlation`.
     pub fn new(random: &mut Random, correlation: f64, count: usize) -> Self {
         let mut wave = || {
             let vector = std::array::from_fn(|_| random.normal() / correlation);
@@ -21,7 +21,7 @@ impl<const D: usize> Waves<D> {
         Self { waves: (0..count).map(|_| wave()).collect() }
     }
 
-    /// Value at a place; variance one.
+    /// Returns the value at a point. The variance is one.
     pub fn at(&self, place: [f64; D]) -> f64 {
         let wave = |(k, phase): &([f64; D], f64)| {
             (k.iter().zip(place).map(|(k, x)| k * x).sum::<f64>() + phase).cos()

@@ -1,94 +1,95 @@
-//! What touches the skin, where, how hard and when.
+//! Touch scripts: which fingers touch the skin, where, how hard and when.
 
 use super::contact::Tip;
 use crate::error::FemError;
 use eit_mesh::{Mesh, Surface};
 
-/// Fingers over time.
+/// Script of fingers that touch a skin over time.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct TouchScript {
-    /// For titles.
+    /// Name, used in titles.
     #[cfg_attr(feature = "serde", serde(default))]
     pub name: String,
-    /// Frames a second; frame `f` is at `f / frame_rate_hz` seconds.
+    /// Frames per second. Frame `f` is at `f / frame_rate_hz` seconds.
     pub frame_rate_hz: f64,
     /// Number of frames.
     pub frames: usize,
-    /// First frames without touch, for noise and reference; no key with a force may lie before
-    /// they end.
+    /// Number of frames without touch at the start, for noise and reference. A key with a force
+    /// must not lie before their end.
     #[cfg_attr(feature = "serde", serde(default))]
     pub quiet_frames: usize,
-    /// The fingers.
+    /// Fingers of the script.
     #[cfg_attr(feature = "serde", serde(default, rename = "finger"))]
     pub fingers: Vec<Finger>,
 }
 
-/// One finger.
+/// One finger and its path.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Finger {
-    /// Its number in the truth.
+    /// Number of the finger in the ground truth.
     pub id: u32,
-    /// Its shape.
+    /// Shape of the fingertip.
     #[cfg_attr(feature = "serde", serde(default))]
     pub tip: Tip,
-    /// How keys are joined.
+    /// Interpolation between keys.
     #[cfg_attr(feature = "serde", serde(default))]
     pub interpolation: Interpolation,
-    /// Places in time, ascending. Before the first and after the last the finger is away.
+    /// Keys in ascending order of time. Before the first and after the last key the finger does not
+    /// touch.
     #[cfg_attr(feature = "serde", serde(rename = "key"))]
     pub keys: Vec<Key>,
 }
 
-/// How values run between two keys.
+/// Interpolation of position, force and radius between two keys.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum Interpolation {
-    /// Straight.
+    /// Linear in time.
     #[default]
     Linear,
-    /// `3 s^2 - 2 s^3`: at rest at every key.
+    /// `3 s^2 - 2 s^3`, with zero velocity at every key.
     Smooth,
 }
 
-/// A finger at a time.
+/// State of a finger at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Key {
-    /// Seconds from frame 0.
+    /// Time from frame 0, seconds.
     pub time_s: f64,
-    /// Middle, metres, on the skin.
+    /// Centre of the fingertip, metres; must be on the skin.
     pub position_m: [f64; 2],
-    /// Newton, at least zero; zero is no contact.
+    /// Force, newton, at least zero; zero means no contact.
     pub force_n: f64,
-    /// Metres, above zero; see [`Tip`].
+    /// Radius of the fingertip, metres, above zero; see [`Tip`].
     pub radius_m: f64,
 }
 
-/// A finger in one frame.
+/// A touch: one finger in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Touch {
-    /// The finger's number.
+    /// Number of the finger.
     pub finger: u32,
-    /// Its shape.
+    /// Shape of the fingertip.
     pub tip: Tip,
-    /// Middle, metres.
+    /// Centre of the touch, metres.
     pub position_m: [f64; 2],
-    /// Newton, above zero.
+    /// Force, newton, above zero.
     pub force_n: f64,
-    /// Metres; see [`Tip`].
+    /// Radius of the fingertip, metres; see [`Tip`].
     pub radius_m: f64,
-    /// Unit vector of its movement since the frame before; zeros at rest.
+    /// Unit vector of the movement since the previous frame; zero if at rest.
     pub direction: [f64; 2],
 }
 
 impl Finger {
-    /// At a time; `None` where it does not touch.
+    /// Returns the touch at a time, or `None` if the finger does not touch.
     fn at(&self, time_s: f64) -> Option<Touch> {
         let next = self.keys.iter().position(|k| k.time_s >= time_s)?;
         let (from, to) = (&self.keys[next.saturating_sub(1)], &self.keys[next]);
@@ -115,7 +116,7 @@ impl Finger {
 }
 
 impl TouchScript {
-    /// The fingers that touch in a frame.
+    /// Returns the touches of a frame.
     pub fn touches(&self, frame: usize) -> Vec<Touch> {
         let time_s = |frame: usize| frame as f64 / self.frame_rate_hz;
         let before = |finger: &Finger| finger.at(time_s(frame.checked_sub(1)?));
@@ -124,7 +125,7 @@ impl TouchScript {
             if let Some(before) = before(finger) {
                 let [x, y] = [0, 1].map(|k| touch.position_m[k] - before.position_m[k]);
                 let step_m = x.hypot(y);
-                // less than a micrometre is rounding of a finger at rest
+                // a step below a micrometre is rounding; the finger is at rest
                 if step_m > 1e-6 {
                     touch.direction = [x / step_m, y / step_m];
                 }
@@ -134,11 +135,12 @@ impl TouchScript {
         self.fingers.iter().filter_map(now).collect()
     }
 
-    /// Refuses what cannot be on this skin, before any work.
+    /// Rejects scripts that are invalid on this skin.
     ///
     /// # Errors
-    /// [`FemError::BadTouch`], [`FemError::UnsortedKeys`], [`FemError::OutsideSkin`],
-    /// [`FemError::OutOfRange`]: each names finger and key, or the time between keys.
+    /// [`FemError::BadTouch`], [`FemError::UnsortedKeys`] and [`FemError::OutsideSkin`], which give
+    /// the finger and the key or the time; [`FemError::OutOfRange`] for the frame rate or the
+    /// number of frames.
     pub fn validate(&self, mesh: &Mesh) -> Result<(), FemError> {
         let rate = self.frame_rate_hz;
         if !(rate.is_finite() && rate > 0.0) {
@@ -158,7 +160,7 @@ impl TouchScript {
                 place.check(finger.id, Some(k), key.time_s, key.position_m)?;
             }
         }
-        // straight ways between keys may leave a skin that is not convex
+        // paths between keys may leave a non-convex skin
         for frame in 0..self.frames {
             for touch in self.touches(frame) {
                 let time_s = frame as f64 / rate;
@@ -203,7 +205,7 @@ impl TouchScript {
     }
 }
 
-/// The triangles of a flat skin, to find places on it.
+/// Tests whether points lie on a flat skin.
 struct Place<'a> {
     surface: &'a Surface,
 }
@@ -233,7 +235,7 @@ impl<'a> Place<'a> {
         if self.holds(position_m) {
             return Ok(());
         }
-        let place = key.map_or_else(|| "on its way".to_owned(), |k| format!("at key {k}"));
+        let place = key.map_or_else(|| "between keys".to_owned(), |k| format!("at key {k}"));
         let [x_m, y_m] = position_m;
         Err(FemError::OutsideSkin { finger, place, time_s, x_m, y_m })
     }

@@ -1,50 +1,54 @@
-//! Parameters of the fabric: each with its default, its source or the word "assumed".
+//! Parameters of the fabric, each with its default and its source, or marked as assumed.
 //!
-//! `docs/FABRIC.md` discusses them. An amplitude of zero leaves its part out: nothing of it is
-//! computed, and no other part changes.
+//! `docs/FABRIC.md` discusses them. An effect whose amplitude is zero is not computed, and the
+//! other effects do not change.
 
 mod check;
 
-/// Everything the fabric is made of.
+/// Settings of the simulated fabric and its instrument.
 #[derive(Debug, Clone, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct FabricSettings {
-    /// How the fabric yields.
+    /// Mechanics of the stretched fabric.
     pub membrane: Membrane,
-    /// How it conducts when pressed and stretched.
+    /// Conductivity under pressure and strain.
     pub piezo: Piezoresistance,
-    /// How rim and electrodes give way.
+    /// Compliance of the rim and response of the contacts.
     pub rim: Rim,
-    /// Unevenness of the fabric.
+    /// Unevenness of the conductivity.
     pub weave: Weave,
-    /// Slow change of fabric and contacts.
+    /// Slow drift of the conductivity and the contact impedances.
     pub drift: Drift,
-    /// What measures.
+    /// Noise, gain errors, converter and bad contacts.
     pub instrument: Instrument,
-    /// The response of a linear skin, in place of `membrane`, `piezo` and `rim`: nothing moves, no contact
-    /// changes, no force is too large. Left out: that of the fabric.
+    /// Response of a linear skin, which replaces `membrane`, `piezo` and `rim`: no node moves,
+    /// contacts do not change with touches, and no force is too large. `None`: the full model of
+    /// the fabric.
     pub linear: Option<LinearResponse>,
 }
 
-/// A stretched membrane on a soft layer.
+/// Mechanics: a stretched membrane on a soft layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Membrane {
-    /// Tension, newton per metre, above zero. Assumed: 50, a knit stretched over a frame; a
-    /// fingertip of 1.5 N then sinks in by a centimetre.
+    /// Tension, newton per metre, above zero. Default 50, assumed: a knit stretched over a frame,
+    /// into which a fingertip sinks by a centimetre at 1.5 N.
     pub tension_n_per_m: f64,
-    /// Foundation: pressure per deflection, pascal per metre, above zero. Assumed: 5e4, next to
-    /// nothing beneath the fabric. With 50 N/m a dent reaches 30 mm. Soft foam has 1e6.
+    /// Stiffness of the foundation: pressure per deflection, pascal per metre, above zero. Default
+    /// 5e4, assumed: almost nothing beneath the fabric. With 50 N/m a dent extends over 30 mm. Soft
+    /// foam has 1e6.
     pub foundation_pa_per_m: f64,
-    /// Poisson's ratio of the fabric, from 0 to below 1. Assumed: 0.3.
+    /// Poisson's ratio of the fabric, from 0 to below 1. Default 0.3, assumed.
     pub poisson_ratio: f64,
-    /// Stiffness of the fabric in its plane, newton per metre, above zero. Assumed: 300, a knit.
+    /// In-plane stiffness of the fabric, newton per metre, above zero. Default 300, assumed for a
+    /// knit.
     pub stiffness_n_per_m: f64,
-    /// Friction of a moving finger, which drags the fabric along. Assumed: 0.4. Zero: none.
+    /// Friction coefficient of a moving finger, which drags the fabric along. Default 0.4, assumed.
+    /// Zero: no friction.
     pub friction: f64,
-    /// Whether the dent moves the nodes of the mesh; false: the solves see a flat skin at rest.
+    /// Whether dents move the mesh nodes. If false, all solves use the mesh at rest.
     pub moves_nodes: bool,
 }
 
@@ -61,30 +65,30 @@ impl Default for Membrane {
     }
 }
 
-/// From pressure and strain to conductivity, with hysteresis and relaxation.
+/// Dependence of the conductivity on pressure and strain, with hysteresis and relaxation.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Piezoresistance {
-    /// Change of ln(conductivity) under very high pressure. Assumed: 0.3. Zero: no effect.
+    /// Change of ln(conductivity) at very high pressure. Default 0.3, assumed. Zero: no effect.
     pub pressure_gain: f64,
-    /// Pressure of half that change, pascal, above zero. Assumed: 1e4.
+    /// Pressure at which half of that change is reached, pascal, above zero. Default 1e4, assumed.
     pub half_pressure_pa: f64,
-    /// Change of ln(conductivity) per areal strain; positive: stretching brings yarns together.
-    /// Zero: no effect. Published gauge factors of knitted sensors are 0 to 2.4 in size, of either
-    /// sign (Bozali et al., Sensors 22:7688, 2022: 0 to 1.19; Tangsirinaruenart and Stylios,
-    /// Materials 12:1469, 2019: 1.61). Default 1.2 with this sign: assumed.
+    /// Change of ln(conductivity) per areal strain. Positive if stretching brings yarns together;
+    /// zero: no effect. Published gauge factors of knitted sensors have magnitudes of 0 to 2.4 and
+    /// either sign (Bozali et al., Sensors 22:7688, 2022: 0 to 1.19; Tangsirinaruenart and Stylios,
+    /// Materials 12:1469, 2019: 1.61). Default 1.2; the sign is assumed.
     pub strain_gain: f64,
-    /// Share of the response that is plastic (play operators), 0 to below 1. Zero: no hysteresis.
-    /// Default 0.1; published hysteresis of knitted sensors is 3 % (Bozali et al.) to 12.5 %
-    /// (see `docs/FABRIC.md`).
+    /// Share of the response with hysteresis (play operators), 0 to below 1. Zero: no hysteresis.
+    /// Default 0.1; published hysteresis of knitted sensors ranges from 3 % (Bozali et al.) to 12.5
+    /// % (see `docs/FABRIC.md`).
     pub hysteresis: f64,
-    /// Thresholds of the play operators, in ln(conductivity), above zero. Assumed.
+    /// Thresholds of the play operators, in ln(conductivity), above zero. Defaults are assumed.
     pub thresholds: Vec<f64>,
-    /// Shares of the response that fade after a step, each from 0, sum below 1. Assumed: 0.08 and
-    /// 0.07, as fabrics overshoot and settle (Bozali et al. and others).
+    /// Shares of the response that relax after a step, each at least 0, with a sum below 1. Default
+    /// 0.08 and 0.07, assumed: fabrics overshoot and settle (Bozali et al. and others).
     pub relaxing: Vec<f64>,
-    /// Their time constants, seconds, above zero. Assumed: 0.5 and 10.
+    /// Time constants of the relaxing shares, seconds, above zero. Default 0.5 and 10, assumed.
     pub relaxation_s: Vec<f64>,
 }
 
@@ -102,16 +106,17 @@ impl Default for Piezoresistance {
     }
 }
 
-/// Rim and electrodes.
+/// Compliance of the rim and response of the contacts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Rim {
-    /// Part of the free fabric's displacement that the rim follows: 0 rigid, 1 free. Springs in
-    /// series, `1 / (1 + rim stiffness / fabric stiffness)`. Assumed: 0.7.
+    /// Fraction of the free fabric's displacement by which the rim moves: 0 rigid, 1 free. For
+    /// springs in series it is `1 / (1 + rim stiffness / fabric stiffness)`. Default 0.7, assumed.
     pub compliance: f64,
-    /// Fall of ln(contact impedance) per deflection at the electrode over the membrane's length:
-    /// a fabric pulled down is pressed against its electrode. Zero: no effect. Assumed: 2.
+    /// Decrease of ln(contact impedance) per deflection at the electrode, relative to the
+    /// membrane's length: fabric that is pulled down presses against its electrode. Zero: no
+    /// effect. Default 2, assumed.
     pub contact_gain: f64,
 }
 
@@ -121,15 +126,15 @@ impl Default for Rim {
     }
 }
 
-/// Unevenness: ln(conductivity) is a Gaussian field of covariance
-/// `amplitude^2 exp(-r^2 / 2 correlation^2)`.
+/// Unevenness of the fabric: ln(conductivity) is a Gaussian field with covariance `amplitude^2
+/// exp(-r^2 / 2 correlation^2)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Weave {
-    /// Standard deviation of ln(conductivity). Assumed: 0.05. Zero: even.
+    /// Standard deviation of ln(conductivity). Default 0.05, assumed. Zero: uniform.
     pub amplitude: f64,
-    /// Correlation length, metres, above zero. Assumed: 0.02.
+    /// Correlation length, metres, above zero. Default 0.02, assumed.
     pub correlation_m: f64,
 }
 
@@ -139,16 +144,18 @@ impl Default for Weave {
     }
 }
 
-/// Slow Gaussian processes that start from zero.
+/// Slow drift: Gaussian processes that start from zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Drift {
-    /// Standard deviation of ln(conductivity) of the whole sheet. Assumed: 1e-3. Zero: none.
+    /// Standard deviation of ln(conductivity) of the whole sheet. Default 1e-3, assumed. Zero: no
+    /// drift.
     pub conductivity: f64,
-    /// Standard deviation of ln(contact impedance), each electrode for itself. Assumed: 5e-3.
+    /// Standard deviation of ln(contact impedance), independent for each electrode. Default 5e-3,
+    /// assumed. Zero: no drift.
     pub contact: f64,
-    /// Correlation time, seconds, above zero. Assumed: 60.
+    /// Correlation time, seconds, above zero. Default 60, assumed.
     pub time_s: f64,
 }
 
@@ -158,35 +165,37 @@ impl Default for Drift {
     }
 }
 
-/// The instrument.
+/// Noise, gain errors, converter, current source and bad contacts of the instrument.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Instrument {
-    /// Standard deviation of additive noise, volt: each channel (measurement pattern) has its own,
-    /// uniform between the two. Default 4e-7 and 1.4e-6, as measured on recordings of a KHU
-    /// Mark2.5. Zero and zero: none.
+    /// Range of the standard deviation of additive noise, volt. Each channel (measurement pattern)
+    /// draws its own uniformly from this range. Default 4e-7 to 1.4e-6, as measured on recordings
+    /// of a KHU Mark2.5. Both zero: no noise.
     pub noise_v: [f64; 2],
-    /// Standard deviation of the channels' gains around one. Assumed: 1e-3. Zero: exact.
+    /// Standard deviation of the channels' gains around one. Default 1e-3, assumed. Zero: exact
+    /// gains.
     pub gain_error: f64,
-    /// Bits of the converter, 2 to 32; 0: neither quantised nor saturated.
+    /// Resolution of the converter, 2 to 32 bits; 0: values are neither quantised nor clipped.
     pub bits: u32,
-    /// Largest magnitude that the converter shows, volt, above zero. Left out: 1.25 times the
-    /// largest voltage of the untouched skin, a gain set once.
+    /// Largest magnitude that the converter can represent, volt, above zero. `None`: 1.25 times the
+    /// largest voltage of the untouched skin, as if the gain were set once.
     pub range_v: Option<f64>,
-    /// Voltage at which the current source gives up, between its two electrodes, above zero: its
-    /// current then falls to what that voltage drives. Left out: none.
+    /// Compliance voltage of the current source, between its two electrodes, volt, above zero. The
+    /// current is reduced so that this voltage is not exceeded. `None`: no limit.
     pub compliance_v: Option<f64>,
-    /// Electrodes without contact, by number from 1: what they drive or measure floats, noise of a tenth
-    /// of the largest voltage.
+    /// Electrodes without contact, by number from 1. Measurements that involve them float: noise
+    /// with a standard deviation of a tenth of the largest voltage.
     pub lost: Vec<usize>,
     /// Electrodes with a loose contact, by number from 1.
     pub loose: Vec<usize>,
-    /// How often a loose contact opens, per second, and how long it stays open on average, seconds.
+    /// Rate at which a closed loose contact opens, per second. Default 0.5, assumed.
     pub loose_rate_hz: f64,
-    /// See there.
+    /// Mean time that a loose contact stays open, seconds. Default 0.3, assumed.
     pub loose_time_s: f64,
-    /// Factor on the contact impedance of an open contact, at least 1. 1e3: one that barely touches.
+    /// Factor on the contact impedance of an open contact, 1 to 1e6. Default 1e3, assumed: a
+    /// contact that barely touches.
     pub open_factor: f64,
 }
 
@@ -207,20 +216,20 @@ impl Default for Instrument {
     }
 }
 
-/// The response of a linear skin: the conductivity follows force and shape of the fingers at once, so
-/// that images can be judged without the mechanics of a fabric between finger and truth.
+/// Response of a linear skin: the conductivity depends only on the current force and shape of the
+/// fingers, so images can be assessed without the mechanics of a fabric.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct LinearResponse {
-    /// Relative change of the conductivity in the middle of a touch, per newton. Either sign; the
+    /// Relative change of the conductivity at the centre of a touch, per newton. Either sign; the
     /// conductivity must stay above zero.
     pub change_per_newton: f64,
 }
 
 impl FabricSettings {
-    /// No drift, unevenness, electrode effects, hysteresis, relaxation, nor instrument: only the
-    /// conductivity follows the touch, and no node moves.
+    /// Settings without drift, unevenness, electrode effects, hysteresis, relaxation or instrument
+    /// errors: touches only change the conductivity, and no node moves.
     pub fn ideal() -> Self {
         Self {
             membrane: Membrane { moves_nodes: false, ..Default::default() },
@@ -243,7 +252,7 @@ impl FabricSettings {
         }
     }
 
-    /// A linear skin and nothing else: no drift, unevenness nor instrument.
+    /// Settings of a linear skin without drift, unevenness or instrument errors.
     pub fn linear(change_per_newton: f64) -> Self {
         Self { linear: Some(LinearResponse { change_per_newton }), ..Self::ideal() }
     }

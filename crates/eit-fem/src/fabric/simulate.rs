@@ -1,4 +1,5 @@
-//! Frames of a script: memory of the fabric in order, solves in parallel.
+//! Simulation of a script: the memory of the fabric is updated frame by frame, solves run in
+//! parallel.
 
 mod frame;
 mod plan;
@@ -21,17 +22,19 @@ use results::true_touches;
 use std::f64::consts::PI;
 use std::time::Instant;
 
-/// Frames that are worked on together: bounds the memory, long enough to keep threads busy.
+/// Number of frames processed together. Limits the memory, but is large enough to keep threads
+/// busy.
 const CHUNK: usize = 64;
 
 impl Fabric {
-    /// Simulates a script; truth images are on the raster of the same skin. `progress` hears how
-    /// many frames are done.
+    /// Simulates a script. Ground-truth images use `raster`, which must be of the same mesh. Calls
+    /// `progress` with the number of finished frames.
     ///
     /// # Errors
-    /// Those of [`TouchScript::validate`], [`FemError::ForceTooLarge`] for a finger beyond the
-    /// contact model, [`FemError::WrongLength`] for a raster of another mesh or no thread, all
-    /// before any work; [`FemError::FoldedMesh`] where touches fold the mesh, and those of
+    /// Before any work: those of [`TouchScript::validate`]; [`FemError::ForceTooLarge`] for a force
+    /// beyond the contact model; [`FemError::WrongLength`] for a raster of another mesh;
+    /// [`FemError::OutOfRange`] for no threads. During the simulation: [`FemError::FoldedMesh`] if
+    /// touches invert a triangle, and those of
     /// [`ForwardModel::solve_deformed`](crate::ForwardModel::solve_deformed).
     pub fn simulate(
         &self,
@@ -80,7 +83,7 @@ impl Fabric {
         Ok(made)
     }
 
-    /// Conductivities of frames, from their touches and the memory of each element.
+    /// Computes the conductivities of frames from their touches and the memory of each element.
     fn conductivities(
         &self,
         plan: &Plan<'_>,
@@ -100,7 +103,8 @@ impl Fabric {
         frames.iter_mut().for_each(|frame| remember(plan, frame, memory));
     }
 
-    /// Everything that can be wrong, before any work; the dents of every frame, none on a linear skin.
+    /// Validates all input before any work. Returns the dents of every frame; none on a linear
+    /// skin.
     fn check(
         &self,
         script: &TouchScript,

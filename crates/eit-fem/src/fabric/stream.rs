@@ -1,8 +1,8 @@
-//! The streams of random numbers that the simulated fabric draws from.
+//! Random number streams of the simulated fabric.
 
 use super::random::Random;
 
-/// What numbers are for.
+/// Purpose of a random number stream.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Purpose {
     Script = 1,
@@ -17,7 +17,8 @@ pub(super) enum Purpose {
 }
 
 impl Purpose {
-    /// The stream of a seed for this purpose and an index within it (an electrode, a frame).
+    /// Creates the stream of a seed for this purpose and an index within it (an electrode, a
+    /// frame).
     pub fn stream(self, seed: u64, index: usize) -> Random {
         Random::stream(seed, (self as u128) << 64 | index as u128)
     }

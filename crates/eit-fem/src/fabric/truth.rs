@@ -1,47 +1,48 @@
-//! What really was, for every frame.
+//! Results of a simulation: frames and ground truth.
 
 use crate::solve::SolveReport;
 use ndarray::{Array1, Array2, Array3};
 
-/// A touch as it was in one frame.
+/// Ground truth of a touch in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrueTouch {
-    /// Frame.
+    /// Frame index.
     pub frame: usize,
-    /// The finger's number in the script.
+    /// Number of the finger in the script.
     pub finger: u32,
-    /// Middle, metres.
+    /// Centre of the touch, metres.
     pub position_m: [f64; 2],
     /// Force, newton.
     pub force_n: f64,
     /// Radius of the fingertip, metres.
     pub tip_radius_m: f64,
-    /// Radius of contact, metres.
+    /// Radius of the contact area, metres.
     pub contact_radius_m: f64,
-    /// Area of contact, square metres.
+    /// Contact area, square metres.
     pub area_m2: f64,
-    /// Deflection in the middle, metres.
+    /// Deflection at the centre, metres.
     pub depth_m: f64,
 }
 
-/// Why a measurement is bad, the worst reason; [`TrueQuality::code`] writes it into files.
+/// Quality of a measurement: the worst problem that affects it. Files store [`TrueQuality::code`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TrueQuality {
-    /// As it should be.
+    /// No problem.
     #[default]
     Good,
-    /// The current source gave up.
+    /// The current source reached its compliance voltage.
     SourceLimited,
-    /// The converter clipped it.
+    /// The converter clipped the value.
     Saturated,
-    /// A loose contact that takes part was open.
+    /// A loose contact of an electrode involved was open.
     Loose,
-    /// An electrode without contact takes part.
+    /// An electrode involved has no contact.
     Lost,
 }
 
 impl TrueQuality {
-    /// 0 good, 1 source limited, 2 saturated, 3 loose contact open, 4 lost electrode.
+    /// Returns the code used in files: 0 good, 1 source limited, 2 saturated, 3 loose contact open,
+    /// 4 lost electrode.
     pub fn code(self) -> u8 {
         self as u8
     }
@@ -50,55 +51,57 @@ impl TrueQuality {
 /// Ground truth of a simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
-    /// Contact pressure, pascal, mean of each pixel: [frame, row, column], NaN outside the skin.
+    /// Mean contact pressure of each pixel, pascal: [frame, row, column], NaN outside the skin.
     pub pressure_pa: Array3<f64>,
-    /// Sheet conductivity less that of the untouched skin at time 0, siemens:
-    /// [frame, row, column], NaN outside the skin.
+    /// Change of the sheet conductivity relative to the untouched skin at time 0, siemens: [frame,
+    /// row, column], NaN outside the skin.
     pub conductivity_change_s: Array3<f64>,
-    /// The same by element of the simulating mesh, [frame, element], if it was asked for.
+    /// The same change for each element of the simulation mesh, [frame, element], if requested
+    /// ([`SimulationSettings::keep_elements`](crate::fabric::SimulationSettings)).
     pub element_change_s: Option<Array2<f64>>,
-    /// Sheet conductivity of the untouched skin by element, siemens.
+    /// Sheet conductivity of the untouched skin for each element, siemens.
     pub untouched_s: Array1<f64>,
-    /// Every touch of every frame, in the order of frames and fingers.
+    /// All touches, ordered by frame and then by finger.
     pub touches: Vec<TrueTouch>,
     /// Mean displacement of each electrode, metres: [frame, electrode, x y z].
     pub electrode_shift_m: Array3<f64>,
     /// Contact impedance, ohm metre (rim) or ohm square metre (patch): [frame, electrode].
     pub contact_impedance: Array2<f64>,
-    /// Why a measurement is bad: [frame, measurement].
+    /// Quality of each measurement: [frame, measurement].
     pub quality: Array2<TrueQuality>,
-    /// Standard deviation of the instrument's noise, rounding included, volt: one per
-    /// measurement.
+    /// Standard deviation of the instrument's noise, including rounding, volt: one per measurement.
     pub noise_std_v: Array1<f64>,
 }
 
-/// Frames and truth.
+/// Result of a simulation: frames and ground truth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation {
-    /// What the instrument wrote down, volt: [frame, measurement].
+    /// Values recorded by the instrument, volt: [frame, measurement].
     pub frames_v: Array2<f64>,
-    /// The same without instrument, volt; with open contacts and a source that gives up.
+    /// Exact voltages before gain, noise and converter, volt: [frame, measurement]. Open contacts
+    /// and the compliance limit of the source are included.
     pub exact_v: Array2<f64>,
-    /// The untouched skin at time 0 without instrument, volt: one per measurement.
+    /// Exact voltages of the untouched skin at time 0, volt: one per measurement.
     pub reference_v: Array1<f64>,
-    /// What really was.
+    /// Ground truth.
     pub truth: Truth,
-    /// How it went.
+    /// Report of the simulation.
     pub report: SimulationReport,
 }
 
-/// How a simulation went.
+/// Report of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulationReport {
-    /// Frames solved.
+    /// Number of frames.
     pub frames: usize,
-    /// Threads used.
+    /// Number of threads.
     pub threads: usize,
-    /// Solve of the untouched skin: backward error and expected loss hold for all frames alike.
+    /// Report of the solve of the untouched skin. Its backward error and expected loss are
+    /// representative of all frames.
     pub untouched: SolveReport,
-    /// Smallest area of a moved triangle, seen from +z, over its area at rest.
+    /// Smallest ratio of a moved triangle's area, seen from +z, to its area at rest.
     pub least_area_ratio: f64,
-    /// Range of the converter, volt.
+    /// Range of the converter, volt; `None` without a converter.
     pub range_v: Option<f64>,
     /// Wall time, seconds.
     pub time_s: f64,

@@ -1,8 +1,8 @@
-//! The system matrix: pattern once, values per conductivity.
+//! Assembly of the system matrix: the pattern once, the values for each conductivity.
 //!
-//! Cost of new values: 9 multiply-adds and 6 scattered additions a linear triangle (45 and 21 a
-//! quadratic one), after copying the constant electrode part; 20 000 nodes, linear: 0.3 MFLOP,
-//! 1.5 MB read, 1 MB scattered.
+//! Cost of new values: 9 multiply-adds and 6 scattered additions per linear triangle (45 and 21 per
+//! quadratic one), after copying the constant electrode part. With 20 000 nodes and linear
+//! elements: 0.3 MFLOP, 1.5 MB read, 1 MB scattered.
 
 use super::contact::Contact;
 use super::dof_map::DofMap;
@@ -10,15 +10,16 @@ use crate::element::ElementOrder;
 use crate::element::gradient::pair;
 use crate::sparse::Pattern;
 
-/// The pattern of the matrix, and where each element's entries go.
+/// Pattern of the matrix, and the position of each element's entries in it.
 #[derive(Debug)]
 pub(crate) struct Assembly {
-    /// Where the matrix has entries.
+    /// Sparsity pattern of the matrix.
     pub pattern: Pattern,
     order: ElementOrder,
-    /// For each element: entries of its pairs of nodes in the order of [`pair`], then diagonals.
+    /// For each element: matrix entries of its pairs of nodes in the order of [`pair`], then its
+    /// diagonal entries.
     entries: Vec<u32>,
-    /// Entry of each electrode term, in the order of `Contact::values`.
+    /// Matrix entry of each electrode term, in the order of `Contact::values`.
     contact_entries: Vec<u32>,
 }
 
@@ -34,9 +35,9 @@ impl Assembly {
         Self { pattern, order: dofs.order, entries, contact_entries }
     }
 
-    /// Adds up the electrode part of the values: it does not change with the conductivity.
+    /// Writes the electrode part of the values, which does not depend on the conductivity.
     ///
-    /// `positions` holds the place of each unknown that is a node.
+    /// `positions` holds the position of each unknown that is a node.
     pub fn fill_contacts(
         &self,
         contacts: &[Contact],
@@ -55,8 +56,8 @@ impl Assembly {
         }
     }
 
-    /// Writes the values for one conductivity per triangle, siemens, from the unit stiffness of
-    /// element after element and the electrode part.
+    /// Writes the matrix values for one conductivity per triangle, siemens. `stiffness` is the unit
+    /// stiffness of all elements in order; `contact_values` is the electrode part.
     pub fn fill(
         &self,
         stiffness: &[f64],
@@ -71,7 +72,7 @@ impl Assembly {
         }
     }
 
-    /// Adds elements of `NODES` nodes, `PAIRS` pairs of them and `ENTRIES` matrix entries.
+    /// Adds elements with `NODES` nodes, `PAIRS` pairs of nodes and `ENTRIES` matrix entries.
     fn add<const NODES: usize, const PAIRS: usize, const ENTRIES: usize>(
         &self,
         stiffness: &[f64],

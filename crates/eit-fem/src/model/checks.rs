@@ -1,10 +1,10 @@
-//! Impedances, conductivities and accuracies that make sense.
+//! Validation of contact impedances, conductivities and required accuracies.
 
 use crate::element::ElementOrder;
 use crate::error::FemError;
 use std::cmp::Ordering::{Equal, Greater};
 
-/// A wish that `f64` results can meet.
+/// Rejects a required accuracy that `f64` results cannot meet.
 pub(crate) fn check_accuracy(required_accuracy: f64) -> Result<(), FemError> {
     if (4.0 * f64::EPSILON..1.0).contains(&required_accuracy) {
         return Ok(());
@@ -16,7 +16,7 @@ pub(crate) fn check_accuracy(required_accuracy: f64) -> Result<(), FemError> {
     })
 }
 
-/// One impedance per electrode, not negative; quadratic elements: above zero and finite.
+/// Requires one non-negative impedance per electrode; for quadratic elements above zero and finite.
 pub(crate) fn check_impedances(
     order: ElementOrder,
     count: usize,
@@ -29,7 +29,7 @@ pub(crate) fn check_impedances(
             wanted: count,
         });
     }
-    // not a number is not at least zero
+    // NaN does not compare as at least zero
     let bad = |z: &f64| !matches!(z.partial_cmp(&0.0), Some(Equal | Greater));
     if let Some(l) = contact_impedance.iter().position(bad) {
         let (electrode, value) = (l + 1, contact_impedance[l]);
@@ -44,7 +44,7 @@ pub(crate) fn check_impedances(
     }
 }
 
-/// One conductivity per element, finite and above zero.
+/// Requires one conductivity per element, finite and above zero.
 pub(crate) fn check_conductivity(elements: usize, conductivity_s: &[f64]) -> Result<(), FemError> {
     if conductivity_s.len() != elements {
         return Err(FemError::WrongLength {

@@ -1,38 +1,39 @@
-//! Complete electrode model: what an electrode adds to the system matrix.
+//! Electrode terms of the complete electrode model in the system matrix.
 //!
-//! On an electrode of contact impedance `z` the current density into the skin is `(U - u) / z`,
-//! with the electrode's potential `U`. Its energy, integrated over the electrode, is
+//! On an electrode with contact impedance `z` and potential `U`, the current density into the skin
+//! is `(U - u) / z`. The energy, integrated over the electrode, is
 //!
 //! ```text
 //! 1/z ( integral of u^2  -  2 U integral of u  +  U^2 measure )
 //! ```
 //!
-//! and the total current `integral of (U - u) / z` is the prescribed one. (Cheng, Isaacson,
-//! Newell, Gisser 1989; Somersalo, Cheney, Isaacson 1992.) For P1 elements the integrals over an
-//! edge of length `h` are `h/3` (diagonal), `h/6`, `h/2`; over a triangle of area `A` they are
-//! `A/6`, `A/12`, `A/3`; for quadratic elements, straight or curved, they are taken by quadrature.
+//! and the total current `integral of (U - u) / z` is prescribed. (Cheng, Isaacson, Newell, Gisser
+//! 1989; Somersalo, Cheney, Isaacson 1992.) For P1 elements the integrals over an edge of length
+//! `h` are `h/3` (diagonal), `h/6`, `h/2`; over a triangle of area `A` they are `A/6`, `A/12`,
+//! `A/3`. For quadratic elements, straight or curved, they are computed by quadrature.
 
 use crate::element::linear::area_m2;
 use crate::element::midside_nodes::MidsideNodes;
 use crate::element::quadratic::{edge_points, triangle_points};
 use eit_mesh::{Electrode, Surface};
 
-/// Nodes of a quadratic triangle.
+/// Largest number of nodes of a part: those of a quadratic triangle.
 const MOST_NODES: usize = 6;
 
-/// One electrode: its parts as lists of unknowns, and its potential's unknown.
+/// One electrode: the unknowns of its parts (edges or triangles) and of its potential.
 #[derive(Debug, Clone)]
 pub(crate) struct Contact {
-    /// Whether parts are triangles, else edges.
+    /// Whether the parts are triangles; otherwise they are edges.
     patch: bool,
-    /// Nodes of rim edges, or of triangles.
+    /// Nodes of each rim edge or triangle.
     parts: Vec<Vec<u32>>,
     /// Unknown of the electrode potential; `None` for the grounded electrode.
     potential: Option<u32>,
 }
 
 impl Contact {
-    /// An electrode of a surface; `potential` is its unknown.
+    /// Creates the contact of an electrode on a surface; `potential` is the unknown of its
+    /// potential.
     pub fn new(
         surface: &Surface,
         electrode: &Electrode,
@@ -54,7 +55,7 @@ impl Contact {
         Self { patch, parts, potential }
     }
 
-    /// The same electrode with renumbered nodes.
+    /// Returns the same electrode with renumbered nodes.
     pub fn renumbered(&self, new_from_old: &[u32]) -> Self {
         let mut contact = self.clone();
         for node in contact.parts.iter_mut().flatten() {
@@ -63,12 +64,12 @@ impl Contact {
         contact
     }
 
-    /// Nodes of rim edges, or of triangles.
+    /// Nodes of each rim edge or triangle.
     pub fn parts(&self) -> &[Vec<u32>] {
         &self.parts
     }
 
-    /// Pairs of unknowns that the electrode joins, in the order of [`Contact::values`].
+    /// Pairs of unknowns coupled by the electrode, in the order of [`Contact::values`].
     pub fn pairs(&self) -> Vec<[u32; 2]> {
         let mut pairs = Vec::new();
         for nodes in &self.parts {
@@ -82,9 +83,9 @@ impl Contact {
         pairs
     }
 
-    /// Hands the matrix values of all pairs to `visit`, each unordered pair once per part.
+    /// Calls `visit` with the matrix values of all pairs, each unordered pair once per part.
     ///
-    /// `positions` holds the place of each unknown that is a node, metres; `impedance` is in ohm
+    /// `positions` holds the position of each unknown that is a node, metres; `impedance` is in ohm
     /// metre (rim) or ohm square metre (patch).
     pub fn values(&self, positions: &[[f64; 3]], impedance: f64, mut visit: impl FnMut(f64)) {
         for nodes in &self.parts {
@@ -116,7 +117,7 @@ impl Contact {
     }
 }
 
-/// Integrals over a part of shape functions, over the impedance.
+/// Integrals of shape functions over a part, divided by the impedance.
 struct Integrals {
     products: [[f64; MOST_NODES]; MOST_NODES],
     means: [f64; MOST_NODES],
@@ -124,18 +125,19 @@ struct Integrals {
 }
 
 impl Integrals {
-    /// Of hat functions on an edge or triangle of `count` nodes; `scale` is its measure over the
-    /// impedance.
+    /// Integrals of hat functions on an edge or triangle with `count` nodes; `scale` is its measure
+    /// divided by the impedance.
     fn linear(count: usize, scale: f64) -> Self {
         let count = count as f64;
-        // mean of a product of hat functions: 2 / (d (d+1)) on, 1 / (d (d+1)) off the diagonal
+        // mean of a product of hat functions: 2 / (d (d+1)) on the diagonal, 1 / (d (d+1)) off it
         let mass = scale / (count * (count + 1.0));
         let mut products = [[mass; MOST_NODES]; MOST_NODES];
         (0..MOST_NODES).for_each(|k| products[k][k] = 2.0 * mass);
         Self { products, means: [scale / count; MOST_NODES], measure: scale }
     }
 
-    /// Of shape functions by quadrature: their values at points, and the measure of each.
+    /// Integrals of shape functions by quadrature, from their values at the points and each point's
+    /// measure.
     fn of_points<const NODES: usize>(
         points: impl Iterator<Item = ([f64; NODES], f64)>,
         impedance: f64,

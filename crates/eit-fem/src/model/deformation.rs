@@ -1,4 +1,4 @@
-//! Skins that deform: other node positions and contacts on the same triangles.
+//! Deforming skins: new node positions and contacts on the same triangles.
 
 use super::checks::check_impedances;
 use super::forward_model::ForwardModel;
@@ -6,23 +6,25 @@ use super::geometry::Geometry;
 use crate::error::FemError;
 
 impl ForwardModel {
-    /// The geometry of the model's own mesh, to start deformations from.
+    /// Returns the geometry of the undeformed mesh, as a starting point for
+    /// [`ForwardModel::deform`].
     pub fn geometry(&self) -> Geometry {
         self.geometry.clone()
     }
 
-    /// Moves nodes and changes contacts: `geometry` becomes that of the model's triangles and
-    /// electrodes with nodes at `nodes_m` (mesh order, metres) and one contact impedance per
-    /// electrode (ohm metre for rim electrodes, ohm square metre for patches). Allocates nothing.
+    /// Moves the nodes and changes the contact impedances in `geometry`. Does not allocate.
     ///
-    /// Triangles may turn and stretch in space, but whether they fold over each other is the
-    /// caller's affair: three corners do not tell it. Curved edges of quadratic elements keep their
-    /// shape in the frame of a triangle at the edge.
+    /// `nodes_m` holds node positions in mesh order, metres; `contact_impedance` holds one value
+    /// per electrode, ohm metre for rim electrodes and ohm square metre for patches.
+    ///
+    /// Triangles may rotate and stretch in space. Whether triangles fold over each other is not
+    /// checked; the caller must ensure that they do not. Curved edges of quadratic elements keep
+    /// their shape in the frame of a triangle at the edge.
     ///
     /// # Errors
-    /// Wrong counts, a geometry of another model, positions that are not finite, triangles without
-    /// area, curved ones that fold over, impedances that are negative or NaN (quadratic elements:
-    /// zero or infinite). `geometry` is then not to be used.
+    /// Wrong counts; a geometry of another model; positions that are not finite; triangles without
+    /// area; curved triangles that fold over; impedances that are negative or NaN (quadratic
+    /// elements: also zero or infinite). After an error, `geometry` must not be used.
     pub fn deform(
         &self,
         nodes_m: &[[f64; 3]],
@@ -44,10 +46,12 @@ impl ForwardModel {
         geometry.fill(&self.dofs, &self.assembly, nodes_m, contact_impedance)
     }
 
-    /// Changes contacts alone: nodes stay where `geometry` has them. Allocates nothing.
+    /// Changes the contact impedances in `geometry` and leaves the nodes where they are. Does not
+    /// allocate.
     ///
     /// # Errors
-    /// Wrong counts, a geometry of another model, impedances that are negative or NaN.
+    /// Wrong counts; a geometry of another model; impedances that are negative or NaN (quadratic
+    /// elements: also zero or infinite).
     pub fn change_contacts(
         &self,
         contact_impedance: &[f64],

@@ -1,7 +1,7 @@
-//! Degrees of freedom: the unknowns of nodes and electrodes.
+//! Degrees of freedom: the unknown potentials of nodes and electrodes.
 //!
-//! Node potentials come first, then all electrode potentials but the last, which is the ground
-//! (0 V). Unknowns stand in elimination order from the start, so that nothing is permuted per solve.
+//! Node potentials come first, then all electrode potentials except the last, which is the ground
+//! (0 V). Unknowns are numbered in elimination order, so a solve needs no permutation.
 
 use super::contact::Contact;
 use crate::element::ElementOrder;
@@ -12,14 +12,14 @@ use crate::sparse::graph::Adjacency;
 use crate::sparse::ordering::fill_reducing;
 use eit_mesh::Mesh;
 
-/// Which unknowns the nodes of elements and electrodes are.
+/// Maps the nodes of elements and electrodes to unknowns.
 #[derive(Debug)]
 pub(crate) struct DofMap {
     pub order: ElementOrder,
     pub midside_nodes: MidsideNodes,
-    /// Electrodes, in unknowns.
+    /// Electrodes, expressed in unknowns.
     pub contacts: Vec<Contact>,
-    /// Nodes of element after element, as unknowns.
+    /// Unknowns of the nodes of all elements, in order.
     pub element_nodes: Vec<u32>,
     /// Unknown of each mesh node, then of each midside node.
     pub unknown_of_node: Vec<u32>,
@@ -59,24 +59,24 @@ impl DofMap {
         self.element_nodes.len() / self.order.nodes()
     }
 
-    /// Unknowns that are nodes: the first ones.
+    /// Number of unknowns that are nodes; they come first.
     pub fn nodes(&self) -> usize {
         self.unknown_of_node.len()
     }
 
-    /// Node and electrode potentials.
+    /// Number of unknowns: node and electrode potentials.
     pub fn unknowns(&self) -> usize {
         self.nodes() + self.contacts.len() - 1
     }
 
-    /// Pairs of unknowns that elements join: element after element.
+    /// Pairs of unknowns coupled by elements, in element order.
     pub fn element_pairs(&self) -> impl Iterator<Item = [u32; 2]> {
         self.element_nodes.chunks_exact(self.order.nodes()).flat_map(node_pairs)
     }
 }
 
-/// Neighbours of nodes, the first `count` unknowns, by elements and electrodes, without themselves:
-/// what a fill-reducing ordering reads.
+/// Adjacency of the nodes (the first `count` unknowns) through elements and electrodes, without the
+/// diagonal; the input of the fill-reducing ordering.
 fn adjacency(
     order: ElementOrder,
     element_nodes: &[u32],

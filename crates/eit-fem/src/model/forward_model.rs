@@ -1,17 +1,18 @@
-//! Forward problem: from sheet conductivity to voltages.
+//! The forward problem: voltages from sheet conductivity.
 //!
 //! ```text
 //! div (sigma grad u) = 0 in the skin,   u + z sigma du/dn = U_l on electrode l,
 //! integral over electrode l of sigma du/dn = I_l,   no current elsewhere.
 //! ```
 //!
-//! [`ForwardModel`] holds what does not change (patterns, ordering, symbolic factor) and is shared
-//! between threads; [`Workspace`](crate::Workspace) holds the numbers of one solve and is reused;
-//! [`Solution`](crate::Solution) borrows both ([`crate::solve`]).
+//! [`ForwardModel`] holds what does not change between solves (patterns, ordering, symbolic
+//! factorisation) and is shared between threads. [`Workspace`](crate::Workspace) holds the numbers
+//! of one solve and is reused. [`Solution`](crate::Solution) borrows both ([`crate::solve`]).
 //!
-//! Cost of one solve at `n` nodes with factor of `f` entries: assembly 15 n flops, factorisation
-//! (dominant; linear elements: 2.5 MFLOP at 2 000 nodes and 93 MFLOP at 20 000), then `electrodes^2` for all
-//! voltages. Fields, needed by the Jacobian only: `2 f` flops per independent pattern.
+//! Cost of one solve with `n` nodes and a factor of `f` entries: assembly takes 15 n flops; the
+//! factorisation dominates (linear elements: 2.5 MFLOP at 2 000 nodes, 93 MFLOP at 20 000); all
+//! voltages take `electrodes^2`. Fields, which only the Jacobian needs, take `2 f` flops per
+//! independent pattern.
 
 use super::assembly::Assembly;
 use super::checks::{check_conductivity, check_impedances};
@@ -23,7 +24,7 @@ use crate::protocol::{Fields, PatternEntries, Product, Protocol};
 use crate::sparse::{Cholesky, Pattern};
 use eit_mesh::Mesh;
 
-/// A skin with its electrodes, contact impedances and protocol, ready to solve.
+/// Forward model of a skin: mesh, electrodes, contact impedances and protocol, prepared for solves.
 #[derive(Debug)]
 pub struct ForwardModel {
     protocol: Protocol,
@@ -33,49 +34,51 @@ pub struct ForwardModel {
     pub(crate) dofs: DofMap,
     pub(crate) assembly: Assembly,
     pub(crate) cholesky: Cholesky,
-    /// Numbers of the mesh's own node positions and of the impedances given.
+    /// Geometry of the undeformed mesh with the given contact impedances.
     pub(crate) geometry: Geometry,
 }
 
-/// Size and work of a model, known before any number is computed.
+/// Size of a model and cost of its solves, known before any solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelCost {
-    /// Node (quadratic elements: and midside node) and electrode potentials.
+    /// Number of unknowns: potentials of nodes (quadratic elements: also midside nodes) and
+    /// electrodes.
     pub unknowns: usize,
-    /// Stored entries of the Cholesky factor, 8 bytes each.
+    /// Number of stored entries of the Cholesky factor, 8 bytes each.
     pub factor_entries: usize,
-    /// Floating point operations of one factorisation.
+    /// Floating-point operations of one factorisation.
     pub factor_flops: f64,
-    /// Fields to solve for the Jacobian: the rank of the protocol's patterns.
+    /// Number of fields solved for a Jacobian: the rank of the protocol's patterns.
     pub field_solves: usize,
-    /// Products of fields in the Jacobian; reciprocal measurements share one.
+    /// Number of products of fields in a Jacobian; reciprocal measurements share one.
     pub field_products: usize,
-    /// Floating point operations of those products for one Jacobian.
+    /// Floating-point operations of these products for one Jacobian.
     pub product_flops: f64,
 }
 
-/// The system matrix of one conductivity, on the mesh's own node positions.
+/// System matrix for one conductivity on the undeformed mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SystemMatrix {
-    /// Where it has entries. Unknowns are node potentials (quadratic elements: and midside nodes) in
-    /// elimination order, then the potentials of all electrodes but the last, which is the ground.
+    /// Sparsity pattern. Unknowns are the potentials of nodes (quadratic elements: also midside
+    /// nodes) in elimination order, then of all electrodes except the last, which is the ground.
     pub pattern: Pattern,
-    /// One value for each entry, siemens.
+    /// Value of each entry, siemens.
     pub values: Vec<f64>,
-    /// Unknowns that are nodes; the rest are electrodes, into which currents go.
+    /// Number of unknowns that are nodes. The others are electrodes, where currents are applied.
     pub nodes: usize,
 }
 
 impl ForwardModel {
-    /// Prepares the model with linear elements: checks, ordering and symbolic factorisation.
+    /// Creates a model with linear elements: validates the input, orders the unknowns and
+    /// factorises symbolically.
     ///
-    /// `contact_impedance` is one value per electrode of the mesh, ohm metre for rim electrodes
+    /// `contact_impedance` holds one value per electrode of the mesh, ohm metre for rim electrodes
     /// and ohm square metre for patches. Zero is a shunt (the skin under the electrode has one
-    /// potential), infinity an ideal current source (current enters evenly): such models are solved
-    /// as by [`ForwardModel::solve_to`].
+    /// potential); infinity is an ideal current source (current enters evenly). Models with either
+    /// use the electrode-elimination path of [`ForwardModel::solve_to`].
     ///
     /// # Errors
-    /// Counts that do not fit, impedances that are negative or NaN, lack of memory.
+    /// Mismatched counts; impedances that are negative or NaN; not enough memory.
     pub fn new(
         mesh: &Mesh,
         protocol: &Protocol,
@@ -84,15 +87,16 @@ impl ForwardModel {
         Self::with_element_order(mesh, protocol, contact_impedance, ElementOrder::Linear)
     }
 
-    /// [`ForwardModel::new`] with elements of an order.
+    /// Creates a model with elements of the given order; otherwise like [`ForwardModel::new`].
     ///
-    /// Quadratic elements have four times the unknowns of linear ones on the same mesh, and in equal time
-    /// 20 times smaller an error and more (`docs/PERFORMANCE.md`): take a coarser mesh. They follow curved rims and curved
-    /// skins as far as the mesh knows them ([`Mesh::midpoint_m`]).
+    /// On the same mesh, quadratic elements have four times the unknowns of linear ones. For equal
+    /// run time, their error is smaller by a factor of 20 or more (`docs/performance/forward.md`), so use a
+    /// coarser mesh. They follow curved rims and curved skins where the mesh provides edge
+    /// midpoints ([`Mesh::midpoint_m`]).
     ///
     /// # Errors
-    /// Those of [`ForwardModel::new`]; with quadratic elements impedances of zero and infinity, and
-    /// elements that the curve of an edge turns over.
+    /// Those of [`ForwardModel::new`]; with quadratic elements also impedances of zero or infinity,
+    /// and elements inverted by a curved edge.
     pub fn with_element_order(
         mesh: &Mesh,
         protocol: &Protocol,
@@ -114,30 +118,33 @@ impl ForwardModel {
         })
     }
 
-    /// The protocol.
+    /// Returns the protocol.
     pub fn protocol(&self) -> &Protocol {
         &self.protocol
     }
 
-    /// The order of the elements.
+    /// Returns the order of the elements.
     pub fn element_order(&self) -> ElementOrder {
         self.dofs.order
     }
 
-    /// Number of elements: the length of a conductivity.
+    /// Number of elements, which is the length of a conductivity vector.
     pub fn elements(&self) -> usize {
         self.dofs.elements()
     }
 
-    /// Node and electrode potentials.
+    /// Number of unknowns: node and electrode potentials.
     pub(crate) fn unknowns(&self) -> usize {
         self.dofs.unknowns()
     }
 
-    /// Sets of measurements that are multiples of each other, by reciprocity or because patterns
-    /// are: (measurement, factor) with the first measurement's factor 1, in the order of the first
-    /// measurements. The Jacobian's row of a measurement is the factor times the set's row
-    /// ([`Solution::unique_jacobian`](crate::Solution::unique_jacobian)); so are its voltages.
+    /// Returns the sets of measurements that are multiples of each other, by reciprocity or because
+    /// their patterns are multiples.
+    ///
+    /// Each set lists (measurement, factor); the factor of its first measurement is 1. Sets are
+    /// ordered by their first measurement. The voltage of a measurement is its factor times that of
+    /// the first, and its Jacobian row is its factor times the set's row
+    /// ([`Solution::unique_jacobian`](crate::Solution::unique_jacobian)).
     pub fn unique_measurements(&self) -> Vec<Vec<(usize, f64)>> {
         let set = |product: &Product| {
             let first = product.data.first().map_or(1.0, |first| first.1);
@@ -146,10 +153,10 @@ impl ForwardModel {
         self.fields.products.iter().map(set).collect()
     }
 
-    /// What solves of this model cost.
+    /// Returns the size of the model and the cost of its solves.
     pub fn cost(&self) -> ModelCost {
         let products = self.fields.products.len();
-        // a multiplication for each component, and one addition less
+        // per product: one multiplication per component, and one addition fewer
         let per_element = (2 * self.dofs.order.components() - 1) * products;
         ModelCost {
             unknowns: self.unknowns(),
@@ -161,12 +168,13 @@ impl ForwardModel {
         }
     }
 
-    /// The system matrix of one conductivity per element, siemens: to look at, or to solve by other
-    /// means. [`ForwardModel::solve`] makes no copy of it.
+    /// Returns the system matrix for one conductivity per element, siemens, for inspection or for
+    /// use with another solver. [`ForwardModel::solve`] does not need it.
     ///
     /// # Errors
-    /// A wrong number of values, a value that is not finite and above zero, contact impedances that
-    /// are zero or infinite: shunts and ideal current sources are not solved by this matrix.
+    /// A wrong number of values; a value that is not finite and above zero; contact impedances that
+    /// are zero or infinite, because shunts and ideal current sources are not solved with this
+    /// matrix.
     pub fn system_matrix(&self, conductivity_s: &[f64]) -> Result<SystemMatrix, FemError> {
         check_conductivity(self.elements(), conductivity_s)?;
         if let Some(&value) = self.geometry.impedance.iter().find(|z| **z == 0.0 || z.is_infinite())

@@ -1,11 +1,12 @@
-//! What a solve takes from node positions and contact impedances.
+//! Geometry of a solve: the numbers derived from node positions and contact impedances.
 //!
-//! A model has the geometry of its mesh. A skin that is touched deforms: its nodes move, its
-//! electrodes with them, and their contacts change, while triangles, electrodes and patterns stay.
-//! A [`Geometry`] holds the numbers that follow, so that such a solve reuses ordering and symbolic
-//! factor: per frame 60 flops a triangle on top of a solve.
+//! A model has the geometry of its mesh. When a skin is touched, its nodes and electrodes move and
+//! the contact impedances change, but the triangles, electrodes and patterns stay the same. A
+//! [`Geometry`] holds the numbers that change, so a solve on the deformed skin reuses the ordering
+//! and the symbolic factorisation. Updating it takes 60 flops per triangle and frame in addition to
+//! the solve.
 //!
-//! Results are those of a model built on the moved mesh (`tests/geometry.rs`: the same bits).
+//! Results are bit-identical to those of a model built on the moved mesh (`tests/geometry.rs`).
 
 use super::assembly::Assembly;
 use super::dof_map::DofMap;
@@ -14,30 +15,30 @@ use crate::element::linear::{area_m2, linear};
 use crate::element::{ElementOrder, quadratic};
 use crate::error::FemError;
 
-/// Triangles whose area is below this fraction of their longest edge squared are empty, as for
-/// [`eit_mesh::Surface`]: no digit of a smaller area is right.
+/// Triangles whose area is at most this fraction of their longest edge squared are rejected, as by
+/// [`eit_mesh::Surface`]: rounding leaves no correct digit in a smaller area.
 const ZERO_AREA: f64 = 4.0 * f64::EPSILON;
 
-/// Node positions and contact impedances of one solve, as the numbers that assembly reads.
+/// Node positions and contact impedances of one solve, in the form that assembly needs.
 ///
-/// Make one per thread with [`ForwardModel::geometry`](crate::ForwardModel::geometry) and reuse it:
-/// [`ForwardModel::deform`](crate::ForwardModel::deform) allocates nothing.
+/// Create one per thread with [`ForwardModel::geometry`](crate::ForwardModel::geometry) and reuse
+/// it; [`ForwardModel::deform`](crate::ForwardModel::deform) does not allocate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Geometry {
-    /// Coefficients of the scaled gradients, element after element.
+    /// Coefficients of the scaled gradients, in element order.
     pub(crate) elements: Vec<f64>,
-    /// Off-diagonal unit stiffness, element after element.
+    /// Off-diagonal unit stiffness, in element order.
     stiffness: Vec<f64>,
     /// Electrode part of the matrix values.
     contact_values: Vec<f64>,
-    /// Place of each unknown that is a node, metres.
+    /// Position of each unknown that is a node, metres.
     pub(crate) positions: Vec<[f64; 3]>,
     /// Contact impedance of each electrode.
     pub(crate) impedance: Vec<f64>,
 }
 
 impl Geometry {
-    /// Of nodes at `nodes_m` (mesh order) and checked contact impedances.
+    /// Creates the geometry of nodes at `nodes_m` (mesh order) with validated contact impedances.
     pub(crate) fn new(
         dofs: &DofMap,
         assembly: &Assembly,
@@ -56,7 +57,7 @@ impl Geometry {
         Ok(geometry)
     }
 
-    /// Becomes that of nodes at `nodes_m` (mesh order) and checked contact impedances.
+    /// Recomputes all numbers for nodes at `nodes_m` (mesh order) and validated contact impedances.
     pub(crate) fn fill(
         &mut self,
         dofs: &DofMap,
@@ -81,7 +82,7 @@ impl Geometry {
         Ok(())
     }
 
-    /// Changes contacts alone, from its own positions.
+    /// Recomputes the contact terms for the current positions.
     pub(crate) fn fill_contacts(
         &mut self,
         dofs: &DofMap,
@@ -94,7 +95,8 @@ impl Geometry {
         assembly.fill_contacts(&dofs.contacts, positions, contact_impedance, contact_values);
     }
 
-    /// Coefficients and stiffness of elements of `NODES` nodes, after checks of area and stretch.
+    /// Computes coefficients and stiffness of elements with `NODES` nodes after checking area and
+    /// stretch.
     fn fill_elements<const NODES: usize, const PAIRS: usize>(
         &mut self,
         dofs: &DofMap,
@@ -128,12 +130,13 @@ impl Geometry {
         assembly.fill(&self.stiffness, &self.contact_values, conductivity_s, values);
     }
 
-    /// Whether a contact is a shunt or an ideal current source: not for nodal assembly.
+    /// Whether any contact is a shunt or an ideal current source, which nodal assembly does not
+    /// support.
     pub(crate) fn has_limits(&self) -> bool {
         self.impedance.iter().any(|z| *z == 0.0 || z.is_infinite())
     }
 
-    /// That it belongs to a model of these sizes.
+    /// Checks that the geometry has the sizes of this model.
     pub(crate) fn check(&self, dofs: &DofMap, assembly: &Assembly) -> Result<(), FemError> {
         let elements = self.elements.len() / dofs.order.pairs();
         let (values, entries) = (self.contact_values.len(), assembly.pattern.entries());

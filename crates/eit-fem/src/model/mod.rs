@@ -1,14 +1,14 @@
-//! The discrete complete electrode model: from a mesh with electrodes to the system matrix.
+//! Discrete complete electrode model: the system matrix of a mesh with electrodes.
 //!
 //! | file | content |
 //! |---|---|
-//! | `contact` | what one electrode adds |
+//! | `contact` | terms of one electrode |
 //! | `dof_map` | unknowns of nodes and electrodes, in elimination order |
-//! | `assembly` | pattern of the matrix once, values per conductivity |
-//! | `geometry` | what node positions and contact impedances decide |
-//! | `deformation` | other positions and impedances on the same triangles |
-//! | `forward_model` | all of it with a protocol: [`ForwardModel`] |
-//! | `checks` | impedances, conductivities and accuracies that make sense |
+//! | `assembly` | matrix pattern (once) and values (for each conductivity) |
+//! | `geometry` | numbers derived from node positions and contact impedances |
+//! | `deformation` | new positions and impedances on the same triangles |
+//! | `forward_model` | [`ForwardModel`]: all of the above with a protocol |
+//! | `checks` | validation of impedances, conductivities and accuracies |
 
 mod assembly;
 pub(crate) mod checks;

@@ -1,32 +1,34 @@
-//! Which electric fields a protocol needs, and the smallest set of solves that spans them.
+//! Electric fields that a protocol needs, and the smallest set of solves that spans them.
 //!
-//! Stimulation and measurement patterns that are multiples of each other share one field; the
-//! fields are combinations of `rank` of them, chosen by pivoted Gram-Schmidt. For 16 electrodes
-//! with adjacent drive and measurement: 32 patterns, 16 fields, 15 solves; 208 Jacobian rows
-//! from 104 products of fields.
+//! Stimulation and measurement patterns that are multiples of each other share one field. Every
+//! field is a linear combination of `rank` basis fields, chosen by pivoted Gram-Schmidt. For 16
+//! electrodes with adjacent drive and measurement, 32 patterns need 16 fields and 15 solves, and
+//! the 208 Jacobian rows come from 104 products of fields.
 
 use super::patterns::Protocol;
 use ndarray::{Array2, ArrayView1, ArrayView2};
 use std::collections::HashMap;
 
-/// Patterns whose normalised distance (or distance to the span of others) is below this are one.
+/// Threshold on the distance between unit patterns, below which they count as one (or, for the
+/// distance to the span of others, as dependent).
 ///
-/// Pattern files carry at least seven digits; well-formed sets are either dependent to rounding
-/// or far apart (adjacent pairs of 256 electrodes: 1e-2).
+/// Pattern files carry at least seven digits. Patterns of well-formed sets are either dependent up
+/// to rounding or far apart (adjacent pairs of 256 electrodes: 1e-2).
 const DEPENDENT: f64 = 1e-9;
 
-/// Fields of a protocol: patterns of unit norm, a basis of them, and the products for each datum.
+/// Fields of a protocol: unit patterns, a basis of them, and the product of fields for each
+/// measurement.
 #[derive(Debug, Clone)]
 pub(crate) struct Fields {
-    /// Current patterns of the basis [solve, electrode], unit norm.
+    /// Current patterns of the basis, [solve, electrode], with unit norm.
     pub basis: Array2<f64>,
-    /// Each field as a sparse combination of basis fields: (solve, coefficient).
+    /// Each field as a sparse combination of basis fields, (solve, coefficient).
     pub combinations: Vec<Vec<(u32, f64)>>,
-    /// Where each field's values stand: the basis fields first, then the other fields in order.
+    /// Storage slot of each field: basis fields first, then the other fields in order.
     pub slots: Vec<u32>,
-    /// For each stimulation its field and the factor between them.
+    /// Field of each stimulation, and the factor between them.
     pub stimulations: Vec<(u32, f64)>,
-    /// Field products: `fields` and the data that are `factor` times it.
+    /// Products of fields, and the measurements that are multiples of them.
     pub products: Vec<Product>,
 }
 
@@ -80,8 +82,8 @@ impl Fields {
         self.basis.nrows() + combined.count()
     }
 
-    /// Rows [slot, value] of `width` values, something linear in the fields: those of basis fields are
-    /// given, the other slots become their combinations.
+    /// Fills the rows, [slot, value] with `width` values each, of the combined fields from those of
+    /// the basis fields. The values must be linear in the fields.
     pub fn combine(&self, rows: &mut [f64], width: usize) {
         let (basis, others) = rows.split_at_mut(width * self.basis.nrows());
         let combined = self.combinations.iter().filter(|c| basis_field(c).is_none());
@@ -95,7 +97,7 @@ impl Fields {
     }
 }
 
-/// The basis field that a combination is, if it is one.
+/// Returns the basis field that a combination equals, if any.
 fn basis_field(combination: &[(u32, f64)]) -> Option<u32> {
     match combination {
         [(solve, 1.0)] => Some(*solve),
@@ -103,9 +105,9 @@ fn basis_field(combination: &[(u32, f64)]) -> Option<u32> {
     }
 }
 
-/// Index of the field of a pattern and the factor between them.
+/// Returns the index of a pattern's field and the factor between them; adds the field if it is new.
 fn find_or_add(patterns: &mut Vec<Vec<f64>>, row: ArrayView1<f64>) -> (u32, f64) {
-    // by the largest entry first: squares of tiny currents would vanish
+    // scale by the largest entry first: the squares of tiny currents would underflow
     let largest = row.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     let scaled: Vec<f64> = row.iter().map(|x| x / largest).collect();
     let length = dot(&scaled, &scaled).sqrt();
@@ -113,7 +115,7 @@ fn find_or_add(patterns: &mut Vec<Vec<f64>>, row: ArrayView1<f64>) -> (u32, f64)
     let norm = largest * length;
     for (index, known) in patterns.iter().enumerate() {
         let cosine = dot(known, &unit);
-        // distance of unit vectors up to sign; 1 - |cosine| alone would lose half the digits
+        // distance of unit vectors up to sign; 1 - |cosine| would lose half the digits
         let sign = cosine.signum();
         let distance = known.iter().zip(&unit).map(|(a, b)| (a - sign * b).powi(2)).sum::<f64>();
         if distance.sqrt() < DEPENDENT {
@@ -124,8 +126,8 @@ fn find_or_add(patterns: &mut Vec<Vec<f64>>, row: ArrayView1<f64>) -> (u32, f64)
     (patterns.len() as u32 - 1, norm)
 }
 
-/// Pivoted Gram-Schmidt with reorthogonalisation: indices of independent patterns, and every
-/// pattern as a combination of them.
+/// Pivoted Gram-Schmidt with reorthogonalisation. Returns the indices of independent patterns and
+/// every pattern as a combination of them.
 fn basis(patterns: &[Vec<f64>]) -> (Vec<usize>, Vec<Vec<(u32, f64)>>) {
     let mut rest: Vec<Vec<f64>> = patterns.to_vec();
     // coordinates of each pattern in the orthonormal directions found so far
@@ -135,7 +137,7 @@ fn basis(patterns: &[Vec<f64>]) -> (Vec<usize>, Vec<Vec<(u32, f64)>>) {
     let limit = patterns.first().map_or(0, Vec::len);
     while directions.len() < limit {
         let norms: Vec<f64> = rest.iter().map(|r| dot(r, r).sqrt()).collect();
-        // the first of equals: adjacent patterns keep their order
+        // on ties take the first, so that adjacent patterns keep their order
         let best = (0..norms.len()).fold(0, |b, i| if norms[i] > norms[b] { i } else { b });
         if norms.is_empty() || norms[best] < DEPENDENT {
             break;
@@ -164,7 +166,8 @@ fn basis(patterns: &[Vec<f64>]) -> (Vec<usize>, Vec<Vec<(u32, f64)>>) {
     (chosen, combinations)
 }
 
-/// Solves `sum_r c_r * coordinates[chosen[r]] = wanted`: lower triangular in chosen order.
+/// Solves `sum_r c_r * coordinates[chosen[r]] = wanted`, which is lower triangular in the chosen
+/// order.
 fn combination(coordinates: &[Vec<f64>], chosen: &[usize], wanted: &[f64]) -> Vec<(u32, f64)> {
     let mut remainder = wanted.to_vec();
     let mut found = Vec::new();
@@ -190,7 +193,7 @@ mod tests {
     use super::*;
     use crate::{PairPattern, PairProtocol};
 
-    /// Every field equals its combination of basis patterns; counts are those of theory.
+    /// Every field equals its combination of basis patterns, and the counts match theory.
     fn check(protocol: &Protocol, solves: usize, products: usize) {
         let fields = Fields::new(protocol);
         assert_eq!((fields.basis.nrows(), fields.products.len()), (solves, products));
@@ -200,7 +203,7 @@ mod tests {
                 let [f, g] = product.fields.map(|i| expand(&fields, i as usize));
                 let stimulation = protocol.stimulations_a().row(s as usize).to_vec();
                 let sense = protocol.measurement_patterns().row(m as usize).to_vec();
-                // the outer product is what the datum is linear in; 1e-12: rounding of 30 terms
+                // the measurement is linear in the outer product; 1e-12: rounding of 30 terms
                 for i in 0..f.len() {
                     for j in 0..f.len() {
                         let symmetric = factor * (f[i] * g[j] + g[i] * f[j]);
@@ -229,7 +232,8 @@ mod tests {
     #[test]
     fn opposite_drives_share_fields_and_solves() {
         let opposite = PairProtocol { drive: PairPattern::Opposite, ..Default::default() };
-        // 8 opposite fields and 16 adjacent ones, all inside the 15 dimensions of balanced patterns
+        // 8 opposite and 16 adjacent fields, all within the 15-dimensional space of balanced
+        // patterns
         check(&opposite.protocol().unwrap(), 15, 96);
     }
 

@@ -1,9 +1,9 @@
-//! Stimulation and measurement patterns; their order is the order of all data.
+//! Stimulation and measurement patterns. Their order is the order of all data.
 //!
-//! A protocol is a list of stimulation patterns, a list of measurement patterns, and an ordered
-//! list of which measurement pattern is read under which stimulation. Pairs of electrodes are the
-//! special case with a quadruple `[a, b, m, n]` per measurement: current enters the skin at `a`
-//! and leaves at `b`, the value is the potential at `m` minus the potential at `n`.
+//! A protocol consists of stimulation patterns, measurement patterns, and an ordered list that says
+//! which measurement pattern is read under which stimulation. If all patterns are electrode pairs,
+//! each measurement has a quadruple `[a, b, m, n]`: current enters the skin at `a` and leaves at
+//! `b`, and the value is the potential at `m` minus the potential at `n`.
 
 mod fields;
 mod pair_protocol;

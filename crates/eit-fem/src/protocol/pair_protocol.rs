@@ -1,31 +1,33 @@
-//! Protocols made of electrode pairs.
+//! Protocols of electrode pairs.
 
 use super::pairs::{PairPattern, check_electrodes};
 use super::patterns::Protocol;
 use crate::error::FemError;
 
-/// Whether measurements on current-carrying electrodes are part of a frame.
+/// Whether a frame includes measurements on current-carrying electrodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DrivenElectrodes {
-    /// Pairs that touch a driven electrode are left out: they hold its contact impedance.
+    /// Leaves out pairs that include a driven electrode, because their voltages depend on its
+    /// contact impedance.
     #[default]
     Drop,
-    /// All pairs are kept.
+    /// Keeps all pairs.
     Keep,
 }
 
 /// Order of the measured pairs under one drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Order {
-    /// Starting at the drive's first electrode `a`: pairs that start at `a`, `a + 1`, ... (mod L).
+    /// Relative to the drive's first electrode `a`: pairs that start at `a`, `a + 1`, ... (mod L).
     /// For adjacent pairs without driven electrodes: `(d + 2 + k, d + 3 + k)`, `k` ascending.
     #[default]
     Rotated,
-    /// By first electrode, from index 0.
+    /// By the pair's first electrode, from index 0.
     Ascending,
 }
 
-/// Settings of a protocol of electrode pairs. Drives outermost, in the order of the pattern.
+/// Settings of a protocol of electrode pairs. Drives are the outer loop, in the order of the drive
+/// pattern.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PairProtocol {
     /// Number of electrodes, `L`.
@@ -34,7 +36,7 @@ pub struct PairProtocol {
     pub drive: PairPattern,
     /// Measured pairs.
     pub measure: PairPattern,
-    /// Whether pairs on driven electrodes are measured.
+    /// Whether pairs that include a driven electrode are measured.
     pub driven_electrodes: DrivenElectrodes,
     /// Order of the measured pairs under one drive.
     pub order: Order,
@@ -43,7 +45,8 @@ pub struct PairProtocol {
 }
 
 impl Default for PairProtocol {
-    /// 16 electrodes, adjacent, driven electrodes dropped, rotated, 0.1 mA: 208 values a frame.
+    /// 16 electrodes, adjacent drive and measurement, driven electrodes dropped, rotated order, 0.1
+    /// mA: 208 values per frame.
     fn default() -> Self {
         Self {
             electrodes: 16,
@@ -57,11 +60,11 @@ impl Default for PairProtocol {
 }
 
 impl PairProtocol {
-    /// The quadruples `[a, b, m, n]` in protocol order.
+    /// Returns the quadruples `[a, b, m, n]` in protocol order.
     ///
     /// # Errors
-    /// Too few electrodes or more than 4096, an odd number for opposite pairs, unknown electrodes,
-    /// nothing left.
+    /// Too few electrodes or more than 4096; an odd number of electrodes with opposite pairs;
+    /// unknown electrodes; a pair that uses one electrode twice; no measurement left.
     pub fn quadruples(&self) -> Result<Vec<[u32; 4]>, FemError> {
         check_electrodes(self.electrodes)?;
         let drives = self.drive.pairs("drive pair", self.electrodes)?;
@@ -77,7 +80,7 @@ impl PairProtocol {
                         || !(p.contains(&a) || p.contains(&b))
                 })
                 .collect();
-            // stable: explicit pairs that start at one electrode keep their order
+            // the sort is stable: explicit pairs with the same first electrode keep their order
             match self.order {
                 Order::Rotated => row.sort_by_key(|p| (p[0] + electrodes - a) % electrodes),
                 Order::Ascending => row.sort_by_key(|p| p[0]),
@@ -87,10 +90,10 @@ impl PairProtocol {
         if quadruples.is_empty() { Err(FemError::EmptyProtocol) } else { Ok(quadruples) }
     }
 
-    /// The protocol.
+    /// Returns the protocol.
     ///
     /// # Errors
-    /// Those of [`PairProtocol::quadruples`], and a current that is not above zero.
+    /// Those of [`PairProtocol::quadruples`]; a current that is not finite and above zero.
     pub fn protocol(&self) -> Result<Protocol, FemError> {
         Protocol::from_quadruples(self.electrodes, &self.quadruples()?, self.current_a)
     }

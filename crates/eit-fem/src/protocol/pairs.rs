@@ -1,8 +1,9 @@
-//! Pairs of electrodes: adjacent, opposite, skip-N, explicit.
+//! Electrode pairs: adjacent, opposite, skip-N and explicit.
 
 use crate::error::FemError;
 
-/// Which pairs of electrodes are used; pair `d` starts at electrode index `d`.
+/// Which pairs of electrodes are used. Except for explicit pairs, pair `d` starts at electrode
+/// index `d`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum PairPattern {
     /// `(d, d + 1)` for every electrode.
@@ -10,9 +11,10 @@ pub enum PairPattern {
     Adjacent,
     /// `(d, d + L/2)` for every electrode; `L` even.
     Opposite,
-    /// `(d, d + N + 1)` for every electrode: `N` electrodes lie between. `Skip(0)` is adjacent.
+    /// `(d, d + N + 1)` for every electrode: `N` electrodes lie between the two. `Skip(0)` is
+    /// adjacent.
     Skip(usize),
-    /// These pairs (0-based), in this order.
+    /// Explicit pairs (0-based), in this order.
     Pairs(Vec<[u32; 2]>),
 }
 
@@ -59,10 +61,11 @@ pub(super) fn check_pair(
     Ok(())
 }
 
-/// More electrodes than any skin has; adjacent pairs of so many are 17 million measurements.
+/// Upper limit on the number of electrodes, above that of any skin. Adjacent pairs of this many
+/// electrodes give 17 million measurements.
 const MOST_ELECTRODES: usize = 4096;
 
-/// Refuses numbers of electrodes beyond any skin.
+/// Rejects numbers of electrodes above [`MOST_ELECTRODES`].
 pub(super) fn check_electrodes(electrodes: usize) -> Result<(), FemError> {
     if electrodes <= MOST_ELECTRODES {
         return Ok(());

@@ -1,11 +1,11 @@
-//! The few entries of each pattern that are not zero, and the sums over them.
+//! Non-zero entries of each pattern, and sums over them.
 
 use super::patterns::Protocol;
 use crate::sparse::Scalar;
 use faer::MatRef;
 use ndarray::ArrayView2;
 
-/// Non-zero entries (electrode, value) of a protocol's patterns, row by row.
+/// Non-zero entries (electrode, value) of a protocol's patterns, one list per pattern.
 #[derive(Debug)]
 pub(crate) struct PatternEntries {
     pub stimulations_a: Vec<Vec<(u32, f64)>>,
@@ -13,7 +13,7 @@ pub(crate) struct PatternEntries {
 }
 
 impl PatternEntries {
-    /// Of a protocol.
+    /// Collects the entries of a protocol.
     pub fn new(protocol: &Protocol) -> Self {
         let sparse = |rows: ArrayView2<f64>| {
             rows.rows()
@@ -27,8 +27,8 @@ impl PatternEntries {
         }
     }
 
-    /// Electrode potentials [stimulation, electrode] from the potentials for unit currents
-    /// [electrode but ground, electrode but ground]; rows sum to zero.
+    /// Computes electrode potentials, [stimulation, electrode], from the potentials for unit
+    /// currents, [electrode except ground, electrode except ground]. Rows sum to zero.
     pub fn electrode_potentials<T: Scalar>(&self, transfer: MatRef<'_, T>, potentials: &mut [T]) {
         let ground = transfer.nrows();
         let rows = potentials.chunks_exact_mut(ground + 1);

@@ -1,16 +1,16 @@
-//! Ordered patterns: [`Protocol`].
+//! [`Protocol`]: ordered stimulation and measurement patterns.
 
 use super::pairs::{PairPattern, check_electrodes, check_pair};
 use crate::error::FemError;
 use ndarray::{Array2, ArrayView2};
 use std::collections::HashMap;
 
-/// Entries of a pattern must cancel to this fraction of the largest one.
+/// Largest sum of a pattern's entries, relative to its largest entry.
 ///
-/// Pattern files carry about seven digits (single precision); the rest is a wrong file.
+/// Pattern files carry about seven digits (single precision); a larger sum means a wrong file.
 const BALANCE: f64 = 1e-6;
 
-/// Ordered stimulation and measurement patterns on numbered electrodes.
+/// Ordered stimulation and measurement patterns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Protocol {
     stimulations_a: Array2<f64>,
@@ -20,11 +20,12 @@ pub struct Protocol {
 }
 
 impl Protocol {
-    /// One measurement for each quadruple `[a, b, m, n]` (0-based), driven with `current_a`.
+    /// Creates a protocol with one measurement per quadruple `[a, b, m, n]` (0-based), driven with
+    /// `current_a`, ampere.
     ///
     /// # Errors
-    /// An unknown electrode, a pair of one electrode with itself, no quadruple, a bad current,
-    /// more than 4096 electrodes.
+    /// An unknown electrode; a pair that uses one electrode twice; no quadruple; a current that is
+    /// not finite and above zero; more than 4096 electrodes.
     pub fn from_quadruples(
         electrodes: usize,
         quadruples: &[[u32; 4]],
@@ -56,15 +57,16 @@ impl Protocol {
         })
     }
 
-    /// Every measurement pattern under every stimulation pattern, measurements fastest.
+    /// Creates a protocol that reads every measurement pattern under every stimulation pattern,
+    /// with measurements varying fastest.
     ///
-    /// Both matrices are [electrode, pattern], stimulations in ampere; a column sums to zero. What
-    /// a column's rounding leaves of its sum (up to 1e-6 of the largest entry) is taken away in
-    /// equal parts from its non-zero entries, so that voltages and Jacobian agree to rounding.
+    /// Both matrices are [electrode, pattern], stimulations in ampere; each column sums to zero. A
+    /// residual sum of up to 1e-6 of the largest entry (rounding in a file) is subtracted in equal
+    /// parts from the column's non-zero entries, so that voltages and Jacobian agree to rounding.
     ///
     /// # Errors
-    /// Matrices of different height, no column, NaN, columns that are zero or do not cancel, more
-    /// than 4096 electrodes.
+    /// Matrices with different numbers of rows; no column; a value that is not finite; columns that
+    /// are zero or do not sum to zero; more than 4096 electrodes.
     pub fn from_patterns(
         stimulations_a: ArrayView2<f64>,
         measurement_patterns: ArrayView2<f64>,
@@ -95,24 +97,25 @@ impl Protocol {
         })
     }
 
-    /// Trigonometric currents on all electrodes at once, and the voltages of the measured pairs
-    /// under each of them.
+    /// Creates a protocol with trigonometric currents on all electrodes at once, and the voltages
+    /// of the measured pairs under each of them.
     ///
-    /// `L - 1` patterns for `L` electrodes, with `theta_l = 2 pi l / L`:
+    /// There are `L - 1` stimulation patterns for `L` electrodes, with `theta_l = 2 pi l / L`:
     ///
     /// ```text
     /// I_l = current_a cos(k theta_l)   k = 1 ..= L / 2
     /// I_l = current_a sin(k theta_l)   k = 1 ..= (L - 1) / 2
     /// ```
     ///
-    /// cosines first, measured pairs fastest. They span every current there is, and no pair of
-    /// electrodes carries more than the others: on a disc they tell conductivities apart best
-    /// (D. Isaacson, "Distinguishability of conductivities by electric current computed tomography",
-    /// IEEE Trans. Med. Imaging 5, 1986). Every electrode is driven, so contact impedances are part
-    /// of every value.
+    /// Cosines come first; measured pairs vary fastest. The patterns span all balanced currents,
+    /// and no pair of electrodes carries more current than the others. On a disc they distinguish
+    /// conductivities best (D. Isaacson, "Distinguishability of conductivities by electric current
+    /// computed tomography", IEEE Trans. Med. Imaging 5, 1986). Every electrode is driven, so every
+    /// value depends on contact impedances.
     ///
     /// # Errors
-    /// Fewer than 2 electrodes or more than 4096, a bad current, a bad pair.
+    /// Fewer than 2 electrodes or more than 4096; a current that is not finite and above zero; an
+    /// invalid pair.
     pub fn trigonometric(
         electrodes: usize,
         measure: &PairPattern,
@@ -127,7 +130,7 @@ impl Protocol {
             return Err(FemError::EmptyProtocol);
         }
         let angle = |k: usize, l: usize| {
-            // exact multiples: the values of a pattern then cancel to rounding
+            // reduce modulo the number of electrodes, so that a pattern's values cancel to rounding
             std::f64::consts::TAU * ((k * l) % electrodes) as f64 / electrodes as f64
         };
         let cosines = electrodes / 2;
@@ -151,33 +154,35 @@ impl Protocol {
         self.stimulations_a.ncols()
     }
 
-    /// Number of measurements: the length of a frame.
+    /// Number of measurements, which is the length of a frame.
     pub fn measurements(&self) -> usize {
         self.data.len()
     }
 
-    /// Stimulation patterns [stimulation, electrode], ampere; positive enters the skin.
+    /// Stimulation patterns, [stimulation, electrode], ampere; positive currents enter the skin.
     pub fn stimulations_a(&self) -> ArrayView2<'_, f64> {
         self.stimulations_a.view()
     }
 
-    /// Measurement patterns [pattern, electrode], weights of the electrode potentials.
+    /// Measurement patterns, [pattern, electrode]: weights of the electrode potentials.
     pub fn measurement_patterns(&self) -> ArrayView2<'_, f64> {
         self.measurement_patterns.view()
     }
 
-    /// For each measurement, in protocol order: indices of its stimulation and of its pattern.
+    /// For each measurement, in protocol order: the indices of its stimulation pattern and of its
+    /// measurement pattern.
     pub fn data(&self) -> &[[u32; 2]] {
         &self.data
     }
 
-    /// Quadruples `[a, b, m, n]` in protocol order, where the protocol is made of pairs.
+    /// Quadruples `[a, b, m, n]` in protocol order; `None` unless the protocol was made from
+    /// quadruples.
     pub fn quadruples(&self) -> Option<&[[u32; 4]]> {
         self.quadruples.as_deref()
     }
 }
 
-/// Pairs in order of first use.
+/// Distinct pairs in order of first use.
 #[derive(Default)]
 struct PatternList {
     pairs: Vec<[u32; 2]>,
@@ -210,7 +215,7 @@ fn check_patterns(what: &'static str, patterns: ArrayView2<f64>) -> Result<(), F
         }
         let largest = column.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         let sum = column.sum();
-        // entries near the largest f64 can sum to NaN
+        // the sum of entries near the largest f64 can be NaN
         if largest == 0.0 || sum.is_nan() || sum.abs() > BALANCE * largest {
             return Err(FemError::UnbalancedPattern { what, pattern, sum, largest });
         }
@@ -218,7 +223,7 @@ fn check_patterns(what: &'static str, patterns: ArrayView2<f64>) -> Result<(), F
     Ok(())
 }
 
-/// Patterns as rows, the remainder of each sum spread over the pattern's non-zero entries.
+/// Patterns as rows, with the residual of each sum spread over the pattern's non-zero entries.
 fn balanced_rows(patterns: ArrayView2<f64>) -> Array2<f64> {
     let mut rows = patterns.t().as_standard_layout().into_owned();
     for mut row in rows.rows_mut() {

@@ -1,4 +1,4 @@
-//! What a [`ForwardModel`] is asked for.
+//! Solves of a [`ForwardModel`].
 
 use super::solution::Solution;
 use super::workspace::Workspace;
@@ -8,7 +8,7 @@ use crate::model::{ForwardModel, Geometry};
 use ndarray::{Array1, Array2};
 
 impl ForwardModel {
-    /// Memory for solves of this model.
+    /// Allocates memory for solves of this model.
     ///
     /// # Errors
     /// [`FemError::OutOfMemory`].
@@ -19,8 +19,8 @@ impl ForwardModel {
     /// Assembles and factorises for one conductivity per element, siemens.
     ///
     /// # Errors
-    /// A wrong number of values, a value that is not finite and above zero, a workspace of
-    /// another model, a matrix that rounding has made indefinite, potentials that overflow.
+    /// A wrong number of values; a value that is not finite and above zero; a workspace of another
+    /// model; a matrix that is indefinite because of rounding; potentials that overflow.
     pub fn solve<'a>(
         &'a self,
         conductivity_s: &[f64],
@@ -30,20 +30,24 @@ impl ForwardModel {
         Solution::new(self, &self.geometry, conductivity_s, workspace, None)
     }
 
-    /// [`ForwardModel::solve`] to a required accuracy of the voltages, relative to the largest.
+    /// Solves to a required accuracy of the voltages, relative to the largest voltage.
     ///
-    /// The cheapest path that meets it is taken: nodal assembly where
-    /// [`SolveReport::expected_loss`](crate::SolveReport::expected_loss) suffices; else means and
-    /// deviations on electrodes (module `solve::electrode_elimination`), first in `f64`, which contact impedances cannot
-    /// spoil, then in twice the precision, for contrast and flat triangles. Both also serve shunts and
-    /// ideal current sources, have a bound for every voltage, and allocate. At 2 000 nodes they cost
-    /// about 50 and 200 times the first path (18 and 75 ms on a loaded machine), at 20 000 20 and 100
-    /// times.
+    /// Uses the cheapest path that meets the requirement:
+    ///
+    /// 1. Nodal assembly, if [`SolveReport::expected_loss`](crate::SolveReport::expected_loss) is
+    ///    small enough.
+    /// 2. Electrode elimination in `f64` (module `solve::electrode_elimination`), which is accurate
+    ///    for any contact impedance.
+    /// 3. Electrode elimination in twice the precision, for high contrast and flat triangles.
+    ///
+    /// The last two also handle shunts and ideal current sources, give a bound for every voltage,
+    /// and allocate. At 2 000 nodes they cost about 50 and 200 times as much as the first (18 and
+    /// 75 ms on a loaded machine), at 20 000 nodes 20 and 100 times.
     ///
     /// # Errors
-    /// Those of [`ForwardModel::solve`]; an accuracy that is not between `4 eps` and 1;
+    /// Those of [`ForwardModel::solve`]; an accuracy outside `4 eps` to 1;
     /// [`FemError::AccuracyNotReached`]; electrodes without a node of their own; with quadratic
-    /// elements [`FemError::NodalAssemblyOnly`] where the first path does not suffice.
+    /// elements [`FemError::NodalAssemblyOnly`] if nodal assembly is not accurate enough.
     pub fn solve_to<'a>(
         &'a self,
         conductivity_s: &[f64],
@@ -55,7 +59,8 @@ impl ForwardModel {
         Solution::new(self, &self.geometry, conductivity_s, workspace, Some(required_accuracy))
     }
 
-    /// Voltages of every measurement for one conductivity per element; allocates a workspace.
+    /// Returns the voltages in protocol order for one conductivity per element. Allocates a
+    /// workspace.
     ///
     /// # Errors
     /// Those of [`ForwardModel::solve`].
@@ -63,7 +68,7 @@ impl ForwardModel {
         Ok(self.solve(conductivity_s, &mut self.workspace()?)?.measurements())
     }
 
-    /// Jacobian [measurement, element], volt per siemens; allocates a workspace.
+    /// Returns the Jacobian, [measurement, element], volt per siemens. Allocates a workspace.
     ///
     /// # Errors
     /// Those of [`ForwardModel::solve`].
@@ -71,10 +76,10 @@ impl ForwardModel {
         Ok(self.solve(conductivity_s, &mut self.workspace()?)?.jacobian())
     }
 
-    /// [`ForwardModel::solve`] on a geometry of [`ForwardModel::deform`].
+    /// Same as [`ForwardModel::solve`], on a geometry set by [`ForwardModel::deform`].
     ///
     /// # Errors
-    /// Those of [`ForwardModel::solve`], and a geometry of another model.
+    /// Those of [`ForwardModel::solve`]; a geometry of another model.
     pub fn solve_deformed<'a>(
         &'a self,
         geometry: &'a Geometry,
@@ -86,10 +91,10 @@ impl ForwardModel {
         Solution::new(self, geometry, conductivity_s, workspace, None)
     }
 
-    /// [`ForwardModel::solve_to`] on a geometry of [`ForwardModel::deform`].
+    /// Same as [`ForwardModel::solve_to`], on a geometry set by [`ForwardModel::deform`].
     ///
     /// # Errors
-    /// Those of [`ForwardModel::solve_to`], and a geometry of another model.
+    /// Those of [`ForwardModel::solve_to`]; a geometry of another model.
     pub fn solve_deformed_to<'a>(
         &'a self,
         geometry: &'a Geometry,

@@ -10,10 +10,12 @@ use crate::model::ForwardModel;
 use ndarray::{Array2, ArrayViewMut2};
 
 impl Solution<'_> {
-    /// Jacobian [measurement, element] in volt per siemens: the derivative of each voltage with
-    /// respect to the conductivity of each element,
-    /// `-area grad u_stimulation . grad u_measurement` with the adjoint field of the measurement
-    /// pattern driven by one ampere (Geselowitz 1971; Polydorides and Lionheart 2002).
+    /// Returns the Jacobian, [measurement, element], in volt per siemens: the derivative of each
+    /// voltage with respect to the conductivity of each element.
+    ///
+    /// An entry is `-area grad u_stimulation . grad u_measurement`, where `u_measurement` is the
+    /// adjoint field, i.e. that of the measurement pattern driven with one ampere (Geselowitz 1971;
+    /// Polydorides and Lionheart 2002).
     pub fn jacobian(&mut self) -> Array2<f64> {
         let shape = (self.model.protocol().measurements(), self.model.elements());
         let mut jacobian = Array2::zeros(shape);
@@ -22,7 +24,7 @@ impl Solution<'_> {
         jacobian
     }
 
-    /// [`Solution::jacobian`] into memory of the caller.
+    /// Writes [`Solution::jacobian`] into the caller's memory.
     ///
     /// # Errors
     /// [`FemError::WrongLength`] if the shape is not [measurement, element].
@@ -35,10 +37,12 @@ impl Solution<'_> {
         Ok(())
     }
 
-    /// One row of the Jacobian for each set of measurements that are multiples of each other, those
-    /// of [`ForwardModel::unique_measurements`]: [set, element], volt per siemens of the first
-    /// measurement of the set. Of 208 reciprocal measurements 104 rows; in `f32` a quarter of the
-    /// memory, with the rounding of `f32` on each value.
+    /// Returns one Jacobian row per set of measurements that are multiples of each other (see
+    /// [`ForwardModel::unique_measurements`]): [set, element], volt per siemens.
+    ///
+    /// Each row is that of the first measurement of the set. With 208 reciprocal measurements there
+    /// are 104 rows. As `f32`, they take a quarter of the memory of the full Jacobian, and each
+    /// value is rounded to `f32`.
     pub fn unique_jacobian<T: JacobianValue>(&mut self) -> Array2<T> {
         let shape = (self.model.fields.products.len(), self.model.elements());
         let mut jacobian = Array2::default(shape);
@@ -47,7 +51,7 @@ impl Solution<'_> {
         jacobian
     }
 
-    /// [`Solution::unique_jacobian`] into memory of the caller.
+    /// Writes [`Solution::unique_jacobian`] into the caller's memory.
     ///
     /// # Errors
     /// [`FemError::WrongLength`] if the shape is not [set, element].
@@ -63,12 +67,13 @@ impl Solution<'_> {
         Ok(())
     }
 
-    /// Derivative of each voltage with respect to the contact impedance of each electrode,
-    /// [measurement, electrode]: volt per ohm metre (rim) or per ohm square metre (patch).
+    /// Returns the derivative of each voltage with respect to the contact impedance of each
+    /// electrode, [measurement, electrode], in volt per ohm metre (rim) or per ohm square metre
+    /// (patch).
     ///
-    /// `dV/dz = (1/z^2) integral of (U - u)(U* - u*)` over the electrode, the product of the current
-    /// densities under it. No further solve; `4 m` flops for each part of each electrode and product
-    /// of fields, `m` corners a part.
+    /// `dV/dz = (1/z^2) integral of (U - u)(U* - u*)` over the electrode, which is the integral of
+    /// the product of the two current densities. Needs no further solve; takes `4 m` flops per
+    /// electrode part and product of fields, for parts with `m` corners.
     ///
     /// # Errors
     /// [`FemError::ContactLimit`] for a shunt or an ideal current source;
@@ -80,7 +85,7 @@ impl Solution<'_> {
         Ok(jacobian)
     }
 
-    /// [`Solution::contact_jacobian`] into memory of the caller.
+    /// Writes [`Solution::contact_jacobian`] into the caller's memory.
     ///
     /// # Errors
     /// Those of [`Solution::contact_jacobian`]; [`FemError::WrongLength`] if the shape is not
@@ -100,25 +105,26 @@ impl Solution<'_> {
         contact::fill(&solved, jacobian)
     }
 
-    /// Derivative of each voltage along each displacement of the nodes, [measurement,
-    /// displacement]: volt per unit of the displacement's parameter (volt per metre, for those of
+    /// Returns the derivative of each voltage along each displacement of the nodes, [measurement,
+    /// displacement], in volt per unit of the displacement's parameter (volt per metre for an
     /// [`ElectrodeMotion`](crate::ElectrodeMotion)).
     ///
-    /// Conductivities stay with their triangles, contact impedances (per metre of rim, per square
-    /// metre of patch) with their electrodes. Exact for the discrete model: it is the derivative of
-    /// [`ForwardModel::deform`] followed by a solve. In two dimensions only the part of the strain
-    /// counts that is no dilation, two numbers a triangle (conformal maps keep sheet resistances):
+    /// Conductivities stay with their triangles, and contact impedances (ohm metre for rim
+    /// electrodes, ohm square metre for patches) with their electrodes. The result is exact for the
+    /// discrete model: it is the derivative of [`ForwardModel::deform`] followed by a solve. In two
+    /// dimensions only the part of the strain without dilation matters, two numbers per triangle
+    /// (conformal maps preserve sheet resistance):
     ///
     /// ```text
     /// dV = -sigma area ( (S22 - S11)(fx gx - fy gy) - 2 S12 (fx gy + fy gx) )    strain S
     ///      - (1/z) d(measure) mean of (U - u)(U* - u*)                           electrode parts
     /// ```
     ///
-    /// No further solve; 4 flops for each triangle that a displacement strains, displacement, and
-    /// product of fields. Allocates lists of the triangles that are strained.
+    /// Needs no further solve; takes 4 flops per strained triangle, displacement and product of
+    /// fields. Allocates lists of the strained triangles.
     ///
     /// # Errors
-    /// A displacement of a node that does not exist, or that is not finite;
+    /// A displacement that refers to a node that does not exist or is not finite;
     /// [`FemError::LinearElementsOnly`].
     pub fn movement_jacobian(
         &mut self,
@@ -130,7 +136,7 @@ impl Solution<'_> {
         Ok(jacobian)
     }
 
-    /// [`Solution::movement_jacobian`] into memory of the caller.
+    /// Writes [`Solution::movement_jacobian`] into the caller's memory.
     ///
     /// # Errors
     /// Those of [`Solution::movement_jacobian`]; [`FemError::WrongLength`] if the shape is not

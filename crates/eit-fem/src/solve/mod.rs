@@ -2,12 +2,12 @@
 //!
 //! | file | content |
 //! |---|---|
-//! | `forward` | what a [`ForwardModel`](crate::ForwardModel) is asked for |
-//! | `workspace` | memory of one solve |
+//! | `forward` | solves of a [`ForwardModel`](crate::ForwardModel) |
+//! | `workspace` | working memory of a solve |
 //! | `nodal_assembly` | the fast path: the matrix of node and electrode potentials in `f64` |
-//! | `electrode_elimination` | the path that contact impedances and contrast cannot spoil |
+//! | `electrode_elimination` | the accurate path for extreme contact impedances and contrast |
 //! | `solution` | voltages, potentials and the report of one solve |
-//! | `jacobians` | derivatives of its voltages |
+//! | `jacobians` | derivatives of the voltages |
 
 mod electrode_elimination;
 mod forward;

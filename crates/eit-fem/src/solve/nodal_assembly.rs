@@ -1,12 +1,13 @@
-//! Nodal assembly: the matrix of node and electrode potentials in `f64`, as textbooks have it, and what
-//! that may have cost.
+//! Nodal assembly: the textbook matrix of node and electrode potentials in `f64`, and an estimate
+//! of its rounding error.
 
 use super::workspace::Workspace;
 use crate::element::ElementOrder;
 use crate::error::FemError;
 use crate::model::{ForwardModel, Geometry};
 
-/// Solves by nodal assembly, if the contacts allow it, and says whether that meets the accuracy.
+/// Solves by nodal assembly if the contacts allow it, and returns whether that meets the required
+/// accuracy.
 pub(super) fn nodal_assembly_suffices(
     model: &ForwardModel,
     geometry: &Geometry,
@@ -20,7 +21,7 @@ pub(super) fn nodal_assembly_suffices(
     let solved = assembled(model, geometry, conductivity_s, workspace);
     let Some(required) = required_accuracy else { return solved.map(|()| true) };
     if model.dofs.order == ElementOrder::Linear {
-        // what stops nodal assembly may not stop electrode elimination
+        // if nodal assembly fails, electrode elimination may still succeed
         return Ok(solved.is_ok_and(|()| loss(model, workspace) <= required));
     }
     solved?;
@@ -32,7 +33,7 @@ pub(super) fn nodal_assembly_suffices(
     }
 }
 
-/// Assembly, factorisation and electrode potentials in the workspace.
+/// Assembles, factorises and computes electrode potentials in the workspace.
 fn assembled(
     model: &ForwardModel,
     geometry: &Geometry,
@@ -48,12 +49,12 @@ fn assembled(
     workspace.check_potentials()
 }
 
-/// What rounding in the assembled matrix may have cost the voltages.
+/// Estimates the error of the voltages due to rounding in the assembled matrix.
 pub(super) fn loss(model: &ForwardModel, workspace: &Workspace) -> f64 {
     1000.0 * f64::EPSILON * spread(model, workspace)
 }
 
-/// Largest over smallest entry of the assembled diagonal.
+/// Ratio of the largest to the smallest entry of the assembled diagonal.
 pub(super) fn spread(model: &ForwardModel, workspace: &Workspace) -> f64 {
     let diagonal = model.assembly.pattern.diagonal().map(|entry| workspace.matrix[entry]);
     let (least, most) =

@@ -1,47 +1,48 @@
-//! How a forward solve went.
+//! Report of a forward solve.
 
-/// The way a forward solve took.
+/// Path that a forward solve took.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SolvePath {
-    /// The matrix of node and electrode potentials, assembled in `f64` as in textbooks: exact enough for
+    /// Textbook matrix of node and electrode potentials, assembled in `f64`. Accurate enough for
     /// ordinary scenes.
     NodalAssembly,
-    /// Electrodes eliminated analytically, `f64`: contact impedances cost no digit.
+    /// Electrodes eliminated analytically, in `f64`. Contact impedances cost no accuracy.
     ElectrodesEliminated,
-    /// Electrodes eliminated analytically, twice the precision of `f64`: nor do contrast and flat
-    /// triangles.
+    /// Electrodes eliminated analytically, in twice the precision of `f64`. High contrast and flat
+    /// triangles cost no accuracy either.
     ExtendedPrecision,
 }
 
-/// How a forward solve went.
+/// Path, size, accuracy and time of a forward solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolveReport {
-    /// The way it took.
+    /// Path that the solve took.
     pub path: SolvePath,
-    /// Node and electrode potentials.
+    /// Number of unknowns: node and electrode potentials.
     pub unknowns: usize,
-    /// Stored entries of the Cholesky factor (in extended precision 16 bytes each).
+    /// Number of stored entries of the factor, 8 bytes each (extended precision: 16).
     pub factor_entries: usize,
-    /// Fields solved: the rank of the protocol's patterns.
+    /// Number of fields solved: the rank of the protocol's patterns.
     pub field_solves: usize,
     /// Largest componentwise backward error `|A x - b|_i / (|A| |x| + |b|)_i` of the fields
-    /// (Oettli and Prager 1964): 1e-16 is as exact as the matrix itself.
+    /// (Oettli and Prager 1964). At 1e-16, the solve is as accurate as the matrix entries.
     pub backward_error: f64,
-    /// What rounding in the assembled matrix may have cost the voltages, relative to the largest:
-    /// `1000 eps max(a_ii) / min(a_ii)` over the diagonal. An estimate from the spread of
-    /// conductances, which the backward error cannot see; above the true error in every reference
-    /// case of `tests/reference.rs`, often far above it. Near 1 no digit is certain.
+    /// Estimated error of the voltages due to rounding in the assembled matrix, relative to the
+    /// largest: `1000 eps max(a_ii) / min(a_ii)` over the diagonal.
     ///
-    /// With electrodes eliminated it is `error_bound`.
+    /// The estimate comes from the spread of conductances, which the backward error does not show.
+    /// It exceeds the true error in every reference case of `tests/reference.rs`, often by far.
+    /// Near 1, no digit is certain. With electrodes eliminated it equals `error_bound`.
     pub expected_loss: f64,
-    /// No voltage is wrong by more than this fraction of the largest one. With electrodes eliminated a
-    /// bound from residuals and the rounding of every step, at least `eps`; by nodal assembly
-    /// [`SolveReport::expected_loss`], an estimate.
+    /// Largest error of any voltage, as a fraction of the largest voltage. With electrodes
+    /// eliminated it is a bound from residuals and the rounding of every step, at least `eps`; with
+    /// nodal assembly it is [`SolveReport::expected_loss`], an estimate.
     pub error_bound: f64,
-    /// No voltage is wrong by more than this fraction of itself; by nodal assembly an estimate.
+    /// Largest relative error of any voltage. A bound with electrodes eliminated; an estimate with
+    /// nodal assembly.
     pub value_error_bound: f64,
-    /// Relative change of the voltages per relative change of the conductances, at most: the loss
-    /// over the rounding. By nodal assembly the spread of the diagonal.
+    /// Condition number: the largest relative change of the voltages per relative change of the
+    /// conductances. With nodal assembly, the ratio of the largest to the smallest diagonal entry.
     pub condition: f64,
     /// Time of assembly, factorisation and fields, seconds.
     pub time_s: f64,

@@ -1,13 +1,13 @@
-//! Numbers of one forward solve: electrode potentials, voltages, fields, certificate.
+//! Results of one forward solve: electrode potentials, voltages, fields and report.
 //!
-//! With the electrodes eliminated last, the trailing block of the factor gives the transfer
-//! matrix from electrode currents to electrode potentials, and all voltages are sums over it.
-//! Fields inside the skin are solved for when something first asks for them.
+//! Electrodes come last in the elimination order, so the trailing block of the factor gives the
+//! transfer matrix from electrode currents to electrode potentials. All voltages are sums over it.
+//! Fields inside the skin are solved on first use.
 //!
-//! After the first solve with a workspace, [`ForwardModel::solve`],
-//! [`Solution::measurements_into`] and [`Solution::jacobian_into`] allocate nothing of their own.
+//! After the first solve with a workspace, [`ForwardModel::solve`], [`Solution::measurements_into`]
+//! and [`Solution::jacobian_into`] do not allocate.
 //!
-//! Derivatives: [`super::jacobians`].
+//! Derivatives are in [`super::jacobians`].
 
 use super::electrode_elimination::{self, Outcome};
 use super::nodal_assembly::{loss, nodal_assembly_suffices, spread};
@@ -20,10 +20,10 @@ use crate::model::{ForwardModel, Geometry};
 use ndarray::{Array1, Array2};
 use std::time::{Duration, Instant};
 
-/// Accuracy of models with shunts and ideal current sources where none is asked for.
+/// Accuracy for models with shunts or ideal current sources if none is requested.
 const LIMIT_ACCURACY: f64 = 1e-9;
 
-/// The solved forward problem of one conductivity.
+/// Solution of the forward problem for one conductivity.
 #[derive(Debug)]
 pub struct Solution<'a> {
     pub(super) model: &'a ForwardModel,
@@ -31,13 +31,13 @@ pub struct Solution<'a> {
     workspace: &'a mut Workspace,
     fields_solved: bool,
     backward_error: Option<f64>,
-    /// What electrode elimination left, if it was needed.
+    /// Result of electrode elimination, if that path was taken.
     eliminated: Option<Outcome>,
     time: Duration,
 }
 
 impl<'a> Solution<'a> {
-    /// Assembles and factorises for a conductivity that has been checked.
+    /// Assembles and factorises for a validated conductivity.
     pub(crate) fn new(
         model: &'a ForwardModel,
         geometry: &'a Geometry,
@@ -76,7 +76,8 @@ impl<'a> Solution<'a> {
         Ok(solution)
     }
 
-    /// Bounds of the largest error over the largest voltage, and of the largest relative error.
+    /// Bounds of the largest error relative to the largest voltage, and of the largest relative
+    /// error of any voltage.
     fn error_bounds(&self) -> (f64, f64) {
         let count = self.model.protocol().measurements();
         let sizes = (0..count).map(|datum| self.voltage(datum).abs());
@@ -94,8 +95,9 @@ impl<'a> Solution<'a> {
         }
     }
 
-    /// Bound of the error of each voltage, volt, in protocol order: from residuals and rounding with
-    /// electrodes eliminated, [`SolveReport::expected_loss`] of the largest voltage by nodal assembly.
+    /// Returns an error bound for each voltage, volt, in protocol order. With electrodes eliminated
+    /// it follows from residuals and rounding. With nodal assembly it is the estimate
+    /// [`SolveReport::expected_loss`] times the largest voltage.
     pub fn measurement_bounds(&self) -> Array1<f64> {
         let voltages = self.measurements();
         match &self.eliminated {
@@ -107,12 +109,12 @@ impl<'a> Solution<'a> {
         }
     }
 
-    /// Voltages in protocol order, volt.
+    /// Returns the voltages in protocol order, volt.
     pub fn measurements(&self) -> Array1<f64> {
         (0..self.model.protocol().measurements()).map(|datum| self.voltage(datum)).collect()
     }
 
-    /// [`Solution::measurements`] into memory of the caller; allocates nothing.
+    /// Writes [`Solution::measurements`] into the caller's memory. Does not allocate.
     ///
     /// # Errors
     /// [`FemError::WrongLength`] if there is not one value per measurement.
@@ -137,7 +139,7 @@ impl<'a> Solution<'a> {
         weights.iter().map(|&(l, weight)| weight * potentials[l as usize]).sum()
     }
 
-    /// Electrode potentials [stimulation, electrode], volt; each row sums to zero.
+    /// Returns the electrode potentials, [stimulation, electrode], volt. Each row sums to zero.
     pub fn electrode_potentials(&self) -> Array2<f64> {
         let electrodes = self.model.protocol().electrodes();
         let stimulations = self.model.patterns.stimulations_a.len();
@@ -145,9 +147,8 @@ impl<'a> Solution<'a> {
         Array2::from_shape_fn((stimulations, electrodes), |(s, l)| values[s * electrodes + l])
     }
 
-    /// Potentials inside the skin [stimulation, node], volt, on the scale of
-    /// [`Solution::electrode_potentials`], at the nodes of the mesh (not the midside nodes of
-    /// quadratic elements).
+    /// Returns the potentials at the mesh nodes (not at the midside nodes of quadratic elements),
+    /// [stimulation, node], volt, with the same reference as [`Solution::electrode_potentials`].
     pub fn node_potentials(&mut self) -> Array2<f64> {
         self.solve_fields();
         let model = self.model;
@@ -156,8 +157,8 @@ impl<'a> Solution<'a> {
         let stimulations = model.patterns.stimulations_a.len();
         let mut result = Array2::zeros((stimulations, model.dofs.midside_nodes.mesh_nodes()));
         for (s, mut row) in result.rows_mut().into_iter().enumerate() {
-            // the constant between the two scales: the potential of the ground electrode, or where
-            // electrodes were eliminated, of the skin under it
+            // difference between the two references: the potential of the ground electrode or, with
+            // electrodes eliminated, the mean potential of the skin under it
             let ground_v = match &self.eliminated {
                 None => self.workspace.electrode_potentials[(s + 1) * electrodes - 1],
                 Some(outcome) => outcome.levels_v[s],
@@ -174,8 +175,8 @@ impl<'a> Solution<'a> {
         result
     }
 
-    /// Fields and state that derivatives are summed from, and memory for sums over blocks of
-    /// elements; solves the fields if nothing has.
+    /// Returns the fields and state that derivatives are computed from, and working memory for
+    /// blocks of elements. Solves the fields on first use.
     pub(super) fn solved_fields(&mut self) -> (SolvedFields<'_>, &mut Block) {
         self.solve_fields();
         let low = self.eliminated.as_ref().and_then(Outcome::low);
@@ -189,8 +190,9 @@ impl<'a> Solution<'a> {
         (solved, block)
     }
 
-    /// How the solve went. The first call solves the fields, if nothing has needed them yet, and
-    /// multiplies each by the matrix (2 flops and 12 bytes an entry); later calls copy the result.
+    /// Returns path, size, accuracy and time of the solve. The first call solves the fields if
+    /// needed and multiplies each by the matrix (2 flops and 12 bytes per entry); later calls reuse
+    /// the result.
     pub fn report(&mut self) -> SolveReport {
         self.solve_fields();
         let backward_error = match self.backward_error {

@@ -1,4 +1,4 @@
-//! Memory of one forward solve.
+//! Working memory of a forward solve.
 
 use crate::derivatives::conductivity::Block;
 use crate::error::FemError;
@@ -8,21 +8,21 @@ use crate::sparse::Factor;
 use faer::Mat;
 use std::fmt;
 
-/// Memory of one solve; make one per thread and reuse it.
+/// Working memory of a forward solve. Create one per thread and reuse it.
 ///
-/// It holds nothing of a model but sizes, so models of equal sizes may share one.
+/// It depends only on the sizes of a model, so models of equal sizes may share one.
 pub struct Workspace {
     /// Values of the system matrix.
     pub(crate) matrix: Vec<f64>,
     pub(crate) factor: Factor,
-    /// Electrode potentials for unit currents [electrode but ground, electrode but ground].
+    /// Electrode potentials for unit currents, [electrode except ground, electrode except ground].
     pub(crate) transfer: Mat<f64>,
-    /// Electrode potentials [stimulation, electrode], row-major.
+    /// Electrode potentials, [stimulation, electrode], row-major.
     pub(crate) electrode_potentials: Vec<f64>,
-    /// Potentials [unknown, basis pattern], row-major.
+    /// Potentials, [unknown, basis pattern], row-major.
     pub(crate) potentials: Vec<f64>,
     pub(crate) block: Block,
-    /// Conductivity of each element of the latest solve, siemens.
+    /// Conductivity of each element in the latest solve, siemens.
     pub(crate) conductivity_s: Vec<f64>,
 }
 
@@ -38,7 +38,7 @@ impl fmt::Debug for Workspace {
 }
 
 impl Workspace {
-    /// For a model.
+    /// Allocates the memory for a model.
     pub(crate) fn new(model: &ForwardModel) -> Result<Self, FemError> {
         let electrodes = model.protocol().electrodes();
         let stimulations = model.patterns.stimulations_a.len();
@@ -53,7 +53,7 @@ impl Workspace {
         })
     }
 
-    /// Every size that a solve of `model` relies on.
+    /// Checks every size that a solve of `model` relies on.
     pub(crate) fn check(&self, model: &ForwardModel) -> Result<(), FemError> {
         let electrodes = model.protocol().electrodes();
         let (factor, scratch) = self.factor.sizes();
@@ -91,7 +91,7 @@ impl Workspace {
         }
     }
 
-    /// That no electrode potential overflowed.
+    /// Checks that no electrode potential overflowed.
     pub(crate) fn check_potentials(&self) -> Result<(), FemError> {
         let electrodes = self.transfer.nrows() + 1;
         match self.electrode_potentials.iter().position(|v| !v.is_finite()) {
@@ -104,7 +104,8 @@ impl Workspace {
         }
     }
 
-    /// Electrode potentials of every stimulation from the transfer matrix; rows sum to zero.
+    /// Computes the electrode potentials of every stimulation from the transfer matrix. Rows sum to
+    /// zero.
     pub(crate) fn fill_electrode_potentials(&mut self, patterns: &PatternEntries) {
         patterns.electrode_potentials(self.transfer.as_ref(), &mut self.electrode_potentials);
     }

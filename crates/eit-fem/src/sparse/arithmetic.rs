@@ -1,68 +1,72 @@
-//! The two kinds of numbers that potentials are made of.
+//! Real and complex arithmetic for the factorisation.
 //!
-//! A factorisation holds rows of numbers in planes of `f64`: one, or real parts and then imaginary
-//! parts. A product with one factor is then the same operation on all of a plane, and no value is
-//! shuffled between memory and registers: with parts that alternate, a third more time. `plane` is the
-//! distance from a value to its imaginary part.
+//! A factorisation stores rows of numbers in planes of `f64`: one plane, or real parts and then
+//! imaginary parts. Multiplying by a factor is then the same operation on a whole plane, and values
+//! need no shuffling between memory and registers. Interleaved parts took a third more time.
+//! `plane` is the distance from a value to its imaginary part.
+//!
+//! The file is long because the trait and its two implementations belong together.
 
 use faer::traits::ComplexField;
 use std::ops::{Div, Mul};
 
-/// `f64`, and `c64` where admittivities are complex.
+/// Number type of a factorisation: `f64`, or `c64` for complex admittivities.
 ///
-/// Products are plain: nothing is conjugated, so that a symmetric matrix stays one.
+/// Products never conjugate, so a symmetric matrix stays symmetric.
 pub trait Arithmetic:
     ComplexField + Copy + From<f64> + Mul<f64, Output = Self> + Div<f64, Output = Self>
 {
-    /// Planes of a row.
+    /// Number of planes per row.
     const PLANES: usize;
 
-    /// Whether sums of four columns of eight rows fit into sixteen registers of 256 bits, with the rest.
+    /// Whether the sums of a tile of four columns by eight rows, with the other operands, fit into
+    /// sixteen 256-bit registers.
     const WIDE_TILES: bool;
 
-    /// Numbers side by side in registers.
+    /// Several numbers in registers.
     type Lanes<const R: usize>: Copy;
 
-    /// One number of a row.
+    /// Reads one number of a row.
     fn read(from: &[f64], at: usize, plane: usize) -> Self;
 
     /// Writes the number at the start of a row.
     fn write(self, to: &mut [f64], plane: usize);
 
-    /// Copies numbers to a row.
+    /// Copies numbers into a row.
     fn spread(numbers: &[Self], to: &mut [f64], plane: usize);
 
-    /// Copies numbers from a row.
+    /// Copies numbers out of a row.
     fn gather(from: &[f64], plane: usize, numbers: &mut [Self]);
 
-    /// The first numbers of a row.
+    /// Loads the first numbers of a row.
     fn load<const R: usize>(from: &[f64], plane: usize) -> Self::Lanes<R>;
 
-    /// To the start of a row.
+    /// Stores numbers at the start of a row.
     fn store<const R: usize>(lanes: &Self::Lanes<R>, to: &mut [f64], plane: usize);
 
-    /// Numbers to registers.
+    /// Puts numbers into registers.
     fn lanes<const R: usize>(numbers: [Self; R]) -> Self::Lanes<R>;
 
-    /// One of them.
+    /// Returns one number.
     fn lane<const R: usize>(lanes: &Self::Lanes<R>, at: usize) -> Self;
 
-    /// [`Self::less_product`] of each: `sums -= factor row`.
+    /// [`Self::less_product`] for each number: `sums -= factor row`.
     fn less_products<const R: usize>(sums: &mut Self::Lanes<R>, factor: Self, row: &Self::Lanes<R>);
 
-    /// `lanes *= factor`.
+    /// Multiplies each number: `lanes *= factor`.
     fn scale<const R: usize>(lanes: &mut Self::Lanes<R>, factor: Self);
 
     /// Absolute value.
     fn modulus(self) -> f64;
 
-    /// `self - a b`, fused where the machine has that.
+    /// Returns `self - a b`, with fused multiply-add if the machine has it.
     fn less_product(self, a: Self, b: Self) -> Self;
 
-    /// Square root of a pivot; `None` unless it is finite and in the half plane around `direction`.
+    /// Returns the square root of a pivot, or `None` unless the pivot is finite and in the half
+    /// plane around `direction`.
     fn pivot_root(self, direction: Self) -> Option<Self>;
 
-    /// `1 / self`.
+    /// Returns `1 / self`.
     fn inverse(self) -> Self;
 }
 
@@ -159,7 +163,7 @@ impl Arithmetic for faer::c64 {
 
     const WIDE_TILES: bool = false;
 
-    /// Real parts, imaginary parts.
+    /// Real parts, then imaginary parts.
     type Lanes<const R: usize> = [[f64; R]; 2];
 
     #[inline(always)]
@@ -258,11 +262,12 @@ impl Arithmetic for faer::c64 {
     }
 }
 
-/// The root in the right half plane, without sines and cosines; real numbers keep every bit.
+/// Square root in the right half plane, without trigonometric functions. For real numbers it equals
+/// the real square root exactly.
 #[cfg(feature = "complex")]
 fn square_root(number: faer::c64) -> faer::c64 {
     let square = number.norm_sqr();
-    // `norm` is a call of many steps, for squares out of range
+    // `norm` is slow, but handles squares that overflow or underflow
     let size = if square.is_normal() { square.sqrt() } else { number.norm() };
     if number.re >= 0.0 {
         let re = (0.5 * (size + number.re)).sqrt();
@@ -286,7 +291,7 @@ mod tests {
             assert!((root * root - number).norm() < 8.0 * f64::EPSILON * number.norm(), "{number}");
             assert!(root.re > 0.0);
         }
-        // squares out of range
+        // squares that overflow or underflow
         for size in [1e-200, 1e200] {
             let root = square_root(c64::new(3.0 * size, 4.0 * size)) / size.sqrt();
             assert!((root - c64::new(2.0, 1.0)).norm() < 8.0 * f64::EPSILON, "{root}");

@@ -1,12 +1,12 @@
-//! Elimination tree: parents, columns' counts, and the order that keeps subtrees together.
+//! Elimination tree: parents, column counts and postorder.
 
 use super::graph::Adjacency;
 
-/// No column: the parent of a root.
+/// Parent of a root: no column.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Elimination order that keeps subtrees together: `new_from_old` from a fill-reducing one, and the
-/// floating point operations of a factorisation with it.
+/// Turns a fill-reducing order into a postorder, which keeps subtrees contiguous. Returns
+/// `new_from_old` and the floating-point operations of a factorisation in that order.
 pub(super) fn postordered(graph: &Adjacency, new_from_old: &[u32]) -> (Vec<u32>, f64) {
     let count = new_from_old.len();
     let mut links = Vec::with_capacity(graph.neighbours().len() / 2);
@@ -26,7 +26,7 @@ pub(super) fn postordered(graph: &Adjacency, new_from_old: &[u32]) -> (Vec<u32>,
     (new_from_old.iter().map(|&new| places[new as usize]).collect(), flops)
 }
 
-/// Parent of each column in the elimination tree (Liu 1986, with compressed paths).
+/// Computes the parent of each column in the elimination tree (Liu 1986, with path compression).
 pub(super) fn parents(earlier: &Adjacency) -> Vec<u32> {
     let count = earlier.vertices();
     let (mut parents, mut ancestors) = (vec![NONE; count], vec![NONE; count]);
@@ -45,7 +45,7 @@ pub(super) fn parents(earlier: &Adjacency) -> Vec<u32> {
     parents
 }
 
-/// Entries below the diagonal of each column of the factor.
+/// Counts the entries below the diagonal of each column of the factor.
 pub(super) fn counts(earlier: &Adjacency, parents: &[u32]) -> Vec<u32> {
     let (mut counts, mut seen) = (vec![0u32; parents.len()], vec![NONE; parents.len()]);
     for k in 0..parents.len() {
@@ -62,7 +62,8 @@ pub(super) fn counts(earlier: &Adjacency, parents: &[u32]) -> Vec<u32> {
     counts
 }
 
-/// Children before parents, each subtree in one piece, the heaviest child next to its parent.
+/// Postorder: children before parents, each subtree contiguous, the heaviest child next to its
+/// parent.
 pub(super) fn postorder(parents: &[u32], weights: &[u32]) -> Vec<u32> {
     let count = parents.len();
     let mut by_parent: Vec<u32> = (0..count as u32).collect();
@@ -72,7 +73,7 @@ pub(super) fn postorder(parents: &[u32], weights: &[u32]) -> Vec<u32> {
     (0..count).for_each(|k| starts[k + 1] += starts[k]);
     let roots = &by_parent[starts[count]..];
     let mut order = Vec::with_capacity(count);
-    // parents before children, the last child first: the reverse is what is wanted
+    // this visits parents before children, last child first; the postorder is the reverse
     let mut waiting: Vec<u32> = roots.to_vec();
     while let Some(i) = waiting.pop() {
         order.push(i);

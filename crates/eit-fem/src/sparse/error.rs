@@ -1,22 +1,22 @@
-//! What can be wrong with a sparse factorisation.
+//! Errors of sparse factorisations.
 
-/// What can be wrong with a sparse factorisation.
+/// Error of a sparse factorisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SparseError {
-    /// The factor does not fit into memory or index range.
+    /// The factor does not fit into memory or exceeds the index range.
     #[error("the factor of {unknowns} unknowns does not fit into memory")]
     OutOfMemory {
         /// Number of unknowns.
         unknowns: usize,
     },
-    /// No unknown is left for the right-hand sides.
+    /// There are no trailing unknowns for right-hand sides.
     #[error(
-        "{leading} of {unknowns} unknowns come before those with right-hand sides: at least one must \
-         be left"
+        "{leading} of {unknowns} unknowns are leading ones without right-hand sides: at least one \
+         trailing unknown is needed"
     )]
     NoTrailingUnknowns {
-        /// Unknowns without right-hand side.
+        /// Number of leading unknowns, which have no right-hand sides.
         leading: usize,
         /// Number of unknowns.
         unknowns: usize,
@@ -24,15 +24,14 @@ pub enum SparseError {
     /// An array has the wrong length.
     #[error("{what}: {found} values given, {wanted} needed")]
     WrongLength {
-        /// Which array.
+        /// Name of the array.
         what: &'static str,
-        /// Values given.
+        /// Number of values given.
         found: usize,
-        /// Values needed.
+        /// Number of values needed.
         wanted: usize,
     },
-    /// The factorisation met a pivot that is zero, not finite, or out of its half plane (real numbers:
-    /// negative).
+    /// A pivot is zero, not finite, or outside its half plane (for real numbers: negative).
     #[error("the pivot of unknown {unknown} of {unknowns} is not positive")]
     BadPivot {
         /// Position in the elimination order.
@@ -42,7 +41,7 @@ pub enum SparseError {
     },
 }
 
-/// Passes where the lengths are equal.
+/// Returns an error if the lengths differ.
 pub(super) fn check_length(
     what: &'static str,
     found: usize,

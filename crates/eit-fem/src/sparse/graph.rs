@@ -1,6 +1,6 @@
-//! A graph as lists of neighbours: what elimination sees of a symmetric matrix.
+//! Adjacency graph of a symmetric matrix.
 
-/// A graph in compressed form.
+/// Undirected graph in compressed form.
 pub(crate) struct Adjacency {
     /// Start of each vertex's list.
     starts: Vec<u32>,
@@ -9,7 +9,7 @@ pub(crate) struct Adjacency {
 }
 
 impl Adjacency {
-    /// From links in both directions; a link may come several times.
+    /// Builds a graph from links in both directions; links may be repeated.
     pub fn from_links(vertices: usize, mut links: Vec<(u32, u32)>) -> Self {
         links.sort_unstable();
         links.dedup();
@@ -29,7 +29,7 @@ impl Adjacency {
         &self.starts
     }
 
-    /// The lists of all vertices.
+    /// Concatenated neighbour lists of all vertices.
     pub fn neighbours(&self) -> &[u32] {
         &self.neighbours
     }

@@ -1,12 +1,12 @@
-//! Sparse `L D L^T` in any precision, row by row.
+//! Sparse `L D L^T` factorisation in any precision, row by row.
 //!
-//! The up-looking algorithm (Davis, "Algorithm 849: a concise sparse Cholesky factorization
-//! package", 2005): the pattern of each row of `L` is read from the elimination tree. Pivots are
-//! not exchanged: the matrix is positive definite.
+//! Uses the up-looking algorithm (Davis, "Algorithm 849: a concise sparse Cholesky factorization
+//! package", 2005): the pattern of each row of `L` follows from the elimination tree. There is no
+//! pivoting, because the matrix is positive definite.
 
 use super::real::Real;
 
-/// Lower triangle by rows: columns ascend, the diagonal is the last entry of a row.
+/// Lower triangle by rows, columns in ascending order. The diagonal is the last entry of each row.
 pub(crate) struct Rows<T> {
     pub starts: Vec<usize>,
     pub columns: Vec<u32>,
@@ -14,7 +14,8 @@ pub(crate) struct Rows<T> {
 }
 
 impl<T: Real> Rows<T> {
-    /// From entries `((row, column), value)`; equal places are added in the order given.
+    /// Builds the rows from entries `((row, column), value)`. Repeated entries are added in the
+    /// given order.
     pub fn new(unknowns: usize, mut entries: Vec<((u32, u32), T)>) -> Self {
         entries.sort_by_key(|e| e.0);
         let mut rows =
@@ -36,7 +37,7 @@ impl<T: Real> Rows<T> {
     }
 }
 
-/// The factor: unit lower triangle by columns, and the pivots.
+/// Factor: unit lower triangle by columns, and the pivots.
 pub(crate) struct Ldl<T> {
     starts: Vec<usize>,
     rows: Vec<u32>,
@@ -47,7 +48,8 @@ pub(crate) struct Ldl<T> {
 const NONE: u32 = u32::MAX;
 
 impl<T: Real> Ldl<T> {
-    /// Factorises; the row of a pivot that rounding may have made is the error.
+    /// Factorises the matrix. The error is the row of a pivot that is not positive or has lost too
+    /// many digits.
     pub fn new(matrix: &Rows<T>) -> Result<Self, usize> {
         let unknowns = matrix.starts.len() - 1;
         let (parents, starts) = tree(matrix);
@@ -81,7 +83,7 @@ impl<T: Real> Ldl<T> {
                     path.push(i);
                     i = parents[i] as usize;
                 }
-                // descendants must come first: the list is read from its end
+                // descendants must come first; the list is read from its end
                 pattern.extend(path.iter().rev().copied());
             }
             for &i in pattern.iter().rev() {
@@ -108,18 +110,18 @@ impl<T: Real> Ldl<T> {
         Ok(factor)
     }
 
-    /// Stored entries, pivots included.
+    /// Number of stored entries, including pivots.
     pub fn entries(&self) -> usize {
         self.values.len() + self.pivots.len()
     }
 
-    /// Solves in place for `count` right-hand sides, `x` [unknown, right-hand side].
+    /// Solves in place for `count` right-hand sides; `x` is [unknown, right-hand side].
     pub fn solve(&self, x: &mut [T], count: usize) {
         let unknowns = self.pivots.len();
         for j in 0..unknowns {
             let (head, tail) = x.split_at_mut((j + 1) * count);
             let own = &head[j * count..];
-            // right-hand sides may start at the last unknowns: nothing to carry before them
+            // right-hand sides are often zero except in the last unknowns; skip zero rows
             if own.iter().all(|v| v.high() == 0.0) {
                 continue;
             }
@@ -144,7 +146,7 @@ impl<T: Real> Ldl<T> {
     }
 }
 
-/// Elimination tree, and where each column of the factor starts.
+/// Computes the elimination tree and the start of each column of the factor.
 fn tree<T>(matrix: &Rows<T>) -> (Vec<u32>, Vec<usize>) {
     let unknowns = matrix.starts.len() - 1;
     let (mut parents, mut flags) = (vec![NONE; unknowns], vec![NONE; unknowns]);

@@ -1,13 +1,13 @@
-//! Sparse symmetric matrices of one pattern, factorised again and again.
+//! Repeated factorisation of sparse symmetric matrices with the same pattern.
 //!
-//! Nothing here knows of finite elements: a graph, an order of elimination that keeps the factor
-//! sparse, and the factorisation itself, on memory that the caller owns.
+//! This module is independent of finite elements. It has graphs, fill-reducing elimination orders,
+//! and the factorisation itself, in memory that the caller owns.
 //!
 //! | file | content |
 //! |---|---|
-//! | `graph` | neighbours of vertices |
-//! | `pattern` | [`Pattern`]: where a symmetric matrix has entries |
-//! | `elimination_tree` | parents, counts of columns, postorder |
+//! | `graph` | adjacency lists |
+//! | `pattern` | [`Pattern`]: sparsity pattern of a symmetric matrix |
+//! | `elimination_tree` | parents, column counts, postorder |
 //! | `ordering` | minimum degree and nested dissection |
 //! | `cholesky` | [`Cholesky`]: multifrontal factorisation, right-hand sides in the last unknowns |
 //! | `ldl` | `L D L^T` in any precision (`real`) |
@@ -27,7 +27,7 @@
 //! let cholesky = Cholesky::new(&matrix.pattern, matrix.nodes)?;
 //! let mut factor = cholesky.memory()?;
 //! cholesky.factorise(&matrix.values, &mut factor, 1.0)?;
-//! // one ampere into electrode 1, out of the grounded last one: potentials of all unknowns
+//! // one ampere into electrode 1 and out of the grounded last one: potentials of all unknowns
 //! let mut potentials_v = vec![0.0; matrix.pattern.unknowns()];
 //! potentials_v[matrix.nodes] = 1.0;
 //! cholesky.solve(&mut factor, &mut potentials_v, 1)?;

@@ -1,8 +1,8 @@
-//! Where a symmetric matrix has entries.
+//! Sparsity pattern of a symmetric matrix.
 
 use super::scalar::Scalar;
 
-/// The pattern of a symmetric matrix: its lower triangle by columns. The diagonal belongs to it.
+/// Sparsity pattern of a symmetric matrix: its lower triangle by columns, including the diagonal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pattern {
     column_starts: Vec<u32>,
@@ -10,8 +10,8 @@ pub struct Pattern {
 }
 
 impl Pattern {
-    /// From pairs of unknowns below `unknowns`, in any order; a pair may come several times. The
-    /// diagonal is added.
+    /// Builds a pattern from pairs of unknowns less than `unknowns`, in any order; pairs may be
+    /// repeated. The diagonal is added.
     pub(crate) fn new(unknowns: usize, pairs: impl Iterator<Item = [u32; 2]>) -> Self {
         let diagonal = (0..unknowns as u32).map(|k| [k, k]);
         let mut places: Vec<(u32, u32)> = diagonal.chain(pairs).map(lower).collect();
@@ -37,23 +37,23 @@ impl Pattern {
         self.rows.len()
     }
 
-    /// Where each column starts, and the end of the last.
+    /// Start of each column in the entries, and the end of the last.
     pub fn column_starts(&self) -> &[u32] {
         &self.column_starts
     }
 
-    /// Row of each entry, ascending within a column, from the diagonal on.
+    /// Row of each entry; within a column, rows ascend from the diagonal.
     pub fn rows(&self) -> &[u32] {
         &self.rows
     }
 
-    /// Entry of each unknown's diagonal.
+    /// Entry index of each diagonal element.
     pub fn diagonal(&self) -> impl Iterator<Item = usize> {
-        // rows ascend within a column of the lower triangle: its first entry is the diagonal
+        // rows ascend within a column of the lower triangle, so its first entry is the diagonal
         self.column_starts[..self.unknowns()].iter().map(|&entry| entry as usize)
     }
 
-    /// Entry of a pair of unknowns that is in the pattern.
+    /// Entry index of a pair of unknowns, which must be in the pattern.
     pub(crate) fn entry(&self, pair: [u32; 2]) -> u32 {
         let (column, row) = lower(pair);
         let from = self.column_starts[column as usize];
@@ -62,7 +62,7 @@ impl Pattern {
         from + rows.partition_point(|r| *r < row) as u32
     }
 
-    /// `y = A x` and `z = |A| |x|` for one vector, the whole symmetric matrix.
+    /// Computes `y = A x` and `z = |A| |x|` with the full symmetric matrix.
     pub(crate) fn multiply<T: Scalar>(&self, values: &[T], x: &[T], y: &mut [T], z: &mut [f64]) {
         y.fill(T::from(0.0));
         z.fill(0.0);
@@ -82,7 +82,7 @@ impl Pattern {
     }
 }
 
-/// A pair as (column, row) of the lower triangle.
+/// Returns a pair as (column, row) in the lower triangle.
 fn lower([i, j]: [u32; 2]) -> (u32, u32) {
     (i.min(j), i.max(j))
 }

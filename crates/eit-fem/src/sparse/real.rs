@@ -1,12 +1,12 @@
-//! Real numbers of two precisions: `f64`, and twice as many digits.
+//! Real numbers in two precisions: `f64` and double-double.
 
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, Neg, Sub, SubAssign};
 
-/// The unevaluated sum of two `f64`.
+/// Double-double number: the unevaluated sum of two `f64`.
 pub(crate) type DoubleDouble = faer::fx128;
 
-/// A real number of some precision.
+/// Real number of some precision.
 pub(crate) trait Real:
     Copy
     + Debug
@@ -19,18 +19,18 @@ pub(crate) trait Real:
     + SubAssign
     + DivAssign
 {
-    /// Unit roundoff, with room for fast addition.
+    /// Unit roundoff, with a margin for fast addition.
     const ROUNDING: f64;
-    /// A pivot below this part of its diagonal has lost too much to be trusted: of the 104 bits 30
-    /// must be left, of 52 half. The bound of the voltages relies on it: a pivot of rounding alone
-    /// would hold its unknown near zero in every field, where no residual weighs anything.
+    /// Smallest trusted ratio of a pivot to its diagonal entry: 30 of 104 bits must remain, or half
+    /// of 52. The error bound of the voltages relies on this: a pivot that consists of rounding
+    /// errors would keep its unknown near zero in every field, where its residual has no weight.
     const LOST: f64;
 
-    /// An exact number.
+    /// Converts an `f64` exactly.
     fn of(x: f64) -> Self;
     /// The nearest `f64`.
     fn high(self) -> f64;
-    /// What `high` lacks.
+    /// The remainder, `self - high`, as `f64`.
     fn low(self) -> f64;
     fn sqrt(self) -> Self;
 }

@@ -1,9 +1,8 @@
-//! Which numbers a sparse matrix may hold.
+//! Number types of sparse matrices.
 
 use super::arithmetic::Arithmetic;
 
-/// Numbers of a sparse matrix: `f64` and, with feature `complex`, `Complex64`. Sealed: nothing else
-/// is one.
+/// Number type of a sparse matrix: `f64` and, with feature `complex`, `Complex64`. Sealed.
 pub trait Scalar: Arithmetic {}
 
 impl Scalar for f64 {}

@@ -5,7 +5,7 @@
 use eit_mesh::{Electrode, Mesh, Surface};
 use fixtures::MeshArrays;
 
-/// A fixture's arrays as a mesh.
+/// Builds a mesh from the arrays of a fixture.
 pub fn mesh_of(arrays: &MeshArrays) -> Mesh {
     let nodes = arrays
         .nodes
@@ -18,9 +18,9 @@ pub fn mesh_of(arrays: &MeshArrays) -> Mesh {
     Mesh::new(surface, electrodes).expect("a valid mesh")
 }
 
-/// Ring mesh of a unit disc: ring `k` of `rings` has `6 k` nodes, so it has six-fold symmetry.
-/// 12 electrodes, each half of its share of the rim; `rings` is a multiple of 4. Electrode `l` is
-/// centred at `(l + 1/2) 30 degrees` and covers 15 degrees.
+/// Ring mesh of a unit disc: ring `k` of `rings` has `6 k` nodes, so the mesh has six-fold
+/// symmetry. `rings` is a multiple of 4. There are 12 electrodes that cover half the rim; electrode
+/// `l` is centred at `(l + 1/2) 30 degrees` and covers 15 degrees.
 pub fn ring_disc(rings: usize) -> Mesh {
     assert_eq!(rings % 4, 0);
     let first = |ring: usize| if ring == 0 { 0 } else { 1 + 3 * ring * (ring - 1) };
@@ -58,7 +58,7 @@ pub fn ring_disc(rings: usize) -> Mesh {
     Mesh::new(Surface::new(nodes, triangles).unwrap(), electrodes).unwrap()
 }
 
-/// Angles of [`ring_disc`]'s electrode centres.
+/// Angles of the electrode centres of [`ring_disc`].
 pub fn ring_disc_angles() -> Vec<f64> {
     (0..12).map(|l| (l as f64 + 0.5) * std::f64::consts::TAU / 12.0).collect()
 }
@@ -85,18 +85,18 @@ pub fn strip(length: f64, width: f64, columns: usize, rows: usize) -> Mesh {
     Mesh::new(Surface::new(nodes, triangles).unwrap(), electrodes).unwrap()
 }
 
-/// Numbers from 0 to 1 of a seed.
+/// Pseudo-random numbers from 0 to 1 for a seed.
 pub fn noise(seed: u64, count: usize) -> Vec<f64> {
     let mut random = fixtures::Random::new(seed);
     (0..count).map(|_| random.uniform()).collect()
 }
 
-/// [`ring_disc`] that knows its rim is a circle: the middles of rim edges lie on it.
+/// [`ring_disc`] with a curved rim: the midpoints of rim edges lie on the circle.
 pub fn round_disc(rings: usize) -> Mesh {
     let mesh = ring_disc(rings);
     let radius: Vec<f64> = mesh.surface().nodes().iter().map(|p| p[0].hypot(p[1])).collect();
     let on_rim = |n: u32| radius[n as usize] > 1.0 - 1e-12;
-    // both ends on the last ring: a rim edge
+    // both ends are on the last ring, so it is a rim edge
     let middle = |edge: [u32; 2], p: [f64; 3]| {
         let r = p[0].hypot(p[1]);
         if edge.into_iter().all(on_rim) { [p[0] / r, p[1] / r, 0.0] } else { p }

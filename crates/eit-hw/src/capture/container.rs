@@ -1,12 +1,12 @@
-//! The MCAP container: how it begins, and its errors.
+//! The MCAP container: its magic bytes and its errors.
 
 use crate::error::{HwError, Place};
 
-/// First bytes of an MCAP file, such as a recording of ours.
+/// Magic bytes at the start of every MCAP file, including recordings made by this crate.
 pub const MAGIC: &[u8] = crate::readers::MCAP_MAGIC;
 
-/// What the container says, as an error of this crate.
+/// Converts an error of the container to one of this crate.
 pub(super) fn container_error(place: Place, what: &impl ToString) -> HwError {
     let what = what.to_string().replace(char::is_control, "?");
-    HwError::Container { place, what, mend: "record it anew" }
+    HwError::Container { place, what, mend: "record it again" }
 }

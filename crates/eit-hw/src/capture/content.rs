@@ -1,9 +1,10 @@
-//! What records of a container hold: channels, schemas, messages, attachments and maps of text.
+//! Parsers for the content of container records: channels, schemas, messages, attachments,
+//! metadata.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// A list of bytes behind its length, and what follows.
+/// Splits off a length-prefixed byte string; returns it and the remaining bytes.
 fn prefixed(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (length, rest) = bytes.split_first_chunk()?;
     rest.split_at_checked(usize::try_from(u32::from_le_bytes(*length)).ok()?)
@@ -14,14 +15,14 @@ fn text(bytes: &[u8]) -> Option<(&str, &[u8])> {
     Some((std::str::from_utf8(text).ok()?, rest))
 }
 
-/// What a message is of.
+/// The stream that a message belongs to: its topic, schema and encoding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Channel<'a> {
     pub id: u16,
     pub schema: u16,
     pub topic: &'a str,
     pub encoding: &'a str,
-    /// A map, see [`text_map`].
+    /// Metadata, encoded as [`text_map`] reads it.
     pub metadata: &'a [u8],
 }
 
@@ -37,19 +38,19 @@ impl<'a> Channel<'a> {
     }
 }
 
-/// A file within the file.
+/// A file embedded in the container.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Attachment {
     pub log_time: u64,
     pub create_time: u64,
     pub name: String,
     pub media_type: String,
-    /// Where its bytes lie in the file; a checksum of four follows.
+    /// Byte range of its data in the file; a 4-byte checksum follows.
     pub data: Range<u64>,
 }
 
 impl Attachment {
-    /// The attachment that lies at `place` and begins with these bytes.
+    /// Parses the attachment at `place` from its first bytes.
     pub(super) fn parse(bytes: &[u8], place: &Range<u64>) -> Option<Self> {
         let (log_time, rest) = bytes.split_first_chunk()?;
         let (create_time, rest) = rest.split_first_chunk()?;
@@ -68,7 +69,7 @@ impl Attachment {
     }
 }
 
-/// Pairs of texts.
+/// Parses a map of strings to strings.
 pub(super) fn text_map(mut bytes: &[u8]) -> Option<BTreeMap<String, String>> {
     let mut map = BTreeMap::new();
     while !bytes.is_empty() {
@@ -80,14 +81,14 @@ pub(super) fn text_map(mut bytes: &[u8]) -> Option<BTreeMap<String, String>> {
     Some(map)
 }
 
-/// The content of a metadata record: a name and its map.
+/// Parses the content of a metadata record: a name and its map.
 pub(super) fn named_map(bytes: &[u8]) -> Option<(String, BTreeMap<String, String>)> {
     let (name, rest) = text(bytes)?;
     let (map, _) = prefixed(rest)?;
     Some((name.to_owned(), text_map(map)?))
 }
 
-/// How messages are described.
+/// The schema of a channel's messages.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Schema<'a> {
     pub id: u16,

@@ -1,4 +1,4 @@
-//! Messages of a recording and their topics.
+//! Messages of a recording, and their topics.
 
 use super::content::Channel;
 use super::json::FrameRecord;
@@ -19,7 +19,7 @@ impl Topic {
     pub(super) const ALL: [Self; 5] =
         [Self::Session, Self::Frame, Self::Reference, Self::Touches, Self::Note];
 
-    /// The topic of a channel; `None` for another program's.
+    /// Returns the topic of a channel, or `None` if another program wrote it.
     pub(super) fn of(channel: &Channel<'_>) -> Option<Self> {
         let topic = Self::ALL.into_iter().find(|topic| topic.name() == channel.topic);
         topic.filter(|_| channel.encoding == "json")
@@ -46,24 +46,24 @@ impl Topic {
     }
 }
 
-/// One message of a recording, in their order.
+/// One message of a recording.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Entry {
-    /// What the following frames are.
+    /// Describes the frames that follow.
     Session(SessionRecord),
-    /// A frame.
+    /// A measured frame.
     Frame(Frame),
-    /// A reference.
+    /// A new reference frame.
     Reference(ReferenceRecord),
-    /// Touches.
+    /// The touches found in one frame.
     Touches(TouchesRecord),
-    /// A note.
+    /// A text note.
     Note(String),
 }
 
 impl Entry {
-    /// About how much memory it takes.
+    /// Returns the approximate memory the entry takes.
     pub(super) fn memory_bytes(&self) -> u64 {
         let values = match self {
             Self::Frame(frame) => {

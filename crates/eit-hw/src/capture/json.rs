@@ -1,4 +1,4 @@
-//! Frames as JSON. JSON has no NaN: `null` stands for what is not finite.
+//! Frames as JSON. JSON has no NaN, so `null` stands for a value that is not finite.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::frame::{Frame, Quality};
 
-/// A frame as it is stored: what [`FrameJson`] writes.
+/// A frame as stored; [`FrameJson`] writes it.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FrameRecord {
@@ -17,16 +17,16 @@ pub(super) struct FrameRecord {
     epoch: u32,
     device_time_s: Option<f64>,
     host_time_s: Option<f64>,
-    /// JSON has no NaN: `null` stands for what is not finite.
+    /// `null` is read as NaN.
     values: Bounded<Option<f64>, f64>,
     #[serde(default)]
     imaginary: Option<Bounded<Option<f64>, f64>>,
-    /// Flags as bits; left out where all are good.
+    /// Flags as bits; absent if all values are good.
     #[serde(default)]
     quality: Option<Bounded<u16, u16>>,
 }
 
-/// A frame to be written, in place: nothing is copied.
+/// A borrowed frame to serialise without copying.
 pub(super) struct FrameJson<'a>(pub(super) &'a Frame);
 
 impl Serialize for FrameJson<'_> {
@@ -64,14 +64,14 @@ impl Serialize for Bits<'_> {
     }
 }
 
-/// Most values of one frame: adjacent patterns of 256 electrodes are 64 768.
+/// Maximum number of values per frame; adjacent patterns of 256 electrodes have 64 768.
 const MOST_VALUES: usize = 1 << 18;
 
-/// A list of `T`, kept as `U`, of at most [`MOST_VALUES`]: two characters of a hostile file must not
-/// become sixteen bytes without end.
+/// A list of at most [`MOST_VALUES`] values, read as `T` and stored as `U`. The limit keeps a
+/// hostile file from exhausting memory: two characters of JSON can take sixteen bytes in memory.
 pub(super) struct Bounded<T, U>(pub(super) Vec<U>, PhantomData<T>);
 
-/// What is kept of a value that was read.
+/// Conversion from the value read to the value stored.
 pub(super) trait Keep<T> {
     fn keep(read: T) -> Self;
 }
@@ -106,7 +106,7 @@ impl<'de, T: Deserialize<'de>, U: Keep<T>> Deserialize<'de> for Bounded<T, U> {
                     }
                     values.push(U::keep(value));
                 }
-                // they are kept by the thousand
+                // thousands of these lists are kept
                 values.shrink_to_fit();
                 Ok(Bounded(values, PhantomData))
             }
@@ -115,7 +115,7 @@ impl<'de, T: Deserialize<'de>, U: Keep<T>> Deserialize<'de> for Bounded<T, U> {
     }
 }
 
-/// For `#[serde(deserialize_with)]`.
+/// Reads a [`Bounded`] list; for `#[serde(deserialize_with)]`.
 pub(super) fn bounded<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Vec<T>, D::Error> {
@@ -123,7 +123,7 @@ pub(super) fn bounded<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
 }
 
 impl FrameRecord {
-    /// The frame; `None` where its parts have different lengths or a flag has no meaning.
+    /// Converts to a frame; returns `None` if its lists differ in length or a flag is unknown.
     pub(super) fn into_frame(self) -> Option<Frame> {
         let values = self.values.0;
         let count = values.len();

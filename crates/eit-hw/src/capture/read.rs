@@ -1,4 +1,4 @@
-//! Recordings read as a whole.
+//! Reading of complete recordings into memory.
 
 use std::io::{Cursor, Read, Seek};
 use std::path::Path;
@@ -12,17 +12,17 @@ use crate::error::{HwError, Place};
 use crate::frame::{Frame, Quality};
 use crate::recording::{Format, Layout, Recording, Unit};
 
-/// A recording that was read.
+/// A complete recording in memory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Capture {
     /// Every message, in the order of the file.
     pub entries: Vec<Entry>,
-    /// What is missing.
+    /// What is missing or damaged.
     pub damage: Damage,
 }
 
 impl Capture {
-    /// The frames.
+    /// Iterates over the frames.
     pub fn frames(&self) -> impl Iterator<Item = &Frame> {
         self.entries.iter().filter_map(|entry| match entry {
             Entry::Frame(frame) => Some(frame),
@@ -30,7 +30,7 @@ impl Capture {
         })
     }
 
-    /// The sessions, of which each holds for the frames after it.
+    /// Iterates over the sessions; each describes the frames that follow it.
     pub fn sessions(&self) -> impl Iterator<Item = &SessionRecord> {
         self.entries.iter().filter_map(|entry| match entry {
             Entry::Session(session) => Some(session),
@@ -38,12 +38,12 @@ impl Capture {
         })
     }
 
-    /// The frames as any other recorded file. The instrument's clock is kept where it goes on
-    /// through all frames, which it does not over several epochs.
+    /// Converts the frames to a [`Recording`], as every other format is read. The instrument's
+    /// clock is kept only if every frame has it and it never goes back, as it may between epochs.
     ///
     /// # Errors
-    /// [`HwError::NoFrames`]; [`HwError::Container`] where frames of different sizes or sessions of
-    /// different measurements follow each other.
+    /// [`HwError::NoFrames`] if there are none; [`HwError::Container`] if frames differ in size or
+    /// sessions differ in their measurements.
     pub fn recording(&self, path: &Path) -> Result<Recording, HwError> {
         let mut frames = Frames::new(path);
         self.entries.iter().try_for_each(|entry| frames.take(entry))?;
@@ -51,10 +51,10 @@ impl Capture {
     }
 }
 
-/// The frames of the recording at `path`, in the memory of their values.
+/// Reads the frames of the recording at `path` without keeping its other messages in memory.
 ///
 /// # Errors
-/// As [`read`] and [`Capture::recording`].
+/// Those of [`read`] and [`Capture::recording`].
 pub(crate) fn read_frames(path: &Path) -> Result<Recording, HwError> {
     let mut reader = CaptureReader::open(path)?;
     let (mut frames, mut budget) = (Frames::new(path), Budget::of(reader.length(), path));
@@ -65,11 +65,11 @@ pub(crate) fn read_frames(path: &Path) -> Result<Recording, HwError> {
     frames.finish(reader.damage())
 }
 
-/// Memory that the messages of a file may take.
+/// Limit on the memory that the messages of a file may take.
 ///
-/// Text of numbers takes more room in a file than the numbers in memory, but equal frames are packed
-/// well: those of an emulator without noise 20 to 30 times. What goes far beyond is made to fill the
-/// memory.
+/// Numbers take more space as text in a file than in memory, but identical frames compress well:
+/// those of a noise-free emulator 20 to 30 times. A file that expands far beyond this was made to
+/// exhaust memory.
 struct Budget<'a> {
     path: &'a Path,
     file_bytes: u64,
@@ -97,11 +97,11 @@ impl<'a> Budget<'a> {
     }
 }
 
-/// Frames put together one by one.
+/// Accumulates frames one by one.
 struct Frames<'a> {
     path: &'a Path,
     session: Option<SessionRecord>,
-    /// Values of the first frame, and whether they are complex.
+    /// Number of values of the first frame, and whether they are complex.
     size: Option<(usize, bool)>,
     real: Vec<f64>,
     imaginary: Vec<f64>,
@@ -119,7 +119,7 @@ impl<'a> Frames<'a> {
         HwError::Container {
             place: Place::file(self.path),
             what,
-            mend: "record each set-up in a file of its own",
+            mend: "record each set-up in its own file",
         }
     }
 
@@ -137,7 +137,7 @@ impl<'a> Frames<'a> {
             return Ok(());
         }
         let (one, other) = (session.quadruples.len(), other.quadruples.len());
-        Err(self.differ(format!("sessions of {one} and {other} measurements differ in them")))
+        Err(self.differ(format!("sessions of {one} and {other} measurements do not match")))
     }
 
     fn frame(&mut self, frame: &Frame) -> Result<(), HwError> {
@@ -146,7 +146,7 @@ impl<'a> Frames<'a> {
         if found != size {
             let (found, count, number) = (found.0, size.0, frame.sequence);
             return Err(self.differ(format!(
-                "frame {number} has {found} values, but those before have {count}"
+                "frame {number} has {found} values, but earlier frames have {count}"
             )));
         }
         self.real.extend(&frame.values);
@@ -162,7 +162,7 @@ impl<'a> Frames<'a> {
         let (count, complex) = self.size.ok_or_else(none)?;
         let named = self.session.as_ref().map_or(0, |session| session.quadruples.len());
         if named != 0 && named != count {
-            let what = format!("frames have {count} values, but the session names {named}");
+            let what = format!("frames have {count} values, but the session lists {named}");
             return Err(self.differ(what));
         }
         let session = self.session.unwrap_or_default();
@@ -186,25 +186,25 @@ impl<'a> Frames<'a> {
     }
 }
 
-/// Reads a recording, whole or cut.
+/// Reads a complete recording, even if its end is missing.
 ///
 /// # Errors
-/// [`HwError::Read`], and as [`parse`].
+/// [`HwError::Read`] if the file cannot be read, and those of [`parse`].
 pub fn read(path: &Path) -> Result<Capture, HwError> {
     whole(CaptureReader::open(path)?, path)
 }
 
-/// The recording of these bytes; `path` is for messages. Chunks that are whole and right are read,
-/// whatever became of the rest.
+/// Parses a recording held in memory; `path` is used in messages only. Intact chunks are read even
+/// if others are damaged.
 ///
 /// # Errors
-/// [`HwError::Empty`], [`HwError::Container`] for what does not start as MCAP, and
-/// [`HwError::TooLarge`] for a file made to fill the memory.
+/// [`HwError::Empty`]; [`HwError::Container`] if the bytes do not start as MCAP;
+/// [`HwError::TooLarge`] if the content expands so far that the file was made to exhaust memory.
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Capture, HwError> {
     whole(CaptureReader::new(Cursor::new(bytes), path)?, path)
 }
 
-/// Every message of a recording.
+/// Reads every message of a recording.
 fn whole<R: Read + Seek>(mut reader: CaptureReader<R>, path: &Path) -> Result<Capture, HwError> {
     let (mut entries, mut budget) = (Vec::new(), Budget::of(reader.length(), path));
     while let Some(entry) = reader.next_entry()? {

@@ -1,4 +1,4 @@
-//! What messages of a recording hold, beside frames.
+//! Content of a recording's messages other than frames.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,41 +8,41 @@ use crate::driver::setup::Setup;
 use crate::frame::Quadruple;
 use crate::recording::Unit;
 
-/// What was recorded, and with what: the first message of a recording, and another one each time
-/// that it changes.
+/// Describes what was recorded and with which instrument: the first message of a recording,
+/// repeated whenever it changes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SessionRecord {
     /// Name of the driver.
     pub driver: String,
-    /// Kind of instrument.
+    /// Model or type of the instrument.
     pub instrument: String,
-    /// What tells it from others of its kind.
+    /// Serial number or other identifier of this unit.
     pub serial: String,
     /// Unit of the values: `volt`, `ohm` or `arbitrary`.
     pub unit: UnitName,
-    /// Electrodes `[a, b, m, n]` of each value; empty: in the order of the scene.
+    /// Electrodes `[a, b, m, n]` of each value; empty if values are in the scene's order.
     #[serde(deserialize_with = "bounded")]
     pub quadruples: Vec<Quadruple>,
     /// Amplitude of the drive current in ampere.
     #[serde(default)]
     pub current_a: Option<f64>,
-    /// Its frequency in hertz.
+    /// Frequency of the drive current in hertz.
     #[serde(default)]
     pub frequency_hz: Option<f64>,
-    /// Frames a second.
+    /// Frames per second.
     #[serde(default)]
     pub frame_rate_hz: Option<f64>,
-    /// The scene file, as it was; empty where there is none.
+    /// Text of the scene file; empty if there is none.
     #[serde(default)]
     pub scene_toml: String,
-    /// Program that recorded it.
+    /// Program that made the recording.
     #[serde(default)]
     pub recorder: String,
 }
 
 impl SessionRecord {
-    /// The record of an instrument whose frames hold these measurements, such as the
+    /// Creates the record of an instrument whose frames hold `quadruples`, such as the
     /// [`quadruples`](crate::driver::SessionSettings::quadruples) of its session.
     pub fn of(setup: &Setup, quadruples: &[Quadruple]) -> Self {
         Self {
@@ -58,7 +58,7 @@ impl SessionRecord {
     }
 }
 
-/// A unit by its name.
+/// Unit of the values, serialised by name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum UnitName {
@@ -66,7 +66,7 @@ pub enum UnitName {
     Volt,
     /// Ohm.
     Ohm,
-    /// Not known.
+    /// Unknown.
     #[default]
     Arbitrary,
 }
@@ -91,24 +91,24 @@ impl From<UnitName> for Unit {
     }
 }
 
-/// A reference frame that was taken: the one that is subtracted from now on, within its epoch.
+/// A new reference frame: subtracted from the frames that follow, within its epoch.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceRecord {
-    /// Epoch in which it holds.
+    /// Epoch in which the reference is valid.
     pub epoch: u32,
-    /// Its values, in the order of the frames; `null` where one is not finite.
+    /// Values in the frames' order; `null` if not finite.
     #[serde(deserialize_with = "bounded")]
     pub values: Vec<Option<f64>>,
 }
 
-/// Touches found in one frame.
+/// The touches found in one frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TouchesRecord {
-    /// Sequence of the frame.
+    /// Sequence number of the frame.
     pub sequence: u64,
-    /// The touches.
+    /// The touches found.
     #[serde(deserialize_with = "bounded")]
     pub touches: Vec<TouchRecord>,
 }
@@ -117,25 +117,25 @@ pub struct TouchesRecord {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TouchRecord {
-    /// Number that it keeps while it lasts. Earlier recordings call it `name`.
+    /// Number that identifies the touch while it lasts. Older recordings call it `name`.
     #[serde(alias = "name")]
     pub id: u64,
     /// Position in metres.
     pub position_m: [f64; 3],
     /// Radius in metres.
     pub radius_m: Option<f64>,
-    /// Force in newton, where it is calibrated.
+    /// Force in newtons, if calibrated.
     pub force_n: Option<f64>,
 }
 
-/// Something that was said.
+/// A text note.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct NoteRecord {
     pub(super) text: String,
 }
 
-/// A [`NoteRecord`] to be written.
+/// A note to serialise; see [`NoteRecord`].
 #[derive(Serialize)]
 pub(super) struct NoteJson<'a> {
     pub(super) text: &'a str,

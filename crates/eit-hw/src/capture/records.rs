@@ -1,8 +1,8 @@
-//! The records of a container, whole or damaged, in the memory of one chunk.
+//! Reads the records of a container, intact or damaged, using the memory of one chunk.
 //!
-//! A length that is wrong must not cost what comes after it: where a record cannot be, the file is
-//! searched for the next chunk that is whole. This needs no index, so that it serves recordings of
-//! programs that were killed, too.
+//! A wrong length must not cost the data after it: where no valid record follows, the file is
+//! searched for the next intact chunk. No index is needed, so recordings of killed programs are
+//! read as well.
 
 mod search;
 mod source;
@@ -32,36 +32,36 @@ pub(super) mod op {
     pub const DATA_END: u8 = 0x0F;
 }
 
-/// Records of the index: schemas, channels, places and statistics.
+/// Opcodes of the index: schemas, channels, chunk positions and statistics.
 const SUMMARY: [u8; 7] = [op::SCHEMA, op::CHANNEL, 0x08, 0x0A, 0x0B, 0x0D, 0x0E];
-/// Longest record that is held in memory; attachments are not.
+/// Longest record held in memory; attachments are not held.
 const MOST_RECORD_BYTES: u64 = 8 << 20;
-/// Longest head of an attachment: its names.
+/// Longest header of an attachment, which holds its names.
 const MOST_ATTACHMENT_HEAD: u64 = 1 << 16;
-/// Content of chunks that is unpacked in vain, over the length of the file, until no more is tried.
+/// Budget for failed attempts to unpack chunks, in bytes as a multiple of the file's length.
 const MOST_TRIES: u64 = 4;
-/// Bytes that are searched at once.
+/// Block size of the search for the next chunk, in bytes.
 const SEARCHED: usize = 1 << 16;
 
-/// What is missing of a recording.
+/// What is missing from a recording or damaged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Damage {
-    /// The recording was not finished: its program was killed.
+    /// Whether the recording was not finished, as after its program was killed.
     pub unfinished: bool,
-    /// Bytes at the end that are no whole record.
+    /// Bytes at the end that form no complete record.
     pub truncated_bytes: u64,
-    /// Bytes before a whole record that are none.
+    /// Bytes skipped to reach the next intact chunk.
     pub skipped_bytes: u64,
-    /// Chunks whose checksum or content is wrong; their messages are left out.
+    /// Chunks with a wrong checksum or invalid content; their messages are skipped.
     pub bad_chunks: usize,
-    /// Chunks with a damaged head whose content is whole; their messages are read.
+    /// Chunks with a damaged header but intact content; their messages are read.
     pub mended_chunks: usize,
-    /// Messages that cannot be read: of another version, too long, or of a topic that is not known.
+    /// Messages that cannot be read: from another version, too long, or of an unknown topic.
     pub bad_messages: usize,
 }
 
 impl Damage {
-    /// Whether something was lost or is damaged, beside an end that was not written.
+    /// Returns whether anything was lost or damaged, apart from a missing end.
     pub fn is_any(&self) -> bool {
         let Self {
             truncated_bytes, skipped_bytes, bad_chunks, mended_chunks, bad_messages, ..
@@ -69,7 +69,7 @@ impl Damage {
         truncated_bytes + skipped_bytes > 0 || bad_chunks + mended_chunks + bad_messages > 0
     }
 
-    /// What a user should know of it; `None` where [nothing was lost](Self::is_any).
+    /// Returns a note for the user, or `None` if [nothing was lost](Self::is_any).
     pub fn note(&self) -> Option<Note> {
         self.is_any().then_some(Note::Damaged {
             chunks: self.bad_chunks,
@@ -81,13 +81,13 @@ impl Damage {
     }
 }
 
-/// A record that was found; [`Records::bytes`] has its content.
+/// A record found in the file; [`Records::bytes`] returns its content.
 #[derive(Clone, Debug)]
 pub(super) struct Item {
     pub op: u8,
     in_chunk: bool,
     range: Range<usize>,
-    /// Where its content lies in the file; of a record in a chunk, that of the chunk.
+    /// Byte range of its content in the file; for a record in a chunk, that of the chunk.
     pub place: Range<u64>,
 }
 
@@ -95,17 +95,17 @@ pub(super) struct Item {
 #[derive(Debug)]
 pub(super) struct Records<R> {
     source: Source<R>,
-    /// Where the next record begins.
+    /// Position of the next record.
     position: u64,
-    /// Where the last whole record of the data ended.
+    /// End of the last intact data record.
     whole: u64,
-    /// The content of the last chunk, and how far it was told.
+    /// Content of the current chunk, and how much of it has been returned.
     chunk: Vec<u8>,
     told: usize,
     chunk_place: Range<u64>,
-    /// The last record outside of a chunk.
+    /// The last record outside a chunk.
     record: Vec<u8>,
-    /// Bytes that may still be unpacked in vain.
+    /// Bytes that failed attempts at unpacking may still cost.
     tries: u64,
     damage: Damage,
     is_over: bool,
@@ -135,8 +135,8 @@ impl<R: Read + Seek> Records<R> {
         if start[..found] != MAGIC[..found] {
             return Err(HwError::Container {
                 place: Place::file(path),
-                what: "is no MCAP file".into(),
-                mend: "set `[recording] format` to what it is",
+                what: "is not an MCAP file".into(),
+                mend: "set `[recording] format` to the file's format",
             });
         }
         (records.position, records.whole) = (found as u64, found as u64);
@@ -151,23 +151,23 @@ impl<R: Read + Seek> Records<R> {
         &mut self.damage
     }
 
-    /// Bytes of the file.
+    /// Returns the length of the file in bytes.
     pub(super) fn length(&self) -> u64 {
         self.source.length
     }
 
-    /// Bytes up to the end of the last whole record that is no part of the index.
+    /// Returns the position after the last intact record that is not part of the index.
     pub(super) fn whole_bytes(&self) -> u64 {
         self.whole
     }
 
-    /// The content of the record that was found last.
+    /// Returns the content of the record found last.
     pub(super) fn bytes(&self, item: &Item) -> &[u8] {
         let held = if item.in_chunk { &self.chunk } else { &self.record };
         held.get(item.range.clone()).unwrap_or_default()
     }
 
-    /// A part of the file, such as an attachment, in pieces.
+    /// Passes part of the file, such as an attachment, to `take` piece by piece.
     pub(super) fn copy<E: From<HwError>>(
         &mut self,
         place: Range<u64>,
@@ -176,12 +176,12 @@ impl<R: Read + Seek> Records<R> {
         self.source.copy(place, take)
     }
 
-    /// A part of the file in memory, at most as long as a record that is held.
+    /// Reads part of the file into memory, at most [`MOST_RECORD_BYTES`].
     pub(super) fn held(&mut self, place: Range<u64>) -> Result<Vec<u8>, HwError> {
         self.source.held(place)
     }
 
-    /// The attachment whose content lies here; `None` where its checksum is wrong.
+    /// Returns the attachment at `place`, or `None` if its checksum is wrong.
     pub(super) fn attachment(&mut self, place: Range<u64>) -> Result<Option<Attachment>, HwError> {
         let head =
             self.source.held(place.start..place.end.min(place.start + MOST_ATTACHMENT_HEAD))?;
@@ -198,7 +198,7 @@ impl<R: Read + Seek> Records<R> {
         Ok((crc == 0 || crc == hasher.finalize()).then_some(found))
     }
 
-    /// The next record: schemas, channels, messages, attachments and metadata; `None` at the end.
+    /// Returns the next schema, channel, message, attachment or metadata record; `None` at the end.
     pub(super) fn next(&mut self) -> Result<Option<Item>, HwError> {
         loop {
             if let Some(item) = self.next_in_chunk() {
@@ -235,7 +235,7 @@ impl<R: Read + Seek> Records<R> {
         if op == op::DATA_END && self.is_end(at, length)? {
             return self.finish(true).map(|()| None);
         }
-        // what was a chunk once may have lost its opcode, too
+        // a chunk may have lost its opcode, so an unknown opcode may be one
         let is_known = matches!(
             op,
             op::HEADER

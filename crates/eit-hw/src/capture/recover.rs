@@ -1,4 +1,4 @@
-//! What is whole of a damaged recording, as a new one.
+//! Copies the intact part of a damaged recording to a new one.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{File, OpenOptions};
@@ -16,35 +16,36 @@ use super::records::{Damage, Records, op};
 use crate::error::{HwError, Place};
 use crate::regular::regular_file;
 
-/// What was written to the new recording, and what could not be.
+/// What was copied to the new recording, and what was not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Recovered {
-    /// Frames.
+    /// Number of frames copied.
     pub frames: u64,
-    /// Other messages: sessions, references, touches, notes and those of other programs.
+    /// Number of other messages: sessions, references, touches, notes and those of other programs.
     pub messages: u64,
-    /// Attachments and metadata.
+    /// Number of attachments and metadata records.
     pub attachments: u64,
-    /// Attachments whose checksum is wrong; they are left out.
+    /// Number of attachments skipped because their checksum is wrong, and of unreadable metadata
+    /// records.
     pub bad_attachments: u64,
-    /// What is missing.
+    /// What is missing or damaged.
     pub damage: Damage,
 }
 
 impl Recovered {
-    /// Whether there was anything whole.
+    /// Returns whether anything was copied.
     fn is_any(&self) -> bool {
         self.frames + self.messages + self.attachments > 0
     }
 }
 
-/// Writes a new recording with everything that is whole of a damaged one: messages of every topic with
-/// their clocks and numbers, attachments and metadata, in their order.
+/// Copies everything intact in a damaged recording to a new one: messages of every topic with their
+/// times and sequence numbers, attachments and metadata, in their order.
 ///
 /// # Errors
-/// As [`read`](super::read); where a disk cannot be read any further, the new recording holds what came
-/// before. [`HwError::Write`] where the new file exists already or cannot be written, and
-/// [`HwError::NothingWhole`]; there is no new file then.
+/// Those of [`read`](super::read): if the disk fails midway, the new recording keeps what was read
+/// before. [`HwError::Write`] if the new file already exists or cannot be written, and
+/// [`HwError::NothingWhole`] if nothing is intact; no new file is left then.
 pub fn recover(from: &Path, to: &Path) -> Result<Recovered, HwError> {
     let source = BufReader::with_capacity(1 << 16, regular_file(from)?);
     let mut records = Records::new(source, from)?;
@@ -58,7 +59,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, HwError> {
         _ => copy.finish(),
     };
     let recovered = match (recovered, finished) {
-        // what could be read
+        // the new recording keeps what could be read
         (Err(Failure::Read(error)), Ok(())) => return Err(error),
         (Ok(recovered), Ok(())) if recovered.is_any() => return Ok(recovered),
         (Err(failure), _) | (Ok(_), Err(failure)) => failure.at(to),
@@ -66,7 +67,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, HwError> {
             HwError::NothingWhole { place: Place::file(from), bytes: records.length() }
         }
     };
-    // made above; whoever finds it would take it for all that there is
+    // created above; an incomplete file could be taken for everything there is
     let _ = std::fs::remove_file(to);
     Err(recovered)
 }
@@ -87,7 +88,7 @@ fn copy_all(records: &mut Source, copy: &mut Copy) -> Result<Recovered, Failure>
     Ok(copy.recovered)
 }
 
-/// Why a record was not copied.
+/// Cause of a failed copy.
 enum Failure {
     Read(HwError),
     Write(McapError),
@@ -119,10 +120,10 @@ impl From<McapError> for Failure {
 
 type Source = Records<BufReader<File>>;
 
-/// The new recording.
+/// The new recording, while it is written.
 struct Copy {
     writer: Writer<BufWriter<File>>,
-    /// Schemas and channels of the old one, as those of the new one.
+    /// IDs of schemas and channels in the old recording, mapped to those in the new one.
     schemas: HashMap<u16, u16>,
     channels: HashMap<u16, (u16, Option<Topic>)>,
     bad_messages: usize,
@@ -164,7 +165,7 @@ impl Copy {
         let Some(message) = Message::parse(bytes) else { return Ok(()) };
         let (channel_id, topic) = match self.channels.get(&message.channel) {
             Some(&found) => found,
-            // its channel was named in a chunk that is bad
+            // its channel was defined in a damaged chunk
             None => {
                 let is_of = |topic: &Topic| Entry::from_json(*topic, message.data).is_some();
                 let Some(topic) = Topic::ALL.into_iter().find(is_of) else {

@@ -1,4 +1,4 @@
-//! Recordings read message by message: memory for one chunk, whatever their length.
+//! Reads recordings message by message, using the memory of one chunk.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -13,20 +13,22 @@ use crate::regular::regular_file;
 
 pub use super::records::Damage;
 
-/// When a message was logged and published, in nanoseconds since 1970 by the recorder's clock.
+/// Log and publish times of a message, in nanoseconds since 1970 by the recorder's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MessageTimes {
-    /// What tools sort by; it does not go back within a recording of ours.
+    /// Time that tools sort by; never decreases in a recording of this crate.
     pub log_ns: u64,
-    /// As the clock said, also where it was set back.
+    /// Time as the clock showed it, even after it was set back.
     pub publish_ns: u64,
 }
 
-/// Longest message that is read, in bytes: that of 262 144 values with all their digits.
+/// Longest message that is read, in bytes: enough for 262 144 values with all their digits.
 const MOST_MESSAGE_BYTES: usize = 8 << 20;
 
-/// Reads a recording message by message, whole or cut. Chunks that are whole and right are read,
-/// whatever became of the rest; an index is not needed. Chunks may be packed with LZ4 or Zstandard.
+/// Reads a recording message by message, even if its end is missing.
+///
+/// Intact chunks are read even if others are damaged; no index is needed. Chunks may be compressed
+/// with LZ4 or Zstandard, or not at all.
 ///
 /// ```
 /// use eit_hw::capture::{CaptureReader, CaptureSettings, CaptureWriter, Entry, SessionRecord};
@@ -48,29 +50,29 @@ pub struct CaptureReader<R> {
 }
 
 impl CaptureReader<BufReader<File>> {
-    /// Opens a recording.
+    /// Opens the recording at `path`.
     ///
     /// # Errors
-    /// [`HwError::Read`], [`HwError::NotAFile`], and as [`new`](CaptureReader::new).
+    /// [`HwError::Read`], [`HwError::NotAFile`], and those of [`new`](CaptureReader::new).
     pub fn open(path: &Path) -> Result<Self, HwError> {
         Self::new(BufReader::with_capacity(1 << 16, regular_file(path)?), path)
     }
 }
 
 impl<R: Read + Seek> CaptureReader<R> {
-    /// Reads the recording of these bytes; `path` is for messages.
+    /// Reads a recording from `source`; `path` is used in messages only.
     ///
     /// # Errors
-    /// [`HwError::Empty`], [`HwError::Read`], and [`HwError::Container`] for what does not start as
-    /// MCAP.
+    /// [`HwError::Empty`]; [`HwError::Read`]; [`HwError::Container`] if the source does not start
+    /// as MCAP.
     pub fn new(source: R, path: &Path) -> Result<Self, HwError> {
         Ok(Self { records: Records::new(source, path)?, channels: HashMap::new(), times: None })
     }
 
-    /// The next message; `None` at the end.
+    /// Returns the next message, or `None` at the end.
     ///
     /// # Errors
-    /// [`HwError::Read`].
+    /// [`HwError::Read`] if the source cannot be read.
     pub fn next_entry(&mut self) -> Result<Option<Entry>, HwError> {
         while let Some(item) = self.records.next()? {
             match item.op {
@@ -90,9 +92,9 @@ impl<R: Read + Seek> CaptureReader<R> {
                     let entry = match topic {
                         _ if json.len() > MOST_MESSAGE_BYTES => None,
                         Some(Some(topic)) => Entry::from_json(topic, json),
-                        // another program's
+                        // written by another program
                         Some(None) => continue,
-                        // its channel was named in a chunk that is bad
+                        // its channel was defined in a damaged chunk
                         None => Topic::ALL.into_iter().find_map(|t| Entry::from_json(t, json)),
                     };
                     match entry {
@@ -106,22 +108,24 @@ impl<R: Read + Seek> CaptureReader<R> {
         Ok(None)
     }
 
-    /// When the last message was logged; `None` before the first.
+    /// Returns the times of the last message read, or `None` before the first.
     pub fn times(&self) -> Option<MessageTimes> {
         self.times
     }
 
-    /// What is missing of it, as far as it was read; all of it after the last message.
+    /// Returns the damage found so far; complete once [`next_entry`](Self::next_entry) has returned
+    /// `None`.
     pub fn damage(&self) -> Damage {
         self.records.damage()
     }
 
-    /// Bytes of the file.
+    /// Returns the length of the file in bytes.
     pub(crate) fn length(&self) -> u64 {
         self.records.length()
     }
 
-    /// Bytes up to the end of the last whole record that is no part of the index, once all was read.
+    /// Returns the position after the last intact record that is not part of the index; valid once
+    /// everything has been read.
     pub(super) fn whole_bytes(&self) -> u64 {
         self.records.whole_bytes()
     }

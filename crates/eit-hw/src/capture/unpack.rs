@@ -1,28 +1,28 @@
-//! Chunks of a container: their heads, and their content within bounds.
+//! Chunk headers, and decompression within limits.
 
 use std::io::Read;
 
-/// Longest chunk, packed or unpacked. Writers end chunks at 1 to 4 MiB.
+/// Longest chunk, compressed or not. Writers end chunks at 1 to 4 MiB.
 pub(super) const MOST_CHUNK_BYTES: u64 = 16 << 20;
-/// Opcode and length before each record.
+/// Bytes before each record: its opcode and length.
 pub(super) const RECORD_HEAD: usize = 9;
-/// Two times, size and checksum of the content, before the name of the compression.
+/// Bytes before the name of the compression: two times, size and checksum of the content.
 const BEFORE_NAME: usize = 28;
-/// The longest name of a compression: `lz4`, `zstd` or none.
+/// Longest name of a compression: `lz4`, `zstd` or none.
 const MOST_NAME: usize = 4;
-/// Longest head of a chunk, with the name and the size of the packed content.
+/// Longest chunk header, including the name of the compression and the compressed size.
 pub(super) const CHUNK_HEAD: usize = BEFORE_NAME + 4 + MOST_NAME + 8;
 
-/// What a chunk says of itself before its content.
+/// The header of a chunk.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChunkHead {
     unpacked_bytes: u64,
-    /// CRC-32 of the content; 0: not known.
+    /// CRC-32 of the content; 0 if unknown.
     pub(super) crc: u32,
     compression: Compression,
-    /// Length of the head.
+    /// Length of the header.
     pub(super) bytes: u64,
-    /// Length of the packed content.
+    /// Length of the compressed content.
     pub(super) packed_bytes: u64,
 }
 
@@ -31,12 +31,12 @@ enum Compression {
     None,
     Lz4,
     Zstd,
-    /// A name that does not exist, or was damaged.
+    /// An unknown or damaged name.
     Other,
 }
 
 impl ChunkHead {
-    /// The head that these bytes begin with; `None` where they are none.
+    /// Parses a chunk header; returns `None` if these bytes are not one.
     pub(super) fn parse(bytes: &[u8]) -> Option<Self> {
         let number =
             |at: usize| bytes.get(at..)?.first_chunk::<8>().map(|bytes| u64::from_le_bytes(*bytes));
@@ -60,21 +60,21 @@ impl ChunkHead {
         (head.unpacked_bytes <= MOST_CHUNK_BYTES).then_some(head)
     }
 
-    /// Length of the record that the head states, without opcode and length; `None` beyond what a
-    /// chunk can be.
+    /// Returns the length of the record according to its header, without opcode and length field;
+    /// `None` if longer than a chunk can be.
     pub(super) fn stated_bytes(&self) -> Option<u64> {
         (self.packed_bytes <= MOST_CHUNK_BYTES).then_some(self.bytes + self.packed_bytes)
     }
 
-    /// Unpacks the content into `out`; whether it is whole: as long as the head states, with its
-    /// checksum where there is one, and of whole records.
+    /// Unpacks the content into `out`; returns whether it is intact: the stated length, the right
+    /// checksum if there is one, and only complete records.
     pub(super) fn unpack(&self, packed: &[u8], out: &mut Vec<u8>) -> bool {
         let ways: &[Compression] = match self.compression {
             Compression::Other => &[Compression::Lz4, Compression::Zstd, Compression::None],
-            // what the name says
+            // as named
             _ => std::slice::from_ref(&self.compression),
         };
-        // without a checksum, a name that was damaged cannot be guessed
+        // a damaged name cannot be guessed without a checksum
         if self.compression == Compression::Other && self.crc == 0 {
             return false;
         }
@@ -83,7 +83,7 @@ impl ChunkHead {
 
     fn unpack_as(&self, way: Compression, packed: &[u8], out: &mut Vec<u8>) -> bool {
         out.clear();
-        // one byte more shows content that is longer than stated
+        // one extra byte reveals content longer than stated
         let most = self.unpacked_bytes + 1;
         let left = match way {
             Compression::None | Compression::Other => {
@@ -106,7 +106,7 @@ impl ChunkHead {
                 Some(decoder.into_inner().len())
             }),
         };
-        // all of it and no more: else a length is wrong, and what lies behind would be skipped
+        // all input must be used: otherwise a length is wrong and data after it would be skipped
         left == Some(0)
             && out.len() as u64 == self.unpacked_bytes
             && (self.crc == 0 || crc32fast::hash(out) == self.crc)
@@ -114,7 +114,7 @@ impl ChunkHead {
     }
 }
 
-/// Whether bytes are whole records, each no longer than what is left.
+/// Returns whether the bytes consist of complete records.
 fn is_of_records(mut bytes: &[u8]) -> bool {
     while let Some((head, rest)) = bytes.split_first_chunk::<RECORD_HEAD>() {
         let length = usize::try_from(record_length(head)).ok();
@@ -124,7 +124,7 @@ fn is_of_records(mut bytes: &[u8]) -> bool {
     bytes.is_empty()
 }
 
-/// The length that the head of a record states.
+/// Returns the length field of a record header.
 pub(super) fn record_length(head: &[u8; RECORD_HEAD]) -> u64 {
     let [_, length @ ..] = *head;
     u64::from_le_bytes(length)

@@ -1,7 +1,7 @@
-//! Writing of recordings.
+//! Writes recordings.
 //!
-//! Long because new recordings, those that are gone on with, and every kind of message keep one file
-//! and its counts in step.
+//! One file, because creating, appending and every kind of message share one file, its position and
+//! its counts.
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::print_stdout, reason = "a panic is a failed test")]
@@ -29,56 +29,56 @@ use super::stream::{CaptureReader, MessageTimes};
 use crate::error::{HwError, Place};
 use crate::frame::Frame;
 
-/// How a recording is written.
+/// Settings of [`CaptureWriter`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CaptureSettings {
-    /// A chunk is written so long after its first message, at the latest with the next message or
-    /// [`CaptureWriter::tick`]: what a killed program loses.
+    /// Maximum age of an open chunk in seconds: what a killed program loses. Once its first message
+    /// is this old, the next message or [`CaptureWriter::tick`] writes the chunk.
     pub flush_s: f64,
-    /// Whether each chunk is also forced to the disk: then it survives a power cut too, at the cost
-    /// of a wait for the disk.
+    /// Whether to force each chunk to the disk, so that it survives a power cut; waits for the disk
+    /// each time.
     pub sync: bool,
 }
 
 impl Default for CaptureSettings {
-    /// One second, without forcing.
+    /// One second, without forcing to the disk.
     fn default() -> Self {
         Self { flush_s: 1.0, sync: false }
     }
 }
 
-/// A recording that grows.
+/// Writes a recording.
 ///
-/// [`finish`](Self::finish) writes the index. Without it, as after a crash, the recording is read
-/// by going through it.
+/// [`finish`](Self::finish) writes the index. A recording without one, as after a crash, is read
+/// sequentially.
 pub struct CaptureWriter {
     writer: Writer<Sink>,
-    /// What the container has written and the file has not.
+    /// Bytes that the container has produced but the file does not have yet.
     sink: Sink,
     file: Box<dyn Storage>,
-    /// The length of the file up to its last whole chunk.
+    /// Length of the file up to its last complete chunk.
     whole_bytes: u64,
     path: PathBuf,
-    /// What was cut off to go on with it.
+    /// What [`append`](CaptureWriter::append) cut off the end.
     cut: Option<CutTail>,
     settings: CaptureSettings,
     channels: [u16; Topic::ALL.len()],
     counts: [u32; Topic::ALL.len()],
-    /// Log time of the last message, which does not go back.
+    /// Log time of the last message; never decreases.
     log_time_ns: u64,
-    /// When the open chunk began.
+    /// Start of the open chunk.
     open_since: Option<Instant>,
     json: Vec<u8>,
-    /// Nothing is written any more: it is finished, or could not be written.
+    /// Whether nothing more is written: finished, or failed to write.
     finished: bool,
 }
 
 impl CaptureWriter {
-    /// Starts a recording in a new file.
+    /// Creates a new file and starts a recording in it.
     ///
     /// # Errors
-    /// [`HwError::Write`] where the file exists already or cannot be made; [`HwError::Setting`] for
-    /// a `flush_s` that is not above 0.
+    /// [`HwError::Write`] if the file already exists or cannot be created; [`HwError::Setting`] if
+    /// `flush_s` is not above 0.
     pub fn create(
         path: &Path,
         session: &SessionRecord,
@@ -89,11 +89,11 @@ impl CaptureWriter {
         Self::begin(Self::on(Box::new(file), path, settings, 0)?, session)
     }
 
-    /// [`create`](Self::create) for a copy of another recording: the session has the times that it has
-    /// there.
+    /// Creates a copy of another recording: like [`create`](Self::create), with `times` for the
+    /// session message.
     ///
     /// # Errors
-    /// As [`create`](Self::create).
+    /// Those of [`create`](Self::create).
     pub fn create_at(
         path: &Path,
         session: &SessionRecord,
@@ -108,15 +108,17 @@ impl CaptureWriter {
         Ok(capture)
     }
 
-    /// Goes on with a recording, also one that was cut by a crash: its index and what is no whole
-    /// chunk are cut off its end, never a whole chunk, and what was cut and is no index is kept beside
-    /// it ([`cut_tail`](Self::cut_tail)). A recording that was gone on with is whole, but has no index:
-    /// tools read it from its beginning. Reads the whole file once, in little memory.
+    /// Appends to a recording, even one whose end is missing after a crash.
+    ///
+    /// The old index and an incomplete chunk are cut off the end, but never a complete chunk;
+    /// whatever is cut off apart from the index is saved to a file next to the recording
+    /// ([`cut_tail`](Self::cut_tail)). The extended recording is complete but has no index, so
+    /// tools read it sequentially. Reads the whole file once, with the memory of one chunk.
     ///
     /// # Errors
-    /// As [`create`](Self::create) and [`read`](super::read); [`HwError::Busy`] where another program
-    /// records to it; [`HwError::Container`] where what it holds was measured otherwise (measurements,
-    /// unit, current).
+    /// Those of [`create`](Self::create) and [`read`](super::read); [`HwError::Busy`] if another
+    /// program is writing to it; [`HwError::Container`] if its measurements, unit or current
+    /// differ.
     pub fn append(
         path: &Path,
         session: &SessionRecord,
@@ -127,7 +129,7 @@ impl CaptureWriter {
         let length = file.metadata().map(|data| data.len());
         let length = length.map_err(|source| HwError::Read { place: Place::file(path), source })?;
         if length == 0 {
-            // a program that was killed before it wrote anything
+            // left by a program that was killed before it wrote anything
             return Self::begin(Self::on(Box::new(file), path, settings, 0)?, session);
         }
         let mut reader = CaptureReader::new(BufReader::with_capacity(1 << 16, &file), path)?;
@@ -139,7 +141,7 @@ impl CaptureWriter {
         Self::begin(capture, session)
     }
 
-    /// What was cut off the end of the recording that is gone on with, beside its index.
+    /// Returns what [`append`](Self::append) cut off the end, apart from the index.
     pub fn cut_tail(&self) -> Option<&CutTail> {
         self.cut.as_ref()
     }
@@ -150,7 +152,7 @@ impl CaptureWriter {
         Ok(capture)
     }
 
-    /// Writes behind the `whole_bytes` of a file; 0: a new one.
+    /// Writes after the first `whole_bytes` of a file; 0 for a new one.
     fn on(
         file: Box<dyn Storage>,
         path: &Path,
@@ -158,7 +160,7 @@ impl CaptureWriter {
         whole_bytes: u64,
     ) -> Result<Self, HwError> {
         let library = concat!("eit-hw ", env!("CARGO_PKG_VERSION"));
-        // a chunk is put together in memory and written in one go: no seeking back
+        // chunks are assembled in memory and written in one go, without seeking back
         let mut options = WriteOptions::new()
             .compression(Some(Compression::Lz4))
             .chunk_size(Some(1 << 20))
@@ -166,7 +168,7 @@ impl CaptureWriter {
             .library(library);
         let goes_on = whole_bytes > 0;
         if goes_on {
-            // an index and a checksum of a part would be taken for those of the whole
+            // an index and a checksum of the new part would be taken for those of the whole file
             options = options
                 .emit_summary_records(false)
                 .emit_summary_offsets(false)
@@ -176,7 +178,7 @@ impl CaptureWriter {
         let sink = Sink::default();
         let mut writer = options.create(sink.clone()).map_err(error)?;
         if goes_on {
-            // what begins every container is there already
+            // the file already has the magic and the header
             sink.drain(|_| ());
         }
         let mut channels = [0; Topic::ALL.len()];
@@ -204,56 +206,56 @@ impl CaptureWriter {
         })
     }
 
-    /// Adds a frame. Once the buffers have grown, nothing is allocated but what the container needs
-    /// for a chunk.
+    /// Writes a frame. Once the buffers have grown, allocates only what the container needs per
+    /// chunk.
     ///
     /// # Errors
-    /// [`HwError::Write`].
+    /// [`HwError::Write`] if the file cannot be written.
     pub fn frame(&mut self, frame: &Frame) -> Result<(), HwError> {
         let log_time = match frame.host_time_s {
-            // when the frame came, not when it was written
+            // time of arrival, not of writing
             Some(time_s) => Duration::try_from_secs_f64(time_s).unwrap_or_else(|_| now()),
             None => now(),
         };
         self.add(Topic::Frame, log_time, |json| serde_json::to_writer(json, &FrameJson(frame)))
     }
 
-    /// Adds a new session, after a reconnection with another set-up.
+    /// Writes a new session, after a reconnection with another set-up.
     ///
     /// # Errors
-    /// [`HwError::Write`].
+    /// [`HwError::Write`] if the file cannot be written.
     pub fn session(&mut self, session: &SessionRecord) -> Result<(), HwError> {
         self.add(Topic::Session, now(), |json| serde_json::to_writer(json, session))
     }
 
-    /// Adds a reference frame.
+    /// Writes a reference frame.
     ///
     /// # Errors
-    /// [`HwError::Write`].
+    /// [`HwError::Write`] if the file cannot be written.
     pub fn reference(&mut self, reference: &ReferenceRecord) -> Result<(), HwError> {
         self.add(Topic::Reference, now(), |json| serde_json::to_writer(json, reference))
     }
 
-    /// Adds touches.
+    /// Writes the touches of a frame.
     ///
     /// # Errors
-    /// [`HwError::Write`].
+    /// [`HwError::Write`] if the file cannot be written.
     pub fn touches(&mut self, touches: &TouchesRecord) -> Result<(), HwError> {
         self.add(Topic::Touches, now(), |json| serde_json::to_writer(json, touches))
     }
 
-    /// Adds a note, such as that the instrument was unplugged.
+    /// Writes a note, for example that the instrument was unplugged.
     ///
     /// # Errors
-    /// [`HwError::Write`].
+    /// [`HwError::Write`] if the file cannot be written.
     pub fn note(&mut self, text: &str) -> Result<(), HwError> {
         self.add(Topic::Note, now(), |json| serde_json::to_writer(json, &NoteJson { text }))
     }
 
-    /// Adds any entry.
+    /// Writes any entry.
     ///
     /// # Errors
-    /// [`HwError::Write`].
+    /// [`HwError::Write`] if the file cannot be written.
     pub fn write(&mut self, entry: &Entry) -> Result<(), HwError> {
         match entry {
             Entry::Session(session) => self.session(session),
@@ -264,10 +266,10 @@ impl CaptureWriter {
         }
     }
 
-    /// Adds an entry of another recording with the times that it has there.
+    /// Writes an entry of another recording with its original times.
     ///
     /// # Errors
-    /// [`HwError::Write`].
+    /// [`HwError::Write`] if the file cannot be written.
     pub fn write_at(&mut self, entry: &Entry, times: MessageTimes) -> Result<(), HwError> {
         match entry {
             Entry::Session(session) => {
@@ -293,7 +295,7 @@ impl CaptureWriter {
         write: impl FnOnce(&mut Vec<u8>) -> serde_json::Result<()>,
     ) -> Result<(), HwError> {
         let publish_ns = u64::try_from(log_time.as_nanos()).unwrap_or(u64::MAX);
-        // tools sort by it: a clock that is set back must not mix frames up
+        // tools sort by log time: a clock that is set back must not reorder frames
         let log_ns = self.log_time_ns.max(publish_ns);
         self.add_at(topic, MessageTimes { log_ns, publish_ns }, write)
     }
@@ -324,8 +326,8 @@ impl CaptureWriter {
         self.tick()
     }
 
-    /// Puts what the container has packed into the file. After a failure, such as a full disk, the
-    /// file is cut to its last whole chunk, and stays so.
+    /// Moves what the container has packed to the file. After a failure, such as a full disk, the
+    /// file is truncated to its last complete chunk and nothing more is written.
     fn packed<T>(&mut self, packed: Result<T, McapError>) -> Result<T, HwError> {
         let Self { sink, file, whole_bytes, .. } = self;
         let written = packed.and_then(|packed| {
@@ -335,17 +337,17 @@ impl CaptureWriter {
         });
         written.map_err(|error| {
             self.finished = true;
-            // where even that fails, a reader leaves the cut chunk out by itself
+            // if even that fails, readers skip the incomplete chunk
             let _ = self.file.cut(self.whole_bytes);
             write_error(&self.path, error)
         })
     }
 
-    /// Writes the open chunk if it is old enough. Call it while no messages come, a few times a
-    /// second.
+    /// Writes the open chunk if it is older than [`CaptureSettings::flush_s`]. Call it a few times
+    /// per second while no messages arrive.
     ///
     /// # Errors
-    /// [`HwError::Write`].
+    /// [`HwError::Write`] if the file cannot be written.
     pub fn tick(&mut self) -> Result<(), HwError> {
         match self.open_since {
             Some(since) if since.elapsed().as_secs_f64() >= self.settings.flush_s => self.flush(),
@@ -356,7 +358,7 @@ impl CaptureWriter {
     /// Writes the open chunk.
     ///
     /// # Errors
-    /// [`HwError::Write`].
+    /// [`HwError::Write`] if the file cannot be written.
     pub fn flush(&mut self) -> Result<(), HwError> {
         self.open_since = None;
         let packed = self.writer.flush();
@@ -369,10 +371,10 @@ impl CaptureWriter {
         self.file.sync().map_err(failed)
     }
 
-    /// Ends the recording with its index, forced to the disk.
+    /// Ends the recording: writes the index and forces the file to the disk.
     ///
     /// # Errors
-    /// [`HwError::Write`].
+    /// [`HwError::Write`] if the file cannot be written.
     pub fn finish(mut self) -> Result<(), HwError> {
         self.flush()?;
         self.finished = true;
@@ -382,8 +384,7 @@ impl CaptureWriter {
     }
 }
 
-/// Reads all of a recording and refuses to go on with one of another set-up: nothing could read the
-/// whole.
+/// Reads a whole recording and rejects one of another set-up, since no reader accepts a mix.
 fn same_set_up<R: Read + Seek>(
     reader: &mut CaptureReader<R>,
     path: &Path,
@@ -391,26 +392,26 @@ fn same_set_up<R: Read + Seek>(
 ) -> Result<(), HwError> {
     let differs = |what: String| HwError::Container {
         place: Place::file(path),
-        what: format!("{what} of what it holds differ from those to come"),
-        mend: "record each set-up in a file of its own",
+        what: format!("cannot append: the file has {what}"),
+        mend: "record each set-up in its own file",
     };
     while let Some(entry) = reader.next_entry()? {
         match entry {
             Entry::Session(found) if found.quadruples != session.quadruples => {
-                return Err(differs("measurements".into()));
+                return Err(differs("other measurements".into()));
             }
             Entry::Session(found) if found.unit != session.unit => {
-                return Err(differs("the unit".into()));
+                return Err(differs("another unit".into()));
             }
             Entry::Session(found) if found.current_a != session.current_a => {
-                return Err(differs("the current".into()));
+                return Err(differs("another current".into()));
             }
             Entry::Frame(frame)
                 if !session.quadruples.is_empty()
                     && frame.values.len() != session.quadruples.len() =>
             {
                 let (found, wanted) = (frame.values.len(), session.quadruples.len());
-                return Err(differs(format!("{found} values a frame, not {wanted}: those")));
+                return Err(differs(format!("{found} values per frame, not {wanted}")));
             }
             _ => {}
         }
@@ -423,7 +424,7 @@ impl Drop for CaptureWriter {
         if !self.finished {
             self.finished = true;
             let packed = self.writer.finish();
-            // nobody is there to hear of a failure
+            // a destructor cannot report a failure
             let _ = self.packed(packed);
         }
     }

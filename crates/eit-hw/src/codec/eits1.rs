@@ -1,10 +1,10 @@
-//! EITS-1: the native protocol of this project, for skins whose firmware is one's own.
+//! EITS-1: this project's own protocol, for skins with custom firmware.
 //!
 //! A message is a header of 20 bytes, a payload and a CRC-32C of both, COBS-encoded (Cheshire and
-//! Baker 1999) and ended by a byte 0. So a receiver is in step again at the next 0 after any loss,
-//! and a damaged message is taken for a good one with a probability of about 2^-32 (Koopman 2002).
-//! docs/EITS-1.md is the specification, `c/eits1.h` an encoder in C99. A few lines over the usual
-//! length, to have the layout of a message in one place.
+//! Baker 1999) and terminated by a zero byte. A receiver therefore resynchronises at the next zero
+//! after any loss, and a damaged message is accepted with a probability of about 2^-32 (Koopman
+//! 2002). docs/EITS-1.md is the specification, `c/eits1.h` an encoder in C99. Slightly over the
+//! usual length, to keep the layout of a message in one place.
 
 mod body;
 mod cobs;
@@ -16,41 +16,42 @@ use crc::{CRC_32_ISCSI, Crc, Table};
 use crate::error::HwError;
 use crate::frame::Quality;
 
-/// Version of the protocol, the first byte of each message.
+/// Version of the protocol: the first byte of each message.
 pub const VERSION: u8 = 1;
-/// Bytes before the payload.
+/// Length of the header, which precedes the payload.
 pub const HEADER_BYTES: usize = 20;
-/// Longest message before COBS, with header and CRC. 32 electrodes, all 928 complex adjacent
-/// measurements with a flag each, take 8 400 bytes.
+/// Longest message before COBS encoding, with header and CRC. A frame of all 928 complex adjacent
+/// measurements of 32 electrodes, with a flag byte each, takes 8 400 bytes.
 pub const MAX_MESSAGE_BYTES: usize = 16_384;
 
 pub(crate) const CRC_BYTES: usize = 4;
 /// CRC-32C, check value E3069283 over "123456789".
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISCSI);
 
-/// What a message is, its second byte.
+/// Type of a message: its second byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Kind {
     /// From the device: [`Information`] about itself.
     Information = 0x01,
-    /// To the device: the [`Configuration`] to use. From it: the one in force.
+    /// To the device: the [`Configuration`] to use. From the device: the one in force.
     Configuration = 0x02,
-    /// From the device: done; the payload is the kind of the command.
+    /// From the device: command done; the payload is the kind of the command.
     Acknowledgement = 0x03,
-    /// From the device: not done; the payload is the kind of the command, a [`Refusal`] and text.
+    /// From the device: command refused; the payload is the kind of the command, a [`Refusal`] and
+    /// text.
     Refusal = 0x04,
-    /// From the device: one frame.
+    /// From the device: one frame of values.
     Frame = 0x10,
-    /// From the device: text for people, UTF-8.
+    /// From the device: UTF-8 text for people.
     Text = 0x20,
-    /// To the device: send the information.
+    /// To the device: send your information.
     Identify = 0x40,
     /// To the device: send the configuration in force.
     ReadConfiguration = 0x41,
-    /// To the device: send frames.
+    /// To the device: start sending frames.
     Start = 0x42,
-    /// To the device: send no more frames.
+    /// To the device: stop sending frames.
     Stop = 0x43,
 }
 
@@ -68,81 +69,82 @@ impl Kind {
         Self::Stop,
     ];
 
-    /// The kind of this byte.
+    /// Returns the kind with this byte, or `None` if there is none.
     pub fn of(byte: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|&kind| kind as u8 == byte)
     }
 }
 
-/// Why a device refuses a command, the second byte of a [`Kind::Refusal`].
+/// Why a device refuses a command: the second byte of a [`Kind::Refusal`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Refusal {
-    /// The kind is not known.
+    /// Unknown kind of command.
     UnknownKind = 1,
-    /// The payload has the wrong length.
+    /// Wrong payload length.
     Length = 2,
     /// A value cannot be set.
     Value = 3,
-    /// Not now, for example not while frames are sent.
+    /// Not possible now, for example while frames are being sent.
     Busy = 4,
-    /// The hardware failed.
+    /// Hardware failure.
     Hardware = 5,
 }
 
-/// Bits of the header's flags.
+/// Flag bits of the header.
 pub mod flags {
-    /// Some value of the frame is saturated.
+    /// At least one value of the frame is saturated.
     pub const SATURATED: u16 = 1;
-    /// Some electrode is off.
+    /// At least one electrode is off.
     pub const ELECTRODE_OFF: u16 = 1 << 1;
-    /// Frames before this one were dropped by the device.
+    /// The device dropped frames before this one.
     pub const DROPPED_BEFORE: u16 = 1 << 2;
-    /// The values are calibrated: in the unit that the information names.
+    /// Values are calibrated: in the unit that the information names.
     pub const CALIBRATED: u16 = 1 << 3;
-    /// Values alternate real and imaginary part.
+    /// Real and imaginary parts alternate.
     pub const COMPLEX: u16 = 1 << 4;
-    /// After the values, one byte of [`Quality`](crate::Quality) bits for each measurement.
+    /// The values are followed by one byte of [`Quality`](crate::Quality) bits per measurement.
     pub const VALUE_FLAGS: u16 = 1 << 5;
 }
 
-/// One message, its payload borrowed.
+/// One message, with a borrowed payload.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Message<'a> {
-    /// What it is.
+    /// Type of the message.
     pub kind: Kind,
-    /// Number of the frame, wrapping; in a command the host's own number, in an answer the command's.
+    /// Frame number, wrapping; in a command the host's own number, in an answer that of the
+    /// command.
     pub sequence: u32,
-    /// The device's clock in microseconds, at the middle of the measurement; 0 in commands.
+    /// Device clock in microseconds at the middle of the measurement; 0 in commands.
     pub device_time_us: u64,
-    /// Bits of [`flags`].
+    /// Flag bits; see [`flags`].
     pub flags: u16,
-    /// Number of `f32` values of a frame (two for a complex one), else bytes of the payload.
+    /// Number of `f32` values of a frame (two per complex value); otherwise length of the payload.
     pub count: u16,
-    /// What follows the header.
+    /// Bytes after the header.
     pub payload: &'a [u8],
 }
 
 impl Message<'_> {
-    /// Number of measurements of a frame: half the count where they are complex.
+    /// Returns the number of measurements of a frame: half the count for complex values.
     pub fn measurements(&self) -> usize {
         let count = usize::from(self.count);
         if self.is_complex() { count / 2 } else { count }
     }
 
-    /// Whether values alternate real and imaginary part.
+    /// Returns whether real and imaginary parts alternate.
     pub fn is_complex(&self) -> bool {
         self.flags & flags::COMPLEX != 0
     }
 
-    /// The `count` values of a frame, real and imaginary parts alternating if it is complex.
+    /// Iterates over the `count` values of a frame; real and imaginary parts alternate if complex.
     pub fn values(&self) -> impl Iterator<Item = f32> + '_ {
         let (values, _) = self.payload.as_chunks::<4>();
         values.iter().take(usize::from(self.count)).map(|&bytes| f32::from_le_bytes(bytes))
     }
 
-    /// The device's flags of each measurement; good where the frame has none. Bits without meaning
-    /// are left out.
+    /// Iterates over the device's flags of each measurement; good if the frame has none. Unknown
+    /// bits are ignored.
     pub fn qualities(&self) -> impl Iterator<Item = Quality> + '_ {
         let flags = self.payload.get(4 * usize::from(self.count)..).unwrap_or_default();
         (0..self.measurements()).map(move |index| {
@@ -162,10 +164,10 @@ impl Message<'_> {
     }
 }
 
-/// Appends a message to `wire`, with its final 0.
+/// Appends an encoded message, with its final zero byte, to `wire`.
 ///
 /// # Errors
-/// [`HwError::Setting`] where the payload does not fit the kind, flags and count, or the message is
+/// [`HwError::Setting`] if the payload does not match the kind, flags and count, or the message is
 /// longer than [`MAX_MESSAGE_BYTES`]; nothing is written then.
 pub fn encode(message: &Message<'_>, wire: &mut Vec<u8>) -> Result<(), HwError> {
     let length = HEADER_BYTES + message.payload.len() + CRC_BYTES;
@@ -189,34 +191,34 @@ pub fn encode(message: &Message<'_>, wire: &mut Vec<u8>) -> Result<(), HwError> 
     Ok(())
 }
 
-/// What a decoder found.
+/// Result of decoding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
-    /// A whole message with the right CRC.
+    /// A complete message with the right CRC.
     Message(Message<'a>),
-    /// Bytes up to a 0 that are no message; a 0 after a 0 is none of these.
+    /// Bytes before a zero byte that form no message; consecutive zero bytes are not reported.
     Damaged {
-        /// How many, without the 0.
+        /// Number of bytes, without the zero.
         bytes: usize,
-        /// Why.
+        /// Reason for rejecting them.
         damage: Damage,
     },
 }
 
-/// Why bytes are no message.
+/// Why bytes do not form a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Damage {
-    /// The bytes are no COBS.
+    /// Invalid COBS encoding.
     Cobs,
     /// Shorter than header and CRC, or longer than [`MAX_MESSAGE_BYTES`].
     Length,
-    /// The CRC differs.
+    /// Wrong CRC.
     Crc,
-    /// The CRC is right, but version, kind, flags and count do not fit: another version.
+    /// The CRC is right, but version, kind, flags and count are inconsistent: another version.
     Meaning,
 }
 
-/// Decodes EITS-1.
+/// Decodes EITS-1 messages.
 ///
 /// ```
 /// use eit_hw::codec::eits1::{Decoder, Event, Kind};
@@ -236,7 +238,7 @@ pub enum Damage {
 #[derive(Clone, Debug)]
 pub struct Decoder {
     buffer: Vec<u8>,
-    /// Bytes since the last 0, also those beyond the buffer.
+    /// Bytes since the last zero byte, including those beyond the buffer.
     received: usize,
 }
 
@@ -247,18 +249,18 @@ impl Default for Decoder {
 }
 
 impl Decoder {
-    /// A decoder, in step from the first byte.
+    /// Creates a decoder that expects the start of a message.
     pub fn new() -> Self {
         Self { buffer: Vec::with_capacity(cobs::longest(MAX_MESSAGE_BYTES)), received: 0 }
     }
 
-    /// Forgets the bytes of an open message.
+    /// Discards an incomplete message.
     pub fn reset(&mut self) {
         self.buffer.clear();
         self.received = 0;
     }
 
-    /// Takes bytes as they arrive and calls `on_event` with what they complete.
+    /// Decodes bytes as they arrive and calls `on_event` for each completed message.
     pub fn push(&mut self, bytes: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
         for &byte in bytes {
             if byte != 0 {

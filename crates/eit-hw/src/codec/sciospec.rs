@@ -1,12 +1,12 @@
 //! Frames of Sciospec EIT16 to EIT128 instruments, from public sources; not verified on hardware.
 //!
 //! A frame is `[tag][length][payload][tag]` with up to 255 bytes of payload, big-endian, without
-//! checksum and without escaping. So a damaged value within a data frame cannot be seen, and the
-//! decoder may be led astray by a tag among values. It takes a frame for one only where the length
-//! is one that the tag can have and both tags agree; else it drops one byte and looks again. Data
-//! frames must also make sense: see [`DataFrame`]. Where one byte of a data frame was lost, the
-//! first tag of the next one stands where its own last tag should: such a frame is told by what
-//! follows it, so one whose payload ends with its tag waits for the next byte.
+//! checksum or escaping. A damaged value within a data frame therefore cannot be detected, and a
+//! tag byte among values may look like the start of a frame. The decoder accepts a frame only if
+//! the tag can have this length and both tags agree; otherwise it drops one byte and tries again.
+//! Data frames must also hold plausible values: see [`DataFrame`]. If a byte of a data frame is
+//! lost, the first tag of the next frame takes the place of its last tag. Only the byte after it
+//! reveals this, so a frame whose payload ends with its own tag is held until that byte arrives.
 //!
 //! Sources: the vendor's public examples (`Sciospec/Examples`,
 //! `Sciospec/sciospec_EIT_matlab_example`), sciopy 1.0.1, imt-jku/EIT-Sciospec,
@@ -22,11 +22,11 @@ pub use data::{DataFrame, GROUP, Output};
 pub const TAG_SYSTEM: u8 = 0x18;
 /// Software reset.
 pub const TAG_RESET: u8 = 0xA1;
-/// Set the measurement set-up.
+/// Write the measurement set-up.
 pub const TAG_SET_SETUP: u8 = 0xB0;
 /// Read the measurement set-up.
 pub const TAG_GET_SETUP: u8 = 0xB1;
-/// Choose what data frames hold.
+/// Choose the contents of data frames.
 pub const TAG_SET_OUTPUT: u8 = 0xB2;
 /// Start, stop and data.
 pub const TAG_DATA: u8 = 0xB4;
@@ -36,7 +36,7 @@ pub const TAG_DEVICE: u8 = 0xD1;
 /// Tag, length, payload, tag.
 const LONGEST: usize = 258;
 
-/// Appends a frame `[tag][length][payload][tag]`; the payload is cut at 255 bytes.
+/// Appends a frame `[tag][length][payload][tag]`; the payload is truncated to 255 bytes.
 pub fn encode(tag: u8, payload: &[u8], wire: &mut Vec<u8>) {
     let payload = &payload[..payload.len().min(255)];
     wire.extend([tag, payload.len() as u8]);
@@ -44,7 +44,7 @@ pub fn encode(tag: u8, payload: &[u8], wire: &mut Vec<u8>) {
     wire.push(tag);
 }
 
-/// Appends a data frame; parts that are `None` are left out.
+/// Appends a data frame; parts that are `None` are omitted.
 pub fn encode_data(frame: &DataFrame, wire: &mut Vec<u8>) {
     let mut payload = Vec::with_capacity(Output::default().payload_bytes());
     payload.push(frame.group);
@@ -55,44 +55,44 @@ pub fn encode_data(frame: &DataFrame, wire: &mut Vec<u8>) {
     encode(TAG_DATA, &payload, wire);
 }
 
-/// What a decoder found.
+/// Result of decoding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
     /// A system message.
     System(Code),
-    /// Voltages.
+    /// A data frame with voltages.
     Data(DataFrame),
-    /// Any other frame: a value that was asked for, or (on the device's side) a command.
+    /// Any other frame: a requested value or, on the device's side, a command.
     Other {
-        /// Its tag.
+        /// Tag of the frame.
         tag: u8,
-        /// What it holds.
+        /// Bytes between length and closing tag.
         payload: &'a [u8],
     },
-    /// Bytes that are no frame; told before the next frame, so that the number does not depend on
-    /// how the bytes came.
+    /// Bytes that belong to no frame. Reported before the next frame, so that the count does not
+    /// depend on how the bytes were split.
     Skipped {
-        /// How many.
+        /// Number of bytes.
         bytes: u64,
     },
 }
 
-/// Which side's frames a decoder takes.
+/// The side whose frames are decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Side {
-    /// From the device, whose data frames hold this.
+    /// The device, with the contents of its data frames.
     Device(Output),
-    /// From the host.
+    /// The host.
     Host,
 }
 
-/// Decodes the frames of one side.
+/// Decodes the frames sent by one side.
 ///
 /// ```
 /// use eit_hw::codec::sciospec::{Code, Decoder, Event, Output};
 /// let mut codes = Vec::new();
 /// let mut decoder = Decoder::new(Output::default());
-/// decoder.push(&[0x00, 0x18, 0x01, 0x83], &mut |_| unreachable!("no frame is whole yet"));
+/// decoder.push(&[0x00, 0x18, 0x01, 0x83], &mut |_| unreachable!("no frame is complete yet"));
 /// decoder.push(&[0x18], &mut |event| match event {
 ///     Event::System(code) => codes.push(code),
 ///     Event::Skipped { bytes } => assert_eq!(bytes, 1),
@@ -108,28 +108,28 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// A decoder of what a device sends whose data frames hold `output`.
+    /// Creates a decoder for the frames of a device whose data frames contain `output`.
     pub fn new(output: Output) -> Self {
         Self { side: Side::Device(output), buffer: Vec::with_capacity(LONGEST), skipped: 0 }
     }
 
-    /// A decoder of what a host sends.
+    /// Creates a decoder for the commands of a host.
     pub fn of_commands() -> Self {
         Self { side: Side::Host, buffer: Vec::with_capacity(LONGEST), skipped: 0 }
     }
 
-    /// Forgets the bytes of an open frame.
+    /// Discards an incomplete frame.
     pub fn reset(&mut self) {
         self.buffer.clear();
         self.skipped = 0;
     }
 
-    /// Whether a frame has begun and not ended.
+    /// Returns whether a frame has begun and not ended.
     pub fn is_open(&self) -> bool {
         !self.buffer.is_empty()
     }
 
-    /// Takes bytes as they arrive and calls `on_event` with what they complete.
+    /// Decodes bytes as they arrive and calls `on_event` for each completed frame.
     pub fn push(&mut self, bytes: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
         for &byte in bytes {
             self.buffer.push(byte);
@@ -155,9 +155,9 @@ impl Decoder {
     }
 }
 
-/// The frame at the start of the buffer and its length; `Some(None)` where none can be there,
-/// `None` where more bytes must tell.
-#[allow(clippy::option_option, reason = "wait, nothing and something are three things")]
+/// Returns the frame at the start of the buffer and its length; `Some(None)` if no frame can start
+/// there, `None` if more bytes are needed to tell.
+#[allow(clippy::option_option, reason = "incomplete, no frame and a frame are three cases")]
 fn candidate(side: Side, buffer: &[u8]) -> Option<Option<(Event<'_>, usize)>> {
     let (&tag, after) = buffer.split_first()?;
     if !side.is_tag(tag) {
@@ -173,7 +173,7 @@ fn candidate(side: Side, buffer: &[u8]) -> Option<Option<(Event<'_>, usize)>> {
     if end != tag {
         return Some(None);
     }
-    // its real end is in the payload, and this is the next frame's start
+    // a byte was lost: the payload holds the real end, and `end` is the start of the next frame
     if tag == TAG_DATA && payload.last() == Some(&tag) && *buffer.get(taken)? == length {
         return Some(None);
     }
@@ -194,7 +194,7 @@ impl Side {
             || matches!(tag, TAG_DEVICE | 0xD2);
         match self {
             Side::Device(_) => answers || tag == TAG_SYSTEM,
-            // a device answers commands that it does not know
+            // a device also answers unknown commands
             Side::Host => true,
         }
     }

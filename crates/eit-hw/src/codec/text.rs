@@ -1,8 +1,8 @@
-//! Frames as lines of numbers, as boards with a serial monitor send them.
+//! Frames as lines of numbers, as sent by boards with a serial monitor.
 //!
-//! What makes a frame is set in [`TextFormat`]; there are presets for the public boards. A frame
-//! that is not whole is passed over and counted. What no such format can show, since it has neither
-//! checksum nor counter: a digit lost within a line, and a cut of exactly one frame's lines.
+//! [`TextFormat`] defines the layout of a frame; there are presets for public boards. Incomplete
+//! frames are skipped and counted. Without a checksum or counter, no such format can reveal a digit
+//! lost within a line, or the loss of exactly one frame's lines.
 
 mod decoder;
 mod format;

@@ -1,15 +1,15 @@
-//! Diagnosis of a set-up without an answer: what the received bytes look like, and what to change.
+//! Diagnoses a set-up without an answer: what was received instead, and what to change.
 
 use crate::codec::{eits1, sciospec};
 use crate::error::HwError;
 use crate::transport::{Endpoint, Link};
 
-/// Fewer bytes may be anything.
+/// With fewer bytes there is no diagnosis.
 const LEAST_BYTES: usize = 48;
-/// The share of a text's bytes that are printed or end a line.
+/// Minimum fraction of bytes that are printable or end a line, in text.
 const TEXT_SHARE: f64 = 0.98;
 
-/// The error of a set-up without an answer, with a diagnosis of what was received instead.
+/// Adds a diagnosis of what was received instead to the error of a set-up without an answer.
 pub(super) fn explain(error: HwError, link: &mut Link) -> HwError {
     let HwError::NoReply { endpoint, driver, wanted, waited_s } = error else { return error };
     let received = link.recorded_input();
@@ -22,7 +22,7 @@ pub(super) fn explain(error: HwError, link: &mut Link) -> HwError {
     HwError::NotUnderstood { endpoint, bytes, wanted, what, mend }
 }
 
-/// What sends the received bytes, as far as they tell.
+/// The likely sender of the received bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Source {
     Eits1,
@@ -35,7 +35,7 @@ enum Source {
 }
 
 impl Source {
-    /// `None`: too few bytes to tell.
+    /// Identifies the sender; returns `None` if there are too few bytes to tell.
     fn of(bytes: &[u8]) -> Option<Self> {
         let mut messages = 0;
         eits1::Decoder::new().push(bytes, &mut |event| {
@@ -45,7 +45,7 @@ impl Source {
             return Some(Self::Eits1);
         }
         let (mut frames, mut decoder) = (0, sciospec::Decoder::new(sciospec::Output::default()));
-        // a short acknowledgement comes about by chance, a data frame does not
+        // a short acknowledgement can appear by chance, a data frame cannot
         decoder.push(bytes, &mut |event| {
             frames += usize::from(matches!(event, sciospec::Event::Data(_)));
         });
@@ -63,7 +63,7 @@ impl Source {
         Some(Self::Text { numbers: numbers_of_lines(bytes) })
     }
 
-    /// The driver that understands it. Text boards differ, so another one may.
+    /// Returns the driver for this sender; `None` for text, as boards differ, and for noise.
     fn driver(self) -> Option<&'static str> {
         match self {
             Self::Eits1 => Some("eits1"),
@@ -74,13 +74,13 @@ impl Source {
 
     fn description(self, driver: &str) -> String {
         match self {
-            Self::Eits1 => "messages of EITS-1".into(),
+            Self::Eits1 => "EITS-1 messages".into(),
             Self::Sciospec => "data of a Sciospec instrument".into(),
             Self::Text { numbers } if driver == "text" => {
-                format!("lines of {numbers} numbers, which this board does not write")
+                format!("lines of {numbers} numbers, which this board does not send")
             }
-            Self::Text { numbers } => format!("lines of text, of {numbers} numbers"),
-            Self::Noise => "no text and no message of any driver".into(),
+            Self::Text { numbers } => format!("lines of text with {numbers} numbers"),
+            Self::Noise => "neither text nor a message of any driver".into(),
         }
     }
 
@@ -92,7 +92,7 @@ impl Source {
                 "set `[instrument] driver` to the right board, or `\"csv\"`".into()
             }
             (Self::Text { .. }, _) => {
-                "set `[instrument] driver` to the board that writes them, or `\"csv\"`".into()
+                "set `[instrument] driver` to the board that sends them, or `\"csv\"`".into()
             }
             (Self::Noise, Endpoint::Serial { baud, .. }) => format!(
                 "the baud rate of {baud} is probably wrong: set `[instrument] baud` to the \
@@ -103,7 +103,7 @@ impl Source {
     }
 }
 
-/// Numbers of the most frequent kind of line.
+/// Returns the most frequent count of numbers per line.
 fn numbers_of_lines(bytes: &[u8]) -> usize {
     let text = String::from_utf8_lossy(bytes);
     let mut counts: Vec<usize> = text

@@ -1,4 +1,4 @@
-//! EITS-1 instruments: see [`codec::eits1`](crate::codec::eits1) and docs/EITS-1.md.
+//! Driver of EITS-1 instruments: see [`codec::eits1`](crate::codec::eits1) and docs/EITS-1.md.
 
 mod command;
 mod meaning;
@@ -18,15 +18,15 @@ use crate::frame::{Quadruple, Quality};
 use crate::recording::Layout;
 use crate::transport::Link;
 
-/// So often a command is sent: each is idempotent, and a byte of it may be lost.
+/// Maximum number of times a command is sent: commands are idempotent, and bytes may be lost.
 const ATTEMPTS: u32 = 4;
-/// What a device may round its settings by, relative.
+/// Relative tolerance for a device that rounds its settings.
 const READ_BACK_ERROR: f32 = 0.01;
 
 /// Driver of EITS-1 instruments.
 ///
-/// The header's flags "saturated" and "electrode off" mark every measurement of a frame that has no
-/// flags of its own for each: nothing says which.
+/// If a frame has no flags per measurement, its "saturated" and "electrode off" flags mark all of
+/// its measurements, since nothing says which are affected.
 #[derive(Clone, Debug)]
 pub struct Eits1 {
     configuration: Configuration,
@@ -34,21 +34,22 @@ pub struct Eits1 {
     command: u32,
     complex: bool,
     count: Count,
-    /// When the last frame came, for how many can have been lost since.
+    /// Arrival of the last frame, to estimate how many can have been lost since.
     came: Option<Instant>,
     values: Vec<f64>,
     imaginary: Vec<f64>,
     quality: Vec<Quality>,
-    /// Bytes that came behind the last answer: the stream has begun.
+    /// Bytes received after the last answer: the start of the stream.
     early: Vec<u8>,
 }
 
 impl Eits1 {
-    /// A driver that measures these quadruples, in their order. `frequency_hz` 0 is direct current.
+    /// Creates a driver that measures these quadruples, in their order; `frequency_hz` 0 is direct
+    /// current.
     ///
     /// # Errors
-    /// [`HwError::Setting`] for quadruples that EITS-1 cannot name, or a rate or current that is not
-    /// finite and above 0, or a frequency that is not finite and at least 0.
+    /// [`HwError::Setting`] if EITS-1 cannot represent the quadruples, the rate or current is not
+    /// finite and above 0, or the frequency is not finite and at least 0.
     pub fn new(
         quadruples: &[Quadruple],
         frame_rate_hz: f32,
@@ -81,7 +82,7 @@ impl Eits1 {
         })
     }
 
-    /// Sends a command until it is answered; the answer's payload.
+    /// Sends a command until it is answered; returns the answer's payload.
     fn ask(&mut self, link: &mut Link, command: &Command<'_>) -> Result<Vec<u8>, HwError> {
         let Command { kind, payload, answer: wanted, purpose } = *command;
         let mut buffer = [0; 4096];
@@ -95,7 +96,7 @@ impl Eits1 {
             let sent = Instant::now();
             let limit = answer_limit(link.endpoint(), attempt, payload.len(), wanted);
             waited += limit;
-            // each attempt is the same command: a late answer to an earlier one will do
+            // all attempts send the same command, so a late answer to an earlier one is as good
             let is_ours = |number: u32| number.wrapping_sub(first) <= sequence.wrapping_sub(first);
             while sent.elapsed() < limit {
                 let received = link.read(&mut buffer)?;
@@ -130,7 +131,7 @@ impl Eits1 {
             let wanted = "EITS-1 information";
             return Err(HwError::NoReply { endpoint, driver: "eits1", wanted, waited_s });
         }
-        // it has said who it is: neither driver nor baud rate are wrong
+        // it has identified itself, so neither driver nor baud rate is wrong
         let bytes = HEADER_BYTES + payload.len() + CRC_BYTES;
         Err(HwError::Unanswered { endpoint, command: purpose, bytes, waited_s })
     }
@@ -179,7 +180,7 @@ impl Driver for Eits1 {
         let not_read = |what| HwError::Refused {
             endpoint: link.endpoint().to_string(),
             command: what,
-            reason: "its answer is not of EITS-1 version 1".into(),
+            reason: "its answer is not valid in EITS-1 version 1".into(),
         };
         let information =
             Information::from_bytes(&bytes).ok_or_else(|| not_read("identify itself"))?;
@@ -195,7 +196,7 @@ impl Driver for Eits1 {
         let found = Configuration::from_bytes(&bytes).ok_or_else(|| HwError::Refused {
             endpoint: link.endpoint().to_string(),
             command: "use the configuration",
-            reason: "its answer is not of EITS-1 version 1".into(),
+            reason: "its answer is not valid in EITS-1 version 1".into(),
         })?;
         self.read_back(link, &found)?;
         let count = self.configuration.quadruples.len();
@@ -238,7 +239,7 @@ impl Driver for Eits1 {
             match message.kind {
                 Kind::Frame => {}
                 Kind::Text => return on_decoded(Decoded::Notice(&text(message.payload))),
-                // it tells who it is when it starts
+                // a device sends its information when it starts
                 Kind::Information => return on_decoded(Decoded::Restarted),
                 _ => return,
             }

@@ -1,10 +1,10 @@
-//! What the values themselves say about their quality.
+//! Quality flags derived from the values themselves.
 
 use super::decoded::RawFrame;
 use super::setup::Limits;
 use crate::frame::Quality;
 
-/// Flags values of one stream.
+/// Sets quality flags for the values of one stream.
 #[derive(Clone, Debug)]
 pub(super) struct Marker {
     limits: Limits,
@@ -25,8 +25,8 @@ impl Marker {
         }
     }
 
-    /// Fills `quality` with the frame's own flags and those of its values, which are
-    /// [`Marker::new`]'s count.
+    /// Fills `quality` with the frame's own flags and those derived from its values, whose number
+    /// was given to [`Marker::new`].
     pub(super) fn mark(&mut self, frame: &RawFrame<'_>) {
         let mut changed = 0;
         let value = |index: usize| {
@@ -38,7 +38,7 @@ impl Marker {
             *quality = frame.quality.get(index).copied().unwrap_or_default();
             let size = parts[0].abs().max(parts[1].abs());
             if parts.iter().any(|part| !part.is_finite()) {
-                // a value that did not come is NaN by our own doing
+                // the driver itself sets missing values to NaN
                 if !quality.contains(Quality::MISSING) {
                     *quality |= Quality::NON_FINITE;
                 }
@@ -105,7 +105,7 @@ mod tests {
             marker.mark(&frame(&[0.5, live, live, live, live]));
             assert_eq!(marker.quality[0].contains(Quality::STUCK), step == 3);
         }
-        // where nothing changes, nothing is stuck: the whole stream stands
+        // if nothing changes the whole stream has stopped, and no value counts as stuck
         let mut still = Marker::new(limits, 2);
         (0..9).for_each(|_| still.mark(&frame(&[0.5, 0.4])));
         assert_eq!(still.quality, [Quality::GOOD; 2]);

@@ -11,10 +11,10 @@ use crate::frame::Frame;
 /// What happens when the consumer is slower than the instrument.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Overflow {
-    /// The oldest frame is dropped and counted: for a robot, which wants the present.
+    /// Drops the oldest frame and counts it: for a robot, which needs current data.
     #[default]
     KeepLatest,
-    /// The session ends with [`HwError::Overflow`]: for a recorder, which must not lose a frame.
+    /// Ends the session with [`HwError::Overflow`]: for a recorder, which must not lose a frame.
     Fail,
 }
 
@@ -30,7 +30,7 @@ pub(super) struct Queue {
 struct State {
     events: VecDeque<Event>,
     frames: usize,
-    /// Frames whose memory may be used again.
+    /// Frames whose memory can be reused.
     spare: Vec<Frame>,
     statistics: Statistics,
     /// Why the reader thread has ended.
@@ -50,7 +50,7 @@ impl Queue {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        // no code panics while it holds the lock
+        // nothing panics while it holds the lock
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -62,7 +62,7 @@ impl Queue {
         self.state().statistics
     }
 
-    /// A frame to fill.
+    /// Returns a recycled frame to fill, if there is one.
     pub(super) fn spare(&self) -> Option<Frame> {
         self.state().spare.pop()
     }
@@ -74,7 +74,7 @@ impl Queue {
         }
     }
 
-    /// Adds an event; whether there was room.
+    /// Adds an event; returns whether there was room.
     pub(super) fn push(&self, event: Event) -> bool {
         let mut state = self.state();
         if let Event::Frame(frame) = &event {
@@ -96,7 +96,7 @@ impl Queue {
             }
             state.frames += 1;
         } else if state.events.len() >= 2 * self.capacity + 16 {
-            // news that nobody reads must not fill the memory; frames are bounded above
+            // unread messages must not fill the memory; frames are limited above
             let oldest = state
                 .events
                 .iter()
@@ -111,7 +111,12 @@ impl Queue {
         true
     }
 
-    /// The reader thread has ended.
+    /// Number of frames received but not yet taken.
+    pub(super) fn frames_waiting(&self) -> usize {
+        self.state().frames
+    }
+
+    /// Marks the reader thread as ended.
     pub(super) fn end(&self, error: Option<HwError>) {
         let mut state = self.state();
         state.end = error;
@@ -120,14 +125,14 @@ impl Queue {
         self.news.notify_all();
     }
 
-    /// Whether the thread has ended and nothing is left to be told.
+    /// Returns whether the thread has ended and no event is left.
     pub(super) fn is_over(&self) -> bool {
         let state = self.state();
         state.ended && state.end.is_none() && state.events.is_empty()
     }
 
-    /// The next event, waiting for it; `None` after `timeout`, or at once when the thread has ended
-    /// and nothing is left.
+    /// Waits for the next event; returns `None` after `timeout`, or at once if the thread has ended
+    /// and no event is left.
     pub(super) fn next(&self, timeout: Duration) -> Result<Option<Event>, HwError> {
         let start = Instant::now();
         let mut state = self.state();

@@ -1,4 +1,6 @@
-//! A recording played as an instrument.
+//! Plays a recording as if it were an instrument.
+//!
+//! One file, because order of events, pace and mapping share the state of the replay.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -9,32 +11,34 @@ use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
 use crate::recording::{FrameMap, Projection};
 
-/// How fast a recording is played.
+/// Speed at which a recording is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Pace {
-    /// Each frame when it is asked for: as fast as the consumer, or step by step.
+    /// Delivers each frame on request: as fast as the consumer, or step by step.
     #[default]
     OnDemand,
-    /// This many times the recorded speed, by the clock of the instrument, else by that of the host,
-    /// which may have been set meanwhile: its steps backwards and of more than ten seconds count for
-    /// nothing. 1 is real time. Frames without any clock come when they are asked for.
+    /// A multiple of the recorded speed; 1 is real time. Timed by the instrument's clock or,
+    /// without one, by the host's. Backward steps are ignored, and so are steps of the host's clock
+    /// above ten seconds, since somebody may have set it. Frames without a time are delivered on
+    /// request.
     Speed(f64),
 }
 
-/// Longer steps of the host's clock are those of somebody who sets it.
+/// Longest step of the host's clock that counts as elapsed time, in seconds; it was set if longer.
 const MOST_HOST_STEP_S: f64 = 10.0;
 
-/// Where a [`Replay`] takes its events from.
+/// The events that a [`Replay`] plays.
 type Events = Box<dyn Iterator<Item = Result<Event, HwError>> + Send>;
 
-/// A recording as a [`FrameSource`]: the same frames to the bit, with the gaps, epochs and notes
-/// that were recorded, however fast it is played.
+/// A recording as a [`FrameSource`]: bit-identical frames, with the recorded gaps, epochs and
+/// notes, at any speed.
 pub struct Replay {
     setup: Setup,
     events: Events,
     map: Option<FrameMap>,
     pace: Pace,
-    /// When the first frame was told, the recorded time since, and that of the last frame.
+    /// When the first frame was delivered, recorded seconds since then, and recorded time of the
+    /// last frame.
     start: Option<(Instant, f64, f64)>,
     /// An event that is not due yet.
     waiting: Option<Event>,
@@ -51,14 +55,15 @@ impl std::fmt::Debug for Replay {
 }
 
 impl Replay {
-    /// Plays the recording at `path`; `quadruples` are those of the scene's protocol, in whose order
-    /// the frames come, `None` takes them as they were recorded. Memory does not grow with the
-    /// length of the recording.
+    /// Plays the recording at `path`, with the memory of one chunk.
+    ///
+    /// `quadruples` are the measurements of the scene's protocol and define the order of the
+    /// values; with `None`, frames are delivered as recorded.
     ///
     /// # Errors
-    /// [`HwError::Setting`] for a pace that is not above 0; as
-    /// [`capture::read`](crate::capture::read) where it cannot be read, and [`FrameMap::new`]'s where
-    /// it does not hold the measurements.
+    /// [`HwError::Setting`] for a pace that is not above 0; those of
+    /// [`capture::read`](crate::capture::read) if the recording cannot be read; those of
+    /// [`FrameMap::new`] if it lacks measurements of the protocol.
     #[cfg(feature = "mcap")]
     pub fn open(
         path: &Path,
@@ -68,7 +73,7 @@ impl Replay {
         use super::setup::{Identity, Limits};
         use crate::capture::{CaptureReader, Entry};
         use crate::recording::{Layout, Unit};
-        // what comes before the first frame, and how many values it has
+        // read up to the first frame, for the session and the number of values
         let mut reader = CaptureReader::open(path)?;
         let mut session = None;
         let first = loop {
@@ -98,7 +103,7 @@ impl Replay {
         };
         let place = path.to_path_buf();
         let mut reader = CaptureReader::open(path)?;
-        // a recording that was gone on with has runs that each begin at epoch 0
+        // each run of an appended recording begins at epoch 0
         let (mut first_epoch, mut epoch, mut is_begun) = (0_u32, 0_u32, false);
         let events = std::iter::from_fn(move || {
             loop {
@@ -115,18 +120,18 @@ impl Replay {
                         return Some(Err(HwError::Container {
                             place: crate::Place::file(&place),
                             what: format!(
-                                "sessions of {} and {} measurements differ in them",
+                                "sessions of {} and {} measurements do not match",
                                 session.quadruples.len(),
                                 other.quadruples.len()
                             ),
-                            mend: "record each set-up in a file of its own",
+                            mend: "record each set-up in its own file",
                         }));
                     }
                     Ok(Some(Entry::Session(_))) if is_begun => {
                         first_epoch = epoch.saturating_add(1);
                         continue;
                     }
-                    // what was found then is found anew
+                    // recorded references and touches are computed again
                     Ok(Some(_)) => continue,
                 };
                 return Some(Ok(event));
@@ -138,7 +143,7 @@ impl Replay {
     /// Plays these frames.
     ///
     /// # Errors
-    /// As [`open`](Self::open).
+    /// Those of [`open`](Self::open), except for reading.
     pub fn of_frames(
         setup: Setup,
         frames: impl Iterator<Item = Frame> + Send + 'static,
@@ -179,10 +184,10 @@ impl Replay {
         })
     }
 
-    /// How long until a frame is due; zero where it is.
+    /// Returns how long until a frame is due; zero if it is due now.
     fn due_in(&mut self, frame: &Frame) -> Duration {
         let Pace::Speed(times) = self.pace else { return Duration::ZERO };
-        // a pause between two runs is not waited for
+        // pauses between runs are skipped
         if self.last.is_some_and(|(_, epoch)| epoch != frame.epoch) {
             self.start = None;
         }
@@ -200,7 +205,7 @@ impl Replay {
         after.saturating_sub(start.elapsed())
     }
 
-    /// The frame in protocol order, before it what its numbers tell.
+    /// Returns the frame in protocol order, or first the event that its numbers imply.
     fn told(&mut self, mut frame: Frame) -> Result<Event, HwError> {
         let news = match self.last {
             Some((_, epoch)) if epoch != frame.epoch => {
@@ -284,7 +289,7 @@ impl FrameSource for Replay {
     }
 
     fn recycle(&mut self, frame: Frame) {
-        // only a map needs memory beside that of the frame read
+        // only a map needs a frame besides the one that was read
         if self.map.is_some() && self.spare.len() < 2 {
             self.spare.push(frame);
         }

@@ -1,8 +1,8 @@
-//! Sciospec EIT16 to EIT128: see [`codec::sciospec`](crate::codec::sciospec).
+//! Driver of Sciospec EIT16 to EIT128: see [`codec::sciospec`](crate::codec::sciospec).
 //!
-//! Over the virtual serial port of USB full speed, or TCP port 5000 of models with a network. USB
-//! high speed needs the vendor's library and is out of reach. Conforms to public sources; not
-//! verified on hardware: check the polarity, which the driver does by itself where it can.
+//! Works over the virtual serial port of USB full speed, or TCP port 5000 of models with a network.
+//! USB high speed needs the vendor's library and is not supported. Follows public sources; not
+//! verified on hardware. Check the polarity, which the driver determines by itself where it can.
 
 mod frame;
 mod settings;
@@ -23,38 +23,39 @@ use crate::error::HwError;
 use crate::recording::{Layout, Unit};
 use crate::transport::Link;
 
-/// One command must be acknowledged within this.
+/// Time limit for the acknowledgement of a command.
 const ANSWER_LIMIT: Duration = Duration::from_secs(1);
-/// So often the whole set-up is tried: pairs accumulate, so one command cannot be repeated alone.
+/// Number of times the whole set-up is tried: driven pairs accumulate, so a single command cannot
+/// be repeated.
 const ATTEMPTS: u32 = 3;
-/// What the instrument may round its settings by, relative.
+/// Relative tolerance for an instrument that rounds its settings.
 const READ_BACK_ERROR: f32 = 0.01;
-/// An input with nothing connected reads about 3.6e-6 V in a public recording.
+/// Largest magnitude of an open input in volts; in a public recording it reads about 3.6e-6 V.
 const OPEN_UP_TO_V: f64 = 5e-6;
 
-/// Driver of Sciospec EIT instruments. Values are potentials of all electrodes against the
-/// instrument's ground for each drive, in volt and complex.
+/// Driver of Sciospec EIT instruments. Values are the complex potentials of all electrodes against
+/// the instrument's ground for each driven pair, in volts.
 #[derive(Clone, Debug)]
 pub struct Sciospec {
     settings: SciospecSettings,
     decoder: Decoder,
     assembly: Assembly,
-    /// Bytes that came behind the last acknowledgement: the stream has begun.
+    /// Bytes received after the last acknowledgement: the start of the stream.
     early: Vec<u8>,
 }
 
 impl Sciospec {
-    /// A driver with these settings.
+    /// Creates a driver with these settings.
     ///
     /// # Errors
-    /// [`HwError::Setting`] names the first that cannot be.
+    /// [`HwError::Setting`] names the first invalid setting.
     pub fn new(settings: SciospecSettings) -> Result<Self, HwError> {
         settings.validate()?;
         let assembly = Assembly::new(&settings);
         Ok(Self { settings, decoder: Decoder::new(Output::default()), assembly, early: Vec::new() })
     }
 
-    /// Sends a command and waits for its acknowledgement; the value that came before it.
+    /// Sends a command and waits for its acknowledgement; returns the value received before it.
     fn command(
         &mut self,
         link: &mut Link,
@@ -64,7 +65,7 @@ impl Sciospec {
     ) -> Result<Option<Vec<u8>>, HwError> {
         let mut wire = Vec::new();
         encode(tag, payload, &mut wire);
-        // in one piece: the instrument gives a command up that is interrupted for 10 ms
+        // in one piece: the instrument abandons a command that is interrupted for 10 ms
         link.write(&wire)?;
         let (sent, mut buffer) = (Instant::now(), [0; 4096]);
         let (mut value, mut code) = (None, None);
@@ -109,7 +110,8 @@ impl Sciospec {
 
     fn set_up(&mut self, link: &mut Link) -> Result<Identity, HwError> {
         self.decoder.reset();
-        // it may still stream from another session: then this acknowledgement is lost in the data
+        // it may still be streaming for another session, and the acknowledgement is then lost in
+        // the data
         let mut stop = Vec::new();
         encode(TAG_DATA, &[0], &mut stop);
         link.write(&stop)?;
@@ -130,7 +132,7 @@ impl Sciospec {
         Ok(identity)
     }
 
-    /// The floats of a setting.
+    /// Returns the floats of a setting.
     fn read_back(
         &mut self,
         link: &mut Link,
@@ -161,7 +163,8 @@ impl Sciospec {
     }
 }
 
-/// Version, identifier and serial number (both 16 bits), year since 2010, month; more is internal.
+/// Parses version, identifier and serial number (both 16 bits), year since 2010 and month; the rest
+/// is internal.
 fn identity(payload: &[u8]) -> Identity {
     let (name, serial) = match *payload {
         [_, i0, i1, s0, s1, year, month, ..] => (
@@ -183,7 +186,7 @@ impl Driver for Sciospec {
         let identity = loop {
             match self.set_up(link) {
                 Ok(identity) => break identity,
-                // a byte lost on the way is worth another attempt, a refused value is not
+                // a lost byte is worth another attempt, a refused value is not
                 Err(error @ (HwError::NoReply { .. } | HwError::Refused { .. })) => {
                     if attempt == ATTEMPTS || is_final(&error) {
                         return Err(error);

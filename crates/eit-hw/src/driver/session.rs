@@ -1,4 +1,4 @@
-//! A running instrument: one reader thread, a bounded queue, reconnection.
+//! A running instrument: reader thread, bounded queue, reconnection.
 
 mod reader;
 mod settings;
@@ -25,7 +25,7 @@ use crate::transport::{Endpoint, Link};
 
 /// A running instrument.
 ///
-/// Dropping it stops the instrument and its thread.
+/// Dropping it stops the instrument and the reader thread.
 #[derive(Debug)]
 pub struct Session {
     queue: Arc<Queue>,
@@ -35,11 +35,11 @@ pub struct Session {
 }
 
 impl Session {
-    /// Opens the connection, sets the instrument up, starts it and a thread that reads it.
+    /// Opens the connection, sets up and starts the instrument, and starts a thread that reads it.
     ///
     /// # Errors
-    /// [`HwError`] of the settings, the connection or the set-up; [`FrameMap::new`](crate::FrameMap::new)'s where the
-    /// instrument does not measure the protocol.
+    /// Any [`HwError`] of the settings, the connection or the set-up; those of
+    /// [`FrameMap::new`](crate::FrameMap::new) if the instrument does not measure the protocol.
     pub fn open(
         mut driver: Box<dyn Driver>,
         endpoint: &Endpoint,
@@ -69,42 +69,47 @@ impl Session {
         Ok(Self { queue, quit, thread: Some(thread), setup })
     }
 
-    /// Who it is and what it sends.
+    /// Returns the instrument's identity and the format of its frames.
     pub fn setup(&self) -> &Setup {
         &self.setup
     }
 
-    /// The next event; `None` where none came in time, or the session was stopped.
+    /// Waits for the next event; returns `None` if none came in time or the session was stopped.
     ///
     /// # Errors
-    /// Once, why the session has ended: [`HwError::Overflow`], [`HwError::Lost`] where it does not
-    /// reconnect, [`HwError::Identity`] where another instrument answers.
+    /// Returns once why the session ended: [`HwError::Overflow`], [`HwError::Lost`] if it does not
+    /// reconnect, or [`HwError::Identity`] if another instrument answers.
     pub fn next_event(&self, timeout: Duration) -> Result<Option<Event>, HwError> {
         self.queue.next(timeout)
     }
 
-    /// Gives a frame's memory back.
+    /// Returns a frame for reuse of its memory.
     pub fn recycle(&self, frame: Frame) {
         self.queue.recycle(frame);
     }
 
-    /// Whether it has ended, and all that it had to tell was taken.
+    /// Number of frames received but not yet taken with [`Session::next_event`].
+    pub fn frames_waiting(&self) -> usize {
+        self.queue.frames_waiting()
+    }
+
+    /// Returns whether the session has ended and every event was taken.
     pub fn is_over(&self) -> bool {
         self.queue.is_over()
     }
 
-    /// Counts so far.
+    /// Returns the counts so far.
     pub fn statistics(&self) -> Statistics {
         self.queue.statistics()
     }
 
-    /// Stops the instrument and the thread; events that wait can still be taken. Takes some tens of
-    /// milliseconds, also while a lost instrument is looked for; on a TCP address that does not
-    /// answer, up to a second.
+    /// Stops the instrument and the thread; queued events can still be taken. Takes some tens of
+    /// milliseconds, even during reconnection, or up to a second for a TCP address that does not
+    /// answer.
     pub fn stop(&mut self) {
         self.quit.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // it does not panic, and if it did there is nothing more to stop
+            // the thread does not panic, and if it did there would be nothing left to stop
             let _ = thread.join();
         }
     }
@@ -131,6 +136,10 @@ impl FrameSource for Session {
 
     fn statistics(&self) -> Statistics {
         Session::statistics(self)
+    }
+
+    fn frames_waiting(&self) -> usize {
+        Session::frames_waiting(self)
     }
 
     fn is_over(&self) -> bool {

@@ -1,22 +1,22 @@
-//! Who an instrument is and what it sends.
+//! Identity of an instrument, and the format of what it sends.
 
 use std::fmt;
 
 use crate::recording::{Layout, Unit};
 
-/// Who answers.
+/// Identity reported by the instrument.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// Name of the driver: `eits1`, `sciospec`, `text`.
     pub driver: &'static str,
-    /// Kind of instrument.
+    /// Model or type of the instrument.
     pub name: String,
-    /// What tells it from others of its kind; empty where it does not say.
+    /// Serial number or other identifier; empty if the instrument reports none.
     pub serial: String,
 }
 
 impl Identity {
-    /// What an instrument or a recording says of itself, on one line.
+    /// Creates an identity from the texts of an instrument or recording, each reduced to one line.
     pub(crate) fn told(driver: &'static str, name: &str, serial: &str) -> Self {
         let line = |text: &str| text.replace(char::is_control, "?");
         Self { driver, name: line(name), serial: line(serial) }
@@ -30,34 +30,34 @@ impl fmt::Display for Identity {
     }
 }
 
-/// What an instrument that was set up will send.
+/// Format of the frames that a configured instrument sends.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setup {
-    /// Who it is.
+    /// Identity of the instrument.
     pub identity: Identity,
     /// Electrodes of each value.
     pub layout: Layout,
-    /// Values of a frame, in that layout.
+    /// Number of values per frame, in that layout.
     pub value_count: usize,
-    /// Whether they are complex.
+    /// Whether values are complex.
     pub complex: bool,
-    /// Their unit.
+    /// Unit of the values.
     pub unit: Unit,
-    /// Frames a second, where it is known.
+    /// Frames per second, if known.
     pub frame_rate_hz: Option<f64>,
-    /// What values can be.
+    /// Limits on the values.
     pub limits: Limits,
 }
 
-/// What values of an instrument can be. The default knows nothing.
+/// Limits on an instrument's values. The default has none.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Limits {
-    /// Magnitude of the largest value: those within 0.1 % of it are flagged saturated, those
-    /// beyond it by more than 0.1 % over range.
+    /// Magnitude of the largest value. Values within 0.1 % of it are flagged saturated, larger ones
+    /// over range.
     pub full_scale: Option<f64>,
-    /// Magnitudes up to here are those of an input with nothing connected.
+    /// Largest magnitude of an input with nothing connected.
     pub open_up_to: Option<f64>,
-    /// After so many frames in which a value does not change while half of the others do, it is
-    /// flagged stuck. `None`: never.
+    /// Number of frames after which a value that stays constant while at least half of all values
+    /// change is flagged stuck; `None` for never.
     pub stuck_frames: Option<u32>,
 }

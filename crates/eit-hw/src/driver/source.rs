@@ -1,4 +1,4 @@
-//! Where frames come from, and what is told besides them.
+//! Sources of frames, and the events they report.
 
 use std::time::Duration;
 
@@ -6,78 +6,84 @@ use super::setup::Setup;
 use crate::error::HwError;
 use crate::frame::Frame;
 
-/// Where frames come from: an instrument, or a recording that is played.
+/// A source of frames: an instrument or a replayed recording.
 pub trait FrameSource {
-    /// Who it is and what it sends.
+    /// Returns the source's identity and the format of its frames.
     fn setup(&self) -> &Setup;
 
-    /// The next event; `None` where none came in time, or there is no more.
+    /// Waits for the next event; returns `None` if none came in time or there are no more.
     ///
     /// # Errors
-    /// Once, why it has ended.
+    /// Returns once why the source has ended.
     fn next_event(&mut self, timeout: Duration) -> Result<Option<Event>, HwError>;
 
-    /// Gives a frame's memory back.
+    /// Returns a frame for reuse of its memory.
     fn recycle(&mut self, frame: Frame);
 
-    /// Counts so far.
+    /// Returns the counts so far.
     fn statistics(&self) -> Statistics;
 
-    /// Whether no event will come any more.
+    /// Returns the number of frames that can be taken without waiting; above 0 the consumer is behind. 0 for
+    /// a recording, which waits for its consumer.
+    fn frames_waiting(&self) -> usize {
+        0
+    }
+
+    /// Returns whether no more events will come.
     fn is_over(&self) -> bool;
 }
 
-/// What a session tells.
+/// An event of a session.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Event {
-    /// A frame in protocol order; give it back with [`FrameSource::recycle`] to spare an allocation.
+    /// A frame in protocol order; return it with [`FrameSource::recycle`] to save an allocation.
     Frame(Frame),
-    /// So many frames were lost before the next one.
+    /// Frames were lost before the next one.
     Gap {
-        /// How many.
+        /// Number of lost frames.
         frames: u64,
     },
-    /// The instrument or driver says something.
+    /// A message from the instrument or driver.
     Notice(String),
-    /// No frame has come for so long, though the connection stands. Told once for each silence, after
-    /// [`SessionSettings::silence_s`](crate::driver::SessionSettings::silence_s).
+    /// No frame has come for some time, although the connection is open. Reported once per silence,
+    /// after [`SessionSettings::silence_s`](crate::driver::SessionSettings::silence_s).
     Silent {
-        /// For how long.
+        /// Length of the silence so far, in seconds.
         for_s: f64,
     },
-    /// The instrument is gone; it is looked for.
+    /// The instrument is lost; the session tries to reconnect.
     Disconnected {
         /// What happened.
         reason: String,
     },
-    /// The instrument was found again and set up anew, or its count of frames has begun anew, as after a
-    /// brown-out. A reference frame of another epoch does not
-    /// hold: contacts and gains may have changed.
+    /// The instrument was found again and set up, or its frame counter has restarted, as after a
+    /// brown-out. A reference frame of another epoch is no longer valid: contacts and gains may
+    /// have changed.
     Reconnected {
-        /// The new epoch, that of the frames that follow.
+        /// Epoch of the frames that follow.
         epoch: u32,
     },
 }
 
-/// What a session has seen.
+/// Counts kept by a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Statistics {
     /// Frames received.
     pub frames: u64,
-    /// Frames that the instrument sent or should have sent and that were not received, as far as
-    /// its counter or a cut frame shows.
+    /// Frames that the instrument sent or should have sent but that were not received, as far as
+    /// its counter or a truncated frame shows.
     pub lost: u64,
     /// Received frames dropped because the consumer was slow.
     pub dropped: u64,
-    /// Frames with a flag on some measurement.
+    /// Frames with a flag on at least one measurement.
     pub flagged: u64,
     /// Bytes received.
     pub bytes: u64,
-    /// Bytes that were no message.
+    /// Bytes that belong to no valid message.
     pub damaged_bytes: u64,
-    /// Times that the instrument was found again.
+    /// Number of reconnections.
     pub reconnections: u32,
-    /// Seconds without a frame, those of each silence that was told.
+    /// Seconds without a frame, summed over all reported silences.
     pub silent_s: f64,
 }

@@ -1,4 +1,4 @@
-//! Boards that write lines of numbers: see [`codec::text`](crate::codec::text).
+//! Driver of boards that send lines of numbers: see [`codec::text`](crate::codec::text).
 
 mod board;
 mod listen;
@@ -16,27 +16,27 @@ use crate::error::HwError;
 use crate::recording::hint::CountHint;
 use crate::transport::Link;
 
-/// An answer to a step must come within this.
+/// Time limit for the answer to a set-up step.
 const ANSWER_LIMIT: Duration = Duration::from_millis(1500);
 const ATTEMPTS: u32 = 3;
-/// So many lines that are alike in their count show what a board sends.
+/// Number of lines with the same count of numbers that shows what a board sends.
 const ALIKE: usize = 2;
-/// Lines whose numbers are counted until the first frame.
+/// Number of lines whose counts are kept until the first frame.
 const MOST_COUNTED: usize = 64;
 
 impl Board {
-    /// The driver of this board.
+    /// Creates the driver of this board.
     ///
     /// # Errors
-    /// [`HwError::Setting`] where the format cannot be, or does not have as many values as the
-    /// layout.
+    /// [`HwError::Setting`] if the format is invalid, its number of values differs from that of the
+    /// layout, or `first_frame_s` is out of range.
     pub fn driver(self) -> Result<Box<dyn Driver>, HwError> {
         let count = self.format.measurements();
         if let Some(found) = self.layout.value_count().filter(|&found| found != count) {
             return Err(HwError::Setting {
                 name: "measurements of the layout",
                 value: found.to_string(),
-                wanted: "as many as a frame of the format has",
+                wanted: "as many as in a frame of the format",
             });
         }
         if !(self.first_frame_s > 0.0 && self.first_frame_s <= 3600.0) {
@@ -44,7 +44,7 @@ impl Board {
             return Err(HwError::Setting {
                 name: "first_frame_s",
                 value,
-                wanted: "above 0, to 3600",
+                wanted: "above 0 and at most 3600",
             });
         }
         let decoder = Decoder::new(self.format.clone())?;
@@ -55,9 +55,9 @@ impl Board {
 struct Text {
     board: Board,
     decoder: Decoder,
-    /// When the open request was sent.
+    /// Time of the open request.
     asked: Option<Instant>,
-    /// Numbers of whole lines that are no frame, the first ones.
+    /// Counts of numbers in the first complete lines that do not match the format.
     line_counts: Vec<usize>,
 }
 
@@ -87,7 +87,7 @@ impl Text {
         })
     }
 
-    /// The error of a board whose whole lines have another number of values, several of them alike.
+    /// Returns an error if several complete lines agree on another number of values.
     fn line_count(&mut self, link: &Link) -> Result<(), HwError> {
         self.line_counts.sort_unstable();
         let runs = self.line_counts.chunk_by(|one, other| one == other);
@@ -125,7 +125,7 @@ impl Text {
         Err(HwError::NoReply {
             endpoint: link.endpoint().to_string(),
             driver: "text",
-            wanted: "whole frame",
+            wanted: "complete frame",
             waited_s: self.board.first_frame_s,
         })
     }
@@ -140,7 +140,7 @@ impl Driver for Text {
         self.decoder.reset(false);
         self.asked = None;
         self.line_counts.clear();
-        // a board that streams by itself never gets quiet
+        // a board that streams by itself never falls silent
         link.drain(Duration::from_millis(100), Duration::from_millis(300))?;
         for step in self.board.steps.clone() {
             self.step(link, &step)?;
@@ -158,7 +158,7 @@ impl Driver for Text {
             complex: format.complex,
             unit: self.board.unit,
             frame_rate_hz: None,
-            // the format's own limits are applied by its decoder
+            // the decoder applies the format's own limits
             limits: Limits { stuck_frames: Some(64), ..Limits::default() },
         })
     }
@@ -190,7 +190,7 @@ impl Driver for Text {
                 }
                 on_decoded(Decoded::TruncatedFrame);
             }
-            // rows of numbers outside of a frame are its cut rest
+            // rows of numbers outside a frame are the rest of a truncated one
             Event::Line(line)
                 if line.starts_with(|c: char| c.is_ascii_alphabetic() || c == '!') =>
             {
@@ -206,7 +206,7 @@ impl Driver for Text {
         if self.asked.is_some_and(|asked| asked.elapsed() < patience) {
             return Ok(());
         }
-        // what may still come of a request that was not answered would look like a frame's start
+        // a late answer to the previous request would look like the start of a frame
         if self.asked.is_some() {
             link.drain(Duration::from_millis(50), Duration::from_millis(500))?;
         }
@@ -216,7 +216,7 @@ impl Driver for Text {
     }
 
     fn stop(&mut self, _: &mut Link) -> Result<(), HwError> {
-        // none of the boards knows a command for it
+        // none of the boards has a stop command
         Ok(())
     }
 }

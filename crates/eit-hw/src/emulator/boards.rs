@@ -1,4 +1,4 @@
-//! Boards that write lines of numbers.
+//! Emulated boards that send lines of numbers.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use crate::driver::Board;
 use crate::frame::Quadruple;
 use crate::recording::Layout;
 
-/// A board that writes frames as its [`Board`] says: by itself, or one for each request.
+/// A board that sends frames as its [`Board`] describes: by itself, or one per request.
 pub struct BoardDevice {
     board: Board,
     source: ValueSource,
@@ -16,14 +16,14 @@ pub struct BoardDevice {
     quadruples: Vec<Quadruple>,
     values: Vec<f64>,
     pace: Option<Pace>,
-    /// Frames asked for.
+    /// Number of frames requested.
     asked: u32,
     heard: String,
     sequence: u64,
 }
 
 impl BoardDevice {
-    /// A board that streams at this rate; one that waits for requests answers at once.
+    /// Creates a board that streams at this rate, or answers requests at once if it needs them.
     pub fn new(board: Board, frame_rate_hz: f64, source: ValueSource) -> Self {
         let quadruples = match &board.layout {
             Layout::Quadruples(quadruples) => quadruples.clone(),
@@ -44,7 +44,7 @@ impl BoardDevice {
         }
     }
 
-    /// The frame as the board writes it.
+    /// Appends the next frame as the board formats it.
     fn frame(&mut self, out: &mut Vec<u8>) {
         (self.source)(self.sequence, &self.quadruples, &mut self.values);
         self.sequence += 1;
@@ -60,7 +60,7 @@ impl BoardDevice {
             }
             for value in line {
                 out.extend(format.number.write(value / format.scale).bytes());
-                // the last comma is what most boards write; where a line is one value, none does
+                // most boards end a line with a comma, but not those with one value per line
                 out.extend(if format.values_per_line > 1 { b",".iter() } else { b"".iter() });
             }
             out.extend(b"\r\n");
@@ -74,7 +74,7 @@ impl BoardDevice {
 
 impl Device for BoardDevice {
     fn receive(&mut self, bytes: &[u8], _: Duration, out: &mut Vec<u8>) {
-        /// What no board's receive buffer is longer than.
+        /// No board has a longer receive buffer.
         const MOST: usize = 256;
         self.heard.push_str(&String::from_utf8_lossy(bytes));
         for step in &self.board.steps {

@@ -1,4 +1,4 @@
-//! An EITS-1 instrument.
+//! An emulated EITS-1 instrument.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use crate::codec::eits1::{
 };
 use crate::frame::Quadruple;
 
-/// An EITS-1 instrument that measures what it is told, with values of the caller.
+/// An EITS-1 instrument that measures as configured, with values from the caller.
 pub struct Eits1Device {
     information: Information,
     source: ValueSource,
@@ -17,14 +17,14 @@ pub struct Eits1Device {
     quadruples: Vec<Quadruple>,
     values: Vec<f64>,
     payload: Vec<u8>,
-    /// Runs while frames are sent.
+    /// Timing of frames while streaming.
     pace: Option<Pace>,
     sequence: u64,
     announce: bool,
 }
 
 impl Eits1Device {
-    /// The instrument that this information is about.
+    /// Creates an instrument that reports `information`.
     pub fn new(information: Information, source: ValueSource) -> Self {
         Self {
             information,
@@ -40,7 +40,7 @@ impl Eits1Device {
         }
     }
 
-    /// The host's configuration, if it can be.
+    /// Applies the host's configuration if it is valid.
     fn configure(&mut self, payload: &[u8]) -> Result<(), Refusal> {
         if self.pace.is_some() {
             return Err(Refusal::Busy);
@@ -98,7 +98,7 @@ impl Eits1Device {
 fn send(kind: Kind, sequence: u32, time_us: u64, flags: u16, payload: &[u8], out: &mut Vec<u8>) {
     let values = if kind == Kind::Frame { payload.len() / 4 } else { payload.len() };
     let count = values.min(usize::from(u16::MAX)) as u16;
-    // a payload that is too long is not sent: the most measurements were the caller's to choose
+    // a payload that is too long is not sent: the caller chose the maximum number of measurements
     let _ =
         encode(&Message { kind, sequence, device_time_us: time_us, flags, count, payload }, out);
 }

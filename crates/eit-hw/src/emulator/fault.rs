@@ -1,41 +1,41 @@
-//! Damage to what an emulator sends.
+//! Faults in what an emulator sends.
 
 use std::time::Duration;
 
 use crate::error::HwError;
 
-/// What goes wrong, drawn from a seed. The default is nothing.
+/// Faults to simulate, drawn at random from a seed. The default has none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FaultPlan {
-    /// Seed of all draws.
+    /// Random seed.
     pub seed: u64,
-    /// So many bytes are sent before anything goes wrong.
+    /// Number of bytes sent before the first fault.
     pub spared_bytes: u64,
     /// Probability that a byte is lost.
     pub drop_byte: f64,
     /// Probability that one bit of a byte is flipped.
     pub flip_bit: f64,
-    /// Probability that a byte of garbage comes before a byte.
+    /// Probability that a random byte is inserted before a byte.
     pub insert_byte: f64,
-    /// Probability that the line is silent after a byte; what is sent then comes late.
+    /// Probability that the line pauses after a byte; what is sent meanwhile arrives late.
     pub pause: f64,
-    /// For so long.
+    /// Length of a pause in seconds.
     pub pause_s: f64,
-    /// The instrument is unplugged once so many bytes have been sent, rising.
+    /// Numbers of bytes sent after which the instrument is unplugged, ascending.
     pub unplug_after_bytes: Vec<u64>,
-    /// It is plugged in again after so long.
+    /// Seconds until it is plugged in again.
     pub unplugged_s: f64,
-    /// Rate of the instrument's serial line in bits a second: bytes take their time on it, and a host
-    /// that opens the pseudo-terminal with another rate sends and receives garbage. `None`: any rate
-    /// will do, as with USB.
+    /// Baud rate of the instrument's serial line: bytes take their time, and a host that opens the
+    /// pseudo-terminal with another rate sends and receives garbage. `None` accepts any rate, as
+    /// USB does.
     pub line_baud: Option<u32>,
 }
 
 impl FaultPlan {
-    /// Whether the plan can be.
+    /// Checks the plan.
     ///
     /// # Errors
-    /// [`HwError::Setting`] names what cannot.
+    /// [`HwError::Setting`] names the first invalid setting.
     pub fn validate(&self) -> Result<(), HwError> {
         for (name, value, most) in [
             ("drop_byte", self.drop_byte, 1.0),
@@ -52,13 +52,17 @@ impl FaultPlan {
         }
         if !self.unplug_after_bytes.is_sorted() {
             let value = format!("{:?}", self.unplug_after_bytes);
-            return Err(HwError::Setting { name: "unplug_after_bytes", value, wanted: "rising" });
+            return Err(HwError::Setting {
+                name: "unplug_after_bytes",
+                value,
+                wanted: "ascending numbers",
+            });
         }
         Ok(())
     }
 }
 
-/// What damage was done.
+/// Outcome of damaging a piece of output.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Effect {
     pub(super) faults: u64,
@@ -66,7 +70,7 @@ pub(super) struct Effect {
     pub(super) unplug: bool,
 }
 
-/// A plan being carried out.
+/// A fault plan being carried out.
 #[derive(Debug)]
 pub(super) struct Faults {
     plan: FaultPlan,
@@ -85,12 +89,12 @@ impl Faults {
         Duration::from_secs_f64(self.plan.unplugged_s)
     }
 
-    /// The rate of the instrument's line.
+    /// Returns the baud rate of the instrument's line.
     pub(super) fn line_baud(&self) -> Option<u32> {
         self.plan.line_baud
     }
 
-    /// What a receiver of another rate makes of bytes.
+    /// Replaces bytes by what a receiver at another baud rate reads.
     pub(super) fn garble(&mut self, bytes: &mut [u8]) {
         bytes.iter_mut().for_each(|byte| *byte ^= (self.draw() >> 56) as u8);
     }
@@ -105,11 +109,11 @@ impl Faults {
     }
 
     fn happens(&mut self, probability: f64) -> bool {
-        // 53 bits are a number in [0, 1)
+        // 53 bits give a number in [0, 1)
         probability > 0.0 && ((self.draw() >> 11) as f64) * f64::EPSILON / 2.0 < probability
     }
 
-    /// Damages bytes on their way. Bytes after an unplug are lost.
+    /// Damages bytes being sent. Bytes after an unplug are lost.
     pub(super) fn damage(&mut self, bytes: &mut Vec<u8>) -> Effect {
         let mut effect = Effect::default();
         if bytes.is_empty() || self.plan == FaultPlan::default() {
@@ -180,7 +184,7 @@ mod tests {
         let (bytes, count) = damage(1000);
         assert_eq!(damage(7), (bytes.clone(), count));
         assert_eq!(bytes[..100], [0x55; 100]);
-        // three in a hundred of 100 000, five standard deviations of 54
+        // 3 % of 100 000 bytes, within five standard deviations of 54
         assert!(count.abs_diff(2990) < 270, "{count}");
     }
 }

@@ -1,18 +1,18 @@
-//! A serial line that takes its time.
+//! A serial line with limited speed.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Bits of a byte on the line.
+/// Bits per byte on the line.
 const BITS: f64 = 10.0;
 
-/// Bytes on their way over one direction of a line.
+/// One direction of a line, with the bytes in transit.
 #[derive(Debug)]
 pub(super) struct Line {
-    /// Bytes a second; `None`: at once.
+    /// Bytes per second; `None` for immediate transfer.
     rate: Option<f64>,
     waiting: VecDeque<u8>,
-    /// Up to when the line is used.
+    /// Time until which the line is in use.
     busy_until: Duration,
 }
 
@@ -37,7 +37,7 @@ impl Line {
         self.waiting.extend(bytes);
     }
 
-    /// Moves the bytes that have come to the other end by now.
+    /// Moves the bytes that have reached the other end by now to `out`.
     pub(super) fn arrived(&mut self, now: Duration, out: &mut Vec<u8>) {
         let Some(rate) = self.rate else { return out.extend(self.waiting.drain(..)) };
         let passed_s = now.saturating_sub(self.busy_until).as_secs_f64();
@@ -60,7 +60,7 @@ mod tests {
             line.arrived(Duration::from_millis(ms), &mut out);
             assert!(out.len().abs_diff(wanted) <= 1, "{ms} ms: {}", out.len());
         }
-        // a pause is not made up for
+        // idle time is not credited to later bytes
         line.push(&[7; 96], Duration::from_secs(9));
         line.arrived(Duration::from_millis(9050), &mut out);
         assert!(out.len().abs_diff(960 + 48) <= 1, "{}", out.len());

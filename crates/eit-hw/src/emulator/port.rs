@@ -7,16 +7,16 @@ use std::time::Duration;
 use crate::error::HwError;
 use crate::transport::Endpoint;
 
-/// How often the emulator looks for something to do.
+/// Polling interval of the emulator.
 const POLL: Duration = Duration::from_millis(2);
 
-/// Where an emulator listens.
+/// Where an emulator accepts connections.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Listen {
-    /// On a TCP address, such as `127.0.0.1:0` for a free port.
+    /// A TCP address, such as `127.0.0.1:0` for a free port.
     Tcp(String),
-    /// On a new pseudo-terminal, which is found under this path: a symbolic link, so that the path
-    /// stays when the instrument is plugged in again. Nothing may be there yet.
+    /// A new pseudo-terminal, reached through a symbolic link at this path, so that the path stays
+    /// the same when the instrument is plugged in again. Nothing may exist at the path.
     #[cfg(all(unix, feature = "serial"))]
     PseudoTerminal(std::path::PathBuf),
 }
@@ -59,7 +59,7 @@ impl Host {
         opened.map_err(|source| HwError::Open {
             endpoint: name,
             source,
-            mend: "name another one".into(),
+            mend: "choose another one".into(),
         })
     }
 
@@ -73,7 +73,7 @@ impl Host {
         }
     }
 
-    /// Whether somebody listens.
+    /// Returns whether a host is connected.
     pub(super) fn is_open(&self) -> bool {
         match self {
             Self::Tcp { stream, .. } => stream.is_some(),
@@ -82,7 +82,7 @@ impl Host {
         }
     }
 
-    /// The rate with which the host has opened the line; `None` where there is none.
+    /// Returns the baud rate set by the host; `None` if there is none.
     pub(super) fn baud(&self) -> Option<u32> {
         match self {
             Self::Tcp { .. } => None,
@@ -94,7 +94,7 @@ impl Host {
         }
     }
 
-    /// Bytes of the host, 0 after a short wait.
+    /// Reads bytes from the host; returns 0 after a short wait.
     pub(super) fn read(&mut self, buffer: &mut [u8]) -> usize {
         match self {
             Self::Tcp { listener, stream, .. } => {
@@ -115,7 +115,7 @@ impl Host {
             #[cfg(all(unix, feature = "serial"))]
             Self::Terminal { master, open, .. } => {
                 let read = master.as_mut().map(|master| master.read(buffer));
-                // an error while nobody has the other end open
+                // reading fails while no host has the terminal open
                 *open = matches!(&read, Some(Ok(_)))
                     || matches!(&read, Some(Err(error)) if is_wait(error));
                 match read {
@@ -131,7 +131,7 @@ impl Host {
         }
     }
 
-    /// How many of the bytes were taken.
+    /// Returns how many of the bytes were taken.
     pub(super) fn write(&mut self, bytes: &[u8]) -> usize {
         let written = match self {
             Self::Tcp { stream, .. } => stream.as_mut().map(|stream| stream.write(bytes)),
@@ -140,7 +140,7 @@ impl Host {
         };
         match written {
             Some(Ok(count)) => count,
-            // a broken connection shows when it is read
+            // a broken connection is detected when reading
             _ => 0,
         }
     }
@@ -150,8 +150,8 @@ impl Host {
             Self::Tcp { listener, stream, .. } => (*listener, *stream) = (None, None),
             #[cfg(all(unix, feature = "serial"))]
             Self::Terminal { link, master, open } => {
-                // first the path: once the terminal is closed, its name may be another one's.
-                // Already gone is as good
+                // remove the path first: once the terminal is closed, its name may be reused. It
+                // does not matter if the path is gone already
                 if std::fs::read_link(&*link).is_ok_and(|to| to.starts_with("/dev/pts")) {
                     let _ = std::fs::remove_file(link);
                 }
@@ -160,7 +160,7 @@ impl Host {
         }
     }
 
-    /// Where it fails, the instrument stays away.
+    /// Plugs the instrument in again; if that fails, it stays away.
     pub(super) fn plug(&mut self) {
         match self {
             Self::Tcp { listener, address, .. } => {
@@ -185,7 +185,7 @@ impl Drop for Host {
 
 fn accept(listener: Option<&TcpListener>, stream: &mut Option<TcpStream>) {
     let Some(Ok((new, _))) = listener.map(TcpListener::accept) else { return };
-    // one host is served, like on a serial line; the next one once it has gone
+    // one host at a time, as on a serial line; the next one once it has disconnected
     if stream.as_ref().is_some_and(is_there) {
         return;
     }
@@ -197,7 +197,7 @@ fn accept(listener: Option<&TcpListener>, stream: &mut Option<TcpStream>) {
     *stream = ready.is_ok().then_some(new);
 }
 
-/// Whether the other side of a connection is still there.
+/// Returns whether the other side of a connection is still there.
 fn is_there(stream: &TcpStream) -> bool {
     match stream.peek(&mut [0]) {
         Ok(count) => count > 0,
@@ -209,7 +209,7 @@ fn is_wait(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// A new pseudo-terminal whose other end is found under `link`.
+/// Opens a new pseudo-terminal and links its other end at `link`.
 #[cfg(all(unix, feature = "serial"))]
 fn terminal(link: &std::path::Path) -> io::Result<serialport::TTYPort> {
     use serialport::SerialPort;

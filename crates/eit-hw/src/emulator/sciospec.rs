@@ -1,4 +1,4 @@
-//! A Sciospec EIT instrument, as its public descriptions have it.
+//! An emulated Sciospec EIT instrument, according to public descriptions.
 
 use std::time::Duration;
 
@@ -8,15 +8,15 @@ use crate::codec::sciospec::{
     TAG_SET_OUTPUT, TAG_SET_SETUP, TAG_SYSTEM, encode, encode_data,
 };
 
-/// A command that is interrupted for longer is given up.
+/// A command interrupted for longer is abandoned.
 const GAP: Duration = Duration::from_millis(10);
 
-/// Gives the potentials of one drive: number of the frame, driven pair [a, b] (from 0, current
-/// enters at `a`), and real and imaginary part for each electrode to fill, in volt.
+/// Computes the potentials for one driven pair from the frame number and the pair [a, b] (from 0,
+/// current enters at `a`); fills real and imaginary part for each electrode, in volts.
 pub type PotentialSource = Box<dyn FnMut(u64, [u32; 2], &mut [[f64; 2]]) + Send>;
 
-/// A Sciospec EIT instrument with any number of electrodes up to 128. It accepts pairs of either
-/// width, and knows the settings that the driver uses; others are "not executed".
+/// A Sciospec EIT instrument with up to 128 electrodes. It accepts electrode numbers of either
+/// width and the settings that the driver uses; others are "not executed".
 pub struct SciospecDevice {
     electrodes: usize,
     serial: u16,
@@ -35,13 +35,13 @@ struct Setup {
     drives: Vec<[u8; 2]>,
     frame_rate_hz: f32,
     burst: u16,
-    /// Settings by number, as they were set.
+    /// Settings by number, as received.
     stored: Vec<(u8, Vec<u8>)>,
 }
 
 impl SciospecDevice {
-    /// An instrument of this serial number. `reversed`: current enters at the second electrode of a
-    /// listed pair.
+    /// Creates an instrument with this serial number. With `reversed`, current enters at the second
+    /// electrode of a listed pair.
     pub fn new(electrodes: u32, serial: u16, reversed: bool, source: PotentialSource) -> Self {
         Self {
             electrodes: electrodes.min(128) as usize,
@@ -178,7 +178,7 @@ impl SciospecDevice {
             let drive = [u32::from(a) - 1, u32::from(b) - 1];
             (self.source)(self.sequence, drive, &mut potentials);
             for (group, channels) in (1..).zip(potentials.chunks(GROUP)) {
-                // a channel with nothing connected, as a public recording has it
+                // an unconnected channel, as in a public recording
                 let mut potentials_v = [[-2.5e-6, -1.7e-6]; GROUP];
                 for (slot, parts) in potentials_v.iter_mut().zip(channels) {
                     *slot = parts.map(|part| (sign * part) as f32);

@@ -1,4 +1,4 @@
-//! Whether an instrument and its skin are fit for use, and what to try where they are not.
+//! Checks whether an instrument and its skin are fit for use, and what to try if not.
 
 mod finding;
 mod measure;
@@ -16,71 +16,72 @@ use crate::error::{HwError, Place};
 use crate::frame::{Quadruple, Quality};
 use crate::recording::MeasuredFrames;
 
-/// A reciprocity error above this is a fault; see [`reciprocity_error`]: right orders with sound
-/// contacts are below 0.15 on every real recording at hand.
+/// Reciprocity error above which a fault is reported; see [`reciprocity_error`]. Right orders with
+/// sound contacts are below 0.15 on every real recording at hand.
 const DOUBTED_ERROR: f64 = 0.2;
-/// Without the electrode at fault, the error is so many times smaller.
+/// Factor by which the error must drop without an electrode for that electrode to be at fault.
 const CLEAR_FACTOR: f64 = 3.0;
-/// An electrode whose measurements are so many times as noisy as the rest.
+/// Noise of an electrode's measurements, relative to the rest, from which it is reported.
 const NOISY_FACTOR: f64 = 4.0;
-/// The share of all values, or of frames, from which on a loss is told.
+/// Fraction of all values, or of frames, above which a loss is reported.
 const LOST_SHARE: f64 = 0.01;
-/// Relative error of the frame rate from which on it is told.
+/// Relative error of the frame rate above which it is reported.
 const RATE_ERROR: f64 = 0.05;
-/// A drift of the whole is told from so many times the noise of one value on.
+/// Median drift, in multiples of the noise of one value, above which it is reported.
 const DRIFT_FACTOR: f64 = 5.0;
-/// With fewer frames there is no noise to speak of.
+/// Minimum number of frames for an estimate of the noise.
 const LEAST_FRAMES: usize = 8;
 
-/// What is known of the stream beside its values.
+/// What is known of the stream besides its values.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StreamFacts {
-    /// Frames that were lost, such as [`Statistics::lost`](crate::driver::Statistics::lost).
+    /// Number of lost frames, such as [`Statistics::lost`](crate::driver::Statistics::lost).
     pub lost_frames: u64,
-    /// Frames a second that were asked for.
+    /// Frame rate that was requested, in hertz.
     pub wanted_rate_hz: Option<f64>,
 }
 
 /// The state of one electrode.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ElectrodeHealth {
-    /// Measurements that it is part of.
+    /// Number of measurements that use the electrode.
     pub measurements: usize,
-    /// Share of their values with a flag.
+    /// Fraction of their values with a flag.
     pub flagged_share: f64,
-    /// Median noise of the measurements that sense at it, over that of all; NaN without noise.
+    /// Median noise of the measurements that sense at the electrode, relative to that of all; NaN
+    /// without noise.
     pub noise_ratio: f64,
-    /// Reciprocity error of the measurements that it is no part of; `None` where there are no
-    /// reciprocal ones. Far below the whole's, this electrode is at fault.
+    /// Reciprocity error of the measurements without this electrode; `None` if none of them are
+    /// reciprocal. If it is far below the error of all measurements, this electrode is at fault.
     pub reciprocity_without: Option<f64>,
 }
 
-/// What was found out.
+/// Result of a health check.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HealthReport {
     /// Reciprocity error of the mean frame, see [`reciprocity_error`].
     pub reciprocity: Option<f64>,
-    /// Standard deviation of each measurement's noise, from the median absolute difference of
-    /// successive frames: neither drift nor single outliers count. In the unit of the values.
+    /// Standard deviation of each measurement's noise, in the unit of the values. From the median
+    /// absolute difference of successive frames, so that neither drift nor single outliers count.
     pub noise_std: Vec<f64>,
     /// Change of each measurement from the first to the last quarter of the frames.
     pub drift: Vec<f64>,
     /// Median over the measurements of 20 lg(|mean| / noise), in dB.
     pub signal_to_noise_db: Option<f64>,
-    /// How finely values are told apart; `None` where nothing changes.
+    /// Resolution of the values; `None` if no value changes.
     pub resolution: Option<Resolution>,
-    /// Frames a second by the instrument's clock.
+    /// Frames per second by the frames' clock.
     pub frame_rate_hz: Option<f64>,
-    /// Lost frames over all that were sent.
+    /// Fraction of frames that were lost.
     pub lost_share: f64,
-    /// Each electrode, from 0.
+    /// State of each electrode, from 0.
     pub electrodes: Vec<ElectrodeHealth>,
-    /// What is wrong, worst first.
+    /// Problems found, worst first.
     pub findings: Vec<Finding>,
 }
 
 impl HealthReport {
-    /// The worst of the findings.
+    /// Returns the verdict that follows from the worst finding.
     pub fn verdict(&self) -> Verdict {
         match self.findings.first().map(|finding| finding.severity) {
             None => Verdict::Good,
@@ -90,12 +91,12 @@ impl HealthReport {
     }
 }
 
-/// Checks frames that were taken while nothing touched the skin.
+/// Checks frames that were measured while nothing touched the skin.
 ///
-/// `quadruples` are those of the measurements, in the frames' order.
+/// `quadruples` are the electrodes of the measurements, in the frames' order.
 ///
 /// # Errors
-/// [`HwError::QuadrupleCount`] where they are not as many as the frames' values, and
+/// [`HwError::QuadrupleCount`] if their number differs from the values per frame, and
 /// [`HwError::Count`] for fewer than 8 frames.
 pub fn check_health(
     frames: &MeasuredFrames,
@@ -124,7 +125,7 @@ pub fn check_health(
     let signal_to_noise_db = median(ratios.filter(|ratio| ratio.is_finite()).collect());
     let rate = frames.device_time_s.as_ref().and_then(|times| {
         let span = times.last()? - times.first()?;
-        // lost frames were measured too
+        // lost frames took time, too
         let steps = (times.len() - 1) as f64 + facts.lost_frames as f64;
         (span > 0.0).then_some(steps / span)
     });
@@ -190,7 +191,7 @@ fn findings(
     for &(electrode, flagged_share) in &at_fault {
         findings.push(Finding::of_electrode(electrode, Trouble::Open { flagged_share }));
     }
-    // the mean of flagged values explains any error
+    // flagged values would distort the mean, and with it the reciprocity
     if at_fault.is_empty() {
         for (electrode, health) in (0..).zip(&report.electrodes) {
             if let Some(trouble) = electrode_trouble(report, health) {
@@ -205,7 +206,7 @@ fn findings(
         }));
     }
     let limit = share_of(Quality::SATURATED) + share_of(Quality::OVER_RANGE);
-    // where one electrode is open, its measurements saturate: that is told already
+    // an open electrode saturates its measurements and is reported already
     if limit > LOST_SHARE && at_fault.is_empty() {
         findings.push(Finding::of_whole(Trouble::Saturation { share: limit }));
     }
@@ -245,7 +246,7 @@ fn findings(
     findings
 }
 
-/// What is wrong with one electrode, the surest sign first.
+/// Returns what is wrong with one electrode, checking the surest sign first.
 fn electrode_trouble(report: &HealthReport, health: &ElectrodeHealth) -> Option<Trouble> {
     if let (Some(with), Some(without)) = (report.reciprocity, health.reciprocity_without)
         && with > DOUBTED_ERROR
@@ -254,7 +255,7 @@ fn electrode_trouble(report: &HealthReport, health: &ElectrodeHealth) -> Option<
         return Some(Trouble::Contact { with, without });
     }
     let noisiest = report.electrodes.iter().fold(0.0_f64, |most, e| most.max(e.noise_ratio));
-    // its neighbours measure against it and are noisy too
+    // its neighbours are measured against it and are noisy as well
     (health.noise_ratio > NOISY_FACTOR && health.noise_ratio >= 0.9 * noisiest)
         .then_some(Trouble::Noisy { ratio: health.noise_ratio })
 }

@@ -1,4 +1,4 @@
-//! Reference frames of a live instrument, for the check of its health.
+//! Measures reference frames of a live instrument for a health check.
 
 use std::time::{Duration, Instant};
 
@@ -10,31 +10,31 @@ use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
 use crate::recording::{MeasuredFrames, Unit};
 
-/// Frames of the untouched skin, and what happened while they were measured.
+/// Frames of the untouched skin, and events during their measurement.
 #[derive(Clone, Debug)]
 pub struct ReferenceFrames {
-    /// Their values, real parts.
+    /// Measured values (real parts) and their flags.
     pub frames: MeasuredFrames,
-    /// What was lost, and the rate that was asked for.
+    /// Number of lost frames, and the requested rate.
     pub facts: StreamFacts,
-    /// Messages of the instrument and its driver meanwhile.
+    /// Messages from the instrument and its driver.
     pub notices: Vec<String>,
 }
 
 impl ReferenceFrames {
-    /// Checks them with [`check_health`]; `quadruples` are those of the frames.
+    /// Checks the frames with [`check_health`]; `quadruples` are their measurements.
     ///
     /// # Errors
-    /// As [`check_health`].
+    /// Those of [`check_health`].
     pub fn check(&self, quadruples: &[Quadruple]) -> Result<HealthReport, HwError> {
         check_health(&self.frames, quadruples, &self.facts)
     }
 }
 
-/// Measures `count` frames of one epoch, or as many as come within `limit`.
+/// Measures `count` frames of one epoch, or as many as arrive within `limit`.
 ///
 /// # Errors
-/// Those of the source: [`HwError::Lost`], [`HwError::Overflow`].
+/// Those of the source: [`HwError::Lost`], [`HwError::Overflow`], [`HwError::Identity`].
 pub fn measure_reference_frames(
     source: &mut dyn FrameSource,
     count: usize,
@@ -46,11 +46,11 @@ pub fn measure_reference_frames(
         let Some(left) = limit.checked_sub(start.elapsed()) else { break };
         match source.next_event(left.min(Duration::from_millis(100)))? {
             Some(Event::Frame(frame)) => taken.push(frame),
-            // those before the first frame are the start's
+            // losses before the first frame belong to the start
             Some(Event::Gap { frames }) if !taken.is_empty() => lost_frames += frames,
-            // what was measured before holds no longer
+            // frames before a reconnection are no longer valid
             Some(Event::Reconnected { .. }) => {
-                notices.push("the connection was lost and found again".to_owned());
+                notices.push("the connection was lost and restored".to_owned());
                 taken.clear();
                 lost_frames = 0;
             }
@@ -67,16 +67,16 @@ pub fn measure_reference_frames(
     Ok(ReferenceFrames { frames: measured(&taken, source.setup().unit), facts, notices })
 }
 
-/// The frames as those of a recording.
+/// Converts live frames to those of a recording.
 fn measured(frames: &[Frame], unit: Unit) -> MeasuredFrames {
-    // all of one source have as many values
+    // all frames of a source have the same number of values
     let shape = (frames.len(), frames.first().map_or(0, |frame| frame.values.len()));
     let value = |(row, column): (usize, usize)| frames[row].values.get(column).copied();
     let flags = |(row, column): (usize, usize)| frames[row].quality.get(column).copied();
     let values = Array2::from_shape_fn(shape, |at| value(at).unwrap_or(f64::NAN));
     let quality = Array2::from_shape_fn(shape, |at| flags(at).unwrap_or(Quality::MISSING));
     let times: Option<Vec<f64>> = frames.iter().map(|frame| frame.device_time_s).collect();
-    // a board without a clock: when its frames arrived
+    // for a board without a clock: times of arrival
     let host = || {
         let first_s = frames.first()?.host_time_s?;
         frames.iter().map(|frame| frame.host_time_s.map(|time_s| time_s - first_s)).collect()

@@ -1,35 +1,38 @@
-//! Reciprocity of a frame, and what it tells about the order of its measurements.
+//! Reciprocity of a frame, and what it says about the order of its measurements.
 //!
-//! By reciprocity (Geselowitz 1971) a linear body gives v(a, b, m, n) = v(m, n, a, b), so a frame
-//! that holds both can be checked without a model. In the right order of measurements the two
+//! By reciprocity (Geselowitz 1971) a linear body has v(a, b, m, n) = v(m, n, a, b), so a frame
+//! that contains both can be checked without a model. In the right order of measurements the two
 //! agree to the accuracy of the instrument; in a wrong one they differ as two arbitrary
 //! measurements do.
 //!
-//! What it cannot see: numbering the electrodes from another start or the other way round leaves
-//! every reciprocal pair a reciprocal pair. So does swapping drives with measured pairs.
+//! Reciprocity cannot detect a different first electrode or direction of numbering, since
+//! reciprocal pairs remain reciprocal. Nor can it detect that drives and measured pairs are
+//! swapped.
 
 use std::collections::HashMap;
 
 use crate::frame::{Quadruple, unsigned};
 
-/// Above this error an order is doubted. Right orders of all real recordings at hand are below
+/// Error above which an order is doubted. Right orders of all real recordings at hand are below
 /// 0.15 (the worst is a voltage over current of 2004), wrong ones above 0.75.
 const DOUBTED_ERROR: f64 = 0.2;
 
-/// So many times smaller must the error of another order be. It is 7 times or more on the
-/// recordings above; one open electrode raises right and wrong orders alike to about 1.
+/// Factor by which the error of another order must be smaller. It is at least 7 on the recordings
+/// above; one open electrode raises the error of right and wrong orders alike to about 1.
 const CLEAR_FACTOR: f64 = 3.0;
 
-/// Relative root mean square difference of reciprocal measurements,
-/// sqrt(sum (v(abmn) - v(mnab))^2 / (sum (v(abmn)^2 + v(mnab)^2) / 2)), over all pairs of
-/// measurements of which one is the other with drive and measured pair swapped; swapping `a` with
-/// `b` or `m` with `n` flips the sign and is seen through.
+/// Returns the relative root mean square difference of reciprocal measurements, sqrt(sum (v(abmn) -
+/// v(mnab))^2 / (sum (v(abmn)^2 + v(mnab)^2) / 2)).
 ///
-/// Measurements on a driven electrode are left out, since instruments treat driven electrodes in
-/// another way (1.36 with and 0.056 without them on the KHU/IIRC rod recording), and so are
-/// non-finite values. 0 is perfect; two unrelated measurements give about 1.
+/// The sums run over all pairs of measurements of which one has the drive and measured pair of the
+/// other swapped; the sign change from swapping `a` with `b` or `m` with `n` is accounted for. 0 is
+/// perfect; two unrelated measurements give about 1.
 ///
-/// `frame` holds one value per quadruple. `None` where the lengths differ or no two measurements
+/// Measurements on a driven electrode are ignored, since instruments treat driven electrodes
+/// differently (1.36 with and 0.056 without them on the KHU/IIRC rod recording), and so are
+/// non-finite values.
+///
+/// `frame` has one value per quadruple. Returns `None` if the lengths differ or no two measurements
 /// are reciprocal, as with opposite drive and adjacent measurement.
 ///
 /// ```
@@ -50,7 +53,7 @@ pub fn reciprocity_error(quadruples: &[Quadruple], frame: &[f64]) -> Option<f64>
             signed.insert(unsigned, sign * value);
         }
     }
-    // neither overflow nor underflow of the squares, whatever the unit
+    // scaled so that the squares neither overflow nor underflow, whatever the unit
     let largest = signed.values().fold(0.0, |most: f64, value| most.max(value.abs()));
     let (mut pairs, mut difference, mut sum) = (0_usize, 0.0, 0.0);
     // in the order of the quadruples: the sum must not depend on the map's random order
@@ -68,49 +71,49 @@ pub fn reciprocity_error(quadruples: &[Quadruple], frame: &[f64]) -> Option<f64>
     (pairs > 0 && sum > 0.0).then(|| (difference / sum).sqrt())
 }
 
-/// An order of measurements other than the scene's, by the setting that chooses it.
+/// An order of measurements other than the scene's, and the setting that selects it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OrderCandidate {
-    /// What to set, such as `[protocol] order = "ascending"`.
+    /// Setting that selects the order, such as `[protocol] order = "ascending"`.
     pub setting: String,
-    /// Its reciprocity error on the frame.
+    /// Reciprocity error of the frame in this order.
     pub error: f64,
 }
 
 /// What reciprocity says about the order of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum OrderVerdict {
-    /// The scene's order fits: its reciprocity error is 0.2 or less.
+    /// The scene's order fits: its reciprocity error is at most 0.2.
     Consistent {
         /// Reciprocity error in the scene's order.
         error: f64,
     },
-    /// The scene's order does not fit (above 0.2) and another fits at least 3 times better.
+    /// The scene's order does not fit (error above 0.2), and another fits at least 3 times better.
     Other {
-        /// Every order that fits 3 times better, best first; never empty. Where there are several,
-        /// reciprocity cannot tell them apart.
+        /// Every order that fits at least 3 times better, best first; never empty. If there are
+        /// several, reciprocity cannot distinguish them.
         better: Vec<OrderCandidate>,
         /// Reciprocity error in the scene's order.
         ours: f64,
     },
-    /// Nothing can be said: no reciprocal measurements in the scene's order, or it does not fit
-    /// and no other fits clearly better (an electrode is off, or the order is none of these).
+    /// Undecided: the scene's order has no reciprocal measurements, or it does not fit and no other
+    /// fits clearly better (an electrode is off, or the order is none of these).
     Unclear {
         /// Reciprocity error in the scene's order.
         ours: Option<f64>,
-        /// The best of the others.
+        /// The best alternative.
         best: Option<OrderCandidate>,
     },
 }
 
 /// Compares the scene's order of measurements with others by the reciprocity error of a frame.
 ///
-/// `frame` is one value per measurement in file order; the mean over a recording is less noisy
-/// than one frame. `alternatives` are orders by the setting that chooses them; one of another
-/// length than the frame is passed over. Magnitudes without sign serve as well where reciprocal
+/// `frame` has one value per measurement in file order; the mean over a recording is less noisy
+/// than one frame. `alternatives` are other orders and the settings that select them; those of
+/// another length than the frame are ignored. Unsigned magnitudes serve as well if reciprocal
 /// measurements have the same sign, as in adjacent protocols.
 ///
-/// Nothing is chosen: the caller reports the verdict.
+/// Chooses nothing: the caller reports the verdict.
 pub fn recognise_order(
     frame: &[f64],
     quadruples: &[Quadruple],

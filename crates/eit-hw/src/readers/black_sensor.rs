@@ -1,10 +1,10 @@
-//! Logs of the skin board `black_sensor` as its own program writes them: the computer's time, a load cell,
-//! then what came over the serial line, in commas.
+//! Logs of the skin board `black_sensor` as its own program writes them: the computer's time and a
+//! load cell, then what was received over the serial line, separated by commas.
 //!
-//! A frame is a line `A` and 16 lines of the board's time in milliseconds and 16 counts, driven electrodes
-//! included. The header calls the counts millivolts, but they are the converter's own. A frame that has
-//! boot banners, colour codes or cut lines between its rows is left out whole; before them they cost nothing.
-//! Source: github.com/richgumy/black_sensor.
+//! A frame is a line `A` and 16 lines of the board's time in milliseconds and 16 counts, driven
+//! electrodes included. The header calls the counts millivolts, but they are the converter's own. A
+//! frame with boot banners, colour codes or truncated lines between its rows is skipped; between
+//! frames they do no harm. Source: github.com/richgumy/black_sensor.
 
 use std::path::Path;
 
@@ -13,27 +13,27 @@ use crate::codec::text::{Decoder, Event, Fault, TextFormat};
 use crate::error::{At, HwError};
 use crate::recording::{Format, Layout, Recording, SkipReason, Skipped, Unit};
 
-/// Columns that the computer adds before those of the board.
+/// Number of columns that the computer adds before those of the board.
 const ADDED: usize = 2;
-/// What the second line of every log begins with.
+/// Start of the second line of every log.
 const HEADER: &[u8] = b"time_pc [s],";
 
-/// Whether the first lines are those of such a log.
+/// Returns whether the first lines are those of such a log.
 pub(super) fn is_log(bytes: &[u8]) -> bool {
     bytes.split(|&byte| byte == b'\n').take(4).any(|line| line.starts_with(HEADER))
 }
 
-/// Frames of such a log; `path` is for messages.
+/// Parses such a log; `path` is used in messages only.
 ///
 /// The layout is [`Layout::ProtocolOrder`] of 256 values, the unit [`Unit::Arbitrary`].
 ///
 /// # Errors
-/// [`HwError::NoFrames`] without one whole frame.
+/// [`HwError::NoFrames`] if there is no complete frame.
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     let format = TextFormat::black_sensor();
     let count = format.measurements();
     let mut decoder = Decoder::new(format)?;
-    // in step: the start of the first line is there
+    // the file starts at the start of a line
     decoder.reset(true);
     let (mut values, mut qualities, mut skipped) = (Vec::new(), Vec::new(), Skipped::default());
     let content = String::from_utf8_lossy(bytes);
@@ -58,7 +58,7 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     Ok(recording)
 }
 
-/// What came over the line: a mark, or the counts behind the board's time.
+/// Returns what was received over the line: a mark, or the counts after the board's time.
 fn serial(row: &str) -> String {
     let row = row.trim_end_matches(',');
     let mut fields = row.splitn(ADDED + 2, ',').skip(ADDED);
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
     use crate::frame::Quality;
 
-    /// As the logs have it: the board's time in front, a comma at the end.
+    /// Returns 16 rows as the logs have them: the board's time first, a comma at the end.
     fn block(counts: impl Fn(usize, usize) -> u32) -> String {
         let row = |row: usize| {
             let row: Vec<String> = (0..16).map(|column| counts(row, column).to_string()).collect();
@@ -102,7 +102,7 @@ mod tests {
         broken.insert_str(broken.find('\n').unwrap() + 1, banner);
         let head =
             "UTC:,2022-04-12 04:28:07.127463\ntime_pc [s],Mass [g],time_mcu[ms],data [mV]:\n";
-        // without a mark, whole, banners between frames, a banner in a frame, whole
+        // no mark, complete, banner between frames, banner within a frame, complete
         let mark = "1.5,0,A\n";
         let text =
             [head, &block(sound), mark, &block(sound), banner, mark, &broken, mark, &block(railed)]

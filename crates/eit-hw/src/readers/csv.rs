@@ -1,8 +1,8 @@
-//! Numbers as text: one frame a row, one frame a column, or one frame as a matrix.
+//! Numbers as text: one frame per row, one frame per column, or one frame as a matrix.
 //!
-//! Fields are separated by semicolons, commas, tabs or spaces, whichever of these the first line
-//! of numbers holds, looked for in this order. Everything after `#` is a comment. A first line of
-//! which no field starts as a number is a header and is skipped, and so are blank lines; one
+//! Fields are separated by semicolons, commas, tabs or spaces: the first of these, in this order,
+//! that the first line of numbers contains. Everything after `#` is a comment. Blank lines are
+//! skipped, and so is the first line if none of its fields starts as a number (a header); one
 //! separator may end a line. Every row must have as many values as the first.
 
 use std::path::Path;
@@ -13,31 +13,32 @@ use crate::error::{HwError, Place};
 pub use crate::recording::FrameOrientation;
 use crate::recording::{Format, Layout, Note, Recording, Unit};
 
-/// How a CSV file is laid out.
+/// Layout of a CSV file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CsvOptions {
-    /// What one frame is.
+    /// What forms one frame.
     pub orientation: FrameOrientation,
-    /// Rows (or columns, also those of a matrix) alternate: real parts of frame 0, imaginary parts
-    /// of frame 0, real parts of frame 1 and so on.
+    /// Whether rows (or columns, also those of a matrix) alternate: real parts of frame 0,
+    /// imaginary parts of frame 0, real parts of frame 1 and so on.
     pub complex: bool,
 }
 
 /// Reads a CSV file.
 ///
 /// # Errors
-/// [`HwError`], see [`parse`], and where the file cannot be read.
+/// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
 pub fn read(path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
     parse(&file_bytes(path, Format::Csv.name())?, path, options)
 }
 
-/// Frames of a CSV file with this content; `path` is for messages.
+/// Parses the content of a CSV file; `path` is used in messages only.
 ///
 /// The layout is [`Layout::ProtocolOrder`], the unit [`Unit::Arbitrary`]. A value that is NaN or
-/// infinite is missing: flagged [`Quality::NON_FINITE`](crate::Quality::NON_FINITE).
+/// infinite counts as missing and is flagged [`Quality::NON_FINITE`](crate::Quality::NON_FINITE).
 ///
 /// # Errors
-/// [`HwError`] for an empty or binary file, a field that is no number, a row of another length than the first, and an odd number of rows or columns where they alternate.
+/// [`HwError`] for an empty or binary file, a field that is not a number, a row whose length
+/// differs from the first, or an odd number of rows or columns where they alternate.
 pub fn parse(bytes: &[u8], path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
     let content = text::decode(bytes, path)?;
     let mut rows = Rows::default();
@@ -101,18 +102,19 @@ impl Rows {
             what: "values",
             found: columns,
             wanted: self.columns,
-            mend: "every row must have as many as the first: remove or complete this one",
+            mend: "every row must have as many values as the first: remove or complete this one",
         })
     }
 }
 
-/// Whether a field is a number or starts as one, such as `0,5` and `12 mV`: no header has such.
+/// Returns whether a field is a number or starts as one, such as `0,5` or `12 mV`; no header has
+/// such fields.
 fn is_numeric(field: &str) -> bool {
     let digits = field.trim_start_matches(['+', '-', '.']);
     digits.starts_with(|first: char| first.is_ascii_digit()) || field.parse::<f64>().is_ok()
 }
 
-/// The first of semicolon, comma and tab that the line holds, else spaces.
+/// Returns the first of semicolon, comma and tab that the line contains, otherwise spaces.
 fn separator_of(line: &str) -> Separator {
     [';', ',', '\t']
         .into_iter()
@@ -120,7 +122,7 @@ fn separator_of(line: &str) -> Separator {
         .map_or(Separator::Spaces, Separator::Character)
 }
 
-/// Fields of a trimmed line. Two iterators in one: the one not used is empty.
+/// Splits a trimmed line into fields. Two iterators in one, of which the unused one is empty.
 fn fields(line: &str, separator: Separator) -> impl Iterator<Item = &str> {
     let (separated, spaced) = match separator {
         Separator::Character(character) => {
@@ -132,7 +134,7 @@ fn fields(line: &str, separator: Separator) -> impl Iterator<Item = &str> {
     separated.into_iter().flatten().chain(spaced.into_iter().flatten())
 }
 
-/// The first field of a trimmed line.
+/// Returns the first field of a trimmed line.
 pub(super) fn first_field(line: &str) -> &str {
     fields(line, separator_of(line)).next().unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! Files of a recording: their bytes, their names, and the numbers in the names.
+//! Files of a recording: their content, names, and the numbers in the names.
 
 use std::fs;
 use std::io::Read;
@@ -8,7 +8,7 @@ use crate::error::{HwError, Place};
 use crate::recording::Note;
 use crate::regular::regular_file;
 
-/// Bytes of a file; a folder is an error of its own.
+/// Reads a file; a folder is an error of its own.
 pub(super) fn file_bytes(path: &Path, format: &'static str) -> Result<Vec<u8>, HwError> {
     if path.is_dir() {
         return Err(HwError::Folder { place: Place::file(path), format });
@@ -19,7 +19,7 @@ pub(super) fn file_bytes(path: &Path, format: &'static str) -> Result<Vec<u8>, H
     Ok(bytes)
 }
 
-/// Whether a file begins with these bytes.
+/// Returns whether a file begins with these bytes.
 #[cfg(feature = "mcap")]
 pub(super) fn begins_with(path: &Path, start: &[u8]) -> Result<bool, HwError> {
     let failed = |source| HwError::Read { place: Place::file(path), source };
@@ -29,7 +29,8 @@ pub(super) fn begins_with(path: &Path, start: &[u8]) -> Result<bool, HwError> {
     Ok(bytes == start)
 }
 
-/// Names of the files of a folder, sorted. A name that is no text belongs to no format.
+/// Returns the names of the files in a folder, sorted. Names that are not valid text belong to no
+/// format and are omitted.
 pub(super) fn file_names(folder: &Path) -> Result<Vec<String>, HwError> {
     let unreadable = |source| HwError::Read { place: Place::file(folder), source };
     let mut names = Vec::new();
@@ -40,7 +41,7 @@ pub(super) fn file_names(folder: &Path) -> Result<Vec<String>, HwError> {
     Ok(names)
 }
 
-/// A note where sorted numbers have holes.
+/// Returns a note if sorted numbers have gaps.
 pub(super) fn missing_numbers(numbers: impl Iterator<Item = u64>) -> Option<Note> {
     let (mut count, mut first, mut before) = (0, None, None);
     for number in numbers {

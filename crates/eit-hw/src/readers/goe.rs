@@ -2,10 +2,11 @@
 //!
 //! No header; a frame is 256 little-endian f32. The first 208 are voltages: drive d = (d, d+1),
 //! then the measured pairs (d+2+k, d+3+k) mod 16 for k = 0 to 12 ("rotated" order). The other 48
-//! (drive voltages and currents, offsets) are not read: sources disagree on their order and scale,
-//! so the voltages have no known scale either and their unit is [`Unit::Arbitrary`].
+//! (drive voltages and currents, offsets) are ignored: sources disagree on their order and scale.
+//! The voltages therefore have no known scale, and their unit is [`Unit::Arbitrary`].
 //!
-//! Some instruments measure one of each reciprocal pair and leave the other 0; those are filled.
+//! Some instruments measure only one of each reciprocal pair and leave the other 0; the zeros are
+//! filled in.
 
 use std::path::Path;
 
@@ -15,29 +16,30 @@ use crate::error::{At, HwError, Place};
 use crate::recording::{Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
 
 const ELECTRODES: usize = 16;
-/// Measured pairs of a drive: those without a driven electrode.
+/// Measured pairs per drive: those without a driven electrode.
 const PAIRS: usize = ELECTRODES - 3;
 const MEASUREMENTS: usize = ELECTRODES * PAIRS;
 const FRAME_BYTES: usize = 256 * 4;
-/// No voltage of a converter, in any unit, is beyond: it is a sign of another file.
+/// Largest plausible magnitude of a voltage in any unit; larger values indicate another file
+/// format.
 const LARGEST: f64 = 1e6;
 
 /// Reads a `.get` file.
 ///
 /// # Errors
-/// [`HwError`], see [`parse`], and where the file cannot be read.
+/// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
 pub fn read(path: &Path) -> Result<Recording, HwError> {
     parse(&file_bytes(path, Format::Goe.name())?, path)
 }
 
-/// Frames of a `.get` file with this content; `path` is for messages.
+/// Parses the content of a `.get` file; `path` is used in messages only.
 ///
-/// The layout is [`Layout::ProtocolOrder`] with 208 values. Bytes after the last whole frame are counted
-/// as one skipped frame.
+/// The layout is [`Layout::ProtocolOrder`] with 208 values. Bytes after the last complete frame
+/// count as one skipped frame.
 ///
 /// # Errors
 /// [`HwError`] for an empty or text file, a Draeger file, less than one frame, and a value that is
-/// NaN, infinite or no voltage.
+/// NaN, infinite or implausible as a voltage.
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     if bytes.is_empty() {
         return Err(HwError::Empty { place: Place::file(path) });
@@ -82,8 +84,8 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     Ok(recording)
 }
 
-/// Fills the half of each frame that is 0 in all of them: the measured pairs that start before
-/// the drive. Whether there was such a half.
+/// Fills the half of each frame that is 0 in all frames: the measured pairs that start before the
+/// drive. Returns whether there was such a half.
 fn fill_by_reciprocity(values: &mut [f64]) -> bool {
     let pair_of = |slot: usize| (slot / PAIRS + 2 + slot % PAIRS) % ELECTRODES;
     let is_empty = |slot: usize| pair_of(slot) < slot / PAIRS;
@@ -95,7 +97,7 @@ fn fill_by_reciprocity(values: &mut [f64]) -> bool {
     }
     for frame in frames {
         for slot in (0..MEASUREMENTS).filter(|&slot| is_empty(slot)) {
-            // drive s and measured pair d instead of drive d and measured pair s = d + 2 + k:
+            // take drive s and measured pair d instead of drive d and measured pair s = d + 2 + k:
             // d = s + 2 + (12 - k) mod 16
             frame[slot] = frame[PAIRS * pair_of(slot) + PAIRS - 1 - slot % PAIRS];
         }

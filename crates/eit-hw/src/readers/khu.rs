@@ -1,16 +1,17 @@
-//! KHU Mark2.5: a folder of scans with the table of projections.
+//! KHU Mark2.5: a folder of scans with a projection table.
 //!
-//! `ProjectionTableSendLog.txt` has a row per projection and channel, of which the reader takes
+//! `ProjectionTableSendLog.txt` has a row per projection and channel, of which the reader uses
 //! `ProjIndex`, `Ch`, `ChInfo` (2 = source, 3 = sink) and the gain code `Gain1`. `NScan.txt` is
 //! frame N: rows `channel overflow real imaginary` in counts, projection after projection.
 //!
-//! Volt = count / (2^15 gain) with gain = code 40 / 200. A record with its overflow flag set is
-//! flagged [`Quality::SATURATED`] and keeps its value.
+//! Volt = count / (2^15 gain) with gain = code 40 / 200. A record whose overflow flag is set keeps
+//! its value and is flagged [`Quality::SATURATED`].
 //!
-//! Sign: the voltmeter of a channel lies between it and the channel before. In every projection of
-//! the recordings at hand the record of the source is negative and that of the sink positive, while
-//! a passive body has its highest potential at the source. So the value is the potential of the
-//! channel before minus that of the channel: the quadruple is [source, sink, channel - 1, channel].
+//! Sign: the voltmeter of a channel lies between it and the previous channel. In every projection
+//! of the recordings at hand the record of the source is negative and that of the sink positive,
+//! while a passive body has its highest potential at the source. The value is therefore the
+//! potential of the previous channel minus that of the channel: the quadruple is [source, sink,
+//! channel - 1, channel].
 
 mod table_log;
 
@@ -23,13 +24,13 @@ use crate::frame::Quality;
 use crate::recording::{Format, Layout, Recording, Unit};
 use table_log::ProjectionTable;
 
-/// Name of the file with the projections.
+/// Name of the projection table.
 pub(super) const TABLE_NAME: &str = "ProjectionTableSendLog.txt";
 
 const RECORD: &str =
-    "a record is `channel overflow real imaginary`: copy the file anew or move it away";
+    "a record is `channel overflow real imaginary`: copy the file again or remove it";
 
-/// Counts of the full scale.
+/// Count at full scale.
 const FULL_SCALE: f64 = 32_768.0;
 
 /// Reads a folder of scans in the order of their numbers.
@@ -37,12 +38,13 @@ const FULL_SCALE: f64 = 32_768.0;
 /// The layout is [`Layout::Quadruples`], complex, in [`Unit::Volt`].
 ///
 /// # Errors
-/// [`HwError`] where a file cannot be read, is empty or binary, or the table or every scan is
-/// missing; for a table row with less than its columns or a field that is no whole number, a gain
-/// code outside 1 to 255, a projection without all channels in order or without exactly one source
-/// and one sink; for a scan row that is not four numbers, a channel out of order, and another
-/// number of rows than the table has (a file of mixed frequencies has three times as many and is
-/// not read).
+/// [`HwError`] if
+/// - a file cannot be read, is empty or binary, or the table or every scan is missing;
+/// - a table row lacks columns or a field is not a whole number, a gain code is outside 1 to 255,
+///   or a projection lacks channels, has them out of order, or does not have exactly one source and
+///   one sink;
+/// - a scan row is not four numbers, a channel is out of order, or the number of rows differs from
+///   the table (files of mixed frequencies have three times as many and are not supported).
 pub fn read(path: &Path) -> Result<Recording, HwError> {
     if path.is_file() {
         return Err(HwError::NotAFolder { place: Place::file(path), format: Format::Khu.name() });
@@ -82,23 +84,23 @@ pub fn read(path: &Path) -> Result<Recording, HwError> {
     Ok(recording)
 }
 
-/// N of `NScan.txt` or `N Scan.txt`.
+/// Returns N of `NScan.txt` or `N Scan.txt`.
 pub(super) fn scan_number(name: &str) -> Option<u64> {
     name.strip_suffix("Scan.txt")?.trim_end().parse().ok()
 }
 
-/// One scan in volt, in the order of [`ProjectionTable::quadruples`].
+/// One scan in volts, in the order of [`ProjectionTable::quadruples`].
 #[derive(Debug)]
 struct Scan {
     real: Vec<f64>,
     imaginary: Vec<f64>,
-    /// [`Quality::SATURATED`] where the overflow flag is set, [`Quality::NON_FINITE`] where a count
-    /// is NaN or infinite.
+    /// [`Quality::SATURATED`] if the overflow flag is set, [`Quality::NON_FINITE`] if a count is
+    /// NaN or infinite.
     quality: Vec<Quality>,
 }
 
 impl Scan {
-    /// Appends a record of counts.
+    /// Adds one record.
     fn push(&mut self, [overflow, real, imaginary]: [f64; 3], gain: f64) {
         let mut quality = Quality::GOOD;
         if overflow != 0.0 {
@@ -113,7 +115,7 @@ impl Scan {
     }
 }
 
-/// The scan of a file with this content; `path` is for messages.
+/// Parses the content of a scan file; `path` is used in messages only.
 fn parse_scan(bytes: &[u8], path: &Path, table: &ProjectionTable) -> Result<Scan, HwError> {
     let content = text::decode(bytes, path)?;
     let wanted = table.quadruples.len();
@@ -131,9 +133,9 @@ fn parse_scan(bytes: &[u8], path: &Path, table: &ProjectionTable) -> Result<Scan
                 return Err(HwError::Field {
                     place: Place::line(path, line),
                     field: "channel",
-                    text: format!("{channel} where {expected} follows"),
+                    text: format!("{channel} instead of {expected}"),
                     wanted: "every channel of a projection in order",
-                    mend: "the file is cut or damaged: copy it anew or move it away",
+                    mend: "the file is truncated or damaged: copy it again or remove it",
                 });
             }
             scan.push([overflow, real, imaginary], *gain);
@@ -149,7 +151,7 @@ fn parse_scan(bytes: &[u8], path: &Path, table: &ProjectionTable) -> Result<Scan
         what: "records",
         found: rows,
         wanted,
-        mend: "the projection table says so: copy the file anew or move it away",
+        mend: "as in the projection table: copy the file again or remove it",
     })
 }
 
@@ -166,8 +168,7 @@ mod tests {
         ProjectionTable::parse(TABLE, Path::new("t")).unwrap()
     }
 
-    /// Table and scan from the same bytes: what is read fits itself, what is refused is refused in
-    /// one line.
+    /// Parses the bytes as table and as scan: results are consistent, errors are one line.
     fn parse_both(bytes: &[u8]) {
         let path = Path::new("f");
         let mut tables = vec![table()];

@@ -1,9 +1,9 @@
-//! LCT text of the University of Manchester: one frame a file.
+//! LCT text of the University of Manchester: one frame per file.
 //!
-//! Header lines start with `#`; the last is `#Start`. Then a row `Vr Vi I` per measurement: real
-//! and imaginary voltage and the current, of which the value (Vr + i Vi) / I in ohm is taken, since
-//! the instrument drives a voltage and its current differs between drives. Some files repeat the
-//! last row; it is left out with a note. Order: per drive the measured pairs ascending.
+//! Header lines start with `#`; the last is `#Start`. Then follows a row `Vr Vi I` per measurement:
+//! real and imaginary voltage and the current. The value is (Vr + i Vi) / I in ohms, since the
+//! instrument drives a voltage and its current differs between drives. Some files repeat the last
+//! row; the repeated row is dropped with a note. Order: per drive, the measured pairs ascending.
 
 use std::path::Path;
 
@@ -12,24 +12,24 @@ use super::{table, text};
 use crate::error::{HwError, Place, shortened};
 use crate::recording::{Format, Layout, Note, Recording, Unit};
 
-const MEND: &str = "export the file anew";
+const MEND: &str = "export the file again";
 
 /// Reads an LCT file.
 ///
 /// # Errors
-/// [`HwError`], see [`parse`], and where the file cannot be read.
+/// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
 pub fn read(path: &Path) -> Result<Recording, HwError> {
     parse(&file_bytes(path, Format::Lct.name())?, path)
 }
 
-/// The frame of an LCT file with this content; `path` is for messages.
+/// Parses the content of an LCT file; `path` is used in messages only.
 ///
 /// The layout is [`Layout::ProtocolOrder`], complex, in [`Unit::Ohm`].
 ///
 /// # Errors
 /// [`HwError`] for an empty or binary file, a header without `#MEAS`, `Length`, `Electrodes` and
-/// `Operating_Frequency` or with numbers that do not fit each other, a row that is not three finite
-/// numbers, a current of 0, and another number of rows than `Length`.
+/// `Operating_Frequency` or with inconsistent numbers, a row that is not three finite numbers, a
+/// current of 0, or a number of rows other than `Length`.
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     let content = text::decode(bytes, path)?;
     if !content.starts_with("#MEAS") {
@@ -58,7 +58,7 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
             what: "rows",
             found: rows.len(),
             wanted: header.length,
-            mend: "the header's `Length` says so: export the file anew",
+            mend: "as in the header's `Length`: export the file again",
         });
     }
     let (mut real, mut imaginary) = (Vec::new(), Vec::new());
@@ -76,7 +76,7 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     Ok(recording)
 }
 
-/// (Vr + i Vi) / I of one row.
+/// Returns (Vr + i Vi) / I of one row.
 fn impedance(row: [f64; 3], place: Place, measurement: usize) -> Result<[f64; 2], HwError> {
     let [vr, vi, current] = row;
     if current == 0.0 {
@@ -127,13 +127,13 @@ impl Header {
     }
 }
 
-/// What follows `name` and an optional comma.
+/// Returns what follows `name` and an optional comma.
 fn value_of<'a>(content: &'a str, name: &str) -> Option<&'a str> {
     let rest = content.strip_prefix(name)?;
     rest.starts_with([',', ' ']).then(|| rest.trim_start_matches([',', ' ']).trim_end())
 }
 
-/// `10 , KHz` in hertz.
+/// Converts text such as `10 , KHz` to hertz.
 fn hertz(text: &str) -> Option<f64> {
     let (number, unit) = text.split_once(',')?;
     let scale = match unit.trim() {

@@ -1,7 +1,8 @@
 //! NumPy `.npy` arrays of numbers.
 //!
-//! Parsed here and not by `ndarray-npy`: its header parser recurses on nested brackets, and frames
-//! need one real or complex matrix whatever the stored type. Format: NumPy enhancement proposal 1.
+//! Parsed here and not by `ndarray-npy`, whose header parser recurses on nested brackets, and
+//! because frames need a real or complex matrix whatever the stored type. Format: NumPy enhancement
+//! proposal 1.
 
 mod header;
 
@@ -18,38 +19,38 @@ use crate::recording::{Format, FrameOrientation, Layout, Note, Recording, Unit};
 /// First bytes of every `.npy` file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
 
-const MEND: &str = "save it anew with numpy.save of a plain numeric array";
+const MEND: &str = "save it again with numpy.save as a plain numeric array";
 
-/// How an array is laid out.
+/// Layout of an array.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NpyOptions {
-    /// What one frame is in an array of two axes.
+    /// What forms one frame in an array of two axes.
     pub orientation: FrameOrientation,
-    /// Rows (or columns, also those of a matrix) of real numbers alternate: real parts of frame 0,
-    /// imaginary parts of frame 0, real parts of frame 1 and so on.
+    /// Whether rows (or columns, also those of a matrix) of real numbers alternate: real parts of
+    /// frame 0, imaginary parts of frame 0, real parts of frame 1 and so on.
     pub complex: bool,
 }
 
 /// Reads an NPY file.
 ///
 /// # Errors
-/// [`HwError`], see [`parse`], and where the file cannot be read.
+/// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
 pub fn read(path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
     parse(&file_bytes(path, Format::Npy.name())?, path, options)
 }
 
-/// Frames of an NPY file with this content; `path` is for messages.
+/// Parses the content of an NPY file; `path` is used in messages only.
 ///
-/// Integers of 1 to 8 bytes, floats of 4 and 8 and complex numbers of 8 and 16, in either byte and
-/// axis order. `[measurement]` is one frame, and so is, by [`FrameOrientation::Rows`], a matrix of
-/// one column (with a note); for other matrices see [`FrameOrientation`]. The layout is
-/// [`Layout::ProtocolOrder`], the unit [`Unit::Arbitrary`]. A value that is NaN or infinite is missing:
-/// flagged [`Quality::NON_FINITE`](crate::Quality::NON_FINITE).
+/// Accepts integers of 1 to 8 bytes, floats of 4 and 8 and complex numbers of 8 and 16, in either
+/// byte and axis order. `[measurement]` is one frame, and so is, with [`FrameOrientation::Rows`], a
+/// matrix of one column (with a note); for other matrices see [`FrameOrientation`]. The layout is
+/// [`Layout::ProtocolOrder`], the unit [`Unit::Arbitrary`]. A value that is NaN or infinite counts
+/// as missing and is flagged [`Quality::NON_FINITE`](crate::Quality::NON_FINITE).
 ///
 /// # Errors
 /// [`HwError`] for an empty file, a damaged header, another type or shape, more or fewer bytes than
-/// the header states, an odd number of rows or columns where they
-/// alternate, and complex numbers where real ones should alternate.
+/// the header states, an odd number of rows or columns where they alternate, and complex numbers
+/// where real ones should alternate.
 pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
     let Header { first_byte, kind, fortran, shape } = Header::parse(bytes, path)?;
     let orientation = options.orientation;
@@ -90,10 +91,11 @@ pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recordin
     Ok(recording.with_missing())
 }
 
-/// Real numbers of an NPY file of any shape; `path` is for messages.
+/// Parses real numbers of any shape from the content of an NPY file; `path` is used in messages
+/// only.
 ///
 /// # Errors
-/// [`HwError`] as [`parse`], and for complex numbers.
+/// Those of [`parse`], and [`HwError::Field`] for complex numbers.
 pub fn parse_array(bytes: &[u8], path: &Path) -> Result<ArrayD<f64>, HwError> {
     let Header { first_byte, kind, fortran, shape } = Header::parse(bytes, path)?;
     if kind.complex {
@@ -118,10 +120,10 @@ pub fn parse_array(bytes: &[u8], path: &Path) -> Result<ArrayD<f64>, HwError> {
     ArrayD::from_shape_vec(shape, list).map_err(none)
 }
 
-/// [`parse_array`] of a file.
+/// Reads a file with [`parse_array`].
 ///
 /// # Errors
-/// As [`parse_array`], and where the file cannot be read.
+/// Those of [`parse_array`], and [`HwError::Read`] if the file cannot be read.
 pub fn read_array(path: &Path) -> Result<ArrayD<f64>, HwError> {
     parse_array(&file_bytes(path, Format::Npy.name())?, path)
 }
@@ -132,7 +134,7 @@ fn wrong_size(path: &Path, first_byte: usize, found: usize, wanted: Option<usize
         what: "bytes of data",
         found,
         wanted: wanted.unwrap_or(usize::MAX),
-        mend: "the file is cut or holds more than one array: copy or save it anew",
+        mend: "the file is truncated or contains more than one array: copy or save it again",
     }
 }
 
@@ -146,7 +148,7 @@ struct Stored<'a> {
 }
 
 impl Stored<'_> {
-    /// Real (0) or imaginary (1) parts, [row, column].
+    /// Returns the real (0) or imaginary (1) parts, [row, column].
     fn part(&self, part: usize, path: &Path) -> Result<Array2<f64>, HwError> {
         let Self { rows, columns, fortran, .. } = *self;
         let none = |_| HwError::NoFrames { place: Place::file(path), skipped: 0 };

@@ -1,4 +1,4 @@
-//! Which format a file or folder has, by content first and by ending where content says nothing.
+//! Recognises the format of a file or folder: by content first, otherwise by file name ending.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use super::{black_sensor, csv, khu, npy, text};
 use crate::error::{HwError, Place};
 use crate::recording::Format;
 
-/// The format of a folder.
+/// Returns the format of a folder.
 pub(super) fn folder(path: &Path) -> Result<Format, HwError> {
     let names = file_names(path)?;
     let sciospec = names.iter().any(|name| name.to_lowercase().ends_with(".eit"));
@@ -21,7 +21,7 @@ pub(super) fn folder(path: &Path) -> Result<Format, HwError> {
     }
 }
 
-/// The format of a file with this content.
+/// Returns the format of a file with this content.
 pub(super) fn file(
     bytes: &[u8],
     path: &Path,
@@ -63,7 +63,7 @@ pub(super) fn file(
     if serial_log::looks_like_unmarked(content, log_options) {
         return Err(ambiguous(path, Format::Csv, Format::SerialLog));
     }
-    // anything that starts with numbers; the reader says what is wrong further on
+    // anything that starts with numbers; the reader reports what is wrong further on
     let numbers = text::lines(content)
         .map(|(_, line)| line.split('#').next().unwrap_or_default().trim())
         .filter(|line| !line.is_empty())

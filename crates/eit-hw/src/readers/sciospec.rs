@@ -1,8 +1,8 @@
-//! Sciospec `.eit` text frames: one file a frame, one folder a recording.
+//! Sciospec `.eit` text frames: one file per frame, one folder per recording.
 //!
-//! The first line is the number of header lines, itself included. Then, for each drive, a line
-//! `a b` (channels from 1) and, for each frequency, a line of real and imaginary parts of the
-//! potentials of all channels of the device in volt. The header's `MeasurementChannels` says which
+//! The first line is the number of header lines, itself included. Then, for each drive, follow a
+//! line `a b` (channels from 1) and, for each frequency, a line of real and imaginary parts of the
+//! potentials of all channels of the device in volts. The header's `MeasurementChannels` says which
 //! channels are electrodes; they are numbered in its order. Current enters at the channel named
 //! first: in the vendor's recording its potential is positive and that of the other negative.
 
@@ -18,20 +18,21 @@ use crate::error::{HwError, Place, shortened};
 use crate::recording::{Format, Layout, Note, Recording, Unit};
 use frame::EitFrame;
 
-/// What to read of a Sciospec recording.
+/// Options for reading a Sciospec recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SciospecOptions {
-    /// Which of the frequencies, from 0.
+    /// Index of the frequency to read, from 0.
     pub frequency_row: usize,
 }
 
-/// Reads a folder of `.eit` files in the order of the numbers that end their names, or one file.
+/// Reads a folder of `.eit` files, in the order of the numbers at the end of their names, or one
+/// file.
 ///
 /// The layout is [`Layout::Potentials`], complex, in [`Unit::Volt`].
 ///
 /// # Errors
-/// [`HwError`], see [`parse`]; where a file cannot be read, a name has no number, two recordings
-/// share the folder, or a frame has other drives or channels than the first.
+/// Those of [`parse`], and [`HwError`] if a file cannot be read, a name has no number, two
+/// recordings share the folder, or a frame has other drives or channels than the first.
 pub fn read(path: &Path, options: &SciospecOptions) -> Result<Recording, HwError> {
     if !path.is_dir() {
         return parse(&file_bytes(path, Format::Sciospec.name())?, path, options);
@@ -48,20 +49,20 @@ pub fn read(path: &Path, options: &SciospecOptions) -> Result<Recording, HwError
     Ok(recording)
 }
 
-/// The frame of one `.eit` file with this content; `path` is for messages.
+/// Parses the content of one `.eit` file, which holds one frame; `path` is used in messages only.
 ///
 /// # Errors
-/// [`HwError`] for an empty or binary file, an `.eit` of another maker, a header that does not hold
-/// what it should, a drive line without its channels, a line of another number of values than the
-/// first, a value that is no finite number, a frequency row that is not there, and a file that ends
-/// within a drive.
+/// [`HwError`] for an empty or binary file, an `.eit` of another manufacturer, an invalid header, a
+/// drive line without its channels, a line whose number of values differs from the first, a value
+/// that is not a finite number, a frequency row that does not exist, and a file that ends within a
+/// drive.
 pub fn parse(bytes: &[u8], path: &Path, options: &SciospecOptions) -> Result<Recording, HwError> {
     let mut frames = Frames::default();
     frames.push(EitFrame::parse(bytes, path, options.frequency_row)?, path)?;
     frames.finish(path)
 }
 
-/// Number and name of each `.eit` file of one recording, by number.
+/// Returns number and name of each `.eit` file of a recording, sorted by number.
 fn numbered_files(folder: &Path) -> Result<Vec<(u64, String)>, HwError> {
     let mut files: Vec<(u64, String)> = Vec::new();
     let mut recording: Option<String> = None;
@@ -76,7 +77,7 @@ fn numbered_files(folder: &Path) -> Result<Vec<(u64, String)>, HwError> {
                 field: "file name",
                 text: shortened(&name),
                 wanted: "a frame number before `.eit`",
-                mend: "rename the file or move it away",
+                mend: "rename or remove the file",
             });
         };
         match &recording {
@@ -97,13 +98,13 @@ fn numbered_files(folder: &Path) -> Result<Vec<(u64, String)>, HwError> {
     Ok(files)
 }
 
-/// Frames of one recording, each with the drives and channels of the first.
+/// Frames of a recording, which must all have the drives and channels of the first.
 #[derive(Default)]
 struct Frames {
     first: Option<EitFrame>,
     real: Vec<f64>,
     imaginary: Vec<f64>,
-    /// Milliseconds of the header's date, while every file has one.
+    /// Times in the headers, in milliseconds, as long as every file has one.
     times_ms: Option<Vec<i64>>,
 }
 
@@ -121,7 +122,7 @@ impl Frames {
             what,
             found,
             wanted,
-            mend: "every frame must be like the first: move this file away",
+            mend: "every frame must match the first: remove this file",
         };
         if frame.electrodes != first.electrodes {
             return Err(differs("electrodes", frame.electrodes, first.electrodes));
@@ -159,7 +160,7 @@ impl Frames {
     }
 }
 
-/// A note for each drive that occurs again.
+/// Returns a note for each repeated drive.
 fn repeated(drives: &[[u32; 2]]) -> Vec<Note> {
     let mut seen = HashSet::with_capacity(drives.len());
     drives

@@ -1,13 +1,14 @@
-//! Raw serial logs of lines of decimals: 16 electrodes, adjacent drive and measurement.
+//! Raw serial logs of decimal numbers: 16 electrodes, adjacent drive and measurement.
 //!
 //! A line `s` starts a frame: one line per drive d = (d, d+1), with the amplitudes of the measured
 //! pairs (d+2+k, d+3+k) mod 16 for k = 0 to 12. A line `ref:` starts a frame that the program
-//! marked as its reference, `data:` ends it. One line that holds a whole frame is one. Lines come
-//! as they came off the serial line, so frames are cut: each that is not whole is skipped and
-//! counted, and so is a first one without its `s`, whose first number may have lost digits.
-//! What stays unseen without a checksum or counter: a digit lost within a line, and a cut of just
-//! one frame's lines that joins the start of one frame to the end of the next.
-//! Amplitudes are unsigned, in the converter's volts at an unknown gain ([`Unit::Arbitrary`]).
+//! marked as its reference; `data:` ends it. A single line with all values of a frame is a frame,
+//! too. Lines are logged as received over the serial line, so frames can be incomplete: each
+//! incomplete frame is skipped and counted, and so is a first frame without its `s`, whose first
+//! number may have lost digits. Without a checksum or counter two errors go undetected: a digit
+//! lost within a line, and a loss of exactly one frame's lines that joins the start of one frame to
+//! the end of the next. Amplitudes are unsigned, in the converter's volts at an unknown gain
+//! ([`Unit::Arbitrary`]).
 
 use std::path::Path;
 
@@ -19,14 +20,14 @@ use crate::error::{At, HwError, Place};
 use crate::frame::Quality;
 use crate::recording::{Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
 
-/// How a serial log is laid out.
+/// Layout of a serial log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SerialLogOptions {
-    /// Lines of a frame: drives.
+    /// Lines per frame: number of drives.
     pub lines_per_frame: usize,
-    /// Values of a line: measured pairs.
+    /// Values per line: number of measured pairs.
     pub values_per_line: usize,
-    /// The converter's full scale: values from here on are flagged [`Quality::SATURATED`].
+    /// Full scale of the converter: larger or equal values are flagged [`Quality::SATURATED`].
     pub full_scale: Option<f64>,
 }
 
@@ -40,17 +41,17 @@ impl Default for SerialLogOptions {
 /// Reads a serial log.
 ///
 /// # Errors
-/// [`HwError`], see [`parse`], and where the file cannot be read.
+/// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
 pub fn read(path: &Path, options: &SerialLogOptions) -> Result<Recording, HwError> {
     parse(&file_bytes(path, Format::SerialLog.name())?, path, options)
 }
 
-/// Frames of a serial log with this content; `path` is for messages.
+/// Parses the content of a serial log; `path` is used in messages only.
 ///
 /// The layout is [`Layout::ProtocolOrder`].
 ///
 /// # Errors
-/// [`HwError::Empty`], and [`HwError::NoFrames`] where no frame is whole.
+/// [`HwError::Empty`], and [`HwError::NoFrames`] if no frame is complete.
 pub fn parse(bytes: &[u8], path: &Path, options: &SerialLogOptions) -> Result<Recording, HwError> {
     if bytes.is_empty() {
         return Err(HwError::Empty { place: Place::file(path) });
@@ -77,12 +78,12 @@ pub fn parse(bytes: &[u8], path: &Path, options: &SerialLogOptions) -> Result<Re
     Ok(recording)
 }
 
-/// Whether a trimmed line is one of those that divide a log.
+/// Returns whether a trimmed line is one of those that divide a log.
 pub(super) fn is_mark(line: &[u8]) -> bool {
     matches!(line, b"s" | b"ref:" | b"data:")
 }
 
-/// Whether text without any mark is as many lines of as many numbers as whole frames have.
+/// Returns whether text without any mark has the lines and numbers per line of complete frames.
 pub(super) fn looks_like_unmarked(content: &str, options: &SerialLogOptions) -> bool {
     let mut lines = 0_usize;
     for (_, line) in text::lines(content) {
@@ -95,20 +96,20 @@ pub(super) fn looks_like_unmarked(content: &str, options: &SerialLogOptions) -> 
     lines > 0 && options.lines_per_frame > 0 && lines.is_multiple_of(options.lines_per_frame)
 }
 
-/// The state of the line parser.
+/// State of the line parser.
 struct Log {
     options: SerialLogOptions,
-    /// Whole frames, then the rows of the open one.
+    /// Values of complete frames, followed by those of the open one.
     values: Vec<f64>,
-    /// How many values the whole frames have.
+    /// Number of values of the complete frames.
     whole: usize,
     open: Option<Open>,
     skipped: Skipped,
-    /// Line and frame of the first reference.
+    /// Line and frame index of the first reference.
     reference: Option<(usize, usize)>,
 }
 
-/// A frame that is being read.
+/// A frame being read.
 struct Open {
     start: usize,
     mark: Mark,
@@ -155,7 +156,7 @@ impl Log {
         let before = self.values.len();
         let (found, fault) = self.push_values(bytes);
         if fault.is_none() && found == lines_per_frame.saturating_mul(values_per_line) {
-            // a whole frame in one line, whatever was open before
+            // a complete frame in one line, whatever was open before
             let frame = self.values.split_off(before);
             self.start(line, Mark::Frame);
             self.values.extend(frame);
@@ -178,7 +179,7 @@ impl Log {
         }
     }
 
-    /// Appends the numbers of a line; how many there are and what is wrong with them.
+    /// Appends the numbers of a line; returns their count and what is wrong with them.
     fn push_values(&mut self, bytes: &[u8]) -> (usize, Option<SkipReason>) {
         let mut found = 0;
         for field in bytes.split(u8::is_ascii_whitespace).filter(|field| !field.is_empty()) {
@@ -189,12 +190,12 @@ impl Log {
                 None => return (found, Some(SkipReason::NotANumber)),
             }
         }
-        // only a separator or line end shows that the last number is whole
+        // only a separator or line end shows that the last number is complete
         let ended = bytes.last().is_some_and(u8::is_ascii_whitespace);
         (found, (!ended).then_some(SkipReason::TruncatedNumber))
     }
 
-    /// Ends the open frame: it is whole, or it is skipped.
+    /// Ends the open frame, which is kept if complete and skipped otherwise.
     fn close(&mut self) {
         let Some(open) = self.open.take() else { return };
         let SerialLogOptions { lines_per_frame, values_per_line, .. } = self.options;
@@ -207,7 +208,7 @@ impl Log {
         };
         if let Some((at, reason)) = fault {
             self.values.truncate(self.whole);
-            // a lost `s` joins frames: count them by their lines
+            // a lost `s` merges frames: count them by their lines
             let frames = open
                 .lines
                 .checked_div(lines_per_frame)

@@ -1,4 +1,4 @@
-//! Tables of numbers, and frames out of them.
+//! Tables of numbers, and their division into frames.
 
 use std::path::Path;
 
@@ -7,10 +7,10 @@ use ndarray::{Array2, ArrayView2, Axis, Slice};
 use crate::error::{HwError, Place};
 use crate::recording::FrameOrientation;
 
-/// `values` as [frame, value].
+/// Arranges `values` as [frame, value].
 ///
 /// # Errors
-/// [`HwError::NoFrames`] where nothing was read, so that no reader returns an empty recording.
+/// [`HwError::NoFrames`] if there are none, so that no reader returns an empty recording.
 pub(super) fn frames(
     values: Vec<f64>,
     columns: usize,
@@ -21,14 +21,14 @@ pub(super) fn frames(
     if values.is_empty() || columns == 0 {
         return Err(none());
     }
-    // the readers push whole rows only; a shape error would say that nothing whole is there
+    // readers push complete rows only; a shape error would mean that there is no complete one
     Array2::from_shape_vec((values.len() / columns, columns), values).map_err(|_| none())
 }
 
-/// Real and, if they alternate, imaginary parts of the frames of a table [row, column].
+/// Returns the real and, if they alternate, imaginary parts of the frames of a table [row, column].
 ///
 /// # Errors
-/// [`HwError::Count`] for an odd number of rows or columns that alternate, and
+/// [`HwError::Count`] for an odd number of rows or columns that should alternate, and
 /// [`HwError::NoFrames`] for an empty table.
 pub(super) fn oriented(
     table: Array2<f64>,
@@ -54,7 +54,7 @@ pub(super) fn oriented(
             what,
             found: count,
             wanted: count + 1,
-            mend: "they alternate real and imaginary: add the last or set `[recording] complex = \
+            mend: "real and imaginary alternate: add the last one or set `[recording] complex = \
                    false`",
         });
     }

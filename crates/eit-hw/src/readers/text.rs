@@ -1,11 +1,12 @@
-//! Text out of bytes, lines out of text, numbers out of fields.
+//! Decodes bytes to text, text to lines, and fields to numbers.
 
 use std::path::Path;
 
 use crate::error::{HwError, Place, shortened};
 
-/// The bytes as text without a byte order mark. Refuses an empty file, bytes that are not UTF-8
-/// and control characters other than tab and line ends: those come from binary files.
+/// Decodes UTF-8 text and removes a byte order mark. Rejects an empty file, bytes that are not
+/// UTF-8, and control characters other than tab, form feed and line ends, which indicate a binary
+/// file.
 pub(super) fn decode<'a>(bytes: &'a [u8], path: &Path) -> Result<&'a str, HwError> {
     if bytes.is_empty() {
         return Err(HwError::Empty { place: Place::file(path) });
@@ -26,7 +27,7 @@ pub(super) fn decode<'a>(bytes: &'a [u8], path: &Path) -> Result<&'a str, HwErro
     }
 }
 
-/// Lines with their numbers from 1; ends are LF, CR LF or CR.
+/// Iterates over lines with their numbers from 1; lines end with LF, CR LF or CR.
 pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.split('\n')
         .flat_map(|line| line.strip_suffix('\r').unwrap_or(line).split('\r'))
@@ -34,8 +35,9 @@ pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
         .map(|(line, number)| (number, line))
 }
 
-/// Refuses text whose last line has no end: its last number may be cut, and `-2.5E-6` cut to `-2.5`
-/// is a number still. For the formats that programs write; all their files at hand end with one.
+/// Rejects text whose last line has no end, since its last number may be truncated: `-2.5E-6` cut
+/// to `-2.5` is still a number. For formats written by programs; all files of these at hand end
+/// with a line end.
 pub(super) fn require_end(text: &str, path: &Path) -> Result<(), HwError> {
     match line_without_end(text) {
         Some(line) => Err(HwError::NoLineEnd { place: Place::line(path, line) }),
@@ -43,12 +45,12 @@ pub(super) fn require_end(text: &str, path: &Path) -> Result<(), HwError> {
     }
 }
 
-/// Number of the last line if it has no end.
+/// Returns the number of the last line if it has no end.
 pub(super) fn line_without_end(text: &str) -> Option<usize> {
     if text.ends_with(['\n', '\r']) { None } else { lines(text).last().map(|(line, _)| line) }
 }
 
-/// A field as a number, which may be NaN or infinite; `value` is its position from 1.
+/// Parses a field as a number, which may be NaN or infinite; `value` is its position from 1.
 pub(super) fn number(
     field: &str,
     value: usize,
@@ -57,7 +59,8 @@ pub(super) fn number(
     field.parse().map_err(|_| HwError::NotANumber { place: place(), value, text: shortened(field) })
 }
 
-/// The `N` numbers of a line, which may be NaN or infinite; `mend` is for a line of more or less.
+/// Parses the `N` numbers of a line, which may be NaN or infinite; `mend` is used if there are more
+/// or fewer.
 pub(super) fn numbers<const N: usize>(
     content: &str,
     line: usize,

@@ -13,8 +13,8 @@ use crate::frame::Quality;
 
 /// Every complete frame of a recorded file, in file order.
 ///
-/// Complex values are kept as real and imaginary part: most files have only the one.
-/// [`frames_for`](Self::frames_for) turns them into the measurements of a protocol.
+/// Complex values are stored as separate real and imaginary parts, since most files are real.
+/// [`frames_for`](Self::frames_for) selects the measurements of a protocol.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
     /// Real parts, or the values of a real recording, [frame, value].
@@ -23,32 +23,32 @@ pub struct Recording {
     pub imaginary: Option<Array2<f64>>,
     /// Flags of each value, [frame, value].
     pub quality: Array2<Quality>,
-    /// Which electrodes each value belongs to.
+    /// Electrodes of each value.
     pub layout: Layout,
     /// Unit of the values.
     pub unit: Unit,
-    /// The instrument's time of each frame in seconds since the first one.
+    /// Time of each frame by the instrument's clock, in seconds since the first frame.
     pub device_time_s: Option<Vec<f64>>,
-    /// Frequency of the current, where the file states it.
+    /// Frequency of the current in hertz, if the file states it.
     pub frequency_hz: Option<f64>,
-    /// Amplitude of the current, where the file states it; the values are not scaled by it.
+    /// Amplitude of the current in ampere, if the file states it; the values are not scaled by it.
     pub current_a: Option<f64>,
-    /// The frame that the file itself marks as its reference (0-based).
+    /// Index of the frame that the file marks as its reference, from 0.
     pub reference_frame: Option<usize>,
-    /// Format in which it was read.
+    /// Format of the file.
     pub format: Format,
-    /// How the table was read; `None` for a format that is none.
+    /// Orientation in which a table was read; `None` for other formats.
     pub frames_are: Option<FrameOrientation>,
-    /// The file or folder, as it was named by the caller.
+    /// Path of the file or folder, as the caller gave it.
     pub path: PathBuf,
-    /// Frames that were left out because they are cut.
+    /// Incomplete frames that were skipped.
     pub skipped: Skipped,
-    /// What a user should know and no error is.
+    /// Information for the user that is not an error.
     pub notes: Vec<Note>,
 }
 
 impl Recording {
-    /// A recording of `real` values with nothing wrong and nothing known but its origin.
+    /// Creates a recording of good values without further information.
     pub(crate) fn new(
         real: Array2<f64>,
         imaginary: Option<Array2<f64>>,
@@ -75,8 +75,8 @@ impl Recording {
         }
     }
 
-    /// Flags values that are NaN or infinite, of a table that has no other way to say that a value is
-    /// missing, with a note.
+    /// Flags values that are NaN or infinite, and adds a note. For tables, which cannot mark
+    /// missing values otherwise.
     pub(crate) fn with_missing(mut self) -> Self {
         let is_finite = |at| {
             let parts = std::iter::once(&self.real).chain(&self.imaginary);
@@ -95,12 +95,12 @@ impl Recording {
         self
     }
 
-    /// Number of frames.
+    /// Returns the number of frames.
     pub fn frame_count(&self) -> usize {
         self.real.nrows()
     }
 
-    /// Number of values a frame, in the file's own layout.
+    /// Returns the number of values per frame, in the file's own layout.
     pub fn value_count(&self) -> usize {
         self.real.ncols()
     }
@@ -109,8 +109,8 @@ impl Recording {
         Place::file(&self.path)
     }
 
-    /// Whether the fields fit each other: they are public, so anyone may have built them. The layout
-    /// is left to [`FrameMap::new`](super::FrameMap::new).
+    /// Checks that the fields are consistent: they are public, so anyone may have set them.
+    /// [`FrameMap::new`](super::FrameMap::new) checks the layout.
     pub(super) fn check(&self) -> Result<(), HwError> {
         let fits = |field, found: usize, wanted: usize| {
             if found == wanted {

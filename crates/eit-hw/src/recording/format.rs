@@ -9,23 +9,23 @@ use crate::error::{HwError, shortened};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Format {
-    /// Numbers as text, see [`csv`](crate::csv).
+    /// Numbers as text; see [`csv`](crate::csv).
     Csv,
-    /// NumPy array, see [`npy`](crate::npy).
+    /// NumPy array; see [`npy`](crate::npy).
     Npy,
-    /// Sciospec `.eit` text frames, see [`sciospec`](crate::sciospec).
+    /// Sciospec `.eit` text frames; see [`sciospec`](crate::sciospec).
     Sciospec,
-    /// Goe-MF II `.get`, see [`goe`](crate::goe).
+    /// Goe-MF II `.get`; see [`goe`](crate::goe).
     Goe,
-    /// LCT text of Manchester, see [`lct`](crate::lct).
+    /// LCT text of the University of Manchester; see [`lct`](crate::lct).
     Lct,
-    /// KHU Mark2.5 scans, see [`khu`](crate::khu).
+    /// KHU Mark2.5 scans; see [`khu`](crate::khu).
     Khu,
-    /// Raw serial log of lines of decimals, see [`serial_log`](crate::serial_log).
+    /// Raw serial log of decimal numbers; see [`serial_log`](crate::serial_log).
     SerialLog,
-    /// Log of the board `black_sensor`, see [`black_sensor`](crate::black_sensor).
+    /// Log of the board `black_sensor`; see [`black_sensor`](crate::black_sensor).
     BlackSensor,
-    /// Recording of a live instrument in MCAP; read with the feature `mcap`.
+    /// MCAP recording of a live instrument; needs the feature `mcap`.
     Mcap,
 }
 
@@ -43,8 +43,8 @@ impl Format {
         Self::Mcap,
     ];
 
-    /// Name in the scene file: `csv`, `npy`, `sciospec`, `goe`, `lct`, `khu`, `serial-log`,
-    /// `black-sensor`, `mcap`.
+    /// Returns the name in the scene file: `csv`, `npy`, `sciospec`, `goe`, `lct`, `khu`,
+    /// `serial-log`, `black-sensor`, `mcap`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Csv => "csv",
@@ -59,7 +59,7 @@ impl Format {
         }
     }
 
-    /// All names, for messages.
+    /// Returns all names, for messages.
     pub(crate) fn known() -> String {
         Self::ALL.map(|format| format!("\"{format}\"")).join(", ")
     }

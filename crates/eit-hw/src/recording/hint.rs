@@ -1,10 +1,10 @@
-//! What two counts that differ suggest.
+//! Likely reasons for a mismatch between two counts.
 
 use std::fmt;
 
 use super::orientation::FrameOrientation;
 
-/// What the numbers of values and frames in a file suggest where they do not fit the protocol.
+/// Likely reason why the number of values or frames in a file does not match the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum CountHint {
@@ -12,47 +12,48 @@ pub enum CountHint {
     Transposed,
     /// As many frames as measurements in a table read by columns: its frames are rows.
     TransposedColumns,
-    /// All values of the table together are one frame.
+    /// All values of the table together form one frame.
     OneFrame,
-    /// Twice as many: real and imaginary parts side by side.
+    /// Twice as many values: real and imaginary parts side by side.
     Complex,
-    /// n^2 values for n electrodes where the protocol drops driven ones.
+    /// n^2 values for n electrodes, but the protocol drops driven electrodes.
     DrivenKept {
-        /// n.
+        /// Number of electrodes n.
         electrodes: usize,
     },
-    /// No values on driven electrodes where the protocol keeps them.
+    /// No values on driven electrodes, but the protocol keeps them.
     DrivenDropped {
-        /// n.
+        /// Number of electrodes n.
         electrodes: usize,
     },
-    /// Half as many: one of each reciprocal pair.
+    /// Half as many values: one of each reciprocal pair.
     ReciprocalOnly,
     /// The count of adjacent drive and measurement, n (n - 3).
     Adjacent {
-        /// n.
+        /// Number of electrodes n.
         electrodes: usize,
     },
     /// The count of opposite drive and adjacent measurement, n (n - 4).
     Opposite {
-        /// n.
+        /// Number of electrodes n.
         electrodes: usize,
     },
-    /// Nothing known.
+    /// No known reason.
     Unknown,
 }
 
 impl CountHint {
-    /// The first that fits `found` values in each of `frames` frames for `wanted` measurements.
-    /// `frames_are` is how a table was read; in other formats nothing can be swapped.
+    /// Returns the first reason that fits `found` values in each of `frames` frames for `wanted`
+    /// measurements. `frames_are` is the orientation in which a table was read; in other formats
+    /// nothing can be swapped.
     pub(crate) fn of(
         found: usize,
         frames: usize,
         wanted: usize,
         frames_are: Option<FrameOrientation>,
     ) -> Self {
-        // n of n (n - dropped) = count lies between the root and dropped more; 4 is the fewest with
-        // a four-point measurement
+        // n with n (n - dropped) = count lies between the root and the root plus dropped;
+        // four-point measurement needs at least 4 electrodes
         let electrodes = |count: usize, dropped: usize| {
             let root = count.isqrt();
             (root.max(4)..=root.saturating_add(dropped))
@@ -103,7 +104,7 @@ impl fmt::Display for CountHint {
                  frames_are = \"matrix\"` for a matrix [measurement, pattern]",
             ),
             Self::Complex => f.write_str(
-                "real and imaginary parts look to be side by side: keep one, or save complex NPY",
+                "real and imaginary parts seem to be side by side: keep one, or save complex NPY",
             ),
             Self::DrivenKept { electrodes } => write!(
                 f,
@@ -112,22 +113,22 @@ impl fmt::Display for CountHint {
             ),
             Self::DrivenDropped { electrodes } => write!(
                 f,
-                "the driven ones of {electrodes} electrodes look left out: set \
+                "the driven ones of {electrodes} electrodes seem to be omitted: set \
                  `[protocol] driven_electrodes = \"drop\"`"
             ),
             Self::ReciprocalOnly => f.write_str(
-                "half as many look like one of each reciprocal pair: name them in \
+                "this looks like one of each reciprocal pair: list them in \
                  `[protocol] quadruples_file`",
             ),
             Self::Adjacent { electrodes } => write!(
                 f,
                 "the file fits {electrodes} electrodes with adjacent drive and measurement: set \
-                 `[electrodes] count` and `[protocol]` so"
+                 `[electrodes] count` and `[protocol]` accordingly"
             ),
             Self::Opposite { electrodes } => write!(
                 f,
                 "the file fits {electrodes} electrodes with opposite drive and adjacent \
-                 measurement: set `[electrodes] count` and `[protocol]` so"
+                 measurement: set `[electrodes] count` and `[protocol]` accordingly"
             ),
             Self::Unknown => f.write_str("set `[protocol]` to what was recorded"),
         }

@@ -1,28 +1,29 @@
-//! Which electrodes and which unit recorded values have.
+//! Electrodes and unit of recorded values.
 
 use crate::frame::Quadruple;
 
-/// Which electrodes the values of a frame belong to.
+/// Electrodes of the values of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Layout {
-    /// The file does not name electrodes: values are taken to be in the order of the scene's
-    /// protocol, and must be as many.
+    /// The file does not name electrodes: values are assumed to be in the order of the scene's
+    /// protocol, and their number must match.
     ProtocolOrder,
-    /// The electrodes of each value.
+    /// Electrodes of each value.
     Quadruples(Vec<Quadruple>),
-    /// Potentials of all electrodes against a common ground for each drive: value
-    /// `drive * electrodes + electrode`. The measurement `[a, b, m, n]` is the difference
-    /// u(m) - u(n) under the drive `[a, b]`, or its negative under `[b, a]`.
+    /// Potentials of all electrodes against a common ground for each drive: value `drive *
+    /// electrodes + electrode`. The measurement `[a, b, m, n]` is the difference u(m) - u(n) for
+    /// the drive `[a, b]`, or its negative for `[b, a]`.
     Potentials {
-        /// Where current enters and leaves, per drive.
+        /// Electrodes where current enters and leaves, per drive.
         drives: Vec<[u32; 2]>,
-        /// Potentials per drive.
+        /// Number of potentials per drive.
         electrodes: usize,
     },
 }
 
 impl Layout {
-    /// How many values it names; [`Layout::ProtocolOrder`] fits any number.
+    /// Returns the number of values in the layout; `None` for [`Layout::ProtocolOrder`], which has
+    /// any number.
     pub(crate) fn value_count(&self) -> Option<usize> {
         match self {
             Self::ProtocolOrder => None,
@@ -39,7 +40,7 @@ impl Layout {
 pub enum Unit {
     /// Volt.
     Volt,
-    /// Ohm: voltage over measured current.
+    /// Ohm: voltage divided by measured current.
     Ohm,
     /// Not stated by the file: counts, or volts of an unknown scale.
     Arbitrary,

@@ -1,4 +1,4 @@
-//! Where the measurements of a protocol stand among recorded values.
+//! Maps recorded values to the measurements of a protocol.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -8,8 +8,8 @@ use super::layout::Layout;
 use crate::error::{HwError, Place};
 use crate::frame::{Quadruple, Quality, unsigned};
 
-/// Which real number a [`FrameMap`] takes of a complex value z = x + i y; that of a real one is x
-/// by every projection but `Imaginary` (which it does not have) and `Magnitude` (|x|).
+/// How a [`FrameMap`] turns a complex value z = x + i y into a real number. For real values the
+/// result is x, except |x| for `Magnitude` and an error for `Imaginary`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Projection {
     /// x.
@@ -17,18 +17,20 @@ pub enum Projection {
     Real,
     /// y.
     Imaginary,
-    /// sqrt(x^2 + y^2); it has no sign.
+    /// sqrt(x^2 + y^2), without sign.
     Magnitude,
-    /// Re(z exp(-i theta)) = x cos(theta) + y sin(theta), such as with the angle of
+    /// Re(z exp(-i theta)) = x cos(theta) + y sin(theta), for example with the angle of
     /// [`MeasuredFrames::phase_rad`](crate::MeasuredFrames::phase_rad).
     Axis {
-        /// theta in radian.
+        /// theta in radians.
         angle_rad: f64,
     },
 }
 
-/// Takes the measurements of a protocol, in its order, out of the values of one frame as they were
-/// recorded or received. Built once, it serves every frame without allocation.
+/// Selects the measurements of a protocol, in its order, from the recorded or received values of a
+/// frame.
+///
+/// Built once, it maps every frame without allocating.
 ///
 /// ```
 /// use eit_hw::{FrameMap, Layout, Projection, Quality};
@@ -46,11 +48,11 @@ pub enum Projection {
 pub struct FrameMap {
     picks: Vec<Pick>,
     value_count: usize,
-    /// For messages.
+    /// Name of the recording or instrument, for messages.
     source: PathBuf,
 }
 
-/// One measurement as a signed difference of recorded values.
+/// One measurement: a recorded value or the difference of two, with a sign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pick {
     plus: usize,
@@ -69,17 +71,20 @@ impl Pick {
 }
 
 impl FrameMap {
-    /// The map from `value_count` values in this layout to the `count` measurements of a protocol.
+    /// Creates the map from `value_count` values in this layout to the `count` measurements of a
+    /// protocol.
     ///
-    /// `quadruples` are those of the protocol, `None` if it has general current patterns; only
-    /// [`Layout::ProtocolOrder`] fits then. `source` names the recording or instrument in messages.
+    /// `quadruples` are those of the protocol, or `None` if it has general current patterns, which
+    /// require [`Layout::ProtocolOrder`]. `source` names the recording or instrument in messages.
     ///
     /// # Errors
-    /// [`HwError::CountMismatch`] where [`Layout::ProtocolOrder`] has another number of values than the
-    /// protocol measurements; [`HwError::MissingDrive`], [`HwError::MissingMeasurement`] or
-    /// [`HwError::MissingElectrode`] where the layout lacks some; [`HwError::NeedsQuadruples`],
-    /// [`HwError::QuadrupleCount`]; [`HwError::Inconsistent`] where the layout does not have
-    /// `value_count` values.
+    /// - [`HwError::CountMismatch`] if the layout is [`Layout::ProtocolOrder`] and `value_count`
+    ///   differs from `count`;
+    /// - [`HwError::MissingDrive`], [`HwError::MissingMeasurement`] or
+    ///   [`HwError::MissingElectrode`] if the layout lacks measurements of the protocol;
+    /// - [`HwError::NeedsQuadruples`] if the layout names electrodes and `quadruples` is `None`;
+    /// - [`HwError::QuadrupleCount`] if there are not `count` quadruples;
+    /// - [`HwError::Inconsistent`] if the layout does not have `value_count` values.
     pub fn new(
         layout: &Layout,
         value_count: usize,
@@ -119,26 +124,27 @@ impl FrameMap {
         Ok(Self { picks, value_count, source: source.to_path_buf() })
     }
 
-    /// Number of measurements.
+    /// Returns the number of measurements.
     pub fn measurements(&self) -> usize {
         self.picks.len()
     }
 
-    /// Number of recorded values that it takes them from.
+    /// Returns the number of recorded values per frame.
     pub fn value_count(&self) -> usize {
         self.value_count
     }
 
-    /// Writes the measurements of one frame and their flags. A measurement has the flags of both
-    /// values that it is the difference of.
+    /// Writes the measurements of one frame and their flags. The difference of two values has the
+    /// flags of both.
     ///
     /// `real`, `imaginary` (`None` for real values) and `quality` have
-    /// [`value_count`](Self::value_count) entries, `values` and `flags` have
-    /// [`measurements`](Self::measurements): those of a [`Frame`](crate::Frame), for example.
-    /// Nothing is written on an error.
+    /// [`value_count`](Self::value_count) entries; `values` and `flags` have
+    /// [`measurements`](Self::measurements) entries, for example those of a
+    /// [`Frame`](crate::Frame). Nothing is written if an error is returned.
     ///
     /// # Errors
-    /// [`HwError::Inconsistent`] for a slice of another length, and [`HwError::NoImaginaryPart`].
+    /// [`HwError::Inconsistent`] for a slice of wrong length, and [`HwError::NoImaginaryPart`] for
+    /// the imaginary part of real values.
     pub fn apply_into(
         &self,
         real: &[f64],
@@ -174,7 +180,7 @@ impl FrameMap {
         Ok(())
     }
 
-    /// Sum of z^2 over the good measurements of one frame, as real and imaginary part.
+    /// Returns the sum of z^2 over the good measurements of one frame, as real and imaginary part.
     pub(super) fn square_sum(
         &self,
         real: &[f64],

@@ -1,65 +1,65 @@
-//! What a reader left out and what it noticed.
+//! What a reader skipped and what it noticed.
 
 use std::fmt;
 
 use crate::error::At;
 
-/// Frames that a reader left out because they are cut.
+/// Incomplete frames that a reader skipped.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Skipped {
-    /// How many.
+    /// Number of skipped frames.
     pub frames: usize,
-    /// The first of them, at most [`Skipped::LISTED`].
+    /// Details of the first ones, at most [`Skipped::LISTED`].
     pub first: Vec<SkippedFrame>,
 }
 
-/// One frame that was left out.
+/// One skipped frame, or several merged ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SkippedFrame {
-    /// Where the trouble is.
+    /// Position of the problem.
     pub at: At,
-    /// Why.
+    /// Reason for skipping it.
     pub reason: SkipReason,
 }
 
-/// Why a frame was left out.
+/// Why a frame was skipped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SkipReason {
-    /// The line that starts a frame is missing, so its first number may be cut.
+    /// The line that starts a frame is missing, so the first number may be truncated.
     NoStart,
-    /// The frame has another number of lines.
+    /// The frame has the wrong number of lines.
     Lines {
-        /// Lines there are.
+        /// Number of lines found.
         found: usize,
-        /// Lines there should be.
+        /// Number of lines expected.
         wanted: usize,
     },
-    /// A line has another number of values.
+    /// A line has the wrong number of values.
     Values {
-        /// Values there are.
+        /// Number of values found.
         found: usize,
-        /// Values there should be.
+        /// Number of values expected.
         wanted: usize,
     },
-    /// A value is no finite number.
+    /// A value is not a finite number.
     NotANumber,
     /// The file ends within its last number.
     TruncatedNumber,
     /// The file ends within a binary frame.
     Bytes {
-        /// Bytes there are.
+        /// Number of bytes found.
         found: usize,
-        /// Bytes there should be.
+        /// Number of bytes expected.
         wanted: usize,
     },
 }
 
 impl Skipped {
-    /// How many frames are listed with their place.
+    /// Maximum number of entries in [`first`](Self::first).
     pub const LISTED: usize = 16;
 
-    /// Counts `frames`, listed as one entry.
+    /// Counts `frames` skipped frames as one entry.
     pub(crate) fn add(&mut self, frames: usize, at: At, reason: SkipReason) {
         self.frames += frames;
         if self.first.len() < Self::LISTED {
@@ -72,11 +72,13 @@ impl fmt::Display for SkipReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoStart => f.write_str("its start is missing"),
-            Self::Lines { found, wanted } => write!(f, "{found} lines of {wanted}"),
-            Self::Values { found, wanted } => write!(f, "{found} values in a line of {wanted}"),
-            Self::NotANumber => f.write_str("a value is no finite number"),
+            Self::Lines { found, wanted } => write!(f, "{found} lines instead of {wanted}"),
+            Self::Values { found, wanted } => {
+                write!(f, "{found} values in a line instead of {wanted}")
+            }
+            Self::NotANumber => f.write_str("a value is not a finite number"),
             Self::TruncatedNumber => f.write_str("the file ends within a number"),
-            Self::Bytes { found, wanted } => write!(f, "{found} bytes of {wanted}"),
+            Self::Bytes { found, wanted } => write!(f, "{found} bytes instead of {wanted}"),
         }
     }
 }
@@ -91,72 +93,73 @@ impl fmt::Display for SkippedFrame {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Note {
-    /// A line without any number was taken for the header.
+    /// A line without any number was treated as the header.
     HeaderLine {
         /// The line, from 1.
         line: usize,
     },
-    /// The last line has no end: if the file was cut there, its last number is.
+    /// The last line has no end, so its last number may be truncated.
     NoLineEnd {
         /// The line, from 1.
         line: usize,
     },
-    /// The last row repeats the one before and was left out.
+    /// The last row repeats the one before and was dropped.
     RepeatedLastRow {
         /// The line, from 1.
         line: usize,
     },
-    /// Measurements that the instrument left at 0 were filled with their reciprocal ones.
+    /// Measurements that the instrument left at 0 were filled in from their reciprocals.
     FilledByReciprocity {
-        /// How many in each frame.
+        /// Number of such measurements per frame.
         values: usize,
     },
-    /// A drive occurs again; its first occurrence is used.
+    /// A drive is repeated; its first occurrence is used.
     RepeatedDrive {
         /// Electrode where current enters, from 0.
         a: u32,
-        /// Electrode where it leaves, from 0.
+        /// Electrode where current leaves, from 0.
         b: u32,
     },
-    /// The numbers of the frame files have holes.
+    /// The numbers of the frame files have gaps.
     MissingFrameFiles {
-        /// How many numbers are missing.
+        /// Number of missing files.
         count: u64,
-        /// The first of them.
+        /// First missing number.
         first: u64,
     },
     /// The file marks one of its frames as the reference.
     Reference {
         /// The line, from 1.
         line: usize,
-        /// The frame, from 0.
+        /// Index of the frame, from 0.
         frame: usize,
     },
-    /// A matrix of one column was taken for one frame.
+    /// A matrix of one column was read as one frame.
     OneColumn {
-        /// Its rows.
+        /// Number of rows.
         rows: usize,
     },
-    /// Values are NaN or infinite: they are missing, and the others of their frames are used.
+    /// Some values are NaN or infinite and count as missing; the other values of their frames are
+    /// used.
     MissingValues {
-        /// How many.
+        /// Number of missing values.
         values: usize,
-        /// Frame of the first, from 0.
+        /// Frame of the first missing value, from 0.
         frame: usize,
-        /// Its value in the file's order, from 0.
+        /// Index of that value in the file's order, from 0.
         value: usize,
     },
-    /// A recording has damaged parts, whose frames are left out.
+    /// A recording has damaged parts, whose frames are skipped.
     Damaged {
-        /// Chunks whose checksum or content is wrong.
+        /// Number of chunks with a wrong checksum or invalid content.
         chunks: usize,
-        /// Chunks with a damaged head whose messages were read all the same.
+        /// Number of chunks with a damaged header whose messages could still be read.
         mended: usize,
-        /// Messages that cannot be read.
+        /// Number of messages that cannot be read.
         messages: usize,
-        /// Bytes before a whole record that are none.
+        /// Bytes skipped to reach the next intact chunk.
         skipped_bytes: u64,
-        /// Bytes at the end that are no whole record.
+        /// Bytes at the end that form no complete record.
         truncated_bytes: u64,
     },
 }
@@ -166,27 +169,29 @@ impl fmt::Display for Note {
         match self {
             Self::Damaged { chunks, mended, messages, skipped_bytes, truncated_bytes } => write!(
                 f,
-                "damaged: {chunks} chunk(s), {messages} message(s) and {skipped_bytes} bytes left out, \
-                 {mended} chunk(s) mended, {truncated_bytes} bytes cut off at the end; `eit recover` \
-                 writes a whole file"
+                "damaged: {chunks} chunk(s), {messages} message(s) and {skipped_bytes} bytes skipped, \
+                 {mended} chunk(s) repaired, {truncated_bytes} bytes incomplete at the end; `eit recover` \
+                 writes an intact file"
             ),
             Self::MissingValues { values, frame, value } => write!(
                 f,
-                "{values} value(s) missing, not numbers; the first is value {value} of frame {frame} \
+                "{values} value(s) missing (NaN or infinite); the first is value {value} of frame {frame} \
                  (from 0)"
             ),
-            Self::HeaderLine { line } => write!(f, "line {line} holds no number: header skipped"),
+            Self::HeaderLine { line } => {
+                write!(f, "line {line} contains no number: skipped as header")
+            }
             Self::NoLineEnd { line } => {
-                write!(f, "line {line} has no line end: its last number may be cut")
+                write!(f, "line {line} has no line end: its last number may be truncated")
             }
             Self::RepeatedLastRow { line } => {
-                write!(f, "line {line} repeats the row before: left out")
+                write!(f, "line {line} repeats the previous row: dropped")
             }
             Self::FilledByReciprocity { values } => {
-                write!(f, "{values} values a frame were not measured: filled by reciprocity")
+                write!(f, "{values} values per frame were not measured: filled by reciprocity")
             }
             Self::RepeatedDrive { a, b } => {
-                write!(f, "drive ({a}, {b}) (from 0) occurs again: the first one is used")
+                write!(f, "drive ({a}, {b}) (from 0) is repeated: the first one is used")
             }
             Self::MissingFrameFiles { count, first } => {
                 write!(f, "{count} frame number(s) missing, the first is {first}")
@@ -194,7 +199,7 @@ impl fmt::Display for Note {
             Self::Reference { line, frame } => {
                 write!(f, "line {line} marks frame {frame} (from 0) as the reference")
             }
-            Self::OneColumn { rows } => write!(f, "one column of {rows} rows taken for one frame"),
+            Self::OneColumn { rows } => write!(f, "one column of {rows} rows read as one frame"),
         }
     }
 }

@@ -1,6 +1,6 @@
-//! What a frame is in a table of numbers.
+//! Orientation of frames in a table of numbers.
 
-/// What one frame is in a table of numbers [row, column].
+/// What forms one frame in a table of numbers [row, column].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FrameOrientation {
     /// A row: the table is [frame, measurement].
@@ -8,7 +8,6 @@ pub enum FrameOrientation {
     Rows,
     /// A column: the table is [measurement, frame].
     Columns,
-    /// The whole table, [measurement, pattern], taken with the measurements of one pattern after
-    /// the other.
+    /// The whole table, [measurement, pattern], read pattern by pattern.
     Matrix,
 }

@@ -1,4 +1,4 @@
-//! The measurements of a protocol out of a recording.
+//! Selects the measurements of a protocol from a recording.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ use super::map::{FrameMap, Projection};
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
 
-/// Which real number is taken of each complex value z = x + i y.
+/// How each complex value z = x + i y is turned into a real number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Component {
     /// x.
@@ -19,37 +19,37 @@ pub enum Component {
     Real,
     /// y.
     Imaginary,
-    /// sqrt(x^2 + y^2); it has no sign.
+    /// sqrt(x^2 + y^2), without sign.
     Magnitude,
     /// Re(z exp(-i theta)) with one theta = arg(sum z^2) / 2 in (-pi/2, pi/2] over all good values
-    /// of all frames: the projection on the axis that holds most of the signal. The squares make
-    /// it blind to the signs of the measurements; the range keeps the sign of Re z where it is not
-    /// small.
+    /// of all frames: the projection on the axis that contains most of the signal. The squares make
+    /// theta independent of the signs of the measurements; its range preserves the sign of Re z
+    /// unless that is small.
     Phased,
 }
 
 /// Frames as real numbers in protocol order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeasuredFrames {
-    /// Values, [frame, measurement]. A value that is not good may be NaN.
+    /// Values, [frame, measurement]. Values with a flag may be NaN.
     pub values: Array2<f64>,
     /// Flags of each value, [frame, measurement].
     pub quality: Array2<Quality>,
     /// Unit of the values.
     pub unit: Unit,
-    /// The instrument's time of each frame in seconds since the first one.
+    /// Time of each frame by the instrument's clock, in seconds since the first frame.
     pub device_time_s: Option<Vec<f64>>,
-    /// Frequency of the current, where the file states it.
+    /// Frequency of the current in hertz, if the file states it.
     pub frequency_hz: Option<f64>,
-    /// Amplitude of the current that the values belong to, where the file states it.
+    /// Amplitude in ampere of the current that the values belong to, if the file states it.
     pub current_a: Option<f64>,
-    /// theta of [`Component::Phased`] in radian, for complex values.
+    /// theta of [`Component::Phased`] in radians, for complex values.
     pub phase_rad: Option<f64>,
 }
 
 impl MeasuredFrames {
-    /// The frames one by one, as a stream would bring them: `sequence` counts them from 0 in
-    /// epoch 0, without host time.
+    /// Iterates over the frames like a stream: `sequence` counts from 0 in epoch 0, without host
+    /// time.
     pub fn frames(&self) -> impl Iterator<Item = Frame> + '_ {
         self.values.rows().into_iter().zip(self.quality.rows()).zip(0_u64..).map(
             |((values, quality), sequence)| Frame {
@@ -66,8 +66,8 @@ impl MeasuredFrames {
         )
     }
 
-    /// Mean of the good values of each measurement over these frames (from 0, those beyond the
-    /// last one do not count), and whether there is one; NaN where there is none.
+    /// Returns the mean of the good values of each measurement over these frames, and whether there
+    /// are any; NaN if not. Frames are counted from 0; those beyond the last are ignored.
     pub fn mean_of(&self, frames: Range<usize>) -> (Vec<f64>, Vec<bool>) {
         let mut sums = vec![0.0; self.values.ncols()];
         let mut counts = vec![0_usize; self.values.ncols()];
@@ -86,18 +86,20 @@ impl MeasuredFrames {
         (means, counts.iter().map(|&count| count > 0).collect())
     }
 
-    /// Mean of the good values of each measurement over all frames, NaN where there is none.
+    /// Returns the mean of the good values of each measurement over all frames; NaN if there are
+    /// none.
     pub fn mean_frame(&self) -> Vec<f64> {
         self.mean_of(0..self.values.nrows()).0
     }
 
-    /// Makes the values volts under a current of `current_a` ampere, that of the scene's protocol.
+    /// Converts the values to volts for a current of `current_a` ampere, that of the scene's
+    /// protocol.
     ///
-    /// Ohms are multiplied by it. Volts of a file that states its current (above 0) are multiplied
-    /// by `current_a` over the file's: a linear body gives so much for that current. Volts of a
-    /// file that states none are taken to be for the scene's. Values of [`Unit::Arbitrary`] stay.
-    /// Except for these, `self.current_a` is `current_a` afterwards, so a second call with the same
-    /// current changes nothing.
+    /// Values in ohms are multiplied by it. Volts of a file that states its current (above 0) are
+    /// multiplied by `current_a` divided by the file's current, which assumes a linear body. Volts
+    /// of a file that states none are assumed to be for the scene's current. Values of
+    /// [`Unit::Arbitrary`] remain unchanged. Otherwise `self.current_a` becomes `current_a`, so
+    /// that a second call with the same current changes nothing.
     ///
     /// Both currents are amplitudes; `current_a` must be finite and above 0.
     pub fn to_volts(&mut self, current_a: f64) {
@@ -114,17 +116,16 @@ impl MeasuredFrames {
 }
 
 impl Recording {
-    /// The `count` measurements of a protocol, in its order.
+    /// Returns the `count` measurements of a protocol, in its order.
     ///
-    /// `quadruples` are those of the protocol, `None` if it has general current patterns; only a
-    /// recording with [`Layout::ProtocolOrder`](super::Layout::ProtocolOrder) fits then. See [`FrameMap`] for
-    /// frames that come one by one.
+    /// `quadruples` are those of the protocol, or `None` if it has general current patterns, which
+    /// require a recording with [`Layout::ProtocolOrder`](super::Layout::ProtocolOrder). To convert
+    /// frames one by one, use [`FrameMap`].
     ///
     /// # Errors
-    /// [`HwError::CountMismatch`] with both counts where the file has another number of values;
-    /// [`HwError::MissingDrive`], [`HwError::MissingMeasurement`] or [`HwError::MissingElectrode`]
-    /// where it lacks some; [`HwError::NeedsQuadruples`], [`HwError::NoImaginaryPart`],
-    /// [`HwError::QuadrupleCount`] and [`HwError::Inconsistent`] as they say.
+    /// Those of [`FrameMap::new`]; [`HwError::NoImaginaryPart`] if `component` needs complex values
+    /// and the recording is real; [`HwError::Inconsistent`] if fields of the recording differ in
+    /// size.
     pub fn frames_for(
         &self,
         quadruples: Option<&[Quadruple]>,
@@ -147,7 +148,7 @@ impl Recording {
             Component::Real => Projection::Real,
             Component::Imaginary => Projection::Imaginary,
             Component::Magnitude => Projection::Magnitude,
-            // real values have no angle and are taken as they are
+            // real values have no angle and are used as they are
             Component::Phased => Projection::Axis { angle_rad: phase_rad.unwrap_or_default() },
         };
         let mut values = Array2::zeros((self.frame_count(), count));
@@ -170,7 +171,8 @@ impl Recording {
         })
     }
 
-    /// The error with the number of frames of this recording and what that suggests.
+    /// Adds the number of frames of this recording, and the hint that follows from it, to the
+    /// error.
     fn with_frame_count(&self, error: HwError) -> HwError {
         match error {
             HwError::CountMismatch { place, found, wanted, .. } => {
@@ -183,7 +185,7 @@ impl Recording {
     }
 }
 
-/// A recording's values with each frame in one piece.
+/// A recording's values with each frame contiguous in memory.
 struct Recorded<'a> {
     real: CowArray<'a, f64, Ix2>,
     imaginary: Option<CowArray<'a, f64, Ix2>>,
@@ -191,7 +193,7 @@ struct Recorded<'a> {
 }
 
 impl Recorded<'_> {
-    /// Real parts, imaginary parts and flags of a frame below the frame count.
+    /// Returns real parts, imaginary parts and flags of a frame; `frame` is below the frame count.
     fn frame(&self, frame: usize) -> (&[f64], Option<&[f64]>, &[Quality]) {
         // a row in standard layout is a slice
         (
@@ -203,7 +205,7 @@ impl Recorded<'_> {
         )
     }
 
-    /// theta of [`Component::Phased`]; `None` for real values.
+    /// Returns theta of [`Component::Phased`]; `None` for real values.
     fn phase_rad(&self, map: &FrameMap) -> Result<Option<f64>, HwError> {
         let mut sum = [0.0; 2];
         for frame in 0..self.real.nrows() {

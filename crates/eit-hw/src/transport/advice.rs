@@ -1,11 +1,11 @@
-//! What to try where a port cannot be opened.
+//! Advice for a port that cannot be opened.
 
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
 use super::endpoint::Endpoint;
 
-/// What to try, in words.
+/// Returns what to try, in words.
 pub(super) fn advice(endpoint: &Endpoint, error: &io::Error) -> String {
     let path = match endpoint {
         Endpoint::Tcp { .. } => return "check the address, and that the instrument is on".into(),
@@ -16,13 +16,13 @@ pub(super) fn advice(endpoint: &Endpoint, error: &io::Error) -> String {
         ErrorKind::PermissionDenied => match group(path).filter(|group| !is_root(group)) {
             Some(group) => format!(
                 "let your user use serial ports: it must be in the group `{group}` (`sudo usermod \
-                 -aG {group} $USER`, then log in anew)"
+                 -aG {group} $USER`, then log in again)"
             ),
             None => "ask the administrator to let your user use this port, by a udev rule that gives it \
                      to a group for serial ports"
                 .into(),
         },
-        // the library says "not found" of a port whose lock another program holds
+        // the library reports "not found" for a port that another program has locked
         ErrorKind::NotFound | ErrorKind::ResourceBusy if path.exists() => {
             "another program uses the port: close it (on Linux, `fuser PORT` shows which)".into()
         }
@@ -31,7 +31,7 @@ pub(super) fn advice(endpoint: &Endpoint, error: &io::Error) -> String {
     }
 }
 
-/// Name of the group that a port belongs to; its number where it has no name.
+/// Returns the name of the group that owns a port, or its number if it has no name.
 #[cfg(unix)]
 fn group(path: &Path) -> Option<String> {
     use std::os::unix::fs::MetadataExt;
@@ -46,7 +46,7 @@ fn group(path: &Path) -> Option<String> {
     named.or(Some(number))
 }
 
-/// Who is in the group of the administrator may do anything: that is no way to use a port.
+/// Returns whether this is an administrators' group: joining it is no way to use a port.
 fn is_root(group: &str) -> bool {
     ["root", "wheel", "0"].contains(&group)
 }

@@ -1,31 +1,32 @@
-//! Where an instrument is.
+//! Address of an instrument.
 
 use std::fmt;
 
 use crate::error::HwError;
 
-/// The port or address of an instrument.
+/// Port or address of an instrument.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Endpoint {
     /// A serial port with 8 data bits, no parity, one stop bit and no flow control.
     Serial {
-        /// Its path or name, such as `/dev/ttyACM0` or `COM3`.
+        /// Path or name of the port, such as `/dev/ttyACM0` or `COM3`.
         path: String,
-        /// Bits a second; USB CDC devices ignore it.
+        /// Baud rate; USB CDC devices ignore it.
         baud: u32,
-        /// Whether the line DTR is raised or lowered on opening; `None` leaves it. Some boards wait
-        /// for it, others restart on it.
+        /// State of the DTR line on opening: raised or lowered; `None` leaves it unchanged. Some
+        /// boards wait for it, others restart on it.
         dtr: Option<bool>,
     },
     /// A TCP server, `host:port`.
     Tcp {
-        /// Its address.
+        /// Address of the server.
         address: String,
     },
 }
 
 impl Endpoint {
-    /// The endpoint that a text names: `tcp:host:port`, else a serial port with this rate.
+    /// Parses `tcp:host:port`, or otherwise the name of a serial port, which is used at this baud
+    /// rate.
     ///
     /// # Errors
     /// [`HwError::Setting`] for an empty name, a TCP address without port, or a rate of 0.
@@ -43,7 +44,11 @@ impl Endpoint {
             return refuse("a serial port such as `/dev/ttyACM0` or `COM3`, or `tcp:host:port`");
         }
         if baud == 0 {
-            return Err(HwError::Setting { name: "baud", value: "0".into(), wanted: "a rate" });
+            return Err(HwError::Setting {
+                name: "baud",
+                value: "0".into(),
+                wanted: "more than 0",
+            });
         }
         Ok(Self::Serial { path: text.to_owned(), baud, dtr: None })
     }

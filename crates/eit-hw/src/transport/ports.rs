@@ -5,13 +5,13 @@ use crate::error::HwError;
 /// A serial port of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PortDescription {
-    /// Its path or name.
+    /// Path or name of the port.
     pub path: String,
-    /// USB vendor, product and serial number, where it is on USB and the system tells.
+    /// USB identification, if the port is on USB and the system provides it.
     pub usb: Option<UsbDescription>,
 }
 
-/// What a USB device says about itself.
+/// Identification reported by a USB device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UsbDescription {
     /// Vendor identifier.
@@ -20,20 +20,20 @@ pub struct UsbDescription {
     pub product: u16,
     /// Serial number.
     pub serial: Option<String>,
-    /// Maker and product as text.
+    /// Manufacturer and product as text.
     pub name: Option<String>,
 }
 
-/// The serial ports of this computer, by name. Without libudev a Linux may list ports that have no
-/// hardware.
+/// Returns the serial ports of this computer, sorted by name. Without libudev, Linux may list ports
+/// that have no hardware.
 ///
 /// # Errors
-/// [`HwError::Open`] where the system does not list them.
+/// [`HwError::Open`] if the system cannot list them.
 pub fn serial_ports() -> Result<Vec<PortDescription>, HwError> {
     let listed = serialport::available_ports().map_err(|error| HwError::Open {
         endpoint: "serial ports".into(),
         source: error.into(),
-        mend: "name the port in the scene".into(),
+        mend: "set the port in the scene".into(),
     })?;
     let usb = |kind: serialport::SerialPortType| match kind {
         serialport::SerialPortType::UsbPort(usb) => Some(UsbDescription {

@@ -1,4 +1,4 @@
-//! Orders of measurements, and what tests of several files share.
+//! Orders of measurements, and helpers shared by several test files.
 
 #![allow(dead_code, reason = "each test file uses its own part")]
 #![allow(clippy::expect_used, reason = "tests")]
@@ -17,12 +17,12 @@ pub fn rotated(n: u32) -> Vec<Quadruple> {
         .collect()
 }
 
-/// Adjacent drive (d, d+1), measured pairs (m, m+1) by m, all of them.
+/// Adjacent drive (d, d+1), all measured pairs (m, m+1) by m.
 pub fn ascending_kept(n: u32) -> Vec<Quadruple> {
     (0..n).flat_map(|d| (0..n).map(move |m| [d, (d + 1) % n, m, (m + 1) % n])).collect()
 }
 
-/// [`ascending_kept`] without measured pairs that touch the drive.
+/// [`ascending_kept`] without measured pairs that include a driven electrode.
 pub fn ascending(n: u32) -> Vec<Quadruple> {
     ascending_kept(n)
         .into_iter()
@@ -37,7 +37,7 @@ pub fn rotated_kept(n: u32) -> Vec<Quadruple> {
         .collect()
 }
 
-/// Drive (d, d+8), measured pairs (m, m+1) by m that do not touch it.
+/// Drive (d, d+8), measured pairs (m, m+1) by m without a driven electrode.
 pub fn opposite(n: u32) -> Vec<Quadruple> {
     (0..n)
         .flat_map(|d| (0..n).map(move |m| [d, (d + n / 2) % n, m, (m + 1) % n]))
@@ -45,13 +45,14 @@ pub fn opposite(n: u32) -> Vec<Quadruple> {
         .collect()
 }
 
-/// A path for messages.
+/// Returns a path for use in messages.
 pub fn name(text: &str) -> PathBuf {
     Path::new(text).to_path_buf()
 }
 
-/// Voltages for 1 A and 1 S of `n` equally spaced point electrodes on the rim of a homogeneous
-/// disc: the potential at a distance r from a source on the rim is -ln(r) / pi, up to a constant.
+/// Returns the voltages for 1 A and 1 S between `n` equally spaced point electrodes on the rim of a
+/// homogeneous disc: the potential at a distance r from a source on the rim is -ln(r) / pi, up to a
+/// constant.
 pub fn point_electrode_disc(quadruples: &[Quadruple], n: u32) -> Vec<f64> {
     let pi = std::f64::consts::PI;
     let distance = |i: u32, j: u32| 2.0 * (pi * f64::from(i.abs_diff(j)) / f64::from(n)).sin();

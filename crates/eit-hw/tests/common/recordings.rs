@@ -5,7 +5,7 @@ use eit_hw::{Frame, Quality};
 
 use super::rotated;
 
-/// Adjacent patterns on 16 electrodes.
+/// Returns a session of adjacent patterns on 16 electrodes.
 pub fn session() -> SessionRecord {
     SessionRecord {
         driver: "eits1".into(),
@@ -21,7 +21,7 @@ pub fn session() -> SessionRecord {
     }
 }
 
-/// A frame of [`session`], other values in each.
+/// Returns a frame of [`session`], with different values for each sequence number.
 pub fn frame(sequence: u64) -> Frame {
     let value = |index: u64| ((sequence * 208 + index) as f64 * 0.618_033_988_749).sin() * 1e-3;
     Frame {
@@ -35,17 +35,17 @@ pub fn frame(sequence: u64) -> Frame {
     }
 }
 
-/// A container of these records, without an index.
+/// Returns a container of these records, without an index.
 pub fn container(records: &[Vec<u8>]) -> Vec<u8> {
     [MAGIC, &records.concat()].concat()
 }
 
-/// One record of a container.
+/// Returns one record of a container.
 pub fn record(op: u8, body: &[u8]) -> Vec<u8> {
     [&[op][..], &(body.len() as u64).to_le_bytes(), body].concat()
 }
 
-/// The bytes of a chunk with this content, as the container lays it out.
+/// Returns the bytes of a chunk with this content, in the container's layout.
 pub fn chunk(name: &[u8], packed: &[u8], unpacked: u64, crc: u32) -> Vec<u8> {
     let mut body = [0_u64.to_le_bytes(), 1_u64.to_le_bytes()].concat();
     body.extend(unpacked.to_le_bytes());
@@ -57,7 +57,7 @@ pub fn chunk(name: &[u8], packed: &[u8], unpacked: u64, crc: u32) -> Vec<u8> {
     record(6, &body)
 }
 
-/// The bytes of a chunk of this content that is packed with LZ4, without a checksum.
+/// Returns the bytes of a chunk with this content, packed with LZ4, without a checksum.
 pub fn lz4_chunk(content: &[u8]) -> Vec<u8> {
     chunk(b"lz4", &lz4(content), content.len() as u64, 0)
 }
@@ -68,24 +68,24 @@ pub fn lz4(content: &[u8]) -> Vec<u8> {
     packed.finish().0
 }
 
-/// A channel of JSON without a schema.
+/// Returns a channel of JSON without a schema.
 pub fn channel(id: u16, topic: &str) -> Vec<u8> {
     let ids = [id.to_le_bytes(), 0_u16.to_le_bytes()].concat();
     record(4, &[ids, text(topic), text("json"), 0_u32.to_le_bytes().to_vec()].concat())
 }
 
-/// A message of number and times 0.
+/// Returns a message with sequence number and times 0.
 pub fn message(channel: u16, json: &[u8]) -> Vec<u8> {
     record(5, &[&channel.to_le_bytes()[..], &[0; 20], json].concat())
 }
 
-/// A frame of these values, in JSON.
+/// Returns a frame of these values, as JSON.
 pub fn frame_json(values: &str) -> Vec<u8> {
     let head = r#"{"sequence":0,"epoch":0,"device_time_s":null,"host_time_s":null,"values":["#;
     format!("{head}{values}]}}").into_bytes()
 }
 
-/// So many zeros for [`frame_json`].
+/// Returns `count` zeros for [`frame_json`].
 pub fn zeros(count: usize) -> String {
     vec!["0"; count].join(",")
 }

@@ -1,11 +1,11 @@
-//! Rows 1 to 4, 14 and 15: what the codecs make of damaged bytes.
+//! Rows 1 to 4, 14 and 15: how codecs handle damaged bytes.
 
 use eit_hw::codec::{eits1, sciospec, text};
 use text::{Fault, Framing, Number, TextFormat};
 
 use super::{eits1_frame, garbage, sciospec_frame};
 
-/// A codec under test: bytes in pieces to events as text.
+/// A codec under test: converts bytes in pieces to events as text.
 type Decode = Box<dyn Fn(&[&[u8]]) -> Vec<String>>;
 
 fn eits1_events(pieces: &[&[u8]]) -> Vec<String> {
@@ -28,7 +28,7 @@ fn text_events(format: &TextFormat, pieces: &[&[u8]]) -> Vec<String> {
     events
 }
 
-/// Every framing, with frames of few values.
+/// Returns every framing, with frames of few values.
 fn formats() -> Vec<TextFormat> {
     let small = |framing, lines_per_frame, values_per_line| TextFormat {
         framing,
@@ -49,7 +49,7 @@ fn formats() -> Vec<TextFormat> {
     ]
 }
 
-/// Frame number `frame` as a board writes it; no two have a value in common.
+/// Returns frame number `frame` as a board sends it; no two frames have a value in common.
 fn lines(format: &TextFormat, frame: usize) -> Vec<u8> {
     let count = format.lines_per_frame * format.values_per_line;
     let mut values = (0..count).map(|index| format.number.write((100 * frame + index) as f64));
@@ -71,7 +71,7 @@ fn lines(format: &TextFormat, frame: usize) -> Vec<u8> {
     bytes
 }
 
-/// Codecs, a stream of four frames each, and the name of a frame's event.
+/// Returns the codecs, a stream of four frames for each, and the name of a frame's event.
 fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
     let mut streams: Vec<(String, Decode, Vec<Vec<u8>>, _)> = vec![
         (
@@ -88,7 +88,7 @@ fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
         ),
     ];
     for format in formats() {
-        // the first line of plain lines may be cut, and so is passed over
+        // the first of plain lines may be incomplete and is therefore skipped
         let frames: Vec<_> = (0..5).map(|frame| lines(&format, frame)).collect();
         let name = format!("{:?}", format.framing);
         streams.push((name, Box::new(move |p| text_events(&format, p)), frames, "Frame"));
@@ -111,15 +111,15 @@ fn row_01_any_chunking_gives_the_same_events() {
     }
 }
 
-/// Of four frames, one is damaged and one may go with it; of text, the frame's own values may be
-/// changed, which no format without a checksum can show.
+/// One of four frames is damaged and may take another with it. In text, a value of the damaged
+/// frame may change, which no format without a checksum can reveal.
 #[test]
 fn row_02_one_damaged_byte_at_each_offset() {
     for (name, decode, frames, frame) in streams() {
         let good: Vec<String> =
             decode(&[&frames.concat()]).into_iter().filter(|e| e.starts_with(frame)).collect();
         let is_text = frame == "Frame";
-        // the second frame is damaged
+        // damage the second frame
         let (before, after) = (frames[0].len(), frames[2..].concat());
         for offset in 0..frames[1].len() {
             let damaged = |change: &dyn Fn(&mut Vec<u8>)| {
@@ -143,14 +143,14 @@ fn row_02_one_damaged_byte_at_each_offset() {
                 let told: Vec<_> = events.iter().filter(|e| e.starts_with(frame)).collect();
                 assert!(told.len() + 2 >= good.len(), "{name}, {what} at {offset}: {events:?}");
                 let wrong = told.iter().filter(|event| !good.contains(event)).count();
-                // a changed digit, or a float: at most the frame that was damaged
+                // a changed digit or float: at most the damaged frame
                 let may_be = usize::from(is_text || name == "sciospec");
                 assert!(wrong <= may_be, "{name}, {what} at {offset}: {told:?}");
                 let lengths_change = what != "flipped";
                 if name == "sciospec" && lengths_change {
                     let shifted = told.iter().filter(|e| !good.contains(e)).count();
-                    // only a byte within the floats can be doubled or dropped unseen, and then the
-                    // end tag is not where it should be
+                    // only a byte within the floats can be doubled or dropped without notice, and
+                    // then the end tag is in the wrong place
                     assert_eq!(shifted, 0, "{what} at {offset}: {told:?}");
                 }
                 assert_eq!(told.last(), good.iter().last().as_ref(), "{name}, {what} at {offset}");
@@ -175,7 +175,7 @@ fn row_03_wrong_lengths_and_end_tags() {
     *wrong.last_mut().unwrap() = 0xB5;
     // the wrong tag is that of an answer, whose length is then waited for
     assert_eq!(data(&[&one[..], &wrong, &one, &one].concat()), 3);
-    // cut at the end of the stream: nothing is told of the cut frame
+    // truncated at the end of the stream: the incomplete frame is not reported
     for end in 0..one.len() {
         assert_eq!(data(&[&one[..], &one[..end]].concat()), 1, "{end}");
     }
@@ -200,7 +200,7 @@ fn row_04_tags_and_whole_frames_in_the_payload() {
     sciospec::encode_data(&frame, &mut one);
     let wanted = format!("{:?}", sciospec::Event::Data(frame));
     assert_eq!(sciospec_events(&[&one.repeat(5)]), vec![wanted.clone(); 5]);
-    // start in the middle of such a frame: no frame but whole ones
+    // start in the middle of such a frame: only complete frames are reported
     for start in 1..one.len() {
         let events = sciospec_events(&[&one[start..], &one.repeat(4)]);
         let data: Vec<_> = events.iter().filter(|event| event.starts_with("Data")).collect();
@@ -208,7 +208,7 @@ fn row_04_tags_and_whole_frames_in_the_payload() {
         assert!(data.iter().all(|event| **event == wanted), "{start}");
     }
 
-    // a whole message as the text of another one
+    // a complete message as the text of another one
     let fake = eits1_frame(9, 5, &[1.0, 2.0]);
     let mut wire = Vec::new();
     let message = eits1::Message {
@@ -227,7 +227,7 @@ fn row_04_tags_and_whole_frames_in_the_payload() {
     }
 }
 
-/// What a damaged line is told as; the frame after it is always read.
+/// The event for each kind of damaged line; the frame after it is always read.
 #[test]
 fn row_14_damaged_text() {
     let format = TextFormat::csv(3);
@@ -239,7 +239,7 @@ fn row_14_damaged_text() {
         (b"1,\xC3\xA4,3", Fault::NotANumber { field: 1 }),
         (b"1,\xFF\xFE,3", Fault::NotANumber { field: 1 }),
         (&long, Fault::TooLong),
-        // a comma lost: two values are one
+        // a lost comma merges two values
         (b"12,3", values(2)),
         (b"1,2.3.4,5", Fault::NotANumber { field: 1 }),
         (b"1,nan,3", Fault::NotANumber { field: 1 }),
@@ -253,14 +253,14 @@ fn row_14_damaged_text() {
         assert!(events.contains(&format!("Skipped({fault:?})")), "{name}: {events:?}");
         assert!(events[1].contains("[7.0, 8.0, 9.0]"), "{name}: {events:?}");
         assert!(events.last().unwrap().contains("[4.0, 5.0, 6.0]"), "{name}: {events:?}");
-        // nothing else is told as a frame
+        // nothing else is reported as a frame
         assert_eq!(events.iter().filter(|e| e.starts_with("Frame")).count(), 2, "{name}");
     }
-    // any line end, also mixed; empty lines and a comma at the end do not count
+    // any line end, also mixed; empty lines and a comma at the end are ignored
     let wire = b"0,0,0\n1,2,3\r\n4,5,6\r7,8,9,\n\r\n\n1,2,3\n";
     let events = text_events(&format, &[wire]);
     assert_eq!(events.iter().filter(|e| e.starts_with("Frame")).count(), 4, "{events:?}");
-    // hexadecimal without padding, and a line whose number of values is another board's
+    // hexadecimal without padding, and a line with the number of values of another board
     let hex = TextFormat { number: Number::HexInteger, ..TextFormat::csv(3) };
     let events = text_events(&hex, &[b"0,0,0\nff,f,ffffd8f1\n1,2,3,4\n"]);
     assert!(events[1].contains("[255.0, 15.0, -9999.0]"), "{events:?}");
@@ -281,7 +281,7 @@ fn row_15_every_flipped_bit_and_a_million_bytes_of_garbage() {
     for (name, decode, frames, frame) in streams() {
         let events = decode(&[&garbage, b"\0\n", &frames.concat(), &frames.concat()]);
         let told = events.iter().filter(|event| event.starts_with(frame)).count();
-        // of twice four or five frames, at most the first ones go with the garbage
+        // of twice four or five frames, at most the first ones are lost with the garbage
         let sent = 2 * frames.len();
         assert!(told <= sent && told + 3 >= sent, "{name}: {told} of {sent}");
     }

@@ -1,4 +1,5 @@
-//! Rows 5, 6 and 8 to 10: faults of the connection and of the dialogue.
+//! Rows 5, 6 and 8 to 10: faults of the connection and of the dialogue. One file, because they
+//! share the emulated instruments.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -20,7 +21,7 @@ use super::{LIMIT, WAIT, quick};
 
 const ELECTRODES: u32 = 8;
 
-/// What electrode, drive and frame make of a potential; the current enters at `a`.
+/// Returns a potential that encodes electrode, drive and frame; the current enters at `a`.
 fn potential(number: u64, [a, b]: [u32; 2], electrode: u32) -> f64 {
     let driven = f64::from(u8::from(electrode == a)) - f64::from(u8::from(electrode == b));
     0.25 * driven + f64::from((a * 8 + b) * 8 + electrode + 1) / 4096.0 + (number % 8) as f64 / 1e3
@@ -48,7 +49,7 @@ fn check_sciospec(frame: &Frame) {
         if frame.quality[index].is_good() {
             let wanted = potential(0, [a, b], m) - potential(0, [a, b], n);
             let error = (frame.values[index] - wanted).abs();
-            // potentials go as floats of 32 bits
+            // potentials are sent as 32-bit floats
             assert!(error < 1e-7, "frame {}, measurement {index}: {error}", frame.sequence);
         }
     }
@@ -98,7 +99,7 @@ fn open_sciospec(emulator: &Emulator) -> Session {
     Session::open(sciospec_driver(), emulator.endpoint(), settings).unwrap()
 }
 
-/// Takes frames until `wanted` came; the other events.
+/// Takes frames until `wanted` have arrived; also returns the other events.
 fn take(session: &Session, wanted: usize, check: fn(&Frame)) -> (Vec<Frame>, Vec<Event>) {
     let (start, mut frames, mut others) = (Instant::now(), Vec::new(), Vec::new());
     while frames.len() < wanted {
@@ -115,7 +116,7 @@ fn take(session: &Session, wanted: usize, check: fn(&Frame)) -> (Vec<Frame>, Vec
     (frames, others)
 }
 
-/// A device whose answers somebody changes before they are sent.
+/// A device whose answers are modified before they are sent.
 struct Meddled<D, F> {
     device: D,
     meddle: F,
@@ -151,7 +152,7 @@ fn system(code: wire::Code) -> Vec<u8> {
     bytes
 }
 
-/// Somebody starts the instrument and goes away without stopping it.
+/// Starts the instrument and leaves without stopping it.
 fn leave_streaming(driver: &mut dyn Driver, endpoint: &Endpoint) {
     let Endpoint::Tcp { address } = endpoint else { panic!("{endpoint}") };
     identify(driver, endpoint).unwrap();
@@ -192,7 +193,7 @@ fn row_05_an_old_stream_still_runs_at_opening() {
     assert_eq!((session.statistics().lost, session.statistics().damaged_bytes), (0, 0));
 }
 
-/// A board that streams from its start: banner, then the host comes in the middle of a frame.
+/// A board that streams from its start with a banner; the host connects in the middle of a frame.
 #[test]
 fn row_05_boot_text_and_half_a_frame_at_opening() {
     let board = Board { first_frame_s: 20.0, ..Board::preset("black-sensor-16").unwrap() };
@@ -223,7 +224,7 @@ fn row_05_boot_text_and_half_a_frame_at_opening() {
     take(&session, 10, check);
 }
 
-/// The n-th answer is changed; the driver tries the set-up again, or says what was refused.
+/// The n-th answer is modified; the driver repeats the set-up, or reports what was refused.
 #[test]
 fn row_06_acknowledgement_lost_late_or_negative() {
     let change = |at: usize, to: fn() -> Vec<u8>| {
@@ -237,7 +238,7 @@ fn row_06_acknowledgement_lost_late_or_negative() {
             }
         }
     };
-    // lost, or not understood, once: the whole set-up is sent again
+    // lost or misunderstood once: the whole set-up is sent again
     let once: [fn() -> Vec<u8>; 4] = [
         Vec::new,
         || system(wire::Code::Syntax),
@@ -250,7 +251,7 @@ fn row_06_acknowledgement_lost_late_or_negative() {
         let session = open_sciospec(&emulator);
         take(&session, 3, check_sciospec);
     }
-    // refused: told at once, with what was asked
+    // refused: reported at once, with the command
     let device = Meddled {
         device: sciospec_device(),
         meddle: change(3, || system(wire::Code::NotExecuted)),
@@ -260,7 +261,7 @@ fn row_06_acknowledgement_lost_late_or_negative() {
     let error = identify(&mut *sciospec_driver(), emulator.endpoint()).unwrap_err();
     assert!(matches!(error, HwError::Refused { .. }), "{error}");
     assert!(begun.elapsed() < Duration::from_secs(5));
-    // always lost: told after the attempts, and no wait without end
+    // always lost: reported after the attempts, without an endless wait
     let meddle = |_: Duration, sent: &mut Vec<u8>| sent.clear();
     let emulator = start(Meddled { device: sciospec_device(), meddle }, FaultPlan::default());
     let error = identify(&mut *sciospec_driver(), emulator.endpoint()).unwrap_err();
@@ -283,7 +284,7 @@ fn row_06_acknowledgement_lost_late_or_negative() {
 
 #[test]
 fn row_06_data_before_the_acknowledgement_and_hold_up_in_the_stream() {
-    // data of no stream, before each acknowledgement
+    // stray data before each acknowledgement
     let meddle = |_: Duration, sent: &mut Vec<u8>| {
         if let Some(place) = sent.windows(4).position(|w| w == ack()) {
             sent.splice(place..place, super::sciospec_frame(1, [1, 2], 1, 5));
@@ -347,11 +348,11 @@ fn row_06_a_reset_in_the_stream_begins_a_new_epoch() {
     assert_eq!(session.statistics().reconnections, 1);
 }
 
-/// Unplugged at each place of a frame, and while it is set up anew.
+/// Unplugged at each place of a frame, and again while being set up.
 #[test]
 fn row_08_unplugged_anywhere() {
     let folder = tempfile::tempdir().unwrap();
-    // where the stream begins: what the set-up takes
+    // once without faults
     let emulator = start(eits1_device("7"), FaultPlan::default());
     let session = Session::open(eits1_driver(), emulator.endpoint(), quick()).unwrap();
     take(&session, 1, check_eits1);
@@ -384,7 +385,7 @@ fn row_08_unplugged_anywhere() {
     }
 }
 
-/// A pseudo-terminal where there are some, else TCP.
+/// Returns a pseudo-terminal where available, otherwise TCP.
 fn line(folder: &std::path::Path, index: usize) -> Listen {
     #[cfg(unix)]
     return Listen::PseudoTerminal(folder.join(format!("skin{index}")));
@@ -407,7 +408,7 @@ fn row_08_unplugged_during_the_first_command() {
     assert!(begun.elapsed() < Duration::from_secs(10));
 }
 
-/// The device is found under its path although the system gives it another name.
+/// The device is found at its path although the system gives it another name.
 #[cfg(unix)]
 #[test]
 fn row_08_the_path_stays_when_the_device_behind_it_changes() {
@@ -422,7 +423,7 @@ fn row_08_the_path_stays_when_the_device_behind_it_changes() {
     let session = Session::open(eits1_driver(), first.endpoint(), quick()).unwrap();
     take(&session, 3, check_eits1);
     let old = std::fs::read_link(&place).unwrap();
-    // its name is taken while the second one starts
+    // keeps its name in use while the second one starts
     let _keep = std::fs::File::open(&old);
     first.stop();
     let second = Emulator::start(
@@ -444,7 +445,7 @@ fn row_08_the_path_stays_when_the_device_behind_it_changes() {
     drop(second);
 }
 
-/// A stop is not held up by the search for a lost instrument.
+/// A stop is not delayed by the search for a lost instrument.
 #[test]
 fn row_08_a_session_stops_at_once_while_it_looks_for_the_instrument() {
     let mut emulator = start(eits1_device("7"), FaultPlan::default());
@@ -452,7 +453,7 @@ fn row_08_a_session_stops_at_once_while_it_looks_for_the_instrument() {
     let mut session = Session::open(eits1_driver(), emulator.endpoint(), quick()).unwrap();
     take(&session, 3, check_eits1);
     emulator.stop();
-    // somebody else listens there and never answers: each attempt takes seconds
+    // another program listens there and never answers: each attempt takes seconds
     let listener = loop {
         if let Ok(listener) = std::net::TcpListener::bind(&address) {
             break listener;
@@ -461,7 +462,7 @@ fn row_08_a_session_stops_at_once_while_it_looks_for_the_instrument() {
     let _peer = listener.accept().unwrap();
     let begun = Instant::now();
     session.stop();
-    // the command's answer is waited for 2 s; 20 ms are a read, the rest is a loaded computer
+    // waiting for the answer would take 2 s; a read takes 20 ms, the rest allows for a busy computer
     assert!(begun.elapsed() < Duration::from_millis(1500), "{:?}", begun.elapsed());
 }
 
@@ -475,12 +476,12 @@ fn row_09_a_consumer_that_is_slow_or_gone() {
         assert!(begun.elapsed() < LIMIT);
         std::thread::sleep(Duration::from_millis(5));
     }
-    // what waits is whole, in order and the latest; everything else is counted
+    // waiting frames are complete, in order and the latest; everything else is counted
     let (frames, _) = take(&session, 4, check_eits1);
     assert!(frames.windows(2).all(|pair| pair[1].sequence > pair[0].sequence));
     let statistics = session.statistics();
     assert!(frames[0].sequence >= 20 && statistics.lost == 0, "{statistics:?}");
-    // a consumer that goes away stops the instrument
+    // dropping the consumer stops the instrument
     drop(session);
     let begun = Instant::now();
     let mut before = emulator.statistics().sent;
@@ -493,7 +494,7 @@ fn row_09_a_consumer_that_is_slow_or_gone() {
         before = sent;
         assert!(begun.elapsed() < LIMIT, "it still sends");
     }
-    // and the next one is served
+    // and the next consumer is served
     let recorder = SessionSettings { capacity: 4, overflow: Overflow::Fail, ..quick() };
     let session = Session::open(eits1_driver(), emulator.endpoint(), recorder).unwrap();
     let begun = Instant::now();
@@ -506,7 +507,8 @@ fn row_09_a_consumer_that_is_slow_or_gone() {
     assert!(matches!(session.next_event(LIMIT), Err(HwError::Overflow { capacity: 4, .. })));
 }
 
-/// Bytes come one by one with pauses: the frames are whole all the same, and the stall is told.
+/// Bytes arrive one by one with pauses: the frames are complete all the same, and the stall is
+/// reported.
 #[test]
 fn row_10_a_trickle_and_a_stall() {
     let mut held: std::collections::VecDeque<u8> = Default::default();
@@ -540,8 +542,8 @@ fn row_10_a_trickle_and_a_stall() {
     assert_eq!(session.statistics().damaged_bytes, 0);
 }
 
-/// The emulated instrument gives up a command that is interrupted for more than 10 ms, as the real
-/// one is said to; the driver sends each in one piece.
+/// The emulated instrument abandons a command that is interrupted for more than 10 ms, as the real
+/// one is said to; the driver sends each command in one piece.
 #[test]
 fn row_10_a_command_with_a_pause_in_it() {
     let emulator = start(sciospec_device(), FaultPlan::default());
@@ -555,7 +557,7 @@ fn row_10_a_command_with_a_pause_in_it() {
     assert_eq!(answer, [0x18, 1, 0x02, 0x18]);
 }
 
-/// A host whose baud rate is not the instrument's sees noise, and is told so.
+/// A host with the wrong baud rate sees noise, and the error says so.
 #[cfg(unix)]
 #[test]
 fn a_wrong_baud_rate_or_driver_is_told_by_what_comes() {
@@ -577,19 +579,19 @@ fn a_wrong_baud_rate_or_driver_is_told_by_what_comes() {
 
     // text where EITS-1 or another board was expected
     let error = identify(&mut *eits1_driver(), &at(115_200)).unwrap_err().to_string();
-    assert!(error.contains("lines of text, of 13 numbers"), "{error}");
+    assert!(error.contains("lines of text with 13 numbers"), "{error}");
     let other = Board { first_frame_s: 0.5, ..Board::preset("openeit-16").unwrap() };
     let other = Board { steps: Vec::new(), ..other };
     let error = identify(&mut *other.driver().unwrap(), &at(115_200)).unwrap_err().to_string();
-    assert!(error.contains("lines of 13 numbers, which this board does not write"), "{error}");
+    assert!(error.contains("lines of 13 numbers, which this board does not send"), "{error}");
     // a second program
     let _first = eit_hw::Link::open(&at(115_200)).unwrap();
     let error = eit_hw::Link::open(&at(115_200)).unwrap_err().to_string();
     assert!(error.contains("another program uses the port"), "{error}");
 }
 
-/// A line as slow as its rate: the set-up's 858 or 3 700 bytes there and back take longer than half a
-/// second. The host may believe in another rate, as behind an adapter.
+/// On a slow line the set-up's 858 or 3 700 bytes there and back take longer than half a second.
+/// The host may assume another rate, as with an adapter.
 #[cfg(unix)]
 #[test]
 fn a_set_up_takes_the_time_of_its_line() {
@@ -621,13 +623,14 @@ fn a_set_up_takes_the_time_of_its_line() {
         let setup = identify(&mut driver, &endpoint);
         let took_s = begun.elapsed().as_secs_f64();
         assert_eq!(setup.unwrap().value_count, quadruples.len());
-        // the bytes there and back, at least: the line is as slow as it says
+        // at least the time of the bytes there and back: the line is as slow as its rate
         let line_s = 2.0 * 4.0 * quadruples.len() as f64 * 10.0 / f64::from(baud);
         assert!(took_s > 0.9 * line_s && took_s < 20.0, "{electrodes} at {baud}: {took_s:.2} s");
     }
 }
 
-/// Who has said who it is and then says nothing more is not told to change its baud rate.
+/// If an instrument identifies itself and then falls silent, the error does not blame the baud
+/// rate.
 #[test]
 fn an_instrument_that_falls_silent_in_the_set_up_is_told_so() {
     struct Deaf(Eits1Device);
@@ -648,11 +651,12 @@ fn an_instrument_that_falls_silent_in_the_set_up_is_told_so() {
     let emulator = start(Deaf(eits1_device("7")), FaultPlan::default());
     let mut driver = Eits1::new(&rotated(8), 5.0, 1e-4, 0.0).unwrap();
     let error = identify(&mut driver, emulator.endpoint()).unwrap_err().to_string();
-    assert!(error.contains("said who it is, but did not answer"), "{error}");
+    assert!(error.contains("identified itself but did not answer"), "{error}");
     assert!(error.contains("use the configuration") && !error.contains("baud"), "{error}");
 }
 
-/// Whole lines of another count: both counts and the electrodes that would fit.
+/// Complete lines with another count: the error gives both counts and the electrodes that would
+/// fit.
 #[test]
 fn a_board_of_other_electrodes_is_told_by_both_counts() {
     let layout = |count| eit_hw::Layout::Quadruples(rotated(count));

@@ -1,4 +1,5 @@
-//! Rows 7, 11 to 13 and 16: frames that are whole, but not right.
+//! Rows 7, 11 to 13 and 16: frames that are complete but not right. One file, because they share
+//! the emulated instruments.
 
 use std::time::Instant;
 
@@ -11,7 +12,7 @@ use eit_hw::{Frame, Quadruple, Quality, Trouble, Unit, measure_reference_frames}
 use super::common::{point_electrode_disc, rotated};
 use super::{LIMIT, WAIT, eits1_frame, quick, sciospec_frame};
 
-/// What a driver decodes, frames as (real parts, qualities).
+/// What a driver decodes; frames as (real parts, qualities).
 #[derive(Debug, Default)]
 struct Received {
     frames: Vec<(Vec<f64>, Vec<Quality>)>,
@@ -36,7 +37,8 @@ fn receive(driver: &mut dyn Driver, bytes: &[u8]) -> Received {
     received
 }
 
-/// A driver of 32 electrodes with the drives (0, 1), (1, 2), (2, 3): six cells of 16 channels.
+/// Returns a driver of 32 electrodes with the drives (0, 1), (1, 2), (2, 3): six cells of 16
+/// channels.
 fn sciospec() -> Sciospec {
     let quadruples = [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5]];
     let settings = SciospecSettings {
@@ -46,7 +48,7 @@ fn sciospec() -> Sciospec {
     Sciospec::new(settings).unwrap()
 }
 
-/// A frame: drive, group.
+/// Returns a frame of these cells: drive, group.
 fn cells(list: &[(u8, u8)]) -> Vec<u8> {
     list.iter()
         .flat_map(|&(drive, group)| sciospec_frame(group, [drive, drive + 1], 1, 5))
@@ -55,7 +57,7 @@ fn cells(list: &[(u8, u8)]) -> Vec<u8> {
 
 const WHOLE: [(u8, u8); 6] = [(1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (3, 2)];
 
-/// Every value that is good is the one that was sent for its drive and electrode.
+/// Asserts that every good value is the one sent for its drive and electrode.
 fn check_cells(received: &Received) {
     for (values, quality) in &received.frames {
         for (index, (value, quality)) in values.iter().zip(quality).enumerate() {
@@ -81,7 +83,7 @@ fn row_07_groups_missing_doubled_reordered_and_too_many() {
     check_cells(&received);
     assert_eq!((received.frames.len(), missing(&received, 1), received.truncated), (3, 0, 0));
 
-    // each cell missing once: 16 values are flagged, and the next frame is whole
+    // each cell missing once: 16 values are flagged, and the next frame is complete
     for gone in 0..WHOLE.len() {
         let mut list = WHOLE.to_vec();
         list.remove(gone);
@@ -92,7 +94,7 @@ fn row_07_groups_missing_doubled_reordered_and_too_many() {
         assert_eq!(missing(&received, 1), 16, "{gone}");
         assert_eq!((missing(&received, 2), missing(&received, 3)), (0, 0), "{gone}");
     }
-    // each cell doubled: it starts a frame of its own, and nothing gets a wrong place
+    // each cell doubled: it starts a frame of its own, and no value is misplaced
     for (again, &cell) in WHOLE.iter().enumerate() {
         let mut list = WHOLE.to_vec();
         list.insert(again, cell);
@@ -101,7 +103,7 @@ fn row_07_groups_missing_doubled_reordered_and_too_many() {
         assert!(received.frames.len() + received.truncated >= 3, "{again}");
         assert_eq!(missing(&received, received.frames.len() - 1), 0, "{again}");
     }
-    // neighbours exchanged
+    // neighbours swapped
     for first in 0..WHOLE.len() - 1 {
         let mut list = WHOLE.to_vec();
         list.swap(first, first + 1);
@@ -109,7 +111,7 @@ fn row_07_groups_missing_doubled_reordered_and_too_many() {
         check_cells(&received);
         assert_eq!(missing(&received, received.frames.len() - 1), 0, "{first}");
     }
-    // more groups than there are electrodes, drives that nobody asked for, another frequency row
+    // more groups than electrodes, drives that were not requested, another frequency row
     let mut more = Vec::new();
     for (drive, group) in WHOLE {
         more.extend(cells(&[(drive, group)]));
@@ -124,7 +126,7 @@ fn row_07_groups_missing_doubled_reordered_and_too_many() {
     let received = receive(&mut sciospec(), &foreign);
     check_cells(&received);
     assert!(received.frames.len() == 2 && received.damaged > 0);
-    // one frequency is set up: data of another one is not of this frame
+    // one frequency is set: data of another one do not belong to this frame
     let mut row = whole.clone();
     let other = sciospec_frame(2, [2, 3], 2, 5);
     let at = 3 * other.len();
@@ -148,7 +150,7 @@ fn information() -> Information {
     }
 }
 
-/// A session with an instrument that measures what `values` says.
+/// Opens a session with an instrument that measures what `values` computes.
 fn session(values: impl FnMut(u64, &mut [f64]) + Send + 'static) -> (Emulator, Session) {
     let mut values = values;
     let source = move |number: u64, _: &[Quadruple], slots: &mut [f64]| values(number, slots);
@@ -175,7 +177,7 @@ fn frame_at(session: &Session, sequence: u64) -> Frame {
 #[test]
 fn row_11_values_that_cannot_be_are_flagged() {
     let (_emulator, session) = session(|number, values| {
-        // a live value in every place but those below
+        // a changing value everywhere but below
         values.iter_mut().enumerate().for_each(|(i, v)| *v = (i as f64 + number as f64).sin());
         values[0] = f64::NAN;
         values[1] = f64::INFINITY;
@@ -199,7 +201,7 @@ fn row_11_values_that_cannot_be_are_flagged() {
     );
     assert!(early.values[2] > 0.0);
     assert!(early.quality[6..].iter().all(|quality| quality.is_good()));
-    // what does not change while the others do is stuck after 64 frames, also at the rail
+    // a value that stays constant while others change is stuck after 64 frames, also at the rail
     let late = frame_at(&session, 80);
     for index in [2, 4, 5] {
         assert!(late.quality[index].contains(Quality::STUCK), "{index}: {:?}", late.quality[index]);
@@ -225,13 +227,13 @@ fn row_11_all_zero_is_told_and_codes_of_openeit_never_reach_an_image() {
     assert_eq!(flags, [Quality::GOOD, Quality::OPEN, Quality::SATURATED]);
 }
 
-/// The check of health names the electrode, over a live connection.
+/// The health check names the electrode, over a live connection.
 #[test]
 fn row_12_an_electrode_that_is_off_is_named() {
     let quadruples = rotated(16);
     let disc = point_electrode_disc(&quadruples, 16);
-    // an input with nothing connected is at the rail wherever it is sensed; where it should drive,
-    // no current flows
+    // an unconnected input is at the rail wherever it senses; where it should drive, no current
+    // flows
     let open = |bad: u32| {
         let (quadruples, disc) = (quadruples.clone(), disc.clone());
         move |number: u64, values: &mut [f64]| {
@@ -254,7 +256,7 @@ fn row_12_an_electrode_that_is_off_is_named() {
     assert!(report.findings[0].to_string().contains("electrode 6"), "people count from 1");
 }
 
-/// A contact that changes what is driven and not what is sensed breaks reciprocity.
+/// A contact that changes what is driven but not what is sensed breaks reciprocity.
 #[test]
 fn row_12_a_bad_contact_is_named_by_reciprocity() {
     let quadruples = rotated(16);
@@ -283,12 +285,12 @@ fn row_13_sequences_and_clocks_wrap_and_go_back() {
     let wire: Vec<u8> =
         sequences.iter().flat_map(|&s| eits1_frame(s, u64::from(s), &[0.5])).collect();
     let received = receive(&mut driver, &wire);
-    // 5 again and 4 after 5 are no new frames
+    // 5 again, and 4 after 5, are not new frames
     let first = received.counters[0];
     let steps: Vec<_> = received.counters.iter().map(|counter| counter - first).collect();
     assert_eq!(steps, [0, 1, 2, 3, 7, 8]);
     assert!(received.damaged > 0);
-    // a clock that goes back is the instrument's own; frames go on in their order
+    // a device clock that goes back is left as it is; frames continue in order
     let wire: Vec<u8> = [(7, 900), (8, 100), (9, 200)]
         .iter()
         .flat_map(|&(s, time_us)| eits1_frame(s, time_us, &[0.5]))
@@ -311,8 +313,8 @@ fn row_13_sequences_and_clocks_wrap_and_go_back() {
     assert_eq!(steps, [10.0, 16.0, 10.0]);
 }
 
-/// Sciospec's frames have no checksum: a flipped bit of a float is told as a value, unless it makes
-/// it one that no voltage has. docs of `codec::sciospec` say so.
+/// Sciospec's frames have no checksum: a flipped bit of a float is reported as a value unless the
+/// value becomes implausible, as the docs of `codec::sciospec` say.
 #[test]
 fn row_16_a_changed_float_cannot_be_seen_unless_it_makes_no_sense() {
     let whole = cells(&WHOLE);
@@ -331,7 +333,7 @@ fn row_16_a_changed_float_cannot_be_seen_unless_it_makes_no_sense() {
                 unseen += 1;
                 assert!(damaged.0[16].abs() <= 20.0, "bit {bit}");
             }
-            // the whole data frame is left out
+            // the whole data frame is skipped
             16 => refused += 1,
             _ => panic!("bit {bit}: {holes}"),
         }

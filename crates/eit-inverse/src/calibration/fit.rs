@@ -1,4 +1,6 @@
-//! The minimisation of a calibration.
+//! Minimisation of a calibration.
+//!
+//! One file over 300 lines: model, objective and step share the state of one fit.
 
 use super::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 use crate::check::check_length;
@@ -9,32 +11,32 @@ use faer::prelude::Solve;
 use faer::{Mat, Side};
 use ndarray::Array2;
 
-/// Voltages are solved to this accuracy, relative to the largest: far below any noise, and what
-/// nodal assembly gives on all but stiff contacts.
+/// Accuracy of the voltages relative to the largest: far below any noise, and within reach of nodal
+/// assembly for all but stiff contacts.
 const ACCURACY: f64 = 1e-8;
 
-/// Converged where a step in units of the standard deviations is below the root of this.
+/// Convergence threshold: squared length of a step in units of the standard deviations.
 const SMALLEST_STEP: f64 = 1e-6;
 
-/// A logarithm changes by this much in one step at most: a factor of seven.
+/// Largest change of a logarithm in one step: a factor of seven.
 const LONGEST_STEP: f64 = 2.0;
 
-/// Damping to begin with where an undamped step is refused; ten times more each time.
+/// First damping after an undamped step was rejected; it grows tenfold each time.
 const FIRST_DAMPING: f64 = 1e-3;
 
-/// Refusals of one step: the last damping is 1e9 of the curvature.
+/// Most attempts at one step; starting undamped, the last damping is 1e7 of the curvature.
 const MAX_REFUSALS: usize = 12;
 
-/// What stays unexplained counts as this part of the frame at least.
+/// Least residual relative to the frame; anything smaller counts as this much.
 const EXACT: f64 = ACCURACY;
 
 impl Calibration {
-    /// Fits a frame, `[measurement]`, volts. The contact impedances of `model` are not used: those
-    /// of the settings are.
+    /// Fits a frame, `[measurement]`, volts, starting from the contact impedances of the settings; those of
+    /// `model` are ignored.
     ///
     /// # Errors
-    /// A frame or settings of the wrong length or range; values that are used and not finite;
-    /// [`InverseError::UnlikeModel`] for a frame of the opposite sign; [`InverseError::Forward`].
+    /// Wrong lengths or values out of range, non-finite values of used measurements,
+    /// [`InverseError::UnlikeModel`] for a frame of the opposite sign, or [`InverseError::Forward`].
     pub fn of_frame(
         model: &ForwardModel,
         frame_v: &[f64],
@@ -56,7 +58,7 @@ struct Fit<'a> {
     forward_solves: usize,
 }
 
-/// Parameters with what the model says there.
+/// Parameters and the model's results for them.
 struct Point {
     /// `ln sigma`, then `ln z / z_start`.
     x: Vec<f64>,
@@ -65,7 +67,7 @@ struct Point {
     residual: Vec<f64>,
     /// `W^1/2 dV/dx`, `[used, parameter]`.
     jacobian: Mat<f64>,
-    /// Variance of the residual's noise: given, or what explains the residual best.
+    /// Variance of the residual's noise: given, or of maximum likelihood.
     variance: f64,
     objective: f64,
 }
@@ -108,7 +110,7 @@ impl<'a> Fit<'a> {
                 break CalibrationStatus::Stalled;
             };
             let size: f64 = step.iter().zip(&gradient).map(|(s, g)| s * g).sum();
-            // below what counts as explained no objective tells one point from another
+            // below the least residual the objective cannot rank points
             if size <= SMALLEST_STEP || (!self.known && self.relative(&point) <= EXACT) {
                 break CalibrationStatus::Converged;
             }
@@ -124,7 +126,7 @@ impl<'a> Fit<'a> {
         self.finish(point, status, iterations, residual_before)
     }
 
-    /// The model at parameters.
+    /// Solves the model for the given parameters.
     fn point(&mut self, x: Vec<f64>) -> Result<Point, InverseError> {
         self.forward_solves += 1;
         let impedance = self.impedance(&x);
@@ -176,7 +178,7 @@ impl<'a> Fit<'a> {
         (sum / self.frame_square()).sqrt()
     }
 
-    /// The point of the conductivity that makes voltages as large as the frame's.
+    /// Rescales the conductivity so that the model's voltages are as large as the frame's.
     fn scaled(&mut self, point: Point) -> Result<Point, InverseError> {
         let (mut product, mut square) = (0.0, 0.0);
         for (&i, weight) in self.channels.used.iter().zip(&self.channels.root_weights) {
@@ -185,7 +187,7 @@ impl<'a> Fit<'a> {
             square += model * model;
         }
         let correlation = product / (square * self.frame_square()).sqrt();
-        // zero frames have no correlation
+        // a frame of zeros has no correlation
         if correlation.is_nan() || correlation <= 0.0 {
             return Err(InverseError::UnlikeModel { correlation });
         }
@@ -204,7 +206,7 @@ impl<'a> Fit<'a> {
         })
     }
 
-    /// Half of the slope downhill.
+    /// Half of the negative gradient of the objective.
     fn gradient(&self, point: &Point) -> Vec<f64> {
         let slope = |k: usize| -> f64 {
             let column = point.jacobian.col(k).iter();
@@ -216,7 +218,7 @@ impl<'a> Fit<'a> {
         (0..point.x.len()).map(slope).collect()
     }
 
-    /// A point with a lower objective, by a step as little damped as does it.
+    /// Returns a point with a lower objective, with as little damping as possible.
     fn improve(
         &mut self,
         point: &Point,
@@ -229,7 +231,7 @@ impl<'a> Fit<'a> {
                 let longest = step.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
                 let scale = (LONGEST_STEP / longest).min(1.0);
                 let x = point.x.iter().zip(&step).map(|(x, s)| x + scale * s).collect();
-                // what the forward model refuses is too far away
+                // a point that the forward model rejects is too far away
                 if let Ok(found) = self.point(x)
                     && found.objective < point.objective
                 {
@@ -252,7 +254,7 @@ impl<'a> Fit<'a> {
         let (parameters, used) = (point.x.len(), point.residual.len());
         let sum: f64 = point.residual.iter().map(|r| r * r).sum();
         let free = used.saturating_sub(parameters).max(1) as f64;
-        // the most likely variance is too small by what the parameters have taken
+        // the maximum likelihood variance is too small by the degrees of freedom of the parameters
         let variance =
             if self.known { point.variance } else { point.variance * used as f64 / free };
         let estimated = Point { variance, ..point };
@@ -284,8 +286,8 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// `(H + damping diag H)^-1 g`, with `H` scaled to a diagonal of ones; `None` where rounding has
-/// made it indefinite.
+/// Solves `(H + damping diag H)^-1 g`, with `H` scaled to a unit diagonal; `None` if rounding makes it
+/// indefinite.
 fn solve(curvature: &Mat<f64>, gradient: &[f64], damping: f64) -> Option<Vec<f64>> {
     let scales: Vec<f64> = (0..gradient.len()).map(|k| curvature[(k, k)].sqrt().recip()).collect();
     let matrix = scaled(curvature, &scales, damping);

@@ -7,10 +7,10 @@ use eit_fem::ForwardModel;
 /// Which contact impedances are fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Contacts {
-    /// One of each electrode.
+    /// Contact impedance of each electrode.
     #[default]
     Each,
-    /// One factor of all, their ratios as at the start.
+    /// One common factor; the ratios stay as at the start.
     Common,
 }
 
@@ -19,35 +19,35 @@ pub enum Contacts {
 pub enum CalibrationStatus {
     /// A further step would be below a thousandth of the standard deviations.
     Converged,
-    /// Steps ran out.
+    /// The step limit was reached.
     IterationCap,
-    /// No step, however damped, improved the fit any more.
+    /// No step, however damped, improved the fit further.
     Stalled,
 }
 
 /// Settings of [`Calibration`](crate::Calibration).
 #[derive(Debug, Clone, PartialEq)]
 pub struct CalibrationSettings {
-    /// Conductivity to start from, siemens (per square); its size matters little.
+    /// Starting value of the conductivity, siemens (per square); its size matters little.
     pub conductivity_s: f64,
-    /// Contact impedance of each electrode to start from, and the middle of its prior.
+    /// Starting value of each electrode's contact impedance, and the mean of its prior: ohm metre (rim),
+    /// ohm square metre (patch).
     pub contact_impedance: Vec<f64>,
     /// Which contact impedances are fitted.
     pub contacts: Contacts,
-    /// Standard deviation of `ln z` before the data. Default `ln 10`: the impedance is known to
-    /// about a factor of ten.
+    /// Prior standard deviation of `ln z`. Default `ln 10`: the impedance is known to about a factor of ten.
     pub contact_spread: f64,
     /// Standard deviation of the noise of each measurement, volts; `None` (default): equal in all
-    /// and unknown.
+    /// measurements and unknown.
     pub noise_std_v: Option<Vec<f64>>,
-    /// Which measurements to use; `None` (default): all. Values that are not used may be NaN.
+    /// Which measurements are used; `None` (default): all. Unused values may be NaN.
     pub used: Option<Vec<bool>>,
-    /// Steps at most. Default 50.
+    /// Most steps. Default 50.
     pub max_iterations: usize,
 }
 
 impl CalibrationSettings {
-    /// The defaults, from a start.
+    /// Returns the defaults with the given starting values.
     pub fn starting_at(conductivity_s: f64, contact_impedance: &[f64]) -> Self {
         Self {
             conductivity_s,
@@ -60,18 +60,18 @@ impl CalibrationSettings {
         }
     }
 
-    /// Refuses numbers out of range.
+    /// Rejects invalid settings.
     pub(super) fn validate(&self, model: &ForwardModel) -> Result<(), InverseError> {
         check_positive("conductivity_s", self.conductivity_s)?;
         check_positive("contact_spread", self.contact_spread)?;
         let electrodes = model.protocol().electrodes();
         check_length("contact_impedance", self.contact_impedance.len(), electrodes)?;
         for z in &self.contact_impedance {
-            // a shunt has no logarithm
-            check_positive("contact_impedance to start from", *z)?;
+            // zero impedance has no logarithm
+            check_positive("starting contact_impedance", *z)?;
         }
         if self.max_iterations == 0 {
-            let (quantity, value, must) = ("max_iterations", 0.0, "1 or more");
+            let (quantity, value, must) = ("max_iterations", 0.0, "at least 1");
             return Err(InverseError::OutOfRange { quantity, value, must });
         }
         Ok(())

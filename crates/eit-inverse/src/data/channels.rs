@@ -1,32 +1,33 @@
-//! Which measurements count and how much.
+//! Used measurements and their weights.
 
 use super::{DifferenceData, DifferenceKind, FrameStatus};
 use crate::InverseError;
 use crate::check::check_length;
 
-/// Noise standard deviations below the largest one times this are refused: their squared weights
-/// would push every other measurement below the rounding of `J P J'`.
+/// Least noise standard deviation relative to the largest: smaller ones are rejected, since their squared
+/// weights would push all other measurements below the rounding of `J P J'`.
 const NOISE_RANGE: f64 = 1e-7;
 
 /// The used measurements of a protocol and their weights.
 #[derive(Debug, Clone)]
 pub(crate) struct Channels {
-    /// Measurements of the protocol.
+    /// Number of measurements of the protocol.
     pub(crate) count: usize,
     /// Protocol index of each used measurement, ascending.
     pub(crate) used: Vec<usize>,
     /// `noise_scale / noise_std` of each used measurement: the diagonal of `W^1/2`.
     pub(crate) root_weights: Vec<f64>,
-    /// The `noise_std` of weight 1, in the unit of `dv`; `None` where no noise was given.
+    /// The `noise_std` of weight 1, in the unit of `dv`; `None` if no noise was given.
     pub(crate) noise_scale: Option<f64>,
     /// Whether differences are divided by the reference.
     kind: DifferenceKind,
-    /// What each used measurement's row of the Jacobian is divided by.
+    /// Divisor of each used measurement's row of the Jacobian.
     divisors: Vec<f64>,
 }
 
 impl Channels {
-    /// Of a Jacobian of `count` rows; `noise_std` and `used` are `[measurement]`.
+    /// Selects and weights the rows of a Jacobian of `count` rows; `noise_std` and `used` are
+    /// `[measurement]`.
     pub(crate) fn new(
         count: usize,
         data: &DifferenceData,
@@ -50,7 +51,7 @@ impl Channels {
         self.root_weights[k] / self.divisors[k]
     }
 
-    /// Keeps the measurements that `used` also names.
+    /// Restricts the measurements to those that `used` also selects.
     pub(crate) fn restrict(&self, used: &[bool]) -> Result<(Self, Vec<usize>), InverseError> {
         check_length("used", used.len(), self.count)?;
         let wanted = used_indices(self.count, Some(used))?;
@@ -71,9 +72,11 @@ impl Channels {
         Ok((channels, kept))
     }
 
-    /// Difference data of the used measurements, not weighted, into `difference` `[used]`: zero at
-    /// the indices into `used` that `masked` lists in ascending order, whose values are not
-    /// looked at. Says whether any of it is not zero.
+    /// Writes the unweighted difference data of the used measurements into `difference` `[used]` and
+    /// returns whether any of it is not zero.
+    ///
+    /// The indices into `used` that `masked` lists in ascending order become zero, and their values are not
+    /// read.
     pub(crate) fn difference_into(
         &self,
         frame_index: usize,
@@ -85,7 +88,7 @@ impl Channels {
         check_length("frame", frame.len(), self.count)?;
         check_length("reference frame", reference_frame.len(), self.count)?;
         let normalised = self.kind == DifferenceKind::Normalised;
-        // nearly always over at the first measurement
+        // usually ends at the first measurement
         let mut used = self.used.iter().map(|&i| (frame[i], reference_frame[i]));
         if masked.is_empty()
             && used.all(|(v, r)| v == r && v.is_finite() && !(normalised && v == 0.0))
@@ -138,7 +141,7 @@ fn used_indices(count: usize, used: Option<&[bool]>) -> Result<Vec<usize>, Inver
     Ok(indices)
 }
 
-/// Weights relative to that of the largest `noise_std`, and that value.
+/// Returns the weights relative to that of the largest `noise_std`, and that largest value.
 fn root_weights(
     count: usize,
     used: &[usize],
@@ -159,7 +162,7 @@ fn root_weights(
                 value,
                 must,
             };
-            // relative to the largest, so that no unit can overflow; only ratios matter
+            // relative to the largest, so that no unit overflows; only ratios matter
             if usable { Ok(largest / value) } else { Err(error) }
         })
         .collect();

@@ -1,4 +1,4 @@
-//! Difference data: what is subtracted and what it is divided by.
+//! Difference data: frames minus a reference, plain or normalised.
 
 use crate::InverseError;
 use crate::check::check_length;
@@ -15,7 +15,7 @@ pub enum DifferenceKind {
 }
 
 impl DifferenceKind {
-    /// The difference of one measurement: `v - v_ref`, or `(v - v_ref) / v_ref`.
+    /// Returns the difference of one measurement: `v - v_ref`, or `(v - v_ref) / v_ref`.
     #[inline]
     pub fn difference(self, value_v: f64, reference_v: f64) -> f64 {
         match self {
@@ -24,12 +24,12 @@ impl DifferenceKind {
         }
     }
 
-    /// [`difference`](Self::difference) of every measurement of a frame for which `counts` holds,
-    /// into `difference`; the others get `missing` (0, or NaN for a method that is told which they
-    /// are), and nothing of them is looked at. All are `[measurement]`. Allocates nothing.
+    /// Writes the [`difference`](Self::difference) of every measurement for which `counts` is true into
+    /// `difference`.
     ///
-    /// Nothing is said of values that are not finite, and of references that are zero: what takes
-    /// difference data refuses them.
+    /// The other measurements become `missing` (0, or NaN for a method that is told which they are) and are
+    /// not read. All arrays are `[measurement]`. Does not allocate, and does not check for non-finite
+    /// values or references of zero; methods that take difference data reject those.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`].
@@ -63,29 +63,28 @@ impl DifferenceKind {
     }
 }
 
-/// How a frame `v` and a reference frame `v_ref` become difference data `dv`, and what that does to
-/// the Jacobian.
+/// How a frame `v` and a reference frame `v_ref` become difference data `dv`, and how the Jacobian changes
+/// with it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum DifferenceData {
-    /// `dv = v - v_ref`, volts. The Jacobian is used as it is.
+    /// `dv = v - v_ref`, volts. The Jacobian is unchanged.
     #[default]
     Plain,
-    /// `dv_i = (v_i - v_ref_i) / v_ref_i`, dimensionless, with the Jacobian's row `i` divided by
-    /// the model's own voltage `v0_i` of the background.
+    /// `dv_i = (v_i - v_ref_i) / v_ref_i`, dimensionless, with row `i` of the Jacobian divided by the
+    /// model's own background voltage `v0_i`.
     ///
-    /// A gain that differs from channel to channel cancels, and so does the sign of instruments
-    /// that report amplitudes only. It also lifts small voltages (far from the drive) to the
-    /// weight of large ones, so noise that is equal in volts grows there: see
-    /// [`OneStepSettings::noise_std`](crate::OneStepSettings::noise_std).
+    /// Gains of single channels cancel, and so does the sign for instruments that report magnitudes only.
+    /// Small voltages (far from the drive) get the same weight as large ones, so noise that is equal in
+    /// volts grows there: see [`OneStepSettings::noise_std`](crate::OneStepSettings::noise_std).
     Normalised {
-        /// Voltages of the background conductivity the Jacobian was taken at, volts,
+        /// Voltages of the background conductivity at which the Jacobian was computed, volts,
         /// `[measurement]`.
         model_voltages_v: Vec<f64>,
     },
 }
 
 impl DifferenceData {
-    /// Whether differences are divided by the reference.
+    /// Returns whether differences are divided by the reference.
     pub fn kind(&self) -> DifferenceKind {
         match self {
             Self::Plain => DifferenceKind::Plain,
@@ -93,12 +92,12 @@ impl DifferenceData {
         }
     }
 
-    /// Standard deviations of the differences from those in volts, both `[measurement]`: `e_i`
-    /// (plain) or `e_i / |v0_i|` (normalised), as
-    /// [`OneStepSettings::noise_std`](crate::OneStepSettings::noise_std) takes them.
+    /// Converts standard deviations in volts to those of the differences, both `[measurement]`: `e_i`
+    /// (plain) or `e_i / |v0_i|` (normalised), as used for
+    /// [`OneStepSettings::noise_std`](crate::OneStepSettings::noise_std).
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`] where there are not as many model voltages.
+    /// [`InverseError::WrongLength`] if the number of model voltages differs.
     pub fn noise_std(&self, noise_std_v: &[f64]) -> Result<Vec<f64>, InverseError> {
         match self {
             Self::Plain => Ok(noise_std_v.to_vec()),
@@ -109,17 +108,18 @@ impl DifferenceData {
         }
     }
 
-    /// Turns the rows of a Jacobian of the measurements `[measurement, unknown]`, volts for each unit
-    /// of an unknown, into those of the differences: `J_ij` (plain) or `J_ij / v0_i` (normalised).
-    /// Unknowns are what they may: elements, pixels, displacements. Rows of measurements that are
-    /// not used become zero; they and their voltages are not looked at.
+    /// Converts a Jacobian of the measurements `[measurement, unknown]`, volts per unit of an unknown, to
+    /// one of the differences: `J_ij` (plain) or `J_ij / v0_i` (normalised).
     ///
-    /// For methods that take difference data and the Jacobian of it, such as total variation;
-    /// [`OneStepGaussNewton`](crate::OneStepGaussNewton) does this itself.
+    /// The unknowns may be anything: elements, pixels, displacements. Rows of unused measurements become
+    /// zero; they and their voltages are not read.
+    ///
+    /// This is for methods that take difference data and their Jacobian, such as total variation;
+    /// [`OneStepGaussNewton`](crate::OneStepGaussNewton) does it itself.
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`]; [`InverseError::ZeroReference`] for a used measurement whose
-    /// model voltage cannot be divided by.
+    /// [`InverseError::WrongLength`]; [`InverseError::ZeroReference`] if the model voltage of a used
+    /// measurement cannot be divided by.
     pub fn apply_to_rows(
         &self,
         jacobian: &mut ArrayRef2<f64>,
@@ -139,7 +139,7 @@ impl DifferenceData {
         Ok(())
     }
 
-    /// What each used measurement's row of the Jacobian is divided by: 1 for plain data.
+    /// Returns the divisor of each used measurement's row of the Jacobian: 1 for plain data.
     pub(crate) fn divisors(
         &self,
         measurements: usize,
@@ -157,13 +157,14 @@ impl DifferenceData {
     }
 }
 
-/// Whether there was anything to compute for a frame.
+/// Whether a frame needed computation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FrameStatus {
-    /// The frame differs from its reference: its image was computed.
+    /// The frame differs from its reference; its image was computed.
     Computed,
-    /// Every measurement that counts equals its reference, bit for bit: the image of a linear map is
-    /// zero then, exactly, and was written without computing it. A tracker can be told so
-    /// ([`TouchStream::push_unchanged`](crate::touch::TouchStream::push_unchanged)).
+    /// Every used measurement equals its reference bit for bit. The image of a linear map is then exactly
+    /// zero and was written without computing it.
+    /// [`TouchStream::push_unchanged`](crate::touch::TouchStream::push_unchanged) passes this on to a
+    /// tracker.
     Unchanged,
 }

@@ -1,8 +1,8 @@
-//! Parameters of a [`ResponseMap`] by cross-validation, and the errors that it leaves.
+//! Parameters of a [`ResponseMap`] by cross-validation, and the remaining errors.
 //!
-//! Presses are dealt to ten folds, one by one in the order of time (leave-one-out of ten presses or fewer);
-//! each fold is located by what the others teach. Everything is fitted anew without the fold, gains and
-//! variances included.
+//! Presses are dealt one by one, in order of time, to ten folds (leave-one-out for ten presses or fewer).
+//! Each fold is located with a map learnt from the others. Everything is fitted again without the fold,
+//! including gains and variances.
 
 use super::locate::posterior_of_misfits;
 use super::presses::{ModelResponses, Presses};
@@ -13,46 +13,47 @@ use crate::InverseError;
 use crate::geometry::distance_m;
 use ndarray::{Array2, Axis};
 
-/// Folds at most.
+/// Most folds.
 const FOLDS: usize = 10;
 
-/// Least presses that anything is learnt from.
+/// Fewest presses to learn from.
 pub(super) const LEAST_PRESSES: usize = 4;
 
-/// Lengths that are tried, as parts of the presses' spread (root mean square distance from their middle).
+/// Kernel lengths to try, as fractions of the presses' spread (root mean square distance from their mean).
 const LENGTHS: [f64; 5] = [0.28, 0.4, 0.5, 0.7, 1.0];
 const NOISES: [f64; 2] = [0.1, 0.3];
 const PULLS: [Option<f64>; 3] = [None, Some(0.05), Some(0.5)];
 const INDEPENDENT_CHANNELS: [f64; 4] = [8.0, 15.0, 30.0, 60.0];
 
-/// Presses nearer to their middle than this, root mean square, metres, are at one place: a nanometre is far below
-/// any robot's step, and far above the rounding of coordinates.
+/// Spread below which all presses are at one position, metres: a nanometre is far below any robot's step
+/// and far above the rounding of coordinates.
 const LEAST_SPREAD_M: f64 = 1e-9;
 
-/// A press that leaves more than this many times what held-out presses leave, at the level below, is unlike.
+/// A press is unlike the learnt ones if its residual exceeds this many times the quantile below of the
+/// residuals of held-out presses.
 const UNLIKE: f64 = 1.5;
 const UNLIKE_LEVEL: f64 = 0.95;
 
-/// Distance of each press's place from where it is located without it.
+/// Distance between the position of each press and where it is located without it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoldErrors {
-    /// Of each press, metres.
+    /// Error of each press, metres.
     pub errors_m: Vec<f64>,
 }
 
 impl FoldErrors {
-    /// Mean, metres.
+    /// Returns the mean error, metres.
     pub fn mean_m(&self) -> f64 {
         self.errors_m.iter().sum::<f64>() / self.errors_m.len().max(1) as f64
     }
 
-    /// Median, metres.
+    /// Returns the median error, metres.
     pub fn median_m(&self) -> f64 {
         quantile(&self.errors_m, 0.5)
     }
 }
 
-/// A quantile of values that are finite; 0 of none.
+/// Returns a quantile of finite values; 0 if there are none.
 pub(super) fn quantile(values: &[f64], part: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
@@ -63,28 +64,28 @@ pub(super) fn quantile(values: &[f64], part: f64) -> f64 {
 /// A learnt map and how it was chosen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Choice {
-    /// The map, of all presses.
+    /// The map learnt from all presses.
     pub map: ResponseMap,
-    /// Errors of the presses by cross-validation.
+    /// Cross-validated errors of the presses.
     pub errors: FoldErrors,
-    /// Part of each press's frame, 0 to 1, that a touch at no place explains by what the other folds teach.
+    /// Fraction of each press's frame, 0 to 1, that no touch explains by the map of the other folds.
     pub rests: Vec<f64>,
-    /// Combinations of parameters that were tried.
+    /// Number of parameter combinations tried.
     pub tried: usize,
 }
 
-/// Located presses of a choice of parameters.
+/// Held-out presses located with one choice of parameters.
 struct Held {
     errors_m: Vec<f64>,
-    /// Mean squared error over mean trace of the covariance.
+    /// Mean squared error divided by the mean trace of the covariance.
     factor: f64,
 }
 
 impl ResponseMap {
-    /// Learns a map from presses, its parameters chosen by cross-validation on the mean distance.
+    /// Learns a map from presses, with parameters that minimise the cross-validated mean distance.
     ///
     /// # Errors
-    /// Fewer than four presses, presses all at one place, frames or responses that are not finite.
+    /// Fewer than four presses, all presses at one position, or non-finite frames or responses.
     pub fn learn(presses: &Presses, model: &ModelResponses) -> Result<Choice, InverseError> {
         presses.validate(LEAST_PRESSES)?;
         model.validate(presses)?;
@@ -128,7 +129,7 @@ impl ResponseMap {
     }
 }
 
-/// Root mean square distance from the middle.
+/// Root mean square distance from the mean.
 pub(super) fn spread_m(places_m: &[[f64; 3]]) -> f64 {
     let count = places_m.len().max(1) as f64;
     let middle: [f64; 3] =
@@ -136,14 +137,14 @@ pub(super) fn spread_m(places_m: &[[f64; 3]]) -> f64 {
     (places_m.iter().map(|p| distance_m(*p, middle).powi(2)).sum::<f64>() / count).sqrt()
 }
 
-/// Presses of each fold: learnt, held out.
+/// Returns the presses of each fold: learnt, held out.
 fn folds(presses: usize) -> Vec<[Vec<usize>; 2]> {
     let count = presses.min(FOLDS);
     let of = |fold: usize| (0..presses).partition(|press| press % count != fold);
     (0..count).map(of).map(|(learnt, held)| [learnt, held]).collect()
 }
 
-/// A fold with its kernel.
+/// A fold and its kernel.
 struct Fold<'a> {
     of: &'a [Vec<usize>; 2],
     geometry: Geometry,
@@ -170,7 +171,7 @@ fn fit_fold(fold: &Fold<'_>, data: &UnitData, gain_pull: Option<f64>) -> (Respon
     (responses, data.frames.select(Axis(0), &fold.of[1]))
 }
 
-/// Misfits of every press by its fold, `[press, candidate]`.
+/// Returns the misfits of every press when it is held out, `[press, candidate]`.
 fn held_misfits(folds: &[Fold<'_>], data: &UnitData, gain_pull: Option<f64>) -> Array2<f64> {
     let shape = (data.frames.nrows(), data.model_at_candidates.nrows());
     let mut all = Array2::zeros(shape);
@@ -204,7 +205,7 @@ fn locate(
     Held { errors_m, factor: if traces > 0.0 { squares / traces } else { 1.0 } }
 }
 
-/// What each press leaves unexplained by its fold.
+/// Returns the fraction of each press that remains unexplained when it is held out.
 fn held_rests(
     presses: &Presses,
     model: &ModelResponses,

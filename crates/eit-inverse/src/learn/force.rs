@@ -1,24 +1,26 @@
-//! Newtons from the strength of a touch and its place.
+//! Force in newtons from the strength of a touch and its position.
 //!
 //! ```text
-//! ln F = b0 + b1 u + b2 u^2 + b3 r^2 + b4 r^4 + b5 x + b6 y,    u = ln(strength / middle strength)
+//! ln F = b0 + b1 u + b2 u^2 + b3 r^2 + b4 r^4 + b5 x + b6 y,    u = ln(strength / median strength)
 //! ```
 //!
-//! `x`, `y`, `z` are distances from the middle of the skin as parts of its radius, and `r^2 = x^2 + y^2 + z^2`, at
-//! most 1: the response of a sheet depends on the place even where its strength is corrected by the model. The
-//! middle strength is the median of those learnt. Seven choices of terms are tried, from `b0 + b1 u` to all; each
-//! term is held by a ridge, and a choice is taken where its leave-one-out error is less than 0.95 of the best before.
-//! Force rises with strength: a choice whose slope in `u` is below 0.05 anywhere within what was learnt is not
-//! taken. Where even the straight line `b0 + b1 u` is flatter than that (forces that do not follow the strengths),
-//! its slope is set to 0.05, and the error says how little is known. Beyond the learnt strengths the curve goes on
-//! along its tangent, and its deviation grows.
+//! `x`, `y`, `z` are distances from the centre of the skin as fractions of its radius, and
+//! `r^2 = x^2 + y^2 + z^2`, at most 1: the response of a sheet depends on the position even after the
+//! model's correction of the strength. The median is that of the learnt strengths.
+//!
+//! Seven sets of terms are tried, from `b0 + b1 u` to all of them, each term with a ridge. A set is
+//! accepted if its leave-one-out error is below 0.95 of the best so far. Force must increase with strength:
+//! a set whose slope in `u` is below 0.05 anywhere in the learnt range is rejected. If even the straight
+//! line `b0 + b1 u` is flatter than that (forces that do not follow the strengths), its slope is set to
+//! 0.05, and the error shows how little is known. Beyond the learnt strengths the curve continues along its
+//! tangent, and its standard deviation grows.
 
 use super::choose::quantile;
 use crate::InverseError;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
-/// Terms of the models that are tried, by their number in the list above.
+/// Sets of terms to try, as indices into the formula above.
 const MODELS: [&[usize]; 7] = [
     &[0, 1],
     &[0, 1, 3],
@@ -29,59 +31,60 @@ const MODELS: [&[usize]; 7] = [
     &[0, 1, 2, 3, 4, 5, 6],
 ];
 const TERMS: usize = 7;
-/// Prior standard deviation of each term, and its mean: the logarithm of the force rises with that of the
+/// Prior standard deviation and mean of each term: the logarithm of the force rises with that of the
 /// strength.
 const PRIOR_STD: [f64; TERMS] = [100.0, 1.0, 0.3, 1.0, 1.0, 0.3, 0.3];
 const PRIOR_MEAN: [f64; TERMS] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-/// Error of a single force that the priors are weighed against.
+/// Error of a single force, against which the priors are weighed.
 const PRIOR_ERROR: f64 = 0.05;
-/// Least presses with a force.
+/// Fewest presses with a force.
 const LEAST_FORCES: usize = 3;
-/// The least slope of `ln F` over `ln strength`.
+/// Least slope of `ln F` against `ln strength`.
 const LEAST_SLOPE: f64 = 0.05;
-/// A choice of terms must err by less than this part of the best before it.
+/// A set of terms must reduce the error to less than this fraction of the best so far.
 const GAIN: f64 = 0.95;
-/// Deviation of `ln F` for each factor `e` of strength beyond what was learnt: a guess, which no data checks.
+/// Standard deviation of `ln F` for each factor `e` of strength beyond the learnt range: a guess not
+/// checked by data.
 const BEYOND_STD: f64 = 0.3;
 
 /// A press with a known force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceSample {
-    /// Strength of its touch, any unit, above zero.
+    /// Strength of the touch in any unit, above zero.
     pub strength: f64,
-    /// Where, metres.
+    /// Position, metres.
     pub place_m: [f64; 3],
-    /// Newtons, above zero.
+    /// Force, newtons, above zero.
     pub force_n: f64,
 }
 
 /// A force and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceEstimate {
-    /// Newtons.
+    /// Force, newtons.
     pub force_n: f64,
     /// Its standard deviation, newtons.
     pub std_n: f64,
 }
 
-/// Strength and place to newtons.
+/// A learnt map from strength and position to force.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceCurve {
-    /// `b0` to `b6` of `ln F`, `F` in newtons; those left out are zero.
+    /// Coefficients `b0` to `b6` of `ln F`, `F` in newtons; unused ones are zero.
     pub coefficients: [f64; TERMS],
-    /// Covariance of the coefficients, row by row; zero for those left out.
+    /// Covariance of the coefficients, row by row; zero for unused ones.
     pub covariance: Vec<f64>,
-    /// Middle of the skin, metres.
+    /// Centre of the skin, metres.
     pub middle_m: [f64; 3],
     /// Radius of the skin, metres.
     pub radius_m: f64,
     /// Median of the logarithms of the strengths.
     pub middle_ln: f64,
-    /// Least and largest logarithm of a strength, less the median.
+    /// Smallest and largest logarithm of a learnt strength, minus the median.
     pub range_ln: [f64; 2],
-    /// Root mean square error of `ln F` over the presses, each left out once.
+    /// Leave-one-out root mean square error of `ln F` over the presses.
     pub error_ln: f64,
-    /// Least and largest force that was learnt, newtons.
+    /// Smallest and largest learnt force, newtons.
     pub forces_n: [f64; 2],
 }
 
@@ -89,10 +92,10 @@ impl ForceCurve {
     /// Number of coefficients.
     pub const TERMS: usize = TERMS;
 
-    /// Learns from presses of known force on a skin with this middle and radius.
+    /// Learns from presses of known force on a skin with the given centre and radius.
     ///
     /// # Errors
-    /// Fewer than three forces; one that is not above zero, or a touch without strength.
+    /// Fewer than three forces, or a force or strength that is not above zero.
     pub fn learn(
         samples: &[ForceSample],
         middle_m: [f64; 3],
@@ -138,10 +141,12 @@ impl ForceCurve {
         Ok(made)
     }
 
-    /// The force of a touch of this strength at this place; `strength_std` is the standard deviation of the
-    /// strength as a part of it. The deviation of the force holds that, the leave-one-out error, the covariance of
-    /// the coefficients, and how far the strength is beyond those learnt; that of the place is not in it. A touch
-    /// without strength has no force, of which nothing is known.
+    /// Returns the force of a touch of the given strength and position.
+    ///
+    /// `strength_std` is the standard deviation of the strength as a fraction of it. The standard deviation
+    /// of the force includes it, the leave-one-out error, the covariance of the coefficients and the
+    /// extrapolation beyond the learnt strengths, but not the uncertainty of the position. If the strength
+    /// is not finite and above zero, the force is 0 and its standard deviation infinite.
     pub fn force(&self, strength: f64, place_m: [f64; 3], strength_std: f64) -> ForceEstimate {
         if !(strength > 0.0 && strength.is_finite()) {
             return ForceEstimate { force_n: 0.0, std_n: f64::INFINITY };
@@ -167,7 +172,7 @@ impl ForceCurve {
         ForceEstimate { force_n, std_n: force_n * std_ln }
     }
 
-    /// Slope of `ln F` over `ln strength`.
+    /// Slope of `ln F` against `ln strength`.
     fn slope(&self, u: f64) -> f64 {
         self.coefficients[1] + 2.0 * u * self.coefficients[2]
     }
@@ -179,7 +184,8 @@ impl ForceCurve {
         [1.0, u, u * u, r2, r2 * r2, part[0], part[1]]
     }
 
-    /// Fits a choice of terms, and keeps it where leave-one-out errs less and force rises with strength.
+    /// Fits a set of terms and keeps it if its leave-one-out error is smaller and force increases with
+    /// strength.
     fn attempt(&mut self, samples: &[ForceSample], terms: &[usize]) -> Result<(), InverseError> {
         let size = terms.len();
         let rows: Vec<Vec<f64>> = samples
@@ -235,8 +241,8 @@ impl ForceCurve {
         Ok(())
     }
 
-    /// The straight line of least slope: its constant is the mean of what is left, and its error what is left of
-    /// each press by the others.
+    /// Fits the straight line of least slope: its constant is the mean residual, its error the
+    /// leave-one-out error.
     fn flatten(&mut self, samples: &[ForceSample]) {
         let left =
             |s: &ForceSample| s.force_n.ln() - LEAST_SLOPE * (s.strength.ln() - self.middle_ln);
@@ -245,7 +251,7 @@ impl ForceCurve {
         let mean = left.iter().sum::<f64>() / count;
         let square = left.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
         self.coefficients = [mean, LEAST_SLOPE, 0.0, 0.0, 0.0, 0.0, 0.0];
-        // a mean of the others is off by count / (count - 1) times as much
+        // a mean over the other presses is off by count / (count - 1) times as much
         self.error_ln = square.sqrt() * count / (count - 1.0);
         self.covariance.fill(0.0);
         self.covariance[0] = self.error_ln.powi(2) / count;

@@ -1,4 +1,4 @@
-//! Where a touch is by a [`ResponseMap`], and how strong it is.
+//! Position and strength of a touch from a [`ResponseMap`].
 
 use super::response_map::ResponseMap;
 use crate::InverseError;
@@ -8,28 +8,29 @@ use crate::geometry::distance_m;
 /// A located touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Located {
-    /// Mean of the posterior, metres.
+    /// Posterior mean of the position, metres.
     pub position_m: [f64; 3],
-    /// Its covariance, square metres.
+    /// Covariance of the position, square metres.
     pub covariance_m2: [[f64; 3]; 3],
-    /// Length of the learnt response in the frame, in the frame's unit.
+    /// Amplitude of the learnt response in the frame, in the frame's unit.
     pub amplitude: f64,
-    /// The amplitude as a strength on the physical model, S m^2, for responses of one volt; without sign.
+    /// Amplitude converted to a strength on the physical model, S m^2, for responses of one volt; without
+    /// sign.
     pub strength_s_m2: f64,
-    /// Part of the frame that a touch at the best place leaves unexplained, 0 to 1.
+    /// Fraction of the frame that a touch at the best position leaves unexplained, 0 to 1.
     pub rest: f64,
-    /// Whether the frame is unlike every press that was learnt: it leaves more than they, the other touches and the
-    /// noise do.
+    /// Whether the frame is unlike every learnt press: more remains unexplained than by them, other touches
+    /// and the noise.
     pub is_unlike: bool,
 }
 
-/// Mean and covariance of a place.
+/// Mean and covariance of a position.
 pub(super) struct Posterior {
     pub mean_m: [f64; 3],
     pub covariance_m2: [[f64; 3]; 3],
 }
 
-/// Turns misfits (twice the negative logarithm of the likelihood) into weights of sum 1, and their moments.
+/// Converts misfits (-2 log likelihood) into weights of sum 1 and returns their moments.
 pub(super) fn posterior_of_misfits(misfits: &mut [f64], candidates_m: &[[f64; 3]]) -> Posterior {
     let least = misfits.iter().copied().fold(f64::INFINITY, f64::min);
     let mut sum = 0.0;
@@ -52,36 +53,37 @@ pub(super) fn posterior_of_misfits(misfits: &mut [f64], candidates_m: &[[f64; 3]
     Posterior { mean_m, covariance_m2 }
 }
 
-/// Locates touches frame by frame; allocates nothing once made.
+/// Locates touches frame by frame; [`locate`](Self::locate) does not allocate.
 #[derive(Debug, Clone)]
 pub struct Locator {
     map: ResponseMap,
-    /// Responses over the standard deviations of the channels, `[candidate][channel]`.
+    /// Responses divided by the standard deviations of the channels, `[candidate][channel]`.
     whitened: Vec<f64>,
-    /// Squared lengths of these over the present channels.
+    /// Squared lengths of the whitened responses over the present channels.
     squares: Vec<f64>,
     /// Reciprocal standard deviations of the channels.
     scales: Vec<f64>,
-    /// Square of the distance of neighbouring candidates, square metres.
+    /// Mean squared distance between neighbouring candidates, square metres.
     cell_m2: f64,
     is_missing: Vec<bool>,
-    /// Channels that are present, and the part of a response's square that is theirs, in the mean of candidates.
+    /// Number of present channels, and their share of the squared responses, averaged over candidates.
     present: usize,
     present_part: f64,
     frame: Vec<f64>,
     weights: Vec<f64>,
-    /// The candidate that explains most of the last frame, and its amplitude.
+    /// Candidate that explains most of the last frame, and its amplitude.
     best: Option<(usize, f64)>,
-    /// Noise of each channel on its scale, as a variance, and the sum over the present ones.
+    /// Noise variance of each whitened channel, and the sum over the present ones.
     noises: Vec<f64>,
     noise: f64,
 }
 
 impl Locator {
-    /// For frames whose channels have noise of these standard deviations, in the frame's unit.
+    /// Builds a locator for frames whose channels have noise of the given standard deviations, in the
+    /// frame's unit.
     ///
     /// # Errors
-    /// A wrong length.
+    /// [`InverseError::WrongLength`].
     pub fn new(map: ResponseMap, noise_std: &[f64]) -> Result<Self, InverseError> {
         let channels = map.responses.ncols();
         check_length("noise of the channels", noise_std.len(), channels)?;
@@ -111,13 +113,12 @@ impl Locator {
         })
     }
 
-    /// The map.
+    /// Returns the map.
     pub fn map(&self) -> &ResponseMap {
         &self.map
     }
 
-    /// Which channels are not to be used from the next frame on: the likelihood of a place is then that of the
-    /// others.
+    /// Sets the channels that are ignored from the next frame on; the likelihood then uses the others.
     pub fn set_missing(&mut self, is_missing: impl Fn(usize) -> bool) {
         let mut changed = false;
         for (i, missing) in self.is_missing.iter_mut().enumerate() {
@@ -138,11 +139,12 @@ impl Locator {
         }
     }
 
-    /// The touch in a frame of differences, `[channel]`; within a distance of a place where `near` says so.
-    /// `others` is the length of what other touches have done to the frame before they were subtracted: their
-    /// map errs, too.
+    /// Locates the touch in a frame of differences, `[channel]`; returns `None` if no touch explains the
+    /// frame.
     ///
-    /// `None` for a frame that no touch explains.
+    /// `near` restricts the search to a distance around a position, both in metres. `others` is the length
+    /// of what other touches contributed to the frame before they were subtracted, since the map errs for
+    /// them too.
     pub fn locate(
         &mut self,
         difference: &[f64],
@@ -152,7 +154,7 @@ impl Locator {
         self.best = None;
         let whole = self.take(difference)?;
         let channels = self.frame.len();
-        // a whole frame of length 1 has the map's variances; noise and other touches add theirs
+        // the map's variances are for a complete frame of length 1; noise and other touches add theirs
         let length2 = self.present(difference).map(|v| v * v).sum::<f64>() / self.present_part;
         let present = self.present as f64;
         let room = (self.noise / present + others * others * self.map.settings.noise)
@@ -174,12 +176,12 @@ impl Locator {
         }
         self.best = best;
         best?;
-        // what the map of the others leaves, on the channels' scale
+        // residual of the map for the other touches, on the whitened scale
         let left_by_others = others * others * whole / length2.max(f64::MIN_POSITIVE);
         Some(self.report(whole, most, left_by_others))
     }
 
-    /// Part of the responses' squares in the present channels; 1 where no response has any.
+    /// Share of the present channels in the squared responses; 1 if all responses are zero.
     fn part_of_present(&self) -> f64 {
         let (mut present, mut whole) = (0.0, 0.0);
         for row in self.map.responses.rows() {
@@ -192,16 +194,18 @@ impl Locator {
         if present > 0.0 { present / whole } else { 1.0 }
     }
 
-    /// Adds to `out` what the touch of the last [`locate`](Self::locate) did to the channels, by the one place that
-    /// explains most of its frame. The mean over all places that it may have is flatter than any response, and
-    /// would leave much of the touch where it is subtracted.
+    /// Adds to `out` the response to the touch of the last [`locate`](Self::locate), at the candidate that
+    /// explains most of its frame.
+    ///
+    /// The mean response over all possible positions is flatter than any single response, and subtracting
+    /// it would leave much of the touch.
     pub fn add_response(&self, out: &mut [f64]) {
         let Some((candidate, amplitude)) = self.best else { return };
         let response = self.map.responses.row(candidate);
         out.iter_mut().zip(response).for_each(|(out, r)| *out += amplitude * r);
     }
 
-    /// Whitens the channels that are present; their squared length, `None` where it is zero.
+    /// Whitens the present channels and returns their squared length; `None` if it is zero or not finite.
     fn take(&mut self, difference: &[f64]) -> Option<f64> {
         for (i, value) in self.frame.iter_mut().enumerate() {
             *value = if self.is_missing[i] { 0.0 } else { difference[i] * self.scales[i] };
@@ -232,7 +236,7 @@ impl Locator {
         }
         let mut covariance_m2 = found.covariance_m2;
         covariance_m2.iter_mut().flatten().for_each(|v| *v *= map.covariance_factor);
-        // a place between candidates
+        // uncertainty of a position between candidates
         (0..3).for_each(|k| {
             if found.covariance_m2[k][k] > 0.0 {
                 covariance_m2[k][k] += self.cell_m2 / 12.0;
@@ -259,7 +263,7 @@ fn cell_m2(candidates_m: &[[f64; 3]]) -> f64 {
     sum / candidates_m.len().max(1) as f64
 }
 
-/// In eight lanes, which the compiler keeps in registers.
+/// Dot product in eight partial sums, which the compiler keeps in registers.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
     let (mut pa, mut pb) = (a.chunks_exact(8), b.chunks_exact(8));

@@ -1,10 +1,10 @@
-//! How the coordinates of a table of presses lie on the model's skin, where nobody knows: turn, mirror, scale
-//! and shift, and the sign of a touch's change.
+//! Unknown relation between the coordinates of a press table and the model's skin: rotation, mirror, scale,
+//! shift, and the sign of a touch's change.
 //!
-//! Each press is located on the model alone, as the candidate whose response is most like its frame; then one
-//! similarity carries these places to the table's, robust against the presses that the model misplaces
-//! (iteratively reweighted least squares for the sum of distances; the similarity of each step is that of
-//! Umeyama, *IEEE PAMI* 13 (1991), 376-380, in the plane).
+//! Each press is located with the model alone, at the candidate whose response is most similar to its
+//! frame. One similarity transform then maps these positions to the table's, robust against presses that
+//! the model misplaces. It minimises the sum of distances by iteratively reweighted least squares; each
+//! step uses the similarity of Umeyama, *IEEE PAMI* 13 (1991), 376-380, in the plane.
 
 use super::choose::{LEAST_PRESSES, quantile};
 use super::presses::Presses;
@@ -13,41 +13,41 @@ use crate::InverseError;
 use crate::check::check_length;
 use ndarray::Array2;
 
-/// Steps of the reweighted fit.
+/// Iterations of the reweighted fit.
 const STEPS: usize = 40;
 
-/// From the coordinates of a table to those of the model's skin, in the plane.
+/// Transform from the coordinates of a press table to those of the model's skin, in the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
-    /// Turn counter-clockwise, radians, after the mirror.
+    /// Counter-clockwise rotation, radians, applied after the mirror.
     pub turn_rad: f64,
     /// Whether y is reversed first.
     pub is_mirrored: bool,
-    /// Model metres for each metre of the table.
+    /// Model metres per metre of the table.
     pub scale: f64,
-    /// Added at the end, metres of the model.
+    /// Shift, added last, metres of the model.
     pub shift_m: [f64; 2],
 }
 
-/// A pose and how it was found.
+/// A fitted pose and its errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseFit {
     /// The pose.
     pub pose: Pose,
-    /// Sign of the change of conductivity under a touch, 1 or -1.
+    /// Sign of the conductivity change under a touch, 1 or -1.
     pub sign: f64,
     /// Median distance of presses from where the model alone places them, metres of the table.
     pub median_m: f64,
-    /// Mean of these.
+    /// Mean of these distances, metres of the table.
     pub mean_m: f64,
 }
 
 impl Pose {
-    /// Coordinates as they are.
+    /// The identity.
     pub const SAME: Self =
         Self { turn_rad: 0.0, is_mirrored: false, scale: 1.0, shift_m: [0.0; 2] };
 
-    /// A place of the table on the model's skin, metres; height stays.
+    /// Maps a position of the table to the model's skin, metres; z is unchanged.
     pub fn to_model(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         let (sin, cos) = self.turn_rad.sin_cos();
         let y = if self.is_mirrored { -y } else { y };
@@ -55,7 +55,7 @@ impl Pose {
         [self.scale * (cos * x - sin * y) + a, self.scale * (sin * x + cos * y) + b, z]
     }
 
-    /// A place on the model's skin in the coordinates of the table.
+    /// Maps a position on the model's skin to the coordinates of the table; z is unchanged.
     pub fn to_table(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         let (sin, cos) = self.turn_rad.sin_cos();
         let (x, y) = ((x - self.shift_m[0]) / self.scale, (y - self.shift_m[1]) / self.scale);
@@ -63,11 +63,11 @@ impl Pose {
         [x, if self.is_mirrored { -y } else { y }, z]
     }
 
-    /// Finds pose and sign from presses (places of the table) and the model's responses at candidates,
+    /// Finds pose and sign from presses in the table's coordinates and the model's responses at candidates,
     /// `[candidate, channel]`.
     ///
     /// # Errors
-    /// Fewer than four presses; lengths that do not fit; presses all at one place.
+    /// Fewer than four presses, mismatched lengths, or all presses at one position.
     pub fn fit(
         presses: &Presses,
         candidates_m: &[[f64; 3]],
@@ -102,14 +102,14 @@ impl Pose {
     }
 }
 
-/// The similarity from the model to the table with the least sum of distances there.
+/// Fits the similarity from the model to the table with the least sum of distances in the table.
 fn similarity(
     table: &[[f64; 2]],
     on_model: &[[f64; 2]],
     is_mirrored: bool,
     sign: f64,
 ) -> Option<PoseFit> {
-    // mirrored in the table's coordinates, as the pose does
+    // mirror the table's coordinates, as the pose does
     let table: Vec<[f64; 2]> =
         table.iter().map(|[x, y]| [*x, if is_mirrored { -y } else { *y }]).collect();
     let mut weights = vec![1.0; table.len()];
@@ -132,7 +132,7 @@ fn similarity(
         found = Some((turn, scale, from, to, errors));
     }
     let (turn, scale, from, to, errors) = found?;
-    // the inverse: from the table to the model
+    // invert: from the table to the model
     let (turn_rad, scale) = (-turn, scale.recip());
     let (sin, cos) = turn_rad.sin_cos();
     let shift_m = [
@@ -145,7 +145,7 @@ fn similarity(
     is_finite.then(|| PoseFit { pose, sign, median_m: quantile(&errors, 0.5), mean_m })
 }
 
-/// Turn, scale and the two middles of the weighted least squares.
+/// Weighted least squares: returns rotation, scale and the two centroids.
 fn weighted(
     from: &[[f64; 2]],
     to: &[[f64; 2]],

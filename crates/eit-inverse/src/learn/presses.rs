@@ -1,4 +1,4 @@
-//! What is learnt from: frames of presses, and what the physical model says of the same places.
+//! Data to learn from: frames of presses, and the physical model's responses at the same positions.
 
 use crate::InverseError;
 use crate::check::{check_length, check_positive};
@@ -6,22 +6,23 @@ use crate::touch::{Places, bell_at};
 use eit_mesh::Surface;
 use ndarray::{Array2, ArrayRef2, Axis};
 
-/// Frames of presses at known places.
+/// Frames of presses at known positions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Presses {
-    /// Pressed less untouched, `[press, channel]`, any unit.
+    /// Pressed minus untouched, `[press, channel]`, any unit.
     pub frames: Array2<f64>,
-    /// Where, on the model's skin, metres.
+    /// Positions on the model's skin, metres.
     pub places_m: Vec<[f64; 3]>,
 }
 
 impl Presses {
-    /// Refuses frames that are not finite or all zero, other numbers of places, and too few.
+    /// Rejects non-finite frames and positions, frames of zeros, mismatched lengths, and fewer than `least`
+    /// presses.
     ///
     /// # Errors
     /// [`InverseError`] with the press and the value.
     pub fn validate(&self, least: usize) -> Result<(), InverseError> {
-        check_length("places of presses", self.places_m.len(), self.frames.nrows())?;
+        check_length("positions of presses", self.places_m.len(), self.frames.nrows())?;
         if self.frames.nrows() < least {
             let found = self.frames.nrows();
             return Err(InverseError::TooFewPresses { found, needed: least });
@@ -42,7 +43,7 @@ impl Presses {
         Ok(())
     }
 
-    /// The presses of these numbers.
+    /// Returns the presses with the given indices.
     pub fn select(&self, which: &[usize]) -> Self {
         Self {
             frames: self.frames.select(Axis(0), which),
@@ -51,19 +52,19 @@ impl Presses {
     }
 }
 
-/// The physical model's part: what a touch of strength 1 S m^2 does to the channels.
+/// Responses of the channels to a touch of 1 S m^2 according to the physical model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelResponses {
-    /// Places at which touches are sought, metres.
+    /// Candidate positions, metres.
     pub candidates_m: Vec<[f64; 3]>,
-    /// `[candidate, channel]`.
+    /// Responses at the candidates, `[candidate, channel]`.
     pub at_candidates: Array2<f64>,
-    /// `[press, channel]`.
+    /// Responses at the presses, `[press, channel]`.
     pub at_presses: Array2<f64>,
 }
 
 impl ModelResponses {
-    /// Refuses lengths that do not fit the presses, and values that are not finite.
+    /// Rejects lengths that do not match the presses, non-finite values, and fewer than two candidates.
     pub(super) fn validate(&self, presses: &Presses) -> Result<(), InverseError> {
         check_length("model responses", self.at_candidates.nrows(), self.candidates_m.len())?;
         check_length(
@@ -81,7 +82,7 @@ impl ModelResponses {
         }
         if self.candidates_m.len() < 2 {
             return Err(InverseError::OutOfRange {
-                quantity: "candidate places",
+                quantity: "candidate positions",
                 value: self.candidates_m.len() as f64,
                 must: "at least 2",
             });
@@ -90,18 +91,20 @@ impl ModelResponses {
     }
 }
 
-/// Places on a skin, about `count` of them, evenly spread.
+/// Returns about `count` evenly spread positions on a skin.
 pub fn candidates(surface: &Surface, count: usize) -> Vec<[f64; 3]> {
     let area_m2: f64 = surface.areas_m2().iter().sum();
     let spacing_m = (area_m2 / count.max(1) as f64).sqrt();
     Places::new(surface, spacing_m).at.iter().map(|place| place.position_m).collect()
 }
 
-/// What a bell of 1 S m^2 at each place does to the measurements of a linearised model, volts:
-/// `[place, measurement]`. The bell is that of [`TouchDetector`](crate::touch::TouchDetector).
+/// Computes the response of a linearised model to a bell of 1 S m^2 at each position, volts,
+/// `[place, measurement]`.
+///
+/// The bell is that of [`TouchDetector`](crate::touch::TouchDetector).
 ///
 /// # Errors
-/// A Jacobian of another surface; a radius that is not above zero; a place without skin near it.
+/// A Jacobian of another surface, a radius that is not above zero, or a position without skin near it.
 pub fn bell_responses(
     surface: &Surface,
     jacobian: &ArrayRef2<f64>,
@@ -118,7 +121,7 @@ pub fn bell_responses(
             *value = bell_at(centroid, centre, radius_m);
             whole += area * *value;
         }
-        // outside the skin by more than a bell: the tail alone is no touch
+        // outside the skin by more than a bell: the tail alone is not a touch
         if whole < 1e-3 * radius_m * radius_m {
             return Err(InverseError::OutsideSkin {
                 touch: place,

@@ -1,13 +1,13 @@
-//! From a frame straight to a place: kernel ridge regression, which is the mean of a Gaussian process.
+//! Position directly from a frame: kernel ridge regression, the mean of a Gaussian process.
 //!
 //! ```text
-//! z = (x / |x| - mean) / std            or without the last step: cross-validation decides
+//! z = (x / |x| - mean) / std            or without the last step: chosen by leave-one-out
 //! place(z) = mu + k(z)' (K + lambda I)^-1 (P - mu),   k: Matern 5/2 of width w
 //! ```
 //!
-//! Leave-one-out errors are in closed form, so that all pairs of parameters cost one inverse each. It needs
-//! no model of the skin, and it knows one touch at a time and whole frames only: distances between frames are
-//! over all channels.
+//! Leave-one-out errors have a closed form, so each pair of parameters costs one inverse. The method needs
+//! no model of the skin. It handles only one touch at a time and complete frames, since distances between
+//! frames are taken over all channels.
 //!
 //! Source: Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sections 2.7 and 5.4.2.
 
@@ -19,7 +19,7 @@ use crate::check::check_length;
 use faer::Mat;
 use ndarray::{Array1, Array2, ArrayView1, Axis};
 
-/// Squared widths, relative to the median squared distance of frames; ridges.
+/// Squared kernel widths relative to the median squared distance of frames, and ridges, to try.
 const WIDTHS: [f64; 7] = [0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 30.0];
 const RIDGES: [f64; 6] = [1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.5];
 
@@ -28,48 +28,48 @@ const RIDGES: [f64; 6] = [1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.5];
 pub struct PlaceRegressionSettings {
     /// Whether channels are standardised.
     pub is_standardised: bool,
-    /// Squared width of the kernel, relative to the median squared distance of the learnt frames.
+    /// Squared width of the kernel relative to the median squared distance of the learnt frames.
     pub width2: f64,
-    /// Ridge.
+    /// Ridge added to the diagonal of the kernel matrix.
     pub ridge: f64,
 }
 
-/// A frame to a place.
+/// A learnt map from frame to position.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaceRegression {
     /// Parameters.
     pub settings: PlaceRegressionSettings,
-    /// What is subtracted from a frame of length 1, and what the rest is multiplied by, `[channel]`.
+    /// Subtracted from a frame scaled to length 1, `[channel]`.
     pub centre: Vec<f64>,
-    /// See there.
+    /// Factor applied after that, `[channel]`.
     pub scale: Vec<f64>,
-    /// Frames that were learnt, after both, `[press, channel]`.
+    /// Learnt frames after both steps, `[press, channel]`.
     pub learnt: Array2<f64>,
-    /// `[press, 3]`, metres.
+    /// Weights of the learnt frames, `[press, 3]`, metres.
     pub weights: Array2<f64>,
-    /// Place of a frame like none of the learnt ones, metres.
+    /// Position returned for a frame unlike all learnt ones, metres.
     pub mean_m: [f64; 3],
     /// Squared width of the kernel.
     pub width2: f64,
-    /// Variance of each coordinate for a frame like none of the learnt ones, square metres.
+    /// Variance of each coordinate for a frame unlike all learnt ones, square metres.
     pub variance_m2: f64,
     inverse: Array2<f64>,
 }
 
-/// A place by regression.
+/// A position from regression.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlaceEstimate {
-    /// Metres.
+    /// Position, metres.
     pub position_m: [f64; 3],
     /// Standard deviation of each coordinate, metres.
     pub std_m: f64,
 }
 
 impl PlaceRegression {
-    /// Learns from presses, its parameters chosen by leave-one-out on the mean distance.
+    /// Learns from presses, with parameters that minimise the leave-one-out mean distance.
     ///
     /// # Errors
-    /// Fewer than four presses, frames all alike, or values that are not finite.
+    /// Fewer than four presses, identical frames, or non-finite values.
     pub fn learn(presses: &Presses) -> Result<(Self, FoldErrors), InverseError> {
         presses.validate(LEAST_PRESSES)?;
         let mut best: Option<(f64, Self, FoldErrors)> = None;
@@ -78,7 +78,7 @@ impl PlaceRegression {
             for width2 in WIDTHS {
                 for ridge in RIDGES {
                     let settings = PlaceRegressionSettings { is_standardised, width2, ridge };
-                    // a kernel that rounding has made singular is none to be chosen
+                    // skip kernels that are singular by rounding
                     let Ok((made, errors_m)) = frames.fit(settings) else { continue };
                     let score = errors_m.iter().sum::<f64>();
                     if score.is_finite() && best.as_ref().is_none_or(|(least, ..)| score < *least) {
@@ -92,10 +92,10 @@ impl PlaceRegression {
         Ok((made, errors))
     }
 
-    /// With given parameters.
+    /// Learns with given parameters.
     ///
     /// # Errors
-    /// Those of [`PlaceRegression::learn`]; a kernel that is singular.
+    /// As [`PlaceRegression::learn`], or a singular kernel.
     pub fn with_settings(
         presses: &Presses,
         settings: PlaceRegressionSettings,
@@ -104,10 +104,10 @@ impl PlaceRegression {
         Ok(Frames::new(presses, settings.is_standardised)?.fit(settings)?.0)
     }
 
-    /// The place of a frame of differences, `[channel]`, all of them present.
+    /// Returns the position of a touch from a complete frame of differences, `[channel]`.
     ///
     /// # Errors
-    /// A wrong length; a frame of zeros or one that is not finite.
+    /// A wrong length, or a frame that is zero or not finite.
     pub fn place(&self, difference: &[f64]) -> Result<PlaceEstimate, InverseError> {
         check_length("frame", difference.len(), self.centre.len())?;
         let length = difference.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -130,7 +130,7 @@ impl PlaceRegression {
     }
 }
 
-/// Matern 5/2 of a squared distance over the squared width.
+/// Matern 5/2 kernel of a squared distance divided by the squared width.
 fn matern(squared: f64) -> f64 {
     let d = (5.0 * squared).sqrt();
     (1.0 + d + d * d / 3.0) * (-d).exp()
@@ -143,7 +143,7 @@ fn normalisation(unit: &Array2<f64>, is_standardised: bool) -> (Array1<f64>, Arr
     }
     let centre = unit.mean_axis(Axis(0)).unwrap_or_else(|| Array1::zeros(channels));
     let std = unit.std_axis(Axis(0), 0.0);
-    // a channel that never changes tells nothing
+    // a channel that never changes carries no information
     (centre, std.mapv(|s| if s > 0.0 { s.recip() } else { 0.0 }))
 }
 
@@ -154,7 +154,7 @@ fn squared_distances(rows: &Array2<f64>) -> Array2<f64> {
     })
 }
 
-/// Normalised frames with their distances.
+/// Normalised frames and their distances.
 struct Frames {
     centre: Array1<f64>,
     scale: Array1<f64>,
@@ -180,7 +180,7 @@ impl Frames {
         Ok(Self { centre, scale, learnt, squared, median2, places })
     }
 
-    /// The regression and its leave-one-out errors, metres.
+    /// Fits the regression and returns it with its leave-one-out errors, metres.
     fn fit(
         &self,
         settings: PlaceRegressionSettings,
@@ -202,7 +202,7 @@ impl Frames {
             (0..3).map(|k| (weights[[i, k]] / own).powi(2)).sum::<f64>().sqrt()
         };
         let errors_m = (0..count).map(error_m).collect();
-        // of two coordinates: presses lie on a skin
+        // for two coordinates, since presses lie on a skin
         let variance_m2 = ((places - &mean) * &weights).sum() / (2 * count) as f64;
         let made = PlaceRegression {
             settings,

@@ -1,15 +1,15 @@
-//! What a press at each place does to the channels: the model's response times a gain for each channel, plus
-//! a Gaussian process over the skin.
+//! Response of the channels to a press at each position: the model's response times a gain per channel,
+//! plus a Gaussian process over the skin.
 //!
 //! ```text
-//! t_i = x_i / |x_i|                                              frames of presses, length 1
-//! a_i t_i = g * m(p_i) + f(p_i) + e_i                            m: model's response, length 1; *: by channel
+//! t_i = x_i / |x_i|                       frames of presses, length 1
+//! a_i t_i = g * m(p_i) + f(p_i) + e_i     m: model's response, length 1; *: by channel
 //! cov f_c(p), f_c(q) = s_c exp(-|p - q|^2 / 2 l^2),  var e = s_c noise
 //! ```
 //!
-//! Gains `g` are a ridge regression toward the common gain; the amplitudes `a_i` (how far a frame's length
-//! says less of it than its shape) and the variances `s_c` of the channels follow from the residual. All
-//! channels share one kernel, so that one factorisation of `[press, press]` serves all.
+//! Gains `g` come from a ridge regression toward the common gain. The amplitudes `a_i` (a frame's length is
+//! less reliable than its shape) and the variances `s_c` of the channels follow from the residual. All
+//! channels share one kernel, so one factorisation of `[press, press]` serves all.
 //!
 //! Source: Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sections 2.2 and 2.7 (a
 //! process with an explicit mean).
@@ -21,24 +21,25 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use ndarray::{Array1, Array2, Axis};
 
-/// Least variance of a channel, as a part of the mean: a channel that seems exact is one of luck.
+/// Addition to the variance of a channel, as a fraction of the mean: a channel that seems exact is so by
+/// chance.
 const LEAST_VARIANCE: f64 = 1e-3;
 
-/// How often amplitudes are fitted anew, and their range.
+/// Number of refits of the amplitudes, and their range.
 const AMPLITUDE_STEPS: usize = 2;
 const AMPLITUDES: [f64; 2] = [0.3, 3.0];
 
 /// Parameters of a [`ResponseMap`]; [`ResponseMap::learn`] chooses them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ResponseMapSettings {
-    /// Length over which what the model gets wrong changes, metres.
+    /// Length scale of the model's error over the skin, metres.
     pub length_m: f64,
-    /// Variance of a press, as a part of the channel's.
+    /// Variance of a single press relative to the channel's variance.
     pub noise: f64,
-    /// Pull of each channel's gain toward the common one, relative to what the presses tell of it; `None`:
-    /// the model is left out, and everything is learnt.
+    /// Strength of the pull of each channel's gain toward the common one, relative to the information in
+    /// the presses; `None` ignores the model, so that everything is learnt.
     pub gain_pull: Option<f64>,
-    /// Channels that err independently of each other: what the logarithm of the likelihood is scaled to.
+    /// Number of channels with independent errors, to which the log likelihood is scaled.
     pub independent_channels: f64,
 }
 
@@ -55,33 +56,33 @@ impl ResponseMapSettings {
     }
 }
 
-/// Responses of the channels to a press at each candidate place.
+/// Learnt responses of the channels to a press at each candidate position.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResponseMap {
     /// Parameters.
     pub settings: ResponseMapSettings,
-    /// Candidate places, metres.
+    /// Candidate positions, metres.
     pub candidates_m: Vec<[f64; 3]>,
-    /// `[candidate, channel]`, about of length 1.
+    /// Responses, `[candidate, channel]`, of length about 1.
     pub responses: Array2<f64>,
-    /// Variance of a frame of length 1 at each candidate, relative to the channel's.
+    /// Variance of a frame of length 1 at each candidate, relative to the channel's variance.
     pub variance: Vec<f64>,
     /// Variance of each channel.
     pub channel_variance: Vec<f64>,
-    /// Strength of a touch whose response has length 1, S m^2, at each candidate.
+    /// Strength of a touch whose response has length 1 at each candidate, S m^2.
     pub strength_s_m2: Vec<f64>,
-    /// What the covariance of a place is multiplied by, from cross-validation.
+    /// Factor of a position's covariance, from cross-validation.
     pub covariance_factor: f64,
-    /// Part of a frame that a press may leave unexplained; beyond it is unlike all that were learnt.
+    /// Fraction of a frame that may remain unexplained; above it the frame is unlike all learnt presses.
     pub rest_limit: f64,
 }
 
-/// Kernel between presses and candidates: all that does not depend on frames.
+/// Kernel between presses and candidates: everything that does not depend on frames.
 pub(super) struct Geometry {
     /// `(K + noise I)^-1`, `[press, press]`.
     inverse: Array2<f64>,
     between_presses: Array2<f64>,
-    /// `[candidate, press]`.
+    /// Kernel, `[candidate, press]`.
     to_candidates: Array2<f64>,
     variance: Vec<f64>,
 }
@@ -112,7 +113,7 @@ impl Geometry {
     }
 }
 
-/// Inverse of a covariance.
+/// Inverts a covariance matrix.
 pub(super) fn inverse(matrix: &Mat<f64>) -> Result<Array2<f64>, InverseError> {
     let size = matrix.nrows();
     let factor = matrix.llt(Side::Lower);
@@ -122,7 +123,7 @@ pub(super) fn inverse(matrix: &Mat<f64>) -> Result<Array2<f64>, InverseError> {
     Ok(Array2::from_shape_fn((size, size), |(i, j)| inverse[(i, j)]))
 }
 
-/// Rows of length 1; rows of zeros stay. And their lengths.
+/// Scales rows to length 1, leaving rows of zeros unchanged, and returns their lengths.
 pub(super) fn unit_rows(rows: &Array2<f64>) -> (Array2<f64>, Vec<f64>) {
     let lengths: Vec<f64> = rows.rows().into_iter().map(|row| row.dot(&row).sqrt()).collect();
     let mut unit = rows.clone();
@@ -211,10 +212,10 @@ fn gains(frames: &Array2<f64>, model: &Array2<f64>, pull: Option<f64>) -> Array1
 }
 
 impl ResponseMap {
-    /// With given parameters; the covariance is that of the likelihood, and nothing is unlike.
+    /// Learns with given parameters; the covariance is that of the likelihood, and no frame counts as unlike.
     ///
     /// # Errors
-    /// Presses or responses that cannot be learnt from.
+    /// Presses or responses that are too few, mismatched or not finite, or settings out of range.
     pub fn with_settings(
         presses: &Presses,
         model: &ModelResponses,
@@ -247,7 +248,8 @@ impl ResponseMap {
     }
 }
 
-/// `ln` of the determinant's part and the misfit of frames of length 1 at the candidates, `[frame, candidate]`.
+/// Computes the misfit of frames of length 1 at each candidate, including the log-determinant term,
+/// `[frame, candidate]`.
 pub(super) fn misfits(
     geometry: &Geometry,
     responses: &Responses,
@@ -266,7 +268,7 @@ pub(super) fn misfits(
     })
 }
 
-/// Unexplained part of frames at the best candidate.
+/// Returns the fraction of each frame that remains unexplained at the best candidate.
 pub(super) fn rests(responses: &Responses, frames: &Array2<f64>) -> Vec<f64> {
     let weights = responses.channel_variance.mapv(f64::recip);
     let weighted = frames * &weights;

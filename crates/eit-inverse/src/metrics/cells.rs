@@ -1,15 +1,15 @@
-//! What figures of merit need of the grid below an image: areas, places, neighbours.
+//! Cells of an image as figures of merit need them: areas, positions, neighbours.
 
 use crate::InverseError;
 use crate::check::check_length;
 use eit_mesh::{Raster, Surface};
 use std::collections::HashMap;
 
-/// Cells of an image: the elements of a surface (places in three dimensions) or the masked pixels
-/// of a raster (two), in their order.
+/// Cells of an image in its order: the elements of a surface (three dimensions) or the masked pixels of a
+/// raster (two).
 ///
-/// Made once and used for every image on them. Two cells are neighbours where they share a side;
-/// pixels that meet at a corner are none, as elements that meet at a node are none.
+/// Built once and used for every image on the same grid. Two cells are neighbours if they share a side.
+/// Pixels that touch at a corner are not neighbours, nor are elements that touch at a node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cells<const D: usize> {
     areas_m2: Vec<f64>,
@@ -18,7 +18,7 @@ pub struct Cells<const D: usize> {
 }
 
 impl Cells<3> {
-    /// The elements of a surface: areas, centroids, elements across a side.
+    /// Returns the elements of a surface: areas, centroids, elements across each side.
     pub fn of_surface(surface: &Surface) -> Self {
         let across = |[a, b, c]: [Option<u32>; 3]| [a, b, c, None];
         Self {
@@ -28,9 +28,11 @@ impl Cells<3> {
         }
     }
 
-    /// The masked pixels of a raster in space: each stands where the surface is above its centre,
-    /// and has the area of the skin that it covers as seen from +z (on a flat skin
-    /// [`Cells::<2>::of_raster`] with z = 0). `surface` is the one that the raster was made for.
+    /// Returns the masked pixels of a raster in space.
+    ///
+    /// Each pixel lies where the surface is above its centre and has the area of the skin that it covers as
+    /// seen from +z (on a flat skin [`Cells::<2>::of_raster`] with z = 0). `surface` is the one for which
+    /// the raster was made.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`] for another surface.
@@ -40,7 +42,7 @@ impl Cells<3> {
         let triangles = surface.triangles().len();
         check_length("triangles of the surface", triangles, operator.columns())?;
         let centroids = surface.centroids();
-        // skin above a square metre of the plane
+        // area of skin per square metre of the plane
         let steepness = |t: usize| {
             let [a, b, c] = surface.corners(t);
             let flat = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
@@ -52,7 +54,7 @@ impl Cells<3> {
             let (elements, weights) = operator.row(pixel);
             let parts = || elements.iter().map(|&e| e as usize).zip(weights);
             positions_m.push([x, y, parts().map(|(e, w)| w * centroids[e][2]).sum()]);
-            // triangles on edge cover nothing and have no weight
+            // triangles seen edge-on cover nothing and have no weight
             *area *= parts().filter(|(_, w)| **w > 0.0).map(|(e, w)| w * steepness(e)).sum::<f64>();
         }
         Ok(Self { areas_m2, positions_m, neighbours: flat.neighbours })
@@ -60,7 +62,7 @@ impl Cells<3> {
 }
 
 impl Cells<2> {
-    /// The masked pixels of a raster: covered areas, centres, masked pixels across a side.
+    /// Returns the masked pixels of a raster: covered areas, centres, masked pixels across each side.
     pub fn of_raster(raster: &Raster) -> Self {
         let places = raster.masked_pixels();
         let number: HashMap<[usize; 2], u32> = places.iter().copied().zip(0..).collect();
@@ -84,23 +86,23 @@ impl Cells<2> {
 }
 
 impl<const D: usize> Cells<D> {
-    /// Area of each cell, square metres, `[cell]`.
+    /// Returns the area of each cell, square metres, `[cell]`.
     pub fn areas_m2(&self) -> &[f64] {
         &self.areas_m2
     }
 
-    /// Centre of each cell, metres, `[cell]`.
+    /// Returns the centre of each cell, metres, `[cell]`.
     pub fn positions_m(&self) -> &[[f64; D]] {
         &self.positions_m
     }
 
-    /// Cells across the sides of a cell, which must exist.
+    /// Returns the cells across the sides of a cell, which must exist.
     pub(crate) fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> {
         self.neighbours[cell].into_iter().flatten().map(|n| n as usize)
     }
 
-    /// Integral of an image over the skin, `sum x_k area_k`, in the image's unit times square
-    /// metres (for a sheet conductivity: S m^2). Values that are not finite are no part of it.
+    /// Returns the integral of an image over the skin, `sum x_k area_k`, in the image's unit times square
+    /// metres (for a sheet conductivity: S m^2). Non-finite values are ignored.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`].
@@ -110,18 +112,18 @@ impl<const D: usize> Cells<D> {
         Ok(finite.map(|(x, area)| x * area).sum())
     }
 
-    /// Refuses images of another length.
+    /// Rejects images of the wrong length.
     pub(crate) fn check(&self, what: &'static str, values: &[f64]) -> Result<(), InverseError> {
         check_length(what, values.len(), self.areas_m2.len())
     }
 
-    /// Area-weighted mean place of some cells and their area; NaN where there are none.
+    /// Returns the area-weighted mean position of some cells and their area; NaN if there are none.
     pub(super) fn centre(&self, cells: impl Iterator<Item = usize>) -> ([f64; D], f64) {
         self.weighted_centre(cells.map(|k| (k, 1.0)))
     }
 
-    /// Mean place of some cells, weighted by area and the given weight, and the sum of those
-    /// products; NaN where there are none.
+    /// Returns the mean position of some cells, weighted by area times the given weight, and the sum of
+    /// those weights; NaN if there are none.
     pub(super) fn weighted_centre(
         &self,
         cells: impl Iterator<Item = (usize, f64)>,
@@ -136,7 +138,7 @@ impl<const D: usize> Cells<D> {
     }
 }
 
-/// Refuses places that are not finite.
+/// Rejects non-finite positions.
 pub(crate) fn check_place<const D: usize>(
     quantity: &'static str,
     place_m: &[f64; D],

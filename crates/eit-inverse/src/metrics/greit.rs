@@ -1,4 +1,4 @@
-//! The five figures of merit of GREIT for an image of one target.
+//! The five GREIT figures of merit for an image of one target.
 
 use super::cells::{Cells, check_place};
 use super::{ChangeSign, sizes};
@@ -6,44 +6,43 @@ use crate::InverseError;
 use crate::geometry::distance_m;
 use std::f64::consts::PI;
 
-/// The amplitude set begins at this part of the largest value (GREIT, section 2.3).
+/// Start of the amplitude set as a fraction of the largest value (GREIT, section 2.3).
 const QUARTER: f64 = 0.25;
 
-/// The true change that an image should show.
+/// True change that an image should show.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GreitTarget<const D: usize> {
     /// Centre, metres.
     pub position_m: [f64; D],
-    /// Integral of the change over the skin ([`Cells::integral`] of the truth), in the image's
-    /// unit times square metres (S m^2 for a sheet), with its sign.
+    /// Integral of the change over the skin ([`Cells::integral`] of the truth), in the image's unit times
+    /// square metres (S m^2 for a sheet), with its sign.
     pub amount_s_m2: f64,
 }
 
-/// What [`greit_figures`] finds.
+/// Result of [`greit_figures`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GreitFigures<const D: usize> {
-    /// AR, dimensionless: 1 where the image holds as much change as the truth.
+    /// AR, dimensionless: 1 if the image contains as much change as the truth.
     pub amplitude_response: f64,
-    /// PE, metres: above zero where the image's target is nearer to the skin's centre than the
-    /// true one. Blind to errors around the centre: see `centre_m` for the place itself.
+    /// PE, metres: positive if the target in the image is closer to the skin's centre than the true one. It
+    /// is blind to errors around the centre; see `centre_m` for the position itself.
     pub position_error_m: f64,
-    /// RES, dimensionless, 0 to 1: root of the part of the skin that the amplitude set covers.
+    /// RES, dimensionless, 0 to 1: root of the fraction of the skin that the amplitude set covers.
     pub resolution: f64,
-    /// SD, dimensionless, 0 to 1: part of the amplitude set outside the circle of its area.
+    /// SD, dimensionless, 0 to 1: fraction of the amplitude set outside the circle of equal area.
     pub shape_deformation: f64,
-    /// RNG, dimensionless, 0 and above: change of the other sign outside that circle, relative to
-    /// the change inside; infinite where the circle holds no change of the wanted sign.
+    /// RNG, dimensionless, at least 0: change of the opposite sign outside that circle relative to the
+    /// change inside; infinite if the circle contains no change of the chosen sign.
     pub ringing: f64,
-    /// Centre of the amplitude set, metres.
+    /// Centroid of the amplitude set, metres.
     pub centre_m: [f64; D],
 }
 
-/// Figures of merit of GREIT for an image of one target; `None` where no value has the sign.
+/// Computes the GREIT figures of merit for an image of one target; `None` if no value has the sign.
 ///
-/// With `x` the image (sign turned for [`ChangeSign::Decrease`]), `a` the areas, `Q` the quarter
-/// amplitude set `x >= max x / 4`, `r_Q` its centre of gravity (all of it counts alike), `r_0` the
-/// centre of gravity of the skin and `C` the cells whose centre is at most `sqrt(A_Q / pi)` from
-/// `r_Q`, `A_Q` the area of `Q`:
+/// With `x` the image (negated for [`ChangeSign::Decrease`]), `a` the areas, `Q` the quarter amplitude set
+/// `x >= max x / 4`, `r_Q` its centroid (with equal weights), `r_0` the centroid of the skin, and `C` the
+/// cells whose centre is at most `sqrt(A_Q / pi)` from `r_Q`, where `A_Q` is the area of `Q`:
 ///
 /// ```text
 /// AR  = sum a x / amount                          PE = |r_target - r_0| - |r_Q - r_0|
@@ -51,16 +50,16 @@ pub struct GreitFigures<const D: usize> {
 /// RNG = sum of a |x| where x < 0 outside C / sum of a x inside C
 /// ```
 ///
-/// Values that are not finite count as zero. Distances on a curved skin are straight lines.
+/// Non-finite values count as zero. Distances on a curved skin are straight lines.
 ///
-/// Source: Adler et al., *Physiol. Meas.* 30 (2009), S35-S55, section 2.3. Two choices are ours:
-/// areas weigh in, so that cells need not be equal, and AR is relative to the true amount (the
-/// paper's images are normalised by it beforehand). RNG has the sign of EIDORS (above zero), but
-/// the circle of the paper, where EIDORS takes `Q`.
+/// Source: Adler et al., *Physiol. Meas.* 30 (2009), S35-S55, section 2.3. Two choices differ: cells are
+/// weighted by area, so they need not be equal, and AR is relative to the true amount (the paper's images
+/// are normalised by it beforehand). RNG has the sign of EIDORS (positive) but the circle of the paper,
+/// where EIDORS takes `Q`.
 ///
 /// # Errors
-/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for a target whose amount is zero
-/// or not finite, or whose place is not finite.
+/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for a target whose amount is zero or not
+/// finite, or whose position is not finite.
 pub fn greit_figures<const D: usize>(
     values: &[f64],
     cells: &Cells<D>,
@@ -77,7 +76,7 @@ pub fn greit_figures<const D: usize>(
     let Some((x, largest)) = sizes(values, sign) else { return Ok(None) };
     let areas = cells.areas_m2();
     let all = || 0..x.len();
-    // from 0.0, since the empty `sum` is -0.0
+    // fold from 0.0, since the empty `sum` is -0.0
     let area_of = |part: &dyn Fn(usize) -> bool| {
         all().filter(|&k| part(k)).fold(0.0, |sum, k| sum + areas[k])
     };

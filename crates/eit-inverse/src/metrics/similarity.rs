@@ -1,10 +1,10 @@
-//! Structural similarity of an image and the truth.
+//! Structural similarity of an image to the truth.
 
 use crate::InverseError;
 use crate::check::{check_length, check_positive};
 use ndarray::{Array2, ArrayView2};
 
-/// Pixels on each side of a window's centre: windows are 11 x 11.
+/// Pixels on each side of a window's centre; windows are 11 x 11.
 const REACH: usize = 5;
 /// Standard deviation of the window's Gaussian weights, pixels.
 const SIGMA: f64 = 1.5;
@@ -12,11 +12,13 @@ const SIGMA: f64 = 1.5;
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// Mean structural similarity (SSIM) of two images `[row, column]` over the pixels of a mask
-/// (the skin), -1 to 1, 1 for equal images. See [`structural_similarity_map`].
+/// Returns the mean structural similarity (SSIM) of two images `[row, column]` over the pixels of a mask
+/// (the skin), -1 to 1, 1 for equal images.
+///
+/// See [`structural_similarity_map`].
 ///
 /// # Errors
-/// Those of [`structural_similarity_map`].
+/// As [`structural_similarity_map`].
 pub fn structural_similarity(
     image: ArrayView2<'_, f64>,
     truth: ArrayView2<'_, f64>,
@@ -31,29 +33,29 @@ pub fn structural_similarity(
     Ok(Some(inside.sum::<f64>() / pixels as f64))
 }
 
-/// Structural similarity (SSIM) around each pixel of a mask, `[row, column]`, NaN outside it.
+/// Returns the structural similarity (SSIM) around each pixel of a mask, `[row, column]`, NaN outside it.
 ///
 /// ```text
 /// SSIM = (2 mx mt + C1) (2 sxt + C2) / ((mx^2 + mt^2 + C1) (sx^2 + st^2 + C2))
 /// C1 = (0.01 L)^2,   C2 = (0.03 L)^2
 /// ```
 ///
-/// with means `m`, variances `s^2` and covariance `sxt` of image `x` and truth `t` in a window of
-/// 11 x 11 pixels with Gaussian weights of 1.5 pixels standard deviation that sum to one.
+/// with means `m`, variances `s^2` and covariance `sxt` of image `x` and truth `t`, in a window of 11 x 11
+/// pixels with Gaussian weights of 1.5 pixels standard deviation that sum to one.
 ///
-/// Windows hold pixels of the mask only, and their weights are scaled to sum to one over them:
-/// nothing outside the skin is looked at (it may be NaN), and the rim has windows as well. Where a
-/// whole window lies in the mask, this is the published index.
+/// Windows contain only pixels of the mask, with weights scaled to sum to one over them. Nothing outside
+/// the skin is read (it may be NaN), and pixels at the rim have windows too. If a whole window lies in the
+/// mask, this is the published index.
 ///
-/// `data_range` is `L`, in the unit of the images; `None`: largest less smallest value of the
-/// truth in the mask. Give one for all frames of a sequence, so that they are measured alike. The
-/// result is `None` where it is left out and the truth is constant, or where the mask is empty.
+/// `data_range` is `L`, in the unit of the images; `None` takes the largest minus the smallest value of the
+/// truth in the mask. Give one value for all frames of a sequence to make them comparable. The result is
+/// `None` if the mask is empty, or if `data_range` is `None` and the truth is constant.
 ///
 /// Source: Wang, Bovik, Sheikh, Simoncelli, *IEEE Trans. Image Process.* 13 (2004), 600-612.
 ///
 /// # Errors
-/// [`InverseError::WrongLength`] where the shapes differ; [`InverseError::OutOfRange`] for a
-/// value in the mask that is not finite and for a `data_range` that is not finite and above zero.
+/// [`InverseError::WrongLength`] if the shapes differ; [`InverseError::OutOfRange`] for a non-finite value
+/// in the mask and for a `data_range` that is not finite and above zero.
 pub fn structural_similarity_map(
     image: ArrayView2<'_, f64>,
     truth: ArrayView2<'_, f64>,
@@ -86,7 +88,7 @@ pub fn structural_similarity_map(
     })))
 }
 
-/// Largest less smallest value in the mask; `None` where all are equal, or there are none.
+/// Returns the largest minus the smallest value in the mask; `None` if all are equal or there are none.
 fn range_in(truth: ArrayView2<'_, f64>, mask: ArrayView2<'_, bool>) -> Option<f64> {
     let inside = truth.iter().zip(mask).filter(|(_, inside)| **inside).map(|(x, _)| *x);
     let (low, high) =
@@ -94,7 +96,7 @@ fn range_in(truth: ArrayView2<'_, f64>, mask: ArrayView2<'_, bool>) -> Option<f6
     (low < high).then_some(high - low)
 }
 
-/// Pixels of the mask in the window around a pixel, with their weights (sum not one).
+/// Returns the pixels of the mask in the window around a pixel, with their weights (not normalised).
 fn window<'a>(
     mask: ArrayView2<'a, bool>,
     row: usize,
@@ -109,7 +111,7 @@ fn window<'a>(
         .map(move |(r, c)| ((r, c), weights[r.abs_diff(row)] * weights[c.abs_diff(column)]))
 }
 
-/// The index of one window of `(image / L, truth / L, weight)`.
+/// Returns the index of one window of `(image / L, truth / L, weight)`.
 fn index(pairs: impl Iterator<Item = (f64, f64, f64)> + Clone) -> f64 {
     let (mut image_mean, mut truth_mean, mut total) = (0.0, 0.0, 0.0);
     for (x, t, w) in pairs.clone() {
@@ -119,7 +121,7 @@ fn index(pairs: impl Iterator<Item = (f64, f64, f64)> + Clone) -> f64 {
     }
     image_mean /= total;
     truth_mean /= total;
-    // about the means, not as differences of squares: images may have an offset
+    // computed about the means rather than as differences of squares, since images may have an offset
     let (mut image_variance, mut truth_variance, mut covariance) = (0.0, 0.0, 0.0);
     for (x, t, w) in pairs {
         let (x, t, w) = (x - image_mean, t - truth_mean, w / total);

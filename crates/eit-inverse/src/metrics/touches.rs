@@ -1,4 +1,4 @@
-//! Several touches in one image: blobs, and how far each true touch is from its blob.
+//! Several touches in one image: blobs, and the distance of each true touch from its blob.
 
 use super::cells::{Cells, check_place};
 use super::watershed::Watershed;
@@ -6,14 +6,14 @@ use super::{ChangeSign, sizes};
 use crate::InverseError;
 use crate::geometry::distance_m;
 
-/// Most true touches of an image: the exact assignment keeps a table of `2^touches` entries for
-/// each blob (10 touches: 2 kB).
+/// Most true touches per image: the exact assignment keeps a table of `2^touches` entries for each blob (10
+/// touches: 2 kB).
 const MOST_TOUCHES: usize = 10;
 
 /// A connected part of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Blob<const D: usize> {
-    /// Centre of gravity with the weights `|x| area`, metres.
+    /// Centroid with the weights `|x| area`, metres.
     pub centre_m: [f64; D],
     /// Largest `|x|`, in the image's unit.
     pub peak: f64,
@@ -21,16 +21,15 @@ pub struct Blob<const D: usize> {
     pub area_m2: f64,
 }
 
-/// Connected parts where an image reaches `level` times its largest value of one sign, those with
-/// the largest peak first.
+/// Returns the connected parts where an image reaches `level` times its largest value of one sign, ordered
+/// by decreasing peak.
 ///
 /// Cells are connected across sides ([`Cells`]). A single blob at level 1/2 has the centre of
-/// [`half_maximum_centre_m`](super::half_maximum_centre_m). Values that are not finite are no
-/// part of the image. Empty where no value has the sign. Takes time in proportion to the cells.
+/// [`half_maximum_centre_m`](super::half_maximum_centre_m). Non-finite values are ignored. The result is
+/// empty if no value has the sign.
 ///
 /// # Errors
-/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] unless `level` is above zero and
-/// at most 1.
+/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] unless `level` is above zero and at most 1.
 pub fn blobs<const D: usize>(
     values: &[f64],
     cells: &Cells<D>,
@@ -58,13 +57,13 @@ pub fn blobs<const D: usize>(
 /// Settings of [`touch_position_errors_m`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchSettings {
-    /// Which changes are touches. Default: increase.
+    /// Which sign of change is a touch. Default: increase.
     pub sign: ChangeSign,
-    /// Where a blob begins, relative to the image's largest value, above 0 to 1. Default 1/2. A
-    /// touch that shows weaker than this beside a stronger one is missed.
+    /// Threshold of a blob relative to the image's largest value, above 0 and at most 1. Default 1/2. A
+    /// touch weaker than this beside a stronger one is missed.
     pub level: f64,
-    /// Farthest that a blob may be from the touch it stands for, metres; a blob beyond is an
-    /// extra one and the touch is missed. Default: infinite.
+    /// Largest distance of a blob from its touch, metres; a blob farther away counts as extra and the touch
+    /// as missed. Default: infinite.
     pub within_m: f64,
 }
 
@@ -74,10 +73,10 @@ impl Default for TouchSettings {
     }
 }
 
-/// What [`touch_position_errors_m`] finds.
+/// Result of [`touch_position_errors_m`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TouchErrors<const D: usize> {
-    /// Distance of each true touch to its blob, metres, `[touch]`; `None`: missed.
+    /// Distance of each true touch from its blob, metres, `[touch]`; `None` if missed.
     pub errors_m: Vec<Option<f64>>,
     /// Centre of that blob, metres, `[touch]`.
     pub centres_m: Vec<Option<[f64; D]>>,
@@ -87,19 +86,19 @@ pub struct TouchErrors<const D: usize> {
     pub extra: usize,
 }
 
-/// How far the blobs of an image are from the true touches.
+/// Compares the blobs of an image with the true touches.
 ///
-/// Blobs ([`blobs`]) and touches are paired one to one and at most
-/// [`within_m`](TouchSettings::within_m) apart: as many pairs as can be, and of all ways to make
-/// so many, one with the smallest sum of distances. Exact (dynamic programming over subsets of
-/// touches, `blobs x touches x 2^touches` steps), which is why touches are few. Of equal pairings
-/// the choice is arbitrary but always the same. Without true touches every blob is extra.
+/// Blobs ([`blobs`]) and touches are paired one to one, at most [`within_m`](TouchSettings::within_m)
+/// apart: as many pairs as possible, and among those pairings one with the smallest sum of distances. The
+/// pairing is exact (dynamic programming over subsets of touches, `blobs x touches x 2^touches` steps),
+/// which limits the number of touches. Among equal pairings the choice is arbitrary but always the same.
+/// Without true touches every blob is extra.
 ///
-/// A figure of merit for known truth, not a tracker: it knows how many touches there are.
+/// This is a figure of merit for known truth and not a tracker: it knows the number of touches.
 ///
 /// # Errors
-/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for settings out of range, more
-/// than 10 touches, or places that are not finite.
+/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for invalid settings, more than 10 touches,
+/// or non-finite positions.
 pub fn touch_position_errors_m<const D: usize>(
     values: &[f64],
     cells: &Cells<D>,
@@ -113,7 +112,7 @@ pub fn touch_position_errors_m<const D: usize>(
     touches_m.iter().try_for_each(|touch| check_place("touches_m", touch))?;
     if settings.within_m.is_nan() || settings.within_m < 0.0 {
         let (quantity, value) = ("within_m", settings.within_m);
-        return Err(InverseError::OutOfRange { quantity, value, must: "zero or above" });
+        return Err(InverseError::OutOfRange { quantity, value, must: "at least 0" });
     }
     let blobs = blobs(values, cells, settings.sign, settings.level)?;
     let distances: Vec<Vec<f64>> = blobs
@@ -129,22 +128,23 @@ pub fn touch_position_errors_m<const D: usize>(
     Ok(TouchErrors { errors_m, centres_m, missed, extra })
 }
 
-/// Cost of a pairing: touches left over, then the sum of distances, metres.
+/// Cost of a pairing: unpaired touches, then the sum of distances, metres.
 type Cost = (usize, f64);
 
-/// Blob of each touch by dynamic programming over sets of touches (one bit each):
+/// Returns the blob of each touch, by dynamic programming over sets of touches (one bit each):
 /// `best(b + 1, set) = min(best(b, set), min over t in set of best(b, set - t) + distance(b, t))`.
 /// `distances` is `[blob][touch]`.
 fn assign(distances: &[Vec<f64>], touches: usize, within_m: f64) -> Vec<Option<usize>> {
     let sets = 1_usize << touches;
     let cheaper = |a: Cost, b: Cost| a.0 < b.0 || (a.0 == b.0 && a.1 < b.1);
-    // of exactly this set paired: only the empty one can be before the first blob
+    // best cost with exactly this set paired; before the first blob only the empty set is possible
     let mut best: Vec<Option<Cost>> = vec![None; sets];
     best[0] = Some((touches, 0.0));
     let mut choices: Vec<Vec<Option<u8>>> = Vec::with_capacity(distances.len());
     for row in distances {
         let mut choice = vec![None; sets];
-        // downwards: a set without one of its touches still is what it was before this blob
+        // in descending order, so that a set without one of its touches still has its cost from before this
+        // blob
         for set in (0..sets).rev() {
             for (touch, &distance) in (0_u8..).zip(row) {
                 let rest = set & !(1 << touch);

@@ -1,22 +1,22 @@
-//! Figures of merit of image sequences: how smoothly a track runs, how much of an image is no touch.
+//! Figures of merit of image sequences: smoothness of a track, and fraction of an image that is artefact.
 
 use super::cells::{Cells, check_place};
 use crate::InverseError;
 use crate::geometry::distance_m;
 
-/// Root mean square second difference of a track, metres (per frame squared):
+/// Returns the root mean square second difference of a track, metres (per frame squared):
 ///
 /// ```text
 /// sqrt(mean over k of |p[k + 1] - 2 p[k] + p[k - 1]|^2)
 /// ```
 ///
-/// `track_m` is one place per frame, metres; `None` in frames where the touch was missed. Only
-/// frames whose two neighbours are there count; the result is `None` where there are none. Zero
-/// for steady motion on a line; `r angle^2` (nearly) for steps of `angle` on a circle of radius
-/// `r`; `sqrt(6) s` for independent errors of standard deviation `s` in each coordinate, times
-/// the root of the number of coordinates. Compare with the same figure of the true track.
+/// `track_m` is one position per frame, metres; `None` in frames where the touch was missed. Only frames
+/// with both neighbours present count; the result is `None` if there are none. It is zero for steady motion
+/// on a line; `r angle^2` (nearly) for steps of `angle` on a circle of radius `r`; `sqrt(6) s` times the
+/// root of the number of coordinates for independent errors of standard deviation `s` in each coordinate.
+/// Compare with the same figure of the true track.
 ///
-/// A place that is not finite makes the result infinite or NaN.
+/// A non-finite position makes the result infinite or NaN.
 pub fn rms_second_difference_m<const D: usize>(track_m: &[Option<[f64; D]>]) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0_usize);
     for three in track_m.windows(3) {
@@ -28,18 +28,18 @@ pub fn rms_second_difference_m<const D: usize>(track_m: &[Option<[f64; D]>]) -> 
     (count > 0).then(|| (sum / count as f64).sqrt())
 }
 
-/// Part of an image's energy that lies farther than `distance_m` from every touch, 0 to 1:
+/// Returns the fraction of an image's energy farther than `distance_from_touch_m` from every touch, 0 to 1:
 ///
 /// ```text
-/// sum over cells farther than distance_m of  area x^2  /  sum over all cells of  area x^2
+/// sum over cells farther than distance_from_touch_m of  area x^2  /  sum over all cells of  area x^2
 /// ```
 ///
-/// Both signs count. Values that are not finite count as zero; `None` for an image that is zero.
-/// Without touches all of it is artefact: 1.
+/// Both signs count. Non-finite values count as zero; the result is `None` for an image of zeros. Without
+/// touches everything is artefact: 1.
 ///
 /// # Errors
-/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for a distance below zero or NaN,
-/// or places that are not finite.
+/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for a distance that is negative or NaN, or
+/// non-finite positions.
 pub fn artefact_energy<const D: usize>(
     values: &[f64],
     cells: &Cells<D>,
@@ -49,7 +49,7 @@ pub fn artefact_energy<const D: usize>(
     cells.check("values", values)?;
     touches_m.iter().try_for_each(|touch| check_place("touches_m", touch))?;
     if distance_from_touch_m.is_nan() || distance_from_touch_m < 0.0 {
-        let (quantity, must) = ("distance_from_touch_m", "zero or above");
+        let (quantity, must) = ("distance_from_touch_m", "at least 0");
         return Err(InverseError::OutOfRange { quantity, value: distance_from_touch_m, must });
     }
     let largest = values.iter().filter(|x| x.is_finite()).fold(0.0_f64, |m, x| m.max(x.abs()));
@@ -60,7 +60,7 @@ pub fn artefact_energy<const D: usize>(
     let places = cells.areas_m2().iter().zip(cells.positions_m());
     for (value, (area, &place)) in values.iter().zip(places) {
         if value.is_finite() {
-            // relative to the largest, so that no unit under- or overflows
+            // relative to the largest, so that no unit underflows or overflows
             let energy = area * (value / largest).powi(2);
             all += energy;
             if touches_m.iter().all(|&touch| distance_m(place, touch) > distance_from_touch_m) {

@@ -1,19 +1,19 @@
-//! Hills of an image: connected parts above a floor, parted where two tops are worth it.
+//! Hills of an image: connected parts above a floor, split where two peaks stand out.
 
 use super::Cells;
 
-/// No hill.
+/// Label of cells without a hill.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// Memory for the hills of images on the same cells; allocates nothing once made.
+/// Workspace for the hills of images on the same cells; [`run`](Self::run) does not allocate.
 ///
-/// Cells are taken from the highest down. One without a labelled neighbour starts a hill; one
-/// between hills is their saddle, and the lower hill falls to the higher one unless its top stands
-/// out. (Watershed by flooding with persistence: Edelsbrunner, Letscher, Zomorodian, *Discrete
-/// Comput. Geom.* 28 (2002), 511-533.)
+/// Cells are processed from the highest down. A cell without a labelled neighbour starts a hill. A cell
+/// between hills is their saddle; there the lower hill joins the higher one unless its peak stands out.
+/// (Watershed by flooding with persistence: Edelsbrunner, Letscher, Zomorodian, *Discrete Comput. Geom.* 28
+/// (2002), 511-533.)
 #[derive(Debug, Clone)]
 pub(crate) struct Watershed {
-    /// Cells above the floor, the highest first.
+    /// Cells above the floor, highest first.
     order: Vec<u32>,
     label: Vec<u32>,
     parent: Vec<u32>,
@@ -21,15 +21,17 @@ pub(crate) struct Watershed {
 }
 
 impl Watershed {
-    /// Memory for images of so many cells.
+    /// Allocates for images of the given number of cells.
     pub(crate) fn new(cells: usize) -> Self {
         let empty = || Vec::with_capacity(cells);
         Self { order: empty(), label: vec![NONE; cells], parent: empty(), tops: empty() }
     }
 
-    /// Finds the hills. `above` says which cells belong to any; `stands_out(top, saddle)` whether
-    /// the lower of two hills that meet in `saddle` stays a hill of its own, and must stay true for
-    /// lower saddles. Heights of cells above the floor must be numbers.
+    /// Finds the hills.
+    ///
+    /// `above` says which cells belong to any hill. `stands_out(top, saddle)` says whether the lower of two
+    /// hills that meet at `saddle` remains separate; it must stay true for lower saddles. Heights of cells
+    /// above the floor must not be NaN.
     pub(crate) fn run<const D: usize>(
         &mut self,
         heights: &[f64],
@@ -71,7 +73,7 @@ impl Watershed {
         }
     }
 
-    /// Forgets the hills.
+    /// Clears the hills.
     pub(crate) fn clear(&mut self) {
         for cell in self.order.drain(..) {
             self.label[cell as usize] = NONE;
@@ -80,7 +82,7 @@ impl Watershed {
         self.tops.clear();
     }
 
-    /// Whether no cell is above the floor.
+    /// Returns whether no cell is above the floor.
     pub(crate) fn is_empty(&self) -> bool {
         self.order.is_empty()
     }
@@ -92,18 +94,18 @@ impl Watershed {
         hill
     }
 
-    /// Cells of all hills, the highest first.
+    /// Returns the cells of all hills, highest first.
     pub(crate) fn cells(&self) -> impl Iterator<Item = usize> {
         self.order.iter().map(|&k| k as usize)
     }
 
-    /// Hills with their top cell, the highest first.
+    /// Returns the hills with their peak cell, highest first.
     pub(crate) fn hills(&self) -> impl Iterator<Item = (u32, usize)> {
         let own = |hill: &u32| self.parent[*hill as usize] == *hill;
         (0..self.tops.len() as u32).filter(own).map(|h| (h, self.tops[h as usize] as usize))
     }
 
-    /// Hill of a cell, [`NONE`] below the floor.
+    /// Returns the hill of a cell; [`NONE`] below the floor.
     pub(crate) fn hill(&self, cell: usize) -> u32 {
         self.label[cell]
     }

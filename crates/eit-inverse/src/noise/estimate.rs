@@ -1,19 +1,20 @@
-//! The noise of each channel, from frames that hold nothing else.
+//! Noise of each channel, estimated from quiet frames.
 
 use crate::InverseError;
 use ndarray::{ArrayView1, ArrayView2, Axis};
 
-/// Standard deviation of the noise of each channel, `[measurement]`, from frames `[frame,
-/// measurement]` during which nothing touched the skin: the root mean square of differences of
-/// successive frames over the root of 2, so that slow drift does not count as noise.
+/// Estimates the standard deviation of each channel's noise, `[measurement]`, from frames
+/// `[frame, measurement]` during which nothing touched the skin.
 ///
-/// No channel has less noise than its converter's rounding, [`smallest_step`]` / sqrt(12)`: one whose
-/// noise is below a step repeats itself for a while, and the next step is no event. Nor less than a
-/// tenth of the median channel's: a stuck one must not have all the weight.
+/// The estimate is the root mean square difference of successive frames divided by the root of 2, so slow
+/// drift does not count as noise. It is at least the rounding of the converter,
+/// [`smallest_step`]` / sqrt(12)`: a channel with less noise repeats its value, and its next step is no
+/// event. It is also at least a tenth of the median channel's noise, so that a stuck channel does not get
+/// all the weight.
 ///
 /// # Errors
 /// [`InverseError::WrongLength`] for fewer than three frames; [`InverseError::NonFiniteData`];
-/// [`InverseError::OutOfRange`] where no channel moves.
+/// [`InverseError::OutOfRange`] if no channel changes.
 pub fn noise_std_of_quiet_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>, InverseError> {
     let count = frames.nrows();
     if count < 3 {
@@ -29,7 +30,7 @@ pub fn noise_std_of_quiet_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>
         return rounding_of_equal_frames(frames);
     }
     let rounding = smallest_step(frames) / 12.0_f64.sqrt();
-    // channels that are zero throughout are not measured
+    // channels that are always zero are not measured
     let is_measured = |i: &usize| frames.column(*i).iter().any(|v| *v != 0.0);
     let measured = (0..noise.len()).filter(is_measured);
     let mut sorted: Vec<f64> = measured.map(|i| noise[i].max(rounding)).collect();
@@ -38,8 +39,8 @@ pub fn noise_std_of_quiet_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>
     Ok(noise.iter().map(|e| e.max(rounding).max(0.1 * median)).collect())
 }
 
-/// Noise of frames that are all equal: a converter so coarse that it hides what noise there is. Its
-/// step is the smallest difference between any two values of a frame.
+/// Noise of identical frames, from a converter so coarse that it hides the noise. Its step is taken as the
+/// smallest difference between any two values of a frame.
 fn rounding_of_equal_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>, InverseError> {
     let mut values: Vec<f64> = frames.row(0).iter().copied().filter(|v| *v != 0.0).collect();
     values.sort_by(f64::total_cmp);
@@ -55,12 +56,13 @@ fn rounding_of_equal_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>, Inv
     Err(InverseError::OutOfRange { quantity, value, must })
 }
 
-/// Finest step of a converter that hides all noise, as a part of the largest value: 14 bits.
+/// Finest step of a converter that can hide all noise, relative to the largest value: 14 bits.
 const FINEST: f64 = 6e-5;
 
-/// The smallest change of a channel from one of some frames `[frame, measurement]` to the next that is
-/// not zero: one step of the converter where there is rounding, far below the noise where there is
-/// none; 0 where nothing changes.
+/// Returns the smallest non-zero change of any channel between successive frames `[frame, measurement]`; 0
+/// if nothing changes.
+///
+/// With rounding this is one step of the converter; without, it is far below the noise.
 pub fn smallest_step(frames: ArrayView2<'_, f64>) -> f64 {
     let later = frames.rows().into_iter().skip(1);
     let pairs = frames.rows().into_iter().zip(later).flat_map(|(a, b)| a.into_iter().zip(b));
@@ -69,7 +71,7 @@ pub fn smallest_step(frames: ArrayView2<'_, f64>) -> f64 {
     if least.is_finite() { least } else { 0.0 }
 }
 
-/// Root mean square of differences of successive frames over the root of 2, `[measurement]`; at least
+/// Root mean square difference of successive frames divided by the root of 2, `[measurement]`, for at least
 /// two frames.
 pub(crate) fn deviations(frames: ArrayView2<'_, f64>) -> Vec<f64> {
     let deviation = |channel: ArrayView1<'_, f64>| {

@@ -1,4 +1,4 @@
-//! Nuisance parameters, taken out of the data.
+//! Nuisance parameters, removed from the data by whitening.
 
 use crate::InverseError;
 use crate::check::{check_length, check_positive};
@@ -6,33 +6,35 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, Par};
 use ndarray::{Array2, ArrayRef2};
 
-/// Nuisance parameters: unknowns that the data depend on and the image does not show, such as the
-/// displacement of each electrode. Gaussian and linear:
+/// Nuisance parameters: unknowns that affect the data but are not part of the image, such as the
+/// displacement of each electrode.
+///
+/// The model is Gaussian and linear:
 ///
 /// ```text
 /// dv = J dsigma + K d + noise,     d ~ N(0, C),   noise ~ N(0, N),     C and N diagonal
 /// ```
 ///
-/// An image and the most probable `d` together are the image alone under the noise covariance
-/// `N + K C K'`: for every prior of the image, total variation included, minimising over `d` leaves
-/// `|dv - J dsigma|` in the inverse of it. So no method needs to know: data and Jacobian are
-/// multiplied by
+/// The image estimated jointly with the most probable `d` equals the image estimated alone under the noise
+/// covariance `N + K C K'`: for every prior of the image, including total variation, minimising over `d`
+/// leaves `|dv - J dsigma|` in the inverse of that covariance. So the methods need no change. Data and
+/// Jacobian are multiplied by
 ///
 /// ```text
 /// T = (I - U diag(1 - (1 + s^2)^-1/2) U') N^-1/2,     N^-1/2 K C^1/2 = U diag(s) V'
 /// ```
 ///
-/// ([`NuisanceParameters::whiten`], [`NuisanceParameters::whiten_jacobian`]), after which the noise
-/// is white of standard deviation 1, and `d` follows from what an image leaves unexplained
-/// ([`NuisanceParameters::map_estimate`]). Costs `2 m k` flops a frame for `k` unknowns.
-/// Measurements mix: those that are not used must be so for all frames.
+/// ([`NuisanceParameters::whiten`], [`NuisanceParameters::whiten_jacobian`]). The noise is then white with
+/// standard deviation 1, and `d` follows from the residual of an image
+/// ([`NuisanceParameters::map_estimate`]). The cost is `2 m k` flops per frame for `k` unknowns. Whitening
+/// mixes measurements, so unused ones must be the same in all frames.
 ///
-/// Source: Soleimani, Gomez-Laberge, Adler, *Physiol. Meas.* 27 (2006), S103-S113 (electrode
-/// movement as further unknowns of the image); the same as correlated noise: Kaipio, Somersalo,
-/// *Statistical and Computational Inverse Problems* (2005), section 3.3.
+/// Source: Soleimani, Gomez-Laberge, Adler, *Physiol. Meas.* 27 (2006), S103-S113 (electrode movement as
+/// further unknowns of the image); equivalence to correlated noise: Kaipio, Somersalo, *Statistical and
+/// Computational Inverse Problems* (2005), section 3.3.
 #[derive(Debug, Clone)]
 pub struct NuisanceParameters {
-    /// `N^-1/2`, zero where not used.
+    /// `N^-1/2`, zero for unused measurements.
     weights: Vec<f64>,
     /// `U`, `[measurement, k]`.
     directions: Mat<f64>,
@@ -43,14 +45,16 @@ pub struct NuisanceParameters {
 }
 
 impl NuisanceParameters {
-    /// From `K` `[measurement, unknown]` (in the unit of the differences for each unit of an
-    /// unknown, as from [`Solution::movement_jacobian`](eit_fem::Solution::movement_jacobian)), the
-    /// standard deviation of each unknown, and that of each difference's noise. Values of
-    /// measurements that are not used are not looked at.
+    /// Builds the whitening from `K` `[measurement, unknown]`, the standard deviation of each unknown, and
+    /// the standard deviation of each difference's noise.
+    ///
+    /// `K` is in the unit of the differences per unit of an unknown, as from
+    /// [`Solution::movement_jacobian`](eit_fem::Solution::movement_jacobian). Values of unused measurements
+    /// are not read.
     ///
     /// # Errors
-    /// Wrong lengths; entries that are not finite; deviations that are not above zero; nothing
-    /// used.
+    /// Wrong lengths, non-finite entries, standard deviations that are not above zero, or no used
+    /// measurement.
     pub fn new(
         jacobian: &ArrayRef2<f64>,
         std: &[f64],
@@ -97,8 +101,10 @@ impl NuisanceParameters {
         Ok(Self { weights, directions: svd.U().to_owned(), strengths, unknowns })
     }
 
-    /// What part of the variance of whitened data each direction keeps, largest unknown first:
-    /// `1 / (1 + s^2)`, 1 where the unknowns drown in noise, 0 where the data tell them alone.
+    /// Returns the fraction of the whitened variance that each direction keeps, largest unknown first:
+    /// `1 / (1 + s^2)`.
+    ///
+    /// 1 if the unknowns are buried in noise, 0 if the data determine them.
     pub fn kept_variance(&self) -> Vec<f64> {
         self.strengths.iter().map(|s| 1.0 / (1.0 + s * s)).collect()
     }
@@ -107,24 +113,24 @@ impl NuisanceParameters {
     fn parts(&self, difference: &[f64]) -> Vec<f64> {
         let part = |k: usize| {
             let column = self.directions.col(k).iter().zip(&self.weights).zip(difference);
-            // what is not used may be NaN
+            // unused values may be NaN
             column.filter(|((_, w), _)| **w > 0.0).map(|((u, w), d)| u * w * d).sum()
         };
         (0..self.strengths.len()).map(part).collect()
     }
 
-    /// `T dv` in place: white noise of standard deviation 1; zero where not used. Allocates
-    /// nothing.
+    /// Replaces `dv` by `T dv`: white noise of standard deviation 1, zero for unused measurements. Does not
+    /// allocate.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`].
     pub fn whiten(&self, difference: &mut [f64]) -> Result<(), InverseError> {
         check_length("difference", difference.len(), self.weights.len())?;
         for (value, weight) in difference.iter_mut().zip(&self.weights) {
-            // what is not used may be NaN
+            // unused values may be NaN
             *value = if *weight > 0.0 { weight * *value } else { 0.0 };
         }
-        // directions are orthogonal: what one takes is no part of the next
+        // the directions are orthogonal, so removing one leaves the others unchanged
         for (k, taken) in self.taken().enumerate() {
             let direction = self.directions.col(k);
             let part: f64 = direction.iter().zip(&*difference).map(|(u, value)| u * value).sum();
@@ -139,7 +145,7 @@ impl NuisanceParameters {
         self.strengths.iter().map(|s| 1.0 - (1.0 + s * s).sqrt().recip())
     }
 
-    /// `T J` of a Jacobian `[measurement, element]`.
+    /// Returns `T J` for a Jacobian `[measurement, element]`.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`].
@@ -148,7 +154,7 @@ impl NuisanceParameters {
         check_length("rows of the Jacobian", rows, self.weights.len())?;
         let mut values = Vec::with_capacity(rows * columns);
         for (row, weight) in jacobian.rows().into_iter().zip(&self.weights) {
-            // what is not used may be NaN
+            // unused values may be NaN
             values.extend(row.iter().map(|j| if *weight > 0.0 { weight * j } else { 0.0 }));
         }
         let mut whitened = MatMut::from_row_major_slice_mut(&mut values, rows, columns);
@@ -167,8 +173,8 @@ impl NuisanceParameters {
         })
     }
 
-    /// The most probable unknowns `C K' (N + K C K')^-1 r` for what an image leaves of the
-    /// differences, `r = dv - J dsigma` (not whitened), `[unknown]`.
+    /// Returns the most probable unknowns `C K' (N + K C K')^-1 r` for the residual of an image,
+    /// `r = dv - J dsigma` (not whitened), `[unknown]`.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`].

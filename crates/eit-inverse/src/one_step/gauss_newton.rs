@@ -13,8 +13,8 @@ use faer::{Accum, ColRef, Mat, MatMut, MatRef, Par};
 use ndarray::{Array1, Array2, ArrayRef2, ArrayView2};
 use std::time::Instant;
 
-/// One-step difference reconstruction: the most probable conductivity change for Gaussian noise
-/// and a Gaussian prior.
+/// One-step difference reconstruction: the maximum a posteriori conductivity change for Gaussian
+/// noise and a Gaussian prior.
 ///
 /// ```text
 /// image = argmin  |dv - J dsigma|_W^2 + lambda^2 s |dsigma|_R^2  =  RM dv
@@ -24,15 +24,15 @@ use std::time::Instant;
 ///
 /// with `J` the Jacobian `[measurement, element]` (rows divided by the model voltages for
 /// normalised data), `W^-1` the noise covariance, `P = R^-1` the prior covariance and `m` the used
-/// measurements. The scale `s` makes lambda dimensionless and gives it the same meaning in every
-/// scene: it is the ratio of noise to expected signal per measurement, whatever the units of
-/// conductivity, drive current, noise and prior. (Where reciprocal measurements are merged into one
-/// of double weight, `s` doubles: lambda must then be smaller by the root of 2 for the same image.)
+/// measurements. The scale `s` makes lambda dimensionless and comparable between scenes: lambda is
+/// the ratio of noise to expected signal per measurement, whatever the units of conductivity, drive
+/// current, noise and prior. (If reciprocal measurements are merged into one of double weight, `s`
+/// doubles: lambda must then be smaller by a factor of the root of 2 for the same image.)
 /// `RM` is computed in the first form, in measurement space (`m x m`, not `n x n`), from one
-/// eigen-expansion, so that another lambda costs `O(r m)`.
+/// eigen-expansion, so changing lambda costs `O(r m)`.
 ///
-/// Cost of set-up: the prior's `J P`, `m^2 n` flops for `J P J'`, `m r^2` for its spectrum of rank
-/// `r`, `2 m n r` for the image basis.
+/// Set-up cost: the prior's `J P`, `m^2 n` flops for `J P J'`, `m r^2` for its spectrum of rank `r`,
+/// `2 m n r` for the image basis.
 ///
 /// Source: Adler, Guardo, *IEEE Trans. Med. Imaging* 15 (1996), 170-179; the measurement-space
 /// form: Adler, Dai, Lionheart, *Physiol. Meas.* 28 (2007), S1-S11.
@@ -44,13 +44,13 @@ pub struct OneStepGaussNewton {
 }
 
 impl OneStepGaussNewton {
-    /// Computes the reconstruction of a linearisation.
+    /// Computes the reconstruction for a Jacobian.
     ///
     /// `jacobian` is `[measurement, element]`, volts per siemens (per square), in protocol order.
     ///
     /// # Errors
-    /// A Jacobian that is empty, not finite or zero; settings of the wrong length or range; a
-    /// prior of another mesh.
+    /// Returns an error if the Jacobian is empty, not finite or zero; if settings have the wrong
+    /// length or are out of range; or if the prior belongs to another mesh.
     pub fn new(
         jacobian: &ArrayRef2<f64>,
         prior: &dyn Prior,
@@ -88,16 +88,18 @@ impl OneStepGaussNewton {
         ))
     }
 
-    /// The same reconstruction without some of its measurements, for example where the instrument
-    /// flags a channel: equal to [`OneStepGaussNewton::new`] with `used`, but from the spectrum alone.
+    /// Returns the same reconstruction with fewer measurements, for example after the instrument
+    /// flags a channel.
     ///
-    /// Costs `m r^2 + 2 n r^2` flops; the prior is not needed again. `used` is `[measurement]`.
-    /// Measurements left out before cannot come back; keep the full reconstruction for that. The
-    /// hyperparameter stays. For a few masked values in single frames
-    /// [`Reconstructor::reconstruct_masked_into`] is far cheaper.
+    /// The result equals [`OneStepGaussNewton::new`] with `used`, but is computed from the spectrum
+    /// alone: `m r^2 + 2 n r^2` flops, and the prior is not evaluated again. `used` is
+    /// `[measurement]`. Measurements excluded earlier cannot be restored; keep the full
+    /// reconstruction for that. The hyperparameter is unchanged. For a few masked values in single
+    /// frames [`Reconstructor::reconstruct_masked_into`] is far cheaper.
     ///
     /// # Errors
-    /// Wrong length, nothing left, [`InverseError::NotAvailable`].
+    /// Returns an error if `used` has the wrong length or excludes every measurement, and
+    /// [`InverseError::NotAvailable`] if it requests a measurement excluded earlier.
     pub fn restricted_to(&self, used: &[bool]) -> Result<Self, InverseError> {
         let (channels, kept) = self.reconstructor.channels.restrict(used)?;
         let start = Instant::now();
@@ -144,12 +146,12 @@ impl OneStepGaussNewton {
         Self { reconstructor, spectrum, report }
     }
 
-    /// What this reconstruction is and what it cost.
+    /// Returns the sizes, the conditioning and the set-up times of this reconstruction.
     pub fn report(&self) -> &OneStepReport {
         &self.report
     }
 
-    /// Sets lambda; everything else stays. Costs `r m` multiplications.
+    /// Sets lambda and changes nothing else. Costs `r m` multiplications.
     ///
     /// # Errors
     /// [`InverseError::OutOfRange`] unless finite and above zero.
@@ -159,16 +161,16 @@ impl OneStepGaussNewton {
         Ok(())
     }
 
-    /// Sets lambda so that the prior is that of another reconstruction by it: `lambda^2 s` is the
-    /// same in units of the noise, and with it the variance that an image is expected to have.
+    /// Sets lambda so that the prior has the same weight as in another reconstruction: `lambda^2 s`
+    /// in units of the noise, and so the expected variance of an image, are equal in both.
     ///
-    /// For other data of the same skin, such as those that
-    /// [`NuisanceParameters`](crate::NuisanceParameters) leave. Their scale `s` is another, and
-    /// their noise figure is no measure: they have lost signal, so that an image as noisy as they
-    /// are is noisier than one of the data as they came.
+    /// Use it for transformed data of the same skin, such as data projected by
+    /// [`NuisanceParameters`](crate::NuisanceParameters). Such data has a different scale `s`, and
+    /// its noise figure is not a useful criterion: it has lost signal, so an image with the same
+    /// signal-to-noise ratio as this data is noisier than an image of the original data.
     ///
     /// # Errors
-    /// As [`set_hyperparameter`](Self::set_hyperparameter).
+    /// See [`set_hyperparameter`](Self::set_hyperparameter).
     pub fn set_prior_of(&mut self, other: &Self) -> Result<(), InverseError> {
         let unit =
             |report: &OneStepReport| report.scale / report.noise_scale.unwrap_or(1.0).powi(2);
@@ -179,7 +181,8 @@ impl OneStepGaussNewton {
     /// Chooses lambda by a rule and sets it.
     ///
     /// # Errors
-    /// Data or areas of the wrong length; [`InverseError::NoDifference`] without data.
+    /// Returns an error if data or areas have the wrong length, and [`InverseError::NoDifference`]
+    /// if the data contains no signal.
     pub fn choose_hyperparameter(
         &mut self,
         choice: &HyperparameterChoice<'_>,
@@ -196,18 +199,19 @@ impl OneStepGaussNewton {
         self.report.degrees_of_freedom = self.spectrum.degrees_of_freedom(hyperparameter);
     }
 
-    /// The map from frames to element images alone.
+    /// Returns the map from frames to element images.
     pub fn reconstructor(&self) -> &Reconstructor {
         &self.reconstructor
     }
 
-    /// The map from frames straight to pixels, through `pixel_from_element` `[pixel, element]` of a
-    /// raster (`eit_mesh::Raster::pixel_from_element`). The hyperparameter is the present one.
+    /// Returns the map from frames directly to pixels, using `pixel_from_element`
+    /// `[pixel, element]` of a raster (`eit_mesh::Raster::pixel_from_element`) and the current
+    /// hyperparameter.
     ///
-    /// A frame then costs `2 r (m + pixels)` flops: no image on elements is formed.
+    /// A frame then costs `2 r (m + pixels)` flops: no element image is formed.
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`] for the raster of another mesh.
+    /// [`InverseError::WrongLength`] if the raster belongs to another mesh.
     pub fn on_raster(&self, pixel_from_element: &CsrMatrix) -> Result<Reconstructor, InverseError> {
         self.reconstructor.followed_by(pixel_from_element)
     }
@@ -220,7 +224,7 @@ impl OneStepGaussNewton {
     /// See [`Reconstructor::reconstruct`].
     ///
     /// # Errors
-    /// As there.
+    /// See [`Reconstructor::reconstruct`].
     pub fn reconstruct(
         &self,
         frame: &[f64],
@@ -232,7 +236,7 @@ impl OneStepGaussNewton {
     /// See [`Reconstructor::reconstruct_into`].
     ///
     /// # Errors
-    /// As there.
+    /// See [`Reconstructor::reconstruct_into`].
     pub fn reconstruct_into(
         &self,
         frame: &[f64],
@@ -246,7 +250,7 @@ impl OneStepGaussNewton {
     /// See [`Reconstructor::reconstruct_frames`].
     ///
     /// # Errors
-    /// As there.
+    /// See [`Reconstructor::reconstruct_frames`].
     pub fn reconstruct_frames(
         &self,
         frames: ArrayView2<'_, f64>,
@@ -260,13 +264,13 @@ impl OneStepGaussNewton {
         self.reconstructor.reconstruction_matrix()
     }
 
-    /// What the image leaves unexplained: `|dv - J dsigma|_W / |dv|_W`, between 0 and 1.
+    /// Returns the relative residual of the image, `|dv - J dsigma|_W / |dv|_W`, between 0 and 1.
     ///
-    /// From the spectrum, `O(r m)`. `None` where frame and reference frame are equal in all used
-    /// measurements: there is nothing to explain.
+    /// Computed from the spectrum in `O(r m)`. Returns `None` if frame and reference frame are equal
+    /// in all used measurements.
     ///
     /// # Errors
-    /// As [`Reconstructor::difference`].
+    /// See [`Reconstructor::difference`].
     pub fn relative_residual(
         &self,
         frame: &[f64],
@@ -277,7 +281,7 @@ impl OneStepGaussNewton {
         if largest == 0.0 {
             return Ok(None);
         }
-        // relative to the largest, so that no square leaves the range of doubles
+        // scale by the largest value to prevent overflow and underflow of the squares
         let weights = &self.reconstructor.channels.root_weights;
         let whitened: Vec<f64> =
             difference.iter().zip(weights).map(|(dv, w)| dv / largest * w).collect();

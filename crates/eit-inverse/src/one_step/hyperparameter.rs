@@ -1,7 +1,7 @@
 //! Rules that choose the hyperparameter lambda.
 //!
-//! All of them evaluate closed sums over the spectrum: `O(r)` per lambda, the noise figure `O(r n)`
-//! (one frame's work). Nothing is factorised again.
+//! All rules evaluate closed-form sums over the spectrum: `O(r)` per lambda, the noise figure
+//! `O(r n)` (the cost of one frame). No factorisation is repeated.
 
 mod chosen;
 mod curve;
@@ -18,17 +18,17 @@ use crate::check::check_positive;
 use crate::{InverseError, Reconstructor};
 use ndarray::ArrayView2;
 
-/// How lambda is chosen.
+/// Rule that chooses lambda.
 ///
-/// Frames are `[frame, measurement]`, volts, in protocol order; several are pooled as independent
-/// draws with one common lambda.
+/// Frames are `[frame, measurement]`, volts, in protocol order. Several frames are pooled as
+/// independent samples with one common lambda.
 #[derive(Debug, Clone)]
 pub enum HyperparameterChoice<'a> {
-    /// This value.
+    /// Uses the given value.
     Fixed(f64),
-    /// The lambda at which the image is as noisy as asked: noise figure 1 keeps the signal to noise
-    /// ratio of the data, 0.5 doubles it. It needs no data, so the choice is made before measuring
-    /// and does not change from frame to frame.
+    /// Chooses the lambda that gives the requested noise figure: 1 keeps the signal-to-noise ratio of
+    /// the data, 0.5 doubles it. This rule needs no data, so lambda is fixed before measuring and
+    /// does not change from frame to frame.
     ///
     /// ```text
     /// NF = (mean |dv_t| / sigma_v) / (mean |x_t| / sigma_x)
@@ -37,25 +37,25 @@ pub enum HyperparameterChoice<'a> {
     /// ```
     ///
     /// for the data `dv_t` of a small target and its image `x_t`. With elements of equal area this
-    /// is the figure as EIDORS computes it; the area weights make it independent of the mesh. Data
-    /// is weighted by `W^1/2`, which changes nothing where the noise is equal. The figure falls as
-    /// lambda grows, down to a least value (about 0.5 at lambda of order 1 for 16 electrodes), and
-    /// rises a little beyond: the falling branch is searched. Bisection in log lambda until the
-    /// figure is within 0.1 % of the wanted.
+    /// is the noise figure of EIDORS; the area weights make it independent of the mesh. Data is
+    /// weighted by `W^1/2`, which has no effect if the noise is equal in all measurements. As lambda
+    /// grows, the noise figure falls to a minimum (about 0.5 at lambda of order 1 for 16 electrodes)
+    /// and then rises slightly. The falling branch is searched by bisection in log lambda until the
+    /// noise figure is within 0.1 % of the requested value.
     ///
     /// Source: Adler, Guardo, *IEEE Trans. Med. Imaging* 15 (1996), 170-179; Graham, Adler,
     /// *Physiol. Meas.* 27 (2006), S65-S79.
     NoiseFigure {
-        /// Wanted noise figure, dimensionless.
+        /// Requested noise figure, dimensionless.
         figure: f64,
-        /// The small target.
+        /// Small target that defines the signal.
         target: &'a NoiseTarget,
     },
-    /// The corner of the curve of log `|dsigma|_R` over log `|dv - J dsigma|_W`: its largest
-    /// curvature.
+    /// Chooses the corner of the L-curve, the point of largest curvature of log `|dsigma|_R` over
+    /// log `|dv - J dsigma|_W`.
     ///
-    /// The curvature is evaluated in closed form. The corner is known to over-regularise smooth
-    /// images and to miss where the curve has none; look at the returned curve.
+    /// The curvature is evaluated in closed form. The L-curve is known to over-regularise smooth
+    /// images and is unreliable if the curve has no corner; inspect the returned curve.
     ///
     /// Source: Hansen, O'Leary, *SIAM J. Sci. Comput.* 14 (1993), 1487-1503; Hansen, *The L-curve
     /// and its use in the numerical treatment of inverse problems* (2001), section 5.
@@ -65,9 +65,9 @@ pub enum HyperparameterChoice<'a> {
         /// Reference frame, `[measurement]`, volts.
         reference_frame: &'a [f64],
     },
-    /// The smallest generalised cross-validation function,
-    /// `|dv - J dsigma|_W^2 / (m - degrees of freedom)^2`: the lambda that predicts left-out
-    /// measurements best. Needs noise that is independent between measurements.
+    /// Minimises the generalised cross-validation function
+    /// `|dv - J dsigma|_W^2 / (m - degrees of freedom)^2`, an estimate of how well left-out
+    /// measurements are predicted. Requires noise that is independent between measurements.
     ///
     /// Source: Golub, Heath, Wahba, *Technometrics* 21 (1979), 215-223.
     Gcv {
@@ -110,7 +110,7 @@ impl HyperparameterChoice<'_> {
     }
 }
 
-/// Weighted difference data of all frames in the eigenvectors.
+/// Expands the weighted difference data of all frames in the eigenvectors.
 fn decompose(
     reconstructor: &Reconstructor,
     spectrum: &Spectrum,
@@ -123,7 +123,7 @@ fn decompose(
         data.row_mut(i).iter_mut().for_each(|b| *b *= w);
     }
     let parts = spectrum.decompose(data.as_ref());
-    // data outside the range gives a zero image for every lambda: nothing to choose by
+    // data outside the range of the eigenvectors gives a zero image for every lambda
     if parts.squared.iter().sum::<f64>() > 0.0 {
         Ok(parts)
     } else {

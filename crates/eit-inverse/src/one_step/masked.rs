@@ -1,4 +1,4 @@
-//! Images of frames that lack some of their measurements.
+//! Images of frames with masked measurements.
 
 use super::reconstructor::{Reconstructor, Workspace};
 use crate::InverseError;
@@ -6,27 +6,31 @@ use crate::check::check_length;
 use crate::data::FrameStatus;
 
 impl Reconstructor {
-    /// [`reconstruct_into`](Self::reconstruct_into) without the measurements `masked` of this frame
-    /// (protocol indices, 0-based, in any order, repeated or not; unused ones change nothing).
-    /// Their values in frame and reference frame are never looked at: they may be NaN.
+    /// Like [`reconstruct_into`](Self::reconstruct_into), but excludes the measurements `masked`
+    /// from this frame.
     ///
-    /// Equal, up to rounding, to a reconstruction built without them at the same weight of the
-    /// prior `mu = lambda^2 s`, not at the same lambda, since the scale `s` is a mean over the used
-    /// measurements:
-    /// [`OneStepGaussNewton::restricted_to`](crate::OneStepGaussNewton::restricted_to) gives the
-    /// same image at the lambda times `sqrt(s / s')`, with its own scale `s'`. So a frame with a
-    /// failed channel has the smoothness and the amplitude of its neighbours.
+    /// `masked` holds protocol indices, 0-based, in any order, repeated or not; unused measurements
+    /// in it have no effect. Masked values of frame and reference frame are never read and may be
+    /// NaN.
     ///
-    /// For `k` masked ones costs `k^2 r + k^3 / 3` flops beside the frame's own: nothing to speak of
-    /// for a handful, half a frame more for one electrode of 16. Memory for it (`k^2 + k r` values)
-    /// is kept in the workspace: it allocates where a set is larger than any before.
+    /// The image equals, up to rounding, that of a reconstruction built without these measurements
+    /// at the same prior weight `mu = lambda^2 s`. This is not the same lambda, because the scale `s`
+    /// is a mean over the used measurements:
+    /// [`OneStepGaussNewton::restricted_to`](crate::OneStepGaussNewton::restricted_to), whose scale
+    /// is `s'`, gives the same image at lambda times `sqrt(s / s')`. A frame with a failed channel
+    /// therefore has the same smoothness and amplitude as neighbouring frames.
+    ///
+    /// Masking `k` measurements costs an additional `k^2 r + k^3 / 3` flops: negligible for a
+    /// handful, half a frame for one electrode of 16. The workspace keeps the memory
+    /// (`k^2 + k r` values) and allocates only when a set is larger than any before.
     ///
     /// # Errors
-    /// As [`reconstruct_into`](Self::reconstruct_into); [`InverseError::UnknownMeasurement`];
-    /// [`InverseError::NothingUsed`]; [`InverseError::MaskedDominates`] for a hyperparameter so
-    /// small that an error above 1e-6 of the image is to be expected from rounding (1e-5 and below
-    /// for one electrode of 16; the worst let through of 20 000 random problems was off by 9e-6),
-    /// unless what is left equals the reference: that image is zero for any hyperparameter.
+    /// The errors of [`reconstruct_into`](Self::reconstruct_into);
+    /// [`InverseError::UnknownMeasurement`]; [`InverseError::NothingUsed`];
+    /// [`InverseError::MaskedDominates`] if the hyperparameter is so small that the expected rounding
+    /// error exceeds 1e-6 of the image (1e-5 and below for one electrode of 16; the worst accepted
+    /// case of 20 000 random problems had an error of 9e-6), unless the remaining measurements equal
+    /// the reference: that image is zero for any hyperparameter.
     pub fn reconstruct_masked_into(
         &self,
         frame: &[f64],
@@ -45,12 +49,12 @@ impl Reconstructor {
         Ok(status)
     }
 
-    /// [`reconstruct_difference_into`](Self::reconstruct_difference_into) without the measurements
-    /// `masked` (protocol indices), as [`reconstruct_masked_into`](Self::reconstruct_masked_into)
-    /// leaves them out.
+    /// Like [`reconstruct_difference_into`](Self::reconstruct_difference_into), but excludes the
+    /// measurements `masked` (protocol indices) in the same way as
+    /// [`reconstruct_masked_into`](Self::reconstruct_masked_into).
     ///
     /// # Errors
-    /// As both.
+    /// The errors of both methods.
     pub fn reconstruct_masked_difference_into(
         &self,
         difference: &[f64],
@@ -68,7 +72,7 @@ impl Reconstructor {
         Ok(status)
     }
 
-    /// The image of the workspace's difference, which is zero where it is left out.
+    /// Computes the image of the workspace's difference, which is zero at masked measurements.
     fn complete(
         &self,
         status: FrameStatus,
@@ -77,7 +81,7 @@ impl Reconstructor {
     ) -> Result<(), InverseError> {
         let Workspace { difference, coefficients, missing } = workspace;
         if status == FrameStatus::Unchanged {
-            // whatever is filled in, nothing speaks against zero
+            // all unmasked data is zero, so the image is zero
             image.fill(0.0);
             return Ok(());
         }

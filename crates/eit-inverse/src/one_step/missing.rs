@@ -1,21 +1,23 @@
-//! Frames with missing data: leaving measurements out of a reconstruction that was built with them.
+//! Missing data: excludes measurements from a reconstruction that was built with them.
 //!
 //! With `G = (A + mu I)^-1`, `mu = lambda^2 s` and weighted data `b`, the image is `P J' W^1/2 G b`.
-//! Fill the missing values `b_S` so that `(G b)_S = 0`: then the missing rows of `J` drop out of
-//! the image, and the others read `(A_KK + mu I) (G b)_K = b_K`, which is the reconstruction built
-//! from the kept measurements `K` alone, at the same `mu`. In the spectrum `A = U diag(d) U'`
+//! Choose the missing values `b_S` so that `(G b)_S = 0`. Then the missing rows of `J` drop out of
+//! the image, and the others satisfy `(A_KK + mu I) (G b)_K = b_K`, which is the reconstruction built
+//! from the kept measurements `K` alone, at the same `mu`. With the spectrum `A = U diag(d) U'` this
+//! is
 //!
 //! ```text
 //! mu G = I - U diag(d / (d + mu)) U' = I - T T',   T = U diag(d / (d + mu))^1/2
 //! (I - T_S T_S') b_S = T_S T_K' b_K
 //! ```
 //!
-//! a positive definite system of as many unknowns as values are left out, with eigenvalues between
+//! a positive definite system with one unknown per missing value and eigenvalues between
 //! `mu / (d_1 + mu)` and 1.
 //!
-//! Source: the fill is the conditional mean of the missing data given the others in the Gaussian
-//! model `b ~ N(0, A + mu I)`; `G b` with a zeroed part is the usual leave-out identity, for
-//! example Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), section 5.4.2.
+//! Source: the filled values are the conditional mean of the missing data given the other data in
+//! the Gaussian model `b ~ N(0, A + mu I)`; `G b` with zeroed entries is the standard
+//! cross-validation identity, for example Rasmussen, Williams, *Gaussian Processes for Machine
+//! Learning* (2006), section 5.4.2.
 
 use super::spectrum::Spectrum;
 use crate::InverseError;
@@ -27,10 +29,10 @@ use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::{Accum, ColMut, ColRef, MatMut, MatRef, Par, Spec};
 use std::mem::MaybeUninit;
 
-/// Largest expected error that is let through, as part of the image.
+/// Largest accepted expected error, relative to the image.
 const MOST_ERROR: f64 = 1e-6;
 
-/// What the fill needs to know of a spectrum at a hyperparameter.
+/// Quantities of a spectrum at one hyperparameter that the fill needs.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Damping {
     /// `sqrt(d (d + mu))`, `[rank]`: from `diag(1 / (d + mu)) U'` to `T'`.
@@ -42,21 +44,22 @@ pub(crate) struct Damping {
 impl Damping {
     pub(crate) fn new(spectrum: &Spectrum, hyperparameter: f64) -> Self {
         let mu = spectrum.damping(hyperparameter);
-        // two roots: the product may leave the range of doubles
+        // two roots, because the product may overflow or underflow
         let gains = spectrum.values.iter().map(|d| d.sqrt() * (d + mu).sqrt()).collect();
         Self { gains, least: mu / (spectrum.values[0] + mu) }
     }
 
-    /// Error of the image, as a part of it, by the smallest pivot of `I - T_S T_S'`.
+    /// Estimates the relative error of the image from the smallest pivot of `I - T_S T_S'`.
     ///
-    /// The system carries rounding of `eps`, so the fill errs by `eps / pivot`; in the image that
-    /// direction counts `sqrt(pivot / mu)` where the data itself counts `1 / sqrt(d_1)` or more.
+    /// The system has rounding errors of `eps`, so the fill has an error of `eps / pivot`. In the
+    /// image that direction has the weight `sqrt(pivot / mu)`, and the data has `1 / sqrt(d_1)` or
+    /// more.
     fn expected_error(&self, pivot: f64) -> f64 {
         f64::EPSILON / (pivot * self.least).sqrt()
     }
 }
 
-/// Memory for the fill; grows with the largest set met so far.
+/// Scratch memory for the fill; grows to the largest set of missing measurements so far.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct MissingData {
     /// Missing measurements as indices into the used ones, ascending.
@@ -73,7 +76,7 @@ pub(crate) struct MissingData {
 }
 
 impl MissingData {
-    /// Takes the measurements of the protocol that are masked; unused ones are left out already.
+    /// Selects the masked measurements, given as protocol indices; unused ones are already excluded.
     pub(crate) fn choose(
         &mut self,
         channels: &Channels,
@@ -95,8 +98,8 @@ impl MissingData {
         Ok(())
     }
 
-    /// Adds the part of the fill to `coefficients` `diag(1 / (d + mu)) U' b` of data whose missing
-    /// values are zero.
+    /// Adds the contribution of the fill to `coefficients`, which are `diag(1 / (d + mu)) U' b` for
+    /// data whose missing values are zero.
     ///
     /// `data_basis` is `diag(1 / (d + mu)) U' W^1/2` `[rank, used]`.
     pub(crate) fn complete(
@@ -132,7 +135,7 @@ impl MissingData {
         Ok(())
     }
 
-    /// `(I - T_S T_S')^-1` times the right-hand side in `fill`, in place.
+    /// Replaces the right-hand side in `fill` by `(I - T_S T_S')^-1` times itself.
     fn solve(&mut self, damping: &Damping) -> Result<(), InverseError> {
         let k = self.indices.len();
         let rows = MatRef::from_row_major_slice(&self.rows, k, self.rows.len() / k);

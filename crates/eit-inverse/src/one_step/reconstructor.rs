@@ -1,4 +1,4 @@
-//! Frames to images: the part that runs for every frame.
+//! Map from frames to images: the part that runs for every frame.
 
 use super::missing::{Damping, MissingData};
 use super::spectrum::Spectrum;
@@ -10,7 +10,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};
 use ndarray::{Array1, Array2, ArrayView2};
 
-/// Scratch memory of one thread, so that a frame allocates nothing.
+/// Scratch memory of one thread; with it, reconstructing a frame does not allocate.
 #[derive(Debug, Clone)]
 pub struct Workspace {
     pub(super) difference: Vec<f64>,
@@ -19,19 +19,19 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// `C dv` of the last image that was computed, `[rank]`.
+    /// Returns `C dv` of the last computed image, `[rank]`.
     pub(crate) fn coefficients(&self) -> &[f64] {
         &self.coefficients
     }
 }
 
-/// A fixed linear map from frames to images on elements or pixels, `Send + Sync`.
+/// Fixed linear map from frames to images on elements or pixels, `Send + Sync`.
 ///
-/// Applied as two factors, `image = B (C dv)` with `B` `[image, rank]` and `C`
+/// The map is applied as two factors, `image = B (C dv)` with `B` `[image, rank]` and `C`
 /// `[rank, measurement]`. One frame costs `2 r (m + n)` flops and reads `8 r (m + n)` bytes once;
 /// the product `reconstruction_matrix * dv` costs `2 m n`. With reciprocal data `r <= m / 2`, so
-/// the factors halve the work. Both are bound by memory traffic (a quarter of a flop per byte): 208
-/// measurements and 2000 elements read 1.8 MB per frame.
+/// the factors halve the work. Both forms are limited by memory bandwidth (a quarter of a flop per
+/// byte): 208 measurements and 2000 elements read 1.8 MB per frame.
 #[derive(Debug, Clone)]
 pub struct Reconstructor {
     pub(crate) channels: Channels,
@@ -70,18 +70,18 @@ impl Reconstructor {
         self.damping = Damping::new(spectrum, hyperparameter);
     }
 
-    /// Measurements of the protocol: the length of a frame.
+    /// Returns the number of measurements of the protocol, which is the length of a frame.
     pub fn measurements(&self) -> usize {
         self.channels.count
     }
 
-    /// Length of an image: elements, or pixels after
+    /// Returns the length of an image: the number of elements, or of pixels after
     /// [`on_raster`](crate::OneStepGaussNewton::on_raster).
     pub fn image_len(&self) -> usize {
         self.image_len
     }
 
-    /// Scratch memory for [`reconstruct_into`](Self::reconstruct_into) and its like.
+    /// Allocates scratch memory for [`reconstruct_into`](Self::reconstruct_into) and related methods.
     pub fn workspace(&self) -> Workspace {
         Workspace {
             difference: vec![0.0; self.channels.used.len()],
@@ -90,11 +90,12 @@ impl Reconstructor {
         }
     }
 
-    /// The difference data of a frame as the reconstruction sees it, `[used measurement]`: volts
-    /// (plain) or dimensionless (normalised), unused measurements removed.
+    /// Returns the difference data of a frame, `[used measurement]`: volts (plain) or dimensionless
+    /// (normalised), with unused measurements removed.
     ///
     /// # Errors
-    /// Wrong lengths, values that are not finite, zero references for normalised data.
+    /// Returns an error for wrong lengths, values that are not finite, and zero reference voltages
+    /// with normalised data.
     pub fn difference(
         &self,
         frame: &[f64],
@@ -105,11 +106,12 @@ impl Reconstructor {
         Ok(difference.into())
     }
 
-    /// The image of one frame, `[element]` or `[pixel]`: the change of sheet conductivity against
-    /// the reference frame, siemens per square, positive where the skin conducts better.
+    /// Reconstructs the image of one frame, `[element]` or `[pixel]`: the change of sheet
+    /// conductivity relative to the reference frame, siemens per square, positive where the
+    /// conductivity is higher.
     ///
     /// # Errors
-    /// As [`difference`](Self::difference).
+    /// See [`difference`](Self::difference).
     pub fn reconstruct(
         &self,
         frame: &[f64],
@@ -120,12 +122,13 @@ impl Reconstructor {
         Ok(image.into())
     }
 
-    /// [`reconstruct`](Self::reconstruct) into given memory; allocates nothing. A frame that equals
-    /// its reference costs its comparisons and no product.
+    /// Like [`reconstruct`](Self::reconstruct), but writes into `image` and does not allocate.
+    ///
+    /// A frame equal to its reference costs only the comparison.
     ///
     /// # Errors
-    /// As [`difference`](Self::difference); [`InverseError::WrongLength`] for an image or a
-    /// workspace of another reconstruction.
+    /// See [`difference`](Self::difference); [`InverseError::WrongLength`] if image or workspace
+    /// belong to another reconstruction.
     pub fn reconstruct_into(
         &self,
         frame: &[f64],
@@ -146,12 +149,13 @@ impl Reconstructor {
         Ok(status)
     }
 
-    /// The linear map alone, `image = RM dv`, from difference data `[used measurement]` as
-    /// [`difference`](Self::difference) returns it: for means of frames, or data that comes from
-    /// elsewhere. Allocates nothing.
+    /// Applies the linear map `image = RM dv` to difference data `[used measurement]`, as returned by
+    /// [`difference`](Self::difference).
+    ///
+    /// Use it for means of frames or for differences computed elsewhere. Does not allocate.
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`]; [`InverseError::NonFiniteData`] as of frame 0.
+    /// [`InverseError::WrongLength`]; [`InverseError::NonFiniteData`] with frame index 0.
     pub fn reconstruct_difference_into(
         &self,
         difference: &[f64],
@@ -170,7 +174,8 @@ impl Reconstructor {
         Ok(status)
     }
 
-    /// Refuses difference data of a wrong length or not finite; says whether any of it is not zero.
+    /// Rejects difference data of the wrong length or with non-finite values; returns whether any
+    /// value is non-zero.
     pub(super) fn check_difference(&self, difference: &[f64]) -> Result<FrameStatus, InverseError> {
         check_length("difference", difference.len(), self.channels.used.len())?;
         if let Some(k) = difference.iter().position(|dv| !dv.is_finite()) {
@@ -203,14 +208,14 @@ impl Reconstructor {
         matmul(image, Accum::Replace, self.image_rows(), c, 1.0, Par::Seq);
     }
 
-    /// Images of many frames at once, `[frame, element]` or `[frame, pixel]`, from frames
-    /// `[frame, measurement]`.
+    /// Reconstructs many frames `[frame, measurement]` at once into images `[frame, element]` or
+    /// `[frame, pixel]`.
     ///
-    /// Matrix products instead of matrix times vector: the factors are read once per block of
-    /// frames, not once per frame.
+    /// Uses matrix-matrix products: the factors are read once per block of frames, not once per
+    /// frame.
     ///
     /// # Errors
-    /// As [`difference`](Self::difference); the frame is named.
+    /// See [`difference`](Self::difference); the error contains the frame index.
     pub fn reconstruct_frames(
         &self,
         frames: ArrayView2<'_, f64>,
@@ -227,7 +232,7 @@ impl Reconstructor {
         Ok(images)
     }
 
-    /// Difference data of frames, `[used measurement, frame]`.
+    /// Returns the difference data of frames, `[used measurement, frame]`.
     pub(crate) fn differences(
         &self,
         frames: ArrayView2<'_, f64>,
@@ -246,9 +251,9 @@ impl Reconstructor {
         Ok(difference)
     }
 
-    /// The reconstruction matrix `RM = B C`, `[image, measurement]`, so that `image = RM dv`.
+    /// Returns the reconstruction matrix `RM = B C`, `[image, measurement]`, with `image = RM dv`.
     ///
-    /// Columns of unused measurements are zero. Formed on each call (`2 n m r` flops).
+    /// Columns of unused measurements are zero. Computed at each call (`2 n m r` flops).
     pub fn reconstruction_matrix(&self) -> Array2<f64> {
         let product = self.image_rows() * self.data_rows();
         let mut matrix = Array2::zeros((self.image_len, self.channels.count));
@@ -267,7 +272,7 @@ impl Reconstructor {
         MatRef::from_row_major_slice(&self.data_basis, self.rank, self.channels.used.len())
     }
 
-    /// The same map followed by a sparse one, `[pixel, element]`.
+    /// Returns this map followed by a sparse one, `[pixel, element]`.
     pub(crate) fn followed_by(&self, pixel_from_element: &CsrMatrix) -> Result<Self, InverseError> {
         check_length(
             "columns of pixel_from_element",

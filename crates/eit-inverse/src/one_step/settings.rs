@@ -12,18 +12,20 @@ pub struct OneStepSettings {
     /// Plain (default) or normalised difference.
     pub data: DifferenceData,
     /// Standard deviation of the noise of each difference `dv_i`, `[measurement]`, in the unit of
-    /// `dv`: volts (plain) or dimensionless (normalised; noise of `e_i` volts in a channel is
-    /// `e_i / |v0_i|` by the model's voltage, not by a reference frame, whose drift would change
-    /// `W` and with it the meaning of lambda: [`DifferenceData::noise_std`]). `None`: equal in all
-    /// and of unknown size.
+    /// `dv`; `None`: equal in all measurements and of unknown size.
     ///
-    /// The noise covariance `W^-1` is the diagonal of the squares. An image depends on the ratios
-    /// alone, because the scale `s` contains the weights, which are therefore kept relative to the
-    /// largest value; that value is [`OneStepReport::noise_scale`](crate::OneStepReport::noise_scale).
+    /// The unit is volts for plain differences; normalised differences are dimensionless. For the
+    /// latter, noise of `e_i` volts becomes `e_i / |v0_i|` with the model's voltage
+    /// ([`DifferenceData::noise_std`]). A reference frame is not used for this, because its drift
+    /// would change `W` and so the meaning of lambda.
+    ///
+    /// The noise covariance `W^-1` is the diagonal of the squares. The image depends only on their
+    /// ratios, because the scale `s` contains the weights. The weights are therefore stored relative
+    /// to the largest value, which is [`OneStepReport::noise_scale`](crate::OneStepReport::noise_scale).
     pub noise_std: Option<Vec<f64>>,
-    /// Which measurements to use, `[measurement]`; `None`: all. An unused one is left out, not
-    /// filled in: its row is removed from the problem, and its values in frames, reference,
-    /// `noise_std` and `model_voltages_v` are never looked at (they may be NaN).
+    /// Which measurements to use, `[measurement]`; `None`: all. The row of an unused measurement is
+    /// removed from the problem, not filled in, and its values in frames, reference frame,
+    /// `noise_std` and `model_voltages_v` are never read (they may be NaN).
     pub used: Option<Vec<bool>>,
 }
 
@@ -34,7 +36,7 @@ impl Default for OneStepSettings {
 }
 
 impl OneStepSettings {
-    /// The measurements that count, of a Jacobian of `count` rows.
+    /// Returns the used measurements of a Jacobian with `count` rows.
     pub(crate) fn channels(&self, count: usize) -> Result<Channels, InverseError> {
         Channels::new(count, &self.data, self.noise_std.as_deref(), self.used.as_deref())
     }

@@ -1,4 +1,4 @@
-//! Eigen-expansion of the weighted problem: computed once, every hyperparameter from it.
+//! Eigen-expansion of the weighted problem, computed once and used for every hyperparameter.
 
 use crate::InverseError;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -7,30 +7,29 @@ use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::svd::{ComputeSvdVectors, svd, svd_scratch};
 use faer::{Accum, Col, Mat, MatRef, Par, Spec};
 
-/// `A = W^1/2 J P J' W^1/2 = U diag(d) U'`, with the eigenvalues at the noise floor left out.
+/// `A = W^1/2 J P J' W^1/2 = U diag(d) U'`, truncated to the eigenvalues above the rounding floor.
 ///
-/// Where every pair both drives and measures, reciprocity repeats each measurement and half of the
-/// `m` eigenvalues vanish; `L` electrodes give at most `L (L - 1) / 2` others, whatever the
-/// protocol. Eigenvectors of vanishing eigenvalues carry nothing, since
-/// `|G' J' W^1/2 u|^2 = u' A u = 0` for `P = G G'`. Leaving them out is exact up to rounding, and
-/// it is stable for every hyperparameter: nothing at the rounding floor is ever divided by
-/// anything smaller.
+/// If every pair both drives and measures, reciprocity repeats each measurement and half of the `m`
+/// eigenvalues vanish. For any protocol, `L` electrodes give at most `L (L - 1) / 2` non-zero
+/// eigenvalues. Eigenvectors of zero eigenvalues contribute nothing, since
+/// `|G' J' W^1/2 u|^2 = u' A u = 0` for `P = G G'`. Truncation is exact up to rounding and stable for
+/// every hyperparameter: nothing at the rounding floor is divided by anything smaller.
 ///
-/// The order of work uses that rank `r`: pivoted Cholesky `A = L L'`, stopped at the floor
-/// `eps m max_i A_ii` (`m r^2` flops), then the singular values of `L`. At `m = 2356`,
-/// `r = 466`: 0.26 s, where the eigenvalues of `A` itself took 2.2 s.
+/// The algorithm makes use of the low rank `r`: pivoted Cholesky `A = L L'`, stopped at the floor
+/// `eps m max_i A_ii` (`m r^2` flops), then the singular values of `L`. At `m = 2356`, `r = 466`
+/// this took 0.26 s; the eigenvalues of `A` itself took 2.2 s.
 #[derive(Debug, Clone)]
 pub(crate) struct Spectrum {
     /// `U`, `[used measurement, rank]`, orthonormal columns.
     pub(crate) vectors: Mat<f64>,
-    /// `d`, descending, all above the noise floor.
+    /// `d`, descending, all above the rounding floor.
     pub(crate) values: Vec<f64>,
     /// `s = trace(A) / m`.
     pub(crate) scale: f64,
 }
 
 impl Spectrum {
-    /// From the weighted Jacobian and its product with the covariance, both
+    /// Computes the spectrum from the weighted Jacobian and its product with the covariance, both
     /// `[measurement, element]`.
     pub(crate) fn new(
         weighted_jacobian: MatRef<'_, f64>,
@@ -61,7 +60,7 @@ impl Spectrum {
         Self::from_factor(factor.as_ref())
     }
 
-    /// From a factor `L` `[measurement, k]` of `A = L L'`.
+    /// Computes the spectrum from a factor `L` `[measurement, k]` of `A = L L'`.
     pub(crate) fn from_factor(factor: MatRef<'_, f64>) -> Result<Self, InverseError> {
         let (m, k) = (factor.nrows(), factor.ncols());
         let rank = m.min(k);
@@ -95,25 +94,25 @@ impl Spectrum {
         Ok(Self { vectors: vectors.subcols(0, kept).to_owned(), values, scale })
     }
 
-    /// `U diag(sqrt d)`, rows `kept`: a factor of `A` restricted to those measurements.
+    /// Returns the rows `kept` of `U diag(sqrt d)`, a factor of `A` restricted to those measurements.
     pub(crate) fn factor_of(&self, kept: &[usize]) -> Mat<f64> {
         Mat::from_fn(kept.len(), self.values.len(), |i, j| {
             self.vectors[(kept[i], j)] * self.values[j].sqrt()
         })
     }
 
-    /// Smallest and largest hyperparameter worth looking at.
+    /// Returns the smallest and largest hyperparameter of the search range.
     ///
-    /// `lambda^2 s` from a hundredth of the smallest eigenvalue (nothing is damped any more) to a
-    /// hundred times the largest (everything is).
+    /// `lambda^2 s` ranges from a hundredth of the smallest eigenvalue (nothing is damped) to a
+    /// hundred times the largest (everything is damped).
     pub(crate) fn hyperparameter_range(&self) -> [f64; 2] {
         let (first, last) = (self.values[0], self.values[self.values.len() - 1]);
         [(0.01 * last / self.scale).sqrt(), (100.0 * first / self.scale).sqrt()]
     }
 }
 
-/// `L` `[m, rank]` with `A = L L'` from the lower triangle of `A`; the rank is where pivots reach
-/// the noise floor.
+/// Computes `L` `[m, rank]` with `A = L L'` from the lower triangle of `A`; the factorisation stops
+/// where pivots reach the rounding floor.
 fn pivoted_cholesky(mut gram: Mat<f64>, prior: &'static str) -> Result<Mat<f64>, InverseError> {
     let m = gram.nrows();
     let (mut forward, mut inverse) = (vec![0_usize; m], vec![0_usize; m]);
@@ -140,12 +139,12 @@ fn pivoted_cholesky(mut gram: Mat<f64>, prior: &'static str) -> Result<Mat<f64>,
     Ok(factor)
 }
 
-/// Data expanded in the eigenvectors, summed over frames.
+/// Squared data coefficients in the eigenvectors, summed over frames.
 #[derive(Debug, Clone)]
 pub(crate) struct Decomposition {
     /// `sum over frames (U' b)^2`, `[rank]`.
     pub(crate) squared: Vec<f64>,
-    /// `sum over frames |b - U U' b|^2`: what no image can explain.
+    /// `sum over frames |b - U U' b|^2`: the part of the data that no image can explain.
     pub(crate) outside: f64,
 }
 
@@ -153,7 +152,7 @@ impl Spectrum {
     /// Expands weighted data `b = W^1/2 dv`, `[used measurement, frame]`.
     pub(crate) fn decompose(&self, data: MatRef<'_, f64>) -> Decomposition {
         let coefficients = self.vectors.transpose() * data;
-        // the difference itself, not |b|^2 - |U' b|^2, which cancels
+        // norm of the difference, because |b|^2 - |U' b|^2 suffers cancellation
         let outside = data - &self.vectors * &coefficients;
         let squared = (0..self.values.len())
             .map(|k| coefficients.row(k).iter().map(|c| c * c).sum())
@@ -161,7 +160,8 @@ impl Spectrum {
         Decomposition { squared, outside: outside.squared_norm_l2() }
     }
 
-    /// `W^1/2 J dsigma = U diag(d) c` of the image `dsigma = P J' W^1/2 U c`, `[used measurement]`.
+    /// Returns the weighted data `W^1/2 J dsigma = U diag(d) c` of the image
+    /// `dsigma = P J' W^1/2 U c`, `[used measurement]`.
     pub(crate) fn predicted(&self, coefficients: &[f64]) -> Col<f64> {
         let scaled = Col::from_fn(self.values.len(), |k| self.values[k] * coefficients[k]);
         &self.vectors * scaled

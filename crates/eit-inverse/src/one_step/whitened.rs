@@ -1,5 +1,5 @@
-//! The whitened Jacobian and its product with a prior covariance: what every method in measurement
-//! space starts from.
+//! Whitened Jacobian and its product with a prior covariance, the starting point of every method in
+//! measurement space.
 
 use crate::check::check_length;
 use crate::data::Channels;

@@ -1,4 +1,4 @@
-//! Gaussian smoothness prior: covariance that falls with distance.
+//! Gaussian smoothness prior: covariance that decays with distance.
 
 use super::Prior;
 use crate::InverseError;
@@ -8,44 +8,44 @@ use eit_mesh::Surface;
 use ndarray::{Array2, ArrayView2};
 use std::collections::BTreeMap;
 
-/// Kernel support in kernel widths: `exp(-4^2 / 2)` is 3e-4, below what one image can show.
+/// Kernel support in kernel widths: `exp(-4^2 / 2)` is 3e-4, less than an image can show.
 const SUPPORT: f64 = 4.0;
 
-/// Spacing of the sources in kernel widths. A Gaussian sampled at half its width is integrated to
-/// `2 exp(-4 pi^2)` on a regular grid; what remains is the lumping of elements into cells, of
-/// second order in the spacing.
+/// Spacing of the sources in kernel widths. A Gaussian sampled at half its width is integrated with a
+/// relative error of `2 exp(-4 pi^2)` on a regular grid. The remaining error, from lumping elements into
+/// cells, is of second order in the spacing.
 const SOURCE_SPACING: f64 = 0.5;
 
-/// Default correlation length in extents of the skin.
+/// Default correlation length as a fraction of the skin's extent.
 const DEFAULT_LENGTH: f64 = 0.1;
 
-/// Measurements treated together: each kernel value is loaded once for all of them.
+/// Measurements processed together, so that each kernel value is loaded once for all of them.
 const LANES: usize = 8;
 
 /// Settings of [`Gaussian`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GaussianSettings {
-    /// Correlation length `l`, metres: at the distance `l` the correlation is `exp(-1/2)`.
-    /// `None` (default): a tenth of the skin's extent (longest side of its bounding box).
+    /// Correlation length `l`, metres: at distance `l` the correlation is `exp(-1/2)`. `None` (default): a
+    /// tenth of the skin's extent (longest side of its bounding box).
     pub length_m: Option<f64>,
 }
 
-/// Smooth images with a known correlation length: `P_ab = exp(-|x_a - x_b|^2 / (2 l^2))`.
+/// Prior for smooth images with a given correlation length: `P_ab = exp(-|x_a - x_b|^2 / (2 l^2))`.
 ///
-/// Built as `P = G G'`, so it is positive semi-definite by construction:
+/// It is built as `P = G G'`, so it is positive semi-definite by construction:
 ///
 /// ```text
 /// G_aq = n_a sqrt(area_q) exp(-|x_a - y_q|^2 / l^2),  zero beyond 4 widths of l / sqrt(2)
 /// ```
 ///
-/// `x_a` are the element centroids; `y_q` are sources: the area centroids of the elements in each
-/// cell of a cubic grid of spacing `l / (2 sqrt 2)`, with the cell's area. Broad kernels thus need
-/// few sources, and `G` has about `200 n` entries however fine the mesh (fewer where elements are
-/// larger than cells). `n_a` makes `P_aa = 1`, at the rim too. Distances are straight lines in
-/// space: on a folded skin, places that face each other closely are taken for neighbours.
+/// `x_a` are the element centroids. `y_q` are sources: the area centroids of the elements in each cell of a
+/// cubic grid of spacing `l / (2 sqrt 2)`, with the cell's area. Broad kernels thus need few sources, and
+/// `G` has about `200 n` entries however fine the mesh (fewer if elements are larger than cells). `n_a`
+/// makes `P_aa = 1`, at the rim too. Distances are straight lines in space, so on a folded skin, points
+/// that face each other closely count as neighbours.
 ///
-/// Where elements are larger than `l`, neighbours become independent, and the prior is white noise
-/// per element. A product `J P` costs `4 m` flops per entry of `G`.
+/// If elements are larger than `l`, neighbours become independent and the prior is white noise per element.
+/// A product `J P` costs `4 m` flops per entry of `G`.
 ///
 /// Source: squared-exponential covariance, Rasmussen, Williams, *Gaussian Processes for Machine
 /// Learning* (2006), section 4.2; as a sum over sources, Higdon, *Space and space-time modeling
@@ -64,7 +64,7 @@ impl Gaussian {
     /// Builds `G`.
     ///
     /// # Errors
-    /// [`InverseError::OutOfRange`] for a length that is not positive, or so small beside the skin
+    /// [`InverseError::OutOfRange`] for a length that is not positive, or so small compared with the skin
     /// that its cells cannot be numbered (1e-9 of the extent).
     pub fn new(surface: &Surface, settings: &GaussianSettings) -> Result<Self, InverseError> {
         let extent = extent_m(surface);
@@ -76,7 +76,7 @@ impl Gaussian {
             return Err(InverseError::OutOfRange { quantity, value, must });
         }
         let width_m = length_m / std::f64::consts::SQRT_2;
-        // relative to the skin's corner: cell numbers stay small wherever the skin lies
+        // relative to the skin's corner, so that cell numbers stay small wherever the skin lies
         let [low, _] = surface.bounds_m();
         let mut centroids = surface.centroids();
         centroids.iter_mut().for_each(|c| (0..3).for_each(|k| c[k] -= low[k]));
@@ -103,17 +103,17 @@ impl Gaussian {
         Ok(prior)
     }
 
-    /// Correlation length, metres.
+    /// Returns the correlation length, metres.
     pub fn length_m(&self) -> f64 {
         self.length_m
     }
 
-    /// Entries of `G`: elements times sources within reach.
+    /// Number of entries of `G`: pairs of elements and sources within reach.
     pub fn kernel_entries(&self) -> usize {
         self.kernel.len()
     }
 
-    /// Eight rows at once: `G G'` times `rows` [element * LANES] through `sources`.
+    /// Multiplies eight rows at once by `G G'`: `rows` [element * LANES], through `sources`.
     fn smooth(&self, rows: &mut [[f64; LANES]], sources: &mut [[f64; LANES]]) {
         sources.fill([0.0; LANES]);
         for (row, span) in rows.iter().zip(self.starts.windows(2)) {
@@ -132,7 +132,7 @@ impl Gaussian {
         }
     }
 
-    /// Sources and kernel values of one element; `span` is a window of `starts`.
+    /// Returns the sources and kernel values of one element; `span` is a window of `starts`.
     fn entries(&self, span: &[usize]) -> impl Iterator<Item = (&u32, &f64)> {
         self.source[span[0]..span[1]].iter().zip(&self.kernel[span[0]..span[1]])
     }
@@ -168,11 +168,11 @@ impl Prior for Gaussian {
     }
 }
 
-/// Elements gathered into the cells of a cubic grid.
+/// Elements grouped by the cells of a cubic grid.
 struct Cells {
-    /// Area centroid (metres) and area (square metres) of each cell's elements.
+    /// Area centroid (metres) and area (square metres) of the elements in each cell.
     sources: Vec<([f64; 3], f64)>,
-    /// Sources by coarse bucket of one support radius; a tree, so the order is always the same.
+    /// Sources by coarse bucket of one support radius; a tree keeps the order deterministic.
     buckets: BTreeMap<[i64; 3], Vec<usize>>,
     bucket_m: f64,
 }
@@ -195,7 +195,7 @@ impl Cells {
         Self { sources, buckets, bucket_m }
     }
 
-    /// Sources within `radius_m` (at most one bucket) of a place, with their distance.
+    /// Returns the sources within `radius_m` (at most one bucket) of a point, with their distances.
     fn within(&self, place: [f64; 3], radius_m: f64) -> impl Iterator<Item = (usize, f64)> {
         let centre = cell(place, self.bucket_m);
         let bucket = move |index: i64| {

@@ -1,4 +1,4 @@
-//! Laplace prior: neighbours alike.
+//! Laplace prior: neighbouring elements are similar.
 
 use super::Prior;
 use crate::InverseError;
@@ -17,13 +17,13 @@ use ndarray::{Array1, Array2, ArrayView2};
 /// Settings of [`Laplace`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LaplaceSettings {
-    /// Length beyond which places become independent, metres. `None` (default): the extent of the
-    /// skin (longest side of its bounding box). The images then hardly feel it: it only holds the
-    /// mean, which the semi-norm leaves free and the measurements determine well.
+    /// Length beyond which points become independent, metres. `None` (default): the extent of the skin
+    /// (longest side of its bounding box). This hardly affects the images: it only fixes the mean, which
+    /// the semi-norm leaves free and the measurements determine well.
     pub correlation_length_m: Option<f64>,
 }
 
-/// Finite-volume H1 norm: neighbouring elements are expected to be alike.
+/// Finite-volume H1 norm: neighbouring elements are expected to be similar.
 ///
 /// ```text
 /// dsigma' R dsigma = sum over inner edges  w (dsigma_a - dsigma_b)^2
@@ -31,14 +31,14 @@ pub struct LaplaceSettings {
 /// w = length of the shared edge / distance of the two centroids
 /// ```
 ///
-/// The first sum is the two-point flux form of the integral of `|grad dsigma|^2`, the same on flat
-/// and on curved skins (lengths only). It converges to the integral on meshes where the line of the
-/// centroids crosses the edge at a right angle (near-equilateral triangles, as `eit_mesh` makes);
-/// elsewhere it is an equivalent semi-norm with preferred directions (18 % below to 34 % above the
-/// integral on right-angled triangles). The second sum makes `R` invertible.
+/// The first sum is the two-point flux form of the integral of `|grad dsigma|^2`, the same on flat and
+/// curved skins, since it uses only lengths. It converges to the integral on meshes where the line between
+/// centroids crosses the edge at a right angle (near-equilateral triangles, as `eit_mesh` makes). Elsewhere
+/// it is an equivalent semi-norm with preferred directions (18 % below to 34 % above the integral on
+/// right-angled triangles). The second sum makes `R` invertible.
 ///
-/// `R` is factorised once (sparse Cholesky, approximate minimum degree) and solved for all
-/// measurements together.
+/// `R` is factorised once (sparse Cholesky, approximate minimum degree) and applied to all measurements
+/// together.
 ///
 /// Source: Eymard, Gallouet, Herbin, *Finite volume methods*, Handbook of Numerical Analysis VII
 /// (2000), section 9 (flux); EIDORS' `prior_laplace` (adjacency with equal weights).
@@ -53,8 +53,8 @@ impl Laplace {
     /// Assembles and factorises `R`.
     ///
     /// # Errors
-    /// [`InverseError::OutOfRange`] for a length that is not positive,
-    /// [`InverseError::Factorisation`] when `R` is singular in double precision.
+    /// [`InverseError::OutOfRange`] for a length that is not positive, [`InverseError::Factorisation`] if
+    /// `R` is singular in double precision.
     pub fn new(surface: &Surface, settings: &LaplaceSettings) -> Result<Self, InverseError> {
         let length_m = settings.correlation_length_m.unwrap_or_else(|| extent_m(surface));
         check_positive("correlation_length_m", length_m)?;
@@ -89,7 +89,7 @@ impl Laplace {
         Ok(Self { precision, symbolic, factor })
     }
 
-    /// `R dsigma`, `[element]`, for an image `[element]`.
+    /// Returns `R dsigma`, `[element]`, for an image `[element]`.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`].
@@ -131,7 +131,7 @@ impl Prior for Laplace {
     }
 }
 
-/// Lower triangle of `R`; entries of one place are summed.
+/// Returns the lower triangle of `R`; entries at the same position are summed.
 fn lower_triangle(surface: &Surface, length_m: f64) -> Vec<Triplet<usize, usize, f64>> {
     let centroids = surface.centroids();
     let mut entries: Vec<_> = surface

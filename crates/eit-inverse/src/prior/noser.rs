@@ -1,18 +1,18 @@
-//! NOSER prior: variance by sensitivity.
+//! NOSER prior: variance derived from sensitivity.
 
 use super::Prior;
 use crate::InverseError;
 use ndarray::{Array1, Array2, ArrayView2, Axis};
 
-/// Elements that the measurements sense weakly may change more.
+/// Prior that allows larger changes in elements that the measurements sense weakly.
 ///
-/// `R = diag(J' W J)^exponent`, diagonal. With exponent 1 the image does not change when an
-/// element's unit of conductivity does; with exponent 0 the prior is the identity. At the default
-/// 0.5, `R_e` is proportional to the element's area (the Jacobian is), so exactly this exponent
-/// does not depend on the mesh; it also keeps the push toward the rim moderate.
+/// `R = diag(J' W J)^exponent`, diagonal. With exponent 1 the image does not depend on an element's unit of
+/// conductivity; with exponent 0 the prior is the identity. At the default 0.5, `R_e` is proportional to
+/// the element's area (as the Jacobian is), so only this exponent makes the prior independent of the mesh.
+/// It also limits the shift toward the rim.
 ///
-/// An element that no measurement senses gets variance zero: its image is zero, where
-/// `1 / 0 * 0` would be NaN.
+/// An element that no measurement senses gets variance zero: its image is zero, where `1 / 0 * 0` would be
+/// NaN.
 ///
 /// Source: Cheney, Isaacson, Newell, Simske, Goble, NOSER, *Int. J. Imaging Syst. Technol.* 2
 /// (1990), 66-75 (exponent 1); exponent 0.5 as in EIDORS' `prior_noser`.

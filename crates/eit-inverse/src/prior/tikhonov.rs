@@ -6,12 +6,11 @@ use crate::check::check_length;
 use eit_mesh::Surface;
 use ndarray::{Array1, Array2, ArrayView2};
 
-/// White noise on the skin: every place independent of every other.
+/// White noise on the skin: every point is independent of every other.
 ///
-/// `R = diag(area_e / mean area)`, so `dsigma' R dsigma` is the integral of `dsigma^2` over the
-/// skin divided by the mean element area. With the identity instead (zeroth-order Tikhonov as it
-/// is often written) a finer element would get a smaller weight per area and the image would show
-/// the mesh.
+/// `R = diag(area_e / mean area)`, so `dsigma' R dsigma` is the integral of `dsigma^2` over the skin
+/// divided by the mean element area. With the identity instead (the usual form of zeroth-order Tikhonov),
+/// smaller elements would get a larger penalty per area, and the image would show the mesh.
 ///
 /// Source: Tikhonov, *Soviet Math. Dokl.* 4 (1963), 1035; area weights as in EIDORS'
 /// `prior_tikhonov` on meshes of equal elements.
@@ -21,7 +20,7 @@ pub struct Tikhonov {
 }
 
 impl Tikhonov {
-    /// The prior of a skin.
+    /// Builds the prior of a skin.
     pub fn new(surface: &Surface) -> Self {
         let areas = surface.areas_m2();
         let mean = areas.iter().sum::<f64>() / areas.len() as f64;

@@ -15,14 +15,15 @@ use bounded::Bounded;
 use eit_fem::{ForwardModel, Workspace};
 use ndarray::{Array2, ArrayRef2};
 
-/// How far two ways to the same row of `J P` may differ by rounding, relative to its largest entry.
+/// Largest rounding difference between two computations of the same row of `J P`, relative to its
+/// largest entry.
 const SAME_ROW: f64 = 1e-6;
 
-/// Absolute reconstruction of every frame: the linearisation follows the image.
+/// Absolute reconstruction of every frame by iterated Gauss-Newton, relinearised at each step.
 ///
-/// The voltages of a frame are taken as `F(sigma_ref) + dv`: what was measured as a difference is
-/// added to the model's own voltages at the reference conductivity, so that errors of the model that
-/// are common to both cancel in first order. With `sigma(x)` element by element,
+/// The voltages of a frame are taken as `F(sigma_ref) + dv`: the measured difference is added to the
+/// model's voltages at the reference conductivity, so that model errors common to both cancel to
+/// first order. With `sigma(x)` defined element by element,
 ///
 /// ```text
 /// x = argmin  |F(sigma_ref) + dv - F(sigma(x))|_W^2 + lambda^2 s |x|_R^2
@@ -30,25 +31,26 @@ const SAME_ROW: f64 = 1e-6;
 /// image = sigma(x) - sigma_ref,      J = dF/dsigma dsigma/dx at x_k
 /// ```
 ///
-/// Unknowns are elements; the images are `[frame, element]`, siemens (per square). `lambda`, `s`, `W`
-/// and `P = R^-1` are those of [`OneStepGaussNewton`](crate::OneStepGaussNewton), whose image is
-/// the first step from the reference to first order in `dv`.
+/// The unknowns are elements; the images are `[frame, element]`, siemens (per square). `lambda`, `s`,
+/// `W` and `P = R^-1` are those of [`OneStepGaussNewton`](crate::OneStepGaussNewton). To first order
+/// in `dv`, the first step from the reference equals its image.
 ///
-/// **Bounds.** `sigma(x)` maps all numbers into `lower..upper` by a logistic of the logarithm with
-/// slope 1 at the reference, so `lower <= sigma <= upper` holds exactly and no step leaves it. A
-/// projection with an active set would need `R`, to judge `|x|_R` after a clip, and a [`Prior`] gives
-/// `P` alone. With the map, `x` stays a combination of rows `P J'`, `R x` is the same combination of
-/// rows `J`, and objective, slope and step are exact without `R`.
+/// **Bounds.** `sigma(x)` maps all real numbers into `lower..upper` by a logistic function in the
+/// logarithm with slope 1 at the reference, so `lower <= sigma <= upper` holds exactly at every step.
+/// A projection with an active set would need `R` to evaluate `|x|_R` after clipping, but a [`Prior`]
+/// provides only `P`. With the map, `x` remains a combination of the columns of `P J'`, `R x` is the
+/// same combination of the rows of `J`, and objective, slope and step are exact without `R`.
 ///
-/// **Steps** are halved until the objective falls by Armijo's rule. A frame starts from the result
-/// of the last frame that had data, or from the reference where that explains it better, so a failed
-/// start is not handed on. Masked channels of a frame are left out of `F` and `J`, at the same
-/// `lambda^2 s`; a frame without a good channel gets the image zero.
+/// **Line search.** Steps are halved until the objective satisfies Armijo's condition. A frame starts
+/// from the result of the last frame that had data, or from the reference if that has the lower
+/// objective, so a failed frame does not affect the next one. Masked channels of a frame are removed
+/// from `F` and `J`, at the same `lambda^2 s`; a frame without a good channel has the image zero.
 ///
-/// One step costs a forward solution and its Jacobian, the prior's `J P`, `m^2 n` flops for
-/// `J P J'`, `m^3 / 3` for its Cholesky factor; one halving a forward solution. The factor needs
-/// `lambda^2 s` above the rounding of `J P J'`: lambda above about 1e-6. The problem is not convex:
-/// there is no certificate, [`frame_reports`](Self::frame_reports) says how each frame went.
+/// **Cost.** One step costs a forward solution and its Jacobian, the prior's `J P`, `m^2 n` flops for
+/// `J P J'`, `m^3 / 3` for its Cholesky factor; one halving costs a forward solution. The factor
+/// needs `lambda^2 s` above the rounding error of `J P J'`: lambda above about 1e-6. The problem is
+/// not convex, so there is no certificate; [`frame_reports`](Self::frame_reports) gives the status of
+/// each frame.
 ///
 /// Source: Vauhkonen, Vadasz, Karjalainen, Somersalo, Kaipio, *IEEE Trans. Med. Imaging* 17 (1998),
 /// 285-293 (iterated Gauss-Newton with priors); the form in measurement space: Adler, Dai,
@@ -73,14 +75,15 @@ pub struct AbsoluteGaussNewton<'a> {
 }
 
 impl<'a> AbsoluteGaussNewton<'a> {
-    /// Set-up: the reference conductivity `[element]`, siemens (per square), its voltages and the
-    /// scale `s`.
+    /// Sets up the method at the reference conductivity `reference_s` `[element]`, siemens (per
+    /// square), and computes its voltages and the scale `s`.
     ///
     /// The prior must not depend on the Jacobian ([`Noser`](crate::Noser) does).
     ///
     /// # Errors
-    /// [`InverseError::Forward`]; settings out of range or of the wrong length; a reference on or
-    /// outside the bounds; [`InverseError::PriorNotFixed`]; a prior of another mesh.
+    /// [`InverseError::Forward`]; [`InverseError::PriorNotFixed`]; an error if settings are out of
+    /// range or have the wrong length, if the reference is on or outside the bounds, or if the prior
+    /// belongs to another mesh.
     pub fn new(
         model: &'a ForwardModel,
         reference_s: &[f64],
@@ -117,13 +120,13 @@ impl<'a> AbsoluteGaussNewton<'a> {
         })
     }
 
-    /// How each frame of the latest sequence went, `[frame]`.
+    /// Returns the report of each frame of the latest sequence, `[frame]`.
     pub fn frame_reports(&self) -> &[AbsoluteFrameReport] {
         &self.reports
     }
 }
 
-/// `s = trace(W^1/2 J P J' W^1/2) / m`, from a prior that is the same for every Jacobian.
+/// Computes `s = trace(W^1/2 J P J' W^1/2) / m` and rejects priors that depend on the Jacobian.
 fn scale(
     jacobian: &ArrayRef2<f64>,
     prior: &dyn Prior,
@@ -132,7 +135,8 @@ fn scale(
     let elements = jacobian.ncols();
     let weighted = weighted_rows(jacobian, channels)?;
     let covariance = covariance_times(prior, &weighted, elements)?;
-    // one row beside another than before: a prior that looks at all rows gives it another image
+    // Apply the prior to the first row next to a different second row. A prior that depends on the
+    // whole Jacobian gives a different result for the first row.
     let first = &weighted[..elements];
     let beside: Vec<f64> = first.iter().chain(first.iter().rev()).copied().collect();
     let again = covariance_times(prior, &beside, elements)?;

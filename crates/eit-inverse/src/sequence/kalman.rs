@@ -1,4 +1,4 @@
-//! Random walk of the image: Kalman filter and smoother.
+//! Kalman filter and smoother for images that follow a random walk.
 
 use super::markov::{Belief, Markov, smooth};
 use super::modes::{Modes, whiten};
@@ -8,12 +8,12 @@ use crate::{
 };
 use ndarray::ArrayRef2;
 
-/// Smallest ratio of process noise to initial variance: below, `phi^2 C + q I` loses `q` in the
-/// rounding of `C` and the walk would stand still unnoticed.
+/// Smallest ratio of process noise to initial variance. Below it `q` is lost in the rounding of
+/// `phi^2 C + q I`, and the random walk would silently stop.
 const LEAST_NOISE: f64 = 1e-12;
 
-/// Least and greatest variance: beyond, one number or the other is lost in the rounding of sums
-/// with the prior's 1.
+/// Accepted range of variances. Outside it, one term or the other is lost by rounding in sums with
+/// the prior's variance of 1.
 const VARIANCES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
 /// Settings of [`KalmanSmoother`] and [`KalmanFilter`].
@@ -21,13 +21,12 @@ const VARIANCES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 pub struct KalmanSettings {
     /// Hyperparameter, data, noise and channels, as for a single frame.
     pub one_step: OneStepSettings,
-    /// `q`: variance that the image gains from one frame to the next, as a part of the prior
-    /// covariance `P`; dimensionless, per frame (per second divided by the frame rate in hertz).
-    /// Default 0.1: in ten frames the image may become another one. At least 1e-12 of
-    /// `initial_variance`.
+    /// Process noise `q`: variance added to the image per frame, as a multiple of the prior covariance
+    /// `P`; dimensionless. For a rate per second, divide by the frame rate in hertz. Default 0.1:
+    /// over ten frames the image can change completely. At least 1e-12 of `initial_variance`.
     pub process_noise: f64,
-    /// `p0`: variance of the first frame's image, as a part of `P`. Default 1: a first frame looks
-    /// as from [`OneStepGaussNewton`](crate::OneStepGaussNewton).
+    /// Initial variance `p0` of the first image, as a multiple of `P`. Default 1: without later frames,
+    /// the first image equals that of [`OneStepGaussNewton`](crate::OneStepGaussNewton).
     pub initial_variance: f64,
 }
 
@@ -64,17 +63,17 @@ impl KalmanSettings {
     }
 }
 
-/// The most probable sequence for images that walk at random.
+/// Maximum a posteriori sequence of images that follow a random walk.
 ///
 /// ```text
 /// dsigma_1 ~ N(0, p0 P),   dsigma_t+1 = dsigma_t + N(0, q P),   dv_t = J dsigma_t + N(0, mu W^-1)
 /// ```
 ///
 /// with `J`, `W`, `P` and `mu = lambda^2 s` of [`OneStepGaussNewton`](crate::OneStepGaussNewton).
-/// Kalman filter and Rauch-Tung-Striebel smoother on the eigenvectors of `W^1/2 J P J' W^1/2`: `r`
-/// scalar filters, 10 flops each a frame, beside the `2 r (m + n)` of the image. Masked channels
-/// cost as told at [`TimePrior`](crate::sequence::TimePrior); a frame without a good channel is
-/// interpolated. Images are `[frame, element]`, siemens (per square).
+/// The Kalman filter and Rauch-Tung-Striebel smoother work on the eigenvectors of
+/// `W^1/2 J P J' W^1/2`: `r` scalar filters of 10 flops per frame each, in addition to `2 r (m + n)`
+/// for the image. For the cost of masked channels see [`TimePrior`](crate::sequence::TimePrior). A
+/// frame without a good channel is interpolated. Images are `[frame, element]`, siemens (per square).
 ///
 /// Source: Rauch, Tung, Striebel, *AIAA J.* 3 (1965), 1445-1450; Vauhkonen, Karjalainen, Kaipio,
 /// *IEEE Trans. Biomed. Eng.* 45 (1998), 486-493.
@@ -85,12 +84,13 @@ pub struct KalmanSmoother {
 }
 
 impl KalmanSmoother {
-    /// Set-up for a linearisation; `jacobian` is `[measurement, element]`, volts per siemens.
+    /// Sets up the smoother for a Jacobian `[measurement, element]`, volts per siemens.
     ///
-    /// Costs what [`OneStepGaussNewton::new`](crate::OneStepGaussNewton::new) does.
+    /// Costs the same as [`OneStepGaussNewton::new`](crate::OneStepGaussNewton::new).
     ///
     /// # Errors
-    /// As there; [`InverseError::OutOfRange`] for the variances.
+    /// The errors of [`OneStepGaussNewton::new`](crate::OneStepGaussNewton::new);
+    /// [`InverseError::OutOfRange`] for the variances.
     pub fn new(
         jacobian: &ArrayRef2<f64>,
         prior: &dyn Prior,
@@ -114,12 +114,12 @@ impl SequenceSolver for KalmanSmoother {
     }
 }
 
-/// The causal half of [`KalmanSmoother`]: the most probable image given the frames so far.
+/// Causal counterpart of [`KalmanSmoother`]: the maximum a posteriori image given the frames so far.
 ///
-/// A frame costs `2 r (m + n)` flops and allocates nothing until a channel is first masked; from
-/// then on, until [`reset`](Self::reset), covariances are `r x r` and a frame costs
-/// `4 m r^2 + 5 r^3` flops more and allocates. Leave out a dead electrode by
-/// [`OneStepSettings::used`] instead.
+/// A frame costs `2 r (m + n)` flops and does not allocate until a channel is first masked. From then
+/// until [`reset`](Self::reset), covariances are `r x r`, and a frame allocates and costs an
+/// additional `4 m r^2 + 5 r^3` flops. Exclude a dead electrode with [`OneStepSettings::used`]
+/// instead.
 #[derive(Debug, Clone)]
 pub struct KalmanFilter {
     modes: Modes,
@@ -132,10 +132,10 @@ pub struct KalmanFilter {
 }
 
 impl KalmanFilter {
-    /// Set-up as [`KalmanSmoother::new`].
+    /// Sets up the filter; see [`KalmanSmoother::new`].
     ///
     /// # Errors
-    /// As there.
+    /// See [`KalmanSmoother::new`].
     pub fn new(
         jacobian: &ArrayRef2<f64>,
         prior: &dyn Prior,
@@ -155,35 +155,35 @@ impl KalmanFilter {
         })
     }
 
-    /// Measurements of the protocol: the length of a frame.
+    /// Returns the number of measurements of the protocol, which is the length of a frame.
     pub fn measurements(&self) -> usize {
         self.modes.channels.count
     }
 
-    /// Elements: the length of an image.
+    /// Returns the number of elements, which is the length of an image.
     pub fn image_len(&self) -> usize {
         self.modes.elements()
     }
 
-    /// Frames taken in since set-up or [`reset`](Self::reset).
+    /// Returns the number of frames pushed since set-up or [`reset`](Self::reset).
     pub fn frames(&self) -> usize {
         self.frames
     }
 
-    /// Forgets all frames.
+    /// Discards all frames and returns to the initial state.
     pub fn reset(&mut self) {
         self.belief = Belief::initial(&self.process, self.modes.rank());
         self.frames = 0;
     }
 
-    /// Takes in the next frame's difference data `[measurement]` and writes its image `[element]`,
-    /// siemens (per square). Channels where `good` is false are not looked at.
+    /// Processes the difference data `[measurement]` of the next frame and writes its image
+    /// `[element]`, siemens (per square). Channels where `good` is false are not read.
     ///
     /// # Errors
-    /// Wrong lengths, a value of a good channel that is not finite (the frame in the error counts
-    /// from [`reset`](Self::reset)): the filter is as before the call.
-    /// [`InverseError::Factorisation`] where numbers leave the range of doubles:
-    /// [`reset`](Self::reset) it then.
+    /// Returns an error for wrong lengths and for a non-finite value of a good channel (the frame
+    /// index in the error counts from [`reset`](Self::reset)); the filter is then unchanged.
+    /// [`InverseError::Factorisation`] on overflow or underflow; call [`reset`](Self::reset) after
+    /// it.
     pub fn push(
         &mut self,
         difference: &[f64],

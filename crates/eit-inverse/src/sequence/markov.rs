@@ -1,5 +1,5 @@
-//! Amplitudes that follow a first-order Gauss-Markov process: Kalman filter and
-//! Rauch-Tung-Striebel smoother.
+//! Kalman filter and Rauch-Tung-Striebel smoother for amplitudes that follow a first-order
+//! Gauss-Markov process.
 //!
 //! ```text
 //! a_1 ~ N(0, p0 I),   a_t+1 = phi a_t + N(0, q I),   b_t = H_t a_t + N(0, mu I),   H = U D^1/2
@@ -10,7 +10,8 @@
 //!
 //! with `H_t` the rows of `H` that are not masked in frame `t`. While nothing is masked, `H' H = D`
 //! and all covariances are diagonal: `r` scalar filters. From the first masked frame on they are
-//! full, and the update is a least-squares problem solved by QR, which squares no condition:
+//! full, and the update is a least-squares problem solved by QR, which does not square the condition
+//! number:
 //!
 //! ```text
 //! M = L L',   C = L (R' R)^-1 L',   Q R = [I; H L / mu^1/2]
@@ -28,7 +29,7 @@ use faer::prelude::Solve;
 use faer::{ColMut, ColRef, Mat, Par, Side};
 use std::time::Instant;
 
-/// The process.
+/// Parameters of the Gauss-Markov process.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Markov {
     /// `phi`.
@@ -39,7 +40,7 @@ pub(super) struct Markov {
     pub(super) initial_variance: f64,
 }
 
-/// What is known of the amplitudes of one frame: a normal distribution.
+/// Normal distribution of the amplitudes of one frame.
 #[derive(Debug, Clone)]
 pub(super) struct Belief {
     /// `[rank]`.
@@ -54,13 +55,13 @@ enum Covariance {
 }
 
 impl Belief {
-    /// Before the first frame.
+    /// Returns the distribution before the first frame.
     pub(super) fn initial(process: &Markov, rank: usize) -> Self {
         let covariance = Covariance::Diagonal(vec![process.initial_variance; rank]);
         Self { mean: vec![0.0; rank], covariance }
     }
 
-    /// One frame on: `c -> phi c`, `C -> phi^2 C + q I`.
+    /// Predicts the next frame: `c -> phi c`, `C -> phi^2 C + q I`.
     pub(super) fn predict(&mut self, process: &Markov) {
         let Markov { decay, process_noise, .. } = *process;
         self.mean.iter_mut().for_each(|c| *c *= decay);
@@ -72,8 +73,8 @@ impl Belief {
         }
     }
 
-    /// Takes in a frame. `whitened` is zero at the indices `masked`; `coefficients` `[rank]` is
-    /// scratch. Allocates nothing while no frame has had a masked channel.
+    /// Updates the distribution with a frame. `whitened` is zero at the indices `masked`;
+    /// `coefficients` `[rank]` is scratch memory. Does not allocate until a frame has a masked channel.
     pub(super) fn update(
         &mut self,
         modes: &Modes,
@@ -109,7 +110,8 @@ impl Belief {
         }
     }
 
-    /// `difference -> phi C M^-1 difference` with `M` the covariance one frame on.
+    /// Applies the smoother gain: `difference -> phi C M^-1 difference`, with `M` the predicted
+    /// covariance of the next frame.
     fn smoother_gain(&self, process: &Markov, difference: &mut [f64]) -> Result<(), InverseError> {
         let decay = process.decay;
         match &self.covariance {
@@ -143,7 +145,7 @@ fn cholesky(matrix: &Mat<f64>) -> Result<Llt<f64>, InverseError> {
     })
 }
 
-/// The update of a full covariance: changes `mean`, returns `C`.
+/// Updates `mean` with a full covariance and returns the new covariance `C`.
 fn update_full(
     mean: &mut [f64],
     predicted: &Mat<f64>,
@@ -176,9 +178,10 @@ fn update_full(
     Ok(turned.transpose() * &turned)
 }
 
-/// The smoothed images of a sequence: `O(r)` a frame beside `2 r (m + n)` of every linear method
-/// where all frames lack the same channels (none, mostly), `4 m r^2 + 5 r^3` flops and `8 r^2`
-/// bytes a frame where they do not.
+/// Computes the smoothed images of a sequence.
+///
+/// If all frames have the same masked channels (usually none), a frame costs `O(r)` in addition to
+/// the `2 r (m + n)` of every linear method; otherwise `4 m r^2 + 5 r^3` flops and `8 r^2` bytes.
 pub(super) fn smooth(
     method: &'static str,
     modes: &Modes,
@@ -189,7 +192,8 @@ pub(super) fn smooth(
     let (whitened, masked) = modes.whiten_all(frames)?;
     let restricted = match masked.first() {
         Some(first) if common_and_partial(&masked, modes.channels.used.len()) => {
-            // an error says that what is left senses nothing: the general way gives the zero image
+            // An error means that the remaining channels have no sensitivity; the general path then
+            // gives the zero image.
             modes.without(first).ok()
         }
         _ => None,
@@ -219,13 +223,13 @@ pub(super) fn smooth(
     Ok(ImageSequence { images, report })
 }
 
-/// Do all frames lack the same channels, at least one and not all?
+/// Returns whether all frames have the same masked channels, at least one but not all.
 fn common_and_partial(masked: &[Vec<usize>], used: usize) -> bool {
     let lacking = masked.first().map_or(0, Vec::len);
     lacking > 0 && lacking < used && masked.windows(2).all(|pair| pair[0] == pair[1])
 }
 
-/// Smoothed amplitudes, `[rank, frame]`.
+/// Computes the smoothed amplitudes, `[rank, frame]`.
 fn smoothed(
     modes: &Modes,
     process: &Markov,

@@ -1,5 +1,5 @@
-//! The linear problem in the eigenvectors of its whitened covariance, where it falls apart into
-//! scalar problems.
+//! Linear problem in the eigenvectors of its whitened covariance, where it decouples into scalar
+//! problems.
 //!
 //! ```text
 //! b = W^1/2 dv,   W^1/2 J dsigma ~ N(0, A),   A = W^1/2 J P J' W^1/2 = U D U',   noise ~ N(0, mu I)
@@ -7,10 +7,11 @@
 //! E[dsigma | a] = P J' W^1/2 U D^-1/2 a = B D^-1/2 a
 //! ```
 //!
-//! with `mu = lambda^2 s`, see [`OneStepGaussNewton`](crate::OneStepGaussNewton). A covariance of
-//! the sequence `K (x) P` keeps this form with `K` between the frames of every amplitude; what the
-//! measurements do not see of an image is independent of the amplitudes and stays zero. Source:
-//! Adler, Dai, Lionheart, *Physiol. Meas.* 28 (2007), S1-S11, whose `K (x) P` this is.
+//! with `mu = lambda^2 s`, see [`OneStepGaussNewton`](crate::OneStepGaussNewton). With a sequence
+//! covariance `K (x) P` the form is the same, with covariance `K` between the frames of every
+//! amplitude. The part of an image that the measurements do not sense is independent of the
+//! amplitudes and stays zero. Source of the covariance `K (x) P`: Adler, Dai, Lionheart,
+//! *Physiol. Meas.* 28 (2007), S1-S11.
 
 use crate::check::check_positive;
 use crate::data::Channels;
@@ -21,7 +22,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};
 use ndarray::{Array2, ArrayRef2};
 
-/// A whitened linear problem and its eigen-expansion.
+/// Whitened linear problem and its eigen-expansion.
 #[derive(Debug, Clone)]
 pub(super) struct Modes {
     pub(super) channels: Channels,
@@ -36,7 +37,7 @@ pub(super) struct Modes {
 }
 
 impl Modes {
-    /// `m^2 n + m r^2 + 2 m n r` flops beside the prior's `J P`.
+    /// Sets up the problem in `m^2 n + m r^2 + 2 m n r` flops in addition to the prior's `J P`.
     pub(super) fn new(
         jacobian: &ArrayRef2<f64>,
         prior: &dyn Prior,
@@ -73,8 +74,8 @@ impl Modes {
         self.image_basis.nrows()
     }
 
-    /// [`whiten`] of a sequence: `[used, frame]`, and the masked indices of each
-    /// frame.
+    /// Applies [`whiten`] to a sequence; returns the data `[used, frame]` and the masked indices of
+    /// each frame.
     pub(super) fn whiten_all(
         &self,
         frames: &DifferenceFrames<'_>,
@@ -91,20 +92,20 @@ impl Modes {
         Ok((whitened, masked))
     }
 
-    /// `U' b`, `[rank]`.
+    /// Computes `U' b`, `[rank]`.
     pub(super) fn project(&self, whitened: &[f64], coefficients: &mut [f64]) {
         let (b, c) = (ColRef::from_slice(whitened), ColMut::from_slice_mut(coefficients));
         matmul(c, Accum::Replace, self.vectors.transpose(), b, 1.0, Par::Seq);
     }
 
-    /// `B D^-1/2 a` of one frame; `amplitudes` are divided by the gains in place.
+    /// Computes the image `B D^-1/2 a` of one frame; `amplitudes` are divided by the gains in place.
     pub(super) fn image(&self, amplitudes: &mut [f64], image: &mut [f64]) {
         amplitudes.iter_mut().zip(&self.gains).for_each(|(a, gain)| *a /= gain);
         let (c, image) = (ColRef::from_slice(amplitudes), ColMut::from_slice_mut(image));
         matmul(image, Accum::Replace, &self.image_basis, c, 1.0, Par::Seq);
     }
 
-    /// Images `[frame, element]` of amplitudes `[rank, frame]`.
+    /// Returns the images `[frame, element]` of amplitudes `[rank, frame]`.
     pub(super) fn images(&self, amplitudes: &Mat<f64>) -> Array2<f64> {
         let coefficients = Mat::from_fn(self.rank(), amplitudes.ncols(), |k, t| {
             amplitudes[(k, t)] / self.gains[k]
@@ -118,8 +119,8 @@ impl Modes {
         images
     }
 
-    /// `|W^1/2 (J dsigma_t - dv_t)|` over the channels that are not masked, `[frame]`: standard
-    /// deviations where `noise_std` is given. `W^1/2 J dsigma = U D^1/2 a`.
+    /// Returns `|W^1/2 (J dsigma_t - dv_t)|` over the channels that are not masked, `[frame]`, in
+    /// standard deviations if `noise_std` is given. `W^1/2 J dsigma = U D^1/2 a`.
     pub(super) fn residuals(
         &self,
         amplitudes: &Mat<f64>,
@@ -137,8 +138,8 @@ impl Modes {
         misfit.col_iter().map(|column| column.norm_l2() / unit).collect()
     }
 
-    /// The same problem, at the same `mu`, without the measurements `masked`; the data of
-    /// the result has only the others, in their order. `m r^2 + 2 n r^2` flops.
+    /// Returns the same problem at the same `mu` without the measurements `masked`, and the indices of
+    /// the others, which its data consists of in this order. Costs `m r^2 + 2 n r^2` flops.
     pub(super) fn without(&self, masked: &[usize]) -> Result<(Self, Vec<usize>), InverseError> {
         let mut used = vec![false; self.channels.count];
         self.channels.used.iter().for_each(|&i| used[i] = true);
@@ -159,8 +160,8 @@ impl Modes {
     }
 }
 
-/// `b = W^1/2 dv` of one frame into `whitened` `[used]`, zero where `good` is false; the indices of
-/// those into `masked`, ascending. Unused measurements and masked ones are not looked at.
+/// Writes `b = W^1/2 dv` of one frame to `whitened` `[used]`, with zeros where `good` is false, and the
+/// indices of these zeros to `masked`, ascending. Unused and masked measurements are not read.
 pub(super) fn whiten(
     channels: &Channels,
     frame: usize,

@@ -8,17 +8,17 @@ use faer::Col;
 use ndarray::Array2;
 use std::time::Instant;
 
-/// Memory of one frame.
+/// Scratch memory of one frame.
 struct Scratch {
     workspace: Workspace,
     /// Difference data of the used measurements.
     difference: Vec<f64>,
-    /// Masked measurements of the protocol.
+    /// Protocol indices of the masked measurements.
     masked: Vec<usize>,
 }
 
 impl OneStepGaussNewton {
-    /// The image of a frame; returns `|W^1/2 (J dsigma - dv)|` over good channels.
+    /// Writes the image of a frame; returns `|W^1/2 (J dsigma - dv)|` over its good channels.
     fn frame(
         &self,
         frames: &DifferenceFrames<'_>,
@@ -38,7 +38,7 @@ impl OneStepGaussNewton {
         difference.clear();
         difference.extend(channels.used.iter().map(|&i| row[i]));
         let result = map.reconstruct_masked_difference_into(difference, masked, workspace, image);
-        // the reconstruction of one frame knows no other
+        // the single-frame reconstruction reports frame 0; insert the frame's index
         let status = result.map_err(|error| match error {
             InverseError::NonFiniteData { measurement, value, .. } => {
                 InverseError::NonFiniteData { frame: t, measurement, value }
@@ -55,12 +55,12 @@ impl OneStepGaussNewton {
     }
 }
 
-/// [`OneStepGaussNewton`] on every frame of a sequence, none knowing of the others.
+/// Applies [`OneStepGaussNewton`] to every frame of a sequence independently.
 ///
-/// Images are `[frame, element]`, siemens (per square). Channels that are masked in a frame are left
-/// out of it exactly ([`Reconstructor::reconstruct_masked_into`]); a frame without a good channel
-/// gets the image zero, which is the prior's. `2 r (m + n)` flops a frame, and `2 m r` for the
-/// residual, which the eigen-expansion gives without the Jacobian.
+/// Images are `[frame, element]`, siemens (per square). Masked channels of a frame are excluded
+/// exactly ([`Reconstructor::reconstruct_masked_into`]); a frame without a good channel has the image
+/// zero, the mean of the prior. A frame costs `2 r (m + n)` flops, and `2 m r` for the residual,
+/// which the eigen-expansion gives without the Jacobian.
 ///
 /// [`Reconstructor::reconstruct_masked_into`]: crate::Reconstructor::reconstruct_masked_into
 impl SequenceSolver for OneStepGaussNewton {
@@ -69,8 +69,8 @@ impl SequenceSolver for OneStepGaussNewton {
     }
 
     /// # Errors
-    /// Besides those of the trait, [`InverseError::MaskedDominates`] where lambda is too small to
-    /// leave the masked channels out.
+    /// In addition to those of the trait, [`InverseError::MaskedDominates`] if lambda is too small to
+    /// exclude the masked channels accurately.
     fn reconstruct_sequence(
         &mut self,
         frames: &DifferenceFrames<'_>,

@@ -1,31 +1,31 @@
-//! What all solvers of sequences have in common.
+//! Input, results and trait shared by all sequence solvers.
 
 use crate::InverseError;
 use crate::check::check_length;
 use ndarray::{Array2, ArrayView2};
 
-/// Difference data of a sequence of frames, with the channels of each frame that count.
+/// Difference data of a sequence of frames, with a channel mask per frame.
 #[derive(Debug, Clone, Copy)]
 pub struct DifferenceFrames<'a> {
     /// `dv = v - v_ref`, `[frame, measurement]`, in the unit of the Jacobian's rows. Values of
-    /// masked channels are never looked at and may be NaN.
+    /// masked channels are never read and may be NaN.
     pub values: ArrayView2<'a, f64>,
     /// `[frame, measurement]`, false where a channel of a frame is masked; `None`: all are good.
     pub good: Option<ArrayView2<'a, bool>>,
 }
 
 impl<'a> DifferenceFrames<'a> {
-    /// Frames without masked channels.
+    /// Creates frames without masked channels.
     pub fn all_good(values: ArrayView2<'a, f64>) -> Self {
         Self { values, good: None }
     }
 
-    /// Is this channel of this frame used? Indices must be in range.
+    /// Returns whether this channel of this frame is not masked. Indices must be in range.
     pub fn is_good(&self, frame: usize, measurement: usize) -> bool {
         self.good.is_none_or(|good| good[(frame, measurement)])
     }
 
-    /// Refuses wrong shapes and values of good channels that are not finite.
+    /// Rejects wrong shapes and non-finite values of good channels.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`], [`InverseError::NonFiniteData`].
@@ -39,7 +39,7 @@ impl<'a> DifferenceFrames<'a> {
         Ok(())
     }
 
-    /// Refuses differences of another protocol and masks of another shape.
+    /// Rejects differences for another number of measurements and masks of another shape.
     pub(crate) fn check_shape(&self, measurements: usize) -> Result<(), InverseError> {
         check_length("columns of differences", self.values.ncols(), measurements)?;
         if let Some(good) = self.good {
@@ -54,19 +54,20 @@ impl<'a> DifferenceFrames<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SequenceStatus {
-    /// A direct method: nothing to converge.
+    /// The method is direct and does not iterate.
     Direct,
-    /// The asked accuracy is reached.
+    /// The requested accuracy was reached.
     Converged,
-    /// The deadline came first; the best iterate so far is returned.
+    /// The deadline was reached first; the best iterate so far is returned.
     Deadline,
-    /// The iteration cap came first; the best iterate so far is returned.
+    /// The iteration cap was reached first; the best iterate so far is returned.
     IterationCap,
-    /// Rounding stops further progress before the asked accuracy; the best iterate is returned.
+    /// Rounding prevents further progress before the requested accuracy; the best iterate is
+    /// returned.
     Stalled,
 }
 
-/// Bounds on the optimum that a convex method proves with its result.
+/// Proven bounds on the optimum, returned by convex methods.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Certificate {
     /// Objective of the returned sequence, an upper bound on the optimum.
@@ -76,14 +77,14 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// `(primal - lower_bound) / primal`: the most by which the objective can still fall, relative
-    /// to it. 0 where the primal value is 0, infinite where no feasible sequence is known or no lower
-    /// bound.
+    /// Returns `(primal - lower_bound) / primal`, an upper bound on the relative decrease of the
+    /// objective that is still possible. 0 if the primal value is 0; infinite if no feasible sequence
+    /// or no lower bound is known.
     pub fn relative_gap(&self) -> f64 {
         if self.primal == 0.0 {
             0.0
         } else if self.primal.is_infinite() {
-            // not infinity over infinity
+            // avoids infinity / infinity
             f64::INFINITY
         } else {
             (self.primal - self.lower_bound) / self.primal.abs()
@@ -91,35 +92,36 @@ impl Certificate {
     }
 }
 
-/// How a sequence came about.
+/// Report of a sequence reconstruction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SequenceReport {
-    /// The method's name: `st-tv`, `tv`, `one-step`, `time-prior`, `kalman-smoother`,
+    /// Name of the method: `st-tv`, `tv`, `one-step`, `time-prior`, `kalman-smoother`,
     /// `gauss-newton-absolute`.
     pub method: &'static str,
-    /// Why it stopped.
+    /// Why the method stopped.
     pub status: SequenceStatus,
-    /// Iterations (0 for a direct method).
+    /// Number of iterations (0 for a direct method).
     pub iterations: usize,
     /// Wall time of this call without the method's set-up, seconds.
     pub seconds: f64,
     /// `|W^1/2 (J dsigma_t - dv_t)|` of each frame over its good channels, `[frame]`: about the
-    /// root of the number of good channels where the image explains all but the noise.
+    /// root of the number of good channels if the image explains everything but the noise.
     pub residual: Vec<f64>,
-    /// Proven bounds, for the methods that have them.
+    /// Proven bounds on the optimum, for methods that provide them.
     pub certificate: Option<Certificate>,
-    /// The best known at each look, in order: error against run time. Empty for a direct method.
+    /// Best bounds at each evaluation, in order, for plots of error against run time. Empty for a
+    /// direct method.
     pub trace: Vec<TracePoint>,
 }
 
-/// What an iterative method knew at a point in time.
+/// Progress of an iterative method at one point in time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TracePoint {
     /// Wall time since the call, seconds.
     pub seconds: f64,
-    /// Iterations, those for bounds included.
+    /// Number of iterations so far, including those for bounds.
     pub iterations: usize,
-    /// Best objective so far; infinite where no feasible sequence is known.
+    /// Best objective so far; infinite if no feasible sequence is known.
     pub primal: f64,
     /// Best lower bound so far.
     pub lower_bound: f64,
@@ -131,22 +133,22 @@ pub struct ImageSequence {
     /// Change of sheet conductivity, siemens, `[frame, unknown]`, in the order of the Jacobian's
     /// columns.
     pub images: Array2<f64>,
-    /// How it came about.
+    /// Report of the reconstruction.
     pub report: SequenceReport,
 }
 
-/// A method that turns difference data into a sequence of images of the conductivity change.
+/// A method that reconstructs a sequence of conductivity changes from difference data.
 ///
-/// Set-up (factorisations, hyperparameters) is each method's own constructor; this is the part
-/// that runs for each sequence.
+/// Set-up (factorisations, hyperparameters) belongs to the constructor of each method; this trait
+/// covers the part that runs for each sequence.
 pub trait SequenceSolver {
-    /// As in [`SequenceReport::method`].
+    /// Returns the method's name, as in [`SequenceReport::method`].
     fn name(&self) -> &'static str;
 
     /// Reconstructs a sequence.
     ///
     /// # Errors
-    /// Wrong shapes, a value of a good channel that is not finite.
+    /// Returns an error for wrong shapes and for non-finite values of good channels.
     fn reconstruct_sequence(
         &mut self,
         frames: &DifferenceFrames<'_>,

@@ -12,9 +12,9 @@ use ndarray::ArrayRef2;
 pub struct TimePriorSettings {
     /// Hyperparameter, data, noise and channels, as for a single frame.
     pub one_step: OneStepSettings,
-    /// Frames after which images are correlated by `1 / e` only (a time in seconds times the frame
-    /// rate in hertz), at most 1e6; 0: frames are independent. Default 2, a touch that lasts a few
-    /// frames.
+    /// Number of frames after which the correlation of images falls to `1 / e` (correlation time in
+    /// seconds times frame rate in hertz), at most 1e6; 0: frames are independent. Default 2, for a
+    /// touch that lasts a few frames.
     pub correlation_frames: f64,
 }
 
@@ -24,27 +24,27 @@ impl Default for TimePriorSettings {
     }
 }
 
-/// The most probable sequence for Gaussian noise and a Gaussian prior in space and time.
+/// Maximum a posteriori sequence for Gaussian noise and a Gaussian prior in space and time.
 ///
 /// ```text
 /// dsigma = argmin  sum_t |dv_t - J dsigma_t|_W^2 + lambda^2 s |dsigma|_(K (x) P)^-1^2
 /// K_ts = gamma^|t - s|,   gamma = exp(-1 / correlation_frames)
 /// ```
 ///
-/// with `J`, `W`, `P`, `lambda` and `s` of [`OneStepGaussNewton`](crate::OneStepGaussNewton), whose
-/// images these are for `correlation_frames = 0`. Images are `[frame, element]`, siemens (per
-/// square).
+/// with `J`, `W`, `P`, `lambda` and `s` of [`OneStepGaussNewton`](crate::OneStepGaussNewton). The
+/// images equal those of that method for `correlation_frames = 0`. Images are `[frame, element]`,
+/// siemens (per square).
 ///
-/// Solved exactly. The eigenvectors of `W^1/2 J P J' W^1/2` (set-up) part the problem into `r`
-/// scalar ones with covariance `K`; that is the stationary process `a_t+1 = gamma a_t + noise` of
-/// variance `1 - gamma^2`, so a scalar Kalman smoother solves each in `O(frames)`, where an
-/// eigen-expansion of `K` takes the cube of the number of frames. Channels that are masked in all
-/// frames leave the set-up before (`m r^2 + 2 n r^2` flops); other masked channels make the smoother
-/// one of `r x r` covariances (`4 m r^2 + 5 r^3` flops a frame). No approximation is made in
-/// any of the three; the tests compare each with the dense solution.
+/// The problem is solved exactly. The eigenvectors of `W^1/2 J P J' W^1/2` (set-up) separate it into
+/// `r` scalar problems with covariance `K`. This is the stationary process
+/// `a_t+1 = gamma a_t + noise` with noise variance `1 - gamma^2`, so a scalar Kalman smoother solves
+/// each in `O(frames)`; an eigen-expansion of `K` would cost the cube of the number of frames.
+/// Channels masked in all frames are first removed from the set-up (`m r^2 + 2 n r^2` flops). Other
+/// masked channels require a smoother with `r x r` covariances (`4 m r^2 + 5 r^3` flops per frame).
+/// None of the three cases involves an approximation; the tests compare each with the dense solution.
 ///
-/// A frame without a good channel is interpolated from its neighbours. At most `8 r` bytes are kept
-/// for a frame, `8 r^2` after a masked channel.
+/// A frame without a good channel is interpolated from its neighbours. The smoother stores at most
+/// `8 r` bytes per frame, `8 r^2` after a masked channel.
 ///
 /// Source: Adler, Dai, Lionheart, *Physiol. Meas.* 28 (2007), S1-S11.
 #[derive(Debug, Clone)]
@@ -54,12 +54,13 @@ pub struct TimePrior {
 }
 
 impl TimePrior {
-    /// Set-up for a linearisation; `jacobian` is `[measurement, element]`, volts per siemens.
+    /// Sets up the method for a Jacobian `[measurement, element]`, volts per siemens.
     ///
-    /// Costs what [`OneStepGaussNewton::new`](crate::OneStepGaussNewton::new) does.
+    /// Costs the same as [`OneStepGaussNewton::new`](crate::OneStepGaussNewton::new).
     ///
     /// # Errors
-    /// As there; [`InverseError::OutOfRange`] for the correlation.
+    /// The errors of [`OneStepGaussNewton::new`](crate::OneStepGaussNewton::new);
+    /// [`InverseError::OutOfRange`] for the correlation.
     pub fn new(
         jacobian: &ArrayRef2<f64>,
         prior: &dyn Prior,
@@ -70,7 +71,7 @@ impl TimePrior {
             let quantity = "correlation_frames";
             return Err(InverseError::OutOfRange { quantity, value, must: "between 0 and 1e6" });
         }
-        // a negative zero passes the range
+        // -0.0 passes the range check
         let frames = value.abs();
         let process = Markov {
             decay: (-1.0 / frames).exp(),

@@ -1,9 +1,10 @@
-//! The proximal map of a ball, `|F' c - b| <= radius`, in the eigenvectors of `F' G F`.
+//! Proximal map of a ball, `|F' c - b| <= radius`, in the eigenvectors of `F' G F`.
 
-/// Newton steps for the multiplier of a data constraint: it converges from below in fewer.
+/// Maximum number of Newton steps for the multiplier of a data constraint; it converges in fewer.
 const MULTIPLIER_STEPS: usize = 60;
 
-/// The least `mu >= 0` with `sum (r / (1 + mu e))^2 <= square`; infinite for a ball without room.
+/// Returns the smallest `mu >= 0` with `sum (r / (1 + mu e))^2 <= square`; infinite if the radius is 0
+/// and the residual is not.
 ///
 /// `1 / norm` is concave and nearly linear in `mu`, so Newton on it converges from below, as for
 /// trust regions (Moré, Sorensen, *SIAM J. Sci. Stat. Comput.* 4 (1983) 553).
@@ -28,7 +29,7 @@ pub(crate) fn multiplier<I: Iterator<Item = (f64, f64)>>(
     }
     for _ in 0..MULTIPLIER_STEPS {
         let (sum, slope) = norm(mu);
-        // a hair inside, so that rounding does not leave the ball
+        // tolerance at the level of rounding errors
         let excess = (sum / square).sqrt() - 1.0;
         if excess <= 1e-13 || slope == 0.0 {
             break;
@@ -38,7 +39,7 @@ pub(crate) fn multiplier<I: Iterator<Item = (f64, f64)>>(
     mu
 }
 
-/// `mu r / (1 + mu e)`.
+/// Returns `mu r / (1 + mu e)`.
 #[inline(always)]
 pub(crate) fn dual(residual: f64, value: f64, mu: f64) -> f64 {
     match mu {

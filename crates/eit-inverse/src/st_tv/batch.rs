@@ -1,4 +1,4 @@
-//! The solver of one linearised skin: its set-up and settings.
+//! Solver for one linearised skin: set-up and settings.
 
 use super::data::Compression;
 use super::gradient::Gradient;
@@ -26,19 +26,21 @@ use pulp::Arch;
 /// to the first. Source: Duan, Taurand, Soleimani, *Sci. Rep.* 9 (2019) 8831, eq. 7.
 ///
 /// # Method
-/// Set-up expands the whitened Jacobian (see `data`): an iteration works on `rank` coefficients a
-/// frame. The iteration (see `engine`) is primal-dual with a map of step sizes for every 8 frames (see
-/// `step`): large where the image may move, small where it is flat, balanced by the norms of image and
-/// dual variables; nothing is tuned to a problem. Its duals are nearly feasible; where a bound is
-/// wanted, few cheap steps on them alone, with the force of the data held, bring them nearer (see
-/// `flow`), and what is left is removed exactly (see `certificate`). On the reference problem of
-/// 64 x 64 x 20 that takes 418 iterations to a gap of 1e-3; one step size for all took 1 225.
+/// Set-up computes a singular value decomposition of the whitened Jacobian (see `data`), so an
+/// iteration works on `rank` coefficients per frame. The iteration (see `engine`) is a primal-dual
+/// method with a map of step sizes for every block of 8 frames (see `step`): large steps where the
+/// image has gradients, small steps where it is flat, balanced by the norms of image and dual
+/// variables, without problem-specific tuning. The dual variables are nearly feasible. To compute a
+/// lower bound, a few cheap steps on the duals of space and time alone, with the data dual fixed,
+/// reduce the infeasibility (see `flow`), and the remainder is removed exactly (see `certificate`).
+/// The reference problem of 64 x 64 x 20 takes 418 iterations to a gap of 1e-3; a uniform step size
+/// took 1 225.
 #[derive(Debug, Clone)]
 pub struct StTv {
     pub(crate) settings: StTvSettings,
     pub(crate) gradient: Gradient,
     pub(crate) compression: Compression,
-    /// Channels that the protocol uses.
+    /// Number of used channels of the protocol.
     pub(crate) channels: usize,
     pub(crate) parts: Parts,
     pub(crate) single: Operators<f32>,
@@ -51,13 +53,14 @@ pub struct StTv {
 }
 
 impl StTv {
-    /// Sets up the solver for a Jacobian `[measurement, unknown]` and the gradient of the basis
-    /// that its columns stand for.
+    /// Sets up the solver for a Jacobian `[measurement, unknown]` and the gradient of the basis of
+    /// its columns.
     ///
     /// Costs a singular value decomposition, `O(m^2 n)` flops, and the factorisation of `D' D`.
     ///
     /// # Errors
-    /// Wrong lengths, settings out of range, a Jacobian that is not finite or zero.
+    /// Returns an error for wrong lengths, settings out of range, and a Jacobian that is not finite
+    /// or is zero.
     pub fn new(
         jacobian: &ArrayRef2<f64>,
         gradient: &Gradient,
@@ -98,33 +101,34 @@ impl StTv {
         })
     }
 
-    /// Independent directions of the data: coefficients a frame that the iteration works on.
+    /// Returns the numerical rank of the whitened Jacobian, which is the number of coefficients per
+    /// frame in the iteration.
     pub fn rank(&self) -> usize {
         self.compression.rank()
     }
 
-    /// Length of an image.
+    /// Returns the length of an image.
     pub fn unknowns(&self) -> usize {
         self.double.unknowns
     }
 
-    /// Measurements of the protocol.
+    /// Returns the number of measurements of the protocol.
     pub fn measurements(&self) -> usize {
         self.compression.measurements
     }
 
-    /// Channels of a frame that count.
+    /// Returns the number of used, unmasked channels of a frame.
     pub(crate) fn good_channels(&self, frames: &DifferenceFrames<'_>, frame: usize) -> usize {
         let used = self.compression.root_weights.iter().enumerate();
         used.filter(|&(i, w)| *w > 0.0 && frames.is_good(frame, i)).count()
     }
 
-    /// The settings in use.
+    /// Returns the settings in use.
     pub fn settings(&self) -> &StTvSettings {
         &self.settings
     }
 
-    /// Other weights or radius for the same Jacobian, bounds and noise; costs nothing.
+    /// Sets weights and data term for the same Jacobian, bounds and noise, without a new set-up.
     ///
     /// # Errors
     /// [`InverseError::OutOfRange`].
@@ -141,7 +145,8 @@ impl StTv {
         Ok(())
     }
 
-    /// When [`SequenceSolver::reconstruct_sequence`](crate::SequenceSolver::reconstruct_sequence) stops.
+    /// Sets the stopping rule of
+    /// [`SequenceSolver::reconstruct_sequence`](crate::SequenceSolver::reconstruct_sequence).
     pub fn set_stop(&mut self, stop: Stop) {
         self.stop = stop;
     }

@@ -1,11 +1,11 @@
-//! A causal stream: each frame anchored to the image before, with a certified gap.
+//! Causal stream: each frame is linked to the image before it and has a certified gap.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
 //! | `stream`, `settings` | [`CausalStream`]: events, units, rest |
-//! | `frame` | one frame: rounds of iterations, looks, budgets |
+//! | `frame` | one frame: rounds of iterations, evaluations, limits |
 //! | `iterate`, `map` | the iteration; its step sizes and exact data step |
-//! | `value`, `bound`, `proof` | objective of a candidate; lower bound; the flow that proves it |
+//! | `value`, `bound`, `proof` | objective of a candidate; lower bound; flow search for the bound |
 //! | `fields`, `differences`, `lanes` | arrays, gradient and inner loops over them |
 
 mod bound;

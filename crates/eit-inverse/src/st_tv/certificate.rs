@@ -1,7 +1,7 @@
 //! Primal value and rigorous dual lower bound of an iterate, in `f64`.
 //!
-//! Long because the steps of the bound, from an iterate's duals to a feasible point and its value, all
-//! work on one set of arrays; the passes over the unknowns are in `passes`.
+//! Over 300 lines because the steps of the bound, from an iterate's duals to a feasible point and its
+//! value, all work on one set of arrays; the passes over the unknowns are in `passes`.
 //!
 //! # The bound
 //! For any `y` (one vector a frame), `|q_g| <= lambda_space size_g`, `|q_t| <= lambda_time area` and
@@ -13,13 +13,13 @@
 //! h(p) = sum lower p where p < 0, upper p where p > 0
 //! ```
 //!
-//! An iterate fulfils the balls but the equation only nearly. A search from its duals, with `y` held,
-//! makes the error `e` smaller (see [`super::flow`]); the rest is removed exactly by a
-//! flow `D z` with `D' D z = e` (the smallest one), after `y` and `q_t` have taken up what `e` sums
-//! to on each connected part of the skin. Where `q - D z` then leaves a ball, all of `(y, q, q_t,
-//! p)` are scaled down, which keeps the equation; the best scale is chosen in closed form. So the
-//! bound needs no property of the iteration, of its step sizes or of `f32`: it holds for whatever
-//! comes in, up to the rounding of this evaluation (about 1e-13 of the objective).
+//! The duals of an iterate satisfy the ball constraints, but the equation only approximately. A search
+//! from these duals, with `y` fixed, reduces the error `e` (see [`super::flow`]). The remainder is
+//! removed exactly by the smallest flow `D z` with `D' D z = e`, after `y` and `q_t` have absorbed the
+//! sum of `e` over each connected part of the skin. If `q - D z` then leaves a ball, all of `(y, q,
+//! q_t, p)` are scaled down, which preserves the equation; the best scale has a closed form. The bound
+//! therefore does not depend on the iteration, its step sizes or `f32`: it is valid for any input, up
+//! to the rounding of this evaluation (about 1e-13 of the objective).
 
 use super::fit::DataSteps;
 use super::float::Float;
@@ -30,29 +30,30 @@ use super::problem::{DataTerm, Parts, Problem};
 use super::state::{PAD, State};
 use pulp::Arch;
 
-/// Weights above this, in the solver's units, change no result but would overflow `f32`.
+/// Largest weight, in the solver's units; larger weights do not change the result but would overflow
+/// `f32`.
 pub(crate) const LARGEST_WEIGHT: f64 = 1e8;
 
-/// What a bound is taken from.
+/// Iterate from which a bound is computed.
 pub(crate) struct Iterate<'a, T> {
     pub(crate) ops: &'a Operators<T>,
     pub(crate) state: &'a State<T>,
     pub(crate) data: &'a DataSteps<T>,
 }
 
-/// How a flow is sought.
+/// Settings of the search for a flow.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Effort {
     pub(crate) steps: usize,
-    /// Share by which its balls are larger than those that count: what does not fit is scaled down.
+    /// Relative enlargement of the balls during the search; the result is scaled down to fit.
     pub(crate) slack: f64,
 }
 
-/// Memory of an evaluation.
+/// Memory for an evaluation.
 #[derive(Debug, Clone)]
 pub(crate) struct Evaluation {
     stride: usize,
-    /// The candidate within bounds, `[unknown][stride]`.
+    /// The candidate, clipped to the bounds, `[unknown][stride]`.
     pub(crate) image: Vec<f64>,
     dual: Vec<f64>,
     time_dual: Vec<f64>,
@@ -66,12 +67,12 @@ pub(crate) struct Evaluation {
     pub(crate) residual: Vec<f64>,
     columns: [Vec<f64>; 2],
     sums: Vec<f64>,
-    /// System of the parts' balance, `[part][part + 1]`, and its rows, `[part][rank]`.
+    /// Linear system that balances the parts, `[part][part + 1]`, and its rows, `[part][rank]`.
     gram: Vec<f64>,
     forces: Vec<f64>,
-    /// Sums of the error and of what bounds take of it, `[part]`.
+    /// Sums of the error and of the bound duals, `[part]`.
     shares: Vec<[f64; 2]>,
-    /// Is a frame linked to its next one, `[frame]`.
+    /// Whether a frame is linked to the next one, `[frame]`.
     linked: Vec<bool>,
 }
 
@@ -99,8 +100,8 @@ impl Evaluation {
         }
     }
 
-    /// Objective of the state's candidate within bounds; infinite where it violates the data
-    /// constraint.
+    /// Returns the objective of the state's candidate, clipped to the bounds; infinite if it violates
+    /// a data constraint.
     pub(crate) fn primal<T: Float>(
         &mut self,
         arch: Arch,
@@ -130,7 +131,7 @@ impl Evaluation {
             self.residual[frame] = square.sqrt();
             match problem.data_term {
                 DataTerm::Penalised => sum += 0.5 * square,
-                // rounding of this evaluation, where data is 1
+                // tolerance for the rounding of this evaluation; the data has norm 1
                 DataTerm::Constrained(delta) => {
                     if square.sqrt() > delta[frame] * (1.0 + 1e-9) + 1e-12 {
                         sum = f64::INFINITY;
@@ -154,8 +155,8 @@ impl Evaluation {
         linked.for_each(|(frame, linked)| *linked = state.is_linked(frame));
     }
 
-    /// A lower bound on the optimum from the state's duals, its data dual and a flow that is sought
-    /// from there.
+    /// Computes a lower bound on the optimum from the state's duals, its data dual and a flow search
+    /// that starts from them.
     pub(crate) fn lower_bound<T: Float>(
         &mut self,
         arch: Arch,
@@ -193,7 +194,7 @@ impl Evaluation {
         self.scaled_value(arch, problem, state.frames)
     }
 
-    /// A lower bound from data duals alone, set in `data_dual`, where the image is constant.
+    /// Computes a lower bound from the data duals in `data_dual` alone, for a constant image.
     pub(crate) fn lower_bound_of_constant<T: Float>(
         &mut self,
         arch: Arch,
@@ -209,7 +210,7 @@ impl Evaluation {
         self.scaled_value(arch, problem, state.frames)
     }
 
-    /// Takes the duals of a flow, and leaves to the bounds what they take of its error.
+    /// Copies the duals of a flow and sets the bound duals, which absorb a part of its error.
     fn take_flow<T: Float>(&mut self, problem: &Problem<'_>, flow: &Flow<T>, how: Boxes) {
         self.dual.iter_mut().zip(&flow.dual).for_each(|(d, s)| *d = s.to_f64());
         if !self.time_dual.is_empty() {
@@ -224,7 +225,7 @@ impl Evaluation {
             let (e, [most, least]) = (e.to_f64(), how.limits(*x));
             *p = e.min(most).max(least) - e;
         }
-        // the force of a bound may not exceed what the frame has to hold
+        // the bound duals of a frame must not exceed the error that they balance
         let mut sums = std::mem::take(&mut self.shares);
         for frame in 0..frames {
             sums.fill([0.0; 2]);
@@ -243,8 +244,8 @@ impl Evaluation {
         self.shares = sums;
     }
 
-    /// Makes the error sum to zero on each part in each frame: over all frames by `y`, from frame
-    /// to frame by `q_t` (or by `y` alone without a time term).
+    /// Makes the error sum to zero on each part in each frame: `y` balances the sum over all frames,
+    /// `q_t` moves the rest from frame to frame (without a time term `y` does both).
     fn balance_parts(&mut self, problem: &Problem<'_>, frames: usize) {
         self.balance_by_data_twice(problem, frames);
         for part in 0..problem.parts.sizes.len() {
@@ -257,10 +258,10 @@ impl Evaluation {
         }
     }
 
-    /// Takes what the error of each part sums to over linked frames out of `y`.
+    /// Balances the error sum of each part over linked frames by changing `y`.
     fn balance_by_data_twice(&mut self, problem: &Problem<'_>, frames: usize) {
         self.part_sums(problem, frames);
-        // the second time takes the rounding of the first
+        // the second pass removes the rounding errors of the first
         for _ in 0..2 {
             let mut first = 0;
             while first < frames {
@@ -272,13 +273,13 @@ impl Evaluation {
         }
     }
 
-    /// Frames from `first` on that are linked one to the next.
+    /// Returns the run of linked frames that starts at `first`.
     fn run_from(&self, first: usize, frames: usize) -> std::ops::Range<usize> {
         let end = (first..frames).find(|&f| !self.linked[f]).map_or(frames, |f| f + 1);
         first..end
     }
 
-    /// Carries the part's sums of a run of linked frames to its last one.
+    /// Carries the sums of a part over a run of linked frames to its last frame.
     fn balance_by_links(
         &mut self,
         problem: &Problem<'_>,
@@ -302,8 +303,8 @@ impl Evaluation {
         self.sums[last * parts + part] += carried;
     }
 
-    /// `y_t -= sum_p theta_p a_tp` over the frames of `range`, so that the sums of all parts vanish
-    /// together, with `a_tp = A_t 1` on part `p`: least squares over the parts, which share `y`.
+    /// Applies `y_t -= sum_p theta_p a_tp` over the frames of `range`, so that the sums of all parts
+    /// vanish together, with `a_tp = A_t 1` on part `p`: least squares over the parts, which share `y`.
     fn balance_by_data(&mut self, problem: &Problem<'_>, range: std::ops::Range<usize>) {
         let parts = problem.parts.sizes.len();
         let rank = problem.ops.rank;
@@ -337,7 +338,7 @@ impl Evaluation {
         (self.gram, self.forces) = (gram, forces);
     }
 
-    /// Sums of the error over each part, `[frame][part]`; `D' q` sums to zero on each.
+    /// Sums the error over each part, `[frame][part]`; `D' q` sums to zero on each.
     fn part_sums(&mut self, problem: &Problem<'_>, frames: usize) {
         let (parts, stride, rank) = (problem.parts.sizes.len(), self.stride, problem.ops.rank);
         self.sums.fill(0.0);
@@ -369,7 +370,7 @@ impl Evaluation {
         }
     }
 
-    /// Coefficients of the data's force, `F y` of each frame.
+    /// Computes the coefficients of the force of the data, `F y` of each frame.
     fn set_force(&mut self, problem: &Problem<'_>, frames: usize) {
         let (rank, stride) = (problem.ops.rank, self.stride);
         self.coefficients.fill(0.0);
@@ -384,7 +385,7 @@ impl Evaluation {
         }
     }
 
-    /// The error of the equation, and its removal from `q`.
+    /// Computes the error of the equation and removes it from `q`.
     fn repair(&mut self, arch: Arch, problem: &Problem<'_>, frames: usize) {
         self.set_force(problem, frames);
         let (ops, stride) = (problem.ops, self.stride);
@@ -401,7 +402,7 @@ impl Evaluation {
         arch.dispatch(Subtract { ops, stride, potential: &self.error, dual: &mut self.dual });
     }
 
-    /// The bound at the best feasible scale.
+    /// Returns the bound at the best feasible scale.
     fn scaled_value(&self, arch: Arch, problem: &Problem<'_>, frames: usize) -> f64 {
         let unbalanced = self.unbalanced(problem, frames);
         let excess = arch.dispatch(Excess {
@@ -440,7 +441,7 @@ impl Evaluation {
         self.constant(problem) + scale * linear - 0.5 * scale * scale * square
     }
 
-    /// The part of the objective that no image can change.
+    /// Returns the part of the objective that does not depend on the image.
     fn constant(&self, problem: &Problem<'_>) -> f64 {
         match problem.data_term {
             DataTerm::Penalised => problem.targets.iter().map(|t| 0.5 * t.rest_squared).sum(),
@@ -448,7 +449,7 @@ impl Evaluation {
         }
     }
 
-    /// Is a part left whose sum is more than rounding?
+    /// Returns whether the sum of any part exceeds rounding error.
     fn unbalanced(&self, problem: &Problem<'_>, frames: usize) -> bool {
         let parts = problem.parts.sizes.len();
         (0..parts).any(|part| {
@@ -460,7 +461,7 @@ impl Evaluation {
         })
     }
 
-    /// `h(p)`.
+    /// Returns `h(p)`.
     fn support(&self, problem: &Problem<'_>, frames: usize) -> f64 {
         let Some([lower, upper]) = problem.bounds else { return 0.0 };
         let term = |p: f64| match p {
@@ -473,13 +474,13 @@ impl Evaluation {
     }
 }
 
-/// Solves `[n][n + 1]` rows of a semidefinite system with its right-hand side in the last column,
-/// which becomes the solution: elimination with diagonal pivots. Directions without power get
-/// nothing.
+/// Solves a semidefinite system `[n][n + 1]` with the right-hand side in the last column, which is
+/// replaced by the solution. Uses elimination with diagonal pivots; the solution is zero in null
+/// directions.
 fn solve_semidefinite(rows: &mut [f64], n: usize) {
     let width = n + 1;
     let floor = (0..n).map(|k| rows[k * width + k]).fold(0.0, f64::max) * 1e-12;
-    // the diagonal of a row that was a pivot is set to 1 at the end, and to -1 meanwhile
+    // a diagonal entry of -1 marks a row that has been a pivot
     for _ in 0..n {
         let mut pivot = None;
         let mut most = floor;
@@ -511,7 +512,7 @@ fn solve_semidefinite(rows: &mut [f64], n: usize) {
     }
 }
 
-/// Column of frame `frame` of `[rank][stride]`.
+/// Copies the column of one frame from `[rank][stride]`.
 pub(crate) fn gather<T: Float>(values: &[T], stride: usize, frame: usize, column: &mut [f64]) {
     for (k, c) in column.iter_mut().enumerate() {
         *c = values[k * stride + frame].to_f64();

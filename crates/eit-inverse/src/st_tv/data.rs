@@ -1,16 +1,17 @@
-//! The data of a sequence, compressed: measurements to coefficients in the space that the Jacobian
-//! can see.
+//! Compressed data of a sequence: coefficients in the row space of the Jacobian instead of
+//! measurements.
 //!
-//! With `W^1/2 J = U S V'` (singular values `S` above the rounding floor only), a frame is
+//! With `W^1/2 J = U S V'` (only singular values `S` above the rounding floor), the data term of a
+//! frame is
 //!
 //! ```text
 //! |W^1/2 (J x - dv)|^2 = |S V' x - U' W^1/2 dv|^2 + rest^2
 //! ```
 //!
-//! exactly: reciprocal measurements fall into one coefficient with the weight of both, duplicate
-//! and zero rows cost nothing, and the iteration sees `rank` numbers a frame instead of all
-//! measurements. A frame with masked channels keeps the basis `V`: the rows left of `U S` are factored
-//! (see `seen`), and one set of masked channels once, however many frames share it.
+//! exactly. Reciprocal measurements merge into one coefficient with the weight of both, duplicate and
+//! zero rows cost nothing, and the iteration handles `rank` numbers per frame instead of all
+//! measurements. A frame with masked channels keeps the basis `V`; the remaining rows of `U S` are
+//! factored (see `seen`), once per set of masked channels, however many frames share it.
 
 mod compression;
 pub(crate) mod seen;
@@ -21,9 +22,9 @@ pub(crate) use seen::{Seen, Target};
 use crate::check::check_length;
 use crate::{DifferenceFrames, InverseError};
 
-/// What a whole sequence sees, and its targets.
+/// Compressed data terms of a whole sequence.
 pub(crate) struct SequenceData {
-    /// The first one is that of frames with all channels.
+    /// One data operator per set of good channels; the first is that of frames with all channels.
     pub(crate) modes: Vec<Seen>,
     /// Index into `modes`, `[frame]`.
     pub(crate) mode_of: Vec<usize>,

@@ -1,4 +1,4 @@
-//! Small dense matrices of data steps, by rows.
+//! Small dense row-major matrices for the data steps.
 
 use super::kernel::dot;
 use crate::InverseError;
@@ -7,7 +7,7 @@ use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_
 use faer::{Col, Mat, Par, Spec};
 use pulp::{Simd, WithSimd};
 
-/// Inverse of a symmetric matrix whose eigenvalues are 1 or more, in place.
+/// Inverts a symmetric matrix whose eigenvalues are at least 1, in place.
 pub(crate) struct Invert<'a> {
     pub(crate) matrix: &'a mut [f64],
     pub(crate) n: usize,
@@ -16,7 +16,7 @@ pub(crate) struct Invert<'a> {
 impl WithSimd for Invert<'_> {
     type Output = ();
 
-    /// Gauss-Jordan without a search for pivots: with eigenvalues of 1 or more none is below 1.
+    /// Gauss-Jordan elimination without pivoting: with eigenvalues of at least 1, no pivot is below 1.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let Self { matrix, n } = self;
@@ -37,7 +37,7 @@ impl WithSimd for Invert<'_> {
     }
 }
 
-/// `F' G F` by rows of `F'`.
+/// Computes `F' G F` from the rows of `F'`.
 pub(crate) struct Congruent<'a> {
     pub(crate) f: &'a [f64],
     pub(crate) gram: &'a [f64],
@@ -68,7 +68,7 @@ impl WithSimd for Congruent<'_> {
     }
 }
 
-/// Memory of the eigenvalues, which only a constrained data term needs.
+/// Memory for an eigenvalue decomposition, needed only by a constrained data term.
 pub(crate) struct Eigen {
     matrix: Mat<f64>,
     vectors: Mat<f64>,
@@ -94,7 +94,7 @@ impl Eigen {
         }
     }
 
-    /// Eigenvalues and eigenvectors, by rows, of a symmetric matrix.
+    /// Computes the eigenvalues and eigenvectors (as rows) of a symmetric matrix.
     pub(crate) fn set(
         &mut self,
         matrix: &[f64],
@@ -102,7 +102,7 @@ impl Eigen {
         values: &mut [f64],
         vectors: &mut [f64],
     ) -> Result<(), InverseError> {
-        // of fewer rows than ranks the rest is zero, with unit vectors of its own
+        // the matrix may be smaller than the memory; the rest stays zero
         self.matrix.fill(0.0);
         for i in 0..n {
             for j in 0..n {

@@ -12,28 +12,27 @@
 //! ```
 //!
 //! with the steps `T` and `Sigma` of a map (see [`super::step`]) and `rho` = 1.9. `gamma` smooths the
-//! norms a little (Huber), so that the duals of flat places come to rest; it is far below what the
-//! gap asked for would notice.
+//! norms slightly (Huber), so that the duals of flat regions converge; its effect is far below the
+//! requested gap.
 //!
 //! # One sweep
-//! What follows the data step of one iteration and what comes before that of the next needs of an
-//! unknown only its neighbours. So both run in one sweep over blocks of unknowns: a block gets its
-//! image; the groups that it completes get their duals; the blocks which those complete get their
-//! `w` and give their share of `V' w`. The basis, the largest array, comes from memory once, and
-//! everything else once to be read and once to be written.
+//! The operations after the data step of one iteration and before that of the next involve only the
+//! neighbours of an unknown. Both therefore run in one sweep over blocks of unknowns: update the image
+//! of a block; update the duals of the groups that it completes; compute `w`, and its contribution to
+//! `V' w`, of the blocks that those groups complete. The basis, the largest array, is read from memory
+//! once, and everything else is read once and written once.
 //!
 //! # Head and tail
-//! Singular values of an electrode array fall by a million from the first to the last. Where
-//! `T s^2` is small an explicit step serves as well as the exact one: these directions, the tail,
-//! enter as a constant force `V (s y)`, `y = s c - b`, that is brought up to date every
-//! [`REFRESH`] iterations, and the products run over the head alone. The fixed point is the same.
+//! The singular values of an electrode array decrease by a factor of a million from first to last.
+//! Where `T s^2` is small, an explicit step works as well as the exact one. These directions, the
+//! tail, enter as a constant force `V (s y)`, `y = s c - b`, which is updated every [`REFRESH`]
+//! iterations, and the products run over the head only. The fixed point is the same.
 //!
 //! # Cost
-//! Per iteration `4 n h T` flops in two dense products (`n` unknowns, `h` the head's rank, `T`
-//! frames, padded to a multiple of 8) and 5 arrays of `n T` values, read, 4 of them written. For
-//! 64 x 64 x 20 (`n` = 3228, `h` = 56 of 104, 80 in a proof) that is 14.5 Mflop and 0.7 + 2.8 MB in
-//! `f32`.
-//! docs/PERFORMANCE.md has the measured time against that floor.
+//! Per iteration `4 n h T` flops in two dense products (`n` unknowns, `h` the rank of the head, `T`
+//! frames, padded to a multiple of 8), and 5 arrays of `n T` values read, 4 of them written. For
+//! 64 x 64 x 20 (`n` = 3228, `h` = 56 of 104, 80 with the step map of a proof) that is 14.5 Mflop and
+//! 0.7 + 2.8 MB in `f32`. docs/PERFORMANCE.md compares the measured time with this minimum.
 //!
 //! The passes themselves are in `sweep`.
 
@@ -45,7 +44,7 @@ use super::sweep::{Analyse, Descend, Pull, Scaled, Sweep};
 use pulp::Arch;
 
 impl<T: Float> State<T> {
-    /// One iteration. With `keep` the unrelaxed image is kept as the candidate.
+    /// Performs one iteration. With `keep` the unrelaxed image is stored as the candidate.
     pub(crate) fn iterate(
         &mut self,
         arch: Arch,
@@ -68,7 +67,7 @@ impl<T: Float> State<T> {
         self.age += 1;
     }
 
-    /// Brings the force of the tail up to date.
+    /// Updates the force of the tail.
     fn refresh_tail(&mut self, arch: Arch, ops: &Operators<T>, data: &mut DataSteps<T>) {
         self.age = 0;
         if self.head < ops.padded_rank {

@@ -1,4 +1,4 @@
-//! The exact data step of an iteration in the metric of the step map.
+//! Exact data step of an iteration in the metric of the step map.
 //!
 //! ```text
 //! x^ = argmin data(x) + |x - w|^2_{T^-1} / 2  =  w - T V F y
@@ -6,10 +6,11 @@
 //! constrained:  y = E mu r / (1 + mu e),       r = E' (F' V' w - b),  F' G F = E diag(e) E'
 //! ```
 //!
-//! with what the channels of a frame see, `|F' c - b|`, of the coefficients `c = V' x`. Frames of one
-//! block that have the same channels share one such step.
+//! with the data residual `|F' c - b|` of a frame's channels in terms of the coefficients `c = V' x`.
+//! Frames of one block that have the same channels share one such step.
 //!
-//! Long because a step map, the channels of a frame and its data each keep the same steps in order.
+//! Over 300 lines because changes of the step map, of the channels and of the data all update the same
+//! set of steps.
 
 mod kernels;
 
@@ -24,48 +25,48 @@ use crate::InverseError;
 use kernels::{Apply, CHUNK, Gram};
 use pulp::Arch;
 
-/// The data steps of all frames.
+/// Data steps of all frames.
 #[derive(Debug)]
 pub(crate) struct DataSteps<T> {
-    /// Ranks that take part, a multiple of [`RANKS`]; see [`super::engine`] for the others.
+    /// Number of ranks in the exact step, a multiple of [`RANKS`]; see [`super::engine`] for the others.
     head: usize,
     /// `G` of each block of frames, `[block][rank][rank]`; empty before the first step map.
     gram: Vec<f64>,
     steps: Vec<DataStep<T>>,
-    /// Steps in use, the first ones.
+    /// Number of steps in use, at the start of `steps`.
     used: usize,
-    /// The step of each frame.
+    /// Index of each frame's step.
     step_of: Vec<usize>,
     /// `S` of the whole protocol, `[padded rank]`.
     singular: Vec<T>,
     /// `b` in the coordinates of each frame's step, `[padded rank][stride]`.
     targets: Vec<T>,
-    /// What is left of the data: `M^-1 y`, or `E' y` where it is constrained, `[padded rank][stride]`.
+    /// Residual: `M^-1 y`, or `E' y` for constrained data, `[padded rank][stride]`.
     residual: Vec<T>,
     force: Vec<T>,
     columns: [Vec<[T; LANES]>; 2],
-    /// Rows of `T^1/2 V` of some unknowns, `[unknown][padded rank]`, and the sum of their products.
+    /// Rows of `T^1/2 V` of a chunk of unknowns, `[unknown][padded rank]`, and the sum of their products.
     scaled: Vec<T>,
     product: Vec<T>,
     half: Vec<f64>,
     matrix: Vec<f64>,
     eigen: Option<Eigen>,
-    /// Share of its radius that a data constraint is drawn in by, see [`margin`].
+    /// Relative reduction of the radius of a data constraint, see [`margin`].
     margin: f64,
-    /// Part of it that is left when a solve takes long.
+    /// Factor on the margin, which decreases during a long solve.
     pub(crate) fading: f64,
 }
 
-/// The step of frames of one block that have the same channels.
+/// Data step of the frames of one block that have the same channels.
 #[derive(Debug)]
 struct DataStep<T> {
     block: usize,
     good: Vec<bool>,
     is_whole: bool,
-    /// Does a frame of the block use it?
+    /// Frames of the block that use this step.
     lanes: [bool; LANES],
     rows: usize,
-    /// `F'`, or `E' F'`, `[row][head]`; not used by whole penalised frames.
+    /// `F'`, or `E' F'`, `[row][head]`; not used by penalised frames without masked channels.
     forward: Vec<T>,
     /// `F M`, or `F E`, `[head][row]`.
     back: Vec<T>,
@@ -73,12 +74,12 @@ struct DataStep<T> {
     values: Vec<f64>,
     /// `M` or `E'`, by rows.
     turn: Vec<f64>,
-    /// Squared radius of each frame.
+    /// Squared constraint radius of each frame.
     squares: [f64; LANES],
 }
 
 impl<T: Float> DataSteps<T> {
-    /// Room for the steps of these frames: `most` different ones at first.
+    /// Allocates memory for the steps of these frames, initially for `most` different ones.
     pub(crate) fn new(
         problem: &Problem<'_>,
         ops: &Operators<T>,
@@ -113,7 +114,7 @@ impl<T: Float> DataSteps<T> {
         }
     }
 
-    /// Takes another step map.
+    /// Sets up the data steps for a new step map.
     pub(crate) fn set_map(
         &mut self,
         arch: Arch,
@@ -129,7 +130,7 @@ impl<T: Float> DataSteps<T> {
         self.assign(arch, problem, ops, state)
     }
 
-    /// `G` of a block of frames.
+    /// Computes `G` of a block of frames.
     fn set_gram(&mut self, arch: Arch, ops: &Operators<T>, state: &State<T>, block: usize) {
         let (head, rank, padded) = (self.head, ops.rank, ops.padded_rank);
         let Self { scaled, product, gram, .. } = self;
@@ -137,7 +138,7 @@ impl<T: Float> DataSteps<T> {
         let own = &mut gram[block * rank * rank..][..rank * rank];
         for i in 0..head.min(rank) {
             for j in 0..=i {
-                // the upper triangle is what was computed
+                // only the upper triangle was computed
                 let value = product[j * padded + i].to_f64();
                 own[i * rank + j] = value;
                 own[j * rank + i] = value;
@@ -145,7 +146,7 @@ impl<T: Float> DataSteps<T> {
         }
     }
 
-    /// Gives each frame the step of its channels; new ones are made where there is none yet.
+    /// Assigns to each frame the step of its channels, building missing ones.
     pub(crate) fn assign(
         &mut self,
         arch: Arch,
@@ -160,7 +161,7 @@ impl<T: Float> DataSteps<T> {
         for step in &mut self.steps[..self.used] {
             step.lanes = [false; LANES];
         }
-        // steps that no frame uses any more make room
+        // mark the steps still in use; the others can be overwritten
         for frame in 0..state.frames {
             if let Some(index) = self.find(problem, frame) {
                 self.steps[index].lanes[frame % LANES] = true;
@@ -211,7 +212,7 @@ impl<T: Float> DataSteps<T> {
         }
     }
 
-    /// Makes the step of a block for these channels.
+    /// Builds the step of a block for these channels.
     fn build(
         &mut self,
         arch: Arch,
@@ -278,12 +279,12 @@ impl<T: Float> DataSteps<T> {
         Ok(index)
     }
 
-    /// The data's dual of a frame, `[row of F']`.
+    /// Writes the data dual of a frame, `[row of F']`.
     pub(crate) fn dual(&self, frame: usize, stride: usize, out: &mut [f64]) {
         let step = &self.steps[self.step_of[frame]];
         let rows = step.rows;
         let own = |k: usize| self.residual[k * stride + frame].to_f64();
-        // behind the head of whole frames the residual is the dual
+        // beyond the head of frames without masked channels the residual is the dual
         for (k, y) in out.iter_mut().enumerate() {
             *y = if step.is_whole { own(k) } else { 0.0 };
         }
@@ -299,7 +300,7 @@ impl<T: Float> DataSteps<T> {
         }
     }
 
-    /// Replaces the tail's coefficients `c` of the image by their force `s y`, `y = s c - b`.
+    /// Replaces the image coefficients `c` of the tail by their force `s y`, `y = s c - b`.
     pub(crate) fn pull(&mut self, coefficients: &mut [T], stride: usize, frames: usize) {
         for k in self.head..coefficients.len() / stride {
             for t in 0..frames {
@@ -311,7 +312,7 @@ impl<T: Float> DataSteps<T> {
         }
     }
 
-    /// Replaces the head's coefficients of `w`, `[rank][stride]`, by the force of the data.
+    /// Replaces the coefficients of `w` in the head, `[rank][stride]`, by the force of the data.
     pub(crate) fn apply(&mut self, arch: Arch, coefficients: &mut [T], stride: usize) {
         arch.dispatch(Apply { steps: self, coefficients, stride });
     }
@@ -334,7 +335,7 @@ impl<T: Float> DataStep<T> {
         }
     }
 
-    /// `F'` and `F M`.
+    /// Sets `F'` and `F M`.
     fn take_penalised(&mut self, head: usize, rank: usize, mode: &Seen) {
         let rows = self.rows;
         let rows_of = self.turn.chunks_exact(rows.max(1)).enumerate().take(rows);
@@ -365,8 +366,10 @@ impl<T: Float> DataStep<T> {
     }
 }
 
-/// Ranks that need the exact step: an explicit one must not overshoot before the tail is brought up
-/// to date. All of them where the data does not separate by ranks.
+/// Returns the number of ranks that need the exact step.
+///
+/// In the others an explicit step must not overshoot between two updates of the tail. All ranks need
+/// the exact step if the data does not separate by ranks.
 fn head<T: Float>(problem: &Problem<'_>, ops: &Operators<T>, state: &State<T>) -> usize {
     let whole = |&mode: &usize| problem.modes[mode].is_whole;
     if problem.data_term != DataTerm::Penalised || !problem.mode_of.iter().all(whole) {
@@ -378,8 +381,9 @@ fn head<T: Float>(problem: &Problem<'_>, ops: &Operators<T>, state: &State<T>) -
     strong.next_multiple_of(RANKS).clamp(RANKS, ops.padded_rank)
 }
 
-/// Share of its radius that a data constraint is drawn in by, so that the rounding of the iteration
-/// leaves the image feasible, and moving it into its bounds too: that is a small part of the gap asked.
+/// Returns the relative reduction of the radius of a data constraint. It keeps the image feasible
+/// despite rounding in the iteration and clipping to the bounds, and is small compared with the
+/// requested gap.
 fn margin(rounding: f64, problem: &Problem<'_>, target_gap: f64) -> f64 {
     let of_bounds = if problem.bounds.is_some() { 0.05 * target_gap.min(1.0) } else { 0.0 };
     (1e3 * rounding).max(of_bounds)

@@ -1,4 +1,4 @@
-//! The two floating point types that the iteration runs in.
+//! The two floating-point types of the iteration.
 
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
@@ -17,7 +17,7 @@ pub(crate) trait Float:
     + Div<Output = Self>
     + 'static
 {
-    /// Distance from 1 to the next number.
+    /// Distance from 1 to the next larger number.
     const EPSILON: f64;
 
     fn from_f64(value: f64) -> Self;
@@ -50,7 +50,7 @@ macro_rules! float {
             fn sqrt(self) -> Self {
                 <$t>::sqrt(self)
             }
-            // by comparison, not by `max`: one instruction, and no NaN can be in play
+            // comparison instead of `max`: a single instruction, and NaN cannot occur here
             #[inline(always)]
             fn max(self, other: Self) -> Self {
                 if self > other { self } else { other }

@@ -1,15 +1,18 @@
-//! The flow of a proof: with the force of the data fixed, duals of space and time that balance it.
+//! Search for spatial and temporal duals that balance a fixed force of the data, for a lower bound.
 //!
-//! An iterate's duals balance the force of its data only nearly. With that force held, few cheap steps
-//! on the duals alone, without a product with the basis, bring them much nearer: FISTA (Beck,
-//! Teboulle, *SIAM J. Imaging Sci.* 2 (2009) 183) on
+//! The duals of an iterate balance the force of its data only approximately. With that force fixed, a
+//! few cheap steps on these duals alone, without products with the basis, reduce the error
+//! substantially: FISTA (Beck, Teboulle, *SIAM J. Imaging Sci.* 2 (2009) 183) on
 //!
 //! ```text
 //! min  |e - p|^2 / 2,    e = f + D' q + D_t' q_t,    |q| and |q_t| within their balls times `larger`
 //! ```
 //!
-//! where `p` is what bounds take of the error: all of one sign where the image is at its bound, and
-//! where it is not, what exceeds a multiple of its distance.
+//! where `p` is the part of the error that bounds absorb: the entire error of one sign if the image is
+//! at its bound, otherwise the excess over a multiple of the distance to the bound.
+//!
+//! Over 300 lines because the steps on pairs, single rows and time share one layout and are inlined
+//! into one function.
 
 use super::float::Float;
 use super::kernel::{LANES, PANEL, add_row, add_scaled, lanes, row, row_mut, synthesise};
@@ -18,39 +21,39 @@ use super::state::{PAD, State};
 use super::sweep::differences;
 use pulp::{Arch, Simd, WithSimd};
 
-/// Duals of a proof in the making.
+/// Duals and memory of the search.
 #[derive(Debug)]
 pub(crate) struct Flow<T> {
     stride: usize,
     /// `V F y`.
     pub(crate) coefficients: Vec<T>,
     force: Vec<T>,
-    /// `e`, with [`PAD`] values after.
+    /// `e`, followed by [`PAD`] values.
     pub(crate) error: Vec<T>,
     pub(crate) dual: Vec<T>,
     ahead: Vec<T>,
-    /// With [`PAD`] zeros before.
+    /// Preceded by [`PAD`] zeros.
     pub(crate) time_dual: Vec<T>,
     time_ahead: Vec<T>,
     links: Vec<T>,
-    /// The image at hand; empty without bounds.
+    /// The current image; empty without bounds.
     image: Vec<T>,
 }
 
-/// Radii and steps.
+/// Radii, bounds and number of steps.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Boxes {
     pub(crate) steps: usize,
     pub(crate) lambda_space: f64,
     pub(crate) lambda_time: f64,
     pub(crate) bounds: Option<[f64; 2]>,
-    /// A force from a bound costs as much as the image is away from it, in units of the error.
+    /// Threshold of the error for a bound to absorb it, per distance of the image from the bound.
     pub(crate) per_image: f64,
 }
 
 impl Boxes {
-    /// Most that the error may be above zero where the image is `x`, and least below, before bounds
-    /// take it.
+    /// Returns the largest positive and the most negative error that the bounds do not absorb where the
+    /// image is `x`.
     pub(crate) fn limits(&self, x: f64) -> [f64; 2] {
         let Some([lower, upper]) = self.bounds else { return [f64::INFINITY, f64::NEG_INFINITY] };
         let room = |distance: f64| if distance == 0.0 { 0.0 } else { self.per_image * distance };
@@ -76,7 +79,7 @@ impl<T: Float> Flow<T> {
         }
     }
 
-    /// Takes the duals of an iterate, and seeks from there; `image` is the one within bounds.
+    /// Searches from the duals of an iterate; `image` is clipped to the bounds.
     pub(crate) fn seek(
         &mut self,
         arch: Arch,
@@ -114,7 +117,7 @@ impl<T: Float> WithSimd for Seek<'_, T> {
         let flow = &mut *self.flow;
         std::mem::swap(&mut flow.ahead, &mut flow.dual);
         std::mem::swap(&mut flow.time_ahead, &mut flow.time_dual);
-        // the error of the last duals, not of those ahead
+        // the error of the last duals, not of the extrapolated ones
         for block in 0..self.ops.ready.len() {
             self.pull(block, false);
         }
@@ -125,7 +128,7 @@ impl<T: Float> WithSimd for Seek<'_, T> {
 }
 
 impl<T: Float> Seek<'_, T> {
-    /// The force, and the duals moved into their balls.
+    /// Computes the force and projects the duals onto their balls.
     #[inline(always)]
     fn begin(&mut self) {
         let Self { flow, ops, how } = self;
@@ -178,7 +181,8 @@ impl<T: Float> Seek<'_, T> {
         }
     }
 
-    /// The error of the duals ahead on a block; with `soft` what bounds leave of it.
+    /// Computes the error of the extrapolated duals on a block; with `soft`, the part that bounds do not
+    /// absorb.
     #[inline(always)]
     fn pull(&mut self, block: usize, soft: bool) {
         let Self { flow, ops, how } = self;
@@ -281,14 +285,14 @@ impl<T: Float> Seek<'_, T> {
     }
 }
 
-/// The next dual, and where its momentum carries it.
+/// Updates a dual and its extrapolation by momentum.
 #[inline(always)]
 fn advance<T: Float>(q: &mut [T; LANES], ahead: &mut [T; LANES], new: [T; LANES], momentum: T) {
     *ahead = lanes(|l| momentum.mul_add(new[l] - q[l], new[l]));
     *q = new;
 }
 
-/// `1 / |[D; D_t]|^2`.
+/// Returns the step size `1 / |[D; D_t]|^2`.
 #[inline(always)]
 fn step_size<T: Float>(ops: &Operators<T>, time_dual: &[T]) -> T {
     let time = if time_dual.is_empty() { 0.0 } else { 4.0 };

@@ -1,57 +1,59 @@
-//! The sparse spatial difference operator behind every total variation.
+//! Sparse spatial difference operator of the total variation.
 
 use crate::InverseError;
 use eit_mesh::Surface;
 use ndarray::ArrayRef2;
 
-/// Spatial differences of an image in groups: the total variation of an image `x` is
-/// `sum_g |D_g x|_2`, where a group `g` holds one or two rows of the operator `D`.
+/// Spatial difference operator whose rows form groups.
+///
+/// The total variation of an image `x` is `sum_g |D_g x|_2`, where a group `g` consists of one or two
+/// rows of the operator `D`.
 ///
 /// | basis | group | `D_g x` | unit of the sum |
 /// |---|---|---|---|
-/// | [`pixels`](Self::pixels) | a pixel | differences to its right and lower neighbour, times the pixel's edge | S m |
-/// | [`nodal`](Self::nodal) | a triangle | gradient in its plane times its area | S m |
-/// | [`elements`](Self::elements) | an inner edge | jump across it times its length | S m |
+/// | [`pixels`](Self::pixels) | pixel | differences to right and lower neighbour, times pixel edge | S m |
+/// | [`nodal`](Self::nodal) | triangle | gradient in its plane times its area | S m |
+/// | [`elements`](Self::elements) | inner edge | jump across the edge times its length | S m |
 ///
-/// All three are `integral |grad x| dA` of the image they stand for, exactly so for nodal and
-/// element images; the sum over pixels is the isotropic one-sided form (rotation invariant up to
-/// the pixel size). Differences are never taken across the rim, a hole or the edge of the mask, and
-/// nothing wraps around.
+/// All three equal `integral |grad x| dA` of the represented image, exactly for nodal and element
+/// images; the sum over pixels is the isotropic one-sided discretisation (rotation invariant up to
+/// the pixel size). No difference crosses the outer boundary, a hole or the edge of the mask, and
+/// there are no periodic boundaries.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gradient {
     unknowns: usize,
     components: usize,
-    /// Entries of row `r`: `row_starts[r]..row_starts[r + 1]`; rows of a group are consecutive.
+    /// Row `r` has the entries `row_starts[r]..row_starts[r + 1]`; rows of a group are consecutive.
     row_starts: Vec<usize>,
     columns: Vec<u32>,
     values: Vec<f64>,
-    /// Area that each unknown stands for.
+    /// Area of each unknown.
     areas: Vec<f64>,
-    /// The grid of pixels; `None` on other bases.
+    /// Pixel grid; `None` on other bases.
     raster: Option<Raster>,
 }
 
-/// Where the unknowns of a basis of pixels lie.
+/// Pixel grid of a basis of pixels.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Raster {
-    /// Columns of the grid.
+    /// Number of columns of the grid.
     pub(crate) width: usize,
-    /// Place in the grid, row by row, of each unknown.
+    /// Row-major grid index of each unknown.
     pub(crate) cells: Vec<usize>,
     /// Edge of a pixel, metres.
     pub(crate) pixel_m: f64,
 }
 
 impl Gradient {
-    /// One-sided differences on the pixels inside `mask` `[row, column]`, unknowns in row-major
-    /// order of the pixels inside (as [`eit_mesh::Raster::masked_pixels`]).
+    /// Creates one-sided differences on the pixels inside `mask` `[row, column]`.
     ///
-    /// `pixel_m` is the edge of a pixel in metres. With 1 the sums are plain differences of pixel
-    /// values.
+    /// The unknowns are the pixels inside the mask, in row-major order (as in
+    /// [`eit_mesh::Raster::masked_pixels`]). `pixel_m` is the edge length of a pixel in metres; with 1
+    /// the sums are plain differences of pixel values.
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`] for a mask without a pixel; [`InverseError::OutOfRange`] for
-    /// an edge that is not positive and finite.
+    /// [`InverseError::WrongLength`] for a mask without a pixel; [`InverseError::OutOfRange`] for an
+    /// edge length that is not positive and finite.
     pub fn pixels(mask: &ArrayRef2<bool>, pixel_m: f64) -> Result<Self, InverseError> {
         crate::check::check_positive("pixel_m", pixel_m)?;
         let unknowns = mask.iter().filter(|inside| **inside).count();
@@ -80,9 +82,10 @@ impl Gradient {
         Ok(this)
     }
 
-    /// Gradients of an image that is linear on each triangle, unknowns at the nodes. On a curved
-    /// surface the gradient is the one in the triangle's plane: isotropic and independent of the
-    /// surface's position in space.
+    /// Creates gradients of an image that is linear on each triangle, with unknowns at the nodes.
+    ///
+    /// On a curved surface the gradient is taken in the plane of the triangle: it is isotropic and
+    /// independent of the position of the surface in space.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`] for a surface without a node.
@@ -103,7 +106,7 @@ impl Gradient {
         Ok(this)
     }
 
-    /// Jumps of an image that is constant on each triangle, unknowns on the triangles.
+    /// Creates jumps of an image that is constant on each triangle, with unknowns on the triangles.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`] for a surface without a triangle.
@@ -135,46 +138,47 @@ impl Gradient {
         self.row_starts.push(self.columns.len());
     }
 
-    /// The grid of pixels, where the basis is one.
+    /// Returns the pixel grid of a basis of pixels.
     pub(crate) fn raster(&self) -> Option<&Raster> {
         self.raster.as_ref()
     }
 
-    /// Length of an image.
+    /// Returns the length of an image.
     pub fn unknowns(&self) -> usize {
         self.unknowns
     }
 
-    /// Number of groups.
+    /// Returns the number of groups.
     pub fn groups(&self) -> usize {
         self.rows() / self.components
     }
 
-    /// Rows of a group: 1 or 2.
+    /// Returns the number of rows per group, 1 or 2.
     pub fn components(&self) -> usize {
         self.components
     }
 
-    /// Rows of the operator.
+    /// Returns the number of rows of the operator.
     pub fn rows(&self) -> usize {
         self.row_starts.len() - 1
     }
 
-    /// Columns and values of a row; rows of group `g` are `g c .. g c + c`.
+    /// Returns the columns and values of a row. With `c` components, group `g` consists of the rows
+    /// `g c .. g c + c`.
     ///
     /// # Panics
-    /// Where the row does not exist.
+    /// Panics if the row does not exist.
     pub fn row(&self, row: usize) -> (&[u32], &[f64]) {
         let range = self.row_starts[row]..self.row_starts[row + 1];
         (&self.columns[range.clone()], &self.values[range])
     }
 
-    /// Area that each unknown stands for, square metres: the weight of its changes in time.
+    /// Returns the area of each unknown in square metres, which weights its changes in time.
     pub fn areas_m2(&self) -> &[f64] {
         &self.areas
     }
 
-    /// `sum_g |D_g x|_2`, siemens metre for an image in siemens.
+    /// Returns the total variation `sum_g |D_g x|_2`, in siemens metre for an image in siemens.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`].
@@ -191,8 +195,8 @@ impl Gradient {
         Ok((0..self.groups()).map(group).sum())
     }
 
-    /// Connected parts: label of each unknown and their count. An image that is constant on each
-    /// part has no total variation.
+    /// Returns the label of the connected part of each unknown and the number of parts. The total
+    /// variation of an image that is constant on each part is zero.
     pub(crate) fn parts(&self) -> (Vec<u32>, usize) {
         let mut parent: Vec<u32> = (0..self.unknowns as u32).collect();
         fn root(parent: &mut [u32], mut x: u32) -> u32 {
@@ -206,7 +210,7 @@ impl Gradient {
             let columns = self.row(row).0;
             for pair in columns.windows(2) {
                 let (a, b) = (root(&mut parent, pair[0]), root(&mut parent, pair[1]));
-                // the smaller index becomes the root: labels do not depend on the order of rows
+                // the smaller index becomes the root, so labels do not depend on the order of rows
                 parent[a.max(b) as usize] = a.min(b);
             }
         }
@@ -243,8 +247,8 @@ fn norm(a: [f64; 3]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// Area times the gradient of each corner's hat function, `[component][corner]`, in an orthonormal
-/// frame of the triangle's plane: half the opposite edge turned by a right angle.
+/// Returns the area times the gradient of each corner's hat function, `[component][corner]`, in an
+/// orthonormal frame of the triangle's plane. This is half the opposite edge, rotated by 90 degrees.
 fn nodal_gradient(corners: [[f64; 3]; 3]) -> [[f64; 3]; 2] {
     let (first, second) = (subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
     let length = norm(first);

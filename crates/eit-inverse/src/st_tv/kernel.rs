@@ -1,27 +1,27 @@
 //! Inner loops over blocks of frames. Everything here is `inline(always)`, so that it is compiled
-//! for the widest registers of the machine inside `pulp`'s dispatch (see `engine`).
+//! for the widest SIMD registers of the machine inside `pulp`'s dispatch (see `engine`).
 //!
-//! Layout: a value of unknown `p` at frame `t` is at `p * stride + t`, `stride` a multiple of
+//! Layout: the value of unknown `p` at frame `t` is at `p * stride + t`, with `stride` a multiple of
 //! [`LANES`]. All arithmetic runs along the frames, so that it is the same for every basis and an
 //! index is loaded once per row of frames.
 //!
-//! Both products read the basis in one order, panels of [`PANEL`] unknowns `[panel][rank]`, so that
-//! it is stored, and comes from memory, once. Sums stay in registers: four rows of 16 lanes are 8
-//! of the 16 registers of 256 bits, enough to hide the latency of an addition (12 spill).
+//! Both products read the basis in the same order, panels of [`PANEL`] unknowns `[panel][rank]`, so
+//! that it is stored and read from memory only once. Sums stay in registers: four rows of 16 lanes
+//! take 8 of the 16 registers of 256 bits, enough to hide the latency of an addition (12 would spill).
 
 use super::float::Float;
 use std::ops::Range;
 
-/// Frames that are handled together at least; rows are padded to a multiple of it.
+/// Number of frames processed together; rows are padded to a multiple of it.
 pub(crate) const LANES: usize = 8;
 
-/// Unknowns of a packed panel, and coefficients that a product handles together.
+/// Number of unknowns of a packed panel, and of coefficients that a product processes together.
 pub(crate) const PANEL: usize = 4;
 
-/// Ranks are padded to a multiple of it.
+/// Ranks are padded to a multiple of this number.
 pub(crate) const RANKS: usize = 2 * PANEL;
 
-/// A row's widest part whose four sums fit the registers, and the next narrower ones.
+/// Splits a row into the widest pieces whose four sums fit the registers, then narrower ones.
 macro_rules! for_widths {
     ($t:ty, $stride:expr, |$offset:ident, $width:ident| $wide:block, $narrow:block) => {{
         let mut $offset = 0;
@@ -198,7 +198,7 @@ fn store<T: Float, const L: usize, const R: usize>(
     }
 }
 
-/// `sum + factor * row`. By value, as [`lanes`].
+/// Returns `sum + factor * row`; by value, for the same reason as [`lanes`].
 #[inline(always)]
 pub(crate) fn add_row<T: Float, const L: usize>(factor: T, row: &[T; L], sum: [T; L]) -> [T; L] {
     let mut out = [T::default(); L];
@@ -208,8 +208,8 @@ pub(crate) fn add_row<T: Float, const L: usize>(factor: T, row: &[T; L], sum: [T
     out
 }
 
-/// One value for each lane. Results are collected before any is stored, so that the compiler need
-/// not prove that slices do not overlap before it takes whole registers.
+/// Computes one value for each lane. All results are computed before any is stored, so that the
+/// compiler can vectorise without proving that slices do not overlap.
 #[inline(always)]
 pub(crate) fn lanes<T: Float>(mut value: impl FnMut(usize) -> T) -> [T; LANES] {
     let mut out = [T::default(); LANES];
@@ -219,19 +219,19 @@ pub(crate) fn lanes<T: Float>(mut value: impl FnMut(usize) -> T) -> [T; LANES] {
     out
 }
 
-/// A row from a place of an array, in blocks.
+/// Returns the row of an array that starts at `at`, in blocks of [`LANES`].
 #[inline(always)]
 pub(crate) fn row<T>(values: &[T], at: usize, stride: usize) -> &[[T; LANES]] {
     values[at..at + stride].as_chunks().0
 }
 
-/// A row to write.
+/// Mutable version of [`row`].
 #[inline(always)]
 pub(crate) fn row_mut<T>(values: &mut [T], at: usize, stride: usize) -> &mut [[T; LANES]] {
     values[at..at + stride].as_chunks_mut().0
 }
 
-/// `out += factor * row`, both a multiple of [`LANES`] long.
+/// Adds `factor * row` to `out`; both lengths are multiples of [`LANES`].
 #[inline(always)]
 pub(crate) fn add_scaled<T: Float>(factor: T, row: &[T], out: &mut [T]) {
     let (row, out) = (row.as_chunks::<LANES>().0, out.as_chunks_mut::<LANES>().0);
@@ -240,7 +240,7 @@ pub(crate) fn add_scaled<T: Float>(factor: T, row: &[T], out: &mut [T]) {
     }
 }
 
-/// Scalar product.
+/// Returns the dot product.
 #[inline(always)]
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut parts = [0.0; 8];

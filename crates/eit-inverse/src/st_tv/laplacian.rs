@@ -1,5 +1,5 @@
-//! Exact solves with `D' D` for many frames at once: what turns almost feasible dual variables into
-//! feasible ones.
+//! Exact solves with `D' D` for many frames at once, which make nearly feasible dual variables
+//! feasible.
 
 use super::kernel::LANES;
 use super::operators::Rows;
@@ -14,19 +14,19 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMat, Triplet};
 use pulp::{Arch, Simd, WithSimd};
 
-/// `L L'` of `D' D` with one unknown of each part pinned, by columns of `L`.
+/// Cholesky factor `L` of `D' D` with one pinned unknown per part, stored by columns.
 ///
-/// A right-hand side that sums to zero on each part is solved exactly; the pin changes nothing but
-/// the constant that is added to the solution of a part.
+/// A right-hand side that sums to zero on each part is solved exactly; the pin changes only the
+/// additive constant of the solution on a part.
 ///
-/// One solve is `4 nnz(L)` flops a frame. The substitutions run along the frames, so that an entry
-/// of `L` and its index are read once for all of them.
+/// One solve costs `4 nnz(L)` flops per frame. The substitutions run along the frames, so that an
+/// entry of `L` and its index are read once for all of them.
 #[derive(Debug, Clone)]
 pub(crate) struct Laplacian {
     starts: Vec<u32>,
     rows: Vec<u32>,
     values: Vec<f64>,
-    /// Unknown at each place of the elimination order.
+    /// Unknown at each position of the elimination order.
     order: Vec<u32>,
 }
 
@@ -87,7 +87,7 @@ impl Laplacian {
         Ok(Self { starts, rows, values, order })
     }
 
-    /// Solves for all frames in place, `x` `[unknown][stride]`; `work` is as long.
+    /// Solves for all frames in place, `x` `[unknown][stride]`; `work` has the same length.
     pub(crate) fn solve(&self, arch: Arch, x: &mut [f64], work: &mut [f64], stride: usize) {
         arch.dispatch(Solve { laplacian: self, x, work, stride });
     }

@@ -1,23 +1,23 @@
-//! What an iteration reads and never writes: the basis of the data space, packed for the inner
-//! loops, and the gradient by rows and by unknowns.
+//! Read-only operators of the iteration: the basis of the data space, packed for the inner loops, and
+//! the gradient by rows and by unknowns.
 
 use super::float::Float;
 use super::kernel::{PANEL, RANKS};
 use crate::Gradient;
 use faer::MatRef;
 
-/// Unknowns that are handled together, so that their rows and their part of the basis stay in the
-/// caches: 32 rows of 24 frames are 3 kB in `f32`, of the basis 13 kB. A multiple of [`PANEL`].
+/// Number of unknowns processed together, so that their rows and their part of the basis stay in cache:
+/// 32 rows of 24 frames take 3 kB in `f32`, their part of the basis 13 kB. A multiple of [`PANEL`].
 pub(crate) const BLOCK: usize = 32;
 
-/// Column and value of the entries of a row.
+/// Columns and values of the entries of a row.
 type SparseRow = Vec<(u32, f64)>;
 
-/// The operators of one problem in one floating point type.
+/// Operators of one problem in one floating-point type.
 ///
-/// Rows of the gradient are divided by the size of their group, and the radii of the dual balls
-/// multiplied by it: the same problem, but one step size then fits groups of every size, which is
-/// what makes graded meshes as quick as pixels.
+/// Rows of the gradient are divided by the size of their group, and the radii of the dual balls are
+/// multiplied by it. The problem is unchanged, but one step size then suits groups of every size, so
+/// that graded meshes converge as fast as pixels.
 #[derive(Debug, Clone)]
 pub(crate) struct Operators<T> {
     pub(crate) unknowns: usize,
@@ -30,23 +30,23 @@ pub(crate) struct Operators<T> {
     pub(crate) gradient: Rows<T>,
     /// The gradient by groups, sorted by their last unknown.
     pub(crate) groups: Vec<Group<T>>,
-    /// What can be done once each block of unknowns is known, `[block]`.
+    /// Groups and blocks that are complete after each block of unknowns, `[block]`.
     pub(crate) ready: Vec<Ready>,
     /// The transposed gradient.
     pub(crate) divergence: Rows<T>,
-    /// Number of each group in the caller's gradient, `[group]`.
+    /// Index of each group in the caller's gradient, `[group]`.
     pub(crate) order: Vec<u32>,
-    /// Rows of a group: 1 or 2.
+    /// Number of rows of a group, 1 or 2.
     pub(crate) components: usize,
     /// Radius of the dual ball of each group for a weight of 1, `[group]`.
     pub(crate) radius: Vec<T>,
     /// Radius of the dual interval of each unknown's change in time for a weight of 1, `[unknown]`.
     pub(crate) time_radius: Vec<T>,
-    /// An upper bound on the squared norm of the scaled gradient.
+    /// Upper bound on the squared norm of the scaled gradient.
     pub(crate) norm_squared: f64,
 }
 
-/// A group of the gradient: every basis has one or two rows on two or three unknowns.
+/// A group of the gradient: one or two rows on two or three unknowns, for every basis.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Group<T> {
     /// Unused places repeat the first unknown with weight 0.
@@ -73,13 +73,13 @@ impl<T: Float> Group<T> {
     }
 }
 
-/// How far the steps that follow a block of unknowns may go: on a basis whose neighbours have near
-/// numbers, they follow close behind, while all is still in the cache.
+/// Groups and blocks that can be processed after a block of unknowns. If neighbours have close indices,
+/// this happens soon, while their data is still in cache.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Ready {
-    /// Groups before this one have all their unknowns.
+    /// All unknowns of the groups before this one are available.
     pub(crate) groups: usize,
-    /// Blocks of unknowns before this one have all their groups.
+    /// All groups of the blocks of unknowns before this one are available.
     pub(crate) blocks: usize,
 }
 
@@ -133,7 +133,7 @@ impl<T: Float> Operators<T> {
         }
         let length = |row: &SparseRow| row.iter().map(|e| e.1.abs()).sum::<f64>();
         let lengths: Vec<f64> = rows.iter().map(length).collect();
-        // the largest row sum of |D'| |D|
+        // largest row sum of |D'| |D|
         let norm_squared = transposed
             .iter()
             .map(|row| row.iter().map(|&(r, v)| v.abs() * lengths[r as usize]).sum::<f64>())
@@ -181,9 +181,11 @@ fn last_unknown(group: &[SparseRow]) -> usize {
     group.iter().flatten().map(|e| e.0 as usize).max().unwrap_or(0)
 }
 
-/// Rows divided by the size of their group, and the sizes: half the largest sum of absolute values
-/// of a row, which is 1 for differences of pixels. Groups are sorted by their last unknown; the last
-/// list has their numbers before.
+/// Returns the rows divided by the size of their group, the sizes, and the original indices of the
+/// groups, which are sorted by their last unknown.
+///
+/// The size is half the largest sum of absolute values of a row, which is 1 for plain differences of
+/// pixels.
 fn scaled_rows(gradient: &Gradient) -> (Vec<SparseRow>, Vec<f64>, Vec<u32>) {
     let components = gradient.components();
     let mut groups: Vec<(f64, Vec<SparseRow>, u32)> = (0..gradient.groups())

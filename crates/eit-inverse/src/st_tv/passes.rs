@@ -1,11 +1,11 @@
-//! The passes over all unknowns that value an iterate, in `f64`, along the frames.
+//! Passes over all unknowns that evaluate an iterate, in `f64`, along the frames.
 
 use super::kernel::{LANES, PANEL, add_row, add_scaled, analyse, lanes, row, synthesise};
 use super::operators::{BLOCK, Operators};
 use super::sweep::differences;
 use pulp::{Simd, WithSimd};
 
-/// `V' x`.
+/// Computes `V' x`.
 pub(super) struct Analyse<'a> {
     pub(super) ops: &'a Operators<f64>,
     pub(super) x: &'a [f64],
@@ -28,7 +28,7 @@ impl WithSimd for Analyse<'_> {
     }
 }
 
-/// `lambda_space sum |D x|_2 + lambda_time sum |D_t x|`.
+/// Computes `lambda_space sum |D x|_2 + lambda_time sum |D_t x|`.
 pub(super) struct Variation<'a> {
     pub(super) ops: &'a Operators<f64>,
     pub(super) x: &'a [f64],
@@ -50,7 +50,7 @@ impl WithSimd for Variation<'_> {
                 group.unknowns.map(|p| row(x, p as usize * stride, stride));
             for ((first, second), third) in first.iter().zip(second).zip(third) {
                 let [a, b] = differences(group, [first, second, third]);
-                // padding frames are constant
+                // padding frames are constant and contribute nothing
                 let norm: [f64; LANES] = lanes(|l| a[l].mul_add(a[l], b[l] * b[l]).sqrt());
                 space = add_row(*radius, &norm, space);
             }
@@ -67,7 +67,7 @@ impl WithSimd for Variation<'_> {
     }
 }
 
-/// `A' y + D' q + D_t' q_t + p` from the coefficients of `A' y`.
+/// Computes `A' y + D' q + D_t' q_t + p` from the coefficients of `A' y`.
 pub(super) struct Error<'a> {
     pub(super) ops: &'a Operators<f64>,
     pub(super) stride: usize,
@@ -106,7 +106,7 @@ impl WithSimd for Error<'_> {
     }
 }
 
-/// `q -= D z`.
+/// Computes `q -= D z`.
 pub(super) struct Subtract<'a> {
     pub(super) ops: &'a Operators<f64>,
     pub(super) stride: usize,
@@ -128,7 +128,7 @@ impl WithSimd for Subtract<'_> {
     }
 }
 
-/// Largest ratio of a dual to its radius; infinite where a dual of radius zero is not zero.
+/// Computes the largest ratio of a dual to its radius; infinite if a dual with radius zero is non-zero.
 pub(super) struct Excess<'a> {
     pub(super) ops: &'a Operators<f64>,
     pub(super) stride: usize,

@@ -1,4 +1,4 @@
-//! A problem as the iteration and its evaluation see it.
+//! Problem definition shared by the iteration and its evaluation.
 
 use super::data::{Seen, Target};
 use super::gradient::Gradient;
@@ -6,22 +6,22 @@ use super::laplacian::Laplacian;
 use super::operators::Operators;
 use faer::MatRef;
 
-/// Whether the data is in the objective or in the constraints.
+/// Data term, in the objective or as constraints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum DataTerm<'a> {
     /// `sum_t |A x_t - b_t|^2 / 2` in the objective.
     Penalised,
-    /// `|A x_t - b_t| <= delta_t`, `[frame]`; `rest` counts.
+    /// `|A x_t - b_t| <= delta_t`, `[frame]`, including the unexplained `rest` of the data.
     Constrained(&'a [f64]),
 }
 
-/// The problem as the evaluation sees it, in the solver's own units.
+/// Problem in the solver's internal units.
 #[derive(Clone, Copy)]
 pub(crate) struct Problem<'a> {
     pub(crate) ops: &'a Operators<f64>,
     pub(crate) laplacian: &'a Laplacian,
     pub(crate) parts: &'a Parts,
-    /// Those of the whole protocol, descending.
+    /// Singular values of the whole protocol, descending.
     pub(crate) singular: &'a [f64],
     pub(crate) modes: &'a [Seen],
     /// `[frame]`.
@@ -39,7 +39,7 @@ pub(crate) struct Problem<'a> {
 pub(crate) struct Parts {
     /// `[unknown]`.
     pub(crate) label: Vec<u32>,
-    /// Unknowns of each part.
+    /// Number of unknowns of each part.
     pub(crate) sizes: Vec<f64>,
     /// `V' 1` of each part, `[part][rank]`.
     pub(crate) sensitivity: Vec<Vec<f64>>,

@@ -1,15 +1,17 @@
-//! Frames that hold nothing but noise.
+//! Detection of frames that contain only noise.
 
 use super::StTv;
 use crate::{DifferenceFrames, InverseError};
 
 impl StTv {
-    /// Which frames do not differ from the reference beyond noise: those whose squared whitened
-    /// data over `k` good channels is below `k + 3 sqrt(2 k)`, three standard deviations above the
-    /// mean of pure noise. Without `noise_std` none is. A frame without a good channel is quiet.
+    /// Returns, for each frame, whether it differs from the reference by noise only.
+    ///
+    /// A frame with `k` good channels is quiet if its squared whitened data is at most
+    /// `k + 3 sqrt(2 k)`, three standard deviations above the mean for pure noise. Without
+    /// `noise_std` no frame is quiet. A frame without a good channel is quiet.
     ///
     /// # Errors
-    /// As [`StTv::solve`].
+    /// See [`StTv::solve`].
     pub fn quiet_frames(&self, frames: &DifferenceFrames<'_>) -> Result<Vec<bool>, InverseError> {
         frames.check(self.measurements())?;
         let noise = self.settings.noise_std.is_some();
@@ -27,7 +29,7 @@ impl StTv {
     }
 }
 
-/// Squared whitened norm up to which `good` channels hold nothing but noise.
+/// Returns the largest squared whitened norm of `good` channels that counts as pure noise.
 pub(crate) fn quiet_threshold(good: f64) -> f64 {
     good + 3.0 * (2.0 * good).sqrt()
 }

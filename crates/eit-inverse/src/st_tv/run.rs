@@ -1,4 +1,6 @@
-//! From the first iterate to a certified result.
+//! Iteration from the first iterate to a certified result.
+//!
+//! Over 300 lines because the schedule of step maps, evaluations and limits acts on one state.
 
 mod constant;
 
@@ -14,36 +16,40 @@ use super::task::Task;
 use crate::{ImageSequence, InverseError, SequenceStatus, TracePoint};
 use std::time::Instant;
 
-/// Iterations at which the uniform step before the first map is set anew.
+/// Iterations at which the uniform step before the first map is updated.
 const MEASURE_AT: [usize; 2] = [8, 16];
-/// Iterations at which a step map is made, and the growth of their distances after the last one.
+/// Iterations at which a step map is computed, and the factor between later ones.
 const MAP_AT: [usize; 3] = [24, 64, 150];
 const MAP_GROWTH: f64 = 2.0;
-/// Steps of the map relative to balanced ones: small ones settle the image, larger ones from the last
-/// of [`MAP_AT`] on its proof. Within a factor of two either way both cost a fifth of the iterations.
+/// Steps of the map relative to balanced ones. Small steps make the image converge; larger ones, from
+/// the last of [`MAP_AT`] on, make the lower bound converge. A factor of two either way costs a fifth of
+/// the iterations, for both.
 const IMAGE_SHARE: f64 = 0.15;
 const PROOF_SHARE: f64 = 0.55;
-/// Smoothing of the norms relative to the image's size and the gap asked for, and the iterations after
-/// which it begins to fall, so that none is left where a gap takes long.
+/// Smoothing of the norms relative to the size of the image and the requested gap, and the number of
+/// iterations after which it decreases, so that it vanishes if the gap takes long to reach.
 const SMOOTHING: f64 = 0.04;
 const SMOOTH: f64 = 400.0;
-/// First look at the image, and growth of the interval between looks: one costs a few iterations.
+/// Iterations before the first evaluation, and growth of the interval between evaluations; an evaluation
+/// costs as much as a few iterations.
 const FIRST_LOOK: usize = 32;
 const GROWTH: f64 = 1.5;
-/// A bound is tried where the objective falls by less than so many gaps from look to look.
+/// A bound is computed when the relative decrease of the objective between evaluations is below this
+/// multiple of the target gap.
 const NEAR: f64 = 1.5;
-/// Iterations from which on a bound is tried at every look.
+/// Iterations after which a bound is computed at every evaluation.
 const PROVE_FROM: usize = 300;
-/// The gap falls like this power of the iterations or faster: the next look is where it would be reached.
+/// Assumed decay of the gap: at least this power of the iterations. The next evaluation is scheduled
+/// where the target gap would be reached.
 const POWER: f64 = 3.0;
-/// Least growth from look to look.
+/// Smallest growth from one evaluation to the next.
 const LEAST_GROWTH: f64 = 1.06;
-/// Steps of the flow of a proof: with half as many the reference problem of 64 x 64 takes a quarter more
-/// iterations to a gap of 1e-3.
+/// Steps of the flow search for a bound. With half as many the reference problem of 64 x 64 takes a
+/// quarter more iterations to a gap of 1e-3.
 const FLOW_STEPS: usize = 100;
-/// Iterations between two looks at the clock.
+/// Iterations between two checks of the clock.
 const CLOCK: usize = 4;
-/// Objective that is rounding of zero, in the solver's units, where data is 1.
+/// Objective that counts as zero up to rounding, in the solver's units, where the data has norm 1.
 const SMALLEST_PRIMAL: f64 = 1e-14;
 
 /// State of a solve.
@@ -56,9 +62,9 @@ pub(crate) struct Run<'a, T> {
     flow: Flow<T>,
     evaluation: Evaluation,
     columns: [Vec<f64>; 2],
-    /// Is the map in use, rather than one step for all?
+    /// Whether a step map is in use instead of a uniform step.
     mapped: bool,
-    /// Steps relative to those of the schedule, and its share of now.
+    /// Factor on the scheduled steps, and the current share of the schedule.
     boost: f64,
     share: f64,
     next_map: usize,
@@ -68,14 +74,14 @@ pub(crate) struct Run<'a, T> {
     progress: Progress,
 }
 
-/// What was found, and when.
+/// Best result so far and its history.
 pub(crate) struct Progress {
     best: Best,
     trace: Vec<TracePoint>,
     start: Instant,
 }
 
-/// The best that was found.
+/// Best image and best lower bound so far.
 struct Best {
     primal: f64,
     lower_bound: f64,
@@ -101,7 +107,7 @@ impl Best {
     }
 }
 
-/// How far a run may go.
+/// Limits of a run.
 #[derive(Clone, Copy)]
 struct Limits {
     iterations: usize,
@@ -160,7 +166,7 @@ impl<'a, T: Float> Run<'a, T> {
         }
     }
 
-    /// The same run in another precision, where this one leads no further.
+    /// Continues this run in another precision.
     pub(crate) fn converted<U: Float>(
         self,
         ops: &'a Operators<U>,
@@ -174,7 +180,7 @@ impl<'a, T: Float> Run<'a, T> {
         Ok(new)
     }
 
-    /// Runs to the target or a limit, at most `most` iterations; `None` where these did not suffice.
+    /// Runs to the target gap or a limit; returns `None` if `most` iterations did not suffice.
     pub(crate) fn advance(
         &mut self,
         stop: &Stop,
@@ -184,14 +190,14 @@ impl<'a, T: Float> Run<'a, T> {
         let limits = Limits { iterations: stop.max_iterations, seconds: deadline };
         let mut look = FIRST_LOOK.max((self.done as f64 * GROWTH) as usize);
         let mut last = f64::INFINITY;
-        // the first evaluation, of a constant, tells what one costs
+        // the time of the first evaluation, of a constant image, estimates the cost of later ones
         let mut evaluation_s = self.progress.start.elapsed().as_secs_f64();
         loop {
             let gap = self.progress.best.gap();
             if gap <= stop.target_gap {
                 return Ok(Some(SequenceStatus::Converged));
             }
-            // where the optimum is zero no relative gap can be reached
+            // if the optimum is zero, no relative gap can be reached
             if self.progress.best.primal <= SMALLEST_PRIMAL {
                 return Ok(Some(SequenceStatus::Stalled));
             }
@@ -228,14 +234,14 @@ impl<'a, T: Float> Run<'a, T> {
         }
     }
 
-    /// The best that was found.
+    /// Returns the best result.
     pub(crate) fn finish(self, status: SequenceStatus) -> ImageSequence {
         let Progress { best, trace, start } = self.progress;
         let stride = self.state.stride;
         self.task.sequence(&best.images, stride, &best.residual, &trace, status, start)
     }
 
-    /// Notes what is known now.
+    /// Appends the current bounds to the trace.
     fn note(&mut self) {
         let Progress { best, trace, start } = &mut self.progress;
         trace.push(TracePoint {
@@ -256,7 +262,7 @@ impl<'a, T: Float> Run<'a, T> {
         }
     }
 
-    /// Iterates until `self.done` is `until`; true where a limit came first.
+    /// Iterates until `self.done` is `until`; returns true if a limit was reached first.
     fn improve(&mut self, until: usize, limits: Limits) -> Result<bool, InverseError> {
         while self.done < until {
             self.set_steps()?;
@@ -271,7 +277,7 @@ impl<'a, T: Float> Run<'a, T> {
         Ok(false)
     }
 
-    /// Sets the steps where it is time.
+    /// Updates the steps when due.
     fn set_steps(&mut self) -> Result<(), InverseError> {
         if !self.mapped
             && MEASURE_AT.contains(&self.done)
@@ -302,15 +308,15 @@ impl<'a, T: Float> Run<'a, T> {
         self.set_data()
     }
 
-    /// Data steps of the map at hand.
+    /// Recomputes the data steps for the current step map.
     fn set_data(&mut self) -> Result<(), InverseError> {
         let Self { task, ops, data, state, .. } = self;
         state.disturb();
         data.set_map(task.solver.arch, &task.problem(), ops, state)
     }
 
-    /// Larger steps where the bound has farther to go than the image, smaller ones where it is the
-    /// other way round.
+    /// Increases the steps if the bound improves much faster than the objective, and decreases them in
+    /// the opposite case.
     fn adapt(&mut self, raised: f64, fallen: f64) {
         let factor = match (raised, fallen) {
             (raised, fallen) if raised > 8.0 * fallen => 1.5,
@@ -320,12 +326,12 @@ impl<'a, T: Float> Run<'a, T> {
         let boost = (self.boost * factor).clamp(1.0 / 16.0, 16.0);
         if boost != self.boost {
             self.boost = boost;
-            // with the next map, which is now
+            // takes effect with the next map, which is due now
             self.next_map = self.done;
         }
     }
 
-    /// Bounds the optimum; returns by how much the bound rose.
+    /// Computes a lower bound on the optimum; returns the increase of the best bound.
     fn prove(&mut self) -> f64 {
         let effort = Effort { steps: FLOW_STEPS, slack: 0.5 * self.target_gap };
         let Self { task, ops, state, data, evaluation, flow, progress, .. } = self;
@@ -337,7 +343,7 @@ impl<'a, T: Float> Run<'a, T> {
         progress.best.lower_bound - old
     }
 
-    /// Values the candidate and keeps it if it is the best.
+    /// Evaluates the candidate and stores it if it is the best; returns its objective.
     fn keep_image(&mut self) -> f64 {
         let problem = self.task.problem();
         let primal = self.evaluation.primal(self.task.solver.arch, &problem, &self.state);
@@ -345,7 +351,7 @@ impl<'a, T: Float> Run<'a, T> {
         primal
     }
 
-    /// One iteration.
+    /// Performs one iteration.
     fn iterate(&mut self, keep: bool) {
         let Self { task, ops, state, data, .. } = self;
         let weights = Weights {

@@ -4,18 +4,18 @@ use crate::InverseError;
 use crate::check::{check_length, check_positive};
 use std::time::Duration;
 
-/// How the images are bound to the data.
+/// How the images are fitted to the data.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Fidelity {
     /// `sum_t |W^1/2 (J x_t - dv_t)|^2 / 2` is part of the objective.
     Penalised,
     /// `|W^1/2 (J x_t - dv_t)| <= delta` for each frame (eq. 7 of the source paper). With `W` the
-    /// inverse noise covariance the discrepancy principle says `delta = sqrt(m)` for `m` used
-    /// measurements; with `W = 1` it is the noise's norm in the unit of `dv`. A frame with masked
-    /// channels gets `delta` times the root of the share of its good channels.
+    /// inverse noise covariance, the discrepancy principle gives `delta = sqrt(m)` for `m` used
+    /// measurements; with `W = 1`, `delta` is the norm of the noise in the unit of `dv`. For a frame
+    /// with masked channels, `delta` is multiplied by the root of the fraction of good channels.
     Constrained {
-        /// Radius, in units of the noise (or of `dv` where no noise is given), 0 or above.
+        /// Radius, in units of the noise (or of `dv` if no noise is given), 0 or above.
         delta: f64,
     },
 }
@@ -26,24 +26,24 @@ pub struct StTvSettings {
     /// Weight of `sum_t |grad x_t|_{2,1}`, above zero. Unit: that of the data term over S m; with
     /// [`Fidelity::Constrained`] only the ratio of the two weights matters.
     pub lambda_space: f64,
-    /// Weight of `sum_t integral |x_{t+1} - x_t| dA`, 0 or above; 0 leaves every frame to itself
-    /// (total variation frame by frame), and the time term costs nothing. Unit: that of the data
-    /// term over S m^2.
+    /// Weight of `sum_t integral |x_{t+1} - x_t| dA`, 0 or above. With 0 the frames are independent
+    /// (spatial total variation only), and the time term costs nothing. Unit: that of the data term
+    /// over S m^2.
     ///
-    /// A total variation in time does not depend on when the frames were taken: a dropped frame or
-    /// another frame rate needs no other weight.
+    /// Total variation in time does not depend on the times of the frames: dropped frames or a
+    /// different frame rate need no other weight.
     pub lambda_time: f64,
-    /// Data in the objective or in constraints.
+    /// Data term, in the objective or as constraints.
     pub fidelity: Fidelity,
-    /// Least change of conductivity, siemens (`-inf`: no bound). Pressing a piezoresistive fabric
-    /// only raises its conductivity: then 0.
+    /// Lower bound of the conductivity change, siemens (`-inf`: no bound). Use 0 for a piezoresistive
+    /// fabric, whose conductivity only increases under pressure.
     pub lower_s: f64,
-    /// Largest change of conductivity, siemens (`inf`: no bound).
+    /// Upper bound of the conductivity change, siemens (`inf`: no bound).
     pub upper_s: f64,
     /// Standard deviation of the noise of each difference, `[measurement]`, in the unit of `dv`;
     /// `None`: `W = 1`.
     pub noise_std: Option<Vec<f64>>,
-    /// Which measurements to use at all, `[measurement]`; `None`: all.
+    /// Which measurements to use, `[measurement]`; `None`: all.
     pub used: Option<Vec<bool>>,
 }
 
@@ -61,7 +61,7 @@ impl Default for StTvSettings {
     }
 }
 
-/// What the data and the variation weigh against each other.
+/// Weights of the data term and the variations.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Weights {
     pub(crate) lambda_space: f64,
@@ -75,7 +75,7 @@ impl StTvSettings {
         Weights { lambda_space, lambda_time, fidelity }
     }
 
-    /// Refuses what is out of range.
+    /// Rejects settings out of range.
     pub(crate) fn check(&self, measurements: usize) -> Result<(), InverseError> {
         check_positive("lambda_space", self.lambda_space)?;
         let out_of_range =
@@ -101,21 +101,21 @@ impl StTvSettings {
         Ok(())
     }
 
-    /// Has the problem bounds?
+    /// Returns whether the problem has bounds.
     pub(crate) fn bounded(&self) -> bool {
         self.lower_s.is_finite() || self.upper_s.is_finite()
     }
 }
 
-/// When to stop: whichever comes first.
+/// Stopping rule; the first condition reached stops the iteration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stop {
-    /// Relative duality gap that is good enough, above zero. Below `1e-4`, and with data
-    /// constraints, the iteration runs in `f64` instead of `f32`.
+    /// Target relative duality gap, above zero. Below `1e-4`, and with data constraints, the
+    /// iteration runs in `f64` instead of `f32`.
     pub target_gap: f64,
-    /// Time for the call. The certificate of what was reached by then is part of it.
+    /// Time limit of the call, including the computation of the certificate.
     pub deadline: Option<Duration>,
-    /// Iterations, those for the certificate included.
+    /// Maximum number of iterations, including those for the certificate.
     pub max_iterations: usize,
 }
 
@@ -128,17 +128,17 @@ impl Default for Stop {
 /// Settings of [`StTvStream`](crate::StTvStream).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StreamSettings {
-    /// Frames in the window, 1 or above. Windows are padded to a multiple of 8 frames inside: 8 or
-    /// 16 cost no more than 5 or 9.
+    /// Number of frames in the window, 1 or above. Windows are padded internally to a multiple of 8
+    /// frames, so 8 or 16 cost no more than 5 or 9.
     pub window: usize,
-    /// The frame that is given out, counted back from the newest: 0 for the newest itself. A frame
-    /// that the window also saw the future of is steadier.
+    /// Position of the returned frame, counted back from the newest frame (0). A frame with later
+    /// frames in the window is more stable.
     pub lag: usize,
-    /// Relative duality gap of the window that is good enough.
+    /// Target relative duality gap of the window.
     pub target_gap: f64,
-    /// Iterations for one frame at most, those for the certificate included.
+    /// Maximum number of iterations per frame, including those for the certificate.
     pub max_iterations: usize,
-    /// Time for one frame at most.
+    /// Time limit per frame.
     pub deadline: Option<Duration>,
 }
 

@@ -1,4 +1,4 @@
-//! Whole sequences, in `f32` and, where that leads no further, in `f64`.
+//! Solution of whole sequences, in `f32` first and in `f64` if that does not converge.
 
 use super::StTv;
 use super::run::Run;
@@ -8,21 +8,21 @@ use crate::check::check_positive;
 use crate::{DifferenceFrames, ImageSequence, InverseError, SequenceSolver, SequenceStatus};
 use std::time::Instant;
 
-/// Gap below which rounding of `f32` shows.
+/// Gap below which `f32` rounding errors matter.
 const SINGLE_PRECISION_GAP: f64 = 1e-4;
-/// Iterations that `f32` is given, twice to three times what well-conditioned problems take: it may be
-/// what keeps the gap open, and `f64` then takes over.
+/// Maximum number of `f32` iterations, two to three times what well-conditioned problems need. If the
+/// gap is still open then, rounding may be the cause, and the solve continues in `f64`.
 const SINGLE_PRECISION_ITERATIONS: usize = 1000;
 
 impl StTv {
-    /// Solves for a whole sequence.
+    /// Reconstructs a whole sequence.
     ///
-    /// Values are in the unit of the whitened problem: with `noise_std` the primal value counts
-    /// squared standard deviations, without it squares of `dv`.
+    /// Objective values are in the unit of the whitened problem: squared standard deviations with
+    /// `noise_std`, squares of the unit of `dv` without it.
     ///
     /// # Errors
-    /// Wrong shapes, no frame, a value of a good channel that is not finite, a `delta` that no
-    /// image can reach, a target gap that is not positive.
+    /// Returns an error for wrong shapes, a sequence without frames, a non-finite value of a good
+    /// channel, a `delta` that no image can satisfy, and a target gap that is not positive.
     pub fn solve(
         &self,
         frames: &DifferenceFrames<'_>,
@@ -48,7 +48,7 @@ impl StTv {
         if task.scale == 0.0 {
             return Ok(task.nothing(start));
         }
-        // a data constraint must hold, not nearly hold: rounding of f32 would cost objective
+        // data constraints must hold exactly; f32 rounding would need a margin that raises the objective
         let mut run = if stop.target_gap < SINGLE_PRECISION_GAP || !task.delta.is_empty() {
             Run::new(&task, &self.double, stop.target_gap, start)?
         } else {

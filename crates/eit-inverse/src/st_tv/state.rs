@@ -1,16 +1,16 @@
-//! What an iteration changes: image, dual variables, and what is kept between iterations.
+//! Mutable state of the iteration: image, dual variables and intermediate arrays.
 
 use super::float::Float;
 use super::kernel::LANES;
 use super::operators::{BLOCK, Operators};
 
-/// Over-relaxation.
+/// Over-relaxation factor.
 pub(crate) const RHO: f64 = 1.9;
 
-/// Zeros before and after the arrays whose neighbours in time are read across row ends.
+/// Padding before or after the arrays whose temporal neighbours are read across row ends.
 pub(crate) const PAD: usize = LANES;
 
-/// Iterations that share one force of the tail.
+/// Number of iterations between updates of the tail's force.
 pub(crate) const REFRESH: usize = 32;
 
 /// Weights of an iteration.
@@ -19,12 +19,12 @@ pub(crate) struct Weights {
     pub(crate) lambda_space: f64,
     pub(crate) lambda_time: f64,
     pub(crate) bounds: Option<[f64; 2]>,
-    /// Differences below this, in units of the image, cost their square instead of their size, so
-    /// that the duals of flat places come to rest.
+    /// Threshold, in units of the image, below which the norm of a difference is quadratic (Huber), so
+    /// that the duals of flat regions converge.
     pub(crate) smoothing: f64,
 }
 
-/// The iterate of one sequence.
+/// Iterate of one sequence.
 ///
 /// Arrays are `[unknown][stride]` or `[row][stride]`, see [`super::kernel`].
 #[derive(Debug, Clone)]
@@ -35,28 +35,28 @@ pub(crate) struct State<T> {
     pub(crate) image: Vec<T>,
     /// `q`.
     pub(crate) dual: Vec<T>,
-    /// `q_t`, with [`PAD`] zeros before; zero at the last frame and beyond. Empty without a time
+    /// `q_t`, preceded by [`PAD`] zeros; zero at the last frame and beyond. Empty without a time
     /// term.
     pub(crate) time_dual: Vec<T>,
     /// `p`; empty without bounds.
     pub(crate) bound_dual: Vec<T>,
-    /// Force of the duals, then `x-`, then the next force, with [`PAD`] values after.
+    /// Force of the duals, then `x-`, then the next force, followed by [`PAD`] values.
     pub(crate) work: Vec<T>,
     /// `w` of a block of unknowns.
     pub(crate) block: Vec<T>,
-    /// `x^` of the last iteration that was asked to keep it.
+    /// `x^` of the last iteration with `keep`.
     pub(crate) candidate: Vec<T>,
     /// `V' w`, then the force `F y` of the data.
     pub(crate) coefficients: Vec<T>,
-    /// Those of the next `w` while they are summed.
+    /// Coefficients of the next `w` while they are summed.
     pub(crate) next: Vec<T>,
-    /// Ranks below are the head, see the module.
+    /// Number of ranks in the head, see [`super::engine`].
     pub(crate) head: usize,
-    /// Force of the tail, `V (s y)`, of blocks of unknowns; not used where there is no tail.
+    /// Force of the tail, `V (s y)`, of blocks of unknowns; not used without a tail.
     pub(crate) tail: Vec<T>,
-    /// Iterations since the tail was brought up to date.
+    /// Iterations since the last update of the tail.
     pub(crate) age: usize,
-    /// Do `work` and `coefficients` hold what the next iteration begins with?
+    /// Whether `work` and `coefficients` are ready for the next iteration.
     pub(crate) prepared: bool,
     /// The step map: `tau` of an unknown, and `sigma` of its links and bounds and of a group, one
     /// value for each block of [`LANES`] frames.
@@ -65,10 +65,10 @@ pub(crate) struct State<T> {
     pub(crate) group_sigma: Vec<T>,
     /// `sigma tau` of the duals of space, time and bounds.
     pub(crate) split: [f64; 3],
-    /// 1 for frames whose change to the next one counts, `[stride]`.
+    /// 1 for frames that are linked to the next one, otherwise 0, `[stride]`.
     pub(crate) links: Vec<T>,
-    /// 1 for frames, 0 for padding, which has no bounds: it would leave zero where they exclude it,
-    /// `[stride]`.
+    /// 1 for frames, 0 for padding, `[stride]`. Bounds do not apply to padding, because it must stay
+    /// zero even if they exclude zero.
     pub(crate) present: Vec<T>,
 }
 
@@ -104,7 +104,7 @@ impl<T: Float> State<T> {
         }
     }
 
-    /// The same iterate in another precision.
+    /// Returns the same iterate in another precision.
     pub(crate) fn converted<U: Float>(&self, ops: &Operators<U>) -> State<U> {
         let mut new =
             State::new(ops, self.frames, !self.time_dual.is_empty(), !self.bound_dual.is_empty());
@@ -126,29 +126,30 @@ impl<T: Float> State<T> {
         new
     }
 
-    /// The steps, or what else an iteration begins with, have changed.
+    /// Invalidates the prepared arrays after a change of the steps or other inputs of an iteration.
     pub(crate) fn disturb(&mut self) {
         self.age = REFRESH;
         self.prepared = false;
     }
 
-    /// Blocks of frames that share their steps.
+    /// Returns the number of blocks of frames that share their steps.
     pub(crate) fn blocks(&self) -> usize {
         self.stride / LANES
     }
 
-    /// Which frames are linked to their next one, `[stride]`, 1 or 0. The last one never is.
+    /// Returns the links, `[stride]`: 1 for frames linked to the next one, otherwise 0. The last frame
+    /// is never linked.
     pub(crate) fn links_mut(&mut self) -> &mut [T] {
         self.prepared = false;
         &mut self.links
     }
 
-    /// Is a frame linked to its next one?
+    /// Returns whether a frame is linked to the next one.
     pub(crate) fn is_linked(&self, frame: usize) -> bool {
         !self.time_dual.is_empty() && self.links[frame] > T::default()
     }
 
-    /// Forgets image and duals.
+    /// Sets image and duals to zero.
     pub(crate) fn clear(&mut self) {
         self.age = REFRESH;
         self.prepared = false;
@@ -159,8 +160,8 @@ impl<T: Float> State<T> {
         self.bound_dual.fill(zero);
     }
 
-    /// Moves all frames one back in time; the last one keeps its image and duals, and has no change
-    /// in time to it yet.
+    /// Moves all frames one back in time. The last frame starts with the image and duals of the frame
+    /// before, and with a temporal dual of zero.
     pub(crate) fn shift(&mut self) {
         self.age = REFRESH;
         self.prepared = false;

@@ -1,14 +1,15 @@
-//! The step map: how far each unknown may go in one iteration.
+//! Step map: the step size of each unknown.
 //!
 //! ```text
 //! g     = gradient of the image, dilated by two, its largest value over a block of frames
 //! tau   = c sqrt(max(g, floor X) / X)          X: largest value of the image
-//! sigma = s / max tau over what the difference touches,   s of its own for space, time and bounds
+//! sigma = s / max tau over the unknowns of the difference,   separate s for space, time and bounds
 //! ```
 //!
-//! with `|D|^2 s_space + 4 s_time + s_bounds = 1`: then `|Sigma^1/2 [D; D_t; I] T^1/2| <= 1`. Large steps where the image may move, small ones where it is
-//! flat. `c` is a share of that for which image and dual variables have equally far to go, measured
-//! in the map's own metric: nothing is tuned to a problem.
+//! with `|D|^2 s_space + 4 s_time + s_bounds = 1`, so that `|Sigma^1/2 [D; D_t; I] T^1/2| <= 1`. Steps
+//! are large where the image has gradients and small where it is flat. `c` is a fraction of the value
+//! that balances the norms of image and dual variables in the metric of the map, so no
+//! problem-specific tuning is needed.
 
 use super::float::Float;
 use super::kernel::LANES;
@@ -16,33 +17,34 @@ use super::operators::Operators;
 use super::problem::Problem;
 use super::state::{PAD, State};
 
-/// Share of the balanced step that is best to begin with, on the reference problems; a factor of
+/// Fraction of the balanced step that works best at the start, on the reference problems; a factor of
 /// two either way costs a tenth of the iterations.
 const SHARE: f64 = 0.6;
 
-/// `|D|^2` with the links in time and the bounds, for `sigma tau |D|^2 = 1`.
+/// Returns `|D|^2` including the temporal links and the bounds, for `sigma tau |D|^2 = 1`.
 pub(crate) fn norm_squared<T: Float>(ops: &Operators<T>, state: &State<T>) -> f64 {
     let time = if state.time_dual.is_empty() { 0.0 } else { 4.0 };
     let bounds = if state.bound_dual.is_empty() { 0.0 } else { 1.0 };
-    // a basis without any difference (one pixel) and without bounds has no dual step
+    // a basis without differences (one pixel) and without bounds has no dual step
     (ops.norm_squared + time + bounds).max(1.0)
 }
 
-/// The step for which image and dual variables have equally far to go, from their squared norms;
-/// `None` where there is nothing to measure yet.
+/// Returns the step that balances image and dual variables, from their squared norms; `None` if either
+/// is zero.
 fn balanced(image: f64, dual: f64, norm_squared: f64) -> Option<f64> {
     let step = SHARE * (image / dual / norm_squared).sqrt();
     (step > 0.0 && step.is_finite()).then_some(step)
 }
 
-/// Squared norms of the frames' linear images, and of the force of their data.
+/// Returns the squared norms of the regularised least-squares images of all frames, and of the forces
+/// of their data.
 pub(crate) fn linear_image(problem: &Problem<'_>) -> [f64; 2] {
     let (mut image, mut force) = (0.0, 0.0);
     for (target, &mode) in problem.targets.iter().zip(problem.mode_of) {
         let mode = &problem.modes[mode];
         let rank = problem.singular.len();
         for (k, s) in problem.singular.iter().enumerate() {
-            // of whole frames only the diagonal
+            // the operator of a frame without masked channels is diagonal
             let rows = if mode.is_whole { k..k + 1 } else { 0..mode.rows };
             let pull: f64 = rows.map(|i| mode.transposed[i * rank + k] * target.values[i]).sum();
             image += (pull / (s * s + 1e-3)).powi(2);
@@ -52,7 +54,7 @@ pub(crate) fn linear_image(problem: &Problem<'_>) -> [f64; 2] {
     [image, force]
 }
 
-/// A first guess, from the least squares image and the largest dual variables.
+/// Returns a first guess of the step, from the least-squares image and the largest dual variables.
 pub(crate) fn guess<T: Float>(
     problem: &Problem<'_>,
     ops: &Operators<T>,
@@ -65,18 +67,18 @@ pub(crate) fn guess<T: Float>(
     if !state.time_dual.is_empty() {
         dual += frames * square(&ops.time_radius) * problem.lambda_time.powi(2);
     }
-    // weights beyond all need: the force of the data times the width of the skin is enough
+    // limits very large weights: the duals need at most the force of the data times the skin's width
     let dual = dual.min(force * ops.unknowns as f64);
     balanced(image, dual, norm_squared(ops, state))
 }
 
-/// Least gradient relative to the largest value of the image.
+/// Smallest gradient in the step map, relative to the largest value of the image.
 const FLOOR: f64 = 2e-3;
 
-/// Least share of the duals' norm that each of space, time and bounds counts with.
+/// Smallest share of the squared dual norm assigned to each of space, time and bounds.
 const LEAST_SHARE: f64 = 0.02;
 
-/// From an iterate.
+/// Returns the balanced step of an iterate.
 pub(crate) fn measure<T: Float>(ops: &Operators<T>, state: &State<T>) -> Option<f64> {
     let square = |values: &[T]| values.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
     let image = square(&state.image);
@@ -84,7 +86,7 @@ pub(crate) fn measure<T: Float>(ops: &Operators<T>, state: &State<T>) -> Option<
     balanced(image, dual, norm_squared(ops, state))
 }
 
-/// One step for all unknowns.
+/// Sets one step for all unknowns.
 pub(crate) fn set_uniform<T: Float>(ops: &Operators<T>, state: &mut State<T>, tau: f64) {
     let blocks = state.blocks();
     state.tau[..ops.unknowns * blocks].fill(T::from_f64(tau));
@@ -99,8 +101,8 @@ pub(crate) fn scale<T: Float>(ops: &Operators<T>, state: &mut State<T>, factor: 
     set_sigma(ops, state);
 }
 
-/// Steps by the gradient of the image; `share` of those that are balanced. False, and nothing
-/// changed, where there is nothing to measure.
+/// Sets the steps from the gradient of the image, as the fraction `share` of the balanced ones. Returns
+/// false and changes nothing if the image or the duals are zero or not finite.
 pub(crate) fn set_map<T: Float>(
     ops: &Operators<T>,
     state: &mut State<T>,
@@ -126,7 +128,7 @@ pub(crate) fn set_map<T: Float>(
     true
 }
 
-/// `Sigma` from `T`.
+/// Computes `Sigma` from `T`.
 fn set_sigma<T: Float>(ops: &Operators<T>, state: &mut State<T>) {
     let blocks = state.blocks();
     let State { tau, cell_sigma, group_sigma, split: [space, time, _], .. } = state;
@@ -145,26 +147,26 @@ fn largest_tau<T: Float>(tau: &[T], unknowns: [u32; 3], blocks: usize, block: us
     own[0].max(own[1]).max(own[2])
 }
 
-/// Squared norms of the differences in space, in time, and of the bounds; 0 for what is not there.
+/// Returns the squared norms of the differences in space and time and of the bounds; 0 for absent terms.
 fn squared_norms<T: Float>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
     let time = if state.time_dual.is_empty() { 0.0 } else { 4.0 };
     let bounds = if state.bound_dual.is_empty() { 0.0 } else { 1.0 };
     [ops.norm_squared, time, bounds]
 }
 
-/// `sigma tau` of all three alike.
+/// Returns equal `sigma tau` for space, time and bounds.
 fn even_split<T: Float>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
     [1.0 / squared_norms(ops, state).iter().sum::<f64>().max(1.0); 3]
 }
 
-/// Sets how the duals of space, time and bounds share `sum |.|^2 sigma tau <= 1`, each by what it
-/// carries, and gives the step for which image and duals have equally far to go.
+/// Splits `sum |.|^2 sigma tau <= 1` between the duals of space, time and bounds according to their
+/// norms, and returns the factor that balances image and duals.
 ///
 /// ```text
 /// min  sum_i N_i / s_i  with  sum_i c_i s_i = 1:     s_i = sqrt(N_i / c_i) / sum_j sqrt(c_j N_j)
 /// ```
 ///
-/// with `N_i` the squared duals over the steps, and `c_i` the squared norms.
+/// with `N_i` the squared norms of the duals, weighted by `tau`, and `c_i` the squared operator norms.
 fn balance<T: Float>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> {
     let (stride, blocks) = (state.stride, state.blocks());
     let square = |row: &[T]| row.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
@@ -196,7 +198,7 @@ fn balance<T: Float>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> {
     if !(all > 0.0 && all.is_finite()) {
         return None;
     }
-    // what carries nothing now may have to later
+    // duals that are zero now may become non-zero later
     let carried = carried.map(|n| n.max(LEAST_SHARE * all));
     let sum: f64 = carried.iter().zip(&norms).map(|(n, c)| (n * c).sqrt()).sum();
     for ((s, n), c) in state.split.iter_mut().zip(&carried).zip(&norms) {
@@ -214,7 +216,7 @@ pub(crate) struct MapScratch<T> {
     /// Gradient of each unknown and of each group, in blocks of frames.
     cells: Vec<T>,
     groups: Vec<T>,
-    /// Steps that a map which fails leaves as they were.
+    /// Previous steps, restored if no map can be computed.
     before: Vec<T>,
 }
 
@@ -228,7 +230,7 @@ impl<T: Float> MapScratch<T> {
         }
     }
 
-    /// The largest differences of the image, dilated by two groups.
+    /// Computes the largest differences of the image, dilated by two groups.
     fn gradient(&mut self, ops: &Operators<T>, state: &State<T>) {
         let (stride, blocks) = (state.stride, state.blocks());
         for (group, out) in ops.groups.iter().zip(self.groups.chunks_exact_mut(blocks)) {

@@ -1,7 +1,7 @@
-//! A sliding window over an endless sequence.
+//! Sliding window over an endless sequence.
 //!
-//! Long because every event of a running instrument is a method of one type, and each must leave all
-//! of its arrays consistent.
+//! Over 300 lines because every event of a running instrument is a method of one type, and each must
+//! leave all of its arrays consistent.
 
 use super::certificate::{Effort, Evaluation, Iterate, LARGEST_WEIGHT};
 use super::data::{Seen, Target};
@@ -16,54 +16,55 @@ use crate::check::{check_length, check_positive};
 use crate::{Certificate, InverseError, SequenceStatus};
 use std::time::Instant;
 
-/// What a push gave.
+/// Result of a push.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StreamStep<'a> {
-    /// Image of the lagged frame, siemens, `[unknown]`; `None` until the window reaches back to it.
+    /// Image of the lagged frame, siemens, `[unknown]`; `None` until the window contains that frame.
     pub image: Option<&'a [f64]>,
     /// Why the iteration stopped.
     pub status: SequenceStatus,
-    /// Iterations of this push.
+    /// Number of iterations of this push.
     pub iterations: usize,
-    /// Bounds on the window's optimum.
+    /// Bounds on the optimum of the window.
     pub certificate: Certificate,
     /// `|W^1/2 (J x - dv)|` of the lagged frame over its good channels; 0 without an image.
     pub residual: f64,
-    /// The whole window holds nothing but noise, or nothing at all: no iteration was needed.
+    /// Whether the whole window contains only noise or no data, so that no iteration was needed.
     pub quiet: bool,
-    /// Time of this push, seconds.
+    /// Run time of this push, seconds.
     pub seconds: f64,
 }
 
-/// Spatio-temporal total variation of the last frames, warm-started.
+/// Spatio-temporal total variation over a sliding window, warm-started.
 ///
-/// Every push moves the window by one frame, keeps image and dual variables of the frames that stay,
-/// and iterates until the window's problem, exactly that of [`StTv::solve`] on its frames, is solved
-/// to the target gap or the budget is spent. After set-up nothing is allocated.
+/// Every push moves the window by one frame, keeps image and dual variables of the remaining frames,
+/// and iterates until the problem of the window is solved to the target gap or the budget is spent.
+/// The problem is exactly that of [`StTv::solve`] on the frames of the window. After set-up nothing is
+/// allocated.
 ///
-/// * A frame with masked channels changes the rows of its data term and nothing else; the expansion
-///   of a new set of masked channels costs `O(rank^3)` once.
-/// * A dropped frame ([`push_dropped`](Self::push_dropped)) is a frame without data: the window
-///   interpolates it. It may as well be left out, since a total variation in time does not depend
-///   on the frame rate; for the same reason a change of rate needs no call.
-/// * A frame that equals its reference, or differs from it by noise alone, is data like any other as
-///   long as the window holds a touch: its image is coupled to its neighbours', and leaving it out
-///   would change both. Once the whole window is such frames its image is zero, and nothing is
-///   computed ([`StreamStep::quiet`]); without `noise_std` only data that is zero to the bit is.
-/// * Another reference frame moves all data of the window
+/// * Masked channels of a frame only change the rows of its data term. The factorisation for a new set
+///   of masked channels costs `O(rank^3)` once.
+/// * A dropped frame ([`push_dropped`](Self::push_dropped)) is a frame without data, which the window
+///   interpolates. The call may also be omitted, since total variation in time does not depend on the
+///   frame rate. For the same reason a change of the frame rate needs no call.
+/// * A frame that equals its reference, or differs from it by noise only, is treated like any other
+///   while the window contains a touch: its image is coupled to its neighbours', and skipping it
+///   would change them. When the whole window consists of such frames, the image is zero and nothing is
+///   computed ([`StreamStep::quiet`]). Without `noise_std` this requires data that is exactly zero.
+/// * A change of the reference frame changes all data of the window
 ///   ([`change_reference`](Self::change_reference)).
 #[derive(Debug)]
 pub struct StTvStream {
     solver: StTv,
     settings: StreamSettings,
-    /// Frames in the window so far, the last ones.
+    /// Number of frames in the window so far; they are its last ones.
     filled: usize,
     state: State<f32>,
     data: DataSteps<f32>,
     map: MapScratch<f32>,
     flow: Flow<f32>,
     evaluation: Evaluation,
-    /// The best images of a push, `[unknown][stride]`, and their residuals.
+    /// Best images of a push, `[unknown][stride]`, and their residuals.
     best: Vec<f64>,
     best_residual: Vec<f64>,
     scratch: Scratch,
@@ -71,30 +72,30 @@ pub struct StTvStream {
     /// Difference data and channels as pushed, `[frame][measurement]`.
     raw: Vec<Vec<f64>>,
     good: Vec<Vec<bool>>,
-    /// No data at all.
+    /// Frames without data.
     dropped: Vec<bool>,
-    /// Iterations that the next push begins with.
+    /// Length of the first round of iterations of the next push.
     expected: usize,
-    /// Iterations since the window was at rest, until its step map fits.
+    /// Iterations since the window was at rest or its steps were reset.
     since_rest: usize,
     /// Iterations of this push.
     spent: usize,
-    /// Steps of this push relative to the usual: larger where the bound has farther to go than the image.
+    /// Factor on the steps of this push; larger if the bound improves faster than the image.
     boost: f64,
-    /// Squared linear images of the window at its last step map.
+    /// Squared norm of the linear images of the window at its last step map.
     mapped: f64,
     smoothing: f64,
-    /// Norm of a frame's data that is 1 inside; 0 before there is any.
+    /// Norm of a frame's data that corresponds to 1 internally; 0 before the first data.
     scale: f64,
     pushed: usize,
     lagged: Vec<f64>,
-    /// Image and proof are zero, so that nothing of them need be moved or cleared.
+    /// Whether image and duals are zero, so that they need not be moved or cleared.
     resting: bool,
 }
 
 /// Memory that a push writes before it reads.
 struct Scratch {
-    /// The frame that is being pushed, until all of it is known to be fine.
+    /// The frame being pushed, until it has passed all checks.
     mode: Seen,
     target: Target,
     good: Vec<bool>,
@@ -107,47 +108,47 @@ impl std::fmt::Debug for Scratch {
     }
 }
 
-/// Steps of the map relative to balanced ones: between those that settle an image and those that
-/// prove it, as one run does both.
+/// Steps of the map relative to balanced ones: a compromise between fast convergence of the image and of
+/// the bound.
 const SHARE: f64 = 0.4;
-/// With bounds, steps of this part: their forces have far to go, as in a causal frame. The window of the
-/// example of a stream takes 98 to 392 iterations a frame, with whole steps 129 to 1309.
+/// Additional factor on the steps with bounds, whose duals need large changes, as in a causal frame. The
+/// window of the stream example takes 98 to 392 iterations per frame, and 129 to 1309 without the factor.
 const BOUNDED_SHARE: f64 = 0.3;
-/// Smoothing of the norms, and the iterations of a push after which it falls, see [`super::run`].
+/// Smoothing of the norms, and the iterations of a push after which it decreases, see [`super::run`].
 const SMOOTHING: f64 = 0.04;
 const SMOOTH: f64 = 120.0;
-/// A frame this much larger than the unit of the data sets another one.
+/// A frame larger than the unit of the data by this factor sets a new unit.
 const OUTGROWN: f64 = 1e4;
-/// Pushes between two step maps.
+/// Number of pushes between two step maps.
 const MAP_EVERY: usize = 4;
-/// Iterations after rest at which the first steps are measured, and at which maps are made.
+/// Iterations after rest at which the uniform step is updated, and at which maps are computed.
 const MEASURE_AT: [usize; 2] = [8, 16];
 const MAP_AT: [usize; 3] = [24, 48, 96];
-/// Steps of the flow of a proof.
+/// Steps of the flow search for a bound.
 const FLOW_STEPS: usize = 50;
-/// Growth of the squared linear images from one map to a push that makes the map useless: something
-/// came that it has no steps for, and the steps are measured as after rest.
+/// Growth of the squared linear images since the last map that makes the map useless. A new touch has
+/// appeared where its steps are small, and the steps are determined as after rest.
 const ONSET: f64 = 4.0;
-/// The gap falls like this power of the iterations.
+/// Assumed decay of the gap, as a power of the iterations.
 const POWER: f64 = 3.0;
-/// Iterations of a push after which the map at hand is stale: another one is made here, and each time
-/// the iterations have doubled.
+/// Iterations of a push after which the map is stale. A new one is computed then, and whenever the
+/// iterations have doubled.
 const STALE: usize = 150;
-/// Iterations before the first evaluation of the first push, and the least of any.
+/// Iterations before the first evaluation of the first push, and minimum of any first round.
 const FIRST_ROUND: usize = 20;
-/// A later push begins with this share of what the one before it took: evaluations are dear. Rounds
-/// after the first add this share of all before.
+/// First round of a push as a fraction of the iterations of the previous push, because evaluations are
+/// expensive; and length of later rounds as a fraction of all iterations so far.
 const BEGIN: f64 = 0.85;
 const GROWTH: f64 = 0.15;
-/// Iterations between two looks at the clock.
+/// Iterations between two checks of the clock.
 const CLOCK: usize = 4;
 
 impl StTvStream {
     /// Sets up a stream.
     ///
     /// # Errors
-    /// [`InverseError::OutOfRange`] for a window of 0, a lag outside it, a target gap that is not
-    /// positive, no iterations.
+    /// [`InverseError::OutOfRange`] for a window of 0 frames, a lag outside the window, a target gap
+    /// that is not positive, or 0 iterations.
     pub fn new(solver: StTv, settings: StreamSettings) -> Result<Self, InverseError> {
         let StreamSettings { window, lag, target_gap, max_iterations, .. } = settings;
         check_positive("target_gap", target_gap)?;
@@ -166,7 +167,7 @@ impl StTvStream {
         state.links_mut().fill(0.0);
         let evaluation = Evaluation::new(&solver.double, &state, &solver.parts);
         let measurements = solver.measurements();
-        // a copy would not keep the room
+        // built separately, because a clone would not keep the capacity
         let empty = || {
             let mut seen = Seen::new(&solver.compression);
             seen.clear();
@@ -221,12 +222,12 @@ impl StTvStream {
         })
     }
 
-    /// Takes a frame of difference data `[measurement]` and its good channels (`None`: all), and
-    /// gives the image of the lagged frame.
+    /// Adds a frame of difference data `[measurement]` with its good channels (`None`: all) and returns
+    /// the image of the lagged frame.
     ///
     /// # Errors
-    /// Wrong lengths, a value of a good channel that is not finite (the frame number counts pushes
-    /// from 0), a `delta` that no image can reach. The window is then as it was.
+    /// Returns an error for wrong lengths, a non-finite value of a good channel (the frame index counts
+    /// pushes from 0), and a `delta` that no image can satisfy. The window is then unchanged.
     pub fn push(
         &mut self,
         dv: &[f64],
@@ -260,8 +261,8 @@ impl StTvStream {
         Ok(self.finish(start))
     }
 
-    /// Takes note that a frame was lost: the window moves on, and the lost frame is interpolated
-    /// from its neighbours.
+    /// Records a dropped frame: the window advances, and the dropped frame is interpolated from its
+    /// neighbours.
     pub fn push_dropped(&mut self) -> StreamStep<'_> {
         let start = Instant::now();
         self.advance();
@@ -272,14 +273,15 @@ impl StTvStream {
         self.finish(start)
     }
 
-    /// Changes the reference frame by `change = v_ref_new - v_ref_old`, `[measurement]`: data
-    /// pushed from now on is against the new reference; that of the window is moved. Where the new
-    /// reference is nearer to the newest frame than the old one was, the images are moved by the
-    /// newest one, which is then what the reference holds.
+    /// Changes the reference frame by `change = v_ref_new - v_ref_old`, `[measurement]`.
+    ///
+    /// Data pushed from now on must be relative to the new reference; the data of the window is
+    /// converted. If the new reference is closer to the newest frame than the old one was, the newest
+    /// image is subtracted from the images, as it is then part of the reference.
     ///
     /// # Errors
-    /// Wrong length, a value that is not finite, a frame of the window for which no image could then
-    /// reach `delta`. The window is then as it was.
+    /// Returns an error for a wrong length, a value that is not finite, and a frame of the window for
+    /// which no image could then satisfy `delta`. The window is then unchanged.
     pub fn change_reference(&mut self, change: &[f64]) -> Result<(), InverseError> {
         check_length("change of reference", change.len(), self.solver.measurements())?;
         if let Some(measurement) = change.iter().position(|v| !v.is_finite()) {
@@ -325,24 +327,24 @@ impl StTvStream {
         }
     }
 
-    /// Squared data of the newest frame.
+    /// Returns the squared norm of the newest frame's data.
     fn newest_power(&self) -> f64 {
         let target = &self.window.targets[self.settings.window - 1];
         target.norm().powi(2) + target.rest_squared
     }
 
-    /// The solver in use.
+    /// Returns the solver in use.
     pub fn solver(&self) -> &StTv {
         &self.solver
     }
 
-    /// The settings in use.
+    /// Returns the settings in use.
     pub fn settings(&self) -> &StreamSettings {
         &self.settings
     }
 
-    /// Value of an unknown in the window's frame of an age (0 for the newest), siemens; `None`
-    /// outside.
+    /// Returns the value of an unknown in the frame `age` frames before the newest (0), siemens; `None`
+    /// if the frame or the unknown does not exist.
     pub fn window_image(&self, age: usize, unknown: usize) -> Option<f64> {
         let fine = age < self.filled && unknown < self.solver.unknowns();
         fine.then(|| self.value(self.settings.window - 1 - age, unknown))
@@ -355,7 +357,7 @@ impl StTvStream {
         value.clamp(settings.lower_s, settings.upper_s)
     }
 
-    /// Moves everything one frame back in time; the new frame starts from the newest image.
+    /// Moves all frames one back in time; the new frame starts from the newest image.
     fn advance(&mut self) {
         let window = self.settings.window;
         self.pushed += 1;
@@ -374,8 +376,8 @@ impl StTvStream {
         }
     }
 
-    /// Expands a frame and its channels in the scratch memory, in the caller's units; the newest
-    /// frame's expansion is taken where the channels are the same.
+    /// Transforms a frame and its channels into the scratch memory, in the caller's units. Reuses the
+    /// factorisation of the newest frame if the channels are the same.
     fn stage(&mut self, dv: &[f64]) -> Result<(), InverseError> {
         let Self { solver, window, scratch, .. } = self;
         let Scratch { mode, target, good, whitened } = scratch;
@@ -388,7 +390,7 @@ impl StTvStream {
         self.check_delta(self.pushed, &self.scratch.mode, &self.scratch.target, 1.0)
     }
 
-    /// Refuses a frame that no image can fit, its target in units of `one`.
+    /// Rejects a frame whose constraint no image can satisfy; its target is in units of `one`.
     fn check_delta(
         &self,
         frame: usize,
@@ -398,21 +400,21 @@ impl StTvStream {
     ) -> Result<(), InverseError> {
         let Some(delta) = self.delta(mode) else { return Ok(()) };
         let least = target.rest_squared.sqrt() * one;
-        // the rest of an exact fit is rounding, not noise
+        // a tiny remainder is rounding error of an exact fit
         if least > delta && least > 1e-10 * (target.norm() * one + least) {
             return Err(InverseError::DeltaTooSmall { frame, delta, least });
         }
         Ok(())
     }
 
-    /// Radius of a frame with these channels.
+    /// Returns the constraint radius of a frame with these channels.
     fn delta(&self, mode: &Seen) -> Option<f64> {
         let Fidelity::Constrained { delta } = self.solver.settings.fidelity else { return None };
         Some(delta * (mode.count as f64 / self.solver.channels as f64).sqrt())
     }
 
-    /// Sets the unit of the data from the staged frame where there is none yet, or where this frame
-    /// is so much larger that `f32` would suffer: then the window starts anew.
+    /// Sets the unit of the data from the staged frame if there is none yet, or if this frame is too
+    /// large for the precision of `f32`; in the latter case the iterate restarts from zero.
     fn fit_scale(&mut self) {
         let target = &self.scratch.target;
         let noise = match self.solver.settings.noise_std {
@@ -432,13 +434,13 @@ impl StTvStream {
         self.scale = norm;
     }
 
-    /// Iterates and gives the lagged image.
+    /// Iterates and returns the lagged image.
     fn finish(&mut self, start: Instant) -> StreamStep<'_> {
         self.set_units();
         let quiet = self.is_quiet();
         let outcome = match quiet {
             true => self.rest(),
-            // only eigenvalues can fail, and those only of what is not finite
+            // only the eigenvalue decomposition can fail, and only for non-finite input
             false => self.iterate(start).unwrap_or(Outcome {
                 status: SequenceStatus::Stalled,
                 iterations: 0,
@@ -471,7 +473,7 @@ impl StTvStream {
         }
     }
 
-    /// Weights, bounds and radii in inner units.
+    /// Sets weights, bounds and radii in internal units.
     fn set_units(&mut self) {
         let one = self.one();
         let settings = &self.solver.settings;
@@ -491,12 +493,12 @@ impl StTvStream {
         }
     }
 
-    /// The unit of the data inside.
+    /// Returns the internal unit of the data.
     fn one(&self) -> f64 {
         if self.scale > 0.0 { self.scale } else { 1.0 }
     }
 
-    /// Nothing but noise in the whole window, or nothing at all.
+    /// Returns whether the whole window contains only noise or no data.
     fn is_quiet(&self) -> bool {
         let noise = self.solver.settings.noise_std.is_some();
         let zero = self.solver.settings.lower_s <= 0.0 && self.solver.settings.upper_s >= 0.0;
@@ -510,7 +512,7 @@ impl StTvStream {
         zero && (0..self.settings.window).all(quiet)
     }
 
-    /// The zero image, which a quiet window gets.
+    /// Sets the zero image, the result of a quiet window.
     fn rest(&mut self) -> Outcome {
         if !self.resting {
             self.state.clear();
@@ -525,11 +527,11 @@ impl StTvStream {
             square += own;
         }
         let primal = if self.window.delta.is_empty() { 0.5 * square } else { 0.0 };
-        // the zero image was not shown to be optimal, only not to differ from it beyond noise
+        // the zero image is not proven optimal, but the data agrees with it to within the noise
         Outcome { status: SequenceStatus::Direct, iterations: 0, primal, lower_bound: 0.0 }
     }
 
-    /// Objective and residual in the caller's units per unit inside.
+    /// Returns the caller's units of objective and residual per internal unit.
     fn units(&self) -> (f64, f64) {
         let one = self.one();
         let settings = &self.solver.settings;
@@ -542,7 +544,7 @@ impl StTvStream {
         }
     }
 
-    /// Rounds of iterations and looks.
+    /// Alternates rounds of iterations and evaluations.
     fn iterate(&mut self, start: Instant) -> Result<Outcome, InverseError> {
         self.resting = false;
         let StreamSettings { target_gap, max_iterations, deadline, .. } = self.settings;
@@ -574,7 +576,7 @@ impl StTvStream {
         }
         let mut round = self.expected.max(FIRST_ROUND);
         let mut next_map = STALE;
-        // what a look takes is not known before the first one
+        // time of an evaluation; unknown before the first one
         let mut look_s = 0.0;
         loop {
             let count = round.min(max_iterations - outcome.iterations);
@@ -584,9 +586,9 @@ impl StTvStream {
             let last = [outcome.primal, outcome.lower_bound];
             self.look(&mut outcome);
             look_s = before.elapsed().as_secs_f64();
-            // nearer to the target than asked: fewer will do next time
+            // if the gap is below the target, the next push can use fewer iterations
             let spare = (outcome.gap() / target_gap).powf(1.0 / POWER).clamp(0.5, 1.0);
-            // an event says nothing about the frame after it
+            // capped, because a sudden event does not predict the frame after it
             self.expected = ((outcome.iterations as f64 * BEGIN * spare) as usize).min(STALE);
             round = ((outcome.iterations as f64 * GROWTH) as usize).max(CLOCK);
             if outcome.gap() <= target_gap {
@@ -598,8 +600,8 @@ impl StTvStream {
             if outcome.iterations >= max_iterations {
                 return Ok(Outcome { status: SequenceStatus::IterationCap, ..outcome });
             }
-            // with bounds a map within a frame disturbs more than it mends: the frame after a release takes
-            // 1037 iterations without, more than 2000 with them
+            // With bounds a new map within a frame slows convergence: the frame after a release takes 1037
+            // iterations without new maps, more than 2000 with them.
             if outcome.iterations >= next_map && self.window.bounds.is_none() {
                 next_map = 2 * outcome.iterations;
                 let [raised, fallen] = [outcome.lower_bound - last[1], last[0] - outcome.primal];
@@ -613,7 +615,7 @@ impl StTvStream {
         }
     }
 
-    /// Values the candidate and bounds the optimum; keeps the better ones.
+    /// Evaluates the candidate and computes a lower bound; keeps the best of each.
     fn look(&mut self, outcome: &mut Outcome) {
         let Self { solver, window, evaluation, state, data, flow, .. } = self;
         let problem = window.problem(solver);
@@ -629,8 +631,8 @@ impl StTvStream {
         outcome.lower_bound = outcome.lower_bound.max(bound);
     }
 
-    /// Iterations, the last of which keeps its image as the candidate; returns how many there was
-    /// time for, one at least.
+    /// Runs up to `count` iterations until the deadline and returns their number, at least one. The last
+    /// iteration stores its image as the candidate.
     fn run(&mut self, count: usize, start: Instant, deadline: f64) -> Result<usize, InverseError> {
         let [lambda_space, lambda_time] = self.window.weights.map(|w| w.min(LARGEST_WEIGHT));
         for k in 0..count {
@@ -663,7 +665,7 @@ impl StTvStream {
         self.set_data()
     }
 
-    /// A step map from the images at hand.
+    /// Computes a step map from the current images.
     fn set_map(&mut self) -> Result<(), InverseError> {
         let Self { solver, state, map, window, .. } = self;
         let bounded = if window.bounds.is_some() { BOUNDED_SHARE } else { 1.0 };
@@ -675,14 +677,14 @@ impl StTvStream {
         self.set_data()
     }
 
-    /// Data steps of the map at hand.
+    /// Recomputes the data steps for the current step map.
     fn set_data(&mut self) -> Result<(), InverseError> {
         let Self { solver, window, state, data, .. } = self;
         state.disturb();
         data.set_map(solver.arch, &window.problem(solver), &solver.single, state)
     }
 
-    /// Data steps of the window's channels and data.
+    /// Assigns the data steps for the channels and data of the window.
     fn assign(&mut self) -> Result<(), InverseError> {
         let Self { solver, window, state, data, .. } = self;
         state.disturb();
@@ -690,7 +692,7 @@ impl StTvStream {
     }
 }
 
-/// Whitened data; masked values may be NaN.
+/// Whitens the data of a frame; masked values may be NaN.
 fn whiten(solver: &StTv, mode: &Seen, dv: &[f64], out: &mut [f64]) {
     for (i, value) in out.iter_mut().enumerate() {
         *value = if mode.good[i] { solver.compression.root_weights[i] * dv[i] } else { 0.0 };

@@ -1,6 +1,6 @@
-//! The passes of one iteration over all unknowns, see `engine`.
+//! Passes of one iteration over all unknowns, see `engine`.
 //!
-//! Long because the steps of one sweep share one layout and are inlined into one function.
+//! Over 300 lines because the steps of one sweep share one layout and are inlined into one function.
 
 use super::float::Float;
 use super::kernel::{LANES, PANEL, add_row, add_scaled, analyse, lanes, row, row_mut, synthesise};
@@ -8,14 +8,14 @@ use super::operators::{BLOCK, Group, Operators};
 use super::state::{PAD, RHO, State, Weights};
 use pulp::{Simd, WithSimd};
 
-/// [`Weights`] in the iteration's type.
+/// [`Weights`] in the floating-point type of the iteration.
 pub(super) struct Scaled<T> {
     pub(super) rho: T,
     pub(super) space: T,
     pub(super) time: T,
     pub(super) bounds: Option<[T; 2]>,
     pub(super) smoothing: T,
-    /// Below every radius that counts, above zero.
+    /// Positive, but smaller than every non-zero radius.
     tiny: T,
 }
 
@@ -32,7 +32,7 @@ impl<T: Float> Scaled<T> {
     }
 }
 
-/// The tail's coefficients of the image.
+/// Computes the image coefficients of the tail.
 pub(super) struct Analyse<'a, T> {
     pub(super) state: &'a mut State<T>,
     pub(super) ops: &'a Operators<T>,
@@ -53,7 +53,7 @@ impl<T: Float> WithSimd for Analyse<'_, T> {
     }
 }
 
-/// The tail's force on all unknowns.
+/// Computes the force of the tail on all unknowns.
 pub(super) struct Pull<'a, T> {
     pub(super) state: &'a mut State<T>,
     pub(super) ops: &'a Operators<T>,
@@ -72,7 +72,7 @@ impl<T: Float> WithSimd for Pull<'_, T> {
     }
 }
 
-/// The force of the duals and the coefficients of `w`, without an iteration before.
+/// Computes the force of the duals and the coefficients of `w` for a first iteration.
 pub(super) struct Descend<'a, T> {
     pub(super) state: &'a mut State<T>,
     pub(super) ops: &'a Operators<T>,
@@ -92,7 +92,7 @@ impl<T: Float> WithSimd for Descend<'_, T> {
     }
 }
 
-/// Force of the duals on a block, and the share of its `w` in the coefficients.
+/// Computes the force of the duals on a block and adds the contribution of its `w` to the coefficients.
 #[inline(always)]
 fn descend<T: Float>(state: &mut State<T>, ops: &Operators<T>, block: usize) {
     let (stride, blocks) = (state.stride, state.stride / LANES);
@@ -112,7 +112,7 @@ fn descend<T: Float>(state: &mut State<T>, ops: &Operators<T>, block: usize) {
     analyse(basis, ops.padded_rank, 0..state.head, &state.block, stride, &mut state.next);
 }
 
-/// `D' q + D_t' q_t + p + tail` of an unknown.
+/// Computes `D' q + D_t' q_t + p + tail` of an unknown.
 #[inline(always)]
 fn gather_force<T: Float>(state: &mut State<T>, ops: &Operators<T>, unknown: usize) {
     let stride = state.stride;
@@ -129,8 +129,8 @@ fn gather_force<T: Float>(state: &mut State<T>, ops: &Operators<T>, unknown: usi
     }
     let work = &mut state.work[at..at + stride];
     if !state.time_dual.is_empty() {
-        // before the first frame stands the zero at the end of the row before; one after the other,
-        // since the compiler would shuffle two loads that overlap
+        // The value before the first frame is the zero at the end of the previous row. Two separate
+        // additions, because the compiler would combine overlapping loads with shuffles.
         add_scaled(minus, &state.time_dual[PAD + at..][..stride], work);
         add_scaled(one, &state.time_dual[PAD + at - 1..][..stride], work);
     }
@@ -142,7 +142,7 @@ fn gather_force<T: Float>(state: &mut State<T>, ops: &Operators<T>, unknown: usi
     }
 }
 
-/// `D' q` of `B` blocks of frames; returns how many frames these are.
+/// Computes `D' q` of `B` blocks of frames; returns their number of frames.
 #[inline(always)]
 fn divergence<T: Float, const B: usize>(
     state: &mut State<T>,
@@ -162,7 +162,7 @@ fn divergence<T: Float, const B: usize>(
     B * LANES
 }
 
-/// The image from the fitted coefficients, all duals, and the next `w` with its coefficients.
+/// Updates the image from the fitted coefficients, all duals, and the next `w` with its coefficients.
 pub(super) struct Sweep<'a, T> {
     pub(super) state: &'a mut State<T>,
     pub(super) ops: &'a Operators<T>,
@@ -195,7 +195,7 @@ impl<T: Float> WithSimd for Sweep<'_, T> {
     }
 }
 
-/// Image, and duals of time and bounds, of a block.
+/// Updates the image of a block and its duals of time and bounds.
 #[inline(always)]
 fn ascend<T: Float>(
     state: &mut State<T>,
@@ -236,7 +236,7 @@ fn ascend<T: Float>(
     }
 }
 
-/// `x - tau force` of a row.
+/// Computes `x - tau force` of a row.
 #[inline(always)]
 fn descend_by<T: Float>(image: &[T], force: &[T], taus: &[T], out: &mut [T]) {
     let rows = image.as_chunks::<LANES>().0.iter().zip(force.as_chunks::<LANES>().0);
@@ -245,8 +245,8 @@ fn descend_by<T: Float>(image: &[T], force: &[T], taus: &[T], out: &mut [T]) {
     }
 }
 
-/// `force` is that on a row of the image `x`: sets it to `2 x^ - x` with `x^ = x - tau force`, and
-/// relaxes `x`.
+/// Replaces the force on a row of the image `x` by `2 x^ - x` with `x^ = x - tau force`, and relaxes
+/// `x`.
 #[inline(always)]
 fn extrapolate<T: Float>(image: &mut [T], force: &mut [T], taus: &[T], rho: T) {
     let images = image.as_chunks_mut::<LANES>().0;
@@ -273,7 +273,7 @@ fn bound_step<T: Float>(
         let sigma = per_cell * *sigma;
         *p = lanes(|l| {
             let up = sigma.mul_add(b[l], p[l]);
-            // zero between the bounds, without dividing by sigma
+            // zero between the bounds; avoids a division by sigma
             let new = (up - sigma * bounds[1]).max((up - sigma * bounds[0]).min(T::default()));
             present[l] * rho.mul_add(new - p[l], p[l])
         });
@@ -290,7 +290,7 @@ fn time_step<T: Float>(
     let (stride, blocks) = (state.stride, state.stride / LANES);
     let at = unknown * stride;
     let here = row(&state.work, at, stride);
-    // what is read beyond the row's end has no link
+    // the value read beyond the end of the row belongs to a frame without a link
     let after = row(&state.work, at + 1, stride);
     let links = row(&state.links, 0, stride);
     let radius = steps.time * ops.time_radius[unknown];
@@ -298,7 +298,7 @@ fn time_step<T: Float>(
     let duals = row_mut(&mut state.time_dual, PAD + at, stride);
     let rows = duals.iter_mut().zip(links).zip(here.iter().zip(after));
     for (block, ((q, links), (here, after))) in rows.enumerate() {
-        // the last link goes over to the next block
+        // the last link connects to the next block
         let next = sigmas[(block + 1).min(blocks - 1)];
         let mut sigma = [sigmas[block]; LANES];
         sigma[LANES - 1] = sigma[0].min(next);
@@ -311,10 +311,10 @@ fn time_step<T: Float>(
     }
 }
 
-/// Differences of a group, one array for each component.
+/// Returns the differences of a group, one array per component.
 #[inline(always)]
 pub(crate) fn differences<T: Float>(group: &Group<T>, rows: [&[T; LANES]; 3]) -> [[T; LANES]; 2] {
-    // not by `map`: a closure inside it is compiled for the least of all machines
+    // not `map`, because its closure would be compiled for the baseline instruction set
     let component = |w: &[T; 3]| {
         let first = lanes(|l| w[0] * rows[0][l]);
         add_row(w[2], rows[2], add_row(w[1], rows[1], first))
@@ -322,7 +322,7 @@ pub(crate) fn differences<T: Float>(group: &Group<T>, rows: [&[T; LANES]; 3]) ->
     [component(&group.weights[0]), component(&group.weights[1])]
 }
 
-/// The rows of a group's unknowns.
+/// Returns the rows of a group's unknowns.
 #[inline(always)]
 fn group_rows<'a, T: Float>(
     work: &'a [T],

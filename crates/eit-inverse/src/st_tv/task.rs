@@ -1,4 +1,4 @@
-//! One sequence in the solver's own units.
+//! One sequence in the solver's internal units.
 
 use super::batch::StTv;
 use super::data::SequenceData;
@@ -11,20 +11,20 @@ use crate::{
 use ndarray::Array2;
 use std::time::Instant;
 
-/// A sequence, scaled so that the Jacobian's largest singular value and the root mean square of a
-/// frame's data are 1: then nothing over- or underflows in `f32`, whatever the units.
+/// A sequence, scaled so that the largest singular value of the Jacobian and the root mean square of
+/// the norms of its frames are 1. This avoids overflow and underflow in `f32` for any units.
 pub(crate) struct Task<'a> {
     pub(crate) solver: &'a StTv,
     pub(crate) data: SequenceData,
     pub(crate) frames: usize,
-    /// Radius of each frame in these units; empty where the data is penalised.
+    /// Constraint radius of each frame in these units; empty for penalised data.
     pub(crate) delta: Vec<f64>,
     pub(crate) lambda_space: f64,
     pub(crate) lambda_time: f64,
     pub(crate) bounds: Option<[f64; 2]>,
-    /// Norm of a frame's data that is 1 in these units; 0 where there is nothing to solve.
+    /// Norm of a frame's data that corresponds to 1 in these units; 0 if the zero sequence is optimal.
     pub(crate) scale: f64,
-    /// Objective in the caller's units per unit here.
+    /// Objective in the caller's units per internal unit.
     objective: f64,
 }
 
@@ -51,7 +51,7 @@ impl<'a> Task<'a> {
         let mut inside = !delta.is_empty();
         for (frame, (&delta, target)) in delta.iter().zip(&data.targets).enumerate() {
             let least = target.rest_squared.sqrt();
-            // the rest of an exact fit is rounding, not noise
+            // a tiny remainder is rounding error of an exact fit
             if least > delta && least > 1e-10 * (total.sqrt() + least) {
                 return Err(InverseError::DeltaTooSmall { frame, delta, least });
             }
@@ -94,7 +94,7 @@ impl<'a> Task<'a> {
         })
     }
 
-    /// Has the problem links between frames?
+    /// Returns whether frames are linked in time.
     pub(crate) fn linked(&self) -> bool {
         self.frames > 1 && self.lambda_time > 0.0
     }
@@ -119,7 +119,7 @@ impl<'a> Task<'a> {
         }
     }
 
-    /// The result where the zero sequence is optimal without any solve.
+    /// Returns the zero sequence, for problems where it is known to be optimal.
     pub(crate) fn nothing(&self, start: Instant) -> ImageSequence {
         let square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
         let norm = |f: usize| {
@@ -146,7 +146,7 @@ impl<'a> Task<'a> {
         if self.linked() { "st-tv" } else { "tv" }
     }
 
-    /// The sequence of images `[unknown][stride]` and a trace, in these units.
+    /// Converts images `[unknown][stride]` and a trace from internal units to a sequence.
     pub(crate) fn sequence(
         &self,
         images: &[f64],
@@ -168,7 +168,7 @@ impl<'a> Task<'a> {
         let [lower, upper] = [self.solver.settings.lower_s, self.solver.settings.upper_s];
         let unknowns = self.solver.unknowns();
         let value = |(frame, p): (usize, usize)| {
-            // bounds hold to the last bit
+            // clip again, so that bounds hold exactly after scaling
             (images[p * stride + frame] * per_image).clamp(lower, upper)
         };
         ImageSequence {

@@ -1,4 +1,4 @@
-//! Weights from the noise.
+//! Choice of the weights from the noise level.
 
 use super::kernel::LANES;
 use super::settings::Weights;
@@ -8,43 +8,43 @@ use crate::{DifferenceFrames, InverseError};
 use ndarray::Axis;
 use std::time::Instant;
 
-/// Frames that the choice looks at.
+/// Number of frames used for the choice.
 const SAMPLE: usize = 12;
-/// Accuracy of the trial solves: the residual is settled long before the objective.
+/// Target gap of the trial solves; the residual converges long before the objective.
 const TRIAL_GAP: f64 = 3e-2;
-/// Factor between trials while the crossing is sought, and trials in each direction at most.
+/// Factor between trial weights until the crossing is bracketed, and maximum number of trials.
 const STRIDE: f64 = 4.0;
 const TRIALS: usize = 8;
-/// Derivative of the logarithm of the residual by that of the weight below which it is flat: a tenth
-/// less for a factor of 4.
+/// Slope of log residual over log weight below which the residual counts as flat: a tenth for a factor
+/// of 4 in the weight.
 const FLAT: f64 = 0.075;
-/// Halvings of the last factor: to 1 part in 10.
+/// Bisections of the last factor, to an accuracy of a tenth.
 const HALVINGS: usize = 4;
 
-/// How a choice of weights ended.
+/// Outcome of a choice of weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum WeightStatus {
-    /// The residual is that of the noise.
+    /// The residual equals the noise level.
     Reached,
-    /// The residual hardly falls any more on its way to the noise: what is left there is an error of
-    /// the model (electrodes that moved), which smaller weights would fit with artefacts. The weight
-    /// is the corner of the L-curve, where that begins.
+    /// The residual becomes flat before it reaches the noise level. The remainder is a model error (for
+    /// example moved electrodes), which smaller weights would fit with artefacts. The weight is the
+    /// corner of the L-curve, where the flat part begins.
     Flattened,
-    /// Even the smallest weights tried leave more than the noise: the model does not explain the
-    /// data, or the noise is larger than stated.
+    /// Even the smallest trial weights leave a residual above the noise level: the model does not explain
+    /// the data, or the noise is larger than specified.
     AtLowerEdge,
-    /// Even a constant image explains the data: there is nothing but noise, or it is smaller than
-    /// stated.
+    /// Even the largest trial weights explain the data: it contains only noise, or the noise is smaller
+    /// than specified.
     AtUpperEdge,
 }
 
-/// A trial of the weights.
+/// One trial of the choice of weights.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WeightPoint {
-    /// Weight tried.
+    /// Trial weight.
     pub lambda_space: f64,
-    /// Root mean square over channels and frames of the residual in units of the noise.
+    /// Root mean square residual over channels and frames, in units of the noise.
     pub residual_norm: f64,
     /// `sum_t |grad x_t|_{2,1} + (lambda_time / lambda_space) sum_t |x_{t+1} - x_t|_1`, S m.
     pub variation: f64,
@@ -53,40 +53,41 @@ pub struct WeightPoint {
 /// Weights chosen by the discrepancy principle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChosenWeights {
-    /// Weight in space.
+    /// Spatial weight.
     pub lambda_space: f64,
-    /// Weight in time.
+    /// Temporal weight.
     pub lambda_time: f64,
-    /// Root mean square residual there, in units of the noise; 1 is wanted.
+    /// Root mean square residual at these weights, in units of the noise; the target is 1.
     pub residual: f64,
-    /// How the choice ended.
+    /// Outcome of the choice.
     pub status: WeightStatus,
-    /// All trials, by weight.
+    /// All trials, in order of ascending weight.
     pub curve: Vec<WeightPoint>,
-    /// `lambda_space` at the corner of the L-curve of the trials, as a check; `None` where the
-    /// curve has no convex corner.
+    /// `lambda_space` at the corner of the L-curve of the trials, as a check; `None` if the curve has
+    /// no convex corner.
     pub corner: Option<f64>,
-    /// Time, seconds.
+    /// Run time, seconds.
     pub seconds: f64,
 }
 
 impl StTv {
-    /// Chooses and sets the weights of the penalised form by the discrepancy principle: the largest
-    /// ones whose images still explain the data to within the noise, `sum |W^1/2 (J x - dv)|^2` =
-    /// number of good channels. `lambda_time = lambda_space / length_m`, where a change of a pixel
-    /// of edge `length_m` from frame to frame then costs as much as one of its edges (no time term
-    /// where `lambda_time` is 0 now).
+    /// Chooses and sets the weights of the penalised form by the discrepancy principle.
     ///
-    /// Where the residual goes on falling, but by less than a tenth per factor of 4 in the weight,
-    /// from the corner of the L-curve to the noise, it is the model that does not explain the data:
-    /// then the weight of the corner is taken ([`WeightStatus::Flattened`]).
+    /// These are the largest weights whose images explain the data to within the noise:
+    /// `sum |W^1/2 (J x - dv)|^2` = number of good channels. `lambda_time = lambda_space / length_m`,
+    /// so that for a pixel of edge length `length_m` a temporal change costs as much as an equal jump
+    /// across one of its edges (if `lambda_time` is currently 0, it stays 0).
     ///
-    /// Looks at the 12 consecutive frames with the most signal, with about ten solves of low
-    /// accuracy, from the weight at which the gradient's dual would just hold the noise.
+    /// If, between the corner of the L-curve and the noise level, the residual falls by less than a
+    /// tenth per factor of 4 in the weight, the model does not explain the data, and the weight of the
+    /// corner is used instead ([`WeightStatus::Flattened`]).
+    ///
+    /// Uses the 12 consecutive frames with the strongest signal and about ten solves of low accuracy.
+    /// The search starts at the weight at which the dual of the gradient can just balance the noise.
     ///
     /// # Errors
-    /// As [`StTv::solve`]; [`InverseError::OutOfRange`] without `noise_std`, or for a length that
-    /// is not positive.
+    /// The errors of [`StTv::solve`]; [`InverseError::OutOfRange`] without `noise_std` or for a length
+    /// that is not positive.
     pub fn choose_weights(
         &mut self,
         frames: &DifferenceFrames<'_>,
@@ -121,7 +122,7 @@ impl StTv {
         Ok(ChosenWeights { lambda_space, lambda_time, residual, status, curve, corner, seconds })
     }
 
-    /// The consecutive frames with the most signal.
+    /// Returns the consecutive frames with the strongest signal.
     fn sample(&self, frames: &DifferenceFrames<'_>) -> std::ops::Range<usize> {
         let count = frames.values.nrows();
         let power = |frame: usize| -> f64 {
@@ -137,7 +138,7 @@ impl StTv {
         first..first + length
     }
 
-    /// Root mean square over the groups of the smallest flow that balances unit noise:
+    /// Returns the root mean square over the groups of the smallest flow that balances unit noise:
     /// `sqrt(sum_k s_k^2 v_k' L^+ v_k / groups)`, in the caller's units.
     fn weight_of_noise(&self) -> f64 {
         let ops = &self.double;
@@ -151,14 +152,14 @@ impl StTv {
             let columns = first..(first + LANES).min(ops.rank);
             solution.fill(0.0);
             for k in columns.clone() {
-                // flows cannot carry what sums to more than zero on a part
+                // remove the mean on each part, which no flow can balance
                 for (p, &part) in self.parts.label.iter().enumerate() {
                     solution[p * LANES + k - first] = basis[(p, k)] - means(part as usize, k);
                 }
             }
             self.laplacian.solve(self.arch, &mut solution, &mut work, LANES);
             for k in columns {
-                // the solution's constant on a part does not count: the right-hand side has none
+                // the constant of the solution on a part has no effect, as the right-hand side has mean 0
                 let energy: f64 = (0..ops.unknowns)
                     .map(|p| {
                         let part = self.parts.label[p] as usize;
@@ -173,7 +174,7 @@ impl StTv {
     }
 }
 
-/// The search for the weight.
+/// Search for the weight.
 struct Trial<'a> {
     solver: &'a StTv,
     sample: DifferenceFrames<'a>,
@@ -201,8 +202,7 @@ impl Trial<'_> {
         Ok((other, status))
     }
 
-    /// Halves the logarithmic interval between a weight that explains the data and one that does
-    /// not.
+    /// Bisects the logarithmic interval between a weight that explains the data and one that does not.
     fn bisect(
         &mut self,
         mut low: WeightPoint,
@@ -219,7 +219,7 @@ impl Trial<'_> {
         Ok((low, WeightStatus::Reached))
     }
 
-    /// Solves with a weight, roughly.
+    /// Solves with a trial weight at low accuracy.
     fn solve(&mut self, lambda_space: f64) -> Result<WeightPoint, InverseError> {
         let lambda_time = self.ratio * lambda_space;
         let weights = Weights { lambda_space, lambda_time, fidelity: Fidelity::Penalised };
@@ -238,8 +238,7 @@ impl Trial<'_> {
     }
 }
 
-/// The corner, where it lies far above the weight that was found and the residual between the two is
-/// flat.
+/// Returns the corner if it lies far above the weight found and the residual is flat between the two.
 fn flattened(curve: &[WeightPoint], corner: Option<f64>, found: f64) -> Option<WeightPoint> {
     let at = |lambda: f64| curve.iter().find(|point| point.lambda_space == lambda);
     let (corner, found) = (at(corner?)?, at(found)?);
@@ -248,8 +247,8 @@ fn flattened(curve: &[WeightPoint], corner: Option<f64>, found: f64) -> Option<W
     (ratio >= STRIDE * STRIDE && slope < FLAT).then_some(*corner)
 }
 
-/// The trial at which the curve `(log residual, log variation)` turns most, if it turns towards the
-/// origin anywhere.
+/// Returns the weight at which the curve `(log residual, log variation)` turns most, if it has a convex
+/// corner.
 fn corner(curve: &[WeightPoint]) -> Option<f64> {
     let points: Vec<[f64; 3]> = curve
         .iter()

@@ -1,11 +1,11 @@
-//! The window of a stream as the iteration and its evaluation see it.
+//! Data of the sliding window of a stream.
 
 use super::StTv;
 use super::data::{Seen, Target};
 use super::problem::{DataTerm, Problem};
 use crate::SequenceStatus;
 
-/// How the iteration of a push ended, in inner units.
+/// Result of the iteration of a push, in internal units.
 pub(super) struct Outcome {
     pub(super) status: SequenceStatus,
     pub(super) iterations: usize,
@@ -22,14 +22,14 @@ impl Outcome {
     }
 }
 
-/// The window's data and weights in inner units.
+/// Data and weights of the window in internal units.
 #[derive(Debug)]
 pub(super) struct Window {
     /// `[frame]`.
     pub(super) modes: Vec<Seen>,
     pub(super) mode_of: Vec<usize>,
     pub(super) targets: Vec<Target>,
-    /// Empty where the data is penalised.
+    /// Empty for penalised data.
     pub(super) delta: Vec<f64>,
     pub(super) weights: [f64; 2],
     pub(super) bounds: Option<[f64; 2]>,

@@ -1,14 +1,14 @@
 //! Optimal assignment of rows to columns.
 
-/// Memory for assignments up to a size; allocates nothing once made.
+/// Workspace for assignments up to a given size; solving does not allocate.
 #[derive(Debug, Clone)]
 pub(super) struct Assignment {
     columns: usize,
-    /// Row-major, `columns` to a row.
+    /// Row-major, `columns` per row.
     costs: Vec<f64>,
     row_potential: Vec<f64>,
     column_potential: Vec<f64>,
-    /// Row of each column, 1-based; 0: none.
+    /// Row assigned to each column, 1-based; 0 if none.
     row_of: Vec<usize>,
     way: Vec<usize>,
     least: Vec<f64>,
@@ -17,7 +17,7 @@ pub(super) struct Assignment {
 }
 
 impl Assignment {
-    /// For at most so many rows and columns.
+    /// Allocates for at most this many rows and columns.
     pub(super) fn new(rows: usize, columns: usize) -> Self {
         Self {
             columns: 0,
@@ -32,11 +32,12 @@ impl Assignment {
         }
     }
 
-    /// Column of each row so that the sum of `cost(row, column)`, all finite, is smallest; there
-    /// must be at least as many columns as rows.
+    /// Returns the column of each row that minimises the sum of `cost(row, column)`.
     ///
-    /// Shortest augmenting paths with potentials, `rows^2 columns` steps (Kuhn 1955; Jonker,
-    /// Volgenant, *Computing* 38 (1987), 325-340). Index 0 is the row that is being placed.
+    /// All costs must be finite, and there must be at least as many columns as rows.
+    ///
+    /// Shortest augmenting paths with potentials, `rows^2 columns` steps (Kuhn 1955; Jonker, Volgenant,
+    /// *Computing* 38 (1987), 325-340). Column 0 holds the row that is being assigned.
     pub(super) fn solve(
         &mut self,
         rows: usize,
@@ -67,7 +68,7 @@ impl Assignment {
         &self.column_of[..rows]
     }
 
-    /// Shortest path from the row at column 0 to a free column, which is returned.
+    /// Finds the shortest path from the row at column 0 to a free column and returns that column.
     fn path(&mut self, columns: usize) -> usize {
         self.least[..=columns].fill(f64::INFINITY);
         self.used[..=columns].fill(false);
@@ -108,7 +109,7 @@ mod tests {
     use super::*;
     use fixtures::Random;
 
-    /// Least sum over all ways, by trying them.
+    /// Least sum over all assignments, by exhaustive search.
     fn by_trial(costs: &[Vec<f64>], row: usize, taken: &mut Vec<bool>) -> f64 {
         if row == costs.len() {
             return 0.0;
@@ -136,7 +137,7 @@ mod tests {
             let mut seen = vec![false; columns];
             found.iter().for_each(|&c| assert!(!std::mem::replace(&mut seen[c], true)));
             let sum: f64 = found.iter().enumerate().map(|(r, &c)| costs[r][c]).sum();
-            // small whole numbers: sums are exact
+            // small integers: sums are exact
             assert_eq!(sum, by_trial(&costs, 0, &mut vec![false; columns]));
         }
     }

@@ -1,29 +1,29 @@
-//! The Gaussian bell: the shape that touches are fitted with.
+//! The Gaussian bell fitted to touches.
 
 use eit_mesh::Surface;
 use std::array::from_fn;
 
-/// A round touch: `sigma = background (1 + amplitude exp(-d^2 / (2 radius^2)))`, `d` the straight
+/// A round touch: `sigma = background (1 + amplitude exp(-d^2 / (2 radius^2)))`, where `d` is the straight
 /// distance from the centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bell {
     /// Centre on the skin, metres.
     pub position_m: [f64; 3],
-    /// Change at the centre relative to the background; above -1.
+    /// Change at the centre relative to the background; greater than -1.
     pub amplitude: f64,
-    /// Radius, metres: at 1.18 of it the change is half of that at the centre.
+    /// Radius, metres. At 1.18 radii the change is half of that at the centre.
     pub radius_m: f64,
 }
 
-/// Points of the triangle's quadrature of degree 2: barycentric permutations of (2/3, 1/6, 1/6)
-/// with equal weights (Strang, Fix, *An Analysis of the Finite Element Method* (1973), table 4.1).
+/// Quadrature points of degree 2 on a triangle: barycentric permutations of (2/3, 1/6, 1/6) with equal
+/// weights (Strang, Fix, *An Analysis of the Finite Element Method* (1973), table 4.1).
 const HEAVY: f64 = 2.0 / 3.0;
 const LIGHT: f64 = 1.0 / 6.0;
 
-/// Beyond this many radii a bell is zero in double precision.
+/// Distance in radii beyond which a bell is zero in double precision.
 const REACH: f64 = 9.0;
 
-/// Points at which bells are averaged over elements, `[element]`.
+/// Returns the points at which bells are averaged over each element, `[element]`.
 pub(super) fn quadrature(surface: &Surface) -> Vec<[[f64; 3]; 3]> {
     let of = |t: usize| {
         let corners = surface.corners(t);
@@ -37,7 +37,7 @@ pub(super) fn quadrature(surface: &Surface) -> Vec<[[f64; 3]; 3]> {
     (0..surface.triangles().len()).map(of).collect()
 }
 
-/// Mean of a bell of height 1 over an element, and its derivatives with respect to the two
+/// Returns the mean of a bell of height 1 over an element and its derivatives with respect to the two
 /// coordinates of the centre along `tangents` and to the logarithm of the radius.
 pub(super) fn value_and_slopes(
     points: &[[f64; 3]; 3],

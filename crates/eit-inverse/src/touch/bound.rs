@@ -1,4 +1,4 @@
-//! What no unbiased method can beat.
+//! Cramer-Rao bound on the position error of any unbiased method.
 
 use super::bell::Bell;
 use super::fit::{FitSettings, Parameters, TouchFit};
@@ -7,7 +7,7 @@ use eit_fem::ForwardModel;
 use eit_mesh::Surface;
 use ndarray::Array2;
 
-/// Which parameters of a touch are unknown beside its place.
+/// Which parameters of a touch are unknown besides its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Nuisance {
     /// None: amplitude and radius are known.
@@ -27,25 +27,26 @@ impl Nuisance {
 /// Bound on the covariance of a touch's position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BellBound {
-    /// Least covariance of the position, square metres; infinite where the data does not fix the
-    /// parameters.
+    /// Least covariance of the position, square metres; infinite if the data do not determine the parameters.
     pub position_covariance_m2: [[f64; 3]; 3],
-    /// Root of the mean of its two variances within the skin, metres: the least root mean square
-    /// error of a coordinate. That of the distance is `sqrt 2` times as much.
+    /// Root of the mean of its two variances within the skin, metres: the least root mean square error of
+    /// one coordinate. The bound on the distance is `sqrt 2` times as large.
     pub position_std_m: f64,
-    /// Least standard deviation of the amplitude; 0 where it is known.
+    /// Least standard deviation of the amplitude; 0 if it is known.
     pub amplitude_std: f64,
-    /// Least standard deviation of the radius, metres; 0 where it is known.
+    /// Least standard deviation of the radius, metres; 0 if it is known.
     pub radius_std_m: f64,
 }
 
-/// Cramer-Rao bound of the positions of touches, all of whose unknown parameters are estimated
-/// from one frame: the inverse of the Fisher information `A' A`, `A = diag(1 / noise_std) J
-/// dsigma/dtheta`, for normal noise.
+/// Computes the Cramer-Rao bound of the positions of touches, with all unknown parameters of all touches
+/// estimated from one frame.
 ///
-/// `settings` give the noise of the difference data and which measurements count. A noise of `N` dB
-/// is understood as `noise_std = 10^(-N / 20)` times the root mean square of the reference
-/// frame's voltages, in each difference, unless the scene says otherwise.
+/// The bound is the inverse of the Fisher information `A' A`, `A = diag(1 / noise_std) J dsigma/dtheta`,
+/// for normal noise.
+///
+/// `settings` give the noise of the difference data and which measurements are used. Noise of `N` dB means
+/// `noise_std = 10^(-N / 20)` times the root mean square of the reference frame's voltages, in each
+/// difference, unless the scene says otherwise.
 ///
 /// Source: Kay, *Fundamentals of Statistical Signal Processing: Estimation Theory* (1993), chapter 3.
 ///
@@ -63,10 +64,10 @@ pub fn cramer_rao(
 }
 
 impl TouchFit<'_> {
-    /// [`cramer_rao`] with the model and noise of this fit.
+    /// Computes [`cramer_rao`] with the model and noise of this fit.
     ///
     /// # Errors
-    /// As [`TouchFit::fit`] of its starts.
+    /// As [`TouchFit::fit`] for its starts.
     pub fn bound(
         &mut self,
         touches: &[Bell],
@@ -76,7 +77,8 @@ impl TouchFit<'_> {
         let parameters = nuisance.parameters();
         let Some(slopes) = self.problem.derivative(&bells, parameters)? else {
             let value = bells.iter().map(|b| b.amplitude).fold(f64::INFINITY, f64::min);
-            let (quantity, must) = ("amplitude", "such that all touches leave conductivity");
+            let (quantity, must) =
+                ("amplitude", "large enough that all touches together leave conductivity");
             return Err(InverseError::OutOfRange { quantity, value, must });
         };
         let covariance: Array2<f64> = super::fit::inverse_information(slopes.as_ref());
@@ -96,11 +98,12 @@ impl TouchFit<'_> {
         Ok(bells.iter().enumerate().map(of).collect())
     }
 
-    /// Derivatives of the model's differences in units of the noise, `[used measurement,
-    /// parameter]`; parameters as in [`FitResult::covariance`](super::FitResult::covariance).
+    /// Returns the derivatives of the model's differences in units of the noise,
+    /// `[used measurement, parameter]`, with parameters as in
+    /// [`FitResult::covariance`](super::FitResult::covariance).
     ///
     /// # Errors
-    /// As [`TouchFit::fit`] of its starts.
+    /// As [`TouchFit::fit`] for its starts.
     pub fn derivatives(&mut self, touches: &[Bell]) -> Result<Array2<f64>, InverseError> {
         let bells = self.check_starts(touches)?;
         let parameters = Parameters { amplitude: true, radius: self.settings.fit_radius };
@@ -109,10 +112,10 @@ impl TouchFit<'_> {
         Ok(Array2::from_shape_fn((slopes.nrows(), slopes.ncols()), |(i, j)| slopes[(i, j)]))
     }
 
-    /// The model's differences in units of the noise, `[used measurement]`.
+    /// Returns the model's differences in units of the noise, `[used measurement]`.
     ///
     /// # Errors
-    /// As [`TouchFit::fit`] of its starts.
+    /// As [`TouchFit::fit`] for its starts.
     pub fn differences(&mut self, touches: &[Bell]) -> Result<Vec<f64>, InverseError> {
         let bells = self.check_starts(touches)?;
         let zero = vec![0.0; self.problem.channels.used.len()];

@@ -1,29 +1,33 @@
-//! Touches straight from frames, each held against everything that is not a touch.
+//! Touches straight from frames, fitted together with everything else that changes a frame.
 //!
 //! ```text
 //! v - v_ref = sum_k a_k d(c_k) + M s + K q + noise
 //! ```
 //!
-//! `d(c)` is what a bell of 1 S m^2 at place `c` does on the linearised model; `K q` what electrodes
-//! that move, contacts and the sheet as a whole do (`q` normal, mean 0, variance 1); `M s` what the
-//! fabric remembers of touches, `s` within bounds. `K q` and the noise are one covariance, and all is
-//! whitened by it once. A touch is what lowers the rest of a frame by more than all of these do:
+//! `d(c)` is the response of the linearised model to a bell of 1 S m^2 at position `c`. `K q` is the effect
+//! of moving electrodes, contacts and the sheet as a whole (`q` normal, mean 0, variance 1). `M s` is what
+//! the fabric remembers of earlier touches, with `s` within bounds. `K q` and the noise form one
+//! covariance, by which everything is whitened once. A touch must lower the residual of a frame by more
+//! than all of these do:
 //!
-//! 1. greedy search over places, all strengths and places fitted together after each (damped
-//!    Gauss-Newton); the number of touches by `ln(rest) + touches ln(1.6)`;
-//! 2. backward: a touch stays where the rest grows by a factor without it, where it is not too faint
-//!    beside the others, and not too near a stronger one;
-//! 3. the reference follows what touches do not explain, so that it is never locked.
+//! 1. Greedy search over positions. After each new touch all strengths and positions are fitted together
+//!    (damped Gauss-Newton). The number of touches minimises `ln(rest) + touches ln(1.6)`.
+//! 2. Backward elimination. A touch stays if the residual grows by a given factor without it, if it is not
+//!    too faint beside the others and not too close to a stronger one.
+//! 3. The reference follows what touches do not explain, so it never locks up.
 //!
-//! Measurements that are missing in a frame are projected out ([`whitening`]).
+//! Measurements that are missing from a frame are projected out ([`whitening`]).
 //!
-//! **Cost** for `n` rows, `G` places, `K` touches: whitening `n^2` for the frame and each memory, one
-//! scan `2 n G` a touch, fits about `2 n (3 K)^2` a touch. 104 rows, 1 200 places: 0.4 Mflop a frame
-//! without touches, 4 Mflop with eight. The dictionary has `3 n G` numbers (3 MB); a scan reads 1 MB
-//! of it, which is its floor. Nothing is allocated once vectors have grown to the most touches.
+//! **Cost** for `n` rows, `G` positions, `K` touches: whitening takes `n^2` flops for the frame and for
+//! each memory column, each touch one scan of `2 n G` and fits of about `2 n (3 K)^2`. With 104 rows and
+//! 1 200 positions that is 0.4 Mflop per frame without touches and 4 Mflop with eight. The dictionary holds
+//! `3 n G` numbers (3 MB), of which a scan reads 1 MB; this bounds its speed. Nothing is allocated once the
+//! vectors have grown to the largest number of touches.
 //!
-//! Source: matching pursuit with orthogonal refits (Pati, Rezaiifar, Krishnaprasad, *Asilomar* 27
-//! (1993), 40-44) with places that move; correlated noise as in Kaipio, Somersalo (2005), section 3.3.
+//! Source: matching pursuit with orthogonal refits (Pati, Rezaiifar, Krishnaprasad, *Asilomar* 27 (1993),
+//! 40-44), with moving positions; correlated noise as in Kaipio, Somersalo (2005), section 3.3.
+//!
+//! One file over 300 lines: the detector is one state, and its steps share most of its fields.
 
 mod dictionary;
 mod least_squares;
@@ -53,94 +57,94 @@ use rows::Rows;
 use search::{Scene, Search};
 use whitening::{Whitening, dot};
 
-/// What a detector is made of. Rows `[measurement]` in protocol order.
+/// Inputs of a [`TouchDetector`]. Rows `[measurement]` are in protocol order.
 #[derive(Debug, Clone, Copy)]
 pub struct DetectorModel<'a> {
     /// The skin.
     pub surface: &'a Surface,
-    /// `[measurement, element]`, volts per siemens.
+    /// Jacobian, `[measurement, element]`, volts per siemens.
     pub jacobian: &'a ArrayRef2<f64>,
     /// Voltages of the untouched model, volts.
     pub model_v: &'a [f64],
-    /// What else changes the model's voltages, one column for each unknown, volts for one standard
-    /// deviation of it: `[measurement, unknown]`.
+    /// Other effects on the model's voltages, one column per unknown, volts per standard deviation of the
+    /// unknown: `[measurement, unknown]`.
     pub unknowns: &'a ArrayRef2<f64>,
     /// The reference frame, volts.
     pub reference_v: &'a [f64],
-    /// Noise of a frame less the reference, volts.
+    /// Standard deviation of the noise of a frame minus the reference, volts.
     pub noise_std_v: &'a [f64],
-    /// Frames during which nothing touched the skin, `[frame, measurement]`, volts: what they hold
-    /// beyond the noise (waves in a tank, hum, a cable that swings) is no touch. May have no rows.
+    /// Frames during which nothing touched the skin, `[frame, measurement]`, volts. What varies in them
+    /// beyond the noise (waves in a tank, hum, a swinging cable) is not taken for touch. May have no rows.
     pub quiet_v: ArrayView2<'a, f64>,
-    /// Which measurements count.
+    /// Which measurements are used.
     pub used: &'a [bool],
-    /// Index of each measurement's reciprocal; its own where there is none.
+    /// Index of each measurement's reciprocal; its own index if it has none.
     pub reciprocal: &'a [usize],
-    /// Measurements that involve each electrode; empty where electrodes are not to be blamed.
+    /// Measurements that involve each electrode; empty to turn off the search for faulty electrodes.
     pub of_electrode: &'a [Vec<usize>],
 }
 
-/// A touch of one frame.
+/// A touch found in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DetectedTouch {
-    /// Place on the skin, metres.
+    /// Position on the skin, metres.
     pub position_m: [f64; 3],
-    /// Covariance of the place, square metres: noise and nuisance parameters, times the rest per
-    /// row where that is above 1.
+    /// Covariance of the position, square metres, from noise and nuisance parameters, scaled by the
+    /// residual chi^2 per row if that exceeds 1.
     pub position_covariance_m2: [[f64; 3]; 3],
-    /// Integral of the conductivity change, S m^2; with its sign.
+    /// Integral of the conductivity change, S m^2, with its sign.
     pub strength_s_m2: f64,
-    /// Standard deviation of it, as that of the place.
+    /// Standard deviation of the strength, S m^2, computed like the covariance of the position.
     pub strength_std_s_m2: f64,
-    /// Largest change of conductivity, siemens; with its sign.
+    /// Peak of the conductivity change, siemens, with its sign.
     pub peak_s: f64,
-    /// Factor by which the rest of the frame grows without it.
+    /// Factor by which the residual chi^2 of the frame grows without this touch.
     pub worth: f64,
-    /// What presses at known places and forces have taught of it, where some have.
+    /// Result of the map learnt from presses at known positions and forces, if there is one.
     pub learnt: Option<LearntTouch>,
 }
 
-/// What learnt presses say of a touch.
+/// What a map learnt from presses says about a touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearntTouch {
-    /// Force and its standard deviation, newtons, where forces were learnt.
+    /// Force and its standard deviation, newtons, if forces were learnt.
     pub force_n: Option<[f64; 2]>,
-    /// Whether the frame is unlike every press that was learnt: place and strength are then not theirs, and no
-    /// force is stated.
+    /// Whether the frame is unlike every learnt press. Position and strength then do not come from the map,
+    /// and no force is given.
     pub is_unlike: bool,
 }
 
 /// How a frame was explained.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DetectorStep {
-    /// Rows that count.
+    /// Number of rows present.
     pub rows: usize,
-    /// Squared length of the whitened frame; each row's expectation without a touch is below 1.
+    /// Squared length of the whitened frame; without a touch, the expectation of each row is below 1.
     pub chi_square: f64,
-    /// The same less what the fabric's memory explains.
+    /// Squared length after subtracting what the fabric's memory explains.
     pub chi_square_without: f64,
-    /// What is left with touches.
+    /// Squared length of the residual after fitting touches.
     pub chi_square_rest: f64,
     /// The electrode whose gain alone explains the frame far better than touches do.
     pub blamed: Option<usize>,
 }
 
-/// Part of a frame that one electrode's gain must explain to be blamed for it.
+/// Fraction of the residual that one electrode's gain must explain for the electrode to be reported.
 const BLAME: f64 = 0.9;
 
-/// One electrode's gain that leaves less than this part of what touches leave stands in their place. On
-/// simulated fabrics with sound electrodes it left 1.05 times that and more, with a contact that got worse 0.87
-/// times and less.
+/// If one electrode's gain leaves less than this fraction of what touches leave, it replaces the touches.
+/// On simulated fabrics with sound electrodes the ratio was 1.05 and more; with a contact that got worse it
+/// was 0.87 and less.
 const INSTEAD: f64 = 0.95;
 
-/// Rest for each row from which electrodes are looked at.
+/// Residual chi^2 per row above which electrodes are checked.
 const BLAME_FROM: f64 = 10.0;
 
-/// Hysteresis that a touch has left is seen this far from it, metres.
+/// Distance within which hysteresis left by a touch can show, metres.
 const LATE_M: f64 = 20e-3;
 
-/// Finds touches in frames: bells on the linearised model, fitted together and held against all that is no
-/// touch.
+/// Finds touches in frames: bells on the linearised model, fitted together with all other effects on the
+/// frame.
 #[derive(Debug, Clone)]
 pub struct TouchDetector {
     settings: DetectorSettings,
@@ -151,11 +155,11 @@ pub struct TouchDetector {
     memory: Memory,
     search: Search,
     reference_v: Vec<f64>,
-    /// Strongest touch of late, S m^2.
+    /// Strongest recent touch, S m^2, fading.
     late_s_m2: f64,
-    /// The same at each place.
+    /// Strongest recent touch near each position, S m^2, fading.
     late_here_s_m2: Vec<f64>,
-    /// Touches of the last frame, metres.
+    /// Positions of the last frame's touches, metres.
     before_m: Vec<[f64; 3]>,
     /// Whitened gain of each electrode, `[electrode][row]`.
     gains: Vec<f64>,
@@ -168,16 +172,16 @@ pub struct TouchDetector {
     memory_v: Vec<f64>,
     gain_of: Vec<f64>,
     touches: Vec<DetectedTouch>,
-    /// Root mean square error of each touch's place by noise and nuisance parameters, metres.
+    /// Root mean square position error of each touch from noise and nuisance parameters, metres.
     errors_m: Vec<f64>,
 }
 
 impl TouchDetector {
-    /// For frames of a skin.
+    /// Builds a detector for frames of one skin.
     ///
     /// # Errors
-    /// Wrong lengths, settings, values of used measurements that are not finite, noise that is not
-    /// above zero, nothing used.
+    /// Wrong lengths, invalid settings, non-finite values of used measurements, noise that is not above
+    /// zero, or no used measurement.
     pub fn new(
         model: &DetectorModel<'_>,
         settings: DetectorSettings,
@@ -238,12 +242,14 @@ impl TouchDetector {
         })
     }
 
-    /// Takes a frame `[measurement]`, volts, `dt_s` after the one before; `is_missing` says which of
-    /// its values are not to be used. [`touches`](Self::touches) are its touches.
+    /// Takes a frame `[measurement]`, volts, recorded `dt_s` seconds after the previous one; its touches
+    /// are then in [`touches`](Self::touches).
+    ///
+    /// `is_missing` says which values of the frame must not be used.
     ///
     /// # Errors
-    /// Wrong lengths; a value that is not missing and not finite; a time that is not above zero. The
-    /// detector is then as before.
+    /// Wrong lengths, a non-finite value that is not marked missing, or a time step that is not above zero.
+    /// The detector is then unchanged.
     pub fn push(
         &mut self,
         frame: &[f64],
@@ -275,7 +281,7 @@ impl TouchDetector {
             &self.search.residual_without,
         );
         let blamed = match alone {
-            // no touch at all: a contact that got worse
+            // not a touch but a contact that got worse
             Some((electrode, rest))
                 if !self.search.best.spots.is_empty() && rest < INSTEAD * self.search.best.rest =>
             {
@@ -296,41 +302,42 @@ impl TouchDetector {
         })
     }
 
-    /// Touches of the last frame, in no order.
+    /// Returns the touches of the last frame, in no particular order.
     pub fn touches(&self) -> &[DetectedTouch] {
         &self.touches
     }
 
-    /// What the next frame is held against, volts, `[measurement]`; values of measurements that are
-    /// not used stay as they were.
+    /// Returns the reference that the next frame is compared with, volts, `[measurement]`. Values of unused
+    /// measurements never change.
     pub fn reference_v(&self) -> &[f64] {
         &self.reference_v
     }
 
-    /// Sets the reference of one measurement: it has come back and nobody knows where it was.
+    /// Sets the reference of one measurement, for one that has come back and whose old reference no longer
+    /// holds. Ignores non-finite values.
     pub fn set_reference(&mut self, measurement: usize, value_v: f64) {
         if value_v.is_finite() && measurement < self.reference_v.len() {
             self.reference_v[measurement] = value_v;
         }
     }
 
-    /// What the last frame's touches do to a measurement, volts.
+    /// Returns the change of one measurement due to the last frame's touches, volts.
     pub fn touch_of(&self, measurement: usize) -> f64 {
         let row = self.rows.of.iter().position(|pair| pair.contains(&measurement));
         row.map_or(0.0, |row| self.rows.ratio[measurement] * self.touch_v[row])
     }
 
-    /// Rows: measurements that count, a measurement and its reciprocal being one.
+    /// Returns the number of rows: used measurements, where a measurement and its reciprocal count as one.
     pub fn rows(&self) -> usize {
         self.whitening.rows()
     }
 
-    /// Places at which touches are sought, and how many of them the present rows can see.
+    /// Returns the number of candidate positions and how many of them the present rows can sense.
     pub fn places(&self) -> (usize, usize) {
         (self.places.len(), self.dictionary.seen())
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub fn settings(&self) -> &DetectorSettings {
         &self.settings
     }
@@ -362,7 +369,7 @@ impl TouchDetector {
         Ok(())
     }
 
-    /// The electrode whose gain explains the frame, before or after touches, far better than they.
+    /// Finds the electrode whose gain explains the frame, before or after touches, far better than they do.
     fn blamed(&mut self) -> Option<usize> {
         let left = self.search.best.rest;
         let without = dot(&self.search.residual_without, &self.search.residual_without);
@@ -408,7 +415,7 @@ impl TouchDetector {
         });
     }
 
-    /// Moves reference and memory on.
+    /// Updates the reference and the memory.
     fn follow(&mut self, dt_s: f64) {
         let best = &self.search.best;
         let is_touched = !best.spots.is_empty();
@@ -418,7 +425,7 @@ impl TouchDetector {
             self.dictionary.add_volts(spot, *strength, &mut self.touch_v);
         }
         if is_touched {
-            // what memory explains must not creep into the reference while it is not told from touches
+            // what memory explains must not enter the reference while it cannot be told from touches
             self.memory.add_volts(&best.shares, &mut self.memory_v);
         }
         let time_s = if is_touched { self.settings.touched_s } else { self.settings.idle_s };
@@ -484,7 +491,8 @@ fn check(model: &DetectorModel<'_>) -> Result<(), InverseError> {
     }
 }
 
-/// What a gain of each electrode does: its measurements' reference, whitened.
+/// Returns the effect of each electrode's gain: the reference values of its measurements, whitened and
+/// scaled to length 1.
 fn gains(model: &DetectorModel<'_>, rows: &Rows, whitening: &Whitening) -> Vec<f64> {
     let n = rows.of.len();
     let mut gains = vec![0.0; model.of_electrode.len() * n];
@@ -502,7 +510,7 @@ fn gains(model: &DetectorModel<'_>, rows: &Rows, whitening: &Whitening) -> Vec<f
     gains
 }
 
-/// The electrode whose gain explains most of a residual, and what it leaves.
+/// Returns the electrode whose gain explains most of a residual, and the chi^2 that it leaves.
 fn best_gain(
     gains: &[f64],
     whitening: &Whitening,

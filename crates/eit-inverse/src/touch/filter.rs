@@ -1,26 +1,26 @@
-//! Kalman filter of a place that moves with nearly constant velocity.
+//! Kalman filter of a position with nearly constant velocity.
 
 use std::array::from_fn;
 
 type Matrix3 = [[f64; 3]; 3];
 
-/// Place and velocity with their covariance; coordinates are coupled through the measurements.
+/// Position and velocity with their covariance; coordinates are coupled through the measurements.
 ///
-/// State `(p, v)`, `p' = p + v dt`, acceleration white from step to step with standard deviation
+/// State `(p, v)`, `p' = p + v dt`, with acceleration white from step to step and of standard deviation
 /// `a`: `Q = a^2 [dt^4/4, dt^3/2; dt^3/2, dt^2]` for each coordinate (Bar-Shalom, Li, Kirubarajan,
 /// *Estimation with Applications to Tracking and Navigation* (2001), section 6.3.2).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Filter {
     pub(super) position_m: [f64; 3],
     pub(super) velocity_m_s: [f64; 3],
-    /// Blocks of the covariance: place, place with velocity, velocity.
+    /// Blocks of the covariance: position, position with velocity, velocity.
     pub(super) pp: Matrix3,
     pv: Matrix3,
     vv: Matrix3,
 }
 
 impl Filter {
-    /// At rest, with a velocity known to `velocity_std_m_s` in each coordinate.
+    /// Starts at rest, with velocity of standard deviation `velocity_std_m_s` in each coordinate.
     pub(super) fn new(position_m: [f64; 3], covariance_m2: Matrix3, velocity_std_m_s: f64) -> Self {
         Self {
             position_m,
@@ -31,7 +31,7 @@ impl Filter {
         }
     }
 
-    /// Moves on by `dt` seconds.
+    /// Predicts the state `dt` seconds later.
     pub(super) fn predict(&mut self, dt: f64, acceleration_m_s2: f64) {
         let q = acceleration_m_s2.powi(2);
         for i in 0..3 {
@@ -48,15 +48,15 @@ impl Filter {
         }
     }
 
-    /// Stops where it is; the velocity is as unknown as at first.
+    /// Stops at the current position, with the velocity as uncertain as at the start.
     pub(super) fn rest(&mut self, velocity_std_m_s: f64) {
         self.velocity_m_s = [0.0; 3];
         self.pv = [[0.0; 3]; 3];
         self.vv = diagonal(velocity_std_m_s.powi(2));
     }
 
-    /// Squared distance of a measured place from the predicted one in units of their joint
-    /// covariance (Mahalanobis); infinite where that is singular.
+    /// Squared Mahalanobis distance of a measured position from the predicted one, by their joint
+    /// covariance; infinite if that is singular.
     pub(super) fn distance(&self, place_m: [f64; 3], covariance_m2: &Matrix3) -> f64 {
         let Some(inverse) = inverse(&sum(&self.pp, covariance_m2)) else { return f64::INFINITY };
         let y: [f64; 3] = from_fn(|i| place_m[i] - self.position_m[i]);
@@ -64,7 +64,7 @@ impl Filter {
         (0..3).map(|i| y[i] * product[i]).sum()
     }
 
-    /// Takes a measured place in.
+    /// Updates the state with a measured position.
     pub(super) fn update(&mut self, place_m: [f64; 3], covariance_m2: &Matrix3) {
         let Some(inverse) = inverse(&sum(&self.pp, covariance_m2)) else { return };
         let y: [f64; 3] = from_fn(|i| place_m[i] - self.position_m[i]);
@@ -72,10 +72,10 @@ impl Filter {
         let (pp, pv, vv) = (self.pp, self.pv, self.vv);
         for i in 0..3 {
             self.position_m[i] += (0..3).map(|k| pp[i][k] * product[k]).sum::<f64>();
-            // velocity's rows are the transposed block
+            // the rows of the velocity are the transposed block
             self.velocity_m_s[i] += (0..3).map(|k| pv[k][i] * product[k]).sum::<f64>();
         }
-        // A - B' S^-1 C with both factors read by rows of the measured place
+        // A - B' S^-1 C, both factors read by rows of the measured position
         let reduced = |a: &Matrix3, b: &Matrix3, c: &Matrix3| -> Matrix3 {
             from_fn(|i| {
                 from_fn(|j| {
@@ -128,8 +128,8 @@ mod tests {
 
     #[test]
     fn equal_to_least_squares_on_a_line() {
-        // no acceleration and an unknown velocity: the straight line through the measurements.
-        // Five of variance 1 at t = 0..4 of 3 + 2 t with residuals orthogonal to both terms
+        // no acceleration and an unknown velocity: the straight line through the measurements. Five of
+        // variance 1 at t = 0..4 of 3 + 2 t, with residuals orthogonal to both terms
         let error = [1.0, -1.0, -1.0, 1.0, 0.0];
         let fit = {
             let (mut s, mut st) = (0.0, 0.0);
@@ -145,7 +145,7 @@ mod tests {
             filter.predict(1.0, 0.0);
             filter.update([3.0 + 2.0 * t as f64 + e, 0.0, 0.0], &one);
         }
-        // the prior's velocity weighs 1e-8
+        // the prior of the velocity weighs 1e-8
         assert!((filter.position_m[0] - fit[0]).abs() < 1e-6);
         assert!((filter.velocity_m_s[0] - fit[1]).abs() < 1e-6);
         // variances of a regression at its last point and of its slope

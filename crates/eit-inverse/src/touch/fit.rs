@@ -5,9 +5,9 @@
 //! sigma = background (1 + sum_k a_k g_k),   g_k = exp(-|x - c_k|^2 / (2 r_k^2))
 //! ```
 //!
-//! by Levenberg and Marquardt's method; derivatives are the adjoint Jacobian times dsigma/dtheta.
-//! Errors of the mesh and of contact impedances that are the same with and without touch cancel in
-//! the difference of model voltages.
+//! Minimised by the Levenberg-Marquardt method; derivatives are the adjoint Jacobian times dsigma/dtheta.
+//! Errors of the mesh and of contact impedances that are the same with and without touch cancel in the
+//! difference of model voltages.
 
 mod problem;
 mod select;
@@ -25,27 +25,26 @@ pub(super) use solve::in_space;
 /// Settings of [`TouchFit`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitSettings {
-    /// Plain or normalised difference, the noise of each (which must be given, with the reference
-    /// frame's share), which measurements count. The hyperparameter is not read.
+    /// Plain or normalised difference, its noise (which must be given and include the reference frame's
+    /// share), and which measurements are used. The hyperparameter is ignored.
     pub data: OneStepSettings,
-    /// Whether radii are fitted, too; otherwise they stay as they start. Default true. Radius and
-    /// amplitude of a touch that is small beside its distance to the electrodes are nearly one
-    /// number; its position hardly minds.
+    /// Whether radii are fitted too; otherwise they stay at their start. Default true. If a touch is small
+    /// compared with its distance to the electrodes, radius and amplitude are nearly one parameter; its
+    /// position is hardly affected.
     pub fit_radius: bool,
-    /// Least and largest radius, metres. Default 2 mm to 0.1 m.
+    /// Smallest and largest radius, metres. Default 2 mm to 0.1 m.
     pub radius_range_m: [f64; 2],
-    /// Steps at most. Default 30.
+    /// Most steps. Default 30.
     pub max_iterations: usize,
-    /// Stop when a step promises to lower chi^2 by less than this: its root is the distance to the
-    /// optimum in standard deviations. Default 1e-4.
+    /// The fit stops when a step is predicted to lower chi^2 by less than this; the root of it is the
+    /// distance to the optimum in standard deviations. Default 1e-4.
     pub tolerance: f64,
-    /// A touch is valid up to this standard deviation of its position along any direction, metres.
-    /// Default 10 mm.
+    /// Largest standard deviation of a valid touch's position along any direction, metres. Default 10 mm.
     pub max_position_std_m: f64,
 }
 
 impl FitSettings {
-    /// Defaults with the noise of each difference, `[measurement]`, volts.
+    /// Returns the defaults with the noise of each difference, `[measurement]`, volts.
     pub fn with_noise(noise_std: Vec<f64>) -> Self {
         Self {
             data: OneStepSettings { noise_std: Some(noise_std), ..Default::default() },
@@ -57,7 +56,7 @@ impl FitSettings {
         }
     }
 
-    /// Checks every number but the noise.
+    /// Checks every setting but the noise.
     ///
     /// # Errors
     /// [`InverseError::OutOfRange`].
@@ -78,35 +77,35 @@ impl FitSettings {
     }
 }
 
-/// How a fit ended.
+/// Why a fit stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FitStatus {
-    /// The next step promises less than the tolerance.
+    /// The next step is predicted to gain less than the tolerance.
     Converged,
-    /// No shorter step lowers chi^2 any more: rounding, or the edge of the skin.
+    /// No shorter step lowers chi^2 further, because of rounding or the edge of the skin.
     Stalled,
-    /// As many steps as were allowed.
+    /// The iteration limit was reached.
     IterationLimit,
 }
 
 /// A fitted touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FittedTouch {
-    /// Its bell.
+    /// The fitted bell.
     pub bell: Bell,
-    /// Covariance of the position, square metres: the inverse Fisher information of all
-    /// parameters, times chi^2 per degree of freedom where that is above 1. Infinite where the
-    /// data does not fix the parameters.
+    /// Covariance of the position, square metres: the inverse Fisher information of all parameters, scaled
+    /// by chi^2 per degree of freedom if that exceeds 1. Infinite if the data do not determine the
+    /// parameters.
     pub position_covariance_m2: [[f64; 3]; 3],
     /// Standard deviation of the amplitude.
     pub amplitude_std: f64,
-    /// Standard deviation of the radius, metres; 0 where it is not fitted.
+    /// Standard deviation of the radius, metres; 0 if the radius is not fitted.
     pub radius_std_m: f64,
-    /// Probability that noise would have made a smaller strength `s = a r^2` here, 0 to 1:
+    /// Probability that noise would have produced a smaller strength `s = a r^2` here, 0 to 1:
     /// `erf(|s| / (std sqrt 2))`. Near 1 for a touch.
     pub confidence: f64,
-    /// Whether it can be acted on: strength above three standard deviations, position known to
-    /// the setting, radius inside its range.
+    /// Whether the touch may be acted on: its strength exceeds three standard deviations, its position is
+    /// known to within the setting, and its radius is inside its range.
     pub valid: bool,
 }
 
@@ -117,42 +116,43 @@ impl FittedTouch {
     }
 }
 
-/// What a fit found and what it cost.
+/// Result of a fit and its cost.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct FitResult {
     /// Touches in the order of their starts.
     pub touches: Vec<FittedTouch>,
-    /// Covariance of the parameters, scaled as the positions: for each touch its coordinates along
-    /// two tangents of the skin (x and y on a flat one), metres, the amplitude and, if fitted, the
-    /// logarithm of the radius.
+    /// Covariance of the parameters, scaled like the positions'. The parameters of each touch are its
+    /// coordinates along two tangents of the skin (x and y on a flat one) in metres, the amplitude and, if
+    /// fitted, the logarithm of the radius.
     pub covariance: Array2<f64>,
-    /// How it ended.
+    /// Why the fit stopped.
     pub status: FitStatus,
-    /// Steps tried.
+    /// Number of steps tried.
     pub iterations: usize,
-    /// Forward solves.
+    /// Number of forward solves.
     pub forward_solves: usize,
     /// Sum of squared residuals in units of the noise.
     pub chi_square: f64,
-    /// Used measurements less parameters.
+    /// Used measurements minus parameters.
     pub degrees_of_freedom: usize,
-    /// chi^2 of no touch at all.
+    /// chi^2 without any touch.
     pub chi_square_without: f64,
     /// Wall-clock time, seconds.
     pub seconds: f64,
 }
 
 impl FitResult {
-    /// Near 1 where model and noise are right: within `1 +- 3 sqrt(2 / n)` nearly always.
+    /// Returns chi^2 per degree of freedom, near 1 if model and noise are right: nearly always within
+    /// `1 +- 3 sqrt(2 / n)`.
     pub fn reduced_chi_square(&self) -> f64 {
         self.chi_square / self.degrees_of_freedom.max(1) as f64
     }
 }
 
-/// Fits bells to frames; holds the forward model's memory between frames.
+/// Fits bells to frames and keeps the forward model's workspace between frames.
 ///
-/// A fit allocates small vectors; the Jacobian and the factor are reused.
+/// A fit allocates small vectors; Jacobian and factor are reused.
 #[derive(Debug)]
 pub struct TouchFit<'a> {
     pub(super) problem: Problem<'a>,
@@ -160,10 +160,10 @@ pub struct TouchFit<'a> {
 }
 
 impl<'a> TouchFit<'a> {
-    /// For a forward model of `surface` with `background` conductivity, siemens, `[element]`.
+    /// Prepares fits for a forward model of `surface` with conductivity `background_s`, siemens, `[element]`.
     ///
     /// # Errors
-    /// Wrong lengths, noise that is not given or out of range, what the forward model refuses.
+    /// Wrong lengths, noise that is missing or out of range, or an error of the forward model.
     pub fn new(
         model: &'a ForwardModel,
         surface: &'a Surface,
@@ -176,13 +176,13 @@ impl<'a> TouchFit<'a> {
         Ok(Self { problem, settings })
     }
 
-    /// Fits as many bells as are given to start from; none gives chi^2 of no touch.
+    /// Fits as many bells as there are starts; without starts the result holds chi^2 without any touch.
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`], values that are not finite; [`InverseError::OutsideSkin`] for
-    /// a start that is more than its radius away from the skin; [`InverseError::OutOfRange`] for
-    /// amplitudes not above -1, bells that together leave no conductivity, radii out of range, more
-    /// parameters than used measurements.
+    /// [`InverseError::WrongLength`] and non-finite values; [`InverseError::OutsideSkin`] for a start
+    /// farther from the skin than its radius; [`InverseError::OutOfRange`] for amplitudes not above -1,
+    /// bells that together leave no conductivity, radii out of range, or more parameters than used
+    /// measurements.
     pub fn fit(
         &mut self,
         frame: &[f64],

@@ -1,39 +1,37 @@
-//! The noise floor: how high noise alone makes an image, and where a touch begins.
+//! The noise floor: how strong noise alone makes an image, and where a touch begins.
 
 use super::normal::{TailSampler, student_quantile, upper_quantile, upper_tail};
 use crate::check::check_length;
 use crate::{InverseError, Reconstructor};
 use ndarray::ArrayView2;
 
-/// Fewer quiet images tell too little of the noise of a cell: with 20 its deviation is known to a
-/// sixth.
+/// Fewest quiet images: with 20, the standard deviation of a cell is known to a sixth.
 const LEAST_IMAGES: usize = 20;
 
-/// Quiet images that correlations between cells are taken from, spread evenly over all.
+/// Most quiet images used for the correlations between cells, spread evenly over all.
 const CORRELATION_IMAGES: usize = 512;
 
-/// Random images for the number of effective cells: known to some 4 %, which moves a threshold of
-/// 5 by 0.01.
+/// Random images for the number of effective cells, which gives it to about 4 % and a threshold of 5 to 0.01.
 const SAMPLES: usize = 300;
 
-/// Below this, a lag-one correlation is called none: noise of 400 images reaches it.
+/// Lag-one correlation below which noise counts as white; noise of 400 images reaches it.
 const WHITE: f64 = 0.1;
 
-/// How often noise alone may be taken for a touch.
+/// Accepted rate of false touches caused by noise alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FalseAlarms {
     /// False touches per hour.
     pub per_hour: f64,
     /// Images per second, hertz.
     pub frame_rate_hz: f64,
-    /// Images that must show a touch ...
+    /// Number of images that must show a touch ...
     pub hits: usize,
-    /// ... out of this many, the first of them the one that shows it first.
+    /// ... out of this many, counted from the first that shows it.
     pub of: usize,
 }
 
 impl FalseAlarms {
-    /// Refuses what cannot be.
+    /// Checks every number.
     pub(super) fn validate(&self) -> Result<(), InverseError> {
         crate::check::check_positive("false touches per hour", self.per_hour)?;
         crate::check::check_positive("frame_rate_hz", self.frame_rate_hz)?;
@@ -47,21 +45,23 @@ impl FalseAlarms {
             return Err(InverseError::OutOfRange {
                 quantity,
                 value,
-                must: "less than one in two images",
+                must: "fewer than one in two images",
             });
         }
         Ok(())
     }
 
-    /// Wanted false touches per image.
+    /// Accepted false touches per image.
     fn per_frame(&self) -> f64 {
         self.per_hour / (3600.0 * self.frame_rate_hz)
     }
 
-    /// Probability that noise reaches the threshold somewhere in one image, so that touches are
-    /// born at the wanted rate: the `p` of `p P(Binomial(of - 1, p) >= hits - 1) = rate`. An upper
-    /// bound, since later hits must also be near the first. Images that are correlated in time
-    /// (`white` false) confirm nothing: `p` is the rate.
+    /// Probability per image that noise may reach the threshold somewhere, so that touches are born at the
+    /// accepted rate.
+    ///
+    /// This is the `p` of `p P(Binomial(of - 1, p) >= hits - 1) = rate`. The resulting rate is an upper
+    /// bound, since later hits must also be near the first. Images that are correlated in time (`white`
+    /// false) confirm nothing; `p` is then the rate.
     fn per_image(&self, white: bool) -> f64 {
         let rate = self.per_frame();
         if !white || self.hits == 1 {
@@ -77,7 +77,7 @@ impl FalseAlarms {
     }
 }
 
-/// `P(Binomial(n, p) >= k)`, p below 1.
+/// `P(Binomial(n, p) >= k)` for `p` below 1.
 fn at_least(k: usize, n: usize, p: f64) -> f64 {
     let (mut term, mut sum) = ((1.0 - p).powi(n as i32), 0.0);
     for i in 0..=n {
@@ -89,32 +89,32 @@ fn at_least(k: usize, n: usize, p: f64) -> f64 {
     sum
 }
 
-/// Noise of an image, cell by cell, with its correlations: what a linear reconstruction makes of
-/// the noise of its data, or what quiet images show.
+/// Noise of each cell of an image, with correlations between cells.
 ///
-/// Kept as a factor: `covariance of the image = F F'`, `F` `[cell, source]`.
+/// It is derived from the noise of the data through a linear reconstruction, or measured on quiet images.
+/// It is stored as a factor: `covariance of the image = F F'`, `F` `[cell, source]`.
 #[derive(Debug, Clone)]
 pub struct NoiseFloor {
     std: Vec<f64>,
     /// Row-major.
     factor: Vec<f64>,
     sources: usize,
-    /// Of a measured floor.
+    /// Degrees of freedom of a measured floor.
     degrees: Option<f64>,
     lag_one: f64,
 }
 
 impl NoiseFloor {
-    /// The floor of a linear reconstruction, `F = RM diag(noise_std)`.
+    /// Computes the floor of a linear reconstruction, `F = RM diag(noise_std)`.
     ///
-    /// `noise_std` is that of the difference data, `[measurement]`, in its unit (volts, or 1 for
-    /// normalised data), with the reference frame's share, as in
-    /// [`OneStepSettings::noise_std`](crate::OneStepSettings::noise_std). Noise is taken to
-    /// be normal, independent between measurements and between frames.
+    /// `noise_std` is the standard deviation of the difference data, `[measurement]`, in their unit (volts,
+    /// or 1 for normalised data), including the reference frame's share, as in
+    /// [`OneStepSettings::noise_std`](crate::OneStepSettings::noise_std). Noise is assumed normal and
+    /// independent between measurements and between frames.
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`]; [`InverseError::MeasurementOutOfRange`] for a value that is
-    /// not finite or below zero; [`InverseError::NoiseUnknown`] where all are zero.
+    /// [`InverseError::WrongLength`]; [`InverseError::MeasurementOutOfRange`] for a value that is negative
+    /// or not finite; [`InverseError::NoiseUnknown`] if all are zero.
     pub fn of_reconstruction(
         reconstructor: &Reconstructor,
         noise_std: &[f64],
@@ -124,7 +124,7 @@ impl NoiseFloor {
         for &measurement in used {
             let value = noise_std[measurement];
             if !(value >= 0.0 && value.is_finite()) {
-                let (quantity, must) = ("noise_std", "finite and zero or above");
+                let (quantity, must) = ("noise_std", "finite and at least 0");
                 return Err(InverseError::MeasurementOutOfRange {
                     quantity,
                     measurement,
@@ -141,15 +141,16 @@ impl NoiseFloor {
         Self::new(factor, used.len(), None, 0.0)
     }
 
-    /// The floor that quiet images `[image, cell]` show, in their order of time: of any method,
-    /// linear or not, as long as the noise comes out nearly normal. Their mean is taken off.
+    /// Measures the floor on quiet images `[image, cell]` in order of time.
     ///
-    /// Thresholds are then raised as Student's distribution asks, since the deviations themselves
-    /// are estimates, and no credit is given for images that repeat each other.
+    /// This works for any method, linear or not, as long as its noise is nearly normal. The mean of the
+    /// images is subtracted. Thresholds are raised according to Student's distribution, because the
+    /// standard deviations are estimates. If successive images are correlated, a second image does not
+    /// count as confirmation.
     ///
     /// # Errors
     /// [`InverseError::TooFewQuietFrames`] below 20; [`InverseError::NonFiniteImage`];
-    /// [`InverseError::NoiseUnknown`] for images that do not differ.
+    /// [`InverseError::NoiseUnknown`] for identical images.
     pub fn of_quiet_images(images: ArrayView2<'_, f64>) -> Result<Self, InverseError> {
         let (count, cells) = images.dim();
         if count < LEAST_IMAGES {
@@ -196,36 +197,36 @@ impl NoiseFloor {
         Ok(Self { std, factor, sources, degrees, lag_one })
     }
 
-    /// Standard deviation of each cell, in the image's unit, `[cell]`.
+    /// Returns the standard deviation of each cell in the image's unit, `[cell]`.
     pub fn std(&self) -> &[f64] {
         &self.std
     }
 
-    /// Correlation of a cell from one quiet image to the next, mean over the cells; 0 for a floor
-    /// that was not measured.
+    /// Returns the correlation of a cell from one quiet image to the next, averaged over the cells; 0 for a
+    /// floor that was not measured.
     pub fn lag_one_correlation(&self) -> f64 {
         self.lag_one
     }
 
-    /// Row of the factor: what each source of noise adds to a cell.
+    /// Returns the contribution of each noise source to a cell: one row of the factor.
     pub(super) fn sources_of(&self, cell: usize) -> &[f64] {
         &self.factor[cell * self.sources..][..self.sources]
     }
 
-    /// Number of sources.
+    /// Number of noise sources.
     pub(super) fn sources(&self) -> usize {
         self.sources
     }
 
-    /// Number of independent cells that would reach `level` standard deviations (above zero) as
-    /// often as this image: `P(max z > level) / P(Z > level)`.
+    /// Estimates the number of independent cells that would reach `level` standard deviations (above zero)
+    /// as often as this image: `P(max z > level) / P(Z > level)`.
     ///
     /// ```text
     /// P(max z > t) = n P(Z > t) E[ 1 / #{j : z_j > t} ],   a cell drawn at random being above t
     /// ```
     ///
-    /// which is exact for normal noise, and whose mean has a small variance at any level: neither
-    /// many quiet images nor an extrapolation is needed for a tail of 1e-9.
+    /// This is exact for normal noise, and the mean has a small variance at any level, so a tail of 1e-9
+    /// needs neither many quiet images nor extrapolation.
     ///
     /// Source: Adler, Blanchet, Liu, *Ann. Appl. Probab.* 22 (2012), 1167-1214, section 2.
     pub fn effective_cells(&self, level: f64) -> f64 {
@@ -247,8 +248,8 @@ impl NoiseFloor {
         alive.len() as f64 * sum / SAMPLES as f64
     }
 
-    /// Where a touch begins, in standard deviations of its cell, so that noise alone makes touches
-    /// at the stated rate; and the number of effective cells there.
+    /// Returns the level at which a touch begins, in standard deviations of its cell, so that noise alone
+    /// makes touches at the accepted rate; and the number of effective cells at that level.
     ///
     /// # Errors
     /// [`InverseError::OutOfRange`].
@@ -257,20 +258,20 @@ impl NoiseFloor {
         let p = alarms.per_image(self.lag_one.abs() < WHITE);
         let mut cells = self.std.iter().filter(|s| **s > 0.0).count() as f64;
         let mut level = upper_quantile(p / cells);
-        // the number of cells hardly changes with the level: the second round moves it by 0.01
+        // the number of cells hardly depends on the level: the second round moves it by 0.01
         for _ in 0..2 {
             cells = self.effective_cells(level.max(1.0));
             level = upper_quantile(-(-p).ln_1p() / cells);
         }
         let level = self.degrees.map_or(level, |degrees| {
-            // the mean of the quiet images is uncertain, too
+            // the mean of the quiet images is uncertain too
             student_quantile(level, degrees) * (1.0 + 1.0 / (degrees + 1.0)).sqrt()
         });
         Ok((level, cells))
     }
 
-    /// Probability that noise alone reaches `level` anywhere in an image, by the number of cells
-    /// that [`threshold`](Self::threshold) gave: an upper bound far below its level.
+    /// Probability that noise alone reaches `level` anywhere in an image, from the number of cells that
+    /// [`threshold`](Self::threshold) returned: an upper bound far below that threshold.
     pub(super) fn exceedance(cells: f64, level: f64) -> f64 {
         (cells * upper_tail(level)).min(1.0)
     }

@@ -1,4 +1,4 @@
-//! Tails of the normal distribution, and samples of it for Monte Carlo integrals.
+//! Tails of the normal distribution, and samples of them for Monte Carlo integrals.
 
 use std::f64::consts::SQRT_2;
 
@@ -7,11 +7,12 @@ pub(super) fn upper_tail(t: f64) -> f64 {
     0.5 * libm::erfc(t / SQRT_2)
 }
 
-/// The `t >= 0` with `P(Z > t) = p`, by bisection; 0 from `p = 1/2` on, at most 38 (where the tail
-/// leaves the range of doubles).
+/// The `t >= 0` with `P(Z > t) = p`, by bisection.
+///
+/// 0 for `p >= 1/2`; at most 38, where the tail leaves the range of doubles.
 pub(super) fn upper_quantile(p: f64) -> f64 {
     let (mut low, mut high) = (0.0_f64, 38.0_f64);
-    // 60 halvings of 38: to the last bit
+    // 60 halvings of 38 reach the last bit
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if upper_tail(middle) > p { low = middle } else { high = middle }
@@ -19,10 +20,10 @@ pub(super) fn upper_quantile(p: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Student's quantile from the normal one with the same tail, `degrees` of freedom.
+/// Student's quantile for `degrees` of freedom from the normal quantile with the same tail.
 ///
-/// Source: Wallace, *Ann. Math. Stat.* 30 (1959), 1124-1130, inverted; from 10 degrees on within
-/// 1 % at the levels used here.
+/// Source: Wallace, *Ann. Math. Stat.* 30 (1959), 1124-1130, inverted; within 1 % from 10 degrees on at the
+/// levels used here.
 pub(super) fn student_quantile(z: f64, degrees: f64) -> f64 {
     let scaled = z * (8.0 * degrees + 3.0) / (8.0 * degrees + 1.0);
     (degrees * (scaled * scaled / degrees).exp_m1()).sqrt()
@@ -31,21 +32,20 @@ pub(super) fn student_quantile(z: f64, degrees: f64) -> f64 {
 /// Samples for a Monte Carlo integral over a normal tail, the same on every machine (Knuth's MMIX
 /// multiplier, upper bits).
 ///
-/// Its numbers are part of a result: a threshold of touches is such an integral. Data that is
-/// simulated, for training or tests, comes from `eit_fem::fabric::Random`, which would bring two
-/// more crates here.
+/// Touch thresholds depend on these numbers. Simulated data for training or tests comes from
+/// `eit_fem::fabric::Random`, which would add two more crates here.
 #[derive(Debug, Clone)]
 pub(super) struct TailSampler(u64);
 
 impl TailSampler {
-    /// Samples of a seed.
+    /// Starts from a seed.
     pub(super) fn new(seed: u64) -> Self {
         let mut this = Self(seed ^ 0x9e37_79b9_7f4a_7c15);
         (0..4).for_each(|_| _ = this.uniform());
         this
     }
 
-    /// In (0, 1].
+    /// Uniform in (0, 1].
     pub(super) fn uniform(&mut self) -> f64 {
         self.0 =
             self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -58,8 +58,8 @@ impl TailSampler {
         radius * (std::f64::consts::TAU * self.uniform()).cos()
     }
 
-    /// Standard normal given that it is above `t > 0` (Marsaglia 1964: a Rayleigh tail, accepted
-    /// with probability `t / z`).
+    /// Standard normal conditioned on exceeding `t > 0` (Marsaglia 1964: a Rayleigh tail, accepted with
+    /// probability `t / z`).
     pub(super) fn normal_above(&mut self, t: f64) -> f64 {
         loop {
             let z = (t * t - 2.0 * self.uniform().ln()).sqrt();
@@ -76,7 +76,7 @@ mod tests {
 
     #[test]
     fn tails_are_those_of_tables() {
-        // Abramowitz and Stegun, table 26.1 and 26.2: eight digits and more
+        // Abramowitz and Stegun, tables 26.1 and 26.2: eight digits and more
         for (t, p) in [(1.0, 0.158_655_253_931), (3.0, 1.349_898_031_63e-3), (5.0, 2.866_515_72e-7)]
         {
             assert!((upper_tail(t) / p - 1.0).abs() < 1e-8, "{t}");

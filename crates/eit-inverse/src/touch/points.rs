@@ -1,4 +1,6 @@
-//! Touches of one frame after another: which is which.
+//! Tracking of detected touches from frame to frame.
+//!
+//! One file over 300 lines: settings, tracker and the confidence of its touches belong together.
 
 use super::assign::Assignment;
 use super::contact::{Touch, TouchState};
@@ -8,47 +10,49 @@ use crate::InverseError;
 use crate::check::check_positive;
 use crate::geometry::distance_m;
 
-/// Cost of a pair that must not be: above any sum of squared gates.
+/// Cost of a forbidden pair: above any sum of squared gates.
 const NEVER: f64 = 1e7;
 
-/// Touches of a frame that are always taken: those of a [`TouchDetector`](super::TouchDetector).
+/// Touches per frame that are always accepted: as many as a [`TouchDetector`](super::TouchDetector) can find.
 const LEAST_ROOM: usize = 16;
 
-/// Standard deviations that a strength must have to be believed at once. What a finger drags along
-/// (fabric, electrodes) leaves spots at the rim for a frame that are strong but hardly known, to a third
-/// of their strength or worse; a finger's own is known to a few percent.
+/// Standard deviations that a strength must have for a touch to be reported at once.
+///
+/// Fabric and electrodes dragged along by a finger leave spots at the rim for one frame. They are strong,
+/// but their strength is known to a third of its value or worse; that of a finger is known to a few
+/// percent.
 const KNOWN: f64 = 4.0;
 
 /// Settings of a [`TouchTracker`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackerSettings {
-    /// Touches at once.
+    /// Largest number of simultaneous touches.
     pub max_touches: usize,
-    /// Strength from which a touch is believed at once, S m^2; it must also be four of its own
+    /// Strength from which a touch is reported at once, S m^2; it must also be at least four of its own
     /// standard deviations.
     pub strong_s_m2: f64,
-    /// Worth that such a touch must have where another is more than twice as strong, whose fit leaves
-    /// something beside it. Default 4.5: nine in ten are true.
+    /// Least worth of a touch that is reported at once although another one is more than twice as strong,
+    /// since the fit of the stronger one may leave a residual beside it. Default 4.5: nine in ten are true.
     pub strong_worth: f64,
-    /// Frames that must show a weaker one before it is reported. Default 2.
+    /// Number of frames that must show a weaker touch before it is reported. Default 2.
     pub birth_frames: usize,
-    /// Frames in a row that need not show a touch before it ends; until then it is reported and not
+    /// Successive frames without a touch that are forgiven before it ends; meanwhile it is reported but not
     /// valid. Default 1.
     pub forgiven_frames: usize,
-    /// Farthest that a touch goes from one frame to the next, metres. Default 40 mm.
+    /// Largest distance that a touch moves from one frame to the next, metres. Default 40 mm.
     pub gate_m: f64,
-    /// What a place errs by beyond its covariance, metres: bell and model. Default 1 mm.
+    /// Position error beyond the stated covariance, from bell and model, metres. Default 1 mm.
     pub method_std_m: f64,
-    /// Acceleration of touches, root mean square, m/s^2. Default 2.
+    /// Root mean square acceleration of touches, m/s^2. Default 2.
     pub acceleration_m_s2: f64,
-    /// Velocity of touches that appear, root mean square in each coordinate, m/s. Default 0.3.
+    /// Root mean square velocity of new touches in each coordinate, m/s. Default 0.3.
     pub velocity_std_m_s: f64,
     /// Largest standard deviation of a valid position in any coordinate, metres. Default 15 mm.
     pub max_position_std_m: f64,
 }
 
 impl TrackerSettings {
-    /// Defaults with the strength from which a touch is believed at once, S m^2.
+    /// Returns the defaults with the strength from which a touch is reported at once, S m^2.
     pub fn with_strong(strong_s_m2: f64) -> Self {
         Self {
             max_touches: 8,
@@ -101,11 +105,11 @@ struct Track {
     ended: bool,
 }
 
-/// Follows touches from frame to frame; allocates nothing once made.
+/// Follows touches from frame to frame; [`push`](Self::push) does not allocate.
 #[derive(Debug, Clone)]
 pub struct TouchTracker {
     settings: TrackerSettings,
-    /// Touches of a frame at most; twice as many are followed, new ones among them.
+    /// Most touches per frame; twice as many are tracked, new ones included.
     most: usize,
     tracks: Vec<Track>,
     assignment: Assignment,
@@ -118,7 +122,7 @@ pub struct TouchTracker {
 }
 
 impl TouchTracker {
-    /// With checked settings.
+    /// Builds a tracker after checking the settings.
     ///
     /// # Errors
     /// [`InverseError::OutOfRange`].
@@ -139,12 +143,14 @@ impl TouchTracker {
         })
     }
 
-    /// Takes the touches of a frame at `time_s` and returns those that are followed, by ascending id;
-    /// one that ends is among them once more. `is_whole`: every measurement of the frame counted.
+    /// Takes the touches of a frame at `time_s` and returns those that are tracked, in ascending order of id.
+    ///
+    /// A touch that ends is returned once more. `is_whole` says whether every measurement of the frame was
+    /// used.
     ///
     /// # Errors
-    /// [`InverseError::TimeOrder`]; [`InverseError::TooManyTouches`] for more than `max_touches` and
-    /// more than 16. The tracker is then as before.
+    /// [`InverseError::TimeOrder`]; [`InverseError::TooManyTouches`] for more touches than both
+    /// `max_touches` and 16. The tracker is then unchanged.
     pub fn push(
         &mut self,
         found: &[DetectedTouch],
@@ -175,12 +181,12 @@ impl TouchTracker {
         Ok(&self.touches)
     }
 
-    /// Touches of the last frame.
+    /// Returns the touches of the last frame.
     pub fn touches(&self) -> &[Touch] {
         &self.touches
     }
 
-    /// Pairs tracks and touches so that the sum of squared ways is least; named tracks first.
+    /// Pairs tracks and touches with the least sum of squared distances; tracks with an id come first.
     fn pair(&mut self, found: &[DetectedTouch]) {
         let Self { tracks, assignment, settings, taken, .. } = self;
         let (rows, count, gate) = (tracks.len(), found.len(), settings.gate_m);
@@ -219,7 +225,7 @@ impl TouchTracker {
         self.tracks.retain(|track| !track.ended || track.id.is_some());
         let left = found.iter().zip(&self.taken).filter(|(_, taken)| !**taken);
         for (touch, _) in left {
-            // what the assignment has room for
+            // the assignment has no room for more
             if self.tracks.len() == 2 * self.most {
                 break;
             }
@@ -238,7 +244,7 @@ impl TouchTracker {
         }
     }
 
-    /// Names those that are strong or have been shown often enough.
+    /// Gives an id to new tracks that are strong or have been shown often enough.
     fn name(&mut self, time_s: f64) {
         let named = self.tracks.iter().filter(|track| track.id.is_some() && !track.ended).count();
         let mut free = self.settings.max_touches.saturating_sub(named);
@@ -295,10 +301,11 @@ impl TouchTracker {
     }
 }
 
-/// The part of touches of this worth, age and strength over its standard deviation that are true: a
-/// logistic curve fitted to 25 531 touches that were reported on simulated fabrics (the paper's skin with one
-/// to six fingers and with faults of electrodes, patches, a plate with a hole), of which 99.6 % stood within
-/// 25 mm of a finger. docs/VALIDATION.md holds it against recordings that it was not fitted to.
+/// Fraction of true touches among those of this worth, age and ratio of strength to its standard deviation.
+///
+/// A logistic curve fitted to 25 531 touches reported on simulated fabrics (the paper's skin with one to
+/// six fingers and with electrode faults, patches, a plate with a hole), of which 99.6 % were within 25 mm
+/// of a finger. docs/validation/touches.md compares it with recordings that it was not fitted to.
 fn confidence(touch: &DetectedTouch, age_frames: u64) -> f64 {
     let worth = touch.worth.max(1.0);
     let known = (touch.strength_s_m2 / touch.strength_std_s_m2).abs().max(1.0);
@@ -306,7 +313,7 @@ fn confidence(touch: &DetectedTouch, age_frames: u64) -> f64 {
     1.0 / (1.0 + (-logit).exp())
 }
 
-/// Covariance of a place: that of the fit and the method's own error.
+/// Covariance of a measured position: that of the fit and the method's own error.
 fn measured(touch: &DetectedTouch, settings: &TrackerSettings) -> [[f64; 3]; 3] {
     let mut covariance = touch.position_covariance_m2;
     (0..3).for_each(|i| covariance[i][i] += settings.method_std_m.powi(2));

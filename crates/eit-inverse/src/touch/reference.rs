@@ -1,16 +1,16 @@
-//! A reference frame that follows slow drift and stands still while something touches the skin.
+//! A reference frame that follows slow drift and holds while something touches the skin.
 //!
-//! Each channel is a level `l` with a slope `s`, followed by a critically damped g-h filter:
+//! Each channel has a level `l` with a slope `s`, tracked by a critically damped g-h filter:
 //!
 //! ```text
 //! p = l + s dt,   r = v - p,   l = p + (1 - b^2) r,   s += (1 - b)^2 r / dt,   b = exp(-dt / tau)
 //! ```
 //!
-//! so that a drift of constant rate is followed without lag. (Brookner, *Tracking and Kalman
-//! Filtering Made Easy* (1998), section 1.2.6.) Under contact the level stays; its slope, known
-//! from before, goes on and dies out with the same time constant. What the whole skin has in common
-//! (temperature changes a sheet's conductivity as a whole, and with it every voltage by one factor)
-//! is followed under contact, too, in the channels that the touch changes least.
+//! so a drift of constant rate is followed without lag (Brookner, *Tracking and Kalman Filtering Made Easy*
+//! (1998), section 1.2.6). Under contact the level holds; its earlier slope continues and decays with the
+//! same time constant. Changes common to the whole skin are followed under contact too, in the channels
+//! that the touch changes least: temperature, for example, changes the conductivity of the whole sheet and
+//! with it every voltage by one factor.
 
 mod common;
 mod settings;
@@ -22,48 +22,47 @@ use common::{Common, Held};
 use ndarray::ArrayView2;
 pub use settings::ReferenceSettings;
 
-/// Fewer quiet frames say too little about a channel's noise: with 20 it is known to a fifth.
+/// Fewest quiet frames for the noise of a channel: with 20 it is known to a fifth.
 const LEAST_FRAMES: usize = 20;
 
-/// Standard deviations of chi^2 above its mean at which a frame is no longer quiet.
+/// Threshold for a quiet frame: chi^2 above its mean, in standard deviations.
 const ABOVE: f64 = 6.0;
 
 /// What the reference did with a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ReferenceState {
-    /// It took the frame in.
+    /// It followed the frame.
     Following,
-    /// It stands still: the tracker reports a touch, or did a moment ago.
+    /// It held: the tracker reports a touch, or did a moment ago.
     Touched,
-    /// It stands still: the frame differs from it by more than noise.
+    /// It held: the frame differs from it by more than noise.
     Disturbed,
-    /// It was set to the frame by command.
+    /// It was set to the frame on request.
     Zeroed,
 }
 
-/// A frame against the reference.
+/// Comparison of a frame with the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReferenceStep {
     /// What was done.
     pub state: ReferenceState,
-    /// Mean square of the difference to the reference in units of the noise; near 1 for quiet
-    /// frames.
+    /// Mean square of the difference from the reference in units of the noise; near 1 for quiet frames.
     pub reduced_chi_square: f64,
-    /// For how long the reference has stood still, seconds. A skin that does not come back after a
-    /// touch (creep) stands for ever: [`AdaptiveReference::rezero`] is the way out.
+    /// How long the reference has held, seconds. If the skin does not return after a touch (creep), it
+    /// holds forever; [`AdaptiveReference::rezero`] ends that.
     pub held_s: f64,
     /// Factor of the common drift since contact began; 1 while following.
     pub common_factor: f64,
 }
 
-/// The reference frame of a stream. [`push`](Self::push) allocates nothing.
+/// Adaptive reference frame of a stream. [`push`](Self::push) does not allocate.
 #[derive(Debug, Clone)]
 pub struct AdaptiveReference {
     settings: ReferenceSettings,
     noise_std_v: Vec<f64>,
     level_v: Vec<f64>,
     slope_v_s: Vec<f64>,
-    /// What is to be subtracted from the last frame.
+    /// Reference to subtract from the last frame.
     reference_v: Vec<f64>,
     /// Time since the level was last updated, seconds.
     held_s: f64,
@@ -76,12 +75,12 @@ pub struct AdaptiveReference {
 }
 
 impl AdaptiveReference {
-    /// Learns reference and noise from quiet frames `[frame, measurement]`, volts.
+    /// Estimates reference and noise from quiet frames `[frame, measurement]`, volts.
     ///
     /// # Errors
     /// [`InverseError::TooFewQuietFrames`] below 20; [`InverseError::NonFiniteData`];
-    /// [`InverseError::NoiseUnknown`] where a channel does not change at all in them: state the
-    /// noise with [`with_noise`](Self::with_noise).
+    /// [`InverseError::NoiseUnknown`] if a channel never changes: give the noise with
+    /// [`with_noise`](Self::with_noise) instead.
     pub fn of_quiet_frames(
         frames: ArrayView2<'_, f64>,
         settings: ReferenceSettings,
@@ -97,21 +96,21 @@ impl AdaptiveReference {
         }
         let mean = |channel: ndarray::ArrayView1<'_, f64>| channel.sum() / count as f64;
         let reference: Vec<f64> = frames.columns().into_iter().map(mean).collect();
-        // from differences of neighbours, so that drift during the frames is not taken for noise
+        // from differences of successive frames, so that drift does not count as noise
         let noise = deviations(frames);
         if noise.contains(&0.0) {
             let what = "a measurement does not change over the quiet frames";
             return Err(InverseError::NoiseUnknown { what });
         }
-        // the reference has noise of its own; and 1 / estimated variance is too large in the mean,
-        // by n / (n - 2) of the effective degrees of freedom (3 / 2 frames to one)
+        // The reference has noise of its own, and the mean of 1 / estimated variance is too large by n / (n
+        // - 2), n the effective degrees of freedom (3 / 2 frames for each).
         let degrees = 2.0 * (count - 1) as f64 / 3.0;
         let share = ((1.0 + 1.0 / count as f64) * degrees / (degrees - 2.0)).sqrt();
         let noise: Vec<f64> = noise.iter().map(|e| e * share).collect();
         Self::with_noise(&reference, &noise, settings)
     }
 
-    /// From a known reference frame and the standard deviation of a frame's noise, both
+    /// Starts from a known reference frame and the standard deviation of a frame's noise, both
     /// `[measurement]`, volts.
     ///
     /// # Errors
@@ -152,27 +151,29 @@ impl AdaptiveReference {
         })
     }
 
-    /// What to subtract from the last frame that was pushed, volts, `[measurement]`.
+    /// Returns the reference to subtract from the last frame, volts, `[measurement]`.
     pub fn reference(&self) -> &[f64] {
         &self.reference_v
     }
 
-    /// Noise of a frame, volts, `[measurement]`.
+    /// Returns the noise of a frame, volts, `[measurement]`.
     pub fn noise_std_v(&self) -> &[f64] {
         &self.noise_std_v
     }
 
-    /// Sets the reference to the next frame, whatever touches the skin; its slope becomes zero.
+    /// Sets the reference to the next frame whatever touches the skin; its slope becomes zero.
     pub fn rezero(&mut self) {
         self.zero_next = true;
     }
 
-    /// Takes a frame `[measurement]`, volts, at `time_s`; `touched`: whether the tracker reports a
-    /// touch (of the frame before: this one's is not known yet).
+    /// Takes a frame `[measurement]`, volts, at `time_s`.
+    ///
+    /// `touched` says whether the tracker reports a touch (of the previous frame, since this frame's
+    /// touches are not known yet).
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`], [`InverseError::NonFiniteData`],
-    /// [`InverseError::TimeOrder`]. The reference is then as before.
+    /// [`InverseError::WrongLength`], [`InverseError::NonFiniteData`], [`InverseError::TimeOrder`]. The
+    /// reference is then unchanged.
     pub fn push(
         &mut self,
         frame: &[f64],
@@ -202,7 +203,7 @@ impl AdaptiveReference {
         let limit = 1.0 + ABOVE * spread;
         let mut disturbed = chi_square > limit;
         if disturbed && !touched && self.settings.common_mode {
-            // a drift whose slope is not known yet lags; what all channels share is no touch
+            // a drift whose slope is not known yet lags; a change common to all channels is not a touch
             let factor = 1.0 + self.common.median_of_all(frame, &self.reference_v);
             disturbed = self.reduced_chi_square(frame, factor) > limit;
         }
@@ -236,7 +237,7 @@ impl AdaptiveReference {
         ReferenceStep { state, reduced_chi_square: 0.0, held_s: 0.0, common_factor: 1.0 }
     }
 
-    /// The level moved on by its slope: at once for the next frame, dying out under contact.
+    /// Extrapolates the level by its slope: fully for the next frame, decaying under contact.
     fn extrapolate(&mut self) {
         let tau = self.settings.time_constant_s;
         let way = -tau * (-self.held_s / tau).exp_m1();
@@ -246,7 +247,7 @@ impl AdaptiveReference {
         }
     }
 
-    /// Against the reference times a factor.
+    /// Mean squared difference from the reference times a factor, in units of the noise.
     fn reduced_chi_square(&self, frame: &[f64], factor: f64) -> f64 {
         let parts = frame.iter().zip(&self.reference_v).zip(&self.noise_std_v);
         let sum: f64 =
@@ -255,12 +256,12 @@ impl AdaptiveReference {
     }
 
     fn follow(&mut self, frame: &[f64], dt: f64) {
-        // drift that was common under contact stays in the level
+        // the common drift under contact stays in the level
         let gap_s = self.held_s;
         self.common.reset();
         self.held_s = 0.0;
         let tau = self.settings.time_constant_s;
-        // after a gap the filter takes one frame's weight, not the gap's
+        // after a gap, weigh this frame as one frame and not by the length of the gap
         let beta = (-dt / tau).exp();
         let [gain, slope_gain] =
             [1.0 - beta * beta, (1.0 - beta).powi(2) / dt.max(f64::MIN_POSITIVE)];

@@ -1,21 +1,21 @@
-//! Blobs of an image above its noise floor: where, how strong, how certain.
+//! Segmentation of an image into blobs above its noise floor, with position, strength and certainty.
 
 use super::noise::NoiseFloor;
 use crate::metrics::{Cells, ChangeSign, NONE, Watershed};
 
-/// What tells a blob from noise, artefacts and its neighbours.
+/// Rules that separate a blob from noise, artefacts and its neighbours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rules {
     pub(super) sign: ChangeSign,
     /// Floor, in standard deviations of the cell.
     pub(super) level: f64,
-    /// Least peak, relative to the largest of the image.
+    /// Least peak relative to the largest of the image.
     pub(super) relative_floor: f64,
-    /// Least height of the lower of two tops over their saddle, relative to that top.
+    /// Least height of the lower of two peaks above their saddle, relative to that peak.
     pub(super) prominence: f64,
 }
 
-/// One blob.
+/// A blob.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Spot {
     pub(super) hill: u32,
@@ -33,13 +33,13 @@ pub(super) struct Spot {
     pub(super) level: f64,
 }
 
-/// Finds blobs; allocates nothing once made.
+/// Finds blobs; [`run`](Self::run) does not allocate.
 #[derive(Debug, Clone)]
 pub(super) struct Segmenter {
     pub(super) cells: Cells<3>,
     pub(super) watershed: Watershed,
     heights: Vec<f64>,
-    /// Derivative of a centre with respect to the sources of noise, [coordinate, source].
+    /// Derivative of a centre with respect to the sources of noise, `[coordinate, source]`.
     gradient: [Vec<f64>; 3],
     pub(super) spots: Vec<Spot>,
     most: usize,
@@ -58,14 +58,13 @@ impl Segmenter {
         }
     }
 
-    /// Fills `spots`, the highest peak first, at most as many as was said; returns how many more
-    /// there were.
+    /// Fills `spots`, highest peak first, up to its capacity, and returns how many blobs were left out.
     pub(super) fn run(&mut self, image: &[f64], floor: &NoiseFloor, rules: &Rules) -> usize {
         let factor = if rules.sign == ChangeSign::Increase { 1.0 } else { -1.0 };
         self.heights.iter_mut().zip(image).for_each(|(h, x)| *h = factor * x);
         let (heights, std) = (&self.heights, floor.std());
         let highest = heights.iter().copied().fold(0.0, f64::max);
-        // half of the floor of artefacts: the skirts of a blob help to join its tops
+        // half of the artefact floor: the skirts of a blob help to join its peaks
         let least = 0.5 * rules.relative_floor * highest;
         self.watershed.run(
             heights,
@@ -117,13 +116,13 @@ impl Segmenter {
 }
 
 impl Segmenter {
-    /// As after an image of zeros.
+    /// Clears everything, as after an image of zeros.
     pub(super) fn clear(&mut self) {
         self.watershed.clear();
         self.spots.clear();
     }
 
-    /// Hill of the cell nearest to a place; `None` where that is below the floor.
+    /// Returns the hill of the cell nearest to a position; `None` if that cell is below the floor.
     pub(super) fn hill_at(&self, place_m: [f64; 3]) -> Option<u32> {
         if self.watershed.is_empty() {
             return None;
@@ -136,7 +135,7 @@ impl Segmenter {
     }
 }
 
-/// Cells of a blob: those of its hill that reach half of its peak.
+/// Returns the cells of a blob: those of its hill that reach half of its peak.
 fn members<'a>(
     watershed: &'a Watershed,
     heights: &'a [f64],
@@ -149,8 +148,9 @@ fn members<'a>(
         .filter(move |&k| watershed.hill(k) == hill)
 }
 
-/// Area and integral, and the centre of gravity of what rises above half of the peak: cells at the
-/// edge have no weight, so that they may come and go without moving it.
+/// Computes area and integral of a blob, and the centroid of what rises above half of its peak.
+///
+/// Cells at the edge have no weight, so cells that come and go there do not move the centroid.
 fn measure(watershed: &Watershed, heights: &[f64], cells: &Cells<3>, spot: &mut Spot) {
     let (areas, places) = (cells.areas_m2(), cells.positions_m());
     let (mut moment, mut total, half) = ([0.0; 3], 0.0, 0.5 * heights[spot.top]);
@@ -165,8 +165,8 @@ fn measure(watershed: &Watershed, heights: &[f64], cells: &Cells<3>, spot: &mut 
     spot.position_m = moment.map(|m| m / total);
 }
 
-/// Covariance of the centre `c = sum w p / sum w`, `w = a (x - x_top / 2)`, by
-/// `dc = sum a_k (p_k - c) (dx_k - dx_top / 2) / sum w` through the factor of the image's noise.
+/// Computes the covariance of the centre `c = sum w p / sum w`, `w = a (x - x_top / 2)`, from
+/// `dc = sum a_k (p_k - c) (dx_k - dx_top / 2) / sum w` and the factor of the image's noise.
 fn covariance(
     watershed: &Watershed,
     heights: &[f64],
@@ -183,7 +183,7 @@ fn covariance(
         for (axis, gradient) in gradient.iter_mut().enumerate() {
             let slope = areas[k] * (places[k][axis] - spot.position_m[axis]) / spot.weight;
             sums[axis] += slope;
-            // flat skins do no work for their third coordinate
+            // skips the third coordinate of flat skins
             if slope != 0.0 {
                 gradient.iter_mut().zip(sources).for_each(|(g, f)| *g += slope * f);
             }

@@ -1,4 +1,4 @@
-//! Settings of a stream of touches.
+//! Settings of a touch stream.
 
 use super::noise::FalseAlarms;
 use crate::InverseError;
@@ -8,35 +8,34 @@ use crate::metrics::ChangeSign;
 /// Settings of [`TouchStream`](super::TouchStream).
 #[derive(Debug, Clone, PartialEq)]
 pub struct TouchStreamSettings {
-    /// Which changes are touches. Default: increase.
+    /// Which sign of change is a touch. Default: increase.
     pub sign: ChangeSign,
-    /// False touches per hour that noise alone may make. Default 1.
+    /// Accepted rate of false touches from noise alone, per hour. Default 1.
     pub false_alarms_per_hour: f64,
-    /// Images per second, hertz: turns that rate into one per image. Default 20.
+    /// Images per second, hertz; converts that rate into one per image. Default 20.
     pub frame_rate_hz: f64,
-    /// Touches at once, 1 to 64; the strongest are kept. Default 10.
+    /// Largest number of simultaneous touches, 1 to 64; the strongest are kept. Default 10.
     pub max_touches: usize,
-    /// Images that must show a touch before it is reported. Default 2 ...
+    /// Number of images that must show a touch before it is reported. Default 2 ...
     pub birth_hits: usize,
-    /// ... of this many, from the first that shows it; at most 32. Default 3.
+    /// ... out of this many, counted from the first that shows it; at most 32. Default 3.
     pub birth_frames: usize,
-    /// Images in a row that need not show a touch before it ends. Default 3.
+    /// Successive images without a touch that are forgiven before it ends. Default 3.
     pub forgiven_frames: usize,
-    /// Least peak of a touch relative to the strongest of its image: what is lower may be an
-    /// artefact of that one, which no noise floor knows. From 0 to 1; default 0.25.
+    /// Least peak of a touch relative to the strongest in its image, from 0 to 1. Anything lower may be an
+    /// artefact of the strongest touch, which no noise floor covers. Default 0.25.
     pub relative_floor: f64,
-    /// Two tops are two touches where the lower one stands above the saddle by this part of its
-    /// height (and by the noise floor). From 0 to 1; default 0.15.
+    /// Two peaks are two touches if the lower one rises above the saddle by this fraction of its height
+    /// (and by the noise floor). From 0 to 1; default 0.15.
     pub prominence: f64,
-    /// Acceleration of touches, root mean square, m/s^2. Default 2: a finger that sets off to slide.
+    /// Root mean square acceleration of touches, m/s^2. Default 2: a finger that starts to slide.
     pub acceleration_m_s2: f64,
-    /// Velocity of touches that appear, root mean square in each coordinate, m/s. Default 0.3.
+    /// Root mean square velocity of new touches in each coordinate, m/s. Default 0.3.
     pub velocity_std_m_s: f64,
-    /// What a position errs by beyond the noise, from image to image, metres: pixels, artefacts.
-    /// Default 0.5 mm.
+    /// Position error beyond the noise, from image to image (pixels, artefacts), metres. Default 0.5 mm.
     pub method_std_m: f64,
-    /// Squared distance, in units of the joint covariance of prediction and measurement, beyond
-    /// which a blob is not the touch. Default 16: one in 3000 of true pairs on a flat skin.
+    /// Largest squared distance between touch and blob, in units of the joint covariance of prediction and
+    /// measurement. Default 16, which rejects one in 3000 true pairs on a flat skin.
     pub gate: f64,
     /// Largest standard deviation of a valid position in any coordinate, metres. Default 10 mm.
     pub max_position_std_m: f64,

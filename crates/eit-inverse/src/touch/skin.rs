@@ -1,21 +1,21 @@
-//! Places on a surface: the nearest one, and the plane that touches it there.
+//! Points on a surface: the nearest one and the tangent plane there.
 
 use eit_mesh::Surface;
 use std::array::from_fn;
 
 type Point = [f64; 3];
 
-/// A place on a surface.
+/// A point on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Place {
     pub(crate) position_m: Point,
-    /// Of the point that was asked for.
+    /// Distance from the point that was asked for, metres.
     pub(super) distance_m: f64,
-    /// Orthonormal directions in the surface; x and y on a flat skin.
+    /// Orthonormal tangents of the surface; x and y on a flat skin.
     pub(super) tangents: [Point; 2],
 }
 
-/// The nearest place of a surface; the first of equals. Takes time in proportion to the triangles.
+/// Returns the nearest point of a surface, the first among equals, in time proportional to the triangles.
 pub(super) fn nearest(surface: &Surface, point_m: Point) -> Place {
     let (mut best, mut least, mut at) = (point_m, f64::INFINITY, 0);
     for triangle in 0..surface.triangles().len() {
@@ -28,17 +28,17 @@ pub(super) fn nearest(surface: &Surface, point_m: Point) -> Place {
     Place { position_m: best, distance_m: least.sqrt(), tangents: tangents(surface.corners(at)) }
 }
 
-/// Two orthonormal directions in the plane of a triangle; x and y on a flat skin.
+/// Returns two orthonormal directions in the plane of a triangle; x and y on a flat skin.
 pub(super) fn tangents([a, b, c]: [Point; 3]) -> [Point; 2] {
     let normal = unit(cross(minus(b, a), minus(c, a)));
-    // x laid into the plane, or y where the plane is nearly across x
+    // x projected onto the plane, or y if the plane is nearly perpendicular to x
     let axis = if normal[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let along = dot(axis, normal);
     let first = unit(from_fn(|i| axis[i] - along * normal[i]));
     [first, cross(normal, first)]
 }
 
-/// The one of some points that is nearest; the point itself where there are none.
+/// Returns the candidate nearest to a point; the point itself if there are none.
 pub(super) fn nearest_of(candidates: impl Iterator<Item = Point>, p: Point) -> Point {
     let (mut best, mut least) = (p, f64::INFINITY);
     for candidate in candidates {
@@ -50,7 +50,7 @@ pub(super) fn nearest_of(candidates: impl Iterator<Item = Point>, p: Point) -> P
     best
 }
 
-/// The nearest point of a triangle (Ericson, *Real-Time Collision Detection* (2005), 5.1.5).
+/// Returns the nearest point of a triangle (Ericson, *Real-Time Collision Detection* (2005), 5.1.5).
 pub(super) fn nearest_in([a, b, c]: [Point; 3], p: Point) -> Point {
     let (ab, ac, ap) = (minus(b, a), minus(c, a), minus(p, a));
     let (d1, d2) = (dot(ab, ap), dot(ac, ap));
@@ -127,7 +127,7 @@ mod tests {
                     least = least.min(distance(q));
                 }
             }
-            // the grid's step is below 0.01 of edges below 8
+            // the grid step is below 0.01 of edges shorter than 8
             assert!(distance(found) <= least + 1e-12, "{corners:?} {p:?}");
             assert!(distance(found) >= least - 0.08, "{corners:?} {p:?}");
         }

@@ -1,4 +1,4 @@
-//! Images in, touches out.
+//! Touches from a stream of images.
 
 use super::contact::Touch;
 use super::noise::NoiseFloor;
@@ -9,7 +9,7 @@ use crate::InverseError;
 use crate::check::check_length;
 use crate::metrics::Cells;
 
-/// Finds and follows touches in a stream of images. [`push`](Self::push) allocates nothing.
+/// Finds and follows touches in a stream of images. [`push`](Self::push) does not allocate.
 #[derive(Debug, Clone)]
 pub struct TouchStream {
     settings: TouchStreamSettings,
@@ -24,11 +24,12 @@ pub struct TouchStream {
 }
 
 impl TouchStream {
-    /// For images on `cells` (elements, or pixels: [`Cells::of_raster_on`]) whose noise is `floor`.
+    /// Builds a stream for images on `cells` (elements, or pixels: [`Cells::of_raster_on`]) with noise
+    /// `floor`.
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`] for a floor of other images; [`InverseError::OutOfRange`] for
-    /// settings.
+    /// [`InverseError::WrongLength`] if the floor belongs to other images; [`InverseError::OutOfRange`] for
+    /// invalid settings.
     pub fn new(
         cells: Cells<3>,
         floor: NoiseFloor,
@@ -54,34 +55,35 @@ impl TouchStream {
         })
     }
 
-    /// Where a touch begins, in standard deviations of the image's noise.
+    /// Returns the threshold of a touch in standard deviations of the image's noise.
     pub fn threshold(&self) -> f64 {
         self.level
     }
 
-    /// Independent cells that would reach the threshold as often as the image does.
+    /// Number of independent cells that would reach the threshold as often as the image does.
     pub fn effective_cells(&self) -> f64 {
         self.effective_cells
     }
 
-    /// Blobs of the last image that were left out because there were more than
+    /// Number of blobs of the last image left out because there were more than
     /// [`max_touches`](TouchStreamSettings::max_touches).
     pub fn dropped(&self) -> usize {
         self.dropped
     }
 
-    /// The noise floor.
+    /// Returns the noise floor.
     pub fn floor(&self) -> &NoiseFloor {
         &self.floor
     }
 
-    /// Takes one image `[cell]` of the conductivity change, siemens, at `time_s`, and returns the
-    /// touches by ascending id; one that ends is among them once more. Of an image that is zero
-    /// everywhere only that is looked at.
+    /// Takes one image `[cell]` of the conductivity change, siemens, at `time_s` and returns the touches in
+    /// ascending order of id.
+    ///
+    /// A touch that ends is returned once more. An image of zeros costs only that test.
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`], [`InverseError::NonFiniteImage`],
-    /// [`InverseError::TimeOrder`]. The stream is then as before.
+    /// [`InverseError::WrongLength`], [`InverseError::NonFiniteImage`], [`InverseError::TimeOrder`]. The
+    /// stream is then unchanged.
     pub fn push(&mut self, image: &[f64], time_s: f64) -> Result<&[Touch], InverseError> {
         self.segmenter.cells.check("image", image)?;
         if let Some(cell) = image.iter().position(|x| !x.is_finite()) {
@@ -99,12 +101,14 @@ impl TouchStream {
         Ok(&self.tracker.touches)
     }
 
-    /// [`push`](Self::push) of an image that is known to be zero everywhere, as
-    /// [`FrameStatus::Unchanged`](crate::FrameStatus::Unchanged) says: the same touches, and no
-    /// image to look at. Touches that were there are missed, and end as they would.
+    /// Takes an image that is known to be zero everywhere, as
+    /// [`FrameStatus::Unchanged`](crate::FrameStatus::Unchanged) says.
+    ///
+    /// The result equals that of [`push`](Self::push) with zeros. Existing touches are missing from this
+    /// image and end accordingly.
     ///
     /// # Errors
-    /// [`InverseError::TimeOrder`]. The stream is then as before.
+    /// [`InverseError::TimeOrder`]. The stream is then unchanged.
     pub fn push_unchanged(&mut self, time_s: f64) -> Result<&[Touch], InverseError> {
         let dt = self.advance(time_s)?;
         self.dropped = 0;
@@ -113,7 +117,7 @@ impl TouchStream {
         Ok(&self.tracker.touches)
     }
 
-    /// Moves the clock on; the time since the image before.
+    /// Advances the clock and returns the time since the previous image.
     fn advance(&mut self, time_s: f64) -> Result<f64, InverseError> {
         let before_s = self.before_s.unwrap_or(f64::NEG_INFINITY);
         if !(time_s.is_finite() && time_s > before_s) {
@@ -125,7 +129,7 @@ impl TouchStream {
         Ok(dt)
     }
 
-    /// Touches of the last image.
+    /// Returns the touches of the last image.
     pub fn touches(&self) -> &[Touch] {
         &self.tracker.touches
     }

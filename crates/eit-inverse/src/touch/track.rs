@@ -1,4 +1,4 @@
-//! Blobs of one image after another: which is which.
+//! Tracking of blobs from image to image.
 
 use super::assign::Assignment;
 use super::contact::{Touch, TouchState};
@@ -8,37 +8,37 @@ use super::segment::{Segmenter, Spot};
 use super::settings::TouchStreamSettings;
 use crate::geometry::distance_m;
 
-/// Cost of a pair that must not be: above any sum of gates.
+/// Cost of a forbidden pair: above any sum of gates.
 const NEVER: f64 = 1e7;
 
-/// A blob followed over time; without an id until it is confirmed.
+/// A blob tracked over time; it has no id until it is confirmed.
 #[derive(Debug, Clone, Copy)]
 struct Track {
     id: Option<u64>,
     filter: Filter,
     spot: Spot,
-    /// One bit for each of the last images, the present one lowest: whether it showed the touch.
+    /// Whether each of the last images showed the touch, one bit per image, the current one lowest.
     shown: u32,
-    /// Images since the first.
+    /// Images since the first one.
     frames: u64,
     missed: usize,
     begin: Option<(u64, f64)>,
     split_from: Option<u64>,
     merged_into: Option<u64>,
     ended: bool,
-    /// Index of this image's spot.
+    /// Index of its spot in this image.
     matched: Option<usize>,
 }
 
-/// Follows blobs; allocates nothing once made.
+/// Follows blobs; [`run`](Self::run) does not allocate.
 #[derive(Debug, Clone)]
 pub(super) struct Tracker {
     tracks: Vec<Track>,
     assignment: Assignment,
     taken: Vec<bool>,
-    /// Id of the touch whose blob each cell was in, 0 for none.
+    /// Id of the touch whose blob contained each cell; 0 for none.
     owner: Vec<u64>,
-    /// Whether any cell may have an owner.
+    /// Whether any cell may be owned.
     owned: bool,
     next_id: u64,
     capacity: usize,
@@ -47,7 +47,7 @@ pub(super) struct Tracker {
 
 impl Tracker {
     pub(super) fn new(cells: usize, most: usize) -> Self {
-        // as many again may wait for their confirmation or their end
+        // as many again may be waiting for confirmation or for their end
         let capacity = 2 * most;
         Self {
             tracks: Vec::with_capacity(capacity),
@@ -61,7 +61,7 @@ impl Tracker {
         }
     }
 
-    /// One image's blobs, `dt` seconds after the ones before.
+    /// Processes the blobs of one image, `dt` seconds after the previous image.
     pub(super) fn run(
         &mut self,
         segmenter: &Segmenter,
@@ -85,14 +85,14 @@ impl Tracker {
         self.report(time_s, settings, effective_cells);
     }
 
-    /// Pairs tracks and blobs: the largest likelihood with at most the gate between them.
+    /// Pairs tracks and blobs with the largest likelihood, each pair within the gate.
     fn pair(&mut self, spots: &[Spot], settings: &TouchStreamSettings) {
         let tracks = &self.tracks;
         let (rows, count) = (tracks.len(), spots.len());
         self.taken.fill(false);
         let columns = self.assignment.solve(rows, count + rows, |row, column| {
             match spots.get(column) {
-                // a track of its own column stays without a blob; named ones come first
+                // its own column leaves a track unmatched; tracks with an id come first
                 None if column - count == row => {
                     settings.gate * if tracks[row].id.is_some() { 2.0 } else { 1.0 }
                 }
@@ -116,9 +116,11 @@ impl Tracker {
         }
     }
 
-    /// Named tracks and blobs that are left, where the blob covers the track or has come out of its
-    /// area: two touches that run into one blob, or part, move its centre farther than any gate.
-    /// The nearest pairs first. Such a track starts anew from the blob's place, at rest.
+    /// Pairs the remaining named tracks and blobs, nearest first, if the blob covers the track or has split
+    /// off its area.
+    ///
+    /// When two touches merge into one blob or separate, its centre moves farther than any gate. The track
+    /// restarts at the blob's position, at rest.
     fn pair_by_area(&mut self, segmenter: &Segmenter, settings: &TouchStreamSettings) {
         loop {
             let mut nearest: Option<(f64, usize, usize)> = None;
@@ -150,7 +152,7 @@ impl Tracker {
         }
     }
 
-    /// Tracks without a blob: inside another touch's blob, forgiven, or over.
+    /// Handles tracks without a blob: merged into another touch's blob, forgiven, or ended.
     fn misses(&mut self, segmenter: &Segmenter, settings: &TouchStreamSettings) {
         for at in 0..self.tracks.len() {
             if self.tracks[at].matched.is_some() {
@@ -165,7 +167,7 @@ impl Tracker {
             let track = &mut self.tracks[at];
             track.missed += 1;
             track.merged_into = merged_into.or(track.merged_into);
-            // without a blob nothing says that it still moves
+            // without a blob there is no evidence of motion
             track.filter.rest(settings.velocity_std_m_s);
             let hits = track.shown.count_ones() as usize;
             let left = settings.birth_frames.saturating_sub(track.frames as usize + 1);
@@ -174,11 +176,11 @@ impl Tracker {
                 Some(_) => track.missed > settings.forgiven_frames,
             };
         }
-        // those that nobody has been told of end in silence
+        // tracks that were never reported end silently
         self.tracks.retain(|track| track.id.is_some() || !track.ended);
     }
 
-    /// Blobs that are nobody's.
+    /// Starts tracks from unmatched blobs.
     fn births(&mut self, spots: &[Spot], settings: &TouchStreamSettings) {
         for (at, spot) in spots.iter().enumerate().filter(|(at, _)| !self.taken[*at]) {
             if self.tracks.len() == self.capacity {
@@ -202,7 +204,7 @@ impl Tracker {
         }
     }
 
-    /// Names those that enough of their first images have shown.
+    /// Gives an id to tracks that enough of their first images have shown.
     fn confirm(&mut self, time_s: f64, settings: &TouchStreamSettings) {
         let named = self.tracks.iter().filter(|track| track.id.is_some() && !track.ended).count();
         let mut free = settings.max_touches.saturating_sub(named);
@@ -216,7 +218,7 @@ impl Tracker {
         }
     }
 
-    /// Marks the cells of named touches.
+    /// Marks the cells of touches that have an id.
     fn own(&mut self, segmenter: &Segmenter) {
         if std::mem::replace(&mut self.owned, !segmenter.watershed.is_empty()) {
             self.owner.fill(0);
@@ -238,7 +240,7 @@ impl Tracker {
                 (false, false) => TouchState::Hold,
             };
             let span = settings.birth_frames.min(track.frames as usize + 1);
-            // of at most 32 bits
+            // the shift stays within 32 bits
             let recent = track.shown & (u32::MAX >> (32 - span.clamp(1, 32)));
             let share = f64::from(recent.count_ones()) / span as f64;
             let chance = NoiseFloor::exceedance(effective_cells, track.spot.level);
@@ -267,7 +269,7 @@ impl Tracker {
     }
 }
 
-/// Covariance of a measured place: the image's noise and the method's own error.
+/// Covariance of a measured position: the image's noise and the method's own error.
 fn measured(spot: &Spot, settings: &TouchStreamSettings) -> [[f64; 3]; 3] {
     let mut covariance = spot.covariance_m2;
     (0..3).for_each(|i| covariance[i][i] += settings.method_std_m.powi(2));

@@ -1,6 +1,6 @@
 //! A disc with linear data of touches, for tests of the detector.
 //!
-//! Data come from a mesh of their own, so that no place or integral is shared with the detector's.
+//! The data come from a mesh of their own, which shares no position or integral with the detector's.
 
 #![allow(dead_code, missing_docs, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
@@ -17,19 +17,19 @@ pub const ELECTRODES: usize = 16;
 pub const MEASUREMENTS: usize = 208;
 pub const DT_S: f64 = 0.05;
 
-/// A finger of 1 N on a sheet of 1 S, S m^2.
+/// Strength of a finger of 1 N on a sheet of 1 S, S m^2.
 pub const FINGER: f64 = 1e-5;
 
 /// Noise: 80 dB below the largest voltage.
 pub const NOISE: f64 = 1e-4;
 
-/// A disc of 1 S with its voltages of 1 A.
+/// A disc of 1 S with its voltages for 1 A.
 pub struct Disc {
     pub surface: Surface,
     pub jacobian: Array2<f64>,
     /// `v = -J sigma`: voltages are homogeneous of degree -1 in the conductivity.
     pub model_v: Vec<f64>,
-    /// The sheet as a whole, one standard deviation of 0.1 %.
+    /// Effect of the sheet as a whole, one standard deviation of 0.1 %.
     pub unknowns: Array2<f64>,
     pub reciprocal: Vec<usize>,
     pub noise_std_v: Vec<f64>,
@@ -77,8 +77,8 @@ impl Disc {
         TouchDetector::new(&self.model(&[true; MEASUREMENTS]), settings).unwrap()
     }
 
-    /// What a finger changes, volts: a bell `exp(-(d / 7 mm)^2)` with a tail of 5 % and 12 mm, zero
-    /// from 5.5 of those 7 mm on.
+    /// Voltage changes by a finger: a bell `exp(-(d / 7 mm)^2)` with a tail of 5 % and 12 mm, zero beyond
+    /// 5.5 times those 7 mm.
     pub fn touch_v(&self, [x, y]: [f64; 2], strength_s_m2: f64) -> Array1<f64> {
         let bell = |c: &[f64; 3]| {
             let d_m = (c[0] - x).hypot(c[1] - y);
@@ -92,13 +92,13 @@ impl Disc {
     }
 }
 
-/// Edges of 5 mm, as the mesh of a skin that is in use.
+/// Edges of 5 mm, as in a mesh for practical use.
 pub static SKIN: LazyLock<Disc> = LazyLock::new(|| Disc::new(20));
 
-/// Edges of 2.7 mm: what data are made on.
+/// Edges of 2.7 mm: the mesh of the data.
 pub static TRUTH: LazyLock<Disc> = LazyLock::new(|| Disc::new(37));
 
-/// The reference with touches.
+/// Returns the reference with touches.
 pub fn touched(touches: &[([f64; 2], f64)]) -> Vec<f64> {
     let mut frame = Array1::from(SKIN.model_v.clone());
     touches.iter().for_each(|&(at, strength)| frame += &TRUTH.touch_v(at, strength));
@@ -114,7 +114,7 @@ pub fn distance_m(touch: &DetectedTouch, at: [f64; 2]) -> f64 {
     (touch.position_m[0] - at[0]).hypot(touch.position_m[1] - at[1])
 }
 
-/// A place within a part of the disc's radius.
+/// Random position within a fraction of the disc's radius.
 pub fn place(random: &mut Random, part: f64) -> [f64; 2] {
     let (r, angle) = (part * RADIUS_M * random.uniform().sqrt(), random.between(0.0, 6.3));
     [r * angle.cos(), r * angle.sin()]

@@ -1,4 +1,4 @@
-//! Small skins and analytic Jacobians made by hand, independent of the mesher and the solver.
+//! Small skins and analytic Jacobians built by hand, independent of the mesher and the solver.
 
 #![allow(dead_code, missing_docs, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
@@ -49,7 +49,7 @@ pub fn equilateral(n: usize) -> Surface {
     grid(n, place)
 }
 
-/// `n` x `n` cells cut along one diagonal, nodes placed by `place(i, j)`.
+/// `n` x `n` cells cut along one diagonal, with nodes placed by `place(i, j)`.
 pub fn grid(n: usize, place: impl Fn(usize, usize) -> [f64; 3]) -> Surface {
     let nodes = (0..=n).flat_map(|j| (0..=n).map(move |i| (i, j))).map(|(i, j)| place(i, j));
     let node = |i: usize, j: usize| (j * (n + 1) + i) as u32;
@@ -63,7 +63,7 @@ pub fn grid(n: usize, place: impl Fn(usize, usize) -> [f64; 3]) -> Surface {
     Surface::new(nodes.collect(), triangles).unwrap()
 }
 
-/// Adjacent drive and measurement without driven electrodes: quadruples [a, b, m, n].
+/// Quadruples [a, b, m, n] of adjacent drive and measurement without driven electrodes.
 pub fn adjacent(electrodes: usize) -> Vec<[usize; 4]> {
     let next = |l: usize| (l + 1) % electrodes;
     let mut quadruples = Vec::new();
@@ -78,11 +78,11 @@ pub fn adjacent(electrodes: usize) -> Vec<[usize; 4]> {
 
 /// Sensitivity of a homogeneous disc with point electrodes just outside its rim, volts per siemens.
 ///
-/// A current I between points a and b on the rim of a disc of sheet conductivity sigma makes
-/// `u = I / (pi sigma) log(|x - b| / |x - a|)`, and `dV/dsigma_e = -area grad u . grad w` with `w`
-/// the field of a unit current through m and n (here I = 1 A, sigma = 1 S). Point electrodes sit at
-/// 1.02 radii, so the gradient stays finite in the outermost elements; the field is then that of
-/// the plane, twice over.
+/// A current I between points a and b on the rim of a disc of sheet conductivity sigma gives
+/// `u = I / (pi sigma) log(|x - b| / |x - a|)`, and `dV/dsigma_e = -area grad u . grad w` with `w` the
+/// field of a unit current through m and n (here I = 1 A, sigma = 1 S). The point electrodes are at 1.02
+/// radii, so that the gradient stays finite in the outermost elements; the field is then that of the plane,
+/// times two.
 pub fn jacobian(surface: &Surface, radius_m: f64, electrodes: usize) -> Array2<f64> {
     let place = |l: usize| {
         let (sin, cos) = (std::f64::consts::TAU * l as f64 / electrodes as f64).sin_cos();
@@ -118,8 +118,8 @@ pub fn target(surface: &Surface, centre_m: [f64; 2], radius_m: f64, change_s: f6
         .collect()
 }
 
-/// Solves `a x = b` by Gaussian elimination with partial pivoting: the reference that shares no
-/// code with the library.
+/// Solves `a x = b` by Gaussian elimination with partial pivoting: a reference that shares no code with the
+/// library.
 pub fn solve(mut a: Array2<f64>, mut b: Array2<f64>) -> Array2<f64> {
     let n = a.nrows();
     for k in 0..n {
@@ -151,7 +151,7 @@ pub fn solve(mut a: Array2<f64>, mut b: Array2<f64>) -> Array2<f64> {
     b
 }
 
-/// Largest difference relative to the largest entry of `b`.
+/// Returns the largest difference relative to the largest entry of `b`.
 pub fn relative_difference<'a>(
     a: impl IntoIterator<Item = &'a f64>,
     b: impl IntoIterator<Item = &'a f64>,

@@ -1,4 +1,4 @@
-//! Sequences of small problems, and their objective written out.
+//! Small sequence problems with an explicit evaluation of their objective.
 
 #![allow(dead_code, missing_docs, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
@@ -9,7 +9,7 @@ use eit_inverse::{
 };
 use ndarray::{Array1, Array2};
 
-/// Everything that a solve reads.
+/// Complete input of a solve.
 #[derive(Debug, Clone)]
 pub struct Problem {
     /// `[measurement, unknown]`.
@@ -22,7 +22,7 @@ pub struct Problem {
     pub good: Option<Array2<bool>>,
 }
 
-/// Objective of a sequence: the data's part and the variation's.
+/// Objective of a sequence: data term and variation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Objective {
     pub data: f64,
@@ -65,7 +65,7 @@ impl Problem {
         self.values.nrows()
     }
 
-    /// `W^1/2` of a channel in a frame; 0 where it does not count.
+    /// `W^1/2` of a channel in a frame; 0 if it is unused or masked.
     pub fn root_weight(&self, frame: usize, measurement: usize) -> f64 {
         let used = self.settings.used.as_ref().is_none_or(|used| used[measurement]);
         let good = self.good.as_ref().is_none_or(|good| good[(frame, measurement)]);
@@ -76,7 +76,7 @@ impl Problem {
         }
     }
 
-    /// `W^1/2 dv` of a frame, 0 where a channel does not count.
+    /// `W^1/2 dv` of a frame, 0 in unused and masked channels.
     pub fn whitened(&self, frame: usize) -> Array1<f64> {
         let value = |i: usize| match self.root_weight(frame, i) {
             0.0 => 0.0,
@@ -85,7 +85,7 @@ impl Problem {
         Array1::from_shape_fn(self.values.ncols(), value)
     }
 
-    /// `delta` of a frame: times the root of the share of its good channels.
+    /// `delta` of a frame: `delta` times the root of the fraction of its good channels.
     pub fn radius(&self, frame: usize) -> Option<f64> {
         let Fidelity::Constrained { delta } = self.settings.fidelity else { return None };
         let count = self.values.ncols();
@@ -135,14 +135,14 @@ impl Problem {
         Objective { data, variation: lambda_space * space + lambda_time * time }
     }
 
-    /// Half the squared whitened data: the objective of the zero sequence of the penalised form, and
-    /// the size against which residuals are rounded.
+    /// Half the squared whitened data: the objective of the zero sequence in the penalised form, and the
+    /// scale of the rounding errors of residuals.
     pub fn size(&self) -> f64 {
         (0..self.frames()).map(|t| 0.5 * self.whitened(t).mapv(|v| v * v).sum()).sum()
     }
 
-    /// Rounding of the objective of a sequence: of residuals, which are differences of values as large
-    /// as the data, and of differences of equal values.
+    /// Rounding error of the objective of a sequence, from residuals, which are differences of values as
+    /// large as the data, and from differences of nearly equal image values.
     pub fn rounding(&self, images: &Array2<f64>) -> f64 {
         let StTvSettings { lambda_space, lambda_time, fidelity, .. } = self.settings;
         let data = match fidelity {
@@ -164,9 +164,8 @@ impl Problem {
         1e-13 * data + 1e-15 * variation
     }
 
-    /// What every result owes: images within bounds to the last bit, report and objective equal to
-    /// those written out here, a gap that is not negative and not above the asked one where the
-    /// status says so.
+    /// Checks the properties of every result: images exactly within bounds, report and objective equal to
+    /// those computed here, and a gap that is not negative and, if the status says so, within the target.
     pub fn check(&self, sequence: &ImageSequence, stop: &Stop) -> Result<(), String> {
         let bounds = self.settings.lower_s..=self.settings.upper_s;
         let ensure = |truth: bool, what: String| if truth { Ok(()) } else { Err(what) };
@@ -176,7 +175,7 @@ impl Problem {
         )?;
         let certificate = sequence.report.certificate.ok_or("no certificate")?;
         if certificate.primal == f64::INFINITY {
-            // no feasible image was found in time: possible with constraints alone
+            // no feasible image was found in time, which can only happen with constraints
             let unsolved = sequence.report.status != SequenceStatus::Converged;
             return ensure(unsolved && self.radius(0).is_some(), "no primal value".into());
         }
@@ -192,8 +191,8 @@ impl Problem {
         for (t, (found, wanted)) in
             sequence.report.residual.iter().zip(self.residuals(&sequence.images)).enumerate()
         {
-            // what no image explains is a difference of squares of up to 26 terms: the root of their
-            // rounding
+            // the unexplained part of the data is a difference of squares of up to 26 terms: tolerance is
+            // the root of their rounding error
             ensure(
                 (found - wanted).abs() <= 1e-9 * wanted + 1e-7 * root,
                 format!("residual of frame {t} {found:e}, images have {wanted:e}"),
@@ -205,8 +204,8 @@ impl Problem {
                 )?;
             }
         }
-        // a residual counts as feasible up to 1e-9 above its delta, where the objective is lower by
-        // that times the multiplier times delta, a few times the objective at most
+        // a residual up to 1e-9 above its delta counts as feasible; this lowers the objective by that times
+        // the multiplier times delta, which is at most a few times the objective
         let slack = if self.radius(0).is_some() { 1e-8 } else { 1e-12 };
         ensure(
             certificate.lower_bound <= certificate.primal * (1.0 + slack) + floor,
@@ -215,7 +214,7 @@ impl Problem {
         ensure(
             sequence.report.status != SequenceStatus::Converged
                 || certificate.relative_gap() <= stop.target_gap,
-            format!("gap {:e} is not the asked one", certificate.relative_gap()),
+            format!("gap {:e} is above the target", certificate.relative_gap()),
         )
     }
 }

@@ -11,14 +11,14 @@ use ndarray::{Array2, Axis};
 use std::path::Path;
 use std::time::Instant;
 
-/// Radius of the model; the true one goes into the scale of the pose.
+/// Radius of the model; the scale of the pose accounts for the true one.
 const RADIUS_M: f64 = 0.1;
 const BELL_M: f64 = 0.015;
 
 /// A skin of 16 electrodes, driven as the recordings are.
 struct Model {
     mesh: Mesh,
-    /// Of magnitudes: a magnitude changes with the sign of its voltage.
+    /// Jacobian of magnitudes: a magnitude changes with the sign of its voltage.
     jacobian: Array2<f64>,
     candidates_m: Vec<[f64; 3]>,
     at_candidates: Array2<f64>,
@@ -40,7 +40,7 @@ fn model(folder: &Path) -> Model {
     Model { mesh, jacobian, candidates_m, at_candidates }
 }
 
-/// A skin's presses in the order of time; places are the robot's.
+/// Returns a skin's presses in order of time, with the robot's positions.
 fn presses(name: &str, folder: &Path) -> Presses {
     let (frames, places) = match name {
         "hydrogel_presses" => (
@@ -53,7 +53,7 @@ fn presses(name: &str, folder: &Path) -> Presses {
             (down - up, values(folder, "superpose500_positions.npy").unwrap())
         }
     };
-    // height and depth are no places on the skin
+    // height and depth are not positions on the skin
     let places_m = places.rows().into_iter().map(|p| [p[0], p[1], 0.0]).collect();
     Presses { frames, places_m }
 }
@@ -62,7 +62,7 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// Errors of presses after the first `learnt`, metres of the robot.
+/// Errors of the presses after the first `learnt`, metres of the robot.
 struct Run {
     untrained: Vec<f64>,
     map: Vec<f64>,
@@ -71,9 +71,9 @@ struct Run {
     regression_folds_m: f64,
     learn_s: f64,
     frame_s: f64,
-    /// Part of the others that is said to be unlike.
+    /// Fraction of the other presses reported as unlike.
     unlike: f64,
-    /// Squared errors over the covariance's trace.
+    /// Squared errors divided by the trace of the covariance.
     calibration: f64,
     pose: PoseFit,
     description: String,
@@ -205,14 +205,14 @@ fn hydrogel_superpose500() {
     curve("hydrogel_superpose500");
 }
 
-/// Median and mean of the way that errs least in cross-validation, mm.
+/// Median and mean error of the method that errs least in cross-validation, mm.
 fn taken(run: &Run) -> String {
     let is_map = run.folds_m <= run.regression_folds_m;
     let (errors, by) = if is_map { (&run.map, "map") } else { (&run.regression, "regression") };
     format!("{:.2} ({:.2}) by {by}", 1e3 * quantile(errors, 0.5), 1e3 * mean(errors))
 }
 
-/// A map of the first 100 presses on the last ones, as it is and with ten presses made just before these.
+/// A map of the first 100 presses, tested on the last ones, alone and with ten presses made just before them.
 #[test]
 fn an_old_map_and_ten_new_presses() {
     for (name, last) in [("hydrogel_presses", 500), ("hydrogel_superpose500", 150)] {
@@ -234,14 +234,14 @@ fn an_old_map_and_ten_new_presses() {
             taken(&brought),
             taken(&fresh)
         );
-        // the bar for a session: 5 mm in the median, 7 in the mean; found 3.0 (3.9) and 3.2 (3.7)
+        // the limit for a session: 5 mm in the median, 7 mm in the mean; found 3.0 (3.9) and 3.2 (3.7)
         let [late, brought, fresh] = [&late, &brought, &fresh].map(|run| {
             let is_map = run.folds_m <= run.regression_folds_m;
             let errors_m = if is_map { &run.map } else { &run.regression };
             [quantile(errors_m, 0.5), mean(errors_m)]
         });
         assert!(late[0] <= 5e-3 && late[1] <= 7e-3);
-        // ten presses bring little back, but no less than they teach alone
+        // ten presses improve little, but the result is no worse than with these ten alone
         assert!(brought[0] <= late[0] && brought[0] < fresh[0]);
     }
 }

@@ -1,5 +1,5 @@
-//! Fills the inside of the rim with nodes: frontal Delaunay insertion along the size field,
-//! then refinement to an angle limit.
+//! Fills the interior of the rim with nodes: frontal Delaunay insertion that follows the size
+//! field, then refinement to an angle limit.
 
 use super::rim::Rim;
 use crate::MeshError;
@@ -23,15 +23,16 @@ pub(crate) struct Triangulation {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// A triangle is done when its circumradius is below this multiple of that of the equilateral
-/// triangle with the wanted edge.
+/// A triangle is small enough when its circumradius is below this multiple of that of the
+/// equilateral triangle with the requested edge length.
 const RADIUS_SLACK: f64 = 1.2;
-/// A new node stays this fraction of the wanted edge away from every other.
+/// Minimum distance of a new node from every other, as a fraction of the requested edge length.
 const CLEARANCE: f64 = 0.7;
-/// Above 28 degrees Delaunay refinement inserts many nodes for little, above 30 it may not end.
+/// Above 28 degrees, Delaunay refinement inserts many nodes for little gain; above 30 degrees it
+/// may not terminate.
 const ANGLE_LIMIT_DEG: f64 = 28.0;
 
-/// Delaunay triangulation of points with the rim edges kept.
+/// Computes the Delaunay triangulation of points, keeping the rim edges.
 pub(crate) fn triangulate(points: &[[f64; 2]], edges: &[[u32; 2]]) -> Result<Cdt, MeshError> {
     let vertices =
         points.iter().map(|p| spade::mitigate_underflow(Point2::new(p[0], p[1]))).collect();
@@ -49,8 +50,8 @@ pub(crate) fn triangulate(points: &[[f64; 2]], edges: &[[u32; 2]]) -> Result<Cdt
     }
 }
 
-/// For each inner face of the triangulation (by index), whether it lies inside the rim: each
-/// rim edge crossed on the way from outside changes sides.
+/// Finds for each inner face of the triangulation (by index) whether it lies inside the rim:
+/// starting from outside, crossing a rim edge changes sides.
 fn inside(cdt: &Cdt) -> Vec<bool> {
     let mut inside = vec![false; cdt.num_all_faces()];
     let mut seen = vec![false; cdt.num_all_faces()];
@@ -78,7 +79,7 @@ fn inside(cdt: &Cdt) -> Vec<bool> {
     inside
 }
 
-/// Points and the triangles inside the rim.
+/// Returns the points and the triangles inside the rim.
 pub(crate) fn extract(cdt: &Cdt) -> Triangulation {
     let inside = inside(cdt);
     let points = cdt.vertices().map(|v| [v.position().x, v.position().y]).collect();
@@ -90,7 +91,7 @@ pub(crate) fn extract(cdt: &Cdt) -> Triangulation {
     Triangulation { points, triangles }
 }
 
-/// Fills the rim.
+/// Fills the interior of the rim.
 pub(crate) fn fill(
     rim: &Rim,
     field: &SizeField,
@@ -115,18 +116,18 @@ pub(crate) fn fill(
 enum Next {
     /// The triangle is small enough.
     Done,
-    /// Too large, but not next to a finished triangle or the rim: its turn comes.
+    /// Too large, but not yet adjacent to an accepted triangle or the rim; processed later.
     Waiting,
-    /// Across the front edge, or at the circumcentre where that is nearer.
+    /// Opposite the front edge, or at the circumcentre if that is nearer.
     Insert(Point2<f64>),
 }
 
-/// Inserts nodes layer by layer from the rim until every triangle has the wanted size, stopping
+/// Inserts nodes layer by layer from the rim until every triangle has the requested size, stopping
 /// at `node_limit`.
 ///
-/// Each new node makes, with an edge of a finished triangle or of the rim, a triangle of the
-/// wanted size (frontal Delaunay, Rebay 1993; "off-centres", Erten and Uengoer 2009), which
-/// leaves far fewer misfits than circumcentres.
+/// Each new node forms a triangle of the requested size with an edge of an accepted triangle or of
+/// the rim (frontal Delaunay, Rebay 1993; "off-centres", Erten and Uengoer 2009). This leaves far
+/// fewer badly shaped triangles than inserting circumcentres.
 fn advance(cdt: &mut Cdt, field: &SizeField, node_limit: usize) {
     let outside: Vec<bool> = inside(cdt).iter().map(|i| !i).collect();
     let is_outside = |face: usize| outside.get(face).copied().unwrap_or(false);
@@ -141,7 +142,7 @@ fn advance(cdt: &mut Cdt, field: &SizeField, node_limit: usize) {
         if !is_clear(cdt, point, hint, field, &is_outside) {
             continue;
         }
-        // the position is finite and of the size of its neighbours, so spade accepts it
+        // the position is finite and of similar magnitude to its neighbours, so spade accepts it
         let Ok(vertex) = cdt.insert_with_hint(point, hint) else { continue };
         for edge in cdt.vertex(vertex).out_edges() {
             queue.extend(edge.face().fix().as_inner());
@@ -187,7 +188,8 @@ fn next_node(face: Face<'_>, field: &SizeField) -> Next {
     Next::Insert(Point2::new(middle[0] + height * normal[0], middle[1] + height * normal[1]))
 }
 
-/// Whether a point is inside the rim and away from the corners of the triangle it falls into.
+/// Whether a point is inside the rim and far enough from the corners of the triangle that contains
+/// it.
 fn is_clear(
     cdt: &Cdt,
     point: Point2<f64>,

@@ -1,17 +1,17 @@
-//! The edge length that gives a number of nodes.
+//! Finds the edge length that gives a requested number of nodes.
 
 use super::{generate, generate_placed};
 use crate::settings::{MeshSettings, NODES_PER_SQUARE_EDGE, stretch};
 use crate::{Mesh, MeshError, PlacedElectrode, RimElectrodes, SkinShape};
 
 impl MeshSettings {
-    /// These settings with the interior edge length that gives about `nodes` nodes (within 2 %,
-    /// within 10 % where the mesh is too coarse to hit the number), found by meshing without
-    /// smoothing a few times.
+    /// Returns these settings with the interior edge length that gives about `nodes` nodes: within
+    /// 2 %, or within 10 % if the mesh is too coarse to match the number. The length is found by
+    /// meshing a few times without smoothing.
     ///
     /// # Errors
-    /// As [`generate`], and [`MeshError::OutOfRange`] for a number that cannot be reached because
-    /// electrode ends and corners alone need more.
+    /// As [`generate`], and [`MeshError::OutOfRange`] if electrode ends and corners alone need more
+    /// nodes than that.
     pub fn for_nodes(
         &self,
         shape: &SkinShape,
@@ -21,10 +21,10 @@ impl MeshSettings {
         self.for_about(shape, nodes, |trial| generate(shape, electrodes, trial))
     }
 
-    /// [`for_nodes`](Self::for_nodes) for electrodes by position.
+    /// Does the same as [`for_nodes`](Self::for_nodes) for electrodes given by position.
     ///
     /// # Errors
-    /// As [`generate_placed`], and [`MeshError::OutOfRange`] as there.
+    /// As [`generate_placed`], and [`MeshError::OutOfRange`] as in [`for_nodes`](Self::for_nodes).
     pub fn for_nodes_placed(
         &self,
         shape: &SkinShape,
@@ -65,8 +65,8 @@ impl MeshSettings {
         }
         if best.0 > 0.1 {
             return out_of_range(
-                "a number that the electrode ends and corners leave room for (raise \
-                 electrode_edge_m or grading, or ask for more)",
+                "enough for the electrode ends and corners (raise electrode_edge_m or grading, or \
+                 ask for more)",
             );
         }
         Ok(Self { edge_m: Some(best.1), ..self.clone() })

@@ -1,5 +1,5 @@
-//! Round patches of a flat skin: the skin is meshed with a hole for each, each hole with the nodes
-//! on its outline, and all are joined.
+//! Round patches of a flat skin: the skin is meshed with a hole for each patch, each hole is meshed
+//! with the nodes on its outline, and the meshes are joined.
 
 use super::interior::{Triangulation, fill};
 use super::rim::Rim;
@@ -10,9 +10,9 @@ use crate::size_field::SizeField;
 use crate::smooth;
 use std::f64::consts::PI;
 
-/// Moves the nodes on the outlines of patches outwards until each polygon has its disc's area: the
-/// contact impedance is divided by it. At a third of the radius between nodes that is by 0.9 %. Their
-/// edges stay straight, in quadratic elements too.
+/// Moves the nodes on the outlines of patches outwards until each polygon has the area of its disc,
+/// because the contact impedance is divided by the area. With edges of a third of the radius, the
+/// nodes move by 0.9 %. The outline edges stay straight, even in quadratic elements.
 pub(super) fn widen(rim: &mut Rim, discs: &[Disc]) {
     for (k, disc) in discs.iter().enumerate() {
         let nodes = loop_nodes(&rim.starts, discs.len(), k);
@@ -32,13 +32,13 @@ pub(super) fn widen(rim: &mut Rim, discs: &[Disc]) {
     }
 }
 
-/// Node indices of the outline of a patch: the last loops are the patches'.
+/// Node indices of a patch outline; the last loops belong to the patches.
 fn loop_nodes(starts: &[usize], patches: usize, patch: usize) -> std::ops::Range<usize> {
     let index = starts.len() - 1 - patches + patch;
     starts[index]..starts[index + 1]
 }
 
-/// Meshes the patches into their holes; returns the triangles of each.
+/// Meshes the patches into their holes and returns the triangles of each patch.
 pub(super) fn join(
     skin: &mut Triangulation,
     rim: &Rim,
@@ -48,7 +48,7 @@ pub(super) fn join(
 ) -> Result<Vec<Vec<u32>>, MeshError> {
     let mut patches = Vec::with_capacity(discs.len());
     for k in 0..discs.len() {
-        // counter-clockwise, as the outline of a skin
+        // counter-clockwise, like the outline of a skin
         let outline: Vec<usize> = loop_nodes(&rim.starts, discs.len(), k).rev().collect();
         let count = outline.len();
         let edges = (0..count).map(|i| [i, (i + 1) % count].map(|n| n as u32)).collect();

@@ -6,45 +6,44 @@ use crate::rim_electrodes::RimInterval;
 use crate::settings::MeshSettings;
 use crate::size_field::{SizeField, Source};
 
-/// The cut outline.
+/// The outline cut into edges.
 #[derive(Default)]
 pub(crate) struct Rim {
-    /// Rim nodes, loop after loop.
+    /// Rim nodes, loop by loop.
     pub points: Vec<[f64; 2]>,
-    /// Rim edges, the skin on their left.
+    /// Rim edges, with the skin on their left.
     pub edges: Vec<[u32; 2]>,
-    /// Rim edges of each electrode, in the order of the loop.
+    /// Rim edges of each electrode, in the order of their loop.
     pub electrodes: Vec<Vec<[u32; 2]>>,
-    /// First node of each loop, and the number of nodes.
+    /// First node of each loop, followed by the number of nodes.
     pub starts: Vec<usize>,
-    /// Edges that stand for arcs, and the midpoints of those.
+    /// Edges that approximate arcs, with the midpoints of the arcs.
     pub arc_midpoints: Vec<([u32; 2], [f64; 2])>,
 }
 
-/// An edge may be this much longer than the distance to the opposite part of the outline: the
-/// triangles between them keep angles of 35 degrees or so.
+/// Longest allowed edge relative to the distance to the opposite part of the outline: the triangles
+/// between them keep angles of about 35 degrees.
 const NARROW: f64 = 1.25;
-/// Rounds of cutting for narrow places. Along a strip each round divides the distance between
-/// sources by four or more; what six rounds leave is a few edges slightly too long.
+/// Rounds of cutting at narrow places. Along a strip, each round divides the distance between
+/// sources by at least four; six rounds leave at most a few slightly long edges.
 const NARROW_ROUNDS: usize = 6;
 
-/// Fewest sides of the polygon that stands for a round patch.
+/// Minimum number of sides of the polygon that approximates a round patch.
 const FEWEST_CHORDS: f64 = 12.0;
 
 /// A place on a loop that must become a node.
 #[derive(Clone, Copy)]
 struct Breakpoint {
     s_m: f64,
-    /// Wanted edge length at an electrode end and at a corner that reaches into the skin; `None` at
-    /// another corner.
+    /// Requested edge length at an electrode end or a re-entrant corner; `None` at other corners.
     end_size_m: Option<f64>,
 }
 
-/// Cuts the outline and builds the size field that the inside follows.
+/// Cuts the outline and builds the size field for the interior.
 ///
-/// Where two parts of the outline come nearer than the edge length wanted there, the field is
+/// Where two parts of the outline are closer than the edge length requested there, the field is
 /// lowered to their distance and the outline is cut again. The last loops are the outlines of
-/// patches, with `patch_edges_m` the edge length wanted on each.
+/// patches; `patch_edges_m` gives the edge length for each.
 pub(crate) fn cut(
     outline: &Outline,
     electrodes: &[RimInterval],
@@ -67,7 +66,7 @@ pub(crate) fn cut(
         };
         for (k, place) in places.iter().enumerate() {
             let shorter = span(&places, k + places.len() - 1, l).min(span(&places, k, l));
-            // a gap between electrodes carries a potential step: two edges at least
+            // a gap between electrodes carries a potential step and needs at least two edges
             let size = place.end_size_m.map_or(shorter, |size| size.min(0.5 * shorter));
             sources.push((l.point_at(place.s_m), size));
         }
@@ -90,7 +89,7 @@ pub(crate) fn cut(
     Ok((number(outline, &cuts, electrodes), field))
 }
 
-/// Arc lengths of the nodes on each loop.
+/// Computes the arc lengths of the nodes on each loop.
 fn cut_loops(
     outline: &Outline,
     breakpoints: &[Vec<Breakpoint>],
@@ -113,7 +112,8 @@ fn cut_loops(
     Ok(cuts)
 }
 
-/// Sources at rim nodes that lie nearer to another part of the outline than the wanted edge.
+/// Returns a source for each rim node that is closer to another part of the outline than the
+/// requested edge length allows.
 fn narrow_places(
     outline: &Outline,
     cuts: &[Vec<f64>],
@@ -125,7 +125,7 @@ fn narrow_places(
         for &s_m in cut {
             let point = l.point_at(s_m);
             let clearance_m = outline.clearance_m(index, s_m.rem_euclid(l.length_m()));
-            // the source before this one, on the way along the loop, may serve here too
+            // the previous source along the loop may be enough here too
             let served = sources.last().map(|s| s.1 + grading * distance(s.0, point));
             let wanted = field.at(point).min(served.unwrap_or(f64::INFINITY));
             if wanted > NARROW * clearance_m {
@@ -170,8 +170,8 @@ fn number(outline: &Outline, cuts: &[Vec<f64>], electrodes: &[RimInterval]) -> R
     rim
 }
 
-/// Corners and electrode ends of one loop in order, beginning with the start of an electrode
-/// where there is one (so that no electrode runs over the end of the list).
+/// Returns the corners and electrode ends of one loop in order, starting with the start of an
+/// electrode if there is one, so that no electrode wraps around the end of the list.
 fn breakpoints_of(
     l: &Loop,
     electrodes: &[&RimInterval],
@@ -213,7 +213,7 @@ fn breakpoints_of(
     places
 }
 
-/// Nodes of a patch's outline, equally spaced.
+/// Returns equally spaced nodes on the outline of a patch.
 fn patch_places(l: &Loop, edge_m: f64) -> Vec<Breakpoint> {
     let count = (l.length_m() / edge_m).ceil().max(FEWEST_CHORDS);
     let at = |k: usize| Breakpoint { s_m: l.length_m() * k as f64 / count, end_size_m: None };
@@ -227,8 +227,9 @@ fn span(places: &[Breakpoint], k: usize, l: &Loop) -> f64 {
     if places.len() == 1 { l.length_m() } else { (b - a).rem_euclid(l.length_m()) }
 }
 
-/// Arc lengths of the nodes from `start` up to, not including, `start + length`: equal steps of
-/// the integral of ds / h, none longer than wanted. `None` where they would be more than `limit`.
+/// Returns the arc lengths of the nodes from `start` up to but excluding `start + length`: equal
+/// steps of the integral of ds / h, none longer than requested. `None` if there would be more than
+/// `limit`.
 fn steps(l: &Loop, start: f64, length: f64, field: &SizeField, limit: usize) -> Option<Vec<f64>> {
     // h changes by at most grading / 10 of itself within a tenth of h
     const FRACTION: f64 = 0.1;
@@ -238,14 +239,14 @@ fn steps(l: &Loop, start: f64, length: f64, field: &SizeField, limit: usize) -> 
         let step = (FRACTION * field.at(l.point_at(start + s))).min(length - s);
         let middle = field.at(l.point_at(start + s + 0.5 * step));
         sum += step / middle;
-        // the last step may be swallowed by rounding: it still ends the interval
+        // rounding may swallow the last step; the interval still ends
         s = if s + step > s { s + step } else { length };
         integral.push((s, sum));
         if sum > limit as f64 {
             return None;
         }
     }
-    // a sum that rounding leaves just above a whole number is that number
+    // a sum that is above a whole number only by rounding counts as that number
     let count = (sum - 1e-6).ceil().max(1.0) as usize;
     let mut nodes = Vec::with_capacity(count);
     let mut k = 0;

@@ -1,14 +1,14 @@
-//! Checks of a polygon before any meshing: every refusal names the place.
+//! Checks a polygon before meshing; every error gives the position of the problem.
 
 use super::{RESOLUTION, cross, distance, dot, signed_area};
 use crate::MeshError;
 
-/// Spikes sharper than this are refused: the elements inside would be as sharp.
+/// Sharper spikes are rejected because the elements inside them would be as sharp.
 const SHARPEST_CORNER_DEG: f64 = 1.0;
 
-/// A length of the shape: positive and finite.
+/// Checks that a length of the shape is positive, finite and in range.
 ///
-/// The range keeps squares and their products far from overflow and underflow; it spans every
+/// The range keeps squares and their products far from overflow and underflow, and covers every
 /// skin that can be made.
 pub(super) fn in_range(quantity: &'static str, value: f64) -> Result<f64, MeshError> {
     if (1e-9..=1e9).contains(&value) {
@@ -21,7 +21,7 @@ fn bad<T>(at: [f64; 2], problem: &'static str) -> Result<T, MeshError> {
     Err(MeshError::BadOutline { x_m: at[0], y_m: at[1], problem })
 }
 
-/// Refuses everything that is not a polygon with holes.
+/// Rejects everything that is not a polygon with holes.
 pub(super) fn check_polygon(
     outline: &[[f64; 2]],
     holes: &[Vec<[f64; 2]>],
@@ -40,7 +40,7 @@ pub(super) fn check_polygon(
     let length: f64 = sides(outline).map(|[a, b]| distance(a, b)).sum();
     in_range("length of the outline in metres", length)?;
     if let Some(&at) = outline.iter().find(|p| p.iter().any(|x| x.abs() > 1e6 * length)) {
-        return bad(at, "the outline lies more than a million times its length from the origin");
+        return bad(at, "the outline is further from the origin than a million times its length");
     }
     for corners in &loops {
         check_corners(corners, RESOLUTION * length)?;
@@ -69,7 +69,7 @@ fn sides(corners: &[[f64; 2]]) -> impl Iterator<Item = [[f64; 2]; 2]> + '_ {
     (0..corners.len()).map(|k| [corners[k], corners[(k + 1) % corners.len()]])
 }
 
-/// Refuses repeated corners and spikes.
+/// Rejects repeated corners and spikes.
 fn check_corners(corners: &[[f64; 2]], resolution: f64) -> Result<(), MeshError> {
     let n = corners.len();
     for k in 0..n {
@@ -77,8 +77,8 @@ fn check_corners(corners: &[[f64; 2]], resolution: f64) -> Result<(), MeshError>
         if distance(at, after) <= resolution {
             return bad(
                 at,
-                "two corners in a row are at the same place (a loop closes by itself: leave the \
-                 repeated first corner out)",
+                "two successive corners are at the same position (a loop closes automatically: \
+                 omit the repeated first corner)",
             );
         }
         let back = [before[0] - at[0], before[1] - at[1]];
@@ -91,7 +91,7 @@ fn check_corners(corners: &[[f64; 2]], resolution: f64) -> Result<(), MeshError>
     Ok(())
 }
 
-/// Refuses sides that cross or touch, within a loop and between loops.
+/// Rejects sides that cross or touch, within a loop and between loops.
 fn check_clearance(loops: &[&[[f64; 2]]], resolution: f64) -> Result<(), MeshError> {
     let all: Vec<(usize, usize, [[f64; 2]; 2])> = loops
         .iter()
@@ -110,7 +110,7 @@ fn check_clearance(loops: &[&[[f64; 2]]], resolution: f64) -> Result<(), MeshErr
     Ok(())
 }
 
-/// Where two segments come closer than `resolution`, if they do.
+/// Returns a point where two segments come closer than `resolution`, if there is one.
 fn meeting_point(a: [[f64; 2]; 2], b: [[f64; 2]; 2], resolution: f64) -> Option<[f64; 2]> {
     let apart = |k: usize| {
         let (a_low, a_high) = (a[0][k].min(a[1][k]), a[0][k].max(a[1][k]));
@@ -135,7 +135,7 @@ fn meeting_point(a: [[f64; 2]; 2], b: [[f64; 2]; 2], resolution: f64) -> Option<
         .map(|(_, end)| end)
 }
 
-/// Even-odd rule. The point must be clear of the sides.
+/// Even-odd rule. The point must not lie on a side.
 fn is_inside(point: [f64; 2], corners: &[[f64; 2]]) -> bool {
     sides(corners)
         .filter(|[a, b]| {

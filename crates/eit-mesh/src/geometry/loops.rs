@@ -4,12 +4,13 @@ use super::piece::Piece;
 use super::{cross, distance, dot, signed_area};
 use std::f64::consts::TAU;
 
-/// Corners of a hole that is a polygon of eight sides and more, round to the builder, do not count: the
-/// potential runs like the power 0.78 of the distance at this angle, nearly like on a smooth rim.
+/// Chosen so that the corners of a regular polygonal hole with eight or more sides do not count:
+/// near such a corner the potential varies as the power 0.78 of the distance, almost as at a smooth
+/// rim.
 const REACHES_IN_DEG: f64 = 50.0;
 
-/// One closed loop of an outline, the skin on its left: the outer loop counter-clockwise, holes
-/// clockwise.
+/// One closed loop of an outline, with the skin on its left: the outer loop runs counter-clockwise,
+/// holes run clockwise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loop {
     pub(super) pieces: Vec<Piece>,
@@ -38,10 +39,10 @@ impl Loop {
         Self::new(corners.iter().zip(next).map(|(&from, &to)| Piece::Line { from, to }).collect())
     }
 
-    /// Whether a point lies inside the loop. It must be clear of it.
+    /// Whether a point lies inside the loop. The point must not lie on the loop.
     pub(super) fn is_around(&self, point_m: [f64; 2]) -> bool {
         let crossings = self.pieces.iter().filter(|piece| match **piece {
-            // an arc is a whole circle
+            // an arc is always a full circle
             Piece::Arc { centre, radius, .. } => distance(centre, point_m) < radius,
             Piece::Line { from, to } => {
                 (from[1] > point_m[1]) != (to[1] > point_m[1])
@@ -52,26 +53,26 @@ impl Loop {
         crossings.count() % 2 == 1
     }
 
-    /// Length once around, metres.
+    /// Length of the loop, metres.
     pub fn length_m(&self) -> f64 {
         self.length_m
     }
 
-    /// The point at an arc length from the start of the loop, metres; lengths beyond the end
-    /// (or below zero) go around again.
+    /// Returns the point at an arc length (metres) from the start of the loop; lengths below zero
+    /// or beyond the end wrap around.
     pub fn point_at(&self, arc_length_m: f64) -> [f64; 2] {
         let s = arc_length_m.rem_euclid(self.length_m);
         let piece = self.piece_at(s);
         self.pieces[piece].point_at(s - self.starts_m[piece])
     }
 
-    /// Whether the loop is curved at an arc length from its start.
+    /// Whether the loop is curved at the given arc length.
     pub(crate) fn bends_at(&self, arc_length_m: f64) -> bool {
         let piece = self.piece_at(arc_length_m.rem_euclid(self.length_m));
         matches!(self.pieces[piece], Piece::Arc { .. })
     }
 
-    /// The nearest point of the loop: its arc length and the distance to it, metres.
+    /// Returns the arc length of the nearest point of the loop and the distance to it, metres.
     pub fn project(&self, point_m: [f64; 2]) -> (f64, f64) {
         let mut nearest = (0.0, f64::INFINITY);
         for (piece, start) in self.pieces.iter().zip(&self.starts_m) {
@@ -83,7 +84,7 @@ impl Loop {
         nearest
     }
 
-    /// Arc lengths of the corners, metres, ascending. A full circle has none.
+    /// Arc lengths of the corners, metres, in ascending order. A full circle has none.
     pub(crate) fn corners_m(&self) -> &[f64] {
         match self.pieces[..] {
             [Piece::Arc { .. }] => &[],
@@ -91,8 +92,9 @@ impl Loop {
         }
     }
 
-    /// Whether the corner of this index ([`Loop::corners_m`]) reaches into the skin, so that the current
-    /// density has no bound there: the skin's angle is above 180 degrees by [`REACHES_IN_DEG`] or more.
+    /// Whether the corner with this index ([`Loop::corners_m`]) is re-entrant, so that the current
+    /// density is unbounded there: the angle of the skin exceeds 180 degrees by at least
+    /// [`REACHES_IN_DEG`].
     pub(crate) fn reaches_in(&self, corner: usize) -> bool {
         let count = self.pieces.len();
         let (before, after) = (self.pieces[(corner + count - 1) % count], self.pieces[corner]);
@@ -106,8 +108,8 @@ impl Loop {
         right_turn_rad >= REACHES_IN_DEG.to_radians()
     }
 
-    /// Largest edge that keeps a chord within 30 degrees of arc, so that even a coarse mesh
-    /// has the shape of the skin; infinite where the loop is straight. Metres.
+    /// Longest edge whose chord spans at most 30 degrees of arc, so that even a coarse mesh has the
+    /// shape of the skin; infinite if the loop is straight. Metres.
     pub(crate) fn largest_chord_m(&self) -> f64 {
         let chord = |piece: &Piece| match *piece {
             Piece::Line { .. } => f64::INFINITY,
@@ -116,12 +118,12 @@ impl Loop {
         self.pieces.iter().map(chord).fold(f64::INFINITY, f64::min)
     }
 
-    /// Index of the piece at an arc length between zero and the length.
+    /// Index of the piece at an arc length between zero and the length of the loop.
     pub(super) fn piece_at(&self, s: f64) -> usize {
         self.starts_m.partition_point(|&start| start <= s).saturating_sub(1)
     }
 
-    /// Outermost point seen from `origin` at an angle: its arc length.
+    /// Arc length of the outermost point at an angle, seen from `origin`.
     pub(super) fn outermost_at(&self, origin: [f64; 2], angle_rad: f64) -> Option<f64> {
         let along = [angle_rad.cos(), angle_rad.sin()];
         self.pieces

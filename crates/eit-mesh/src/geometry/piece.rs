@@ -1,4 +1,4 @@
-//! The pieces that a loop is made of, measured by arc length.
+//! The pieces of a loop, measured by arc length.
 
 use super::{RESOLUTION, cross, distance, dot};
 use std::f64::consts::TAU;
@@ -18,7 +18,7 @@ impl Piece {
         }
     }
 
-    /// The point at an arc length from the start of the piece.
+    /// Returns the point at an arc length from the start of the piece.
     pub(super) fn point_at(&self, arc_length: f64) -> [f64; 2] {
         match *self {
             Self::Line { from, to } => {
@@ -46,7 +46,7 @@ impl Piece {
                 let angle = (point[1] - centre[1]).atan2(point[0] - centre[0]);
                 let turned = (sweep_rad.signum() * (angle - from_rad)).rem_euclid(TAU);
                 let sweep = sweep_rad.abs();
-                // outside the arc the nearer of its two ends
+                // outside the arc, use the nearer of its two ends
                 let beyond = 0.5 * (TAU + sweep);
                 radius
                     * if turned <= sweep {
@@ -81,7 +81,7 @@ impl Piece {
         };
         let point = [origin[0] + reach * along[0], origin[1] + reach * along[1]];
         let (arc_length, off) = self.project(point);
-        // a ray through a corner may miss both its sides by rounding; NaN (parallel) is no hit
+        // a ray through a corner may miss both sides by rounding; NaN (parallel) is not a hit
         (reach >= 0.0 && off <= RESOLUTION * self.length()).then_some((arc_length, reach))
     }
 }

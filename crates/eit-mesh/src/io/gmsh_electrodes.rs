@@ -1,16 +1,17 @@
-//! Which groups of a Gmsh file are electrodes.
+//! Finds the groups of a Gmsh file that are electrodes.
 
 use super::gmsh_sections::{Problem, Sections};
 use std::collections::{BTreeMap, HashMap};
 
-/// Where an electrode is named: dimension (1 lines, 2 triangles), tags and line.
+/// Where an electrode name is declared: dimension (1 lines, 2 triangles), tags and line.
 pub(super) struct ElectrodeName {
     pub dimension: u8,
     pub tags: Vec<u64>,
     pub line: usize,
 }
 
-/// Electrode number of a group's name. `Err` for a name that is meant as one but is not.
+/// Returns the electrode number from a group's name. `Err` for a name that looks like an
+/// electrode's but is malformed.
 fn electrode_number(name: &str) -> Result<Option<usize>, String> {
     let prefix = "electrode";
     let Some(rest) = name.get(..prefix.len()).filter(|p| p.eq_ignore_ascii_case(prefix)) else {
@@ -23,13 +24,13 @@ fn electrode_number(name: &str) -> Result<Option<usize>, String> {
     match tail.parse::<usize>() {
         Ok(number) if number > 0 && name == format!("electrode_{number}") => Ok(Some(number)),
         _ => Err(format!(
-            "the group \"{name:.60}\" looks like an electrode: name it electrode_N, N from 1 \
+            "the group \"{name:.60}\" looks like an electrode: name it electrode_N, N from 1 and \
              without leading zeros"
         )),
     }
 }
 
-/// The named electrodes by number; refuses names in two dimensions and missing numbers.
+/// Returns the named electrodes by number; rejects names in two dimensions and missing numbers.
 pub(super) fn electrode_names(
     sections: &Sections,
 ) -> Result<BTreeMap<usize, ElectrodeName>, Problem> {
@@ -40,16 +41,15 @@ pub(super) fn electrode_names(
         let dimension = group.dimension;
         if !(1..=2).contains(&dimension) {
             let problem = format!(
-                "electrode_{number} is a group of dimension {dimension}: an electrode has a \
-                 width, make it a physical curve (rim) or surface (patch)"
+                "electrode_{number} is a group of dimension {dimension}: an electrode has a width, \
+                 so make it a physical curve (rim) or surface (patch)"
             );
             return Err((line, problem));
         }
         let name = names.entry(number).or_insert(ElectrodeName { dimension, tags: vec![], line });
         if name.dimension != dimension {
             let problem = format!(
-                "electrode_{number} is a physical curve and a physical surface: an electrode is \
-                 one of them, rename the other"
+                "electrode_{number} is a physical curve and a physical surface: rename one of them"
             );
             return Err((line, problem));
         }
@@ -58,15 +58,16 @@ pub(super) fn electrode_names(
     if let Some(missing) = (1..=names.len()).find(|n| !names.contains_key(n)) {
         let last = names.keys().next_back().copied().unwrap_or(0);
         let problem = format!(
-            "electrode_{missing} is missing, but electrode_{last} is there: number the \
-             electrodes from 1 without gaps"
+            "electrode_{missing} is missing, but electrode_{last} exists: number the electrodes \
+             from 1 without gaps"
         );
         return Err((0, problem));
     }
     Ok(names)
 }
 
-/// Electrode of each group (dimension, tag) that elements name; a group has one at most.
+/// Electrode of each group (dimension, tag) that elements refer to; a group belongs to at most one
+/// electrode.
 pub(super) fn electrode_groups(
     sections: &Sections,
     names: &BTreeMap<usize, ElectrodeName>,

@@ -1,4 +1,4 @@
-//! A mesh from a Gmsh file: nodes numbered, groups resolved to electrodes.
+//! Reads a mesh from a Gmsh file: numbers its nodes and resolves groups to electrodes.
 
 use super::gmsh_electrodes::{ElectrodeName, electrode_groups, electrode_names};
 use super::gmsh_sections::{Element, Problem, Sections, read_sections};
@@ -10,39 +10,40 @@ use std::path::Path;
 /// Reads an ASCII Gmsh file, version 2.2 or 4.1. See [`parse_gmsh`].
 ///
 /// # Errors
-/// [`MeshError::Io`] if the file cannot be read, else those of [`parse_gmsh`].
+/// [`MeshError::Io`] if the file cannot be read, otherwise those of [`parse_gmsh`].
 pub fn read_gmsh(path: impl AsRef<Path>) -> Result<Mesh, MeshError> {
     let name = path.as_ref().display().to_string();
     parse_gmsh(&super::surface_file::read_file(path.as_ref())?, &name)
 }
 
-/// Nodes within this fraction of the surface's longest side are at one place. Gmsh writes sixteen
-/// digits.
+/// Nodes closer than this fraction of the surface's longest side are at the same position. Gmsh
+/// writes sixteen digits.
 const SAME_PLACE: f64 = 1e-9;
 
-/// A mesh from the bytes of an ASCII Gmsh file, version 2.2 or 4.1. Coordinates are metres.
+/// Parses a mesh from the bytes of an ASCII Gmsh file, version 2.2 or 4.1. Coordinates are metres.
 ///
-/// Every triangle belongs to the skin. Lines of a physical curve named `electrode_N` (N from 1)
-/// are rim electrode N, triangles of a physical surface of that name are patch electrode N; no
-/// electrode at all is allowed. Points, other lines and other groups are passed over, as are
-/// sections other than those of the mesh. Nodes that no triangle uses are dropped; apart from
-/// that nodes, triangles and an electrode's lines keep the file's order, and a patch's triangles
-/// ascend (2.2 files repeat an element for each of its groups: it is one triangle).
-/// Where the skin falls apart into parts whose nodes lie at the same places, as meshes of several
-/// surfaces do, those nodes become one; where it hangs together without that, they are a cut and
-/// stay. [`read_mesh`](crate::read_mesh) says what was mended.
+/// All triangles belong to the skin. Lines of a physical curve named `electrode_N` (N from 1) form
+/// rim electrode N; triangles of a physical surface of that name form patch electrode N. A file may
+/// have no electrodes. Points, other lines, other groups and non-mesh sections are ignored. Nodes
+/// that no triangle uses are dropped; otherwise nodes, triangles and the lines of an electrode keep
+/// the file's order, and the triangles of a patch are sorted (2.2 files repeat an element for each
+/// of its groups; it counts as one triangle). If the skin consists of disconnected parts with nodes
+/// at the same positions, as in meshes of several surfaces, those nodes are merged; if the skin is
+/// connected without merging, such nodes form a cut and are kept. [`read_mesh`](crate::read_mesh)
+/// reports what was repaired.
 ///
-/// `file` names the file in messages.
+/// `file` is the file name used in error messages.
 ///
 /// # Errors
-/// [`MeshError::Parse`] with the 1-based line (0: the whole file) for everything that is wrong
-/// with the file or with the mesh in it, also what [`Surface::new`] and [`Mesh::new`] refuse. The
-/// node and triangle indices in their messages are 0-based in file order.
+/// [`MeshError::Parse`] with the 1-based line (0: the whole file) for every error in the file or in
+/// its mesh, including those of [`Surface::new`] and [`Mesh::new`]. Node and triangle indices in
+/// their messages are 0-based in file order.
 pub fn parse_gmsh(bytes: &[u8], file: &str) -> Result<Mesh, MeshError> {
     mended_gmsh(bytes, file, 1.0).map(|(mesh, _)| mesh)
 }
 
-/// [`parse_gmsh`], lengths multiplied by `scale_m`, with what was mended.
+/// Does the same as [`parse_gmsh`] with lengths multiplied by `scale_m`, and returns what was
+/// repaired.
 pub(super) fn mended_gmsh(
     bytes: &[u8],
     file: &str,
@@ -74,7 +75,7 @@ pub(super) fn mended_gmsh(
     mesh.map(|mesh| (mesh, repairs)).map_err(|error| at((lines.line_of(&error), error.to_string())))
 }
 
-/// Finds the line that an error of [`Surface::new`] or [`Mesh::new`] is about.
+/// Finds the line that caused an error of [`Surface::new`] or [`Mesh::new`].
 struct ErrorLines<'a> {
     sections: &'a Sections,
     names: &'a BTreeMap<usize, ElectrodeName>,
@@ -83,7 +84,7 @@ struct ErrorLines<'a> {
 }
 
 impl ErrorLines<'_> {
-    /// 1-based line, 0 where it is about the whole file.
+    /// Returns the 1-based line, or 0 if the error concerns the whole file.
     fn line_of(&self, error: &MeshError) -> usize {
         match *error {
             MeshError::ZeroArea { triangle, .. }
@@ -120,7 +121,7 @@ struct NodeOfTag {
 /// Nodes of the file by their tags.
 type NodesByTag = HashMap<u64, NodeOfTag>;
 
-/// What the mesh is made of.
+/// The contents of the file with tags resolved to indices.
 struct Resolved {
     nodes: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
@@ -130,7 +131,7 @@ struct Resolved {
 }
 
 impl Resolved {
-    /// Makes nodes at one place one node.
+    /// Merges nodes at the same position.
     fn merge(&mut self, repairs: &mut Repairs) -> Result<(), MeshError> {
         let mended = mend(&self.nodes, &self.triangles, repairs.merge_distance_m)?;
         repairs.merged_nodes = mended.repairs.merged_nodes;
@@ -156,7 +157,7 @@ impl Resolved {
     }
 }
 
-/// Tags to indices, groups to electrodes.
+/// Resolves tags to indices and groups to electrodes.
 fn resolve(
     sections: &Sections,
     names: &BTreeMap<usize, ElectrodeName>,
@@ -213,10 +214,10 @@ fn resolve(
 }
 
 fn too_many(what: &str) -> String {
-    format!("more {what} than 32-bit indices can name: use a coarser mesh")
+    format!("more {what} than 32-bit indices can address: use a coarser mesh")
 }
 
-/// Positions of the nodes that triangles use, in file order, and all nodes by tag.
+/// Returns the positions of the nodes that triangles use, in file order, and all nodes by tag.
 fn number_nodes(sections: &Sections) -> Result<(Vec<[f64; 3]>, NodesByTag), Problem> {
     let mut by_tag: NodesByTag = HashMap::with_capacity(sections.nodes.len());
     for (position, node) in sections.nodes.iter().enumerate() {

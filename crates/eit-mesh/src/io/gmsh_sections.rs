@@ -1,14 +1,14 @@
-//! The sections of an ASCII Gmsh file, 2.2 and 4.1, as they stand: nothing is resolved yet.
+//! Reads the sections of an ASCII Gmsh file, version 2.2 or 4.1, without resolving references.
 //!
-//! Format: Gmsh reference manual, "MSH file format" (4.1) and "MSH file format version 2
-//! (Legacy)". Counts in the file only say how many lines to expect; nothing is allocated by
-//! them, so memory stays within a small multiple of the file's size.
+//! Format: Gmsh reference manual, "MSH file format" (4.1) and "MSH file format version 2 (Legacy)".
+//! Counts in the file only determine how many lines to expect; nothing is allocated from them, so
+//! memory use stays within a small multiple of the file's size.
 
 use super::lines::{Fields, Lines, short};
 use crate::MeshError;
 use std::collections::HashMap;
 
-/// What is wrong, and the line (0: the whole file).
+/// The line of an error (0: the whole file) and its description.
 pub(super) type Problem = (usize, String);
 
 /// A physical group: dimension, tag, name, and the line that names it.
@@ -26,7 +26,7 @@ pub(super) struct Node {
     pub(super) line: usize,
 }
 
-/// Physical tags of an entity of a 4.1 file, without repeats, and its line.
+/// Physical tags of an entity of a 4.1 file, without duplicates, and its line.
 pub(super) struct Entity {
     pub(super) physical: Vec<u64>,
     pub(super) line: usize,
@@ -42,7 +42,7 @@ pub(super) struct Element<const N: usize> {
     pub(super) line: usize,
 }
 
-/// What a file says, in file order.
+/// Contents of a file, in file order.
 #[derive(Default)]
 pub(super) struct Sections {
     pub(super) names: Vec<PhysicalName>,
@@ -101,10 +101,10 @@ pub(super) fn read_sections(bytes: &[u8], file: &str) -> Result<Sections, MeshEr
     }
 }
 
-/// Sections that may appear once; the first two and `Elements` must.
+/// Sections that may appear only once; the first two and `Elements` are required.
 const KNOWN: [&str; 5] = ["MeshFormat", "Nodes", "Elements", "PhysicalNames", "Entities"];
 
-/// `version file-type data-size`; `None` for 2.2, an empty map of entities for 4.1.
+/// Parses `version file-type data-size`; returns `None` for 2.2, an empty map of entities for 4.1.
 fn mesh_format(lines: &mut Lines<'_>) -> Result<Option<Entities>, MeshError> {
     let line = lines.content("MeshFormat", "its version")?;
     let mut fields = lines.fields(&line);
@@ -189,8 +189,8 @@ fn nodes_2(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), MeshErr
     Ok(())
 }
 
-/// `blocks nodes min-tag max-tag`, then blocks: `dimension entity parametric count`, the tags,
-/// the positions (with parameters behind them if parametric).
+/// `blocks nodes min-tag max-tag`, then blocks: `dimension entity parametric count`, the tags, the
+/// positions (followed by parameters if parametric).
 fn nodes_4(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), MeshError> {
     let blocks = lines.count("Nodes")?;
     for _ in 0..blocks {
@@ -234,7 +234,7 @@ fn elements_2(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), Mesh
         for tag in 0..tag_count {
             let value: i64 = fields.next("a tag")?;
             if tag == 0 {
-                // a negative physical tag means the element runs against its entity
+                // a negative physical tag means the element is oriented against its entity
                 group = value.saturating_abs();
             }
         }
@@ -264,7 +264,7 @@ fn elements_4(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), Mesh
     Ok(())
 }
 
-/// Keeps a line or a triangle, passes over a point, refuses the rest with the way out.
+/// Keeps a line or a triangle, skips a point and rejects all other elements with a hint.
 fn element(
     kind: u32,
     fields: &mut Fields<'_, '_>,
@@ -285,12 +285,12 @@ fn element(
         3 | 10 | 16 => {
             return Err(fields.lines.error(
                 "a quadrangle: turn recombination off (Mesh.RecombineAll = 0, no Recombine \
-                 Surface), a skin is made of triangles",
+                 Surface), because a skin consists of triangles",
             ));
         }
         _ => {
             return Err(fields.lines.error(format!(
-                "element type {kind} is no point, line or triangle: save the surface alone \
+                "element type {kind} is not a point, line or triangle: save the surface alone \
                  (mesh with gmsh -2)"
             )));
         }

@@ -1,4 +1,4 @@
-//! A mesh to an ASCII Gmsh file, version 2.2 or 4.1.
+//! Writes a mesh to an ASCII Gmsh file, version 2.2 or 4.1.
 
 use super::{ElementField, check_fields, io_error, patch_numbers, rim_edges, rim_triangles};
 use crate::{Electrode, Mesh, MeshError};
@@ -7,26 +7,26 @@ use std::io::{self, Write};
 /// Version of the Gmsh file format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum GmshVersion {
-    /// Version 2.2: old, and read by nearly everything.
+    /// Version 2.2, which nearly every program reads.
     V2_2,
-    /// Version 4.1: what Gmsh writes itself since 2019.
+    /// Version 4.1, Gmsh's own default since 2019.
     #[default]
     V4_1,
 }
 
-/// Writes a mesh that [`parse_gmsh`](crate::parse_gmsh) reads back equal.
+/// Writes a mesh that [`parse_gmsh`](crate::parse_gmsh) reads back unchanged.
 ///
-/// Named groups: `skin` (triangles without an electrode) and `electrode_N`, a physical curve for
-/// a rim electrode, a physical surface for a patch. Nodes, triangles and rim edges keep their
-/// order; triangles of a patch are read back ascending. Numbers are the shortest that read back
-/// to the same bits. Each field becomes a section `$ElementData`; an edge takes
-/// the value of its triangle.
+/// Physical groups: `skin` (triangles without an electrode) and `electrode_N`, a physical curve for
+/// a rim electrode and a physical surface for a patch. Nodes, triangles and rim edges keep their
+/// order; the triangles of a patch are read back in ascending order. Numbers are written with the
+/// fewest digits that restore the same bits. Each field becomes an `$ElementData` section, where an
+/// edge takes the value of its triangle.
 ///
-/// `out` is written in small pieces: give a [`BufWriter`](std::io::BufWriter), and flush it.
+/// `out` receives many small writes: pass a [`BufWriter`](std::io::BufWriter) and flush it.
 ///
 /// # Errors
-/// [`MeshError::WrongLength`] for a field that does not fit the mesh,
-/// [`MeshError::BadFieldName`] for a name that the format cannot hold, [`MeshError::Io`].
+/// [`MeshError::WrongLength`] for a field that does not match the mesh, [`MeshError::BadFieldName`]
+/// for a name that is not valid in the format, [`MeshError::Io`].
 pub fn write_gmsh(
     mesh: &Mesh,
     out: &mut impl Write,
@@ -71,12 +71,12 @@ impl GmshFile<'_> {
         }
     }
 
-    /// Physical tag, and entity tag, of the bare skin: one above the electrodes' tags 1 to n.
+    /// Physical and entity tag of the bare skin: one above the electrodes' tags 1 to n.
     fn skin_tag(&self) -> usize {
         self.mesh.electrodes().len() + 1
     }
 
-    /// Tag of the group of a triangle with this owner.
+    /// Tag of the group of a triangle with the given owner.
     fn surface_tag(&self, owner: usize) -> usize {
         if owner == 0 { self.skin_tag() } else { owner }
     }
@@ -121,7 +121,7 @@ impl GmshFile<'_> {
         writeln!(out, "$EndElements")
     }
 
-    /// One curve per rim electrode, one surface per patch and one for the bare skin.
+    /// Writes one curve per rim electrode, one surface per patch and one for the bare skin.
     fn entities(&self, out: &mut impl Write) -> io::Result<()> {
         let surface = self.mesh.surface();
         let of_node = |n: &u32| surface.nodes()[*n as usize];
@@ -150,7 +150,7 @@ impl GmshFile<'_> {
         writeln!(out, "$EndEntities")
     }
 
-    /// All nodes in one block, on the skin's entity.
+    /// Writes all nodes in one block, on the skin's entity.
     fn nodes_4(&self, out: &mut impl Write) -> io::Result<()> {
         let nodes = self.mesh.surface().nodes();
         let count = nodes.len();
@@ -164,7 +164,8 @@ impl GmshFile<'_> {
         writeln!(out, "$EndNodes")
     }
 
-    /// A block per electrode's edges and per run of triangles with one owner: the order stays.
+    /// Writes a block for the edges of each electrode and for each run of triangles with the same
+    /// owner, which preserves the order.
     fn elements_4(&self, out: &mut impl Write) -> io::Result<()> {
         let edges: Vec<(usize, [u32; 2])> = rim_edges(self.mesh).collect();
         let edge_blocks = || edges.chunk_by(|a, b| a.0 == b.0);
@@ -198,21 +199,22 @@ fn node_tag(node: u32) -> u64 {
     u64::from(node) + 1
 }
 
-/// Smallest box around points: `[min, max]`.
+/// Bounding box of some points: `[min, max]`.
 fn bounds(points: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     points.fold([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]], |[low, high], p| {
         [std::array::from_fn(|k| low[k].min(p[k])), std::array::from_fn(|k| high[k].max(p[k]))]
     })
 }
 
-/// One scalar per element: the rim edges (as on their triangles), then the triangles.
+/// Writes one scalar per element: the rim edges (with the values of their triangles), then the
+/// triangles.
 fn element_data(
     out: &mut impl Write,
     on_edges: &[usize],
     field: &ElementField<'_>,
 ) -> io::Result<()> {
     let count = on_edges.len() + field.values.len();
-    // one text (the name), one number (time), three integers: step, components, values
+    // one string (the name), one number (time), three integers: step, components, values
     writeln!(out, "$ElementData\n1\n\"{}\"\n1\n0.0\n3\n0\n1\n{count}", field.name)?;
     let values = on_edges.iter().map(|&t| field.values[t]).chain(field.values.iter().copied());
     for (tag, value) in (1_usize..).zip(values) {

@@ -1,25 +1,25 @@
-//! Lines and words of a text file with sections, and errors that name the line.
+//! Reads lines and words of a text file with sections; errors give the line.
 
 use crate::MeshError;
 use std::borrow::Cow;
 use std::str::{FromStr, SplitAsciiWhitespace};
 
-/// The file line by line.
+/// Iterates over the lines of a file.
 pub(super) struct Lines<'a> {
     rest: &'a [u8],
     file: &'a str,
-    /// 1-based number of the line read last.
+    /// 1-based number of the last line read.
     pub(super) number: usize,
 }
 
 impl<'a> Lines<'a> {
     pub(super) fn new(bytes: &'a [u8], file: &'a str) -> Self {
-        // some Windows editors put a byte order mark in front
+        // some Windows editors prepend a byte order mark
         let rest = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
         Self { rest, file, number: 0 }
     }
 
-    /// The next line that is not blank, trimmed; `None` at the end of the file.
+    /// Returns the next non-blank line, trimmed, or `None` at the end of the file.
     pub(super) fn next_line(&mut self) -> Option<Cow<'a, str>> {
         while !self.rest.is_empty() {
             let end = self.rest.iter().position(|&b| b == b'\n').unwrap_or(self.rest.len());
@@ -33,7 +33,7 @@ impl<'a> Lines<'a> {
         None
     }
 
-    /// The next line of a section; an error if the section or the file ends.
+    /// Returns the next line of a section; an error if the section or the file ends.
     pub(super) fn content(
         &mut self,
         section: &str,
@@ -48,7 +48,7 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// The first number of a section.
+    /// Returns the first number of a section.
     pub(super) fn count(&mut self, section: &str) -> Result<u64, MeshError> {
         let line = self.content(section, "its count")?;
         self.fields(&line).next("a count")
@@ -79,7 +79,7 @@ impl<'a> Lines<'a> {
         Fields { words: line.split_ascii_whitespace(), line, lines: self }
     }
 
-    /// An error at the line read last.
+    /// Creates an error at the last line read.
     pub(super) fn error(&self, problem: impl Into<String>) -> MeshError {
         MeshError::Parse { file: self.file.into(), line: self.number, problem: problem.into() }
     }
@@ -97,12 +97,11 @@ impl<'l> Fields<'l, '_> {
         let Some(word) = self.words.next() else {
             return Err(self.lines.error(format!("the line ends before {what}")));
         };
-        word.parse().map_err(|_| {
-            self.lines.error(format!("\"{}\" is where {what} is expected", short(word)))
-        })
+        word.parse()
+            .map_err(|_| self.lines.error(format!("expected {what}, found \"{}\"", short(word))))
     }
 
-    /// What follows the first two words.
+    /// Returns what follows the first two words.
     pub(super) fn rest(&self) -> &'l str {
         let mut rest = self.line;
         for _ in 0..2 {
@@ -131,7 +130,7 @@ impl<'l> Fields<'l, '_> {
         Ok(tags)
     }
 
-    /// Refuses words that are left over.
+    /// Rejects leftover words.
     pub(super) fn finish(&mut self) -> Result<(), MeshError> {
         match self.words.next() {
             None => Ok(()),
@@ -142,7 +141,7 @@ impl<'l> Fields<'l, '_> {
     }
 }
 
-/// The first 40 characters: enough to recognise, harmless in a terminal line.
+/// Returns the first 40 characters, without control characters, for error messages.
 pub(super) fn short(text: &str) -> String {
     text.chars().take(40).map(|c| if c.is_control() { '?' } else { c }).collect()
 }

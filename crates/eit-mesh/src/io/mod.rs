@@ -1,4 +1,4 @@
-//! Mesh files: Gmsh in and out, STL and OBJ in, VTU out.
+//! Mesh files: reads Gmsh, STL and OBJ; writes Gmsh and VTU.
 
 mod gmsh_electrodes;
 mod gmsh_read;
@@ -18,7 +18,7 @@ pub use vtu::write_vtu;
 use crate::{Electrode, Mesh, MeshError};
 use std::collections::HashMap;
 
-/// Nodes and triangles of a file, not yet a surface.
+/// Nodes and triangles of a file, before they form a surface.
 #[derive(Debug, Default)]
 struct Soup {
     nodes: Vec<[f64; 3]>,
@@ -26,8 +26,8 @@ struct Soup {
 }
 
 impl Soup {
-    /// A triangle with three nodes of its own. Past 32-bit indices, numbers repeat: the counts are
-    /// refused before anyone looks.
+    /// Adds a triangle with its own three nodes. Beyond 32 bits the indices wrap, but such counts
+    /// are rejected before the indices are used.
     fn push(&mut self, corners: [[f64; 3]; 3]) {
         let first = self.nodes.len();
         self.nodes.extend(corners);
@@ -35,16 +35,16 @@ impl Soup {
     }
 }
 
-/// One named value per triangle that goes into a mesh file, for example the conductivity.
+/// A named value per triangle to write to a mesh file, for example the conductivity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ElementField<'a> {
-    /// Name in the file; with the unit, as in "conductivity_s".
+    /// Name in the file, including the unit, as in "conductivity_s".
     pub name: &'a str,
     /// One value per triangle, in the mesh's order. NaN is kept.
     pub values: &'a [f64],
 }
 
-/// Every field must have one value per triangle.
+/// Checks that every field has one value per triangle.
 fn check_fields(mesh: &Mesh, fields: &[ElementField<'_>]) -> Result<(), MeshError> {
     let wanted = mesh.surface().triangles().len();
     match fields.iter().map(|f| f.values.len()).find(|&found| found != wanted) {
@@ -53,7 +53,8 @@ fn check_fields(mesh: &Mesh, fields: &[ElementField<'_>]) -> Result<(), MeshErro
     }
 }
 
-/// 1-based number and edge of every rim electrode, electrode by electrode.
+/// Returns the 1-based electrode number and the edge for every rim electrode edge, electrode by
+/// electrode.
 fn rim_edges(mesh: &Mesh) -> impl Iterator<Item = (usize, [u32; 2])> + '_ {
     (1..).zip(mesh.electrodes()).flat_map(|(number, electrode)| {
         let edges = match electrode {
@@ -64,7 +65,7 @@ fn rim_edges(mesh: &Mesh) -> impl Iterator<Item = (usize, [u32; 2])> + '_ {
     })
 }
 
-/// 1-based electrode number of each triangle, 0 on bare skin.
+/// Returns the 1-based electrode number of each triangle, 0 on bare skin.
 fn patch_numbers(mesh: &Mesh) -> Vec<usize> {
     let mut numbers = vec![0; mesh.surface().triangles().len()];
     for (number, electrode) in (1..).zip(mesh.electrodes()) {
@@ -75,8 +76,8 @@ fn patch_numbers(mesh: &Mesh) -> Vec<usize> {
     numbers
 }
 
-/// The triangle of each of [`rim_edges`]: an edge in a file takes its triangle's value, since
-/// meshio reads data only if every element has a value, and NaN upsets colour scales.
+/// Returns the triangle of each of [`rim_edges`]. In a file an edge takes the value of its
+/// triangle: meshio reads data only if every element has a value, and NaN spoils colour scales.
 fn rim_triangles(mesh: &Mesh) -> Vec<usize> {
     let sorted = |a: u32, b: u32| [a.min(b), a.max(b)];
     let mut triangle_of: HashMap<[u32; 2], usize> =
@@ -89,7 +90,7 @@ fn rim_triangles(mesh: &Mesh) -> Vec<usize> {
     rim_edges(mesh).map(|(_, [a, b])| triangle_of[&sorted(a, b)]).collect()
 }
 
-/// A writer's trouble; the writer itself knows its path, so the caller adds it.
+/// Wraps an error of the writer, whose path only the caller knows.
 fn io_error(error: &std::io::Error) -> MeshError {
     MeshError::Io { path: "writing the mesh".into(), reason: error.to_string() }
 }

@@ -1,13 +1,13 @@
-//! STL files, binary and ASCII: triangles that each bring three corners of their own.
+//! Reads STL files, binary and ASCII, in which each triangle has its own three corners.
 //!
-//! Format: 3D Systems, *StereoLithography Interface Specification* (1989). A binary file is a
-//! header of 80 bytes, the number of triangles (`u32`), and 50 bytes for each: normal, three
-//! corners (twelve `f32`) and two bytes that programs use as they like. All little-endian. An
-//! ASCII file holds words. Normals are not read: they say less than the order of the corners,
-//! and files with wrong ones are common.
+//! Format: 3D Systems, *StereoLithography Interface Specification* (1989). A binary file has a
+//! header of 80 bytes, the number of triangles (`u32`), and 50 bytes per triangle: normal and three
+//! corners (twelve `f32`) and two bytes for free use, all little-endian. An ASCII file contains
+//! keywords and numbers. Normals are ignored: they add nothing to the order of the corners, and
+//! files with wrong normals are common.
 //!
-//! Why not the crate `stl_io`: it rounds the numbers of ASCII files to `f32`, and its errors name
-//! no line and no triangle (docs/DESIGN.md).
+//! Why not the crate `stl_io`: it rounds the numbers of ASCII files to `f32`, and its errors give
+//! neither line nor triangle (docs/DESIGN.md).
 
 use super::Soup;
 use super::lines::{Lines, short};
@@ -17,24 +17,24 @@ use crate::MeshError;
 const HEADER: usize = 80;
 /// Bytes before the first triangle.
 const START: usize = HEADER + 4;
-/// Bytes of a triangle.
+/// Bytes per triangle.
 const RECORD: usize = 50;
-/// So far into the file a byte of zero shows that it is not text, whatever it begins with.
+/// A zero byte within this many bytes shows that a file is not text, however it begins.
 const TEXT_PROBE: usize = 1024;
 
-/// The triangles of a file, corners not yet merged.
+/// Returns the triangles of a file with unmerged corners.
 pub(super) fn triangles(bytes: &[u8], file: &str) -> Result<Soup, MeshError> {
     if is_text(bytes) { text(bytes, file) } else { binary(bytes, file) }
 }
 
-/// Number of triangles that a binary file declares, and bytes that this takes.
+/// Returns the number of triangles that a binary file declares, and the file length they imply.
 fn declared(bytes: &[u8]) -> Option<(u64, u64)> {
     let count = bytes.get(HEADER..START)?.first_chunk::<4>()?;
     let count = u64::from(u32::from_le_bytes(*count));
     Some((count, START as u64 + RECORD as u64 * count))
 }
 
-/// Programs begin binary files with "solid" as well, so a fitting length decides first.
+/// Binary files often begin with "solid" too, so a matching length takes precedence.
 fn is_text(bytes: &[u8]) -> bool {
     if declared(bytes).is_some_and(|(_, length)| length == bytes.len() as u64) {
         return false;
@@ -49,14 +49,14 @@ fn binary(bytes: &[u8], file: &str) -> Result<Soup, MeshError> {
     let found = bytes.len();
     let Some((count, length)) = declared(bytes) else {
         return Err(error(format!(
-            "{found} bytes are no STL file: a binary one has {START} bytes before its first \
-             triangle, an ASCII one begins with \"solid\""
+            "{found} bytes are no STL file: a binary file has {START} bytes before its first \
+             triangle, an ASCII file begins with \"solid\""
         )));
     };
     if length != found as u64 {
         let whole = found.saturating_sub(START) / RECORD;
         return Err(error(format!(
-            "the header announces {count} triangles ({length} bytes), but the file has {found} \
+            "the header declares {count} triangles ({length} bytes), but the file has {found} \
              bytes ({whole} triangles): is it cut off?"
         )));
     }
@@ -113,7 +113,7 @@ fn text(bytes: &[u8], file: &str) -> Result<Soup, MeshError> {
                     None => "\"facet\" or \"endsolid\"",
                 };
                 let word = short(&word);
-                return Err(lines.error(format!("\"{word}\" is where {wanted} is expected")));
+                return Err(lines.error(format!("expected {wanted}, found \"{word}\"")));
             }
         }
     }

@@ -1,4 +1,4 @@
-//! A mesh from a file of any format, by its ending.
+//! Reads a mesh from a file; the extension determines the format.
 
 use super::gmsh_read::mended_gmsh;
 use super::{Soup, obj, stl};
@@ -6,20 +6,21 @@ use crate::repair::size_m;
 use crate::{Mesh, MeshError, Repairs, Surface};
 use std::path::Path;
 
-/// Corners of an STL or OBJ file within this fraction of the surface's longest side are one node.
-/// Both formats carry seven digits, and programs round the corners of neighbours differently.
+/// Corners in an STL or OBJ file closer than this fraction of the surface's longest side are one
+/// node. Both formats usually hold seven digits, and programs may round the corners of neighbouring
+/// triangles differently.
 const MERGE: f64 = 1e-6;
 
-/// Reads a skin from a Gmsh (`.msh`), STL (`.stl`) or OBJ (`.obj`) file, mended where that is
-/// harmless, and what was mended.
+/// Reads a skin from a Gmsh (`.msh`), STL (`.stl`) or OBJ (`.obj`) file, repairing harmless faults,
+/// and returns it with a record of the repairs.
 ///
-/// Lengths in the file are multiplied by `scale_m`: 1 for metres, 1e-3 for millimetres. A Gmsh
-/// file may bring its electrodes (see [`parse_gmsh`](crate::parse_gmsh)); the others have none:
-/// [`place_electrodes`](crate::place_electrodes) puts them there by position.
+/// Lengths in the file are multiplied by `scale_m`: 1 for metres, 1e-3 for millimetres. A Gmsh file
+/// may contain electrodes (see [`parse_gmsh`](crate::parse_gmsh)); the other formats have none, and
+/// [`place_electrodes`](crate::place_electrodes) adds them by position.
 ///
 /// # Errors
-/// [`MeshError::Io`] if the file cannot be read or is none, [`MeshError::OutOfRange`] for a scale that is not
-/// between 1e-9 and 1e9, [`MeshError::Parse`] for everything that is wrong in the file.
+/// [`MeshError::Io`] if the file cannot be read or is not a regular file, [`MeshError::OutOfRange`]
+/// for a scale not between 1e-9 and 1e9, [`MeshError::Parse`] for any error in the file.
 pub fn read_mesh(path: impl AsRef<Path>, scale_m: f64) -> Result<(Mesh, Repairs), MeshError> {
     let path = path.as_ref();
     let name = path.display().to_string();
@@ -38,13 +39,14 @@ pub fn read_mesh(path: impl AsRef<Path>, scale_m: f64) -> Result<(Mesh, Repairs)
     }
 }
 
-/// A surface from the bytes of a binary or ASCII STL file, its lengths multiplied by `scale_m`.
+/// Parses a surface from the bytes of a binary or ASCII STL file; lengths are multiplied by
+/// `scale_m`.
 ///
-/// Each triangle of the file brings its own corners: those within 1e-6 of the surface's longest
-/// side of each other become one node. Triangles that collapse, or that are there twice, are
-/// dropped; normals are not read.
+/// In the file each triangle has its own corners: those within 1e-6 of the surface's longest side
+/// of each other are merged into one node. Collapsed and duplicate triangles are dropped; normals
+/// are ignored.
 ///
-/// `file` names the file in messages.
+/// `file` is the file name used in error messages.
 ///
 /// # Errors
 /// As [`read_mesh`]; triangles are counted from 0 in the file's order.
@@ -55,14 +57,14 @@ pub fn parse_stl(bytes: &[u8], file: &str, scale_m: f64) -> Result<(Surface, Rep
     Ok((surface, repairs))
 }
 
-/// A surface from the bytes of a Wavefront OBJ file, its lengths multiplied by `scale_m`.
+/// Parses a surface from the bytes of a Wavefront OBJ file; lengths are multiplied by `scale_m`.
 ///
-/// Faces of more than three corners are cut into triangles. Vertices within 1e-6 of the surface's
-/// longest side of each other become one node. Normals, textures, materials, groups, lines and
-/// points are passed over. OBJ says nowhere how long it is: a file cut off between two lines reads
-/// as a smaller surface.
+/// Faces with more than three corners are split into triangles. Vertices within 1e-6 of the
+/// surface's longest side of each other are merged into one node. Normals, textures, materials,
+/// groups, lines and points are ignored. OBJ does not record its length: a file cut off between two
+/// lines reads as a smaller surface.
 ///
-/// `file` names the file in messages.
+/// `file` is the file name used in error messages.
 ///
 /// # Errors
 /// As [`read_mesh`]; vertices and triangles are counted from 0 in the file's order.
@@ -88,12 +90,12 @@ fn surface(mut soup: Soup, file: &str, scale_m: f64) -> Result<(Surface, Repairs
     })
 }
 
-/// All bytes of a file; a device or a pipe, which may have no end, is refused.
+/// Reads all bytes of a file; rejects devices and pipes, which may have no end.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, MeshError> {
     let failed = |reason: String| MeshError::Io { path: path.display().to_string(), reason };
     let data = std::fs::metadata(path).map_err(|error| failed(error.to_string()))?;
     if !data.is_file() {
-        return Err(failed("is no regular file".to_owned()));
+        return Err(failed("is not a regular file".to_owned()));
     }
     std::fs::read(path).map_err(|error| failed(error.to_string()))
 }

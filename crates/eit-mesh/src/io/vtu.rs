@@ -1,8 +1,9 @@
-//! A mesh to a VTU file (VTK's XML format for unstructured grids), for ParaView and the like.
+//! Writes a mesh to a VTU file (VTK's XML format for unstructured grids), for ParaView and similar
+//! programs.
 //!
-//! Format: VTK file formats, "UnstructuredGrid". Arrays are inline base64 of little-endian
-//! values behind their length in bytes (`header_type="UInt64"`), so every value, also NaN,
-//! comes back bit for bit; VTK's text arrays cannot hold NaN.
+//! Format: VTK file formats, "UnstructuredGrid". Arrays are inline base64 of little-endian values
+//! preceded by their length in bytes (`header_type="UInt64"`), so every value, including NaN, is
+//! restored bit for bit; VTK's text arrays cannot hold NaN.
 
 use super::{ElementField, check_fields, io_error, patch_numbers, rim_edges, rim_triangles};
 use crate::{Mesh, MeshError};
@@ -14,18 +15,16 @@ const VTK_TRIANGLE: u8 = 5;
 
 /// Writes nodes, triangles and electrodes as a VTU file.
 ///
-/// Cells are the triangles in the mesh's order, then the edges of the rim electrodes, as lines,
-/// electrode by electrode. The cell array `electrode` holds the 1-based electrode number of a
-/// line or patch triangle, 0 on bare skin. Each field becomes a cell array; a line takes the
-/// value of its triangle.
-/// Coordinates are metres and come back bit for bit.
+/// Cells are the triangles in mesh order, then the edges of the rim electrodes as lines, electrode
+/// by electrode. The cell array `electrode` holds the 1-based electrode number of a line or patch
+/// triangle, 0 on bare skin. Each field becomes a cell array; a line takes the value of its
+/// triangle. Coordinates are metres and are restored bit for bit.
 ///
-/// `out` is written in small pieces: give a [`BufWriter`](std::io::BufWriter), and flush it.
+/// `out` receives many small writes: pass a [`BufWriter`](std::io::BufWriter) and flush it.
 ///
 /// # Errors
-/// [`MeshError::WrongLength`] for a field that does not fit the mesh,
-/// [`MeshError::BadFieldName`] for a name that XML cannot hold or that is "electrode",
-/// [`MeshError::Io`].
+/// [`MeshError::WrongLength`] for a field that does not match the mesh, [`MeshError::BadFieldName`]
+/// for a name that is not valid in XML or is "electrode", [`MeshError::Io`].
 pub fn write_vtu(
     mesh: &Mesh,
     out: &mut impl Write,
@@ -78,7 +77,7 @@ fn write(mesh: &Mesh, out: &mut impl Write, fields: &[ElementField<'_>]) -> io::
     writeln!(out, "</CellData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>")
 }
 
-/// One data array: its length in bytes and its values, together in base64.
+/// Writes one data array: its length in bytes and its values, together in base64.
 fn array<const N: usize>(
     out: &mut impl Write,
     attributes: &str,
@@ -106,7 +105,7 @@ fn base64(bytes: &[u8]) -> String {
     text
 }
 
-/// Text as an XML attribute's value.
+/// Escapes text for an XML attribute.
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -1,18 +1,18 @@
-//! An electrode by position.
+//! An electrode given by its position.
 
 use crate::MeshError;
 
-/// An electrode wanted at a place of a skin.
+/// An electrode to be placed on a skin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacedElectrode {
-    /// Its centre, metres; moved to the nearest point of the skin or of its rim. Flat skins lie at
-    /// z = 0.
+    /// Centre, metres; moved to the nearest point of the skin or of its rim. Flat skins lie at z =
+    /// 0.
     pub position_m: [f64; 3],
-    /// What it covers.
+    /// The area or length it covers.
     pub contact: Contact,
 }
 
-/// What an electrode covers.
+/// The area or length that an electrode covers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Contact {
@@ -21,8 +21,8 @@ pub enum Contact {
         /// Length measured along the rim, metres.
         width_m: f64,
     },
-    /// A round patch of the skin: all of it that is nearer to the centre than the radius, in
-    /// space, and hangs together with the centre.
+    /// A round patch of the skin: everything within the radius of the centre, measured in space,
+    /// that is connected to the centre.
     Patch {
         /// Radius, metres.
         radius_m: f64,
@@ -30,17 +30,17 @@ pub enum Contact {
 }
 
 impl PlacedElectrode {
-    /// An electrode on the rim.
+    /// Creates an electrode on the rim.
     pub fn rim(position_m: [f64; 3], width_m: f64) -> Self {
         Self { position_m, contact: Contact::Rim { width_m } }
     }
 
-    /// A round patch.
+    /// Creates a round patch.
     pub fn patch(position_m: [f64; 3], radius_m: f64) -> Self {
         Self { position_m, contact: Contact::Patch { radius_m } }
     }
 
-    /// Width or diameter, metres.
+    /// Returns the width or diameter, metres.
     pub fn width_m(&self) -> f64 {
         match self.contact {
             Contact::Rim { width_m } => width_m,
@@ -48,7 +48,7 @@ impl PlacedElectrode {
         }
     }
 
-    /// Refuses positions and sizes that are no numbers, or lost in rounding.
+    /// Rejects positions and sizes that are not finite, and sizes below rounding error.
     pub(crate) fn check(&self, electrode: usize, least_m: f64) -> Result<(), MeshError> {
         let (quantity, value) = match self.contact {
             Contact::Rim { width_m } => ("width_m", width_m),

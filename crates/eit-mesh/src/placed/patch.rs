@@ -1,45 +1,45 @@
-//! Round patches: triangles are cut along a sphere, and those inside it that hang together with its
-//! centre are the patch.
+//! Round patches: triangles are cut along a sphere; those inside it that are connected to its
+//! centre form the patch.
 
 use super::{Skin, between};
 use crate::surface::{cross, dot, middle, norm, sub};
 use crate::{MeshError, Surface};
 use std::collections::HashMap;
 
-/// A node within this fraction of an edge of the sphere is taken to lie on it: cut off, it would
-/// leave a triangle with an angle of a degree, for a hundredth of an edge of outline.
+/// A node within this fraction of an edge of the sphere counts as lying on it: a cut there would
+/// leave a triangle with an angle of about a degree, to gain a hundredth of an edge of outline.
 const SNAP: f64 = 0.02;
 
-/// A patch's sphere.
+/// The sphere that bounds a patch.
 pub(super) struct Ball {
     /// Index of the electrode.
     pub electrode: usize,
-    /// On the surface, metres.
+    /// Centre on the surface, metres.
     pub centre: [f64; 3],
-    /// Metres.
+    /// Radius, metres.
     pub radius: f64,
 }
 
 impl Ball {
-    /// Distance of a position from the sphere, below zero inside.
+    /// Signed distance of a position from the sphere, negative inside.
     fn outside(&self, position: [f64; 3]) -> f64 {
         norm(sub(position, self.centre)) - self.radius
     }
 
-    /// Where an edge with one end inside and one outside goes through the sphere, as a fraction.
+    /// Returns where an edge with one end inside and one outside crosses the sphere, as a fraction.
     fn crossing(&self, from: [f64; 3], to: [f64; 3]) -> f64 {
         // |f + t d|^2 = r^2 with f from the centre to the start: a t^2 + 2 b t + c = 0
         let (d, f) = (sub(to, from), sub(from, self.centre));
         let (a, b, c) = (dot(d, d), dot(f, d), dot(f, f) - self.radius * self.radius);
         let root = (b * b - a * c).max(0.0).sqrt();
-        // the start is inside where c < 0: the way out is the larger root, the way in the smaller
+        // the start is inside if c < 0: then the larger root is the crossing, otherwise the smaller
         let (q, out) = (-(b + root.copysign(b)), c < 0.0);
         let (one, other) = (q / a, c / q);
         let t = if out { one.max(other) } else { one.min(other) };
         t.clamp(0.0, 1.0)
     }
 
-    /// Cuts the triangles that the sphere goes through.
+    /// Cuts the triangles that the sphere crosses.
     pub(super) fn cut(&self, skin: &mut Skin) {
         let mut side: Vec<f64> = skin.nodes.iter().map(|&p| self.outside(p)).collect();
         let crossed = |side: &[f64], [a, b]: [u32; 2]| side[a as usize] * side[b as usize] < 0.0;
@@ -79,7 +79,7 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// A triangle cut at the nodes on its sides, of which a sphere meets two at most.
+/// Splits a triangle at the nodes on its sides, of which a sphere crosses at most two.
 fn parts(skin: &Skin, corners: [u32; 3], node_on: &HashMap<[u32; 2], u32>) -> Vec<[u32; 3]> {
     let on = |t: [u32; 3], k: usize| node_on.get(&sorted([t[k], t[(k + 1) % 3]])).copied();
     let cut = |t: [u32; 3]| [on(t, 0), on(t, 1), on(t, 2)];
@@ -88,7 +88,7 @@ fn parts(skin: &Skin, corners: [u32; 3], node_on: &HashMap<[u32; 2], u32>) -> Ve
         let [a, b, c] = t;
         match cut(t) {
             [Some(p), None, None] => return vec![[a, p, c], [p, b, c]],
-            // `a` is cut off; of the two ways to cut the rest, the shorter diagonal
+            // `a` is cut off; the remaining quadrilateral is split along its shorter diagonal
             [Some(p), None, Some(q)] => {
                 let rest = if skin.length([p, c]) < skin.length([b, q]) {
                     [[p, b, c], [p, c, q]]
@@ -103,7 +103,7 @@ fn parts(skin: &Skin, corners: [u32; 3], node_on: &HashMap<[u32; 2], u32>) -> Ve
     vec![corners]
 }
 
-/// The triangles of each patch.
+/// Returns the triangles of each patch.
 pub(super) fn triangles_of(skin: &Skin, balls: &[Ball]) -> Result<Vec<Vec<u32>>, MeshError> {
     if balls.is_empty() {
         return Ok(Vec::new());
@@ -132,7 +132,8 @@ pub(super) fn triangles_of(skin: &Skin, balls: &[Ball]) -> Result<Vec<Vec<u32>>,
     Ok(patches)
 }
 
-/// The triangles inside a sphere that hang together with its centre, none of them on the rim.
+/// Returns the triangles inside a sphere that are connected to its centre; an error if any is on
+/// the rim.
 fn connected(
     skin: &Skin,
     ball: &Ball,
@@ -157,7 +158,7 @@ fn connected(
             let (a, b) = (t[k], t[(k + 1) % 3]);
             let Some(&other) = across.get(&[b, a]) else {
                 let position_m = middle(&[skin.at(a), skin.at(b)]);
-                let problem = "runs over the rim: move it inwards or make it smaller";
+                let problem = "extends beyond the rim: move it inwards or make it smaller";
                 return Err(MeshError::BadPatch { electrode, position_m, problem });
             };
             if inside[other as usize] && !std::mem::replace(&mut seen[other as usize], true) {
@@ -169,7 +170,7 @@ fn connected(
     Ok(found)
 }
 
-/// The point of a surface nearest to a position, and the distance to it.
+/// Returns the point of a surface nearest to a position, and the distance to it.
 pub(super) fn nearest(surface: &Surface, position: [f64; 3]) -> ([f64; 3], f64) {
     let mut best = ([f64::NAN; 3], f64::INFINITY);
     for t in 0..surface.triangles().len() {
@@ -182,8 +183,8 @@ pub(super) fn nearest(surface: &Surface, position: [f64; 3]) -> ([f64; 3], f64) 
     best
 }
 
-/// The point of a triangle nearest to a position: the foot of the perpendicular where that is
-/// inside, else the nearest point of a side.
+/// Returns the point of a triangle nearest to a position: the foot of the perpendicular if it is
+/// inside, otherwise the nearest point of a side.
 fn nearest_on([a, b, c]: [[f64; 3]; 3], position: [f64; 3]) -> [f64; 3] {
     let normal = cross(sub(b, a), sub(c, a));
     let turned = |from, to| dot(cross(sub(to, from), sub(position, from)), normal);

@@ -1,16 +1,16 @@
-//! Halves edges until none is longer than wanted: longest-edge bisection (Rivara 1984, "Algorithms
-//! for refining triangular grids suitable for adaptive and multigrid techniques"), whose smallest
-//! angles stay above half of those at the start.
+//! Bisects edges until none is too long: longest-edge bisection (Rivara 1984, "Algorithms for
+//! refining triangular grids suitable for adaptive and multigrid techniques"). The smallest angles
+//! remain above half of the original ones.
 
 use super::{Skin, between};
 use crate::MeshError;
 use std::collections::HashMap;
 
-/// An edge is halved when it is longer than this multiple of the wanted length: edges then end
-/// between two thirds and four thirds of it.
+/// An edge is bisected if it is longer than this multiple of the requested length, so final edges
+/// are between two thirds and four thirds of it.
 const SLACK: f64 = 4.0 / 3.0;
 
-/// Refines until every edge is short enough at its middle; old nodes keep their numbers.
+/// Refines until every edge is short enough at its midpoint; existing nodes keep their numbers.
 pub(super) fn refine(
     skin: &mut Skin,
     wanted_m: impl Fn([f64; 3]) -> f64,
@@ -33,8 +33,8 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// The triangle's nodes turned so that its longest side is the first; of equal sides the one with
-/// the smaller nodes, so that both triangles of an edge agree.
+/// Rotates the triangle's nodes so that its longest side comes first. Of equal sides, the one with
+/// the smaller nodes counts as longest, so that both triangles of an edge agree.
 fn longest_first(skin: &Skin, t: [u32; 3]) -> [u32; 3] {
     let rank = |k: usize| {
         let side = sorted([t[k], t[(k + 1) % 3]]);
@@ -49,8 +49,8 @@ fn longest_first(skin: &Skin, t: [u32; 3]) -> [u32; 3] {
     [t[k], t[(k + 1) % 3], t[(k + 2) % 3]]
 }
 
-/// Edges to be halved: the longest of each triangle with an edge that is too long, and the longest of
-/// each triangle with an edge to be halved. In the order in which they are found.
+/// Returns the edges to bisect, in the order found: the longest edge of each triangle that has an
+/// edge that is too long, and of each triangle that contains an edge to bisect.
 fn marked(skin: &Skin, wanted_m: &impl Fn([f64; 3]) -> f64) -> Vec<[u32; 2]> {
     let mut too_long: HashMap<[u32; 2], bool> = HashMap::new();
     let mut triangles_of: HashMap<[u32; 2], Vec<u32>> = HashMap::new();
@@ -82,8 +82,8 @@ fn marked(skin: &Skin, wanted_m: &impl Fn([f64; 3]) -> f64) -> Vec<[u32; 2]> {
     order
 }
 
-/// Puts a node in the middle of each marked edge and cuts the triangles on it: first their longest
-/// side, then the others of the halves.
+/// Inserts a node in the middle of each marked edge and splits its triangles: first along their
+/// longest side, then the halves along the other sides.
 fn split(skin: &mut Skin, marked: &[[u32; 2]]) {
     let mut middle_of: HashMap<[u32; 2], u32> = HashMap::with_capacity(marked.len());
     for &edge in marked {

@@ -4,19 +4,19 @@ use super::{Covered, Skin, between};
 use crate::surface::{dot, norm, sub};
 use std::collections::HashMap;
 
-/// A rim node within this fraction of an edge of an electrode's end is taken for the end: a triangle
-/// with a side ten thousand times shorter than the others costs four digits and gains nothing.
+/// A rim node within this fraction of an edge of an electrode's end is used as the end: a triangle
+/// with a side ten thousand times shorter than the others loses four digits and gains nothing.
 const SNAP: f64 = 1e-4;
 
-/// The loops of a rim, the one with the smallest node first, each from its smallest node on, the
-/// skin on their left.
+/// The loops of a rim, with the skin on their left. Each loop starts at its smallest node; the loop
+/// with the smallest node comes first.
 pub(super) struct Rims {
     loops: Vec<RimLoop>,
 }
 
 struct RimLoop {
     nodes: Vec<u32>,
-    /// Arc length of each node, and the length of the whole.
+    /// Arc length of each node, followed by the length of the loop.
     at_m: Vec<f64>,
 }
 
@@ -51,14 +51,14 @@ impl Rims {
         self.loops[loop_index].length_m()
     }
 
-    /// A node through which the rim goes more than once.
+    /// Returns a node through which the rim passes more than once.
     pub(super) fn pinched(&self) -> Option<u32> {
         let mut nodes: Vec<u32> = self.loops.iter().flat_map(|l| &l.nodes).copied().collect();
         nodes.sort_unstable();
         nodes.windows(2).find(|pair| pair[0] == pair[1]).map(|pair| pair[0])
     }
 
-    /// Loop, arc length and distance of the rim point nearest to a position.
+    /// Returns loop, arc length and distance of the rim point nearest to a position.
     pub(super) fn nearest(&self, skin: &Skin, position: [f64; 3]) -> Option<(usize, f64, f64)> {
         let mut nearest: Option<(usize, f64, f64)> = None;
         for (index, l) in self.loops.iter().enumerate() {
@@ -75,7 +75,8 @@ impl Rims {
         nearest
     }
 
-    /// Rim edges of each electrode, in the order of the rim; their ends are nodes.
+    /// Returns the rim edges of each electrode, in rim order; the electrode ends must already be
+    /// nodes.
     pub(super) fn edges_of(&self, skin: &Skin, covered: &[Covered]) -> Vec<Vec<[u32; 2]>> {
         let edges = |c: &Covered| {
             let l = &self.loops[c.interval.loop_index];
@@ -122,10 +123,11 @@ impl RimLoop {
     }
 }
 
-/// The rim edge that follows another one: around its end node from triangle to triangle.
+/// Returns the rim edge that follows another one, turning around its end node from triangle to
+/// triangle.
 fn next_edge(apex: &HashMap<[u32; 2], u32>, [a, b]: [u32; 2]) -> [u32; 2] {
     let mut from = a;
-    // the triangle left of from -> b has the side b -> third; beyond that lies third -> b
+    // the triangle left of from -> b has the side b -> third; across it lies third -> b
     while let Some(&third) = apex.get(&[from, b]) {
         if !apex.contains_key(&[third, b]) {
             return [b, third];
@@ -135,7 +137,7 @@ fn next_edge(apex: &HashMap<[u32; 2], u32>, [a, b]: [u32; 2]) -> [u32; 2] {
     [a, b]
 }
 
-/// Makes the ends of every electrode nodes of the rim; returns where they are.
+/// Inserts the ends of every electrode as rim nodes; returns their positions.
 pub(super) fn insert_ends(skin: &mut Skin, rims: &Rims, covered: &[Covered]) -> Vec<[[f64; 3]; 2]> {
     // ends on each edge, as (loop, edge) and fractions
     let mut on_edge: HashMap<(usize, usize), Vec<f64>> = HashMap::new();
@@ -172,7 +174,7 @@ pub(super) fn insert_ends(skin: &mut Skin, rims: &Rims, covered: &[Covered]) -> 
         fractions.sort_by(f64::total_cmp);
         fractions.dedup();
         for t in fractions {
-            // (a, b, c) becomes (a, p, c), which stays at its index, and (p, b, c)
+            // (a, b, c) becomes (a, p, c), which keeps its index, and (p, b, c)
             let Some(&triangle) = triangle_of.get(&[a, b]) else { continue };
             let corners = skin.triangles[triangle];
             let Some(c) = corners.into_iter().find(|n| *n != a && *n != b) else { continue };

@@ -1,10 +1,10 @@
-//! The two operators of a raster from the areas that triangles and pixels share.
+//! Computes the two operators of a raster from the areas shared by triangles and pixels.
 
 use super::overlap::{Grid, Overlaps};
 use crate::{CsrMatrix, Surface};
 use ndarray::Array2;
 
-/// Number of each pixel among the masked ones, row by row; `None` outside the mask.
+/// Index of each pixel among the masked ones, in row-major order; `None` outside the mask.
 pub(super) fn masked_numbers(mask: &Array2<bool>) -> Vec<Option<u32>> {
     let mut next = 0;
     mask.iter()
@@ -22,7 +22,8 @@ pub(super) fn masked_area(overlaps: &Overlaps, t: usize, numbers: &[Option<u32>]
     overlaps.of(t).filter(|(pixel, _)| numbers[*pixel as usize].is_some()).map(|o| o.1).sum()
 }
 
-/// Overlaps sorted by pixel (counting sort keeps triangles ascending), each row over its sum.
+/// Returns the overlaps sorted by pixel (a counting sort keeps triangles ascending), each row
+/// divided by its sum.
 pub(super) fn pixel_from_element(
     overlaps: &Overlaps,
     numbers: &[Option<u32>],
@@ -55,7 +56,7 @@ pub(super) fn pixel_from_element(
     CsrMatrix::from_parts(triangles, row_starts, columns, values)
 }
 
-/// Overlaps with masked pixels, triangle by triangle, each row over its sum.
+/// Returns the overlaps with masked pixels, triangle by triangle, each row divided by its sum.
 pub(super) fn element_from_pixel(
     surface: &Surface,
     grid: &Grid,
@@ -76,7 +77,7 @@ pub(super) fn element_from_pixel(
         }
         if columns.len() == start {
             let [row, column] = nearest_masked(grid.centroid(surface, t), mask);
-            // a masked pixel has a number
+            // a masked pixel always has an index
             columns.push(numbers[row * mask.ncols() + column].unwrap_or(0));
             values.push(1.0);
         }
@@ -86,8 +87,9 @@ pub(super) fn element_from_pixel(
     CsrMatrix::from_parts(masked, row_starts, columns, values)
 }
 
-/// Makes positive weights sum to one. The sum carries its rounding along (Kahan 1965) and each
-/// quotient is right to half an ulp, so their exact sum is one to an ulp however many they are.
+/// Scales positive weights so that they sum to one. The sum is compensated (Kahan 1965) and each
+/// quotient is correct to half an ulp, so their exact sum is one to within an ulp, however many
+/// there are.
 fn divide_by_sum(weights: &mut [f64]) {
     let (mut sum, mut lost) = (0.0, 0.0);
     for &weight in weights.iter() {
@@ -99,10 +101,10 @@ fn divide_by_sum(weights: &mut [f64]) {
     weights.iter_mut().for_each(|w| *w /= sum);
 }
 
-/// The masked pixel whose centre is nearest to a point in pixel units `[column, row]`.
+/// Returns the masked pixel whose centre is nearest to a point in pixel units `[column, row]`.
 ///
-/// Looks at square rings around the point's own pixel: ring `r` is at least `r - 0.5` away, so
-/// the search ends when that exceeds the best distance.
+/// Searches square rings around the point's own pixel. Ring `r` is at least `r - 0.5` away, so the
+/// search ends once that exceeds the best distance.
 fn nearest_masked(point: [f64; 2], mask: &Array2<bool>) -> [usize; 2] {
     let side = mask.nrows();
     let [column, row] = point.map(|x| (x.max(0.0) as usize).min(side - 1));
@@ -117,7 +119,7 @@ fn nearest_masked(point: [f64; 2], mask: &Array2<bool>) -> [usize; 2] {
                 let place = (row.checked_add_signed(down), column.checked_add_signed(right));
                 let (Some(r), Some(c)) = place else { continue };
                 let distance = (c as f64 + 0.5 - point[0]).hypot(r as f64 + 0.5 - point[1]);
-                // compares places where distances are equal: the first in row order wins
+                // of equal distances, the first in row-major order wins
                 if mask.get([r, c]) == Some(&true) && (distance, [r, c]) < best {
                     best = (distance, [r, c]);
                 }

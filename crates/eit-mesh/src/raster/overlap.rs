@@ -1,15 +1,16 @@
-//! Areas that triangles share with the pixels of a grid, by exact clipping.
+//! Computes the areas that triangles share with the pixels of a grid, by exact clipping.
 //!
-//! Everything is in pixel units `[column, row]` (row downward), so the result is the same at any
-//! size of skin. A triangle is cut along the grid's rows, each strip along its columns
-//! (Sutherland and Hodgman 1974, both sides of every cut kept): the pieces share their cut points
-//! and so add up to the triangle to rounding.
+//! Everything is in pixel units `[column, row]` (row downwards), so the result does not depend on
+//! the size of the skin. A triangle is cut along the rows of the grid and each strip along its
+//! columns (Sutherland and Hodgman 1974, keeping both sides of every cut). The pieces share their
+//! cut points, so their areas add up to that of the triangle to rounding.
 
 use crate::{MeshError, Surface};
 use ndarray::Array2;
 
-/// Part of a triangle's area that its projection may be turned over, or a pixel be covered more
-/// than once, before the surface counts as folded: far above rounding, far below anything seen.
+/// Fraction of a triangle's area that may be inverted in projection, or by which a pixel may be
+/// covered more than once, before the surface counts as folded: far above rounding and far below
+/// any visible fold.
 const FOLD: f64 = 1e-9;
 
 /// A grid of square pixels over the bounding box of a surface.
@@ -18,12 +19,13 @@ pub(super) struct Grid {
     pub(super) pixel_m: f64,
     /// Corner of the bounding box with the smallest x and the largest y, metres.
     corner_m: [f64; 2],
-    /// The same corner in pixel units: half of what the grid is larger than the box.
+    /// Position of that corner in pixel units: half of the grid's excess over the box.
     margin: [f64; 2],
 }
 
 impl Grid {
-    /// Centred on the bounding box, as wide as its longer side. `pixels` is at least 1.
+    /// Creates a grid centred on the bounding box, as wide as its longer side. `pixels` is at least
+    /// 1.
     pub(super) fn new(surface: &Surface, pixels: usize) -> Self {
         let [low, high] = surface.bounds_m();
         let (width_m, height_m) = (high[0] - low[0], high[1] - low[1]);
@@ -40,8 +42,8 @@ impl Grid {
         [x_min, x_min + side_m, y_max - side_m, y_max]
     }
 
-    /// Corners of a triangle in pixel units. A coordinate within rounding of a grid line is put
-    /// on it: meshes that follow the grid then leave no slivers in the pixels beside.
+    /// Corners of a triangle in pixel units. A coordinate within rounding of a grid line is moved
+    /// onto it, so that meshes that follow the grid leave no slivers in neighbouring pixels.
     fn corners(&self, surface: &Surface, triangle: usize) -> [[f64; 2]; 3] {
         let rounding = 4.0 * self.pixels as f64 * f64::EPSILON;
         let snap = |x: f64| if (x - x.round()).abs() <= rounding { x.round() } else { x };
@@ -58,7 +60,7 @@ impl Grid {
         [(a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0]
     }
 
-    /// Pixels from the one that holds `low` to the one that ends at or after `high`.
+    /// Range of pixels from the one that contains `low` to the one that ends at or after `high`.
     fn range(&self, low: f64, high: f64) -> (usize, usize) {
         let last = self.pixels - 1;
         let first = (low.max(0.0) as usize).min(last);
@@ -66,7 +68,7 @@ impl Grid {
     }
 }
 
-/// Shared areas in pixel areas, triangle by triangle.
+/// Shared areas, in units of pixel area, triangle by triangle.
 pub(super) struct Overlaps {
     starts: Vec<usize>,
     /// Pixel `row * pixels + column` and shared area, ascending by pixel.
@@ -74,7 +76,7 @@ pub(super) struct Overlaps {
 }
 
 impl Overlaps {
-    /// Shared areas, and the covered fraction of every pixel [row, column].
+    /// Computes the shared areas and the covered fraction of every pixel [row, column].
     pub(super) fn new(surface: &Surface, grid: &Grid) -> Result<(Self, Array2<f64>), MeshError> {
         check_seen_from_above(surface)?;
         let triangles = surface.triangles().len();
@@ -101,13 +103,13 @@ impl Overlaps {
         self.starts.len() - 1
     }
 
-    /// Pixels and shared areas of one triangle (it must exist).
+    /// Pixels and shared areas of one triangle, which must exist.
     pub(super) fn of(&self, triangle: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
         self.entries[self.starts[triangle]..self.starts[triangle + 1]].iter().copied()
     }
 }
 
-/// Refuses triangles that look down, and surfaces that stand upright as a whole.
+/// Rejects triangles that face downwards, and surfaces that are upright as a whole.
 fn check_seen_from_above(surface: &Surface) -> Result<(), MeshError> {
     let (mut projected_m2, mut area_m2) = (0.0, 0.0);
     for (triangle, &own_m2) in surface.areas_m2().iter().enumerate() {
@@ -154,7 +156,7 @@ impl Polygon {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), c| (l.min(c[axis]), h.max(c[axis])))
     }
 
-    /// Area by the shoelace formula about the first corner, whichever way the corners run.
+    /// Area by the shoelace formula about the first corner, for either orientation.
     fn area(&self) -> f64 {
         let Some((o, rest)) = self.corners().split_first() else { return 0.0 };
         let cross = |p: &[[f64; 2]]| {
@@ -163,10 +165,10 @@ impl Polygon {
         0.5 * rest.windows(2).map(cross).sum::<f64>().abs()
     }
 
-    /// The parts below and above `at` along an axis.
+    /// Splits the polygon at `at` along an axis into the parts below and above.
     ///
-    /// Cut points stay between the ends of their edge, so coordinates keep rising once and
-    /// falling once around the polygon, and each cut adds at most one corner to a part.
+    /// Cut points stay between the ends of their edge, so coordinates still rise once and fall once
+    /// around the polygon, and each cut adds at most one corner to a part.
     fn split(&self, axis: usize, at: f64) -> (Self, Self) {
         let (mut below, mut above) = (Self::EMPTY, Self::EMPTY);
         let corners = self.corners();
@@ -192,7 +194,8 @@ impl Polygon {
     }
 }
 
-/// Appends the pixels that a triangle (pixel units) meets, with the areas shared, in rows.
+/// Appends the pixels that a triangle (in pixel units) meets, with the shared areas, in row-major
+/// order.
 fn clip(grid: &Grid, corners: [[f64; 2]; 3], entries: &mut Vec<(u32, f64)>) {
     let mut rest = Polygon::EMPTY;
     corners.iter().for_each(|&c| rest.push(c));

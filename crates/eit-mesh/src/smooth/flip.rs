@@ -1,14 +1,14 @@
-//! Restores the Delaunay property of a triangulation after its nodes have moved a little, by
-//! flipping edges (Lawson 1977). Far cheaper than triangulating anew, and never touches the rim.
+//! Restores the Delaunay property after nodes have moved slightly, by flipping edges (Lawson 1977).
+//! This is far cheaper than a new triangulation and never changes the rim.
 
 use super::{area, incircle_sine};
 
-/// No triangle across this side: the rim.
+/// Marks a side without a neighbouring triangle: the rim.
 const RIM: u32 = u32::MAX;
 
-/// An edge counts as Delaunay up to this sine of the excess of its two opposite angles over 180
-/// degrees: well above rounding (1e-15 for angles above a degree), so that four points on one
-/// circle do not flip to and fro, and far below what matters.
+/// An edge counts as Delaunay if the sine of the excess of its two opposite angles over 180 degrees
+/// is at most this. It is well above rounding (1e-15 for angles above a degree), so that four
+/// points on one circle do not flip back and forth, and far below any relevant excess.
 const TOLERANCE: f64 = 1e-9;
 
 /// Triangles across the sides (0-1, 1-2, 2-0) of each triangle.
@@ -43,13 +43,13 @@ impl Neighbours {
     }
 }
 
-/// Flips edges until all are Delaunay, at most a fixed number of times per triangle.
+/// Flips edges until all are Delaunay, up to a fixed number of flips per triangle.
 pub(super) fn restore_delaunay(
     points: &[[f64; 2]],
     triangles: &mut [[u32; 3]],
     neighbours: &mut Neighbours,
 ) {
-    // moves of a smoothing sweep need about one flip per ten triangles
+    // a smoothing sweep needs about one flip per ten triangles
     let mut flips_left = 10 * triangles.len();
     let mut stack: Vec<u32> = (0..triangles.len() as u32).collect();
     while let Some(t) = stack.pop() {
@@ -64,7 +64,7 @@ pub(super) fn restore_delaunay(
     }
 }
 
-/// Flips side `k` of triangle `t` towards triangle `u`, if that makes it Delaunay.
+/// Flips side `k` of triangle `t`, shared with triangle `u`, if it is not Delaunay.
 fn flip(
     points: &[[f64; 2]],
     triangles: &mut [[u32; 3]],

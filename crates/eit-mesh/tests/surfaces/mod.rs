@@ -1,11 +1,12 @@
-//! Surfaces made by hand, independent of the mesh generator.
+//! Surfaces built by hand, independent of the mesh generator.
 #![allow(dead_code)]
-// each test file uses some of them
+// each test file uses some of these
 
 use eit_mesh::{Electrode, Mesh, Surface};
 use std::f64::consts::TAU;
 
-/// A disc of concentric rings around the origin: ring k has 6 k nodes, `6 rings^2` triangles.
+/// A disc of concentric rings around the origin: ring k has 6 k nodes, and there are `6 rings^2`
+/// triangles.
 pub fn disc(rings: u32, radius_m: f64) -> Surface {
     let ring_start = |k: u32| if k == 0 { 0 } else { 1 + 3 * k * (k - 1) };
     let mut nodes = vec![[0.0; 3]];
@@ -56,8 +57,8 @@ pub fn moved(surface: &Surface, position: impl Fn([f64; 3]) -> [f64; 3]) -> Surf
     Surface::new(nodes, surface.triangles().to_vec()).unwrap()
 }
 
-/// Electrodes 1 and 3 on the rim (each every fourth edge pair), electrode 2 a patch of triangles
-/// that are not neighbours in the list.
+/// Electrodes 1 (two edges) and 3 (one reversed edge) on the rim, and electrode 2, a patch of
+/// triangles that are not all consecutive in the list.
 pub fn with_electrodes(surface: Surface) -> Mesh {
     let rim = surface.rim_edges();
     let electrodes = vec![
@@ -68,8 +69,8 @@ pub fn with_electrodes(surface: Surface) -> Mesh {
     Mesh::new(surface, electrodes).unwrap()
 }
 
-/// The upper half of a sphere: half an octahedron, each side of each triangle halved `times` times
-/// and moved to the sphere. The rim lies at z = 0.
+/// The upper half of a sphere: half an octahedron, with the sides of every triangle bisected
+/// `times` times and moved to the sphere. The rim lies at z = 0.
 pub fn half_sphere(times: u32, radius_m: f64) -> Surface {
     let mut corners: Vec<[f64; 3]> =
         vec![[1., 0., 0.], [0., 1., 0.], [-1., 0., 0.], [0., -1., 0.], [0., 0., 1.]];
@@ -98,7 +99,7 @@ pub fn half_sphere(times: u32, radius_m: f64) -> Surface {
 
 /// A surface as a binary STL file.
 pub fn binary_stl(surface: &Surface) -> Vec<u8> {
-    // many programs begin binary files like text
+    // many programs begin binary files with the same word as text files
     let mut bytes = b"solid exported".to_vec();
     bytes.resize(80, b' ');
     bytes.extend((surface.triangles().len() as u32).to_le_bytes());

@@ -1,4 +1,4 @@
-//! One connection: its request, and the page or the events.
+//! Handles one connection: reads its request and answers with the page or the events.
 
 use super::PAGE;
 use super::request::read;
@@ -8,20 +8,20 @@ use std::net::TcpStream;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-/// A request must be here, and an answer or a line must be taken, within this: who is slower is gone. A browser
-/// to which nothing was said for so long is told that the program is still there.
+/// Time limit for receiving a request and for sending an answer or a line; slower clients are disconnected. Also the
+/// idle time after which a browser gets a heartbeat.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How often it is looked whether a browser has closed its connection.
+/// How often to check whether a browser has closed its connection.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
-/// A connection until a moment: bytes that trickle do not keep it open.
+/// A connection with a deadline: a slow trickle of bytes does not extend it.
 struct Until<'a> {
     stream: &'a TcpStream,
     end: Instant,
 }
 
 impl<'a> Until<'a> {
-    /// From now on.
+    /// Sets the deadline to now plus [`PATIENCE`].
     fn patience(stream: &'a TcpStream) -> Self {
         Self { stream, end: Instant::now() + PATIENCE }
     }
@@ -73,7 +73,7 @@ pub(super) fn answer(stream: &TcpStream, shared: &Shared) -> io::Result<()> {
             Some(place) => send_events(stream, shared, &place),
             None => reply(stream, "503 Service Unavailable", "too many browsers\n"),
         },
-        // every browser asks for it, and says on its console where there is none
+        // every browser requests it, and logs an error if it is missing
         (true, "/favicon.ico") => reply(stream, "204 No Content", ""),
         (true, _) => reply(stream, "404 Not Found", "no such page\n"),
         (false, _) => reply(stream, "405 Method Not Allowed", "GET is all there is\n"),
@@ -88,7 +88,7 @@ fn reply(stream: &TcpStream, status: &str, text: &str) -> io::Result<()> {
     Until::patience(stream).write_all(reply.as_bytes())
 }
 
-/// Sends lines until the browser has gone or there are none any more.
+/// Sends lines until the browser disconnects or the server ends.
 fn send_events(stream: &TcpStream, shared: &Shared, place: &Place<'_>) -> io::Result<()> {
     let head = "HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n\
         Connection: close\r\n\r\n";
@@ -127,8 +127,7 @@ fn send_events(stream: &TcpStream, shared: &Shared, place: &Place<'_>) -> io::Re
     }
 }
 
-/// Whether the other side has closed the connection; what it may have sent besides its request is left where it
-/// is.
+/// Whether the client has closed the connection; does not consume what it may have sent after its request.
 fn is_closed(stream: &TcpStream) -> io::Result<bool> {
     stream.set_nonblocking(true)?;
     let peeked = stream.peek(&mut [0]);

@@ -1,13 +1,13 @@
-//! What a browser asks for, and whether it may.
+//! Parses requests and decides whether they are allowed.
 
 use std::io::{self, BufRead};
 use std::net::IpAddr;
 
-/// A request is no longer than this.
+/// Maximum length of a request.
 const MOST_BYTES: u64 = 16_384;
 const MOST_HEADERS: usize = 64;
 
-/// The parts of a request that count.
+/// The parts of a request that are used.
 #[derive(Debug, PartialEq)]
 pub(super) struct Request {
     pub is_get: bool,
@@ -16,7 +16,7 @@ pub(super) struct Request {
     pub host: Option<String>,
 }
 
-/// Reads one; `None` where what came is no request.
+/// Reads a request; returns `None` if the input is not one.
 pub(super) fn read(from: impl BufRead) -> io::Result<Option<Request>> {
     let mut from = from.take(MOST_BYTES);
     let mut bytes = Vec::new();
@@ -42,13 +42,13 @@ pub(super) fn read(from: impl BufRead) -> io::Result<Option<Request>> {
     }))
 }
 
-/// Who may see the page.
+/// Who may open the page.
 #[derive(Debug)]
 pub(super) enum Access {
-    /// Programs of this computer. A page of somebody else's whose name was made to point here is none:
-    /// it names another host.
+    /// Programs on this computer. A foreign page whose host name was made to resolve here (DNS rebinding) is rejected,
+    /// because its request names another host.
     Loopback,
-    /// Who knows the token.
+    /// Clients that know the token.
     Token(String),
 }
 
@@ -58,7 +58,7 @@ impl Access {
             Self::Loopback => request.host.as_deref().is_some_and(is_loopback),
             Self::Token(token) => {
                 let given = request.token.as_deref().unwrap_or("").as_bytes();
-                // as long for a wrong token as for one that is nearly right
+                // constant time: does not reveal how much of a wrong token is right
                 let differ =
                     given.iter().zip(token.as_bytes()).fold(0, |all, (a, b)| all | (a ^ b));
                 given.len() == token.len() && differ == 0

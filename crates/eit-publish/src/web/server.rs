@@ -1,9 +1,9 @@
-//! Browsers that come and go, and what all of them get.
+//! The server: accepts browsers and broadcasts lines to them.
 
-use super::SkinShape;
 use super::connection::answer;
 use super::request::Access;
 use crate::error::PublishError;
+use crate::shape::SkinShape;
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -11,18 +11,18 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Browsers at once.
+/// Maximum number of browsers.
 const MOST_BROWSERS: usize = 16;
-/// Connections at once, each with a thread: those of browsers, and of who asks for something else.
+/// Maximum number of connections of any kind; each has a thread.
 const MOST_CONNECTIONS: usize = 64;
-/// After a connection that could not be taken, such as for want of file handles: it would fail again at once.
+/// Pause after a failed accept (for example no file handles left), which would otherwise fail again at once.
 const AFTER_FAILURE: Duration = Duration::from_millis(50);
-/// Lines that wait for a browser; one that is slower misses some.
+/// Lines queued per browser; a slower browser misses some.
 const WAITING_LINES: usize = 64;
-/// Frames and images at most so often: no eye sees more.
+/// Shortest time between two frames or images; the eye sees no more.
 const FRAME_EVERY: Duration = Duration::from_millis(33);
 const IMAGE_EVERY: Duration = Duration::from_millis(66);
-/// How long the end waits for the last lines to go out.
+/// How long shutdown waits for the last lines to be sent.
 const LAST_LINES: Duration = Duration::from_millis(300);
 
 pub(super) type Line = Arc<[u8]>;
@@ -36,27 +36,27 @@ pub struct WebServer {
     last_image: Option<Instant>,
 }
 
-/// What the threads of the server have in common.
+/// State shared by the server's threads.
 #[derive(Debug)]
 pub(super) struct Shared {
     pub access: Access,
-    /// What a browser hears first: the skin, once it is known.
+    /// First line for every browser: the skin, once it is known.
     skin: Mutex<Option<Line>>,
     browsers: Mutex<Vec<Browser>>,
-    /// Threads that still send to a browser.
+    /// Number of threads that still send to a browser.
     sending: AtomicUsize,
     connections: AtomicUsize,
     is_over: AtomicBool,
 }
 
-/// Who hears of everything, by a number of its own.
+/// A connected browser, identified by its number.
 #[derive(Debug)]
 struct Browser {
     number: usize,
     lines: SyncSender<Line>,
 }
 
-/// A browser's place; it is free again when this is dropped.
+/// A browser's slot, freed on drop.
 pub(super) struct Place<'a> {
     shared: &'a Shared,
     number: usize,
@@ -70,13 +70,13 @@ impl Drop for Place<'_> {
     }
 }
 
-/// One of the connections at once, until it is dropped.
+/// One of the allowed connections, released on drop.
 struct Connection(Arc<Shared>);
 
 impl Connection {
-    /// `None` where there are enough.
+    /// Returns `None` if the maximum is reached.
     fn new(shared: &Arc<Shared>) -> Option<Self> {
-        // counted before it is known: one that is dropped counts itself out again
+        // counted first: if rejected, dropping it decrements the count again
         let before = shared.connections.fetch_add(1, Ordering::Relaxed);
         let connection = Self(Arc::clone(shared));
         (before < MOST_CONNECTIONS).then_some(connection)
@@ -94,7 +94,7 @@ impl Shared {
         self.browsers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place for a browser; `None` where all are taken.
+    /// Reserves a slot for a browser; returns `None` if all are taken.
     pub fn place(&self) -> Option<Place<'_>> {
         let mut browsers = self.browsers();
         if browsers.len() >= MOST_BROWSERS {
@@ -114,12 +114,12 @@ impl Shared {
 }
 
 impl WebServer {
-    /// At HOST:PORT, port 0 for any that is free; anything but loopback asks for a token, which
-    /// [`WebServer::url`] holds.
+    /// Starts a server at HOST:PORT (port 0: any free port). Any address but loopback requires the token in
+    /// [`WebServer::url`].
     ///
     /// # Errors
     ///
-    /// An address that is none or is taken; no random numbers for a token.
+    /// An invalid address or one in use; no random numbers for a token.
     pub fn new(address: &str) -> Result<Self, PublishError> {
         let refuse = |error| PublishError::Address { address: address.to_owned(), error };
         let found = address.to_socket_addrs().map_err(refuse)?.next();
@@ -146,7 +146,7 @@ impl WebServer {
         Ok(Self { shared, address, last_frame: None, last_image: None })
     }
 
-    /// What to open in a browser.
+    /// Address to open in a browser.
     pub fn url(&self) -> String {
         match &self.shared.access {
             Access::Loopback => format!("http://{}/", self.address),
@@ -154,20 +154,20 @@ impl WebServer {
         }
     }
 
-    /// The skin that the page draws.
+    /// Sets the skin that the page draws.
     ///
     /// # Errors
     ///
-    /// A shape that JSON cannot hold.
+    /// A shape that cannot be encoded as JSON.
     pub fn skin(&self, shape: &SkinShape) -> Result<(), PublishError> {
         let line = serde_json::to_vec(shape)?;
         *self.shared.skin.lock().unwrap_or_else(PoisonError::into_inner) = Some(line[..].into());
-        // who came before it
+        // browsers that are already connected
         self.tell(&line);
         Ok(())
     }
 
-    /// Something that every browser should hear.
+    /// Sends a line to every browser.
     pub(crate) fn tell(&self, line: &[u8]) {
         let mut browsers = self.shared.browsers();
         if browsers.is_empty() {
@@ -179,19 +179,19 @@ impl WebServer {
         });
     }
 
-    /// A frame, if the last one is old enough.
+    /// Sends a frame if the last one is old enough.
     pub(crate) fn frame(&mut self, line: &[u8]) {
         if is_due(&mut self.last_frame, FRAME_EVERY) {
             self.tell(line);
         }
     }
 
-    /// Whether somebody looks.
+    /// Whether a browser is connected.
     pub(crate) fn has_browser(&self) -> bool {
         !self.shared.browsers().is_empty()
     }
 
-    /// Whether somebody looks and the last image is old enough.
+    /// Whether a browser is connected and the last image is old enough.
     pub(crate) fn wants_image(&mut self) -> bool {
         self.has_browser() && is_due(&mut self.last_image, IMAGE_EVERY)
     }
@@ -201,12 +201,12 @@ impl Drop for WebServer {
     fn drop(&mut self) {
         self.shared.is_over.store(true, Ordering::Relaxed);
         self.shared.browsers().clear();
-        // the last lines are on their way to browsers that read
+        // gives browsers that read time to receive the last lines
         let start = Instant::now();
         while self.shared.sending.load(Ordering::Relaxed) > 0 && start.elapsed() < LAST_LINES {
             std::thread::sleep(Duration::from_millis(2));
         }
-        // wakes the thread that listens
+        // wakes the listening thread
         let _ = TcpStream::connect_timeout(&self.address, Duration::from_millis(100));
     }
 }
@@ -235,9 +235,9 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
             std::thread::sleep(AFTER_FAILURE);
             continue;
         };
-        // one that is too many is closed unheard
+        // closes connections above the maximum without reading
         let Some(connection) = Connection::new(shared) else { continue };
-        // a browser that goes away in the middle is no failure; without a thread it is closed, too
+        // a browser that disconnects is not an error; without a thread the connection is closed, too
         let _ = std::thread::Builder::new()
             .name("eit browser".to_owned())
             .spawn(move || answer(&stream, &connection.0));

@@ -1,4 +1,4 @@
-//! The two experiments of the paper, on the simulated fabric.
+//! The two experiments of the paper on the simulated fabric.
 
 use crate::error::ReportError;
 use crate::output::{OutFolder, write_npy};
@@ -8,32 +8,33 @@ use eit_skin::live::REFERENCE_FRAMES;
 use eit_skin::{MeshOverride, Progress, Scene, Skin, rounding_warning};
 use std::path::Path;
 
-/// Nodes of the mesh that simulates: 3.5 times those that reconstruct; quick: 1.5 times.
+/// Nodes of the simulation mesh: 3.5 times those of the reconstruction mesh, or 1.5 times in quick
+/// mode.
 const NODES: [usize; 2] = [7000, 3000];
-/// Frames after the quiet ones, quick.
+/// Number of frames after the quiet ones in quick mode.
 const QUICK_FRAMES: usize = 30;
-/// Seed of fabric, drift and noise: no seed of the net's training, which takes its own.
+/// Seed of fabric, drift and noise; differs from the seeds used to train the network.
 const SEED: u64 = 20_190_620;
 
 /// One experiment.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Experiment {
-    /// For people.
+    /// Name for display.
     pub name: &'static str,
-    /// Folder of its numbers.
+    /// Folder of its results.
     pub folder: &'static str,
-    /// Its recording.
+    /// File name of its recording.
     pub recording: &'static str,
-    /// Its movie.
+    /// File name of its movie.
     pub movie: &'static str,
-    /// Pictures in the place of the paper's figures: images, error of each frame, touches.
+    /// Pictures that correspond to the paper's figures: images, error per frame, touches.
     pub figures: [&'static str; 3],
-    /// Stages, for the progress.
+    /// Names of its stages, for progress reports.
     pub stages: [&'static str; 3],
     script: &'static str,
 }
 
-/// Both.
+/// Both experiments.
 pub(super) const EXPERIMENTS: [Experiment; 2] = [
     Experiment {
         name: "one finger",
@@ -63,7 +64,7 @@ pub(super) const EXPERIMENTS: [Experiment; 2] = [
     },
 ];
 
-/// The simulated fabric that is touched.
+/// The simulated fabric and its script.
 pub(super) struct TouchedFabric {
     skin: Skin,
     raster: Raster,
@@ -72,7 +73,7 @@ pub(super) struct TouchedFabric {
 }
 
 impl TouchedFabric {
-    /// On a finer mesh than the one that reconstructs.
+    /// Sets up the fabric on a finer mesh than that of the reconstruction.
     pub fn new(scene: &Scene, quick: bool, progress: &mut Progress) -> Result<Self, ReportError> {
         let mesh = MeshOverride { file: None, nodes: Some(NODES[usize::from(quick)]) };
         let skin = Skin::set_up(scene, &mesh, progress)?;
@@ -81,12 +82,12 @@ impl TouchedFabric {
         Ok(Self { skin, raster, fabric, quick })
     }
 
-    /// Nodes of its mesh.
+    /// Number of nodes of its mesh.
     pub fn nodes(&self) -> usize {
         self.skin.mesh.surface().nodes().len()
     }
 
-    /// The script of an experiment, with more quiet frames before it.
+    /// Returns the script of an experiment, with more quiet frames at the start.
     pub fn script(&self, experiment: &Experiment) -> Result<TouchScript, ReportError> {
         let circle = PlayCircle::of(&self.skin.mesh);
         let mut script = TouchScript::built_in(experiment.script, &circle, SEED)?;
@@ -103,7 +104,7 @@ impl TouchedFabric {
         Ok(script)
     }
 
-    /// Touches the fabric, and writes what the instrument would have measured.
+    /// Simulates touches of the fabric and writes the measurements of the instrument.
     pub fn simulate(
         &self,
         experiment: &Experiment,

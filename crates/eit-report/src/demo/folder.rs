@@ -1,4 +1,4 @@
-//! The folder of a demo: what is in it, and whose.
+//! The output folder of a demo and the checks that protect other files in it.
 
 use crate::error::ReportError;
 use crate::output::{OutFile, OutFolder, io};
@@ -7,11 +7,11 @@ use std::fs;
 use std::io::{BufRead as _, BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// First line of the scene: the folder is a demo's.
+/// First line of the scene, which marks the folder as a demo's.
 const MARK: &str = "# Made by `eit demo`.";
-/// What stands in its way is named so often at most.
+/// Maximum number of conflicting files named in an error.
 const NAMED: usize = 3;
-/// What a demo writes into a folder for each experiment.
+/// Files that a demo writes into the folder of each experiment.
 const OF_EXPERIMENT: [&str; 5] =
     ["frames.npy", "truth.npy", "images.npy", "raw.npy", "touches.csv"];
 
@@ -21,8 +21,9 @@ pub(super) struct DemoFolder {
 }
 
 impl DemoFolder {
-    /// Takes a new or empty folder, or that of an earlier demo, whose results go; one with other
-    /// content only by `force`, and nothing but what the demo is called is touched in it.
+    /// Claims a new or empty folder, or that of an earlier demo, whose results are removed. A
+    /// folder with other content is accepted only with `force`, and then only files with names used
+    /// by the demo are changed.
     pub fn claim(path: &Path, own: &[&str], force: bool) -> Result<Self, ReportError> {
         let folder = Self { path: path.to_path_buf() };
         let strangers = folder.strangers(own)?;
@@ -35,8 +36,8 @@ impl DemoFolder {
                 names += &format!(" and {} more", strangers.len() - NAMED);
             }
             return Err(ReportError::input(format!(
-                "{}: holds {names}, which no demo made: name another folder by --out, or write \
-                 beside it by --force",
+                "{}: contains {names}, which no demo made: choose another folder with --out, or \
+                 keep these files and write into the folder anyway with --force",
                 path.display()
             )));
         }
@@ -47,13 +48,13 @@ impl DemoFolder {
         Ok(folder)
     }
 
-    /// What is in the folder and not of an earlier demo.
+    /// Returns the entries that were not written by an earlier demo.
     fn strangers(&self, own: &[&str]) -> Result<Vec<String>, ReportError> {
         let refused = |e: std::io::Error| {
             ReportError::input(format!("{}: cannot be read: {e}", self.path.display()))
         };
         let entries = match fs::read_dir(&self.path) {
-            // nothing is there; whether it can be made is seen when it is
+            // the folder does not exist; whether it can be created shows later
             Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
                 return Ok(Vec::new());
             }
@@ -65,7 +66,7 @@ impl DemoFolder {
         let mut strangers = Vec::new();
         for entry in entries {
             let name = entry.map_err(refused)?.file_name().to_string_lossy().into_owned();
-            // a run that was killed leaves its temporary files
+            // a killed run leaves its temporary files
             if !(is_demo && own.contains(&&*name) || name.starts_with(".eit-")) {
                 strangers.push(name);
             }
@@ -74,7 +75,8 @@ impl DemoFolder {
         Ok(strangers)
     }
 
-    /// Removes a result of an earlier demo: a file, or a folder with what a demo writes there.
+    /// Removes a result of an earlier demo: a file, or a folder with the files that a demo writes
+    /// there.
     fn remove(&self, place: &Path) -> Result<(), ReportError> {
         let gone = |result: std::io::Result<()>| match result {
             Err(e) if e.kind() != ErrorKind::NotFound => Err(ReportError::at(place, e)),
@@ -86,12 +88,12 @@ impl DemoFolder {
         for name in OF_EXPERIMENT {
             gone(fs::remove_file(place.join(name)))?;
         }
-        // with other things in it, it stays
+        // the folder stays if it has other contents
         let _ = fs::remove_dir(place);
         Ok(())
     }
 
-    /// Writes the scene, which `eit replay` plays the recordings with.
+    /// Writes the scene that `eit replay` uses for the recordings.
     pub fn write_scene(&self, quick: bool) -> Result<(), ReportError> {
         let (pixels, any_skin, rate_hz) = if quick { (32, true, 50.0) } else { (64, false, 10.0) };
         let skin = Scene::text("paper-disc")?;
@@ -100,11 +102,11 @@ impl DemoFolder {
                 out,
                 "{MARK}\n{skin}\n\
                  [reconstruction]\nmethod = \"st-tv\"\npixels = {pixels}\n\
-                 target_gap = 0.1        # 0.01 costs four times as much, and the images are no \
-                 nearer to the truth\n\n\
+                 target_gap = 0.1        # 0.01 takes four times as long without improving the \
+                 images\n\n\
                  [touch]\n\
-                 drift_time_s = 300.0    # a finger stays for most of a minute: what four seconds of \
-                 quiet show of drift is noise\n\n\
+                 drift_time_s = 300.0    # fingers stay for most of a minute; drift estimated from four \
+                 quiet seconds would be noise\n\n\
                  [denoise]\nweights = \"default\"\nany_skin = {any_skin}\n\n\
                  [instrument]            # eit_hw::emulator\n\
                  driver = \"eits1\"\nframe_rate_hz = {rate_hz:?}"
@@ -113,17 +115,17 @@ impl DemoFolder {
         })
     }
 
-    /// The scene's place.
+    /// Path of the scene.
     pub fn scene(&self) -> PathBuf {
         self.path.join("scene.toml")
     }
 
-    /// A place in the folder.
+    /// Path of an entry of the folder.
     pub fn join(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
-    /// The folder itself.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }

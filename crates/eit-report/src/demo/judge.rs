@@ -1,4 +1,4 @@
-//! What was seen, held against what really was.
+//! Compares the live results with the true images and touches.
 
 use super::live::Seen;
 use eit_fem::fabric::Simulation;
@@ -6,25 +6,25 @@ use eit_inverse::touch::Touch;
 use ndarray::{ArrayView2, Axis};
 use serde_json::{Value, json};
 
-/// A touch this far from every finger is none of them: a finger is 2 cm wide.
+/// A touch farther than this from every finger is false; a finger is 2 cm wide.
 const WITHIN_M: f64 = 0.025;
 
-/// How near images and touches came.
+/// Accuracy of images and touches.
 pub(super) struct Judged {
-    /// Of each image: frame of the script, mean squared error before and after the net, siemens
-    /// squared, and whether a finger is on the skin.
+    /// For each image: frame of the script, mean squared error before and after the network
+    /// (siemens squared), and whether a finger is on the skin.
     pub errors: Vec<ImageError>,
-    /// Distances of found touches from their fingers, metres.
+    /// Distances of touches from their fingers, metres.
     pub distances_m: Vec<f64>,
-    /// Fingers on the skin, over all frames, and how many of them were found.
+    /// Number of fingers on the skin, summed over all frames, and how many of them were found.
     pub fingers: usize,
     pub found: usize,
-    /// Touches where no finger was, and those of them in frames without any finger: mostly what the
-    /// fabric's hysteresis leaves where one has been.
+    /// False touches, and those of them in frames without any finger; the latter are mostly caused
+    /// by hysteresis of the fabric after a finger has left.
     pub invented: usize,
     pub left_over: usize,
-    /// Fingers that were not found in the frames right after they came, when two frames have yet
-    /// to show them.
+    /// Fingers not found in the first frame of their contact, because a touch is reported only
+    /// after two frames.
     pub late: usize,
 }
 
@@ -37,7 +37,7 @@ pub(super) struct ImageError {
     pub is_touched: bool,
 }
 
-/// Holds them against each other.
+/// Compares the live results with the simulation.
 pub(super) fn judge(seen: &Seen, truth: &Simulation) -> Judged {
     let mut judged = Judged {
         errors: Vec::new(),
@@ -51,7 +51,7 @@ pub(super) fn judge(seen: &Seen, truth: &Simulation) -> Judged {
     let images = &truth.truth.conductivity_change_s;
     let mut before: usize = 0;
     for (k, &frame) in seen.frames.iter().enumerate() {
-        // an instrument that plays on after its end begins anew
+        // an instrument that continues after the last frame starts again
         let row = frame % images.len_of(Axis(0));
         let really = images.index_axis(Axis(0), row);
         let fingers: Vec<[f64; 2]> =
@@ -77,7 +77,7 @@ pub(super) fn judge(seen: &Seen, truth: &Simulation) -> Judged {
 }
 
 impl Judged {
-    /// Pairs fingers and touches, the nearest first; how many fingers were found.
+    /// Pairs fingers with touches, nearest first, and returns the number of fingers found.
     fn pair(&mut self, fingers: &[[f64; 2]], touches: &[Touch]) -> usize {
         let touches: Vec<&Touch> = touches.iter().filter(|touch| touch.valid).collect();
         let distance = |finger: &[f64; 2], touch: &Touch| {
@@ -104,7 +104,7 @@ impl Judged {
         found
     }
 
-    /// Median error of touched frames: raw, after the net, and of the quotient.
+    /// Median errors of the frames with touches: raw, after the network, and the ratio of the two.
     pub fn errors_of_touched(&self) -> [f64; 3] {
         let touched = || self.errors.iter().filter(|error| error.is_touched);
         [
@@ -114,12 +114,12 @@ impl Judged {
         ]
     }
 
-    /// Median distance of a found touch from its finger, metres.
+    /// Median distance of a touch from its finger, metres.
     pub fn distance_m(&self) -> f64 {
         median(self.distances_m.clone())
     }
 
-    /// For programs.
+    /// Returns the results as JSON.
     pub fn json(&self) -> Value {
         let [raw, made, quotient] = self.errors_of_touched();
         json!({
@@ -137,7 +137,8 @@ impl Judged {
     }
 }
 
-/// Mean over the pixels that are skin in both; a mask may differ by a pixel of the rim.
+/// Mean squared error over the pixels that both images contain; the masks may differ by a pixel at
+/// the rim.
 fn squared_error(image: ArrayView2<'_, f64>, truth: ArrayView2<'_, f64>) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for off in image.iter().zip(truth).map(|(a, b)| a - b).filter(|off| off.is_finite()) {
@@ -147,7 +148,7 @@ fn squared_error(image: ArrayView2<'_, f64>, truth: ArrayView2<'_, f64>) -> f64 
     sum / f64::max(count, 1.0)
 }
 
-/// The middle of some values; NaN where there are none.
+/// Returns the median, or NaN for no values.
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)

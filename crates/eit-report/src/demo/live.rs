@@ -1,7 +1,7 @@
-//! An experiment as it would be on a real skin: instrument, driver, recording, images, touches.
+//! Runs an experiment as on a real skin: instrument, driver, recording, images, touches.
 
-use super::Stage;
 use super::experiment::Experiment;
+use super::{FrameWatcher, Stage};
 use crate::error::ReportError;
 use crate::watched::{Kept, record_of};
 use eit_hw::capture::{CaptureSettings, CaptureWriter};
@@ -19,36 +19,36 @@ use ndarray::{Array2, Array3, Axis};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// An instrument that is silent so long has failed.
+/// An instrument silent for this long has failed.
 const SILENCE: Duration = Duration::from_secs(20);
 
-/// What was seen of an experiment.
+/// Results of running an experiment live.
 pub(super) struct Seen {
-    /// Frame of the script behind each image.
+    /// Frame of the script for each image.
     pub frames: Vec<usize>,
-    /// Images before and after the net, siemens, [frame, row, column].
+    /// Images before and after the network, siemens, [frame, row, column].
     pub raw: Array3<f64>,
     pub made: Array3<f64>,
     /// Touches of each image.
     pub touches: Vec<Vec<Touch>>,
-    /// What happened while it was watched.
+    /// Summary of the run.
     pub summary: Summary,
-    /// How the instrument was reached, in words.
+    /// Description of the connection to the instrument.
     pub line: String,
-    /// All frames of the script came.
+    /// Whether all frames of the script arrived.
     pub is_whole: bool,
 }
 
-/// The instrument and the driver that talks to it.
+/// The instrument and its driver.
 struct Wire {
     session: Session,
     emulator: Emulator,
     line: String,
-    /// Where the terminal has its name; goes last.
+    /// Folder that holds the terminal's name; dropped last.
     folder: Option<tempfile::TempDir>,
 }
 
-/// Plays the frames of a file once through an emulated instrument and looks at them live.
+/// Plays the frames of a file once through an emulated instrument and processes them live.
 pub(super) fn run(
     experiment: &Experiment,
     frames: usize,
@@ -56,7 +56,7 @@ pub(super) fn run(
     goes_on: &(dyn Fn() -> bool + Sync),
     progress: &mut Progress,
 ) -> Result<Seen, ReportError> {
-    let Stage { model, instrument, folder, .. } = *stage;
+    let Stage { model, instrument, folder, watcher, .. } = *stage;
     let wanted = frames.saturating_sub(REFERENCE_FRAMES);
     progress.steps(experiment.stages[1], wanted, |bar| {
         let own = folder.join(experiment.folder);
@@ -73,12 +73,13 @@ pub(super) fn run(
             last: Instant::now(),
             failure: None,
             pile: Pile::default(),
+            watch: watcher.map(|watcher| (experiment.name, model.as_ref(), watcher)),
         };
         let summary = model.watch(&mut wire.session, true, &mut watcher);
         wire.session.stop();
         wire.emulator.stop();
         let Demo { writer, kept, pile, failure, .. } = watcher;
-        // whatever happened, what came is whole; and what happened first is told
+        // files are completed in any case, and the first error is reported
         let ended = (writer.finish(), kept.finish());
         let summary = summary?;
         ended.0?;
@@ -106,7 +107,8 @@ fn stacked(images: &[Array2<f64>]) -> Result<Array3<f64>, ReportError> {
     ndarray::stack(Axis(0), &views).map_err(|e| ReportError::Failure(format!("images: {e}")))
 }
 
-/// Starts the instrument on a pseudo-terminal and opens it; on TCP where that fails, and says why.
+/// Starts the instrument on a pseudo-terminal and opens it; if that fails, uses TCP and gives the
+/// reason.
 fn connect(model: &LiveModel, instrument: &Instrument, frames: &Path) -> Result<Wire, ReportError> {
     let content = Content { frames: PlayedFrames::File(frames), serial: "demo", seed: 0 };
     let open = |listen: &Listen, line: &str| {
@@ -121,19 +123,18 @@ fn connect(model: &LiveModel, instrument: &Instrument, frames: &Path) -> Result<
         Ok(wire) => return Ok(wire),
         Err(why) => why,
     };
-    let line = format!("TCP on this computer, as there was no pseudo-terminal ({why})");
+    let line = format!("TCP on this computer, because no pseudo-terminal was available ({why})");
     open(&Listen::Tcp("127.0.0.1:0".to_owned()), &line)
 }
 
-/// The way by a pseudo-terminal.
+/// Connects through a pseudo-terminal.
 #[cfg(unix)]
 fn on_terminal(
     open: &dyn Fn(&Listen, &str) -> Result<Wire, ReportError>,
 ) -> Result<Wire, ReportError> {
-    let folder = tempfile::Builder::new()
-        .prefix("eit-demo-")
-        .tempdir()
-        .map_err(|e| ReportError::Failure(format!("no folder for its name: {e}")))?;
+    let folder = tempfile::Builder::new().prefix("eit-demo-").tempdir().map_err(|e| {
+        ReportError::Failure(format!("cannot create a folder for the terminal: {e}"))
+    })?;
     let mut wire = open(&Listen::PseudoTerminal(folder.path().join("skin")), "a pseudo-terminal")?;
     wire.folder = Some(folder);
     Ok(wire)
@@ -143,23 +144,25 @@ fn on_terminal(
 fn on_terminal(
     _: &dyn Fn(&Listen, &str) -> Result<Wire, ReportError>,
 ) -> Result<Wire, ReportError> {
-    Err(ReportError::Failure("this system has none".to_owned()))
+    Err(ReportError::Failure("not supported by this system".to_owned()))
 }
 
-/// Records, keeps and counts.
+/// Records and stores the data, and reports progress.
 struct Demo<'a, 'b> {
     writer: CaptureWriter,
     kept: Kept,
     wanted: u64,
     goes_on: &'a (dyn Fn() -> bool + Sync),
     bar: &'a Steps<'b>,
-    /// When the last event came.
+    /// Time of the last frame.
     last: Instant,
     failure: Option<ReportError>,
     pile: Pile,
+    /// Who sees the frames, too: name of the experiment, its model.
+    watch: Option<(&'static str, &'a LiveModel, &'a FrameWatcher<'a>)>,
 }
 
-/// What is judged and drawn later, image by image.
+/// Data for evaluation and drawing, one entry per image.
 #[derive(Default)]
 struct Pile {
     frames: Vec<usize>,
@@ -193,8 +196,16 @@ impl LiveObserver for Demo<'_, '_> {
         Ok(self.writer.tick()?)
     }
 
+    /// The demo's pictures and errors are of all frames, on a busy computer too.
+    fn wants_every_image(&self) -> bool {
+        true
+    }
+
     fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), ReportError> {
         self.kept.take(shown)?;
+        if let Some((name, model, watcher)) = self.watch {
+            watcher(name, model, shown);
+        }
         if !shown.touches.is_empty() {
             self.writer.touches(&record_of(shown))?;
         }

@@ -1,4 +1,4 @@
-//! The report: one page that needs nothing beside it.
+//! The report: a single self-contained page.
 
 use super::folder::DemoFolder;
 use super::judge::Judged;
@@ -8,7 +8,7 @@ use eit_skin::live::LiveModel;
 use eit_skin::method::Method;
 use eit_skin::plan::{left_out, sequence::Sequence};
 
-/// Makes the page. `nodes` is the size of the mesh that simulates, `seconds` what all of it took.
+/// Creates the page. `nodes` is the size of the simulation mesh, `seconds` the total run time.
 pub(super) fn page(
     shown: &[Shown],
     files: &[File],
@@ -24,17 +24,17 @@ pub(super) fn page(
     sections.push(left_out_section(shown, model));
     sections.push(again(shown, folder));
     Page {
-        title: "Touches on a conductive fabric, seen through 16 electrodes".to_owned(),
+        title: "Touches on a conductive fabric, measured with 16 electrodes".to_owned(),
         lead: "Two experiments of Duan, Taurand and Soleimani (Sci. Rep. 9:8831, 2019) on a \
-               simulated fabric: fingers move over it, an instrument measures 208 voltages a frame, \
-               total variation in space and time turns them into images, a U-net takes out what \
-               moving electrodes leave in them, and touches are found and followed."
+               simulated fabric: fingers move over it, an instrument measures 208 voltages per \
+               frame, total variation in space and time reconstructs images, a U-net removes the \
+               artefacts of moving electrodes, and touches are detected and tracked."
             .to_owned(),
         sections,
     }
 }
 
-/// A picture of this name, if it was made.
+/// Returns the picture with this name, if it exists.
 fn picture(files: &[File], name: &str, caption: String) -> Option<Block> {
     let bytes = files.iter().find(|file| file.0 == name)?.1.clone();
     Some(Block::Picture { bytes, caption })
@@ -43,37 +43,37 @@ fn picture(files: &[File], name: &str, caption: String) -> Option<Block> {
 fn what(shown: &[Shown], files: &[File], model: &LiveModel, nodes: usize, seconds: f64) -> Section {
     let mut blocks = Vec::new();
     let caption = "Three frames of each experiment. From top to bottom: the true change of the \
-                   sheet conductivity, the reconstruction, and what the U-net makes of it.";
+                   sheet conductivity, the reconstruction, and the image after the U-net.";
     blocks.extend(picture(files, pictures::OVERVIEW, caption.to_owned()));
     let lines: Vec<&str> = shown.iter().map(|s| s.seen.line.as_str()).collect();
     blocks.push(Block::Text(format!(
         "The fabric is simulated on {nodes} nodes, with fingertips that dent it, hysteresis, \
-         electrodes that are drawn along, an uneven weave, drift and an instrument with noise \
-         (docs/FABRIC.md); images are reconstructed on {} nodes. The frames are sent by an emulated \
-         instrument over {}, read by the same driver that reads a real one, recorded, and turned \
-         into images and touches as they come. Nothing of the truth is known to that side. All of it \
-         took {seconds:.0} s.",
+         electrodes that move with the fabric, an uneven weave, drift and an instrument with noise \
+         (docs/FABRIC.md); images are reconstructed on {} nodes. The frames are sent by an \
+         emulated instrument over {}, read by the same driver as a real one, recorded, and turned \
+         into images and touches as they arrive. The reconstruction has no access to the truth. \
+         The whole run took {seconds:.0} s.",
         model.skin().mesh.surface().nodes().len(),
         lines.first().copied().unwrap_or("nothing"),
     )));
     blocks.push(table(shown));
-    Section { title: "What happened".to_owned(), blocks }
+    Section { title: "Results".to_owned(), blocks }
 }
 
 fn table(shown: &[Shown]) -> Block {
     let head = [
         "experiment",
         "images",
-        "touches where no finger is",
+        "false touches",
         "fingers found",
-        "off by (mm)",
+        "position error (mm)",
         "squared error, raw (S²)",
-        "after the net (S²)",
-        "left of it",
-        "put aside",
-        "touches after, median (ms)",
+        "after the U-net (S²)",
+        "remaining fraction",
+        "rejected images",
+        "time to touches, median (ms)",
         "95 % (ms)",
-        "image after, median (ms)",
+        "time to image, median (ms)",
     ];
     let row = |shown: &Shown| {
         let [raw, made, quotient] = shown.judged.errors_of_touched();
@@ -103,11 +103,12 @@ fn table(shown: &[Shown]) -> Block {
         head: head.map(str::to_owned).to_vec(),
         rows: shown.iter().map(row).collect(),
         note: format!(
-            "Touches where no finger is: counted frame by frame, beyond 25 mm from every finger; in \
-             brackets those with no finger on the skin at all, which a robot would act on for nothing. \
-             Errors are medians over the frames with a finger. {late} of the fingers that were missed \
-             are in the first frame of a contact: a faint touch must be seen twice. Put aside: images of \
-             the net that do not explain their measurements, so that the raw one is shown."
+            "False touches are counted per frame and lie more than 25 mm from every finger; in \
+             brackets, those with no finger on the skin at all, to which a robot would react \
+             without cause. Errors are medians over the frames with a finger. {late} of the missed \
+             fingers are in the first frame of a contact: a faint touch must be detected twice. \
+             Rejected images are U-net images that do not explain the measurements; the raw image \
+             is shown instead."
         ),
     }
 }
@@ -119,32 +120,31 @@ fn of_experiment(shown: &Shown, files: &[File]) -> Section {
         "one-finger" => [10, 11, 12],
         _ => [13, 14, 15],
     };
-    let ours = |number: usize| format!("In the place of the paper's figure {number}.");
+    let ours = |number: usize| format!("Corresponds to the paper's figure {number}.");
     let blocks = [
         picture(
             files,
             experiment.movie,
-            "The movie: truth, reconstruction, and the image after the U-net with the touches found \
-             in it."
+            "The movie: truth, reconstruction, and the image after the U-net with the detected touches."
                 .to_owned(),
         ),
         picture(
             files,
             images,
             format!(
-                "Truth (top), reconstruction (middle), after the U-net (bottom), on one scale. {}",
+                "Truth (top), reconstruction (middle), after the U-net (bottom), on a common scale. {}",
                 ours(ten)
             ),
         ),
         picture(
             files,
             error,
-            format!("Mean squared error of each frame before and after the net. {}", ours(eleven)),
+            format!("Mean squared error of each frame before and after the U-net. {}", ours(eleven)),
         ),
         picture(
             files,
             touches,
-            format!("The touches over the skin beside the true ways. {}", ours(twelve)),
+            format!("Detected touches and the true tracks on the skin. {}", ours(twelve)),
         ),
     ];
     Section { title: experiment.name.to_owned(), blocks: blocks.into_iter().flatten().collect() }
@@ -155,12 +155,12 @@ fn skin(files: &[File]) -> Section {
         picture(
             files,
             pictures::MESH,
-            "The mesh that reconstructs. In the place of the paper's figure 3.".to_owned(),
+            "The reconstruction mesh. Corresponds to the paper's figure 3.".to_owned(),
         ),
         picture(
             files,
             pictures::WAYS,
-            "The ways of the fingers. In the place of the paper's figure 4.".to_owned(),
+            "The tracks of the fingers. Corresponds to the paper's figure 4.".to_owned(),
         ),
     ];
     Section {
@@ -170,13 +170,14 @@ fn skin(files: &[File]) -> Section {
 }
 
 fn latency(shown: &[Shown], files: &[File]) -> Section {
-    let caption = "How many frames took how long, from their last byte to image and touches.";
+    let caption =
+        "Distribution of the time from the last byte of a frame to its image and touches.";
     let mut blocks: Vec<Block> =
         picture(files, pictures::LATENCY, caption.to_owned()).into_iter().collect();
     let pair =
         |shown: &Shown| (shown.experiment.name.to_owned(), shown.seen.summary.images_words());
     blocks.push(Block::List(shown.iter().map(pair).collect()));
-    Section { title: "How fast, and how near the optimum".to_owned(), blocks }
+    Section { title: "Speed and distance from the optimum".to_owned(), blocks }
 }
 
 fn left_out_section(shown: &[Shown], model: &LiveModel) -> Section {
@@ -189,26 +190,26 @@ fn left_out_section(shown: &[Shown], model: &LiveModel) -> Section {
     let more = [
         (
             "a deadline",
-            "the window stops at a proven gap or a number of iterations, never by the clock: so the \
-             recording gives the same images again, to the bit",
+            "the window stops at a proven gap or a number of iterations, never by the clock, so \
+             the recording reproduces the images bit for bit",
         ),
         (
-            "a look ahead",
-            "each image is of the newest frame; images that wait for three more frames are steadier \
-             and late by those",
+            "look-ahead",
+            "each image shows the newest frame; waiting for three more frames gives steadier \
+             images with that much delay",
         ),
         (
-            "frames that hold nothing but noise",
-            "a window in which nothing touches the skin is not solved: its image is zero",
+            "frames that contain only noise",
+            "a window without any touch is not solved; its image is zero",
         ),
     ];
     list.extend(more.map(|(what, why)| (what.to_owned(), why.to_owned())));
-    Section { title: "What was left out, and why".to_owned(), blocks: vec![Block::List(list)] }
+    Section { title: "What was omitted, and why".to_owned(), blocks: vec![Block::List(list)] }
 }
 
 fn again(shown: &[Shown], folder: &DemoFolder) -> Section {
     let mut blocks = vec![Block::Text(
-        "The recordings give the same images to the bit, on this computer and by this program:"
+        "On this computer and with this program, the recordings reproduce the images bit for bit:"
             .to_owned(),
     )];
     let command = |shown: &Shown| super::replay_command(folder.path(), &shown.experiment);

@@ -1,5 +1,5 @@
-//! The pictures: each tells what one of the paper's figures tells.
-//! Long because they are one list.
+//! The pictures, each corresponding to one of the paper's figures. One file because they form a
+//! single list.
 
 use super::experiment::Experiment;
 use super::judge::{ImageError, Judged};
@@ -15,30 +15,31 @@ use eit_skin::Steps;
 use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
 use ndarray::{Array3, ArrayView2, Axis};
 
-/// The mesh, in the place of the paper's figure 3.
+/// The mesh, corresponding to the paper's figure 3.
 pub(super) const MESH: &str = "figure-03-mesh.png";
-/// The ways of the fingers, in the place of figure 4.
+/// The tracks of the fingers, corresponding to figure 4.
 pub(super) const WAYS: &str = "figure-04-ways.png";
 /// Time from a frame to its image and touches.
 pub(super) const LATENCY: &str = "latency.png";
 /// Both experiments on one page.
 pub(super) const OVERVIEW: &str = "overview.png";
-/// What an image is compared with.
+/// The images that are compared.
 const ROWS: [&str; 3] = ["truth", "raw", "after the U-net"];
-/// Frames in the picture of images, and of each experiment in the overview.
+/// Number of frames in the picture of images, and per experiment in the overview.
 const FRAMES: usize = 6;
 const FRAMES_OF_OVERVIEW: usize = 3;
-/// Frames of a movie at most, and how many it shows a second.
+/// Maximum number of frames of a movie, and frames per second.
 const MOVIE_FRAMES: usize = 140;
 const MOVIE_RATE_HZ: f64 = 12.0;
-/// Bars of the histogram.
+/// Number of bars of the histogram.
 const BARS: usize = 40;
-/// Ends of the colours in the largest true change: raw images are paler than the truth.
+/// Ends of the colour scale relative to the largest true change: raw images are weaker than the
+/// truth.
 const RANGE: f64 = 0.6;
-/// Touches with fewer places than this part of the frames are drawn as one.
+/// Touches detected in fewer than this fraction of the frames are drawn together.
 const BRIEF: f64 = 0.1;
 
-/// An experiment, seen and judged.
+/// An experiment with its live results and their evaluation.
 pub(super) struct Shown {
     pub experiment: Experiment,
     pub truth: Simulation,
@@ -46,7 +47,7 @@ pub(super) struct Shown {
     pub judged: Judged,
 }
 
-/// A picture as a file's content.
+/// A picture as a file name and content.
 pub(super) type File = (&'static str, Vec<u8>);
 
 fn png(name: &'static str, canvas: &Canvas) -> Result<File, ReportError> {
@@ -55,7 +56,7 @@ fn png(name: &'static str, canvas: &Canvas) -> Result<File, ReportError> {
     Ok((name, bytes))
 }
 
-/// Movie and figures of an experiment.
+/// Draws movie and figures of an experiment.
 pub(super) fn of_experiment(
     shown: &Shown,
     skin: &SkinDrawing,
@@ -75,7 +76,7 @@ pub(super) fn of_experiment(
 }
 
 impl Shown {
-    /// The three images of a frame: what was, what was reconstructed, what the net made of it.
+    /// The three images of a frame: truth, reconstruction, and after the network.
     fn of_frame(&self, k: usize) -> [ArrayView2<'_, f64>; 3] {
         let images = &self.truth.truth.conductivity_change_s;
         let row = self.judged.errors[k].frame;
@@ -86,7 +87,7 @@ impl Shown {
         ]
     }
 
-    /// Images of so many touched frames, evenly over all of them.
+    /// Indices of `count` frames with touches, spread evenly over all of them.
     fn chosen(&self, count: usize) -> Vec<usize> {
         let errors = self.judged.errors.iter().enumerate();
         let touched: Vec<usize> = errors.filter(|(_, e)| e.is_touched).map(|(k, _)| k).collect();
@@ -94,12 +95,12 @@ impl Shown {
         (0..count).filter_map(|k| touched.get(place(k)).copied()).collect()
     }
 
-    /// Time of a frame in the script.
+    /// Label of a frame: its number in the script.
     fn label(&self, k: usize) -> String {
         format!("frame {}", self.judged.errors[k].frame)
     }
 
-    /// Ends of the colours: a part of the largest true change.
+    /// Ends of the colour scale: a fraction of the largest true change.
     fn range(&self) -> Option<[f64; 2]> {
         let images = &self.truth.truth.conductivity_change_s;
         let most = images.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
@@ -107,7 +108,7 @@ impl Shown {
         (most > 0.0).then_some([-most, most])
     }
 
-    /// Truth over raw over denoised images.
+    /// Draws the true, raw and denoised images below each other.
     fn images(&self, skin: &SkinDrawing) -> Result<Canvas, ReportError> {
         let settings = PictureSettings {
             title: format!("{}: truth, reconstruction, after the U-net", title(&self.experiment)),
@@ -118,10 +119,10 @@ impl Shown {
         sheet(&[(self, FRAMES)], skin, settings)
     }
 
-    /// Error of each frame, before and after the net.
+    /// Draws the error per frame, before and after the network.
     fn error(&self) -> Result<Canvas, ReportError> {
         let errors = &self.judged.errors;
-        // frames without a touch are orders of magnitude below
+        // errors of frames without a touch are orders of magnitude smaller
         let least = 1e-4 * errors.iter().map(|e| e.raw).fold(0.0, f64::max);
         let curve = |name: &str, of: fn(&ImageError) -> f64| {
             let points = errors.iter().map(|e| [e.frame as f64, of(e)]);
@@ -133,7 +134,7 @@ impl Shown {
             title: format!("{}: mean squared error of each frame", title(&self.experiment)),
             footnote: format!(
                 "against the true change of conductivity; medians of touched frames {raw:.1e} and \
-                 {made:.1e} S², {quotient:.2} of the raw image's is left"
+                 {made:.1e} S², reduced to {quotient:.2} of the raw error"
             ),
             x_label: "frame".to_owned(),
             y_label: "mean squared error (S²)".to_owned(),
@@ -144,7 +145,7 @@ impl Shown {
         })?)
     }
 
-    /// Touches over the skin, beside the ways of the fingers.
+    /// Draws the detected touches and the tracks of the fingers.
     fn tracks(&self, skin: &SkinDrawing) -> Result<Canvas, ReportError> {
         let mut tracks = vec![];
         tracks.extend(ways(&self.truth, Some("the finger")));
@@ -168,14 +169,14 @@ impl Shown {
         }
         let Judged { fingers, found, invented, left_over, .. } = self.judged;
         let label = format!(
-            "found in {found} of {fingers} cases, {:.1} mm off in the median",
+            "found in {found} of {fingers} cases, median position error {:.1} mm",
             1e3 * self.judged.distance_m()
         );
         let settings = PictureSettings {
-            title: format!("{}: touches as they were tracked", title(&self.experiment)),
+            title: format!("{}: tracked touches", title(&self.experiment)),
             footnote: format!(
-                "a dot for each frame; {invented} dots where no finger is, {left_over} of them when none \
-                 is on the skin"
+                "one dot per frame; {invented} dots are false, {left_over} of them with no finger \
+                 on the skin"
             ),
             ..Default::default()
         };
@@ -184,7 +185,7 @@ impl Shown {
     }
 }
 
-/// "One finger".
+/// Capitalised name, for example "One finger".
 fn title(experiment: &Experiment) -> String {
     let mut letters = experiment.name.chars();
     letters.next().map_or_else(String::new, |first| {
@@ -192,7 +193,7 @@ fn title(experiment: &Experiment) -> String {
     })
 }
 
-/// The true way of each finger; the first has the name.
+/// True track of each finger; the first one has the name.
 fn ways(truth: &Simulation, name: Option<&str>) -> Vec<Track> {
     let mut fingers: Vec<u32> = truth.truth.touches.iter().map(|touch| touch.finger).collect();
     fingers.sort_unstable();
@@ -209,7 +210,7 @@ fn ways(truth: &Simulation, name: Option<&str>) -> Vec<Track> {
     fingers.iter().enumerate().map(way).collect()
 }
 
-/// Frames of experiments side by side, with a row for each of the three images.
+/// Draws frames of several experiments side by side, with a row for each of the three images.
 fn sheet(
     shown: &[(&Shown, usize)],
     skin: &SkinDrawing,
@@ -236,7 +237,7 @@ fn stack(images: &[ArrayView2<'_, f64>]) -> Result<Array3<f64>, ReportError> {
     ndarray::stack(Axis(0), images).map_err(|e| ReportError::Failure(format!("images: {e}")))
 }
 
-/// Truth, raw and denoised images side by side, frame by frame.
+/// Draws true, raw and denoised images side by side, frame by frame.
 fn movie(shown: &Shown, skin: &SkinDrawing, bar: &Steps<'_>) -> Result<Vec<u8>, ReportError> {
     let count = shown.seen.frames.len();
     let every = count.div_ceil(MOVIE_FRAMES).max(1);
@@ -267,7 +268,7 @@ fn movie(shown: &Shown, skin: &SkinDrawing, bar: &Steps<'_>) -> Result<Vec<u8>, 
     Ok(bytes)
 }
 
-/// What both experiments share.
+/// Draws the pictures that cover both experiments.
 pub(super) fn of_both(
     shown: &[Shown],
     model: &LiveModel,
@@ -280,7 +281,7 @@ pub(super) fn of_both(
     let frames: Vec<(&Shown, usize)> = shown.iter().map(|s| (s, FRAMES_OF_OVERVIEW)).collect();
     let settings = PictureSettings {
         title: "One and two fingers on the simulated fabric".to_owned(),
-        footnote: "live through an emulated instrument".to_owned(),
+        footnote: "live, through an emulated instrument".to_owned(),
         range: shown.first().and_then(Shown::range),
         zoom: 1,
         ..Default::default()
@@ -289,7 +290,7 @@ pub(super) fn of_both(
     Ok(files)
 }
 
-/// The mesh that reconstructs, with its electrodes.
+/// Draws the reconstruction mesh with its electrodes.
 fn mesh(model: &LiveModel) -> Result<Canvas, ReportError> {
     let surface = model.skin().mesh.surface();
     let nodes_m: Vec<[f64; 2]> = surface.nodes().iter().map(|p| [p[0], p[1]]).collect();
@@ -297,7 +298,7 @@ fn mesh(model: &LiveModel) -> Result<Canvas, ReportError> {
         surface.triangles().iter().map(|t| t.map(|node| node as usize)).collect();
     let drawing = MeshDrawing { nodes_m: &nodes_m, triangles: &triangles, values: None };
     let settings = PictureSettings {
-        title: "The fabric with its 16 electrodes, as it is reconstructed".to_owned(),
+        title: "Reconstruction mesh of the fabric with its 16 electrodes".to_owned(),
         ..Default::default()
     };
     Ok(draw_mesh(
@@ -307,7 +308,7 @@ fn mesh(model: &LiveModel) -> Result<Canvas, ReportError> {
     )?)
 }
 
-/// Where the fingers go.
+/// Draws the tracks of the fingers.
 fn all_ways(shown: &[Shown], skin: &SkinDrawing) -> Result<Canvas, ReportError> {
     let panel = |shown: &Shown| {
         let frames = shown.truth.frames_v.nrows();
@@ -317,21 +318,18 @@ fn all_ways(shown: &[Shown], skin: &SkinDrawing) -> Result<Canvas, ReportError> 
         );
         let mut tracks = ways(&shown.truth, None);
         let starts = tracks.iter().filter_map(|track| track.places_m.first().copied());
-        let starts = Track {
-            name: "where they begin".to_owned(),
-            places_m: starts.collect(),
-            is_truth: false,
-        };
+        let starts =
+            Track { name: "start".to_owned(), places_m: starts.collect(), is_truth: false };
         tracks.push(starts);
         TracksPanel { label, tracks }
     };
     let panels: Vec<TracksPanel> = shown.iter().map(panel).collect();
     let settings =
-        PictureSettings { title: "The ways of the fingers".to_owned(), ..Default::default() };
+        PictureSettings { title: "Tracks of the fingers".to_owned(), ..Default::default() };
     Ok(draw_tracks(&panels, skin, &settings)?)
 }
 
-/// How long it took from the last byte of a frame to its image and touches.
+/// Draws the distribution of the time from the last byte of a frame to its image and touches.
 fn latency(shown: &[Shown]) -> Result<Option<Canvas>, ReportError> {
     let all = || shown.iter().flat_map(|s| &s.seen.summary.latencies_s).map(|s| 1e3 * s);
     let least_ms = all().fold(f64::INFINITY, f64::min).max(0.1);
@@ -357,8 +355,8 @@ fn latency(shown: &[Shown]) -> Result<Option<Canvas>, ReportError> {
     };
     Ok(Some(draw_plot(&Plot {
         title: "From the last byte of a frame to its image and touches".to_owned(),
-        footnote: "on this computer, with what else it did; frames that wait for the ones before \
-                   them, and for the set-up behind the reference, included"
+        footnote: "on this computer, under its normal load; includes frames that wait for earlier \
+                   frames or for the set-up after the reference"
             .to_owned(),
         x_label: "time (ms)".to_owned(),
         y_label: "frames".to_owned(),

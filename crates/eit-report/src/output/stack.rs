@@ -1,14 +1,14 @@
-//! Files that grow while a command runs: memory does not.
+//! Files that grow while a command runs, with constant memory use.
 
 use super::{OutFolder, io};
 use crate::error::ReportError;
 use std::io::{BufWriter, Seek as _, SeekFrom, Write as _};
 use tempfile::NamedTempFile;
 
-/// Bytes of the header, which is written again when the number of images is known.
+/// Bytes of the header, which is rewritten once the number of images is known.
 const HEADER: usize = 128;
 
-/// A `.npy` stack of images [frame, row, column] that is written image by image.
+/// A `.npy` stack of images [frame, row, column], written image by image.
 pub struct ImageFile {
     name: &'static str,
     file: BufWriter<NamedTempFile>,
@@ -17,7 +17,7 @@ pub struct ImageFile {
 }
 
 impl ImageFile {
-    /// Begins a file of a folder, still under a temporary name.
+    /// Begins a file of a folder, under a temporary name for now.
     pub fn new(
         folder: &OutFolder,
         name: &'static str,
@@ -28,13 +28,13 @@ impl ImageFile {
         Ok(Self { name, file, shape, count: 0 })
     }
 
-    /// Adds the next image, row by row.
+    /// Appends an image in row-major order.
     pub fn push(&mut self, image: ndarray::ArrayView2<'_, f64>) -> Result<(), ReportError> {
         let (rows, columns) = image.dim();
         if [rows, columns] != self.shape {
             let [high, wide] = self.shape;
             return Err(ReportError::Failure(format!(
-                "{}: an image of {rows} x {columns} among those of {high} x {wide}",
+                "{}: an image of {rows} x {columns} pixels follows images of {high} x {wide}",
                 self.name
             )));
         }
@@ -45,7 +45,7 @@ impl ImageFile {
         Ok(())
     }
 
-    /// Writes the header and hands the file to its folder.
+    /// Writes the final header and hands the file to its folder.
     pub fn finish(self, folder: &mut OutFolder) -> Result<(), ReportError> {
         let Self { name, mut file, shape, count } = self;
         file.seek(SeekFrom::Start(0)).map_err(io)?;
@@ -54,7 +54,7 @@ impl ImageFile {
     }
 }
 
-/// Header of version 1.0: the same length for every count.
+/// Header of format version 1.0, with the same length for every count.
 fn header(count: u64, [rows, columns]: [usize; 2]) -> Vec<u8> {
     let words = format!(
         "{{'descr': '<f8', 'fortran_order': False, 'shape': ({count}, {rows}, {columns}), }}"
@@ -72,7 +72,7 @@ mod tests {
     use ndarray::{Array3, Axis};
     use ndarray_npy::ReadNpyExt as _;
 
-    /// What other programs read is what was pushed, also where nothing was.
+    /// Other programs read back what was written, even if it was nothing.
     #[test]
     fn a_stack_is_read_as_it_was_pushed() {
         for count in [0, 3] {
@@ -93,7 +93,7 @@ mod tests {
         }
     }
 
-    /// The longest shape that there is leaves the header's length as it is.
+    /// The longest possible shape does not change the length of the header.
     #[test]
     fn no_count_outgrows_the_header() {
         assert_eq!(header(u64::MAX, [65_536, 65_536]).len(), HEADER);

@@ -1,4 +1,4 @@
-//! The Gauss-Newton methods: one-step images, and those that take the whole sequence.
+//! The Gauss-Newton methods: one-step images, and methods for whole sequences.
 
 use super::{Made, Task, kind_words};
 use crate::error::ReportError;
@@ -11,7 +11,7 @@ use eit_skin::{FittedFrames, Progress, sequence};
 use ndarray::Array3;
 use serde_json::{Value, json};
 
-/// Chooses the hyperparameter for one-step images, then takes the wanted method with it.
+/// Chooses the hyperparameter for one-step images, then applies the requested method with it.
 pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
     let fitted = task.fitted;
     let left = match task.before {
@@ -60,21 +60,21 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
     Ok(Made { images, raster: imaging.raster, footnote, curve, report, lines, notes })
 }
 
-/// Images [frame, row, column] and, for a method of sequences, its report.
+/// Images [frame, row, column] and, for methods of sequences, the solver's report.
 struct Images {
     images: Array3<f64>,
     report: Option<SequenceReport>,
 }
 
 impl Task<'_> {
-    /// Whether the noise is stated, or the data are white.
+    /// Whether the noise is known, as opposed to treating the data as white.
     fn knows_noise(&self) -> bool {
         let settings = &self.fitted.skin.skin.settings;
         self.before.is_some() || settings.noise.additive_v.is_some()
     }
 }
 
-/// Makes them.
+/// Computes the images.
 fn images(
     task: &Task<'_>,
     imaging: &Imaging,
@@ -89,8 +89,8 @@ fn images(
     let mut settings = task.fitted.one_step_settings()?;
     settings.hyperparameter = imaging.difference.report().hyperparameter;
     if task.knows_noise() {
-        // with gain and reference, so that residuals are in units of the noise; images depend on
-        // ratios alone
+        // with gain and reference, so that residuals are in units of the noise; images depend only
+        // on ratios
         let known = task.fitted.noise()?;
         settings.noise_std = known.map(|noise| noise.std);
     }
@@ -108,7 +108,7 @@ fn images(
     Ok(Images { images, report: Some(movie.report) })
 }
 
-/// Small print of pictures.
+/// Returns the footnote of pictures.
 pub fn footnote(method: Method, kind: DifferenceKind, imaging: &Imaging) -> String {
     let report = imaging.difference.report();
     format!(
@@ -134,14 +134,14 @@ fn imaging_json(imaging: &Imaging) -> Value {
     })
 }
 
-/// Says where a rule found nothing.
+/// Returns a note if a rule found no optimum.
 fn edge_note(imaging: &Imaging) -> Option<String> {
     let status = imaging.chosen.status;
     let edge =
         matches!(status, HyperparameterStatus::AtLowerEdge | HyperparameterStatus::AtUpperEdge);
     edge.then(|| {
         format!(
-            "{} found no optimum inside its range ({}): images may be useless; take \
+            "{} found no optimum inside its range ({}): images may be useless; set \
              [reconstruction] hyperparameter = \"noise-figure\" or a number",
             imaging.rule,
             status_words(status)
@@ -149,7 +149,7 @@ fn edge_note(imaging: &Imaging) -> Option<String> {
     })
 }
 
-/// How the choice of the hyperparameter ended.
+/// Describes how the hyperparameter was chosen.
 fn status_words(status: HyperparameterStatus) -> &'static str {
     match status {
         HyperparameterStatus::Given => "given",
@@ -162,7 +162,7 @@ fn status_words(status: HyperparameterStatus) -> &'static str {
     }
 }
 
-/// The curve that chose the hyperparameter, with the choice marked.
+/// Plots the curve used to choose the hyperparameter, with the choice marked.
 fn curve_picture(imaging: &Imaging) -> Result<Option<Canvas>, ReportError> {
     let chosen = &imaging.chosen;
     let l_curve = imaging.rule == "L-curve";

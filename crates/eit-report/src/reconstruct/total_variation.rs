@@ -1,4 +1,4 @@
-//! The methods of total variation.
+//! The total-variation methods.
 
 use super::{Made, Task, kind_words};
 use crate::error::ReportError;
@@ -8,7 +8,7 @@ use eit_skin::Progress;
 use eit_skin::total_variation::{TvMovie, Weights, stop};
 use serde_json::{Value, json};
 
-/// Chooses the weights, solves, and tells how well.
+/// Chooses the weights, solves, and reports the quality of the solution.
 pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
     let raster = task.fitted.skin.raster(progress)?.clone();
     let movie = task.fitted.total_variation(task.method, progress)?;
@@ -24,7 +24,7 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
     })
 }
 
-/// Why a method stopped.
+/// Describes why a method stopped.
 pub fn status_words(status: SequenceStatus) -> &'static str {
     match status {
         SequenceStatus::Direct => "direct",
@@ -36,7 +36,7 @@ pub fn status_words(status: SequenceStatus) -> &'static str {
     }
 }
 
-/// How the choice of the weights ended.
+/// Describes how the weights were chosen.
 fn weight_words(status: WeightStatus) -> &'static str {
     match status {
         WeightStatus::Reached => "reached",
@@ -47,7 +47,7 @@ fn weight_words(status: WeightStatus) -> &'static str {
     }
 }
 
-/// What a residual should be: the radius, or the norm of the noise.
+/// Expected residual: the radius, or the norm of the noise.
 fn wanted(movie: &TvMovie) -> Option<f64> {
     let delta = movie.weights.as_ref().and_then(|weights| weights.delta);
     delta.or_else(|| movie.noise.as_ref().map(|_| (movie.used as f64).sqrt()))
@@ -86,7 +86,7 @@ fn report(task: &Task<'_>, movie: &TvMovie) -> Value {
         "noise": movie.noise.as_ref().map(|noise| json!({
             "source": noise.source,
             "median_std": median,
-            // infinite where no noise is known: null
+            // infinite if no noise is known: written as null
             "model_error_factor": noise.model_error,
         })),
         "quiet_frames": movie.quiet_count(),
@@ -100,24 +100,24 @@ fn lines(movie: &TvMovie) -> Vec<String> {
     match &movie.noise {
         Some(noise) if noise.model_error.is_finite() && noise.model_error > 1.05 => {
             lines.push(format!(
-                "noise {}; {:.1} times that with the error of the model",
+                "noise {}; {:.1} times that including model error",
                 noise.source, noise.model_error
             ));
         }
         Some(noise) => lines.push(format!("noise {}", noise.source)),
-        None => lines.push("noise not known: data weighted alike".to_owned()),
+        None => lines.push("noise unknown: all data weighted equally".to_owned()),
     }
     let (quiet, count) = (movie.quiet_count(), movie.quiet.len());
     if quiet > 0 {
         lines.push(format!(
             "{quiet} of {count} frames do not differ from the reference beyond noise: not solved, \
-             image zero"
+             image set to zero"
         ));
     }
     if movie.still {
         lines.push(format!(
-            "{} frames do not differ from each other beyond noise (a static scene): one image of \
-             their mean, no term in time",
+            "{} frames do not differ from each other beyond noise (a static scene): reconstructed \
+             as one image from their mean, without a time term",
             if quiet > 0 { "the other" } else { "the" }
         ));
     }
@@ -131,7 +131,7 @@ fn lines(movie: &TvMovie) -> Vec<String> {
 
 fn weights_line(weights: &Weights) -> String {
     let in_time = match weights.lambda_time {
-        0.0 => "no term in time".to_owned(),
+        0.0 => "no time term".to_owned(),
         weight => format!("lambda_time {weight:.3e}"),
     };
     let mut line =
@@ -161,12 +161,12 @@ fn solved_line(report: &SequenceReport) -> String {
     )
 }
 
-/// A gap for print; rounding may put the bounds the wrong way round.
+/// Gap in percent for output; rounding may swap the bounds, so it is at least zero.
 fn percent(certificate: Certificate) -> f64 {
     100.0 * certificate.relative_gap().max(0.0)
 }
 
-/// Residuals of the solved frames relative to what they should be.
+/// Describes the residuals of the solved frames relative to the expected residual.
 fn residual_line(movie: &TvMovie) -> Option<String> {
     let wanted = wanted(movie)?;
     let ratios: Vec<f64> = movie.residual.iter().flatten().map(|r| r / wanted).collect();
@@ -180,7 +180,7 @@ fn residual_line(movie: &TvMovie) -> Option<String> {
     Some(format!("residual of a frame {middle:.2} of {what} ({least:.2} to {most:.2})"))
 }
 
-/// The middle of some values; NaN where there are none.
+/// Returns the median, or NaN for no values.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
@@ -193,25 +193,24 @@ fn notes(movie: &TvMovie) -> Vec<String> {
     if chosen.is_some() && movie.noise.as_ref().is_some_and(|noise| noise.model_error.is_infinite())
     {
         notes.push(
-            "the weights follow from the noise, which is not known: state [noise] additive_v or \
-             quiet_frames"
+            "the weights depend on the noise, which is unknown: set [noise] additive_v or quiet_frames"
                 .to_owned(),
         );
     }
     match chosen.map(|chosen| chosen.status) {
         Some(WeightStatus::AtLowerEdge) => notes.push(
-            "no image explains the data to within the noise, so the weights follow from the error \
-             of the model: check electrodes, contact impedance and reference if it seems large"
+            "no image explains the data to within the noise, so the weights are based on the model \
+             error: check electrodes, contact impedance and reference if it seems large"
                 .to_owned(),
         ),
         Some(WeightStatus::Flattened) => notes.push(
-            "smaller weights would explain more of the data, but with artefacts: the model does not \
-             hold for it, as where electrodes move"
+            "smaller weights would explain more of the data, but with artefacts: the model does \
+             not fit that part, for example because electrodes move"
                 .to_owned(),
         ),
         Some(WeightStatus::AtUpperEdge) => notes.push(
-            "a constant image explains the data to within the noise: the frames show no more, or \
-             the noise is smaller than stated"
+            "a constant image explains the data to within the noise: either the frames contain \
+             nothing more, or the noise is smaller than stated"
                 .to_owned(),
         ),
         _ => {}
@@ -232,8 +231,8 @@ fn footnote(task: &Task<'_>, movie: &TvMovie) -> String {
     format!("{}{weights}{gap}, {kind} difference", task.method.words())
 }
 
-/// The search for the weights: residual over weight, the noise, the weight used and the corner of the
-/// L-curve.
+/// Plots the search for the weights: residual against weight, with the noise, the weight used and
+/// the corner of the L-curve.
 fn curve_picture(movie: &TvMovie) -> Result<Option<Canvas>, ReportError> {
     let Some((weights, chosen)) =
         movie.weights.as_ref().and_then(|weights| weights.chosen.as_ref().map(|c| (weights, c)))

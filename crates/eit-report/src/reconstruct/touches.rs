@@ -1,4 +1,4 @@
-//! `touches.csv` and what `report.json` says of it.
+//! Writes `touches.csv` and the touches section of `report.json`.
 
 use crate::error::ReportError;
 use crate::output::io;
@@ -12,13 +12,13 @@ use std::io::Write;
 pub const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_std,confidence,\
                       std_x,std_y,vx,vy,valid,whole,force_n,force_std_n,unlike";
 
-/// One row for each touch of each frame.
+/// Writes one row per touch and frame.
 pub fn write_csv(rows: &[TouchRow], out: &mut dyn Write) -> Result<(), ReportError> {
     writeln!(out, "{HEADER}").map_err(io)?;
     rows.iter().try_for_each(|row| write_row(row.frame as u64, row.time_s, &row.touch, out))
 }
 
-/// One row of it.
+/// Writes one row.
 pub fn write_row(
     frame: u64,
     time_s: f64,
@@ -49,7 +49,7 @@ pub fn write_row(
     .map_err(io)
 }
 
-/// Part of `report.json`; `null` where the noise is unknown.
+/// Returns the section for `report.json`; `null` if the noise is unknown.
 pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
     touches.map_or(Value::Null, |touches| {
         json!({
@@ -65,13 +65,13 @@ pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
     })
 }
 
-/// Lines of the text.
+/// Returns the summary line for the text.
 pub(super) fn line(touches: Option<&Touches>) -> String {
     let Some(touches) = touches else {
-        return "no touches are looked for: the noise is unknown ([noise])".to_owned();
+        return "touches are not detected: the noise is unknown ([noise])".to_owned();
     };
     let mut text = format!(
-        "{} touches, at most {} at once; {} of {} frames show one",
+        "{} touches, at most {} at once, in {} of {} frames",
         touches.count(),
         touches.most(),
         touches.frames_with_touch(),

@@ -1,12 +1,13 @@
-//! Error against run time: every solver on every built-in scene, measured now and here.
+//! Error against run time: measures every solver on every built-in scene on the current machine.
 //!
-//! A scene is a skin, two slowly moving fingers (once soft, once with an edge) and noise, or the
-//! paper's experiments on the simulated fabric; simulated on a finer mesh, reconstructed on another.
-//! A direct method gives one point; an iterative one gives a curve over the gaps that it is run to, each
-//! from a cold start. The forward problem of every skin is solved on many meshes; some skins are there for
-//! that alone. Beside each time stands its floor: the same work at this machine's best rates.
+//! A scene consists of a skin, two slowly moving fingers (once soft, once with a sharp edge) and
+//! noise, or of the paper's experiments on the simulated fabric. Data are simulated on a finer mesh
+//! than that of the reconstruction. A direct method gives one point; an iterative one gives a curve
+//! over the target gaps, each from a cold start. The forward problem of every skin is solved on
+//! many meshes; some skins are included only for that. Each time is accompanied by its floor: the
+//! same work at this machine's best rates.
 //!
-//! The report is rewritten after every scene, so an interrupted run leaves the scenes that are finished.
+//! The report is rewritten after every scene, so an interrupted run keeps the completed scenes.
 
 mod budgets;
 mod fabric;
@@ -43,8 +44,8 @@ use roofline::Roofline;
 use scenes::BenchmarkScene;
 use settings::{BenchmarkSettings, FULL, QUICK};
 
-/// Simulates, runs every solver, draws; writes the report after each scene. `files` are those of every
-/// report: this run removes the ones that it does not make.
+/// Simulates, runs every solver and draws; writes the report after each scene. `files` lists the
+/// files of all reports: those that this run does not write are removed.
 pub(super) fn run(
     report: &ReportSettings,
     files: &[&str],
@@ -54,7 +55,7 @@ pub(super) fn run(
     let size = if report.quick { &QUICK } else { &FULL };
     let scenes = scenes::chosen(report)?;
     report.peers.as_deref().map_or(Ok(()), peers::check)?;
-    // a folder that cannot be written to is refused before any work
+    // reject a folder that cannot be written to before any work
     OutFolder::new(&report.out)?;
     let machine = progress.stage("this machine", || Ok::<_, ReportError>(Machine::measure()))?;
     let settings = BenchmarkSettings { report, size, roofline: &Roofline { machine }, stop };
@@ -69,17 +70,17 @@ pub(super) fn run(
         answer = Some(page::write(&results, &settings, &missing, &mut out, progress)?);
         out.commit(files)?;
     }
-    answer.ok_or_else(|| ReportError::input("--scenes names no scene"))
+    answer.ok_or_else(|| ReportError::input("--scenes selects no scene"))
 }
 
-/// One scene; false, with nothing kept of it, if the user interrupts.
+/// Runs one scene; returns false, keeping nothing of the scene, if the user interrupts.
 fn one(
     scene: &BenchmarkScene,
     settings: &BenchmarkSettings<'_>,
     results: &mut BenchmarkResults,
     progress: &mut Progress,
 ) -> Result<bool, ReportError> {
-    // scenes of one skin share its forward problem
+    // scenes with the same skin share its forward problem
     let is_known = results.forward.iter().any(|known| known.case == scene.forward);
     let mut forward = None;
     if !(is_known || settings.report.plans) {
@@ -99,13 +100,12 @@ fn one(
     Ok(true)
 }
 
-/// The error of a run that was interrupted after some of the wanted scenes.
+/// Error of a run interrupted after some of the requested scenes.
 fn interrupted(report: &ReportSettings, finished: usize, wanted: usize) -> ReportError {
     ReportError::Failure(match finished {
-        0 => "interrupted before the first scene was finished: nothing is written".to_owned(),
+        0 => "interrupted before the first scene was finished: nothing was written".to_owned(),
         _ => format!(
-            "interrupted: {} has the report of {finished} of {wanted} scenes and says that it is \
-             incomplete",
+            "interrupted: {} contains the report of {finished} of {wanted} scenes, marked as incomplete",
             report.out.display()
         ),
     })
@@ -125,7 +125,7 @@ mod tests {
     use eit_skin::plan::measured::{Table, Wanted};
     use eit_skin::scene::ReconstructionSettings;
 
-    /// The table of plans is of one full run of this report: every scene, method and gap.
+    /// The table of plans comes from one full run of this report: every scene, method and gap.
     #[test]
     fn the_measured_table_is_whole_and_of_one_run() {
         let table = Table::load().unwrap();

@@ -1,4 +1,5 @@
-//! U-nets on held-out sequences: error of the images before and after, touches lost and invented.
+//! Evaluates U-nets on held-out sequences: image errors before and after, missed touches and false
+//! ones.
 
 mod held_out;
 mod pictures;
@@ -18,7 +19,7 @@ use held_out::QUIET_FRAMES;
 use scores::{Evaluation, Raw, VariantScores};
 use variants::{ImageVariant, ImagedSequence, variants};
 
-/// Simulates every case, reconstructs, denoises with each net, compares.
+/// Simulates every case, reconstructs, denoises with each network and compares.
 pub(super) fn run(
     settings: &ReportSettings,
     out: &mut OutFolder,
@@ -45,20 +46,23 @@ pub(super) fn run(
         Ok::<_, ReportError>(imaged)
     })?;
     let evaluation = Evaluation::new(raster, &imaged)?;
-    let mut scored = Vec::new();
+    let mut scored: Vec<Scored<'_>> = Vec::new();
     for imaged in &imaged {
         let mut raw = None;
         for variant in &imaged.variants {
             let scores = evaluation.scores(imaged, variant)?;
             // the first variant is the raw image
             let raw: &Raw = raw.get_or_insert_with(|| scores.as_raw());
-            scored.push(Scored { imaged, variant, scores: scores.relative_to(raw) });
+            let scores = scores.relative_to(raw);
+            let before = scored.last().map(|before| &before.scores);
+            let scores = scores.judged_by(variant, before);
+            scored.push(Scored { imaged, variant, scores });
         }
     }
     let tables = [touched_table(&scored, &chain), foreign_table(&scored)];
     pictures::draw(&imaged, &chain, out)?;
     let files = ["denoise.md", "denoise.csv", "denoise.json"];
-    let report = TableReport { title: "What the U-net makes of images", tables: &tables, files };
+    let report = TableReport { title: "Effect of the U-net on images", tables: &tables, files };
     table::write(&report, out, progress)
 }
 
@@ -79,19 +83,21 @@ fn touched_table(scored: &[Scored<'_>], chain: &Chain) -> Table {
         name: "touched",
         title: "Touched frames before and after",
         note: format!(
-            "Simulated fabric on {} nodes, {} images on {} nodes, {} x {} pixels. Seeds, scripts and \
-             fabrics are none of a training's. Medians over the frames in which a finger presses with \
-             at least {} N; mean squared error (MSE) against the true change of conductivity, as a \
-             part of the raw image's; peak signal to noise ratio (PSNR) over the largest true change \
-             of the sequence; structural similarity (SSIM) and correlation with the truth; relative error: norm \
-             of the error over that of the truth (an empty image has 1). To the rule: \
-             against the wanted images of the paper instead of the truth. Lost: touches that the raw image \
-             shows and this one does not; only here: blobs that are no finger's in frames in which the \
-             raw image has none of those. A touch is \
-             found where a blob of at least half of the image's largest value and {} of the way's \
-             usual maximum lies within {} mm; invented is a blob that is no finger's. \"rule\": the \
-             paper's threshold rule. \"checked\": images that do not explain their measurements are \
-             the raw ones; \"put aside\" is their part of all frames after the quiet ones.",
+            "Simulated fabric on {} nodes, {} images on {} nodes, {} x {} pixels. Seeds, scripts \
+             and fabrics differ from those used in training. Medians over the frames in which a \
+             finger presses with at least {} N; mean squared error (MSE) against the true change \
+             of conductivity, relative to the raw image's; peak signal-to-noise ratio (PSNR) with \
+             respect to the largest true change of the sequence; structural similarity (SSIM) and \
+             correlation with the truth; relative error: norm of the error over that of the truth \
+             (an empty image has 1). To the rule: against the wanted images of the paper instead of \
+             the truth. A touch is found where a blob of at least half of the image's largest value \
+             and {} of the variant's usual maximum lies within {} mm; invented are false blobs. \
+             Lost: touches that the raw image shows and this one does not; only here: false blobs in \
+             frames in which the raw image has none. \"rule\": the paper's threshold rule. \
+             \"checked\": images that do not explain their measurements are replaced by the raw \
+             ones; \"put aside\" is their fraction of all frames after the quiet ones. Rightly: \
+             touched frames in which the rejected image is worse than the raw one; wrongly: better; \
+             let through: worse and shown.",
             held_out::NODES,
             chain.method.name(),
             skin.mesh.surface().nodes().len(),
@@ -119,6 +125,9 @@ fn touched_table(scored: &[Scored<'_>], chain: &Chain) -> Table {
             "lost",
             "only here",
             "put aside",
+            "rightly",
+            "wrongly",
+            "let through",
         ],
         rows: touched.map(row).collect(),
     }
@@ -130,12 +139,11 @@ fn foreign_table(scored: &[Scored<'_>]) -> Table {
     };
     Table {
         name: "foreign",
-        title: "Frames without a touch, or like none of the training",
-        note:
-            "Blobs a frame as above: on a quiet skin, with a loose electrode and with a cut (the \
-               conductivity falls) each one is invented; a palm is one touch. Between touches: \
-               frames of the scripts above in which no finger touches."
-                .to_owned(),
+        title: "Frames without a touch, or unlike any in training",
+        note: "Blobs per frame as above: on a quiet skin, with a loose electrode and with a cut \
+               (where the conductivity drops) each blob is false; a palm is one touch. Between \
+               touches: frames of the scripts above in which no finger touches."
+            .to_owned(),
         columns: vec!["frames of", "image", "frames", "blobs a frame", "put aside"],
         rows: scored.iter().filter_map(row).collect(),
     }

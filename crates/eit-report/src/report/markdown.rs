@@ -1,6 +1,6 @@
-//! Markdown.
+//! Markdown output.
 
-/// A table.
+/// Returns a table in Markdown.
 pub(super) fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
     let names: Vec<String> = head.iter().map(|name| (*name).to_owned()).collect();

@@ -1,8 +1,8 @@
-//! A U-net and what it is called.
+//! A U-net and its name.
 
 use eit_skin::denoise::Net;
 
-/// A U-net and what it is called in tables.
+/// A U-net and its name in tables.
 pub(super) struct NamedNet {
     pub name: String,
     pub net: Net,

@@ -1,4 +1,4 @@
-//! Quality of every method over noise, speed and number of touches.
+//! Image quality of every method against noise, speed and number of touches.
 
 mod comparison;
 mod tables;
@@ -17,29 +17,29 @@ use eit_skin::scene::Rule;
 use eit_skin::{Progress, Skin};
 use serde_json::json;
 
-/// Rules for the hyperparameter of the methods that have one; the better in hindsight counts.
-/// Cross-validation sees the noise, but takes the error of the model for signal where that is
-/// larger; noise figure 1 sees neither.
+/// Hyperparameter rules; for each method with a hyperparameter, the better result in hindsight
+/// counts. Cross-validation adapts to the noise but treats larger model errors as signal; noise
+/// figure 1 adapts to neither.
 const RULES: [Rule; 2] = [Rule::Gcv, Rule::NoiseFigure];
 
-/// Gap of the iterated methods, the default of `eit reconstruct`: at 1e-3 no relative error of the
-/// quick sequences at 40 to 70 dB changes by more than 0.024.
+/// Target gap of iterative methods, the default of `eit reconstruct`. At 1e-3, no relative error of
+/// the quick sequences at 40 to 70 dB changes by more than 0.024.
 const TARGET_GAP: f64 = 1e-2;
 
-/// Slow and fast.
+/// Slow and fast fingers.
 const SPEEDS: [Speed; 2] =
     [Speed { name: "slow", step_m: SLOW_M }, Speed { name: "fast", step_m: FAST_M }];
 
-/// What every run works with.
+/// State shared by all runs.
 struct Comparison<'a> {
-    /// What reconstructs.
+    /// Reconstruction model.
     model: &'a ReconstructionModel,
-    /// What simulates.
+    /// Simulation model.
     simulation: &'a Skin,
     grid: &'a Grid,
 }
 
-/// Simulates every sequence once, adds every noise, runs every method.
+/// Simulates every sequence once, adds every noise level and runs every method.
 pub(super) fn run(
     quick: bool,
     out: &mut OutFolder,
@@ -77,17 +77,18 @@ pub(super) fn run(
 }
 
 impl Comparison<'_> {
-    /// What was compared, in words.
+    /// Describes the comparison.
     fn note(&self) -> String {
         let nodes = |skin: &Skin| skin.mesh.surface().nodes().len();
         format!(
-            "Simulated on {} nodes with the full non-linear model, reconstructed on {} nodes and {} x \
-             {} pixels; {} frames a movie. Fingers raise the conductivity by half: bells of 12 mm \
-             standard deviation, or pads, flat with an edge, of 17 mm radius and the same amount. Noise \
-             in decibel below the root mean square voltage, on frames and reference. Slow: {} mm a \
-             frame, fast: {} mm. Weights of total variation by the rule of `eit reconstruct`; \
-             of the others the better, in hindsight, of cross-validation and noise figure 1. \"Never \
-             below 0\": with the bound that pressing only raises the conductivity.",
+            "Simulated on {} nodes with the full non-linear model, reconstructed on {} nodes and \
+             {} x {} pixels; {} frames per movie. Fingers raise the conductivity by half: bells of \
+             12 mm standard deviation, or pads, flat with an edge, of 17 mm radius and the same \
+             total change. Noise in decibels below the root mean square voltage, on frames and \
+             reference. Slow: {} mm per frame, fast: {} mm per frame. Total variation uses the \
+             weight rule of `eit reconstruct`; the other methods use the better, in hindsight, of \
+             cross-validation and noise figure 1. \"Never below 0\": with the bound that pressing \
+             only raises the conductivity.",
             nodes(self.simulation),
             nodes(self.model.skin()),
             self.grid.pixels,
@@ -98,21 +99,21 @@ impl Comparison<'_> {
         )
     }
 
-    /// A thread for each shape; the rows come in the same order whatever their timing.
+    /// Runs one thread per shape; rows are always in the same order.
     fn rows(&self, bar: &eit_skin::Steps<'_>) -> Result<Vec<Row>, ReportError> {
         std::thread::scope(|scope| {
             let threads =
                 FingerShape::ALL.map(|shape| scope.spawn(move || self.rows_of_shape(shape, bar)));
             let mut rows = Vec::new();
             for thread in threads {
-                let died = |_| ReportError::Failure("a thread of the report died".to_owned());
+                let died = |_| ReportError::Failure("a thread of the report panicked".to_owned());
                 rows.extend(thread.join().map_err(died)??);
             }
             Ok(rows)
         })
     }
 
-    /// All sequences of fingers of one shape.
+    /// Runs all sequences with fingers of one shape.
     fn rows_of_shape(
         &self,
         shape: FingerShape,
@@ -131,7 +132,7 @@ impl Comparison<'_> {
         Ok(rows)
     }
 
-    /// All noise levels and methods on one sequence.
+    /// Runs all noise levels and methods on one sequence.
     fn rows_of_sequence(
         &self,
         settings: &SequenceSettings,
@@ -168,7 +169,7 @@ impl Comparison<'_> {
         Ok(rows)
     }
 
-    /// A method by the better rule.
+    /// Runs a method with the better rule.
     fn best(
         &self,
         method: BoundedMethod,
@@ -203,7 +204,7 @@ struct NoisyFrames<'a> {
     truth: &'a Truth<'a>,
 }
 
-/// A method's result by the better rule.
+/// Result of a method with the better rule.
 struct Best {
     scores: Scores,
     seconds: f64,

@@ -1,4 +1,4 @@
-//! The model that images are made with, as opposed to the finer ones that simulate the data.
+//! The model used to reconstruct images, as opposed to the finer ones that simulate the data.
 
 use crate::error::ReportError;
 use eit_inverse::Prior;
@@ -14,18 +14,18 @@ use std::sync::Arc;
 pub(super) struct ReconstructionModel {
     pub linearised: LinearisedSkin,
     pub raster: Raster,
-    /// The pixels for figures of merit.
+    /// The pixels, for figures of merit.
     pub cells: Cells<2>,
     pub prior: Box<dyn Prior + Send + Sync>,
 }
 
 impl ReconstructionModel {
-    /// The paper's skin with so many pixels along its diameter.
+    /// Creates the paper's skin with the given number of pixels across its diameter.
     pub fn paper_disc(pixels: usize, progress: &mut Progress) -> Result<Self, ReportError> {
         Self::new("paper-disc", pixels, progress)
     }
 
-    /// A built-in scene with so many pixels along its skin.
+    /// Creates a built-in scene with the given number of pixels across its skin.
     pub fn new(scene: &str, pixels: usize, progress: &mut Progress) -> Result<Self, ReportError> {
         let mut scene = Scene::load(scene)?;
         scene.reconstruction.pixels = Some(pixels);
@@ -41,18 +41,18 @@ impl ReconstructionModel {
         &self.linearised.skin
     }
 
-    /// The scene's own settings of images.
+    /// The scene's reconstruction settings.
     pub fn settings(&self) -> &ReconstructionSettings {
         &self.skin().settings.reconstruction
     }
 
-    /// Plain or normalised.
+    /// Plain or normalised difference.
     pub fn difference_kind(&self) -> DifferenceKind {
         self.linearised.difference_kind()
     }
 
-    /// Simulated frames whose noise is known, to be reconstructed with these settings. The skin that
-    /// simulated them is the model's: the gain is 1.
+    /// Fits simulated frames with known noise for reconstruction with these settings. The gain is
+    /// 1, because the same skin simulated them.
     pub fn fit(
         &self,
         frames: &Frames,
@@ -65,7 +65,7 @@ impl ReconstructionModel {
         FittedFrames { skin: Arc::new(linearised), frames: frames.clone(), fit }
     }
 
-    /// The masked pixels of images [frame, row, column]: [frame, masked pixel].
+    /// Returns the masked pixels of images [frame, row, column] as [frame, masked pixel].
     pub fn pixels_of(&self, images: ArrayView3<'_, f64>) -> Result<Array2<f64>, ReportError> {
         let mut pixels = Array2::zeros((images.shape()[0], self.raster.masked_pixels().len()));
         for (image, mut row) in images.outer_iter().zip(pixels.rows_mut()) {

@@ -1,4 +1,4 @@
-//! How near a sequence of images is to the truth.
+//! Accuracy of a sequence of images compared with the truth.
 
 use super::reconstruction_model::ReconstructionModel;
 use crate::error::ReportError;
@@ -9,34 +9,34 @@ use eit_inverse::metrics::{
 use ndarray::{Array2, ArrayView2};
 use serde_json::{Value, json};
 
-/// A blob farther than this from a finger is not that finger: two and a half standard deviations of
-/// its bell.
+/// A blob farther than this from a finger does not belong to it: two and a half standard deviations
+/// of its bell.
 const WITHIN_M: f64 = 0.03;
 
 /// The truth of a simulated sequence.
 pub(super) struct Truth<'a> {
-    /// Siemens, [frame, masked pixel].
+    /// True change, siemens, [frame, masked pixel].
     pub pixels: &'a Array2<f64>,
-    /// Places of the fingers, metres, `[frame][finger]`.
+    /// Positions of the fingers, metres, `[frame][finger]`.
     pub positions_m: &'a [Vec<[f64; 2]>],
 }
 
 /// Figures of merit of a sequence of images.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scores {
-    /// Of the whole sequence; 0 for the truth, 1 for an empty one.
+    /// Relative error of the whole sequence: 0 for the truth, 1 for an empty one.
     pub relative_error: f64,
-    /// Mean over frames.
+    /// Correlation, mean over frames.
     pub correlation: f64,
     /// Structural similarity, mean over frames, relative to the range of the true sequence.
     pub similarity: f64,
-    /// Mean distance of the found fingers, metres; NaN where none is found.
+    /// Mean distance of the fingers found from their blobs, metres; NaN if none was found.
     pub position_error_m: f64,
     /// Fraction of fingers found.
     pub found: f64,
     /// False blobs per frame.
     pub extra: f64,
-    /// Means over frames for a single finger.
+    /// GREIT figures for a single finger, means over frames.
     pub greit: Option<GreitFigures>,
 }
 
@@ -44,7 +44,7 @@ pub(super) struct Scores {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct GreitFigures {
     pub amplitude_response: f64,
-    /// Mean amount, metres.
+    /// Mean of the absolute position error, metres.
     pub position_error_m: f64,
     pub resolution: f64,
     pub shape_deformation: f64,
@@ -78,7 +78,7 @@ impl Scores {
         for (frame, image) in images.rows().into_iter().enumerate() {
             let image = image.to_vec();
             let wanted = truth.pixels.row(frame).to_vec();
-            // an image without any change has no correlation: as far from the truth as can be
+            // an image without any change has no defined correlation and counts as uncorrelated
             let correlation = correlation_coefficient(&image, &wanted, areas)?;
             sums.correlation += if correlation.is_nan() { 0.0 } else { correlation };
             sums.similarity += similarity(model, &image, &wanted, range)?;
@@ -124,7 +124,7 @@ impl Scores {
     }
 }
 
-/// The five figures of an image; none of them for one without any change.
+/// Computes the five figures of an image; `None` for an image without any change.
 fn figures(
     model: &ReconstructionModel,
     image: &[f64],

@@ -1,4 +1,4 @@
-//! Methods set up for a recording, with what each step of that cost.
+//! Methods set up for a recording, with the cost of each step.
 
 use super::reconstruction_model::ReconstructionModel;
 use crate::error::ReportError;
@@ -14,12 +14,12 @@ use std::time::Instant;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct BoundedMethod {
     pub method: Method,
-    /// Least change of conductivity; only total variation takes it here.
+    /// Lower bound on the change of conductivity; used only by total variation here.
     pub lower_s: Option<f64>,
 }
 
 impl BoundedMethod {
-    /// In tables and legends.
+    /// Name in tables and legends.
     pub fn name(self) -> String {
         match self.lower_s {
             None => self.method.name().to_owned(),
@@ -27,8 +27,8 @@ impl BoundedMethod {
         }
     }
 
-    /// The settings of a skin with this bound, and with a rule for the hyperparameter of those that have
-    /// one.
+    /// Returns the settings of a skin with this bound and, for methods that have a hyperparameter,
+    /// a rule for it.
     pub fn settings(self, model: &ReconstructionModel, rule: Rule) -> ReconstructionSettings {
         let mut settings = model.settings().clone();
         settings.hyperparameter = Some(Hyperparameter::Rule(rule));
@@ -37,7 +37,7 @@ impl BoundedMethod {
     }
 }
 
-/// Every method once, and st-tv with what is known of the fabric; the slowest by far comes last.
+/// Every method once, and st-tv with knowledge of the fabric; the slowest by far comes last.
 pub(super) const METHODS: [BoundedMethod; 7] = [
     BoundedMethod { method: Method::StTv, lower_s: None },
     BoundedMethod { method: Method::StTv, lower_s: Some(0.0) },
@@ -53,37 +53,37 @@ pub(super) struct Solver<'a> {
     raster: &'a Raster,
     algorithm: Algorithm<'a>,
     pub cost: SetUpCost,
-    /// Independent directions of the data.
+    /// Number of independent directions of the data.
     pub rank: usize,
 }
 
-/// What comes before the first frame.
+/// Cost before the first frame.
 #[derive(Debug, Clone)]
 pub(super) struct SetUpCost {
-    /// Set-up for the skin: factorisations.
+    /// Set-up for the skin (factorisations), seconds.
     pub set_up_s: f64,
-    /// Choice of weights or hyperparameter for the recording.
+    /// Choice of weights or hyperparameter for the recording, seconds.
     pub choice_s: f64,
-    /// That choice in words.
+    /// Description of that choice.
     pub choice: String,
 }
 
 enum Algorithm<'a> {
-    /// On pixels.
+    /// Works on pixels.
     TotalVariation(Box<StTv>),
-    /// On elements.
+    /// Works on mesh elements.
     Sequence(Box<dyn SequenceSolver + 'a>),
 }
 
-/// A recording reconstructed.
+/// A reconstructed recording.
 pub(super) struct ImageSequence {
-    /// Siemens, [frame, masked pixel].
+    /// Images, siemens, [frame, masked pixel].
     pub pixels: Array2<f64>,
     pub report: SequenceReport,
 }
 
 impl<'a> Solver<'a> {
-    /// Sets a method up for frames, and chooses its weights or hyperparameter.
+    /// Sets up a method for frames and chooses its weights or hyperparameter.
     pub fn new(
         model: &'a ReconstructionModel,
         fitted: &'a FittedFrames,
@@ -95,7 +95,7 @@ impl<'a> Solver<'a> {
         }
     }
 
-    /// The solver of total variation with its weights; `None` for other methods.
+    /// Returns the total-variation solver with its weights; `None` for other methods.
     pub fn into_total_variation(self) -> Option<StTv> {
         match self.algorithm {
             Algorithm::TotalVariation(solver) => Some(*solver),
@@ -155,7 +155,7 @@ impl<'a> Solver<'a> {
         })
     }
 
-    /// Reconstructs; `stop` counts for total variation.
+    /// Reconstructs the frames; `stop` applies to total variation.
     pub fn run(
         &mut self,
         differences: &DifferenceFrames<'_>,

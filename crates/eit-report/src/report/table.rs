@@ -1,4 +1,4 @@
-//! Tables of experiments, written three ways.
+//! Tables of experiments, written in three formats.
 
 use super::markdown;
 use crate::Answer;
@@ -11,11 +11,11 @@ use serde_json::{Map, Value, json};
 pub(super) struct TableReport<'a> {
     pub title: &'a str,
     pub tables: &'a [Table],
-    /// Names of its files: `.md`, `.csv`, `.json`.
+    /// File names: `.md`, `.csv`, `.json`.
     pub files: [&'static str; 3],
 }
 
-/// Writes Markdown, CSV and JSON of all tables; the Markdown is the answer.
+/// Writes all tables as Markdown, CSV and JSON; the Markdown is the answer.
 pub(super) fn write(
     report: &TableReport<'_>,
     out: &mut OutFolder,
@@ -41,29 +41,29 @@ pub(super) fn write(
 /// A cell of a table.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Cell {
-    /// What a row is about.
+    /// Text that identifies a row.
     Text(String),
-    /// A figure, and the digits shown of it after the point; NaN shows as a dash.
+    /// A value and its number of decimal places; NaN is shown as a dash.
     Number(f64, usize),
 }
 
-/// One experiment's results.
+/// Results of one experiment.
 #[derive(Debug, Clone)]
 pub(super) struct Table {
     /// Name in the CSV and JSON files.
     pub name: &'static str,
-    /// Headline.
+    /// Heading.
     pub title: &'static str,
     /// Conditions: trials, seeds, definitions.
     pub note: String,
-    /// Names of the columns, with units.
+    /// Column headings, with units.
     pub columns: Vec<&'static str>,
     /// Cells of each row.
     pub rows: Vec<Vec<Cell>>,
 }
 
 impl Cell {
-    /// Of anything that prints.
+    /// Creates a text cell from any displayable value.
     pub fn text(value: impl ToString) -> Self {
         Self::Text(value.to_string())
     }
@@ -78,14 +78,14 @@ impl Cell {
 }
 
 impl Table {
-    /// Section of the Markdown file.
+    /// Returns the Markdown section.
     pub fn markdown(&self) -> String {
         let shown = |row: &Vec<Cell>| row.iter().map(Cell::shown).collect::<Vec<_>>();
         let rows: Vec<Vec<String>> = self.rows.iter().map(shown).collect();
         format!("## {}\n\n{}\n\n{}", self.title, self.note, markdown::table(&self.columns, &rows))
     }
 
-    /// Lines `table,row,column,value`: `row` is what the text cells say.
+    /// Returns CSV lines `table,row,column,value`; `row` consists of the text cells.
     pub fn csv(&self) -> String {
         let mut text = String::new();
         for row in &self.rows {
@@ -103,7 +103,7 @@ impl Table {
         text
     }
 
-    /// One object a row; figures that are not finite are null.
+    /// Returns one JSON object per row; values that are not finite are null.
     pub fn json(&self) -> Value {
         let of_row = |row: &Vec<Cell>| {
             let value = |cell: &Cell| match cell {

@@ -1,4 +1,4 @@
-//! How well touches are found: what is reported without a finger, position, discrimination, tracks, and how fast.
+//! Accuracy of touch detection: false touches, position, discrimination, tracking and speed.
 
 mod detectors;
 mod electrodes;
@@ -27,7 +27,7 @@ use estimators::Estimator;
 use grid::{FULL, QUICK};
 use simulated_disc::{RINGS, SimulatedDisc};
 
-/// Measures the wanted parts and writes them.
+/// Measures the requested parts and writes them.
 pub(super) fn run(
     parts: &[TouchPart],
     quick: bool,

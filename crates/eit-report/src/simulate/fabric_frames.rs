@@ -1,4 +1,4 @@
-//! Frames of the simulated fabric without instrument.
+//! Frames of the simulated fabric without an instrument.
 
 use crate::error::ReportError;
 use eit_fem::SolveReport;
@@ -7,13 +7,13 @@ use eit_mesh::Raster;
 use eit_skin::{Progress, Skin};
 use ndarray::{Array1, Array2};
 
-/// Frames of a script and the untouched skin, without instrument.
+/// Frames of a script and of the untouched skin, without an instrument.
 pub(crate) struct FabricFrames {
-    /// Volt, [frame, measurement].
+    /// Exact voltages, volts, [frame, measurement].
     pub exact_v: Array2<f64>,
-    /// The untouched skin, volt.
+    /// Exact voltages of the untouched skin, volts.
     pub reference_v: Array1<f64>,
-    /// How its solve went.
+    /// Report of the solve for the untouched skin.
     pub untouched: SolveReport,
 }
 
@@ -26,7 +26,7 @@ impl FabricFrames {
         progress: &mut Progress,
     ) -> Result<Self, ReportError> {
         let fabric = skin.fabric_with(settings)?;
-        // the truth images are not looked at
+        // the true images are not used
         let raster = Raster::new(skin.mesh.surface(), 8)?;
         let how = SimulationSettings::default();
         let made = progress.steps("simulate", script.frames, |bar| {

@@ -1,4 +1,4 @@
-//! Where the fingers of a sequence are, and what the skin is like under them.
+//! Positions of the fingers in a sequence and their effect on the skin.
 
 use super::fabric_frames::FabricFrames;
 use super::settings::SequenceSettings;
@@ -10,29 +10,29 @@ use eit_skin::scene::MeshSource;
 use eit_skin::{Progress, Skin, rounding_warning};
 use ndarray::{Array3, Axis};
 
-/// Fingers on a linear skin: where they are in each frame, and how the conductivity follows.
+/// Fingers on a linear skin: their position in each frame and the conductivity response.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct TouchSequence {
-    /// Places and shapes; a frame may be without fingers.
+    /// Positions and shapes; a frame may have no fingers.
     pub script: TouchScript,
-    /// The same for all.
+    /// The conductivity response, the same for all fingers.
     pub response: LinearResponse,
 }
 
 impl TouchSequence {
-    /// Fingers on random closed paths. The path seed decides alone, whatever mesh is used.
+    /// Creates fingers on random closed paths, which depend only on the path seed, not on the mesh.
     pub fn random(source: &MeshSource, settings: &SequenceSettings) -> Result<Self, ReportError> {
         let script = settings.paths().script(&play_circle(source)?)?;
         Ok(Self { script, response: settings.finger.response() })
     }
 
-    /// Places of the fingers, metres, `[frame][finger]`.
+    /// Positions of the fingers, metres, `[frame][finger]`.
     pub fn positions_m(&self) -> Vec<Vec<[f64; 2]>> {
         let of = |frame| self.script.touches(frame).iter().map(|touch| touch.position_m).collect();
         (0..self.script.frames).map(of).collect()
     }
 
-    /// Voltages of the untouched skin and of each frame, without noise.
+    /// Simulates the voltages of the untouched skin and of each frame, without noise.
     pub fn voltages(
         &self,
         skin: &Skin,
@@ -48,8 +48,8 @@ impl TouchSequence {
         })
     }
 
-    /// True conductivity change, siemens, [frame, row, column], NaN outside the skin: the mean of
-    /// each pixel, of any raster of the skin.
+    /// True conductivity change, siemens, [frame, row, column], NaN outside the skin: the mean over
+    /// each pixel of any raster of the skin.
     pub fn truth(&self, background_s: f64, raster: &Raster) -> Array3<f64> {
         let side = raster.pixels();
         let mut images = Array3::from_elem((self.script.frames, side, side), f64::NAN);
@@ -65,7 +65,8 @@ impl TouchSequence {
     }
 }
 
-/// The circle that fingers move in. From the outline alone, so that no mesh moves the fingers.
+/// The circle in which fingers move. It depends only on the outline, so that changing the mesh does
+/// not move the fingers.
 fn play_circle(source: &MeshSource) -> Result<PlayCircle, ReportError> {
     let MeshSource::Generated { shape, .. } = source else {
         return Err(ReportError::input(

@@ -1,32 +1,32 @@
-//! What a sequence of fingers on a linear skin is made of.
+//! Settings of a sequence of fingers on a linear skin.
 
 use eit_fem::fabric::{LinearResponse, RandomPaths, Tip};
 use std::f64::consts::SQRT_2;
 
-/// Smallest distance of two fingers, standard deviations of the bell. The sum of two bells has two
-/// tops from 2 on; at 4, the middle between them is at 27 % of the tops.
+/// Smallest distance between two fingers, in standard deviations of the bell. The sum of two bells
+/// has two maxima from 2 on; at 4, the value midway is 27 % of the maxima.
 const APART: f64 = 4.0;
 
-/// Steps of a slow and of a fast finger of 12 mm, metres a frame: a sixth of the bell's standard
-/// deviation, which averaging over frames hardly blurs, and all of it, which it smears out. At 8
-/// frames a second they are 16 and 96 mm a second.
+/// Step per frame of a slow and of a fast finger of 12 mm, metres: a sixth of the bell's standard
+/// deviation, which averaging over frames hardly blurs, and a full standard deviation, which it
+/// smears out. At 8 frames per second they move at 16 and 96 mm per second.
 pub(crate) const SLOW_M: f64 = 0.002;
 pub(crate) const FAST_M: f64 = 0.012;
 
-/// How the change falls off around a finger. Both shapes hold the same amount of change.
+/// Profile of the change around a finger. Both shapes contain the same total change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FingerShape {
     /// Soft: a Gaussian bell.
     Bell,
-    /// A flat stamp of radius `sqrt(2) sigma_m` with an edge.
+    /// Hard: a flat disc of radius `sqrt(2) sigma_m` with a sharp edge.
     Pad,
 }
 
 impl FingerShape {
-    /// Both.
+    /// Both shapes.
     pub const ALL: [Self; 2] = [Self::Bell, Self::Pad];
 
-    /// In tables.
+    /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Bell => "bell",
@@ -34,7 +34,7 @@ impl FingerShape {
         }
     }
 
-    /// On the simulated fabric.
+    /// Shape on the simulated fabric.
     fn tip(self) -> Tip {
         match self {
             Self::Bell => Tip::Round,
@@ -43,29 +43,29 @@ impl FingerShape {
     }
 }
 
-/// How a finger changes the skin.
+/// The effect of a finger on the skin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Finger {
-    /// Soft or with an edge.
+    /// Soft or with a sharp edge.
     pub shape: FingerShape,
     /// Standard deviation of the bell, metres.
     pub sigma_m: f64,
-    /// Relative change of the sheet conductivity in its middle; above -1.
+    /// Relative change of the sheet conductivity at its centre; above -1.
     pub change: f64,
 }
 
 impl Default for Finger {
-    /// A fingertip: a bell of 12 mm, half as much conductivity again.
+    /// A fingertip: a bell of 12 mm that raises the conductivity by half.
     fn default() -> Self {
         Self { shape: FingerShape::Bell, sigma_m: 0.012, change: 0.5 }
     }
 }
 
 impl Finger {
-    /// Newton, always: the change is that of the response.
+    /// Constant force, newtons: the response alone determines the change.
     pub const FORCE_N: f64 = 1.0;
 
-    /// The response of the skin under it.
+    /// The response of the skin to the finger.
     pub fn response(&self) -> LinearResponse {
         LinearResponse { change_per_newton: self.change / Self::FORCE_N }
     }
@@ -84,23 +84,23 @@ impl Finger {
 pub(crate) struct SequenceSettings {
     /// Fingers on the skin all the time, 1 to 4.
     pub touches: usize,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Way of every finger from one frame to the next along its path, metres; 0: at rest.
-    /// [`SLOW_M`], [`FAST_M`].
+    /// Distance that every finger moves along its path per frame, metres; 0 for resting fingers.
+    /// See [`SLOW_M`] and [`FAST_M`].
     pub step_m: f64,
-    /// All fingers are alike.
+    /// The finger; all fingers are alike.
     pub finger: Finger,
-    /// Frames a second, for displays.
+    /// Frames per second, for displays.
     pub rate_hz: f64,
     /// Seed of the paths.
     pub path_seed: u64,
-    /// Noise: `20 log10(rms of the reference voltages / noise standard deviation)`, decibel, as
-    /// makers of instruments state it (30 to 70 dB).
+    /// Noise: `20 log10(rms of the reference voltages / noise standard deviation)`, decibels, as
+    /// specified by instrument makers (30 to 70 dB).
     pub noise_db: f64,
     /// Seed of the noise.
     pub noise_seed: u64,
-    /// Nodes of the mesh that simulates.
+    /// Nodes of the simulation mesh.
     pub nodes: usize,
 }
 
@@ -122,7 +122,7 @@ impl Default for SequenceSettings {
 }
 
 impl SequenceSettings {
-    /// The paths of the fingers.
+    /// Returns the paths of the fingers.
     pub fn paths(&self) -> RandomPaths {
         RandomPaths {
             fingers: self.touches,

@@ -1,4 +1,5 @@
-//! Seeds decide, noise has its level, truth lies where the fingers are.
+//! Seeds determine the sequence, noise has the requested level, and the truth is where the fingers
+//! are.
 
 use super::*;
 use eit_inverse::metrics::{Cells, ChangeSign, half_maximum_centre_m, touch_position_errors_m};
@@ -7,7 +8,7 @@ use eit_skin::{MeshOverride, Scene};
 use ndarray::{Array1, Array2, Axis};
 use voltages::SequenceVoltages;
 
-/// The paper's skin on so many nodes.
+/// The skin of the paper with the given number of nodes.
 fn skin(nodes: usize) -> Skin {
     let mesh = MeshOverride { nodes: Some(nodes), ..Default::default() };
     let scene = Scene::load("paper-disc").unwrap();
@@ -88,7 +89,8 @@ fn noise_has_its_level() {
         let frames = voltages.with_noise(stated, 7).unwrap();
         let noise = rms(&(&frames.values - &voltages.frames));
         let found = 20.0 * (rms(&reference) / noise).log10();
-        // 20 800 samples: the deviation is known to 0.5 %, 0.04 dB; four times that
+        // 20 800 samples: the standard deviation is known to 0.5 %, or 0.04 dB; the tolerance is
+        // four times that
         assert!((found - decibel).abs() < 0.17, "{decibel}: {found}");
         let noise = Array1::from_vec(frames.reference.clone()) - &voltages.reference;
         let noise = rms(&noise.insert_axis(Axis(0)));
@@ -100,7 +102,7 @@ fn noise_has_its_level() {
     assert_eq!(clean.reference, voltages.reference.to_vec());
 }
 
-/// Noise of one seed only grows with its level.
+/// Noise from one seed only scales with its level.
 #[test]
 fn noise_of_one_seed_scales() {
     let voltages = voltages(&small());
@@ -109,13 +111,14 @@ fn noise_of_one_seed_scales() {
         &frames.values - &voltages.frames
     };
     let (small, large) = (noise(1e-3), noise(1e-2));
-    // each sum of voltage (below 10 V) and noise is rounded once, ten times that for the small
+    // each sum of voltage (below 10 V) and noise is rounded once; the small noise is scaled by ten
     for (s, l) in small.iter().zip(&large) {
         assert!((10.0 * s - l).abs() < 2e-14, "{s} {l}");
     }
 }
 
-/// Each frame is the forward solve of its own fingers, a bell of 12 mm or a pad of the same amount.
+/// Each frame is the forward solution for its own fingers, a 12 mm bell or a pad with the same
+/// total change.
 #[test]
 fn frames_are_forward_solves() {
     let skin = skin(1500);
@@ -138,7 +141,7 @@ fn frames_are_forward_solves() {
                 centroids.iter().map(|c| 1e-5 * (1.0 + change(c))).collect();
             let wanted = skin.model.forward(&conductivity).unwrap();
             let largest = wanted.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-            // the same formula in another order: rounding of the conductivities
+            // the same formula in a different order: rounding of the conductivities
             assert!(frame.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-12 * largest));
         }
         let untouched = skin.model.forward(&skin.background_s()).unwrap();
@@ -162,7 +165,7 @@ fn truth_lies_where_the_fingers_are() {
             let found =
                 touch_position_errors_m(&pixels, &cells, fingers, &Default::default()).unwrap();
             assert_eq!((found.missed, found.extra), (0, 0));
-            // half maximum sets of 14 mm radius in pixels of 3.1 mm
+            // half-maximum sets of 14 mm radius in pixels of 3.1 mm
             assert!(found.errors_m.iter().all(|e| e.unwrap() < 5e-4), "{found:?}");
             if let [finger] = fingers[..] {
                 let (areas, places) = (cells.areas_m2(), cells.positions_m());
@@ -175,7 +178,7 @@ fn truth_lies_where_the_fingers_are() {
                 assert!((0.97 * 5e-6..=5e-6).contains(&largest), "{largest:e}");
                 let amount = cells.integral(&pixels).unwrap();
                 let whole = 5e-6 * std::f64::consts::TAU * 0.012_f64.powi(2);
-                // 5 % of a bell 20 mm from the rim lies beyond it
+                // 5 % of a bell centred 20 mm from the rim lies beyond it
                 assert!((0.94..1.01).contains(&(amount / whole)), "{}", amount / whole);
             }
         }
@@ -210,7 +213,7 @@ fn invalid_sequences_are_refused() {
     refused(&source_of("shape = \"mesh\"\nfile = \"skin.msh\"", ""), small(), "not a mesh file");
     let hemisphere = "shape = \"hemisphere\"\nradius_m = 0.1";
     refused(&source_of(hemisphere, "count = 8\nwidth_m = 0.01"), small(), "not a hemisphere");
-    // sizes and changes of one finger that its frames refuse
+    // values for one finger that frames reject
     let skin = skin(1500);
     for (sigma_m, change) in [(0.0, 0.5), (0.012, -1.01), (0.012, f64::NAN)] {
         let finger = Finger { sigma_m, change, ..Finger::default() };

@@ -1,34 +1,35 @@
-//! Voltages of a sequence, and noise onto them.
+//! Voltages of a sequence, and noise added to them.
 
 use crate::error::ReportError;
 use eit_fem::fabric::Random;
 use eit_skin::frames::Frames;
 use ndarray::{Array1, Array2};
 
-/// Voltages of a sequence without noise.
+/// Noise-free voltages of a sequence.
 pub(crate) struct SequenceVoltages {
-    /// Volt, [frame, measurement].
+    /// Volts, [frame, measurement].
     pub frames: Array2<f64>,
-    /// The untouched skin, volt.
+    /// The untouched skin, volts.
     pub reference: Array1<f64>,
-    /// Frames a second.
+    /// Frames per second.
     pub rate_hz: f64,
-    /// What rounding may have cost, where that is worth saying.
+    /// Notes on accuracy lost to rounding, if significant.
     pub notes: Vec<String>,
 }
 
 impl SequenceVoltages {
-    /// Standard deviation of noise that lies so many decibel below the reference voltages, volt.
+    /// Standard deviation of noise the given number of decibels below the reference voltages,
+    /// volts.
     pub fn noise_std_v(&self, noise_db: f64) -> f64 {
         let rms = (self.reference.dot(&self.reference) / self.reference.len() as f64).sqrt();
         10_f64.powf(-noise_db / 20.0) * rms
     }
 
-    /// The frames with white Gaussian noise of a standard deviation in volt, and the reference with
-    /// noise of its own.
+    /// Adds white Gaussian noise of a standard deviation in volts to the frames, and separate noise
+    /// to the reference.
     ///
-    /// Noise of one seed is the same numbers at every level, only larger or smaller, so that
-    /// results over levels differ by the level alone.
+    /// Noise from one seed has the same values at every level, only scaled, so that results for
+    /// different levels differ by the level alone.
     pub fn with_noise(&self, std: f64, seed: u64) -> Result<Frames, ReportError> {
         if !(std.is_finite() && std >= 0.0) {
             let message = format!("noise of {std} V: it must be finite and not below zero");

@@ -1,15 +1,15 @@
-//! Voltages of one protocol as those of another, where they follow from each other.
+//! Converts voltages of one protocol to those of another, where they follow from each other.
 
 use eit_hw::Quadruple;
 use ndarray::Array2;
 use std::collections::{HashMap, VecDeque};
 
-/// What is measured under a drive: index, electrodes, and the sign for the drive in order.
+/// Measurements under one drive: index, electrodes, and the sign for the drive in ascending order.
 type Known = Vec<(usize, [u32; 2], f64)>;
 
-/// DifferenceFrames of potentials that follow from those that were measured, under each drive. The
-/// potential of a driven electrode of which nothing was measured is set beyond all others, as it is
-/// on a real skin: above where current enters, below where it leaves.
+/// Computes wanted voltages from those measured under the same drive, as differences of potentials. A driven
+/// electrode without any measurement gets a potential beyond all others, as on a real skin: above them where
+/// current enters, below them where it leaves.
 pub fn arranged(
     own: &[Quadruple],
     values: &Array2<f64>,
@@ -23,7 +23,7 @@ pub fn arranged(
     let mut arranged = Array2::zeros((values.nrows(), wanted.len()));
     for (column, &[a, b, m, n]) in wanted.iter().enumerate() {
         let known = by_drive.get(&[a.min(b), a.max(b)]).ok_or_else(|| {
-            format!("it drives ({a}, {b}) (electrodes from 0), and the scene does not")
+            format!("it drives ({a}, {b}) (electrodes counted from 0), but the scene does not")
         })?;
         let sign = if a < b { 1.0 } else { -1.0 };
         let path = path(known, m, n);
@@ -42,8 +42,8 @@ pub fn arranged(
     Ok(arranged)
 }
 
-/// Signed measurements whose sum is u(m) - u(n) under a drive from its smaller electrode to its
-/// larger; breadth first, so that what was measured itself is one step.
+/// Signed measurements whose sum is u(m) - u(n) under a drive from its smaller electrode to its larger. The
+/// search is breadth-first, so a pair that was measured directly is one step.
 fn path(known: &[(usize, [u32; 2], f64)], m: u32, n: u32) -> Option<Vec<(usize, f64)>> {
     let mut came: HashMap<u32, (u32, usize, f64)> = HashMap::new();
     let mut queue = VecDeque::from([m]);
@@ -77,16 +77,16 @@ mod tests {
     use super::*;
     use ndarray::array;
 
-    /// Potentials of a drive are found along what was measured, with its signs.
+    /// Potentials of a drive follow from the measurements, with their signs.
     #[test]
     fn potentials_follow_from_differences() {
-        // u = 0, 5, 3, 4, 1 under the drive (0, 1), which is also written the other way round
+        // u = 0, 5, 3, 4, 1 under the drive (0, 1), which also appears reversed
         let own = [[0, 1, 1, 2], [1, 0, 3, 2], [0, 1, 4, 3]];
         let values = array![[2.0, -1.0, -3.0]];
         let wanted = [[0, 1, 1, 4], [1, 0, 1, 4], [0, 1, 2, 3]];
         let found = arranged(&own, &values, &wanted).unwrap();
         assert_eq!(found, array![[4.0, -4.0, -1.0]]);
-        // nothing tells of electrode 0 but that current enters there
+        // of electrode 0 it is only known that current enters there
         let driven = arranged(&own, &values, &[[0, 1, 0, 2], [1, 0, 0, 2]]).unwrap();
         assert!(driven[[0, 0]] > 2.0 && driven[[0, 1]] == -driven[[0, 0]], "{driven}");
         assert!(arranged(&own, &values, &[[0, 2, 3, 4]]).is_err());

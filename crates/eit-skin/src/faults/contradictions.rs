@@ -1,38 +1,38 @@
-//! Measurements that contradict their reciprocals or are dead, and the electrodes to blame for them.
+//! Measurements that violate reciprocity or are dead, and the electrodes to blame for them.
 
 use super::protocol::Wiring;
 
-/// Part of an electrode's reciprocal pairs that must be wrong for it to be faulty.
+/// Fraction of an electrode's reciprocal pairs that must be wrong for it to be faulty.
 const FAULTY: f64 = 0.5;
-/// The same once another one is: with one fault the rest has next to nothing wrong, and chance makes one
-/// in eight measurements of a floating electrode fit.
+/// The same once another electrode is faulty: a single fault leaves almost nothing else wrong, and by chance
+/// one in eight measurements of a floating electrode looks right.
 const FAULTY_TOO: f64 = 0.25;
-/// A pair is wrong where its halves differ by so many standard deviations of the noise ...
+/// A pair is wrong if its halves differ by more than this many standard deviations of the noise ...
 const WRONG_STD: f64 = 10.0;
-/// ... this part of their change, since gains of real channels are not equal, ...
+/// ... plus this fraction of their change, because the gains of real channels differ, ...
 const WRONG_PART: f64 = 0.25;
-/// ... and this part of their reference, since real channels drift apart.
+/// ... plus this fraction of their reference, because real channels drift apart.
 const WRONG_DRIFT: f64 = 1e-3;
-/// A measurement below this part of its reference is dead.
+/// A measurement below this fraction of its reference is dead.
 const DEAD: f64 = 0.02;
-/// With fewer measurements that are left, an electrode is not judged.
+/// An electrode with fewer remaining measurements is not judged.
 const LEAST: usize = 4;
 
-/// A frame is a bad one where more than this part of the electrodes contradict: garbage blames every
-/// second to third electrode, which leaves no measurement that could blame those between them; ...
+/// A frame is bad if more than this fraction of the electrodes is accused (a garbage frame accuses every
+/// second or third electrode, which leaves no measurement to judge those between them), ...
 const GARBAGE: f64 = 1.0 / 3.0;
-/// ... or where this part of the measurements without those electrodes is wrong too.
+/// ... or if more than this fraction of the measurements without those electrodes is wrong too.
 const UNEXPLAINED: f64 = 0.2;
 
-/// What is wrong in the frame at hand.
+/// What is wrong in the current frame.
 #[derive(Debug, Clone)]
 pub(super) struct Contradictions {
-    /// Whether each measurement contradicts its reciprocal, or is dead.
+    /// Whether each measurement violates reciprocity or is dead.
     pub is_wrong: Vec<bool>,
-    /// Electrodes to blame, the worst first.
+    /// Electrodes to blame, worst first.
     accused: Vec<usize>,
     is_out: Vec<bool>,
-    /// Part of their reference by which halves of a pair may differ.
+    /// Fraction of their reference by which the halves of a pair may differ.
     pub wrong_drift: f64,
 }
 
@@ -46,7 +46,8 @@ impl Contradictions {
         }
     }
 
-    /// Marks what contradicts its reciprocal, or is dead. `counts`: it is used and not missing.
+    /// Marks measurements that violate reciprocity or are dead. `counts`: the measurement is used and not
+    /// missing.
     pub fn compare(
         &mut self,
         reciprocal: &[usize],
@@ -77,8 +78,9 @@ impl Contradictions {
         }
     }
 
-    /// Looks for [`accused`](Self::accused) electrodes: the one with the largest part of wrong measurements goes, until none has
-    /// half of its own wrong, or, beside another one, a quarter. Those that are out already blame nobody.
+    /// Finds the [`accused`](Self::accused) electrodes: repeatedly takes the one with the largest fraction of
+    /// wrong measurements, until none has half of its own wrong or, after the first, a quarter. Electrodes
+    /// that are already excluded, and their measurements, are ignored.
     pub fn accuse(&mut self, wiring: &Wiring, is_missing: &[bool], is_out: impl Fn(usize) -> bool) {
         self.accused.clear();
         for (e, out) in self.is_out.iter_mut().enumerate() {
@@ -99,13 +101,13 @@ impl Contradictions {
         }
     }
 
-    /// Electrodes to blame for what is wrong, the worst first.
+    /// Returns the electrodes to blame for what is wrong, worst first.
     pub fn accused(&self) -> &[usize] {
         &self.accused
     }
 
-    /// Whether the accused electrodes explain what is wrong among the measurements that count, without
-    /// those of electrodes that are out: they are few, and leave little wrong.
+    /// Returns whether the accused electrodes explain what is wrong among the measurements that count,
+    /// ignoring those of excluded electrodes: the accused are few, and little is wrong without them.
     pub fn is_explained(
         &self,
         wiring: &Wiring,
@@ -126,8 +128,8 @@ impl Contradictions {
         self.accused.is_empty() || (is_few && wrong as f64 <= UNEXPLAINED * left as f64)
     }
 
-    /// Part of an electrode's measurements that are wrong, those of other electrodes that are out
-    /// left aside; `None` where too few are left to tell.
+    /// Fraction of an electrode's measurements that are wrong, ignoring those of other excluded electrodes;
+    /// `None` if too few are left to tell.
     pub fn wrong_part(
         &self,
         wiring: &Wiring,

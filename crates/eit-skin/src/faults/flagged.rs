@@ -2,19 +2,19 @@
 
 use super::protocol::Wiring;
 
-/// Part of an electrode's measurements that must be flagged ...
+/// An electrode is flagged if more than this fraction of its measurements is, ...
 const FLAGGED: f64 = 0.9;
-/// ... in so many frames in a row: a packet that was cut flags what it lacks, for one frame; ...
+/// ... in this many frames in a row (a truncated packet flags what it lacks for one frame), ...
 const FLAGGED_FRAMES: usize = 5;
-/// ... and no more than this part of the measurements without such an electrode.
+/// ... and at most this fraction of the measurements without such an electrode.
 const FLAGGED_ELSEWHERE: f64 = 0.5;
 
-/// Who is flagged, and for how long.
+/// Which electrodes are flagged, and for how long.
 #[derive(Debug, Clone)]
 pub(super) struct Flagged {
-    /// Whether the frame at hand flags each electrode.
+    /// Whether the current frame flags each electrode.
     is_flagged: Vec<bool>,
-    /// Frames in a row that did.
+    /// Number of consecutive frames that flagged it.
     frames: Vec<usize>,
 }
 
@@ -23,7 +23,7 @@ impl Flagged {
         Self { is_flagged: vec![false; electrodes], frames: vec![0; electrodes] }
     }
 
-    /// Takes a frame; one that flags most of everything counts for nobody, and breaks no row.
+    /// Takes a frame. If most other measurements are flagged too, the frame neither counts nor breaks a run.
     pub fn push(&mut self, wiring: &Wiring, used: &[bool], is_missing: &[bool]) {
         for (flagged, of_e) in self.is_flagged.iter_mut().zip(&wiring.of_electrode) {
             let missing = of_e.iter().filter(|&&i| is_missing[i]).count();
@@ -44,7 +44,7 @@ impl Flagged {
         }
     }
 
-    /// Whether an electrode has been flagged for long enough, and is in the frame at hand.
+    /// Returns whether an electrode has been flagged for long enough and is flagged in the current frame.
     pub fn is_faulty(&self, electrode: usize) -> bool {
         self.is_flagged[electrode] && self.frames[electrode] >= FLAGGED_FRAMES
     }

@@ -1,24 +1,24 @@
-//! The last frames: which measurements moved, and which electrodes repeat themselves exactly.
+//! The most recent frames: which measurements changed, and which electrodes repeat exactly.
 
 use super::protocol::Wiring;
 
-/// Frames that a stuck electrode repeats itself.
+/// Number of frames over which a stuck electrode repeats exactly.
 const STUCK_FRAMES: usize = 5;
-/// Part of the other channels that must move meanwhile, ...
+/// Fraction of the other channels that must change meanwhile, ...
 const MOVING: f64 = 0.4;
-/// ... by so many steps of the converter.
+/// ... by more than this many steps of the converter.
 const MOVING_STEPS: f64 = 3.0;
 
-/// The last frames of a stream.
+/// The most recent frames of a stream.
 #[derive(Debug, Clone)]
 pub(super) struct History {
-    /// `[slot][measurement]`; the oldest is written over.
+    /// `[slot][measurement]`, a ring buffer.
     values: Vec<f64>,
     measurements: usize,
-    /// Frames so far.
+    /// Number of frames so far.
     frames: usize,
     is_moving: Vec<bool>,
-    /// Electrodes.
+    /// Whether each electrode is stuck.
     is_stuck: Vec<bool>,
 }
 
@@ -33,14 +33,14 @@ impl History {
         }
     }
 
-    /// Remembers a frame of as many values as there are measurements.
+    /// Stores a frame, which has one value per measurement.
     pub fn push(&mut self, values: &[f64]) {
         let from = self.frames % STUCK_FRAMES * self.measurements;
         self.values[from..from + self.measurements].copy_from_slice(values);
         self.frames += 1;
     }
 
-    /// Looks which electrodes repeat themselves while others move. `step_v`: of the converter.
+    /// Finds electrodes that repeat exactly while others change. `step_v`: step of the converter.
     pub fn look_for_stuck(&mut self, wiring: &Wiring, used: &[bool], step_v: f64) {
         if self.frames < STUCK_FRAMES {
             return;
@@ -59,15 +59,14 @@ impl History {
         }
     }
 
-    /// Whether an electrode was stuck when last looked for.
+    /// Returns whether an electrode was stuck at the last search.
     pub fn is_stuck(&self, electrode: usize) -> bool {
         self.is_stuck[electrode]
     }
 
-    /// By how much a measurement went in the last frames; values that are no numbers do not count.
-    /// Below zero where there are none.
+    /// Range of a measurement over the stored frames, ignoring NaN; negative if there is no value.
     pub fn span(&self, measurement: usize) -> f64 {
-        // values of no measurements have no chunks
+        // `chunks_exact` does not accept a length of 0
         let frames = self.values.chunks_exact(self.measurements.max(1)).take(self.frames);
         let (low, high) = frames
             .map(|frame| frame[measurement])

@@ -1,4 +1,4 @@
-//! Electrodes that fail, frame by frame.
+//! Detects electrode faults frame by frame.
 
 mod healing;
 
@@ -10,24 +10,25 @@ use super::{ElectrodeFault, FaultKind};
 use crate::error::SkinError;
 use eit_fem::Protocol;
 
-/// Bad frames in a row that blame electrodes nevertheless.
+/// Number of consecutive bad frames after which electrodes are blamed nevertheless.
 const GARBAGE_FRAMES: usize = 5;
-/// Frames in a row that must blame an electrode's gain: one is no proof, each more costs a frame.
+/// Number of consecutive frames that must blame an electrode's gain: one is no proof, each more costs a
+/// frame.
 const BLAMED_FRAMES: usize = 2;
 
-/// An electrode under suspicion.
+/// Fault state of an electrode.
 #[derive(Debug, Clone, Copy, Default)]
 struct Suspect {
     fault: Option<ElectrodeFault>,
-    /// Frames in a row that blame its gain.
+    /// Number of consecutive frames that blame its gain.
     votes: usize,
-    /// Since when it behaves, seconds.
+    /// Time since when it behaves normally, seconds.
     good_since_s: Option<f64>,
-    /// Median of its measurements over their reference at that time.
+    /// Median ratio of its measurements to their reference at that time.
     gain: f64,
 }
 
-/// Looks for faulty electrodes in frame after frame.
+/// Detects faulty electrodes frame by frame.
 #[derive(Debug, Clone)]
 pub struct FaultMonitor {
     wiring: Wiring,
@@ -35,9 +36,9 @@ pub struct FaultMonitor {
     std_v: Vec<f64>,
     step_v: f64,
     suspects: Vec<Suspect>,
-    /// The last frame is left out whole.
+    /// The last frame is discarded whole.
     is_bad: bool,
-    /// Frames in a row in which too much contradicts.
+    /// Number of consecutive frames with too many violations.
     garbage_frames: usize,
     /// Time of the last frame, seconds.
     before_s: Option<f64>,
@@ -52,13 +53,12 @@ pub struct FaultMonitor {
 }
 
 impl FaultMonitor {
-    /// For frames of a protocol: which measurements count, the noise of a frame's voltages and the
-    /// converter's step (0 where unknown), volts.
+    /// Creates a monitor for frames of a protocol, from which measurements count, the noise of a frame's
+    /// voltages, and the converter's step (0 if unknown), both in volts.
     ///
     /// # Errors
     ///
-    /// Lists of another length than the protocol has measurements, a step that is below zero or no
-    /// number.
+    /// A list with the wrong length for the protocol; a step that is negative or not finite.
     pub fn new(
         protocol: &Protocol,
         used: &[bool],
@@ -94,7 +94,8 @@ impl FaultMonitor {
         })
     }
 
-    /// Faults that last as long as the reference, whose measurements do not count: listed with the others.
+    /// Adds faults that last as long as the reference, whose measurements do not count; they are listed with
+    /// the others.
     ///
     /// # Errors
     ///
@@ -107,29 +108,28 @@ impl FaultMonitor {
         Ok(self)
     }
 
-    /// Lets reciprocal halves differ by this part of their reference.
+    /// Sets the fraction of their reference by which reciprocal halves may differ.
     pub(super) fn with_wrong_drift(mut self, part: f64) -> Self {
         self.contradictions.wrong_drift = part;
         self
     }
 
-    /// Measurements that involve each electrode and count.
+    /// Returns the used measurements that involve each electrode.
     pub fn of_electrode(&self) -> &[Vec<usize>] {
         &self.wiring.of_electrode
     }
 
-    /// Reciprocal of each measurement; itself where there is none.
+    /// Returns the reciprocal of each measurement; its own index if it has none.
     pub fn reciprocal(&self) -> &[usize] {
         &self.wiring.reciprocal
     }
 
-    /// Takes a frame `[measurement]`, volts, with the reference it is held against. Afterwards
-    /// [`is_missing`](Self::is_missing) says what to leave out of it.
+    /// Takes a frame `[measurement]`, volts, with its reference. Afterwards [`is_missing`](Self::is_missing)
+    /// tells which measurements to exclude.
     ///
     /// # Errors
     ///
-    /// A frame or reference of another length than the protocol has measurements, a time that is no
-    /// number. The monitor is then as before.
+    /// A frame or reference with the wrong length; a time that is not finite. The monitor is then unchanged.
     pub fn push(
         &mut self,
         values: &[f64],
@@ -160,24 +160,25 @@ impl FaultMonitor {
         Ok(())
     }
 
-    /// Whether the frame at hand is left out whole: it has no good value, or more contradicts
-    /// in it than a third of the electrodes explain, which is sooner a damaged packet than so many faults
-    /// at once.
+    /// Returns whether the current frame is discarded whole: it has no valid value, or more violations than
+    /// faults of a third of the electrodes explain, which is more likely a damaged packet than that many
+    /// simultaneous faults.
     pub fn is_bad(&self) -> bool {
         self.is_bad
     }
 
-    /// The detector of touches says whose gain explains the frame far better than touches do.
+    /// Reports the electrode, if any, whose gain explains the frame far better than touches do, as found by
+    /// the touch detector.
     ///
     /// # Errors
     ///
-    /// An electrode that the protocol does not have, a time that is no number. The monitor is then as
-    /// before.
+    /// An electrode that the protocol does not have; a time that is not finite. The monitor is then
+    /// unchanged.
     pub fn blame(&mut self, electrode: Option<usize>, time_s: f64) -> Result<(), SkinError> {
         electrode.map_or(Ok(()), |e| self.check_electrode(e))?;
         check_time(time_s)?;
         if self.is_bad {
-            // it says nothing of anybody
+            // a bad frame says nothing about any electrode
             return Ok(());
         }
         for (e, suspect) in self.suspects.iter_mut().enumerate() {
@@ -192,18 +193,19 @@ impl FaultMonitor {
         Ok(())
     }
 
-    /// Whether a measurement of the last frame is to be left out: it is bad, or its electrode is, or
-    /// the protocol does not have it.
+    /// Returns whether to exclude a measurement of the last frame: it is bad, its electrode is faulty, or the
+    /// protocol does not have it.
     pub fn is_missing(&self, measurement: usize) -> bool {
         self.is_missing.get(measurement).copied().unwrap_or(true)
     }
 
-    /// Electrodes that are left out now, by ascending number.
+    /// Returns the electrodes that are excluded now: lasting faults first, then the others in ascending
+    /// order.
     pub fn faults(&self) -> &[ElectrodeFault] {
         &self.faults
     }
 
-    /// Measurements that came back with the last frame, and whose reference nobody knows.
+    /// Returns the measurements that became valid again with the last frame; their reference is unknown.
     pub fn healed(&self) -> &[usize] {
         &self.healed
     }
@@ -216,8 +218,8 @@ impl FaultMonitor {
         }
     }
 
-    /// Whether too much contradicts for faults of electrodes to be the reason, for the first few frames
-    /// in a row.
+    /// Returns whether there are too many violations for electrode faults to be the cause; only for the first
+    /// few frames in a row.
     fn is_garbage(&mut self) -> bool {
         self.accuse();
         let Self { wiring, suspects, contradictions, is_missing, used, .. } = self;
@@ -228,7 +230,7 @@ impl FaultMonitor {
         is_garbage && self.garbage_frames < GARBAGE_FRAMES
     }
 
-    /// Looks for what is new in a frame that is not bad.
+    /// Looks for new faults in a frame that is not bad.
     fn condemn_all(&mut self, values: &[f64], time_s: f64) {
         let Self { wiring, used, is_missing, history, flagged, .. } = self;
         history.push(values);
@@ -242,7 +244,7 @@ impl FaultMonitor {
                 self.condemn(e, FaultKind::Stuck, time_s);
             }
         }
-        // anew: who is stuck or flagged is out by now
+        // again: stuck and flagged electrodes are excluded by now
         self.accuse();
         for k in 0..self.contradictions.accused().len() {
             let electrode = self.contradictions.accused()[k];
@@ -261,7 +263,7 @@ impl FaultMonitor {
         suspect.fault.get_or_insert(ElectrodeFault { electrode, kind, since_s });
     }
 
-    /// Measurements of faulty electrodes, and pairs that contradict themselves alone.
+    /// Marks measurements of faulty electrodes, and single pairs that violate reciprocity, as missing.
     pub(super) fn leave_out(&mut self) {
         self.faults.clear();
         self.faults.extend_from_slice(&self.lasting);

@@ -8,14 +8,14 @@ use std::collections::HashMap;
 pub(super) struct Wiring {
     /// Electrodes of each measurement.
     pub of_measurement: Vec<Vec<usize>>,
-    /// Measurements that involve each electrode and count.
+    /// Used measurements that involve each electrode.
     pub of_electrode: Vec<Vec<usize>>,
-    /// Reciprocal of each measurement; itself where there is none.
+    /// Reciprocal of each measurement; its own index if it has none.
     pub reciprocal: Vec<usize>,
 }
 
 impl Wiring {
-    /// `used` says which measurements count, one for each of the protocol.
+    /// `used` tells for each measurement of the protocol whether it counts.
     pub fn new(protocol: &Protocol, used: &[bool]) -> Self {
         let of_measurement = electrodes_of(protocol);
         let mut of_electrode = vec![Vec::new(); protocol.electrodes()];
@@ -27,8 +27,8 @@ impl Wiring {
     }
 }
 
-/// Electrodes of each measurement that carry current or are measured; all-electrode patterns blame
-/// nobody.
+/// Electrodes of each measurement that carry current or are measured. Patterns with more than two electrodes
+/// blame none of them.
 fn electrodes_of(protocol: &Protocol) -> Vec<Vec<usize>> {
     let (stimulations, patterns) = (protocol.stimulations_a(), protocol.measurement_patterns());
     let of = |row: ndarray::ArrayView1<'_, f64>| -> Vec<usize> {
@@ -45,8 +45,8 @@ fn electrodes_of(protocol: &Protocol) -> Vec<Vec<usize>> {
     protocol.data().iter().map(measurement).collect()
 }
 
-/// The measurement with drive and measurement exchanged, with the same sign; itself where there is
-/// none.
+/// Index of the measurement with drive and measurement exchanged, with the same sign; its own index if there
+/// is none.
 fn reciprocal(protocol: &Protocol) -> Vec<usize> {
     let Some(quadruples) = protocol.quadruples() else {
         return (0..protocol.measurements()).collect();

@@ -1,4 +1,4 @@
-//! Electrodes that fail while the reference is taken: from the noise alone, or without a model.
+//! Electrodes that are faulty while the reference is taken, found from the noise alone or without a model.
 
 use super::contradictions::Contradictions;
 use super::protocol::Wiring;
@@ -6,22 +6,22 @@ use super::{ElectrodeFault, FaultKind};
 use crate::error::SkinError;
 use eit_fem::Protocol;
 
-/// An electrode is faulty from the start where its measurements' noise is this many times the median
+/// An electrode is faulty from the start if its measurements' noise is above this multiple of the median
 /// noise and ...
 const NOISY_TIMES: f64 = 30.0;
-/// ... this part of the median voltage.
+/// ... above this fraction of the median voltage.
 const NOISY_PART: f64 = 0.01;
-/// A mean below this part of the median voltage is dead.
+/// A mean below this fraction of the median voltage is dead.
 const DEAD: f64 = 0.02;
 
-/// Electrodes that float while the reference is taken, from the noise of its frames: they are left out
-/// until a new reference is taken. And their measurements, ascending.
+/// Finds electrodes that float while the reference is taken, from the noise of its frames; they stay excluded
+/// until a new reference is taken. Also returns their measurements, in ascending order.
 ///
 /// `used`, `std_v` and `reference_v` are `[measurement]`, volts.
 ///
 /// # Errors
 ///
-/// Lists of another length than the protocol has measurements.
+/// A list with the wrong length for the protocol.
 pub(crate) fn of_reference(
     protocol: &Protocol,
     used: &[bool],
@@ -49,12 +49,13 @@ pub(crate) fn of_reference(
     Ok((found.iter().map(fault).collect(), left_out))
 }
 
-/// Electrodes that are faulty in the first frames of a stream, ascending, for want of a model by what the
-/// frames themselves show: noise as in [`of_reference`], voltages that contradict their reciprocals, or
-/// next to no voltage. Nobody where more is wrong than a third of the electrodes explain: then the order
-/// of the measurements is.
+/// Finds electrodes that are faulty in the first frames of a stream, in ascending order. Without a model it
+/// uses the frames alone: noise as in [`of_reference`], voltages that violate reciprocity, or almost no
+/// voltage. Returns none if more is wrong than faults of a third of the electrodes explain: then the order of
+/// the measurements is wrong.
 ///
-/// `std_v`: noise of the mean `mean_v` of `frames` frames is `std_v / sqrt(frames)`.
+/// `std_v` is the noise of one frame; the mean `mean_v` of `frames` frames has the noise `std_v /
+/// sqrt(frames)`.
 pub(super) fn of_start(
     wiring: &Wiring,
     used: &[bool],
@@ -82,12 +83,12 @@ pub(super) fn of_start(
     found
 }
 
-/// Noise from which on a measurement floats, volts.
+/// Noise above which a measurement floats, volts.
 fn noise_limit(std_v: &[f64], mean_v: &[f64], used: &[bool]) -> f64 {
     (NOISY_TIMES * median(std_v, used)).max(NOISY_PART * median(mean_v, used))
 }
 
-/// Median size of the finite values that are used; 0 where there are none.
+/// Median magnitude of the finite values that are used; 0 if there are none.
 pub(super) fn median(values: &[f64], used: &[bool]) -> f64 {
     let of_used = values.iter().zip(used).filter(|(_, used)| **used);
     let mut sizes: Vec<f64> =
@@ -168,8 +169,8 @@ mod tests {
         assert_eq!(Quiet::new(NOISE_V).found(), (vec![], vec![]));
     }
 
-    /// An electrode with a bad contact is noisy, but no open one: ten times the others' noise, 0.02 to
-    /// 7 % of a voltage.
+    /// An electrode with a bad contact is noisy but not open: ten times the others' noise, 0.02 to 7 % of a
+    /// voltage.
     #[test]
     fn some_noise_is_no_fault() {
         let mut quiet = Quiet::new(NOISE_V);
@@ -181,8 +182,8 @@ mod tests {
         assert_eq!(quiet.found(), (vec![], vec![]));
     }
 
-    /// A coarse converter: most measurements never change, one electrode's sit on the edge of a step
-    /// and hop.
+    /// A coarse converter: most measurements never change, but one electrode's sit on the edge of a step and
+    /// jump.
     #[test]
     fn rounding_names_nobody() {
         let step_v = 1e-3;

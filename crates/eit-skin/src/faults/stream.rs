@@ -1,4 +1,4 @@
-//! Faulty electrodes in the frames of an instrument, without a model of the skin.
+//! Detects faulty electrodes in an instrument's frames without a model of the skin.
 
 use super::monitor::FaultMonitor;
 use super::protocol::Wiring;
@@ -10,29 +10,30 @@ use eit_hw::{MeasuredFrames, Quadruple};
 use eit_inverse::{noise_std_of_quiet_frames, smallest_step};
 use ndarray::Array2;
 
-/// Time in which the reference follows the frames, seconds: slow drift of reciprocal halves against each
-/// other is none of the faults that this looks for.
+/// Time constant with which the reference follows the frames, seconds: slow relative drift of reciprocal
+/// halves is none of the faults detected here.
 const FOLLOW_S: f64 = 30.0;
-/// Part of their reference by which reciprocal halves may differ. A frame's measurements are taken one
-/// after the other, and the reference knows no touches: a Sciospec instrument whose object is lifted fast
-/// reaches 0.2 % for half of an electrode's pairs. Noise of 0.2 % of the largest voltage is found still.
+/// Fraction of their reference by which reciprocal halves may differ. The measurements of a frame are taken
+/// in sequence, and the reference contains no touches: on a Sciospec instrument from which an object is
+/// lifted quickly, half of an electrode's pairs reach 0.2 %. Noise of 0.2 % of the largest voltage is still
+/// detected.
 const WRONG_DRIFT: f64 = 3e-3;
-/// Noise of values that never change, as a part of the median one.
+/// Noise of values that never change, as a fraction of the median noise.
 const STILL_NOISE: f64 = 1e-6;
-/// Time between frames that have no time, seconds.
+/// Assumed time between frames without a time stamp, seconds.
 const UNKNOWN_PERIOD_S: f64 = 0.05;
 
-/// Looks for faulty electrodes in the frames of an instrument, without a model: the first frames are the
-/// reference, touched or not, since touches are reciprocal.
+/// Detects faulty electrodes in an instrument's frames without a model. The first frames are the reference,
+/// touched or not, because touches are reciprocal.
 ///
-/// Finds what is open, shorted, noisy, stuck or flagged. A gain that drifts is reciprocal and needs the
-/// model: see [`FaultMonitor::blame`]. Allocates nothing once the reference is there.
+/// Detects open, shorted, noisy, stuck and flagged electrodes. A drifting gain is reciprocal and requires the
+/// model: see [`FaultMonitor::blame`]. Does not allocate once the reference has been taken.
 #[derive(Debug, Clone)]
 pub struct StreamMonitor {
     protocol: Protocol,
-    /// Measurements without a driven electrode: those on one are no reciprocal of any.
+    /// Measurements without a driven electrode; the others are no reciprocal of any.
     used: Vec<bool>,
-    /// The first frames, `[frame, measurement]`; not a number where a value is bad.
+    /// The first frames, `[frame, measurement]`; NaN where a value is bad.
     first: Array2<f64>,
     frames: usize,
     reference: Vec<f64>,
@@ -41,11 +42,12 @@ pub struct StreamMonitor {
 }
 
 impl StreamMonitor {
-    /// For frames of these measurements, in this order; so many first ones are the reference.
+    /// Creates a monitor for frames of these measurements, in this order; the first `reference_frames` are
+    /// the reference.
     ///
     /// # Errors
     ///
-    /// No measurements, an electrode that is not there, fewer than 3 frames.
+    /// No measurements; an electrode index out of range; fewer than 3 frames.
     pub fn new(
         quadruples: &[Quadruple],
         electrodes: usize,
@@ -55,7 +57,7 @@ impl StreamMonitor {
             let (key, value) = ("reference_frames", reference_frames as f64);
             return Err(SkinError::OutOfRange { key, value, must: "3 or more" });
         }
-        // voltages are judged against each other: the current does not matter
+        // voltages are compared with each other only: the current does not matter
         let protocol = Protocol::from_quadruples(electrodes, quadruples, 1.0)?;
         let is_apart = |&[a, b, m, n]: &Quadruple| a != m && a != n && b != m && b != n;
         Ok(Self {
@@ -69,16 +71,16 @@ impl StreamMonitor {
         })
     }
 
-    /// Begins anew: the next frames are the reference.
+    /// Starts again: the next frames are the reference.
     pub fn restart(&mut self) {
         (self.frames, self.monitor) = (0, None);
     }
 
-    /// Takes a frame `[measurement]` in any unit; `is_good` says which values are not flagged.
+    /// Takes a frame `[measurement]` in any unit; `is_good` tells which values are not flagged.
     ///
     /// # Errors
     ///
-    /// A frame of another length, a time that is no number. The monitor is then as before.
+    /// A frame with the wrong length; a time that is not finite. The monitor is then unchanged.
     pub fn push(
         &mut self,
         values: &[f64],
@@ -111,14 +113,14 @@ impl StreamMonitor {
         Ok(())
     }
 
-    /// Electrodes that are faulty in the last frame, by ascending number; none while the reference is
-    /// taken.
+    /// Returns the electrodes that are faulty in the last frame, in ascending order; none while the reference
+    /// is taken.
     pub fn faults(&self) -> &[ElectrodeFault] {
         self.monitor.as_ref().map_or(&[], FaultMonitor::faults)
     }
 
-    /// The first frames as differences of reciprocals over the root of 2: as noisy as a measurement, and a
-    /// touch is not in them.
+    /// The first frames as differences of reciprocals divided by the square root of 2: as noisy as a
+    /// measurement, and free of touches.
     fn without_touches(&self, reciprocal: &[usize]) -> Array2<f64> {
         Array2::from_shape_fn(self.first.dim(), |(frame, i)| match reciprocal[i] {
             twin if twin == i => self.first[[frame, i]],
@@ -129,7 +131,7 @@ impl StreamMonitor {
         })
     }
 
-    /// Reference and noise from the first frames, and who is faulty in them.
+    /// Computes reference and noise from the first frames, and the electrodes that are faulty in them.
     fn begin(&mut self, time_s: f64) -> Result<FaultMonitor, SkinError> {
         for (mut channel, reference) in
             self.first.columns_mut().into_iter().zip(&mut self.reference)
@@ -137,7 +139,7 @@ impl StreamMonitor {
             let good = channel.iter().filter(|value| value.is_finite());
             let (sum, count) = good.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
             *reference = if count > 0.0 { sum / count } else { 0.0 };
-            // the monitor takes bad values out frame by frame; the noise is that of the others
+            // the monitor excludes bad values frame by frame; the noise is that of the others
             channel.mapv_inplace(|v| if v.is_finite() { v } else { *reference });
         }
         let typical = median(&self.reference, &self.used);
@@ -146,11 +148,11 @@ impl StreamMonitor {
         let mut std: Vec<f64> =
             match noise_std_of_quiet_frames(self.without_touches(&wiring.reciprocal).view()) {
                 Ok(std) => std.into_iter().map(|std| std.max(least)).collect(),
-                // frames that are all equal
+                // all frames are equal
                 Err(_) => vec![least; self.used.len()],
             };
         let found = of_start(&wiring, &self.used, &std, &self.reference, self.first.nrows());
-        // what floats is not its noise
+        // the measured values of a floating electrode are not its noise
         let common = median(&std, &self.used);
         for &i in found.iter().flat_map(|&e| &wiring.of_electrode[e]) {
             std[i] = common;
@@ -160,7 +162,7 @@ impl StreamMonitor {
             .with_wrong_drift(WRONG_DRIFT);
         for &electrode in &found {
             monitor.condemn(electrode, FaultKind::Contradicts, time_s);
-            // where it will be once it is sound nobody knows: as large as others, and reciprocal
+            // its values once it recovers are unknown: assume the typical size, and reciprocity
             wiring.of_electrode[electrode].iter().for_each(|&i| self.reference[i] = typical);
         }
         monitor.leave_out();
@@ -168,12 +170,12 @@ impl StreamMonitor {
     }
 }
 
-/// Electrodes that fail at any time in some frames of an instrument, without a model, by ascending
-/// number; the first fault of each.
+/// Finds the electrodes that fail at any time in an instrument's frames, without a model, in ascending order;
+/// returns the first fault of each.
 ///
 /// # Errors
 ///
-/// Those of [`StreamMonitor`].
+/// The errors of [`StreamMonitor`].
 pub fn of_frames(
     quadruples: &[Quadruple],
     electrodes: usize,
@@ -182,7 +184,7 @@ pub fn of_frames(
     let count = frames.values.nrows();
     let mut monitor = StreamMonitor::new(quadruples, electrodes, count)?;
     let mut found: Vec<ElectrodeFault> = Vec::new();
-    // all frames are the reference, then each is held against it
+    // all frames form the reference; then each is compared with it
     for k in 0..2 * count {
         let (frame, time_s) = (k % count, k as f64 * UNKNOWN_PERIOD_S);
         let values: Vec<f64> = frames.values.row(frame).to_vec();

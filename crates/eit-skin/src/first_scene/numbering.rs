@@ -1,4 +1,4 @@
-//! Which electrode is the first, and which way they are counted.
+//! Determines which electrode is the first and in which direction they are counted.
 
 use super::protocols::{NODES, is_signed, renumbered};
 use super::{FirstScene, Outline};
@@ -9,34 +9,34 @@ use eit_fem::{ForwardModel, Protocol};
 use eit_hw::model_correlation;
 use ndarray::{Array1, Array2};
 
-/// Radius of a press, metres: exp(-(d / radius)^2). That of a fingertip, and no less than what the
-/// comparison's mesh resolves.
+/// Radius of a press, metres: exp(-(d / radius)^2). That of a fingertip, and at least what the mesh of the
+/// comparison resolves.
 const PRESS_RADIUS_M: f64 = 0.007;
 const MESH_RADII: f64 = 0.08;
-/// Channels with less of the largest voltage are not compared: their ratios are noise.
+/// Channels below this fraction of the largest voltage are not compared: their ratios are noise.
 const LEAST_VOLTAGE: f64 = 1e-3;
-/// Points a side of the grid on which a press is looked for.
+/// Points per side of the grid on which a press is sought.
 const GRID: usize = 25;
 
 /// A press at a known place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KnownPress {
-    /// Where, metres.
+    /// Its position, metres.
     pub place_m: [f64; 2],
-    /// The frame with the press minus that without, in the frame's unit.
+    /// Frame with the press minus frame without it, in the frame's unit.
     pub change: Vec<f64>,
 }
 
-/// The numbering that explains presses best.
+/// The numbering that explains the presses best.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Numbering {
-    /// Where electrode 1 is, counter-clockwise from +x as seen from the centre, degrees.
+    /// Position of electrode 1, counter-clockwise from +x as seen from the centre, degrees.
     pub first_angle_deg: f64,
-    /// Which way electrodes are counted.
+    /// Direction in which electrodes are counted.
     pub direction: Direction,
     /// Whether a touch raises or lowers the conductivity.
     pub sign: TouchSign,
-    /// Mean cosine between the measured changes and those of the model for presses at their places; 1 is
+    /// Mean cosine between the measured changes and the model's changes for presses at their places; 1 is
     /// perfect.
     pub likeness: f64,
     /// The same for the next best numbering.
@@ -47,16 +47,18 @@ pub struct Numbering {
 
 /// Finds the numbering of the electrodes from presses at known places.
 ///
-/// Of the `2 n` numberings of `n` places along the rim (each first electrode, both directions) the one
-/// whose model changes most like the measured frames where the presses are. Channels are compared as
-/// relative changes times the model's voltage, so that neither unit, gain nor polarity counts.
-/// `reference` is the frame of the untouched skin. Cost: `2 n` forward solves with Jacobian on a mesh of
-/// 1 500 nodes, a fraction of a second for 16 electrodes.
+/// There are `2 n` numberings of `n` places along the rim (each first electrode, both directions). The result
+/// is the one whose modelled changes are most like the measured ones. Channels are compared as relative
+/// changes times the model's voltage, so neither unit, gain nor polarity matters. `reference` is the frame of
+/// the untouched skin. Cost: `2 n` forward solves with Jacobian on a mesh of 1 500 nodes, a fraction of a
+/// second for 16 electrodes.
 ///
-/// Two presses as [`Outline::press_places_m`] tell all numberings apart; one press leaves a mirror image.
+/// Two presses at [`Outline::press_places_m`] distinguish all numberings; a single press leaves a mirror
+/// image.
 ///
 /// # Errors
-/// No press; a change or reference of another length than the protocol; a reference without a voltage.
+/// No press; a change or reference with the wrong length for the protocol; a reference without a nonzero
+/// voltage.
 pub fn find_numbering(
     first: &FirstScene,
     reference: &[f64],
@@ -82,7 +84,7 @@ pub fn find_numbering(
                 .zip(&bells)
                 .map(|(change, bell)| cosine(&change, &model.jacobian.dot(bell)));
             let mean = cosines.sum::<f64>() / presses.len() as f64;
-            // the untouched frame has its say where numberings differ in it
+            // weight by the untouched frame, which may also depend on the numbering
             let untouched = model.likeness(reference);
             tried.push((mean * untouched, mean, start, is_clockwise));
         }
@@ -116,7 +118,7 @@ fn check(
 ) -> Result<(), SkinError> {
     if presses.is_empty() {
         return Err(SkinError::input(
-            "no press is given: the numbering of electrodes needs one or more",
+            "no press is given: finding the numbering of electrodes needs one or more",
         ));
     }
     let frames = presses.iter().map(|press| &press.change[..]);
@@ -150,7 +152,7 @@ fn bell(centroids: &[[f64; 3]], place_m: [f64; 2], radius_m: f64) -> Array1<f64>
 /// Angle of a place along the rim, counter-clockwise from +x, in [0, 360).
 fn place_angle_deg(skin: &Skin, place: usize) -> f64 {
     let [x, y, _] = skin.mesh.electrode_centre_m(place).unwrap_or_default();
-    // a thousandth of a degree: chords of the mesh are no arcs
+    // to a thousandth of a degree: the mesh approximates arcs by chords
     let angle = (y.atan2(x).to_degrees().rem_euclid(360.0) * 1e3).round() / 1e3;
     if angle >= 360.0 { 0.0 } else { angle }
 }
@@ -160,7 +162,7 @@ fn cosine(one: &Array1<f64>, other: &Array1<f64>) -> f64 {
     if sizes > 0.0 { one.dot(other) / sizes } else { 0.0 }
 }
 
-/// The skin linearised, measured in one numbering.
+/// The linearised skin, measured with one numbering.
 struct Linear {
     voltages: Array1<f64>,
     jacobian: Array2<f64>,
@@ -177,7 +179,7 @@ impl Linear {
         Ok(Self { voltages: solution.measurements(), jacobian: solution.jacobian() })
     }
 
-    /// A measured change in the model's volts: relative change times the model's voltage.
+    /// A measured change in the model's volts: the relative change times the model's voltage.
     fn scaled(&self, reference: &[f64], change: &[f64]) -> Array1<f64> {
         let largest = reference.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         let channels = self.voltages.iter().zip(reference.iter().zip(change));
@@ -189,7 +191,7 @@ impl Linear {
             .collect()
     }
 
-    /// Correlation of the untouched frame, whatever its polarity; of magnitudes where it has no signs.
+    /// Correlation with the untouched frame, regardless of polarity; of magnitudes if the frame has no signs.
     fn likeness(&self, reference: &[f64]) -> f64 {
         let value = |value: &f64| if is_signed(reference) { *value } else { value.abs() };
         let measured: Vec<f64> = reference.iter().map(value).collect();
@@ -197,7 +199,7 @@ impl Linear {
         model_correlation(&measured, &modelled).map_or(0.0, f64::abs)
     }
 
-    /// The point of a grid whose press is most like the change.
+    /// The grid point whose modelled press is most like the change.
     fn place(&self, change: &Array1<f64>, centroids: &[[f64; 3]], outline: Outline) -> [f64; 2] {
         let ([x, y], radius_m) = (outline.half_extent_m(), press_radius_m(outline));
         let step = |k: usize| 2.0 * (k as f64 + 0.5) / GRID as f64 - 1.0;

@@ -1,51 +1,52 @@
-//! When a skin is pressed, held and released, without a model.
+//! Detects when a skin is pressed, held and released, without a model.
 
 use crate::error::SkinError;
 use std::collections::VecDeque;
 
-/// A frame shows a press where its root mean square change exceeds so many times the noise's.
+/// A frame shows a press if its root mean square change exceeds this multiple of the noise.
 const PRESSED: f64 = 6.0;
-/// Released where it is below this share of the press.
+/// The press is released when the change falls below this fraction of it.
 const RELEASED: f64 = 0.3;
-/// Held where the two halves of the window differ by less than this share of the change.
+/// The press is held when the two halves of the window differ by less than this fraction of the change.
 const STEADY: f64 = 0.1;
-/// Share of a new frame in the untouched reference.
+/// Weight of a new frame in the untouched reference.
 const FOLLOW: f64 = 0.05;
 
-/// What a [`PressWatch`] sees.
+/// State reported by a [`PressWatch`].
 #[derive(Debug, Clone, PartialEq)]
 pub enum PressState {
     /// Nothing touches the skin.
     Untouched,
-    /// Something does, and it moves or its force changes.
+    /// The skin is touched, and the touch moves or its force changes.
     Unsteady,
-    /// A press is held: the mean change over the window, in the frame's unit. Told once for each press.
+    /// A press is held: the mean change over the window, in the frame's unit. Reported once per press.
     Held(Vec<f64>),
-    /// It is still held.
+    /// The press is still held.
     StillHeld,
 }
 
-/// Notices presses in a stream of frames.
+/// Detects presses in a stream of frames.
 ///
-/// A press is a change far above the noise of the untouched frames; it counts as held once the two halves
-/// of the last `window` frames agree, and as released once the change is below 30 % of it. The reference
-/// follows the untouched skin slowly, and begins anew after a release, so that what the fabric remembers
-/// of a press is no second one. Channels count alike in units of their noise, which is floored at a tenth
-/// of the median channel's.
+/// A press is a change far above the noise of the untouched frames. It counts as held once the two halves of
+/// the last `window` frames agree, and as released once the change is below 30 % of it. The reference slowly
+/// follows the untouched skin, and is taken anew after a release, so that what remains of a press in the
+/// fabric (its memory) does not count as a second press. Channels have equal weight in units of their noise,
+/// which is at least a tenth of the median channel's.
 #[derive(Debug, Clone)]
 pub struct PressWatch {
     reference: Vec<f64>,
     noise: Vec<f64>,
     window: VecDeque<Vec<f64>>,
     frames: usize,
-    /// Size of the press that is held.
+    /// Size of the press that is being held.
     held: Option<f64>,
-    /// Frames until the reference is believed after a release.
+    /// Number of frames until the reference is trusted after a release.
     settling: usize,
 }
 
 impl PressWatch {
-    /// From frames of the untouched skin, `[frame][value]`; `window`: frames that a press must be held.
+    /// Creates a watch from frames of the untouched skin, `[frame][value]`; `window` is the number of frames
+    /// for which a press must be held.
     ///
     /// # Errors
     /// Fewer than 4 frames, or frames of different lengths.
@@ -77,7 +78,7 @@ impl PressWatch {
             return Err(SkinError::input("no value of the untouched skin is finite in all frames"));
         }
         let floor = floor_of(&known, &mean);
-        // a channel that was missing has no reference: it never counts
+        // a channel with missing values has no reference: it never counts
         noise.iter_mut().for_each(|noise| {
             *noise = if noise.is_finite() { noise.max(floor) } else { f64::INFINITY };
         });
@@ -86,13 +87,13 @@ impl PressWatch {
         Ok(Self { reference: mean, noise, window, frames, held: None, settling: 0 })
     }
 
-    /// The untouched frame at present.
+    /// Returns the current untouched frame.
     pub fn reference(&self) -> &[f64] {
         &self.reference
     }
 
-    /// Takes the next frame. Values that are not finite count as unchanged; a frame of another length is
-    /// passed over.
+    /// Takes the next frame. Values that are not finite count as unchanged; a frame with the wrong length is
+    /// ignored.
     pub fn push(&mut self, frame: &[f64]) -> PressState {
         if frame.len() != self.reference.len() {
             return PressState::Unsteady;
@@ -144,14 +145,14 @@ impl PressWatch {
         (squares.sum::<f64>() / change.len() as f64).sqrt()
     }
 
-    /// The reference is what the skin shows now.
+    /// Makes the mean of the current window the reference.
     fn rebase(&mut self) {
         let mean = self.mean(0, self.window.len());
         self.reference.iter_mut().zip(mean).for_each(|(reference, change)| *reference += change);
         self.window.clear();
     }
 
-    /// Mean change of some frames of the window.
+    /// Mean change over a range of frames of the window.
     fn mean(&self, from: usize, to: usize) -> Vec<f64> {
         let count = (to - from).max(1) as f64;
         let frames = || self.window.iter().skip(from).take(to - from);
@@ -160,7 +161,7 @@ impl PressWatch {
             .collect()
     }
 
-    /// The mean change, where a full window shows a press and its halves agree.
+    /// The mean change, if a full window shows a press and its halves agree.
     fn steady(&self) -> Option<Vec<f64>> {
         if self.window.len() < self.frames
             || self.window.iter().any(|change| self.size(change) < PRESSED)
@@ -172,14 +173,14 @@ impl PressWatch {
         let difference: Vec<f64> =
             before.iter().zip(&after).map(|(one, other)| one - other).collect();
         let mean = self.mean(0, self.frames);
-        // the halves differ by noise, too: twice its mean over a half is forgiven
+        // the halves also differ by noise: allow twice its mean over a half
         let forgiven = 2.0 * (2.0 / half as f64).sqrt();
         (self.size(&difference) < STEADY * self.size(&mean) + forgiven).then_some(mean)
     }
 }
 
-/// A tenth of the median channel's noise; where most channels never change, a millionth of the largest
-/// voltage.
+/// A tenth of the median channel's noise; if that is zero, the largest noise of any channel or, if none ever
+/// changes, a millionth of the largest voltage.
 fn floor_of(noise: &[f64], mean: &[f64]) -> f64 {
     let mut sorted = noise.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -204,7 +205,7 @@ mod tests {
         let mut random = Random::new(5);
         let untouched: Vec<_> = (0..20).map(|_| frame(&mut random, 0.0)).collect();
         let mut watch = PressWatch::new(&untouched, 8).unwrap();
-        // rise, hold, fall to a residue of a tenth (memory), twice; then 200 frames of nothing
+        // rise, hold, fall to a residue of a tenth (memory), twice; then 200 frames without a press
         let press = (0..30).map(|k| (k as f64 / 10.0).min(1.0)).chain((0..20).map(|_| 0.1));
         let levels = press.clone().chain(press).chain((0..200).map(|_| 0.1));
         let (mut held, mut pressed_at_end) = (Vec::new(), false);
@@ -230,7 +231,7 @@ mod tests {
         let untouched: Vec<_> = (0..20).map(|_| frame(&mut random, 0.0)).collect();
         let mut watch = PressWatch::new(&untouched, 8).unwrap();
         for k in 0..5000 {
-            // half the noise in ten frames
+            // drifts by half the noise in ten frames
             let state = watch.push(&frame(&mut random, 5e-5 * f64::from(k)));
             assert_eq!(state, PressState::Untouched, "frame {k}");
         }
@@ -243,7 +244,8 @@ mod tests {
         let mut watch = PressWatch::new(&vec![vec![1.0; 6]; 10], 4).unwrap();
         assert_eq!(watch.push(&[1.0; 6]), PressState::Untouched);
         assert_eq!(watch.push(&[f64::NAN; 6]), PressState::Untouched);
-        // a channel that is missing at the start never counts; without any other there is nothing to watch
+        // a channel with missing values at the start never counts; without any other there is nothing to
+        // watch
         let frame = |first: f64| vec![first, 1.0, 1.0];
         let mut partly =
             PressWatch::new(&[frame(f64::NAN), frame(1.0), frame(1.0), frame(1.0)], 4).unwrap();

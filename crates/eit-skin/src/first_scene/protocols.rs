@@ -1,4 +1,4 @@
-//! Pair protocols that fit what a board prints.
+//! Pair protocols that match what a board prints.
 
 use super::{FirstScene, Outline};
 use crate::error::SkinError;
@@ -6,13 +6,13 @@ use crate::skin::Skin;
 use eit_fem::{DrivenElectrodes, ForwardModel, Order, PairPattern, PairProtocol, Protocol};
 use eit_hw::{model_correlation, reciprocity_error};
 
-/// Most electrodes that are tried where nobody says how many there are.
+/// Largest number of electrodes tried if it is not known.
 const MOST_ELECTRODES: usize = 64;
-/// Above this reciprocity error an order is doubted (as in [`eit_hw::recognise_order`]).
+/// Reciprocity error above which an order is doubted (as in [`eit_hw::recognise_order`]).
 const DOUBTED_ERROR: f64 = 0.2;
-/// A frame has both signs where the largest value of one is so much of the other's.
+/// A frame has both signs if the largest value of one is above this fraction of the other's.
 const SIGNED: f64 = 0.05;
-/// Nodes of the mesh for the comparison: discretisation errs by some percent at the electrodes, wrong
+/// Number of mesh nodes for the comparison: discretisation errs by a few percent at the electrodes, wrong
 /// orders by tens.
 pub(super) const NODES: usize = 1500;
 
@@ -21,31 +21,31 @@ pub(super) const NODES: usize = 1500;
 pub struct FittingProtocol {
     /// The protocol.
     pub protocol: PairProtocol,
-    /// Reciprocity error of the frame in its order ([`reciprocity_error`]); `None` where it has no
-    /// reciprocal pairs.
+    /// Reciprocity error of the frame in its order ([`reciprocity_error`]); `None` if it has no reciprocal
+    /// pairs.
     pub reciprocity: Option<f64>,
-    /// Correlation with the untouched model, for the numbering of the electrodes that fits best; 1 is
-    /// perfect. Of magnitudes where all values have one sign; whatever the polarity otherwise.
+    /// Correlation with the untouched model, for the electrode numbering that fits best; 1 is perfect.
+    /// Compares magnitudes if all values have one sign; ignores polarity otherwise.
     pub correlation: f64,
 }
 
 impl FittingProtocol {
-    /// Whether reciprocity contradicts the order.
+    /// Returns whether reciprocity contradicts the order.
     pub fn is_doubted(&self) -> bool {
         self.reciprocity.is_some_and(|error| error > DOUBTED_ERROR)
     }
 }
 
-/// Pair protocols with as many measurements as `frame` has values, best first: those that reciprocity does
-/// not contradict, by their correlation with the model.
+/// Finds pair protocols with as many measurements as `frame` has values. Those that reciprocity does not
+/// contradict come first, sorted by their correlation with the model.
 ///
-/// Tried are adjacent, skip-N and opposite drive, measured on adjacent pairs or on pairs like the driven
-/// ones, with and without current-carrying electrodes, in both orders; with `electrodes` electrodes or,
-/// without, all numbers from 4 to 64. `frame` is the mean of frames of the untouched skin, in any unit;
-/// magnitudes serve as well.
+/// Tries adjacent, skip-N and opposite drive, measured on adjacent pairs or on pairs like the driven ones,
+/// with and without current-carrying electrodes, in both orders, for `electrodes` electrodes or, if `None`,
+/// all numbers from 4 to 64. `frame` is the mean of frames of the untouched skin, in any unit; magnitudes
+/// suffice.
 ///
 /// # Errors
-/// A skin that cannot be meshed; a frame that is not finite.
+/// A skin that cannot be meshed; a frame with a value that is not finite.
 pub fn fitting_protocols(
     frame: &[f64],
     outline: Outline,
@@ -77,10 +77,10 @@ pub fn fitting_protocols(
     Ok(fitting)
 }
 
-/// Protocols of so many electrodes and values, each order once.
+/// Protocols with this number of electrodes and values, each order once.
 fn candidates(electrodes: usize, values: usize) -> Vec<(PairProtocol, Vec<[u32; 4]>)> {
     let mut drives = vec![PairPattern::Adjacent];
-    // skip-N beyond half of the electrodes is skip-M from the other side; half is "opposite"
+    // skip-N beyond half of the electrodes equals skip-M from the other side; half is "opposite"
     drives
         .extend((1..).take_while(|between| 2 * (between + 1) < electrodes).map(PairPattern::Skip));
     drives.extend(electrodes.is_multiple_of(2).then_some(PairPattern::Opposite));
@@ -99,7 +99,7 @@ fn candidates(electrodes: usize, values: usize) -> Vec<(PairProtocol, Vec<[u32; 
                         order,
                         current_a,
                     };
-                    // as with four electrodes and opposite drive: nothing is left to be measured
+                    // for example four electrodes with opposite drive: nothing is left to measure
                     let Ok(quadruples) = protocol.quadruples() else { continue };
                     if quadruples.len() == values && found.iter().all(|known| known.1 != quadruples)
                     {
@@ -112,10 +112,10 @@ fn candidates(electrodes: usize, values: usize) -> Vec<(PairProtocol, Vec<[u32; 
     found
 }
 
-/// The untouched skin, to be measured by any protocol.
+/// The untouched skin, which any protocol can measure.
 pub(super) struct Untouched {
     skin: Skin,
-    /// Numberings of which one may fit better than another: on a disc all are alike.
+    /// Number of first electrodes to try: on a disc all numberings are alike.
     starts: usize,
 }
 
@@ -131,7 +131,7 @@ impl Untouched {
         Ok(Self { skin, starts })
     }
 
-    /// The correlation for the numbering that fits best.
+    /// Correlation for the numbering that fits best.
     fn correlation(&self, protocol: &PairProtocol, frame: &[f64]) -> Result<f64, SkinError> {
         let quadruples = protocol.quadruples()?;
         let is_signed = is_signed(frame);
@@ -147,7 +147,7 @@ impl Untouched {
                 let value = |value: &f64| if is_signed { *value } else { value.abs() };
                 let modelled: Vec<f64> = undriven(&mapped, voltages.iter().map(value));
                 let measured: Vec<f64> = undriven(&mapped, frame.iter().map(value));
-                // a board's polarity is its own
+                // the board's polarity is unknown
                 best = best.max(model_correlation(&measured, &modelled).map_or(0.0, f64::abs));
                 if self.starts == 1 {
                     break;
@@ -158,21 +158,21 @@ impl Untouched {
     }
 }
 
-/// Whether a frame holds values of both signs, beyond noise.
+/// Whether a frame has values of both signs, beyond noise.
 pub(super) fn is_signed(frame: &[f64]) -> bool {
     let [least, most] =
         frame.iter().fold([0.0_f64; 2], |[l, m], value| [l.min(*value), m.max(*value)]);
     -least > SIGNED * most && most > -SIGNED * least
 }
 
-/// Measurements without those on current-carrying electrodes, which hold the contact impedance.
+/// Measurements without those on current-carrying electrodes, which contain the contact impedance.
 fn undriven(quadruples: &[[u32; 4]], values: impl Iterator<Item = f64>) -> Vec<f64> {
     let on_driven = |[a, b, m, n]: &[u32; 4]| [m, n].iter().any(|e| *e == a || *e == b);
     quadruples.iter().zip(values).filter(|(q, _)| !on_driven(q)).map(|(_, value)| value).collect()
 }
 
-/// Quadruples in the numbers of the places along the rim, where electrode `i` of the board is at place
-/// `start + i`, or `start - i` where the board counts clockwise.
+/// Quadruples in terms of places along the rim, where electrode `i` of the board is at place `start + i`, or
+/// `start - i` if the board counts clockwise.
 pub(super) fn renumbered(
     quadruples: &[[u32; 4]],
     electrodes: usize,

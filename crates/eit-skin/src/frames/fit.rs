@@ -1,21 +1,21 @@
-//! Does the homogeneous model explain the reference frame? Sign, size, correlation.
+//! Checks whether the homogeneous model explains the reference frame: sign, size, correlation.
 
 use super::Frames;
 use crate::error::SkinError;
 use crate::scene::DifferenceKind;
 
-/// How the homogeneous model explains a reference frame.
+/// How well the homogeneous model explains a reference frame.
 #[derive(Debug, Clone, Copy)]
 pub struct ModelFit {
-    /// Factor `g` of the best `v_ref = g v0`.
+    /// Factor `g` of the best fit `v_ref = g v0`.
     pub gain: f64,
-    /// Cosine between the two.
+    /// Cosine of the angle between the two.
     pub correlation: f64,
 }
 
 impl Frames {
-    /// Compares the reference with the model's voltages. A wrong sign inverts plain differences,
-    /// and reciprocity cannot see it.
+    /// Compares the reference with the model's voltages. A wrong sign inverts plain differences, which
+    /// reciprocity cannot detect.
     pub fn fit_model(
         &mut self,
         model_voltages: &[f64],
@@ -40,7 +40,7 @@ impl Frames {
         }
         if correlation.abs() < 0.9 {
             self.notes.push(format!(
-                "the homogeneous model explains the reference badly (correlation \
+                "the homogeneous model explains the reference poorly (correlation \
                  {correlation:.3}): check the protocol and the number and order of electrodes"
             ));
         } else if plain && !(0.5..=2.0).contains(&gain) {

@@ -18,35 +18,35 @@ use eit_inverse::noise_std_of_quiet_frames;
 use ndarray::{Array2, Axis, concatenate};
 use std::path::{Path, PathBuf};
 
-/// Frames ready for reconstruction.
+/// Frames that are ready for reconstruction.
 #[derive(Debug, Clone)]
 pub struct Frames {
-    /// [frame, measurement], volt (or the instrument's unit where it states none).
+    /// [frame, measurement], volt (or the instrument's unit if it states none).
     pub values: Array2<f64>,
-    /// The frame to subtract.
+    /// The reference frame, which is subtracted.
     pub reference: Vec<f64>,
-    /// Where the reference came from, in words.
+    /// Source of the reference, in words.
     pub reference_source: String,
-    /// Frames that the reference is the mean of.
+    /// Number of frames averaged into the reference.
     pub reference_frames: usize,
-    /// Frames during which nothing touched the skin, where there are some to measure the noise on.
+    /// Frames of the untouched skin for measuring the noise, if there are any.
     pub quiet: Option<QuietFrames>,
-    /// Whether a value is good, [frame, measurement].
+    /// Whether each value is good, [frame, measurement].
     pub good: Array2<bool>,
-    /// Electrodes that float while the reference is taken: their measurements are not used.
+    /// Electrodes that float while the reference is taken; their measurements are not used.
     pub faults: Vec<ElectrodeFault>,
-    /// Measurements of the reconstruction; a frame's bad ones among them are left out of it.
+    /// Measurements used for the reconstruction; those that are bad in a frame are excluded from that frame.
     pub used: Vec<bool>,
-    /// Frames a second, where known.
+    /// Frames per second, if known.
     pub rate_hz: Option<f64>,
-    /// Reciprocity error of the mean frame, where there are reciprocal pairs.
+    /// Reciprocity error of the mean frame, if there are reciprocal pairs.
     pub reciprocity_error: Option<f64>,
-    /// What the user should know.
+    /// Notes for the user.
     pub notes: Vec<String>,
 }
 
 impl Frames {
-    /// Frames whose used measurements are all good.
+    /// Returns the frames whose used measurements are all good.
     pub fn clean(&self) -> Vec<usize> {
         let is_clean = |frame: &usize| {
             self.good.row(*frame).iter().zip(&self.used).all(|(good, used)| *good || !*used)
@@ -54,7 +54,7 @@ impl Frames {
         (0..self.values.nrows()).filter(is_clean).collect()
     }
 
-    /// Difference data [frame, measurement], zero where a value is not used: volt, or relative to
+    /// Returns difference data [frame, measurement], zero where a value is not used: in volt, or relative to
     /// the reference.
     pub fn differences(&self, kind: DifferenceKind) -> Array2<f64> {
         let mut differences = self.values.clone();
@@ -68,7 +68,7 @@ impl Frames {
     }
 }
 
-/// Frames of files in protocol order.
+/// Frames read from files, in protocol order.
 struct Loaded {
     frames: MeasuredFrames,
     marked_reference: Option<usize>,
@@ -77,11 +77,11 @@ struct Loaded {
 }
 
 impl Skin {
-    /// Reads the frames of the settings; `files` and `reference` of the caller come first.
+    /// Reads the frames of the settings; `files` and `reference` of the caller take precedence.
     ///
     /// # Errors
     ///
-    /// Files that cannot be read, a wrong count or order of measurements, no reference.
+    /// Files that cannot be read; a wrong number or order of measurements; no reference.
     pub fn read_frames(
         &self,
         files: &[PathBuf],
@@ -92,7 +92,7 @@ impl Skin {
         assemble(self, loaded, taken)
     }
 
-    /// Values [frame, measurement], volt, in protocol order as if the recording held them.
+    /// Takes values [frame, measurement], volt, in protocol order, as if read from a recording.
     ///
     /// # Errors
     ///
@@ -117,11 +117,11 @@ impl Skin {
         assemble(self, loaded, taken)
     }
 
-    /// Frames of an instrument during which nothing touched the skin: their mean is the reference.
+    /// Takes an instrument's frames of the untouched skin; their mean is the reference.
     ///
     /// # Errors
     ///
-    /// No usable measurement, or data in another order than the protocol's.
+    /// No usable measurement; data in another order than the protocol's.
     pub fn frames_of_quiet(&self, mut frames: MeasuredFrames) -> Result<Frames, SkinError> {
         frames.to_volts(drive_current_a(&self.protocol));
         frames.values *= self.settings.recording.scale;
@@ -130,8 +130,7 @@ impl Skin {
         assemble(self, Loaded { frames, marked_reference, ordered_by_file, notes }, taken)
     }
 
-    /// What a value of a live instrument is multiplied by to be as those of
-    /// [`Skin::frames_of_quiet`].
+    /// Returns the factor that converts a live instrument's values to those of [`Skin::frames_of_quiet`].
     pub fn live_factor(&self, unit: eit_hw::Unit) -> f64 {
         let volts = match unit {
             eit_hw::Unit::Ohm => drive_current_a(&self.protocol),
@@ -140,7 +139,7 @@ impl Skin {
         volts * self.settings.recording.scale
     }
 
-    /// The files of the caller, else those of the settings.
+    /// The caller's files, else those of the settings.
     fn files(&self, given: &[PathBuf]) -> Result<Vec<PathBuf>, SkinError> {
         match (given, &self.settings.recording.files) {
             ([], Some(files)) if files.is_empty() => {
@@ -156,7 +155,7 @@ impl Skin {
     }
 }
 
-/// What is used, and why the rest is not.
+/// Determines which measurements are used, and why the others are not.
 fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Frames, SkinError> {
     let mut notes = loaded.notes.clone();
     let count = loaded.frames.values.nrows();
@@ -202,7 +201,7 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
     })
 }
 
-/// Leaves out the measurements of electrodes that float in the quiet frames.
+/// Excludes the measurements of electrodes that float in the quiet frames.
 fn leave_out_floating(
     skin: &Skin,
     taken: &reference::Taken,
@@ -222,14 +221,14 @@ fn leave_out_floating(
 
 const DRIVEN: &str = "on current-carrying electrodes";
 const ZERO: &str = "zero, or almost, in the reference frame";
-/// What counts as almost zero, relative to the largest value of the reference frame: changes
-/// divided by less are noise of any instrument (120 dB).
+/// Threshold for almost zero, relative to the largest value of the reference frame: changes divided by less
+/// are noise of any instrument (120 dB).
 const ALMOST_ZERO: f64 = 1e-6;
 const BAD_REFERENCE: &str = "flagged bad in the reference";
 const MOSTLY_BAD: &str = "flagged bad in more than half of the frames";
 
-/// Why each measurement is left out of all frames; `None`: it is used. One that is bad in some
-/// frames only is left out of those frames.
+/// Why each measurement is excluded from all frames; `None` if it is used. A measurement that is bad in some
+/// frames only is excluded from those frames.
 fn reasons_to_leave_out(
     skin: &Skin,
     loaded: &Loaded,
@@ -298,7 +297,7 @@ fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> {
     Ok(Loaded { frames, marked_reference, ordered_by_file, notes })
 }
 
-/// What a user should know of one file.
+/// Notes for the user about one file.
 fn notes_of(recording: &Recording, file: &Path) -> Vec<String> {
     let name = name_of(file);
     let mut notes: Vec<String> = recording.notes.iter().map(|n| format!("{name}: {n}")).collect();
@@ -309,7 +308,7 @@ fn notes_of(recording: &Recording, file: &Path) -> Vec<String> {
     notes
 }
 
-/// The frames of several files one after the other; their clocks do not continue.
+/// Concatenates the frames of several files; their clocks do not continue, so times are dropped.
 fn joined(mut parts: Vec<MeasuredFrames>) -> Result<MeasuredFrames, SkinError> {
     if parts.len() == 1 {
         return Ok(parts.remove(0));
@@ -324,8 +323,8 @@ fn joined(mut parts: Vec<MeasuredFrames>) -> Result<MeasuredFrames, SkinError> {
     Ok(MeasuredFrames { values, quality, device_time_s: None, ..parts.remove(0) })
 }
 
-/// Whether a measurement touches an electrode that carries current, where two electrodes do.
-/// Patterns that drive many electrodes at once have no other measurements.
+/// Whether each measurement involves a current-carrying electrode, for patterns that drive two. With patterns
+/// that drive many electrodes at once there are no other measurements.
 pub(crate) fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
     let (stimulations, senses) = (protocol.stimulations_a(), protocol.measurement_patterns());
     let touches = |&[s, m]: &[u32; 2]| {
@@ -340,7 +339,7 @@ fn name_of(path: &Path) -> String {
     path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }
 
-/// Largest current of the first stimulation: what a measured impedance is multiplied by.
+/// Largest current of the first stimulation, which converts a measured impedance to a voltage.
 fn drive_current_a(protocol: &Protocol) -> f64 {
     protocol.stimulations_a().row(0).iter().fold(0.0, |m: f64, i| m.max(i.abs()))
 }

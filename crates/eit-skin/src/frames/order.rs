@@ -1,4 +1,4 @@
-//! Is the data in the scene's order? Reciprocity tells; nothing is ever reordered.
+//! Checks by reciprocity whether the data is in the scene's order; never reorders anything.
 
 use super::Loaded;
 use crate::error::SkinError;
@@ -6,7 +6,7 @@ use crate::skin::Skin;
 use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 use eit_hw::OrderVerdict;
 
-/// Compares the order of the data with others; returns the reciprocity error in the scene's.
+/// Compares the order of the data with other orders; returns the reciprocity error in the scene's order.
 pub fn check(
     skin: &Skin,
     loaded: &Loaded,
@@ -23,8 +23,8 @@ pub fn check(
         OrderVerdict::Other { better, ours } if skin.check_order => {
             let best = &better[0];
             Err(SkinError::input(format!(
-                "the data is not in the scene's order: reciprocity error {:.0} % as the scene has \
-                 it, {:.1} % with {}; set that, or [protocol] check_order = false to go on",
+                "the data is not in the scene's order: reciprocity error {:.0} % in the scene's \
+                 order, {:.1} % with {}; set that, or [protocol] check_order = false to continue",
                 100.0 * ours,
                 100.0 * best.error,
                 best.setting
@@ -41,7 +41,7 @@ pub fn check(
     }
 }
 
-/// Other pair protocols with as many measurements, by the keys that choose them.
+/// Other pair protocols with as many measurements, named by the keys that select them.
 fn alternatives(scene: &PairProtocol, count: usize) -> Vec<(String, Vec<[u32; 4]>)> {
     let drives = [
         ("adjacent", PairPattern::Adjacent),

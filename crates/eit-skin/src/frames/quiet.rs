@@ -1,4 +1,4 @@
-//! Frames during which nothing touched the skin: what the noise is measured on.
+//! Frames of the untouched skin, from which the noise is measured.
 
 use super::reference::Taken;
 use crate::error::SkinError;
@@ -6,20 +6,20 @@ use crate::skin::Skin;
 use eit_hw::{MeasuredFrames, Quality};
 use ndarray::{Array2, Axis};
 
-/// Fewer frames are not enough to tell noise from drift.
+/// Smallest number of frames that distinguishes noise from drift.
 const LEAST_FRAMES: usize = 3;
 
-/// Quiet frames.
+/// Frames of the untouched skin.
 #[derive(Debug, Clone)]
 pub struct QuietFrames {
     /// [frame, measurement], in the unit of the frames; 0 in measurements that are not used.
     pub values: Array2<f64>,
-    /// Where they came from, in words.
+    /// Source of the frames, in words.
     pub source: String,
 }
 
-/// The frames that `noise.quiet_frames` names, else those of the reference where they are several
-/// and not the whole recording, touches and all. Frames with bad values are passed over.
+/// Returns the frames that `noise.quiet_frames` names, else those of the reference if there are several and
+/// they are not the whole recording, touches included. Frames with bad values are skipped.
 pub fn find(
     skin: &Skin,
     recording: &MeasuredFrames,
@@ -43,14 +43,14 @@ pub fn find(
     let found = values.nrows();
     if found < LEAST_FRAMES {
         return Err(SkinError::input(format!(
-            "noise.quiet_frames = \"{range}\": {found} of them are without bad values; the \
-             noise is measured on {LEAST_FRAMES} or more"
+            "noise.quiet_frames = \"{range}\": {found} of them have no bad values; measuring the \
+             noise needs {LEAST_FRAMES} or more"
         ))
         .within(&skin.place));
     }
     let left_out = range.count() - found;
     if left_out > 0 {
-        notes.push(format!("{left_out} quiet frames with bad values passed over"));
+        notes.push(format!("{left_out} quiet frames with bad values skipped"));
     }
     Ok(Some(QuietFrames {
         values,
@@ -58,7 +58,7 @@ pub fn find(
     }))
 }
 
-/// The frames of a range whose used values are all good.
+/// Frames of a range whose used values are all good.
 fn clean(
     values: &Array2<f64>,
     quality: &Array2<Quality>,

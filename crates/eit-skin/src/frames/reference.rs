@@ -1,4 +1,4 @@
-//! The frame to subtract: one frame, a mean, or another file.
+//! The reference frame, which is subtracted: a frame, a mean, or another file.
 
 use super::{Loaded, name_of, read};
 use crate::error::SkinError;
@@ -11,15 +11,15 @@ use std::path::Path;
 
 /// A reference frame.
 pub struct Taken {
-    /// The mean, `[measurement]`.
+    /// Mean frame, `[measurement]`.
     pub values: Vec<f64>,
-    /// Which of them are good.
+    /// Which values are good.
     pub good: Vec<bool>,
-    /// Where it came from, in words.
+    /// Source of the reference, in words.
     pub source: String,
-    /// The frames it is the mean of.
+    /// Frames that were averaged.
     pub frames: Measured,
-    /// Whether it is the mean of the whole recording, touches and all.
+    /// Whether it is the mean of the whole recording, touches included.
     pub touched: bool,
 }
 
@@ -29,8 +29,8 @@ pub struct Measured {
     pub quality: Array2<Quality>,
 }
 
-/// Takes the reference of the command line (`given`, files relative to the working folder), else
-/// the scene's (files relative to the scene), else the one the file marks.
+/// Takes the reference of the command line (`given`, files relative to the working directory), else the
+/// scene's (files relative to the scene), else the one that the file marks.
 pub fn take(skin: &Skin, loaded: &Loaded, given: Option<&Reference>) -> Result<Taken, SkinError> {
     let count = loaded.frames.values.nrows();
     let marked = loaded.marked_reference.map(Reference::Frame);
@@ -65,7 +65,7 @@ pub fn take(skin: &Skin, loaded: &Loaded, given: Option<&Reference>) -> Result<T
     Ok(Taken { values, good, source: words, frames, touched })
 }
 
-/// The mean of frames during which nothing touched the skin.
+/// Averages frames of the untouched skin.
 pub fn of_quiet(frames: &MeasuredFrames) -> Taken {
     let count = frames.values.nrows();
     let (values, good) = frames.mean_of(0..count);
@@ -88,7 +88,7 @@ fn single(frame: usize) -> (Range<usize>, String) {
     (frame..frame.saturating_add(1), format!("frame {frame}"))
 }
 
-/// Frames named by a text: "mean", "N..M" or a number; `None` where it must be a file.
+/// Frames named by a text: "mean", "N..M" or a number; `None` if the text must be a file name.
 fn range_of(text: &str, count: usize) -> Option<(Range<usize>, String)> {
     if text == "mean" {
         return Some((0..count, format!("mean of {count} frames")));

@@ -1,4 +1,4 @@
-//! The learning curve: errors of the presses after the first ones, in the order of time.
+//! The learning curve: errors on later presses after learning the first ones, in the order of time.
 
 use super::{Frame, LearnedSkin, PlaceErrors, PlacesBy, PressFrames};
 use crate::error::SkinError;
@@ -7,35 +7,35 @@ use crate::progress::Progress;
 use eit_inverse::learn::{Locator, PlaceRegression};
 use std::time::Instant;
 
-/// Numbers of presses that are tried.
+/// Numbers of presses that are learnt.
 const COUNTS: [usize; 7] = [5, 10, 25, 50, 100, 200, 400];
 
-/// Least presses that errors are stated of.
+/// Smallest number of test presses for which errors are stated.
 const LEAST_TESTED: usize = 5;
 
-/// A point of the curve.
+/// A point of the learning curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePoint {
-    /// Presses that were learnt: those of the earlier file, and the first of the table in time.
+    /// Number of presses learnt: those of the earlier file, and the first of the table.
     pub learnt: usize,
-    /// Those of the earlier file among them.
+    /// Number of those from the earlier file.
     pub earlier: usize,
-    /// Presses after them.
+    /// Number of presses tested: all later ones.
     pub tested: usize,
-    /// What places were taken from.
+    /// How touches were located.
     pub places_by: PlacesBy,
-    /// Errors of places, metres of the table.
+    /// Position errors, metres of the table.
     pub place: PlaceErrors,
-    /// Median and 90 % quantile of the error of the force, part of it.
+    /// Median and 90 % quantile of the relative force error.
     pub force: Option<[f64; 2]>,
-    /// Seconds that learning took.
+    /// Time that learning took, seconds.
     pub time_s: f64,
 }
 
-/// Learns from the first presses, beside those of an earlier file, and tests on all after them. With an earlier
-/// file the first point is that file alone, tested on the whole table.
+/// Learns from the first presses, together with those of an earlier file, and tests on all later ones. With
+/// an earlier file the first point is that file alone, tested on the whole table.
 ///
-/// # Errors
+/// The errors of [`LearnedSkin::learn`].
 ///
 /// Those of [`LearnedSkin::learn`].
 pub fn learning_curve(
@@ -92,7 +92,7 @@ fn point(
     })
 }
 
-/// Errors of single presses.
+/// Errors of individual presses.
 struct Tested {
     errors_m: Vec<f64>,
     force_errors: Vec<f64>,

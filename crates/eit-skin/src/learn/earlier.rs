@@ -1,4 +1,4 @@
-//! Presses of an earlier file beside those of a table.
+//! Merges presses of an earlier file with those of a table.
 
 use super::{Frame, LearnedSkin, PressFrames};
 use crate::error::SkinError;
@@ -7,8 +7,8 @@ use eit_inverse::InverseError;
 use eit_inverse::learn::{Pose, Presses};
 use ndarray::{Array2, ArrayView1, Axis};
 
-/// Frames that differ by less than this part of themselves are the same: a file may lose the last digit of a
-/// number, and noise of any instrument is far above it.
+/// Frames that differ by less than this fraction of their norm are identical: a file may lose the last digit
+/// of a number, and any instrument's noise is far larger.
 const SAME_FRAME: f64 = 1e-12;
 
 /// Presses of an earlier file, then those of the table, in the coordinates of the table.
@@ -17,16 +17,16 @@ pub(super) struct Joined {
     pub channels: Vec<usize>,
     pub table: Presses,
     pub forces_n: Vec<Option<f64>>,
-    /// Number of those that are the earlier file's.
+    /// Number of presses from the earlier file.
     pub earlier: usize,
-    /// What each press is called in messages.
+    /// Name of each press in messages.
     names: Vec<String>,
     place: String,
 }
 
 impl Joined {
-    /// Refuses an earlier file that these presses cannot stand beside, frames without a change, and frames that
-    /// are there twice.
+    /// Rejects an earlier file that is incompatible with these presses, frames without a change, and
+    /// duplicate frames.
     pub fn new(
         fitted: &FittedFrames,
         pressed: &PressFrames,
@@ -41,7 +41,7 @@ impl Joined {
         let mut forces_n = pressed.forces_n.clone();
         let mut names: Vec<String> = (0..pressed.len()).map(|k| pressed.name(k)).collect();
         if let Some(k) = frames.rows().into_iter().position(|row| row.iter().all(|v| *v == 0.0)) {
-            let message = "its frames are the reference itself, as if nothing had touched the skin";
+            let message = "its frames equal the reference, as if nothing had touched the skin";
             return Err(SkinError::input(message).within(&names[k]));
         }
         if let Some(earlier) = earlier {
@@ -62,8 +62,8 @@ impl Joined {
             Self { channels, table: Presses { frames, places_m }, forces_n, earlier, names, place };
         match same_frames(&joined.table.frames) {
             Some([one, other]) => Err(SkinError::input(format!(
-                "its frame is that of {} too, and a press that is both learnt and tested seems to err by \
-                 nothing: keep one of them",
+                "it has the same frame as {}, and a press that is both learnt and tested appears to have \
+                 no error: keep one of them",
                 joined.names[one]
             ))
             .within(&joined.names[other])),
@@ -71,8 +71,8 @@ impl Joined {
         }
     }
 
-    /// Frames and what is subtracted from each, `[measurement]`: those of the earlier file on the reference of
-    /// these frames.
+    /// Frames and what is subtracted from each, `[measurement]`; those of the earlier file are added to the
+    /// reference of these frames.
     pub fn pairs<'a>(
         &'a self,
         fitted: &'a FittedFrames,
@@ -88,7 +88,7 @@ impl Joined {
         old.chain(pressed.pairs())
     }
 
-    /// An error that counts presses, with the name of the press.
+    /// Adds the name of the press to an error that contains its index.
     pub fn named(&self, error: InverseError) -> SkinError {
         let press = match error {
             InverseError::NonFiniteData { frame: press, .. }
@@ -100,7 +100,7 @@ impl Joined {
         SkinError::from(error).within(press.unwrap_or(&self.place))
     }
 
-    /// The same for an error that may be another's.
+    /// The same for an error that may be of another kind.
     pub fn located(&self, error: SkinError) -> SkinError {
         match error {
             SkinError::Inverse(error) => self.named(error),
@@ -110,12 +110,12 @@ impl Joined {
 }
 
 impl LearnedSkin {
-    /// Refuses to stand beside presses whose frames or places mean something else.
+    /// Rejects presses whose frames or places have another meaning.
     fn check_beside(&self, channels: &[usize], frame: Frame, sign: f64) -> Result<(), SkinError> {
         if self.channels != channels {
             return Err(SkinError::input(format!(
-                "the earlier file has learnt {} of {} measurements, of these frames {} count, and they are \
-                 not the same ones: leave the same electrodes out, or learn without it",
+                "the earlier file uses {} of {} measurements, these frames use {}, and not the same ones: \
+                 exclude the same electrodes, or learn without that file",
                 self.channels.len(),
                 self.measurements,
                 channels.len()
@@ -124,15 +124,15 @@ impl LearnedSkin {
         let was_fitted = self.pose != Pose::SAME;
         let message = match (was_fitted, frame) {
             (true, Frame::Scene) => {
-                "the places of the earlier file were fitted to the scene, those of the table are the scene's: \
-                 fit the frame here, too"
+                "the places of the earlier file were fitted to the scene, but those of the table are \
+                 the scene's: fit the frame here, too"
             }
             (false, Frame::Fitted) => {
-                "the places of the earlier file are the scene's, those of the table are to be fitted: fit both, \
-                 or neither"
+                "the places of the earlier file are the scene's, but those of the table are to be \
+                 fitted: fit both, or neither"
             }
             (false, Frame::Scene) if self.sign != sign => {
-                "touch.sign of the scene is not that of the earlier file"
+                "touch.sign of the scene differs from that of the earlier file"
             }
             _ => return Ok(()),
         };
@@ -140,7 +140,7 @@ impl LearnedSkin {
     }
 }
 
-/// Two rows that are the same.
+/// Finds two equal rows.
 fn same_frames(frames: &Array2<f64>) -> Option<[usize; 2]> {
     let length = |row: ArrayView1<'_, f64>| row.dot(&row).sqrt();
     let mut sorted: Vec<(f64, usize)> =

@@ -1,4 +1,5 @@
-//! The file of a learnt skin: a line that names format, version and checksum, then its content, as JSON.
+//! The file of a learnt skin: a JSON line with format, version and checksum, then a JSON line with the
+//! content.
 
 mod check;
 
@@ -11,9 +12,9 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const FORMAT: &str = "eit learned skin";
-/// Version that is written; others are refused.
+/// Version that is written; other versions are rejected.
 const VERSION: u32 = 1;
-/// Longest file; a thousand presses of a thousand measurements have twenty megabytes.
+/// Maximum file size; a thousand presses of a thousand measurements take twenty megabytes.
 const MOST_BYTES: u64 = 512 << 20;
 
 #[derive(Serialize, Deserialize)]
@@ -88,7 +89,7 @@ struct ForceRecord {
 }
 
 impl LearnedSkin {
-    /// The bytes of a file.
+    /// Serialises the learnt skin to the bytes of a file.
     ///
     /// # Errors
     ///
@@ -96,7 +97,7 @@ impl LearnedSkin {
     pub fn to_bytes(&self) -> Result<Vec<u8>, SkinError> {
         let failed = |e: serde_json::Error| SkinError::Failure(format!("learnt skin: {e}"));
         let content = self.content();
-        // JSON would write what is not finite as null
+        // JSON would write non-finite numbers as null
         content.check().map_err(|e| SkinError::Failure(format!("learnt skin: {e}")))?;
         let content = serde_json::to_string(&content).map_err(failed)?;
         let crc32 = format!("{:08x}", crc32fast::hash(content.as_bytes()));
@@ -105,23 +106,23 @@ impl LearnedSkin {
         Ok(format!("{header}\n{content}\n").into_bytes())
     }
 
-    /// Reads a file of [`LearnedSkin::to_bytes`].
+    /// Reads a file written by [`LearnedSkin::to_bytes`].
     ///
     /// # Errors
     ///
-    /// A file that cannot be read, is none of these, has another version or was damaged.
+    /// A file that cannot be read, is not in this format, has another version or is damaged.
     pub fn read(path: &Path) -> Result<Self, SkinError> {
         let bytes = read_file_of(path, MOST_BYTES)?;
         Self::from_bytes(&bytes).map_err(|e| e.within(&path.display().to_string()))
     }
 
-    /// The same from bytes.
+    /// Parses the bytes of such a file.
     ///
     /// # Errors
     ///
     /// As [`LearnedSkin::read`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SkinError> {
-        let none = || SkinError::input("no file of `eit learn`");
+        let none = || SkinError::input("not a file of `eit learn`");
         let text = std::str::from_utf8(bytes).map_err(|_| none())?;
         let (header, content) = text.split_once('\n').ok_or_else(none)?;
         let header: Header = serde_json::from_str(header).map_err(|_| none())?;
@@ -130,7 +131,7 @@ impl LearnedSkin {
         }
         if header.version != VERSION {
             return Err(SkinError::input(format!(
-                "version {} of the format; this program reads version {VERSION}: learn anew",
+                "version {} of the format; this program reads version {VERSION}: learn again",
                 header.version
             )));
         }
@@ -138,7 +139,7 @@ impl LearnedSkin {
         let crc32 = format!("{:08x}", crc32fast::hash(content.as_bytes()));
         if crc32 != header.crc32 {
             return Err(SkinError::input(format!(
-                "damaged: its checksum is {crc32}, written was {}",
+                "damaged: its checksum is {crc32}, but it states {}",
                 header.crc32
             )));
         }

@@ -1,4 +1,4 @@
-//! From presses to a learnt skin.
+//! Learns a skin from presses.
 
 use super::earlier::Joined;
 use super::model::{middle_m, radius_m, ratios, responses};
@@ -17,46 +17,46 @@ use eit_inverse::learn::{
 };
 use eit_inverse::touch::DetectedTouch;
 
-/// Radius of a touch where the scene states none, as a part of the skin's: wider than a fingertip, since
-/// robots press with larger tips and sheets spread what presses them.
+/// Radius of a touch if the scene states none, as a fraction of the skin's: wider than a fingertip, because
+/// robots press with larger tips and the fabric spreads a press.
 const BELL_PART: f64 = 0.15;
 
-/// Least presses with a force and a touch.
+/// Smallest number of presses with a force and a touch.
 const LEAST_FORCES: usize = 3;
 
-/// A press of which more than this is explained by a touch at no place, ...
+/// A press is unlike the others if a touch at any place leaves more than this fraction of it unexplained, ...
 const UNLIKE_REST: f64 = 0.5;
-/// ... and more than this many times what is left of the median press, is unlike the others.
+/// ... and more than this multiple of what the median press leaves.
 const UNLIKE_FACTOR: f64 = 3.0;
 
-/// A learnt skin, and the presses of the table that somebody should look at.
+/// A learnt skin, and presses of the table that should be checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Learning {
-    /// What was learnt, of all presses.
+    /// What was learnt from all presses.
     pub skin: LearnedSkin,
-    /// Presses that fit none of the others: was the skin touched, and there?
+    /// Presses that fit none of the others: was the skin touched there?
     pub unlike: Vec<UnlikePress>,
-    /// Presses with a force in whose frames no touch was found: that force is not learnt.
+    /// Presses with a force in whose frames no touch was found; their force is not learnt.
     pub without_touch: Vec<usize>,
 }
 
 /// A press that the others do not explain.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnlikePress {
-    /// Its number in the table, from 0.
+    /// Index of the press in the table, from 0.
     pub press: usize,
-    /// Part of its change that a touch at no place explains, 0 to 1, by what the others teach.
+    /// Fraction of its change, 0 to 1, that a touch at no place explains, judged by the other presses.
     pub rest: f64,
 }
 
 impl LearnedSkin {
-    /// Learns from presses and from those that an earlier file holds of the same skin.
+    /// Learns from presses, together with those of an earlier file of the same skin.
     ///
     /// # Errors
     ///
-    /// Fewer than four presses, places beside the skin, frames without a change, the same frames twice (a press
-    /// that is learnt and tested at once errs by nothing); an earlier file of another skin, of other
-    /// measurements, or whose places were found in another way.
+    /// Fewer than four presses; places off the skin; frames without a change; duplicate frames (a press that
+    /// is both learnt and tested has an error of zero); an earlier file of another skin, with other
+    /// measurements, or whose places were obtained differently.
     pub fn learn(
         fitted: &FittedFrames,
         pressed: &PressFrames,
@@ -158,7 +158,7 @@ fn unlike(choice: &Choice, earlier: usize) -> Vec<UnlikePress> {
 /// Forces of presses, and strengths of the touches in their frames.
 struct Forces<'a> {
     forces_n: &'a [Option<f64>],
-    /// `None`: the model alone was not asked.
+    /// `None` if the model alone was not evaluated.
     by_model: Option<Vec<Option<f64>>>,
     by_map: Vec<Option<f64>>,
 }
@@ -170,7 +170,7 @@ impl<'a> Forces<'a> {
         map: &ResponseMap,
         detected: Option<&[Option<DetectedTouch>]>,
     ) -> Result<Self, InverseError> {
-        // a touch without strength is none
+        // a touch of strength 0 is no touch
         let strength = |s: f64| (s > 0.0 && s.is_finite()).then_some(s);
         let mut locator = Locator::new(map.clone(), &vec![0.0; joined.channels.len()])?;
         let rows = presses.frames.rows().into_iter();
@@ -184,19 +184,20 @@ impl<'a> Forces<'a> {
         Ok(Self { forces_n: &joined.forces_n, by_model, by_map })
     }
 
-    /// Whether every way to a strength has found a touch in this press.
+    /// Whether every source of strength found a touch in this press.
     fn has_touch(&self, press: usize) -> bool {
         let by_model = self.by_model.as_ref().is_none_or(|all| all[press].is_some());
         by_model && self.by_map[press].is_some()
     }
 
-    /// Presses with a force and without a touch.
+    /// Presses with a force but without a touch.
     fn without_touch(&self) -> impl Iterator<Item = usize> {
         let stated = (0..self.forces_n.len()).filter(|&k| self.forces_n[k].is_some());
         stated.filter(|&k| !self.has_touch(k))
     }
 
-    /// The curve by the strengths of the model and of the map, whichever errs less on the same presses.
+    /// Learns curves from the strengths of the model and of the map, and keeps the one with the smaller error
+    /// on the same presses.
     fn learn(
         &self,
         presses: &Presses,

@@ -1,4 +1,4 @@
-//! What the model says of a touch at each place, and the size of the skin.
+//! The model's response to a touch at each place, and the size of the skin.
 
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
@@ -6,11 +6,10 @@ use crate::linearised::LinearisedSkin;
 use eit_inverse::learn::bell_responses;
 use ndarray::Array2;
 
-/// Beyond this factor of the median a ratio of measured over modelled voltage is taken for the channel's
-/// noise.
+/// Ratios of measured to modelled voltage beyond this factor of the median are attributed to noise.
 const RATIO_RANGE: f64 = 3.0;
 
-/// Measured over modelled voltages of the channels, signs included: values of an instrument that gives
+/// Ratios of measured to modelled voltage per channel, with sign: values of an instrument that measures
 /// magnitudes change with the sign of the model's voltage.
 pub(super) fn ratios(fitted: &FittedFrames, channels: &[usize]) -> Vec<f64> {
     let ratio = |i: usize| fitted.frames.reference[i] / fitted.skin.voltages[i];
@@ -25,7 +24,7 @@ pub(super) fn ratios(fitted: &FittedFrames, channels: &[usize]) -> Vec<f64> {
     channels.iter().map(|&i| within(ratio(i))).collect()
 }
 
-/// The model's responses to 1 S m^2 at places, `[place, channel]`.
+/// The model's responses to 1 S m^2 at given places, `[place, channel]`.
 pub(super) fn responses(
     skin: &LinearisedSkin,
     channels: &[usize],
@@ -44,7 +43,7 @@ pub(super) fn middle_m(skin: &LinearisedSkin) -> [f64; 3] {
     std::array::from_fn(|k| 0.5 * (low[k] + high[k]))
 }
 
-/// Half of the longest side.
+/// Half of the longest side of the bounding box.
 pub(super) fn radius_m(skin: &LinearisedSkin) -> f64 {
     let [low, high] = skin.skin.mesh.surface().bounds_m();
     (0..3).map(|k| 0.5 * (high[k] - low[k])).fold(0.0, f64::max)

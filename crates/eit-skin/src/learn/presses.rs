@@ -1,4 +1,4 @@
-//! Frames of the presses of a table.
+//! Frames of the presses in a table.
 
 use super::{PlaceErrors, PressTable, touched};
 use crate::error::SkinError;
@@ -10,39 +10,39 @@ use eit_inverse::touch::DetectedTouch;
 use ndarray::Array2;
 use std::ops::RangeInclusive;
 
-/// Frames of presses with what was subtracted from each.
+/// Frames of presses, each with the untouched frame to subtract from it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PressFrames {
-    /// `[press, measurement]`, volts; those of measurements that do not count are any.
+    /// `[press, measurement]`, volts; arbitrary for measurements that do not count.
     pub values: Array2<f64>,
-    /// Of the untouched skin, `[press, measurement]`, volts.
+    /// Frames of the untouched skin, `[press, measurement]`, volts.
     pub references: Array2<f64>,
-    /// In the coordinates of the table, metres.
+    /// Places in the coordinates of the table, metres.
     pub places_m: Vec<[f64; 3]>,
-    /// Newtons, where known.
+    /// Forces, newtons, if known.
     pub forces_n: Vec<Option<f64>>,
     /// Lines of the table, from 1.
     pub lines: Vec<usize>,
-    /// The table, for messages.
+    /// Name of the table, for messages.
     pub place: String,
 }
 
-/// Frames that a press is taken from.
+/// Range of frames of a press.
 #[derive(Debug, Clone)]
 pub(super) struct PressRanges {
     pub pressed: RangeInclusive<usize>,
-    /// Of the untouched skin; `None`: the reference of the recording.
+    /// Frames of the untouched skin; `None` for the reference of the recording.
     pub before: Option<RangeInclusive<usize>>,
 }
 
 impl PressFrames {
-    /// Means over the frames that the table names.
+    /// Averages the frames that the table names.
     ///
     /// # Errors
     ///
-    /// Frames that the recording does not have, or that two presses share; as many frames as presses are needed
-    /// where the table names none; a measurement that counts and is bad in all frames of a press; a frame among
-    /// those of a press that does not show it.
+    /// Frames that the recording does not have, or that two presses share; a number of frames other than that
+    /// of presses, if the table names no frames; a measurement that counts and is bad in all frames of a
+    /// press; a frame of a press that does not show it.
     pub fn new(table: &PressTable, frames: &Frames) -> Result<Self, SkinError> {
         let ranges = ranges(table, frames.values.nrows())?;
         touched::refuse_shared(table, &ranges)?;
@@ -79,7 +79,7 @@ impl PressFrames {
         Ok(made)
     }
 
-    /// What a press is called in messages.
+    /// Returns the name of a press in messages.
     pub fn name(&self, press: usize) -> String {
         match self.lines.get(press) {
             Some(line) => format!("{}, line {line}", self.place),
@@ -87,14 +87,14 @@ impl PressFrames {
         }
     }
 
-    /// Pressed less untouched, `[press, channel]`.
+    /// Returns pressed minus untouched frames, `[press, channel]`.
     pub fn differences(&self, channels: &[usize]) -> Array2<f64> {
         Array2::from_shape_fn((self.values.nrows(), channels.len()), |(press, k)| {
             self.values[[press, channels[k]]] - self.references[[press, channels[k]]]
         })
     }
 
-    /// The presses of these numbers.
+    /// Returns the presses with these indices.
     pub fn select(&self, which: &[usize]) -> Self {
         let axis = ndarray::Axis(0);
         Self {
@@ -107,27 +107,27 @@ impl PressFrames {
         }
     }
 
-    /// Number of presses.
+    /// Returns the number of presses.
     pub fn len(&self) -> usize {
         self.places_m.len()
     }
 
-    /// Whether there is none.
+    /// Returns whether there are no presses.
     pub fn is_empty(&self) -> bool {
         self.places_m.is_empty()
     }
 
-    /// Frame and reference of each, `[measurement]`.
+    /// Frame and reference of each press, `[measurement]`.
     pub(super) fn pairs(&self) -> impl Iterator<Item = [Vec<f64>; 2]> {
         let pairs = self.values.rows().into_iter().zip(self.references.rows());
         pairs.map(|(values, reference)| [values.to_vec(), reference.to_vec()])
     }
 
-    /// The strongest touch of each by the model alone; `None` where the noise is unknown.
+    /// Finds the strongest touch of each press with the model alone; `None` if the noise is unknown.
     ///
     /// # Errors
     ///
-    /// Settings that touches cannot be found with.
+    /// Settings with which no touches can be found.
     pub fn detect(
         &self,
         fitted: &FittedFrames,
@@ -136,7 +136,8 @@ impl PressFrames {
     }
 }
 
-/// The strongest touch of each frame on its reference by the model alone; `None` where the noise is unknown.
+/// Finds the strongest touch of each frame against its reference with the model alone; `None` if the noise is
+/// unknown.
 pub(super) fn strongest(
     fitted: &FittedFrames,
     pairs: impl Iterator<Item = [Vec<f64>; 2]>,
@@ -182,20 +183,20 @@ fn no_value(measurement: usize, what: &str, range: &RangeInclusive<usize>) -> Sk
     let (first, last) = (range.start(), range.end());
     let space = if what.is_empty() { "" } else { " " };
     SkinError::input(format!(
-        "measurement {measurement} (from 0) is bad in all frames {first} to {last}{space}{what}: leave the \
-         press out, or the measurement or its electrode in the scene"
+        "measurement {measurement} (from 0) is bad in all frames {first} to {last}{space}{what}: remove the \
+         press, or exclude the measurement or its electrode in the scene"
     ))
 }
 
 impl PlaceErrors {
-    /// Median and mean of distances.
+    /// Returns median and mean of distances.
     pub fn of_errors(mut errors_m: Vec<f64>) -> Self {
         errors_m.sort_unstable_by(f64::total_cmp);
         let mean_m = errors_m.iter().sum::<f64>() / errors_m.len().max(1) as f64;
         Self { median_m: errors_m.get(errors_m.len() / 2).copied().unwrap_or(0.0), mean_m }
     }
 
-    /// Of detected touches; a press that was not found errs by `missed_m`.
+    /// Errors of detected touches; a press that was not found counts with `missed_m`.
     pub(super) fn of_detected(
         detected: &[Option<DetectedTouch>],
         places_m: &[[f64; 3]],

@@ -1,4 +1,4 @@
-//! Touches of a frame with places and forces by what was learnt.
+//! Corrects the positions and forces of a frame's touches by what was learnt.
 
 use super::{LearnedForce, LearnedSkin, PlacesBy};
 use crate::error::SkinError;
@@ -7,15 +7,15 @@ use eit_inverse::learn::{Located, Locator, PlaceRegression};
 use eit_inverse::touch::{DetectedTouch, LearntTouch};
 use std::path::Path;
 
-/// How often the touches of a frame are fitted one after the other.
+/// Number of passes in which the touches of a frame are fitted one after the other.
 const SWEEPS: usize = 3;
 
-/// Touches at once at most, as of the detector.
+/// Maximum number of simultaneous touches, as in the detector.
 const MOST: usize = 16;
 
-/// Touches are sought within this part of the way to their nearest neighbour, ...
+/// A touch is sought within this fraction of the distance to its nearest neighbour, ...
 const NEAR_PART: f64 = 0.5;
-/// ... but at least within this, metres.
+/// ... but at least within this distance, metres.
 const NEAR_M: f64 = 0.015;
 
 /// Applies what was learnt to the touches of each frame.
@@ -26,18 +26,18 @@ pub(crate) struct LearnedTouches {
     places_by: PlacesBy,
     force: Option<LearnedForce>,
     channels: Vec<usize>,
-    /// Pressed less reference, `[channel]`.
+    /// Frame minus reference, `[channel]`.
     difference: Vec<f64>,
-    /// The same less all other touches.
+    /// The same minus all other touches.
     rest: Vec<f64>,
-    /// What each touch does to the channels, `[touch][channel]`.
+    /// Response of the channels to each touch, `[touch][channel]`.
     responses: Vec<f64>,
     located: Vec<Option<Located>>,
     touches: Vec<DetectedTouch>,
 }
 
 impl LearnedTouches {
-    /// From the file of a scene, for frames of which these measurements count and have this noise, volts.
+    /// Loads the file of a scene, for frames in which these measurements count and have this noise, volts.
     pub fn load(
         file: &Path,
         skin: &LinearisedSkin,
@@ -50,7 +50,7 @@ impl LearnedTouches {
         Self::new(&learned, skin, used, noise_std_v).map_err(|e| e.within(&place))
     }
 
-    /// For frames of which these measurements count.
+    /// Prepares what was learnt for frames in which these measurements count.
     pub fn new(
         learned: &LearnedSkin,
         skin: &LinearisedSkin,
@@ -83,9 +83,9 @@ impl LearnedTouches {
         })
     }
 
-    /// The touches that the model has found, with what was learnt of each: by the channels that are present.
-    /// Regression knows whole frames with one touch, and the map stands in for it in all others. Allocates nothing
-    /// once made, except where regression places them.
+    /// Returns the touches found by the model, corrected by what was learnt, using the channels that are
+    /// present. Regression only handles complete frames with one touch; the map replaces it for all others.
+    /// Does not allocate, except where regression locates the touch.
     pub fn refine(
         &mut self,
         values: &[f64],
@@ -114,7 +114,7 @@ impl LearnedTouches {
         &self.touches
     }
 
-    /// Locates each touch in what the others leave of the frame, the strongest first.
+    /// Locates each touch in what the others leave of the frame, in the order of `touches`.
     fn sweep(&mut self) {
         let count = self.channels.len();
         self.located.clear();
@@ -141,7 +141,8 @@ impl LearnedTouches {
         }
     }
 
-    /// Where a touch is sought: everywhere where it is alone and places are not the model's.
+    /// Region in which a touch is sought; `None` (everywhere) if it is the only one and the model does not
+    /// locate it.
     fn near(&self, k: usize) -> Option<([f64; 3], f64)> {
         let here = self.touches[k].position_m;
         let others = self.touches.iter().enumerate().filter(|(j, _)| *j != k);

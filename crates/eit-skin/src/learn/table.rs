@@ -1,40 +1,40 @@
-//! The table of presses: a CSV file with a line for each press.
+//! The table of presses: a CSV file with a line per press.
 
 use crate::error::SkinError;
 use crate::scene::read_file_of;
 use serde::Deserialize;
 use std::path::Path;
 
-/// Longest table; ten thousand presses have a megabyte.
+/// Maximum size of the table; ten thousand presses take about a megabyte.
 const MOST_BYTES: u64 = 64 << 20;
 
 /// A line of the table.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Press {
-    /// Where, metres.
+    /// Position along x, metres.
     pub x_m: f64,
-    /// See there.
+    /// Position along y, metres.
     pub y_m: f64,
     /// Height on a curved skin, metres.
     #[serde(default)]
     pub z_m: Option<f64>,
-    /// How hard, newtons.
+    /// Force, newtons.
     #[serde(default)]
     pub force_n: Option<f64>,
-    /// How deep, metres: tables of robots have it, and nothing is learnt from it.
+    /// Depth, metres: recorded in tables made with robots, but not used.
     #[serde(default)]
     pub depth_m: Option<f64>,
-    /// First and last frame of the press, from 0; without them each press has one frame, in order.
+    /// First frame of the press, from 0; if absent, each press has one frame, in order.
     #[serde(default)]
     pub first_frame: Option<usize>,
-    /// See there.
+    /// Last frame of the press, from 0.
     #[serde(default)]
     pub last_frame: Option<usize>,
-    /// First and last frame of the untouched skin before it; without them the reference of the recording.
+    /// First frame of the untouched skin before it; if absent, the reference of the recording is used.
     #[serde(default)]
     pub before_first: Option<usize>,
-    /// See there.
+    /// Last frame of the untouched skin before it.
     #[serde(default)]
     pub before_last: Option<usize>,
 }
@@ -44,13 +44,13 @@ pub struct Press {
 pub struct PressTable {
     /// The presses.
     pub presses: Vec<Press>,
-    /// The file, for messages.
+    /// File name, for messages.
     pub place: String,
-    /// Its line of each press, from 1.
+    /// Line of each press in the file, from 1.
     lines: Vec<usize>,
 }
 
-/// Line of a record that begins at a byte, from 1: empty lines before it belong to no record.
+/// Line, from 1, of a record that begins at a byte offset; empty lines before it belong to no record.
 fn line_of(bytes: &[u8], begin: usize) -> usize {
     let is_end = |byte: &&u8| matches!(**byte, b'\n' | b'\r');
     let empty = bytes.iter().skip(begin).take_while(is_end).count();
@@ -62,12 +62,12 @@ impl PressTable {
     ///
     /// # Errors
     ///
-    /// A file that cannot be read, an unknown column, a value that is no number, with its line.
+    /// A file that cannot be read; an unknown column; a value that is not a number, with its line.
     pub fn read(path: &Path) -> Result<Self, SkinError> {
         let place = path.display().to_string();
         let refused = |e: csv::Error| {
             SkinError::input(format!(
-                "{place}: {e}; columns are x_m, y_m and where wanted z_m, force_n, depth_m, first_frame, \
+                "{place}: {e}; columns are x_m, y_m and optionally z_m, force_n, depth_m, first_frame, \
                  last_frame, before_first, before_last"
             ))
         };
@@ -85,11 +85,11 @@ impl PressTable {
         Ok(table)
     }
 
-    /// Of presses that stand in no file: they are counted from line 2, after a header.
+    /// Creates a table of presses that are not in a file; lines count from 2, as after a header.
     ///
     /// # Errors
     ///
-    /// Those of [`PressTable::read`].
+    /// The errors of [`PressTable::read`].
     pub fn new(presses: Vec<Press>, place: &str) -> Result<Self, SkinError> {
         let lines = (2..presses.len() + 2).collect();
         let table = Self { presses, place: place.to_owned(), lines };
@@ -97,19 +97,19 @@ impl PressTable {
         Ok(table)
     }
 
-    /// Line of a press, from 1.
+    /// Returns the line of a press, from 1.
     pub fn line(&self, press: usize) -> usize {
         self.lines.get(press).copied().unwrap_or(0)
     }
 
-    /// What a press is called in messages.
+    /// Returns the name of a press in messages.
     pub fn name(&self, press: usize) -> String {
         format!("{}, line {}", self.place, self.line(press))
     }
 
     fn validate(&self) -> Result<(), SkinError> {
         if self.presses.is_empty() {
-            return Err(SkinError::input(format!("{}: no press", self.place)));
+            return Err(SkinError::input(format!("{}: no presses", self.place)));
         }
         for (k, press) in self.presses.iter().enumerate() {
             let at = |what: &str, value: f64, must: &str| {

@@ -1,5 +1,5 @@
-//! Presses whose frames do not show them: such a press teaches a wrong place or force, and spoils the choice of
-//! everything else.
+//! Rejects presses that do not appear in their frames: such a press teaches a wrong position or force, and
+//! distorts every other choice.
 
 use super::presses::PressRanges;
 use super::{PressFrames, PressTable};
@@ -8,15 +8,15 @@ use crate::frames::Frames;
 use eit_inverse::noise_std_of_quiet_frames;
 use std::ops::RangeInclusive;
 
-/// A frame that shows less than this part of the mean change of its press is one of the untouched skin: there
-/// the part is 0, give or take the noise, and in a ramp of force that is worth a mean most frames have more.
+/// A frame that shows less than this fraction of its press's mean change is one of the untouched skin: there
+/// the fraction is 0, up to noise, whereas in a force ramp that is worth averaging most frames have more.
 const LEAST_PART: f64 = 0.25;
 
-/// The change of a press must have this many times the power that noise would give it: 1 in the mean for an
-/// untouched skin, with a deviation of 0.1 at 200 measurements.
+/// The change of a press must have this multiple of the power expected from noise: for an untouched skin the
+/// ratio is 1 on average, with a deviation of 0.1 at 200 measurements.
 const NOISE_FACTOR: f64 = 2.0;
 
-/// Refuses presses that name the same frames, and frames that are named as pressed and as untouched.
+/// Rejects presses that share frames, and frames that are named both as pressed and as untouched.
 pub(super) fn refuse_shared(table: &PressTable, ranges: &[PressRanges]) -> Result<(), SkinError> {
     let mut pressed: Vec<(usize, &RangeInclusive<usize>)> =
         ranges.iter().map(|range| &range.pressed).enumerate().collect();
@@ -38,7 +38,7 @@ pub(super) fn refuse_shared(table: &PressTable, ranges: &[PressRanges]) -> Resul
     }
     for (press, PressRanges { before, .. }) in ranges.iter().enumerate() {
         let Some(before) = before else { continue };
-        // presses are apart: the last that begins by then is the only one that can reach into it
+        // presses do not overlap: only the last one that begins by then can reach into the range
         let after = pressed.partition_point(|(_, range)| range.start() <= before.end());
         if let Some((other, range)) = after.checked_sub(1).map(|at| pressed[at])
             && range.end() >= before.start()
@@ -50,14 +50,14 @@ pub(super) fn refuse_shared(table: &PressTable, ranges: &[PressRanges]) -> Resul
     Ok(())
 }
 
-/// Refuses presses that change their frames by no more than the noise, or only a part of them.
+/// Rejects presses whose change is no larger than noise, and presses that some of their frames do not show.
 pub(super) fn refuse_untouched(
     pressed: &PressFrames,
     ranges: &[PressRanges],
     frames: &Frames,
 ) -> Result<(), SkinError> {
     let quiet = frames.quiet.as_ref();
-    // noise of a single frame, sum of the variances; where no quiet frames show it, only presses of several do
+    // sum of the variances of a single frame; without quiet frames, only presses of several frames show it
     let noise_v2: Option<f64> =
         quiet.and_then(|quiet| noise_std_of_quiet_frames(quiet.values.view()).ok()).map(|std| {
             std.iter().zip(&frames.used).filter(|(_, used)| **used).map(|(s, _)| s * s).sum()
@@ -81,8 +81,9 @@ pub(super) fn refuse_untouched(
         let weak = change.parts.iter().find(|(_, part)| *part < LEAST_PART);
         if let Some((frame, part)) = weak {
             return Err(SkinError::input(format!(
-                "frame {frame} shows {:.0} % of the change that frames {first} to {last} show in the mean: name \
-                 only frames in which the press is there",
+                "frame {frame} shows {:.0} % of the mean change of frames {first} to {last}: name \
+                 only frames \
+                 that show the press",
                 100.0 * part
             ))
             .within(&pressed.name(press)));
@@ -91,13 +92,14 @@ pub(super) fn refuse_untouched(
     Ok(())
 }
 
-/// What a press does to its frames.
+/// Effect of a press on its frames.
 struct Change {
-    /// Square of the mean change, sum over the measurements that count.
+    /// Square of the mean change, summed over the measurements that count.
     power_v2: f64,
-    /// Part of the mean change in each frame.
+    /// Fraction of the mean change in each frame.
     parts: Vec<(usize, f64)>,
-    /// Variance of a frame across the mean change, sum over the measurements; `None` of a single frame.
+    /// Variance of a frame orthogonal to the mean change, summed over the measurements; `None` for a single
+    /// frame.
     scatter_v2: Option<f64>,
 }
 

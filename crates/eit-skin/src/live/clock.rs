@@ -1,17 +1,17 @@
-//! The time of frames.
+//! Time stamps of frames.
 
 use eit_hw::Frame;
 
-/// Frames a second where neither the instrument nor a clock tells.
+/// Assumed frame rate if neither the instrument nor a clock tells, hertz.
 const DEFAULT_RATE_HZ: f64 = 20.0;
 
-/// The time of frames: that of the instrument, else of their arrival, else their number over their
+/// Time stamps of frames: the instrument's, else those of their arrival, else sequence number over frame
 /// rate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clock {
     pub rate_hz: f64,
     first_host_s: Option<f64>,
-    /// The last time that was given.
+    /// The last time returned.
     last_s: f64,
 }
 
@@ -33,8 +33,8 @@ impl Clock {
         clock
     }
 
-    /// The time of the next frame: a tracker wants it to rise, also where a clock stands still or
-    /// goes back.
+    /// Returns the time of the next frame. It always increases, as a tracker requires, even if a clock stands
+    /// still or goes back.
     pub fn next_s(&mut self, frame: &Frame) -> f64 {
         let time_s = self.time_s(frame);
         let is_later = time_s > self.last_s;

@@ -1,4 +1,4 @@
-//! Images frame by frame: one step or total variation, then the net.
+//! Images frame by frame: one-step or total variation, then the U-net.
 
 use super::LiveModel;
 use super::one_step::LiveOneStep;
@@ -12,19 +12,19 @@ use crate::total_variation::TvStream;
 use eit_inverse::{InverseError, NuisanceParameters};
 use eit_mesh::Raster;
 
-/// What makes the images of an epoch; nothing in it depends on a clock.
+/// Makes the images of an epoch; independent of any clock.
 #[derive(Debug)]
 pub struct LiveImages {
     kind: DifferenceKind,
     words: String,
-    /// Takes the movement of electrodes out of differences for total variation.
+    /// Removes electrode movement from the differences for total variation.
     side: Option<NuisanceParameters>,
-    /// Electrodes move: only frames that are good in every used measurement have an image.
+    /// Electrodes may move: only frames in which every used measurement is good have an image.
     is_whole: bool,
     maker: Maker,
     net: Option<LiveNet>,
     raster: Raster,
-    /// Differences of the frame at hand; NaN where a value is not used.
+    /// Differences of the current frame; NaN where a value is not used.
     differences: Vec<f64>,
     good: Vec<bool>,
     used: Vec<bool>,
@@ -33,41 +33,41 @@ pub struct LiveImages {
     state: ImageState,
 }
 
-/// What makes an image of differences.
+/// Reconstructs an image from differences.
 #[derive(Debug)]
 enum Maker {
     OneStep(Box<LiveOneStep>),
     TotalVariation(Box<TvStream>),
 }
 
-/// How the image at hand came about.
+/// How the current image was made.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ImageState {
-    /// Proven relative distance of the image to its optimum; `None`: one step, nothing but noise, or
-    /// a frame without data.
+    /// Certified bound on the relative distance of the image to its optimum; `None` for one-step images, for
+    /// frames with nothing but noise, and for frames without data.
     pub gap: Option<f64>,
-    /// Iterations.
+    /// Number of iterations.
     pub iterations: usize,
-    /// The net's image does not explain the measurements: the raw one is shown.
+    /// The U-net's image does not explain the measurements; its input is shown instead.
     pub is_aside: bool,
-    /// The raw image that is shown in its place does not explain the measurements either.
+    /// The raw image shown in place of the net's does not explain the measurements either.
     pub is_unexplained: bool,
-    /// The frame could not be explained within `delta`, and its neighbours stand for it.
+    /// The frame could not be explained within `delta` and was replaced by its neighbours.
     pub is_interpolated: bool,
-    /// The frame has bad values, and electrodes that move leave no image without them.
+    /// The frame has bad values, without which no image can be made when electrodes may move.
     pub is_lost: bool,
 }
 
 impl LiveImages {
-    /// For frames like these.
+    /// Prepares images for frames like `fitted`.
     ///
     /// # Errors
     ///
-    /// Those of the method and the net.
+    /// Errors of the method and the U-net.
     pub fn new(model: &LiveModel, fitted: &FittedFrames) -> Result<Self, SkinError> {
         let (method, skin) = (model.method, &fitted.skin);
         let mut silent = Progress::silent();
-        // total variation takes white differences, and a net is held against them
+        // total variation takes white differences, and the U-net's image is checked against them
         let freed = match method.is_tv() || model.net.is_some() {
             true => fitted.without_movement(method, &mut silent)?,
             false => None,
@@ -115,12 +115,11 @@ impl LiveImages {
         })
     }
 
-    /// Takes a frame `[measurement]`, volts, and what is subtracted from it; `is_good` says what of it
-    /// counts.
+    /// Takes a frame `[measurement]`, volts, and its reference; `is_good` tells which values count.
     ///
     /// # Errors
     ///
-    /// A frame of another length; those of the method and the net.
+    /// A frame with the wrong length; errors of the method and the U-net.
     pub fn push(
         &mut self,
         values: &[f64],
@@ -158,7 +157,7 @@ impl LiveImages {
                         step => step?,
                     },
                 };
-                // a frame that was dropped holds the image before
+                // a dropped frame keeps the previous image
                 if let Some(image) = step.image {
                     self.raw.copy_from_slice(image);
                 }
@@ -177,7 +176,7 @@ impl LiveImages {
         Ok(())
     }
 
-    /// Begins anew after frames of which no image was made.
+    /// Starts again after frames without an image.
     pub(super) fn restart(&mut self) {
         if let Maker::TotalVariation(stream) = &mut self.maker {
             stream.restart();
@@ -187,7 +186,7 @@ impl LiveImages {
         }
     }
 
-    /// Differences of the frame at hand, without what electrodes that move explain.
+    /// Differences of the current frame, with electrode movement removed.
     fn subtract(&mut self, values: &[f64], reference: &[f64]) -> Result<(), SkinError> {
         for (i, difference) in self.differences.iter_mut().enumerate() {
             *difference = match self.good[i] {
@@ -201,27 +200,27 @@ impl LiveImages {
         }
     }
 
-    /// Pixels of its images.
+    /// Returns the pixel raster of the images.
     pub fn raster(&self) -> &Raster {
         &self.raster
     }
 
-    /// How its images are made, for small print.
+    /// Describes how the images are made, for small print.
     pub fn words(&self) -> &str {
         &self.words
     }
 
-    /// The image that is shown, a value for each pixel of the skin.
+    /// Returns the image to show, one value per pixel of the skin.
     pub fn pixels(&self) -> &[f64] {
         if self.net.is_some() { &self.made } else { &self.raw }
     }
 
-    /// The image before the net, where there is one.
+    /// Returns the image before the U-net, if there is one.
     pub fn raw(&self) -> Option<&[f64]> {
         self.net.is_some().then_some(&*self.raw)
     }
 
-    /// How it came about.
+    /// Returns how the current image was made.
     pub fn state(&self) -> ImageState {
         self.state
     }

@@ -10,24 +10,24 @@ use eit_inverse::{
     Reconstructor, Workspace,
 };
 
-/// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data.
-/// Where electrodes move, that is taken out first, and the prior stays.
+/// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data. If
+/// electrodes may move, their movement is removed first, and the prior stays the same.
 #[derive(Debug)]
 pub(super) struct LiveOneStep {
     reconstructor: Reconstructor,
     workspace: Workspace,
-    /// Takes the movement of electrodes out of differences.
+    /// Removes electrode movement from the differences.
     whitening: Option<Whitening>,
-    /// Used measurements that the frame at hand lacks.
+    /// Used measurements that the current frame lacks.
     missing: Vec<usize>,
 }
 
 impl LiveOneStep {
-    /// For frames like these.
+    /// Prepares images for frames like `fitted`.
     ///
     /// # Errors
     ///
-    /// Frames whose noise is unknown; those of the reconstruction.
+    /// Unknown noise of the frames; errors of the reconstruction.
     pub fn new(fitted: &FittedFrames, progress: &mut Progress) -> Result<Self, SkinError> {
         let FittedFrames { skin, frames, .. } = fitted;
         let Some(noise) = fitted.noise()? else {
@@ -66,12 +66,12 @@ impl LiveOneStep {
         })
     }
 
-    /// The image of a frame `[measurement]`, volts, against its reference, a value for each pixel of
-    /// the skin; zero where too little of the frame is there.
+    /// Computes the image of a frame `[measurement]`, volts, against its reference, one value per pixel of
+    /// the skin; zero if too little of the frame is valid.
     ///
     /// # Errors
     ///
-    /// Those of the reconstruction.
+    /// Errors of the reconstruction.
     pub fn push(
         &mut self,
         values: &[f64],
@@ -86,7 +86,7 @@ impl LiveOneStep {
             return match reconstructor
                 .reconstruct_masked_into(values, reference, missing, workspace, pixels)
             {
-                // too little is left for an image; touches go on
+                // too little is left for an image; touches continue
                 Err(InverseError::MaskedDominates { .. } | InverseError::NothingUsed { .. }) => {
                     pixels.fill(0.0);
                     Ok(())
@@ -98,7 +98,7 @@ impl LiveOneStep {
             let white = whitening.of(values, reference)?;
             reconstructor.reconstruct_difference_into(white, workspace, pixels)?;
         } else {
-            // measurements are mixed: a frame without some of them shows nothing
+            // whitening mixes measurements: without all of them there is no image
             pixels.fill(0.0);
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! What a robot holds: frames from its instrument, a recording or its own code, as touches.
+//! The interface for a robot: touches from the frames of its instrument, a recording, or its own code.
 
 use super::{LiveFrame, LiveModel, LiveStream, Pushed, REFERENCE_FRAMES};
 use crate::error::SkinError;
@@ -11,29 +11,29 @@ use eit_inverse::touch::Touch;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How long to wait for an event before looking again.
+/// How long to wait for an event before checking again.
 const WAIT: Duration = Duration::from_millis(50);
 
 /// The touches of one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchFrame<'a> {
-    /// Frames before it since the start that were shown.
+    /// Number of frames shown before it since the start.
     pub number: u64,
-    /// Number of the frame as the instrument counts; holes are frames that were lost.
+    /// Sequence number assigned by the instrument; gaps are lost frames.
     pub sequence: u64,
-    /// Number of the connection, from 0: it rises when an instrument was lost and found again.
+    /// Number of the connection, from 0; it increases when a lost instrument is found again.
     pub epoch: u32,
-    /// Its time, seconds: that of the instrument, else of its arrival.
+    /// Time of the frame, seconds: the instrument's, else that of its arrival.
     pub time_s: f64,
-    /// When its last byte had come by this computer's clock, seconds since 1970.
+    /// Time when its last byte arrived by this computer's clock, seconds since 1970.
     pub host_time_s: Option<f64>,
-    /// Its touches; empty where nothing touches the skin.
+    /// Touches; empty if nothing touches the skin.
     pub touches: &'a [Touch],
-    /// Electrodes that were left out of the frame: open, shorted, noisy, stuck or drifting.
+    /// Electrodes excluded from the frame: open, shorted, noisy, stuck or drifting.
     pub faults: &'a [ElectrodeFault],
-    /// Whether every measurement counted: no faulty electrode or bad value was left out.
+    /// Whether every used measurement counted: no faulty electrode or bad value was excluded.
     pub whole: bool,
-    /// From the last byte of the frame to its touches, for a live one, seconds.
+    /// Time from the last byte of a live frame to its touches, seconds.
     pub latency_s: Option<f64>,
 }
 
@@ -55,25 +55,25 @@ impl<'a> From<LiveFrame<'a>> for TouchFrame<'a> {
     }
 }
 
-/// A skin that feels: gives the touches of every frame of a source, one after the other.
+/// Reports the touches of every frame of a source, one after the other.
 ///
-/// The first frames, [`Sensor::reference_frames`], are taken as those of the untouched skin, again
-/// after the instrument was lost and found. Images are made for who asks ([`Sensor::with_images`]):
-/// touches do without.
+/// The first [`Sensor::reference_frames`] frames are assumed to show the untouched skin, and again after a
+/// lost instrument is found. Images are made only on request ([`Sensor::with_images`]), because touches do
+/// not need them.
 #[derive(Debug)]
 pub struct Sensor {
     stream: LiveStream,
     source: Source,
     reference_frames: usize,
-    /// The frame whose touches were given last.
+    /// The frame whose touches were returned last.
     last: Option<Frame>,
-    /// When that was.
+    /// When they were returned.
     taken: Option<Instant>,
 }
 
 /// Where frames come from.
 enum Source {
-    /// An instrument, live, or a recording.
+    /// An instrument (live) or a recording.
     Stream { frames: Box<dyn FrameSource + Send>, is_live: bool },
     /// The caller.
     Pushed,
@@ -90,21 +90,22 @@ impl std::fmt::Debug for Source {
 }
 
 impl Skin {
-    /// Opens the scene's instrument (feature `hw`). The skin must be untouched until the reference is taken.
+    /// Opens the scene's instrument (feature `hw`). The skin must be untouched until the reference has been
+    /// taken.
     ///
     /// # Errors
     ///
-    /// No instrument in the scene, or one that does not answer as it should.
+    /// No instrument in the scene, or one that does not respond correctly.
     #[cfg(feature = "hw")]
     pub fn open(&self) -> Result<Sensor, SkinError> {
         self.open_at(None)
     }
 
-    /// [`Skin::open`] at another port than the scene's: a serial port or `tcp:HOST:PORT`.
+    /// Like [`Skin::open`], but at another port than the scene's: a serial port or `tcp:HOST:PORT`.
     ///
     /// # Errors
     ///
-    /// As [`Skin::open`].
+    /// The errors of [`Skin::open`].
     #[cfg(feature = "hw")]
     pub fn open_at(&self, port: Option<&str>) -> Result<Sensor, SkinError> {
         let instrument = &self.instrument()?;
@@ -113,22 +114,24 @@ impl Skin {
         self.sensor_of(Box::new(session), true)
     }
 
-    /// Plays a recording as if it were live (feature `recording`), as fast as the touches are asked for.
+    /// Plays a recording as if it were live (feature `recording`), as fast as touches are requested.
     ///
     /// # Errors
     ///
-    /// A recording that cannot be read, or of another protocol.
+    /// A recording that cannot be read, or with another protocol.
     #[cfg(feature = "recording")]
     pub fn replay(&self, recording: impl AsRef<std::path::Path>) -> Result<Sensor, SkinError> {
         let quadruples = self.protocol.quadruples().ok_or_else(|| {
-            SkinError::input("[protocol] has general current patterns, which no recording names")
+            SkinError::input(
+                "[protocol] has general current patterns, which recordings do not support",
+            )
         })?;
         let pace = eit_hw::driver::Pace::OnDemand;
         let replay = eit_hw::driver::Replay::open(recording.as_ref(), Some(quadruples), pace)?;
         self.sensor_of(Box::new(replay), false)
     }
 
-    /// A sensor whose frames the caller pushes, in volt and protocol order.
+    /// Creates a sensor whose frames the caller pushes, in volt and protocol order.
     ///
     /// # Errors
     ///
@@ -141,11 +144,12 @@ impl Skin {
         Ok(Sensor { stream, source: Source::Pushed, reference_frames, last: None, taken: None })
     }
 
-    /// Frames of any source; `is_live`: they come now, so that their latency counts.
+    /// Creates a sensor for any source of frames. `is_live` means that they arrive now, so that latency is
+    /// measured.
     ///
     /// # Errors
     ///
-    /// As [`Skin::sensor`].
+    /// The errors of [`Skin::sensor`].
     pub fn sensor_of(
         &self,
         frames: Box<dyn FrameSource + Send>,
@@ -159,36 +163,36 @@ impl Skin {
 }
 
 impl Sensor {
-    /// Makes an image of each frame, too ([`Sensor::shown`]); to be asked for before the first frame, else
-    /// they begin with the next reference.
+    /// Also makes an image of each frame ([`Sensor::shown`]). Call it before the first frame; otherwise
+    /// images begin with the next reference.
     pub fn with_images(mut self) -> Self {
         self.stream.make_images();
         self
     }
 
-    /// Waits for the next frame after the reference and gives its touches; `None` when the source is
-    /// over, and always for a sensor whose frames are pushed.
+    /// Waits for the next frame after the reference and returns its touches. Returns `None` at the end of the
+    /// source, and always if frames are pushed.
     ///
     /// # Errors
     ///
-    /// An instrument that was lost for good, or a reference without noise.
+    /// An instrument that is lost for good, or a reference without noise.
     #[allow(clippy::should_implement_trait, reason = "the touches are borrowed from the sensor")]
     pub fn next(&mut self) -> Result<Option<TouchFrame<'_>>, SkinError> {
         loop {
             match self.poll(WAIT)? {
                 Polled::Over => return Ok(None),
                 Polled::Nothing => {}
-                // borrowed anew: a borrow that a loop may return lasts for all of it
+                // borrow again: a borrow that a loop may return lasts for the whole loop
                 Polled::Touches => return Ok(self.current()),
             }
         }
     }
 
-    /// [`Sensor::next`] that waits no longer than so; `None` also where no frame came in time.
+    /// Like [`Sensor::next`], but also returns `None` if no frame arrives within `timeout`.
     ///
     /// # Errors
     ///
-    /// As [`Sensor::next`].
+    /// The errors of [`Sensor::next`].
     pub fn next_within(&mut self, timeout: Duration) -> Result<Option<TouchFrame<'_>>, SkinError> {
         match self.poll(timeout)? {
             Polled::Touches => Ok(self.current()),
@@ -196,11 +200,11 @@ impl Sensor {
         }
     }
 
-    /// Takes a frame in volt and protocol order; `None` while the reference is taken.
+    /// Takes a frame in volt and protocol order; returns `None` while the reference is taken.
     ///
     /// # Errors
     ///
-    /// A frame of another length, or a reference without noise.
+    /// A frame with the wrong length, or a reference without noise.
     pub fn push(&mut self, frame: &Frame) -> Result<Option<TouchFrame<'_>>, SkinError> {
         self.last = Some(frame.clone());
         match self.take(false)? {
@@ -209,25 +213,25 @@ impl Sensor {
         }
     }
 
-    /// The touches of the last frame, if it came within `age`: `None` while the reference is taken and
-    /// where the instrument has been silent for longer.
+    /// Returns the touches of the last frame if it arrived within `age`; `None` while the reference is taken,
+    /// or if the instrument has been silent for longer.
     pub fn touches_within(&self, age: Duration) -> Option<&[Touch]> {
         let is_fresh = self.taken.is_some_and(|taken| taken.elapsed() <= age);
         self.shown().filter(|_| is_fresh).map(|shown| shown.touches)
     }
 
-    /// Frames at the start that are the reference.
+    /// Returns the number of initial frames that form the reference.
     pub fn reference_frames(&self) -> usize {
         self.reference_frames
     }
 
-    /// Takes a new reference: the next frames must be those of the untouched skin.
+    /// Takes a new reference: the next frames must show the untouched skin.
     pub fn restart(&mut self) {
         self.stream.restart();
         self.taken = None;
     }
 
-    /// Frames that were lost, flagged or damaged so far; `None` where frames are pushed.
+    /// Returns counts of lost, flagged and damaged frames so far; `None` if frames are pushed.
     pub fn statistics(&self) -> Option<Statistics> {
         match &self.source {
             Source::Stream { frames, .. } => Some(frames.statistics()),
@@ -235,7 +239,7 @@ impl Sensor {
         }
     }
 
-    /// The current frame as the stream shows it: touches, finder, and the image where they are made.
+    /// Returns the current frame as the stream shows it: touches, finder, and the image if images are made.
     pub fn shown(&self) -> Option<LiveFrame<'_>> {
         self.stream.shown(self.last.as_ref()?)
     }
@@ -266,7 +270,7 @@ impl Sensor {
         }
     }
 
-    /// Whether the last frame was shown.
+    /// Processes the last frame; returns whether it was shown.
     fn take(&mut self, is_live: bool) -> Result<bool, SkinError> {
         let Some(frame) = &self.last else { return Ok(false) };
         let is_shown = matches!(self.stream.push(frame, is_live)?, Pushed::Shown(_));
@@ -275,7 +279,7 @@ impl Sensor {
     }
 }
 
-/// What an event was.
+/// Kind of event.
 enum Polled {
     Touches,
     Nothing,

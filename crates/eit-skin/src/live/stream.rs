@@ -1,4 +1,4 @@
-//! Frames to touches one by one, whoever brings them.
+//! From frames to touches, one frame at a time, whatever their source.
 
 use super::clock::Clock;
 use super::{LiveImages, LiveModel};
@@ -13,33 +13,36 @@ use ndarray::Array2;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Takes frames and gives their touches: the first frames of an epoch are its reference.
+/// An image older than this says little about the next one, seconds.
+const LONGEST_LINK_S: f64 = 0.5;
+
+/// Computes the touches of frames one by one; the first frames of an epoch are its reference.
 #[derive(Debug)]
 pub struct LiveStream {
     model: Arc<LiveModel>,
     unit: Unit,
     frame_rate_hz: Option<f64>,
     with_images: bool,
-    /// What values are multiplied by.
+    /// Factor for the frame's values.
     factor: f64,
     reference: Vec<Frame>,
     epoch: Option<Epoch>,
-    /// Frames since the start that gave touches, or none.
+    /// Number of frames since the start that were searched for touches.
     frames: u64,
     values: Vec<f64>,
     touches: Vec<Touch>,
     time_s: f64,
     latency_s: Option<f64>,
     image_latency_s: Option<f64>,
-    /// The image of the last frame is made.
+    /// Whether the image of the last frame has been made.
     has_image: bool,
-    /// Frames have passed of which no image was made.
-    has_gap: bool,
-    /// When the last frame came, seconds since 1970, for a live one.
+    /// Time of the last image, seconds.
+    image_time_s: Option<f64>,
+    /// Arrival time of the last frame if it was live, seconds since 1970.
     came_s: Option<f64>,
 }
 
-/// What is made of an epoch's frames.
+/// Objects that process the frames of an epoch.
 #[derive(Debug)]
 struct Epoch {
     finder: TouchFinder,
@@ -47,48 +50,48 @@ struct Epoch {
     clock: Clock,
 }
 
-/// What became of a frame.
+/// Outcome of pushing a frame.
 #[derive(Debug)]
 pub enum Pushed<'a> {
-    /// It belongs to the reference.
+    /// The frame belongs to the reference.
     Waiting {
-        /// Frames that are still wanted for it.
+        /// Number of frames still needed for the reference.
         left: usize,
     },
-    /// It has touches, or none, and an image where they are made.
+    /// The frame was processed: its touches, and its image if images are made.
     Shown(LiveFrame<'a>),
 }
 
-/// What one frame showed.
+/// Results for one frame.
 #[derive(Debug, Clone, Copy)]
 pub struct LiveFrame<'a> {
-    /// Frames before it since the start that were shown.
+    /// Number of frames shown before it since the start.
     pub number: u64,
     /// The frame.
     pub frame: &'a Frame,
     /// Its touches.
     pub touches: &'a [Touch],
-    /// Electrodes that were left out of it.
+    /// Electrodes that were excluded from it.
     pub faults: &'a [ElectrodeFault],
     /// Its time for the tracker, seconds.
     pub time_s: f64,
-    /// Finder of the epoch: how the frame was explained, level of a touch.
+    /// Touch finder of the epoch, with details such as how the frame was explained.
     pub finder: &'a TouchFinder,
-    /// The image, where they are made and this one is already.
+    /// The image, if images are made and this one has been.
     pub images: Option<&'a LiveImages>,
-    /// From the last byte of the frame to its touches, for a live one, seconds.
+    /// Time from the last byte of a live frame to its touches, seconds.
     pub latency_s: Option<f64>,
-    /// The same to its image.
+    /// Time from the last byte of a live frame to its image, seconds.
     pub image_latency_s: Option<f64>,
 }
 
 impl LiveStream {
-    /// For frames of an instrument that was set up so.
+    /// Creates a stream for the frames of an instrument with this set-up.
     pub fn new(model: Arc<LiveModel>, setup: &Setup) -> Self {
         Self::of_unit(model, setup.unit, setup.frame_rate_hz)
     }
 
-    /// For frames in a unit, at a rate where it is known.
+    /// Creates a stream for frames in a unit, with the frame rate if it is known.
     pub fn of_unit(model: Arc<LiveModel>, unit: Unit, frame_rate_hz: Option<f64>) -> Self {
         Self {
             factor: model.skin().live_factor(unit),
@@ -105,18 +108,18 @@ impl LiveStream {
             latency_s: None,
             image_latency_s: None,
             has_image: false,
-            has_gap: false,
+            image_time_s: None,
             came_s: None,
         }
     }
 
-    /// Touches alone: no image is set up or made, which touches do not need.
+    /// Disables images, which touches do not need.
     pub fn without_images(mut self) -> Self {
         self.with_images = false;
         self
     }
 
-    /// Images from the next epoch on.
+    /// Enables images from the next epoch on.
     pub(super) fn make_images(&mut self) {
         self.with_images = true;
     }
@@ -127,12 +130,12 @@ impl LiveStream {
         self.reference.clear();
     }
 
-    /// Takes a frame, finds its touches and makes its image; `is_live`: it comes now, so that its latency
-    /// counts.
+    /// Takes a frame, finds its touches and makes its image. `is_live` means that the frame arrives now, so
+    /// that latency is measured.
     ///
     /// # Errors
     ///
-    /// A frame of another length, a reference without noise, or images that cannot be made.
+    /// A frame with the wrong length; a reference without noise; an image that cannot be made.
     pub fn push<'a>(
         &'a mut self,
         frame: &'a Frame,
@@ -145,12 +148,12 @@ impl LiveStream {
         Ok(self.pushed(frame))
     }
 
-    /// [`LiveStream::push`] without the image, for who acts on the touches first; [`LiveStream::make_image`] makes
-    /// it before the next frame, where somebody looks at it.
+    /// Like [`LiveStream::push`], but without the image, so that touches can be acted on first.
+    /// [`LiveStream::make_image`] can make it any time before the next frame.
     ///
     /// # Errors
     ///
-    /// Those of [`LiveStream::push`].
+    /// The errors of [`LiveStream::push`].
     pub fn push_touches<'a>(
         &'a mut self,
         frame: &'a Frame,
@@ -162,12 +165,12 @@ impl LiveStream {
         }
     }
 
-    /// The image of the frame whose touches [`LiveStream::push_touches`] gave, where images are made. After
-    /// frames without one it is as a first image: it is not linked to one that is old.
+    /// Makes the image of the frame passed to [`LiveStream::push_touches`], if images are enabled. After
+    /// frames without an image it is coupled to the last one, unless that is older than half a second.
     ///
     /// # Errors
     ///
-    /// Images that cannot be made.
+    /// An image that cannot be made.
     pub fn make_image(&mut self, frame: &Frame) -> Result<(), SkinError> {
         let Some(Epoch { finder, images: Some(images), .. }) = &mut self.epoch else {
             return Ok(());
@@ -175,9 +178,12 @@ impl LiveStream {
         if self.has_image || self.values.len() != frame.values.len() {
             return Ok(());
         }
-        if std::mem::take(&mut self.has_gap) {
+        let is_old =
+            self.image_time_s.is_none_or(|before_s| self.time_s - before_s > LONGEST_LINK_S);
+        if is_old {
             images.restart();
         }
+        self.image_time_s = Some(self.time_s);
         images.push(&self.values, finder.reference(), |i| !finder.is_missing(i))?;
         self.image_latency_s = self.came_s.map(|came_s| now_s() - came_s);
         self.has_image = true;
@@ -189,7 +195,8 @@ impl LiveStream {
         self.shown(frame).map_or(Pushed::Waiting { left }, Pushed::Shown)
     }
 
-    /// Takes a frame; frames that the reference still wants, or `None` where the frame has touches.
+    /// Takes a frame; returns the number of frames that the reference still needs, or `None` if the frame was
+    /// searched for touches.
     fn find(&mut self, frame: &Frame, is_live: bool) -> Result<Option<usize>, SkinError> {
         let wanted = self.model.skin().protocol.measurements();
         if frame.values.len() != wanted || frame.quality.len() != wanted {
@@ -205,8 +212,8 @@ impl LiveStream {
             if left == 0 {
                 let reference = std::mem::take(&mut self.reference);
                 self.epoch = Some(self.begin(&reference)?);
-                // none of its frames has touches to make an image of
-                (self.has_image, self.has_gap) = (true, false);
+                // reference frames have no touches, so there is no image to make
+                (self.has_image, self.image_time_s) = (true, None);
             }
             return Ok(Some(left));
         };
@@ -216,7 +223,6 @@ impl LiveStream {
         let time_s = clock.next_s(frame);
         let is_good = |i: usize| frame.quality[i].is_good();
         self.touches.clear();
-        self.has_gap |= !self.has_image;
         self.has_image = true;
         self.touches.extend_from_slice(finder.push(&self.values, is_good, time_s)?);
         self.has_image = false;
@@ -228,8 +234,8 @@ impl LiveStream {
         Ok(None)
     }
 
-    /// What the last frame that was pushed showed; `frame` is that frame. `None` while the reference is
-    /// taken.
+    /// Returns the results for the frame that was pushed last, which must be `frame`; `None` while the
+    /// reference is taken.
     pub fn shown<'a>(&'a self, frame: &'a Frame) -> Option<LiveFrame<'a>> {
         let Epoch { finder, images, .. } = self.epoch.as_ref()?;
         Some(LiveFrame {
@@ -245,12 +251,12 @@ impl LiveStream {
         })
     }
 
-    /// How images are made, for small print; empty where there are none, or none yet.
+    /// Describes how images are made, for small print; empty if there are none (yet).
     pub fn image_words(&self) -> &str {
         self.epoch.as_ref().and_then(|epoch| epoch.images.as_ref()).map_or("", LiveImages::words)
     }
 
-    /// An epoch whose first frames are these.
+    /// Begins an epoch with these reference frames.
     fn begin(&self, reference: &[Frame]) -> Result<Epoch, SkinError> {
         let clock = Clock::new(self.frame_rate_hz, reference);
         let skin = self.model.skin();
@@ -259,8 +265,8 @@ impl LiveStream {
         let mut progress = Progress::silent();
         let finder = TouchFinder::new(&fitted, clock.rate_hz, &mut progress)?.ok_or_else(|| {
             SkinError::input(
-                "the reference frames show no noise to tell touches from: set [noise] \
-                     additive_v",
+                "the reference frames show no noise, from which touches are distinguished: set \
+                 [noise] additive_v",
             )
         })?;
         let images = match self.with_images {
@@ -275,7 +281,7 @@ fn now_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
 }
 
-/// Frames as those of a recording.
+/// Converts frames to those of a recording.
 fn measured(frames: &[Frame], unit: Unit) -> MeasuredFrames {
     let shape = (frames.len(), frames.first().map_or(0, |frame| frame.values.len()));
     MeasuredFrames {

@@ -1,65 +1,67 @@
-//! What happened while watching, in bounded memory.
+//! Summary of a live session, in bounded memory.
 
 use super::{ImageState, LiveFrame, LiveImages};
 use crate::faults::ElectrodeFault;
 use eit_inverse::touch::{Touch, TouchState};
 use serde_json::{Value, json};
 
-/// Latencies that the summary is made of: the last ones.
+/// Number of latest latencies on which the summary is based.
 const LATENCIES: usize = 10_000;
-/// Notices that are kept: the first ones; a line that breaks all day says the same again and again.
+/// Maximum number of notices kept, the first ones: a broken line repeats the same notice all day.
 const NOTICES: usize = 100;
 
-/// What happened.
+/// Summary of a live session.
 #[derive(Debug, Default)]
 pub struct Summary {
-    /// Frames that were shown.
+    /// Number of frames shown.
     pub frames: u64,
-    /// References taken.
+    /// Number of references taken.
     pub references: u64,
-    /// Touches that began.
+    /// Number of touches that began.
     pub touches: u64,
-    /// Most at once.
+    /// Largest number of simultaneous touches.
     pub most_at_once: usize,
     /// How the images are made, with the weights of the last epoch.
     pub images: String,
-    /// Images that did not explain their measurements, so that the raw one was shown.
+    /// Number of frames whose U-net image did not explain the measurements, so that its input was shown.
     pub aside: u64,
-    /// Those of them whose raw image does not explain the measurements either.
+    /// Number of those whose raw image does not explain the measurements either.
     pub unexplained: u64,
-    /// Frames that no image explains within `delta`.
+    /// Number of frames that no image explains within `delta`.
     pub interpolated: u64,
-    /// Frames with bad values, which electrodes that move leave without an image.
+    /// Number of frames with bad values and therefore, because electrodes may move, without an image.
     pub lost: u64,
-    /// Largest proven gap of an image.
+    /// Number of frames whose image was skipped because further frames were waiting.
+    pub skipped_images: u64,
+    /// Largest certified gap of an image.
     pub worst_gap: Option<f64>,
-    /// Faults of electrodes, in the order in which they were found: the first ones.
+    /// The first faults of electrodes, in the order in which they were found.
     pub faults: Vec<ElectrodeFault>,
-    /// The last latencies of touches, seconds, in no order.
+    /// Latest latencies of touches, seconds, unordered.
     pub latencies_s: Vec<f64>,
-    /// The same of images.
+    /// Latest latencies of images, seconds, unordered.
     pub image_latencies_s: Vec<f64>,
-    /// From the first frame shown to the last, seconds of this computer's clock.
+    /// Time from the first frame shown to the last by this computer's clock, seconds.
     pub span_s: f64,
-    /// The first things that the source said.
+    /// The first notices of the source.
     pub notices: Vec<String>,
-    /// How many it said after them.
+    /// Number of further notices.
     pub more_notices: u64,
 }
 
 impl Summary {
-    /// Latency from a frame's last byte to its touches that this share of the frames, 0 to 1, did not
-    /// exceed.
+    /// Returns the latency from a frame's last byte to its touches that the fraction `share` (0 to 1) of the
+    /// frames did not exceed.
     pub fn latency_s(&self, share: f64) -> Option<f64> {
         quantile(&self.latencies_s, share)
     }
 
-    /// The same to its image.
+    /// Returns the same for the latency to its image.
     pub fn image_latency_s(&self, share: f64) -> Option<f64> {
         quantile(&self.image_latencies_s, share)
     }
 
-    /// How the images came about, for people.
+    /// Describes for people how the images were made.
     pub fn images_words(&self) -> String {
         let mut words = self.images.clone();
         if let Some(gap) = self.worst_gap {
@@ -67,13 +69,12 @@ impl Summary {
         }
         if self.aside > 0 {
             words += &format!(
-                "; {} of the net do not explain their measurements: there the raw image stays",
+                "; {} of the U-net do not explain their measurements: the raw image is shown",
                 self.aside
             );
         }
         if self.interpolated > 0 {
-            words +=
-                &format!("; {} frames fit no image within delta: passed over", self.interpolated);
+            words += &format!("; {} frames fit no image within delta: skipped", self.interpolated);
         }
         if self.lost > 0 {
             words += &format!(
@@ -81,10 +82,16 @@ impl Summary {
                 self.lost
             );
         }
+        if self.skipped_images > 0 {
+            words += &format!(
+                "; {} frames have no image, as this computer could not keep up (touches are never skipped)",
+                self.skipped_images
+            );
+        }
         words
     }
 
-    /// The same for programs.
+    /// Returns the same as JSON.
     pub fn images_json(&self) -> Value {
         json!({
             "how": self.images,
@@ -93,6 +100,7 @@ impl Summary {
             "unexplained": self.unexplained,
             "beyond_delta": self.interpolated,
             "lost": self.lost,
+            "skipped": self.skipped_images,
         })
     }
 
@@ -111,7 +119,7 @@ impl Summary {
         remember(&mut self.latencies_s, self.frames, latency_s);
     }
 
-    /// Takes note of a frame, its image made.
+    /// Records a frame and its image.
     pub(crate) fn take_frame(&mut self, shown: &LiveFrame<'_>) {
         let state = shown.images.map(LiveImages::state).unwrap_or_default();
         self.take(shown.touches, state, shown.latency_s);
@@ -119,7 +127,7 @@ impl Summary {
         remember(&mut self.image_latencies_s, self.frames, shown.image_latency_s);
     }
 
-    /// Remembers faults that are new.
+    /// Records new faults.
     fn take_faults(&mut self, faults: &[ElectrodeFault]) {
         for fault in faults {
             if self.faults.len() < NOTICES && !self.faults.contains(fault) {
@@ -128,7 +136,7 @@ impl Summary {
         }
     }
 
-    /// The faults for programs.
+    /// Returns the faults as JSON.
     pub fn faults_json(&self) -> Value {
         self.faults.iter().map(ElectrodeFault::json).collect()
     }
@@ -142,7 +150,7 @@ impl Summary {
     }
 }
 
-/// Keeps the last ones.
+/// Keeps the latest values.
 fn remember(latencies_s: &mut Vec<f64>, frame: u64, latency_s: Option<f64>) {
     let Some(latency_s) = latency_s else { return };
     if latencies_s.len() == LATENCIES {
@@ -163,7 +171,7 @@ fn quantile(values: &[f64], share: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// A source that complains for ever fills no memory.
+    /// A source that complains forever does not fill the memory.
     #[test]
     fn notices_and_latencies_are_bounded() {
         let mut summary = Summary::default();
@@ -176,7 +184,7 @@ mod tests {
             summary.take(&[], ImageState::default(), Some(number as f64));
         }
         assert_eq!(summary.latencies_s.len(), LATENCIES);
-        // the last ones
+        // the latest values
         assert!(summary.latencies_s.iter().all(|&s| s >= (2 * LATENCIES) as f64));
     }
 }

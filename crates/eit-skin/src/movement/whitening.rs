@@ -1,10 +1,10 @@
-//! Frames without the movement of electrodes, one by one.
+//! Removes electrode movement frame by frame.
 
 use crate::error::SkinError;
 use crate::scene::DifferenceKind;
 use eit_inverse::NuisanceParameters;
 
-/// Takes the movement of electrodes out of a frame.
+/// Removes electrode movement from a frame.
 #[derive(Debug)]
 pub(crate) struct Whitening {
     side: NuisanceParameters,
@@ -17,14 +17,14 @@ pub(crate) struct Whitening {
 }
 
 impl Whitening {
-    /// For frames of which these measurements are used.
+    /// Creates the operator for frames in which these measurements are used.
     pub fn new(side: NuisanceParameters, kind: DifferenceKind, used: &[bool]) -> Self {
         let differences = vec![0.0; used.len()];
         let used: Vec<usize> = (0..used.len()).filter(|&i| used[i]).collect();
         Self { side, kind, white: vec![0.0; used.len()], used, differences }
     }
 
-    /// What is left of a frame, `[used measurement]`.
+    /// Returns a frame's white differences without movement, `[used measurement]`.
     pub fn of(&mut self, values: &[f64], reference: &[f64]) -> Result<&[f64], SkinError> {
         for &i in &self.used {
             self.differences[i] = self.kind.difference(values[i], reference[i]);

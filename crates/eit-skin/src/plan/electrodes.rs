@@ -1,22 +1,22 @@
-//! What taking the movement of electrodes out of the data costs.
+//! Cost of removing electrode movement from the data.
 
 use super::rates::{PRODUCT_FLOPS_PER_S, SWEEP_FLOPS_PER_S};
 use super::stage::{Stage, store_rate};
 use crate::skin::Skin;
 use eit_mesh::Electrode;
 
-/// Displacements of electrodes, seconds a node and displacement: of a rim, and beside patches, whose
-/// directions differ. Fitted on a loaded machine, at 2 000 to 12 000 nodes.
+/// Time for displacement derivatives, in seconds per node and displacement, with rim electrodes only, and
+/// with patches, whose directions differ. Fitted on a loaded machine, at 2 000 to 12 000 nodes.
 const RIM_MOVEMENT_S: f64 = 3e-8;
 const PATCH_MOVEMENT_S: f64 = 1.6e-7;
-/// Times that the Jacobian is written: divided by voltages, by the noise, without the displacements.
+/// Number of times the Jacobian is written: divided by voltages, by the noise, without the displacements.
 const COPIES: f64 = 3.0;
-/// The stage; none where electrodes stay.
+/// Returns the stage; `None` if electrodes do not move.
 pub fn of(skin: &Skin) -> Option<Stage> {
     let movement_m = skin.settings.reconstruction.electrode_movement_m?;
     let (m, n) = (skin.protocol.measurements() as f64, skin.model.elements() as f64);
     let unknowns = 2.0 * skin.protocol.electrodes() as f64;
-    // parts of each column in the directions and back, and those directions
+    // projecting each column on the directions and back, and computing those directions
     let taken = 4.0 * m * unknowns * n + 10.0 * m * unknowns * unknowns;
     let copies_s = COPIES * 8.0 * m * n / store_rate(8.0 * m * n);
     Some(Stage {
@@ -32,13 +32,13 @@ pub fn of(skin: &Skin) -> Option<Stage> {
     })
 }
 
-/// Voltages and fields once more.
+/// Solving for voltages and fields once more.
 fn solve_flops(skin: &Skin) -> f64 {
     let cost = skin.model.cost();
     cost.factor_flops + 2.0 * cost.factor_entries as f64 * cost.field_solves as f64
 }
 
-/// Time of the derivatives by displacements, seconds.
+/// Time for the derivatives with respect to displacements, seconds.
 pub(super) fn jacobian_s(skin: &Skin) -> f64 {
     let is_patch = |electrode: &Electrode| matches!(electrode, Electrode::Patch(_));
     let search_s = match skin.mesh.electrodes().iter().any(is_patch) {

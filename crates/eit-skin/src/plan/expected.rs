@@ -1,4 +1,4 @@
-//! What is to be expected of a scene's images: as measured on the built-in scene most like it.
+//! Expected quality of a scene's images, as measured on the most similar built-in scene.
 
 use super::machine::Machine;
 use super::measured::{BUDGETS_S, Budget, Measured, Nearest, Table, Wanted, best, nearest, suits};
@@ -9,27 +9,27 @@ use crate::skin::Skin;
 use crate::total_variation::DEFAULT_TARGET_GAP;
 use serde_json::{Value, json};
 
-/// The best within a budget.
+/// The best solver within a budget.
 #[derive(Debug, Clone)]
 struct BestIn {
     budget: Budget,
     row: Option<Measured>,
 }
 
-/// Error, cost, and what would be better for the time a frame may take.
+/// Expected error and cost, and the best solvers for several frame times.
 #[derive(Debug)]
 pub struct Expected {
-    /// The built-in scene most like the skin.
+    /// The built-in scene most similar to the skin.
     pub nearest: Nearest,
-    /// The scene's method there.
+    /// Measurements of the scene's method there.
     pub row: Option<Measured>,
-    /// The best within each budget.
+    /// The best solver within each budget.
     best: Vec<BestIn>,
     machine: Machine,
 }
 
-/// The settings as `frame_time_s` would find them if the user had not yet chosen, and had stated the
-/// noise: bounds and rule stay.
+/// The settings as `frame_time_s` would see them if the user had stated the noise but chosen nothing else;
+/// bounds and hyperparameter rule stay.
 fn open(settings: &StageSettings) -> StageSettings {
     let mut settings = settings.clone();
     let keys = &mut settings.reconstruction;
@@ -39,7 +39,7 @@ fn open(settings: &StageSettings) -> StageSettings {
 }
 
 impl Expected {
-    /// Looks the skin up for a method and so many frames. `voltages` are those of the untouched skin.
+    /// Looks up the skin for a method and number of frames. `voltages` are those of the untouched skin.
     ///
     /// # Errors
     ///
@@ -69,32 +69,33 @@ impl Expected {
         Ok(Self { nearest, row, best, machine: machine.clone() })
     }
 
-    /// Relative error of the images.
+    /// Returns the relative error of the images.
     pub fn error(&self) -> Option<f64> {
         self.row.as_ref().map(|row| row.relative_error)
     }
 
-    /// Lines of the plan.
+    /// Returns lines for the plan.
     pub fn words(&self) -> Vec<String> {
         let Nearest { scene, why } = &self.nearest;
         let mut lines = vec![match &self.row {
             Some(row) => format!(
-                "expected error of the images: {:.2} of the truth's norm (1: an empty image), as {} \
-                 measured on {scene}, the built-in scene most like this one ({why})",
+                "expected error of the images: {:.2} of the truth's norm (1: an empty image), as \
+                 measured with \
+                 {} on {scene}, the built-in scene most like this one ({why})",
                 row.relative_error,
                 row.words()
             ),
             None => format!("expected error of the images: not measured on {scene} ({why})"),
         }];
         lines.push(
-            "least error within the time of a frame, of what this scene allows once its noise is \
-             stated (frame_time_s takes it), and the time here"
+            "smallest error within a frame time, among what this scene allows once its noise is stated \
+             (frame_time_s selects it), and the time on this machine"
                 .to_owned(),
         );
         for BestIn { budget: Budget { time_s: budget_s, is_live: live }, row } in &self.best {
             let kind = if *live { "live" } else { "recorded" };
             let found = row.as_ref().map_or_else(
-                || "nothing that the scene allows is so fast".to_owned(),
+                || "nothing that the scene allows is fast enough".to_owned(),
                 |row| {
                     let time_ms = row.cost_ms_a_frame * row.slowness(&self.machine);
                     format!("{}: error {:.2}, {time_ms:.2} ms", row.words(), row.relative_error)
@@ -105,7 +106,7 @@ impl Expected {
         lines
     }
 
-    /// For programs.
+    /// Returns the same as JSON.
     pub fn json(&self) -> Value {
         let one = |BestIn { budget: Budget { time_s: budget_s, is_live: live }, row }: &BestIn| {
             json!({

@@ -1,4 +1,4 @@
-//! Stages of the methods: what makes images of frames.
+//! Stages of the reconstruction methods.
 
 use super::rates::{
     ABSOLUTE_STEPS, ASSUMED_FRAMES, DECOMPOSITION_FLOPS_PER_S, FITTED_FLOPS_PER_S, PRIOR_ENTRY_S,
@@ -54,7 +54,7 @@ impl Sizes<'_> {
         }
     }
 
-    /// One image of a method that couples frames: on elements.
+    /// One image of a method that couples frames, on elements.
     pub fn sequence_frame(&self) -> Stage {
         let (m, n, rank) = (self.measurements, self.elements, self.rank);
         let flops = self.directions * (2.0 * (m + n) + 10.0);
@@ -64,11 +64,11 @@ impl Sizes<'_> {
             flops,
             bytes: 4.0 * flops,
             time_s: 4.0 * flops / READ_BYTES_PER_S,
-            why: format!("{rank} scalar smoothers: the problem falls apart into its eigenvectors"),
+            why: format!("{rank} scalar smoothers: the problem decouples into its eigenvectors"),
         }
     }
 
-    /// One frame of the absolute method: each step solves and linearises again.
+    /// One frame of the absolute method, in which each step solves and linearises again.
     pub fn absolute_step(&self, model: &[Stage]) -> Stage {
         let (m, n) = (self.measurements, self.elements);
         let again = model.iter().filter(|stage| stage.name != "mesh");
@@ -89,7 +89,7 @@ impl Sizes<'_> {
     pub fn total_variation(&self, sequence: Sequence) -> Vec<Stage> {
         let (m, n, rank) = (self.measurements, self.skin_pixels, self.directions);
         let count = sequence.solved().unwrap_or(ASSUMED_FRAMES);
-        // the kernels work on eight frames at once
+        // the kernels process eight frames at once
         let iteration = |frames: usize| 4.0 * n * rank * frames.next_multiple_of(TV_LANES) as f64;
         let gap = self.skin.settings.reconstruction.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
         let (iterations, whence) = match self.measured {
@@ -99,7 +99,7 @@ impl Sizes<'_> {
         let set_up = 2.0 * m * 4.0 * self.elements + 4.0 * m * m * n;
         let trials = TV_TRIALS * iterations * iteration(count.min(TV_TRIAL_FRAMES));
         let weights_s = match self.measured {
-            // in proportion to the frames that it looks at; other machines are counted in below
+            // proportional to the frames used; `scale` accounts for other machines
             Some(row) if row.choice_s > 0.0 => {
                 let frames = |count: usize| count.min(TV_TRIAL_FRAMES).next_multiple_of(TV_LANES);
                 let part = frames(count) as f64 / frames(row.frames) as f64;
@@ -130,7 +130,7 @@ impl Sizes<'_> {
                 flops: trials,
                 bytes: 0.0,
                 time_s: weights_s,
-                why: format!("on the {TV_TRIAL_FRAMES} frames with the most signal at most"),
+                why: format!("on at most the {TV_TRIAL_FRAMES} frames with the most signal"),
             });
         }
         stages.push(Stage {

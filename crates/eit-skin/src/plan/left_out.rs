@@ -1,37 +1,37 @@
-//! What a plan leaves out, and why.
+//! What a plan omits, and why.
 
 use super::sequence::Sequence;
 use crate::method::Method;
 use crate::skin::Skin;
 use serde_json::{Value, json};
 
-/// Something that is not done, and why.
+/// Something that is omitted, and the reason.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LeftOut {
-    /// What.
+    /// What is omitted.
     pub what: &'static str,
-    /// Why.
+    /// Reason.
     pub why: String,
 }
 
 impl LeftOut {
-    /// For programs.
+    /// Returns the omission as JSON.
     pub fn json(&self) -> Value {
         json!({"what": self.what, "why": self.why})
     }
 
-    /// A line of the plan.
+    /// Returns a line for the plan.
     pub fn line(&self) -> String {
         format!("  {:<22} {}", self.what, self.why)
     }
 }
 
-/// From pairs of what and why.
+/// Converts pairs of what and why.
 pub(super) fn listed(list: Vec<(&'static str, String)>) -> Vec<LeftOut> {
     list.into_iter().map(|(what, why)| LeftOut { what, why }).collect()
 }
 
-/// What the scene does not use, and why.
+/// Lists what the scene does not use, and why.
 pub fn of(skin: &Skin, method: Method, sequence: Sequence, noise_is_known: bool) -> Vec<LeftOut> {
     let cost = skin.model.cost();
     let patterns = skin.protocol.stimulations_a().nrows();
@@ -62,13 +62,14 @@ pub fn of(skin: &Skin, method: Method, sequence: Sequence, noise_is_known: bool)
     if skin.settings.reconstruction.electrode_movement_m.is_none()
         && method != Method::GaussNewtonAbsolute
     {
-        let why = "no reconstruction.electrode_movement_m: images take electrodes to stay; where the rim of \
-                   a fabric gives way, they show spots at electrodes (touches reckon with 0.2 mm)";
+        let why = "no reconstruction.electrode_movement_m: images assume fixed electrodes; where \
+                   the rim of a \
+                   fabric gives way, they show spots at electrodes (touches allow for 0.2 mm)";
         list.push(("electrode movement", why.to_owned()));
     }
     if !noise_is_known {
-        let why =
-            "the recording shows no noise to tell them from: [noise], or a reference of 8 frames";
+        let why = "the recording shows no noise, from which they are distinguished: set [noise], or use a \
+             reference of 8 frames";
         list.push(("touches", why.to_owned()));
     }
     if skin.settings.denoise.is_none() {
@@ -80,28 +81,30 @@ pub fn of(skin: &Skin, method: Method, sequence: Sequence, noise_is_known: bool)
     listed(list)
 }
 
-/// What the method leaves out on this scene.
+/// What the method omits on this scene.
 fn of_method(skin: &Skin, method: Method, sequence: Sequence) -> Vec<(&'static str, String)> {
     let keys = &skin.settings.reconstruction;
     let mut list = Vec::new();
     let by_itself = match method {
-        Method::GaussNewton => Some("one-step Gauss-Newton takes each frame by itself"),
-        Method::GaussNewtonAbsolute => Some("each frame by itself, from the image of the last one"),
+        Method::GaussNewton => Some("one-step Gauss-Newton treats each frame on its own"),
+        Method::GaussNewtonAbsolute => {
+            Some("each frame on its own, starting from the image of the last one")
+        }
         Method::StTv | Method::Tv if sequence == Sequence::Frames(1) => {
             Some("a recording of one frame: plain total variation in space")
         }
         Method::StTv | Method::Tv if matches!(sequence, Sequence::Still(_)) => {
             Some("a static scene: one image of the mean, by plain total variation in space")
         }
-        Method::Tv => Some("method \"tv\" takes each frame by itself"),
+        Method::Tv => Some("method \"tv\" treats each frame on its own"),
         Method::StTv if keys.lambda_time == Some(0.0) => Some("lambda_time = 0"),
         _ => None,
     };
     list.extend(by_itself.map(|why| ("time coupling", why.to_owned())));
     if method.is_tv() {
         if keys.lower_s.is_none() && keys.upper_s.is_none() {
-            let why = "no lower_s or upper_s: where a touch only raises the conductivity, lower_s = \
-                       0 makes images better";
+            let why = "no lower_s or upper_s: where a touch only raises the conductivity, \
+                       lower_s = 0 improves images";
             list.push(("bounds", why.to_owned()));
         }
         list.push(("prior, hyperparameter", "total variation has weights instead".to_owned()));

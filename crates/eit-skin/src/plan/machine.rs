@@ -1,44 +1,44 @@
-//! What this machine is and what one thread of it can do at best: the denominators of every floor,
-//! and what a plan's times are scaled by.
+//! Describes this machine and the best rates of one of its threads: the basis of lower bounds on time, and of
+//! scaling a plan's times.
 
 use ndarray::{Array2, LinalgScalar};
 use serde::Serialize;
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Order of the matrices whose product is timed: 3 x 0.5 MB in double precision.
+/// Order of the matrices in the timed product: 3 x 0.5 MB in double precision.
 const ORDER: usize = 256;
-/// Bytes that are read again and again: what fits the first and second cache of most processors,
-/// and about the factors of a one-step reconstruction.
+/// Sizes, in bytes, of arrays that are read repeatedly: they fit the first and second cache of most
+/// processors, and about match the factors of a one-step reconstruction.
 const READ_BYTES: [usize; 3] = [16 << 10, 256 << 10, 3 << 20];
-/// Bytes of a timing at least, for the clock's sake.
+/// Minimum number of bytes per timing, to exceed the clock's resolution.
 const LEAST_BYTES: usize = 3 << 20;
-/// Timings of each, of which the best counts: other programs can only slow one down.
+/// Number of timings, of which the best counts: other programs can only slow one down.
 const REPEATS: usize = 9;
-/// Independent sums, so that the latency of an addition does not hide the memory's rate.
+/// Number of independent sums, so that the latency of addition does not hide the memory's rate.
 const LANES: usize = 32;
 
 /// A machine, as measured now.
 #[derive(Debug, Clone, Serialize)]
 pub struct Machine {
-    /// Model of the processor, as the system tells it.
+    /// Model of the processor, as reported by the system.
     pub processor: String,
-    /// Threads that run at once.
+    /// Number of threads that run at once.
     pub threads: usize,
     /// Operating system and architecture.
     pub system: String,
-    /// Load average of the last minute, where the system tells it: 1 is one busy thread.
+    /// Load average over the last minute, if the system reports it: 1 is one busy thread.
     pub load: Option<f64>,
-    /// Dense matrix product, one thread, operations a second.
+    /// Dense matrix product in double precision, one thread, operations per second.
     pub double_flops_per_s: f64,
     /// The same in single precision.
     pub single_flops_per_s: f64,
-    /// Plain sum, one thread, bytes a second, over 16 and 256 KiB and 3 MiB.
+    /// Plain sum, one thread, bytes per second, over 16 KiB, 256 KiB and 3 MiB.
     pub read_bytes_per_s: [f64; 3],
 }
 
 impl Machine {
-    /// Looks and measures: about 50 ms.
+    /// Identifies and measures the machine; takes about 50 ms.
     pub fn measure() -> Self {
         let file = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
         let processors = file("/proc/cpuinfo");
@@ -55,7 +55,7 @@ impl Machine {
         }
     }
 
-    /// For tables.
+    /// Describes the machine, for tables.
     pub fn words(&self) -> String {
         let load = self.load.map_or_else(String::new, |load| format!(", load average {load}"));
         format!(
@@ -72,26 +72,27 @@ impl Machine {
         )
     }
 
-    /// Least time of so much work in double precision: whichever takes longer.
+    /// Returns the minimum time for this work in double precision: that of the slower of computing and
+    /// reading.
     pub fn floor_s(&self, flops: f64, bytes: f64) -> f64 {
         (flops / self.double_flops_per_s).max(self.read_s(bytes))
     }
 
-    /// The same in single precision.
+    /// Returns the same in single precision.
     pub fn single_floor_s(&self, flops: f64, bytes: f64) -> f64 {
         (flops / self.single_flops_per_s).max(self.read_s(bytes))
     }
 
-    /// Least time of reading so much, which stays in the cache that holds it.
+    /// Minimum time for reading this many bytes from the cache that holds them.
     fn read_s(&self, bytes: f64) -> f64 {
         let rates = READ_BYTES.iter().zip(self.read_bytes_per_s);
         let fitting = rates.filter(|(size, _)| bytes <= **size as f64).map(|(_, rate)| rate);
-        // a larger cache cannot be faster than what was measured to be
+        // a larger cache cannot be faster than a smaller one was measured to be
         bytes / fitting.fold(self.read_bytes_per_s[2], f64::max)
     }
 }
 
-/// Best time of some runs, seconds.
+/// Best time of several runs, seconds.
 fn best_s(mut run: impl FnMut()) -> f64 {
     let mut least = f64::INFINITY;
     for _ in 0..REPEATS {
@@ -115,7 +116,7 @@ fn read_bytes_per_s(bytes: usize) -> f64 {
     let passes = (LEAST_BYTES / bytes).max(1);
     let time_s = best_s(|| {
         for _ in 0..passes {
-            // the widest registers that there are, as our kernels use them
+            // the widest registers available, as our kernels use them
             pulp::Arch::new().dispatch(|| {
                 let mut sums = [0.0; LANES];
                 for chunk in black_box(&values).chunks_exact(LANES) {
@@ -134,7 +135,7 @@ fn read_bytes_per_s(bytes: usize) -> f64 {
 mod tests {
     use super::*;
 
-    /// Rates are those of a machine of this century, and floors follow from them.
+    /// Rates are plausible for current machines, and lower bounds follow from them.
     #[test]
     fn rates_are_plausible_and_floors_take_the_larger() {
         let machine = Machine::measure();

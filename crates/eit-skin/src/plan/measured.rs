@@ -1,8 +1,8 @@
-//! What `eit report` measured on the built-in scenes: what plans expect of others.
+//! Results of `eit report` on the built-in scenes, from which plans predict others.
 //!
-//! `measured.csv` is the `inverse.csv` of a full run of `eit report`, without peers and without nets
-//! that are not shipped (`benches/src/bin/adopt.rs`); nothing in it is written by hand. A scene is
-//! told by the built-in one that is most like it, and says which that is.
+//! `measured.csv` is the `inverse.csv` of a full run of `eit report`, without peers and without nets that are
+//! not shipped (written by `benches/src/bin/adopt.rs`, never by hand). A scene is predicted from the most
+//! similar built-in one, which the plan names.
 
 mod in_time;
 mod nearest;
@@ -19,129 +19,129 @@ use serde::{Deserialize, Serialize};
 
 const TABLE: &str = include_str!("measured.csv");
 
-/// End of a solver's name that knows that touches only raise the conductivity.
+/// Suffix of solvers that are told that touches only raise the conductivity.
 const BOUNDED: &str = " ≥ 0";
-/// End of the name of one that takes frame after frame.
+/// Suffix of solvers that process one frame after the other.
 const STREAM: &str = " stream";
-/// Errors that differ by less are one: other paths and other noise change them more.
+/// Errors within this factor are considered equal: other paths and other noise change them more.
 const ALIKE: f64 = 1.02;
 
-/// One setting of a solver on a built-in scene.
+/// Results of a solver with one setting on a built-in scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
-    /// Built-in scene or case of the report.
+    /// Built-in scene, or case of the report.
     pub scene: String,
     /// Name of the solver.
     pub solver: String,
-    /// Rule of the hyperparameter, as in a scene file; empty where there is none.
+    /// Rule of the hyperparameter, as in a scene file; empty if there is none.
     pub rule: String,
-    /// None: on the elements of the mesh.
+    /// Pixels along the longer side; `None` if solved on the elements of the mesh.
     pub pixels: Option<usize>,
-    /// Relative gap that it ran to.
+    /// Relative gap at which it stopped.
     pub target_gap: Option<f64>,
-    /// Gives a frame's image before the next frame comes, without having seen the recording.
+    /// Whether it returns a frame's image before the next frame arrives, without seeing the whole recording.
     pub live: bool,
-    /// Another program.
+    /// Whether it is another program.
     pub peer: bool,
-    /// Root mean square over the two recordings of the scene.
+    /// Root mean square of the relative error over the two recordings of the scene.
     pub relative_error: f64,
-    /// Of the first recording.
+    /// Relative error on the first recording.
     pub relative_error_first: f64,
-    /// Of the second, where there is one.
+    /// Relative error on the second recording, if there is one.
     pub relative_error_second: Option<f64>,
     /// Mean distance of blobs from their fingers.
     pub position_error_mm: Option<f64>,
-    /// Parts of the fingers found, blobs a frame that are none.
+    /// Fraction of the fingers that were found.
     pub found: f64,
     /// False blobs per frame.
     pub extra_blobs: f64,
-    /// What counts against a budget: the time of a frame with its share of the choice of weights,
-    /// or, live, the time that 95 of 100 frames do not exceed.
+    /// Cost that counts against a budget: time per frame including its share of choosing weights or, if live,
+    /// the time that 95 % of the frames do not exceed.
     pub cost_ms_a_frame: f64,
-    /// Least time of a frame.
+    /// Minimum time of a frame.
     pub ms_a_frame_least: f64,
-    /// Median.
+    /// Median time of a frame.
     pub ms_a_frame: f64,
-    /// What 95 of 100 do not exceed.
+    /// Time that 95 % of the frames do not exceed.
     pub ms_a_frame_95: f64,
-    /// Largest.
+    /// Maximum time of a frame.
     pub ms_a_frame_most: f64,
-    /// Times that the four are of: runs, or single frames of live solvers.
+    /// Number of times that the four statistics are taken over: runs, or single frames of live solvers.
     pub times: usize,
-    /// The same work at the best rates of the machine.
+    /// Lower bound: the same work at the machine's best rates.
     pub floor_ms_a_frame: Option<f64>,
-    /// Relative duality gap that was reached.
+    /// Relative duality gap reached.
     pub proven_gap: Option<f64>,
-    /// Iterations of a run.
+    /// Number of iterations of a run.
     pub iterations: f64,
-    /// How it ended.
+    /// Status at the end.
     pub status: String,
-    /// Frames of a recording.
+    /// Number of frames of a recording.
     pub frames: usize,
-    /// Time of the set-up, seconds.
+    /// Time for set-up, seconds.
     pub set_up_s: f64,
-    /// Time of choosing weights or hyperparameter, seconds.
+    /// Time for choosing weights or hyperparameter, seconds.
     pub choice_s: f64,
     /// How they were chosen.
     pub choice: String,
-    /// Rate of a dense product where it was measured.
+    /// Rate of a dense product on the machine where it was measured.
     pub machine_gflops: f64,
 }
 
 impl Measured {
-    /// Time on a machine over that where it was measured.
+    /// Returns the ratio of the time on `machine` to that where it was measured.
     pub fn slowness(&self, machine: &Machine) -> f64 {
         1e9 * self.machine_gflops / machine.double_flops_per_s
     }
 
-    /// Solver and rule.
+    /// Returns solver and rule.
     pub fn label(&self) -> String {
         if self.rule == "gcv" { format!("{}, gcv", self.solver) } else { self.solver.clone() }
     }
 
-    /// The solver and its setting.
+    /// Describes the solver and its setting.
     pub fn words(&self) -> String {
         let pixels = self.pixels.map_or_else(String::new, |n| format!(", {n} pixels"));
         let gap = self.target_gap.map_or_else(String::new, |gap| format!(", gap {gap:e}"));
         format!("{}{pixels}{gap}", self.label())
     }
 
-    /// Whether it takes frame after frame and is only for that.
+    /// Whether the solver processes one frame after the other, and is only meant for that.
     fn is_stream(&self) -> bool {
         self.solver.contains(STREAM)
     }
 }
 
-/// What a frame may take.
+/// Time available for a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Budget {
-    /// Seconds.
+    /// Time, seconds.
     pub time_s: f64,
-    /// Only what gives an image before the next frame comes.
+    /// Whether only solvers count that return an image before the next frame arrives.
     pub is_live: bool,
 }
 
-/// A method at some setting, as a table is asked for it.
+/// Key for looking up a method in the table.
 #[derive(Debug, Clone, Copy)]
 pub struct Wanted<'a> {
-    /// Its method.
+    /// The method.
     pub method: Method,
     /// Bounds and rule of the hyperparameter.
     pub settings: &'a ReconstructionSettings,
     /// Pixels along the longer side.
     pub pixels: usize,
-    /// Relative gap that it runs to.
+    /// Relative gap at which it stops.
     pub target_gap: f64,
 }
 
-/// The best of some rows for a time that a frame may take where they were measured: of those whose
-/// error is within 2 % of the least, the cheapest; of equal work, what has proven more. Peers never.
+/// Returns the best row within a budget: among those whose error is within 2 % of the smallest, the cheapest;
+/// for equal work, the one with the smallest gap. Peers are never returned.
 pub fn best<'a>(
     rows: impl Iterator<Item = &'a Measured> + Clone,
     budget: Budget,
 ) -> Option<&'a Measured> {
     let fits = move |row: &&Measured| {
-        // a stream is for what streams
+        // a stream solver is only for live use
         let kind = if budget.is_live { row.live } else { !row.is_stream() };
         kind && !row.peer && 1e-3 * row.cost_ms_a_frame <= budget.time_s
     };
@@ -157,13 +157,13 @@ pub fn best<'a>(
     alike.filter(same).min_by(|a, b| gap(a).total_cmp(&gap(b)))
 }
 
-/// The table.
+/// Table of measured solvers.
 pub struct Table {
     rows: Vec<Measured>,
 }
 
 impl Table {
-    /// Reads what comes with the program.
+    /// Loads the table that is built into the program.
     pub fn load() -> Result<Self, SkinError> {
         let mut reader = csv::Reader::from_reader(TABLE.as_bytes());
         let rows: Result<Vec<Measured>, csv::Error> = reader.deserialize().collect();
@@ -171,14 +171,14 @@ impl Table {
         Ok(Self { rows })
     }
 
-    /// All rows of a scene.
+    /// Returns all rows of a scene.
     pub fn of_scene(&self, scene: &str) -> impl Iterator<Item = &Measured> + Clone {
         let scene = scene.to_owned();
         self.rows.iter().filter(move |row| row.scene == scene)
     }
 
-    /// What was measured of a method on a built-in scene, with the bound and the rule that the
-    /// settings state, at the nearest number of pixels and gap.
+    /// Returns the measurement of a method on a built-in scene, with the settings' bound and rule, at the
+    /// nearest number of pixels and gap.
     pub fn of(&self, built_in: &str, wanted: &Wanted<'_>) -> Option<&Measured> {
         let Wanted { method, settings: keys, pixels, target_gap: gap } = *wanted;
         let bounded = keys.lower_s.is_some_and(|lower| lower >= 0.0);
@@ -219,7 +219,7 @@ mod tests {
         assert_eq!(written.lines().next(), TABLE.lines().next(), "columns of an older report");
     }
 
-    /// Alike errors: the cheapest counts, of equal work the tighter gap, and never a peer, nor a
+    /// Equal errors: the cheapest wins, for equal work the one with the tighter gap; never a peer, nor a
     /// stream for recordings.
     #[test]
     fn the_best_is_the_cheapest_of_those_alike() {

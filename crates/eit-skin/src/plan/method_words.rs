@@ -1,11 +1,11 @@
-//! What drives total variation on a scene: noise, bounds, frames.
+//! Describes what determines total variation on a scene: noise, bounds, frames.
 
 use super::sequence::Sequence;
 use crate::method::Method;
 use crate::scene::Delta;
 use crate::skin::Skin;
 
-/// Lines for the plan; none for methods that a hyperparameter drives.
+/// Returns lines for the plan; none for methods with a hyperparameter.
 pub fn of(skin: &Skin, method: Method, sequence: Sequence) -> Vec<String> {
     if !method.is_tv() {
         return Vec::new();
@@ -41,8 +41,8 @@ fn noise(skin: &Skin) -> String {
             let last = range.end.saturating_sub(1);
             format!("noise: measured on quiet frames {} to {last}", range.start)
         }
-        _ => "noise: measured on the reference frames where they are several, else the error of \
-              the model alone"
+        _ => "noise: measured on the reference frames if there are several, else the model error \
+              alone"
             .to_owned(),
     }
 }
@@ -55,13 +55,15 @@ fn weights(skin: &Skin) -> String {
         }
         (Some(Delta::Rule(_)), _) => "data: each frame within its noise".to_owned(),
         (None, Some(weight)) => format!("weights: lambda_space {weight:e}, from the scene"),
-        (None, None) => "weights: by the discrepancy principle from the noise; from the error of \
-                         the model where that is larger"
-            .to_owned(),
+        (None, None) => {
+            "weights: by the discrepancy principle from the noise; from the model error if \
+                         that is larger"
+                .to_owned()
+        }
     }
 }
 
-/// What becomes of the term in time.
+/// Describes the fate of the time term.
 fn coupling(skin: &Skin, method: Method, sequence: Sequence, known: bool) -> String {
     let none = method == Method::Tv || skin.settings.reconstruction.lambda_time == Some(0.0);
     let couples = match sequence {
@@ -82,8 +84,8 @@ fn coupling(skin: &Skin, method: Method, sequence: Sequence, known: bool) -> Str
                 .to_owned()
         }
     };
-    // frames beside the quiet ones may still be alike, which the plan does not look for
-    let still = "dropped, with one image of the mean, where the frames do not differ from each \
-                 other beyond noise (a static scene)";
+    // frames outside the quiet range may still be equal, which the plan does not check
+    let still = "dropped, with one image of the mean, if the frames do not differ from each other \
+                 beyond noise (a static scene)";
     if known { format!("{couples}; {still}") } else { couples }
 }

@@ -1,15 +1,15 @@
-//! What a U-net costs a frame.
+//! Cost of the U-net per frame.
 
 use super::stage::Stage;
 use crate::error::SkinError;
 use crate::skin::Skin;
 
-/// Multiplications and additions a second of the small convolutions, and of the products of the
-/// check, fitted as those of the other stages.
+/// Operations per second of the small convolutions, and of the products of the check, fitted like those of
+/// the other stages.
 const NET_FLOPS_PER_S: f64 = 3.5e10;
 const CHECK_FLOPS_PER_S: f64 = 1e10;
 
-/// Net and check; none without `[denoise]`.
+/// U-net and check; none without `[denoise]`.
 #[cfg(feature = "denoise")]
 pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
     let Some(net) = skin.net()? else { return Ok(Vec::new()) };
@@ -38,7 +38,7 @@ pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
             flops,
             bytes: 4.0 * shape.parameters() as f64,
             time_s: flops / NET_FLOPS_PER_S,
-            why: "a frame: the scene has [denoise]".to_owned(),
+            why: "per frame: the scene has [denoise]".to_owned(),
         },
         Stage {
             name: "check",
@@ -46,13 +46,13 @@ pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
             flops: check,
             bytes: 4.0 * measurements as f64 * inside,
             time_s: check / CHECK_FLOPS_PER_S,
-            why: "a frame: does the net's image explain the measurements?".to_owned(),
+            why: "per frame: checks that the U-net's image explains the measurements".to_owned(),
         },
     ];
     Ok(inputs.into_iter().chain(stages).collect())
 }
 
-/// None without the feature.
+/// No stages without the feature.
 #[cfg(not(feature = "denoise"))]
 pub fn of(_: &Skin) -> Result<Vec<Stage>, SkinError> {
     Ok(Vec::new())

@@ -1,4 +1,4 @@
-//! The plan of a scene that stores charge: complex voltages and Jacobian, and no images.
+//! The plan of a reactive scene: complex voltages and Jacobian, but no images.
 
 use super::left_out::{LeftOut, listed};
 use super::{PlanText, machine::Machine, stage_json, stage_lines, stages};
@@ -8,7 +8,7 @@ use crate::reactive::{ReactiveSkin, rounding_warning};
 use eit_fem::AdmittivityReport;
 use serde_json::json;
 
-/// Builds what sizes need, solves once for the phases and the growth, predicts the rest.
+/// Builds what is needed for sizes, solves once for phases and pivot growth, and predicts the rest.
 ///
 /// # Errors
 ///
@@ -38,8 +38,8 @@ pub fn of_reactive(skin: &ReactiveSkin, progress: &mut Progress) -> Result<PlanT
     lines.extend(stages.iter().flat_map(stage_lines));
     lines.push(format!("times on this machine: {}", machine.words()));
     lines.push(
-        "expected error of the voltages: not computed (the mesh-free series is for skins that store no \
-         charge); compare with a finer [mesh]"
+        "expected error of the voltages: not computed (the mesh-free series does not support \
+         capacitances); compare with a finer [mesh]"
             .to_owned(),
     );
     lines.push("left out".to_owned());
@@ -48,19 +48,19 @@ pub fn of_reactive(skin: &ReactiveSkin, progress: &mut Progress) -> Result<PlanT
     Ok(PlanText { text: lines.join("\n"), json })
 }
 
-/// How the solve of the untouched skin went.
+/// Report on the solve of the untouched skin.
 fn untouched(skin: &ReactiveSkin) -> Result<AdmittivityReport, SkinError> {
     let background = vec![skin.background; skin.model.elements()];
     let mut workspace = skin.model.workspace()?;
     Ok(skin.model.solve(&background, &mut workspace)?.report())
 }
 
-/// That complex numbers are used, and why.
+/// States that complex numbers are used, and why.
 fn why_complex(skin: &ReactiveSkin) -> String {
     let gamma = skin.background;
     format!(
-        "complex arithmetic: capacitances carry current at {} Hz (the skin has {:.2e} S beside {:.2e} S \
-         of conductivity)",
+        "complex arithmetic: capacitances carry current at {} Hz (the sheet has a susceptance \
+         of {:.2e} S and a conductivity of {:.2e} S)",
         skin.frequency_hz, gamma.im, gamma.re
     )
 }
@@ -69,7 +69,7 @@ fn left_out(skin: &ReactiveSkin, report: &AdmittivityReport) -> Vec<LeftOut> {
     let cost = skin.model.cost();
     let (m, products) = (skin.model.protocol().measurements(), cost.field_products);
     let mut list = vec![
-        ("images", "reconstruction, nets and touches take conductivities only".to_owned()),
+        ("images", "reconstruction, U-nets and touches only support conductivities".to_owned()),
         (
             "pivoting",
             format!(

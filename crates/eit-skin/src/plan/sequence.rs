@@ -1,4 +1,4 @@
-//! The recording of a scene, as far as a plan has to know it.
+//! What a plan needs to know about the recording of a scene.
 
 use crate::frames::Frames;
 use crate::method::Method;
@@ -9,22 +9,22 @@ use std::sync::Arc;
 /// Frames that a plan is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sequence {
-    /// No recording that can be read.
+    /// No readable recording.
     Unknown,
-    /// So many.
+    /// This number of frames.
     Frames(usize),
-    /// So many that do not differ from each other beyond noise: total variation makes one of them.
+    /// This number of frames without differences beyond noise: total variation averages them into one.
     Still(usize),
 }
 
-/// The skin's recording, where it can be read. What is wrong with one is told by a reconstruction: a
-/// plan does without.
+/// Reads the skin's recording if possible. Errors are ignored here, because the plan does not require it and
+/// a reconstruction reports them.
 pub fn read(skin: &Skin, progress: &mut Progress) -> Option<Frames> {
     progress.stage("read frames", || skin.read_frames(&[], None)).ok()
 }
 
 impl Sequence {
-    /// Looks whether the scene is static where the method cares and the noise is known.
+    /// Checks whether the scene is static, if the method makes use of that and the noise is known.
     pub fn of(
         skin: &Skin,
         method: Method,
@@ -41,7 +41,7 @@ impl Sequence {
         if still { Self::Still(count) } else { Self::Frames(count) }
     }
 
-    /// Frames that are solved for; `None`: not known.
+    /// Returns the number of frames solved for; `None` if unknown.
     pub fn solved(self) -> Option<usize> {
         match self {
             Self::Unknown => None,

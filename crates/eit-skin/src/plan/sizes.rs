@@ -1,22 +1,22 @@
-//! Numbers that the stages of a plan come from.
+//! Sizes on which the stages of a plan depend.
 
 use super::machine::Machine;
 use super::measured::Measured;
 use crate::skin::Skin;
 
-/// Numbers that all stages come from.
+/// Sizes on which all stages depend.
 pub(super) struct Sizes<'a> {
     pub skin: &'a Skin,
     pub measurements: f64,
     pub elements: f64,
-    /// Pixels of the raster's side, and those on the skin.
+    /// Pixels along the raster's side, and pixels on the skin.
     pub pixels: usize,
     pub skin_pixels: f64,
-    /// Independent measurements at most.
+    /// Maximum number of independent measurements.
     pub rank: f64,
-    /// Those of them that time is counted for.
+    /// Number of those for which time is counted.
     pub directions: f64,
-    /// The method on the built-in scene most like this one.
+    /// Measurements of the method on the most similar built-in scene.
     pub measured: Option<&'a Measured>,
     pub machine: &'a Machine,
 }

@@ -1,4 +1,4 @@
-//! Stages of a plan: sizes, work, expected time.
+//! Stages of a plan: size, work, expected time.
 
 use super::electrodes;
 use super::machine::Machine;
@@ -16,7 +16,7 @@ use crate::skin::Skin;
 use eit_fem::{ElementOrder, SolvePath};
 use eit_mesh::{Mesh, Quality};
 
-/// The stages of a method, in the order of the work.
+/// Returns the stages of a method, in order.
 pub fn of(
     skin: &Skin,
     method: Method,
@@ -28,7 +28,7 @@ pub fn of(
     let (m, n) = (skin.protocol.measurements() as f64, skin.model.elements() as f64);
     let pixels = skin.pixels();
     let electrodes = skin.protocol.electrodes() as f64;
-    // reciprocity leaves L (L - 1) / 2 independent measurements at most; smooth priors fewer
+    // reciprocity leaves at most L (L - 1) / 2 independent measurements; smooth priors leave fewer
     let rank = m.min(cost.field_products as f64).min(n).min(0.5 * electrodes * (electrodes - 1.0));
     let sizes = Sizes {
         measured,
@@ -60,7 +60,7 @@ pub fn of(
     stages
 }
 
-/// The stages of a scene that stores charge. A complex product is four real ones, a matrix is assembled
+/// Returns the stages of a reactive scene. A complex product counts as four real ones; a matrix is assembled
 /// twice, for real and imaginary parts.
 pub fn of_reactive(skin: &ReactiveSkin, machine: &Machine) -> Vec<Stage> {
     let model = &skin.model;
@@ -84,19 +84,20 @@ pub fn of_reactive(skin: &ReactiveSkin, machine: &Machine) -> Vec<Stage> {
         Stage {
             name: "Jacobian, complex",
             size: format!("[{m}, {n}], {solves} fields, {} products", cost.field_products),
-            // a product of two gradients: 16 flops, real ones 3
+            // the product of two gradients takes 16 flops, for real ones 3
             flops: sweep + 16.0 / 3.0 * cost.product_flops,
             bytes,
             time_s: sweep / SWEEP_FLOPS_PER_S + bytes / store_rate(bytes),
-            why: "only `eit jacobian` asks for it: the derivative by complex admittivity"
-                .to_owned(),
+            why:
+                "only needed by `eit jacobian`: the derivative with respect to complex admittivity"
+                    .to_owned(),
         },
     ];
     scale(&mut stages, machine);
     stages
 }
 
-/// Generated or read.
+/// Mesh, generated or read.
 fn mesh_stage(from_file: bool, mesh: &Mesh) -> Stage {
     let quality = Quality::of(mesh);
     Stage {
@@ -114,7 +115,7 @@ fn mesh_stage(from_file: bool, mesh: &Mesh) -> Stage {
     }
 }
 
-/// The one solve that images are linearised at, where textbook assembly may lose too many digits.
+/// Returns the solve at which images are linearised, if textbook assembly may lose too many digits.
 pub fn linearisation(skin: &Skin, path: SolvePath, machine: &Machine) -> Option<Stage> {
     let (node_s, numbers) = match path {
         SolvePath::NodalAssembly => return None,
@@ -175,7 +176,7 @@ impl Sizes<'_> {
     }
 }
 
-/// Part of the raster's square that is skin.
+/// Returns the fraction of the raster's square that is skin.
 pub fn skin_share(skin: &Skin) -> f64 {
     let [low, high] = skin.mesh.surface().bounds_m();
     let side = (high[0] - low[0]).max(high[1] - low[1]);

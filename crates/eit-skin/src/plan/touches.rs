@@ -1,4 +1,4 @@
-//! What finding touches costs, and what they are held against.
+//! Cost of finding touches.
 
 use super::electrodes;
 use super::machine::Machine;
@@ -7,24 +7,24 @@ use super::stage::{Stage, scale};
 use crate::skin::Skin;
 use eit_inverse::touch::DetectorSettings;
 
-/// Flops a second of the scan over places, which reads a dictionary that no cache of one core holds.
+/// Flops per second of the scan over places, which reads a dictionary larger than any cache of one core.
 const SCAN_FLOPS_PER_S: f64 = 4e9;
-/// Bell and its two derivatives at each element of its reach, seconds a place and element.
+/// Bell and its two derivatives at each element within its reach, seconds per place and element.
 const BELL_S: f64 = 1e-9;
 
-/// Distance of neighbouring bells, part of the skin's longer side (see `UnevenSheet`), and how many of the
-/// squares that spread places are apart have one.
+/// Distance between neighbouring bells as a fraction of the skin's longer side (see `UnevenSheet`), and the
+/// fraction of grid squares that contain a place.
 const BELLS_APART: f64 = 0.06;
 const FILLED: f64 = 0.9;
-/// Sheets that are fitted, one from the other, and factorisations for each.
+/// Number of sheets fitted in sequence, and factorisations for each.
 const SHEETS: f64 = 2.0;
 const TRIALS: f64 = 32.0;
 
-/// The stages of what is done once and with every frame.
+/// Returns the stages of the set-up and of each frame.
 pub fn of(skin: &Skin, machine: &Machine) -> Vec<Stage> {
     let cost = skin.model.cost();
     let (m, n) = (skin.protocol.measurements() as f64, skin.model.elements() as f64);
-    // a measurement and its reciprocal are one
+    // a measurement and its reciprocal count once
     let rows = cost.field_products as f64;
     let surface = skin.mesh.surface();
     let settings = DetectorSettings::with_least(1.0);
@@ -51,8 +51,7 @@ pub fn of(skin: &Skin, machine: &Machine) -> Vec<Stage> {
                     + sheet / PRODUCT_FLOPS_PER_S
                     + choice / DECOMPOSITION_FLOPS_PER_S)
                 + n * bells * BELL_S,
-            why: "touches are held against the uneven sheet that the reference frame shows, where it \
-                  shows one"
+            why: "touches are fitted on the uneven sheet found in the reference frame, if there is one"
                 .to_owned(),
         },
         Stage {
@@ -64,13 +63,13 @@ pub fn of(skin: &Skin, machine: &Machine) -> Vec<Stage> {
                 + electrodes::jacobian_s(skin)
                 + n * places * BELL_S,
             why: format!(
-                "bells of {:.0} mm, whitened by noise, electrodes that move, contacts, gain",
+                "bells of {:.0} mm, whitened for noise, electrode movement, contacts and gain",
                 1e3 * radius_m
             ),
         },
         Stage {
             name: "touches of each frame",
-            size: "nothing touches; six fingers take 20 times that".to_owned(),
+            size: "without touches; six fingers take 20 times as long".to_owned(),
             flops: frame,
             bytes: 8.0 * rows * places,
             time_s: frame / SCAN_FLOPS_PER_S,

@@ -1,4 +1,4 @@
-//! What the mesh does to the voltages, beside what the instrument's noise does.
+//! Error of the voltages due to the mesh, compared with the instrument's noise.
 
 use crate::error::SkinError;
 use crate::scene::{Accuracy, element_words};
@@ -6,18 +6,18 @@ use crate::skin::Skin;
 use eit_fem::{ElementOrder, ModelCost};
 use serde_json::{Value, json};
 
-/// Degree of the mesh-free series: the two digits printed do not change from degree 8 to 24 on the
-/// paper-disc.
+/// Degree of the mesh-free series: on the paper-disc, the two printed digits are the same for degrees 8 to
+/// 24.
 const PLAN_DEGREE: usize = 12;
 
-/// Errors of the untouched skin's voltages, each over the largest voltage.
+/// Errors of the untouched skin's voltages, relative to the largest voltage.
 #[derive(Debug)]
 pub struct VoltageError {
-    /// Of the discretisation; `None` where nothing can judge it.
+    /// Discretisation error; `None` if it cannot be estimated.
     pub of_mesh: Option<f64>,
-    /// What judged it.
+    /// What it was estimated against.
     against: &'static str,
-    /// Standard deviation of the instrument's noise, where the scene states it.
+    /// Standard deviation of the instrument's noise, if the scene states it.
     noise: Option<f64>,
     /// Whether the mesh was chosen for the noise.
     by_noise: bool,
@@ -27,7 +27,7 @@ pub struct VoltageError {
 }
 
 impl VoltageError {
-    /// By the mesh-free series where there is one, else by better elements or a finer mesh.
+    /// Estimates the error by the mesh-free series if there is one, else by better elements or a finer mesh.
     pub fn of(skin: &Skin, found: &[f64]) -> Result<Self, SkinError> {
         let largest = found.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         let elements = skin.model.element_order();
@@ -58,7 +58,7 @@ impl VoltageError {
         })
     }
 
-    /// Lines of the plan.
+    /// Returns lines for the plan.
     pub fn words(&self) -> Vec<String> {
         let mut lines = vec![match self.of_mesh {
             Some(error) => format!(
@@ -66,10 +66,12 @@ impl VoltageError {
                  (homogeneous skin, against {})",
                 self.against
             ),
-            None => "expected error of the voltages: not known (on the mesh of a file, or with \
-                     shunts and ideal sources, nothing here can judge these elements); compare \
-                     with a finer mesh"
-                .to_owned(),
+            None => {
+                "expected error of the voltages: unknown (these elements cannot be judged here \
+                     on the mesh of \
+                     a file, or with shunts and ideal sources); compare with a finer mesh"
+                    .to_owned()
+            }
         }];
         lines.push(match (self.noise, self.of_mesh) {
             (Some(noise), Some(error)) => format!(
@@ -98,7 +100,7 @@ impl VoltageError {
         lines
     }
 
-    /// How the mesh was chosen.
+    /// Describes how the mesh was chosen.
     fn choice(&self, accuracy: &Accuracy) -> String {
         let finest = accuracy.trials.iter().map(|trial| trial.nodes).max();
         format!(
@@ -108,13 +110,13 @@ impl VoltageError {
             self.cost.unknowns,
             accuracy.words(),
             finest.map_or_else(String::new, |nodes| format!(
-                " ({} solves on meshes of up to {nodes} nodes judged it, once)",
+                " (judged once, by {} solves on meshes of up to {nodes} nodes)",
                 accuracy.trials.len()
             ))
         )
     }
 
-    /// For programs.
+    /// Returns the same as JSON.
     pub fn json(&self) -> Value {
         json!({
             "of_mesh": self.of_mesh,

@@ -1,4 +1,4 @@
-//! From the scene's keys to the settings of the library crates.
+//! Converts the scene's keys to settings of the library crates.
 
 use super::mesh::{ElectrodeSource, MeshSource};
 use super::{
@@ -10,8 +10,8 @@ use eit_fem::{ElementOrder, RequiredAccuracy};
 use eit_mesh::{MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
 
 impl Scene {
-    /// The order of the finite elements that the scene names, or asks for: derivatives along movement of
-    /// electrodes are those of linear ones.
+    /// Returns the order of the finite elements that the scene states or implies: derivatives with respect to
+    /// electrode movement require linear ones.
     pub fn element_order(&self) -> Option<ElementOrder> {
         match self.mesh.elements {
             Some(ElementKind::Linear) => Some(ElementOrder::Linear),
@@ -20,7 +20,7 @@ impl Scene {
         }
     }
 
-    /// The accuracy that the mesh is chosen for, if the scene requires one.
+    /// Returns the accuracy for which the mesh is chosen, if the scene requires one.
     pub fn required_accuracy(&self) -> Result<Option<RequiredAccuracy>, SkinError> {
         let key = "noise.additive_v";
         Ok(match &self.mesh.required_accuracy {
@@ -33,7 +33,7 @@ impl Scene {
         })
     }
 
-    /// The mesh this scene asks for, checked; `nodes` overrides its density.
+    /// Returns the source of the scene's mesh, checked; `nodes` overrides its density.
     pub fn mesh(&self, nodes: Option<usize>) -> Result<MeshSource, SkinError> {
         let base = self.mesh_settings()?;
         if let Shape::Mesh = self.skin.shape {
@@ -100,11 +100,11 @@ impl Scene {
         })
     }
 
-    /// The electrodes of a generated mesh.
+    /// Returns the electrodes of a generated mesh.
     pub fn electrodes(&self) -> Result<ElectrodeSource, SkinError> {
         let keys = &self.electrodes;
         if let Some(positions) = &keys.positions_m {
-            // equal widths on a flat rim are one setting
+            // equal widths on a flat rim need only one setting
             let flat = positions.iter().all(|p| p.0[2] == 0.0);
             if let (Some(OneOrMany::One(width_m)), None, true) =
                 (&keys.width_m, &keys.radius_m, flat)
@@ -127,7 +127,7 @@ impl Scene {
         if let OneOrMany::One(width_m) = *widths {
             return Ok(ElectrodeSource::Rim(RimElectrodes { width_m, placement }));
         }
-        // any one width will do for the centres, so none is given that could be refused
+        // the centres do not depend on the width, so use one that passes every check
         let centres = RimElectrodes { width_m: 0.0, placement };
         let centres_m = centres.centres_m(&self.shape()?.outline()?)?;
         let widths = self.each("electrodes.width_m", Some(widths), centres_m.len())?;
@@ -161,14 +161,14 @@ impl Scene {
             (true, false) => Ok(PlacedElectrode::patch(at.0, radius_m)),
             _ => Err(self.error(format!(
                 "electrode {}: width_m {width_m} and radius_m {radius_m}: an electrode on the \
-                     rim has a width, a patch a radius, the other is 0 in its list",
+                     rim has a width, a patch a radius; the value in the other list is 0",
                 k + 1
             ))),
         };
         positions.iter().zip(widths).zip(radii).enumerate().map(one).collect()
     }
 
-    /// One value for each electrode; zeros where the key is not there.
+    /// Returns one value per electrode; zeros if the key is absent.
     pub fn each(
         &self,
         key: &str,
@@ -186,18 +186,18 @@ impl Scene {
         }
     }
 
-    /// Refuses a count that is not that of the positions.
+    /// Rejects a count that differs from the number of positions.
     fn same_count(&self, positions: usize) -> Result<(), SkinError> {
         match self.electrodes.count {
             Some(count) if count != positions => Err(self.error(format!(
                 "electrodes.count is {count}, but electrodes.positions_m has {positions} \
-                 positions: leave one out"
+                 positions: remove one of the keys"
             ))),
             _ => Ok(()),
         }
     }
 
-    /// Contact impedance of each electrode.
+    /// Returns the contact impedance of each electrode.
     pub fn contact_impedance(&self, electrodes: usize) -> Result<Vec<f64>, SkinError> {
         let key = "electrodes.contact_impedance_ohm_m";
         let keys = self.electrodes.contact_impedance_ohm_m.as_ref();
@@ -205,7 +205,7 @@ impl Scene {
         self.each(key, Some(values), electrodes)
     }
 
-    /// Number of electrodes; a mesh file is read for it.
+    /// Returns the number of electrodes; reads the mesh file if necessary.
     pub fn electrode_count(&self) -> Result<usize, SkinError> {
         let source = self.mesh(None)?;
         match source.electrodes() {
@@ -214,7 +214,7 @@ impl Scene {
         }
     }
 
-    /// Whether quadruples of a file are the protocol.
+    /// Returns whether the protocol is given by a file of quadruples.
     pub(crate) fn has_quadruples_file(&self) -> bool {
         self.protocol.quadruples_file.is_some()
     }
@@ -230,7 +230,7 @@ impl Scene {
     }
 }
 
-/// Corners of a loop; a first corner repeated at the end, as other tools write it, is dropped.
+/// Corners of a closed loop; drops a first corner repeated at the end, as other tools write it.
 fn open_loop(corners: &[Pair<f64>]) -> Vec<[f64; 2]> {
     let mut corners = plain(corners);
     if corners.len() > 1 && corners.first() == corners.last() {

@@ -1,4 +1,4 @@
-//! Scenes that come with the program.
+//! Built-in scenes.
 
 /// Names of the built-in scenes.
 pub const NAMES: [&str; 8] = [
@@ -12,7 +12,7 @@ pub const NAMES: [&str; 8] = [
     "hemisphere",
 ];
 
-/// The text of a built-in scene.
+/// Returns the text of a built-in scene.
 pub fn text(name: &str) -> Option<&'static str> {
     match name {
         "paper-disc" => Some(PAPER_DISC),
@@ -49,7 +49,7 @@ order = "rotated"
 current_a = 1e-4
 "#;
 
-/// Contact impedances over nine decades: soldered beside barely touching.
+/// Contact impedances over nine decades: soldered to barely touching.
 const STIFF_CONTACT: &str = r#"# The paper's skin with contacts from soldered (1 ohm mm) to barely touching (1 Mohm m).
 [skin]
 shape = "disc"
@@ -92,7 +92,7 @@ lower_s = 0.0                 # pressing only raises it
 upper_s = 2e-4
 "#;
 
-/// Currents on all of 32 electrodes at once.
+/// Currents on all 32 electrodes at once.
 const GENERAL_32: &str = r#"# 32 electrodes, 31 trigonometric current patterns on all of them at once, 992 values a frame.
 [skin]
 shape = "disc"
@@ -112,7 +112,7 @@ driven_electrodes = "keep"    # every electrode carries current
 current_a = 1e-4
 "#;
 
-/// A still picture: nothing in time.
+/// A static picture without a time dimension.
 const SINGLE_FRAME: &str = r#"# One frame of a skin at rest: nothing to couple in time, no stream, no instrument.
 [skin]
 shape = "disc"
@@ -155,7 +155,7 @@ measure = "adjacent"
 current_a = 1e-4
 "#;
 
-/// A grid of snaps through the fabric.
+/// A grid of snap fasteners through the fabric.
 const PATCHES: &str = r#"# A square skin with round snaps through the fabric: patch electrodes, 4 x 4.
 [skin]
 shape = "rectangle"
@@ -177,7 +177,7 @@ measure = "adjacent"
 current_a = 1e-4
 "#;
 
-/// The paper's skin blown up to a dome: the same voltages, by conformal mapping.
+/// The paper's skin expanded to a dome: the same voltages, by conformal mapping.
 const HEMISPHERE: &str = r#"# A dome with the paper's electrodes on its rim: on a homogeneous skin, the voltages of paper-disc.
 [skin]
 shape = "hemisphere"

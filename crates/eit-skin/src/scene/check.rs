@@ -1,6 +1,6 @@
-//! Checks that need the scene alone: numbers in range, keys that would be ignored.
+//! Checks that only need the scene: ranges of numbers, and keys that would be ignored.
 //!
-//! Shapes, electrodes and protocols are checked by the crates that build them.
+//! The crates that build shapes, electrodes and protocols check those.
 
 use super::{
     Delta, ElementKind, Hyperparameter, PriorKind, RequiredAccuracyKey, Rule, Scene, Shape,
@@ -8,15 +8,15 @@ use super::{
 use crate::error::SkinError;
 use crate::method::Method;
 
-/// Most pixels along the longer side: 16 million pixels an image.
+/// Maximum number of pixels along the longer side: 16 million pixels per image.
 const MOST_PIXELS: usize = 4096;
-/// Most electrodes: adjacent patterns of so many are 4.2 million measurements.
+/// Maximum number of electrodes: adjacent patterns then give 4.2 million measurements.
 const MOST_ELECTRODES: usize = 2048;
-/// Most nodes of a mesh, which takes some 30 GB to solve.
+/// Maximum number of mesh nodes; solving takes some 30 GB.
 const MOST_NODES: usize = 20_000_000;
 
 impl Scene {
-    /// Refuses what cannot be, and what would silently have no effect.
+    /// Rejects invalid settings, and settings that would silently have no effect.
     pub(crate) fn check(&self) -> Result<(), SkinError> {
         self.check_numbers()
             .and_then(|()| self.check_tv())
@@ -28,12 +28,12 @@ impl Scene {
             .map_err(|e| e.within(&self.place))
     }
 
-    /// Rejects settings of the stages behind the model that cannot work, before any work: touches,
-    /// method, weights of a net.
+    /// Rejects invalid settings of the stages after the model (touches, method, weights of a U-net) before
+    /// any work.
     ///
     /// # Errors
     ///
-    /// The value and its key.
+    /// An invalid setting; the message names key and value.
     pub fn check_stages(&self) -> Result<(), SkinError> {
         let settings = self.stage_settings();
         settings.touch.validate().map_err(|e| e.within(&self.place))?;
@@ -49,15 +49,15 @@ impl Scene {
         Ok(())
     }
 
-    /// Electrodes that move, and what cannot be together with them.
+    /// Rejects settings that are incompatible with electrode movement.
     fn check_movement(&self) -> Result<(), SkinError> {
         if self.reconstruction.electrode_movement_m.is_none() {
             return Ok(());
         }
         let absolute = Method::GaussNewtonAbsolute.name();
         let why = if self.reconstruction.method.as_deref() == Some(absolute) {
-            "method = \"gauss-newton-absolute\" exclude each other: movement is taken out of \
-             differences, before a linear method; keep one"
+            "method = \"gauss-newton-absolute\" exclude each other: movement is removed from \
+             differences before a linear method; keep one"
         } else if self.mesh.elements == Some(ElementKind::Quadratic) {
             "[mesh] elements = \"quadratic\" exclude each other: derivatives along displacements are \
              those of linear elements; keep one"
@@ -67,14 +67,14 @@ impl Scene {
         Err(SkinError::input(format!("reconstruction.electrode_movement_m and {why}")))
     }
 
-    /// Refuses electrodes that move where nets learn or clean images.
+    /// Rejects electrode movement for commands that train or apply a U-net.
     pub fn refuse_movement(&self, command: &str) -> Result<(), SkinError> {
         if self.reconstruction.electrode_movement_m.is_none() {
             return Ok(());
         }
         let message = format!(
-            "`eit {command}` does not know reconstruction.electrode_movement_m (nets learn to take \
-             movement out of images, not from images without it): take it out of the scene"
+            "`eit {command}` does not support reconstruction.electrode_movement_m (U-nets learn to \
+             remove the artefacts of movement from images that have them): remove it from the scene"
         );
         Err(SkinError::input(message).within(&self.place))
     }
@@ -116,8 +116,8 @@ impl Scene {
             && !(value > 0.0 && value < 1.0)
         {
             return Err(SkinError::input(format!(
-                "mesh.required_accuracy is {value}: a part of the largest voltage is above 0 and \
-                 below 1"
+                "mesh.required_accuracy is {value}: a fraction of the largest voltage, it must be above 0 \
+                 and below 1"
             )));
         }
         if let Some(pixels) = image.pixels.filter(|p| !(1..=MOST_PIXELS).contains(p)) {
@@ -141,7 +141,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Numbers of the total variation methods that are not simply positive.
+    /// Checks numbers of the total variation methods that may be zero, or whose range is bounded.
     fn check_tv(&self) -> Result<(), SkinError> {
         let image = &self.reconstruction;
         let delta = match image.delta {
@@ -166,8 +166,8 @@ impl Scene {
         let upper = image.upper_s.unwrap_or(f64::INFINITY);
         if !(lower <= 0.0 && upper >= 0.0 && lower < upper) {
             return Err(SkinError::input(format!(
-                "reconstruction.lower_s = {lower} and upper_s = {upper} must have zero, no change, \
-                 between them or on one of them"
+                "reconstruction.lower_s = {lower} and upper_s = {upper} must include zero (no change), as \
+                 a bound or between them"
             )));
         }
         if let Some(frames) = self.noise.quiet_frames.filter(|frames| frames.count() < 3) {
@@ -179,15 +179,15 @@ impl Scene {
         Ok(())
     }
 
-    /// The method must exist and must read the keys that are set for one.
+    /// Checks that the method exists and reads the method-specific keys that are set.
     fn check_method(&self) -> Result<(), SkinError> {
         let image = &self.reconstruction;
         let (mut of_tv, mut of_others) = (image.keys_of_tv(), image.keys_of_gauss_newton());
         let Some(name) = &image.method else {
             return match (of_tv.chain(image.bounds()).next(), of_others.next()) {
                 (Some(one), Some(other)) => Err(SkinError::input(format!(
-                    "{one} and {other} belong to different methods: set reconstruction.method or \
-                     take one out"
+                    "{one} and {other} belong to different methods: set reconstruction.method or remove \
+                     one"
                 ))),
                 _ => Ok(()),
             };
@@ -202,13 +202,13 @@ impl Scene {
         }
         if method == Method::Tv && image.lambda_time.is_some_and(|weight| weight != 0.0) {
             return Err(SkinError::input(
-                "reconstruction.lambda_time has no effect with method = \"tv\": take \"st-tv\"",
+                "reconstruction.lambda_time has no effect with method = \"tv\": use \"st-tv\"",
             ));
         }
         Ok(())
     }
 
-    /// Keys that exclude each other, and keys that need another one.
+    /// Checks keys that exclude each other, and keys that need another one.
     fn check_company(&self) -> Result<(), SkinError> {
         let (protocol, electrodes, image) =
             (&self.protocol, &self.electrodes, &self.reconstruction);
@@ -221,7 +221,7 @@ impl Scene {
         let positions = ("electrodes.positions_m", electrodes.positions_m.is_some());
         let angle = ("electrodes.first_angle_deg", electrodes.first_angle_deg.is_some());
         let file = ("skin.shape = \"mesh\"", skin.shape == Shape::Mesh);
-        // a file that brings its electrodes is taken as it is
+        // a file with electrodes is used unchanged
         let own = ("skin.shape = \"mesh\" without positions_m", file.1 && !positions.1);
         let radius = ("electrodes.radius_m", electrodes.radius_m.is_some());
         let accuracy = ("mesh.required_accuracy", mesh.required_accuracy.is_some());
@@ -294,7 +294,7 @@ impl Scene {
             (("skin.scale_m", skin.scale_m.is_some()), file),
             (radius, positions),
             (
-                // 0 says that there is no time term, whatever the weight in space
+                // 0 disables the time term, whatever the weight in space
                 (
                     "reconstruction.lambda_time",
                     image.lambda_time.is_some_and(|weight| weight != 0.0),

@@ -1,4 +1,4 @@
-//! `[instrument]`: the live instrument of a scene, and its driver.
+//! `[instrument]`: the live instrument of a scene and its driver.
 
 use super::Scene;
 use crate::error::SkinError;
@@ -11,11 +11,11 @@ use eit_hw::driver::{
 use eit_hw::{Endpoint, Layout, Quadruple};
 use serde::{Deserialize, Serialize};
 
-/// Frames a second where the scene states none.
+/// Default frame rate, hertz.
 const DEFAULT_RATE_HZ: f64 = 20.0;
-/// Baud rate where neither the scene nor the board states one.
+/// Baud rate if neither the scene nor the board states one.
 const DEFAULT_BAUD: u32 = 115_200;
-/// Frequency of a Sciospec instrument's current where the scene states none.
+/// Default frequency of a Sciospec instrument's current, hertz.
 const DEFAULT_SCIOSPEC_HZ: f64 = 1e4;
 
 /// `[instrument]`
@@ -26,21 +26,21 @@ pub struct InstrumentSettings {
     pub driver: String,
     /// Serial port, or `tcp:HOST:PORT`.
     pub port: Option<String>,
-    /// Rate of the serial line.
+    /// Baud rate of the serial line.
     pub baud: Option<u32>,
     /// Level of the DTR line while the port is open.
     pub dtr: Option<bool>,
-    /// Frames a second that are asked for; 20 where left out.
+    /// Requested frame rate, hertz; 20 by default.
     pub frame_rate_hz: Option<f64>,
-    /// Frequency of the current.
+    /// Frequency of the current, hertz.
     pub frequency_hz: Option<f64>,
     /// Sciospec: 1, 10, 100 or 1000.
     pub gain: Option<u32>,
     /// Sciospec: 1, 5 or 10 V.
     pub range_v: Option<u32>,
-    /// Sciospec: bytes of an electrode number.
+    /// Sciospec: bytes per electrode number.
     pub pair_width: Option<PairWidthKind>,
-    /// Sciospec: which sign a measurement has.
+    /// Sciospec: the driven electrode at which the current enters.
     pub polarity: Option<PolarityKind>,
 }
 
@@ -54,19 +54,19 @@ pub enum PairWidthKind {
     Word,
 }
 
-/// `instrument.polarity`
+/// `instrument.polarity`: the driven electrode at which the current enters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PolarityKind {
-    /// As the instrument measures.
+    /// Measured in each stream's first frame: the driven electrode with the higher real part.
     Measured,
-    /// As its list says.
+    /// The first electrode of a pair.
     AsListed,
-    /// The opposite.
+    /// The second electrode of a pair: values change their sign.
     Reversed,
 }
 
-/// Which driver, with what only it needs.
+/// Driver, with the settings that only it needs.
 #[derive(Debug, Clone)]
 pub enum DriverKind {
     /// Our own protocol, docs/EITS-1.md.
@@ -80,37 +80,36 @@ pub enum DriverKind {
 /// The instrument of a scene, checked.
 #[derive(Debug, Clone)]
 pub struct Instrument {
-    /// Which driver.
+    /// Driver.
     pub kind: DriverKind,
-    /// Electrodes of the skin.
+    /// Number of electrodes of the skin.
     pub electrodes: usize,
     /// Measurements of the scene's protocol, in its order.
     pub quadruples: Vec<Quadruple>,
-    /// Frames a second that are asked for.
+    /// Requested frame rate, hertz.
     pub frame_rate_hz: f64,
     /// Amplitude of the current, ampere.
     pub current_a: f64,
-    /// Its frequency; 0 is direct current.
+    /// Frequency of the current, hertz; 0 is direct current.
     pub frequency_hz: f64,
-    /// Where it is, where that is said.
+    /// Port, if stated.
     pub port: Option<String>,
-    /// Rate of the serial line.
+    /// Baud rate of the serial line.
     pub baud: u32,
     dtr: Option<bool>,
-    /// The scene as it was named, for messages.
+    /// The scene as named by the user, for messages.
     pub place: String,
 }
 
 impl Scene {
-    /// The instrument that the scene names, for its own skin and protocol; meshes nothing that is
-    /// generated.
+    /// Returns the instrument that the scene names, for its own skin and protocol. Does not generate a mesh.
     pub fn instrument(&self) -> Result<Instrument, SkinError> {
         let named = self.instrument_settings().map(|_| ());
         let protocol = named.and_then(|()| self.protocol(self.electrode_count()?));
         self.instrument_of(&protocol.map_err(|e| e.within(&self.place))?)
     }
 
-    /// The same for a protocol that is there already.
+    /// The same for an existing protocol.
     fn instrument_of(&self, protocol: &Protocol) -> Result<Instrument, SkinError> {
         self.instrument_settings()
             .and_then(|settings| settings.build(protocol, self.current_a(), &self.place))
@@ -133,11 +132,11 @@ impl Scene {
 }
 
 impl Skin {
-    /// The instrument that the scene names, for this skin's protocol.
+    /// Returns the instrument that the scene names, for this skin's protocol.
     ///
     /// # Errors
     ///
-    /// No `[instrument]`, or settings that its driver does not have.
+    /// No `[instrument]`, or settings that its driver does not support.
     pub fn instrument(&self) -> Result<Instrument, SkinError> {
         let settings = self.instrument.as_ref().ok_or_else(|| {
             SkinError::input("has no [instrument]: nothing to open").within(&self.place)
@@ -183,7 +182,7 @@ impl InstrumentSettings {
             dtr: keys.dtr,
             place: place.to_owned(),
         };
-        // settings that cannot be are found before a port is opened
+        // find invalid settings before a port is opened
         instrument.driver()?;
         Ok(instrument)
     }
@@ -260,7 +259,7 @@ impl InstrumentSettings {
         }
     }
 
-    /// Keys that the driver does not read.
+    /// Rejects keys that the driver does not read.
     fn check_company(&self, kind: &DriverKind) -> Result<(), SkinError> {
         let sciospec = [
             ("gain", self.gain.is_some()),
@@ -280,7 +279,7 @@ impl InstrumentSettings {
         match ignored {
             None => Ok(()),
             Some((key, _)) => Err(SkinError::input(format!(
-                "instrument.{key} has no effect with driver = \"{}\": take it out",
+                "instrument.{key} has no effect with driver = \"{}\": remove it",
                 self.driver
             ))),
         }
@@ -288,7 +287,7 @@ impl InstrumentSettings {
 }
 
 impl Instrument {
-    /// A driver that measures the scene's protocol.
+    /// Creates a driver that measures the scene's protocol.
     pub fn driver(&self) -> Result<Box<dyn Driver>, SkinError> {
         Ok(match &self.kind {
             DriverKind::Eits1 => Box::new(Eits1::new(
@@ -302,7 +301,7 @@ impl Instrument {
         })
     }
 
-    /// Where it is: `given` on the command line, else as the scene says.
+    /// Returns the endpoint: `given` on the command line, else that of the scene.
     pub fn endpoint(&self, given: Option<&str>) -> Result<Endpoint, SkinError> {
         let port = given.or(self.port.as_deref()).ok_or_else(|| {
             let message = "instrument.port is missing: set it, or give --port (`eit devices` lists \
@@ -315,7 +314,7 @@ impl Instrument {
         })
     }
 
-    /// The scene's words for the driver, for messages.
+    /// Returns the driver's name in the scene, for messages.
     pub fn driver_name(&self) -> &str {
         match &self.kind {
             DriverKind::Eits1 => "eits1",

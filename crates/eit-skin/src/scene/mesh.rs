@@ -1,21 +1,21 @@
-//! How a skin's mesh comes about.
+//! Where a skin's mesh comes from.
 
 use crate::error::SkinError;
 use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, RimElectrodes, SkinShape};
 use std::path::{Path, PathBuf};
 
-/// What a skin's mesh is made of.
+/// Source of a skin's mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub enum MeshSource {
     /// Generated from a shape.
     Generated {
         /// Outline and holes, or a dome.
         shape: SkinShape,
-        /// Places and sizes.
+        /// Positions and sizes of the electrodes.
         electrodes: ElectrodeSource,
-        /// Density, for the wanted number of nodes where one is stated.
+        /// Density, adjusted to the requested number of nodes if one is stated.
         settings: MeshSettings,
-        /// Density before a number of nodes was asked for.
+        /// Density before adjustment to a number of nodes.
         base: MeshSettings,
     },
     /// Read from a file.
@@ -24,9 +24,9 @@ pub enum MeshSource {
         path: PathBuf,
         /// Metres per unit of the file.
         scale_m: f64,
-        /// Put on the surface where the file has none.
+        /// Electrodes placed on the surface if the file has none.
         electrodes: Vec<PlacedElectrode>,
-        /// Density around electrodes that are put on.
+        /// Density around placed electrodes.
         settings: MeshSettings,
     },
 }
@@ -34,23 +34,23 @@ pub enum MeshSource {
 /// The electrodes of a generated skin.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ElectrodeSource {
-    /// All on the rim and of one width.
+    /// All on the rim and of equal width.
     Rim(RimElectrodes),
-    /// Each at its place and of its size.
+    /// Each with its own position and size.
     Placed(Vec<PlacedElectrode>),
 }
 
-/// A mesh, and what was mended in the file that it came from.
+/// A mesh, and the repairs made to its file.
 #[derive(Debug, Clone)]
 pub struct BuiltMesh {
     /// The mesh.
     pub mesh: Mesh,
-    /// One line for each repair.
+    /// One line per repair.
     pub notes: Vec<String>,
 }
 
 impl ElectrodeSource {
-    /// Number of electrodes.
+    /// Returns the number of electrodes.
     pub fn count(&self) -> usize {
         match self {
             Self::Rim(electrodes) => electrodes.count(),
@@ -60,18 +60,18 @@ impl ElectrodeSource {
 }
 
 impl MeshSource {
-    /// A mesh file that brings its electrodes.
+    /// Creates a source for a mesh file that contains its electrodes.
     pub fn file(path: &Path) -> Self {
         let (electrodes, settings) = (Vec::new(), MeshSettings::default());
         Self::File { path: path.to_path_buf(), scale_m: 1.0, electrodes, settings }
     }
 
-    /// Whether it is a mesh file.
+    /// Returns whether the source is a mesh file.
     pub fn is_file(&self) -> bool {
         matches!(self, Self::File { .. })
     }
 
-    /// Number of electrodes, where it is known before meshing.
+    /// Returns the number of electrodes if it is known before meshing.
     pub fn electrodes(&self) -> Option<usize> {
         match self {
             Self::Generated { electrodes, .. } => Some(electrodes.count()),
@@ -80,11 +80,11 @@ impl MeshSource {
         }
     }
 
-    /// The same skin with about so many nodes.
+    /// Returns the same skin with about this many nodes.
     ///
     /// # Errors
     ///
-    /// A mesh file, whose nodes are what they are; electrodes that do not fit their rim.
+    /// A mesh file, whose nodes are fixed; electrodes that do not fit their rim.
     pub fn with_nodes(&self, nodes: usize) -> Result<Self, SkinError> {
         let Self::Generated { shape, electrodes, base, .. } = self else {
             return Err(SkinError::input("--nodes is for generated meshes, not for files"));
@@ -97,8 +97,7 @@ impl MeshSource {
         Ok(Self::Generated { shape, electrodes, settings, base: base.clone() })
     }
 
-    /// A mesh of the family that a mesh of required accuracy is chosen from
-    /// ([`MeshSettings::similar`]).
+    /// Generates a mesh of the family searched for a required accuracy ([`MeshSettings::similar`]).
     ///
     /// # Errors
     ///
@@ -107,7 +106,7 @@ impl MeshSource {
         let Self::Generated { shape, electrodes, base, .. } = self else {
             return Err(SkinError::input("a mesh file is one mesh, not a family"));
         };
-        // the search has a limit of its own
+        // the search has its own limit
         let node_limit = MeshSettings::default().node_limit;
         let settings = MeshSettings { node_limit, ..base.clone() };
         Ok(match electrodes {
@@ -128,7 +127,7 @@ impl MeshSource {
     ///
     /// # Errors
     ///
-    /// A file that cannot be read, two sets of electrodes, or a mesh that cannot be generated.
+    /// A file that cannot be read; two sets of electrodes; a mesh that cannot be generated.
     pub fn build(&self) -> Result<BuiltMesh, SkinError> {
         let whole = |mesh| BuiltMesh { mesh, notes: Vec::new() };
         let (path, scale_m, electrodes, settings) = match self {
@@ -147,7 +146,7 @@ impl MeshSource {
                 (path, *scale_m, electrodes, settings)
             }
         };
-        // a file that cannot be read is bad input, unlike one that cannot be written
+        // a file that cannot be read is invalid input, unlike one that cannot be written
         let (mesh, repairs) =
             eit_mesh::read_mesh(path, scale_m).map_err(|e| SkinError::input(e.to_string()))?;
         let notes = repairs.notes().into_iter().map(|n| format!("{}: {n}", path.display()));

@@ -1,4 +1,4 @@
-//! The mesh that a scene's required accuracy, or its noise, asks for.
+//! Chooses the mesh for a scene's required accuracy or noise.
 
 use crate::error::SkinError;
 use crate::progress::Progress;
@@ -8,38 +8,38 @@ use eit_fem::{ElementOrder, MeshSearch, MeshTrial, Protocol, RequiredAccuracy};
 use eit_mesh::Mesh;
 use serde_json::{Value, json};
 
-/// Most nodes of a mesh that is tried, unless the scene has a limit: quadratic elements on it have
-/// 200 000 unknowns, 0.3 s a solve.
+/// Default maximum number of nodes of a tried mesh: quadratic elements on it have 200 000 unknowns, 0.3 s per
+/// solve.
 const MOST_NODES: usize = 50_000;
 
-/// A mesh, its elements, and what is known of their error.
+/// A mesh, its element order, and the estimated error.
 #[derive(Debug)]
 pub struct MeshChoice {
     /// The mesh.
     pub mesh: Mesh,
-    /// Its elements.
+    /// Order of its elements.
     pub element_order: ElementOrder,
-    /// What was mended in the mesh file.
+    /// Repairs made to the mesh file.
     pub notes: Vec<String>,
-    /// `None` where the scene requires nothing.
+    /// Accuracy; `None` if the scene requires none.
     pub accuracy: Option<Accuracy>,
 }
 
-/// What was required, and what was found.
+/// Required and estimated accuracy.
 #[derive(Debug, Clone)]
 pub struct Accuracy {
-    /// Whether the noise asked for it.
+    /// Whether the noise determined the requirement.
     pub by_noise: bool,
-    /// Largest error of a voltage over the largest voltage.
+    /// Required accuracy: largest error of a voltage relative to the largest voltage.
     pub required: f64,
-    /// Estimate for the mesh that was chosen; `None` for quadratic elements on a mesh file.
+    /// Estimated error of the chosen mesh; `None` for quadratic elements on a mesh file.
     pub error: Option<f64>,
-    /// Everything that was solved.
+    /// All trials that were solved.
     pub trials: Vec<MeshTrial>,
 }
 
 impl Accuracy {
-    /// Required and found.
+    /// Describes required and estimated accuracy.
     pub fn words(&self) -> String {
         let required = self.required;
         match self.error {
@@ -53,7 +53,7 @@ impl Accuracy {
         }
     }
 
-    /// For programs.
+    /// Returns the accuracy and the trials as JSON.
     pub fn json(&self) -> Value {
         let one = |trial: &MeshTrial| {
             json!({
@@ -72,7 +72,7 @@ impl Accuracy {
     }
 }
 
-/// Name of a kind of elements.
+/// Returns the name of an element order.
 pub fn element_words(element_order: ElementOrder) -> &'static str {
     match element_order {
         ElementOrder::Linear => "linear",
@@ -81,8 +81,8 @@ pub fn element_words(element_order: ElementOrder) -> &'static str {
 }
 
 impl Scene {
-    /// The mesh that is wanted of a scene; chosen where the scene requires an accuracy and nothing else
-    /// (`is_fixed`: a number of nodes on the command line) says how dense.
+    /// Returns the mesh of a scene. Chooses its density if the scene requires an accuracy and nothing else
+    /// determines it (`is_fixed`: a number of nodes on the command line).
     pub fn choose_mesh(
         &self,
         source: &MeshSource,
@@ -107,7 +107,7 @@ impl Scene {
         }
     }
 
-    /// Searches the family of the scene's mesh settings.
+    /// Searches the family of meshes of the scene's settings.
     fn searched(
         &self,
         source: &MeshSource,
@@ -132,7 +132,7 @@ impl Scene {
         })
     }
 
-    /// ElementOrder for a mesh that is what it is: linear ones where they suffice.
+    /// Chooses the element order for a given mesh: linear if that suffices.
     fn judged(
         &self,
         fixed: MeshChoice,
@@ -147,8 +147,8 @@ impl Scene {
         let suffices = found.error <= found.required;
         if !suffices && self.element_order() == Some(ElementOrder::Linear) {
             return Err(SkinError::input(format!(
-                "linear elements on this mesh have an error of {:.1e} of the largest voltage, and \
-                 {:.1e} is required: take mesh.elements out, or a finer mesh",
+                "linear elements on this mesh have an error of {:.1e} of the largest voltage, but \
+                 {:.1e} is required: remove mesh.elements, or use a finer mesh",
                 found.error, found.required
             ))
             .within(&self.place));
@@ -165,7 +165,7 @@ impl Scene {
         Ok(MeshChoice { element_order, accuracy, ..fixed })
     }
 
-    /// The search that a scene asks for.
+    /// The search that the scene specifies.
     fn search<'a>(
         &self,
         protocol: &'a Protocol,
@@ -188,14 +188,14 @@ impl Scene {
 }
 
 impl Skin {
-    /// Estimated error of the voltages on a mesh that nothing was required of, over the largest: linear
-    /// elements against quadratic ones on the same mesh, quadratic ones on a generated mesh against
-    /// those on twice the nodes. `None` where neither can be had: a shunt, an ideal source, quadratic
+    /// Estimates the error of the voltages, relative to the largest, on a mesh without a required accuracy:
+    /// linear elements are compared with quadratic ones on the same mesh, quadratic ones on a generated mesh
+    /// with those on twice the nodes. `None` if neither is possible: a shunt, an ideal source, or quadratic
     /// elements on the mesh of a file.
     ///
     /// # Errors
     ///
-    /// Those of the solves.
+    /// The errors of the solves.
     pub fn mesh_error(&self) -> Result<Option<f64>, SkinError> {
         let impedance = &self.contact_impedance;
         if impedance.iter().any(|z| *z == 0.0 || z.is_infinite()) {

@@ -1,8 +1,8 @@
-//! The scene file: what skin, which electrodes, how it is driven, what is wanted.
+//! The scene file: the skin, its electrodes, how it is driven, and what to compute.
 //!
-//! TOML to plain structs, then to the settings of the library crates. A scene is checked whole
-//! before any work. Relative paths are relative to the scene file. Long because the keys are one list, in
-//! the order of docs/SCENE.md.
+//! TOML is parsed into plain structs, which are then converted to settings of the library crates. The whole
+//! scene is checked before any work. Relative paths are relative to the scene file. The file is long because
+//! the keys form one list, in the order of docs/SCENE.md.
 
 mod build;
 mod builtin;
@@ -35,13 +35,13 @@ use eit_fem::fabric::FabricSettings;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// A scene as written; see `docs/SCENE.md` for every key.
+/// A scene as written; `docs/SCENE.md` explains every key.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     /// Shape and background of the skin.
     pub skin: SkinSettings,
-    /// Electrodes on its rim; a mesh file brings its own.
+    /// Electrodes on the rim; a mesh file may contain its own.
     #[serde(default)]
     pub electrodes: ElectrodeSettings,
     /// Stimulation and measurement.
@@ -53,7 +53,7 @@ pub struct Scene {
     /// Recorded frames.
     #[serde(default)]
     pub recording: RecordingSettings,
-    /// Images.
+    /// Image reconstruction.
     #[serde(default)]
     pub reconstruction: ReconstructionSettings,
     /// Noise of the instrument.
@@ -61,7 +61,7 @@ pub struct Scene {
     pub noise: NoiseSettings,
     /// The simulated fabric of `eit simulate`.
     pub fabric: Option<FabricSettings>,
-    /// Touches.
+    /// Detection of touches.
     #[serde(default)]
     pub touch: TouchSettings,
     /// U-net.
@@ -74,10 +74,10 @@ pub struct Scene {
     /// The file or built-in name as given, for messages.
     #[serde(skip)]
     pub place: String,
-    /// Folder that relative paths start from.
+    /// Folder to which relative paths refer.
     #[serde(skip)]
     pub folder: PathBuf,
-    /// The text that it was read from.
+    /// The text that the scene was read from.
     #[serde(skip)]
     pub(crate) source: Option<String>,
 }
@@ -103,7 +103,7 @@ pub struct SkinSettings {
     pub file: Option<PathBuf>,
     /// Metres per unit of the file.
     pub scale_m: Option<f64>,
-    /// Of the untouched sheet, siemens per square.
+    /// Conductivity of the untouched sheet, siemens per square.
     pub conductivity_s: f64,
     /// Capacitance of the sheet, farad per square.
     pub sheet_capacitance_f: Option<f64>,
@@ -125,17 +125,17 @@ impl SkinSettings {
         }
     }
 
-    /// A disc of this radius and sheet conductivity, siemens per square.
+    /// Creates a disc with this radius and sheet conductivity, siemens per square.
     pub fn disc(radius_m: f64, conductivity_s: f64) -> Self {
         Self { radius_m: Some(radius_m), ..Self::of(Shape::Disc, conductivity_s) }
     }
 
-    /// A dome of this radius.
+    /// Creates a dome with this radius.
     pub fn hemisphere(radius_m: f64, conductivity_s: f64) -> Self {
         Self { radius_m: Some(radius_m), ..Self::of(Shape::Hemisphere, conductivity_s) }
     }
 
-    /// A rectangle around the origin.
+    /// Creates a rectangle around the origin.
     pub fn rectangle(width_m: f64, height_m: f64, conductivity_s: f64) -> Self {
         Self {
             width_m: Some(width_m),
@@ -144,13 +144,13 @@ impl SkinSettings {
         }
     }
 
-    /// A polygon; holes are added as further loops.
+    /// Creates a polygon; add holes as further loops.
     pub fn polygon(outline_m: &[[f64; 2]], conductivity_s: f64) -> Self {
         let outline = Some(outline_m.iter().map(|&corner| Pair(corner)).collect());
         Self { outline, ..Self::of(Shape::Polygon, conductivity_s) }
     }
 
-    /// A mesh file, in units of `scale_m` metres.
+    /// Creates a skin from a mesh file, in units of `scale_m` metres.
     pub fn mesh(file: impl Into<PathBuf>, scale_m: f64, conductivity_s: f64) -> Self {
         Self {
             file: Some(file.into()),
@@ -161,8 +161,8 @@ impl SkinSettings {
 }
 
 impl ElectrodeSettings {
-    /// So many of equal width along the rim, the first at +x, counter-clockwise; their contact
-    /// impedance in ohm metre.
+    /// Creates `count` electrodes of equal width along the rim, the first at +x, counted counter-clockwise.
+    /// The contact impedance is in ohm metre.
     pub fn equally_spaced(count: usize, width_m: f64, contact_impedance_ohm_m: f64) -> Self {
         Self {
             count: Some(count),
@@ -195,20 +195,21 @@ pub enum Shape {
 pub struct ElectrodeSettings {
     /// Number of electrodes.
     pub count: Option<usize>,
-    /// Length of rim; 0 in a list where the electrode is a patch.
+    /// Length of rim covered, metres; 0 in a list if the electrode is a patch.
     pub width_m: Option<OneOrMany>,
-    /// Radius of a patch; 0 in a list where the electrode is on the rim.
+    /// Radius of a patch, metres; 0 in a list if the electrode is on the rim.
     pub radius_m: Option<OneOrMany>,
-    /// Centre of electrode 1, counter-clockwise from +x.
+    /// Angle of the centre of electrode 1, counter-clockwise from +x.
     pub first_angle_deg: Option<f64>,
-    /// Which way electrodes are counted.
+    /// Direction in which electrodes are counted.
     #[serde(default)]
     pub direction: Direction,
-    /// Ohm metre on the rim, ohm square metre of a patch.
+    /// Contact impedance: ohm metre on the rim, ohm square metre for a patch.
     pub contact_impedance_ohm_m: Option<OneOrMany>,
-    /// Beside the contact impedance; of a patch farad per square metre.
+    /// Capacitance in parallel with the contact impedance, farad per metre; for a patch, farad per square
+    /// metre.
     pub contact_capacitance_f_per_m: Option<OneOrMany>,
-    /// Centre of each electrode instead of equal spacing, metres.
+    /// Centre of each electrode, metres, instead of equal spacing.
     pub positions_m: Option<Vec<Position>>,
 }
 
@@ -216,14 +217,14 @@ pub struct ElectrodeSettings {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Direction {
-    /// As angles grow.
+    /// With increasing angle.
     #[default]
     Counterclockwise,
-    /// Against them.
+    /// With decreasing angle.
     Clockwise,
 }
 
-/// Exactly two values; a plain array type would drop a third one silently.
+/// Exactly two values; a plain array type would silently drop a third one.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
 #[serde(try_from = "Vec<T>", into = "Vec<T>")]
 #[serde(bound(deserialize = "T: Deserialize<'de> + Copy", serialize = "T: Serialize + Copy"))]
@@ -246,11 +247,11 @@ impl<T: Copy> TryFrom<Vec<T>> for Pair<T> {
 
     fn try_from(values: Vec<T>) -> Result<Self, String> {
         let found = values.len();
-        values.try_into().map(Self).map_err(|_| format!("{found} values where two are wanted"))
+        values.try_into().map(Self).map_err(|_| format!("{found} values instead of two"))
     }
 }
 
-/// A place, metres: [x, y], or [x, y, z] on a curved skin.
+/// A position, metres: [x, y], or [x, y, z] on a curved skin.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
 #[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
 pub struct Position(pub [f64; 3]);
@@ -268,7 +269,7 @@ impl TryFrom<Vec<f64>> for Position {
         match values[..] {
             [x, y] => Ok(Self([x, y, 0.0])),
             [x, y, z] => Ok(Self([x, y, z])),
-            _ => Err(format!("{} values where two or three are wanted", values.len())),
+            _ => Err(format!("{} values instead of two or three", values.len())),
         }
     }
 }
@@ -278,13 +279,13 @@ fn plain<T: Copy>(pairs: &[Pair<T>]) -> Vec<[T; 2]> {
     pairs.iter().map(|p| p.0).collect()
 }
 
-/// One value for all electrodes, or one for each.
+/// One value for all electrodes, or one per electrode.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a number, or a list with one number per electrode")]
 pub enum OneOrMany {
     /// The same for all.
     One(f64),
-    /// One for each electrode.
+    /// One per electrode.
     Many(Vec<f64>),
 }
 
@@ -294,27 +295,27 @@ pub enum OneOrMany {
 pub struct ProtocolSettings {
     /// "adjacent", "opposite", "skip-N" or "trigonometric".
     pub drive: Option<String>,
-    /// Pairs that are measured; as `drive`.
+    /// Pairs to measure; same values as `drive`.
     pub measure: Option<String>,
-    /// Drive pairs, electrodes from 0.
+    /// Drive pairs of electrodes, counted from 0.
     pub pairs: Option<Vec<Pair<u32>>>,
-    /// CSV file of a, b, m, n, electrodes from 0.
+    /// CSV file with columns a, b, m, n; electrodes counted from 0.
     pub quadruples_file: Option<PathBuf>,
     /// NPY file of currents [electrode, pattern], in units of `current_a`.
     pub stimulation_file: Option<PathBuf>,
     /// NPY file of weights [electrode, pattern].
     pub measurement_file: Option<PathBuf>,
-    /// Whether electrodes that carry current are measured.
+    /// Whether current-carrying electrodes are measured.
     #[serde(default)]
     pub driven_electrodes: Driven,
-    /// Order of the measurements of a drive.
+    /// Order of the measurements within a drive.
     #[serde(default)]
     pub order: Order,
-    /// Amplitude of the drive current, ampere; 1e-4 where left out.
+    /// Amplitude of the drive current, ampere; 1e-4 by default.
     pub current_a: Option<f64>,
-    /// Of the drive current; only capacitances ask for it.
+    /// Frequency of the drive current, hertz; only needed with capacitances.
     pub frequency_hz: Option<f64>,
-    /// Set to false to reconstruct although the order of the data looks wrong.
+    /// Set to false to reconstruct even if the order of the data looks wrong.
     pub check_order: Option<bool>,
 }
 
@@ -322,10 +323,10 @@ pub struct ProtocolSettings {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Driven {
-    /// They are not measured.
+    /// Current-carrying electrodes are not measured.
     #[default]
     Drop,
-    /// They are measured.
+    /// Current-carrying electrodes are measured.
     Keep,
 }
 
@@ -336,7 +337,7 @@ pub enum Order {
     /// Drive d = (d, d + 1): pairs (d + 2 + k, d + 3 + k), k ascending.
     #[default]
     Rotated,
-    /// Pairs by their first electrode.
+    /// Pairs in ascending order of their first electrode.
     Ascending,
 }
 
@@ -344,27 +345,27 @@ pub enum Order {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshDensity {
-    /// Length of an edge inside, metres.
+    /// Edge length in the interior, metres.
     pub edge_m: Option<f64>,
-    /// Length of an edge at the ends of electrodes, metres.
+    /// Edge length at the ends of electrodes, metres.
     pub electrode_edge_m: Option<f64>,
-    /// How fast edges grow from there.
+    /// How fast edges grow away from electrodes.
     pub grading: Option<f64>,
-    /// About so many nodes instead of a length.
+    /// Approximate number of nodes, instead of a length.
     pub nodes: Option<usize>,
-    /// Most nodes of a mesh that is tried.
+    /// Maximum number of nodes of any mesh tried.
     pub node_limit: Option<usize>,
-    /// Left out: linear, or with `required_accuracy` the cheaper kind.
+    /// Kind of elements; by default linear or, with `required_accuracy`, the cheaper kind.
     pub elements: Option<ElementKind>,
-    /// The mesh is chosen so that its voltages are as exact as this.
+    /// Required accuracy of the voltages, for which the mesh is chosen.
     pub required_accuracy: Option<RequiredAccuracyKey>,
 }
 
-/// `mesh.required_accuracy`: a part of the largest voltage, or "noise".
+/// `mesh.required_accuracy`: a fraction of the largest voltage, or "noise".
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-#[serde(untagged, expecting = "a part of the largest voltage, or \"noise\"")]
+#[serde(untagged, expecting = "a fraction of the largest voltage, or \"noise\"")]
 pub enum RequiredAccuracyKey {
-    /// Part of the largest voltage.
+    /// Fraction of the largest voltage.
     Relative(f64),
     /// By a rule.
     Rule(AccuracyRule),
@@ -374,7 +375,7 @@ pub enum RequiredAccuracyKey {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AccuracyRule {
-    /// The standard deviation of a voltage.
+    /// The standard deviation of a voltage's noise.
     Noise,
 }
 
@@ -392,31 +393,31 @@ pub enum ElementKind {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordingSettings {
-    /// Where the frames are.
+    /// Files with the frames.
     pub file: Option<OneOrManyFiles>,
-    /// Name of the format, where the ending does not tell.
+    /// Name of the format, if the file name extension does not tell.
     pub format: Option<String>,
-    /// How a table holds frames.
+    /// How a table is arranged.
     pub frames_are: Option<FramesAre>,
     /// Whether a table holds complex numbers.
     #[serde(default)]
     pub complex: bool,
-    /// Which real number is taken of complex data.
+    /// Which real quantity is computed from complex data.
     #[serde(default)]
     pub component: Component,
     /// Row of the frequency in a Sciospec file.
     pub frequency_row: Option<usize>,
-    /// The frame to subtract.
+    /// The reference frame, which is subtracted.
     pub reference: Option<Reference>,
-    /// Frames before this one are passed over.
+    /// Frames before this one are skipped.
     pub first_frame: Option<usize>,
-    /// Frames a second, where the file does not tell.
+    /// Frames per second, if the file does not tell.
     pub frame_rate_hz: Option<f64>,
-    /// Every value is multiplied by this: -1 turns the polarity, 1e-3 makes volts of millivolts.
+    /// Factor for every value: -1 reverses the polarity, 1e-3 converts millivolts to volts.
     pub scale: Option<f64>,
 }
 
-/// One file, or several whose frames follow each other.
+/// One file, or several whose frames are concatenated.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a file name, or a list of them")]
 pub enum OneOrManyFiles {
@@ -426,19 +427,19 @@ pub enum OneOrManyFiles {
     Many(Vec<PathBuf>),
 }
 
-/// `recording.frames_are`: how a table holds frames.
+/// `recording.frames_are`: how a table is arranged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FramesAre {
-    /// One frame a row.
+    /// One frame per row.
     Rows,
-    /// One frame a column.
+    /// One frame per column.
     Columns,
     /// The whole table is one frame, [measurement, pattern].
     Matrix,
 }
 
-/// `recording.component`: which real number is taken of complex data.
+/// `recording.component`: which real quantity is computed from complex data.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Component {
@@ -449,7 +450,7 @@ pub enum Component {
     Imaginary,
     /// Absolute value.
     Magnitude,
-    /// Projection on the axis that holds most of the signal.
+    /// Projection onto the axis that contains most of the signal.
     Phased,
 }
 
@@ -464,7 +465,7 @@ pub enum Reference {
 }
 
 impl Reference {
-    /// Whether a text names a file, not frames.
+    /// Returns whether a text names a file rather than frames.
     pub(crate) fn is_file(text: &str) -> bool {
         let is_range = text.parse::<FrameRange>().is_ok();
         text != "mean" && !is_range && text.parse::<usize>().is_err()
@@ -477,7 +478,7 @@ impl Reference {
 pub struct NoiseSettings {
     /// Standard deviation of a voltage, volt.
     pub additive_v: Option<f64>,
-    /// Frames of the recording during which nothing touched the skin, as "0..20".
+    /// Frames of the recording in which nothing touches the skin, such as "0..20".
     pub quiet_frames: Option<FrameRange>,
 }
 
@@ -485,35 +486,35 @@ pub struct NoiseSettings {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct TouchSettings {
-    /// Least strength of a touch, as an area of doubled conductivity, square metres.
+    /// Minimum strength of a touch, as an area of doubled conductivity, square metres.
     pub least_strength_m2: Option<f64>,
     /// Radius of a fingertip's footprint, metres.
     pub radius_m: Option<f64>,
-    /// Least distance of two touches, metres.
+    /// Minimum distance between two touches, metres.
     pub apart_m: Option<f64>,
-    /// Most touches at once.
+    /// Maximum number of simultaneous touches.
     pub max_touches: Option<usize>,
-    /// Which changes of conductivity are touches.
+    /// Sign of the conductivity change of a touch.
     #[serde(default)]
     pub sign: TouchSign,
-    /// Frames that must show a faint touch before it is reported.
+    /// Number of frames that must show a faint touch before it is reported.
     pub birth_frames: Option<usize>,
-    /// Frames that a touch may be missing from.
+    /// Number of frames that a touch may be missing from.
     pub forgiven_frames: Option<usize>,
-    /// Time in which the reference follows drift, seconds; 0: it stands still.
+    /// Time constant with which the reference follows drift, seconds; 0: it does not follow.
     pub drift_time_s: Option<f64>,
-    /// File of `eit learn`: place and force of touches from presses at known places.
+    /// File of `eit learn`: position and force of touches, learnt from presses at known places.
     pub learned: Option<PathBuf>,
 }
 
-/// `touch.sign`: which changes of conductivity are touches.
+/// `touch.sign`: sign of the conductivity change of a touch.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TouchSign {
-    /// Where it rises.
+    /// A touch raises the conductivity.
     #[default]
     Increase,
-    /// Where it falls.
+    /// A touch lowers the conductivity.
     Decrease,
 }
 
@@ -521,17 +522,17 @@ pub enum TouchSign {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct DenoiseSettings {
-    /// "default", or a file of `eit train`.
+    /// "default", or a file written by `eit train`.
     pub weights: String,
-    /// Set to true to take the weights of another skin.
+    /// Set to true to allow the weights of another skin.
     #[serde(default)]
     pub any_skin: bool,
 }
 
-/// Longest scene file; the largest of this project has 3 kB.
+/// Maximum size of a scene file; the largest of this project has 3 kB.
 const MOST_SCENE_BYTES: u64 = 4 << 20;
 
-/// All bytes of a file; a device or a pipe, which may have no end, is refused.
+/// Reads a whole file; rejects devices and pipes, which may have no end.
 pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SkinError> {
     use std::io::Read as _;
     let mut bytes = Vec::new();
@@ -540,23 +541,25 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SkinError> {
     Ok(bytes)
 }
 
-/// The same of a file that is refused above so many bytes.
+/// Reads a whole file; rejects files larger than a limit.
 #[cfg(feature = "learn")]
 pub(crate) fn read_file_of(path: &Path, most_bytes: u64) -> Result<Vec<u8>, SkinError> {
     use std::io::Read as _;
     let mut bytes = Vec::new();
-    // one more shows that there is more; the size that the system states may be wrong
+    // one extra byte reveals a larger file; the size stated by the system may be wrong
     let file = eit_hw::regular_file(path)?;
     file.take(most_bytes + 1).read_to_end(&mut bytes).map_err(|e| SkinError::at(path, e))?;
     if bytes.len() as u64 > most_bytes {
         let (path, most) = (path.display(), most_bytes >> 20);
-        return Err(SkinError::input(format!("{path}: longer than {most} MiB: not such a file")));
+        return Err(SkinError::input(format!(
+            "{path}: longer than {most} MiB: not a file of this kind"
+        )));
     }
     Ok(bytes)
 }
 
 impl Scene {
-    /// Reads a scene file, or takes a built-in scene by its name, and checks it.
+    /// Reads and checks a scene file, or a built-in scene by name.
     pub fn load(name_or_path: &str) -> Result<Self, SkinError> {
         let mut scene = Self::read(Self::text(name_or_path)?, name_or_path)?;
         if builtin::text(name_or_path).is_none() {
@@ -568,18 +571,18 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Reads a scene from its text and checks it; files that it names are looked for in the working folder.
+    /// Parses and checks the text of a scene; files that it names are relative to the working directory.
     ///
     /// # Errors
     ///
-    /// As [`load`](Self::load); `name` is the place in messages.
+    /// As for [`load`](Self::load); `name` is the location in messages.
     pub fn parse(text: &str, name: &str) -> Result<Self, SkinError> {
         let scene = Self::read(text.to_owned(), name)?;
         scene.check()?;
         Ok(scene)
     }
 
-    /// Not checked yet.
+    /// Parses a scene without checking it.
     fn read(text: String, name: &str) -> Result<Self, SkinError> {
         let mut scene = parse::parse(&text, name)?;
         scene.source = Some(text);
@@ -588,7 +591,7 @@ impl Scene {
         Ok(scene)
     }
 
-    /// The text of a scene file or built-in scene.
+    /// Returns the text of a scene file or built-in scene.
     pub fn text(name_or_path: &str) -> Result<String, SkinError> {
         if let Some(text) = builtin::text(name_or_path) {
             return Ok(text.to_owned());
@@ -602,7 +605,7 @@ impl Scene {
         let data = std::fs::metadata(path).map_err(|e| refused(e.to_string()))?;
         if !data.is_file() || data.len() > MOST_SCENE_BYTES {
             let most_mb = MOST_SCENE_BYTES >> 20;
-            return Err(refused(format!("no file of at most {most_mb} MB")));
+            return Err(refused(format!("not a file of at most {most_mb} MB")));
         }
         let bytes = std::fs::read(path).map_err(|e| refused(e.to_string()))?;
         String::from_utf8(bytes).map_err(|e| {
@@ -613,7 +616,7 @@ impl Scene {
         })
     }
 
-    /// A scene built in code; every other setting is its default until it is set.
+    /// Creates a scene in code; all other settings have their defaults until set.
     ///
     /// ```
     /// use eit_skin::scene::{ElectrodeSettings, Scene, SkinSettings};
@@ -644,11 +647,11 @@ impl Scene {
         }
     }
 
-    /// The scene as TOML: as it was written where it was read from a file and not changed since.
+    /// Returns the scene as TOML: the original text if it was read from a file and not changed since.
     ///
     /// # Errors
     ///
-    /// Settings that TOML cannot hold, such as integers beyond 63 bits.
+    /// Settings that TOML cannot represent, such as integers beyond 63 bits.
     pub fn to_toml(&self) -> Result<String, SkinError> {
         if let Some(text) = &self.source
             && parse::parse(text, &self.place).is_ok_and(|written| self.has_settings_of(&written))
@@ -659,14 +662,14 @@ impl Scene {
             .map_err(|e| SkinError::Failure(format!("{}: not writable as TOML: {e}", self.place)))
     }
 
-    /// Whether the settings are those of another scene, wherever it came from.
+    /// Whether the settings equal those of another scene, regardless of its origin.
     fn has_settings_of(&self, other: &Self) -> bool {
         let Self { name, place, folder, source, .. } = self.clone();
         *self == Self { name, place, folder, source, ..other.clone() }
     }
 
-    /// What a net that was trained on this scene belongs to: checksum of skin, electrodes and
-    /// protocol, as written, with the content of files that they name.
+    /// Returns the fingerprint to which a trained net belongs: a checksum of skin, electrodes and protocol as
+    /// written, with the content of the files that they name.
     ///
     /// # Errors
     ///
@@ -690,7 +693,7 @@ impl Scene {
         Ok(format!("{:08x}", hash.finalize()))
     }
 
-    /// A path of the scene as seen from the working folder.
+    /// Returns a path of the scene relative to the working directory.
     pub fn resolve(&self, path: &Path) -> PathBuf {
         self.folder.join(path)
     }

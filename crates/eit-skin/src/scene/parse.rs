@@ -1,15 +1,15 @@
-//! TOML text to a scene; errors on one line with the nearest known key.
+//! Parses TOML into a scene; errors take one line and suggest the nearest known key.
 
 use super::Scene;
 use crate::error::SkinError;
 use serde::de::DeserializeOwned;
 
-/// Parses a scene; `place` is the file or built-in name for messages.
+/// Parses a scene; `place` is the file or built-in name, for messages.
 pub fn parse(text: &str, place: &str) -> Result<Scene, SkinError> {
     from_toml(text, place)
 }
 
-/// Parses any settings of this kind.
+/// Parses settings of any type.
 pub fn from_toml<T: DeserializeOwned>(text: &str, place: &str) -> Result<T, SkinError> {
     toml::from_str(text).map_err(|error| {
         let line = error.span().map(|span| 1 + text[..span.start].matches('\n').count());
@@ -18,21 +18,21 @@ pub fn from_toml<T: DeserializeOwned>(text: &str, place: &str) -> Result<T, Skin
     })
 }
 
-/// Keys of earlier versions and what they are called now.
+/// Keys of earlier versions and their present names.
 const RENAMED: [(&str, &str); 2] =
     [("permittivity_f", "sheet_capacitance_f"), ("birth_hits", "birth_frames")];
 
-/// Keys of earlier versions that nothing stands for, and why.
+/// Keys of earlier versions without a replacement, and why.
 const GONE: [(&str, &str); 3] = [
     (
         "false_alarms_per_hour",
-        "touches are told from drift, movement and memory, not from noise alone",
+        "touches are distinguished from drift, movement and memory, not from noise alone",
     ),
-    ("relative_floor", "each touch is held to what it explains"),
+    ("relative_floor", "each touch is judged by what it explains"),
     ("prominence", "touches are fitted together; [touch] apart_m says how near two may be"),
 ];
 
-/// Names the nearest known key where a key is unknown; other messages are folded to one line.
+/// Suggests the nearest known key if a key is unknown; folds other messages to one line.
 fn explain(message: &str) -> String {
     let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
     let known = quoted.get(1..).unwrap_or_default();
@@ -46,17 +46,17 @@ fn explain(message: &str) -> String {
         return format!("the key \"{old}\" is called \"{new}\" now");
     }
     if let Some((old, why)) = GONE.into_iter().find(|(old, _)| is_key && *old == unknown) {
-        return format!("the key \"{old}\" has gone: {why}");
+        return format!("the key \"{old}\" was removed: {why}");
     }
     let nearest = known
         .iter()
         .map(|k| (strsim::damerau_levenshtein(unknown, k), k))
         .min()
-        // further than half of its letters is no typing error
+        // beyond half of its letters it is no typing error
         .filter(|(distance, k)| 2 * distance <= k.len().max(unknown.len()));
     match nearest {
         Some((_, key)) => format!("unknown {what} \"{unknown}\": did you mean \"{key}\"?"),
-        None => format!("unknown {what} \"{unknown}\": known are {}", known.join(", ")),
+        None => format!("unknown {what} \"{unknown}\": the known ones are {}", known.join(", ")),
     }
 }
 
@@ -89,7 +89,7 @@ mod tests {
         assert!(found.contains("[0, 19] is written \"0..20\" now"), "{found}");
     }
 
-    /// A scene that was read, and one that was built in code, say the same as TOML.
+    /// Scenes that were read and scenes built in code are equal as TOML.
     #[test]
     fn scenes_are_written_and_read_back() {
         for name in super::super::BUILT_IN {
@@ -103,7 +103,7 @@ mod tests {
             assert_eq!(again.skin, scene.skin, "{text}");
             assert_eq!(again.electrodes, scene.electrodes, "{text}");
             assert_eq!(again.protocol, scene.protocol, "{text}");
-            // what a net belongs to does not depend on other sections
+            // the fingerprint does not depend on other sections
             assert_eq!(scene.skin_fingerprint().unwrap().len(), 8);
         }
     }

@@ -1,18 +1,18 @@
-//! From the scene's keys to stimulation and measurement.
+//! Converts the scene's keys to stimulation and measurement patterns.
 
 use super::{Driven, Order, Scene, plain};
 use crate::error::SkinError;
 use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol, Protocol};
 use std::path::Path;
 
-/// Drive current where the scene states none, ampere.
+/// Default drive current, ampere.
 pub const DEFAULT_CURRENT_A: f64 = 1e-4;
 
-/// `protocol.drive` of currents on all electrodes at once.
+/// `protocol.drive` for currents on all electrodes at once.
 const TRIGONOMETRIC: &str = "trigonometric";
 
 impl Scene {
-    /// The protocol for a number of electrodes.
+    /// Returns the protocol for a number of electrodes.
     pub fn protocol(&self, electrodes: usize) -> Result<Protocol, SkinError> {
         let keys = &self.protocol;
         let current_a = keys.current_a.unwrap_or(DEFAULT_CURRENT_A);
@@ -36,7 +36,7 @@ impl Scene {
         found.map_err(|e| SkinError::from(e).within(&self.place))
     }
 
-    /// The scene's pair protocol, where it is one.
+    /// Returns the scene's pair protocol, if it is one.
     pub fn pair_protocol(&self, electrodes: usize) -> Result<PairProtocol, SkinError> {
         let keys = &self.protocol;
         let drive = match &keys.pairs {
@@ -126,10 +126,10 @@ impl Scene {
     }
 }
 
-/// A pattern matrix [electrode, pattern] of any number type from an `.npy` file.
+/// Reads a pattern matrix [electrode, pattern] of any number type from an `.npy` file.
 fn read_patterns(path: &Path, electrodes: usize) -> Result<ndarray::Array2<f64>, SkinError> {
     let matrix = eit_hw::npy::read(path, &eit_hw::npy::NpyOptions::default())?.real;
-    // the reader takes one column for one frame: here it is one pattern
+    // the reader interprets one column as one frame: here it is one pattern
     let one_pattern = matrix.dim() == (1, electrodes) && electrodes > 1;
     Ok(if one_pattern { matrix.reversed_axes() } else { matrix })
 }

@@ -1,22 +1,22 @@
-//! Frames of a recording, written "N..M".
+//! Range of frames of a recording, written "N..M".
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// Frames N to M - 1, from 0; in a scene the text "N..M".
+/// Frames N to M - 1, from 0; written "N..M" in a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(try_from = "RangeKey", into = "String")]
 pub struct FrameRange {
     /// First frame.
     pub start: usize,
-    /// The frame after the last.
+    /// End of the range: one past the last frame.
     pub end: usize,
 }
 
 impl FrameRange {
-    /// Number of frames.
+    /// Returns the number of frames.
     pub fn count(self) -> usize {
         self.end.saturating_sub(self.start)
     }
@@ -48,11 +48,11 @@ impl FromStr for FrameRange {
         let numbers = parts.and_then(|(start, end)| {
             Some(Self { start: start.trim().parse().ok()?, end: end.trim().parse().ok()? })
         });
-        numbers.ok_or_else(|| format!("\"{text}\" is no range of frames: write \"N..M\""))
+        numbers.ok_or_else(|| format!("\"{text}\" is not a range of frames: write \"N..M\""))
     }
 }
 
-/// As a scene may have it: the text, or the list that older scenes have.
+/// Forms accepted in a scene: the text, or the list used by older scenes (for an error message).
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "frames N to M - 1 as \"N..M\"")]
 enum RangeKey {
@@ -66,7 +66,7 @@ impl TryFrom<RangeKey> for FrameRange {
     fn try_from(key: RangeKey) -> Result<Self, String> {
         match key {
             RangeKey::Text(text) => text.parse(),
-            // first and last, both included
+            // first and last frame, inclusive
             RangeKey::List(list) => match list[..] {
                 [first, last] => Err(format!(
                     "[{first}, {last}] is written \"{first}..{}\" now: frames N to M - 1 as \"N..M\"",

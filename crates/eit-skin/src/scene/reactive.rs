@@ -1,4 +1,4 @@
-//! Whether a scene stores charge, and its complex admittivity and contacts.
+//! Determines whether a scene is reactive, with its complex admittivity and contacts.
 
 use super::{ElementKind, OneOrMany, Scene};
 use crate::error::SkinError;
@@ -7,7 +7,7 @@ use eit_fem::{Complex64, admittivity};
 const CONTACT: &str = "electrodes.contact_capacitance_f_per_m";
 
 impl Scene {
-    /// Whether a capacitance of the scene carries current at its frequency. Where none does, nothing
+    /// Returns whether a capacitance of the scene carries current at its frequency. If none does, nothing
     /// complex is built or computed.
     pub fn is_reactive(&self) -> bool {
         let mut capacitances =
@@ -15,7 +15,7 @@ impl Scene {
         self.frequency_hz() > 0.0 && capacitances.any(|c| c > 0.0)
     }
 
-    /// Why nothing of the scene is complex; for scenes of which [`Scene::is_reactive`] is false.
+    /// Returns why the scene needs no complex numbers, if [`Scene::is_reactive`] is false.
     pub fn why_real(&self) -> &'static str {
         let keys = (&self.skin.sheet_capacitance_f, &self.electrodes.contact_capacitance_f_per_m);
         match keys {
@@ -24,12 +24,13 @@ impl Scene {
         }
     }
 
-    /// Hertz; zero where the scene states none.
+    /// Returns the frequency in hertz; zero if the scene states none.
     pub fn frequency_hz(&self) -> f64 {
         self.protocol.frequency_hz.unwrap_or(0.0)
     }
 
-    /// Admittivity of a sheet of this conductivity and the scene's permittivity, siemens per square.
+    /// Returns the admittivity of a sheet with this conductivity and the scene's capacitance, siemens per
+    /// square.
     pub fn admittivity_of(&self, conductivity_s: f64) -> Complex64 {
         admittivity(
             conductivity_s,
@@ -38,7 +39,7 @@ impl Scene {
         )
     }
 
-    /// Contact impedance of each electrode: resistance and capacitance in parallel.
+    /// Returns the contact impedance of each electrode: resistance and capacitance in parallel.
     pub fn complex_contact_impedance(
         &self,
         electrodes: usize,
@@ -50,8 +51,8 @@ impl Scene {
             let susceptance = admittivity(0.0, c, self.frequency_hz()).im;
             if r.is_nan() || *r <= 0.0 || (r.is_infinite() && susceptance == 0.0) {
                 return Err(self.error(format!(
-                    "electrodes.contact_impedance_ohm_m is {r} at electrode {}: on a skin that stores \
-                     charge it must be above zero, and finite where the contact has no capacitance",
+                    "electrodes.contact_impedance_ohm_m is {r} at electrode {}: on a skin with \
+                     capacitances it must be above zero, and finite if the contact has no capacitance",
                     l + 1
                 )));
             }
@@ -63,7 +64,7 @@ impl Scene {
         resistances.iter().zip(capacitances_f).enumerate().map(contact).collect()
     }
 
-    /// Contacts that a model cannot be made with, before anything is meshed.
+    /// Rejects contacts that no model can be built with, before meshing.
     pub fn check_contacts(&self, electrodes: usize) -> Result<(), SkinError> {
         match self.is_reactive() {
             true => self.complex_contact_impedance(electrodes).map(drop),
@@ -71,20 +72,20 @@ impl Scene {
         }
     }
 
-    /// Refuses a scene that stores charge, for commands that know conductivity only.
+    /// Rejects a reactive scene, for commands that only support conductivity.
     pub fn refuse_reactive(&self) -> Result<(), SkinError> {
         if !self.is_reactive() {
             return Ok(());
         }
         Err(self.error(format!(
             "the scene stores charge at {} Hz (sheet_capacitance_f, contact_capacitance_f_per_m): only \
-             `eit forward`, `eit jacobian`, `eit plan` and `eit mesh` know complex admittivity; for \
-             this command take protocol.frequency_hz and the capacitances out",
+             `eit forward`, `eit jacobian`, `eit plan` and `eit mesh` support complex admittivity; for \
+             this command remove protocol.frequency_hz and the capacitances",
             self.frequency_hz()
         )))
     }
 
-    /// Capacitances and frequency in range, and elements that know them.
+    /// Checks the ranges of capacitances and frequency, and that mesh settings support reactive skins.
     pub fn check_reactive(&self) -> Result<(), SkinError> {
         let values = self.contact_capacitances().map(|c| (CONTACT, c));
         let values = values
@@ -98,14 +99,14 @@ impl Scene {
         }
         if self.is_reactive() && self.mesh.required_accuracy.is_some() {
             return Err(SkinError::input(
-                "mesh.required_accuracy is judged by the voltages of conductivities: a skin that \
-                 stores charge takes mesh.nodes or edge_m",
+                "mesh.required_accuracy is only supported for conductivities: for a skin that stores charge \
+                 use mesh.nodes or edge_m",
             ));
         }
         if self.is_reactive() && self.mesh.elements == Some(ElementKind::Quadratic) {
             return Err(SkinError::input(
-                "mesh.elements is \"quadratic\": skins that store charge are solved on linear \
-                 elements only",
+                "mesh.elements is \"quadratic\": skins that store charge are only solved on linear \
+                 elements",
             ));
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! `[reconstruction]`: what image is wanted.
+//! `[reconstruction]`: how images are reconstructed.
 
 use eit_inverse::DifferenceKind;
 use serde::{Deserialize, Serialize};
@@ -7,49 +7,49 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReconstructionSettings {
-    /// Method by its name; left out: chosen from noise, keys and number of frames.
+    /// Name of the method; by default chosen from noise, keys and number of frames.
     pub method: Option<String>,
-    /// Pixels along the longer side; 64 where left out.
+    /// Pixels along the longer side; 64 by default.
     pub pixels: Option<usize>,
-    /// Time that an image may take, seconds: what is not stated is chosen for it.
+    /// Time available per image, seconds; settings that are not stated are chosen for it.
     pub frame_time_s: Option<f64>,
-    /// The method was chosen for `frame_time_s`.
+    /// Whether the method was chosen for `frame_time_s`.
     #[serde(skip)]
     pub(crate) is_chosen_in_time: bool,
-    /// Prior of the Gauss-Newton methods; Laplace where left out.
+    /// Prior of the Gauss-Newton methods; Laplace by default.
     pub prior: Option<PriorKind>,
     /// Correlation length of the Laplace and Gaussian priors, metres.
     pub correlation_length_m: Option<f64>,
     /// Weight of the prior, or the rule that chooses it.
     pub hyperparameter: Option<Hyperparameter>,
-    /// Noise figure that the hyperparameter is chosen for; 1 where left out.
+    /// Noise figure for which the hyperparameter is chosen; 1 by default.
     pub noise_figure: Option<f64>,
-    /// Plain or normalised difference; normalised for pairs where left out.
+    /// Plain or normalised difference; normalised for pair protocols by default.
     pub difference: Option<DifferenceKey>,
-    /// Use measurements on electrodes that carry current too; they hold contact impedances.
+    /// Also use measurements on current-carrying electrodes, which contain contact impedances.
     #[serde(default)]
     pub use_driven_electrodes: bool,
-    /// How far electrodes move with the fabric, standard deviation along the rim and across it,
-    /// metres: nuisance parameters.
+    /// Standard deviation of electrode movement with the fabric, along the rim and across it, metres; treated
+    /// as nuisance parameters.
     pub electrode_movement_m: Option<f64>,
-    /// Weights of total variation.
+    /// Weight of total variation in space.
     pub lambda_space: Option<f64>,
     /// Weight of the change from frame to frame.
     pub lambda_time: Option<f64>,
-    /// Radius of the data constraint instead of a penalty.
+    /// Radius of the data constraint, which replaces the penalty.
     pub delta: Option<Delta>,
-    /// Bounds of the conductivity change.
+    /// Lower bound of the conductivity change, siemens.
     pub lower_s: Option<f64>,
-    /// Largest change of conductivity, siemens.
+    /// Upper bound of the conductivity change, siemens.
     pub upper_s: Option<f64>,
-    /// When an iteration is good enough, and when it must end.
+    /// Relative gap at which an iteration stops.
     pub target_gap: Option<f64>,
-    /// Time after which an iteration ends, seconds.
+    /// Time after which an iteration stops, seconds.
     pub deadline_s: Option<f64>,
 }
 
 impl ReconstructionSettings {
-    /// Keys present that only the total variation methods read.
+    /// Returns the keys present that only the total variation methods read.
     pub fn keys_of_tv(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("reconstruction.lambda_space", self.lambda_space.is_some()),
@@ -61,7 +61,7 @@ impl ReconstructionSettings {
         keys.into_iter().filter(|key| key.1).map(|key| key.0)
     }
 
-    /// Bounds present, which total variation and the absolute method read.
+    /// Returns the bounds present, which total variation and the absolute method read.
     pub fn bounds(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("reconstruction.lower_s", self.lower_s.is_some()),
@@ -70,7 +70,7 @@ impl ReconstructionSettings {
         keys.into_iter().filter(|key| key.1).map(|key| key.0)
     }
 
-    /// Keys present that only the Gauss-Newton methods (and those with a prior in time) read.
+    /// Returns the keys present that only the Gauss-Newton methods (and those with a prior in time) read.
     pub fn keys_of_gauss_newton(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("reconstruction.prior", self.prior.is_some()),
@@ -82,21 +82,21 @@ impl ReconstructionSettings {
     }
 }
 
-/// `reconstruction.delta`: a number, or by the noise.
+/// `reconstruction.delta`: a number, or derived from the noise.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a number, or \"noise\"")]
 pub enum Delta {
     /// A number.
     Value(f64),
-    /// By the noise.
+    /// Derived from the noise.
     Rule(DeltaRule),
 }
 
-/// Rules for the radius.
+/// Rules for the radius of the data constraint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeltaRule {
-    /// The root of the number of measurements.
+    /// The square root of the number of measurements.
     Noise,
 }
 
@@ -106,7 +106,7 @@ pub enum DeltaRule {
 pub enum PriorKind {
     /// Identity: small changes.
     Tikhonov,
-    /// Diagonal of the sensitivity.
+    /// Diagonal, from the sensitivity of each element.
     Noser,
     /// Smooth changes.
     Laplace,

@@ -1,5 +1,5 @@
-//! The mesh-free series of a scene's skin: reference voltages of a disc. A hemisphere with electrodes
-//! on its rim has the same: the stereographic projection keeps angles, and on the rim it keeps lengths.
+//! Mesh-free series for a scene's skin: reference voltages of a disc. A hemisphere with electrodes on its rim
+//! has the same voltages: the stereographic projection preserves angles, and lengths on the rim.
 
 use super::{ElectrodeSource, OneOrMany, Scene, Shape};
 use crate::error::SkinError;
@@ -8,15 +8,15 @@ use eit_fem::analytic::DiscSeries;
 use eit_mesh::Placement;
 use ndarray::Array1;
 
-/// The series costs `electrodes^2` sums of Bessel products: 0.1 s for 16, 0.5 s for 32.
+/// The series needs `electrodes^2` sums of Bessel products: 0.1 s for 16, 0.5 s for 32.
 const MOST_SERIES_ELECTRODES: usize = 32;
-/// Harmonics of the disc for each polynomial on an electrode.
+/// Number of harmonics of the disc per polynomial on an electrode.
 const HARMONICS_OF_A_DEGREE: usize = 170;
 
 impl Scene {
-    /// The series of the homogeneous disc or hemisphere, of degree 0; `None` where the skin is neither,
-    /// its contacts differ or have no finite impedance above zero, or its electrodes are too many for a
-    /// quick answer.
+    /// Returns the series for a homogeneous disc or hemisphere, with degree 0. `None` if the skin is neither,
+    /// its contacts differ or have no finite positive impedance, or it has too many electrodes for a quick
+    /// answer.
     pub(crate) fn disc_series(&self, electrodes: usize) -> Result<Option<DiscSeries>, SkinError> {
         if self.skin.shape == Shape::Mesh || electrodes > MOST_SERIES_ELECTRODES {
             return Ok(None);
@@ -32,7 +32,7 @@ impl Scene {
         else {
             return Ok(None);
         };
-        // shunts and ideal current sources are the mesh's alone
+        // the series does not cover shunts and ideal current sources
         if !(contact_impedance_ohm_m > 0.0 && contact_impedance_ohm_m.is_finite()) {
             return Ok(None);
         }
@@ -56,12 +56,12 @@ impl Scene {
 }
 
 impl Skin {
-    /// Voltages of the untouched skin in protocol order by the mesh-free series, volt; `None` where
-    /// it has none. `degree` polynomials on each electrode; more of them are more digits.
+    /// Returns the untouched skin's voltages in protocol order by the mesh-free series, volt; `None` if there
+    /// is no series. `degree` is the number of polynomials per electrode; more of them give more digits.
     ///
     /// # Errors
     ///
-    /// Those of the series.
+    /// The errors of the series.
     pub fn series_voltages(&self, degree: usize) -> Result<Option<Array1<f64>>, SkinError> {
         let Some(series) = &self.series else { return Ok(None) };
         let harmonics = HARMONICS_OF_A_DEGREE * degree;

@@ -1,4 +1,4 @@
-//! From a scene to the settings of the stages behind the model, with every path resolved.
+//! Converts a scene to the settings of the stages after the model, with all paths resolved.
 
 use super::{
     Component, DenoiseSettings, Direction, FramesAre, NoiseSettings, OneOrMany, OneOrManyFiles,
@@ -6,57 +6,57 @@ use super::{
 };
 use std::path::PathBuf;
 
-/// What a scene asks of the stages behind the model: frames, noise, images, touches.
+/// Settings of the stages after the model: frames, noise, images, touches.
 #[derive(Debug, Clone, Default)]
 pub struct StageSettings {
-    /// Recorded frames and how they are read.
+    /// Recorded frames and how to read them.
     pub recording: FrameSettings,
     /// Noise of the instrument.
     pub noise: NoiseSettings,
-    /// Images.
+    /// Image reconstruction.
     pub reconstruction: ReconstructionSettings,
-    /// Touches.
+    /// Detection of touches.
     pub touch: TouchSettings,
-    /// The U-net, where there is one.
+    /// The U-net, if there is one.
     pub denoise: Option<DenoiseSettings>,
 }
 
-/// Recorded frames and how they are read; paths as seen from the working folder.
+/// Recorded frames and how to read them; paths are relative to the working directory.
 #[derive(Debug, Clone, Default)]
 pub struct FrameSettings {
-    /// Files whose frames follow each other; empty where the scene names none.
+    /// Files whose frames are concatenated; `None` if the scene names none.
     pub files: Option<Vec<PathBuf>>,
-    /// Name of the format, where the ending does not tell.
+    /// Name of the format, if the file name extension does not tell.
     pub format: Option<String>,
-    /// How a table holds frames.
+    /// How a table is arranged.
     pub frames_are: Option<FramesAre>,
     /// Whether a table holds complex numbers.
     pub complex: bool,
-    /// Which real number is taken of complex data.
+    /// Which real quantity is computed from complex data.
     pub component: Component,
     /// Row of the frequency in a Sciospec file.
     pub frequency_row: Option<usize>,
-    /// The frame to subtract.
+    /// The reference frame, which is subtracted.
     pub reference: Option<Reference>,
-    /// Frames before this one are passed over.
+    /// Frames before this one are skipped.
     pub first_frame: usize,
-    /// Frames a second.
+    /// Frames per second.
     pub frame_rate_hz: Option<f64>,
-    /// Every value is multiplied by this.
+    /// Factor for every value.
     pub scale: f64,
 }
 
-/// Turns and mirror images that leave a disc with its electrodes as it is.
+/// Rotations and reflections that map a disc with its electrodes onto itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Symmetry {
-    /// Centre of electrode 1, counter-clockwise from +x.
+    /// Angle of the centre of electrode 1, counter-clockwise from +x.
     pub first_angle_rad: f64,
-    /// Electrodes are counted clockwise.
+    /// Whether electrodes are counted clockwise.
     pub is_clockwise: bool,
 }
 
 impl Scene {
-    /// The settings of the stages behind the model.
+    /// Returns the settings of the stages after the model.
     pub fn stage_settings(&self) -> StageSettings {
         let denoise = self.denoise.clone().map(|keys| DenoiseSettings {
             weights: match keys.weights.as_str() {
@@ -112,7 +112,7 @@ impl Scene {
         }
     }
 
-    /// The symmetries of a disc whose electrodes are alike; `None` for every other skin.
+    /// Returns the symmetry of a disc with equal electrodes; `None` for every other skin.
     pub(crate) fn symmetry(&self) -> Option<Symmetry> {
         let electrodes = &self.electrodes;
         let is_even = self.skin.shape == Shape::Disc

@@ -1,16 +1,16 @@
-//! The frames of a sequence that need a solve: not quiet, and one for all where they are alike.
+//! The frames of a sequence that need a solve: those that are not quiet, or their mean if all are equal.
 
 use crate::noise::DataNoise;
 use eit_inverse::InverseError;
 use ndarray::{Array1, Array2, Axis};
 
-/// Frames of a sequence.
+/// Selected frames of a sequence.
 pub struct Part {
-    /// Their numbers.
+    /// Their indices.
     pub frames: Vec<usize>,
-    /// [frame, measurement], or one row where one image serves all.
+    /// [frame, measurement], or one row if one image serves all.
     pub values: Array2<f64>,
-    /// Like the values.
+    /// Whether each value is good; same shape as the values.
     pub good: Array2<bool>,
 }
 
@@ -21,18 +21,18 @@ impl Part {
         Self { frames, values, good }
     }
 
-    /// Mean over the good values of each measurement, and whether there is any.
+    /// Mean over the good values of each measurement, and whether there are any.
     fn mean(&self) -> (Array1<f64>, Array1<bool>) {
         let count = self.good.map_axis(Axis(0), |g| g.iter().filter(|good| **good).count());
-        // what is not good is zero
+        // values that are not good are zero
         let sum = self.values.sum_axis(Axis(0));
         let mean = ndarray::Zip::from(&sum).and(&count).map_collect(|s, &n| s / n.max(1) as f64);
         (mean, count.mapv(|n| n > 0))
     }
 
-    /// Whether several frames do not differ from their mean beyond noise: the squares of the
-    /// differences in units of the noise, over their degrees of freedom, are at most three standard
-    /// deviations too large.
+    /// Whether there are several frames that do not differ from their mean beyond noise: the sum of the
+    /// squared differences in units of the noise exceeds its degrees of freedom by at most three standard
+    /// deviations.
     pub fn is_still(&self, noise: &DataNoise) -> bool {
         if self.frames.len() < 2 {
             return false;
@@ -47,7 +47,7 @@ impl Part {
         square <= freedom + 3.0 * (2.0_f64 * freedom).sqrt()
     }
 
-    /// An error with the number that its frame has among all frames, not among these.
+    /// Converts frame numbers in an error from this selection to the whole recording.
     pub fn of_recording(&self, error: InverseError) -> InverseError {
         let number = |frame: usize| self.frames.get(frame).copied().unwrap_or(frame);
         match error {
@@ -61,7 +61,7 @@ impl Part {
         }
     }
 
-    /// Makes one row of all: their mean.
+    /// Replaces all rows by their mean.
     pub fn take_mean(&mut self) {
         let (mean, good) = self.mean();
         self.values = mean.insert_axis(Axis(0));

@@ -1,9 +1,8 @@
-//! Total variation that follows a live instrument, frame by frame.
+//! Total variation for a live instrument, frame by frame.
 //!
-//! A recording is looked at as a whole before its weights are chosen; a live instrument has shown
-//! nothing but an untouched skin by then. The weights are those of a synthetic touch
-//! ([`synthetic_touch`]): a fingertip that moves over the skin, by the linear model, with the noise that was
-//! measured.
+//! The weights of a recording are chosen after seeing all of it, but a live instrument has only shown an
+//! untouched skin by then. The weights are therefore those of a synthetic touch ([`synthetic_touch`]): a
+//! fingertip that moves over the skin, simulated by the linear model with the measured noise.
 
 use super::{Weights, solver, stop, time_length_m, weights};
 use crate::error::SkinError;
@@ -19,43 +18,43 @@ use eit_inverse::{
 };
 use ndarray::Array2;
 
-/// A stream ready for frames, and its weights.
+/// A stream that is ready for frames, and its weights.
 #[derive(Debug)]
 pub struct TvStream {
     solver: Solver,
-    /// How frames are weighted.
+    /// Weights of the frames' images.
     pub weights: Weights,
 }
 
 #[derive(Debug)]
 enum Solver {
-    /// Each frame anchored to the image before it.
+    /// Each frame is coupled to the image before it.
     Causal(Box<CausalStream>),
-    /// Each frame alone: a window of one, without a term in time.
+    /// Each frame on its own: a window of one, without a time term.
     Alone(Box<StTvStream>),
 }
 
-/// What a frame gave.
+/// Result for one frame.
 #[derive(Debug, Clone, Copy)]
 pub struct TvStep<'a> {
-    /// Siemens, `[masked pixel]`. `None`: there has been none yet.
+    /// Image in siemens, `[masked pixel]`; `None` if there has been none yet.
     pub image: Option<&'a [f64]>,
     /// Why the iteration stopped.
     pub status: SequenceStatus,
-    /// Iterations of this frame.
+    /// Number of iterations for this frame.
     pub iterations: usize,
-    /// Bounds on the optimum of its problem.
+    /// Bounds on the optimum of the frame's problem.
     pub certificate: Certificate,
-    /// Nothing but noise: no iteration was needed.
+    /// Whether the frame is nothing but noise, so that no iteration was needed.
     pub quiet: bool,
 }
 
 impl TvStream {
-    /// Takes differences `[measurement]`, and which of them count.
+    /// Takes differences `[measurement]`; `good` tells which of them count.
     ///
     /// # Errors
     ///
-    /// Those of the solver; it is then as it was.
+    /// Errors of the solver, which is then unchanged.
     pub fn push(
         &mut self,
         differences: &[f64],
@@ -67,7 +66,7 @@ impl TvStream {
         })
     }
 
-    /// Takes note that a frame was lost: the image before it is held.
+    /// Records a lost frame: the previous image is kept.
     pub fn push_dropped(&mut self) -> TvStep<'_> {
         match &mut self.solver {
             Solver::Causal(stream) => TvStep::causal(stream.push_dropped()),
@@ -75,22 +74,22 @@ impl TvStream {
         }
     }
 
-    /// Forgets the image before: frames have passed that it has not seen.
+    /// Discards the previous image, because frames have passed without one.
     pub fn restart(&mut self) {
         match &mut self.solver {
             Solver::Causal(stream) => stream.restart(),
-            // every frame stands alone
+            // frames are independent
             Solver::Alone(_) => {}
         }
     }
 
-    /// Its weights, for small print.
+    /// Describes the weights, for small print.
     pub fn words(&self) -> String {
         let Weights { lambda_space, lambda_time, rule, .. } = &self.weights;
         format!("λ {lambda_space:.2e}, {lambda_time:.2e} ({rule})")
     }
 
-    /// Whether images are linked in time.
+    /// Returns whether images are coupled in time.
     pub fn has_time(&self) -> bool {
         matches!(self.solver, Solver::Causal(_))
     }
@@ -109,12 +108,12 @@ impl<'a> TvStep<'a> {
 }
 
 impl FittedFrames {
-    /// Sets up what follows a stream whose reference these frames are. Nothing in it looks
-    /// at a clock, so that a recording gives the same images again: `deadline_s` is not read.
+    /// Sets up total variation for a stream whose reference these frames are. It does not depend on a clock,
+    /// so a recording reproduces its images; `deadline_s` is therefore ignored.
     ///
     /// # Errors
     ///
-    /// Noise that is not known, or weights that cannot be chosen.
+    /// Unknown noise, or weights that cannot be chosen.
     pub fn tv_stream(
         &self,
         method: Method,
@@ -132,7 +131,7 @@ fn stream(
     let FittedFrames { skin, frames, .. } = fitted;
     let keys = &skin.skin.settings.reconstruction;
     let raster = skin.raster(progress)?;
-    let unknown = || SkinError::input("the noise is not known: state [noise] additive_v");
+    let unknown = || SkinError::input("the noise is unknown: set [noise] additive_v");
     let known = fitted.noise()?.ok_or_else(unknown)?;
     let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
     let places = Places {
@@ -142,7 +141,7 @@ fn stream(
     let expected = synthetic_touch::touch(&jacobian, &places, &known, skin.skin.conductivity_s);
     let good = Array2::from_shape_fn(expected.dim(), |(_, i)| frames.used[i]);
     let used = good.row(0).iter().filter(|used| **used).count();
-    // numbers that are given mean the noise alone
+    // given numbers refer to the noise alone
     let given = keys.lambda_space.is_some() || matches!(keys.delta, Some(Delta::Value(_)));
     let raised = match given {
         true => known.clone(),
@@ -154,12 +153,12 @@ fn stream(
     let differences = DifferenceFrames { values: expected.view(), good: Some(good.view()) };
     let mut trial = with(&raised)?;
     let mut weights = weights(&mut trial, keys, &differences, time_length_m(raster), used)?;
-    // the stream weighs by the noise alone, which tells a quiet skin from a faint touch
+    // the stream weights by the noise alone, to distinguish a quiet skin from a faint touch
     let factor = raised.model_error;
     weights.rescale(factor * factor);
     weights.delta = weights.delta.map(|delta| factor * delta);
     if !given {
-        weights.rule += " for a touch that is to be expected";
+        weights.rule += " for a synthetic touch";
     }
     let fidelity =
         weights.delta.map_or(Fidelity::Penalised, |delta| Fidelity::Constrained { delta });

@@ -1,5 +1,5 @@
-//! The untouched sheet as its reference frame shows it: fabric is uneven, and where current is dense a few
-//! percent change what a touch does.
+//! Estimates the untouched sheet from its reference frame: fabric is uneven, and where the current is dense a
+//! few percent change the effect of a touch.
 
 use super::model::{Spread, VoltageNoise, unknowns};
 use crate::error::SkinError;
@@ -8,32 +8,34 @@ use crate::progress::Progress;
 use eit_inverse::{ReferenceModel, UnevenSheet, Unevenness};
 use ndarray::{Array1, Array2, ArrayView1};
 
-/// Correlation length of the unevenness, part of the skin's longer side.
+/// Correlation length of the unevenness, as a fraction of the skin's longer side.
 const LENGTH: f64 = 0.1;
-/// Error of a voltage that no sheet explains: gains of channels and the mesh, part of the voltage, ...
+/// Error of a voltage that no sheet explains, due to channel gains and the mesh: this fraction of the
+/// voltage, ...
 const ERROR: f64 = 2e-3;
-/// ... and of the median voltage.
+/// ... and this fraction of the median voltage.
 const FLOOR: f64 = 1e-4;
-/// Where electrodes may really be, their contacts (logarithm) and the gain, standard deviations.
+/// Uncertainty of electrode positions, contacts (logarithm) and gain, standard deviations.
 const PLACES: Spread = Spread { movement_m: 5e-4, contact: 0.5, sheet: 0.05 };
-/// Logarithm of the evidence from which an uneven sheet is believed.
+/// Logarithm of the evidence above which an uneven sheet is accepted.
 const BELIEVED: f64 = 10.0;
-/// Gauss-Newton steps.
+/// Number of Gauss-Newton steps.
 const STEPS: usize = 2;
 
-/// The model about the sheet that explains the reference.
+/// The model linearised at the sheet that explains the reference.
 #[derive(Debug, Clone)]
 pub(super) struct Background {
     pub conductivity_s: Vec<f64>,
     pub voltages: Array1<f64>,
     pub jacobian: Array2<f64>,
-    /// How the sheet was found.
+    /// Fitted unevenness.
     pub found: Unevenness,
-    /// Root mean square of what an even sheet and this one leave of the reference, part of its own.
+    /// Root mean square of the reference that an even sheet, and this one, leave unexplained, relative to its
+    /// own.
     pub left: [f64; 2],
 }
 
-/// The sheet that explains the reference; `None` where an even one does as well or better.
+/// Fits the sheet that explains the reference; `None` if an even one does as well or better.
 pub(super) fn of_reference(
     fitted: &FittedFrames,
     noise: &VoltageNoise,
@@ -79,11 +81,11 @@ pub(super) fn of_reference(
             .map(|voltages| left(&reference_v, voltages.view(), &frames.used));
         best = Some(Background { conductivity_s: uneven_s, voltages, jacobian, found, left });
     }
-    // where the skin is not what the scene says, steps lead anywhere
+    // if the scene does not describe the skin, steps may diverge
     Ok(best.filter(|best| best.left[1] < best.left[0]))
 }
 
-/// Root mean square of what voltages leave of a reference, part of its own.
+/// Root mean square of a reference minus voltages, relative to the reference's own.
 fn left(reference_v: &[f64], voltages: ArrayView1<'_, f64>, used: &[bool]) -> f64 {
     let (mut rest, mut whole) = (0.0, 0.0);
     for ((v, of_model), _) in reference_v.iter().zip(voltages).zip(used).filter(|(_, used)| **used)

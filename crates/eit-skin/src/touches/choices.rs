@@ -1,45 +1,47 @@
-//! What a finder of touches chose, and why: for people and programs.
+//! What a touch finder chose, and why, for people and programs.
 
 use serde_json::{Value, json};
 
-/// What a [`TouchFinder`](super::TouchFinder) chose.
+/// Choices of a [`TouchFinder`](super::TouchFinder).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Choices {
-    /// Where the noise came from.
+    /// Source of the noise.
     pub noise: String,
-    /// The sheet that explains the reference frame; `None` where an even one does as well.
+    /// The sheet that explains the reference frame; `None` if an even one does as well.
     pub sheet: Option<FoundSheet>,
-    /// Rows of a frame: a measurement and its reciprocal are one.
+    /// Number of rows of a frame: a measurement and its reciprocal count as one.
     pub rows: usize,
-    /// Places at which touches are sought.
+    /// Number of places at which touches are sought.
     pub places: usize,
-    /// Further places that these measurements hardly see.
+    /// Number of further places to which these measurements are almost blind.
     pub blind: usize,
     /// Radius of a touch, metres.
     pub radius_m: f64,
-    /// Least strength of a touch, S m^2.
+    /// Minimum strength of a touch, S m^2.
     pub least_s_m2: f64,
 }
 
-/// An uneven sheet, as found in its reference frame.
+/// An uneven sheet fitted to its reference frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FoundSheet {
     /// Standard deviation of the logarithm of its conductivity.
     pub amplitude: f64,
-    /// Root mean square of what an even sheet leaves of the reference, part of its own.
+    /// Root mean square of the reference that an even sheet leaves unexplained, relative to its own.
     pub left_even: f64,
-    /// The same of this one.
+    /// The same for this sheet.
     pub left: f64,
 }
 
 impl Choices {
-    /// A line each, for people.
+    /// Describes each choice on a line, for people.
     pub fn lines(&self) -> Vec<String> {
         let sheet = match self.sheet {
-            None => "sheet taken to be even, which explains the reference as well as an uneven one"
-                .to_owned(),
+            None => {
+                "sheet assumed to be even, which explains the reference as well as an uneven one"
+                    .to_owned()
+            }
             Some(FoundSheet { amplitude, left_even, left }) => format!(
-                "sheet taken to be uneven by {:.0} %, which explains the reference to {:.2} %, an even one \
+                "sheet assumed to be uneven by {:.0} %, which explains the reference to {:.2} %, an even one \
                  to {:.2} %",
                 100.0 * amplitude,
                 100.0 * left,
@@ -48,7 +50,7 @@ impl Choices {
         };
         let blind = match self.blind {
             0 => String::new(),
-            blind => format!(", {blind} more are blind"),
+            blind => format!(", {blind} more are not seen"),
         };
         vec![
             format!("touches: {sheet}"),
@@ -62,7 +64,7 @@ impl Choices {
         ]
     }
 
-    /// For programs.
+    /// Returns the choices as JSON.
     pub fn json(&self) -> Value {
         json!({
             "noise": self.noise,

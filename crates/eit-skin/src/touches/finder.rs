@@ -19,27 +19,27 @@ use eit_inverse::touch::{
 };
 use ndarray::Array2;
 
-/// Least strength of a touch as an area of doubled conductivity, square metres: a finger of 0.2 N on
-/// the paper's fabric has 2.5e-6, ghosts of its hysteresis less than 1e-6.
+/// Minimum strength of a touch as an area of doubled conductivity, square metres: a finger of 0.2 N on the
+/// paper's fabric has 2.5e-6, ghosts of its hysteresis less than 1e-6.
 const LEAST_M2: f64 = 2e-6;
-/// The same for one that is believed at once.
+/// Strength of a touch that is accepted at once.
 const STRONG_M2: f64 = 6e-6;
 
-/// Thirty years.
+/// Time constant for a reference that does not follow: thirty years.
 const STANDS_STILL_S: f64 = 1e9;
 
 /// Finds touches frame by frame.
 #[derive(Debug)]
 pub struct TouchFinder {
-    /// What it chose, and why.
+    /// What the finder chose, and why.
     pub choices: Choices,
     used: Vec<bool>,
     detector: TouchDetector,
     tracker: TouchTracker,
     monitor: FaultMonitor,
-    /// Places and forces by presses, where the settings name them.
+    /// Positions and forces learnt from presses, if the settings name a file.
     learned: Option<LearnedTouches>,
-    /// What is subtracted from the frame at hand.
+    /// Reference of the current frame.
     reference: Vec<f64>,
     period_s: f64,
     before_s: Option<f64>,
@@ -48,11 +48,11 @@ pub struct TouchFinder {
 }
 
 impl TouchFinder {
-    /// For frames like these, at this rate; `None` where their noise is unknown.
+    /// Creates a finder for frames like `fitted` at this rate; `None` if their noise is unknown.
     ///
     /// # Errors
     ///
-    /// Settings that no finder can be made with.
+    /// Invalid settings.
     pub fn new(
         fitted: &FittedFrames,
         rate_hz: f64,
@@ -126,12 +126,13 @@ impl TouchFinder {
         }))
     }
 
-    /// Takes a frame `[measurement]`, volts, and gives its touches: faulty electrodes are left out, the
-    /// rest is held against the reference, which follows what touches do not explain.
+    /// Takes a frame `[measurement]`, volts, and returns its touches. Faulty electrodes are excluded; the
+    /// rest is compared with the reference, which follows what touches do not explain.
     ///
     /// # Errors
     ///
-    /// A frame of another length; a time that does not follow the one before. Nothing has changed then.
+    /// A frame with the wrong length; a time that is not after the previous one. The finder is then
+    /// unchanged.
     pub fn push(
         &mut self,
         values: &[f64],
@@ -148,7 +149,7 @@ impl TouchFinder {
         let Self { used, monitor, detector, reference, .. } = self;
         monitor.push(values, detector.reference_v(), is_good, time_s)?;
         for &i in monitor.healed() {
-            // where the reference of what comes back is, nobody knows
+            // the reference of a recovered measurement is unknown
             detector.set_reference(i, values[i] - detector.touch_of(i));
         }
         reference.copy_from_slice(detector.reference_v());
@@ -168,12 +169,12 @@ impl TouchFinder {
         Ok(self.tracker.push(found, time_s, is_whole)?)
     }
 
-    /// The strongest touch of a frame held against a reference of its own, by the model alone; nothing is
-    /// followed. `None` where there is no touch.
+    /// Returns the strongest touch of a frame relative to a given reference, by the model alone and without
+    /// tracking. `None` if there is no touch.
     ///
     /// # Errors
     ///
-    /// A frame or reference of another length, or values that are not finite.
+    /// A frame or reference with the wrong length, or values that are not finite.
     #[cfg(feature = "learn")]
     pub(crate) fn strongest(
         &self,
@@ -190,43 +191,44 @@ impl TouchFinder {
         Ok(touches.max_by(|a, b| strength(a).total_cmp(&strength(b))).copied())
     }
 
-    /// Electrodes that are left out of the frame at hand.
+    /// Returns the electrodes that are excluded from the current frame.
     pub fn faults(&self) -> &[ElectrodeFault] {
         self.monitor.faults()
     }
 
-    /// Whether a measurement of the frame at hand is left out: it is bad, or its electrode is.
+    /// Returns whether a measurement of the current frame is excluded, because it is bad or its electrode is
+    /// faulty.
     pub fn is_missing(&self, measurement: usize) -> bool {
         self.monitor.is_missing(measurement)
     }
 
-    /// How the last frame was explained.
+    /// Returns how the last frame was explained.
     pub fn step(&self) -> Option<DetectorStep> {
         self.step
     }
 
-    /// Change of conductivity of the faintest touch, siemens.
+    /// Returns the conductivity change of the faintest touch, siemens.
     pub fn level_s(&self) -> f64 {
         self.level_s
     }
 
-    /// What is subtracted from the frame at hand, `[measurement]`.
+    /// Returns the reference of the current frame, `[measurement]`.
     pub fn reference(&self) -> &[f64] {
         &self.reference
     }
 
-    /// Measurements that count.
+    /// Returns which measurements are used.
     pub fn used(&self) -> &[bool] {
         &self.used
     }
 }
 
 impl TouchSettings {
-    /// Rejects settings that no touch can be found with, before any work.
+    /// Rejects invalid settings before any work.
     ///
     /// # Errors
     ///
-    /// The value and its key.
+    /// An invalid setting; the message names it.
     pub fn validate(&self) -> Result<(), SkinError> {
         let refuse = |e| SkinError::input(format!("touch: {e}"));
         detector_settings(self, 1.0).validate().map_err(refuse)?;
@@ -251,7 +253,7 @@ fn detector_settings(keys: &TouchSettings, conductivity_s: f64) -> DetectorSetti
     }
 }
 
-/// Time in which the reference follows; 0 in a scene: so slowly that it stands still.
+/// Time constant with which the reference follows; 0 in a scene means so slow that it does not.
 fn following_s(keys: &TouchSettings) -> Option<f64> {
     keys.drift_time_s.map(|s| if s == 0.0 { STANDS_STILL_S } else { s })
 }

@@ -1,5 +1,4 @@
-//! What a detector of touches needs of a linearised skin: what else changes its voltages, and the
-//! noise.
+//! What a touch detector needs to know about a linearised skin: other effects on its voltages, and the noise.
 
 use crate::displacement;
 use crate::error::SkinError;
@@ -10,20 +9,19 @@ use eit_fem::ElementOrder;
 use eit_inverse::{noise_std_of_quiet_frames, smallest_step};
 use ndarray::{Array2, Axis, concatenate};
 
-/// How far what is no touch goes, standard deviations.
+/// Standard deviations of effects other than touches.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Spread {
-    /// Of electrodes, metres.
+    /// Displacement of electrodes, metres.
     pub movement_m: f64,
-    /// Of the logarithm of a contact impedance.
+    /// Logarithm of a contact impedance.
     pub contact: f64,
-    /// Of the logarithm of the conductivity of the whole sheet.
+    /// Logarithm of the conductivity of the whole sheet.
     pub sheet: f64,
 }
 
 impl Spread {
-    /// While the skin is in use; electrodes that go with the fabric do so by 0.2 mm where the scene does
-    /// not say.
+    /// Values while the skin is in use; by default electrodes move by 0.2 mm with the fabric.
     pub fn in_use(skin: &LinearisedSkin) -> Self {
         let movement_m = skin.skin.settings.reconstruction.electrode_movement_m.unwrap_or(2e-4);
         Self { movement_m, contact: 0.05, sheet: 1e-3 }
@@ -33,18 +31,18 @@ impl Spread {
 /// Noise of voltages, volts.
 #[derive(Debug, Clone)]
 pub(super) struct VoltageNoise {
-    /// Of a single frame, `[measurement]`.
+    /// Standard deviation in a single frame, `[measurement]`.
     pub std_v: Vec<f64>,
-    /// Smallest step of the converter that was seen; 0 where there is none.
+    /// Smallest step of the converter seen; 0 if there is none.
     pub step_v: f64,
-    /// Factor of the standard deviation that a reference of several frames adds.
+    /// Factor by which a reference averaged over several frames raises the standard deviation.
     pub with_reference: f64,
-    /// Where it came from, in words.
+    /// Source of the noise, in words.
     pub source: String,
 }
 
 impl VoltageNoise {
-    /// That which the settings state, else that of the quiet frames; `None` where it is unknown.
+    /// Returns the noise of the settings, else that of the quiet frames; `None` if it is unknown.
     pub fn of(fitted: &FittedFrames) -> Result<Option<Self>, SkinError> {
         let FittedFrames { skin, frames, .. } = fitted;
         let with_reference = (1.0 + 1.0 / frames.reference_frames.max(1) as f64).sqrt();
@@ -70,8 +68,8 @@ impl VoltageNoise {
     }
 }
 
-/// What else changes the voltages of a sheet, for one standard deviation each: movement of electrodes,
-/// the sheet as a whole, contacts; `[measurement, unknown]`, volts.
+/// Other effects on the voltages of a sheet, for one standard deviation each: electrode movement, the whole
+/// sheet, contacts; `[measurement, unknown]`, volts.
 pub(super) fn unknowns(
     skin: &LinearisedSkin,
     background_s: &[f64],

@@ -119,6 +119,15 @@ pub struct MadeBy<'a> {
     pub program: &'a str,
     /// Commit that it was built from.
     pub commit: &'a str,
+    /// [`parameter_checksum`] of the weights that the training started from; `None`: random ones.
+    pub from: Option<&'a str>,
+}
+
+/// CRC-32 of the parameters of weights, without what their file says about them.
+pub fn parameter_checksum(weights: &Weights) -> String {
+    let mut hasher = crc32fast::Hasher::new();
+    weights.parameters.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
+    format!("{:08x}", hasher.finalize())
 }
 
 /// The trained weights with what their file says of them; `program` and `commit` made them.
@@ -149,8 +158,9 @@ pub fn weights(
         ("program", made_by.program.to_owned()),
         ("commit", made_by.commit.to_owned()),
     ];
+    let from = made_by.from.map(|from| ("from", from.to_owned()));
     let about: BTreeMap<String, String> =
-        entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+        entries.into_iter().chain(from).map(|(key, value)| (key.to_owned(), value)).collect();
     let weights = trainer.weights(&skin.fingerprint, base.settings().pixels, &about)?;
     Ok(Weights { model_error: model_error.clone(), ..weights })
 }

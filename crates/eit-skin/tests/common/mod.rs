@@ -18,10 +18,10 @@ use std::sync::{Arc, LazyLock};
 /// Nodes of the mesh that simulates; the one that reconstructs is the scene's own.
 const NODES: usize = 3000;
 
-/// Pixels of the truth's pictures, which no test looks at.
+/// Pixels of the truth's images, which no test uses.
 const PIXELS: usize = 8;
 
-/// The paper's skin twice: to simulate, and to find touches.
+/// The paper's skin twice: for simulation, and for finding touches.
 struct Bench {
     simulated: Skin,
     raster: Raster,
@@ -34,7 +34,7 @@ static BENCH: LazyLock<Bench> = LazyLock::new(|| {
     let mesh = MeshOverride { nodes: Some(NODES), ..Default::default() };
     let simulated = Skin::set_up(&scene, &mesh, &mut progress).unwrap();
     let raster = Raster::new(simulated.mesh.surface(), PIXELS).unwrap();
-    // what `eit simulate` writes into the scene beside its frames
+    // what `eit simulate` writes into its scene
     let mut skin = Skin::from_scene(scene).unwrap();
     let quiet = format!("0..{QUIET_FRAMES}");
     skin.settings.recording.frame_rate_hz = Some(RATE_HZ);
@@ -52,7 +52,7 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// One thread: tests run beside each other.
+    /// One thread, because tests run in parallel.
     pub fn simulate(script: &TouchScript, seed: u64) -> Self {
         let Bench { simulated, raster, .. } = &*BENCH;
         let how = SimulationSettings { seed, ..Default::default() };
@@ -61,20 +61,20 @@ impl Recording {
         Self { values: made.frames_v, truth: made.truth.touches }
     }
 
-    /// Held against the model, with nothing set.
+    /// Fitted to the model, with default settings.
     pub fn fitted(&self) -> FittedFrames {
         let linearised = &BENCH.linearised;
         let frames = linearised.skin.frames_of_values(&self.values).unwrap();
         linearised.fit(frames).unwrap()
     }
 
-    /// Touches as every user of the library gets them.
+    /// Touches as returned to every user of the library.
     pub fn touches(&self) -> Touches {
         touches(&self.fitted(), &mut Progress::silent()).unwrap().unwrap()
     }
 
-    /// No current flows through the electrode in these frames and its inputs float: what it drives or
-    /// measures is noise of a tenth of the largest voltage.
+    /// Opens an electrode in these frames: no current flows through it and its inputs float, so what it
+    /// drives or measures is noise of a tenth of the largest voltage.
     pub fn open(&mut self, electrode: usize, frames: std::ops::Range<usize>, random: &mut Random) {
         let largest = self.values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let lost = measurements_of(electrode);

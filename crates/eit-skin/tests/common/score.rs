@@ -1,4 +1,4 @@
-//! Touches against the truth, as a robot would meet them.
+//! Comparison of touches with the truth, as a robot would experience them.
 
 use super::Recording;
 use super::script::{RATE_HZ, distance_m};
@@ -6,33 +6,33 @@ use eit_skin::touches::{TouchRow, Touches};
 use eit_skin::{Touch, TouchState};
 use std::collections::HashMap;
 
-/// A touch farther from every finger belongs to none, metres.
+/// A touch farther than this from every finger belongs to none, metres.
 const GATE_M: f64 = 25e-3;
 
-/// Lighter fingers need not be found: they are about to lift, newton.
+/// Lighter fingers need not be found, because they are about to lift, newton.
 const LEAST_N: f64 = 0.3;
 
-/// Time after a lift in which a touch is no ghost, seconds.
+/// Time after a lift in which a touch does not count as a ghost, seconds.
 const LATE_S: f64 = 0.2;
 
 /// How well touches match the fingers.
 #[derive(Debug, Clone, Copy)]
 pub struct Score {
-    /// Part of the fingers of all frames that have a touch of their own within the gate.
+    /// Fraction of the fingers in all frames that have a touch of their own within the gate.
     pub found: f64,
-    /// Position error that 95 % of those stay below, metres.
+    /// Position error that 95 % of those do not exceed, metres.
     pub error_m: f64,
-    /// Touches beyond the fingers', for each frame with a finger.
+    /// Number of additional touches per frame with a finger.
     pub extra: f64,
-    /// Frames without a finger, later than 0.2 s after a lift, that show a touch, ...
+    /// Frames without a finger, more than 0.2 s after a lift, that show a touch, ...
     pub ghosts: usize,
-    /// ... out of so many.
+    /// ... out of this number.
     pub bare: usize,
-    /// How often a finger's touch changes its number while it presses.
+    /// How often a finger's touch changes its id while it presses.
     pub id_changes: usize,
 }
 
-/// What scores are made of, of one recording or several.
+/// Counts from which scores are computed, of one recording or several.
 #[derive(Default)]
 pub struct Counts {
     hit: usize,
@@ -43,11 +43,11 @@ pub struct Counts {
     ghosts: usize,
     bare: usize,
     id_changes: usize,
-    /// Number of the touch that each pressing finger had last.
+    /// Id of the last touch of each pressing finger.
     id_of: HashMap<u32, u64>,
 }
 
-/// Touches that a robot acts on: valid, and not at their end.
+/// Touches that a robot acts on: valid, and not ending.
 pub fn acted_on(touches: &Touches, frame: usize) -> Vec<Touch> {
     let counts = |row: &&TouchRow| {
         row.frame == frame && row.touch.valid && row.touch.state != TouchState::End
@@ -81,7 +81,7 @@ impl Counts {
         }
     }
 
-    /// Counts a frame's fingers and their touches; whether there are fingers.
+    /// Counts a frame's fingers and their touches; returns whether there are fingers.
     fn add_fingers(&mut self, recording: &Recording, frame: usize, here: &[Touch]) -> bool {
         let fingers: Vec<_> = recording.truth.iter().filter(|t| t.frame == frame).collect();
         self.id_of.retain(|id, _| fingers.iter().any(|finger| finger.finger == *id));
@@ -122,8 +122,8 @@ impl Counts {
     }
 }
 
-/// The touch of each finger: as many pairs within the gate as possible, of least total distance. Tries
-/// every assignment, of at most four fingers.
+/// The touch of each finger: as many pairs within the gate as possible, with the least total distance. Tries
+/// every assignment, for at most four fingers.
 fn assign(fingers: usize, touches: usize, far: &dyn Fn(usize, usize) -> f64) -> Vec<Option<usize>> {
     fn try_all(
         chosen: &mut Vec<Option<usize>>,
@@ -142,7 +142,7 @@ fn assign(fingers: usize, touches: usize, far: &dyn Fn(usize, usize) -> f64) -> 
             chosen.push(choice);
             let (cost, pairs) = try_all(chosen, fingers, touches, far);
             chosen.pop();
-            // a finger without a touch costs more than any distances
+            // a finger without a touch costs more than any distance
             let cost = cost + choice.map_or(1e3, |touch| far(finger, touch));
             if cost < best.0 {
                 best = (cost, pairs);

@@ -11,10 +11,10 @@ pub const QUIET_FRAMES: usize = 40;
 /// First press, after the quiet frames.
 pub const FIRST_S: f64 = 2.1;
 
-/// Farthest place from the middle, metres.
+/// Largest distance from the middle, metres.
 const WITHIN_M: f64 = 0.092;
 
-/// Least distance of two fingers, metres.
+/// Minimum distance between two fingers, metres.
 const APART_M: f64 = 0.04;
 
 const TIP_M: f64 = 0.01;
@@ -62,7 +62,7 @@ impl Drawn {
         self
     }
 
-    /// The first finger goes along a chord of 60 mm or more.
+    /// The first finger moves along a chord of 60 mm or more.
     pub fn slide(&mut self, force_n: f64, speed_m_s: f64) -> &mut Self {
         let from = self.place(&[]);
         let mut to = from;
@@ -75,7 +75,7 @@ impl Drawn {
         self
     }
 
-    /// The script, with a second of nothing behind it.
+    /// The script, followed by a second without touches.
     pub fn script(&self) -> TouchScript {
         TouchScript {
             name: String::new(),

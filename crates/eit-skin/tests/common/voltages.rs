@@ -1,4 +1,4 @@
-//! Reciprocal voltages that no physics is behind, for tests of the fault monitor.
+//! Reciprocal voltages without underlying physics, for tests of the fault monitor.
 
 #![allow(dead_code, missing_docs, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is a failed test")]
@@ -29,11 +29,11 @@ impl Bench {
         Self::with(seed, &[true; MEASUREMENTS], &[NOISE_V; MEASUREMENTS])
     }
 
-    /// With measurements that count and the noise the monitor is told, volts.
+    /// With the measurements that count and the noise that the monitor is told, volts.
     pub fn with(seed: u64, used: &[bool], noise_v: &[f64]) -> Self {
         let protocol: Protocol = PairProtocol::default().protocol().unwrap();
         let quadruples = protocol.quadruples().unwrap().to_vec();
-        // the way between two pairs is that of the exchanged ones too
+        // the distance between two pairs is also that of the exchanged ones
         let voltage = |&[a, _, m, _]: &[u32; 4]| {
             let way = (a as f64 - m as f64).abs();
             way.min(ELECTRODES as f64 - way).powi(-2)
@@ -82,12 +82,12 @@ impl Bench {
         (0..frames).for_each(|_| self.push(&[], |_, v| v));
     }
 
-    /// Electrodes that are left out, with the reason.
+    /// Electrodes that are excluded, with the reason.
     pub fn faults(&self) -> Vec<(usize, FaultKind)> {
         self.monitor.faults().iter().map(|fault| (fault.electrode, fault.kind)).collect()
     }
 
-    /// Exactly these measurements are left out.
+    /// Checks that exactly these measurements are excluded.
     pub fn check_missing(&self, wanted: &[usize]) {
         let missing: Vec<usize> =
             (0..MEASUREMENTS).filter(|&i| self.monitor.is_missing(i)).collect();

@@ -1,4 +1,4 @@
-//! Recordings converted message by message: memory does not grow with their length.
+//! Converts recordings message by message: memory use does not grow with their length.
 
 use crate::error::CliError;
 use eit_hw::capture::{
@@ -11,22 +11,22 @@ use ndarray::ArrayView2;
 use std::io::Write;
 use std::path::Path;
 
-/// What was found on the way.
+/// What the first pass over a recording found.
 #[derive(Default)]
 pub(super) struct Streamed {
-    /// Frames of the recording.
+    /// Number of frames in the recording.
     pub frames: usize,
-    /// Values of each.
+    /// Number of values per frame.
     pub count: usize,
     pub complex: bool,
-    /// Frames with a value that is not finite.
+    /// Number of frames with a value that is not finite.
     pub unfinished: usize,
     pub flagged: usize,
     pub damage: Damage,
     session: SessionRecord,
 }
 
-/// The frames of a recording, in its own order or in that of a protocol.
+/// Frames of a recording, in their own order or in that of a protocol.
 pub(super) struct Source<'a> {
     path: &'a Path,
     quadruples: Option<&'a [Quadruple]>,
@@ -34,7 +34,7 @@ pub(super) struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// Reads all of it once: its size, and that it can be converted.
+    /// Reads the whole recording once, to determine its size and check that it can be converted.
     pub fn new(
         path: &'a Path,
         quadruples: Option<&'a [Quadruple]>,
@@ -54,7 +54,7 @@ impl<'a> Source<'a> {
             let Damage { bad_chunks, bad_messages, .. } = found.damage;
             return Err(CliError::input(format!(
                 "{}: no complete frame found ({bad_chunks} chunks and {bad_messages} messages are \
-                 damaged or too large); record it anew",
+                 damaged or too large); record it again",
                 path.display()
             )));
         }
@@ -65,8 +65,8 @@ impl<'a> Source<'a> {
         let first = &found.session.quadruples;
         if !first.is_empty() && *first != session.quadruples {
             return Err(CliError::input(format!(
-                "{}: sessions of {} and {} measurements differ in them; record each set-up in a file of \
-                 its own",
+                "{}: contains sessions with different measurements ({} and {}); record each set-up in its \
+                 own file",
                 self.path.display(),
                 first.len(),
                 session.quadruples.len()
@@ -92,8 +92,8 @@ impl<'a> Source<'a> {
             (found.count, found.complex) = (count, complex);
         } else if (count, complex) != (found.count, found.complex) {
             return Err(CliError::input(format!(
-                "{}: frame {} has {count} values, but those before have {}; record each set-up in a \
-                 file of its own",
+                "{}: frame {} has {count} values, but earlier ones have {}; record each set-up in its \
+                 own file",
                 self.path.display(),
                 frame.sequence,
                 found.count
@@ -106,7 +106,7 @@ impl<'a> Source<'a> {
         Ok(())
     }
 
-    /// Values of a frame as they are written.
+    /// Number of values per frame as written.
     pub fn columns(&self, found: &Streamed) -> usize {
         self.map.as_ref().map_or(found.count, FrameMap::measurements)
     }
@@ -141,14 +141,14 @@ impl<'a> Source<'a> {
                 Entry::Frame(frame) => Entry::Frame(self.mapped(frame)?),
                 other => other,
             };
-            // a message that was read has its times
+            // every message that was read has times
             let Some(times) = reader.times() else { continue };
             take(entry, times)?;
         }
         Ok(())
     }
 
-    /// Every message with its times, frames in the order of the protocol, as a new recording.
+    /// Writes every message with its times to a new recording, with frames in protocol order.
     pub fn write_mcap(&self, out: &Path) -> Result<(), CliError> {
         let mut writer: Option<CaptureWriter> = None;
         let settings = CaptureSettings::default;
@@ -183,7 +183,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Every frame whose values are finite, as rows of a table.
+    /// Writes every frame whose values are all finite as rows of a table.
     pub fn write_table(&self, found: &Streamed, out: &Path, format: &str) -> Result<(), CliError> {
         let (columns, parts) = (self.columns(found), if found.complex { 2 } else { 1 });
         let rows = parts * (found.frames - found.unfinished);
@@ -225,12 +225,12 @@ fn is_finite(frame: &Frame) -> bool {
     frame.values.iter().chain(parts).all(|value| value.is_finite())
 }
 
-/// What begins an array [row, column] of numbers, version 1.0 (NumPy enhancement proposal 1).
+/// Writes the header of an array [row, column] of numbers, version 1.0 (NumPy enhancement proposal 1).
 fn write_npy_head(rows: usize, columns: usize, out: &mut dyn Write) -> Result<(), ReportError> {
     const MARK_BYTES: usize = 10;
     let mut head =
         format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({rows}, {columns})}}");
-    // the numbers begin at a multiple of 64
+    // the data start at a multiple of 64 bytes
     let length = (MARK_BYTES + head.len() + 1).next_multiple_of(64) - MARK_BYTES;
     head = format!("{head:<width$}\n", width = length - 1);
     let length = u16::try_from(head.len()).map_err(failed)?.to_le_bytes();

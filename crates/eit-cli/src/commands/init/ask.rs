@@ -1,23 +1,23 @@
-//! Questions at a terminal; elsewhere a missing answer is an error that names its flag.
+//! Asks questions on a terminal; elsewhere a missing answer is an error that names its flag.
 
 use crate::cli::ShapeArg;
 use crate::error::CliError;
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
 
-/// Asks on stderr, so that stdout holds the answer alone.
+/// Asks on stderr, so that stdout only contains the answer.
 pub(super) struct Questions {
     is_terminal: bool,
     is_quiet: bool,
 }
 
 impl Questions {
-    /// `is_quiet`: nothing but errors and the answer is wanted.
+    /// `is_quiet`: only print errors and the answer.
     pub(super) fn new(is_quiet: bool) -> Self {
         let is_terminal = std::io::stdin().is_terminal() && std::io::stderr().is_terminal();
         Self { is_terminal, is_quiet }
     }
 
-    /// Tells what to do next.
+    /// Tells the user what to do next.
     pub(super) fn say(&self, text: &str) {
         if !self.is_quiet {
             eprintln!("{}", eit_skin::words::printable(text));
@@ -30,7 +30,7 @@ impl Questions {
                 "disc" | "d" => return Ok(ShapeArg::Disc),
                 "rectangle" | "r" => return Ok(ShapeArg::Rectangle),
                 other => eprintln!(
-                    "\"{other}\" is neither disc nor rectangle; for others see docs/SCENE.md"
+                    "\"{other}\" is neither disc nor rectangle; for other shapes see docs/SCENE.md"
                 ),
             }
         }
@@ -41,7 +41,7 @@ impl Questions {
             let text = self.ask(flag, question)?;
             match text.replace(',', ".").parse::<f64>() {
                 Ok(number) if number > 0.0 && number <= 1e5 => return Ok(number),
-                _ => eprintln!("\"{text}\" is no number above 0"),
+                _ => eprintln!("\"{text}\" is not a number above 0"),
             }
         }
     }
@@ -51,7 +51,7 @@ impl Questions {
             let text = self.ask(flag, question)?;
             match text.parse::<usize>() {
                 Ok(count) if count >= 4 => return Ok(count),
-                _ => eprintln!("\"{text}\" is no count of 4 or more"),
+                _ => eprintln!("\"{text}\" is not a whole number of 4 or more"),
             }
         }
     }

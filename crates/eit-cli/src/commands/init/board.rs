@@ -1,4 +1,4 @@
-//! What a board tells: its protocol by what it prints.
+//! Determines a board's protocol from what it prints.
 
 use super::ask::Questions;
 use super::presses;
@@ -12,12 +12,12 @@ use eit_hw::driver::{Heard, listen};
 use eit_skin::first_scene::{FirstScene, FittingProtocol, fitting_protocols};
 use std::time::Duration;
 
-/// How long a board is listened to that prints text and no two frames in the first seconds.
+/// Listening time for a board that prints text, but fewer than two frames in the first seconds.
 const SLOW: Duration = Duration::from_secs(15);
-/// More of this in the bytes is no text.
+/// Fraction of binary bytes above which the output is not text.
 const BINARY: f64 = 0.1;
 
-/// Listens, finds what fits, and asks for presses.
+/// Listens, finds matching protocols, and asks for presses.
 pub(super) fn find(
     args: &InitArgs,
     port: &str,
@@ -26,13 +26,13 @@ pub(super) fn find(
 ) -> Result<Found, CliError> {
     let mut found = Found::default();
     let endpoint = Endpoint::parse(port, args.baud)?;
-    questions.say(&format!("listening to {port} for {} s: touch nothing", args.listen_s));
+    questions.say(&format!("listening to {port} for {} s: do not touch the skin", args.listen_s));
     let mut progress = progress::terminal();
     let heard =
         progress.stage("listen", || listen(&endpoint, Duration::from_secs_f64(args.listen_s)));
     let mut heard = heard?;
     if heard.frame_lines < 2 && heard.bytes > 0 && heard.binary_share <= BINARY {
-        // a line may take a second and more
+        // a line may take a second or more
         questions.say(&format!("a slow board: listening for {} s more", SLOW.as_secs()));
         heard = progress.stage("listen", || listen(&endpoint, SLOW))?;
     }
@@ -46,13 +46,13 @@ pub(super) fn find(
     if !args.no_presses {
         presses::find(args, first, &rivals, &mut found, questions)?;
     } else if let Some(rival) = rivals.first() {
-        found.warnings.push(format!("as likely is {}", words(rival)));
+        found.warnings.push(format!("equally likely is {}", words(rival)));
     }
     Ok(found)
 }
 
-/// A board that prints lines of numbers: which protocol has so many, in which order. The others that fit
-/// as well.
+/// Finds the protocol and order for a board that prints lines of numbers; returns the other protocols that
+/// match as well.
 fn text_board(
     heard: &Heard,
     first: &mut FirstScene,
@@ -66,7 +66,7 @@ fn text_board(
     if heard.other_lines > 0 {
         let example = heard.other_line.as_deref().unwrap_or_default();
         let message = format!(
-            "{} of {} lines were no frames, such as \"{example}\"",
+            "{} of {} lines were not frames, such as \"{example}\"",
             heard.other_lines,
             heard.other_lines + heard.frame_lines
         );
@@ -83,11 +83,12 @@ fn text_board(
     first.protocol = best.protocol.clone();
     found.reciprocity = best.reciprocity;
     found.correlation = Some(best.correlation);
-    found.lines.push(format!("What fits best: {}.", words(best)));
+    found.lines.push(format!("Best match: {}.", words(best)));
     if best.is_doubted() || best.correlation < UNLIKE {
         found.warnings.push(
-            "no protocol fits well: a contact may be open (`eit check`), the order of the values may be \
-             one of the board's own ([protocol] quadruples_file), or the electrodes are not equally spaced"
+            "no protocol fits well: a contact may be open (`eit check`), the board may use its own \
+             order of the \
+             values ([protocol] quadruples_file), or the electrodes may not be equally spaced"
                 .to_owned(),
         );
     }
@@ -113,17 +114,17 @@ pub(super) fn words(fit: &FittingProtocol) -> String {
     )
 }
 
-/// Why no protocol fits, with the numbers of electrodes that would.
+/// Explains why no protocol matches, with the numbers of electrodes that would.
 fn no_protocol(values: usize, mean: &[f64], first: &FirstScene) -> CliError {
     let others = fitting_protocols(mean, first.outline, None).unwrap_or_default();
     let mut counts: Vec<usize> = others.iter().map(|fit| fit.protocol.electrodes).collect();
     counts.sort_unstable();
     counts.dedup();
     let advice = match counts[..] {
-        [] => "no pair protocol has so many; is a line a whole frame? The order can be told by \
+        [] => "no pair protocol has this number; is each line a whole frame? The order can be given by \
                [protocol] quadruples_file"
             .to_owned(),
-        _ => format!("it fits {counts:?} electrodes: give --electrodes"),
+        _ => format!("it matches {counts:?} electrodes: give --electrodes"),
     };
     CliError::input(format!(
         "the board prints lines of {values} numbers, which no pair protocol of {} electrodes has: {advice}",
@@ -131,7 +132,7 @@ fn no_protocol(values: usize, mean: &[f64], first: &FirstScene) -> CliError {
     ))
 }
 
-/// A board that prints no lines of numbers: one that waits to be asked, by EITS-1, or none.
+/// Handles a board that prints no lines of numbers: it may be waiting for a request by EITS-1.
 fn other_board(
     port: &str,
     heard: &Heard,
@@ -147,7 +148,7 @@ fn other_board(
             found.values = Some(setup.value_count);
             found.rate_hz = setup.frame_rate_hz;
             found.lines.push(format!(
-                "{} answers by EITS-1 and measures what it is told: adjacent drive and measurement, {} \
+                "{} answers by EITS-1 and measures what the host sets: adjacent drive and measurement, {} \
                  values a frame.",
                 setup.identity, setup.value_count
             ));
@@ -155,9 +156,10 @@ fn other_board(
         }
         Err(error) => {
             let what = match (heard.bytes, heard.binary_share > BINARY) {
-                (0, _) => "nothing came".to_owned(),
+                (0, _) => "nothing was received".to_owned(),
                 (bytes, true) => format!(
-                    "{bytes} bytes came, {:.0} % of them no text (a binary protocol, or another --baud)",
+                    "{bytes} bytes were received, {:.0} % of them not text (a binary protocol, or \
+                     another --baud)",
                     100.0 * heard.binary_share
                 ),
                 (bytes, false) => {
@@ -165,13 +167,14 @@ fn other_board(
                     let example =
                         line.map_or(String::new(), |line| format!("; such as \"{line}\""));
                     format!(
-                        "{bytes} bytes of text came, no two lines of 4 or more numbers{example}"
+                        "{bytes} bytes of text were received, but no two lines of 4 or more numbers{example}"
                     )
                 }
             };
             Err(CliError::Silent(format!(
-                "{port}: {what}; asked by EITS-1: {error}. A board of another kind is named in the scene: \
-                 [instrument] driver (docs/SCENE.md)"
+                "{port}: {what}; request by EITS-1: {error}. For another kind of board, set \
+                 [instrument] driver in the \
+                 scene (docs/SCENE.md)"
             )))
         }
     }

@@ -1,4 +1,4 @@
-//! The numbering of the electrodes, from two presses.
+//! Determines the electrode numbering from two presses.
 
 use super::ask::Questions;
 use super::board::words;
@@ -13,15 +13,15 @@ use eit_skin::first_scene::{
 use eit_skin::scene::{Direction, TouchSign};
 use std::time::{Duration, Instant};
 
-/// Frames of the untouched skin, at least and over this time.
+/// Minimum number of frames of the untouched skin, and minimum time.
 const UNTOUCHED_FRAMES: usize = 8;
 const UNTOUCHED_S: f64 = 2.0;
-/// How long a press must be held, seconds.
+/// Time for which a press must be held, seconds.
 const HOLD_S: f64 = 0.5;
-/// Longest wait for those frames: a slow board takes two seconds for one.
+/// Maximum wait for those frames: a slow board takes two seconds per frame.
 const FRAMES_WAIT: Duration = Duration::from_secs(30);
 
-/// Which electrode is the first, from two presses.
+/// Determines from two presses which electrode is the first.
 pub(super) fn find(
     args: &InitArgs,
     first: &mut FirstScene,
@@ -32,7 +32,7 @@ pub(super) fn find(
     let scene = first.scene()?;
     let instrument = scene.instrument()?;
     let mut session = connect::open(&instrument, args.port.as_deref(), Overflow::Fail)?;
-    questions.say("taking the untouched skin: touch nothing");
+    questions.say("measuring the untouched skin: do not touch it");
     let (untouched, rate_hz) = untouched(&mut session)?;
     let window = ((HOLD_S * rate_hz) as usize).clamp(4, 1000);
     let mut watch = PressWatch::new(&untouched, window)?;
@@ -53,13 +53,13 @@ pub(super) fn find(
                 args.press_wait_s
             ))
         })?;
-        questions.say("seen; let go");
+        questions.say("detected; release it");
         released(&mut session, &mut watch, wait)?;
         presses.push(KnownPress { place_m, change });
     }
     session.stop();
     let mut numbering = find_numbering(first, &reference, &presses)?;
-    // protocols that the untouched skin does not tell apart: the presses do
+    // the presses distinguish protocols that the untouched skin does not
     for rival in rivals {
         let other = FirstScene { protocol: rival.protocol.clone(), ..first.clone() };
         let of_other = find_numbering(&other, &reference, &presses)?;
@@ -69,7 +69,7 @@ pub(super) fn find(
             false => (numbering.likeness, of_other.likeness),
         };
         if is_better {
-            found.lines.push(format!("The presses are more like {}.", words(rival)));
+            found.lines.push(format!("The presses match better: {}.", words(rival)));
             (numbering, first.protocol) = (of_other, other.protocol);
         }
         (numbering.likeness, numbering.next_likeness) =
@@ -89,8 +89,8 @@ pub(super) fn find(
     };
     found.lines.push(format!(
         "Two presses: electrode 1 is at {:.1} degrees, counted {counted}; a touch {changes} the \
-         conductivity (likeness to the model {:.2}, next best numbering {:.2}; presses are found up to \
-         {:.0} mm off).",
+         conductivity (likeness to the model {:.2}, next best numbering {:.2}; presses are located within \
+         {:.0} mm).",
         numbering.first_angle_deg,
         numbering.likeness,
         numbering.next_likeness,
@@ -98,7 +98,8 @@ pub(super) fn find(
     ));
     if numbering.likeness < UNLIKE || numbering.likeness - numbering.next_likeness < CLEAR {
         found.warnings.push(
-            "the presses do not tell the numbering for certain: press with one fingertip exactly at the \
+            "the presses do not determine the numbering with certainty: press with one fingertip \
+             exactly at the \
              places, or set first_angle_deg and direction by hand"
                 .to_owned(),
         );
@@ -107,7 +108,7 @@ pub(super) fn find(
     Ok(())
 }
 
-/// Frames of the untouched skin, and their rate in hertz.
+/// Takes frames of the untouched skin; returns them with their rate in hertz.
 fn untouched(session: &mut Session) -> Result<(Vec<Vec<f64>>, f64), CliError> {
     let (start, mut frames, mut first) = (Instant::now(), Vec::new(), None::<Instant>);
     while first.is_none_or(|first| {
@@ -115,7 +116,7 @@ fn untouched(session: &mut Session) -> Result<(Vec<Vec<f64>>, f64), CliError> {
     }) {
         if start.elapsed() > FRAMES_WAIT {
             let message = format!(
-                "{} frames of the untouched skin came within {} s, {UNTOUCHED_FRAMES} are needed",
+                "{} frames of the untouched skin within {} s, but {UNTOUCHED_FRAMES} are needed",
                 frames.len(),
                 FRAMES_WAIT.as_secs()
             );
@@ -131,7 +132,7 @@ fn untouched(session: &mut Session) -> Result<(Vec<Vec<f64>>, f64), CliError> {
     Ok((frames, rate_hz))
 }
 
-/// The change of the next press that is held; `None` where none came in time.
+/// Waits for the next press that is held and returns its change; `None` if there was none in time.
 fn held(
     session: &mut Session,
     watch: &mut PressWatch,
@@ -162,7 +163,7 @@ fn released(session: &mut Session, watch: &mut PressWatch, wait: Duration) -> Re
     Err(CliError::Failure(message))
 }
 
-/// The next frame, where one came.
+/// Returns the next frame, if one arrived.
 fn next(session: &mut Session) -> Result<Option<Vec<f64>>, CliError> {
     match session.next_event(Duration::from_millis(100))? {
         Some(Event::Frame(frame)) => {

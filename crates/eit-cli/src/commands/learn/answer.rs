@@ -1,4 +1,4 @@
-//! What `eit learn` says.
+//! The answer of `eit learn`.
 
 use super::{Found, outputs};
 use crate::cli::LearnArgs;
@@ -7,45 +7,49 @@ use eit_skin::Progress;
 use eit_skin::learn::{CurvePoint, LearnedSkin, Learning, PlaceErrors, PressFrames};
 use serde_json::{Value, json};
 
-/// As text and as JSON.
+/// The answer as text and as JSON.
 pub(super) fn answer(args: &LearnArgs, found: &Found, progress: &Progress) -> Answer {
     Answer { text: text(args, found), json: to_json(args, found, progress) }
 }
 
-/// Presses that somebody should look at, by their lines.
+/// Notes about presses that should be checked, by their lines.
 pub(super) fn notes(learning: &Learning, pressed: &PressFrames) -> Vec<String> {
     let unlike = learning.unlike.iter().map(|unlike| {
         format!(
-            "{}: {:.0} % of its change is that of a touch nowhere, by what the other presses teach: was the skin \
-             pressed, there, and by nothing else? It counts in all that is learnt",
+            "{}: judging by the other presses, no touch anywhere explains {:.0} % of its change: \
+             was the skin \
+             pressed at this place, and only there? The press is learnt all the same",
             pressed.name(unlike.press),
             100.0 * unlike.rest
         )
     });
     let forces = learning.without_touch.iter().map(|&press| {
-        format!("{}: no touch is found in its frames: its force is not learnt", pressed.name(press))
+        format!(
+            "{}: no touch was found in its frames, so its force is not learnt",
+            pressed.name(press)
+        )
     });
     unlike.chain(forces).collect()
 }
 
 fn mm(errors: &PlaceErrors) -> String {
-    format!("{:.1} mm in the median, {:.1} in the mean", 1e3 * errors.median_m, 1e3 * errors.mean_m)
+    format!("{:.1} mm (median), {:.1} mm (mean)", 1e3 * errors.median_m, 1e3 * errors.mean_m)
 }
 
 fn text(args: &LearnArgs, found: &Found) -> String {
     let Found { learning: Learning { skin: learned, without_touch, .. }, curve, notes } = found;
     let presses = learned.presses.places_m.len();
     let mut lines =
-        vec![format!("{presses} presses; places are taken from {}", learned.places_by.words())];
+        vec![format!("{presses} presses; touches are located by {}", learned.places_by.words())];
     if let Some(model) = &learned.errors.model {
-        lines.push(format!("the model alone errs by {}", mm(model)));
+        lines.push(format!("error of the model alone: {}", mm(model)));
     }
     lines.push(format!(
-        "with a learnt correction, presses held out one by one or a tenth at a time: {}",
+        "with a learnt correction, presses held out singly or a tenth at a time: {}",
         mm(&learned.errors.map)
     ));
     lines.push(format!(
-        "regression from frames to places, presses held out one by one: {}",
+        "regression from frames to places, presses held out singly: {}",
         mm(&learned.errors.regression)
     ));
     if args.fit_frame {
@@ -63,7 +67,8 @@ fn text(args: &LearnArgs, found: &Found) -> String {
     }
     lines.push(match &learned.force {
         Some(force) => format!(
-            "force: {:.2} to {:.2} N were learnt, from the strength of {}; held out one by one to {:.0} %",
+            "force: {:.2} to {:.2} N were learnt, from the strength by {}; error of presses held \
+             out singly {:.0} %",
             force.curve.forces_n[0],
             force.curve.forces_n[1],
             force.strength_by.words(),
@@ -78,7 +83,7 @@ fn text(args: &LearnArgs, found: &Found) -> String {
             point.tested,
             mm(&point.place),
             point.force.map_or(String::new(), |[median, high]| format!(
-                "; force to {:.0} % in the median, {:.0} % in 90 % of them",
+                "; force error {:.0} % (median), {:.0} % (90 % quantile)",
                 100.0 * median,
                 100.0 * high
             ))
@@ -90,22 +95,23 @@ fn text(args: &LearnArgs, found: &Found) -> String {
     lines.join("\n")
 }
 
-/// Why no force was learnt.
+/// Explains why no force was learnt.
 fn without_force(learned: &LearnedSkin, without_touch: usize) -> String {
     let stated = learned.forces_n.iter().flatten().count();
     match without_touch {
-        0 => format!("no force: {stated} presses state force_n; three are needed"),
+        0 => format!("no force: {stated} presses state force_n, but three are needed"),
         _ => format!(
-            "no force: {stated} presses state force_n, and a touch is found in {} of them; three are needed",
+            "no force: {stated} presses state force_n, and a touch was found in {} of them, but \
+             three are needed",
             stated.saturating_sub(without_touch)
         ),
     }
 }
 
-/// What a point of the curve was learnt from.
+/// Describes what a point of the curve was learnt from.
 fn learnt(point: &CurvePoint) -> String {
     match (point.earlier, point.learnt - point.earlier) {
-        (0, new) => format!("the first {new} presses in time"),
+        (0, new) => format!("the first {new} presses"),
         (earlier, 0) => format!("the {earlier} presses of the earlier file alone"),
         (earlier, new) => format!("the {earlier} earlier presses and the first {new} new ones"),
     }

@@ -1,4 +1,4 @@
-//! What `eit learn` writes: the file, and the learning curve beside it.
+//! Files written by `eit learn`: what was learnt, and the learning curve.
 
 use super::Found;
 use crate::cli::LearnArgs;
@@ -16,20 +16,20 @@ pub(super) struct Outputs {
     png: OutFile,
 }
 
-/// A file of the curve: skin.curve.csv beside skin.learned.
+/// File name of the curve: skin.curve.csv for skin.learned.
 pub(super) fn beside(out: &Path, ending: &str) -> PathBuf {
     out.with_extension(format!("curve.{ending}"))
 }
 
 impl Outputs {
-    /// Refuses outputs that are inputs, and folders that cannot be written in.
+    /// Rejects outputs that are also inputs, and folders that cannot be written to.
     pub fn new(args: &LearnArgs, scene: &Scene) -> Result<Self, CliError> {
         let outs = [args.out.clone(), beside(&args.out, "csv"), beside(&args.out, "png")];
         for (what, input) in inputs(args, scene) {
             if let Some(out) = outs.iter().find(|out| is_same(out, &input)) {
                 let (out, input) = (out.display(), input.display());
                 let message = format!(
-                    "{out}: --out would write over {what} {input}: name another file with --out"
+                    "{out}: --out would overwrite {what} {input}: name another file with --out"
                 );
                 return Err(CliError::input(message));
             }
@@ -38,7 +38,7 @@ impl Outputs {
         Ok(Self { learned: learned?, csv: csv?, png: png? })
     }
 
-    /// Writes what was learnt; a curve without points has no picture.
+    /// Writes what was learnt; a curve without points gets no picture.
     pub fn write(self, found: &Found) -> Result<(), CliError> {
         let learned = &found.learning.skin;
         let bytes = learned.to_bytes()?;
@@ -51,7 +51,7 @@ impl Outputs {
     }
 }
 
-/// Files that are read, and what they are.
+/// Input files, with their roles.
 fn inputs(args: &LearnArgs, scene: &Scene) -> Vec<(&'static str, PathBuf)> {
     let named = |what: &'static str, file: &Path| (what, file.to_path_buf());
     let frames = match &scene.recording.file {
@@ -60,7 +60,7 @@ fn inputs(args: &LearnArgs, scene: &Scene) -> Vec<(&'static str, PathBuf)> {
         Some(OneOrManyFiles::Many(files)) => files.iter().map(|file| scene.resolve(file)).collect(),
         None => Vec::new(),
     };
-    // a text that names no file is no path to one
+    // a text that is not a file name leads to no existing file
     let reference = match (&args.reference, &scene.recording.reference) {
         (Some(text), _) => Some(PathBuf::from(text)),
         (None, Some(Reference::Text(text))) => Some(scene.resolve(Path::new(text))),
@@ -74,7 +74,7 @@ fn inputs(args: &LearnArgs, scene: &Scene) -> Vec<(&'static str, PathBuf)> {
         .collect()
 }
 
-/// Whether two paths lead to one file that is there.
+/// Whether two paths lead to the same existing file.
 fn is_same(one: &Path, other: &Path) -> bool {
     let [one, other] = [one, other].map(std::fs::canonicalize);
     matches!((one, other), (Ok(one), Ok(other)) if one == other)
@@ -120,9 +120,9 @@ fn write_png(file: OutFile, learned: &LearnedSkin, curve: &[CurvePoint]) -> Resu
         series.push(Series { name, points, line: true, markers: false });
     }
     let picture = draw_plot(&Plot {
-        title: "Place by what was learnt".to_owned(),
-        footnote: "learnt from the first presses in time, tested on all after them".to_owned(),
-        x_label: "presses learnt from".to_owned(),
+        title: "Position error after learning".to_owned(),
+        footnote: "the first presses are learnt, all later ones tested".to_owned(),
+        x_label: "presses learnt".to_owned(),
         y_label: "error, mm".to_owned(),
         x_log: true,
         y_log: true,

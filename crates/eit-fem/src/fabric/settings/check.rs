@@ -1,14 +1,14 @@
-//! Which parameters of a fabric can be.
+//! Validation of fabric settings.
 
 use super::FabricSettings;
 use crate::error::FemError;
 
 impl FabricSettings {
-    /// Refuses parameters out of range, for a skin with so many electrodes.
+    /// Rejects parameters that are out of range for a skin with the given number of electrodes.
     ///
     /// # Errors
-    /// [`FemError::OutOfRange`] with the parameter and its value, [`FemError::WrongLength`],
-    /// [`FemError::NoSuchElectrode`].
+    /// [`FemError::OutOfRange`], [`FemError::WrongLength`] or [`FemError::NoSuchElectrode`], with
+    /// the parameter and its value.
     pub fn validate(&self, electrodes: usize) -> Result<(), FemError> {
         let Self { membrane, piezo, rim, weave, drift, instrument, linear } = self;
         let positive = [
@@ -51,7 +51,7 @@ impl FabricSettings {
             ("fabric.piezo.strain_gain", piezo.strain_gain),
             ("fabric.rim.contact_gain", rim.contact_gain),
         ];
-        // beyond, ln(conductivity) spans decades under a finger
+        // beyond this, ln(conductivity) would span decades under a finger
         require(gains, |v| v.abs() <= 10.0, "from -10 to 10")?;
         require(
             [("fabric.rim.compliance", rim.compliance)],
@@ -89,7 +89,7 @@ impl FabricSettings {
     }
 }
 
-/// Every value finite and as `fits` asks.
+/// Requires every value to be finite and to satisfy `fits`.
 fn require(
     values: impl IntoIterator<Item = (&'static str, f64)>,
     fits: impl Fn(f64) -> bool,

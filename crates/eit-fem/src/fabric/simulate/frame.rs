@@ -1,4 +1,4 @@
-//! One frame: move, solve, and measure without instrument.
+//! One frame: move the nodes, solve, and compute exact voltages.
 
 use super::plan::Plan;
 use crate::error::FemError;
@@ -13,25 +13,25 @@ use crate::solve::{SolveReport, Workspace};
 use eit_mesh::Raster;
 use ndarray::{Array1, Array2};
 
-/// One frame's numbers on their way.
+/// Intermediate results of one frame.
 pub(super) struct Frame {
     pub index: usize,
-    /// Its touches, and their dents; on a linear skin there are none.
+    /// Touches and their dents; a linear skin has no dents.
     pub touches: Vec<Touch>,
     pub dents: Vec<Placed>,
-    /// First the drives or relative changes, then the conductivity of each element.
+    /// For each element: first the drive or relative change, later the conductivity.
     pub elements: Vec<f64>,
     pub contact_impedance: Vec<f64>,
     pub shifts_m: Vec<[f64; 3]>,
     pub pixels_pa: Vec<f64>,
     pub voltages_v: Vec<f64>,
-    /// Stimulations in which the source gave up.
+    /// Whether the source was limited, for each stimulation.
     pub limited: Vec<bool>,
     pub area_ratio: f64,
     pub error: Option<FemError>,
 }
 
-/// Memory of one thread.
+/// Working memory of one thread.
 pub(super) struct Worker {
     pub workspace: Workspace,
     pub geometry: Geometry,
@@ -64,7 +64,7 @@ impl Fabric {
         }
     }
 
-    /// Voltages of the untouched skin with all contacts as they should be.
+    /// Voltages of the untouched skin with all contacts intact.
     pub(super) fn untouched(
         &self,
         plan: &Plan<'_>,
@@ -74,7 +74,7 @@ impl Fabric {
         Ok((solution.measurements(), solution.report()))
     }
 
-    /// Moves, solves and measures without instrument.
+    /// Moves the nodes, solves, and computes exact voltages.
     pub(super) fn solve(
         &self,
         plan: &Plan<'_>,
@@ -111,7 +111,7 @@ impl Fabric {
         Ok(())
     }
 
-    /// Smallest area of a triangle as seen from +z over its area at rest.
+    /// Smallest ratio of a triangle's area, seen from +z, to its area at rest.
     pub(super) fn area_ratio(&self, frame: usize, nodes_m: &[[f64; 3]]) -> Result<f64, FemError> {
         let surface = self.mesh.surface();
         let mut least = f64::INFINITY;
@@ -129,7 +129,7 @@ impl Fabric {
         Ok(least)
     }
 
-    /// Scales stimulations whose driven electrodes are further apart than the source can push.
+    /// Scales down stimulations whose drive voltage exceeds the compliance voltage of the source.
     pub(super) fn limit(&self, compliance_v: f64, potentials: &Array2<f64>, frame: &mut Frame) {
         let factors: Vec<f64> = self
             .model
@@ -151,8 +151,8 @@ impl Fabric {
     }
 }
 
-/// Works on frames in parallel: each thread takes a run of neighbours, so that no frame's numbers
-/// depend on the number of threads.
+/// Processes frames in parallel. Each frame is independent of the others, so results do not depend
+/// on the number of threads.
 pub(super) fn each(
     workers: &mut [Worker],
     frames: &mut [Frame],
@@ -167,7 +167,7 @@ pub(super) fn each(
     });
 }
 
-/// From relative changes to conductivities, without memory.
+/// Converts relative changes to conductivities, without memory.
 pub(super) fn follow(plan: &Plan<'_>, frame: &mut Frame) {
     let drift = plan.sheet_drift[frame.index].exp();
     for (value, untouched) in frame.elements.iter_mut().zip(&plan.untouched_s) {
@@ -175,7 +175,7 @@ pub(super) fn follow(plan: &Plan<'_>, frame: &mut Frame) {
     }
 }
 
-/// From drives to conductivities, with the memory of each element.
+/// Converts drives to conductivities, with the memory of each element.
 pub(super) fn remember(plan: &Plan<'_>, frame: &mut Frame, memory: &mut [f64]) {
     let size = plan.law.memory();
     let drift = plan.sheet_drift[frame.index];

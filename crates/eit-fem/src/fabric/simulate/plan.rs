@@ -1,4 +1,4 @@
-//! What all frames share: untouched fabric, drift, loose contacts.
+//! Data shared by all frames: untouched fabric, drift and loose contacts.
 
 use crate::fabric::fabric_model::Fabric;
 use crate::fabric::instrument::open_contacts;
@@ -9,16 +9,17 @@ use crate::fabric::settings::FabricSettings;
 use crate::fabric::stream::Purpose;
 use eit_mesh::Raster;
 
-/// Waves of the uneven fabric, and of each drift.
+/// Number of waves of the uneven fabric and of each drift process.
 const WEAVE_WAVES: usize = 512;
 const DRIFT_WAVES: usize = 32;
 
-/// What all frames share.
+/// Data shared by all frames.
 pub(super) struct Plan<'a> {
     pub raster: &'a Raster,
     pub law: PiezoLaw,
     pub untouched_s: Vec<f64>,
-    /// ln(conductivity) of the sheet and ln(contact impedance) of each electrode, by frame.
+    /// Drift of ln(conductivity) of the sheet and of ln(contact impedance) of each electrode, by
+    /// frame.
     pub sheet_drift: Vec<f64>,
     pub contact_drift: Vec<Vec<f64>>,
     pub open: Vec<Vec<bool>>,

@@ -1,4 +1,4 @@
-//! Results and truth: empty ones, and a frame's numbers into them.
+//! Assembly of results and ground truth.
 
 use super::frame::Frame;
 use super::plan::Plan;
@@ -49,7 +49,7 @@ impl Fabric {
         Simulation { frames_v: exact_v.clone(), exact_v, reference_v, truth, report }
     }
 
-    /// Copies a solved frame into the results, through the instrument.
+    /// Passes a solved frame through the instrument and stores it in the results.
     pub(super) fn keep(
         &self,
         plan: &Plan<'_>,
@@ -79,7 +79,7 @@ impl Fabric {
             plan.raster.image_from_pixels_into(pixels, row).map_err(sizes)
         };
         image(&mut truth.pressure_pa, &frame.pixels_pa)?;
-        // the pressures are kept: their memory serves the conductivities
+        // the pressures are stored, so reuse their memory for the conductivities
         let pixels = &mut frame.pixels_pa;
         plan.raster.pixel_from_element().apply(&frame.elements, pixels).map_err(|_| {
             let (found, wanted) = (frame.elements.len(), self.model.elements());
@@ -94,7 +94,7 @@ impl Fabric {
         Ok(())
     }
 
-    /// What is wrong with each measurement before the converter.
+    /// Quality of each measurement before the converter.
     pub(super) fn quality(&self, plan: &Plan<'_>, frame: &Frame) -> Vec<TrueQuality> {
         let patterns = &self.model.patterns;
         let lost = |l: u32| self.settings.instrument.lost.contains(&(l as usize + 1));
@@ -118,7 +118,8 @@ impl Fabric {
     }
 }
 
-/// Touches of all frames; without dents, as on a linear skin, their contacts are as wide as their tips.
+/// Collects the touches of all frames. Without dents (linear skin), the contact radius is that of
+/// the tip.
 pub(super) fn true_touches(script: &TouchScript, placed: &[Vec<Placed>]) -> Vec<TrueTouch> {
     let frames = placed.iter().enumerate();
     let of_frame = |(frame, dents): (usize, &Vec<Placed>)| {

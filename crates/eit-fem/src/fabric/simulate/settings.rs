@@ -1,13 +1,13 @@
-//! How to simulate.
+//! Settings of a simulation.
 
-/// How to simulate.
+/// Settings of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SimulationSettings {
-    /// Everything random comes from it.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Threads, at least 1; the result does not depend on them.
+    /// Number of threads, at least 1. The result does not depend on it.
     pub threads: usize,
-    /// Keep the conductivity change of every element, 8 bytes an element and frame.
+    /// Whether to keep the conductivity change of every element, 8 bytes per element and frame.
     pub keep_elements: bool,
 }
 

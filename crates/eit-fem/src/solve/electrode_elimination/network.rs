@@ -1,14 +1,14 @@
-//! The skin with its electrodes as a network of weighted differences, and its variables.
+//! The skin and its electrodes as a network of weighted differences, and its variables.
 //!
-//! The energy is `sum_b w_b (e_b . y)^2` over branches `b`: three per triangle, whose weights are
-//! half the cotangents of the opposite angles times the conductivity, and for each part of an
-//! electrode the quadratic form of the deviations from the electrode's mean, over `z`. No branch
-//! sees a constant, so that no conductance is lost in a sum with a larger one before the
-//! factorisation.
+//! The energy is `sum_b w_b (e_b . y)^2` over branches `b`. Each triangle has three branches,
+//! weighted by the conductivity times half the cotangent of the opposite angle. Each part of an
+//! electrode has the quadratic form of the deviations from the electrode's mean, divided by `z`.
+//! Every branch vanishes for constants, so before the factorisation no small conductance is lost by
+//! adding it to a larger one.
 //!
-//! Variables `y`: the potential of a node that is on no electrode; for each electrode the mean
-//! `mu` of the skin's potential over it (in the place of one of its nodes, the pivot) and the
-//! deviations `d` of its other nodes. A small `z` then stands in the deviations only.
+//! The variables `y` are the potentials of nodes on no electrode, and for each electrode the mean
+//! `mu` of the skin's potential over it (which replaces one of its nodes, the pivot) and the
+//! deviations `d` of its other nodes. A small `z` then affects the deviations only.
 
 use crate::error::FemError;
 use crate::model::contact::Contact;
@@ -16,36 +16,37 @@ use crate::model::{ForwardModel, Geometry};
 use crate::sparse::real::Real;
 use std::cmp::Ordering::Equal;
 
-/// A sparse combination of variables, ascending.
+/// Sparse linear combination of variables, in ascending order.
 pub(super) type Combination<T> = Vec<(u32, T)>;
 
-/// One square of the energy.
+/// One term of the energy: a weight times the square of a difference.
 pub(super) struct Branch<T> {
-    /// What the weight multiplies the square of.
+    /// Difference whose square the weight multiplies.
     pub difference: Combination<T>,
     /// Conductance, siemens.
     pub weight: T,
-    /// What the weight's rounding is relative to, at least `|weight|`.
+    /// Magnitude that the rounding error of the weight is relative to; at least `|weight|`.
     pub size: f64,
 }
 
-/// Branches, and what the variables mean.
+/// Branches, and the meaning of the variables.
 pub(super) struct Network<T> {
     pub branches: Vec<Branch<T>>,
-    /// Potential of each node unknown in variables.
+    /// Potential of each node unknown, in terms of the variables.
     pub nodes: Vec<Combination<T>>,
     /// Variable of each electrode's mean.
     pub means: Vec<u32>,
     /// Length (rim) or area (patch) of each electrode.
     pub measures: Vec<T>,
-    /// Variables that a contact without impedance holds at zero.
+    /// Variables fixed at zero by a contact without impedance.
     pub held: Vec<bool>,
-    /// What conductances have been divided by.
+    /// Factor by which conductances have been divided.
     scale: f64,
 }
 
 impl<T: Real> Network<T> {
-    /// Of a geometry and checked conductivities that have been divided by `scale`.
+    /// Builds the network from a geometry and validated conductivities that have been divided by
+    /// `scale`.
     pub fn new(
         model: &ForwardModel,
         geometry: &Geometry,
@@ -67,7 +68,7 @@ impl<T: Real> Network<T> {
         for (l, contact) in model.dofs.contacts.iter().enumerate() {
             network.add_electrode(l, contact, geometry, &memberships, &mut owners)?;
         }
-        // quadratic elements do not come here
+        // this path supports linear elements only
         let (triangles, _) = model.dofs.element_nodes.as_chunks::<3>();
         for (triangle, &sigma) in triangles.iter().zip(conductivity_s) {
             network.add_triangle(*triangle, geometry, sigma);
@@ -93,7 +94,7 @@ impl<T: Real> Network<T> {
         let weights = mean_weights(&parts);
         let shared = |i: u32| memberships[i as usize] > 1;
         let taken = |i: u32, owners: &[Option<usize>]| owners[i as usize].is_some();
-        // the node that gives its place to the mean: one of this electrode only, of large weight
+        // the mean replaces the heaviest node, preferably one of this electrode only
         let pivot = weights
             .iter()
             .filter(|(i, _)| !taken(*i, owners))
@@ -131,8 +132,8 @@ impl<T: Real> Network<T> {
         Ok(())
     }
 
-    /// The form `1/z integral of (u - mu)^2`: for hat functions on a part of measure `h` with `d`
-    /// nodes `h / (d (d+1)) (sum of squares + square of the sum)`.
+    /// Adds the form `1/z integral of (u - mu)^2`. For hat functions on a part of measure `h` with
+    /// `d` nodes it is `h / (d (d+1)) (sum of squares + square of the sum)`.
     fn add_contact(&mut self, parts: &[(&[u32], T)], mean: &Combination<T>, impedance: f64) {
         for (nodes, measure) in parts {
             let count = nodes.len() as f64;
@@ -147,7 +148,8 @@ impl<T: Real> Network<T> {
         }
     }
 
-    /// The three branches of a triangle: half the cotangent of the angle opposite to each edge.
+    /// Adds the three branches of a triangle, weighted by half the cotangent of the angle opposite
+    /// each edge.
     fn add_triangle(&mut self, triangle: [u32; 3], geometry: &Geometry, sigma: f64) {
         let corner = |k: usize| geometry.positions[triangle[k % 3] as usize];
         for k in 0..3 {
@@ -156,7 +158,7 @@ impl<T: Real> Network<T> {
             let scale = T::of(sigma) / (T::of(2.0) * double_area);
             let terms: [T; 3] = std::array::from_fn(|c| a[c] * b[c]);
             let dot = terms[0] + terms[1] + terms[2];
-            // rounding of the product of the edges, and of the area of a flat triangle
+            // covers rounding of the edges' dot product and of the area of a flat triangle
             let product: f64 = terms.iter().map(|t| t.high().abs()).sum();
             let flat = (length(a) * length(b) / double_area).high();
             let size = scale.high() * (product + dot.high().abs() * flat);
@@ -167,7 +169,7 @@ impl<T: Real> Network<T> {
     }
 }
 
-/// On how many electrodes each node is.
+/// Number of electrodes that each node belongs to.
 fn memberships(contacts: &[Contact], count: usize) -> Vec<u32> {
     let mut found = vec![0; count];
     for contact in contacts {
@@ -179,7 +181,7 @@ fn memberships(contacts: &[Contact], count: usize) -> Vec<u32> {
     found
 }
 
-/// Integral of each node's hat function over the electrode, ascending.
+/// Integral of each node's hat function over the electrode, in ascending order of nodes.
 fn mean_weights<T: Real>(parts: &[(&[u32], T)]) -> Combination<T> {
     let share = |(nodes, measure): &(&[u32], T)| -> Combination<T> {
         let each = *measure / T::of(nodes.len() as f64);
@@ -188,7 +190,7 @@ fn mean_weights<T: Real>(parts: &[(&[u32], T)]) -> Combination<T> {
     merge(parts.iter().flat_map(share).collect())
 }
 
-/// Adds terms of one variable; exact zeros go.
+/// Adds up the terms of each variable and drops exact zeros.
 fn merge<T: Real>(mut terms: Combination<T>) -> Combination<T> {
     terms.sort_by_key(|t| t.0);
     let mut merged: Combination<T> = Vec::with_capacity(terms.len());
@@ -221,7 +223,7 @@ fn length<T: Real>(a: Vector<T>) -> T {
     (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
 }
 
-/// Length of an edge or area of a triangle.
+/// Computes the length of an edge or the area of a triangle.
 fn measure<T: Real>(nodes: &[u32], positions: &[[f64; 3]]) -> T {
     let place = |k: usize| positions[nodes[k] as usize];
     match nodes.len() {

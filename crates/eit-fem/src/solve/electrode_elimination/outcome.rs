@@ -1,34 +1,34 @@
-//! What a solve with electrodes eliminated leaves.
+//! Result of a solve with electrodes eliminated.
 
-/// What a solve leaves beside the potentials in the workspace.
+/// Result of a solve, in addition to the potentials in the workspace.
 #[derive(Debug)]
 pub(crate) struct Outcome {
     /// Voltages in protocol order.
     pub voltages_v: Vec<f64>,
-    /// Bound of the error of each.
+    /// Error bound of each voltage.
     pub bounds_v: Vec<f64>,
-    /// What the potentials of the workspace lack: [unknown, solve], low parts.
+    /// Low-order parts of the potentials in the workspace, [unknown, solve].
     pub low: Vec<f64>,
-    /// Potential of the fields' zero for each stimulation.
+    /// For each stimulation, the potential where the fields are zero (the last electrode's mean).
     pub levels_v: Vec<f64>,
     /// Largest componentwise backward error of the fields.
     pub backward_error: f64,
-    /// Relative change of the voltages per relative change of conductances, at most.
+    /// Largest relative change of the voltages per relative change of the conductances.
     pub condition: f64,
-    /// Stored entries of the factor.
+    /// Number of stored entries of the factor.
     pub factor_entries: usize,
-    /// Whether numbers had twice the precision.
+    /// Whether the solve used twice the precision.
     pub extended: bool,
 }
 
 impl Outcome {
-    /// Largest bound over the largest voltage.
+    /// Largest error bound, relative to the largest voltage.
     pub fn bound(&self) -> f64 {
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         largest(&self.bounds_v) / largest(&self.voltages_v)
     }
 
-    /// What the potentials of the workspace lack, where it is anything.
+    /// Low-order parts of the potentials; `None` if the solve used `f64`.
     pub fn low(&self) -> Option<&[f64]> {
         self.extended.then_some(&self.low)
     }

@@ -1,4 +1,4 @@
-//! The steps of a solve with electrodes eliminated.
+//! Steps of a solve with electrodes eliminated.
 
 use super::network::Network;
 use super::outcome::Outcome;
@@ -10,8 +10,9 @@ use crate::solve::workspace::Workspace;
 use crate::sparse::ldl::Ldl;
 use crate::sparse::real::{DoubleDouble, Real};
 
-/// Solves for checked conductivities; potentials go into the workspace. Where `f64` meets the
-/// required accuracy (relative to the largest voltage), in that, else in twice its precision.
+/// Solves for validated conductivities and stores the potentials in the workspace. Uses `f64` if
+/// that meets the required accuracy (relative to the largest voltage), otherwise twice its
+/// precision.
 pub(crate) fn solve(
     model: &ForwardModel,
     geometry: &Geometry,
@@ -49,14 +50,15 @@ fn solve_in<T: Real>(
     Ok(outcome)
 }
 
-/// A power of two within a factor of two of the largest value: scaling by it is exact.
+/// Returns a power of two within a factor of two of the largest value. Scaling by it is exact.
 fn power_of_two_near(values: &[f64]) -> f64 {
     let largest = values.iter().fold(0.0_f64, |m, v| m.max(*v));
-    // between the smallest normal number and the largest: its reciprocal is a number too
+    // clamped so that the power and its reciprocal are both normal numbers
     largest.log2().floor().clamp(-1021.0, 1021.0).exp2()
 }
 
-/// Writes the basis fields' node potentials, zero at the last electrode's mean; returns low parts.
+/// Writes the node potentials of the basis fields, which are zero at the last electrode's mean, and
+/// returns their low-order parts.
 fn store_fields<T: Real>(
     model: &ForwardModel,
     network: &Network<T>,
@@ -88,7 +90,7 @@ fn store_fields<T: Real>(
     low
 }
 
-/// That every voltage is a number.
+/// Checks that every voltage is finite.
 fn check(model: &ForwardModel, outcome: &Outcome, workspace: &Workspace) -> Result<(), FemError> {
     let numbers = outcome.voltages_v.iter().zip(&outcome.bounds_v);
     let Some(datum) = numbers.map(|(v, b)| v + b).position(|v| !v.is_finite()) else {

@@ -1,4 +1,4 @@
-//! From the fields of unit currents to voltages, each with its bound.
+//! Voltages and their error bounds from the fields of unit currents.
 
 use super::network::Network;
 use super::outcome::Outcome;
@@ -7,13 +7,13 @@ use crate::model::{ForwardModel, Geometry};
 use crate::solve::workspace::Workspace;
 use crate::sparse::real::Real;
 
-/// Means of the skin's potential under each electrode but the last, for unit currents.
+/// Mean potential of the skin under each electrode except the last, for unit currents.
 pub(super) struct Transfer<T> {
     /// [electrode, current], ohm.
     values: Vec<T>,
     /// Error bound of each value.
     bounds: Vec<f64>,
-    /// Rounding part of each bound over [`Transfer::rounding`].
+    /// Rounding part of each bound, divided by [`Transfer::rounding`].
     sensitivities: Vec<f64>,
     rounding: f64,
     backward_error: f64,
@@ -21,7 +21,8 @@ pub(super) struct Transfer<T> {
 }
 
 impl<T: Real> Transfer<T> {
-    /// Corrects the solution by its residual, and bounds what remains. One pass over branches.
+    /// Corrects the solution by its residual and bounds the remaining error, in one pass over the
+    /// branches.
     pub fn new(network: &Network<T>, places: &Places, fields: &Columns<T>) -> Self {
         let count = fields.count;
         let mut residual = Columns::unit_currents(places, network);
@@ -53,12 +54,13 @@ impl<T: Real> Transfer<T> {
                 }
             }
         }
-        // a term takes a few roundings, a sum one per term
+        // a few roundings per term, and one per term for the sum
         let rounding = (64 + 4 * longest) as f64 * T::ROUNDING;
         let (mut values, mut bounds) = (Vec::new(), Vec::new());
         for k in 0..count {
             for l in 0..count {
-                // sixteen digits of a term that starts at the thirtieth
+                // `f64` suffices: in twice the precision the correction starts near the thirtieth
+                // digit
                 let product = |i| fields.row(i)[k].high() * residual.row(i)[l].high();
                 let products = (0..places.count).map(product);
                 let correction: f64 = products.sum();
@@ -72,7 +74,8 @@ impl<T: Real> Transfer<T> {
         Self { values, bounds, sensitivities, rounding, backward_error, count }
     }
 
-    /// Every voltage, formed from its own products: what cancels never meets what does not.
+    /// Computes each voltage from its own products, so that large terms that cancel are not added
+    /// to small ones.
     pub fn voltages(
         &self,
         model: &ForwardModel,
@@ -119,14 +122,14 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// `z / length` of an electrode in scaled units.
+    /// `z / length` of an electrode, in scaled units.
     fn contact(&self, geometry: &Geometry, network: &Network<T>, l: usize, scale: f64) -> T {
         T::of(geometry.impedance[l]) * T::of(scale) / network.measures[l]
     }
 
-    /// Electrode potentials of every stimulation into the workspace; returns the potential of the
-    /// last electrode's mean. An infinite impedance that carries current has an infinite potential
-    /// and is left out of the mean that is zero.
+    /// Writes the electrode potentials of every stimulation into the workspace and returns the
+    /// potential of the last electrode's mean. An electrode with infinite impedance that carries
+    /// current has an infinite potential and is excluded when the mean is set to zero.
     pub fn potentials(
         &self,
         model: &ForwardModel,

@@ -1,4 +1,4 @@
-//! The unknowns of a solve with electrodes eliminated, and vectors of them.
+//! Unknowns of a solve with electrodes eliminated, and vectors of them.
 
 use super::network::{Combination, Network};
 use crate::error::FemError;
@@ -7,12 +7,12 @@ use crate::sparse::ldl::Rows;
 use crate::sparse::ordering::fill_reducing;
 use crate::sparse::real::Real;
 
-/// Where each variable stands in elimination order: deviations and nodes, then means.
+/// Position of each variable in the elimination order: deviations and nodes, then means.
 pub(super) struct Places {
-    /// `None`: held at zero.
+    /// `None` if the variable is fixed at zero (held deviations, and the ground).
     of_variable: Vec<Option<u32>>,
     pub count: usize,
-    /// Unknowns before the means.
+    /// Number of unknowns before the means.
     pub inner: usize,
 }
 
@@ -37,7 +37,7 @@ impl Places {
         for (k, &v) in inner_of.iter().enumerate() {
             of_variable[v] = Some(new_from_old[k]);
         }
-        // the last electrode's mean is the ground
+        // the mean of the last electrode is the ground
         let inner = inner_of.len();
         let grounded = network.means.len() - 1;
         for (k, &m) in network.means[..grounded].iter().enumerate() {
@@ -46,7 +46,7 @@ impl Places {
         Ok(Self { of_variable, count: inner + grounded, inner })
     }
 
-    /// The terms of a combination that are unknowns.
+    /// Terms of a combination that are unknowns.
     pub fn terms<'a, T: Real>(
         &'a self,
         of: &'a Combination<T>,
@@ -67,14 +67,14 @@ impl Places {
     }
 }
 
-/// Several columns [unknown, column], row-major.
+/// Several vectors, [unknown, column], row-major.
 pub(super) struct Columns<T> {
     pub values: Vec<T>,
     pub count: usize,
 }
 
 impl<T: Real> Columns<T> {
-    /// One ampere into the mean of each electrode but the last.
+    /// Right-hand sides for one ampere into the mean of each electrode except the last.
     pub fn unit_currents(places: &Places, network: &Network<T>) -> Self {
         let count = network.means.len() - 1;
         let mut values = vec![T::of(0.0); places.count * count];

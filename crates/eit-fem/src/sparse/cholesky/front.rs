@@ -1,19 +1,19 @@
-//! Elimination inside one front. Everything here is `inline(always)`, so that it is compiled for the
-//! widest registers of the machine inside `pulp`'s dispatch.
+//! Elimination within one front. All functions are `inline(always)`, so that `pulp`'s dispatch
+//! compiles them for the widest registers of the machine.
 //!
-//! A panel is `[column, plane, row]` with `stride` rows a column, a multiple of [`LANES`], as is the
-//! first row below its columns; what is left of a front is `[column, plane, row]`, its lower triangle.
-//! Real numbers have one plane, complex ones two ([`crate::sparse::arithmetic`]). Sums stay in
-//! registers: four columns of eight rows, complex ones of four, are eight of the sixteen registers of
-//! 256 bits.
+//! A panel is `[column, plane, row]` with `stride` rows per column. The stride and the index of the
+//! first row below the columns are multiples of [`LANES`]. The remainder of a front (its update
+//! matrix) is also `[column, plane, row]`, lower triangle. Real numbers have one plane, complex
+//! numbers two ([`crate::sparse::arithmetic`]). Sums stay in registers: four columns by eight rows
+//! (complex: four rows) take eight of the sixteen 256-bit registers.
 
 #![allow(clippy::needless_range_loop, reason = "rows and columns of small tiles, by their indices")]
 
 use super::tile::{LANES, WIDE, store, tile};
 use crate::sparse::scalar::Scalar;
 
-/// Eliminates the columns of a panel, in place: `L` in its lower trapezoid. The column whose pivot
-/// is not above zero and finite is the error.
+/// Eliminates the columns of a panel in place, leaving `L` in its lower trapezoid. The error is the
+/// column whose pivot is not finite or not in the half plane around `direction`.
 #[inline(always)]
 pub(super) fn eliminate<T: Scalar>(
     panel: &mut [f64],
@@ -38,7 +38,7 @@ pub(super) fn eliminate<T: Scalar>(
     Ok(())
 }
 
-/// Columns `at..at + W`, from those that are done: returns `W`.
+/// Eliminates columns `at..at + W` using the finished ones; returns `W`.
 #[inline(always)]
 fn block<T: Scalar, const W: usize>(
     done: &[f64],
@@ -87,8 +87,8 @@ fn block<T: Scalar, const W: usize>(
     Ok(W)
 }
 
-/// Matrix entries to their places, which count the rows of a panel without planes; `starts` of its
-/// columns.
+/// Writes matrix entries to their positions in a panel. `places` index the panel as if it had one
+/// plane; `starts` are the entry ranges of its columns.
 #[inline(always)]
 pub(super) fn enter<T: Scalar>(
     panel: &mut [f64],
@@ -99,7 +99,7 @@ pub(super) fn enter<T: Scalar>(
 ) {
     let all = starts[0] as usize..starts[starts.len() - 1] as usize;
     if T::PLANES == 1 {
-        // columns of a few entries, one after the other, would cost a branch each
+        // columns have few entries; a loop per column would cost a branch each
         for (&place, value) in places[all.clone()].iter().zip(&values[all]) {
             value.write(&mut panel[place as usize..], stride);
         }
@@ -114,7 +114,7 @@ pub(super) fn enter<T: Scalar>(
     }
 }
 
-/// Zeros in the lower triangle of what will be left of a front, in whole tiles.
+/// Clears the lower triangle of a front's update matrix, in whole tiles.
 #[inline(always)]
 pub(super) fn clear<T: Scalar>(rest: &mut [f64], side: usize) {
     for (at, plane) in rest.chunks_exact_mut(side.max(1)).enumerate() {
@@ -122,8 +122,8 @@ pub(super) fn clear<T: Scalar>(rest: &mut [f64], side: usize) {
     }
 }
 
-/// `rest -= L L^T` for the rows below the columns, the lower triangle in tiles; `rest = -L L^T` where
-/// nothing is there yet (`FRESH`).
+/// Computes `rest -= L L^T` for the rows below the columns, lower triangle in tiles; with `FRESH`,
+/// `rest = -L L^T`.
 #[inline(always)]
 pub(super) fn subtract<T: Scalar, const FRESH: bool>(
     panel: &[f64],
@@ -161,7 +161,8 @@ pub(super) fn subtract<T: Scalar, const FRESH: bool>(
     }
 }
 
-/// `sums[c][r] - sum over the columns of `done` of done[row + r] done[factor + c]`.
+/// Returns `sums[c][r]` minus the sum over the columns of `done` of `done[row + r] done[factor +
+/// c]`.
 #[inline(always)]
 fn updated<T: Scalar, const W: usize, const R: usize>(
     done: &[f64],
@@ -180,7 +181,7 @@ fn updated<T: Scalar, const W: usize, const R: usize>(
     sums
 }
 
-/// Rows times the inverse of the transposed corner.
+/// Multiplies rows by the inverse of the transposed corner.
 #[inline(always)]
 fn divide<T: Scalar, const W: usize, const R: usize>(
     lower: &[[T; W]; W],
@@ -196,8 +197,8 @@ fn divide<T: Scalar, const W: usize, const R: usize>(
     }
 }
 
-/// Adds what a child has left (lower triangle, `rows` of `side`) to its parent: `places` are the
-/// parent's local rows.
+/// Adds the update matrix of a child (lower triangle, columns of `side` rows) to its parent;
+/// `places` are the parent's local rows.
 #[inline(always)]
 pub(super) fn add_child<T: Scalar>(
     child: &[f64],

@@ -1,11 +1,11 @@
-//! Sparse Cholesky factorisation whose right-hand sides live in the last unknowns.
+//! Sparse Cholesky factorisation with right-hand sides in the last unknowns only.
 //!
-//! Where the unknowns with right-hand sides stand at the end of the elimination order, `L y = b` is
-//! zero before them and needs no forward sweep. What is wanted of these unknowns alone needs no sweep
-//! at all: they solve the dense trailing block, `L22 L22^T U = b`. So one factorisation gives them, and
-//! one backward sweep for each right-hand side the rest.
+//! If the unknowns with right-hand sides come last in the elimination order, the solution of `L y =
+//! b` is zero before them, so no forward sweep is needed. The values of these unknowns need no
+//! sweep at all: they solve the dense trailing block, `L22 L22^T U = b`. One factorisation gives
+//! them, and one backward sweep per right-hand side gives the other unknowns.
 //!
-//! Factorisation and sweeps: [`multifrontal`].
+//! Factorisation and sweeps are in [`multifrontal`].
 
 mod front;
 mod multifrontal;
@@ -22,26 +22,25 @@ use faer::{MatMut, Par};
 use multifrontal::{Multifrontal, Numbers};
 use std::fmt;
 
-/// The symbolic factorisation of one pattern.
+/// Symbolic factorisation of one pattern.
 ///
-/// The order of the unknowns is the order of elimination: it has to be one that keeps the factor
-/// sparse. Cost of a factorisation: [`Cholesky::factor_flops`]; of a right-hand side 2 flops per entry
-/// of the factor. Both are sequential, and the same bits in every run.
+/// Unknowns are eliminated in their order, which should be one that keeps the factor sparse. A
+/// factorisation takes [`Cholesky::factor_flops`], a right-hand side 2 flops per entry of the
+/// factor. Both run on one thread, and results are bit-identical in every run.
 #[derive(Debug)]
 pub struct Cholesky {
     multifrontal: Multifrontal,
-    /// Unknowns without right-hand side: they come first.
+    /// Number of leading unknowns, which have no right-hand sides.
     leading: usize,
     unknowns: usize,
-    /// Entries of the matrix.
+    /// Number of matrix entries.
     entries: usize,
 }
 
-/// Numbers of a factorisation: factor and scratch memory, made by [`Cholesky::memory`] and owned by
-/// the caller.
+/// Numeric factor and scratch memory. Created by [`Cholesky::memory`] and owned by the caller.
 pub struct Factor<T = f64> {
     numbers: Numbers<T>,
-    /// Trailing block of the factor.
+    /// Dense trailing block of the factor.
     trailing: Mat<T>,
 }
 
@@ -52,17 +51,17 @@ impl<T> fmt::Debug for Factor<T> {
 }
 
 impl<T: Scalar> Factor<T> {
-    /// Numbers of factor entries and entries of scratch memory.
+    /// Number of factor entries and of scratch entries.
     pub(crate) fn sizes(&self) -> (usize, usize) {
         self.numbers.sizes()
     }
 }
 
 impl Cholesky {
-    /// Analyses a pattern; the unknowns from `leading` on carry right-hand sides.
+    /// Analyses a pattern. The unknowns from index `leading` on have right-hand sides.
     ///
     /// # Errors
-    /// [`SparseError::NoTrailingUnknowns`] where `leading` leaves none.
+    /// [`SparseError::NoTrailingUnknowns`] if `leading` is not less than the number of unknowns.
     pub fn new(pattern: &Pattern, leading: usize) -> Result<Self, SparseError> {
         let unknowns = pattern.unknowns();
         if leading >= unknowns {
@@ -72,22 +71,22 @@ impl Cholesky {
         Ok(Self { multifrontal, leading, unknowns, entries: pattern.entries() })
     }
 
-    /// Values of the factor, zeros inside fronts and padding included.
+    /// Number of values in the factor, including zeros within fronts and padding.
     pub fn factor_entries(&self) -> usize {
         self.multifrontal.factor_entries()
     }
 
-    /// Floating point operations of one factorisation: the sum over columns of the squared count.
+    /// Floating-point operations of one factorisation: the sum of the squared column counts.
     pub fn factor_flops(&self) -> f64 {
         self.multifrontal.flops()
     }
 
-    /// Values of scratch memory of one factorisation.
+    /// Number of scratch values of one factorisation.
     pub(crate) fn scratch_entries(&self) -> usize {
         self.multifrontal.stack_entries()
     }
 
-    /// Memory for the numbers.
+    /// Allocates memory for the numeric factor.
     ///
     /// # Errors
     /// [`SparseError::OutOfMemory`].
@@ -99,9 +98,10 @@ impl Cholesky {
         })
     }
 
-    /// Factorises the matrix with these values, one for each entry of the pattern: `A = L L^T` without
-    /// conjugates and without pivoting. Every pivot has to lie in the half plane around `direction`:
-    /// 1 for a positive definite real matrix.
+    /// Factorises the matrix with the given values, one per entry of the pattern.
+    ///
+    /// Computes `A = L L^T` without conjugation and without pivoting. Every pivot must lie in the
+    /// half plane around `direction`; use 1 for a positive definite real matrix.
     ///
     /// # Errors
     /// [`SparseError::BadPivot`]; a wrong number of values; memory of another pattern.
@@ -121,15 +121,16 @@ impl Cholesky {
         Ok(())
     }
 
-    /// Largest `(|L| |L^T|)_ii / |a_ii|`: one for positive definite real matrices. The backward
-    /// error of a solve without pivoting is at most this, times roundings (Higham, "Accuracy and
-    /// Stability of Numerical Algorithms", 2nd ed., theorem 9.3).
+    /// Returns the largest `(|L| |L^T|)_ii / |a_ii|`, which is one for positive definite real
+    /// matrices. The backward error of a solve without pivoting is bounded by a multiple of this
+    /// times the unit roundoff (Higham, "Accuracy and Stability of Numerical Algorithms", 2nd ed.,
+    /// theorem 9.3).
     #[cfg(feature = "complex")]
     pub(crate) fn growth<T: Scalar>(&self, values: &[T], factor: &Factor<T>) -> f64 {
         self.multifrontal.growth(values, &factor.numbers)
     }
 
-    /// The trailing unknowns alone, in place: right-hand sides `[trailing unknown, column]`.
+    /// Solves for the trailing unknowns only, in place; `x` is `[trailing unknown, column]`.
     pub(crate) fn solve_trailing<T: Scalar>(&self, factor: &Factor<T>, mut x: MatMut<'_, T>) {
         let lower = factor.trailing.as_ref();
         triangular_solve::solve_lower_triangular_in_place(lower, x.rb_mut(), Par::Seq);
@@ -138,13 +139,13 @@ impl Cholesky {
 
     /// Solves `A x = b` in place after [`Cholesky::factorise`].
     ///
-    /// `x` is `[unknown, column]`, row-major with `columns` columns, so that a gather of unknowns
-    /// copies whole rows. On entry the rows of the trailing unknowns hold the right-hand sides (those
-    /// of the others are not read: they are zero), on exit all rows hold the solution. Memory for
-    /// sweeps grows at the first call.
+    /// `x` is `[unknown, column]`, row-major with `columns` columns, so that gathering unknowns
+    /// copies whole rows. On entry, the rows of the trailing unknowns hold the right-hand sides;
+    /// the other rows are not read and their right-hand sides are taken as zero. On exit, all rows
+    /// hold the solution. The first call allocates memory for sweeps.
     ///
     /// # Errors
-    /// A length that is not `unknowns * columns`; memory of another pattern.
+    /// A length other than `unknowns * columns`; memory of another pattern.
     pub fn solve<T: Scalar>(
         &self,
         factor: &mut Factor<T>,
@@ -158,7 +159,7 @@ impl Cholesky {
         Ok(())
     }
 
-    /// [`Cholesky::solve`] with sizes that are known to fit.
+    /// [`Cholesky::solve`] without size checks.
     pub(crate) fn solve_checked<T: Scalar>(
         &self,
         factor: &mut Factor<T>,
@@ -173,7 +174,7 @@ impl Cholesky {
         self.multifrontal.solve_back(&mut factor.numbers, x, columns);
     }
 
-    /// That memory has the sizes of this pattern.
+    /// Checks that the memory has the sizes of this pattern.
     fn check<T: Scalar>(&self, factor: &Factor<T>) -> Result<(), SparseError> {
         let (entries, scratch) = factor.sizes();
         check_length("factor of another pattern: its entries", entries, self.factor_entries())?;

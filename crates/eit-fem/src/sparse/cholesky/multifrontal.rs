@@ -1,28 +1,31 @@
-//! Sparse Cholesky factorisation of one pattern again and again: multifrontal, on memory that the
-//! caller owns.
+//! Multifrontal Cholesky factorisation of matrices with one pattern, in memory that the caller
+//! owns.
 //!
-//! Columns with one pattern are eliminated together in a dense front (Duff and Reid 1983; Liu 1992):
-//! matrix entries and what the children left are added up, the front's columns are eliminated, the
-//! rest waits on a stack for the parent. All places are known from the pattern ([`symbolic`]), so
-//! that a factorisation is additions to known places and dense tiles ([`front`]), and allocates
-//! nothing. Meshes of the plane have small fronts (at 2 000 nodes 540 of them, in the mean four
-//! columns and eleven rows below), too little arithmetic for each call of a general dense library.
+//! Columns with the same pattern are eliminated together in a dense front (Duff and Reid 1983; Liu
+//! 1992). Matrix entries and the children's update matrices are added up, the front's columns are
+//! eliminated, and its update matrix is put on a stack for the parent. All positions follow from
+//! the pattern ([`symbolic`]), so a factorisation consists of additions at known positions and
+//! dense tiles ([`front`]), and does not allocate. Planar meshes have small fronts (540 at 2 000
+//! nodes, on average four columns with eleven rows below), too little arithmetic per front for a
+//! general dense library.
 //!
-//! Floor: one fused operation per two flops. At 20 000 nodes (80 MFLOP) a factorisation reaches 13 of
-//! the 42 GFLOP/s of a dense product on the same core, at 2 000 (2.5 MFLOP) 8, assembly included. Beside
-//! the flops there are additions to scattered places (one for each value that a child leaves: 1.3
-//! million at 20 000 nodes), the zeros of panels, and short tiles; their shares are not measured.
+//! Speed: at 20 000 nodes (80 MFLOP) a factorisation reaches 13 of the 42 GFLOP/s of a dense
+//! product on the same core; at 2 000 nodes (2.5 MFLOP) it reaches 8, including assembly. The lower
+//! limit is one fused operation per two flops. Further costs, not measured separately, are
+//! scattered additions (one per value of a child's update matrix: 1.3 million at 20 000 nodes),
+//! zeros in panels, and short tiles.
 //!
-//! The unknowns from `leading` on are one front, the last: its factor is the trailing block.
+//! The unknowns from `leading` on form the last front; its factor is the trailing block.
 //!
-//! Numbers are real or complex; complex matrices are symmetric, not Hermitian: nothing is conjugated.
-//! A complex product is four real ones, so that four times the real time is what the same rate would
-//! give; measured are 2.7 times at 2 000 nodes and 3.3 at 20 000 (`docs/PERFORMANCE.md`): places, tree
-//! and branches are the real ones, and twice the arithmetic stands behind every value moved.
+//! Numbers are real or complex. Complex matrices are symmetric, not Hermitian: nothing is
+//! conjugated. A complex product is four real ones, so at the same rate a complex factorisation
+//! would take four times as long. It takes 2.7 times as long at 2 000 nodes and 3.3 times at 20 000
+//! (`docs/performance/forward.md`): the index work is the same, and each value moved carries twice the
+//! arithmetic.
 //!
-//! Rounding is that of Cholesky's method in any order of its sums; the result is the same for any
-//! number of threads, and may differ in the last bits between machines with and without fused
-//! multiplication and addition.
+//! The rounding error bound is that of Cholesky's method for any order of summation. The result
+//! does not depend on the number of threads. It may differ in the last bits between machines with
+//! and without fused multiply-add.
 
 #[cfg(test)]
 mod tests;
@@ -37,7 +40,7 @@ use crate::sparse::scalar::Scalar;
 use pulp::{Arch, Simd, WithSimd};
 use std::marker::PhantomData;
 
-/// The symbolic factorisation of one pattern.
+/// Symbolic factorisation of one pattern.
 #[derive(Debug)]
 pub(super) struct Multifrontal {
     symbolic: Symbolic,
@@ -46,17 +49,18 @@ pub(super) struct Multifrontal {
     arch: Arch,
 }
 
-/// Numbers of a factorisation, owned by the caller: complex ones in planes ([`crate::sparse::arithmetic`]).
+/// Numeric factor and scratch memory, owned by the caller. Complex numbers are stored in planes
+/// ([`crate::sparse::arithmetic`]).
 pub(super) struct Numbers<T = f64> {
     factor: Vec<f64>,
     stack: Vec<f64>,
-    /// Local rows of one front in a sweep.
+    /// Local rows of one front during a sweep.
     rows: Vec<f64>,
     kind: PhantomData<T>,
 }
 
 impl<T: Scalar> Numbers<T> {
-    /// How many numbers factor and stack hold: what a factorisation relies on.
+    /// Number of values in the factor and on the stack.
     pub fn sizes(&self) -> (usize, usize) {
         (self.factor.len() / T::PLANES, self.stack.len() / T::PLANES)
     }
@@ -69,22 +73,22 @@ impl Multifrontal {
         Self { symbolic, starts: pattern.column_starts().to_vec(), leading, arch: Arch::new() }
     }
 
-    /// Values of the factor, zeros inside fronts and padding included.
+    /// Number of values in the factor, including zeros within fronts and padding.
     pub fn factor_entries(&self) -> usize {
         self.symbolic.factor_length
     }
 
-    /// Floating point operations of one factorisation.
+    /// Floating-point operations of one factorisation.
     pub fn flops(&self) -> f64 {
         self.symbolic.flops()
     }
 
-    /// Values on the stack of one factorisation.
+    /// Largest number of values on the stack during a factorisation.
     pub fn stack_entries(&self) -> usize {
         self.symbolic.stack_length
     }
 
-    /// Memory for the numbers.
+    /// Allocates memory for the numbers.
     ///
     /// # Errors
     /// [`SparseError::OutOfMemory`].
@@ -105,9 +109,9 @@ impl Multifrontal {
         })
     }
 
-    /// `A = L L^T` of the matrix with these values, without conjugates and without pivoting; the
-    /// unknown whose pivot is not finite or not in the half plane around `direction` (real numbers:
-    /// above zero) is the error.
+    /// Factorises the matrix with the given values: `A = L L^T` without conjugation and without
+    /// pivoting. The error is the unknown whose pivot is not finite or not in the half plane around
+    /// `direction` (for real numbers: not above zero).
     pub fn factorise<T: Scalar>(
         &self,
         values: &[T],
@@ -117,7 +121,7 @@ impl Multifrontal {
         self.arch.dispatch(Factorise { multifrontal: self, values, numbers, direction })
     }
 
-    /// Largest `(|L| |L^T|)_ii / |a_ii|`.
+    /// Computes the largest `(|L| |L^T|)_ii / |a_ii|`.
     #[cfg(feature = "complex")]
     pub fn growth<T: Scalar>(&self, values: &[T], numbers: &Numbers<T>) -> f64 {
         let mut sums = vec![0.0; self.starts.len() - 1];
@@ -135,14 +139,14 @@ impl Multifrontal {
                 }
             }
         }
-        // rows ascend within a column of the lower triangle: its first entry is the diagonal
+        // rows ascend within a column of the lower triangle, so its first entry is the diagonal
         let diagonal = self.starts.iter().map(|&k| k as usize);
         let ratios = sums.iter().zip(diagonal).map(|(sum, k)| sum / values[k].modulus());
         ratios.fold(0.0, f64::max)
     }
 
-    /// The factor of the unknowns from `leading` on: calls with (row, column, value), counted from
-    /// there.
+    /// Calls `take` with (row, column, value) of the trailing block of the factor; indices count
+    /// from `leading`.
     pub fn trailing<T: Scalar>(&self, numbers: &Numbers<T>, mut take: impl FnMut(usize, usize, T)) {
         let Some(front) = self.symbolic.fronts.last() else { return };
         let columns = front.panel_of(numbers).chunks_exact(T::PLANES * front.stride);
@@ -151,8 +155,8 @@ impl Multifrontal {
         }
     }
 
-    /// `L^T x = y` in place, `x` [unknown, right-hand side] with `count` columns, where `y` is zero
-    /// for the unknowns before `leading`. Memory for rows grows at the first call.
+    /// Solves `L^T x = y` in place, `x` [unknown, right-hand side] with `count` columns, where `y`
+    /// is zero for the unknowns before `leading`. The first call allocates memory for rows.
     pub fn solve_back<T: Scalar>(&self, numbers: &mut Numbers<T>, x: &mut [T], count: usize) {
         let lanes = count.next_multiple_of(LANES);
         let length = T::PLANES * self.symbolic.longest * lanes;
@@ -165,7 +169,7 @@ impl Multifrontal {
 }
 
 impl Front {
-    /// Its columns of the factor, `[column, plane, row]`.
+    /// Returns the front's columns of the factor, `[column, plane, row]`.
     fn panel_of<'a, T: Scalar>(&self, numbers: &'a Numbers<T>) -> &'a [f64] {
         &numbers.factor[T::PLANES * self.panel..][..T::PLANES * self.columns * self.stride]
     }
@@ -256,7 +260,8 @@ impl<T: Scalar> WithSimd for SolveBack<'_, T> {
                 T::spread(own, row, lanes);
             }
             let below = &symbolic.below[node.below_at..][..node.below];
-            // a padding row times zero must be zero, whatever an earlier solve left there
+            // clear the padding: a NaN or infinity left by an earlier solve would survive the
+            // product with zero
             rows[columns * width..node.padded * width].fill(0.0);
             rows[(node.padded + node.below) * width..].fill(0.0);
             let local = rows[node.padded * width..].chunks_exact_mut(width);

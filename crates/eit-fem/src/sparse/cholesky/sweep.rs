@@ -1,13 +1,13 @@
-//! Backward substitution in one front, compiled as [`super::front`] is.
+//! Backward substitution within one front, compiled like [`super::front`].
 
 #![allow(clippy::needless_range_loop, reason = "rows and columns of small tiles, by their indices")]
 
 use super::tile::{LANES, WIDE};
 use crate::sparse::scalar::Scalar;
 
-/// The columns of a panel in the backward sweep: `x = L^-T (x - below)` on the local rows `x`
-/// `[row, plane, lane]` of `lanes` numbers each, a multiple of [`LANES`], of which the rows below the
-/// columns are solved for.
+/// Applies the columns of a panel in the backward sweep: `x = L^-T (x - below)`. `x` holds the
+/// local rows, `[row, plane, lane]` with `lanes` numbers each (a multiple of [`LANES`]); the rows
+/// below the columns must be solved already.
 #[inline(always)]
 pub(super) fn sweep_back<T: Scalar>(
     panel: &[f64],
@@ -64,7 +64,7 @@ fn sweep_tile<T: Scalar, const W: usize, const R: usize>(
     let columns: [&[f64]; W] =
         std::array::from_fn(|c| &own[c * length + at + LANES..(c + 1) * length]);
     for (row, known) in tail.chunks_exact(width).take(stride - at - LANES).enumerate() {
-        // everything is loaded first: nothing between the sums can fail
+        // load everything first, so that no bounds check separates the sums
         let known = T::load::<R>(&known[lane..], lanes);
         let mut factors = [zero; W];
         for c in 0..W {

@@ -1,66 +1,66 @@
-//! What a pattern alone decides: elimination tree, supernodes, places of all numbers.
+//! Symbolic analysis of a pattern: elimination tree, supernodes and the positions of all numbers.
 
 use super::tile::LANES;
 use crate::sparse::elimination_tree::{NONE, counts, parents, postorder};
 use crate::sparse::graph::Adjacency;
 use crate::sparse::pattern::Pattern;
 
-/// Columns of the factor with one pattern, and the front they are eliminated in.
+/// A supernode (columns of the factor with one pattern) and its front.
 ///
-/// Rows of a front are numbered locally: its own columns, padding to `padded`, the rows below,
-/// padding to `stride`. Padding is zero.
+/// Rows of a front are numbered locally: its own columns, padding up to `padded`, the rows below,
+/// padding up to `stride`. Padding is zero.
 #[derive(Debug, Clone)]
 pub(super) struct Front {
-    /// First column.
+    /// Index of the first column.
     pub first: usize,
-    /// Columns.
+    /// Number of columns.
     pub columns: usize,
-    /// Local number of the first row below.
+    /// Local index of the first row below the columns.
     pub padded: usize,
-    /// Rows below the columns.
+    /// Number of rows below the columns.
     pub below: usize,
-    /// Rows of the panel with padding.
+    /// Number of rows of the panel, including padding.
     pub stride: usize,
-    /// Where its panel `[column, row]` starts in the factor.
+    /// Start of its panel, `[column, row]`, in the factor.
     pub panel: usize,
-    /// Where its rows below start in [`Symbolic::below`] and [`Symbolic::relative`].
+    /// Start of its rows below in [`Symbolic::below`] and [`Symbolic::relative`].
     pub below_at: usize,
-    /// Children that are waiting on the stack when its turn comes: their place in
-    /// [`Symbolic::children`].
+    /// Range of its children in [`Symbolic::children`]; their update matrices are on top of the
+    /// stack when the front is processed.
     pub children: (usize, usize),
 }
 
 impl Front {
-    /// Side of what is left of the front when its columns are gone, with padding.
+    /// Side length of the update matrix, including padding.
     pub fn rest(&self) -> usize {
         self.stride - self.padded
     }
 }
 
-/// The symbolic factorisation.
+/// Symbolic factorisation.
 #[derive(Debug)]
 pub(super) struct Symbolic {
     pub fronts: Vec<Front>,
-    /// Fronts in the order of the work: children before parents, the last child on top.
+    /// Fronts in processing order: children before parents, the last child on top of the stack.
     pub sequence: Vec<u32>,
-    /// Children of all fronts, in the order of the work.
+    /// Children of all fronts, in processing order.
     pub children: Vec<u32>,
     /// Unknowns below the columns of each front, ascending.
     pub below: Vec<u32>,
-    /// The same as local rows of the parent.
+    /// The same unknowns as local rows of the parent.
     pub relative: Vec<u32>,
-    /// For each matrix entry its place in the panel of its front.
+    /// Position of each matrix entry in the panel of its front.
     pub places: Vec<u32>,
-    /// Values of the factor, padding included.
+    /// Number of values in the factor, including padding.
     pub factor_length: usize,
-    /// Values on the stack at most.
+    /// Largest number of values on the stack.
     pub stack_length: usize,
-    /// Rows of the longest panel.
+    /// Number of rows of the longest panel.
     pub longest: usize,
 }
 
 impl Symbolic {
-    /// Of a pattern. The unknowns from `leading` on are one front, the last.
+    /// Analyses a pattern. The unknowns from `leading` on form the last front.
     pub fn new(pattern: &Pattern, leading: usize) -> Self {
         let (starts, rows, count) = (pattern.column_starts(), pattern.rows(), pattern.unknowns());
         let mut links = Vec::with_capacity(rows.len());
@@ -89,7 +89,8 @@ impl Symbolic {
         symbolic
     }
 
-    /// Rows and sizes of every front, places of the matrix entries; returns each front's parent.
+    /// Computes the rows and sizes of every front and the positions of the matrix entries; returns
+    /// each front's parent.
     fn fronts(&mut self, firsts: &[usize], pattern: &Pattern) -> Vec<u32> {
         let (starts, rows, count) = (pattern.column_starts(), pattern.rows(), pattern.unknowns());
         let mut front_of = vec![0u32; count];
@@ -128,7 +129,7 @@ impl Symbolic {
                 let at = ((column - first) * stride) as u32;
                 self.places.extend(own.iter().map(|&row| at + local[row as usize]));
             }
-            // rows of children in the numbers of this front
+            // rows of the children as local rows of this front
             self.relative.resize(self.below.len(), 0);
             for &child in &children[f] {
                 let child = &self.fronts[child as usize];
@@ -137,7 +138,7 @@ impl Symbolic {
                 }
             }
             if let Some(&next) = self.below.get(below_at) {
-                // its front is not known yet: columns are in order, so look it up
+                // the parent front is not built yet, but first columns are sorted, so look it up
                 let parent = firsts.partition_point(|&first| first <= next as usize) - 1;
                 parents[f] = parent as u32;
                 children[parent].push(f as u32);
@@ -158,7 +159,7 @@ impl Symbolic {
         parents
     }
 
-    /// The order of the work, and the stack that it needs.
+    /// Computes the processing order and the stack size that it needs.
     fn order_work(&mut self, parents: &[u32]) {
         let rests: Vec<u32> = self.fronts.iter().map(|f| f.rest() as u32).collect();
         self.sequence = postorder(parents, &rests);
@@ -180,8 +181,8 @@ impl Symbolic {
         }
     }
 
-    /// Floating point operations: the sum over columns of the squared count, zeros of merged
-    /// columns included, padding not.
+    /// Floating-point operations: the sum of the squared column counts, including zeros of merged
+    /// columns but not padding.
     pub fn flops(&self) -> f64 {
         let of = |f: &Front| -> f64 {
             (0..f.columns).map(|j| ((f.columns + f.below - j) as f64).powi(2)).sum()
@@ -190,7 +191,7 @@ impl Symbolic {
     }
 }
 
-/// First columns of the sets of neighbouring columns with one pattern.
+/// First columns of the fundamental supernodes (sets of neighbouring columns with one pattern).
 fn fundamental(parents: &[u32], counts: &[u32], leading: usize) -> Vec<usize> {
     let begins = |j: usize| {
         let continues = j > 0 && parents[j - 1] as usize == j && counts[j - 1] == counts[j] + 1;
@@ -199,13 +200,14 @@ fn fundamental(parents: &[u32], counts: &[u32], leading: usize) -> Vec<usize> {
     (0..parents.len()).filter(|&j| begins(j)).collect()
 }
 
-/// Merges narrow sets with the one that follows where few zeros come in: fewer, larger fronts.
+/// Merges narrow supernodes with the one that follows if this adds few zeros, which gives fewer and
+/// larger fronts.
 ///
-/// The rule of CHOLMOD (Chen, Davis, Hager, Rajamanickam 2008): columns after merging, and the
-/// share of zeros they may hold.
+/// Uses the rule of CHOLMOD (Chen, Davis, Hager, Rajamanickam 2008), which limits the share of
+/// zeros by the number of columns after merging.
 fn relaxed(firsts: &[usize], parents: &[u32], counts: &[u32], leading: usize) -> Vec<usize> {
     let mut kept: Vec<usize> = Vec::with_capacity(firsts.len());
-    // of the set that stands last in `kept`: columns, rows, zeros
+    // columns, rows and zeros of the last supernode in `kept`
     let (mut columns, mut rows, mut zeros) = (0, 0, 0);
     let mut end = parents.len();
     for &first in firsts.iter().rev() {

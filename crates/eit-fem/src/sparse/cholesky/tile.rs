@@ -1,14 +1,14 @@
-//! Tiles: a few columns of neighbouring rows, held in registers.
+//! Tiles: a few columns by a few neighbouring rows, held in registers.
 
 use crate::sparse::scalar::Scalar;
 
-/// Rows and columns are padded to a multiple of it: rows of the smaller tile.
+/// Rows of the smaller tile. Rows and columns are padded to a multiple of it.
 pub(super) const LANES: usize = 4;
 
 /// Rows of the larger tile.
 pub(super) const WIDE: usize = 2 * LANES;
 
-/// Loads `W` columns of `R` rows, from a row on.
+/// Loads `W` columns of `R` rows, starting at `row`.
 #[inline(always)]
 pub(super) fn tile<T: Scalar, const W: usize, const R: usize>(
     from: &[f64],
@@ -18,7 +18,7 @@ pub(super) fn tile<T: Scalar, const W: usize, const R: usize>(
     std::array::from_fn(|c| T::load(&from[c * T::PLANES * stride + row..], stride))
 }
 
-/// Stores them.
+/// Stores `W` columns of `R` rows, starting at `row`.
 #[inline(always)]
 pub(super) fn store<T: Scalar, const W: usize, const R: usize>(
     sums: &[T::Lanes<R>; W],

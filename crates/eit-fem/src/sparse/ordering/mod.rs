@@ -1,7 +1,7 @@
-//! Orders of elimination that keep a factor sparse.
+//! Fill-reducing elimination orders.
 //!
-//! Approximate minimum degree (Amestoy, Davis, Duff 1996) by faer; nested dissection by coordinates
-//! where a graph is large and has them.
+//! Uses faer's approximate minimum degree (Amestoy, Davis, Duff 1996), and nested dissection by
+//! coordinates for large graphs with coordinates.
 
 mod nested_dissection;
 
@@ -12,12 +12,13 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::SymbolicSparseColMatRef;
 use faer::sparse::linalg::amd;
 
-/// Vertices from which on nested dissection is tried: below, minimum degree needs less.
+/// Number of vertices from which nested dissection is tried. Below it, minimum degree needs less
+/// work.
 const LARGE: usize = 4_000;
 
-/// Elimination order of vertices, `new_from_old`: by minimum degree, or by nested dissection with it
-/// where the graph is large, its vertices have places (`positions_m`; else nothing) and that takes
-/// less work.
+/// Computes an elimination order, `new_from_old`, by minimum degree. If the graph is large and its
+/// vertices have coordinates (`positions_m`, otherwise empty), also tries nested dissection with
+/// minimum degree on the leaves, and returns the order that takes less work.
 pub(crate) fn fill_reducing(
     graph: &Adjacency,
     positions_m: &[[f64; 3]],
@@ -56,8 +57,8 @@ fn minimum_degree(graph: &Adjacency) -> Result<Vec<u32>, SparseError> {
 mod tests {
     use super::*;
 
-    /// A square grid of 200 x 200 nodes: dissection must number every node once, and take less work
-    /// than minimum degree (which is why it is there).
+    /// On a square grid of 200 x 200 nodes, dissection must number every node once and take less
+    /// work than minimum degree.
     #[test]
     fn large_meshes_are_dissected() {
         let side = 200;
@@ -81,7 +82,7 @@ mod tests {
         let dissected = fill_reducing(&graph, &places).unwrap();
         let whole = fill_reducing(&graph, &[]).unwrap();
         assert!(flops(&dissected) < flops(&whole), "{} {}", flops(&dissected), flops(&whole));
-        // all nodes in one place: nothing to cut along, still an order
+        // all nodes at one point: nothing to cut along, but the order must still be valid
         let order = fill_reducing(&graph, &vec![[0.5; 3]; side * side]).unwrap();
         flops(&order);
     }

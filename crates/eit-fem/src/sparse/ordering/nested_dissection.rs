@@ -1,19 +1,20 @@
-//! Nested dissection by coordinates (George 1973; Heath and Raghavan 1995): large meshes.
+//! Nested dissection by coordinates (George 1973; Heath and Raghavan 1995), for large meshes.
 //!
-//! A set of nodes is cut across its longest axis at the median; nodes on one side with neighbours on
-//! the other separate the two and are eliminated last. A straight cut through a mesh of the plane has
-//! about as few nodes as any. Fill grows as `n log n`, the work as `n^1.5`; minimum degree, which does
-//! the small sets here, needs less on small meshes and more on large ones.
+//! A set of nodes is cut across its longest axis at the median. The nodes on one side with
+//! neighbours on the other form the separator and are eliminated last. A straight cut through a
+//! planar mesh has about as few nodes as any. Fill grows as `n log n`, the work as `n^1.5`. Minimum
+//! degree, which orders the small sets here, needs less work on small meshes and more on large
+//! ones.
 
 use crate::sparse::graph::Adjacency;
 
-/// Sets of so many nodes are left to minimum degree.
+/// Largest set of nodes that is ordered by minimum degree.
 const LEAF: usize = 400;
 
-/// Steps toward the longest axis: it need not be exact.
+/// Power iterations for the longest axis, which need not be exact.
 const AXIS_STEPS: usize = 20;
 
-/// Elimination order `new_from_old`; `order` orders the leaves.
+/// Computes the elimination order `new_from_old`; `order` orders the leaves.
 pub(super) fn order<E>(
     graph: &Adjacency,
     positions_m: &[[f64; 3]],
@@ -33,7 +34,7 @@ pub(super) fn order<E>(
     Ok(dissection.new_from_old)
 }
 
-/// Sides of a cut; `OUTSIDE` all nodes that are not of the set.
+/// Sides of a cut; `OUTSIDE` marks nodes that are not in the set.
 const OUTSIDE: u8 = 0;
 const LEFT: u8 = 1;
 const RIGHT: u8 = 2;
@@ -43,13 +44,14 @@ struct Dissection<'a, F> {
     positions_m: &'a [[f64; 3]],
     order: F,
     side: Vec<u8>,
-    /// Number of a node within a leaf.
+    /// Index of a node within a leaf.
     local: Vec<u32>,
     new_from_old: Vec<u32>,
 }
 
 impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
-    /// Numbers a set of nodes from `first` on. Depth: the logarithm of the number of nodes.
+    /// Numbers a set of nodes from `first` on. The recursion depth is logarithmic in the number of
+    /// nodes.
     fn number(&mut self, nodes: &mut [u32], first: u32) -> Result<(), E> {
         if nodes.len() <= LEAF {
             return self.leaf(nodes, first);
@@ -63,12 +65,12 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
         }
         let (left, right) = nodes.split_at_mut(middle);
         let touches = |n: u32, other: u8| self.touches(n, other);
-        // nodes of the separator to the end of their side
+        // move the separator's nodes to the end of their side
         let (cut, other) = if on_cut[0] < on_cut[1] { (left, RIGHT) } else { (right, LEFT) };
         cut.sort_by_cached_key(|&n| touches(n, other));
         let separator = on_cut[0].min(on_cut[1]);
         nodes.iter().for_each(|&n| self.side[n as usize] = OUTSIDE);
-        // [left, separator, right] or [left, right, separator]: the latter
+        // turn [left, separator, right] into [left, right, separator] if needed
         let rest = nodes.len() - separator;
         let inner_left = if on_cut[0] < on_cut[1] {
             nodes[middle - separator..].rotate_left(separator);
@@ -86,8 +88,8 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
         self.number(right, middle)
     }
 
-    /// Sorts nodes to the two sides of their median along an axis and marks them; counts those of
-    /// each side with neighbours on the other.
+    /// Splits nodes at their median along an axis and marks the two sides. Returns the number of
+    /// nodes on each side with neighbours on the other.
     fn cut(&mut self, nodes: &mut [u32], axis: [f64; 3]) -> [usize; 2] {
         let along = |n: u32| dot(self.positions_m[n as usize], axis);
         let middle = nodes.len() / 2;
@@ -103,7 +105,7 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
         ]
     }
 
-    /// Whether a node has a neighbour on a side.
+    /// Whether a node has a neighbour on the given side.
     fn touches(&self, node: u32, side: u8) -> bool {
         self.graph.list(node as usize).iter().any(|&n| self.side[n as usize] == side)
     }
@@ -127,9 +129,9 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
         Ok(())
     }
 
-    /// Directions to cut across: that in which a set reaches farthest, the first eigenvector of its
-    /// covariance, and the coordinate in which it does (in a square all directions are equal, but an
-    /// oblique cut is longer).
+    /// Candidate directions to cut across: the direction of the set's largest extent (the first
+    /// eigenvector of its covariance) and the coordinate axis of the largest extent. (In a square
+    /// all directions have equal variance, but an oblique cut is longer.)
     fn axes(&self, nodes: &[u32]) -> [[f64; 3]; 2] {
         let count = nodes.len() as f64;
         let place = |n: &u32| self.positions_m[*n as usize];
@@ -148,7 +150,7 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
         for _ in 0..AXIS_STEPS {
             let next = covariance.map(|row| dot(row, principal));
             let size = dot(next, next).sqrt();
-            // all nodes in one place
+            // all nodes at one point
             if size == 0.0 || !size.is_finite() {
                 return [coordinate; 2];
             }

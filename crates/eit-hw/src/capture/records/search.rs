@@ -1,4 +1,4 @@
-//! Which bytes are records, and where the next whole chunk is behind damage.
+//! Validates records, and finds the next intact chunk after damage.
 
 use std::io::{Read, Seek};
 use std::ops::Range;
@@ -10,8 +10,8 @@ use crate::capture::unpack::{CHUNK_HEAD, ChunkHead, MOST_CHUNK_BYTES, RECORD_HEA
 use crate::error::HwError;
 
 impl<R: Read + Seek> Records<R> {
-    /// Takes the chunk at `at`, whose record ends at `end`, where it is one; whether it is. One that
-    /// is bad is left out.
+    /// Reads the chunk at `at`, whose record ends at `end`; returns whether there is one. A damaged
+    /// chunk is skipped.
     pub(super) fn chunk_at(&mut self, at: u64, op: u8, end: Option<u64>) -> Result<bool, HwError> {
         let start = at + RECORD_HEAD as u64;
         let mut bytes = [0; CHUNK_HEAD];
@@ -29,7 +29,7 @@ impl<R: Read + Seek> Records<R> {
             (self.position, self.whole) = (end, end);
             return Ok(true);
         }
-        // one of the two lengths is wrong, or the opcode: the checksum says which
+        // one of the two lengths or the opcode is wrong: the checksum tells which
         if head.crc == 0 {
             return Ok(false);
         }
@@ -45,7 +45,7 @@ impl<R: Read + Seek> Records<R> {
         Ok(false)
     }
 
-    /// Unpacks a chunk; whether it is whole.
+    /// Unpacks a chunk; returns whether it is intact.
     fn unpack(&mut self, head: &ChunkHead, place: Range<u64>) -> Result<bool, HwError> {
         self.told = 0;
         if self.tries == 0 {
@@ -61,7 +61,7 @@ impl<R: Read + Seek> Records<R> {
         Ok(is_whole)
     }
 
-    /// Whether a record's content fits its own lengths, as far as they are known.
+    /// Returns whether a record's content matches its own lengths, as far as they are known.
     pub(super) fn is_consistent(&mut self, op: u8, place: Range<u64>) -> Result<bool, HwError> {
         let length = place.end - place.start;
         Ok(match op {
@@ -83,12 +83,12 @@ impl<R: Read + Seek> Records<R> {
         })
     }
 
-    /// Whether a record can begin here, or the file ends.
+    /// Returns whether a record can begin here or the file ends.
     pub(super) fn can_begin(&mut self, at: u64) -> Result<bool, HwError> {
         let mut head = [0; RECORD_HEAD];
         let found = self.source.read_at(at, &mut head)?;
         if found < RECORD_HEAD {
-            // nothing, or a record that was not written to its end
+            // nothing, or a record that was not completely written
             return Ok(true);
         }
         let (op, length) = (head[0], record_length(&head));
@@ -98,7 +98,7 @@ impl<R: Read + Seek> Records<R> {
         Ok(is_op && (length <= left || length <= MOST_CHUNK_BYTES))
     }
 
-    /// Goes on with the next whole chunk behind the damage at `at`.
+    /// Continues with the next intact chunk after the damage at `at`.
     pub(super) fn find_chunk(&mut self, at: u64) -> Result<(), HwError> {
         let mut from = at + 1;
         let mut bytes = vec![0; SEARCHED + RECORD_HEAD + CHUNK_HEAD];
@@ -126,17 +126,17 @@ impl<R: Read + Seek> Records<R> {
                     self.damage.skipped_bytes += here - at;
                     return Ok(());
                 }
-                // what was tried in vain is no record
+                // a failed attempt is not a record
                 (self.damage, self.position, self.whole) = before;
             }
             from += SEARCHED as u64;
         }
-        // nothing more
+        // no chunk follows
         self.chunk.clear();
         self.finish(false)
     }
 
-    /// Whether the data really end here: what follows is the index of this file, up to its end.
+    /// Returns whether the data end here: only the index of this file follows, up to its end.
     pub(super) fn is_end(&mut self, at: u64, length: u64) -> Result<bool, HwError> {
         const FOOTER: u64 = RECORD_HEAD as u64 + 20;
         let after = at + RECORD_HEAD as u64 + length;
@@ -155,7 +155,7 @@ impl<R: Read + Seek> Records<R> {
         if bytes[0] != op::FOOTER || !begins_here || !bytes.ends_with(MAGIC) {
             return Ok(false);
         }
-        // record by record: another recording may lie behind this one
+        // check record by record: another recording may follow this one
         let mut at = after;
         while at < footer {
             let mut head = [0; RECORD_HEAD];
@@ -169,7 +169,7 @@ impl<R: Read + Seek> Records<R> {
         Ok(true)
     }
 
-    /// Where a record of this length ends, within the file.
+    /// Returns the end of a record of this length, if it lies within the file.
     fn end(&self, at: u64, length: u64) -> Option<u64> {
         let start = at + RECORD_HEAD as u64;
         start.checked_add(length).filter(|&end| end <= self.source.length)

@@ -1,4 +1,4 @@
-//! A file read at any place.
+//! Random access to a file.
 
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::ops::Range;
@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 use super::MOST_RECORD_BYTES;
 use crate::error::{HwError, Place};
 
-/// A file read at any place, mostly forwards.
+/// A file with random access, read mostly forwards.
 #[derive(Debug)]
 pub(super) struct Source<R> {
     from: R,
     path: PathBuf,
-    /// Bytes of the file.
+    /// Length of the file in bytes.
     pub(super) length: u64,
-    /// Where it stands.
+    /// Current position.
     at: u64,
 }
 
@@ -30,7 +30,7 @@ impl<R: Read + Seek> Source<R> {
         HwError::Read { place: Place::file(&self.path), source }
     }
 
-    /// A part of the file, such as an attachment, in pieces.
+    /// Passes part of the file, such as an attachment, to `take` piece by piece.
     pub(super) fn copy<E: From<HwError>>(
         &mut self,
         place: Range<u64>,
@@ -50,7 +50,7 @@ impl<R: Read + Seek> Source<R> {
         Ok(())
     }
 
-    /// A part of the file in memory, at most as long as a record that is held.
+    /// Reads part of the file into memory, at most [`MOST_RECORD_BYTES`].
     pub(super) fn held(&mut self, place: Range<u64>) -> Result<Vec<u8>, HwError> {
         let end = place.end.min(place.start + MOST_RECORD_BYTES);
         let mut bytes = Vec::new();
@@ -61,8 +61,8 @@ impl<R: Read + Seek> Source<R> {
         Ok(bytes)
     }
 
-    /// The content of a record in place of what `record` holds, grown as it is read: a length alone asks
-    /// for no memory.
+    /// Replaces the content of `record` by that of a record in the file. The buffer grows as data
+    /// are read, so a wrong length alone allocates nothing.
     pub(super) fn record(
         &mut self,
         place: Range<u64>,
@@ -77,7 +77,7 @@ impl<R: Read + Seek> Source<R> {
 
     fn seek(&mut self, to: u64) -> Result<(), HwError> {
         if self.at != to {
-            // relative, so that a buffer is kept
+            // relative, so that the buffer is kept
             let step = to as i64 - self.at as i64;
             self.from.seek_relative(step).map_err(|source| self.failed(source))?;
             self.at = to;
@@ -85,7 +85,8 @@ impl<R: Read + Seek> Source<R> {
         Ok(())
     }
 
-    /// Bytes from `at` on, fewer at the end of the file; how many.
+    /// Fills `bytes` from position `at`; returns the number read, which is lower at the end of the
+    /// file.
     pub(super) fn read_at(&mut self, at: u64, bytes: &mut [u8]) -> Result<usize, HwError> {
         self.seek(at)?;
         let mut filled = 0;

@@ -1,4 +1,4 @@
-//! Disks that fail and lose power: what was flushed is there, whatever became of the rest.
+//! Tests with disks that fail and lose power: everything flushed must survive.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -11,11 +11,11 @@ use super::{CaptureSettings, CaptureWriter};
 use crate::capture::{CaptureReader, Entry, SessionRecord, parse};
 use crate::frame::{Frame, Quality};
 
-/// What a disk writes whole or not at all.
+/// Size of the unit that a disk writes atomically, in bytes.
 const SECTOR: usize = 512;
 const PATH: &str = "power.mcap";
 
-/// What was done since the last force.
+/// A change to the file since the last sync.
 #[derive(Clone)]
 enum Change {
     Append { at: usize, bytes: Vec<u8> },
@@ -24,13 +24,13 @@ enum Change {
 
 #[derive(Default)]
 struct Disk {
-    /// As programs see it.
+    /// Contents as programs see them.
     bytes: Vec<u8>,
-    /// As it is after a power cut, less what was done since.
+    /// Contents as of the last sync.
     durable: Vec<u8>,
     changes: Vec<Change>,
     calls: usize,
-    /// The call that fails, after so many bytes of it.
+    /// After how many calls the disk fails, and how many bytes the first failing call still writes.
     fails: Option<(usize, usize)>,
 }
 
@@ -40,8 +40,9 @@ impl Disk {
         self.fails.filter(|(call, _)| *call < self.calls).map(|(_, bytes)| bytes)
     }
 
-    /// The file after a power cut: every change since the last force is there, or a part of its
-    /// sectors, or none, in any order; the length is any that it had.
+    /// Returns the file after a power cut: each change since the last sync is present, absent or
+    /// partly present, sector by sector, in any order; the length is any that the file has had
+    /// since.
     fn after_power_cut(&self, random: &mut Random) -> Vec<u8> {
         let mut file = self.durable.clone();
         let mut lengths = vec![file.len()];
@@ -68,7 +69,7 @@ impl Disk {
         file
     }
 
-    /// What is before every change keeps its place.
+    /// Returns the lowest position that a change has touched; bytes before it are safe.
     fn never_shorter(&self) -> usize {
         let starts = self.changes.iter().map(|change| match change {
             Change::Append { at, .. } => *at,
@@ -145,7 +146,8 @@ fn writer(disk: &Shared, whole_bytes: u64) -> Result<CaptureWriter, crate::HwErr
     CaptureWriter::begin(on, &session())
 }
 
-/// Writes entries with a flush now and then until something fails; those written and those flushed.
+/// Writes entries and flushes now and then until something fails; returns the entries written and
+/// the number flushed.
 fn record(
     disk: &Shared,
     whole_bytes: u64,
@@ -161,7 +163,7 @@ fn record(
         let result = writer.write(&entry);
         written.push(entry);
         if result.is_err() {
-            // what failed once goes on failing
+            // after one failure every write fails
             assert!(writer.note("more").is_err());
             return (written, flushed);
         }
@@ -177,13 +179,14 @@ fn record(
             flushed = written.len();
         }
     } else {
-        // the power goes: no destructor writes what is left
+        // the power fails: no destructor writes what is left
         mem::forget(writer);
     }
     (written, flushed)
 }
 
-/// What is read begins with what was flushed, and goes on with what was written, in its order.
+/// Checks that what is read starts with what was flushed, then has entries that were written, in
+/// order.
 fn check(found: &[Entry], before: &[Entry], written: &[Entry], flushed: usize, what: &str) {
     let safe: Vec<&Entry> = before.iter().chain(&written[..flushed.min(written.len())]).collect();
     assert!(found.len() >= safe.len(), "{what}: {} of {} entries", found.len(), safe.len());
@@ -203,7 +206,7 @@ fn ten_thousand_power_cuts_lose_nothing_flushed() {
         let mut before = Vec::new();
         let mut whole = 0;
         if seed % 2 == 1 {
-            // a recording that is gone on with, finished or not: its index is cut off
+            // append to a recording, finished or not: its index is cut off
             let entries = 1 + random.below(8);
             before = record(&disk, 0, &mut random, entries, seed % 4 == 1).0;
             let bytes = disk.with(|disk| disk.bytes.clone());
@@ -229,7 +232,7 @@ fn ten_thousand_power_cuts_lose_nothing_flushed() {
         check(&found.entries, &before, &written, flushed, &format!("seed {seed}"));
         read_more += usize::from(found.entries.len() > before.len() + flushed);
     }
-    // some cuts hit after whole chunks had reached the disk by themselves
+    // in some runs complete chunks had reached the disk unforced
     println!("more than was flushed was read in {read_more} of 10 000");
 }
 

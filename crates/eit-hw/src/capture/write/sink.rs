@@ -1,9 +1,9 @@
-//! Where the container writes to: memory, from which whole chunks go to the disk.
+//! The writer's target: a buffer in memory, from which complete chunks go to the disk.
 
 use std::io::{self, Seek, SeekFrom, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Bytes that the container has written and the disk has not, shared by both ends.
+/// Bytes that the container has written and the disk does not have yet, shared by both ends.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sink {
     pending: Arc<Mutex<Pending>>,
@@ -12,17 +12,17 @@ pub(super) struct Sink {
 #[derive(Debug, Default)]
 struct Pending {
     bytes: Vec<u8>,
-    /// All bytes written so far.
+    /// Number of bytes written so far.
     position: u64,
 }
 
 impl Sink {
     fn pending(&self) -> MutexGuard<'_, Pending> {
-        // no code panics while it holds the lock
+        // nothing panics while it holds the lock
         self.pending.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Calls `write` with what is pending, if anything is, and forgets it.
+    /// Passes pending bytes, if there are any, to `write` and then discards them.
     pub(super) fn drain<T>(&self, write: impl FnOnce(&[u8]) -> T) -> Option<T> {
         let mut pending = self.pending();
         if pending.bytes.is_empty() {
@@ -52,7 +52,7 @@ impl Seek for Sink {
         let position = self.pending().position;
         match to {
             SeekFrom::Current(0) => Ok(position),
-            // the container was told not to
+            // the container was set not to seek
             _ => Err(io::Error::from(io::ErrorKind::Unsupported)),
         }
     }

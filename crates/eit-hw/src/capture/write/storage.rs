@@ -1,4 +1,4 @@
-//! The file of a recording, and what the writer needs of it.
+//! The file of a recording, and the trait through which the writer uses it.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -9,17 +9,17 @@ use crate::capture::records::Damage;
 use crate::error::{HwError, Place};
 use crate::regular::regular_file;
 
-/// What a recording is written to. A test's disk fails, and forgets what was not forced.
+/// The target of a recording. Tests replace it with a disk that fails and loses unsynced data.
 pub(super) trait Storage: Send {
-    /// Writes all bytes behind those written before.
+    /// Appends all bytes.
     fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
-    /// Forces to the disk what was written.
+    /// Forces written data to the disk.
     fn sync(&mut self) -> io::Result<()>;
-    /// Cuts what is behind so many bytes.
+    /// Truncates the file to this length.
     fn cut(&mut self, bytes: u64) -> io::Result<()>;
 }
 
-/// A file that stays locked while it is written, so that a second recorder is refused.
+/// A file, locked while it is written so that a second recorder is rejected.
 impl Storage for File {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.write_all(bytes)
@@ -35,7 +35,7 @@ impl Storage for File {
     }
 }
 
-/// A new file; with `sync` its name survives a power cut, too.
+/// Creates a new file; with `sync`, its name also survives a power cut.
 pub(super) fn create(path: &Path, sync: bool) -> Result<File, HwError> {
     let failed = |source| HwError::Write { place: Place::file(path), source };
     let file =
@@ -47,7 +47,7 @@ pub(super) fn create(path: &Path, sync: bool) -> Result<File, HwError> {
     Ok(file)
 }
 
-/// The file of a recording to go on with.
+/// Opens an existing recording for appending.
 pub(super) fn open(path: &Path) -> Result<File, HwError> {
     regular_file(path)?;
     let failed = |source| HwError::Write { place: Place::file(path), source };
@@ -59,22 +59,23 @@ pub(super) fn open(path: &Path) -> Result<File, HwError> {
 fn lock(file: &File, path: &Path) -> Result<(), HwError> {
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => Err(HwError::Busy { place: Place::file(path) }),
-        // a file system without locks: nobody can be refused there
+        // a file system without locks cannot reject anybody
         Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
     }
 }
 
-/// What was cut off the end of a recording to go on with it, and where it is kept.
+/// What was cut off the end of a recording before appending to it, and where it was saved.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CutTail {
-    /// How many bytes.
+    /// Number of bytes.
     pub bytes: u64,
-    /// The file beside the recording that holds them.
+    /// The file next to the recording that holds them.
     pub path: PathBuf,
 }
 
-/// Cuts what is no whole record off the end of a recording, and its index. What is cut and no index
-/// is kept beside it first. The bytes that are left, and what was kept.
+/// Cuts the index and everything after the last complete record off the end of a recording.
+/// Whatever is not the index is first saved to a file next to it. Returns the remaining length and
+/// what was saved.
 pub(super) fn cut_tail(
     file: &mut File,
     path: &Path,
@@ -83,7 +84,7 @@ pub(super) fn cut_tail(
 ) -> Result<(u64, Option<CutTail>), HwError> {
     let failed = |source| HwError::Write { place: Place::file(path), source };
     let cut = if damage.unfinished { keep_tail(file, path, whole)? } else { None };
-    // no record is whole: what begins the file is written anew
+    // without any complete record the magic and header are written again
     let whole = if whole > MAGIC.len() as u64 { whole } else { 0 };
     file.cut(whole).map_err(failed)?;
     Ok((whole, cut))
@@ -99,12 +100,12 @@ fn keep_tail(file: &mut File, path: &Path, whole: u64) -> Result<Option<CutTail>
     let unkept = |source| HwError::Write { place: Place::file(&place), source };
     file.seek(SeekFrom::Start(whole)).map_err(failed)?;
     let copied = io::copy(&mut file.take(bytes), &mut kept).and_then(|_| kept.sync_all());
-    // its name, too: the recording is cut next
+    // and its name, before the recording is cut
     copied.and_then(|()| sync_folder(&place)).map_err(unkept)?;
     Ok(Some(CutTail { bytes, path: place }))
 }
 
-/// A new file `NAME.cut`, or `NAME.cut2` and so on where that exists.
+/// Creates a new file `NAME.cut`, or `NAME.cut2` and so on if that exists.
 fn beside(path: &Path) -> Result<(File, PathBuf), HwError> {
     let mut number = 1_u32;
     loop {

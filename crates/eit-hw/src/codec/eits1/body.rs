@@ -1,34 +1,35 @@
-//! Payloads of the EITS-1 messages that set up a device.
+//! Payloads of the EITS-1 messages that identify and configure a device.
 
 use crate::error::HwError;
 use crate::frame::Quadruple;
 use crate::recording::Unit;
 
-/// What a device says about itself: the payload of [`Kind::Information`](super::Kind::Information).
+/// A device's description of itself: the payload of
+/// [`Kind::Information`](super::Kind::Information).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Information {
-    /// Electrodes it has.
+    /// Number of electrodes.
     pub electrodes: u16,
-    /// Most measurements of a frame it can send.
+    /// Maximum number of measurements per frame.
     pub max_measurements: u16,
-    /// Highest frame rate it can keep, for its own default configuration.
+    /// Highest frame rate in its own default configuration.
     pub max_frame_rate_hz: f32,
-    /// Magnitude of its largest value, in its unit; infinite where it does not say.
+    /// Magnitude of the largest value, in its unit; infinite if unspecified.
     pub full_scale: f32,
     /// Unit of calibrated values.
     pub unit: Unit,
     /// Whether values are complex.
     pub complex: bool,
-    /// Name of the kind of device, at most 255 bytes.
+    /// Name of the type of device, at most 255 bytes.
     pub name: String,
-    /// What tells this device from others of its kind, at most 255 bytes.
+    /// Serial number or other identifier of this unit, at most 255 bytes.
     pub serial: String,
 }
 
 impl Information {
     const FIXED_BYTES: usize = 16;
 
-    /// The payload. Texts are cut at 255 bytes.
+    /// Encodes the payload. Texts are truncated to 255 bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
         let (name, serial) = (cut(&self.name), cut(&self.serial));
         let unit = match self.unit {
@@ -47,7 +48,7 @@ impl Information {
         bytes
     }
 
-    /// The information of a payload; `None` where it is not one.
+    /// Decodes a payload; returns `None` if it is invalid.
     pub fn from_bytes(payload: &[u8]) -> Option<Self> {
         let (fixed, texts) = payload.split_first_chunk::<{ Self::FIXED_BYTES }>()?;
         let [e0, e1, m0, m1, r0, r1, r2, r3, s0, s1, s2, s3, unit, complex, name, serial] = *fixed;
@@ -78,7 +79,7 @@ impl Information {
     }
 }
 
-/// At most 255 bytes of a text, whole characters.
+/// Truncates a text to at most 255 bytes of whole characters.
 fn cut(text: &str) -> &str {
     let mut end = text.len().min(255);
     while !text.is_char_boundary(end) {
@@ -90,31 +91,31 @@ fn cut(text: &str) -> &str {
 /// What a device measures: the payload of [`Kind::Configuration`](super::Kind::Configuration).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Configuration {
-    /// Frames a second.
+    /// Frames per second.
     pub frame_rate_hz: f32,
     /// Amplitude of the drive current in ampere.
     pub current_a: f32,
-    /// Frequency of the drive current; 0 is direct current.
+    /// Frequency of the drive current in hertz; 0 for direct current.
     pub frequency_hz: f32,
-    /// Each measurement `[a, b, m, n]` in the order of a frame.
+    /// Electrodes `[a, b, m, n]` of each measurement, in the order of a frame.
     pub quadruples: Vec<[u8; 4]>,
 }
 
 impl Configuration {
     const FIXED_BYTES: usize = 14;
 
-    /// The configuration that measures these quadruples.
+    /// Creates a configuration that measures these quadruples.
     ///
     /// # Errors
-    /// [`HwError::Setting`] where there are no quadruples or more than 4 000, or one has an
-    /// electrode above 255.
+    /// [`HwError::Setting`] if there are no quadruples or more than 4 000, or an electrode is above
+    /// 255.
     pub fn new(
         quadruples: &[Quadruple],
         frame_rate_hz: f32,
         current_a: f32,
         frequency_hz: f32,
     ) -> Result<Self, HwError> {
-        /// So many still fit a message.
+        /// Maximum number of quadruples that fits a message.
         const MOST: usize = 4000;
         if quadruples.is_empty() || quadruples.len() > MOST {
             return Err(HwError::Setting {
@@ -137,7 +138,7 @@ impl Configuration {
         Ok(Self { frame_rate_hz, current_a, frequency_hz, quadruples })
     }
 
-    /// The payload; quadruples beyond 65 535 are left out.
+    /// Encodes the payload; quadruples beyond 65 535 are dropped.
     pub fn to_bytes(&self) -> Vec<u8> {
         let count = u16::try_from(self.quadruples.len()).unwrap_or(u16::MAX);
         let mut bytes = Vec::with_capacity(Self::FIXED_BYTES + 4 * usize::from(count));
@@ -149,7 +150,7 @@ impl Configuration {
         bytes
     }
 
-    /// The configuration of a payload; `None` where it is not one.
+    /// Decodes a payload; returns `None` if it is invalid.
     pub fn from_bytes(payload: &[u8]) -> Option<Self> {
         let (fixed, rest) = payload.split_first_chunk::<{ Self::FIXED_BYTES }>()?;
         let (floats, count) = fixed.split_last_chunk::<2>()?;

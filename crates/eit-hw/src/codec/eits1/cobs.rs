@@ -1,11 +1,11 @@
-//! Consistent overhead byte stuffing (Cheshire and Baker 1999): bytes without 0.
+//! Consistent overhead byte stuffing (Cheshire and Baker 1999): encodes bytes without zeros.
 
-/// Longest code of `length` bytes.
+/// Returns the maximum encoded length of `length` bytes.
 pub(super) const fn longest(length: usize) -> usize {
     length + length / 254 + 1
 }
 
-/// Appends the code of `bytes` to `code`, without an end mark.
+/// Appends the encoding of `bytes` to `code`, without the final zero.
 pub(super) fn encode(bytes: &[u8], code: &mut Vec<u8>) {
     let mut head = code.len();
     code.push(1);
@@ -24,7 +24,7 @@ pub(super) fn encode(bytes: &[u8], code: &mut Vec<u8>) {
     }
 }
 
-/// Replaces a code, which has no 0, by its bytes; how many there are, `None` where it is cut.
+/// Decodes in place bytes that contain no zero; returns the decoded length, or `None` if truncated.
 pub(super) fn decode_in_place(code: &mut [u8]) -> Option<usize> {
     let (mut read, mut written) = (0, 0);
     while read < code.len() {

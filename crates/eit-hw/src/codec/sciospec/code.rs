@@ -1,9 +1,9 @@
 //! System messages of Sciospec instruments.
 
-/// A system message: answer to a command, or news.
+/// A system message: the answer to a command, or a status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Code {
-    /// 01: the syntax of the command was wrong.
+    /// 01: the command's syntax was wrong.
     Syntax,
     /// 02: a command was interrupted for more than 10 ms.
     Timeout,
@@ -13,20 +13,20 @@ pub enum Code {
     TcpConnected,
     /// 81: the command was not executed.
     NotExecuted,
-    /// 82: the command is not known.
+    /// 82: unknown command.
     Unknown,
     /// 83: the command was executed.
     Executed,
     /// 84: the system is ready.
     Ready,
-    /// 91 or 92, by the source: data was held up.
+    /// 91 or 92, depending on the source: data was held up.
     HoldUp(u8),
     /// Any other.
     Other(u8),
 }
 
 impl Code {
-    /// The code of this byte.
+    /// Returns the code of this byte.
     pub const fn of(byte: u8) -> Self {
         match byte {
             0x01 => Self::Syntax,
@@ -42,7 +42,7 @@ impl Code {
         }
     }
 
-    /// Its byte.
+    /// Returns the byte of this code.
     pub const fn byte(self) -> u8 {
         match self {
             Self::Syntax => 0x01,
@@ -57,7 +57,7 @@ impl Code {
         }
     }
 
-    /// Why a command failed, for codes that say so.
+    /// Returns why a command failed, for codes that say so.
     pub const fn failure(self) -> Option<&'static str> {
         match self {
             Self::Syntax => Some("wrong syntax"),

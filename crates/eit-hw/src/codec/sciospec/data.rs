@@ -1,29 +1,29 @@
 //! Data frames of Sciospec instruments.
 
-/// Channels of a data frame.
+/// Number of channels in a data frame.
 pub const GROUP: usize = 16;
-/// Values beyond this are no voltage of an instrument with a range of at most 10 V.
+/// Plausibility limit in volts; the largest range of an instrument is 10 V.
 const LARGEST_V: f32 = 20.0;
-/// What data frames hold beside the voltages.
+/// Optional contents of data frames, beside the voltages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Output {
-    /// The driven pair.
+    /// Whether frames name the driven pair.
     pub drive: bool,
-    /// The number of the frequency.
+    /// Whether frames have the number of the frequency.
     pub frequency_row: bool,
-    /// The device's clock.
+    /// Whether frames have the device clock.
     pub time: bool,
 }
 
 impl Default for Output {
-    /// All.
+    /// All contents.
     fn default() -> Self {
         Self { drive: true, frequency_row: true, time: true }
     }
 }
 
 impl Output {
-    /// Payload bytes of a data frame.
+    /// Returns the payload length of a data frame.
     pub const fn payload_bytes(self) -> usize {
         1 + 2 * self.drive as usize
             + 2 * self.frequency_row as usize
@@ -32,21 +32,21 @@ impl Output {
     }
 }
 
-/// Potentials of 16 channels against the instrument's ground under one drive.
+/// Potentials of 16 channels against the instrument's ground, for one driven pair.
 ///
-/// It makes sense where the group is 1 to 8, the drive two different electrodes of 1 to 128, and
-/// every voltage finite and within 20 V (the largest range is 10 V).
+/// Accepted only if plausible: the group is 1 to 8, the driven pair two different electrodes from 1
+/// to 128, and every voltage finite and within 20 V (the largest range is 10 V).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DataFrame {
-    /// Group of channels from 1: channel `16 (group - 1)` is its first, from 0.
+    /// Group of channels, from 1; its first channel, counted from 0, is `16 (group - 1)`.
     pub group: u8,
-    /// The driven pair as the device names it, electrodes from 1.
+    /// Driven pair as the device names it, electrodes from 1.
     pub drive: Option<[u8; 2]>,
     /// Number of the frequency, from 1; some models send 0.
     pub frequency_row: Option<u16>,
-    /// The device's clock in milliseconds, wrapping after 49.7 days.
+    /// Device clock in milliseconds; wraps after 49.7 days.
     pub time_ms: Option<u32>,
-    /// Real and imaginary part of each channel's potential in volt.
+    /// Real and imaginary part of each channel's potential in volts.
     pub potentials_v: [[f32; 2]; GROUP],
 }
 

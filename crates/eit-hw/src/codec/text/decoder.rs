@@ -1,48 +1,48 @@
-//! Lines to frames.
+//! Decodes lines of text to frames.
 
 use super::format::{Framing, MAX_LINE_BYTES, TextFormat};
 use crate::error::HwError;
 use crate::frame::Quality;
 
-/// What a decoder found.
+/// Result of decoding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
-    /// A whole frame.
+    /// A complete frame.
     Frame {
         /// Real parts, scaled.
         values: &'a [f64],
-        /// Imaginary parts, scaled; empty where values are real.
+        /// Imaginary parts, scaled; empty for real values.
         imaginary: &'a [f64],
-        /// Flags that the limits of the format give.
+        /// Flags set by the limits of the format.
         quality: &'a [Quality],
     },
-    /// A line that is no part of a frame, such as a banner; control characters are `?`.
+    /// A line outside any frame, such as a banner; control characters are replaced by `?`.
     Line(&'a str),
-    /// A frame that is not whole, told when that is known.
+    /// A frame was skipped.
     Skipped(Fault),
 }
 
-/// Why a frame was passed over.
+/// Why a frame was skipped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Fault {
-    /// A line has another number of values.
+    /// A line has the wrong number of values.
     Values {
-        /// Values there are.
+        /// Number of values found.
         found: usize,
-        /// Values there should be.
+        /// Number of values expected.
         wanted: usize,
     },
-    /// The frame has another number of lines.
+    /// The frame has the wrong number of lines.
     Lines {
-        /// Lines there are.
+        /// Number of lines found.
         found: usize,
-        /// Lines there should be.
+        /// Number of lines expected.
         wanted: usize,
     },
-    /// A field, from 0, is no number.
+    /// A field is not a number.
     NotANumber {
-        /// Which.
+        /// Index of the field, from 0.
         field: usize,
     },
     /// A line is longer than [`MAX_LINE_BYTES`].
@@ -70,7 +70,7 @@ pub struct Decoder {
     format: TextFormat,
     line: Vec<u8>,
     line_is: Line,
-    /// Lines of the open frame; `None` between frames.
+    /// Number of lines in the open frame; `None` between frames.
     lines: Option<usize>,
     fault: Option<Fault>,
     /// Numbers of the open frame.
@@ -88,10 +88,10 @@ enum Line {
 }
 
 impl Decoder {
-    /// A decoder; the bytes may start in the middle of a line and of a frame.
+    /// Creates a decoder; the bytes may start in the middle of a line or frame.
     ///
     /// # Errors
-    /// [`HwError::Setting`] where the format does not fit itself.
+    /// [`HwError::Setting`] if the format is inconsistent.
     pub fn new(format: TextFormat) -> Result<Self, HwError> {
         format.validate()?;
         let (numbers, values) = (format.numbers(), format.measurements());
@@ -109,13 +109,13 @@ impl Decoder {
         })
     }
 
-    /// The format.
+    /// Returns the format.
     pub fn format(&self) -> &TextFormat {
         &self.format
     }
 
-    /// Forgets what is open. `at_frame_start`: the next byte starts a line and a frame, as after a
-    /// request that was sent into silence.
+    /// Discards an incomplete line and frame. With `at_frame_start`, the next byte starts a line
+    /// and a frame, as after a request sent to a silent board.
     pub fn reset(&mut self, at_frame_start: bool) {
         self.line.clear();
         self.line_is = if at_frame_start { Line::Whole } else { Line::TruncatedStart };
@@ -125,7 +125,7 @@ impl Decoder {
         self.numbers.clear();
     }
 
-    /// Takes bytes as they arrive and calls `on_event` with what they complete.
+    /// Decodes bytes as they arrive and calls `on_event` for each completed frame.
     pub fn push(&mut self, bytes: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
         for &byte in bytes {
             if byte != b'\n' && byte != b'\r' {
@@ -176,7 +176,7 @@ impl Decoder {
             }
             _ if self.lines.is_some() => {
                 self.numbers(line, cut, on_event);
-                // an end line ends a frame, whatever it holds
+                // with an end line, only that line ends a frame
                 if !matches!(framing, Framing::EndLine(_)) {
                     self.close_if_whole(on_event);
                 }
@@ -195,7 +195,7 @@ impl Decoder {
         on_event(Event::Line(&text));
     }
 
-    /// Starts a frame; one that is still open is not whole.
+    /// Starts a frame; one still open is incomplete and closed first.
     fn open(&mut self, on_event: &mut impl FnMut(Event<'_>)) {
         if self.lines.is_some_and(|lines| lines > 0) {
             self.close(on_event);
@@ -221,7 +221,7 @@ impl Decoder {
             }
             found += 1;
         }
-        // a banner between frames that end with a line
+        // a banner between frames that end with a mark
         if before == 0
             && self.lines == Some(0)
             && matches!(fault, Some(Fault::NotANumber { field: 0 }))

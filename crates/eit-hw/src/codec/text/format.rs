@@ -1,50 +1,51 @@
-//! How frames are written as text.
+//! Layout of frames written as text.
 
 use super::number::Number;
 use crate::error::HwError;
 
-/// Longest line that is taken, in bytes: 4 000 values of 16 characters.
+/// Longest line accepted, in bytes: 4 000 values of 16 characters.
 pub const MAX_LINE_BYTES: usize = 65_536;
-/// Most values of a frame, a complex one counting two.
+/// Maximum number of values per frame; a complex value counts as two.
 pub const MAX_VALUES: usize = 16_384;
 
-/// How frames are written.
+/// Layout of frames written as text.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TextFormat {
-    /// Where a frame starts and ends.
+    /// How frames are delimited.
     pub framing: Framing,
-    /// Lines of numbers in a frame.
+    /// Lines of numbers per frame.
     pub lines_per_frame: usize,
-    /// Numbers of a line, a complex value being two.
+    /// Numbers per line; a complex value counts as two.
     pub values_per_line: usize,
-    /// How a number is written.
+    /// How numbers are written.
     pub number: Number,
     /// Whether real and imaginary parts alternate.
     pub complex: bool,
-    /// Each number is multiplied by this.
+    /// Factor applied to each number.
     pub scale: f64,
-    /// Magnitudes from here on, before scaling, are flagged saturated.
+    /// Magnitude, before scaling, from which a value is flagged saturated.
     pub saturated_from: Option<f64>,
-    /// Magnitudes up to here, before scaling, are flagged open.
+    /// Magnitude, before scaling, up to which a value is flagged open.
     pub open_up_to: Option<f64>,
 }
 
-/// Where a frame starts and ends. Lines are ended by LF, CR or both; empty ones do not count.
+/// How frames are delimited. Lines end with LF, CR or both; empty lines are ignored.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Framing {
-    /// Frames follow each other without marks; only for one line a frame, since nothing else says
-    /// which line is the first. The first line is passed over: its start may be cut.
+    /// One line per frame, without marks; with several lines, nothing would say which is the first.
+    /// The first line received is skipped, as its start may be missing.
     Lines,
-    /// A line that is exactly this starts a frame.
+    /// A line that equals this text starts a frame.
     StartLine(String),
-    /// The first line of a frame starts with this, and its numbers follow the first `:` or blank.
+    /// The first line of a frame starts with this text; numbers follow it, or the next `:` if there
+    /// is one.
     Prefix(String),
-    /// A line that is exactly this ends a frame.
+    /// A line that equals this text ends a frame.
     EndLine(String),
 }
 
 impl Default for TextFormat {
-    /// Plain CSV: a frame of 208 decimals a line.
+    /// Plain CSV: one frame of 208 decimal numbers per line.
     fn default() -> Self {
         Self {
             framing: Framing::Lines,
@@ -60,7 +61,7 @@ impl Default for TextFormat {
 }
 
 impl TextFormat {
-    /// Measurements of a frame.
+    /// Returns the number of measurements per frame.
     pub fn measurements(&self) -> usize {
         self.numbers() / if self.complex { 2 } else { 1 }
     }
@@ -69,10 +70,10 @@ impl TextFormat {
         self.lines_per_frame.saturating_mul(self.values_per_line)
     }
 
-    /// Whether the fields fit each other.
+    /// Checks that the settings are consistent.
     ///
     /// # Errors
-    /// [`HwError::Setting`] names the first that does not.
+    /// [`HwError::Setting`] names the first that is not.
     pub fn validate(&self) -> Result<(), HwError> {
         let refuse = |name, value: String, wanted| Err(HwError::Setting { name, value, wanted });
         if self.numbers() == 0 || self.numbers() > MAX_VALUES {
@@ -81,7 +82,7 @@ impl TextFormat {
         }
         if self.complex && !self.values_per_line.is_multiple_of(2) {
             let value = self.values_per_line.to_string();
-            return refuse("values_per_line", value, "an even number, since values are complex");
+            return refuse("values_per_line", value, "an even number for complex values");
         }
         if self.framing == Framing::Lines && self.lines_per_frame != 1 {
             let value = self.lines_per_frame.to_string();

@@ -1,30 +1,30 @@
-//! Numbers as boards write them.
+//! Number formats of boards.
 
 /// How a number is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Number {
-    /// Decimal, such as `-1.25e-3`.
+    /// Decimal number, such as `-1.25e-3`.
     Decimal,
-    /// Hexadecimal 32-bit two's complement without padding (`ffffd8f1` is -9999); with a point it
-    /// is a decimal, as one firmware prints.
+    /// Hexadecimal 32-bit two's complement without padding (`ffffd8f1` is -9999); with a decimal
+    /// point it is read as a decimal number, which one firmware prints.
     HexInteger,
-    /// Hexadecimal bits of a 32-bit float; with a point it is a decimal.
+    /// Bits of a 32-bit float in hexadecimal; with a decimal point it is read as a decimal number.
     HexFloat,
 }
 
 impl Number {
-    /// The number that a field holds, `None` where it is none or not finite.
+    /// Parses a field; returns `None` if it is not a finite number.
     pub fn parse(self, field: &[u8]) -> Option<f64> {
         let field = std::str::from_utf8(field).ok()?;
         let decimal = || {
-            // `parse` takes `inf`, `nan` and their like too
+            // `parse` also accepts `inf`, `nan` and the like
             let plain = field.bytes().all(|b| b.is_ascii_digit() || b"+-.eE".contains(&b));
             field.parse().ok().filter(|value: &f64| plain && value.is_finite())
         };
         if self == Self::Decimal || field.contains('.') {
             return decimal();
         }
-        // `from_str_radix` takes a sign too
+        // `from_str_radix` also accepts a sign
         let digits = field.bytes().all(|byte| byte.is_ascii_hexdigit());
         let bits = digits.then(|| u32::from_str_radix(field, 16).ok()).flatten()?;
         if self == Self::HexInteger {
@@ -33,7 +33,7 @@ impl Number {
         Some(f64::from(f32::from_bits(bits))).filter(|value| value.is_finite())
     }
 
-    /// The number as a board would write it.
+    /// Formats a number as a board would.
     pub fn write(self, value: f64) -> String {
         match self {
             Self::Decimal => value.to_string(),

@@ -1,12 +1,12 @@
-//! Formats of public boards, from their firmware; none was verified on hardware.
+//! Formats of public boards, from their firmware; none verified on hardware.
 
 use super::format::{Framing, TextFormat};
 use super::number::Number;
 
 impl TextFormat {
-    /// OpenEIT / Spectra (ADuCM350) with 8, 16 or 32 electrodes: `magnitudes: ` and 32, 192 or 896
-    /// magnitudes in ohm. Opposite drive, adjacent measurement. 0.0000 is an open circuit,
-    /// 134217727.9375 (0x7FFFFFFF with four fractional bits) saturation. `None` for another number.
+    /// OpenEIT / Spectra (ADuCM350): `magnitudes: ` and 32, 192 or 896 magnitudes in ohms, for 8,
+    /// 16 or 32 electrodes; `None` for another number. Opposite drive, adjacent measurement. 0.0000
+    /// means an open circuit, 134217727.9375 (0x7FFFFFFF with four fractional bits) saturation.
     ///
     /// Source: github.com/OpenEIT/EIT_Firmware.
     pub fn open_eit(electrodes: u32) -> Option<Self> {
@@ -25,8 +25,8 @@ impl TextFormat {
         })
     }
 
-    /// EVAL-CN0565 with 16 electrodes, adjacent drive and measurement, voltages: `!V` and 208
-    /// complex values as unpadded hexadecimal integers, arbitrary unit. The codes have 18 bits.
+    /// EVAL-CN0565 with 16 electrodes, adjacent drive and measurement: `!V` and 208 complex
+    /// voltages as unpadded hexadecimal integers, in arbitrary units. The codes have 18 bits.
     ///
     /// Source: Analog Devices' interactive firmware of the CN0565.
     pub fn cn0565() -> Self {
@@ -40,12 +40,12 @@ impl TextFormat {
         }
     }
 
-    /// The skin board `black_sensor` (ESP32): a line `A`, then 16 lines of 16 counts, with the
-    /// driven electrodes.
+    /// The skin board `black_sensor` (ESP32): a line `A`, then 16 lines of 16 counts, which include
+    /// the driven electrodes.
     ///
-    /// The converter has 16 bits, and its largest count is the rail: logs of 2022 hold sound ones up to
-    /// 39 000. A later firmware writes their difference from half the scale, whose rails (32 533 in its
-    /// source) are calibrated for each board; those are not flagged.
+    /// The converter has 16 bits, and its largest count means saturation: logs of 2022 hold sound
+    /// counts up to 39 000. A later firmware sends the difference from half the scale; its rails
+    /// (32 533 in its source) are calibrated per board and are not flagged.
     ///
     /// Source: github.com/richgumy/black_sensor.
     pub fn black_sensor() -> Self {
@@ -70,8 +70,8 @@ impl TextFormat {
         }
     }
 
-    /// Serial line of the 16-electrode instrument whose logs [`serial_log`](crate::serial_log)
-    /// reads: a line `s`, then 16 lines of 13 decimals; full scale 6.55.
+    /// The 16-electrode instrument whose logs [`serial_log`](crate::serial_log) reads: a line `s`,
+    /// then 16 lines of 13 decimal numbers; full scale 6.55.
     pub fn serial_16() -> Self {
         Self {
             framing: Framing::StartLine("s".into()),
@@ -82,7 +82,7 @@ impl TextFormat {
         }
     }
 
-    /// One frame of `values` decimals a line.
+    /// Plain CSV: one frame of `values` decimal numbers per line.
     pub fn csv(values: usize) -> Self {
         Self { values_per_line: values, ..Self::default() }
     }

@@ -1,4 +1,4 @@
-//! Commands to an EITS-1 instrument, and how long their answers may take.
+//! Commands to an EITS-1 instrument, and time limits for their answers.
 
 use std::time::Duration;
 
@@ -6,20 +6,20 @@ use crate::codec::eits1::{CRC_BYTES, HEADER_BYTES, Kind, Message, encode};
 use crate::error::HwError;
 use crate::transport::{Endpoint, Link};
 
-/// One answer must come within this, beside the time that command and answer take on the line.
+/// Time limit for an answer, in addition to the transmission time of command and answer.
 const ANSWER_LIMIT: Duration = Duration::from_millis(500);
-/// Bits of a byte on a serial line.
+/// Bits per byte on a serial line.
 const BITS: f64 = 10.0;
-/// A line is no slower than this after the first attempt: an adapter may be set to another rate than it
-/// has on its other side.
+/// Highest baud rate assumed after the first attempt: the other side of an adapter may run slower
+/// than the rate it is set to.
 const SLOWEST_BAUD: u32 = 9600;
 /// A command to the instrument.
 pub(super) struct Command<'a> {
     pub kind: Kind,
     pub payload: &'a [u8],
-    /// Kind of the message that answers it.
+    /// Kind of the message that answers the command.
     pub answer: Kind,
-    /// What it tells the instrument to do, for messages.
+    /// What the command tells the instrument to do, for error messages.
     pub purpose: &'static str,
 }
 
@@ -29,7 +29,7 @@ impl Command<'static> {
     }
 }
 
-/// How long to wait for an answer: command and answer take their time on a serial line.
+/// Returns how long to wait for an answer, including transmission times on a serial line.
 pub(super) fn answer_limit(
     endpoint: &Endpoint,
     attempt: u32,
@@ -39,13 +39,13 @@ pub(super) fn answer_limit(
     let Endpoint::Serial { baud, .. } = endpoint else { return ANSWER_LIMIT };
     let answer = match wanted {
         Kind::Configuration => payload,
-        // two texts of at most 255 bytes
+        // two texts, of at most 255 bytes each
         Kind::Information => 64,
         _ => 8,
     };
     let baud = if attempt == 0 { *baud } else { (*baud).min(SLOWEST_BAUD) };
     let bytes = 2 * (HEADER_BYTES + CRC_BYTES + 8) + payload + answer;
-    // COBS adds a byte in 254, the device its own time
+    // COBS adds one byte in 254, and the device needs time of its own
     let line_s = 1.1 * BITS * bytes as f64 / f64::from(baud.max(1));
     ANSWER_LIMIT + Duration::from_secs_f64(line_s)
 }
@@ -57,7 +57,7 @@ pub(super) fn send(
     payload: &[u8],
 ) -> Result<(), HwError> {
     let count = payload.len().min(usize::from(u16::MAX)) as u16;
-    // the first 0 ends what noise may have begun
+    // the leading 0 ends whatever noise may have started
     let mut wire = vec![0];
     let message = Message { kind, sequence, device_time_us: 0, flags: 0, count, payload };
     encode(&message, &mut wire)?;

@@ -1,10 +1,10 @@
-//! What the messages of an EITS-1 instrument mean.
+//! Interpretation of an EITS-1 instrument's messages.
 
 use crate::codec::eits1::{Message, Refusal, flags};
 use crate::error::shortened;
 use crate::frame::Quality;
 
-/// Why a command was refused, in words.
+/// Returns the reason for a refusal in words.
 pub(super) fn reason(payload: &[u8]) -> String {
     let (code, text) = match payload {
         [_, code, text @ ..] => (*code, String::from_utf8_lossy(text)),
@@ -23,33 +23,37 @@ pub(super) fn reason(payload: &[u8]) -> String {
     if text.is_empty() { why } else { format!("{why} ({text})") }
 }
 
-/// So many frames in a row that follow each other, but not those before, are a count that has begun anew.
+/// Number of consecutively numbered but unexpected frames after which the counter is taken as
+/// restarted.
 const NEW_RUN: u32 = 3;
-/// Frames that may be lost at once whatever the time; more must have had the time to be sent.
+/// Number of lost frames accepted in any case; a larger gap requires that there was time to send
+/// them.
 const MOST_LOST: f64 = 100.0;
 
-/// Frames counted without wrapping.
+/// Counts frames without wrapping.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Count {
-    /// Last sequence and the count that it stands for.
+    /// Last sequence number and the count it corresponds to.
     last: Option<(u32, u64)>,
-    /// Sequence of the last frame that did not follow, and how many came in a row.
+    /// Last sequence number that did not follow, and how many such frames came in a row.
     other: Option<(u32, u32)>,
 }
 
-/// What a frame's sequence says.
+/// Result of checking a frame's sequence number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Counted {
-    /// It is the frame of this count.
+    /// The frame has this count.
     Frame(u64),
-    /// An older frame, the same again, or one whose number cannot be.
+    /// An older frame, a repeated one, or one with an implausible number.
     PassedOver,
-    /// The count has begun anew; the frame has this count, and so many before it were passed over.
+    /// The counter has restarted; the frame has this count, and `passed_over` frames before it were
+    /// skipped.
     Renumbered { count: u64, passed_over: u32 },
 }
 
 impl Count {
-    /// Takes a frame's sequence; `possible` frames can have been sent since the one before.
+    /// Checks a frame's sequence number; about `possible` frames can have been sent since the
+    /// previous one.
     pub(super) fn take(&mut self, sequence: u32, possible: f64) -> Counted {
         let Some((before, count)) = self.last else {
             *self = Self { last: Some((sequence, u64::from(sequence))), other: None };
@@ -76,7 +80,7 @@ impl Count {
     }
 }
 
-/// Takes values and flags out of a frame.
+/// Copies values and flags from a frame.
 pub(super) fn fill(
     message: &Message<'_>,
     values: &mut [f64],
@@ -108,7 +112,7 @@ pub(super) fn fill(
     }
 }
 
-/// Text for people, without control characters.
+/// Returns text for people, without control characters.
 pub(super) fn text(payload: &[u8]) -> String {
     String::from_utf8_lossy(payload).replace(char::is_control, "?")
 }
@@ -128,7 +132,7 @@ mod tests {
         assert_eq!(take(2), Counted::Frame((1 << 32) + 2));
     }
 
-    /// A single number that cannot be is passed over; a run of them is a count that began anew.
+    /// A single implausible number is skipped; a run of them means that the counter restarted.
     #[test]
     fn a_count_that_begins_anew_is_told_from_frames_out_of_order() {
         let mut count = Count::default();
@@ -146,7 +150,7 @@ mod tests {
             let anew = Counted::Renumbered { count: u64::from(start) + 2, passed_over: 2 };
             assert_eq!(taken, [passed, passed, anew, frame(u64::from(start) + 3)]);
         }
-        // a pause in which they can have been sent is a loss
+        // after a pause long enough to send them, missing frames are a loss
         assert_eq!(count.take(1_005_000, 3000.0), frame(1_005_000));
     }
 }

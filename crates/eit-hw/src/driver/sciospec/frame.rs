@@ -1,32 +1,32 @@
-//! Data frames of 16 channels put together to frames of the protocol.
+//! Assembles data frames of 16 channels into frames of the protocol.
 
 use super::settings::{Polarity, SciospecSettings};
 use crate::codec::sciospec::{DataFrame, GROUP};
 use crate::driver::decoded::{Decoded, RawFrame};
 use crate::frame::Quality;
 
-/// The share of drives that must agree on the polarity.
+/// Minimum fraction of driven pairs that must agree on the polarity.
 const CLEAR_SHARE: f64 = 0.9;
 
-/// A frame being received. Data is placed by drive and channel group, never by how it came; groups
-/// beyond the electrodes in use are passed over.
+/// A frame being received. Data are placed by driven pair and channel group, never by order of
+/// arrival; groups beyond the electrodes in use are ignored.
 #[derive(Clone, Debug)]
 pub(super) struct Assembly {
     drives: Vec<[u32; 2]>,
     electrodes: usize,
     groups: usize,
     polarity: Polarity,
-    /// Sign of the values; `None` until it is measured.
+    /// Sign of the values; `None` until determined.
     sign: Option<f64>,
     values: Vec<f64>,
     imaginary: Vec<f64>,
     quality: Vec<Quality>,
     filled: Vec<bool>,
     filled_count: usize,
-    /// Cell of the last data frame.
+    /// Index of the last data frame: driven pair times groups, plus group.
     last_cell: usize,
     time: Option<f64>,
-    /// The clock's last reading and the count of its wraps.
+    /// Last reading of the device clock, and number of wraps.
     clock: (u32, u64),
 }
 
@@ -53,7 +53,7 @@ impl Assembly {
         assembly
     }
 
-    /// A new stream.
+    /// Prepares for a new stream.
     pub(super) fn reset(&mut self) {
         self.sign = match self.polarity {
             Polarity::Measured => None,
@@ -74,18 +74,18 @@ impl Assembly {
         self.time = None;
     }
 
-    /// Takes one data frame.
+    /// Adds one data frame.
     pub(super) fn take(&mut self, data: &DataFrame, on_decoded: &mut dyn FnMut(Decoded<'_>)) {
         let Some([a, b]) = data.drive.map(|drive| drive.map(|electrode| u32::from(electrode) - 1))
         else {
             return;
         };
-        // some firmware may list a pair the other way round
+        // some firmware may swap the electrodes of a pair
         let same = |pair: &[u32; 2]| *pair == [a, b] || *pair == [b, a];
         let Some(drive) = self.drives.iter().position(same) else {
             return on_decoded(Decoded::Damaged { bytes: 1 });
         };
-        // one frequency is set up; some models call it 0
+        // only one frequency is set; some models number it 0
         if data.frequency_row.is_some_and(|row| row > 1) {
             return on_decoded(Decoded::Damaged { bytes: 1 });
         }
@@ -114,7 +114,7 @@ impl Assembly {
         }
     }
 
-    /// Seconds of the device's clock, which wraps after 49.7 days.
+    /// Returns the device clock in seconds, unwrapped; it wraps after 49.7 days.
     fn unwrapped(&mut self, time_ms: u32) -> f64 {
         let (last, wraps) = self.clock;
         let wraps = wraps + u64::from(time_ms < last && last - time_ms > u32::MAX / 2);
@@ -123,7 +123,7 @@ impl Assembly {
     }
 
     fn finish(&mut self, on_decoded: &mut dyn FnMut(Decoded<'_>)) {
-        // of less than half a frame nothing can be made
+        // less than half a frame is useless
         if 2 * self.filled_count < self.filled.len() {
             on_decoded(Decoded::TruncatedFrame);
             return self.clear();
@@ -134,7 +134,7 @@ impl Assembly {
             on_decoded(Decoded::Notice(match sign {
                 Some(1.0) => "polarity: current enters at the first electrode of a drive",
                 Some(_) => "polarity: current enters at the second electrode of a drive; corrected",
-                None => "polarity: not clear from this frame; taken as listed",
+                None => "polarity: unclear from this frame; used as listed",
             }));
         }
         let sign = self.sign.unwrap_or(1.0);
@@ -151,7 +151,7 @@ impl Assembly {
         self.clear();
     }
 
-    /// The sign of the drives, by whether Re u(a) > Re u(b).
+    /// Determines the sign of the drives from whether Re u(a) > Re u(b).
     fn measured_sign(&self) -> Option<f64> {
         let (mut seen, mut forward) = (0.0, 0.0);
         for (drive, &[a, b]) in self.drives.iter().enumerate() {
@@ -173,7 +173,7 @@ impl Assembly {
     }
 }
 
-/// Groups of 16 channels that hold the electrodes.
+/// Returns the number of groups of 16 channels that hold the electrodes.
 pub(super) fn groups(electrodes: u32) -> usize {
     (electrodes as usize).div_ceil(GROUP)
 }

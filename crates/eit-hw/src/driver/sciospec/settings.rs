@@ -1,4 +1,4 @@
-//! What a Sciospec instrument is told.
+//! Settings of a Sciospec instrument.
 
 use crate::error::HwError;
 use crate::frame::Quadruple;
@@ -18,7 +18,7 @@ pub enum Gain {
 }
 
 impl Gain {
-    /// As a number.
+    /// Returns the gain as a number.
     pub const fn factor(self) -> f64 {
         match self {
             Self::X1 => 1.0,
@@ -42,7 +42,7 @@ pub enum Range {
 }
 
 impl Range {
-    /// Its end in volt.
+    /// Returns the limit of the range in volts.
     pub const fn volts(self) -> f64 {
         match self {
             Self::V1 => 1.0,
@@ -52,54 +52,55 @@ impl Range {
     }
 }
 
-/// How wide electrode numbers are in the command that adds a drive; it depends on the firmware.
+/// Width of electrode numbers in the command that adds a drive; depends on the firmware.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PairWidth {
-    /// 8 bits, as sciopy and eit_app send.
+    /// 8 bits, as sciopy and eit_app send them.
     #[default]
     Byte,
-    /// 16 bits, as PrinceDinali's interface to an EIT32 sends.
+    /// 16 bits, as PrinceDinali's interface to an EIT32 sends them.
     Word,
 }
 
-/// At which electrode of a listed pair current enters the skin. Public sources disagree.
+/// Electrode of a listed pair at which current enters the skin. Public sources disagree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Polarity {
-    /// It is seen in the potentials of the driven electrodes, from each stream's first frame: the
-    /// one where current enters has the higher real part.
+    /// Determined from the first frame of each stream: of the two driven electrodes, current enters
+    /// at the one whose potential has the higher real part.
     #[default]
     Measured,
-    /// At the first.
+    /// The first electrode.
     AsListed,
-    /// At the second: values change their sign.
+    /// The second electrode: values change sign.
     Reversed,
 }
 
 /// Settings of a Sciospec instrument, in single-ended mode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SciospecSettings {
-    /// Electrodes in use, 2 to 128: channels 1 to this.
+    /// Number of electrodes in use, 2 to 128: channels 1 to this number.
     pub electrodes: u32,
-    /// Driven pairs [a, b], electrodes from 0.
+    /// Driven pairs `[a, b]`, electrodes from 0.
     pub drives: Vec<[u32; 2]>,
-    /// Amplitude of the current, 100 nA to 10 mA.
+    /// Amplitude of the current in ampere, 100 nA to 10 mA.
     pub current_a: f64,
-    /// 100 Hz to 1 MHz.
+    /// Frequency of the current in hertz, 100 Hz to 1 MHz.
     pub frequency_hz: f32,
-    /// 0.1 to 100 frames a second; how fast it can be depends on drives and frequency.
+    /// Frames per second, 0.1 to 100; the achievable maximum depends on drives and frequency.
     pub frame_rate_hz: f32,
-    /// Gain.
+    /// Gain of the voltmeters.
     pub gain: Gain,
-    /// Range.
+    /// Range of the converters.
     pub range: Range,
-    /// Width of electrode numbers.
+    /// Width of electrode numbers in commands.
     pub pair_width: PairWidth,
     /// Sign of the current.
     pub polarity: Polarity,
 }
 
 impl SciospecSettings {
-    /// Settings that measure these quadruples: each drive once, in the order of its first use.
+    /// Creates settings that measure these quadruples: each driven pair once, in order of first
+    /// use.
     pub fn for_quadruples(electrodes: u32, quadruples: &[Quadruple]) -> Self {
         let mut drives: Vec<[u32; 2]> = Vec::new();
         for &[a, b, ..] in quadruples {
@@ -120,10 +121,10 @@ impl SciospecSettings {
         }
     }
 
-    /// Whether the settings can be.
+    /// Checks the settings.
     ///
     /// # Errors
-    /// [`HwError::Setting`] names the first that cannot.
+    /// [`HwError::Setting`] names the first invalid one.
     pub fn validate(&self) -> Result<(), HwError> {
         let refuse = |name, value: String, wanted| Err(HwError::Setting { name, value, wanted });
         if !(2..=128).contains(&self.electrodes) {
@@ -154,13 +155,13 @@ impl SciospecSettings {
         Ok(())
     }
 
-    /// Payloads of the set-up commands and what each does, in their order.
+    /// Returns the payloads of the set-up commands and what each does, in order.
     pub(super) fn commands(&self) -> Vec<(Vec<u8>, &'static str)> {
         let frequency = self.frequency_hz.to_be_bytes();
         let join = |parts: &[&[u8]]| parts.concat();
         let mut commands = vec![
             (vec![0x01], "reset its set-up"),
-            (vec![0x02, 0, 0], "send frames without end"),
+            (vec![0x02, 0, 0], "send frames continuously"),
             (join(&[&[0x05], &self.current_a.to_be_bytes()]), "use the current `current_a`"),
             (vec![0x0D, 1 + self.range as u8], "use the range"),
             (vec![0x09, 1, self.gain as u8], "use the gain"),
@@ -170,7 +171,7 @@ impl SciospecSettings {
             (join(&[&[0x04], &frequency, &frequency, &[0, 1, 0]]), "use `frequency_hz`"),
         ];
         for drive in &self.drives {
-            // from 1 on the wire; validated to be at most 128
+            // numbered from 1 on the wire; validated to be at most 128
             let [a, b] = drive.map(|electrode| (electrode + 1) as u8);
             let payload = match self.pair_width {
                 PairWidth::Byte => vec![0x06, a, b],

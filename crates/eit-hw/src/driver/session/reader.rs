@@ -1,4 +1,4 @@
-//! The thread that reads an instrument, and finds it again.
+//! The thread that reads an instrument and reconnects to it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,7 +15,7 @@ use crate::driver::source::Event;
 use crate::error::HwError;
 use crate::transport::{Endpoint, Link};
 
-/// What the thread owns.
+/// State of the reader thread.
 pub(super) struct Reader {
     pub(super) driver: Box<dyn Driver>,
     pub(super) endpoint: Endpoint,
@@ -27,7 +27,7 @@ pub(super) struct Reader {
     pub(super) silence: Silence,
 }
 
-/// Why a connection is over.
+/// Why a connection ended.
 enum End {
     Quit,
     Lost(String, HwError),
@@ -39,7 +39,7 @@ impl Reader {
         loop {
             match self.follow(&mut link) {
                 End::Quit => {
-                    // a device that is gone need not be stopped
+                    // failing to stop a device that is gone does not matter
                     let _ = self.driver.stop(&mut link);
                     return self.queue.end(None);
                 }
@@ -66,7 +66,7 @@ impl Reader {
         self.quit.load(Ordering::Relaxed)
     }
 
-    /// Reads until the connection is over.
+    /// Reads until the connection ends.
     fn follow(&mut self, link: &mut Link) -> End {
         let mut buffer = [0; 8192];
         self.silence.start(Instant::now());
@@ -82,7 +82,7 @@ impl Reader {
                 queue.count(|statistics| statistics.bytes += received as u64);
                 self.driver.receive(&buffer[..received], &mut |decoded| {
                     frames += u32::from(matches!(decoded, Decoded::Frame(_)));
-                    // what comes after an end is another connection's
+                    // what follows belongs to another connection
                     if end.is_none() {
                         end = take(queue, stream, decoded);
                     }
@@ -108,7 +108,7 @@ impl Reader {
                 && self.silence.is_stall(&self.settings, now)
             {
                 let for_s = self.silence.for_s(now);
-                let reason = format!("no frame for {for_s:.1} s: it is set up anew");
+                let reason = format!("no frame for {for_s:.1} s: setting it up again");
                 let told_s = self.silence.end(now);
                 self.count_silence(told_s);
                 let source = std::io::Error::new(std::io::ErrorKind::TimedOut, reason.clone());
@@ -127,7 +127,7 @@ impl Reader {
         }
     }
 
-    /// Looks for the instrument with growing waits; `None` where the session was stopped.
+    /// Tries to reconnect with growing waits; returns `None` if the session was stopped.
     fn find_again(&mut self, mut error: HwError) -> Result<Option<Link>, HwError> {
         let Some(backoff) = self.settings.reconnect else { return Err(error) };
         let (start, mut wait_s) = (Instant::now(), backoff.initial_s);
@@ -201,7 +201,7 @@ fn take(queue: &Queue, stream: &mut Stream, decoded: Decoded<'_>) -> Option<Take
         Decoded::Damaged { bytes } => queue.count(|statistics| statistics.damaged_bytes += bytes),
         Decoded::Renumbered => {
             stream.begin_epoch();
-            queue.push(Event::Notice("its count of frames has begun anew".to_owned()));
+            queue.push(Event::Notice("its frame counter has restarted".to_owned()));
             queue.push(Event::Reconnected { epoch: stream.epoch });
         }
         Decoded::Notice(text) => {

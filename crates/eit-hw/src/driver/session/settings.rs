@@ -1,32 +1,32 @@
-//! How a session runs.
+//! Settings of a session.
 
 use crate::driver::queue::Overflow;
 use crate::error::HwError;
 use crate::frame::Quadruple;
 
-/// How a session runs.
+/// Settings of a [`Session`](super::Session).
 #[derive(Clone, Debug, PartialEq)]
 pub struct SessionSettings {
-    /// Measurements of the scene's protocol, in its order; `None` takes the instrument's own.
+    /// Measurements of the scene's protocol, in order; `None` keeps the instrument's own.
     pub quadruples: Option<Vec<Quadruple>>,
-    /// Frames that may wait for the consumer.
+    /// Maximum number of frames waiting for the consumer.
     pub capacity: usize,
-    /// What happens to the next one.
+    /// What happens when more frames arrive.
     pub overflow: Overflow,
-    /// After so long without a frame, or three frame times where that is longer,
-    /// [`Event::Silent`](crate::driver::Event::Silent) is told. Of an instrument whose rate is not set, a
-    /// frame time is what was seen between the last frames, and 2 s before.
+    /// Seconds without a frame after which [`Event::Silent`](crate::driver::Event::Silent) is
+    /// reported, or three frame periods if longer. If the instrument's rate is unknown, the period
+    /// is estimated from recent frames; until then it is at least 2 s.
     pub silence_s: f64,
-    /// After so long without a frame, or six frame times where that is longer, the instrument is set up
-    /// anew as if it had been lost: it may have restarted without a word. Not where `reconnect` is
-    /// `None`.
+    /// Seconds without a frame after which the instrument is set up again as if it had been lost,
+    /// or six frame periods if longer: it may have restarted without notice. Ignored if `reconnect`
+    /// is `None`.
     pub stall_s: f64,
-    /// How a lost instrument is looked for; `None`: the session ends.
+    /// How to reconnect to a lost instrument; with `None` the session ends.
     pub reconnect: Option<Backoff>,
 }
 
 impl Default for SessionSettings {
-    /// 64 frames, keeping the latest; 0.5 s and 2 s; reconnecting as long as it takes.
+    /// 64 frames, keeping the latest; 0.5 s and 2 s; reconnecting without time limit.
     fn default() -> Self {
         Self {
             quadruples: None,
@@ -39,29 +39,29 @@ impl Default for SessionSettings {
     }
 }
 
-/// Exponential backoff: waits between attempts to reconnect, each twice the one before.
+/// Exponential backoff: each wait between attempts to reconnect is twice the one before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Backoff {
-    /// The first wait.
+    /// First wait in seconds.
     pub initial_s: f64,
-    /// The longest wait.
+    /// Longest wait in seconds.
     pub max_s: f64,
-    /// Time after which the session ends with the last error; infinite: never.
+    /// Seconds after which the session ends with the last error; infinite for never.
     pub give_up_s: f64,
 }
 
 impl Default for Backoff {
-    /// 0.1 s to 5 s, without end.
+    /// 0.1 s to 5 s, without time limit.
     fn default() -> Self {
         Self { initial_s: 0.1, max_s: 5.0, give_up_s: f64::INFINITY }
     }
 }
 
 impl SessionSettings {
-    /// Whether the settings can be.
+    /// Checks the settings.
     ///
     /// # Errors
-    /// [`HwError::Setting`] names the first that cannot.
+    /// [`HwError::Setting`] names the first invalid one.
     pub fn validate(&self) -> Result<(), HwError> {
         let positive = |name, value: f64| {
             if value > 0.0 {

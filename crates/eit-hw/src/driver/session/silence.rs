@@ -1,28 +1,28 @@
-//! How long no frame has come, and how long that may take.
+//! Measures how long no frame has come, and decides whether that is too long.
 
 use std::time::Instant;
 
 use super::settings::SessionSettings;
 
-/// Time from frame to frame of an instrument of unknown rate, until it was seen often enough. Boards that
-/// write text take up to a second or two for a frame of 16 electrodes.
+/// Frame period assumed for an instrument of unknown rate until it can be estimated. Boards that
+/// send text take up to a second or two for a frame of 16 electrodes.
 const UNKNOWN_PERIOD_S: f64 = 2.0;
-/// Intervals that are looked at. Frames that waited in a buffer come at once: with eight, a few of those
-/// are not taken for the rate.
+/// Number of intervals used to estimate the period. Buffered frames arrive together; with eight
+/// intervals, a few of these do not distort the estimate.
 const INTERVALS: usize = 8;
-/// Frame times without a frame that are a silence, and a stall.
+/// Frame periods without a frame that make a silence, and a stall.
 const SILENCE_PERIODS: f64 = 3.0;
 const STALL_PERIODS: f64 = 6.0;
 
-/// How long no frame has come, and how long that may take.
+/// Measures how long no frame has come, and decides whether that is too long.
 #[derive(Debug)]
 pub(super) struct Silence {
-    /// Since when: the last frame, else the start.
+    /// Time of the last frame, or of the start.
     since: Instant,
     last_frame: Option<Instant>,
-    /// Time from frame to frame that was set; otherwise it is seen.
+    /// Configured frame period, if any; otherwise it is estimated.
     set_period_s: Option<f64>,
-    /// The last times between frames that came.
+    /// The most recent intervals between frames.
     intervals_s: [f64; INTERVALS],
     seen: usize,
     is_told: bool,
@@ -40,7 +40,7 @@ impl Silence {
         }
     }
 
-    /// The instrument was started, at first or anew; what was seen of its rate still holds.
+    /// Called when the instrument was started or restarted; the estimated period is kept.
     pub(super) fn start(&mut self, now: Instant) {
         (self.since, self.last_frame) = (now, None);
     }
@@ -49,7 +49,7 @@ impl Silence {
         now.saturating_duration_since(self.since).as_secs_f64()
     }
 
-    /// Time from frame to frame.
+    /// Returns the frame period.
     fn period_s(&self) -> f64 {
         if let Some(period_s) = self.set_period_s {
             return period_s;
@@ -57,12 +57,12 @@ impl Silence {
         let mut sorted_s = self.intervals_s;
         sorted_s.sort_unstable_by(f64::total_cmp);
         let [.., second_s, largest_s] = sorted_s;
-        // one outage among them is no rate; but frames in bursts have two long intervals, and their
-        // silence is between the bursts
+        // second longest: ignores a single outage, yet with frames in bursts finds the time between
+        // bursts, of which there are at least two
         if self.seen < INTERVALS { UNKNOWN_PERIOD_S.max(largest_s) } else { second_s }
     }
 
-    /// How long it is, where it is to be told now.
+    /// Returns the length of the silence if it is to be reported now.
     pub(super) fn begins(&mut self, settings: &SessionSettings, now: Instant) -> Option<f64> {
         let for_s = self.for_s(now);
         if self.is_told || for_s < settings.silence_s.max(SILENCE_PERIODS * self.period_s()) {
@@ -76,7 +76,7 @@ impl Silence {
         self.for_s(now) >= settings.stall_s.max(STALL_PERIODS * self.period_s())
     }
 
-    /// A frame has come. How long the silence before it was, where that was told.
+    /// Records a frame; returns the length of the silence before it if that was reported.
     pub(super) fn frame(&mut self, now: Instant) -> Option<f64> {
         if let Some(last) = self.last_frame {
             let interval_s = now.saturating_duration_since(last).as_secs_f64();
@@ -89,7 +89,8 @@ impl Silence {
         told_s
     }
 
-    /// The connection ends, or a frame came. How long the silence before was, where that was told.
+    /// Ends a silence, at a frame or when the connection ends; returns its length if it was
+    /// reported.
     pub(super) fn end(&mut self, now: Instant) -> Option<f64> {
         let for_s = self.for_s(now);
         self.since = now;
@@ -102,8 +103,8 @@ mod tests {
     use super::*;
     use std::time::Duration;
 
-    /// Frames after these intervals; the silences that were told on the way, looked for every 10 ms as a
-    /// reader does, and whether a stall was found.
+    /// Feeds frames at these intervals, polling every 10 ms as a reader does; returns the reported
+    /// silences, whether a stall was found, and the final time.
     fn told(
         silence: &mut Silence,
         from: Instant,
@@ -132,11 +133,11 @@ mod tests {
     fn slow_boards_are_neither_silent_nor_stalled() {
         for period_s in [0.6, 1.0, 2.5, 4.0] {
             let (mut silence, start) = at_rest(None);
-            // what waited in a buffer comes at once
+            // buffered frames arrive together
             let intervals_s: Vec<f64> = [0.0, 0.0].into_iter().chain([period_s; 20]).collect();
             let (told, stalled, end) = told(&mut silence, start, &intervals_s);
             assert!(told.is_empty() && !stalled, "{period_s} s: {told:?}, {stalled}");
-            // then it falls silent: told after three frame times, set up anew after six
+            // then it falls silent: reported after three frame periods, set up again after six
             let settings = SessionSettings::default();
             let after = |periods: f64| end + Duration::from_secs_f64(periods * period_s);
             assert_eq!(silence.begins(&settings, after(2.9)), None);
@@ -151,9 +152,9 @@ mod tests {
         let (mut silence, start) = at_rest(None);
         let intervals_s = [vec![0.1; 20], vec![10.0], vec![0.1; 20], vec![1.0]].concat();
         let (told, stalled, _) = told(&mut silence, start, &intervals_s);
-        // one outage of 10 s does not make the next one of 1 s pass untold
+        // one outage of 10 s does not hide the next one of 1 s
         assert_eq!(told.len(), 2, "{told:?}");
-        // looked for every 10 ms
+        // polled every 10 ms
         assert!(told.iter().all(|told_s| (0.5..0.515).contains(told_s)), "{told:?}");
         assert!(stalled);
     }
@@ -163,7 +164,7 @@ mod tests {
         let (mut silence, start) = at_rest(None);
         let intervals_s = [vec![0.1; 20], vec![1.5; 10]].concat();
         let (told, ..) = told(&mut silence, start, &intervals_s);
-        // the first two slow frames: one long interval alone might be an outage
+        // the first two slow frames are reported: one long interval alone might be an outage
         assert_eq!(told.len(), 2, "{told:?}");
     }
 
@@ -183,7 +184,7 @@ mod tests {
             let after = |for_s: f64| start + Duration::from_secs_f64(for_s);
             assert_eq!(silence.begins(&settings, after(wanted_s - 0.01)), None);
             assert!(silence.begins(&settings, after(wanted_s + 0.01)).is_some());
-            // told once
+            // reported once
             assert_eq!(silence.begins(&settings, after(wanted_s + 1.0)), None);
             assert!(silence.frame(after(4.0)).is_some_and(|for_s| (for_s - 4.0).abs() < 1e-9));
             assert_eq!(silence.frame(after(4.1)), None);

@@ -1,4 +1,4 @@
-//! Raw frames to frames in protocol order.
+//! Converts raw frames to frames in protocol order.
 
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -12,17 +12,17 @@ use crate::frame::{Frame, Quality};
 use crate::recording::{FrameMap, Projection};
 use crate::transport::Endpoint;
 
-/// Raw frames to frames in protocol order.
+/// Converts raw frames to frames in protocol order.
 pub(super) struct Stream {
     map: Option<FrameMap>,
     marker: Marker,
     value_count: usize,
     complex: bool,
-    /// The counter and clock of the epoch's first frame.
+    /// Counter and clock of the epoch's first frame.
     first: Option<(Option<u64>, Option<f64>)>,
     pub(super) epoch: u32,
     pub(super) next_sequence: u64,
-    /// Sequence of the epoch's first frame.
+    /// Sequence number of the epoch's first frame.
     base: u64,
 }
 
@@ -53,20 +53,21 @@ impl Stream {
         })
     }
 
-    /// After a reconnection.
+    /// Starts again after a reconnection.
     pub(super) fn renew(&mut self, setup: &Setup) {
         self.marker = Marker::new(setup.limits, setup.value_count);
         self.begin_epoch();
     }
 
-    /// Where counter and clock begin anew.
+    /// Starts a new epoch, in which counter and clock restart.
     pub(super) fn begin_epoch(&mut self) {
         self.first = None;
         self.epoch = self.epoch.saturating_add(1);
         self.base = self.next_sequence;
     }
 
-    /// The frame, and how many were lost before it; `None` where it does not fit the set-up.
+    /// Returns the frame and the number of frames lost before it; `None` if it does not match the
+    /// set-up.
     pub(super) fn frame(
         &mut self,
         raw: &RawFrame<'_>,
@@ -90,7 +91,7 @@ impl Stream {
             device_time_s: None,
             host_time_s: None,
         });
-        // a frame that somebody else built may have another size
+        // a frame built elsewhere may have another size
         frame.values.resize(count, 0.0);
         frame.quality.resize(count, Quality::GOOD);
         if self.complex {

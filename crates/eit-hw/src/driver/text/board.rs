@@ -1,42 +1,43 @@
-//! Boards by name, and how to talk to them.
+//! Boards by name, and how to communicate with them.
 
 use crate::codec::text::TextFormat;
 use crate::error::HwError;
 use crate::frame::Quadruple;
 use crate::recording::{Layout, Unit};
 
-/// What is sent to set a board up, and what it answers.
+/// One step of a board's set-up: what to send, and the expected answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Step {
-    /// Text to send, with its line end.
+    /// Text to send, including the line end.
     pub send: String,
-    /// Text that some line must hold afterwards; `None`: nothing is waited for.
+    /// Text that a following line must contain; `None` to wait for no answer.
     pub expect: Option<String>,
 }
 
-/// A board and how to talk to it.
+/// A board and how to communicate with it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Board {
-    /// Its name.
+    /// Name of the board.
     pub name: String,
-    /// Bits a second.
+    /// Baud rate of the serial line.
     pub baud: u32,
-    /// How it writes frames.
+    /// Layout of its frames.
     pub format: TextFormat,
-    /// How it is set up.
+    /// Steps that set it up.
     pub steps: Vec<Step>,
-    /// Text that asks for one frame; `None` where it sends them by itself.
+    /// Text that requests one frame; `None` if the board streams by itself.
     pub request: Option<String>,
     /// Electrodes of each value.
     pub layout: Layout,
     /// Unit of the scaled values.
     pub unit: Unit,
-    /// One whole frame must come within this, or it is another board or baud rate.
+    /// Seconds within which the first complete frame must arrive; otherwise it is another board or
+    /// baud rate.
     pub first_frame_s: f64,
 }
 
 impl Board {
-    /// Names of [`Board::preset`].
+    /// Names accepted by [`Board::preset`].
     pub const PRESETS: [&'static str; 7] = [
         "openeit-8",
         "openeit-16",
@@ -47,16 +48,17 @@ impl Board {
         "serial-16",
     ];
 
-    /// A public board by name; sources in [`TextFormat`]'s presets. Not verified on hardware.
+    /// Returns a public board by name; the presets of [`TextFormat`] name the sources. Not verified
+    /// on hardware.
     ///
     /// # Errors
-    /// [`HwError::Setting`] lists the names.
+    /// [`HwError::Setting`] lists the valid names.
     pub fn preset(name: &str) -> Result<Self, HwError> {
         let open_eit = |electrodes: u32, letter: &str| {
             let format = TextFormat::open_eit(electrodes).unwrap_or_default();
             let order = loops(electrodes, electrodes / 2, false, |a, b, m, n| [a, b, n, m]);
             let board = Self::new(name, 115_200, format, Layout::Quadruples(order));
-            // its receive buffer holds two bytes, and it answers with a banner
+            // the board's receive buffer holds two bytes, and it answers with a banner
             let steps = vec![Step { send: format!("{letter}\n"), expect: Some("mode".into()) }];
             Self { steps, unit: Unit::Ohm, ..board }
         };
@@ -73,7 +75,7 @@ impl Board {
                 Ok(Self { steps, request: Some("V \n".into()), ..board })
             }
             "black-sensor-16" => {
-                // rows: source r + 1, sink r; columns: measured (k + 1, k)
+                // row r: source r + 1, sink r; column k: measured pair (k + 1, k)
                 let order = loops(16, 1, true, |a, b, m, n| [b, a, n, m]);
                 let layout = Layout::Quadruples(order);
                 Ok(Self::new(name, 115_200, TextFormat::black_sensor(), layout))
@@ -101,7 +103,7 @@ impl Board {
         }
     }
 
-    /// A board that streams frames of this format without being asked, values of unknown scale.
+    /// Creates a board that streams frames of this format by itself, with values of unknown scale.
     pub fn new(name: &str, baud: u32, format: TextFormat, layout: Layout) -> Self {
         Self {
             name: name.to_owned(),
@@ -116,7 +118,8 @@ impl Board {
     }
 }
 
-/// Drives (a, a + offset) and measured pairs (m, m + 1), both ascending, as most boards loop.
+/// Returns drives (a, a + offset) and measured pairs (m, m + 1), both ascending, as most boards
+/// loop.
 fn loops(
     count: u32,
     offset: u32,

@@ -1,4 +1,4 @@
-//! What a board prints, before anything is known of it.
+//! Listens to a board of which nothing is known yet.
 
 use std::time::{Duration, Instant};
 
@@ -6,37 +6,39 @@ use crate::codec::text::{MAX_LINE_BYTES, MAX_VALUES, Number};
 use crate::error::HwError;
 use crate::transport::{Endpoint, Link};
 
-/// Frames that are kept; 64 of 16 384 values are 8 MB.
+/// Maximum number of frames kept; 64 of 16 384 values are 8 MB.
 const MOST_FRAMES: usize = 64;
-/// Characters of a line that is no frame.
+/// Number of characters kept of a line that is not a frame.
 const SAMPLE: usize = 80;
-/// Fewest numbers of a line that may be a frame: four electrodes give four.
+/// Minimum number of values of a line that may be a frame: four electrodes give four.
 const FEWEST_VALUES: usize = 4;
 
-/// What a port printed while it was listened to.
+/// What was received from a port while listening.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Heard {
-    /// Numbers of a line, the count that came most often; 0 where no line held numbers alone.
+    /// Most frequent count of numbers per line; 0 if no line consisted of numbers only.
     pub values: usize,
-    /// The last lines of that count, up to 64, in the order that they came.
+    /// The last lines with that count, at most 64, in order of arrival.
     pub frames: Vec<Vec<f64>>,
-    /// How many lines had that count.
+    /// Number of lines with that count.
     pub frame_lines: usize,
-    /// Whole lines that had another count or were not numbers alone.
+    /// Number of complete lines with another count or with anything but numbers.
     pub other_lines: usize,
-    /// The last of those, its first 80 characters, without control characters.
+    /// First 80 characters of the last line that was not a plain row of numbers, with `?` for
+    /// control characters.
     pub other_line: Option<String>,
-    /// Frames a second between the first and the last of them; `None` for fewer than three.
+    /// Frames per second between the first and the last frame; `None` for fewer than three frames.
     pub rate_hz: Option<f64>,
-    /// Bytes that came.
+    /// Number of bytes received.
     pub bytes: u64,
-    /// Of those, the share that no text holds, 0 to 1: much of it is a binary protocol or a wrong baud rate.
+    /// Fraction of bytes that are not text, 0 to 1; a high value means a binary protocol or a wrong
+    /// baud rate.
     pub binary_share: f64,
 }
 
 impl Heard {
-    /// Smallest step between two values of the same column, `None` where none ever changed: the
-    /// converter's resolution, or less.
+    /// Returns the smallest change between consecutive values of a column: the converter's
+    /// resolution or less. `None` if no value changed.
     pub fn step(&self) -> Option<f64> {
         let changes = self.frames.windows(2).flat_map(|pair| {
             pair[0].iter().zip(&pair[1]).map(|(before, after)| (after - before).abs())
@@ -45,13 +47,14 @@ impl Heard {
     }
 }
 
-/// Listens to a port for `duration` and counts the numbers of each line. Sends nothing.
+/// Listens to a port for `duration` and counts the numbers in each line. Sends nothing.
 ///
-/// Fields are split at commas, semicolons, tabs and blanks, as by
-/// [`Decoder`](crate::codec::text::Decoder). The first line is passed over: its start may be cut.
+/// Fields are separated by commas, semicolons, tabs and spaces, as in
+/// [`Decoder`](crate::codec::text::Decoder). The first line is skipped, since its start may be
+/// missing.
 ///
 /// # Errors
-/// [`HwError::Open`] where the port cannot be opened, [`HwError::Lost`] where it goes away.
+/// [`HwError::Open`] if the port cannot be opened, [`HwError::Lost`] if the connection is lost.
 pub fn listen(endpoint: &Endpoint, duration: Duration) -> Result<Heard, HwError> {
     let mut link = Link::open(endpoint)?;
     let mut lines = Lines::default();
@@ -63,15 +66,16 @@ pub fn listen(endpoint: &Endpoint, duration: Duration) -> Result<Heard, HwError>
     Ok(lines.heard())
 }
 
-/// Lines so far.
+/// Accumulates received lines.
 #[derive(Default)]
 struct Lines {
     line: Vec<u8>,
-    /// The first line's start may be cut.
+    /// Whether the current line is known to be complete; the start of the first may be missing.
     is_whole: bool,
-    /// Lines of numbers and when they ended, seconds; the last [`MOST_FRAMES`].
+    /// The last [`MOST_FRAMES`] lines of numbers.
     numbers: Vec<Vec<f64>>,
-    /// For each count of numbers: lines, and when the first and the last of them ended.
+    /// Per count of numbers: number of lines, and when the first and the last of them ended, in
+    /// seconds.
     counts: std::collections::BTreeMap<usize, (usize, f64, f64)>,
     lines: usize,
     other: Option<String>,
@@ -152,7 +156,7 @@ mod tests {
 
     fn heard(text: &[u8]) -> Heard {
         let mut lines = Lines::default();
-        // one byte at a time, a line of four numbers every half second
+        // one byte at a time, one per second
         for (at, byte) in text.iter().enumerate() {
             lines.push(&[*byte], at as f64);
         }
@@ -170,7 +174,7 @@ mod tests {
         assert_eq!((found.frame_lines, found.other_lines), (3, 2));
         assert_eq!(found.step(), Some(0.5));
         assert_eq!(found.other_line.as_deref(), Some("1,2,3"));
-        // 21 bytes from the end of the first of them to that of the last: two frames
+        // 20 s from the end of the first frame to that of the last: two frame periods
         assert!((found.rate_hz.unwrap() - 2.0 / 20.0).abs() < 1e-12, "{:?}", found.rate_hz);
     }
 

@@ -1,16 +1,16 @@
-//! What can be wrong, in words.
+//! Problems that a health check can find, and their descriptions.
 
 use std::fmt;
 
 use crate::frame::Quadruple;
 
-/// Fewer steps than this show no touch.
+/// A touch of fewer steps of the converter is invisible.
 const LEAST_STEPS: f64 = 1.0;
 
-/// Fit for use or not.
+/// Whether a skin is fit for use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// Nothing is wrong.
+    /// No problem was found.
     Good,
     /// Images will be worse than they could be.
     Usable,
@@ -18,7 +18,7 @@ pub enum Verdict {
     Faulty,
 }
 
-/// How bad.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
     /// Images are worse than they could be.
@@ -27,16 +27,16 @@ pub enum Severity {
     Fault,
 }
 
-/// What is wrong.
+/// Kind of problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Trouble {
     /// More than half of the electrode's values are flagged.
     Open {
-        /// How many of them.
+        /// Fraction of its values with a flag.
         flagged_share: f64,
     },
-    /// Reciprocity holds where this electrode is left out.
+    /// Reciprocity holds only without this electrode.
     Contact {
         /// Error of all measurements.
         with: f64,
@@ -49,71 +49,71 @@ pub enum Trouble {
     Repeats,
     /// Measurements at this electrode are noisier than the rest.
     Noisy {
-        /// How many times.
+        /// Noise relative to the rest.
         ratio: f64,
     },
-    /// Reciprocity does not hold, and no one electrode explains it.
+    /// Reciprocity does not hold, and no single electrode explains it.
     Reciprocity {
-        /// The error.
+        /// Reciprocity error.
         error: f64,
     },
-    /// Values at the end of the range.
+    /// Values are at the end of the range.
     Saturation {
-        /// Their share.
+        /// Fraction of values.
         share: f64,
     },
     /// Frames or values were lost.
     Loss {
-        /// Their share.
+        /// Fraction of the data.
         share: f64,
     },
-    /// Values do not change while others do.
+    /// Values stay constant while others change.
     Stuck {
-        /// How many measurements.
+        /// Number of such measurements.
         measurements: usize,
         /// The first of them.
         first: Quadruple,
     },
     /// The steps of the converter are too coarse for touches.
     Coarse {
-        /// Its smallest step, in the unit of the values.
+        /// Smallest step, in the unit of the values.
         step: f64,
-        /// Steps of a touch that changes the median voltage by 1 %.
+        /// Number of steps in a touch that changes the median voltage by 1 %.
         steps_per_touch: f64,
-        /// Measurements that never change.
+        /// Number of measurements that never change.
         still: usize,
-        /// Of so many.
+        /// Number of all measurements.
         measurements: usize,
     },
-    /// The frame rate is not what was asked for.
+    /// The frame rate differs from the requested one.
     Rate {
-        /// What it is.
+        /// Measured rate, in hertz.
         found_hz: f64,
-        /// What was asked for.
+        /// Requested rate, in hertz.
         wanted_hz: f64,
     },
-    /// Everything drifts.
+    /// All measurements drift.
     Drift {
-        /// Median change over the frames, over the noise of one value.
+        /// Median change over the recording, in multiples of the noise of one value.
         over_noise: f64,
     },
     /// All values are 0.
     Silent,
 }
 
-/// One thing that is wrong, with what to try.
+/// A problem and what to try.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finding {
-    /// How bad.
+    /// Severity of the problem.
     pub severity: Severity,
-    /// The electrode at fault, from 0; `None`: the whole.
+    /// Electrode at fault, from 0; `None` if the problem is not that of one electrode.
     pub electrode: Option<u32>,
-    /// What is wrong.
+    /// Kind of problem.
     pub trouble: Trouble,
 }
 
 impl Finding {
-    /// Of one electrode, from 0.
+    /// Creates the finding of a problem with one electrode, from 0.
     pub fn of_electrode(electrode: u32, trouble: Trouble) -> Self {
         let severity = match trouble {
             Trouble::Noisy { .. } => Severity::Warning,
@@ -133,10 +133,10 @@ impl Finding {
         Self { severity, electrode: None, trouble }
     }
 
-    /// What to try.
+    /// Returns what to try.
     pub fn advice(&self) -> &'static str {
         match self.trouble {
-            Trouble::Open { .. } => "fasten its wire and clean or press its contact",
+            Trouble::Open { .. } => "fasten its wire, and clean or press its contact",
             Trouble::Contact { .. } => {
                 "its contact is bad or its wire is swapped: fasten it, and check its number"
             }
@@ -150,13 +150,13 @@ impl Finding {
             }
             Trouble::Saturation { .. } => "lower the gain or the current",
             Trouble::Loss { .. } => {
-                "use a shorter cable, a higher baud rate, or fewer frames a second"
+                "use a shorter cable, a higher baud rate, or a lower frame rate"
             }
             Trouble::Stuck { .. } => "check the multiplexer channel of this measurement",
             Trouble::Coarse { .. } => {
-                "raise the gain or the current, or use a converter of more bits"
+                "raise the gain or the current, or use a converter with more bits"
             }
-            Trouble::Rate { .. } => "ask for a rate that the instrument can keep",
+            Trouble::Rate { .. } => "request a rate that the instrument can sustain",
             Trouble::Drift { .. } => "let it warm up, and check that nothing rests on the skin",
             Trouble::Silent => "check the current source and the cable of the skin",
         }
@@ -164,7 +164,7 @@ impl Finding {
 }
 
 impl fmt::Display for Finding {
-    /// One line; electrodes are numbered from 1.
+    /// Formats the finding as one line; electrodes are numbered from 1.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(electrode) = self.electrode {
             write!(f, "electrode {}: ", electrode + 1)?;
@@ -196,11 +196,11 @@ impl fmt::Display for Finding {
             }
             Trouble::Coarse { step, steps_per_touch, still, measurements } => write!(
                 f,
-                "steps of {step:.2e}: a touch of 1 % is {steps_per_touch:.1} of them, and {still} of \
+                "converter steps of {step:.2e}: a touch of 1 % has {steps_per_touch:.1}, and {still} of \
                  {measurements} measurements never change"
             ),
             Trouble::Rate { found_hz, wanted_hz } => {
-                write!(f, "{found_hz:.2} frames a second, {wanted_hz:.2} wanted")
+                write!(f, "{found_hz:.2} frames per second instead of {wanted_hz:.2}")
             }
             Trouble::Drift { over_noise } => {
                 write!(f, "values drift by {over_noise:.0} times their noise")

@@ -1,16 +1,16 @@
-//! Numbers that the findings rest on: noise, drift, flags.
+//! Quantities behind the findings: noise, drift, flags.
 
 use ndarray::ArrayView1;
 
 use crate::frame::{Quadruple, Quality};
 use crate::recording::MeasuredFrames;
 
-/// Median absolute deviation to standard deviation of a normal distribution.
+/// Ratio of standard deviation to median absolute deviation for a normal distribution.
 const MAD_TO_STD: f64 = 1.4826;
-/// The share of an electrode's values with a flag that is a fault of this electrode.
+/// Fraction of flagged values above which an electrode counts as open.
 const FLAGGED_SHARE: f64 = 0.5;
 
-/// Of the good pairs of successive values; NaN where there are fewer than three.
+/// Returns the noise estimated from pairs of successive good values; NaN for fewer than three.
 pub(super) fn noise_std(values: ArrayView1<'_, f64>, quality: ArrayView1<'_, Quality>) -> f64 {
     let good = |index: usize| quality[index].is_good() && values[index].is_finite();
     let steps = (1..values.len())
@@ -23,7 +23,7 @@ pub(super) fn noise_std(values: ArrayView1<'_, f64>, quality: ArrayView1<'_, Qua
     median(steps).map_or(f64::NAN, |median| MAD_TO_STD * median / std::f64::consts::SQRT_2)
 }
 
-/// Change of each measurement from the first to the last quarter of the frames.
+/// Returns the change of each measurement from the first to the last quarter of the frames.
 pub(super) fn drift(frames: &MeasuredFrames) -> Vec<f64> {
     let count = frames.values.nrows();
     let quarter = (count / 4).max(1);
@@ -32,8 +32,8 @@ pub(super) fn drift(frames: &MeasuredFrames) -> Vec<f64> {
     last.iter().zip(first).map(|(last, first)| last - first).collect()
 }
 
-/// Electrodes of which most values are flagged, worst first, with that share. Each is judged by the
-/// measurements that no worse one is part of: neighbours share measurements.
+/// Returns electrodes most of whose values are flagged, worst first, with the fraction flagged.
+/// Each is judged without the measurements of worse ones, since neighbours share measurements.
 pub(super) fn open_electrodes(
     frames: &MeasuredFrames,
     quadruples: &[Quadruple],
@@ -59,7 +59,7 @@ pub(super) fn open_electrodes(
     open
 }
 
-/// Share of each measurement's values with a flag.
+/// Returns the fraction of flagged values of each measurement.
 pub(super) fn flagged_shares(frames: &MeasuredFrames) -> Vec<f64> {
     let columns = frames.quality.columns().into_iter();
     columns
@@ -70,7 +70,7 @@ pub(super) fn flagged_shares(frames: &MeasuredFrames) -> Vec<f64> {
         .collect()
 }
 
-/// The median of the finite values; NaN where there is none.
+/// Returns the median of the finite values; NaN if there are none.
 pub(super) fn finite_median(values: impl Iterator<Item = f64>) -> f64 {
     median(values.filter(|value| value.is_finite()).collect()).unwrap_or(f64::NAN)
 }

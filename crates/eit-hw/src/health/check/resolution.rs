@@ -1,29 +1,30 @@
-//! Steps of the converter against the size of a touch.
+//! Step size of the converter compared with the size of a touch.
 
 use super::measure::median;
 use crate::recording::MeasuredFrames;
 
-/// Part of the median voltage that a touch changes. A finger on fabric changes measurements beside it
-/// by some per cent, those across the skin by a tenth of that.
+/// Relative change of the median voltage by a touch. A finger on fabric changes measurements next
+/// to it by some per cent, those across the skin by a tenth of that.
 const TOUCH: f64 = 0.01;
-/// With fewer steps a touch is coarse.
+/// Number of steps per touch below which the converter is coarse.
 const FEW_STEPS: f64 = 4.0;
-/// Values that differ by less than this part of their size differ by rounding.
+/// Relative difference below which two values differ only by rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// How finely an instrument tells values apart, as its quiet frames show.
+/// Resolution of an instrument, estimated from quiet frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Resolution {
-    /// The smallest change from frame to frame, in the unit of the values.
+    /// Smallest change from frame to frame, in the unit of the values.
     pub step: f64,
-    /// Steps of a touch that changes the median voltage by 1 %.
+    /// Number of steps in a touch that changes the median voltage by 1 %.
     pub steps_per_touch: f64,
-    /// Measurements that never change.
+    /// Number of measurements that never change.
     pub still: usize,
 }
 
 impl Resolution {
-    /// Of frames whose mean is `mean`; `None` where nothing changes.
+    /// Estimates the resolution from frames whose mean is `mean`; returns `None` if nothing
+    /// changes.
     pub(super) fn of(frames: &MeasuredFrames, mean: &[f64]) -> Option<Self> {
         let (mut step, mut still) = (f64::INFINITY, 0);
         for (values, quality) in frames.values.columns().into_iter().zip(frames.quality.columns()) {
@@ -47,7 +48,8 @@ impl Resolution {
         step.is_finite().then(|| Self { step, steps_per_touch: touch / step, still })
     }
 
-    /// Whether touches are lost in the steps: few of them, and most values stand still between them.
+    /// Returns whether touches are lost in the steps: a touch has few, and some measurements never
+    /// change.
     pub(super) fn is_coarse(&self) -> bool {
         self.steps_per_touch < FEW_STEPS && self.still > 0
     }

@@ -1,4 +1,4 @@
-//! `ProjectionTableSendLog.txt`.
+//! The projection table, `ProjectionTableSendLog.txt`.
 
 use std::path::Path;
 
@@ -12,10 +12,10 @@ const GAIN_PER_CODE: f64 = 0.2;
 const SOURCE: u64 = 2;
 const SINK: u64 = 3;
 
-/// Which electrodes and which gain each record of a scan has.
+/// Electrodes and gain of each record of a scan.
 #[derive(Debug)]
 pub(super) struct ProjectionTable {
-    /// Channels of the instrument, at least 1.
+    /// Number of channels of the instrument, at least 1.
     pub(super) channels: usize,
     /// Quadruple of each record, [projection, channel] flattened.
     pub(super) quadruples: Vec<Quadruple>,
@@ -33,7 +33,7 @@ struct Row {
 }
 
 impl ProjectionTable {
-    /// The table of a file with this content; `path` is for messages.
+    /// Parses the content of a table file; `path` is used in messages only.
     pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Self, HwError> {
         let content = text::decode(bytes, path)?;
         let mut rows = Vec::new();
@@ -60,12 +60,12 @@ impl ProjectionTable {
     }
 }
 
-/// The last channel; more than `u32` of rows do not fit a file of that many lines in memory.
+/// Returns the last channel; more rows than `u32` can count would not fit into memory.
 fn last_of(channels: usize) -> u32 {
     u32::try_from(channels - 1).unwrap_or(u32::MAX)
 }
 
-/// Source and sink of the rows of one projection.
+/// Returns source and sink of the rows of one projection.
 fn drive(
     rows: &[Row],
     projection: usize,
@@ -78,7 +78,7 @@ fn drive(
         what,
         found,
         wanted,
-        mend: "of this projection: copy the table anew from the instrument's folder",
+        mend: "this projection is invalid: copy the table again from the instrument's folder",
     };
     let in_order = rows
         .iter()
@@ -128,7 +128,7 @@ fn wrong(
     text: &str,
     wanted: &'static str,
 ) -> HwError {
-    let mend = "copy the table anew from the instrument's folder";
+    let mend = "copy the table again from the instrument's folder";
     HwError::Field { place: Place::line(path, line), field, text: shortened(text), wanted, mend }
 }
 
@@ -136,7 +136,7 @@ fn wrong(
 mod tests {
     use super::*;
 
-    /// A table of 4 channels and 2 projections; roles are the column `ChInfo`.
+    /// Returns a table of 4 channels and 2 projections; roles are the column `ChInfo`.
     fn text_of(roles: [[u32; 4]; 2]) -> String {
         let mut text = "ProjIndex\tCh\tChIndex\tChInfo\tInj.Freq\tAmp1High\r\n".to_owned();
         for (projection, roles) in roles.iter().enumerate() {
@@ -152,7 +152,7 @@ mod tests {
 
     const ROLES: [[u32; 4]; 2] = [[2, 3, 0, 0], [0, 2, 0, 3]];
 
-    /// The message of a refusal holds all of `parts`.
+    /// Asserts that the error message contains all of `parts`.
     #[track_caller]
     fn refused(result: Result<ProjectionTable, HwError>, parts: &[&str]) {
         let message = result.expect_err("refused").to_string();
@@ -172,12 +172,12 @@ mod tests {
         assert_eq!(good.gains, [0.2, 0.2, 2.0, 2.0, 2.0, 0.2, 2.0, 0.2]);
         refused(table(""), &["t.txt", "empty"]);
         refused(table("ProjIndex\n"), &["no complete frame"]);
-        refused(table(&text_of([[0, 3, 0, 0]; 2])), &["line 2", "0 sources", "1 wanted"]);
-        refused(table(&text_of([[2, 2, 3, 0]; 2])), &["2 sources", "1 wanted"]);
+        refused(table(&text_of([[0, 3, 0, 0]; 2])), &["line 2", "0 sources", "expected 1"]);
+        refused(table(&text_of([[2, 2, 3, 0]; 2])), &["2 sources", "expected 1"]);
         refused(table(&text_of([ROLES[0], [2, 0, 0, 0]])), &["line 6", "0 sinks"]);
-        refused(table(&text_of([[2, 3, 3, 3]; 2])), &["3 sinks", "1 wanted"]);
+        refused(table(&text_of([[2, 3, 3, 3]; 2])), &["3 sinks", "expected 1"]);
         let cut = text_of(ROLES);
-        refused(table(&cut[..cut.len() - 30]), &["channels in order", "4 wanted"]);
+        refused(table(&cut[..cut.len() - 30]), &["channels in order", "expected 4"]);
         refused(table("0\t0\t0\t2\n"), &["line 1", "Gain1", "\"\""]);
         refused(table("0 0 0 2 3 1 128 1 128 256\n"), &["line 1", "Gain1", "1 to 255"]);
         refused(table("0 x 0 2 3 1 128 1 128 25\n"), &["line 1", "Ch is \"x\""]);

@@ -1,11 +1,11 @@
-//! The header of an array: its shape and the type of its numbers.
+//! The header of an array: its shape and number type.
 
 use std::path::Path;
 
 use super::{MAGIC, MEND};
 use crate::error::{HwError, Place, shortened};
 
-/// What the header states.
+/// Content of the header.
 pub(super) struct Header {
     pub first_byte: usize,
     pub kind: Kind,
@@ -28,7 +28,7 @@ impl Header {
         };
         let Some(rest) = bytes.strip_prefix(MAGIC) else {
             let start = String::from_utf8_lossy(&bytes[..bytes.len().min(MAGIC.len())]);
-            return Err(wrong("its start", &start, "the NPY mark \\x93NUMPY"));
+            return Err(wrong("its start", &start, "the NPY magic \\x93NUMPY"));
         };
         let (length, start) = match *rest {
             [1, _, low, high, ..] => (usize::from(u16::from_le_bytes([low, high])), 10),
@@ -43,7 +43,7 @@ impl Header {
                 what: "bytes of header",
                 found: bytes.len().saturating_sub(start),
                 wanted: length,
-                mend: "the file is cut: copy it anew",
+                mend: "the file is truncated: copy it again",
             });
         };
         let header = String::from_utf8_lossy(header);
@@ -63,7 +63,7 @@ impl Header {
     }
 }
 
-/// What follows `'key':` in the header, empty where the key is missing.
+/// Returns what follows `'key':` in the header; empty if the key is missing.
 fn entry<'a>(header: &'a str, key: &str) -> &'a str {
     let after = |quote: char| {
         let quoted = format!("{quote}{key}{quote}");
@@ -75,13 +75,13 @@ fn entry<'a>(header: &'a str, key: &str) -> &'a str {
         .map_or("", str::trim_start)
 }
 
-/// The quoted text at the start.
+/// Returns the quoted text at the start.
 fn quoted(text: &str) -> Option<&str> {
     let quote = text.chars().next().filter(|quote| matches!(quote, '\'' | '"'))?;
     text[1..].split_once(quote).map(|(inside, _)| inside)
 }
 
-/// The tuple of sizes at the start.
+/// Parses the tuple of sizes at the start.
 fn shape(text: &str) -> Option<Vec<usize>> {
     let (inside, _) = text.strip_prefix('(')?.split_once(')')?;
     let sizes = inside.trim().trim_end_matches(',').trim();
@@ -91,13 +91,13 @@ fn shape(text: &str) -> Option<Vec<usize>> {
     sizes.split(',').map(|size| size.trim().trim_end_matches('L').parse().ok()).collect()
 }
 
-/// Type of one stored number, or of each of the two parts of a complex one.
+/// Type of a stored number, or of either part of a complex one.
 #[derive(Clone, Copy)]
 pub(super) struct Kind {
     number: Number,
     pub complex: bool,
     big_endian: bool,
-    /// Bytes of one part: 1, 2, 4 or 8.
+    /// Number of bytes of one part: 1, 2, 4 or 8.
     pub size: usize,
 }
 
@@ -109,7 +109,7 @@ enum Number {
 }
 
 impl Kind {
-    /// `<f8` and its like.
+    /// Parses a type such as `<f8`.
     fn parse(descr: &str) -> Option<Self> {
         let (order, rest) = match descr.as_bytes().first()? {
             b'<' | b'|' | b'=' => (false, &descr[1..]),
@@ -142,16 +142,16 @@ impl Kind {
         self.parts() * self.size
     }
 
-    /// One part out of its `size` bytes. Integers beyond 2^53 are rounded.
+    /// Decodes one part from its `size` bytes. Integers beyond 2^53 are rounded.
     pub fn value(self, bytes: &[u8]) -> f64 {
-        // the number as the low bytes of 8, least significant first
+        // the number in the low bytes of 8, least significant first
         let mut wide = [0; 8];
         for (slot, index) in wide.iter_mut().zip(0..bytes.len()) {
             *slot = bytes[if self.big_endian { bytes.len() - 1 - index } else { index }];
         }
         let raw = u64::from_le_bytes(wide);
         match self.number {
-            // the low 4 bytes are all that were filled
+            // only the low 4 bytes are filled
             Number::Float if self.size == 4 => f64::from(f32::from_bits(raw as u32)),
             Number::Float => f64::from_bits(raw),
             Number::Unsigned => raw as f64,

@@ -1,4 +1,4 @@
-//! One `.eit` file.
+//! The content of one `.eit` file.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ pub(super) struct EitFrame {
     /// Electrodes (from 0) where current enters and leaves.
     pub(super) drives: Vec<[u32; 2]>,
     pub(super) electrodes: usize,
-    /// [drive, electrode], volt.
+    /// Potentials in volts, [drive, electrode].
     pub(super) real: Vec<f64>,
     pub(super) imaginary: Vec<f64>,
     pub(super) time_ms: Option<i64>,
@@ -57,7 +57,7 @@ impl EitFrame {
                     what: "lines of potentials after this drive",
                     found: lines.len(),
                     wanted: rows,
-                    mend: "the file is cut: copy it anew or move it away",
+                    mend: "the file is truncated: copy it again or remove it",
                 });
             }
             let (number, line) = lines[frequency_row];
@@ -69,7 +69,7 @@ impl EitFrame {
         Ok(frame)
     }
 
-    /// Appends the potentials of the electrodes among those of all channels.
+    /// Appends the potentials of the channels that are electrodes.
     fn push_potentials(
         &mut self,
         line: &str,
@@ -89,7 +89,7 @@ impl EitFrame {
                     what: "channels",
                     found: device,
                     wanted: channel + 1,
-                    mend: "`MeasurementChannels` in the header says so: the file is damaged",
+                    mend: "as in the header's `MeasurementChannels`: the file is damaged",
                 });
             }
             for (value, list) in [
@@ -112,7 +112,7 @@ impl EitFrame {
     }
 }
 
-/// Real and imaginary parts of all channels of the device, as many as in the first line.
+/// Parses real and imaginary parts of all channels of the device, as many as in the first line.
 fn parts(
     line: &str,
     number: usize,
@@ -132,15 +132,15 @@ fn parts(
         what: "real and imaginary parts",
         found: parts.len(),
         wanted: 2 * device.max(1),
-        mend: "every line must have as many as the first: the file is cut or damaged",
+        mend: "every line must have as many as the first: the file is truncated or damaged",
     })
 }
 
-/// Which channels of the device are electrodes.
+/// The channels of the device that are electrodes.
 struct Channels {
-    /// By the header, from 1; `None`: all of the device.
+    /// From the header, counted from 1; `None` for all channels of the device.
     list: Option<Vec<u32>>,
-    /// Channels of the device, known from the first line of potentials.
+    /// Number of channels of the device, known from the first line of potentials.
     device: Option<usize>,
 }
 
@@ -149,7 +149,7 @@ impl Channels {
         self.list.as_ref().map_or(self.device.unwrap_or_default(), Vec::len)
     }
 
-    /// Electrode (from 0) of a channel (from 1).
+    /// Returns the electrode (from 0) of a channel (from 1).
     fn electrode(&self, channel: u32) -> Option<u32> {
         let index = match &self.list {
             Some(list) => list.iter().position(|&other| other == channel)?,
@@ -162,7 +162,7 @@ impl Channels {
     }
 }
 
-/// The electrodes of a line `a b`.
+/// Parses the electrodes of a line `a b`.
 fn drive(line: &str, number: usize, path: &Path, channels: &Channels) -> Result<[u32; 2], HwError> {
     let mut fields = line.split_whitespace();
     let mut next = || channels.electrode(fields.next()?.parse().ok()?);
@@ -173,12 +173,12 @@ fn drive(line: &str, number: usize, path: &Path, channels: &Channels) -> Result<
             field: "drive",
             text: shortened(line),
             wanted: "two different numbers of measurement channels",
-            mend: "the file is cut or damaged: copy it anew or move it away",
+            mend: "the file is truncated or damaged: copy it again or remove it",
         }),
     }
 }
 
-/// Other instruments write `.eit` files too.
+/// Rejects `.eit` files of other manufacturers' instruments.
 fn refuse_other_makers(bytes: &[u8], path: &Path) -> Result<(), HwError> {
     let start = &bytes[..bytes.len().min(80)];
     let format = if start.windows(10).any(|text| text == b"---Draeger") {

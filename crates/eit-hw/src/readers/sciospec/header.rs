@@ -1,31 +1,31 @@
 //! The header of an `.eit` file.
 //!
 //! With 9 lines: count, name, date, first frequency, last frequency, logarithmic, frequencies,
-//! amplitude in ampere, frames per second. With 11 or more a version follows the count, further
-//! lines follow the end, and of those only `MeasurementChannels: 1,2,...` matters here.
+//! amplitude in ampere, frames per second. With 11 or more, a version follows the count, and
+//! further lines follow at the end, of which only `MeasurementChannels: 1,2,...` is used.
 
 use std::path::Path;
 
 use crate::error::{HwError, Place, shortened};
 
-const MEND: &str = "the file is damaged or no Sciospec text frame: export it anew";
+const MEND: &str = "the file is damaged or not a Sciospec text frame: export it again";
 
 pub(super) struct Header {
-    /// Lines of the header.
+    /// Number of header lines.
     pub(super) lines: usize,
-    /// Milliseconds since 1970 by the clock of the computer that recorded.
+    /// Milliseconds since 1970 by the clock of the recording computer.
     pub(super) time_ms: Option<i64>,
     pub(super) first_hz: f64,
     pub(super) last_hz: f64,
     pub(super) logarithmic: bool,
     pub(super) frequencies: usize,
     pub(super) current_a: f64,
-    /// Channels that are electrodes, from 1; `None` where the header does not say.
+    /// Channels that are electrodes, from 1; `None` if the header does not say.
     pub(super) channels: Option<Vec<u32>>,
 }
 
 impl Header {
-    /// Reads it from the first of `lines`.
+    /// Parses the header from the first of `lines`.
     pub(super) fn parse(lines: &[(usize, &str)], path: &Path) -> Result<Self, HwError> {
         let text = |index: usize| lines.get(index).map_or("", |(_, line)| line.trim());
         let wrong = |index: usize, field, wanted| HwError::Field {
@@ -39,20 +39,24 @@ impl Header {
             .parse::<usize>()
             .ok()
             .filter(|count| (9..=lines.len()).contains(count))
-            .ok_or_else(|| wrong(0, "number of header lines", "a number from 9"))?;
+            .ok_or_else(|| wrong(0, "number of header lines", "a number of at least 9"))?;
         let shift = usize::from(count >= 11);
         let number = |index: usize, field| {
             let value = text(index).parse::<f64>().ok();
             value
                 .filter(|value| value.is_finite() && *value >= 0.0)
-                .ok_or_else(|| wrong(index, field, "a number from 0"))
+                .ok_or_else(|| wrong(index, field, "a number of at least 0"))
         };
         let mut channels = None;
         for (index, (_, line)) in lines.iter().enumerate().take(count).skip(9) {
             if let Some(list) = line.strip_prefix("MeasurementChannels:") {
                 let list = channel_list(list);
                 channels = Some(list.ok_or_else(|| {
-                    wrong(index, "MeasurementChannels", "a list of different numbers from 1")
+                    wrong(
+                        index,
+                        "MeasurementChannels",
+                        "a list of different numbers, each at least 1",
+                    )
                 })?);
             }
         }
@@ -62,17 +66,15 @@ impl Header {
             first_hz: number(3 + shift, "first frequency")?,
             last_hz: number(4 + shift, "last frequency")?,
             logarithmic: number(5 + shift, "logarithmic")? != 0.0,
-            frequencies: text(6 + shift)
-                .parse()
-                .ok()
-                .filter(|&count| count > 0)
-                .ok_or_else(|| wrong(6 + shift, "number of frequencies", "a number from 1"))?,
+            frequencies: text(6 + shift).parse().ok().filter(|&count| count > 0).ok_or_else(
+                || wrong(6 + shift, "number of frequencies", "a number of at least 1"),
+            )?,
             current_a: number(7 + shift, "amplitude")?,
             channels,
         })
     }
 
-    /// Frequency of a row: equal steps, or equal ratios.
+    /// Returns the frequency of a row: rows have equal steps or equal ratios.
     pub(super) fn frequency_hz(&self, row: usize) -> f64 {
         if self.frequencies < 2 {
             return self.first_hz;
@@ -86,7 +88,7 @@ impl Header {
     }
 }
 
-/// `1,2,3` with every number from 1 and none twice.
+/// Parses a list such as `1,2,3` of different numbers, each at least 1.
 fn channel_list(text: &str) -> Option<Vec<u32>> {
     let channels: Vec<u32> =
         text.split(',').map(|channel| channel.trim().parse().ok()).collect::<Option<_>>()?;
@@ -96,8 +98,9 @@ fn channel_list(text: &str) -> Option<Vec<u32>> {
     (sorted.len() == channels.len() && !sorted.contains(&0)).then_some(channels)
 }
 
-/// `2025.02.12. 13:19:58.685`, with or without milliseconds, as milliseconds since 1970 by the
-/// same clock. `None` where it is written otherwise: time is not worth refusing a frame.
+/// Converts a time such as `2025.02.12. 13:19:58.685`, with or without milliseconds, to
+/// milliseconds since 1970 by the same clock. Returns `None` for other notations, since an
+/// unreadable time is no reason to reject a frame.
 fn milliseconds(text: &str) -> Option<i64> {
     let (date, time) = text.split_once(' ')?;
     let mut date = date.trim_end_matches('.').split('.').map(|part| part.parse::<i64>().ok());
@@ -105,7 +108,7 @@ fn milliseconds(text: &str) -> Option<i64> {
     let (time, fraction) = time.trim().split_once('.').unwrap_or((time.trim(), "0"));
     let mut time = time.split(':').map(|part| part.parse::<i64>().ok());
     let (hour, minute, second) = (time.next()??, time.next()??, time.next()??);
-    // digits only: `5e300` is a number too
+    // digits only, since `5e300` would also parse as a number
     if !fraction.bytes().all(|digit| digit.is_ascii_digit()) {
         return None;
     }
@@ -122,12 +125,12 @@ fn milliseconds(text: &str) -> Option<i64> {
     })
 }
 
-/// Days since 1970-01-01 in the Gregorian calendar, counted from March so that a leap day ends its
-/// year; 146097 days are 400 years.
+/// Returns the days since 1970-01-01 in the Gregorian calendar. Years start in March, so that a
+/// leap day is the last of its year; 146097 days are 400 years.
 fn days(year: i64, month: i64, day: i64) -> i64 {
     let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
     let leap_days = year.div_euclid(4) - year.div_euclid(100) + year.div_euclid(400);
-    // days before a month counted from March: 0, 31, 61, 92, 122, 153, ...
+    // days before a month, counted from March: 0, 31, 61, 92, 122, 153, ...
     365 * year + leap_days + (153 * month + 2) / 5 + day - 1 - 719_468
 }
 
@@ -163,7 +166,7 @@ mod tests {
     }
 
     proptest::proptest! {
-        // with overflow checks no part of a date overflows
+        // with overflow checks, no part of a date overflows
         #[test]
         fn any_date_is_a_time_or_none(
             date in "[0-9]{1,20}[.][0-9]{1,3}[.][0-9]{1,3}[.]?",
@@ -193,7 +196,7 @@ mod tests {
             current_a: 1e-3,
             channels: None,
         };
-        // a power and a product of f64
+        // rounding of a power and a product
         assert!((header.frequency_hz(1) - 1e4).abs() < 1e-8);
         header.logarithmic = false;
         assert_eq!(header.frequency_hz(1), 50_500.0);

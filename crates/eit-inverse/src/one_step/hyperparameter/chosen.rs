@@ -1,53 +1,54 @@
-//! What a rule chose, and how that went.
+//! Result of a hyperparameter rule.
 
-/// How a choice ended.
+/// Outcome of a hyperparameter choice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum HyperparameterStatus {
-    /// A given value.
+    /// The value was given.
     Given,
-    /// The wanted noise figure is reached.
+    /// The requested noise figure was reached.
     NoiseFigureReached,
-    /// The wanted noise figure lies outside what the scene allows; the nearest is used.
+    /// The requested noise figure cannot be reached; the nearest one is used.
     NoiseFigureUnreachable,
-    /// An extremum inside the range.
+    /// The optimum lies inside the range of lambda.
     Interior,
-    /// The smallest lambda of the range: no noise was found in the data.
+    /// The optimum is the smallest lambda of the range: no noise was found in the data.
     AtLowerEdge,
-    /// The largest lambda of the range: no signal was found in the data.
+    /// The optimum is the largest lambda of the range: no signal was found in the data.
     AtUpperEdge,
 }
 
-/// One point of the curve of a rule, for plots.
+/// One point of a rule's curve, for plots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct CurvePoint {
     /// Lambda.
     pub hyperparameter: f64,
-    /// `|dv - J dsigma|_W`, root of the sum over frames, in the unit of `dv`: the weights are
-    /// relative to the largest `noise_std`. Divided by
-    /// [`OneStepReport::noise_scale`](crate::OneStepReport::noise_scale) it counts standard
-    /// deviations: where `noise_std` is right, noise alone gives the square the mean `frames *
-    /// measurements_used`.
+    /// `|dv - J dsigma|_W`, as the root of the sum of squares over frames, in the unit of `dv`
+    /// because the weights are relative to the largest `noise_std`. Divided by
+    /// [`OneStepReport::noise_scale`](crate::OneStepReport::noise_scale) it is in standard
+    /// deviations: with a correct `noise_std`, the expected square for pure noise is
+    /// `frames * measurements_used`.
     pub residual_norm: f64,
-    /// `|dsigma|_R`, root of the sum over frames, siemens times the unit of the root of `R`.
+    /// `|dsigma|_R`, as the root of the sum of squares over frames, in siemens times the unit of the
+    /// root of `R`.
     pub solution_norm: f64,
     /// Noise figure, curvature of the L-curve, or generalised cross-validation function.
     pub criterion: f64,
 }
 
-/// A chosen hyperparameter.
+/// Hyperparameter chosen by a rule.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ChosenHyperparameter {
     /// Lambda.
     pub hyperparameter: f64,
-    /// How the choice ended.
+    /// Outcome of the choice.
     pub status: HyperparameterStatus,
-    /// The rule's criterion there (noise figure, curvature, cross-validation function); NaN for a
+    /// Criterion at this lambda (noise figure, curvature or cross-validation function); NaN for a
     /// fixed value.
     pub criterion: f64,
-    /// The curve over the whole range, ascending lambda, eight points per decade; empty for a fixed
-    /// value.
+    /// Curve over the whole range in order of ascending lambda, eight points per decade; empty for a
+    /// fixed value.
     pub curve: Vec<CurvePoint>,
 }

@@ -1,10 +1,10 @@
-//! The curve of a rule over the whole range of lambda.
+//! Curve of a rule over the whole range of lambda.
 
 use super::chosen::CurvePoint;
 use super::search::logarithmic_grid;
 use crate::one_step::spectrum::{Decomposition, Spectrum};
 
-/// The curve of a rule over the whole range.
+/// Evaluates a rule over the whole range of lambda.
 pub(super) fn curve(
     spectrum: &Spectrum,
     data: &Decomposition,

@@ -12,8 +12,8 @@ pub(super) fn choose(spectrum: &Spectrum, data: &Decomposition) -> ChosenHyperpa
 
 /// `|dv - J dsigma|_W^2 / trace(I - J RM)^2`.
 ///
-/// `trace(I - J RM) = (m - r) + sum mu / (d + mu)`: a sum of positive terms, not the difference of
-/// `m` and the degrees of freedom, which cancels for small lambda.
+/// Uses `trace(I - J RM) = (m - r) + sum mu / (d + mu)`, a sum of positive terms; the difference of
+/// `m` and the degrees of freedom would suffer cancellation for small lambda.
 fn function(spectrum: &Spectrum, data: &Decomposition, hyperparameter: f64) -> f64 {
     let damping = spectrum.damping(hyperparameter);
     let unexplained = (spectrum.vectors.nrows() - spectrum.values.len()) as f64;

@@ -16,7 +16,7 @@ pub(super) fn choose(spectrum: &Spectrum, data: &Decomposition) -> ChosenHyperpa
 /// Curvature of `(log |dv - J dsigma|_W, log |dsigma|_R)`, positive at the corner.
 ///
 /// With `eta = |dsigma|_R^2`, `rho = |dv - J dsigma|_W^2`, `mu = lambda^2 s` and primes for d/d mu:
-/// `rho' = -mu eta'`, so everything follows from `eta, eta', rho`: `x = log(rho) / 2`,
+/// `rho' = -mu eta'`, so `eta`, `eta'` and `rho` determine the curvature: `x = log(rho) / 2`,
 /// `y = log(eta) / 2`, curvature `(x' y'' - x'' y') / (x'^2 + y'^2)^(3/2)`, which is Hansen's
 /// closed form with `mu` in place of lambda,
 /// `2 (eta rho / -eta') (rho eta + mu rho eta' + mu^2 eta eta') / (mu^2 eta^2 + rho^2)^(3/2)`.

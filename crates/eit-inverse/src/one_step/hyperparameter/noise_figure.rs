@@ -10,31 +10,35 @@ use eit_mesh::Surface;
 use faer::{Col, ColRef};
 use ndarray::ArrayRef2;
 
-/// Radius of the central target in extents of the skin: small beside what EIT resolves.
+/// Radius of the central target relative to the extent of the skin; small compared with the
+/// resolution of EIT.
 const TARGET_RADIUS: f64 = 0.05;
 
-/// Relative accuracy of the noise figure at which bisection ends.
+/// Relative accuracy of the noise figure at which bisection stops.
 const ACCURACY: f64 = 1e-3;
 
-/// Halvings of log lambda at most; 60 exhaust the digits of any bracket.
+/// Maximum number of bisections in log lambda; 60 exhaust double precision for any bracket.
 const MAX_HALVINGS: usize = 60;
 
-/// A small target: what the noise figure measures the signal of.
+/// Small target whose signal defines the noise figure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoiseTarget {
-    /// Change of each measurement by the target, volts, `[measurement]`.
+    /// Change of each measurement caused by the target, volts, `[measurement]`.
     pub signal_v: Vec<f64>,
     /// Element areas, square metres, `[element]`.
     pub areas_m2: Vec<f64>,
 }
 
 impl NoiseTarget {
-    /// A target of 1 S in the elements within 5 % of the skin's extent of its middle (the area
-    /// centroid; of a ring-shaped skin the place on it that is nearest), through the Jacobian
-    /// `[measurement, element]`. Its size cancels.
+    /// Creates a target of 1 S at the centre of the skin, with the signal given by the Jacobian
+    /// `[measurement, element]`.
+    ///
+    /// The target consists of the elements whose distance from the area centroid (on a ring-shaped
+    /// skin, from the nearest place on the skin) is within 5 % of the skin's extent. Its amplitude
+    /// cancels in the noise figure.
     ///
     /// # Errors
-    /// [`InverseError::WrongLength`] when the Jacobian is of another mesh.
+    /// [`InverseError::WrongLength`] if the Jacobian belongs to another mesh.
     pub fn central(surface: &Surface, jacobian: &ArrayRef2<f64>) -> Result<Self, InverseError> {
         let areas_m2 = surface.areas_m2().to_vec();
         check_length("Jacobian columns", jacobian.ncols(), areas_m2.len())?;
@@ -77,9 +81,9 @@ pub(super) fn choose(
         let miss = |p: &CurvePoint| (p.criterion / figure).ln().abs();
         miss(a).total_cmp(&miss(b))
     };
-    // the falling branch only: beyond its least value the figure rises again, toward that of the
-    // matched filter, and may fall once more where hardly a degree of freedom is left: of several
-    // crossings the first
+    // Use the falling branch only. Beyond its minimum the noise figure rises again towards that of
+    // the matched filter, and may fall once more when almost no degree of freedom is left. Of several
+    // crossings, take the first.
     let crossing = curve.windows(2).find(|w| w[0].criterion > figure && w[1].criterion <= figure);
     let (hyperparameter, status) = match crossing {
         Some(pair) => {
@@ -99,7 +103,7 @@ pub(super) fn choose(
     })
 }
 
-/// The noise figure as a function of lambda.
+/// Noise figure as a function of lambda.
 struct NoiseFigure<'a> {
     reconstructor: &'a Reconstructor,
     spectrum: &'a Spectrum,
@@ -109,7 +113,7 @@ struct NoiseFigure<'a> {
     coefficients: Col<f64>,
     /// `area / total area`, `[element]`.
     area_shares: Vec<f64>,
-    /// `sum area_share B_ek^2`, `[rank]`: the image noise that eigenvector k carries.
+    /// `sum area_share B_ek^2`, `[rank]`: image noise contributed by eigenvector k.
     noise: Vec<f64>,
 }
 
@@ -141,7 +145,7 @@ impl<'a> NoiseFigure<'a> {
         Ok(Self { reconstructor, spectrum, signal, coefficients, area_shares, noise })
     }
 
-    /// Noise figure at a lambda.
+    /// Returns the noise figure at a given lambda.
     fn at(&self, hyperparameter: f64) -> f64 {
         let filter = self.spectrum.filter(hyperparameter);
         let noise: f64 = self.noise.iter().zip(&filter).map(|(n, f)| n * f * f).sum();
@@ -153,7 +157,7 @@ impl<'a> NoiseFigure<'a> {
         signal * noise.sqrt() / mean
     }
 
-    /// Halves a bracket in log lambda until the figure is met.
+    /// Bisects a bracket in log lambda until the requested noise figure is reached.
     fn bisect(&self, figure: f64, bracket: [f64; 2]) -> f64 {
         let [mut low, mut high] = bracket.map(f64::ln);
         let side = |log: f64| self.at(log.exp()) > figure;

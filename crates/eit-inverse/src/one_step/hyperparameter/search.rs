@@ -2,22 +2,23 @@
 
 use super::chosen::{ChosenHyperparameter, CurvePoint, HyperparameterStatus};
 
-/// Points per decade of lambda: the filters change over a decade, so no feature is narrower than
-/// a few points.
+/// Points per decade of lambda. The filters change over a decade, so every feature of a curve spans
+/// several points.
 const POINTS_PER_DECADE: f64 = 8.0;
 
-/// Relative width of lambda at which a search ends; no rule is meaningful beyond a percent.
+/// Relative width of the lambda bracket at which a search stops; no rule is meaningful to better
+/// than a percent.
 const RELATIVE_WIDTH: f64 = 1e-3;
 
-/// Logarithmically spaced points from the lower to the upper end.
+/// Returns logarithmically spaced points from the lower to the upper end of a range.
 pub(super) fn logarithmic_grid(range: [f64; 2]) -> Vec<f64> {
     let [low, high] = range.map(f64::ln);
     let steps = ((high - low) / std::f64::consts::LN_10 * POINTS_PER_DECADE).ceil().max(2.0);
     (0..=steps as usize).map(|k| (low + (high - low) * k as f64 / steps).exp()).collect()
 }
 
-/// Minimum of `criterion` from the smallest point of its curve, refined by golden section between
-/// that point's neighbours.
+/// Minimises `criterion` by golden section between the neighbours of the smallest point of its
+/// curve.
 pub(super) fn minimise(
     curve: Vec<CurvePoint>,
     criterion: impl Fn(f64) -> f64,
@@ -37,7 +38,7 @@ pub(super) fn minimise(
     ChosenHyperparameter { hyperparameter, status, criterion: criterion(hyperparameter), curve }
 }
 
-/// Golden section search of a minimum in log lambda.
+/// Golden-section search for a minimum in log lambda.
 ///
 /// Source: Kiefer, *Proc. Amer. Math. Soc.* 4 (1953), 502-506.
 fn golden_section(bracket: [f64; 2], criterion: impl Fn(f64) -> f64) -> f64 {

@@ -1,21 +1,21 @@
-//! Conductivity between bounds as a function of an unbounded unknown.
+//! Map from an unbounded unknown to a conductivity between bounds.
 //!
 //! ```text
 //! sigma(x) = lower (upper / lower)^p,   p = 1 / (1 + exp(-phi)),   phi = phi_0 + x / kappa
 //! d sigma / d x = sigma ln(upper / lower) p (1 - p) / kappa
 //! ```
 //!
-//! `phi_0` and `kappa` are such that `sigma(0) = sigma_ref` and `d sigma / d x = 1` there, so `x` is in
-//! siemens and is the change of conductivity as long as that is small. Between wide bounds `ln sigma`
-//! is nearly linear in `x`, which treats conductivity and resistivity alike; between narrow bounds
-//! the map is a logistic.
+//! `phi_0` and `kappa` are chosen so that `sigma(0) = sigma_ref` and `d sigma / d x = 1` there. So `x`
+//! is in siemens and approximates small changes of the conductivity. Between wide bounds `ln sigma` is
+//! nearly linear in `x`, which treats conductivity and resistivity alike; between narrow bounds the
+//! map is a logistic function.
 //!
 //! Source: Barber, Brown, *Clin. Phys. Physiol. Meas.* 9 (1988), suppl. A, 101-104 (logarithm);
 //! Grychtol, Adler, *Physiol. Meas.* 34 (2013), 579-597 (on the choice of the unknown).
 
 use crate::InverseError;
 
-/// The map of one element.
+/// Map of one element.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounded {
     lower_s: f64,
@@ -28,7 +28,7 @@ pub(super) struct Bounded {
 }
 
 impl Bounded {
-    /// Of an element whose reference conductivity lies inside the bounds.
+    /// Creates the map of an element whose reference conductivity lies inside the bounds.
     pub(super) fn new(
         element: usize,
         reference_s: f64,
@@ -43,21 +43,21 @@ impl Bounded {
                 quantity: "reference conductivity",
                 element,
                 value: reference_s,
-                must: "inside the bounds of the conductivity, not on them",
+                must: "strictly between the conductivity bounds",
             });
         }
         Ok(Self { lower_s, upper_s, log_range, phi_0, kappa_s, reference_s })
     }
 
-    /// `sigma` and `d sigma / d x`; within the bounds to the last digit for any `x` but NaN.
+    /// Returns `sigma` and `d sigma / d x`; `sigma` is exactly within the bounds for any `x` but NaN.
     pub(super) fn at(&self, x: f64) -> [f64; 2] {
-        // exactly, not to rounding: a frame without a change has the image zero
+        // exact, without rounding, so that an unchanged frame has the image zero
         if x == 0.0 {
             return [self.reference_s, 1.0];
         }
         let phi = self.phi_0 + x / self.kappa_s;
         let share = 1.0 / (1.0 + (-phi).exp());
-        // 1 - share where share is near 1
+        // 1 - share, without cancellation for share near 1
         let rest = 1.0 / (1.0 + phi.exp());
         let sigma_s = self.lower_s * (self.log_range * share).exp();
         let sigma_s = sigma_s.clamp(self.lower_s, self.upper_s);
@@ -74,7 +74,7 @@ mod tests {
         for (reference_s, bounds) in [(1e-5, [1e-8, 1e-2]), (3.0, [2.9, 40.0]), (1.0, [0.5, 1.1])] {
             let map = Bounded::new(0, reference_s, bounds).unwrap();
             assert_eq!(map.at(0.0), [reference_s, 1.0]);
-            // continuous there: 1e-12 of the reference changes nothing above the rounding of phi
+            // continuous at 0: a change of 1e-12 of the reference is below the rounding of phi
             let [near, slope] = map.at(1e-12 * reference_s);
             assert!((near / reference_s - 1.0).abs() < 1e-11 && (slope - 1.0).abs() < 1e-9);
             for x in [-3.0, -0.4, 0.2, 5.0] {
@@ -82,7 +82,7 @@ mod tests {
                 let [value, slope] = map.at(x);
                 assert!((bounds[0]..=bounds[1]).contains(&value));
                 let difference = (map.at(x + h)[0] - map.at(x - h)[0]) / (2.0 * h);
-                // h^2 for the difference quotient; kappa down to 0.09 of the reference in case 2
+                // error h^2 of the difference quotient; kappa is as low as 0.09 of the reference in case 2
                 assert!((difference - slope).abs() < 1e-6, "{difference} {slope} at {x}");
             }
         }
@@ -97,7 +97,7 @@ mod tests {
             assert!((bounds[0]..=bounds[1]).contains(&value), "{value} at {x}");
             assert!(slope >= 0.0 && slope.is_finite(), "{slope} at {x}");
         }
-        // of these, about half would pass their upper bound by one rounding
+        // without the clamp, about half of these would exceed their upper bound by one rounding error
         for k in 1..100 {
             let bounds = [0.1 + 0.013 * f64::from(k), 7.3 + f64::from(k)];
             let [value, _] = Bounded::new(0, 2.0, bounds).unwrap().at(1e3);

@@ -8,15 +8,15 @@ pub struct AbsoluteSettings {
     /// Hyperparameter, data, noise and channels, as for a single frame. The scale `s` is that of
     /// the Jacobian at the reference conductivity.
     pub one_step: OneStepSettings,
-    /// Least and greatest conductivity of any element, siemens (per square); the reference must lie
-    /// between, not on them. `None` (default): a thousandth of its least and a thousand times its
-    /// greatest value.
+    /// Lower and upper bound of the conductivity of every element, siemens (per square). The reference
+    /// must lie strictly between them. `None` (default): a thousandth of the smallest and a thousand
+    /// times the largest reference value.
     pub bounds_s: Option<[f64; 2]>,
-    /// A frame is finished when a step lowers its objective by less than this part of it, or is
-    /// predicted to. Default 1e-3: the objective of noise alone varies by `sqrt(2 / m)`, a tenth for
-    /// 208 measurements.
+    /// Relative decrease of the objective below which a frame has converged, actual or predicted for
+    /// a step. Default 1e-3; for comparison, the objective of pure noise varies by `sqrt(2 / m)`, a
+    /// tenth for 208 measurements.
     pub relative_decrease: f64,
-    /// Gauss-Newton steps per frame at most. Default 30.
+    /// Maximum number of Gauss-Newton steps per frame. Default 30.
     pub max_iterations: usize,
 }
 
@@ -32,7 +32,7 @@ impl Default for AbsoluteSettings {
 }
 
 impl AbsoluteSettings {
-    /// Refuses numbers out of range; returns the bounds for a reference.
+    /// Rejects settings out of range; returns the bounds for a given reference.
     pub(super) fn bounds_s(&self, reference_s: &[f64]) -> Result<[f64; 2], InverseError> {
         let decrease = self.relative_decrease;
         if !(decrease > 0.0 && decrease < 1.0) {
@@ -71,20 +71,20 @@ impl AbsoluteSettings {
     }
 }
 
-/// How one frame of [`AbsoluteGaussNewton`](crate::sequence::AbsoluteGaussNewton) went.
+/// Report of one frame of [`AbsoluteGaussNewton`](crate::sequence::AbsoluteGaussNewton).
 #[derive(Debug, Clone, PartialEq)]
 pub struct AbsoluteFrameReport {
-    /// Why it stopped.
+    /// Why the iteration stopped.
     pub status: SequenceStatus,
-    /// Gauss-Newton steps taken.
+    /// Number of Gauss-Newton steps taken.
     pub iterations: usize,
-    /// Forward solutions, those of the line search included.
+    /// Number of forward solutions, including the line search.
     pub forward_solves: usize,
-    /// Objective before the first step and after each, in units of the weights (see
-    /// [`OneStepReport::noise_scale`](crate::OneStepReport::noise_scale)); it never rises.
+    /// Objective before the first step and after each step, in units of the weights (see
+    /// [`OneStepReport::noise_scale`](crate::OneStepReport::noise_scale)); it never increases.
     pub objective: Vec<f64>,
-    /// Part of its value by which the last linearisation expected the objective to fall: below
-    /// `relative_decrease` the image is stationary to that accuracy; otherwise it was taken one step
-    /// before the returned image.
+    /// Relative decrease of the objective predicted by the last linearisation. Below
+    /// `relative_decrease` the image is stationary to that accuracy; otherwise the linearisation was
+    /// one step before the returned image.
     pub predicted_decrease: f64,
 }

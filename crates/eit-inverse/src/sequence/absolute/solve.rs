@@ -1,4 +1,4 @@
-//! Frame after frame, each from the one before.
+//! Reconstruction of a sequence, each frame warm-started from the one before.
 
 use super::step::FrameData;
 use super::{AbsoluteFrameReport, AbsoluteGaussNewton, dot};
@@ -10,7 +10,7 @@ use ndarray::Array2;
 use std::time::Instant;
 
 impl AbsoluteGaussNewton<'_> {
-    /// `W^1/2 dv` of a frame and its masked indices.
+    /// Returns `W^1/2 dv` of a frame and its masked indices.
     fn whiten(
         &self,
         frames: &DifferenceFrames<'_>,
@@ -30,11 +30,11 @@ impl SequenceSolver for AbsoluteGaussNewton<'_> {
         "gauss-newton-absolute"
     }
 
-    /// `report.residual` is that of the model itself, `|W^1/2 (F(sigma) - F(sigma_ref) - dv)|`, and
-    /// `report.iterations` the sum over all frames; `report.status` the worst of any frame.
+    /// `report.residual` is that of the non-linear model, `|W^1/2 (F(sigma) - F(sigma_ref) - dv)|`;
+    /// `report.iterations` is the sum over all frames, and `report.status` the worst of any frame.
     ///
     /// # Errors
-    /// Besides those of the trait, what [`AbsoluteGaussNewton::new`] says of prior and model.
+    /// In addition to those of the trait, the prior and model errors of [`AbsoluteGaussNewton::new`].
     fn reconstruct_sequence(
         &mut self,
         frames: &DifferenceFrames<'_>,

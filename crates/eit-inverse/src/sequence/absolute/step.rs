@@ -1,4 +1,4 @@
-//! The minimisation of one frame's objective: Gauss-Newton steps in measurement space with a line
+//! Minimisation of one frame's objective by Gauss-Newton steps in measurement space with a line
 //! search, see [`AbsoluteGaussNewton`].
 
 use super::{AbsoluteFrameReport, AbsoluteGaussNewton, dot};
@@ -8,14 +8,14 @@ use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::prelude::Solve;
 use faer::{Accum, Col, ColRef, Mat, MatRef, Par, Side};
 
-/// Sufficient decrease: this part of what the slope promises (Armijo 1966; Nocedal, Wright,
-/// *Numerical Optimization* (2006), section 3.1, name 1e-4).
+/// Sufficient decrease as a fraction of the decrease predicted by the slope (Armijo 1966; Nocedal,
+/// Wright, *Numerical Optimization* (2006), section 3.1, suggest 1e-4).
 const ARMIJO: f64 = 1e-4;
 
-/// Halvings of a step at most: a shorter one changes nothing that the forward model can see.
+/// Maximum number of halvings of a step; shorter steps do not change the forward solution.
 const MAX_HALVINGS: i32 = 30;
 
-/// An image with what is known of it.
+/// An image with its residual and objective.
 #[derive(Debug, Clone)]
 pub(super) struct Point {
     /// Unknowns, siemens, `[element]`.
@@ -31,7 +31,7 @@ pub(super) struct Point {
 struct Step {
     x: Vec<f64>,
     precision_x: Vec<f64>,
-    /// By how much the linearised objective falls; its slope is minus twice that.
+    /// Decrease of the linearised objective; its slope is minus twice this value.
     predicted: f64,
 }
 
@@ -44,7 +44,7 @@ pub(super) struct FrameData<'a> {
 }
 
 impl AbsoluteGaussNewton<'_> {
-    /// Conductivities of unknowns, siemens.
+    /// Returns the conductivities for unknowns `x`, siemens.
     pub(super) fn conductivity(&self, x: &[f64]) -> Vec<f64> {
         self.map.iter().zip(x).map(|(map, &x)| map.at(x)[0]).collect()
     }
@@ -64,13 +64,14 @@ impl AbsoluteGaussNewton<'_> {
             *r -= self.channels.row_factor(k) * (self.voltages_v[i] - self.reference_v[i]);
         }
         data.masked.iter().for_each(|&k| residual[k] = 0.0);
-        // |x|_R^2 is a sum of squares: what falls below zero is rounding
+        // |x|_R^2 is a sum of squares; a negative value is rounding error
         let objective =
             dot(&residual, &residual) + self.noise_variance * dot(&x, &precision_x).max(0.0);
         Ok(Point { x, precision_x, residual, objective })
     }
 
-    /// The Gauss-Newton step from a point; `None` where rounding forbids one.
+    /// Computes the Gauss-Newton step from a point; returns `None` if the factorisation fails or the
+    /// step is not finite.
     fn step(&mut self, from: &Point, masked: &[usize]) -> Result<Option<Step>, InverseError> {
         let (conductivity, slopes): (Vec<f64>, Vec<f64>) =
             self.map.iter().zip(&from.x).map(|(map, &x)| map.at(x).into()).unzip();
@@ -101,7 +102,8 @@ impl AbsoluteGaussNewton<'_> {
         Ok(predicted.is_finite().then_some(Step { x, precision_x, predicted }))
     }
 
-    /// The first point along a step that lowers the objective enough, and the solutions it took.
+    /// Returns the first point along a step with a sufficient decrease of the objective, and the
+    /// number of forward solutions.
     fn search(
         &mut self,
         from: &Point,
@@ -115,7 +117,7 @@ impl AbsoluteGaussNewton<'_> {
             let x = along(&from.x, &step.x, t);
             let precision_x = along(&from.precision_x, &step.precision_x, t);
             let wanted = from.objective - 2.0 * ARMIJO * t * step.predicted;
-            // a conductivity that the forward model refuses is too far away
+            // an error of the forward model counts as a step that is too long
             match self.point(x, precision_x, data) {
                 Ok(point) if point.objective <= wanted => {
                     return (Some(point), halvings as usize + 1);
@@ -126,14 +128,15 @@ impl AbsoluteGaussNewton<'_> {
         (None, MAX_HALVINGS as usize + 1)
     }
 
-    /// The better of the reference and the image before, and the solutions it took.
+    /// Returns the better start of the reference and the previous image, and the number of forward
+    /// solutions.
     fn start(
         &mut self,
         before: Option<&Point>,
         data: &FrameData<'_>,
     ) -> Result<(Point, usize), InverseError> {
         let zero = vec![0.0; self.map.len()];
-        // at the reference the residual is the data: no solution needed
+        // at the reference the residual is the data, so no forward solution is needed
         let point = Point {
             x: zero.clone(),
             precision_x: zero,
@@ -197,7 +200,7 @@ fn column(values: &[f64]) -> ColRef<'_, f64> {
     ColRef::from_slice(values)
 }
 
-/// Lower triangle of `J P J' + mu I`.
+/// Computes the lower triangle of `J P J' + mu I`.
 fn gram(covariance: MatRef<'_, f64>, jacobian: MatRef<'_, f64>, noise_variance: f64) -> Mat<f64> {
     let used = jacobian.nrows();
     let mut gram = Mat::zeros(used, used);

@@ -1,45 +1,47 @@
-//! The proven lower bound of a frame.
+//! Proven lower bound of a frame.
 //!
 //! For any `y` and any `q` with `|q_g| <= lambda_space radius_g`, and `r = -(A' y + D' q)`,
 //!
 //! ```text
 //! penalised:    objective >= rest^2 / 2 - y.beta - |y|^2 / 2 + q.D x^ - sum h(r)
 //! constrained:  objective >= -y.beta - radius |y| + q.D x^ - sum h(r)
-//! h(r) = (r - lambda_time a) room above   where r >  lambda_time a
-//!        (-r - lambda_time a) room below  where r < -lambda_time a,   else 0
+//! h(r) = (r - lambda_time a) (upper - x^)    where r >  lambda_time a
+//!        (-r - lambda_time a) (x^ - lower)   where r < -lambda_time a,   else 0
 //! ```
 //!
-//! which is infinite where there is no bound on that side. The equation holds exactly, as `r` is made
-//! from it; what does not fit is scaled: `(s y, s q, s r)` fits for `s <= 1 / kappa`.
+//! with `a` the area of the unknown; `h` is infinite if there is no bound on that side. The equation
+//! holds exactly, because `r` is computed from it. Duals that violate their limits are scaled down:
+//! `(s y, s q, s r)` is feasible for `s <= 1 / kappa`.
 //!
 //! # Rounding
-//! `y` and its products with data are `f64`. The force `f = V F y` and `D' q` may be `f32`; both are
-//! sums of known terms, so that what rounding did to them is bounded by the sizes of these terms
+//! `y` and its products with the data are in `f64`. The force `f = V F y` and `D' q` may be in `f32`.
+//! Both are sums of known terms, so that their rounding error is bounded by the sizes of these terms
 //! (Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed., 3.1), and that bound is added
 //! to every `|r|`.
 
 use super::differences::{Basis, Differences};
 use super::fields::Setting;
 use super::frame::{Engine, Problem};
-use super::lanes::{LANES, Lane, Project};
+use super::lanes::{Lane, Project, each, largest, load, splat, total};
 use super::proof::{Expand, FlowSteps, Seek};
 use super::value::Record;
+use pulp::{Simd, WithSimd};
 
-/// Steps of a proof flow, and how many of them are shifted.
+/// Steps of the flow search, and how many of them are shifted.
 const STEPS: usize = 40;
 const SHIFTED: usize = 10;
 
-/// A bound and what proves it.
+/// A lower bound and the scale of its duals.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Proof {
     pub(crate) bound: f64,
     pub(crate) scale: f64,
-    /// Share of the smallest radius of a change that rounding takes.
+    /// Rounding error relative to the smallest radius of the change.
     pub(crate) rounding: f64,
 }
 
-/// Bounds the frame from the duals of the last iteration. `share` of the target gap is how much
-/// larger the boxes of the flow are than those that count.
+/// Computes a lower bound from the duals of the last iteration. During the flow search the limits of the
+/// duals are enlarged by `share` times the target gap.
 pub(crate) fn prove<T: Project>(
     engine: &mut Engine<T>,
     setting: &Setting<T>,
@@ -79,7 +81,7 @@ pub(crate) fn prove<T: Project>(
             how,
         }),
     };
-    // norm, division and radius are rounded
+    // allows for the rounding of norm, division and radius
     let ratio = larger * ratio * (1.0 + 8.0 * T::EPSILON);
     let parts = Parts { ratio, rounding, problem };
     match &problem.exact.basis {
@@ -88,7 +90,7 @@ pub(crate) fn prove<T: Project>(
     }
 }
 
-/// Force of the data's dual; returns the largest error of it and of `D' q`.
+/// Computes the force of the data dual; returns a bound on the rounding error of it and of `D' q`.
 fn set_force<T: Project>(
     engine: &mut Engine<T>,
     setting: &Setting<T>,
@@ -113,17 +115,17 @@ fn set_force<T: Project>(
     let (z, out) = (&engine.ranks, &mut engine.proof.force);
     problem.arch.dispatch(Expand { setting, ranks: 0..setting.padded, z, out });
     let unit = 0.5 * T::EPSILON;
-    // both factors rounded, then a sum of so many terms
+    // both factors are rounded, then summed over the ranks
     let products = (setting.padded as f64 + 3.0) * unit * 1.01;
     let [terms, sum] = setting.adjoint_terms;
-    // the flow may be twice its radius; the weights are rounded too
+    // the flow is at most twice its radius; the weights are rounded too
     let adjoint = (terms + 4.0) * unit * 1.01 * 2.0 * sum * problem.weights.lambda_space;
-    // the last sum, of a force that is at most the two
+    // the final sum of the two
     let last = unit * (setting.longest_row * norm + sum * 2.0 * problem.weights.lambda_space);
     products * setting.longest_row * norm + adjoint + last
 }
 
-/// What the bound is made of.
+/// Terms of the bound.
 struct Parts<'a> {
     ratio: f64,
     rounding: f64,
@@ -131,7 +133,7 @@ struct Parts<'a> {
 }
 
 impl Parts<'_> {
-    /// The best bound over the scales that fit.
+    /// Returns the best bound over the candidate scales.
     fn best<T: Project, D: Differences<f64>>(&self, engine: &Engine<T>, differences: &D) -> Proof {
         let Self { ratio, rounding, problem } = self;
         let weights = problem.weights;
@@ -145,23 +147,28 @@ impl Parts<'_> {
         }
         let (mut kappa, mut hard) = (*ratio, *ratio);
         let mut least_radius = f64::INFINITY;
-        self.for_lanes(engine, differences, |e, room, radius| {
-            let radius = weights.lambda_time * radius;
-            least_radius = least_radius.min(radius);
-            let own = (e.abs() + rounding) / radius;
-            hard = hard.max(own);
-            if !(if e > 0.0 { room[0] } else { room[1] }).is_finite() {
-                kappa = kappa.max(own);
-            }
-        });
-        linear += self.along(engine, differences);
+        let bounded = problem.bounds.is_some();
+        if bounded {
+            self.for_lanes(engine, differences, |e, room, radius| {
+                let radius = weights.lambda_time * radius;
+                least_radius = least_radius.min(radius);
+                let own = (e.abs() + rounding) / radius;
+                hard = hard.max(own);
+                if !(if e > 0.0 { room[0] } else { room[1] }).is_finite() {
+                    kappa = kappa.max(own);
+                }
+            });
+        } else {
+            let own = problem.arch.dispatch(Hardest { parts: self, engine, differences });
+            (kappa, least_radius) = (kappa.max(own[0]), own[1]);
+        }
+        linear += problem.arch.dispatch(Along { problem, engine, differences });
         let constant = if problem.ball.is_some() { 0.0 } else { 0.5 * problem.target.rest_squared };
         let mut best = Proof { bound: constant, scale: 0.0, rounding: rounding / least_radius };
         if !(linear > 0.0 && kappa.is_finite()) {
             return best;
         }
         let parabola = if square > 0.0 { linear / square } else { f64::INFINITY };
-        let bounded = problem.bounds.is_some();
         for kappa in &[kappa, hard, kappa.max(1.0)][..if bounded { 3 } else { 1 }] {
             let scale = (1.0 / kappa).min(parabola);
             let mut bound = constant + scale * linear - 0.5 * scale * scale * square;
@@ -181,7 +188,8 @@ impl Parts<'_> {
         best
     }
 
-    /// Calls with `e = f + D' q`, the room below and above, and the radius of each unknown.
+    /// Calls `call` for each unknown with `e = f + D' q`, the distances `lower - x^` and `upper - x^` to the
+    /// bounds, and the radius.
     fn for_lanes<T: Project, D: Differences<f64>>(
         &self,
         engine: &Engine<T>,
@@ -201,17 +209,60 @@ impl Parts<'_> {
             }
         }
     }
+}
 
-    /// `q.D x^`.
-    fn along<T: Project, D: Differences<f64>>(&self, engine: &Engine<T>, differences: &D) -> f64 {
-        let mut sum: Lane<f64> = [0.0; LANES];
-        for &at in differences.group_blocks() {
-            let [a, b] = differences.difference(self.problem.anchor, at);
-            for l in 0..LANES {
-                let [qa, qb] = [0, 1].map(|c| engine.proof.flow[c][at + l].to_f64());
-                sum[l] += qa * a[l] + qb * b[l];
-            }
+/// Computes the largest `(|e| + rounding) / radius` of any unknown and the smallest radius, for problems
+/// without bounds.
+struct Hardest<'a, T: Project, D> {
+    parts: &'a Parts<'a>,
+    engine: &'a Engine<T>,
+    differences: &'a D,
+}
+
+impl<T: Project, D: Differences<f64>> WithSimd for Hardest<'_, T, D> {
+    type Output = [f64; 2];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [f64; 2] {
+        let Parts { rounding, problem, .. } = self.parts;
+        let time = problem.weights.lambda_time;
+        let (mut most, mut least) = (splat(0.0), splat(f64::INFINITY));
+        for &at in &problem.exact.places.blocks {
+            let radius = self.differences.cell_radius(at);
+            let inside = load(&problem.exact.inside, at);
+            let error = load(&self.engine.proof.error, at);
+            let own: Lane<f64> = each(|l| time * radius[l]);
+            let ratio: Lane<f64> =
+                each(|l| inside[l] * (error[l].to_f64().abs() + rounding) / own[l]);
+            most = each(|l| if ratio[l] > most[l] { ratio[l] } else { most[l] });
+            least = each(|l| {
+                let is_less = inside[l] > 0.0 && own[l] < least[l];
+                if is_less { own[l] } else { least[l] }
+            });
         }
-        super::lanes::total(&sum)
+        [largest(&most), -largest(&each(|l| -least[l]))]
+    }
+}
+
+/// Computes `q.D x^`.
+struct Along<'a, T: Project, D> {
+    problem: &'a Problem<'a>,
+    engine: &'a Engine<T>,
+    differences: &'a D,
+}
+
+impl<T: Project, D: Differences<f64>> WithSimd for Along<'_, T, D> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let mut sum: Lane<f64> = splat(0.0);
+        let [first, second] = &self.engine.proof.flow;
+        for &at in self.differences.group_blocks() {
+            let [a, b] = self.differences.difference(self.problem.anchor, at);
+            let (qa, qb) = (load(first, at), load(second, at));
+            sum = each(|l| qa[l].to_f64() * a[l] + qb[l].to_f64() * b[l] + sum[l]);
+        }
+        total(&sum)
     }
 }

@@ -1,18 +1,20 @@
-//! Where unknowns and groups of the gradient lie in memory, and the gradient on them.
+//! Memory layout of the unknowns and of the gradient's groups, and the gradient in that layout.
 //!
-//! A raster keeps its grid, with room around it, so that neighbours are whole lanes a fixed distance
-//! away; cells outside the mask hold zeros for ever, since their steps are zero. Any other basis
-//! stands one unknown after the other and gathers by index.
+//! A raster keeps its grid, with padding around it, so that neighbours are whole lanes at a fixed
+//! distance. Cells outside the mask stay zero, since their steps are zero. On any other basis the
+//! unknowns are stored consecutively and neighbours are gathered by index.
+//!
+//! Over 300 lines because both layouts implement the same operations and are best read side by side.
 
 use super::lanes::{LANES, Lane, PANEL, each, load, splat};
 use crate::st_tv::float::Float;
 use crate::st_tv::gradient::Gradient;
 use crate::st_tv::operators::Operators;
 
-/// Where the unknowns are.
+/// Memory layout of the unknowns.
 #[derive(Debug, Clone)]
 pub(crate) struct Places {
-    /// First cell of each block; whole panels of them.
+    /// First cell of each block; padded to whole panels.
     pub(crate) blocks: Vec<usize>,
     /// Cell of each unknown.
     pub(crate) cells: Vec<usize>,
@@ -20,21 +22,21 @@ pub(crate) struct Places {
     pub(crate) length: usize,
 }
 
-/// The gradient on lanes of cells. Rows are scaled and groups have radii as in [`Operators`].
+/// Gradient on lanes of cells. Rows are scaled and groups have radii as in [`Operators`].
 pub(crate) trait Differences<T: Float> {
-    /// First places of the blocks of groups.
+    /// Returns the first positions of the blocks of groups.
     fn group_blocks(&self) -> &[usize];
-    /// `(D' q)` of the block of cells with this number and first cell.
+    /// Computes `D' q` on the block of cells with this index and first cell.
     fn adjoint(&self, q: &[Vec<T>; 2], block: usize, at: usize) -> Lane<T>;
-    /// Both components of `(D x)` of the block of groups at a place.
+    /// Computes both components of `D x` on the block of groups at `at`.
     fn difference(&self, x: &[T], at: usize) -> [Lane<T>; 2];
-    /// Radii of the block of groups at a place.
+    /// Returns the radii of the block of groups at `at`.
     fn group_radius(&self, at: usize) -> Lane<T>;
-    /// Radii of the change of the block of cells at a place.
+    /// Returns the radii of the change for the block of cells at `at`.
     fn cell_radius(&self, at: usize) -> Lane<T>;
-    /// Largest of the values, 0 or above, that the groups at a place touch.
+    /// Returns, for each group at `at`, the largest of its unknowns' values, which are 0 or above.
     fn group_largest(&self, x: &[T], at: usize) -> Lane<T>;
-    /// Largest of the groups' values, 0 or above, that touch the block of cells.
+    /// Returns, for each cell of the block, the largest of its groups' values, which are 0 or above.
     fn cell_largest(&self, m: &[T], block: usize, at: usize) -> Lane<T>;
 }
 
@@ -42,9 +44,9 @@ pub(crate) trait Differences<T: Float> {
 #[derive(Debug, Clone)]
 pub(crate) struct Grid<T> {
     width: usize,
-    /// First cell of each block that holds pixels.
+    /// First cell of each block that contains pixels.
     blocks: Vec<usize>,
-    /// 1 where the right neighbour, and where the lower one, is inside the mask, else 0.
+    /// 1 if the right neighbour, or the lower one, is inside the mask, else 0.
     right: Vec<T>,
     down: Vec<T>,
     radius: T,
@@ -55,12 +57,12 @@ pub(crate) struct Grid<T> {
 #[derive(Debug, Clone)]
 pub(crate) struct Gathered<T> {
     group_blocks: Vec<usize>,
-    /// Unknowns of each group and their weights, `[place][group]` and `[component][place][group]`.
+    /// Unknowns of each group and their weights, `[slot][group]` and `[component][slot][group]`.
     unknowns: [Vec<u32>; 3],
     weights: [[Vec<T>; 3]; 2],
     radius: Vec<T>,
     time_radius: Vec<T>,
-    /// Entries of `D'` of a block of cells: `starts[block]..starts[block + 1]`, a lane each.
+    /// Entries of `D'` of a block of cells, one lane each: `starts[block]..starts[block + 1]`.
     starts: Vec<u32>,
     entries: Vec<Entry<T>>,
 }
@@ -69,13 +71,13 @@ pub(crate) struct Gathered<T> {
 #[derive(Debug, Clone)]
 struct Entry<T> {
     group: [u32; LANES],
-    /// By component; 0 where a cell has fewer entries.
+    /// By component; 0 if a cell has fewer entries.
     weight: [Lane<T>; 2],
-    /// 1 where the cell belongs to the group.
+    /// 1 if the cell belongs to the group.
     belongs: Lane<T>,
 }
 
-/// The gradient in the form that fits the basis.
+/// Gradient in the layout of the basis.
 #[derive(Debug, Clone)]
 pub(crate) enum Basis<T> {
     Grid(Grid<T>),
@@ -96,7 +98,7 @@ impl<T: Float> Basis<T> {
         }
     }
 
-    /// Length of an array over the groups.
+    /// Returns the length of an array over the groups.
     pub(crate) fn group_length(&self, places: &Places) -> usize {
         match self {
             Self::Grid(_) => places.length,
@@ -104,7 +106,8 @@ impl<T: Float> Basis<T> {
         }
     }
 
-    /// Place and scale of each of the caller's groups: the caller's dual is `q / size` of ours.
+    /// Returns the position of each of the caller's groups. The caller's dual is `q / size` with the dual
+    /// `q` at that position and the size of the group.
     pub(crate) fn group_places(
         &self,
         gradient: &Gradient,
@@ -137,7 +140,7 @@ impl<T: Float> Grid<T> {
         let last = pixels.last().copied().unwrap_or(0);
         let cells: Vec<usize> = pixels.iter().map(|cell| room + cell).collect();
         let end = (room + last + 1).next_multiple_of(LANES);
-        // a block without pixels fills the last panel
+        // an empty block pads the last panel
         let idle = end + room;
         let length = idle + LANES + room;
         let one = T::from_f64(1.0);
@@ -220,7 +223,7 @@ impl<T: Float> Gathered<T> {
         let mut weights: [[Vec<T>; 3]; 2] =
             std::array::from_fn(|_| std::array::from_fn(|_| vec![zero; groups]));
         let mut radius = vec![one; groups];
-        // what each cell has of D': group and weights
+        // entries of D' for each cell: group and weights
         let mut columns: Vec<Vec<(u32, [T; 2])>> = vec![Vec::new(); length];
         for (g, group) in ops.groups.iter().enumerate() {
             radius[g] = ops.radius[g];
@@ -260,7 +263,7 @@ impl<T: Float> Gathered<T> {
         (this, Places { blocks, cells, length })
     }
 
-    /// The values at a lane of indices.
+    /// Gathers the values at a lane of indices.
     #[inline(always)]
     fn gather(values: &[T], at: &[u32]) -> Lane<T> {
         let mut out = [T::default(); LANES];

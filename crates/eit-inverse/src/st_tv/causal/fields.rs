@@ -1,14 +1,14 @@
-//! What the iteration of one frame changes, in one floating point type.
+//! Arrays of the iteration of one frame, in one floating-point type.
 
 use super::differences::{Basis, Places};
 use super::lanes::{BLOCKS, LANES, Lane, PANEL, Project, short_unit};
 use crate::st_tv::StTv;
 use crate::st_tv::operators::Operators;
 
-/// Ranks are padded to a multiple of it.
+/// Ranks are padded to a multiple of this number.
 const RANKS: usize = LANES;
 
-/// What is set up once: places, gradient and basis of the data space.
+/// Quantities computed once: memory layout, gradient and basis of the data space.
 #[derive(Debug, Clone)]
 pub(crate) struct Setting<T: Project> {
     pub(crate) places: Places,
@@ -18,7 +18,7 @@ pub(crate) struct Setting<T: Project> {
     pub(crate) padded: usize,
     /// `V` by panels of cells, `[panel][padded rank]`; zero in cells without an unknown.
     pub(crate) panels: Vec<[T; PANEL]>,
-    /// The same in short entries, and the unit of each rank's; empty where the type has none.
+    /// The same with short entries, and the unit of each rank; empty if the type has no short entries.
     pub(crate) short: Vec<[T::Short; PANEL]>,
     pub(crate) short_units: Vec<T>,
     /// `V` by unknowns, `[unknown][padded rank]`.
@@ -27,13 +27,13 @@ pub(crate) struct Setting<T: Project> {
     pub(crate) singular: Vec<f64>,
     /// 1 in cells with an unknown, else 0.
     pub(crate) inside: Vec<T>,
-    /// Longest row of `V`.
+    /// Largest norm of a row of `V`.
     pub(crate) longest_row: f64,
-    /// Most entries of a row of `D'`, and their largest sum of `|weight| radius`.
+    /// Largest number of entries of a row of `D'`, and largest sum of their `|weight| radius`.
     pub(crate) adjoint_terms: [f64; 2],
-    /// Mean radius of a group: what a unit of `lambda_space` is to a difference.
+    /// Mean radius of a group, which scales `lambda_space` to a difference.
     pub(crate) mean_radius: f64,
-    /// Bound on `|D|^2 + 1`: what step sizes are divided by.
+    /// Upper bound on `|D|^2 + 1`, the divisor of step sizes.
     pub(crate) norm_squared: f64,
 }
 
@@ -45,7 +45,7 @@ impl<T: Project> Setting<T> {
         let padded = rank.next_multiple_of(RANKS);
         let mut rows = vec![T::default(); unknowns * padded];
         let mut panels = vec![[T::default(); PANEL]; places.blocks.len() / BLOCKS * padded];
-        // number of the block at a cell
+        // index of the block at each cell
         let mut block_at = vec![usize::MAX; places.length];
         for (block, &first) in places.blocks.iter().enumerate() {
             block_at[first..first + LANES].fill(block);
@@ -107,19 +107,19 @@ impl<T: Project> Setting<T> {
         }
     }
 
-    /// Basis of a panel, ranks of a range.
+    /// Returns the basis of a panel for a range of ranks.
     #[inline(always)]
     pub(crate) fn panel(&self, panel: usize, ranks: std::ops::Range<usize>) -> &[[T; PANEL]] {
         &self.panels[panel * self.padded..][ranks]
     }
 }
 
-/// The iterate and what belongs to it. Arrays are over cells or over groups.
+/// Iterate and its work arrays. Arrays are over cells or over groups.
 #[derive(Debug, Clone)]
 pub(crate) struct Fields<T> {
-    /// `d = x - x^`, change against the anchor `x^`.
+    /// `d = x - x^`, the change from the anchor `x^`.
     pub(crate) change: Vec<T>,
-    /// Unrelaxed change of the last iteration.
+    /// Change of the last iteration before relaxation.
     pub(crate) fresh: Vec<T>,
     pub(crate) anchor: Vec<T>,
     /// `w`, and `x^ + 2 fresh - change`.
@@ -129,9 +129,9 @@ pub(crate) struct Fields<T> {
     pub(crate) flow: [Vec<T>; 2],
     /// Dual of the change.
     pub(crate) force: Vec<T>,
-    /// Force of the data's tail.
+    /// Force of the tail of the data term.
     pub(crate) tail: Vec<T>,
-    /// Room between the anchor and the bounds; 0 in cells without an unknown.
+    /// Distances `lower - x^` and `upper - x^` to the bounds; 0 in cells without an unknown.
     pub(crate) room: [Vec<T>; 2],
     pub(crate) tau: Vec<T>,
     /// Step of each group and each cell, and `1 / (1 + step gamma / radius)`.
@@ -139,7 +139,7 @@ pub(crate) struct Fields<T> {
     pub(crate) group_damp: Vec<T>,
     pub(crate) cell_step: Vec<T>,
     pub(crate) cell_damp: Vec<T>,
-    /// Sums in lanes, `[rank]`.
+    /// Partial sums of `V' w`, one lane per rank, `[rank]`.
     pub(crate) sums: Vec<Lane<T>>,
     /// Coefficients `V' w` of the last iteration, and force `F y`, `[padded rank]`.
     pub(crate) coefficients: Vec<T>,

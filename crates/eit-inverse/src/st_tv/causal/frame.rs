@@ -1,13 +1,13 @@
-//! One frame: iterations, looks at the image and at the bound, until the gap is proven or the budget is
-//! spent.
+//! One frame: iterations and evaluations of image and bound, until the gap is proven or a limit is
+//! reached.
 //!
-//! Long because the steps of one loop share the arrays of one engine; values and bounds of what it finds
-//! are in `value` and `bound`.
+//! Over 300 lines because the steps of one loop share the arrays of one engine; the objective and the
+//! bound of its iterates are computed in `value` and `bound`.
 
 use super::bound::{Proof, prove};
 use super::differences::Basis;
 use super::fields::{Fields, Setting};
-use super::iterate::{Columns, DataStep, Iterate};
+use super::iterate::{Columns, DataStep, Iterate, RowsTimes};
 use super::lanes::Project;
 use super::map::{StepMap, Weights};
 use super::proof::{Expand, FlowFields};
@@ -18,23 +18,23 @@ use crate::st_tv::float::Float;
 use pulp::Arch;
 use std::time::Instant;
 
-/// Looks from this many iterations on are farther apart, with a new map and a second proof each.
+/// Iterations of a slow frame. From about here on evaluations are farther apart, each followed by a new
+/// map, and bounds are computed twice.
 const SLOW: usize = 50;
-/// First look: least iterations.
+/// Minimum number of iterations before the first evaluation.
 const FIRST: usize = 20;
-/// Iterations between two looks at the clock.
+/// Iterations between two checks of the clock.
 const CLOCK: usize = 4;
-/// From here on what the smoothing leaves may be what is missing: it is halved at each look.
+/// Iterations after which the smoothing may keep the gap open; it is halved at each evaluation.
 const STUCK: usize = 120;
 
-/// The step of a frame with bounds that is stuck falls from look to look by this factor, to this least
-/// share.
+/// Factor on the step per evaluation of a slow frame with bounds, and smallest step.
 const STEP_FALL: f64 = 0.8;
 const LEAST_STEP: f64 = 0.05;
-/// Gaps below this are sought with the whole entries of the basis.
+/// Target gaps below this use full-precision entries of the basis.
 const LEAST_SHORT_GAP: f64 = 3e-3;
 
-/// The frame's problem in inner units.
+/// Problem of one frame in internal units.
 #[derive(Clone, Copy)]
 pub(crate) struct Problem<'a> {
     pub(crate) arch: Arch,
@@ -44,27 +44,27 @@ pub(crate) struct Problem<'a> {
     pub(crate) beta: &'a [f64],
     pub(crate) weights: Weights,
     pub(crate) bounds: Option<[f64; 2]>,
-    /// Squared radius of the data's ball; `None` where the data is penalised.
+    /// Squared radius of the data constraint; `None` for penalised data.
     pub(crate) ball: Option<f64>,
     pub(crate) target_gap: f64,
-    /// Largest value of anchor and innovation.
+    /// Largest value of the anchor and of the linear image of the innovation.
     pub(crate) shown: f64,
-    /// The image of the frame before, over cells.
+    /// Image of the previous frame, over cells.
     pub(crate) anchor: &'a [f64],
-    /// Places and basis that values are taken with.
+    /// Layout and basis for evaluations in `f64`.
     pub(crate) exact: &'a Setting<f64>,
 }
 
-/// Smoothing of the duals, relative to the target gap and the image's scale.
+/// Smoothing of the duals, relative to the target gap and the scale of the image.
 pub(crate) const SMOOTHING: f64 = 0.04;
-/// Largest scale of an image relative to `objective / lambda_space`: the edge of a small touch is some
-/// fifty pixels long. What the smoothing costs is in proportion to the scale, and must stay small
-/// against the objective.
+/// Largest scale of an image relative to `objective / lambda_space`; the edge of a small touch is about
+/// fifty pixels long. The error of the smoothing is proportional to the scale and must stay small compared
+/// with the objective.
 const SCALE: f64 = 0.012;
 
 impl Problem<'_> {
-    /// Lowers the image's scale, and the smoothing with it, to what an objective allows: the scale not
-    /// below what anchor and innovation show.
+    /// Lowers the scale of the image and the smoothing to the limits given by an objective; the scale stays
+    /// at or above `shown`.
     fn fit_scale(&mut self, objective: f64) {
         let edge = self.weights.lambda_space * self.exact.mean_radius;
         let largest = SCALE * objective / edge;
@@ -76,32 +76,32 @@ impl Problem<'_> {
     }
 }
 
-/// When to stop.
+/// Limits of the iteration.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Limits {
     pub(crate) iterations: usize,
     pub(crate) start: Instant,
     /// Seconds after `start`.
     pub(crate) deadline: f64,
-    /// Iterations after which the frame is left to `f64`.
+    /// Iterations after which the frame continues in `f64`.
     pub(crate) give_up: usize,
-    /// Iterations before the first look.
+    /// Iterations before the first evaluation.
     pub(crate) first_look: usize,
 }
 
-/// How the iterations ended.
+/// Why the iteration stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum End {
     Proven,
     Deadline,
     Cap,
-    /// This type cannot prove the gap.
+    /// The gap cannot be proven in this floating-point type.
     GaveUp,
     /// The objective is zero up to rounding: no relative gap can be proven.
     Vanished,
 }
 
-/// The iteration in one floating point type.
+/// The iteration in one floating-point type.
 #[derive(Debug)]
 pub(crate) struct Engine<T> {
     pub(crate) fields: Fields<T>,
@@ -109,7 +109,7 @@ pub(crate) struct Engine<T> {
     pub(crate) proof: FlowFields<T>,
     /// Flow of the best bound.
     pub(crate) proven: [Vec<T>; 2],
-    /// Head of the problem in this type, `[padded rank]`.
+    /// Singular values and data of the head in this type, `[padded rank]`.
     singular: Vec<T>,
     beta: Vec<T>,
     pub(crate) ranks: Vec<T>,
@@ -118,7 +118,7 @@ pub(crate) struct Engine<T> {
     tail_dual: Vec<f64>,
     pub(crate) columns: [Vec<f64>; 2],
     multiplier: f64,
-    /// Seconds that a look takes.
+    /// Duration of an evaluation, seconds.
     look_seconds: f64,
 }
 
@@ -143,7 +143,7 @@ impl<T: Project> Engine<T> {
         }
     }
 
-    /// Begins a frame: no change yet, duals as they are.
+    /// Starts a frame with zero change and the previous duals.
     pub(crate) fn begin(&mut self, setting: &Setting<T>, problem: &Problem<'_>) {
         let Fields { change, fresh, anchor, room, .. } = &mut self.fields;
         change.fill(T::default());
@@ -159,7 +159,7 @@ impl<T: Project> Engine<T> {
         self.set_tail(setting, problem, None);
     }
 
-    /// Goes on from another engine's state.
+    /// Copies the state of another engine.
     pub(crate) fn take<U: Float>(&mut self, other: &Fields<U>) {
         let own = &mut self.fields;
         let pairs = [
@@ -176,7 +176,7 @@ impl<T: Project> Engine<T> {
         }
     }
 
-    /// Forgets the duals.
+    /// Sets the duals to zero.
     pub(crate) fn clear(&mut self) {
         self.fields.force.fill(T::default());
         self.fields.flow.iter_mut().for_each(|q| q.fill(T::default()));
@@ -191,12 +191,12 @@ impl<T: Project> Engine<T> {
         }
     }
 
-    /// Is the data step split in head and tail?
+    /// Returns whether the data step is split into head and tail.
     fn is_split(problem: &Problem<'_>) -> bool {
         problem.seen.is_whole && problem.ball.is_none()
     }
 
-    /// Force of the data's tail: of the residual at no change, or of `residual`.
+    /// Sets the force of the tail from `residual`, or from the residual at zero change.
     fn set_tail(&mut self, setting: &Setting<T>, problem: &Problem<'_>, residual: Option<&[f64]>) {
         let (head, rank) = (self.map.head.min(setting.padded), setting.rank);
         if !Self::is_split(problem) || head >= rank {
@@ -213,8 +213,8 @@ impl<T: Project> Engine<T> {
         problem.arch.dispatch(Expand { setting, ranks: head..setting.padded, z, out });
     }
 
-    /// A new map for the beginning of a frame. Sets the image's scale, which is not to fall by more than
-    /// `keep`, and returns it.
+    /// Computes a new map at the start of a frame. Sets and returns the scale of the image, which falls at
+    /// most by the factor `keep`, unless the objective limits it further.
     pub(crate) fn set_first_map(
         &mut self,
         setting: &Setting<T>,
@@ -231,7 +231,7 @@ impl<T: Project> Engine<T> {
         let scale = most.max(keep * problem.weights.image);
         problem.weights.image = if scale > 0.0 { scale } else { 1.0 };
         problem.weights.gamma = SMOOTHING * problem.target_gap * problem.weights.image;
-        // the innovation of a constrained frame is noise that no image need explain
+        // the innovation of a constrained frame may be noise, which the image need not explain
         problem.shown = if problem.ball.is_none() { most } else { 0.0 };
         problem.fit_scale(most_primal);
         self.map.clear();
@@ -242,9 +242,9 @@ impl<T: Project> Engine<T> {
         Ok(problem.weights.image)
     }
 
-    /// The linear image of the innovation, in `work`.
+    /// Computes the linear image of the innovation, in `work`.
     pub(crate) fn innovation(&mut self, setting: &Setting<T>, problem: &Problem<'_>) {
-        /// Ridge, for a largest singular value of 1; it only places step sizes.
+        /// Ridge parameter, for a largest singular value of 1; it only affects step sizes.
         const RIDGE: f64 = 1e-3;
         let rank = setting.rank;
         self.columns[0].fill(0.0);
@@ -263,7 +263,7 @@ impl<T: Project> Engine<T> {
         self.map.set(problem.arch, setting, &mut self.fields, problem.seen, problem.weights)
     }
 
-    /// Iterations, in rounds, and looks after each.
+    /// Alternates rounds of iterations and evaluations.
     pub(crate) fn run(
         &mut self,
         setting: &Setting<T>,
@@ -314,7 +314,7 @@ impl<T: Project> Engine<T> {
                     60..200 => 10,
                     _ => 25,
                 };
-            // the scale that was assumed may be that of an image which is gone
+            // the scale may come from an earlier image with larger values
             problem.fit_scale(record.primal);
             if record.iterations >= STUCK {
                 problem.weights.gamma *= 0.5;
@@ -331,7 +331,7 @@ impl<T: Project> Engine<T> {
         }
     }
 
-    /// A slow frame's map is stale: it is taken from what has moved.
+    /// Replaces the stale map of a slow frame, based on the change so far.
     fn renew_map(
         &mut self,
         setting: &Setting<T>,
@@ -366,7 +366,7 @@ impl<T: Project> Engine<T> {
             match problem.ball {
                 None => DataStep::Dense { transposed, back, beta: &problem.beta[..rows] },
                 Some(square) => {
-                    // turned once for a round
+                    // transformed once per round
                     let turned = &mut self.dual[..rows];
                     let vectors = map.vectors.chunks_exact(rows);
                     for (out, vector) in turned.iter_mut().zip(vectors) {
@@ -412,7 +412,7 @@ impl<T: Project> Engine<T> {
         }
     }
 
-    /// The data's dual of the last iteration, `[row of F']`, in `dual`.
+    /// Computes the data dual of the last iteration, `[row of F']`, in `dual`.
     pub(crate) fn set_dual(&mut self, setting: &Setting<T>, problem: &Problem<'_>) {
         use super::iterate::dot;
         use crate::st_tv::ball;
@@ -429,9 +429,8 @@ impl<T: Project> Engine<T> {
             for k in 0..known {
                 u[k] = problem.seen.transposed[k * (rank + 1)] * c[k] - problem.beta[k];
             }
-            for (y, row) in dual.iter_mut().zip(map.inverse.chunks_exact(head)).take(known) {
-                *y = dot(row, &u[..head]);
-            }
+            let (matrix, out) = (&map.inverse[..known * head], &mut dual[..known]);
+            problem.arch.dispatch(RowsTimes { matrix, x: &u[..head], out });
             dual[known..rank].copy_from_slice(&tail_dual[known..rank]);
             return;
         }

@@ -1,4 +1,4 @@
-//! The primal-dual iteration on the change `d` of one frame.
+//! Primal-dual iteration on the change `d` of one frame.
 //!
 //! ```text
 //! w   = d - T (D' q + r + tail)
@@ -8,17 +8,17 @@
 //! (d, q, r) += rho ((d^, q^, r^) - (d, q, r))
 //! ```
 //!
-//! `r` is the dual of `radius |d|` and of the bounds together: both are functions of one value, so
-//! that the proximal map of their sum is that of the first moved into the second, and bounds cost
-//! neither another variable nor a smaller step.
+//! `r` is the joint dual of `radius |d|` and of the bounds. Both are functions of a single value, so the
+//! proximal map of their sum is that of the first, clipped to the second, and bounds need neither
+//! another variable nor a smaller step.
 //!
-//! Cost of an iteration of `n` cells and a head of `h` ranks: `4 n h` flops in the two products with the
-//! basis and about `50 n` elsewhere; the basis is read twice (`4 n h` bytes as 16-bit entries, `8 n h` in
-//! `f32`), the arrays once (about `80 n` bytes). At 64 x 64 and `h = 64` that is 1.0 Mflop and 1.1 MB:
-//! all of it stays in a second-level cache of 1 MB, which is why entries are short. Its floor is the
-//! larger of both at the machine's peaks: 4 us at 235 GFLOP/s, 7 us at 150 GB/s. Measured: see the table
-//! of streams in docs/PERFORMANCE.md; what is above the floor is a square root and a division for each
-//! group, the conversion of entries, and a frame's looks.
+//! Cost of an iteration with `n` cells and a head of `h` ranks: `4 n h` flops in the two products with
+//! the basis and about `50 n` elsewhere. The basis is read twice (`4 n h` bytes as 16-bit entries, `8 n h`
+//! in `f32`), the arrays once (about `80 n` bytes). At 64 x 64 and `h = 64` that is 1.0 Mflop and 1.1 MB,
+//! which stays in an L2 cache of 1 MB; this is the reason for the short entries. The minimum time at the
+//! machine's peaks is the larger of 4 us at 235 GFLOP/s and 7 us at 150 GB/s. For measured times see the
+//! table of streams in docs/PERFORMANCE.md; the time above the minimum is a square root and a division
+//! for each group, the conversion of entries, and the evaluations of a frame.
 
 use super::differences::Differences;
 use super::fields::{Fields, Setting};
@@ -30,22 +30,21 @@ use crate::st_tv::float::Float;
 pub(crate) use crate::st_tv::kernel::dot;
 use pulp::{Simd, WithSimd};
 
-/// Over-relaxation.
+/// Over-relaxation factor.
 const RHO: f64 = 1.8;
 
-/// The exact data step: from `c = V' w` to the force `F y`.
+/// Exact data step, from `c = V' w` to the force `F y`.
 pub(crate) enum DataStep<'a, T> {
-    /// Singular coordinates, the head of them: `y = M (S c - beta)`, `M` `[column][row]` of a padded
-    /// head.
+    /// Head of the singular coordinates: `y = M (S c - beta)`, `M` `[column][row]` of a padded head.
     Head { singular: &'a [T], inverse: &'a [T], beta: &'a [T], head: usize },
     /// `F M (F' c - beta)` with `F'` `[k][rank]` and `F M` `[rank][k]`.
     Dense { transposed: &'a [f64], back: &'a [f64], beta: &'a [f64] },
-    /// The ball `|F' c - beta| <= radius`, in the eigenvectors of `F' G F`: `F'` and `F` turned,
+    /// The ball `|F' c - beta| <= radius`, in the eigenvectors of `F' G F`: transformed `F'` and `F`,
     /// eigenvalues, squared radius.
     Ball { transposed: &'a [f64], back: &'a [f64], beta: &'a [f64], values: &'a [f64], square: f64 },
 }
 
-/// Memory of the dense data steps, `[rank]` or longer.
+/// Memory for the dense data steps, `[rank]` or longer.
 pub(crate) struct Columns<'a> {
     pub(crate) first: &'a mut [f64],
     pub(crate) second: &'a mut [f64],
@@ -63,7 +62,8 @@ pub(crate) struct Iterate<'a, T: Project, D> {
     pub(crate) lambda_space: T,
     pub(crate) lambda_time: T,
     pub(crate) bounded: bool,
-    /// With short entries of the basis: the change is small, and value and bound see the whole ones.
+    /// Whether to use short entries of the basis. Their error is small, and objective and bound use
+    /// full-precision entries.
     pub(crate) is_short: bool,
     pub(crate) count: usize,
 }
@@ -91,7 +91,7 @@ impl<T: Project, D: Differences<T>> WithSimd for Iterate<'_, T, D> {
 }
 
 impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
-    /// `w` and `V' w`.
+    /// Computes `w` and `V' w`.
     #[inline(always)]
     fn descend<S: Simd>(&mut self, simd: S, ranks: usize) {
         let Self { setting, differences, fields, is_short, .. } = self;
@@ -116,7 +116,7 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
         }
     }
 
-    /// The force that the data asks for.
+    /// Computes the force of the data.
     #[inline(always)]
     fn fit(&mut self, ranks: usize) {
         let Fields { sums, coefficients, force_coefficients, scratch, .. } = &mut *self.fields;
@@ -167,7 +167,7 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
         }
     }
 
-    /// `d^`, then `d` and `r`.
+    /// Computes `d^`, then updates `d` and `r`.
     #[inline(always)]
     fn ascend<const BOUNDED: bool>(&mut self, ranks: usize) {
         let Self { setting, differences, fields, lambda_time, is_short, .. } = self;
@@ -220,7 +220,7 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
         }
     }
 
-    /// `q`.
+    /// Updates `q`.
     #[inline(always)]
     fn flow_step(&mut self) {
         let Self { differences, fields, lambda_space, .. } = self;
@@ -241,7 +241,7 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
     }
 }
 
-/// `out = M x` for `M` `[column][row]` of a head that is a multiple of [`LANES`].
+/// Computes `out = M x` for `M` `[column][row]` of a head that is a multiple of [`LANES`].
 #[inline(always)]
 fn multiply_head<T: Float>(matrix: &[T], x: &[T], out: &mut [T]) {
     let head = x.len();
@@ -260,10 +260,26 @@ fn add<T: Float>(factor: T, lane: Lane<T>, sum: Lane<T>) -> Lane<T> {
     each(|l| factor.mul_add(lane[l], sum[l]))
 }
 
-/// `out = matrix x`, by rows. Sums run in eight parts, which the compiler keeps in registers.
+/// Computes `out = matrix x`, by rows, with eight partial sums that the compiler keeps in registers.
 #[inline(always)]
 pub(crate) fn rows_times(matrix: &[f64], x: &[f64], out: &mut [f64]) {
     for (row, out) in matrix.chunks_exact(x.len()).zip(out) {
         *out = dot(row, x);
+    }
+}
+
+/// Dispatches [`rows_times`] for the widest SIMD registers.
+pub(crate) struct RowsTimes<'a> {
+    pub(crate) matrix: &'a [f64],
+    pub(crate) x: &'a [f64],
+    pub(crate) out: &'a mut [f64],
+}
+
+impl WithSimd for RowsTimes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        rows_times(self.matrix, self.x, self.out);
     }
 }

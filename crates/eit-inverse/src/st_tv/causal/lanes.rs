@@ -1,24 +1,24 @@
-//! Inner loops of the causal stream: whole lanes of [`LANES`] neighbouring cells, and panels of
+//! Inner loops of the causal stream, on lanes of [`LANES`] neighbouring cells, and on panels of
 //! [`PANEL`] cells for the products with the basis.
 //!
-//! Arrays of a fixed length, taken and given by value, become registers: 16 values of `f32` are one
-//! register of 512 bits or two of 256. Everything is `inline(always)` for the reason given in
-//! [`crate::st_tv::kernel`]; closures are kept out of `map` for the same one.
+//! Arrays of fixed length, passed by value, become registers: 16 values of `f32` fill one register of
+//! 512 bits or two of 256. Everything is `inline(always)` for the reason given in
+//! [`crate::st_tv::kernel`]; for the same reason no closures are passed to `map`.
 
 use crate::st_tv::float::Float;
 use pulp::Simd;
 
-/// Cells that are handled together.
+/// Number of cells processed together.
 pub(crate) const LANES: usize = 16;
-/// Lanes of a panel.
+/// Number of lanes of a panel.
 pub(crate) const BLOCKS: usize = 4;
-/// Cells of a panel.
+/// Number of cells of a panel.
 pub(crate) const PANEL: usize = LANES * BLOCKS;
 
-/// Neighbouring values.
+/// Values of neighbouring cells.
 pub(crate) type Lane<T> = [T; LANES];
 
-/// The lane at a place.
+/// Loads the lane that starts at `at`.
 #[inline(always)]
 pub(crate) fn load<T: Float>(values: &[T], at: usize) -> Lane<T> {
     let mut out = [T::default(); LANES];
@@ -26,13 +26,13 @@ pub(crate) fn load<T: Float>(values: &[T], at: usize) -> Lane<T> {
     out
 }
 
-/// Puts a lane to its place.
+/// Stores a lane at `at`.
 #[inline(always)]
 pub(crate) fn store<T: Float>(values: &mut [T], at: usize, lane: Lane<T>) {
     values[at..at + LANES].copy_from_slice(&lane);
 }
 
-/// One value for each lane.
+/// Computes a lane value by value.
 #[inline(always)]
 pub(crate) fn each<T: Float>(mut value: impl FnMut(usize) -> T) -> Lane<T> {
     let mut out = [T::default(); LANES];
@@ -42,19 +42,19 @@ pub(crate) fn each<T: Float>(mut value: impl FnMut(usize) -> T) -> Lane<T> {
     out
 }
 
-/// The same value in every lane.
+/// Returns a lane of equal values.
 #[inline(always)]
 pub(crate) fn splat<T: Float>(value: T) -> Lane<T> {
     [value; LANES]
 }
 
-/// `value` moved into `[-limit, limit]`.
+/// Clips `value` to `[-limit, limit]`.
 #[inline(always)]
 pub(crate) fn clip<T: Float>(value: T, limit: T) -> T {
     value.min(limit).max(T::default() - limit)
 }
 
-/// `min(1, radius / |(a, b)|)`.
+/// Returns `min(1, radius / |(a, b)|)`.
 #[inline(always)]
 pub(crate) fn shrink<T: Float>(a: Lane<T>, b: Lane<T>, radius: Lane<T>) -> Lane<T> {
     each(|l| {
@@ -63,7 +63,7 @@ pub(crate) fn shrink<T: Float>(a: Lane<T>, b: Lane<T>, radius: Lane<T>) -> Lane<
     })
 }
 
-/// Sum of the lanes, in pairs.
+/// Returns the sum of a lane, by pairwise summation.
 #[inline(always)]
 pub(crate) fn total<T: Float>(lane: &Lane<T>) -> T {
     let mut part = *lane;
@@ -77,7 +77,7 @@ pub(crate) fn total<T: Float>(lane: &Lane<T>) -> T {
     part[0]
 }
 
-/// Largest of the lanes.
+/// Returns the largest value of a lane.
 #[inline(always)]
 pub(crate) fn largest<T: Float>(lane: &Lane<T>) -> T {
     let mut most = lane[0];
@@ -87,9 +87,10 @@ pub(crate) fn largest<T: Float>(lane: &Lane<T>) -> T {
     most
 }
 
-/// Entries of a basis as they are stored: whole, or as shares of 32767 of the largest of their rank.
+/// Stored entry of a basis: at full precision, or as an integer fraction of the largest entry of its
+/// rank, which is stored as 32767.
 pub(crate) trait Entry<T>: Copy {
-    /// The entry, in units of its rank.
+    /// Returns the entry, in units of its rank.
     fn value(self) -> T;
 }
 
@@ -107,19 +108,18 @@ impl Entry<f32> for i16 {
     }
 }
 
-/// The product that the compiler would spoil: it runs lanes along the ranks, with gathers. And what
-/// there is of shorter entries.
+/// Explicitly vectorised product, because the compiler would vectorise along the ranks, with gathers;
+/// and short entries of the basis.
 pub(crate) trait Project: Float {
-    /// Entries of half the length, which halve what comes from the second cache; `Self` where there are
-    /// none.
+    /// Entries of half the length, which halve the traffic from the L2 cache; `Self` if there are none.
     type Short: Entry<Self> + Send + Sync + std::fmt::Debug;
-    /// Are they shorter?
+    /// Whether `Short` is shorter than `Self`.
     const HAS_SHORT: bool;
 
-    /// An entry relative to the largest of its rank.
+    /// Converts an entry relative to the largest of its rank.
     fn shorten(share: f64) -> Self::Short;
 
-    /// `sums[k] += sum over the panel of basis[k] w`, kept in lanes.
+    /// Computes `sums[k] += sum over the panel of basis[k] w`, with partial sums in lanes.
     fn project<S: Simd, E: Entry<Self>>(
         simd: S,
         basis: &[[E; PANEL]],
@@ -173,12 +173,12 @@ project!(f32, i16, as_simd_f32s, as_mut_simd_f32s, mul_add_f32s, |s: f64| (s * L
     as i16);
 project!(f64, f64, as_simd_f64s, as_mut_simd_f64s, mul_add_f64s, |s: f64| s * LARGEST);
 
-/// Unit of a rank's short entries whose largest is `largest`.
+/// Returns the unit of the short entries of a rank whose largest entry is `largest`.
 pub(crate) fn short_unit(largest: f64) -> f64 {
     if largest > 0.0 { largest / LARGEST } else { 0.0 }
 }
 
-/// `sum over k of basis[k] z[k]` on the panel.
+/// Computes `sum over k of basis[k] z[k]` on the panel.
 #[inline(always)]
 pub(crate) fn expand<T: Float, E: Entry<T>>(basis: &[[E; PANEL]], z: &[T]) -> [Lane<T>; BLOCKS] {
     let mut sums = [[T::default(); LANES]; BLOCKS];

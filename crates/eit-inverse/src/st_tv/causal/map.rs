@@ -1,14 +1,14 @@
-//! The step map: how far each unknown may go in one iteration, and the exact data step in that metric.
+//! Step map, the step size of each unknown, and the exact data step in that metric.
 //!
 //! ```text
-//! g     = largest of: the gradient of the images at hand, dilated by two; the linear image of the
-//!         innovation; a share of their largest value
+//! g     = maximum of: the gradient of the current images, dilated by two; the linear image of the
+//!         innovation; a fraction of their largest value
 //! tau   = c (X / lambda_space) sqrt(g / X)
 //! sigma = 1 / ((|D|^2 + 1) max tau over the group)      |Sigma^1/2 [D; I] T^1/2| <= 1
 //! ```
 //!
-//! Large steps where the image may move, small ones where it is flat; the floor and the innovation
-//! let new objects come.
+//! Steps are large where the image has gradients and small where it is flat; the lower limit and the
+//! innovation allow new objects to appear.
 
 mod kernels;
 
@@ -21,28 +21,29 @@ use crate::st_tv::dense::Eigen;
 use kernels::{Congruent, Dilate, Gram, Invert, Sizes};
 use pulp::Arch;
 
-/// `c` above, for a largest singular value of 1: between 0.04 and 0.08 the iterations of a steady frame
-/// differ by a tenth.
+/// `c` above, for a largest singular value of 1; between 0.04 and 0.08 the number of iterations of a
+/// steady frame varies by a tenth.
 const STEP: f64 = 0.057;
-/// Least scale relative to the image's.
+/// Smallest scale of a cell relative to the scale of the image.
 const FLOOR: f64 = 2e-3;
-/// The tail is an explicit step: `tau s^2` at most.
+/// Largest `tau s^2` in the tail, whose steps are explicit.
 const EXPLICIT: f64 = 0.04;
 
-/// The map's matrices.
+/// Step map with its matrices.
 pub(crate) struct StepMap<T> {
-    /// Ranks that the iteration fits exactly.
+    /// Number of ranks with an exact step.
     pub(crate) head: usize,
-    /// Scale of what may change, over cells, and scratch over groups.
+    /// Scale of the expected change, over cells, and scratch memory over cells and groups.
     pub(crate) scale: Vec<T>,
     spread: Vec<T>,
     groups: Vec<T>,
     /// `V' T V`, `[padded rank][padded rank]`, upper triangle.
     gram: Vec<T>,
-    /// `M = (I + F' V' T V F)^-1`, `[row of F'][row of F']`; of the head for whole frames.
+    /// `M = (I + F' V' T V F)^-1`, `[row of F'][row of F']`; of the head for frames without masked
+    /// channels.
     pub(crate) inverse: Vec<f64>,
     pub(crate) head_inverse: Vec<T>,
-    /// For dense steps: `F'` and `F M`, or both turned by the eigenvectors.
+    /// For dense steps: `F'` and `F M`, or `F'` and `F` transformed by the eigenvectors.
     pub(crate) transposed: Vec<f64>,
     pub(crate) back: Vec<f64>,
     pub(crate) values: Vec<f64>,
@@ -50,7 +51,7 @@ pub(crate) struct StepMap<T> {
     pub(crate) vectors: Vec<f64>,
     work: Vec<f64>,
     eigen: Option<Eigen>,
-    /// Step of the smallest scale, and the largest step.
+    /// Largest step.
     pub(crate) largest_tau: f64,
 }
 
@@ -60,7 +61,7 @@ impl<T> std::fmt::Debug for StepMap<T> {
     }
 }
 
-/// Weights of a frame in inner units.
+/// Weights of a frame in internal units.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Weights {
     pub(crate) lambda_space: f64,
@@ -69,8 +70,8 @@ pub(crate) struct Weights {
     pub(crate) image: f64,
     /// Smoothing of the duals.
     pub(crate) gamma: f64,
-    /// Share of the step that is best without bounds: the forces of bounds have far to go, and want
-    /// smaller steps of the image.
+    /// Step relative to the best one without bounds. With bounds the duals need large changes, which
+    /// requires smaller steps of the image.
     pub(crate) step: f64,
 }
 
@@ -98,12 +99,12 @@ impl<T: Project> StepMap<T> {
         }
     }
 
-    /// Starts a new scale.
+    /// Resets the scale.
     pub(crate) fn clear(&mut self) {
         self.scale.fill(T::default());
     }
 
-    /// Raises the scale to `share` times the size of the values, over cells.
+    /// Raises the scale to at least `share` times the absolute values, over cells.
     pub(crate) fn raise(&mut self, values: &[T], share: f64) {
         let share = T::from_f64(share);
         for (scale, value) in self.scale.iter_mut().zip(values) {
@@ -111,7 +112,7 @@ impl<T: Project> StepMap<T> {
         }
     }
 
-    /// Raises the scale to the dilated gradient of an image.
+    /// Raises the scale to at least the dilated gradient of an image.
     pub(crate) fn raise_to_gradient(&mut self, arch: Arch, setting: &Setting<T>, image: &[T]) {
         let Self { scale, spread, groups, .. } = self;
         match &setting.basis {
@@ -134,7 +135,7 @@ impl<T: Project> StepMap<T> {
     /// Sets steps and matrices from the scale.
     ///
     /// # Errors
-    /// [`InverseError::Factorisation`] where the eigenvalues of a constrained frame fail.
+    /// [`InverseError::Factorisation`] if the eigenvalue decomposition of a constrained frame fails.
     pub(crate) fn set(
         &mut self,
         arch: Arch,
@@ -166,7 +167,7 @@ impl<T: Project> StepMap<T> {
         }
     }
 
-    /// Ranks of the head for whole frames.
+    /// Returns the number of ranks in the head for frames without masked channels.
     fn ranks(&self, setting: &Setting<T>, seen: &Seen) -> usize {
         let square = |k: &usize| seen.transposed[k * (setting.rank + 1)].powi(2);
         let strong = (0..setting.rank).take_while(|k| self.largest_tau * square(k) > EXPLICIT);
@@ -227,7 +228,7 @@ impl<T: Project> StepMap<T> {
                 }
                 arch.dispatch(Invert { matrix: inverse, n: rows });
                 transposed.copy_from_slice(&seen.transposed);
-                // F M, rows of it: sums of rows of M
+                // rows of F M, as sums of rows of M
                 back[..rank * rows].fill(0.0);
                 for (f, m) in seen.transposed.chunks_exact(rank).zip(inverse.chunks_exact(rows)) {
                     for (f, out) in f.iter().zip(back.chunks_exact_mut(rows)) {

@@ -1,24 +1,24 @@
-//! The flow that proves a frame: with the data's force `f = A' y` fixed, find `q` in a ball that leaves
-//! little of `f + D' q` outside what the change's dual may take.
+//! Flow search for the lower bound of a frame: with the force `f = A' y` of the data fixed, find `q` in
+//! its balls such that `f + D' q` exceeds the limits of the dual of the change as little as possible.
 //!
 //! Accelerated gradient steps (Beck, Teboulle, *SIAM J. Imaging Sci.* 2 (2009) 183) on the smoothed
-//! dual of the frame over `q` alone. Smoothed about the image `x` at hand with a weight `mu`, the
+//! dual of the frame over `q` alone. Smoothed about the current image `x` with a weight `mu`, the
 //! gradient is `-mu D x+`,
 //!
 //! ```text
 //! mu d+ = clip(soft(mu d - e, radius), mu room),   e = f + D' q,   x+ = x^ + d+
 //! ```
 //!
-//! in the first steps, which draws the flow to where the bound is best; then the same without the
-//! shift by `x`, which draws it to where `e` is allowed: with bounds beyond its radius where the image is
-//! near one, `mu` times the room of the image at hand in place of the anchor's. No product with the basis is needed.
+//! in the first steps, which improve the bound. The later steps omit the shift by `x` and make `e`
+//! feasible; with bounds, `e` may exceed its radius, by `mu` times the distance of the current image
+//! (instead of the anchor) from the bound. No product with the basis is needed.
 
 use super::differences::Differences;
 use super::fields::Setting;
 use super::lanes::{LANES, Lane, Project, each, largest, load, shrink, store};
 use pulp::{Simd, WithSimd};
 
-/// Arrays of the flow.
+/// Arrays of the flow search.
 #[derive(Debug, Clone)]
 pub(crate) struct FlowFields<T> {
     /// `f`.
@@ -28,7 +28,7 @@ pub(crate) struct FlowFields<T> {
     pub(crate) flow: [Vec<T>; 2],
     /// Extrapolated.
     ahead: [Vec<T>; 2],
-    /// `x - x^` of the image that is to be proven.
+    /// `x - x^` of the image whose objective is to be bounded.
     pub(crate) change: Vec<T>,
 }
 
@@ -47,21 +47,21 @@ impl<T: Project> FlowFields<T> {
     }
 }
 
-/// How the flow is sought.
+/// Settings of the flow search.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FlowSteps {
     pub(crate) steps: usize,
-    /// Of these the first ones are shifted.
+    /// Number of shifted steps, which come first.
     pub(crate) shifted: usize,
-    /// Weights times the box's share.
+    /// Weights, slightly enlarged for the search.
     pub(crate) lambda_space: f64,
     pub(crate) lambda_time: f64,
     pub(crate) mu: f64,
     pub(crate) bounded: bool,
 }
 
-/// The search. Starts from `start`, and leaves `flow` and `error`. Returns the largest ratio of a
-/// group's dual to its radius times `lambda_space`.
+/// Flow search from `start`; sets `flow` and `error`. Returns the largest ratio of a group's dual to its
+/// radius times `lambda_space`.
 pub(crate) struct Seek<'a, T: Project, D> {
     pub(crate) setting: &'a Setting<T>,
     pub(crate) differences: &'a D,
@@ -95,7 +95,7 @@ impl<T: Project, D: Differences<T>> WithSimd for Seek<'_, T, D> {
 }
 
 impl<T: Project, D: Differences<T>> Seek<'_, T, D> {
-    /// The start, moved into the balls.
+    /// Projects the start onto the balls.
     #[inline(always)]
     fn begin(&mut self) {
         let space = T::from_f64(self.how.lambda_space);
@@ -112,7 +112,7 @@ impl<T: Project, D: Differences<T>> Seek<'_, T, D> {
         }
     }
 
-    /// `-mu x+` of the cells, in `error`.
+    /// Computes `-mu x+` of the cells, in `error`.
     #[inline(always)]
     fn pull<const BOUNDED: bool>(&mut self, shift: T) {
         let Self { setting, differences, fields, how, .. } = self;
@@ -130,8 +130,8 @@ impl<T: Project, D: Differences<T>> Seek<'_, T, D> {
             });
             if BOUNDED {
                 let (below, above) = (load(&self.room[0], at), load(&self.room[1], at));
-                // while shifted the room of the anchor, then that of the image at hand: a force from a
-                // bound costs as much as the image is away from it
+                // distances to the bounds from the anchor while shifted, then from the current image,
+                // since the cost of a bound's force is proportional to the distance from the bound
                 let from = if shift > T::default() { [T::default(); LANES] } else { d };
                 soft = each(|l| {
                     let (most, least) = (mu * (from[l] - below[l]), mu * (from[l] - above[l]));
@@ -142,7 +142,7 @@ impl<T: Project, D: Differences<T>> Seek<'_, T, D> {
         }
     }
 
-    /// One step of the flow.
+    /// Performs one step of the flow.
     #[inline(always)]
     fn push(&mut self, momentum: T) {
         let Self { setting, differences, fields, how, .. } = self;
@@ -166,7 +166,7 @@ impl<T: Project, D: Differences<T>> Seek<'_, T, D> {
         }
     }
 
-    /// The error that is left, and the largest ratio of a dual to its radius.
+    /// Computes the remaining error; returns the largest ratio of a dual to its radius.
     #[inline(always)]
     fn end(&mut self) -> f64 {
         let Self { setting, differences, fields, how, .. } = self;
@@ -191,7 +191,7 @@ impl<T: Project, D: Differences<T>> Seek<'_, T, D> {
     }
 }
 
-/// `out = V z` on all cells, over the ranks of a range.
+/// Computes `out = V z` on all cells, over a range of ranks.
 pub(crate) struct Expand<'a, T: Project> {
     pub(crate) setting: &'a Setting<T>,
     pub(crate) ranks: std::ops::Range<usize>,

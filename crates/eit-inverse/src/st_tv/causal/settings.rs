@@ -1,4 +1,4 @@
-//! Settings of a causal stream, and what its pushes give.
+//! Settings and results of a causal stream.
 
 use crate::check::check_positive;
 use crate::{Certificate, InverseError, SequenceStatus};
@@ -7,16 +7,16 @@ use std::time::Duration;
 /// Settings of [`CausalStream`](crate::CausalStream).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CausalSettings {
-    /// Relative duality gap of a frame that is good enough, above zero. Below `1e-4` the iteration
-    /// runs in `f64`.
+    /// Target relative duality gap of a frame, above zero. Below `1e-4` the iteration runs in `f64`.
     pub target_gap: f64,
-    /// Iterations for one frame at most.
+    /// Maximum number of iterations per frame.
     pub max_iterations: usize,
-    /// Time for one frame at most; the last look at image and bound is part of it.
+    /// Time limit per frame, including the final evaluation of image and bound.
     pub deadline: Option<Duration>,
-    /// Weight of the change against the image before, as a share of the solver's `lambda_time`, above
-    /// zero. A window spreads a change over its frames and pays its share in each; a causal frame pays
-    /// at once. Where a quarter is right for one weight it is for all: both terms are in the same unit.
+    /// Weight of the change from the image before, as a fraction of the solver's `lambda_time`, above
+    /// zero. A window spreads the cost of a change over its frames, whereas a causal frame bears it
+    /// alone. A suitable fraction, such as the default of a quarter, suits all values of `lambda_time`,
+    /// since both terms have the same unit.
     pub time_share: f64,
 }
 
@@ -38,40 +38,45 @@ impl CausalSettings {
     }
 }
 
-/// What a push to a causal stream gave.
+/// Result of a push to a causal stream.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CausalStep<'a> {
     /// Image of this frame, siemens, `[unknown]`.
     pub image: &'a [f64],
-    /// Why the iteration stopped; [`SequenceStatus::Direct`] for a frame without data and for rest,
-    /// [`SequenceStatus::Stalled`] for the zero image of a constrained frame whose objective is rounding.
+    /// Why the iteration stopped; [`SequenceStatus::Direct`] for a frame without data and for a skin at
+    /// rest, [`SequenceStatus::Stalled`] for the zero image of a constrained frame whose objective is
+    /// zero up to rounding.
     pub status: SequenceStatus,
-    /// Iterations of this push.
+    /// Number of iterations of this push.
     pub iterations: usize,
-    /// Bounds on the optimum of this frame's problem; from infinity to 0 where an image was held.
+    /// Bounds on the optimum of this frame's problem; infinity and 0 if the previous image was held.
     pub certificate: Certificate,
     /// `|W^1/2 (J x - dv)|` over the good channels; 0 for a frame without data.
     pub residual: f64,
-    /// Nothing but noise on a skin at rest, or nothing at all: no iteration was needed.
+    /// Whether the skin is at rest and the frame contains only noise or is zero, so that no iteration was
+    /// needed.
     pub quiet: bool,
-    /// The gap was proven in `f64`, as `f32` could not.
+    /// Whether the lower bound was computed in `f64`.
     pub in_double: bool,
-    /// Time of this push, seconds.
+    /// Run time of this push, seconds.
     pub seconds: f64,
 }
 
-/// The dual point that proves a frame's lower bound, in the caller's units, for whoever wants to check
-/// it. With `A = W^1/2 J`, `b = W^1/2 dv` (zero in channels that do not count), the image before `x^`
+/// Dual point that proves the lower bound of a frame, in the caller's units, for independent checks.
+///
+/// With `A = W^1/2 J`, `b = W^1/2 dv` (zero in unused and masked channels), the previous image `x^`
 /// and the rows `D` of the [`Gradient`](crate::Gradient):
 ///
 /// ```text
-/// r = -(A' y + D' q),   |q_g| <= lambda_space,   |r_i| <= lambda_time area_i up to what bounds allow
+/// r = -(A' y + D' q),   |q_g| <= lambda_space,   |r_i| <= lambda_time area_i, or more with bounds
 /// penalised:    bound = -y.(b - A x^) - |y|^2 / 2 + q.D x^ - sum h(r)
 /// constrained:  bound = -y.(b - A x^) - delta |y| + q.D x^ - sum h(r)
 /// ```
 ///
-/// with `h` of the bounds as in the module, 0 without them, and `lambda_time` times
-/// [`CausalSettings::time_share`].
+/// where `lambda_time` includes the factor [`CausalSettings::time_share`], and `h` is the term of the
+/// bounds. Without bounds `h = 0`; with bounds `lower` and `upper`, for the image `x^` of the frame before,
+/// `h(r) = (r - lambda_time area) (upper - x^)` for `r` above `lambda_time area`,
+/// `(-r - lambda_time area) (x^ - lower)` for `r` below `-lambda_time area`, and 0 between.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CausalDual {
     /// `y`, `[measurement]`.

@@ -1,6 +1,6 @@
-//! The stream: everything that happens to a running instrument, around one frame's iterations.
+//! Causal stream: all events of a running instrument, around the iterations of one frame.
 //!
-//! Long because every event is a method of one type, and each must leave all of its arrays
+//! Over 300 lines because every event is a method of one type, and each must leave all of its arrays
 //! consistent.
 
 use super::differences::Basis;
@@ -17,26 +17,26 @@ use crate::st_tv::settings::Fidelity;
 use crate::{Certificate, InverseError, SequenceStatus};
 use std::time::Instant;
 
-/// Frames between two maps of a steady stream.
+/// Number of frames between two maps of a steady stream.
 const MAP_EVERY: usize = 4;
-/// An innovation this much larger than usual is an event: its map is made anew.
+/// An innovation larger than usual by this factor is an event, for which a new map is computed.
 const EVENT: f64 = 1.5;
-/// Step with bounds: at 32 x 32 a third takes 76 iterations, one 98, a tenth 117.
+/// Factor on the step with bounds: at 32 x 32 a third takes 76 iterations, 1 takes 98, a tenth 117.
 const BOUNDED_STEP: f64 = 0.3;
-/// The image's scale falls by this much from map to map at most.
+/// Smallest ratio of the image's scale from one map to the next.
 const FORGET: f64 = 0.9;
-/// Frames that hold nothing but noise before the image is taken to be at rest: those of a window.
+/// Number of consecutive frames of pure noise after which the skin counts as at rest; as in a window.
 const REST_AFTER: usize = 8;
-/// Gaps below this are sought in `f64`.
+/// Target gaps below this are computed in `f64`.
 const LEAST_SINGLE_GAP: f64 = 1e-4;
-/// Iterations after which `f32` leaves a frame to `f64`.
+/// Number of `f32` iterations after which a frame continues in `f64`.
 const GIVE_UP: usize = 400;
-/// Frames between two sums of `V' x^` from scratch.
+/// Number of frames between two complete computations of `V' x^`.
 const RENEW: usize = 256;
-/// A frame this much larger than the unit of the data sets another one.
+/// A frame larger than the unit of the data by this factor sets a new unit.
 const OUTGROWN: f64 = 1e4;
 
-/// Total variation of each frame, anchored to the image that was reported before: no lag.
+/// Total variation of single frames, each linked to the previously reported image, without lag.
 ///
 /// ```text
 /// penalised:    x = argmin |W^1/2 (J x - dv)|^2 / 2 + lambda_space |grad x|_{2,1}
@@ -45,16 +45,17 @@ const OUTGROWN: f64 = 1e4;
 /// both:         lower <= x <= upper
 /// ```
 ///
-/// `x^` is the image of the frame before, data here: the frame is one small convex problem, and what
-/// was reported is never revised. Every push comes with bounds on the optimum of its own problem,
-/// that hold whatever the iteration did. After set-up nothing is allocated.
+/// `x^` is the image of the frame before, which is fixed: each frame is a small convex problem, and
+/// reported images are never revised. Every push returns bounds on the optimum of its own problem,
+/// which are valid wherever the iteration stopped. After set-up nothing is allocated.
 ///
-/// * Masked channels change the rows of the data term; another set of them costs
+/// * Masked channels change the rows of the data term; a new set of them costs
 ///   `O(measurements rank^2)` once.
 /// * A dropped frame ([`push_dropped`](Self::push_dropped)), or one without a good channel, holds
-///   the image.
-/// * Where [`StTvSettings::noise_std`](crate::StTvSettings::noise_std) is known, eight frames that hold
-///   nothing else bring the image to rest, at zero, and nothing is computed until one does.
+///   the previous image.
+/// * If [`StTvSettings::noise_std`](crate::StTvSettings::noise_std) is given, eight consecutive frames
+///   of pure noise put the stream at rest: the image is zero, and nothing is computed until a frame
+///   differs from the reference by more than noise.
 #[derive(Debug)]
 pub struct CausalStream {
     solver: StTv,
@@ -66,21 +67,21 @@ pub struct CausalStream {
     seen: Seen,
     target: Target,
     record: Record,
-    /// `x^` over cells, and `V' x^`, in inner units.
+    /// `x^` over cells, and `V' x^`, in internal units.
     anchor: Vec<f64>,
     coefficients: Vec<f64>,
     beta: Vec<f64>,
     whitened: Vec<f64>,
-    /// The last frame as pushed, for a change of reference; not finite where nothing counts.
+    /// The last frame as pushed, for a change of reference; NaN in unused and masked channels.
     raw: Vec<f64>,
     image: Vec<f64>,
-    /// The image before, siemens.
+    /// Image of the previous frame, siemens.
     before: Vec<f64>,
-    /// Norm of the data that is 1 inside; 0 before there is any.
+    /// Norm of the data that corresponds to 1 internally; 0 before the first data.
     scale: f64,
-    /// Scale of the image, inside; 0 before there is any.
+    /// Scale of the image in internal units; 0 before the first image.
     image_scale: f64,
-    /// Running mean of the innovation, iterations of the last two frames, frames since the map.
+    /// Running mean of the innovation, iterations of the last two frames, frames since the last map.
     usual: f64,
     recent: [usize; 2],
     map_age: usize,
@@ -92,9 +93,8 @@ impl CausalStream {
     /// Sets up a stream.
     ///
     /// # Errors
-    /// [`InverseError::OutOfRange`] for settings out of range, and for a solver whose `lambda_time` is
-    /// 0: without a link to the image before there is no stream, and [`StTvStream`](crate::StTvStream)
-    /// with a window of one frame serves.
+    /// [`InverseError::OutOfRange`] for settings out of range, and for a solver whose `lambda_time` is 0.
+    /// Such frames are independent: use [`StTvStream`](crate::StTvStream) with a window of one frame.
     pub fn new(solver: StTv, settings: CausalSettings) -> Result<Self, InverseError> {
         settings.check()?;
         let lambda_time = solver.settings.lambda_time;
@@ -140,7 +140,8 @@ impl CausalStream {
         Ok(this)
     }
 
-    /// Forgets the image: the next frame is as the first one, of zero or what bounds leave next to it.
+    /// Discards the image. The next frame is treated as the first one, with an anchor of zero, or of the
+    /// value nearest to zero within the bounds.
     pub fn restart(&mut self) {
         let [lower, upper] = self.bounds_s();
         self.image.fill(0.0_f64.clamp(lower, upper));
@@ -149,7 +150,8 @@ impl CausalStream {
         self.set_anchor();
     }
 
-    /// Sets the image that the next frame is anchored to, siemens, `[unknown]`; moved into the bounds.
+    /// Sets the image to which the next frame is linked, siemens, `[unknown]`; it is clipped to the
+    /// bounds.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for a value that is not finite.
@@ -167,12 +169,15 @@ impl CausalStream {
         Ok(())
     }
 
-    /// Changes the reference frame by `change = v_ref_new - v_ref_old`, `[measurement]`: data pushed
-    /// from now on is against the new reference. Where it is nearer to the last frame than the old one
-    /// was, the image before becomes zero, since that is then what the reference holds.
+    /// Changes the reference frame by `change = v_ref_new - v_ref_old`, `[measurement]`.
+    ///
+    /// Data pushed from now on must be relative to the new reference. If the new reference is closer to
+    /// the last frame than the old one was, the previous image is reset as in
+    /// [`restart`](Self::restart), since it is then part of the reference.
     ///
     /// # Errors
-    /// Wrong length, a value that is not finite. The stream is then as it was.
+    /// Returns an error for a wrong length and for a value that is not finite. The stream is then
+    /// unchanged.
     pub fn change_reference(&mut self, change: &[f64]) -> Result<(), InverseError> {
         check_length("change of reference", change.len(), self.solver.measurements())?;
         if let Some(measurement) = change.iter().position(|v| !v.is_finite()) {
@@ -194,12 +199,11 @@ impl CausalStream {
         Ok(())
     }
 
-    /// Takes a frame of difference data `[measurement]` and its good channels (`None`: all), and gives
-    /// its image.
+    /// Reconstructs a frame of difference data `[measurement]` with its good channels (`None`: all).
     ///
     /// # Errors
-    /// Wrong lengths, a value of a good channel that is not finite (the frame number counts pushes
-    /// from 0), a `delta` that no image can reach. The stream is then as it was.
+    /// Returns an error for wrong lengths, a non-finite value of a good channel (the frame index counts
+    /// pushes from 0), and a `delta` that no image can satisfy. The image is then unchanged.
     pub fn push(
         &mut self,
         dv: &[f64],
@@ -241,7 +245,7 @@ impl CausalStream {
         Ok(self.step(end, start))
     }
 
-    /// Takes note that a frame was lost: the image is held.
+    /// Records a dropped frame: the previous image is held.
     pub fn push_dropped(&mut self) -> CausalStep<'_> {
         let start = Instant::now();
         self.pushed += 1;
@@ -251,7 +255,7 @@ impl CausalStream {
             image: &self.image,
             status: SequenceStatus::Direct,
             iterations: 0,
-            // nothing was solved: nothing is claimed
+            // nothing was solved, so the bounds are trivial
             certificate: Certificate { primal: f64::INFINITY, lower_bound: 0.0 },
             residual: 0.0,
             quiet: false,
@@ -260,23 +264,23 @@ impl CausalStream {
         }
     }
 
-    /// The image that the last frame was anchored to, siemens, `[unknown]`.
+    /// Returns the image to which the last frame was linked, siemens, `[unknown]`.
     pub fn image_before(&self) -> &[f64] {
         &self.before
     }
 
-    /// The solver in use.
+    /// Returns the solver in use.
     pub fn solver(&self) -> &StTv {
         &self.solver
     }
 
-    /// The settings in use.
+    /// Returns the settings in use.
     pub fn settings(&self) -> &CausalSettings {
         &self.settings
     }
 
-    /// The dual point of the last frame's lower bound; zero after a frame that needed no iteration.
-    /// Allocates.
+    /// Returns the dual point of the last frame's lower bound; zero after a frame that needed no
+    /// iteration. Allocates.
     pub fn dual(&self) -> CausalDual {
         let (one, rows) = (self.one(), self.seen.rows);
         let gradient = &self.solver.gradient;
@@ -321,7 +325,7 @@ impl CausalStream {
         [self.solver.settings.lower_s, self.solver.settings.upper_s]
     }
 
-    /// The unit of the data inside.
+    /// Returns the internal unit of the data.
     fn one(&self) -> f64 {
         if self.scale > 0.0 { self.scale } else { 1.0 }
     }
@@ -331,19 +335,20 @@ impl CausalStream {
         settings.lambda_space.max(settings.lambda_time * self.settings.time_share)
     }
 
-    /// Squared radius of the ball in the coordinates of the frame; `None` where the data is penalised.
+    /// Returns the squared radius of the data constraint in the coordinates of the frame; `None` for
+    /// penalised data.
     fn ball(&self) -> Option<f64> {
         let delta = self.delta()? / self.one();
         Some((delta * delta - self.target.rest_squared).max(0.0))
     }
 
-    /// Radius of the frame at hand, in the data's unit.
+    /// Returns the constraint radius of the current frame, in the unit of the data.
     fn delta(&self) -> Option<f64> {
         let Fidelity::Constrained { delta } = self.solver.settings.fidelity else { return None };
         Some(delta * (self.seen.count as f64 / self.solver.channels as f64).sqrt())
     }
 
-    /// The data of a frame, in units of the scale, which it may set.
+    /// Transforms the data of a frame to internal units; may change the unit.
     fn take(&mut self, dv: &[f64]) -> Result<(), InverseError> {
         let compression = &self.solver.compression;
         for (i, value) in self.whitened.iter_mut().enumerate() {
@@ -355,7 +360,7 @@ impl CausalStream {
         let along = self.target.values.iter().map(|t| t * t).sum::<f64>().sqrt();
         let least = self.target.rest_squared.sqrt() * one;
         if let Some(delta) = self.delta()
-            // the rest of an exact fit is rounding, not noise
+            // a tiny remainder is rounding error of an exact fit
             && least > delta
             && least > 1e-10 * (along * one + least)
         {
@@ -387,7 +392,7 @@ impl CausalStream {
         Ok(())
     }
 
-    /// Anchor and its coefficients from the image.
+    /// Computes the anchor and its coefficients from the image.
     fn set_anchor(&mut self) {
         let per_image = self.solver.unit / self.one();
         for (&cell, x) in self.double_setting.places.cells.iter().zip(&self.image) {
@@ -399,10 +404,11 @@ impl CausalStream {
 
     fn renew_coefficients(&mut self) {
         let (setting, change) = (&self.double_setting, self.anchor.as_slice());
-        self.solver.arch.dispatch(Coefficients { setting, change, out: &mut self.coefficients });
+        let (sums, out) = (&mut self.record.sums, &mut self.coefficients);
+        self.solver.arch.dispatch(Coefficients { setting, change, sums, out });
     }
 
-    /// Is it rest? Counts quiet frames.
+    /// Returns whether the skin is at rest; counts quiet frames.
     fn is_quiet(&mut self) -> bool {
         let settings = &self.solver.settings;
         let is_zero = self.image.iter().all(|x| *x == 0.0);
@@ -418,7 +424,7 @@ impl CausalStream {
         is_noise && zero_allowed && (is_zero || self.quiet_frames >= REST_AFTER)
     }
 
-    /// The zero image of a skin at rest.
+    /// Returns the zero image of a skin at rest.
     fn rest(&mut self, start: Instant) -> CausalStep<'_> {
         self.record.clear();
         if self.image.iter().any(|x| *x != 0.0) {
@@ -431,7 +437,7 @@ impl CausalStream {
             image: &self.image,
             status: SequenceStatus::Direct,
             iterations: 0,
-            // the zero image was not shown to be optimal, only not to differ from it beyond noise
+            // the zero image is not proven optimal, but the data agrees with it to within the noise
             certificate: Certificate { primal, lower_bound: 0.0 },
             residual: square.sqrt(),
             quiet: true,
@@ -440,7 +446,7 @@ impl CausalStream {
         }
     }
 
-    /// Weights in inner units.
+    /// Returns the weights in internal units.
     fn weights(&self) -> Weights {
         let settings = &self.solver.settings;
         let per_weight = match settings.fidelity {
@@ -456,7 +462,7 @@ impl CausalStream {
         }
     }
 
-    /// The innovation `t - F' V' x^`; returns its norm.
+    /// Computes the innovation `t - F' V' x^`; returns its norm.
     fn innovate(&mut self) -> f64 {
         let rank = self.solver.rank();
         let rows = self.seen.transposed.chunks_exact(rank).zip(&self.target.values);
@@ -511,7 +517,7 @@ impl CausalStream {
             first_look: least.saturating_sub(4),
         };
         let record = &mut self.record;
-        // the image before is a candidate: often the best at rest
+        // the previous image is a candidate, often the best one without motion
         let unchanged = unchanged(&problem, record);
         let is_zero_allowed = lower <= 0.0 && upper >= 0.0;
         if is_zero_allowed && vanished(&problem, record, &self.coefficients) {
@@ -547,7 +553,7 @@ impl CausalStream {
             end = double.run(setting, &mut problem, record, &limits)?;
             if is_single {
                 single.take(&double.fields);
-                // the map of the other type is of an earlier iterate
+                // the map in the other type belongs to an earlier iterate
                 self.map_age = MAP_EVERY;
             }
         }
@@ -555,9 +561,9 @@ impl CausalStream {
         Ok(end)
     }
 
-    /// The new image becomes the anchor.
+    /// Makes the new image the anchor.
     fn report(&mut self, end: End) {
-        // a deadline may have left no feasible image: then the one before is held
+        // without a feasible image, for example after a deadline, the previous image is held
         if !self.record.primal.is_finite() {
             return;
         }
@@ -567,16 +573,16 @@ impl CausalStream {
             let d = self.record.change[cell];
             if d != 0.0 {
                 self.anchor[cell] += d;
-                // bounds hold to the last bit
+                // clip again, so that bounds hold exactly after scaling
                 *out = (self.anchor[cell] * per_image).clamp(lower, upper);
             }
         }
         if self.pushed.is_multiple_of(RENEW) || end != End::Proven {
             self.renew_coefficients();
         } else {
-            let (setting, change) = (&self.double_setting, self.record.change.as_slice());
-            let out = &mut self.record.coefficients;
-            self.solver.arch.dispatch(Coefficients { setting, change, out });
+            let setting = &self.double_setting;
+            let Record { change, sums, coefficients: out, .. } = &mut self.record;
+            self.solver.arch.dispatch(Coefficients { setting, change, sums, out });
             let changes = self.coefficients.iter_mut().zip(&self.record.coefficients);
             changes.for_each(|(c, d)| *c += d);
         }

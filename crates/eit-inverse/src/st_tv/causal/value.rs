@@ -1,23 +1,33 @@
-//! The image that a look finds, and its objective, in `f64`.
+//! Candidate image of an evaluation and its objective, in `f64`, or rounded up by a bound on the error of
+//! products in `f32`.
+//!
+//! Over 300 lines because all ways to a candidate (unchanged, zero, from an iterate) share one record.
 
 use super::bound::Proof;
 use super::differences::{Basis, Differences};
 use super::fields::Setting;
 use super::frame::{Engine, Problem};
 use super::iterate::dot;
-use super::lanes::{Lane, Project, each, load, total};
+use super::lanes::{BLOCKS, LANES, Lane, Project, each, load, total};
 use crate::st_tv::ball;
 use pulp::{Simd, WithSimd};
 
-/// An unknown that changed by less, relative to the target gap and the image's scale, is reported as
-/// unchanged.
+/// Smallest change of an unknown, relative to the target gap and the scale of the image. Smaller changes
+/// are set to zero, larger ones are reduced by it.
 const THRESHOLD: f64 = 0.01;
-/// Rounds in which an image is moved into the data's ball.
+/// Maximum number of steps that move an image into the data constraint.
 const REPAIRS: usize = 8;
-/// Each round aims at a ball this much smaller than the one before: bounds take back a part of it.
+/// Reduction of the target radius from one step to the next, because clipping to the bounds undoes a part
+/// of a step.
 const DEEPER: f64 = 0.02;
 
-/// The best that is known of a frame, in inner units.
+/// For target gaps of at least this value, the data term of a candidate is summed in `f32`: the bound on its
+/// rounding error is small compared with the gap.
+const LEAST_ROUNDED_GAP: f64 = 3e-3;
+/// Number of panels whose products are summed in a lane before conversion to `f64`.
+const SUMMED_PANELS: usize = 8;
+
+/// Best result of a frame so far, in internal units.
 #[derive(Debug)]
 pub(crate) struct Record {
     pub(crate) iterations: usize,
@@ -26,21 +36,23 @@ pub(crate) struct Record {
     /// Change of the best image, over cells, and its coefficients `V' d`.
     pub(crate) change: Vec<f64>,
     pub(crate) coefficients: Vec<f64>,
-    /// `|F' c - t|` of the best image, with what no image explains.
+    /// `|F' c - t|` of the best image, including the unexplained part of the data.
     pub(crate) misfit: f64,
     /// `F' c - t` of the last candidate, `[row of F']`.
     pub(crate) residual: Vec<f64>,
-    /// Dual of the data that proves the bound, scaled, and the scale.
+    /// Scaled data dual of the best bound, and the scale.
     pub(crate) dual: Vec<f64>,
     pub(crate) scale: f64,
-    /// The proof was found in `f64`.
+    /// Whether the best bound was computed in `f64`.
     pub(crate) is_double: bool,
-    /// Share of the change's radius that rounding took in the last proof.
+    /// Rounding error of the last bound, relative to the smallest radius of the change.
     pub(crate) rounding: f64,
     candidate: Vec<f64>,
     candidate_coefficients: Vec<f64>,
     image: Vec<f64>,
     column: Vec<f64>,
+    /// Scratch memory of [`Coefficients`].
+    pub(crate) sums: Vec<Lane<f64>>,
 }
 
 impl Record {
@@ -62,10 +74,11 @@ impl Record {
             candidate_coefficients: ranks.clone(),
             image: cells,
             column: ranks,
+            sums: vec![[0.0; LANES]; setting.padded],
         }
     }
 
-    /// Begins a frame.
+    /// Resets the record for a new frame.
     pub(crate) fn clear(&mut self) {
         self.iterations = 0;
         (self.primal, self.lower_bound) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -79,13 +92,13 @@ impl Record {
 
     pub(crate) fn gap(&self) -> f64 {
         match self.primal - self.lower_bound {
-            // also of an objective of zero
+            // includes an objective of zero
             gap if gap <= 0.0 => 0.0,
             gap => gap / self.primal.abs(),
         }
     }
 
-    /// Does rounding alone cost more of the bound than the gap leaves?
+    /// Returns whether rounding alone takes a large part of the target gap.
     pub(crate) fn is_blurred(&self, target_gap: f64) -> bool {
         self.rounding > 0.3 * target_gap
     }
@@ -104,11 +117,11 @@ impl Record {
     }
 }
 
-/// Values the image before as a candidate; infinite where the data does not allow it. `Record` must be
-/// clear.
+/// Evaluates the previous image as a candidate; returns infinity if it violates the data constraint. The
+/// record must be cleared before.
 pub(crate) fn unchanged(problem: &Problem<'_>, record: &mut Record) -> f64 {
     record.candidate.fill(0.0);
-    let square = residual(problem.exact, problem, record);
+    let square = residual(problem, record);
     if problem.ball.is_some_and(|ball| square > ball) {
         return f64::INFINITY;
     }
@@ -116,11 +129,13 @@ pub(crate) fn unchanged(problem: &Problem<'_>, record: &mut Record) -> f64 {
     record.primal
 }
 
-/// Values the zero image as a candidate, for a constrained frame that allows it: there it is the optimum
-/// at rest, and an iteration would come ever nearer to it. `coefficients` are those of the anchor. Where the
-/// objective is zero up to rounding it is taken in any case: then true.
+/// Evaluates the zero image as a candidate, for a constrained frame that allows it.
+///
+/// For a skin at rest it is the optimum, which an iteration would only approach. `coefficients` are those
+/// of the anchor. If the best objective is already zero up to rounding, the zero image is taken in any
+/// case, and the function returns true.
 pub(crate) fn vanished(problem: &Problem<'_>, record: &mut Record, coefficients: &[f64]) -> bool {
-    /// Objective that is rounding, where data is 1.
+    /// Objective that is zero up to rounding, in units where the data has norm 1.
     const SMALLEST: f64 = 1e-7;
     let best = record.primal;
     let square = problem.target.values.iter().map(|t| t * t).sum::<f64>();
@@ -138,7 +153,7 @@ pub(crate) fn vanished(problem: &Problem<'_>, record: &mut Record, coefficients:
     best <= SMALLEST
 }
 
-/// Values the candidate of an engine, and keeps it if it is the best.
+/// Evaluates the candidate of an engine and stores it if it is the best.
 pub(crate) fn value<T: Project>(
     engine: &mut Engine<T>,
     setting: &Setting<T>,
@@ -155,22 +170,24 @@ pub(crate) fn value<T: Project>(
         record.candidate[cell] =
             if moved == 0.0 { 0.0 } else { (x + moved).clamp(lower, upper) - x };
     }
-    let mut square = match problem.ball {
-        Some(_) => residual(problem.exact, problem, record),
-        None => {
-            let square = residual(setting, problem, record);
+    let is_rounded =
+        T::HAS_SHORT && problem.ball.is_none() && problem.target_gap >= LEAST_ROUNDED_GAP;
+    let mut square = match is_rounded {
+        true => {
+            let square = rounded_residual(engine, setting, problem, record);
             (square.sqrt() + misfit_error::<T>(setting, record)).powi(2)
         }
+        false => residual(problem, record),
     };
     if let Some(ball) = problem.ball {
         let mut repairs = 0;
         while square > ball && repairs < REPAIRS {
             let inside = 1.0 - DEEPER * repairs as f64;
             into_ball(engine, problem, record, ball * inside * inside);
-            square = residual(problem.exact, problem, record);
+            square = residual(problem, record);
             repairs += 1;
         }
-        // rounding of this evaluation, where data is 1
+        // tolerance for the rounding of this evaluation; the data has norm 1
         if square.sqrt() > ball.sqrt() * (1.0 + 1e-9) + 1e-12 {
             return;
         }
@@ -178,7 +195,7 @@ pub(crate) fn value<T: Project>(
     take(problem, record, square);
 }
 
-/// Values the candidate, whose squared residual is known, and keeps it if it is the best.
+/// Evaluates the candidate for a given squared residual and stores it if it is the best.
 fn take(problem: &Problem<'_>, record: &mut Record, square: f64) {
     let places = &problem.exact.places;
     for &cell in &places.cells {
@@ -202,18 +219,39 @@ fn take(problem: &Problem<'_>, record: &mut Record, square: f64) {
     }
 }
 
-/// Largest error of `|F' c - t|` by entries of `V` that are rounded: `|F| <= 1`, and a rounded row of
-/// `V` errs by a unit of its length.
+/// Returns an upper bound on the rounding error of `|F' c - t|`, using `|F| <= 1`.
+///
+/// `V`, the change, and each product that is summed in a lane before conversion to `f64` contribute half a
+/// unit each (Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed., 3.1).
 fn misfit_error<T: Project>(setting: &Setting<T>, record: &Record) -> f64 {
     let cells = &setting.places.cells;
     let sum: f64 = cells.iter().map(|&cell| record.candidate[cell].abs()).sum();
-    0.51 * T::EPSILON * setting.longest_row * sum
+    let roundings = 2.0 + (SUMMED_PANELS * BLOCKS) as f64;
+    0.51 * roundings * T::EPSILON * setting.longest_row * sum
 }
 
-/// `F' c - t` of the candidate; returns its square.
-fn residual<T: Project>(setting: &Setting<T>, problem: &Problem<'_>, record: &mut Record) -> f64 {
+/// Computes `F' c - t` of the candidate in `f64`; returns its squared norm.
+fn residual(problem: &Problem<'_>, record: &mut Record) -> f64 {
+    let Record { candidate: change, candidate_coefficients: out, sums, .. } = &mut *record;
+    let setting = problem.exact;
+    problem.arch.dispatch(Coefficients { setting, change, sums, out });
+    residual_of_coefficients(problem, record)
+}
+
+/// Like [`residual`], but with products in `T`; [`misfit_error`] bounds their rounding error.
+fn rounded_residual<T: Project>(
+    engine: &mut Engine<T>,
+    setting: &Setting<T>,
+    problem: &Problem<'_>,
+    record: &mut Record,
+) -> f64 {
     let (change, out) = (&record.candidate, &mut record.candidate_coefficients);
-    problem.arch.dispatch(Coefficients { setting, change, out });
+    let sums = &mut engine.fields.sums;
+    problem.arch.dispatch(Coefficients { setting, change, sums, out });
+    residual_of_coefficients(problem, record)
+}
+
+fn residual_of_coefficients(problem: &Problem<'_>, record: &mut Record) -> f64 {
     let rank = problem.exact.rank;
     let rows = problem.seen.transposed.chunks_exact(rank).zip(problem.beta);
     let mut square = 0.0;
@@ -228,7 +266,8 @@ fn residual<T: Project>(setting: &Setting<T>, problem: &Problem<'_>, record: &mu
     square
 }
 
-/// Moves the candidate towards the ball by the shortest way in the step map's metric, within bounds.
+/// Projects the candidate onto the data constraint in the metric of the step map, then clips it to the
+/// bounds.
 fn into_ball<T: Project>(
     engine: &Engine<T>,
     problem: &Problem<'_>,
@@ -236,7 +275,7 @@ fn into_ball<T: Project>(
     ball: f64,
 ) {
     let (rank, rows) = (problem.exact.rank, problem.seen.rows);
-    // a hair inside, for the rounding of the map
+    // slightly smaller, to allow for the rounding of the map
     let inside = ball * (1.0 - 1e-6);
     let turned = &mut record.column[..rows];
     for (out, vector) in turned.iter_mut().zip(engine.map.vectors.chunks_exact(rows)) {
@@ -247,7 +286,7 @@ fn into_ball<T: Project>(
     for (u, value) in turned.iter_mut().zip(&engine.map.values) {
         *u = ball::dual(*u, *value, mu);
     }
-    // the candidate's coefficients are not needed any more
+    // the candidate's coefficients are no longer needed; their memory is reused
     for (z, row) in
         record.candidate_coefficients.iter_mut().zip(engine.map.back.chunks_exact(rows)).take(rank)
     {
@@ -263,11 +302,15 @@ fn into_ball<T: Project>(
     }
 }
 
-/// `V' d`, of the unknowns that changed, summed in `f64`; four of them at a time, so that the sums are
-/// read and written a quarter as often.
+/// Computes `V' d`, with products and sums in `T` over [`SUMMED_PANELS`] panels, then in `f64`.
+///
+/// Panels without a change are skipped. The speed is limited by memory bandwidth: `V` is read once,
+/// `4 n rank` bytes in `f32` and twice that in `f64`.
 pub(crate) struct Coefficients<'a, T: Project> {
     pub(crate) setting: &'a Setting<T>,
     pub(crate) change: &'a [f64],
+    /// Scratch memory, `[padded rank]`.
+    pub(crate) sums: &'a mut [Lane<T>],
     pub(crate) out: &'a mut [f64],
 }
 
@@ -275,32 +318,50 @@ impl<T: Project> WithSimd for Coefficients<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { setting, change, out } = self;
-        let padded = setting.padded;
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { setting, change, sums, out } = self;
+        let ranks = setting.padded;
+        let (sums, out) = (&mut sums[..ranks], &mut out[..ranks]);
         out.fill(0.0);
-        let (mut rows, mut values, mut known) = ([0; 4], [0.0; 4], 0);
-        for (p, &cell) in setting.places.cells.iter().enumerate() {
-            let d = change[cell];
-            if d != 0.0 {
-                (rows[known], values[known]) = (p * padded, d);
+        sums.fill([T::default(); LANES]);
+        let mut known = 0;
+        for (panel, blocks) in setting.places.blocks.chunks_exact(BLOCKS).enumerate() {
+            let mut w = [[T::default(); LANES]; BLOCKS];
+            let mut largest = 0.0_f64;
+            for (w, &at) in w.iter_mut().zip(blocks) {
+                let d = load(change, at);
+                *w = each(|l| T::from_f64(d[l]));
+                for l in d {
+                    largest = largest.max(l.abs());
+                }
+            }
+            if largest > 0.0 {
+                T::project(simd, setting.panel(panel, 0..ranks), &w, sums);
                 known += 1;
             }
-            if known == 4 || (known > 0 && p + 1 == setting.places.cells.len()) {
-                values[known..].fill(0.0);
-                let [a, b, c, d] = rows.map(|at| &setting.rows[at..at + padded]);
-                for (k, out) in out.iter_mut().enumerate().take(padded) {
-                    let first = values[1].mul_add(b[k].to_f64(), *out);
-                    let second = values[3].mul_add(d[k].to_f64(), values[2] * c[k].to_f64());
-                    *out = values[0].mul_add(a[k].to_f64(), first) + second;
-                }
+            if known == SUMMED_PANELS {
+                flush(sums, out);
                 known = 0;
             }
         }
+        flush(sums, out);
     }
 }
 
-/// `lambda_space TV(x) + lambda_time |d|`.
+/// Adds the lane of each rank to its sum and clears the lane.
+#[inline(always)]
+fn flush<T: Project>(sums: &mut [Lane<T>], out: &mut [f64]) {
+    for (sum, out) in sums.iter_mut().zip(out) {
+        let mut wide = [0.0; LANES];
+        for l in 0..LANES {
+            wide[l] = sum[l].to_f64();
+        }
+        *out += total(&wide);
+        *sum = [T::default(); LANES];
+    }
+}
+
+/// Computes `lambda_space TV(x) + lambda_time |d|`.
 struct Variation<'a, D> {
     problem: &'a Problem<'a>,
     differences: &'a D,
@@ -313,7 +374,7 @@ impl<D: Differences<f64>> WithSimd for Variation<'_, D> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> f64 {
         let Self { problem, differences, record } = self;
-        let mut space: Lane<f64> = [0.0; super::lanes::LANES];
+        let mut space: Lane<f64> = [0.0; LANES];
         for &at in differences.group_blocks() {
             let [a, b] = differences.difference(&record.image, at);
             let radius = differences.group_radius(at);
@@ -322,7 +383,7 @@ impl<D: Differences<f64>> WithSimd for Variation<'_, D> {
                 radius[l].mul_add(norm, space[l])
             });
         }
-        let mut time: Lane<f64> = [0.0; super::lanes::LANES];
+        let mut time: Lane<f64> = [0.0; LANES];
         for &at in &problem.exact.places.blocks {
             let (d, radius) = (load(&record.candidate, at), differences.cell_radius(at));
             time = each(|l| radius[l].mul_add(d[l].abs(), time[l]));

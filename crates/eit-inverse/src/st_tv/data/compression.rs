@@ -1,4 +1,4 @@
-//! The singular expansion of the whitened Jacobian.
+//! Singular value decomposition of the whitened Jacobian.
 
 use crate::InverseError;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -6,12 +6,12 @@ use faer::linalg::svd::{ComputeSvdVectors, svd, svd_scratch};
 use faer::{Col, Mat, Par, Spec};
 use ndarray::ArrayRef2;
 
-/// The whitened Jacobian's singular expansion.
+/// Truncated singular value decomposition of the whitened Jacobian, `W^1/2 J = U S V'`.
 #[derive(Debug, Clone)]
 pub(crate) struct Compression {
-    /// Measurements of the protocol.
+    /// Number of measurements of the protocol.
     pub(crate) measurements: usize,
-    /// `W^1/2` of each measurement; 0 for one that is never used.
+    /// `W^1/2` of each measurement; 0 if it is unused.
     pub(crate) root_weights: Vec<f64>,
     /// `U` `[measurement, rank]`.
     pub(crate) left: Mat<f64>,
@@ -22,7 +22,7 @@ pub(crate) struct Compression {
 }
 
 impl Compression {
-    /// Expands a Jacobian `[measurement, unknown]` with the weights of its rows.
+    /// Decomposes a Jacobian `[measurement, unknown]` with given row weights.
     pub(crate) fn new(
         jacobian: &ArrayRef2<f64>,
         root_weights: Vec<f64>,
@@ -44,7 +44,7 @@ impl Compression {
         if !(largest > 0.0 && largest.is_finite()) {
             return Err(InverseError::NoSensitivity { measurements });
         }
-        // scaled to 1 first: squares of 1e-200 would vanish
+        // scale to 1 first, because squares of 1e-200 would underflow
         let transposed = Mat::from_fn(unknowns, measurements, |p, i| match root_weights[i] {
             0.0 => 0.0,
             w => w * jacobian[(i, p)] / largest,

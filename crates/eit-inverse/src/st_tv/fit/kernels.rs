@@ -1,4 +1,4 @@
-//! Inner loops of the data step: its Gram matrix, and its way through all frames.
+//! Inner loops of the data step: Gram matrix and application to all frames.
 
 use super::DataSteps;
 use crate::st_tv::ball;
@@ -8,11 +8,11 @@ use crate::st_tv::operators::Operators;
 use crate::st_tv::state::State;
 use pulp::{Simd, WithSimd};
 
-/// Unknowns whose rows stay in the first cache, and rows of a tile of the product.
+/// Number of unknowns whose rows fit the L1 cache, and rows of a tile of the product.
 pub(super) const CHUNK: usize = 64;
 const TILE: usize = 4;
 
-/// `V' T V` of the head: the upper triangle, in tiles.
+/// Computes the upper triangle of `V' T V` of the head, in tiles.
 pub(super) struct Gram<'a, T> {
     pub(super) ops: &'a Operators<T>,
     pub(super) state: &'a State<T>,
@@ -47,7 +47,7 @@ impl<T: Float> WithSimd for Gram<'_, T> {
     }
 }
 
-/// Adds the products of some rows to a tile.
+/// Adds the products of the given rows to a tile.
 #[inline(always)]
 fn tile<T: Float>(rows: &[T], padded: usize, [first, second]: [usize; 2], product: &mut [T]) {
     let mut sums = [[T::default(); LANES]; TILE];
@@ -138,10 +138,10 @@ fn store<T: Float>(
     }
 }
 
-/// Rows of a product that are summed together.
+/// Number of rows of a product that are summed together.
 const ROWS: usize = 8;
 
-/// `out = a x`, `a` `[row][columns]`.
+/// Computes `out = a x`, `a` `[row][columns]`.
 #[inline(always)]
 fn times<T: Float>(a: &[T], columns: usize, x: &[[T; LANES]], out: &mut [[T; LANES]]) {
     if columns == 0 {
@@ -172,7 +172,7 @@ fn times<T: Float>(a: &[T], columns: usize, x: &[[T; LANES]], out: &mut [[T; LAN
     }
 }
 
-/// `r -> mu r / (1 + mu e)` in a lane.
+/// Applies `r -> mu r / (1 + mu e)` in a lane.
 #[inline(always)]
 fn constrain<T: Float>(residual: &mut [[T; LANES]], lane: usize, values: &[f64], square: f64) {
     let terms = || residual.iter().map(|r| r[lane].to_f64()).zip(values.iter().copied());

@@ -1,15 +1,15 @@
-//! Constant images: where a solve begins, and its end where the weights are large.
+//! Constant images: the first candidate of a solve, and the optimum if the weights are large.
 
 use super::Run;
 use crate::st_tv::float::Float;
 
 impl<T: Float> Run<'_, T> {
-    /// Values the best constant image: the optimum where the weights are large, and a bound to
-    /// begin with.
+    /// Evaluates the best constant image, which is optimal if the weights are large, and computes a
+    /// first lower bound.
     pub(super) fn try_constant(&mut self) {
         let task = self.task;
         let parts = &task.solver.parts;
-        // one constant for all frames, or one each where nothing links them
+        // one constant for all frames if they are linked, otherwise one per frame
         let count = if task.linked() { task.frames } else { 1 };
         let mut values = Vec::new();
         for first in (0..task.frames).step_by(count) {
@@ -43,8 +43,8 @@ impl<T: Float> Run<'_, T> {
         best.lower_bound = best.lower_bound.max(bound);
     }
 
-    /// Least squares value of each connected part, by sweeps over the parts: one part, the rule,
-    /// needs one.
+    /// Returns the least-squares value of each connected part, by sweeps over the parts; a single part,
+    /// the usual case, needs one sweep.
     fn constant_values(&mut self, range: std::ops::Range<usize>) -> Vec<f64> {
         let task = self.task;
         let parts = &task.solver.parts;

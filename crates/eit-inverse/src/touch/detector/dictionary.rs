@@ -1,4 +1,4 @@
-//! What a touch at each place does to the rows.
+//! Response of the rows to a touch at each position.
 
 use super::places::{Places, Spot};
 use super::rows::Rows;
@@ -10,28 +10,28 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use ndarray::ArrayRef2;
 
-/// The tail of the bell, `TAIL exp(-d / TAIL_RADII radius)`: fabric spreads what a finger presses.
+/// The tail of the bell, `TAIL exp(-d / TAIL_RADII radius)`: fabric spreads the pressure of a finger.
 const TAIL: f64 = 0.05;
 const TAIL_RADII: f64 = 12.0 / 7.0;
 
-/// Radii beyond which the bell is zero: the tail is 2e-3 of the top there.
+/// Radii beyond which the bell is zero; the tail is 2e-3 of the peak there.
 const REACH_RADII: f64 = 5.5;
 
-/// Places that one product of matrices takes at once.
+/// Positions processed by one matrix product.
 const AT_ONCE: usize = 128;
 
-/// Places whose squared sensitivity is below this part of the median's are blind.
+/// Positions whose squared sensitivity is below this fraction of the median are blind.
 const BLIND: f64 = 0.02;
 
-/// Of each place: the change of the rows by a touch of 1 S m^2 and its derivatives along the skin.
+/// Response of the rows at each position to a touch of 1 S m^2, and its derivatives along the skin.
 ///
 /// The bell is `g(d) = exp(-(d / radius)^2) + tail`, divided by its integral over the skin.
 #[derive(Debug, Clone)]
 pub(super) struct Dictionary {
     rows: usize,
-    /// Volts, `[place][value, along 1, along 2][row]`, of the model: without the rows' ratios.
+    /// Volts of the model, `[place][value, along 1, along 2][row]`, without the rows' ratios.
     volts: Vec<f64>,
-    /// Whitened values, `[place][row]`, lost rows taken for present.
+    /// Whitened values, `[place][row]`, as if no row were lost.
     values: Vec<f64>,
     /// Whitened derivatives, `[place][along 1, along 2][row]`.
     slopes: Vec<f64>,
@@ -40,7 +40,7 @@ pub(super) struct Dictionary {
     squared_of_all: Vec<f64>,
     sees: Vec<bool>,
     sorted: Vec<f64>,
-    /// Top of a touch of 1 S m^2, 1 / m^2.
+    /// Peak of a touch of 1 S m^2, 1 / m^2.
     tops: Vec<f64>,
 }
 
@@ -57,8 +57,8 @@ impl Dictionary {
         let n = rows.of.len();
         let radius_m = settings.radius_m.max(1.4 * places.spacing_m);
         let (mut volts, tops) = columns(surface, jacobian, places, rows, radius_m);
-        // voltages g times the model's are those of a sheet of 1 / g of its conductivity, whose
-        // derivatives are g^2 times the model's: once in the ratios, once here
+        // If voltages are g times the model's, the sheet has 1 / g of the model's conductivity, and its
+        // derivatives are g^2 times the model's: one factor is in the ratios, one here.
         let factor = settings.sign.factor() * rows.gain().abs();
         volts.iter_mut().for_each(|v| *v *= factor);
         let (mut values, mut slopes) =
@@ -90,7 +90,7 @@ impl Dictionary {
         Ok(made)
     }
 
-    /// Rows were lost or came back.
+    /// Updates sensitivities after rows were lost or came back.
     pub(super) fn update(&mut self, whitening: &Whitening) {
         self.squared.copy_from_slice(&self.squared_of_all);
         for direction in whitening.directions() {
@@ -100,7 +100,7 @@ impl Dictionary {
         self.look();
     }
 
-    /// Which places are not blind.
+    /// Determines which positions are not blind.
     fn look(&mut self) {
         self.sorted.copy_from_slice(&self.squared);
         self.sorted.sort_unstable_by(f64::total_cmp);
@@ -113,13 +113,15 @@ impl Dictionary {
             .for_each(|((sees, squared), whole)| *sees = *squared > least.max(1e-9 * whole));
     }
 
-    /// Places that are not blind.
+    /// Number of positions that are not blind.
     pub(super) fn seen(&self) -> usize {
         self.sees.iter().filter(|sees| **sees).count()
     }
 
-    /// Fall of chi^2 by a touch of positive strength at a place, alone; zero where blind.
-    /// `residual` is orthogonal to lost rows.
+    /// Returns the decrease of chi^2 from a single touch of positive strength at a position; 0 if the
+    /// position is blind.
+    ///
+    /// `residual` must be orthogonal to the lost rows.
     pub(super) fn gain(&self, place: usize, residual: &[f64]) -> f64 {
         if !self.sees[place] {
             return 0.0;
@@ -128,7 +130,8 @@ impl Dictionary {
         if product > 0.0 { product * product / self.squared[place] } else { 0.0 }
     }
 
-    /// Whitened change at a spot and its two derivatives, one after the other, without lost rows.
+    /// Writes the whitened response at a spot and its two derivatives, one after the other, without lost
+    /// rows.
     pub(super) fn whitened(&self, spot: &Spot, whitening: &Whitening, out: &mut [f64]) {
         let n = self.rows;
         let slopes = &self.slopes[2 * spot.place * n..2 * (spot.place + 1) * n];
@@ -141,7 +144,7 @@ impl Dictionary {
         out.chunks_exact_mut(n).for_each(|column| whitening.project(column));
     }
 
-    /// Change of the rows at a spot, volts for 1 S m^2 in the model: without the rows' ratios.
+    /// Adds the response of the rows to a touch at a spot, in volts of the model: without the rows' ratios.
     pub(super) fn add_volts(&self, spot: &Spot, strength_s_m2: f64, out: &mut [f64]) {
         let n = self.rows;
         let all = &self.volts[3 * spot.place * n..3 * (spot.place + 1) * n];
@@ -151,13 +154,13 @@ impl Dictionary {
         }
     }
 
-    /// Top of a touch of 1 S m^2 at a place, 1 / m^2.
+    /// Peak of a touch of 1 S m^2 at a position, 1 / m^2.
     pub(super) fn top(&self, place: usize) -> f64 {
         self.tops[place]
     }
 }
 
-/// Both measurements of each row; nobody looks at those that are not used.
+/// Checks both measurements of each row; unused measurements are not read.
 fn check_finite(jacobian: &ArrayRef2<f64>, rows: &Rows) -> Result<(), InverseError> {
     for &measurement in rows.of.iter().flatten() {
         let row = jacobian.row(measurement);
@@ -169,7 +172,7 @@ fn check_finite(jacobian: &ArrayRef2<f64>, rows: &Rows) -> Result<(), InverseErr
     Ok(())
 }
 
-/// `[place][value, along 1, along 2][row]` and the tops.
+/// Computes the responses, `[place][value, along 1, along 2][row]`, and the peaks.
 fn columns(
     surface: &Surface,
     jacobian: &ArrayRef2<f64>,
@@ -215,13 +218,14 @@ fn columns(
     (volts, tops)
 }
 
-/// The bell at a point; zero beyond its reach.
+/// Value of the bell at a point; zero beyond its reach.
 #[cfg(feature = "learn")]
 pub(crate) fn bell_at(point: &[f64; 3], centre: [f64; 3], radius_m: f64) -> f64 {
     bell(point, centre, &[[0.0; 3]; 2], radius_m).map_or(0.0, |[value, ..]| value)
 }
 
-/// The bell at a point and its derivatives along the tangents of the centre; `None` beyond its reach.
+/// Value of the bell at a point and its derivatives along the tangents of the centre; `None` beyond its
+/// reach.
 fn bell(
     point: &[f64; 3],
     centre: [f64; 3],

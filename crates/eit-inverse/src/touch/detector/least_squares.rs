@@ -1,14 +1,14 @@
-//! Small dense systems: strengths of touches and shares of the fabric's memory.
+//! Small dense systems for the strengths of touches and the shares of the fabric's memory.
 
 use super::whitening::dot;
 
-/// Relative addition to the diagonal: columns may be equal.
+/// Relative addition to the diagonal, since columns may be equal.
 const RIDGE: f64 = 1e-9;
 
-/// Bounds that are held or freed at most.
+/// Most active-set steps (bounds held or freed).
 const ROUNDS: usize = 40;
 
-/// Memory for systems up to a size; allocates nothing once made.
+/// Workspace for systems up to a given size; solving does not allocate.
 #[derive(Debug, Clone)]
 pub(super) struct SmallSystem {
     most: usize,
@@ -36,7 +36,7 @@ impl SmallSystem {
         }
     }
 
-    /// Gram matrix and right-hand side of columns of length `n`.
+    /// Sets the Gram matrix and the right-hand side from columns of equal length.
     pub(super) fn set<'a>(&mut self, columns: impl Fn(usize) -> &'a [f64], size: usize, y: &[f64]) {
         debug_assert!(size <= self.most);
         for i in 0..size {
@@ -49,14 +49,15 @@ impl SmallSystem {
         }
     }
 
-    /// Least squares of what [`set`](Self::set) took, without the columns `left_out`: the first
-    /// `free` unknowns have no bounds, the others `[low, high]` with zero between. Returns the fall of
-    /// the squared residual.
+    /// Solves the least squares problem given to [`set`](Self::set), without the column `left_out`, and
+    /// returns the decrease of the squared residual.
     ///
-    /// Active set: from a point within the bounds toward the least squares of what is free, up to the
-    /// first bound, which is then held; where that point is within all bounds, the held unknown whose
-    /// gradient points inward most is freed. The residual never grows. Source: bounded-variable least
-    /// squares (Stark, Parker, *Computational Statistics* 10 (1995), 129-141).
+    /// The first `free` unknowns are unbounded; the others have bounds `[low, high]` that contain zero.
+    ///
+    /// Active set method: from a feasible point, step toward the least squares solution of the free
+    /// unknowns, up to the first bound, which is then held. If the whole step stays within all bounds, free
+    /// the held unknown with the largest inward gradient. The residual never grows. Source:
+    /// bounded-variable least squares (Stark, Parker, *Computational Statistics* 10 (1995), 129-141).
     pub(super) fn solve_bounded(
         &mut self,
         size: usize,
@@ -87,8 +88,8 @@ impl SmallSystem {
             .sum()
     }
 
-    /// Goes to the solution of the free unknowns, or to the first bound on the way, which is held
-    /// then: true.
+    /// Steps to the solution of the free unknowns, or to the first bound on the way. Returns true if it
+    /// held a bound.
     fn step_to_bound(&mut self, free: usize, bounds: &[[f64; 2]]) -> bool {
         let (mut part, mut first) = (1.0, None);
         for (r, &i) in self.index.iter().enumerate() {
@@ -114,7 +115,7 @@ impl SmallSystem {
         true
     }
 
-    /// Frees the held unknown that would lower the residual most; false where none would.
+    /// Frees the held unknown that would lower the residual most; returns false if none would.
     fn free_one(&mut self, size: usize, free: usize, bounds: &[[f64; 2]]) -> bool {
         let (mut best, mut most): (_, f64) = (None, 0.0);
         for (k, [low, high]) in bounds.iter().enumerate() {
@@ -127,7 +128,7 @@ impl SmallSystem {
             let inward =
                 (pull > 0.0 && self.solution[i] < *high) || (pull < 0.0 && self.solution[i] > *low);
             let scale = row[i].max(f64::MIN_POSITIVE).sqrt();
-            // a pull that rounding makes is none
+            // ignore a gradient that is mere rounding
             let least = 1e-9 * self.right[i].abs() / scale;
             if inward && pull.abs() / scale > most.max(least) {
                 (best, most) = (Some(i), pull.abs() / scale);
@@ -139,7 +140,7 @@ impl SmallSystem {
         })
     }
 
-    /// Unknowns that are free, the others given, into `work`.
+    /// Solves for the free unknowns, with the others given, into `work`.
     fn solve_free(&mut self, size: usize) {
         self.index.clear();
         self.index.extend((0..size).filter(|&i| self.is_free[i]));
@@ -157,7 +158,7 @@ impl SmallSystem {
         cholesky_solve(&mut self.factor, count, &mut self.work);
     }
 
-    /// Solves `(D^-1/2 G D^-1/2 + damping I) z = D^-1/2 b`, `x = D^-1/2 z`: a damped Gauss-Newton step.
+    /// Takes a damped Gauss-Newton step: solves `(D^-1/2 G D^-1/2 + damping I) z = D^-1/2 b`, `x = D^-1/2 z`.
     pub(super) fn solve_damped(&mut self, size: usize, damping: f64) -> &[f64] {
         self.scaled_factor(size, damping);
         for i in 0..size {
@@ -170,8 +171,8 @@ impl SmallSystem {
         &self.solution[..size]
     }
 
-    /// Block `[first..first + width]` of the inverse of the Gram matrix, row-major: variances of
-    /// unknowns. Scaled, and damped by what rounding would be.
+    /// Computes the block `[first..first + width]` of the inverse of the Gram matrix, row-major:
+    /// covariances of unknowns. Scaled, and damped at the level of rounding.
     pub(super) fn inverse_block(
         &mut self,
         size: usize,
@@ -207,8 +208,8 @@ impl SmallSystem {
     }
 }
 
-/// Solves `A x = b` in place, `A` symmetric and positive definite, row-major; unknowns whose pivot
-/// is not above zero are zero.
+/// Solves `A x = b` in place for a symmetric positive definite, row-major `A`; unknowns whose pivot is not
+/// above zero become zero.
 fn cholesky_solve(a: &mut [f64], n: usize, b: &mut [f64]) {
     for i in 0..n {
         for j in 0..=i {
@@ -238,7 +239,7 @@ mod tests {
     use super::*;
     use fixtures::Random;
 
-    /// Against projected coordinate descent run to the end: another way to the same optimum.
+    /// Compares with projected coordinate descent run to convergence, another route to the same optimum.
     #[test]
     fn bounded_least_squares_are_those_of_coordinate_descent() {
         let mut random = Random::new(11);
@@ -271,7 +272,7 @@ mod tests {
                     x[i] * (2.0 * system.right[i] - dot(row, &x))
                 })
                 .sum();
-            // the ridge of 1e-9 and the descent's own end
+            // the ridge of 1e-9 and the convergence of the descent
             assert!((fall - of_descent).abs() < 1e-6 * dot(&y, &y), "{fall} {of_descent}");
         }
     }

@@ -1,5 +1,4 @@
-//! What the fabric remembers of touches: settling after a change of load, and hysteresis where it was
-//! pressed.
+//! The fabric's memory of touches: settling after a change of load, and hysteresis where it was pressed.
 
 use super::dictionary::Dictionary;
 use super::places::Spot;
@@ -7,47 +6,47 @@ use super::rows::Rows;
 use super::settings::DetectorSettings;
 use super::whitening::{Whitening, dot};
 
-/// Memories whose whitened squared length is below this explain nothing.
+/// Memory columns whose whitened squared length is below this are ignored.
 const FAINT: f64 = 1.0;
 
-/// A touch that has gone less far than this has not moved, metres, ...
+/// A touch that has moved less than this counts as still, metres, ...
 const STILL_M: f64 = 3e-3;
 
-/// ... nor has one that has gone less far than so many root mean square errors of its place: two
-/// places of a touch that rests are farther apart once in `exp(8)` frames. Else noise would lay down
-/// what explains the touch away.
+/// ... and so does one that has moved less than this many root mean square errors of its position: two
+/// positions of a resting touch differ by more once in `exp(8)` frames. Otherwise noise would lay down
+/// trails that explain the touch away.
 const STILL_ERRORS: f64 = 4.0;
 
-/// Width of the bell as a part of its radius: a sliding touch lays its strength down once for each.
+/// Width of the bell relative to its radius; a sliding touch lays down its strength once per width.
 const WIDTH_RADII: f64 = 1.77;
 
-/// A touch this near to one of the frame before is that one, metres.
+/// A touch within this distance of a touch of the previous frame is the same one, metres.
 const SAME_M: f64 = 0.03;
 
-/// Part of a trail that is left when it is forgotten.
+/// Fraction of a trail at which it is discarded.
 const FORGOTTEN: f64 = 1e-3;
 
-/// Columns of the fabric's memory in volts of the model's rows, and how much of each is possible.
+/// Columns of the fabric's memory in volts of the model's rows, with bounds on their shares.
 ///
-/// Settling: the signal of the touches through a low pass of each time constant; after a lift a small
-/// part of it remains, with the opposite sign in the sheet's model. Trails: what each press or stroke
-/// has laid down at most; hysteresis leaves a small part.
+/// Settling is the signal of the touches through a low-pass filter with each time constant; after a lift, a
+/// small part of it remains with the opposite sign. A trail is the most that a press or stroke can have
+/// laid down; hysteresis leaves a small part of it.
 #[derive(Debug, Clone)]
 pub(super) struct Memory {
     rows: usize,
     settling: [Vec<f64>; 2],
     trails: Vec<Vec<f64>>,
-    /// Length or presses that each trail holds, in widths of the bell; 0: free.
+    /// Length or number of presses that each trail holds, in widths of the bell; 0: unused.
     laid: Vec<f64>,
     current: usize,
-    /// Where each touch was laid down last, and with what strength.
+    /// Where each touch was last laid down, and with what strength.
     pressed: Vec<(Spot, f64)>,
     next: Vec<(Spot, f64)>,
     /// Whitened columns that are not faint, without lost rows.
     pub(super) whitened: Vec<f64>,
     /// Bounds of their shares.
     pub(super) bounds: Vec<[f64; 2]>,
-    /// Which memory each is: settling first.
+    /// Index of the memory behind each column, settling first.
     kept: Vec<usize>,
     scaled: Vec<f64>,
 }
@@ -75,7 +74,7 @@ impl Memory {
         self.kept.len()
     }
 
-    /// Whitens what may explain a part of the next frame.
+    /// Whitens the memories that may explain part of the next frame.
     pub(super) fn prepare(
         &mut self,
         rows: &Rows,
@@ -109,7 +108,7 @@ impl Memory {
         }
     }
 
-    /// Adds what memories of these shares are, volts of the model's rows.
+    /// Adds the memories with the given shares, in volts of the model's rows.
     pub(super) fn add_volts(&self, shares: &[f64], out: &mut [f64]) {
         for (&k, share) in self.kept.iter().zip(shares) {
             let column = if k < 2 { &self.settling[k] } else { &self.trails[k - 2] };
@@ -117,9 +116,11 @@ impl Memory {
         }
     }
 
-    /// Takes the touches of a frame, each with its strength and the root mean square error of its place,
-    /// metres: `touch` is their signal in volts of the model's rows. `fade` is the part of trails that
-    /// the reference has taken over.
+    /// Records the touches of a frame, each with its strength and the root mean square error of its
+    /// position in metres.
+    ///
+    /// `touch` is their signal in volts of the model's rows; `fade` is the fraction of the trails that the
+    /// reference has absorbed.
     pub(super) fn take(
         &mut self,
         touch: &[f64],
@@ -151,7 +152,7 @@ impl Memory {
         std::mem::swap(&mut self.pressed, &mut self.next);
     }
 
-    /// What one touch lays down: its peak where it stays, its strength once for each width it goes.
+    /// Lays down one touch: its peak strength where it rests, its strength once per width that it moves.
     fn lay(
         &mut self,
         (spot, strength, error_m): (Spot, f64, f64),
@@ -186,7 +187,7 @@ impl Memory {
         self.laid[self.current] += part;
     }
 
-    /// The oldest trail joins the next oldest, and its room is the new one's.
+    /// Merges the oldest trail into the next oldest and reuses its slot for a new one.
     fn rotate(&mut self) {
         let count = self.trails.len();
         let next = (self.current + 1) % count;
@@ -203,5 +204,5 @@ impl Memory {
     }
 }
 
-/// How much of settling with the sign of the touch is possible.
+/// Largest share of settling with the same sign as the touch.
 const SETTLING_AGAINST: f64 = 0.02;

@@ -1,4 +1,4 @@
-//! Places of a skin at which touches are sought, and steps from them.
+//! Candidate positions of touches on a skin, and steps from them.
 
 use crate::geometry::distance_m;
 use crate::touch::skin::{Place, nearest_in, nearest_of, tangents};
@@ -7,31 +7,31 @@ use std::collections::HashMap;
 
 type Point = [f64; 3];
 
-/// More places than this cost more than they find.
+/// Most positions; more cost more than they find.
 const MOST_PLACES: f64 = 2000.0;
 
-/// Spread places with the triangles around each.
+/// Evenly spread positions with the triangles around each.
 #[derive(Debug, Clone)]
 pub(crate) struct Places {
     pub(crate) at: Vec<Place>,
-    /// Triangles near each place: `near[starts[k]..starts[k + 1]]`, as corners.
+    /// Triangles near each position, as corners: `near[starts[k]..starts[k + 1]]`.
     near: Vec<[Point; 3]>,
     starts: Vec<usize>,
-    /// Distance that neighbouring places have at least, metres.
+    /// Least distance between positions, metres.
     pub(super) spacing_m: f64,
 }
 
-/// A place on the skin as a step from the nearest of the [`Places`].
+/// A position on the skin as a step from the nearest of the [`Places`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Spot {
     pub(super) place: usize,
-    /// Along the place's tangents, metres.
+    /// Step along the place's tangents, metres.
     pub(super) step_m: [f64; 2],
     pub(super) position_m: Point,
 }
 
 impl Places {
-    /// Centroids of triangles, each at least `spacing_m` from all others; sparser on a large skin.
+    /// Selects triangle centroids at least `spacing_m` apart, sparser on a large skin.
     pub(crate) fn new(surface: &Surface, spacing_m: f64) -> Self {
         let area: f64 = surface.areas_m2().iter().sum();
         let spacing_m = spacing_m.max((area / MOST_PLACES).sqrt());
@@ -74,12 +74,12 @@ impl Places {
         self.at.len()
     }
 
-    /// A place itself.
+    /// The position itself, without a step.
     pub(super) fn spot(&self, place: usize) -> Spot {
         Spot { place, step_m: [0.0; 2], position_m: self.at[place].position_m }
     }
 
-    /// The place on the skin nearest to a step along the tangents from a spot's place.
+    /// Returns the point of the skin nearest to a step along the tangents from a spot.
     pub(super) fn moved(&self, from: &Spot, step_m: [f64; 2]) -> Spot {
         let Place { position_m, tangents, .. } = &self.at[from.place];
         let step = [0, 1].map(|k| from.step_m[k] + step_m[k]);
@@ -88,7 +88,7 @@ impl Places {
         }))
     }
 
-    /// The place on the skin nearest to a point that is near it.
+    /// Returns the point of the skin nearest to a point close to it.
     pub(super) fn nearest(&self, point_m: Point) -> Spot {
         let squared =
             |p: &Place| (0..3).map(|i| (p.position_m[i] - point_m[i]).powi(2)).sum::<f64>();

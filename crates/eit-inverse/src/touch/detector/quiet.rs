@@ -1,22 +1,22 @@
-//! What frames without a touch hold beyond the noise.
+//! Variation of untouched frames beyond the noise.
 
 use super::rows::Rows;
 use super::whitening::Whitening;
 use faer::Mat;
 use ndarray::{ArrayView2, Axis};
 
-/// Fewer frames than this have no directions of their own.
+/// Fewest frames from which directions are estimated.
 const LEAST_FRAMES: usize = 5;
 
-/// What the next frames may hold of a direction beside the quiet ones, as a factor of the variance.
+/// Safety factor on the variance of a direction for later frames.
 const MARGIN: f64 = 4.0;
 
-/// Directions of the rows in which quiet frames vary by more than noise and nuisance parameters
-/// explain, one column each, volts for one standard deviation; `None` where there are none.
+/// Returns the directions of the rows in which quiet frames vary by more than noise and nuisance parameters
+/// explain, one per column, in volts per standard deviation; `None` if there are none.
 ///
-/// Frames of whitened noise alone have sample variances up to `(1 + sqrt(n / k))^2` for `n` rows and
-/// `k` frames (Marchenko, Pastur, *Math. USSR Sb.* 1 (1967), 457-483); what is above that is kept, with
-/// a margin of 4 in the variance.
+/// Whitened noise alone has sample variances up to `(1 + sqrt(n / k))^2` for `n` rows and `k` frames
+/// (Marchenko, Pastur, *Math. USSR Sb.* 1 (1967), 457-483). Directions above that are kept, with a margin
+/// of 4 in the variance.
 pub(super) fn components(
     rows: &Rows,
     whitening: &Whitening,

@@ -1,23 +1,23 @@
-//! Measurements as rows: a measurement and its reciprocal are one.
+//! Rows of the detector: a measurement and its reciprocal form one row.
 
 use crate::InverseError;
 
-/// Rows of the detector: each the mean of a measurement and its reciprocal, or one measurement.
+/// Rows of the detector: each is the mean of a measurement and its reciprocal, or a single measurement.
 #[derive(Debug, Clone)]
 pub(super) struct Rows {
-    /// Measurements of each row; twice the same where there is no reciprocal.
+    /// Measurements of each row; the same index twice if there is no reciprocal.
     pub(super) of: Vec<[usize; 2]>,
-    /// Measured over modelled voltage of each measurement: what its derivatives are multiplied by.
+    /// Measured over modelled voltage of each measurement, which scales its derivatives.
     pub(super) ratio: Vec<f64>,
 }
 
-/// Ratios beyond this factor of their median are taken to be the median: the voltage is too small to
-/// say.
+/// Ratios that differ from the median by more than this factor are replaced by the median: the voltage is
+/// too small to tell.
 const RATIO_RANGE: f64 = 3.0;
 
 impl Rows {
-    /// For measurements that are used, with the index of each one's reciprocal (its own where there
-    /// is none).
+    /// Builds the rows of the used measurements from the index of each one's reciprocal (its own index if
+    /// it has none).
     pub(super) fn new(
         reciprocal: &[usize],
         used: &[bool],
@@ -51,27 +51,28 @@ impl Rows {
         Ok(Self { of, ratio })
     }
 
-    /// Median of measured over modelled voltages.
+    /// Median of the ratios of measured to modelled voltage.
     pub(super) fn gain(&self) -> f64 {
         let mut sorted = self.ratio.clone();
         sorted.sort_unstable_by(f64::total_cmp);
         sorted[sorted.len() / 2]
     }
 
-    /// What a row of derivatives of the model is multiplied by.
+    /// Factor for the model's derivatives of one row.
     pub(super) fn ratio_of_row(&self, row: usize) -> f64 {
         let [i, j] = self.of[row];
         0.5 * (self.ratio[i] + self.ratio[j])
     }
 
-    /// Mean of a value of each measurement.
+    /// Averages values `[measurement]` into rows.
     pub(super) fn fold(&self, values: &[f64], rows: &mut [f64]) {
         for (row, &[i, j]) in rows.iter_mut().zip(&self.of) {
             *row = 0.5 * (values[i] + values[j]);
         }
     }
 
-    /// The same over the measurements that are there; rows without any are zero and listed.
+    /// Averages the values that are present into rows; a row without any becomes zero and is listed in
+    /// `lost`.
     pub(super) fn fold_present(
         &self,
         values: &[f64],

@@ -1,4 +1,6 @@
-//! Which touches a frame holds: found one by one, fitted together, each held to its worth.
+//! Search for the touches of a frame: found one by one, fitted together, then pruned.
+//!
+//! One file over 300 lines: both directions of the search share one workspace and one fit.
 
 use super::dictionary::Dictionary;
 use super::least_squares::SmallSystem;
@@ -8,47 +10,46 @@ use super::settings::DetectorSettings;
 use super::whitening::{Whitening, dot};
 use crate::geometry::distance_m;
 
-/// Gauss-Newton steps of each fit; starts are half a spacing away at most.
+/// Gauss-Newton steps of each fit; starts are at most half a spacing away.
 const STEPS: usize = 4;
 
-/// Damping of those steps, relative to each unknown's own curvature, ...
+/// Damping of those steps relative to each unknown's own curvature, ...
 const DAMPING: f64 = 1e-3;
 
-/// ... and its growth where steps fit worse and are taken back.
+/// ... and its growth when a step fits worse and is undone.
 const MORE_DAMPING: f64 = 100.0;
 
-/// Part of the rest that a touch must explain to be looked at.
+/// Least fraction of the residual that a further touch must remove for the search to go on.
 const EXPLAINS: f64 = 0.04;
 
-/// The rest of a frame never counts as less than this for each row: nuisance parameters are wide.
+/// Floor of the residual chi^2 per row, because wide nuisance parameters can push it far below 1.
 const LEAST_REST: f64 = 0.3;
 
-/// Factor by which the rest must fall for each touch of the way there.
+/// Factor by which the residual must fall for each added touch.
 const PRICE: f64 = 1.6;
 
-/// Touches nearer than this part of the least distance are one.
+/// Touches closer than this fraction of the least distance are merged: the weaker one is dropped.
 const MERGE: f64 = 0.7;
 
-/// A press is no bell to the last percent: what is nearer to a stronger touch than this part of the least
-/// distance ...
+/// No press is exactly a bell. A touch closer to a stronger one than this fraction of the least distance ...
 const BESIDE: f64 = 1.2;
 
-/// ... and fainter than this part of it belongs to it.
+/// ... and fainter than this fraction of its strength belongs to it.
 const BESIDE_SHARE: f64 = 0.35;
 
-/// A touch this near to one of the frame before goes on, metres.
+/// A touch within this distance of a touch of the previous frame is the same one, metres.
 const SAME_M: f64 = 15e-3;
 
-/// Touches that explain a frame together.
+/// Touches that together explain a frame.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Fit {
     pub(super) spots: Vec<Spot>,
     pub(super) strengths: Vec<f64>,
-    /// Of the memory's columns.
+    /// Shares of the memory's columns.
     pub(super) shares: Vec<f64>,
-    /// Squared length of what is left.
+    /// Squared length of the residual.
     pub(super) rest: f64,
-    /// Factor by which that grows without each touch.
+    /// Factor by which the residual grows without each touch.
     pub(super) worth: Vec<f64>,
 }
 
@@ -62,7 +63,7 @@ impl Fit {
     }
 }
 
-/// What a search needs of the skin.
+/// What a search needs to know about the skin.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub(super) places: &'a Places,
@@ -70,14 +71,14 @@ pub(super) struct Scene<'a> {
     pub(super) whitening: &'a Whitening,
     pub(super) memory: &'a Memory,
     pub(super) settings: &'a DetectorSettings,
-    /// Strongest touch of late, S m^2, anywhere and at each place.
+    /// Strongest recent touch, S m^2, anywhere and near each position.
     pub(super) late_s_m2: f64,
     pub(super) late_here_s_m2: &'a [f64],
-    /// Touches of the frame before.
+    /// Touches of the previous frame.
     pub(super) before_m: &'a [[f64; 3]],
 }
 
-/// Memory of a search; allocates nothing once made.
+/// Workspace of a search; searching does not allocate.
 #[derive(Debug, Clone)]
 pub(super) struct Search {
     rows: usize,
@@ -86,10 +87,10 @@ pub(super) struct Search {
     /// Slopes times strengths, `[touch][along 1, along 2][row]`.
     slopes: Vec<f64>,
     pub(super) residual: Vec<f64>,
-    /// What is left without any touch.
+    /// Residual without any touch.
     pub(super) residual_without: Vec<f64>,
     system: SmallSystem,
-    /// Places from which steps began.
+    /// Positions from which the steps began.
     began: Vec<Spot>,
     trial: Fit,
     path: Fit,
@@ -113,15 +114,16 @@ impl Search {
         }
     }
 
-    /// Finds the touches of whitened data `y` without lost rows: [`best`](Self::best).
+    /// Finds the touches of whitened data `y` without lost rows and stores them in [`best`](Self::best).
     pub(super) fn run(&mut self, scene: &Scene<'_>, y: &[f64]) {
         let least = LEAST_REST * scene.whitening.present() as f64;
         self.forward(scene, y, least);
         self.backward(scene, y, least);
     }
 
-    /// Greedy: the place of the largest gain joins, all are fitted anew. Of this path the number of
-    /// touches with the least `ln(rest) + touches ln(price)` is kept.
+    /// Greedy search: adds the position of the largest gain and fits all touches again.
+    ///
+    /// Keeps the number of touches along this path with the least `ln(rest) + touches ln(price)`.
     fn forward(&mut self, scene: &Scene<'_>, y: &[f64], least: f64) {
         let mut path = std::mem::take(&mut self.path);
         let mut trial = std::mem::take(&mut self.trial);
@@ -148,7 +150,7 @@ impl Search {
         (self.path, self.trial) = (path, trial);
     }
 
-    /// Where a further touch would explain most of what is left.
+    /// Finds where a further touch would explain most of the residual.
     fn next_place(&self, scene: &Scene<'_>, path: &Fit) -> Option<usize> {
         let (mut best, mut most) = (None, scene.settings.least_gain);
         for place in 0..scene.places.len() {
@@ -165,16 +167,16 @@ impl Search {
         best
     }
 
-    /// Drops the touch of least worth among those that are not worth enough, too faint or too near a
-    /// stronger one; fits the others anew; again.
+    /// Repeatedly drops the touch of least worth among those of too little worth, too faint or too close to
+    /// a stronger one, and fits the others again.
     fn backward(&mut self, scene: &Scene<'_>, y: &[f64], least: f64) {
         let mut best = std::mem::take(&mut self.best);
-        // the residual of the best, not of the last of the path
+        // the residual of the best fit, not of the last one on the path
         self.fit_strengths(scene, y, &mut best);
         loop {
             self.weigh(scene, y, &mut best, least);
             let settings = scene.settings;
-            // beside what explains more; in a corner that is hardly seen, strengths are whatever they like
+            // compare with touches that explain more; in a poorly sensed corner strengths are arbitrary
             let faint = |k: usize| {
                 let more = (0..best.spots.len()).filter(|&i| best.worth[i] >= best.worth[k]);
                 let strongest = more.map(|i| best.strengths[i]).fold(0.0, f64::max);
@@ -183,7 +185,7 @@ impl Search {
                     .max(settings.least_share * strongest)
                     .max(settings.least_share_of_late * scene.late_s_m2)
             };
-            // a touch that was there in the frame before goes on
+            // a touch of the previous frame may continue
             let goes_on = |k: usize| {
                 let at = best.spots[k].position_m;
                 scene.before_m.iter().any(|before| distance_m(*before, at) < SAME_M)
@@ -211,7 +213,7 @@ impl Search {
         self.best = best;
     }
 
-    /// Takes all touches back: what remembers explains the frame alone.
+    /// Discards all touches, so that only memory explains the frame.
     pub(super) fn take_back(&mut self, scene: &Scene<'_>, y: &[f64]) {
         let mut best = std::mem::take(&mut self.best);
         best.spots.clear();
@@ -220,7 +222,7 @@ impl Search {
         self.best = best;
     }
 
-    /// Factor by which what is left grows without each touch, places as they are.
+    /// Computes the factor by which the residual grows without each touch, with positions fixed.
     fn weigh(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit, least: f64) {
         let (touches, size) = (fit.spots.len(), fit.spots.len() + scene.memory.columns());
         self.set_linear(scene, y, touches);
@@ -232,8 +234,10 @@ impl Search {
         }
     }
 
-    /// Places and strengths of all touches together. Where full steps end in a worse fit than they began
-    /// with, they are taken back and damped ones, none of which may make it worse, go instead.
+    /// Fits positions and strengths of all touches together.
+    ///
+    /// If full steps end in a worse fit than they began with, they are undone and replaced by damped steps,
+    /// none of which may make the fit worse.
     fn fit(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
         self.fit_strengths(scene, y, fit);
         if fit.spots.is_empty() {
@@ -267,7 +271,7 @@ impl Search {
         }
     }
 
-    /// Strengths of touches where they are, and shares of memories; what is left.
+    /// Fits strengths with positions fixed and the shares of memories, and updates the residual.
     fn fit_strengths(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
         let (n, touches) = (self.rows, fit.spots.len());
         for (spot, columns) in fit.spots.iter().zip(self.columns.chunks_exact_mut(3 * n)) {
@@ -301,7 +305,7 @@ impl Search {
         self.system.set(column, touches + scene.memory.columns(), y);
     }
 
-    /// One damped Gauss-Newton step of the places, at most a spacing long.
+    /// Takes one damped Gauss-Newton step of the positions, at most one spacing long.
     fn step(&mut self, scene: &Scene<'_>, fit: &mut Fit, damping: f64) {
         let touches = fit.spots.len();
         self.set_all(fit);
@@ -314,7 +318,8 @@ impl Search {
         }
     }
 
-    /// Gram matrix of strengths and places, memories held; right-hand side is what is left.
+    /// Sets the Gram matrix of strengths and positions, with memories held; the right-hand side is the
+    /// residual.
     fn set_all(&mut self, fit: &Fit) {
         let (n, touches) = (self.rows, fit.spots.len());
         for (k, strength) in fit.strengths.iter().enumerate() {
@@ -330,8 +335,8 @@ impl Search {
         self.system.set(column, 3 * touches, &self.residual);
     }
 
-    /// Variance of each touch's strength and covariance of its two steps along the skin, by
-    /// `(strength, [11, 12, 21, 22])`, in units of the noise with all nuisance parameters.
+    /// Computes the variance of each touch's strength and the covariance of its two steps along the skin,
+    /// passed as `(index, strength, [11, 12, 21, 22])`, in units of the noise with all nuisance parameters.
     pub(super) fn covariances(&mut self, mut each: impl FnMut(usize, f64, [f64; 4])) {
         let best = std::mem::take(&mut self.best);
         let touches = best.spots.len();
@@ -346,7 +351,7 @@ impl Search {
     }
 }
 
-/// Whether a touch is nearer than so to one of which it has less than this share.
+/// Returns whether a touch is within `near_m` of one of which it has less than the fraction `share`.
 fn is_beside(fit: &Fit, k: usize, near_m: f64, share: f64) -> bool {
     let stronger = (0..fit.spots.len()).filter(|&i| fit.strengths[k] < share * fit.strengths[i]);
     let mut way = stronger.map(|i| distance_m(fit.spots[i].position_m, fit.spots[k].position_m));

@@ -6,55 +6,54 @@ use crate::metrics::ChangeSign;
 
 /// Settings of [`TouchDetector`](super::TouchDetector).
 ///
-/// The numbers were found on simulated presses of the paper's skin and tried on other seeds, skins and
-/// faults (`docs/VALIDATION.md`). Strengths are `integral of the conductivity change over the touch`, S m^2.
+/// The defaults were tuned on simulated presses of the paper's skin and tested on other seeds, skins and
+/// faults (`docs/validation/touches.md`). A strength is the integral of the conductivity change over the
+/// touch, S m^2.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectorSettings {
-    /// Which changes are touches. Default: increase.
+    /// Which sign of change is a touch. Default: increase.
     pub sign: ChangeSign,
-    /// Spacing of the places at which touches are sought, metres. Default 5 mm; places are never
-    /// more than 2 000.
+    /// Spacing of the candidate positions, metres. Default 5 mm. There are never more than 2 000 positions.
     pub spacing_m: f64,
-    /// Radius of the bell, metres: `exp(-(d / radius)^2)` and a faint tail. Default 7 mm.
+    /// Radius of the bell `exp(-(d / radius)^2)`, which also has a faint tail, metres. Default 7 mm.
     pub radius_m: f64,
-    /// Touches at once, 1 to 16. Default 8.
+    /// Largest number of simultaneous touches, 1 to 16. Default 8.
     pub max_touches: usize,
-    /// Least distance of two touches, metres. Default 25 mm.
+    /// Least distance between two touches, metres. Default 25 mm.
     pub apart_m: f64,
     /// Least strength of a touch, S m^2.
     pub least_s_m2: f64,
-    /// Least strength as a part of the strongest touch of the frame. Default 0.15.
+    /// Least strength as a fraction of the strongest touch of the frame. Default 0.15.
     pub least_share: f64,
-    /// Least strength as a part of the strongest touch of late, ... Default 0.04.
+    /// Least strength as a fraction of the strongest recent touch anywhere. Default 0.04.
     pub least_share_of_late: f64,
-    /// ... and of what has pressed there or within 20 mm of it of late, ... Default 0.12.
+    /// Least strength of a new touch as a fraction of the strongest recent touch within 20 mm. Default 0.12.
     pub least_share_of_here: f64,
-    /// ... both of which fade with this time, seconds. Default 2.
+    /// Time constant with which recent strengths fade, seconds. Default 2.
     pub late_s: f64,
-    /// Least fall of chi^2 that a touch brings, in units of the noise with all nuisance parameters.
-    /// Default 12.
+    /// Least decrease of chi^2 by a touch, in units of the noise with all nuisance parameters. Default 12.
     pub least_gain: f64,
-    /// By what factor the rest of the frame must grow without a touch. Default 1.8.
+    /// Least factor by which the residual of the frame must grow without a touch. Default 1.8.
     pub least_ratio: f64,
-    /// Time with which the reference follows what touches do not explain, while nothing touches,
-    /// seconds. Default 1.
+    /// Time constant with which the reference follows what touches do not explain, while nothing touches
+    /// the skin, seconds. Default 1.
     pub idle_s: f64,
-    /// The same while something touches. Default 5.
+    /// The same time constant while something touches the skin, seconds. Default 5.
     pub touched_s: f64,
-    /// Times with which the fabric settles after a change of load, seconds. Default 0.5 and 10.
+    /// Time constants with which the fabric settles after a change of load, seconds. Default 0.5 and 10.
     pub settling_s: [f64; 2],
-    /// Largest part of a touch that such settling holds. Default 0.15.
+    /// Largest fraction of a touch that settling can take. Default 0.15.
     pub settling_share: f64,
-    /// Largest part of a touch that stays where it has been, from hysteresis. Default 0.05.
+    /// Largest fraction of a touch that hysteresis can leave behind. Default 0.05.
     pub trail_share: f64,
-    /// Trails that are told apart, 0 to 8: the older ones are one. Default 4.
+    /// Number of separate trails, 0 to 8; the oldest are merged. Default 4.
     pub trails: usize,
-    /// Length of a trail in widths of the bell, a press being one. Default 4.
+    /// Length of a trail in widths of the bell, where a press counts as one. Default 4.
     pub trail_widths: f64,
 }
 
 impl DetectorSettings {
-    /// Defaults with the least strength of a touch, S m^2.
+    /// Returns the defaults with the given least strength of a touch, S m^2.
     pub fn with_least(least_s_m2: f64) -> Self {
         Self {
             sign: ChangeSign::Increase,
@@ -107,7 +106,7 @@ impl DetectorSettings {
         ];
         for (quantity, value) in shares {
             if !(0.0..1.0).contains(&value) {
-                let must = "0 or above and below 1";
+                let must = "at least 0 and below 1";
                 return Err(InverseError::OutOfRange { quantity, value, must });
             }
         }

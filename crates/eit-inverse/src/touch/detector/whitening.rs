@@ -1,22 +1,22 @@
-//! What is not a touch, as a covariance: noise, electrode movement, contacts, sheet.
+//! Covariance of everything that is not a touch: noise, electrode movement, contacts, sheet.
 
 use crate::InverseError;
 use crate::check::check_positive;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, MatRef, Par, Side};
 
-/// A lost row that the other rows tell almost alone has no direction of its own.
+/// A lost row that the other rows determine almost alone has no direction of its own.
 const DEPENDENT: f64 = 1e-10;
 
-/// `W = L^-1` of the covariance `C = L L'` of the rows, and rows that are lost.
+/// `W = L^-1` of the covariance `C = L L'` of the rows, and the rows that are lost.
 ///
-/// A lost row has infinite variance: what is left of whitened data `y` and columns `d` is their part
-/// orthogonal to `W e_i` of each lost row `i`. That is what dropping the rows and whitening anew
-/// would give, for `2 n k` flops a vector in place of a factorisation.
+/// A lost row has infinite variance: of whitened data `y` and columns `d`, only the part orthogonal to
+/// `W e_i` of each lost row `i` remains. The result equals that of dropping the rows and factorising again,
+/// for `2 n k` flops per vector.
 #[derive(Debug, Clone)]
 pub(super) struct Whitening {
     rows: usize,
-    /// Lower triangle of `W`, row after row.
+    /// Lower triangle of `W`, row by row.
     packed: Vec<f64>,
     lost: Vec<usize>,
     /// Orthonormal directions of the lost rows, one after the other.
@@ -24,7 +24,8 @@ pub(super) struct Whitening {
 }
 
 impl Whitening {
-    /// Of `variances` (each row's noise) and columns of unknowns with standard deviation 1.
+    /// Factorises the covariance of `variances` (the noise of each row) and columns of unknowns with
+    /// standard deviation 1.
     pub(super) fn new(variances: &[f64], unknowns: MatRef<'_, f64>) -> Result<Self, InverseError> {
         let rows = variances.len();
         variances.iter().try_for_each(|v| check_positive("noise variance of a measurement", *v))?;
@@ -44,12 +45,12 @@ impl Whitening {
         self.rows
     }
 
-    /// Rows that count now.
+    /// Number of rows present.
     pub(super) fn present(&self) -> usize {
         self.rows - self.directions.len() / self.rows
     }
 
-    /// `W x`, `n^2` flops.
+    /// Computes `W x` in `n^2` flops.
     pub(super) fn apply(&self, x: &[f64], out: &mut [f64]) {
         let mut start = 0;
         for (i, value) in out.iter_mut().enumerate() {
@@ -58,7 +59,7 @@ impl Whitening {
         }
     }
 
-    /// Takes the directions of lost rows out.
+    /// Projects out the directions of lost rows.
     pub(super) fn project(&self, y: &mut [f64]) {
         for direction in self.directions.chunks_exact(self.rows) {
             let part = dot(direction, y);
@@ -66,12 +67,12 @@ impl Whitening {
         }
     }
 
-    /// Directions of the lost rows.
+    /// Returns the directions of the lost rows.
     pub(super) fn directions(&self) -> impl Iterator<Item = &[f64]> {
         self.directions.chunks_exact(self.rows)
     }
 
-    /// Other rows are lost; whether they are others than before.
+    /// Sets the lost rows and returns whether they have changed.
     pub(super) fn lose(&mut self, lost: &[usize]) -> bool {
         if self.lost == lost {
             return false;
@@ -88,7 +89,7 @@ impl Whitening {
                 *value = self.packed[i * (i + 1) / 2 + row];
             }
             let whole = norm(new);
-            // twice is enough (Kahan; Parlett, The Symmetric Eigenvalue Problem, 6.9)
+            // two passes are enough (Kahan; Parlett, The Symmetric Eigenvalue Problem, 6.9)
             for _ in 0..2 {
                 for direction in before.chunks_exact(self.rows) {
                     let part = dot(direction, new);
@@ -106,7 +107,7 @@ impl Whitening {
     }
 }
 
-/// Sum of products in eight parts, so that the compiler can take several at once.
+/// Dot product in eight partial sums, which lets the compiler vectorise it.
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];
     let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
@@ -128,7 +129,7 @@ mod tests {
     use super::*;
     use fixtures::Random;
 
-    /// Losing rows is the same as never having had them: equal squared lengths and products.
+    /// Losing rows equals never having had them: the squared lengths agree.
     #[test]
     fn a_lost_row_is_a_row_that_never_was() {
         let mut random = Random::new(5);

@@ -11,10 +11,10 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use ndarray::Array2;
 
-/// Least conductivity relative to the background: below it a trial is refused.
+/// Least conductivity relative to the background; a trial below it is rejected.
 const LEAST_CONDUCTIVITY: f64 = 1e-3;
 
-/// Which parameters of each bell are unknown.
+/// Unknown parameters of each bell besides its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Parameters {
     pub(crate) amplitude: bool,
@@ -22,13 +22,13 @@ pub(crate) struct Parameters {
 }
 
 impl Parameters {
-    /// Unknowns of a bell: two coordinates, then these.
+    /// Number of unknowns per bell: two coordinates and these.
     pub(crate) fn count(self) -> usize {
         2 + usize::from(self.amplitude) + usize::from(self.radius)
     }
 }
 
-/// The forward model with what a fit needs of a scene.
+/// The forward model with everything that a fit needs.
 #[derive(Debug)]
 pub(crate) struct Problem<'a> {
     model: &'a ForwardModel,
@@ -53,7 +53,7 @@ impl<'a> Problem<'a> {
         channels: Channels,
     ) -> Result<Self, InverseError> {
         let Some(noise_scale) = channels.noise_scale else {
-            let what = "a fit weighs measurements by their noise, which is not given";
+            let what = "a fit weights measurements by their noise, which is missing";
             return Err(InverseError::NoiseUnknown { what });
         };
         check_length("triangles of the surface", surface.triangles().len(), model.elements())?;
@@ -76,7 +76,7 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Data in units of the noise, `[used]`.
+    /// Computes the data in units of the noise, `[used]`.
     pub(crate) fn whitened(
         &self,
         frame: &[f64],
@@ -89,18 +89,18 @@ impl<'a> Problem<'a> {
         Ok(data)
     }
 
-    /// The nearest place of the skin.
+    /// Returns the nearest point of the skin.
     pub(crate) fn place(&self, position_m: [f64; 3]) -> Place {
         nearest(self.surface, position_m)
     }
 
-    /// Puts bells into the conductivity; false where they leave too little of it.
+    /// Sets the conductivity to the background with bells; returns false if they leave too little of it.
     fn set(&mut self, bells: &[Bell]) -> bool {
         for (e, sigma) in self.conductivity_s.iter_mut().enumerate() {
             let change =
                 |b: &Bell| b.amplitude * value_and_slopes(&self.points[e], b, &[[0.0; 3]; 2]).0;
             let factor = 1.0 + bells.iter().map(change).sum::<f64>();
-            // false for NaN, too
+            // also false for NaN
             if !(factor >= LEAST_CONDUCTIVITY && factor.is_finite()) {
                 return false;
             }
@@ -109,8 +109,8 @@ impl<'a> Problem<'a> {
         true
     }
 
-    /// Residuals of bells in units of the noise, `[used]`; `None` where the forward model has no
-    /// answer.
+    /// Computes the residuals of bells in units of the noise, `[used]`; `None` if the forward model has no
+    /// solution.
     pub(crate) fn residuals(&mut self, data: &[f64], bells: &[Bell]) -> Option<Vec<f64>> {
         if !self.set(bells) {
             return None;
@@ -125,8 +125,8 @@ impl<'a> Problem<'a> {
         Some(data.iter().zip(&self.channels.used).enumerate().map(residual).collect())
     }
 
-    /// Derivative of the model's whitened differences, `[used, parameter]`, at bells on the skin:
-    /// `J dsigma/dtheta`. `None` as above.
+    /// Computes the derivative of the model's whitened differences, `[used, parameter]`, for bells on the
+    /// skin: `J dsigma/dtheta`. `None` if the bells leave too little conductivity.
     pub(crate) fn derivative(
         &mut self,
         bells: &[Bell],
@@ -175,7 +175,7 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// `A' A` scaled to a unit diagonal, and the scales (zero where a column is).
+/// Returns `A' A` scaled to a unit diagonal, and the scales (zero for a zero column).
 pub(crate) fn scaled_gram(a: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
     let gram = a.transpose() * a;
     let scales: Vec<f64> = (0..gram.nrows())
@@ -186,13 +186,13 @@ pub(crate) fn scaled_gram(a: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
     (scaled, scales)
 }
 
-/// Inverse of the Fisher information `A' A`; infinite on the diagonal where the columns of `A` are
+/// Inverts the Fisher information `A' A`; infinite on the diagonal if the columns of `A` are linearly
 /// dependent to rounding.
 pub(crate) fn inverse_information(a: MatRef<'_, f64>) -> Array2<f64> {
     use faer::Side;
     use faer::prelude::Solve;
-    /// Added to a unit diagonal this is lost in rounding of sums of some hundred terms; a pivot
-    /// below it has no digit.
+    /// Added to a unit diagonal, this is lost in the rounding of sums of some hundred terms; a smaller
+    /// pivot has no correct digit.
     const ROUNDING: f64 = 1e-13;
     let (gram, scales) = scaled_gram(a);
     let count = gram.nrows();

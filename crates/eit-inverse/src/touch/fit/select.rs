@@ -1,27 +1,26 @@
-//! How many touches the data carries.
+//! Choice of the number of touches.
 
 use super::{FitResult, TouchFit};
 use crate::InverseError;
 use crate::touch::bell::Bell;
 
-/// A split puts two bells this many radii to either side of the old one, each this much as wide:
-/// together they look like it.
+/// A split puts two bells this many radii to either side of the old one, each with this fraction of its
+/// radius and amplitude: together they look like the old one.
 const SPLIT: f64 = 0.7;
 
 impl TouchFit<'_> {
-    /// Fits one touch more as long as the data asks for it, at most `most`.
+    /// Adds touches, up to `most`, as long as the data justify another one.
     ///
-    /// The next touch is the next of `starts` (in order: the strongest first) or one of the fitted
-    /// touches split in two along either tangent, whichever fits best. It is kept where Schwarz's
-    /// criterion falls:
+    /// The next touch is the next of `starts` (in order, the strongest first) or one of the fitted touches
+    /// split in two along either tangent, whichever fits best. It is kept if Schwarz's criterion decreases:
     ///
     /// ```text
     /// (chi^2 before - chi^2 after) / s > (parameters of a touch) log m,   s = max(1, chi^2 after / n)
     /// ```
     ///
-    /// with `m` used measurements and `n` degrees of freedom; `s` keeps errors of the model from
-    /// being fitted with touches. The result may be no touch at all; `rejected` holds the best fit
-    /// with one touch more. Time is that of all fits.
+    /// with `m` used measurements and `n` degrees of freedom. `s` keeps model errors from being fitted with
+    /// touches. The result may contain no touch at all. The second value is the best fit with one more
+    /// touch, if it was rejected. Time and forward solves are the totals of all fits.
     ///
     /// Source: Schwarz, *Ann. Stat.* 6 (1978), 461-464.
     ///
@@ -44,7 +43,7 @@ impl TouchFit<'_> {
         while best.touches.len() < most && data.len() > each * (best.touches.len() + 1) {
             let mut found: Option<(FitResult, bool)> = None;
             for (bells, is_start) in self.candidates(&best, waiting.last()) {
-                // bells that leave no conductivity are no candidate
+                // bells that leave no conductivity are not candidates
                 let Ok(fit) = self.fit_whitened(&data, &bells) else { continue };
                 seconds += fit.seconds;
                 solves += fit.forward_solves as f64;
@@ -68,7 +67,7 @@ impl TouchFit<'_> {
         Ok((best, rejected))
     }
 
-    /// Ways to have one bell more, and whether it is the waiting one.
+    /// Lists the ways to add one bell, each with whether it uses the next start.
     fn candidates(&self, fit: &FitResult, start: Option<&Bell>) -> Vec<(Vec<Bell>, bool)> {
         let bells: Vec<Bell> = fit.touches.iter().map(|touch| touch.bell).collect();
         let mut ways = Vec::new();

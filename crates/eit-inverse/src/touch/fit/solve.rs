@@ -1,4 +1,4 @@
-//! Levenberg and Marquardt's iteration.
+//! The Levenberg-Marquardt iteration.
 //!
 //! Source: Marquardt, *J. SIAM* 11 (1963), 431-441; damping by Nielsen (Madsen, Nielsen, Tingleff,
 //! *Methods for Non-Linear Least Squares Problems* (2004), algorithm 3.16).
@@ -17,23 +17,23 @@ use std::time::Instant;
 /// Damping of the first step, relative to the diagonal.
 const FIRST_DAMPING: f64 = 1e-3;
 
-/// Damping beyond which no step is tried: it would be shorter than rounding.
+/// Damping beyond which no step is tried: the step would be lost in rounding.
 const LAST_DAMPING: f64 = 1e12;
 
-/// Longest step of a centre, in radii of its bell, and of the logarithm of a radius: farther the
-/// linear model says nothing.
+/// Longest step of a centre in radii of its bell, and of the logarithm of a radius: beyond it the
+/// linearisation does not hold.
 const LONGEST: f64 = 1.0;
 
-/// Standard deviations that the strength of a valid touch has at least.
+/// Least strength of a valid touch in its standard deviations.
 const SIGNIFICANT: f64 = 3.0;
 
 impl TouchFit<'_> {
-    /// Unknowns of each bell.
+    /// Unknown parameters of each bell.
     pub(super) fn parameters(&self) -> Parameters {
         Parameters { amplitude: true, radius: self.settings.fit_radius }
     }
 
-    /// Fits to data in units of the noise.
+    /// Fits data given in units of the noise.
     pub(super) fn fit_whitened(
         &mut self,
         data: &[f64],
@@ -44,13 +44,15 @@ impl TouchFit<'_> {
         let parameters = self.parameters();
         let unknowns = parameters.count() * starts.len();
         if unknowns > data.len() {
-            let (quantity, must) = ("parameters of the touches", "at most the used measurements");
+            let (quantity, must) =
+                ("number of touch parameters", "at most the number of used measurements");
             return Err(InverseError::OutOfRange { quantity, value: unknowns as f64, must });
         }
         let mut bells = self.check_starts(starts)?;
         let without: f64 = data.iter().map(|x| x * x).sum();
         let Some(mut residual) = self.problem.residuals(data, &bells) else {
-            let (quantity, must) = ("amplitude", "such that all touches leave conductivity");
+            let (quantity, must) =
+                ("amplitude", "large enough that all touches together leave conductivity");
             let value = bells.iter().map(|b| b.amplitude).fold(f64::INFINITY, f64::min);
             return Err(InverseError::OutOfRange { quantity, value, must });
         };
@@ -67,7 +69,7 @@ impl TouchFit<'_> {
                 Some(slopes) => slopes,
                 None => match self.problem.derivative(&bells, parameters)? {
                     Some(slopes) => slopes,
-                    // residuals exist here, so derivatives do
+                    // residuals exist here, so derivatives do too
                     None => break,
                 },
             };
@@ -119,7 +121,7 @@ impl TouchFit<'_> {
         })
     }
 
-    /// Starts laid onto the skin.
+    /// Checks the starts and projects them onto the skin.
     pub(in crate::touch) fn check_starts(
         &self,
         starts: &[Bell],
@@ -147,7 +149,7 @@ impl TouchFit<'_> {
         starts.iter().enumerate().map(check).collect()
     }
 
-    /// Bells after a step, on the skin and within the range of radii.
+    /// Returns the bells after a step, projected onto the skin and within the range of radii.
     fn moved(&self, bells: &[Bell], step: &[f64], parameters: Parameters) -> Vec<Bell> {
         let each = parameters.count();
         let move_one = |(bell, step): (&Bell, &[f64])| {
@@ -169,7 +171,7 @@ impl TouchFit<'_> {
         bells.iter().zip(step.chunks_exact(each)).map(move_one).collect()
     }
 
-    /// Bells with their covariance.
+    /// Combines the bells with their covariance.
     fn touches(
         &self,
         bells: &[Bell],
@@ -187,7 +189,7 @@ impl TouchFit<'_> {
                 true => bell.radius_m * covariance[(at + 3, at + 3)].sqrt(),
                 false => 0.0,
             };
-            // of the strength a r^2: amplitude and radius of a small touch are nearly one number
+            // for the strength a r^2, since amplitude and radius of a small touch are nearly one parameter
             let slopes = [1.0 / bell.amplitude, 2.0];
             let unknowns = parameters.count() - 2;
             let mut variance = 0.0;
@@ -212,7 +214,7 @@ impl TouchFit<'_> {
     }
 }
 
-/// Covariance along two tangents as one in space.
+/// Converts a covariance along two tangents into one in space.
 pub(crate) fn in_space(plane: [[f64; 2]; 2], tangents: [[f64; 3]; 2]) -> [[f64; 3]; 3] {
     let mut space = [[0.0; 3]; 3];
     for (i, row) in space.iter_mut().enumerate() {
@@ -220,7 +222,7 @@ pub(crate) fn in_space(plane: [[f64; 2]; 2], tangents: [[f64; 3]; 2]) -> [[f64; 
             for a in 0..2 {
                 for b in 0..2 {
                     let weight = tangents[a][i] * tangents[b][j];
-                    // an infinite variance has no part across its direction
+                    // an infinite variance has no component across its direction
                     if weight != 0.0 && plane[a][b] != 0.0 {
                         *value += weight * plane[a][b];
                     }
@@ -231,7 +233,7 @@ pub(crate) fn in_space(plane: [[f64; 2]; 2], tangents: [[f64; 3]; 2]) -> [[f64; 
     space
 }
 
-/// Larger eigenvalue of a symmetric matrix.
+/// Returns the larger eigenvalue of a symmetric matrix.
 pub(crate) fn largest_eigenvalue([[a, b], [_, d]]: [[f64; 2]; 2]) -> f64 {
     if a.is_infinite() || d.is_infinite() {
         return f64::INFINITY;
@@ -239,8 +241,7 @@ pub(crate) fn largest_eigenvalue([[a, b], [_, d]]: [[f64; 2]; 2]) -> f64 {
     0.5 * (a + d) + (0.5 * (a - d)).hypot(b)
 }
 
-/// The damped step and how much of chi^2 it promises to take away; `None` where rounding forbids
-/// one.
+/// Computes the damped step and its predicted decrease of chi^2; `None` if rounding prevents a step.
 fn step(slopes: &Mat<f64>, residual: &[f64], damping: f64) -> Option<(Vec<f64>, f64)> {
     let (mut gram, scales) = scaled_gram(slopes.as_ref());
     (0..gram.nrows()).for_each(|i| gram[(i, i)] += damping);

@@ -1,14 +1,14 @@
-//! What all channels have in common while something touches the skin.
+//! The change that all channels share while something touches the skin.
 
 use super::ReferenceSettings;
 
-/// Part of the channels, those that a touch changes least, in which the common factor is sought.
+/// Fraction of the channels, those that a touch changes least, that estimate the common factor.
 const UNTOUCHED: f64 = 0.3;
 
-/// A frame while the reference stands still.
+/// A frame during which the reference holds.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Held {
-    /// For how long it has, seconds.
+    /// How long the reference has held, seconds.
     pub(super) held_s: f64,
     /// Time since the last frame, seconds.
     pub(super) dt_s: f64,
@@ -16,20 +16,20 @@ pub(super) struct Held {
     pub(super) touched: bool,
 }
 
-/// The common factor under contact.
+/// The common factor of all channels under contact.
 #[derive(Debug, Clone)]
 pub(super) struct Common {
-    /// Relative change of each channel since contact, and channel, by size of the change.
+    /// Workspace: relative change of each channel, with the channel.
     ranking: Vec<(f64, u32)>,
-    /// Channels that count, found when contact had settled.
+    /// Channels used for the factor, chosen once contact had settled.
     untouched: Vec<u32>,
-    /// The untouched channels' factor at that time: the touch's own share.
+    /// Median relative change of these channels at that time: the touch's own share.
     touch_share: f64,
     pub(super) factor: f64,
 }
 
 impl Common {
-    /// Memory for so many channels.
+    /// Allocates for the given number of channels.
     pub(super) fn new(channels: usize) -> Self {
         Self {
             ranking: Vec::with_capacity(channels),
@@ -45,7 +45,7 @@ impl Common {
         (self.touch_share, self.factor) = (0.0, 1.0);
     }
 
-    /// Follows the common factor; the reference has the one before in it and gets the new one.
+    /// Follows the common factor; `reference` contains the previous factor and receives the new one.
     pub(super) fn update(
         &mut self,
         settings: &ReferenceSettings,
@@ -70,8 +70,8 @@ impl Common {
             }
             self.touch_share = self.median(&change);
         }
-        // a fifth of the time constant: faster than drift, slower than noise and fingers. Once
-        // nothing is reported to touch, the touch has no share any more
+        // a fifth of the time constant: faster than drift, slower than noise and fingers. Without a
+        // reported touch, the touch's share is zero.
         let weight = -(-5.0 * held.dt_s / settings.time_constant_s).exp_m1();
         let share = if held.touched { self.touch_share } else { 0.0 };
         let more = 1.0 + weight * ((1.0 + self.median(&change)) / (1.0 + share) - 1.0);
@@ -79,7 +79,7 @@ impl Common {
         reference.iter_mut().for_each(|v| *v *= more);
     }
 
-    /// Median change of all channels.
+    /// Returns the median relative change of all channels.
     pub(super) fn median_of_all(&mut self, frame: &[f64], reference: &[f64]) -> f64 {
         self.ranking.clear();
         let parts = frame.iter().zip(reference).filter(|(_, reference)| **reference != 0.0);
@@ -91,7 +91,7 @@ impl Common {
         self.ranking.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0)).1.0
     }
 
-    /// Median change of the untouched channels.
+    /// Returns the median relative change of the untouched channels.
     fn median(&mut self, change: &impl Fn(usize) -> f64) -> f64 {
         self.ranking.clear();
         self.ranking.extend(self.untouched.iter().map(|&i| (change(i as usize), i)));

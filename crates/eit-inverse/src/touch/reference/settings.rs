@@ -1,4 +1,4 @@
-//! What a caller states of a reference that adapts.
+//! Settings of an adaptive reference.
 
 use crate::InverseError;
 use crate::check::check_positive;
@@ -6,16 +6,16 @@ use crate::check::check_positive;
 /// Settings of [`AdaptiveReference`](crate::AdaptiveReference).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReferenceSettings {
-    /// Time constant of the filter, seconds. Default 30. A touch that takes much longer than this
-    /// to come is taken for drift while it is small.
+    /// Time constant of the filter, seconds. Default 30. A touch that builds up much more slowly than this
+    /// is taken for drift while it is small.
     pub time_constant_s: f64,
-    /// How long after the last sign of contact the reference still stands, seconds. Default 0.5.
+    /// How long the reference still holds after the last sign of contact, seconds. Default 0.5.
     pub release_s: f64,
-    /// Whether the factor that all voltages have in common is followed under contact. Default true.
-    /// Off: what drifts under contact becomes part of the touch.
+    /// Whether the common factor of all voltages is followed under contact. Default true. If false, drift
+    /// under contact becomes part of the touch.
     pub common_mode: bool,
-    /// How long after contact begins the touch may change before that factor is taken to be 1,
-    /// seconds. Default 1.
+    /// How long a touch may change after contact begins before the common factor is taken to be 1, seconds.
+    /// Default 1.
     pub settle_s: f64,
 }
 
@@ -34,7 +34,7 @@ impl ReferenceSettings {
         check_positive("time_constant_s", self.time_constant_s)?;
         for (quantity, value) in [("release_s", self.release_s), ("settle_s", self.settle_s)] {
             if !(value >= 0.0 && value.is_finite()) {
-                let must = "finite and zero or above";
+                let must = "finite and at least 0";
                 return Err(InverseError::OutOfRange { quantity, value, must });
             }
         }

@@ -1,16 +1,16 @@
-//! The best solver for a time that a frame may take, as a table.
+//! Table of the best solver for each time budget per frame.
 
 use eit_skin::plan::measured::{BUDGETS_S, Budget, Measured, best};
 use serde_json::{Value, json};
 
-/// The best row for a budget.
+/// The best solver within a budget.
 struct BudgetChoice<'a> {
     budget: Budget,
-    /// `None`: nothing is so fast.
+    /// `None` if no solver is fast enough.
     row: Option<&'a Measured>,
 }
 
-/// The choices of a scene.
+/// Returns the choices for a scene.
 fn choices(rows: &[Measured]) -> Vec<BudgetChoice<'_>> {
     let kinds = [false, true];
     let of = |time_s: f64| {
@@ -25,7 +25,7 @@ fn choices(rows: &[Measured]) -> Vec<BudgetChoice<'_>> {
 pub(super) const HEAD: [&str; 8] =
     ["ms a frame", "for", "solver", "pixels", "gap", "error", "takes, ms", "of it the solver"];
 
-/// Cells of the choices of a scene under [`HEAD`].
+/// Returns the cells of the choices for a scene, with headings [`HEAD`].
 pub(super) fn cells(rows: &[Measured]) -> Vec<Vec<String>> {
     let one = |BudgetChoice { budget, row }: BudgetChoice<'_>| {
         let kind = if budget.is_live { "live" } else { "recordings" };
@@ -49,7 +49,7 @@ pub(super) fn cells(rows: &[Measured]) -> Vec<Vec<String>> {
     choices(rows).into_iter().map(one).collect()
 }
 
-/// For programs.
+/// Returns the choices as JSON.
 pub(super) fn json(rows: &[Measured]) -> Value {
     let one = |BudgetChoice { budget, row }: &BudgetChoice<'_>| json!({"budget_s": budget.time_s, "live": budget.is_live, "choice": row});
     choices(rows).iter().map(one).collect()

@@ -1,5 +1,5 @@
-//! A recording of the simulated fabric: electrodes move with the fingers, gains differ, the skin
-//! drifts. The paper's experiments; what nets are trained for.
+//! A recording of the simulated fabric, in which electrodes move with the fingers, gains differ and
+//! the skin drifts: the paper's experiments, for which networks are trained.
 
 use super::super::reconstruction_model::ReconstructionModel;
 use super::recording::SimulatedRecording;
@@ -14,25 +14,26 @@ use ndarray::{Array2, Axis, Slice};
 /// A built-in touch script.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FabricScript {
-    /// What it is called here.
+    /// Name in the benchmark.
     pub shape: &'static str,
-    /// Its built-in name.
+    /// Name of the built-in script.
     pub script: &'static str,
     pub seed: u64,
 }
 
-/// The paper's experiments, with seeds that no training has.
+/// The paper's experiments, with seeds not used in training.
 pub(super) const FABRIC_SCRIPTS: [FabricScript; 2] = [
     FabricScript { shape: "one finger", script: "paper-one-finger", seed: 501 },
     FabricScript { shape: "two fingers", script: "paper-two-fingers", seed: 502 },
 ];
 
-/// Nodes of the mesh that simulates.
+/// Nodes of the simulation mesh.
 const NODES: usize = 7000;
-/// Frames after the quiet ones until the first finger presses with its full force.
+/// Number of frames between the quiet ones and the first finger pressing with full force.
 const ARRIVAL: usize = 10;
 
-/// Frames of a script from when the fingers press; the quiet ones before are the reference.
+/// Returns the frames of a script from when the fingers press; the quiet frames before serve as
+/// reference.
 pub(super) fn recording(
     model: &ReconstructionModel,
     script: &FabricScript,
@@ -76,7 +77,7 @@ pub(super) fn recording(
         reciprocity_error: None,
         notes: Vec::new(),
     };
-    // the masks of the two meshes may differ by a pixel of the rim
+    // the masks of the two meshes may differ by a pixel at the rim
     let truth = change.mapv(|value| if value.is_finite() { value } else { 0.0 });
     let nodes = skin.mesh.surface().nodes().len();
     let pixels = model.pixels_of(truth.view())?;

@@ -1,7 +1,8 @@
-//! Forward problem and Jacobian: error of the voltages over time, mesh by mesh, with linear and
-//! quadratic elements on even and graded meshes.
+//! Forward problem and Jacobian: error of the voltages against time on many meshes, with linear and
+//! quadratic elements on uniform and graded meshes.
 //!
-//! The error is the largest of a voltage over the largest voltage, against [`ReferenceVoltages`].
+//! The error is the largest error of any voltage divided by the largest voltage, relative to
+//! [`ReferenceVoltages`].
 
 mod choice;
 mod mesh_run;
@@ -21,23 +22,23 @@ use problem::{ForwardProblem, MeshFamily};
 use reference::ReferenceVoltages;
 use results::{ForwardPoint, ForwardResults};
 
-/// A kind of elements.
+/// An element order and its limits.
 struct ElementKind {
     elements: ElementOrder,
-    /// Most nodes of a mesh that it is tried on.
+    /// Largest number of nodes of a mesh used with it.
     most_nodes: usize,
 }
 
-/// Both kinds, on meshes that take about as much time.
+/// Both element orders, on meshes that take about the same time.
 const ELEMENT_KINDS: [ElementKind; 2] = [
     ElementKind { elements: ElementOrder::Linear, most_nodes: 30_000 },
     ElementKind { elements: ElementOrder::Quadratic, most_nodes: 15_000 },
 ];
 
-/// Largest mesh that the peers solve on: pyEIT takes seconds there.
+/// Largest mesh solved by the peers; pyEIT takes seconds on it.
 const PEER_NODES: usize = 2_000;
 
-/// Number of meshes, kinds of elements counted, for a progress bar.
+/// Number of meshes over all element orders, for a progress bar.
 pub(super) fn steps(size: &Size) -> usize {
     size.mesh_steps.len() * MeshFamily::ALL.len() * ELEMENT_KINDS.len()
 }
@@ -92,7 +93,7 @@ pub(super) fn run(
     Ok(Some(results))
 }
 
-/// Keeps a point whose error the reference can judge.
+/// Keeps a point if the reference is accurate enough to judge its error.
 fn keep(results: &mut ForwardResults, reference: &ReferenceVoltages, point: ForwardPoint) {
     match reference.can_tell(point.error) {
         true => results.points.push(point),

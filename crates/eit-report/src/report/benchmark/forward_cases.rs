@@ -1,15 +1,15 @@
-//! The skins whose forward problem is measured.
+//! The skins whose forward problem is benchmarked.
 
-/// A built-in skin and the conductivity that its forward problem is solved for.
+/// A built-in skin and the conductivity used for its forward problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ForwardCase {
-    /// Built-in scene.
+    /// Name of the built-in scene.
     pub scene: &'static str,
-    /// What is special about it.
+    /// What distinguishes it.
     pub what: &'static str,
-    /// Relative change of conductivity under two soft fingers; `None`: nothing touches the skin.
+    /// Relative change of conductivity under two soft fingers; `None` if nothing touches the skin.
     pub change: Option<f64>,
-    /// Picture of the report: error of the voltages over time.
+    /// File name of its plot of voltage error against time.
     pub file: &'static str,
 }
 
@@ -27,7 +27,7 @@ pub(super) const STIFF_CONTACT: ForwardCase = ForwardCase {
 };
 pub(super) const HIGH_CONTRAST: ForwardCase = ForwardCase {
     scene: "high-contrast",
-    what: "conductivity up to eleven times higher under two soft fingers, one value an element",
+    what: "conductivity up to eleven times higher under two soft fingers, one value per element",
     change: Some(10.0),
     file: "forward_high_contrast.png",
 };
@@ -62,7 +62,7 @@ pub(super) const HEMISPHERE: ForwardCase = ForwardCase {
     file: "forward_hemisphere.png",
 };
 
-/// Every skin, the paper's first.
+/// All skins, starting with the paper's.
 pub(super) const FORWARD_CASES: [ForwardCase; 8] = [
     PAPER_DISC,
     STIFF_CONTACT,

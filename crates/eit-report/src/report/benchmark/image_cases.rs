@@ -1,5 +1,5 @@
-//! The scenes whose images are compared: a built-in skin, what touches it, and how noisy its
-//! instrument is.
+//! The scenes whose images are compared: a built-in skin, what touches it, and the noise of its
+//! instrument.
 
 use super::forward_cases::{
     ForwardCase, GENERAL_32, HIGH_CONTRAST, PAPER_DISC, SINGLE_FRAME, STIFF_CONTACT,
@@ -9,25 +9,26 @@ use crate::simulate::{Finger, FingerShape, SLOW_M, SequenceSettings};
 /// A scene whose images are compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ImageCase {
-    /// Key in files.
+    /// Key in output files.
     pub name: &'static str,
     /// Built-in skin.
     pub forward: ForwardCase,
-    /// What is special about it.
+    /// What distinguishes it.
     pub what: &'static str,
-    /// Noise, decibel below the voltages.
+    /// Noise, decibels below the voltages.
     pub noise_db: f64,
-    /// Relative change of conductivity in the middle of a finger.
+    /// Relative change of conductivity at the centre of a finger.
     pub change: f64,
-    /// One frame at rest instead of a sequence.
+    /// Whether it is a single stationary frame instead of a sequence.
     pub is_still: bool,
-    /// The paper's experiments on the simulated fabric instead; noise and change are the fabric's.
+    /// Whether it is the paper's experiments on the simulated fabric, which determines noise and
+    /// change.
     pub is_fabric: bool,
-    /// Pictures of the report: curves, and one frame by every solver.
+    /// File names of its plots: curves, and one frame by every solver.
     pub files: [&'static str; 2],
 }
 
-/// Every case, the paper's first.
+/// All cases, starting with the paper's.
 pub(super) const IMAGE_CASES: [ImageCase; 7] = [
     ImageCase {
         name: "paper-disc-60",
@@ -101,11 +102,11 @@ pub(super) const IMAGE_CASES: [ImageCase; 7] = [
     },
 ];
 
-/// Fingers on every skin.
+/// Number of fingers on every skin.
 pub(super) const FINGERS: usize = 2;
 
 impl ImageCase {
-    /// Sequence of one shape of fingers; each `take` has its own paths and noise.
+    /// Settings of the sequence for one shape of finger; each `take` has its own paths and noise.
     pub fn sequence(&self, shape: FingerShape, frames: usize, take: u64) -> SequenceSettings {
         SequenceSettings {
             touches: FINGERS,

@@ -1,4 +1,4 @@
-//! Pictures of a scene's images: error over time, and one frame by every solver.
+//! Plots of a scene's images: error against time, and one frame by every solver.
 
 use super::super::reconstruction_model::ReconstructionModel;
 use super::image_cases::ImageCase;
@@ -10,17 +10,17 @@ use eit_picture::{Canvas, FrameLabels, PictureSettings, Plot, Series, draw_plot,
 use eit_skin::plan::measured::Measured;
 use ndarray::Axis;
 
-/// Solvers whose curve over the pixels is one line.
+/// Solvers drawn as a single line over the pixel counts.
 const ONE_POINT: [&str; 4] =
     ["gauss-newton", "gauss-newton, gcv", "st-tv stream", "st-tv ≥ 0 stream"];
 
-/// A peer whose settings are one curve.
+/// A peer whose settings form one curve.
 const PEER: &str = "NumPy primal-dual";
 
-/// Nets of files: one set of points for all of them, the table tells them apart.
+/// Name prefix of networks from files, drawn as one set of points; the table distinguishes them.
 const NET: &str = "U-net ";
 
-/// The pictures of a scene; none where nothing was measured.
+/// Draws the pictures of a scene; none if nothing was measured.
 pub(super) fn draw(
     case: &ImageCase,
     rows: &[Measured],
@@ -36,8 +36,8 @@ pub(super) fn draw(
     let plot = draw_plot(&Plot {
         title: format!("Error of the movie against run time: {}", case.name),
         footnote: format!(
-            "{note}. Error: root mean square over both recordings; 1: an empty image. Curves run \
-             over the gap, or over the pixels where the name says so"
+            "{note}. Error: root mean square over both recordings; 1 is an empty image. Curves \
+             vary the gap, or the number of pixels where the name says so"
         ),
         x_label: "time per frame (s)".to_owned(),
         y_label: "relative error".to_owned(),
@@ -50,8 +50,8 @@ pub(super) fn draw(
     Ok(vec![Picture::new(curves, &plot)?, Picture::new(images, &sheet)?])
 }
 
-/// One curve for each solver: over the gap at the finest raster, and for what is known of the
-/// fabric at each; over the rasters where there is one point on each.
+/// Returns one curve per solver: over the gap at the finest raster, and at every raster for methods
+/// that use knowledge of the fabric; over the rasters for solvers with one point on each.
 fn series(rows: &[Measured], finest: usize) -> Vec<Series> {
     let coarsest = rows.iter().filter_map(|row| row.pixels).min().unwrap_or(finest);
     let mut all: Vec<Series> = Vec::new();
@@ -85,8 +85,8 @@ fn series(rows: &[Measured], finest: usize) -> Vec<Series> {
     all
 }
 
-/// The truth and every solver's image of the last frame that all have, one recording after the
-/// other, at the finest raster.
+/// Draws the truth and every solver's image of the last frame that all have, one recording after
+/// the other, at the finest raster.
 fn sheet(
     model: &ReconstructionModel,
     recordings: &[RecordingResults],

@@ -1,4 +1,4 @@
-//! What the page and the tables say of images.
+//! Tables of image results.
 
 use super::budgets;
 use super::images::{ImageResults, RecordingFailure};
@@ -6,7 +6,7 @@ use super::plan_check::StageCheck;
 use super::table::Table;
 use eit_skin::plan::measured::Measured;
 
-/// The best solver of each scene for each time that a frame may take.
+/// Table of the best solver of each scene for each time budget per frame.
 pub(super) fn choices<'a>(scenes: impl Iterator<Item = &'a ImageResults>) -> Table {
     let head: Vec<&str> = std::iter::once("scene").chain(budgets::HEAD).collect();
     let rows = scenes.flat_map(|result| {
@@ -18,16 +18,16 @@ pub(super) fn choices<'a>(scenes: impl Iterator<Item = &'a ImageResults>) -> Tab
     Table::new(
         &head,
         rows.collect(),
-        "The least error within the time that a frame may take; of those within 2 % of it the \
-         cheapest. Time: for recordings the median of a frame with its share of the choice of weights \
-         or hyperparameter; live the time that 95 of 100 frames do not exceed, of solvers that know the \
-         skin and the noise before the first frame and nothing of the recording. Without set-up. Error: \
-         relative, root mean square over soft and hard fingers (one and two on the fabric), 1 for an \
-         empty image.",
+        "The solver with the smallest error within the time budget per frame or, among those \
+         within 2 % of that error, the cheapest. Time: for recordings, the median per frame \
+         including its share of choosing weights or hyperparameter; for live solvers, which know \
+         the skin and the noise but not the recording in advance, the time that 95 % of the frames \
+         do not exceed. Set-up is excluded. Error: relative, root mean square over soft and hard \
+         fingers (one and two on the fabric), 1 for an empty image.",
     )
 }
 
-/// What the plan of each scene promised, beside what was measured.
+/// Table of each scene's plan compared with measurements.
 pub(super) fn plans(results: &[ImageResults]) -> Table {
     let mut rows = Vec::new();
     let all = results.iter().flat_map(|r| r.plans.iter().map(move |plan| (r, plan)));
@@ -55,13 +55,13 @@ pub(super) fn plans(results: &[ImageResults]) -> Table {
     Table::new(
         &["scene", "method", "stage", "planned, ms", "measured, ms", "planned / measured"],
         rows,
-        "What `eit plan` says of the scene with its noise stated, with its own method and with one-step \
-         images, beside medians of three runs, on recordings with other paths and noise than those \
-         that the plan knows. The error has no unit.",
+        "Predictions of `eit plan` for the scene with its noise given, for its own method and for \
+         one-step images, compared with medians of three runs on recordings with other paths and \
+         noise than those known to the plan. The error has no unit.",
     )
 }
 
-/// Every solver of a scene at every setting.
+/// Table of every solver of a scene at every setting.
 pub(super) fn solvers(result: &ImageResults) -> Table {
     let number = |value: Option<f64>, digits: usize| {
         value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))

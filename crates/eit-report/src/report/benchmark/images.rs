@@ -1,4 +1,4 @@
-//! The images of a scene: recordings, every solver on each, what its plan promised, pictures.
+//! The images of a scene: recordings, every solver on each, comparison with the plan, pictures.
 
 use super::super::named_net::NamedNet;
 use super::super::reconstruction_model::ReconstructionModel;
@@ -19,26 +19,26 @@ use eit_skin::denoise::Net;
 use eit_skin::plan::measured::Measured;
 use eit_skin::scene::DenoiseSettings;
 
-/// Everything about the images of a scene.
+/// Results for the images of a scene.
 pub(super) struct ImageResults {
     pub case: ImageCase,
     pub rows: Vec<Measured>,
     pub failures: Vec<RecordingFailure>,
     pub plans: Vec<PlanCheck>,
     pub pictures: Vec<Picture>,
-    /// Noise, meshes, pixels.
+    /// Description of noise, meshes and pixels.
     pub note: String,
 }
 
 /// A solver that failed on a recording.
 pub(super) struct RecordingFailure {
     pub solver: String,
-    /// Shape or number of the recording's fingers.
+    /// Shape or number of the fingers in the recording.
     pub shape: &'static str,
     pub why: String,
 }
 
-/// Simulates, runs every solver, draws; `None` if the user interrupts.
+/// Simulates, runs every solver and draws; `None` if the user interrupts.
 pub(super) fn run(
     case: &ImageCase,
     settings: &BenchmarkSettings<'_>,
@@ -52,7 +52,7 @@ pub(super) fn run(
         .map(|&pixels| ReconstructionModel::new(case.forward.scene, pixels, &mut silent))
         .collect::<Result<_, _>>()?;
     let finest = &models[models.len() - 1];
-    // nets know the fabric: on other fingers they are judged by --denoise
+    // networks are trained on the fabric; --denoise evaluates them on other fingers
     let nets = if case.is_fabric { nets(finest, &report.weights)? } else { Vec::new() };
     let (mut recordings, mut failures) = (Vec::new(), Vec::new());
     let recorded_now = match report.plans {
@@ -82,7 +82,7 @@ pub(super) fn run(
     if stop.is_set() {
         return Ok(None);
     }
-    // recordings that no table has seen
+    // recordings that are in no table
     let others = recorded(case, 1, finest, size, progress)?;
     let shown = &others[0];
     let frames = shown.truth.nrows();
@@ -99,14 +99,14 @@ pub(super) fn run(
     Ok(Some(ImageResults { case: *case, rows, failures, plans, pictures, note }))
 }
 
-/// Noise, meshes, pixels.
+/// Describes noise, meshes and pixels.
 fn note(case: &ImageCase, shown: &SimulatedRecording, finest: &ReconstructionModel) -> String {
     let touched = match case.is_fabric {
         true => "of one finger and of two".to_owned(),
         false => format!("of {FINGERS} fingers, soft or hard, noise {} dB", case.noise_db),
     };
     format!(
-        "{}: {}; {} frame{} {touched}; simulated on {} nodes, reconstructed on {}, judged on \
+        "{}: {}; {} frame{} {touched}; simulated on {} nodes, reconstructed on {}, evaluated on \
          {pixels} x {pixels} pixels",
         case.name,
         case.what,
@@ -118,8 +118,8 @@ fn note(case: &ImageCase, shown: &SimulatedRecording, finest: &ReconstructionMod
     )
 }
 
-/// The two recordings of a scene: soft and hard fingers, or one finger and two on the fabric. Each
-/// `take` has its own paths and noise.
+/// Returns the two recordings of a scene: soft and hard fingers, or one and two fingers on the
+/// fabric. Each `take` has its own paths and noise.
 fn recorded(
     case: &ImageCase,
     take: u64,
@@ -145,8 +145,8 @@ fn recorded(
     FingerShape::ALL.into_iter().map(of).collect()
 }
 
-/// The nets among `names` that were trained for this skin and raster. A net of another skin is left out;
-/// only a file that does not exist is an error.
+/// Loads the networks among `names` that were trained for this skin and raster. A network for
+/// another skin is skipped; only a missing file is an error.
 fn nets(model: &ReconstructionModel, names: &[String]) -> Result<Vec<NamedNet>, ReportError> {
     let mut nets = Vec::new();
     for name in names {
@@ -162,7 +162,7 @@ fn nets(model: &ReconstructionModel, names: &[String]) -> Result<Vec<NamedNet>, 
     Ok(nets)
 }
 
-/// "U-net", or with the name of its file.
+/// Returns "U-net", with the name of its file if it has one.
 fn net_name(name: &str) -> String {
     let stem = std::path::Path::new(name).file_stem().map(|stem| stem.to_string_lossy());
     match stem {

@@ -1,4 +1,4 @@
-//! Every inverse solver on one recording.
+//! Runs every inverse solver on one recording.
 
 mod frame_by_frame;
 mod peer;
@@ -20,29 +20,29 @@ const fn bounded(method: Method, lower_s: Option<f64>) -> BoundedMethod {
     BoundedMethod { method, lower_s }
 }
 
-/// Total variation of a sequence and of a single frame, with and without what is known of the fabric.
+/// Total variation of a sequence and of single frames, with and without knowledge of the fabric.
 const SEQUENCE_METHODS: [BoundedMethod; 3] =
     [bounded(Method::StTv, None), bounded(Method::StTv, Some(0.0)), bounded(Method::Tv, Some(0.0))];
 const FRAME_METHODS: [BoundedMethod; 2] =
     [bounded(Method::Tv, None), bounded(Method::Tv, Some(0.0))];
-/// Those that stream.
+/// The streaming solvers.
 const STREAMS: [StreamSetting; 2] = [
     StreamSetting { method: bounded(Method::StTv, None), target_gap: 1e-2 },
     StreamSetting { method: bounded(Method::StTv, Some(0.0)), target_gap: 1e-1 },
 ];
-/// Rules of the hyperparameter: one needs no data, the other sees the noise of the recording.
+/// Hyperparameter rules: one needs no data, the other depends on the noise of the recording.
 const RULES: [Rule; 2] = [Rule::NoiseFigure, Rule::Gcv];
-/// Methods on the elements of the mesh; the last alone takes single frames.
+/// Methods on mesh elements; the last one reconstructs single frames.
 const ON_ELEMENTS: [Method; 3] = [Method::TimePrior, Method::Kalman, Method::GaussNewtonAbsolute];
 
-/// Everything that ran, and what failed.
+/// Results of all solvers, and failures.
 #[derive(Default)]
 pub(super) struct InverseResults {
     pub curves: Vec<WorkPrecisionCurve>,
     pub failures: Vec<SolverFailure>,
 }
 
-/// A solver that failed, and why.
+/// A solver that failed, and the reason.
 pub(super) struct SolverFailure {
     pub solver: String,
     pub why: String,
@@ -73,7 +73,8 @@ pub(super) fn solvers(problem: &InverseProblem<'_>) -> usize {
     }
 }
 
-/// Runs them all; one that fails does not stop the others. After an interrupt none begins.
+/// Runs all solvers; a failure does not stop the others. After an interrupt no further solver
+/// starts.
 pub(super) fn run(problem: &InverseProblem<'_>, bar: &eit_skin::Steps<'_>) -> InverseResults {
     let mut results = InverseResults::default();
     let mut keep = |name: &str, curve: &dyn Fn() -> Result<WorkPrecisionCurve, ReportError>| {

@@ -1,5 +1,5 @@
-//! Both recordings of a scene (soft and hard fingers; one finger and two on the fabric) together:
-//! what tables, plots and choices are made of.
+//! Merges both recordings of a scene (soft and hard fingers, or one and two on the fabric) into the
+//! rows used by tables, plots and choices.
 
 use super::image_cases::ImageCase;
 use super::recording::RecordingResults;
@@ -9,15 +9,15 @@ use eit_inverse::SequenceStatus;
 use eit_skin::plan::machine::Machine;
 use eit_skin::plan::measured::Measured;
 
-/// The rows of a scene.
+/// The merged rows of a scene.
 #[derive(Default)]
 pub(super) struct Merged {
     pub rows: Vec<Measured>,
-    /// Solvers that one recording has and another lacks.
+    /// Solvers with results for only one of the recordings.
     pub missing: Vec<String>,
 }
 
-/// Rows of a scene whose recordings, of so many frames, gave these curves.
+/// Merges the curves of a scene's recordings, which have the given number of frames.
 pub(super) fn rows(
     case: &ImageCase,
     frames: usize,
@@ -47,7 +47,8 @@ pub(super) fn rows(
     merged
 }
 
-/// The same setting on each recording; not empty. Times are those of the slower one.
+/// Merges the same setting from each recording; the list is not empty. Times are those of the
+/// slower recording.
 fn row(
     case: &ImageCase,
     frames: usize,
@@ -63,7 +64,7 @@ fn row(
     let slowest = points
         .iter()
         .fold(points[0], |slow, p| if p.time.median_s > slow.time.median_s { p } else { slow });
-    // five digits are more than a time or an error has
+    // five digits exceed the accuracy of a time or an error
     let short = |value: f64| format!("{value:.4e}").parse().unwrap_or(value);
     let finite = |value: f64| value.is_finite().then_some(short(value));
     let errors: Vec<f64> = points.iter().map(|p| p.scores.relative_error).collect();
@@ -105,7 +106,7 @@ fn row(
     }
 }
 
-/// What did not converge on one recording has not converged.
+/// Returns the status; failure to converge on one recording counts for both.
 fn status(points: &[&WorkPrecisionPoint]) -> &'static str {
     let done = |p: &&&WorkPrecisionPoint| {
         matches!(p.convergence.status, SequenceStatus::Direct | SequenceStatus::Converged)

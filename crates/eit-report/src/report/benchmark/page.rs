@@ -1,4 +1,4 @@
-//! What the benchmark leaves: a page, a Markdown text, tables for programs, pictures.
+//! Output of the benchmark: a page, a Markdown file, CSV tables and JSON, and pictures.
 
 use super::budgets;
 use super::forward::results::ForwardResults;
@@ -38,12 +38,12 @@ impl Tables {
     }
 }
 
-/// The scenes whose images were measured: with --plans no solver was run.
+/// Returns the scenes whose images were measured; with --plans no solver is run.
 fn measured(results: &BenchmarkResults) -> impl Iterator<Item = &ImageResults> {
     results.images.iter().filter(|scene| !scene.rows.is_empty())
 }
 
-/// Writes everything that is known so far, and which scenes are `missing`.
+/// Writes all results so far and lists the scenes that are `missing`.
 pub(super) fn write(
     results: &BenchmarkResults,
     settings: &BenchmarkSettings<'_>,
@@ -83,11 +83,11 @@ pub(super) fn write(
     Ok(Answer { text, json })
 }
 
-/// What was run, on which machine.
+/// Describes what was run, and on which machine.
 fn lead(results: &BenchmarkResults, settings: &BenchmarkSettings<'_>, incomplete: &str) -> String {
     let subject = match results.images.is_empty() {
-        true => "Forward problems, one thread, times as medians over the runs",
-        false => "Simulated touches, one thread, times of a frame as medians over the runs",
+        true => "Forward problems, one thread; times are medians over the runs",
+        false => "Simulated touches, one thread; times per frame are medians over the runs",
     };
     let quick = match settings.report.quick {
         true => ". Quick: fewer frames, pixels, gaps and meshes",
@@ -138,7 +138,7 @@ impl Document {
     }
 }
 
-/// The tables for programs.
+/// Writes the CSV tables.
 fn write_tables(
     results: &BenchmarkResults,
     tables: &Tables,
@@ -183,7 +183,7 @@ fn write_pictures(results: &BenchmarkResults, out: &mut OutFolder) -> Result<(),
     Ok(())
 }
 
-/// How to read it, and how to make it again.
+/// Explains how to read the report and how it was made.
 fn about(size: &Size, machine: &Machine) -> Section {
     let pair = |name: &str, words: String| (name.to_owned(), words);
     let pairs = vec![
@@ -191,44 +191,46 @@ fn about(size: &Size, machine: &Machine) -> Section {
         pair("made by", format!("eit report, version {}", env!("CARGO_PKG_VERSION"))),
         pair(
             "error",
-            "norm of the movie's difference from the truth over the norm of the truth, weighted by \
-             area; coarser rasters are shown on the finest as squares"
+            "area-weighted norm of the difference between movie and truth, divided by the norm of \
+             the truth; pixels of coarser rasters appear as squares on the finest"
                 .to_owned(),
         ),
         pair(
             "time",
             format!(
-                "of a frame, without set-up and choice of weights; of recordings median, least and \
-                 most of up to {} runs ({} of direct methods), of live solvers of single frames of {} \
-                 runs ({} of direct ones), those that fill a window included",
+                "per frame, excluding set-up and the choice of weights; for recordings the median, \
+                 minimum and maximum of up to {} runs ({} for direct methods); for live solvers \
+                 those of single frames in {} runs ({} for direct ones), including frames that \
+                 fill a window",
                 size.runs, size.direct_runs, size.stream_runs, size.direct_runs
             ),
         ),
         pair(
             "floor",
-            "operations over the rate of a dense product, or bytes over that of a plain read, \
-             whichever takes longer; both rates measured as the run begins. Total variation is counted \
-             with every direction of the data, of which the solver leaves half and more to an explicit \
-             step. A time below the floor says that directions were left out, or that the machine has \
-             become faster since"
+            "the longer of operations divided by the rate of a dense product and bytes divided by \
+             the rate of a plain read; both rates are measured at the start of the run. The floor \
+             of total variation counts every direction of the data, of which the solver handles \
+             half or more by an explicit step. A time below the floor means that directions were \
+             omitted, or that the machine has since become faster"
                 .to_owned(),
         ),
         pair(
             "forward problem",
-            "two families of meshes with linear and with quadratic elements, every mesh finer than the \
-             one before by the root of two: the same edge everywhere, or twice that inside and at \
-             electrode ends a quarter of an electrode's width at first, which falls with the square of \
-             the edge (of round patches with the edge). The untouched skin, or what a \
-             picture says. Errors are against the mesh-free series, whose own error is what more \
-             terms change, or against quadratic elements on a mesh that is finer everywhere and ever \
-             finer towards the ends of electrodes and the corners of holes, whose own error is the \
-             change from a mesh that is coarser by the factor 1.5"
+            "two families of meshes with linear and with quadratic elements, each mesh finer than \
+             the previous one by a factor of the square root of two. One family has the same edge \
+             length everywhere; the other has twice that length in the interior and, at electrode \
+             ends, initially a quarter of an electrode's width, which decreases with the square of \
+             the edge length (on outlines of round patches, with the edge length). The skin is \
+             untouched unless a picture says otherwise. Errors are relative to the mesh-free \
+             series, whose own error is estimated by adding terms, or to quadratic elements on a \
+             mesh that is finer everywhere and strongly refined towards electrode ends and corners \
+             of holes, whose own error is the change from a mesh coarser by a factor of 1.5"
                 .to_owned(),
         ),
         pair(
             "gap",
-            "part by which the objective can still fall, proven by a dual point; a solver stops when \
-             its proof is below what was asked"
+            "fraction by which the objective can still decrease, proven by a dual point; a solver \
+             stops when this bound is below the target"
                 .to_owned(),
         ),
     ];

@@ -1,9 +1,9 @@
-"""Python peers of `eit report --peers`: plain NumPy and SciPy, and pyEIT where it is installed.
+"""Python peers of `eit report --peers`: plain NumPy and SciPy, and pyEIT if installed.
 
-Reads arrays from the folder that is its argument, writes results.json and arrays beside them.
-One thread; wall time; double precision. Plain NumPy and SciPy as a careful user would write them:
+Reads arrays from the folder given as its argument and writes results.json and arrays to it. One
+thread; wall time; double precision. Plain NumPy and SciPy as a careful user would write them:
 sparsity patterns and symbolic factors are prepared outside the clock, products are on contiguous
-arrays, the primal-dual iteration is over-relaxed and its step is the best of ten that were tried.
+arrays, the primal-dual iteration is over-relaxed and its step size is the best of ten tried.
 """
 
 import json
@@ -32,7 +32,7 @@ def save(kind, name, value, seconds, frames=1):
 
 
 def times(run, count):
-    """Seconds of each of some runs, and what the last one gave."""
+    """Returns the time of each run in seconds, and the result of the last one."""
     seconds, value = [], None
     for _ in range(count):
         start = time.perf_counter()
@@ -153,7 +153,7 @@ def pyeit_forward():
 
 
 def one_step():
-    """A reconstruction matrix times a frame: what every Python code does for each frame."""
+    """Multiplies a reconstruction matrix by a frame, as every Python code does."""
     matrix, frames = load("matrix"), load("frames")
 
     def run():
@@ -180,7 +180,7 @@ def total_variation():
     count = int(mask.sum())
 
     def differences(axis):
-        """Forward differences inside the mask; no row where a pixel has no neighbour."""
+        """Forward differences inside the mask; no row for a pixel without a neighbour."""
         first = index[:, :-1] if axis else index[:-1]
         second = index[:, 1:] if axis else index[1:]
         both = (first >= 0) & (second >= 0)
@@ -223,7 +223,7 @@ def total_variation():
         flat = np.hypot(dx @ x, dy @ x).sum()
         return data + space * flat + in_time * np.abs(x[:, 1:] - x[:, :-1]).sum()
 
-    # the peer's best step for each number of iterations, by trying: not counted
+    # the peer's best step size for each number of iterations, found by trial: not timed
     unit = singular[len(singular) // 2] ** 2
     steps = [k / unit for k in 10.0 ** np.arange(-1.0, 4.1, 0.5)]
     for iterations in (10, 30, 100, 300, 1000):

@@ -1,8 +1,8 @@
-//! Python peers on the same problems, with `--peers PYTHON`.
+//! Runs Python peers on the same problems, with `--peers PYTHON`.
 //!
-//! The script comes with the program (`peers.py`: NumPy and SciPy, CHOLMOD and pyEIT where they are
-//! installed). It gets arrays in a temporary folder and leaves its results there: times by its own
-//! clock, voltages and images, which are judged here like ours.
+//! The script is part of the program (`peers.py`: NumPy and SciPy, and CHOLMOD and pyEIT if
+//! installed). It reads arrays from a temporary folder and writes its results there: times by its
+//! own clock, voltages, and images that are evaluated here like ours.
 
 mod process;
 
@@ -19,7 +19,7 @@ use std::process::Command;
 
 const SCRIPT: &str = include_str!("peers.py");
 
-/// One thing that a peer computed.
+/// A result reported by a peer.
 #[derive(Deserialize)]
 struct Told {
     kind: String,
@@ -28,14 +28,14 @@ struct Told {
     frames: usize,
 }
 
-/// A peer's voltages.
+/// Voltages computed by a peer.
 pub(super) struct PeerVoltages {
     pub name: String,
     pub time: Spread,
     pub voltages: Array1<f64>,
 }
 
-/// A peer's images and its times for all frames.
+/// Images computed by a peer, and its times for all frames.
 pub(super) struct PeerImages {
     pub name: String,
     pub seconds: Vec<f64>,
@@ -43,7 +43,7 @@ pub(super) struct PeerImages {
     pub images: Array2<f64>,
 }
 
-/// Whether the interpreter has what the script needs; before any work.
+/// Checks before any work that the interpreter has the required modules.
 pub(super) fn check(python: &Path) -> Result<(), ReportError> {
     let tried = process::run(Command::new(python).args(["-c", "import numpy, scipy"]));
     tried.map_err(|why| {
@@ -55,17 +55,17 @@ pub(super) fn check(python: &Path) -> Result<(), ReportError> {
     })
 }
 
-/// What the peers' forward problem is made of.
+/// Input of the peers' forward problem.
 pub(super) struct PeerForwardProblem<'a> {
     pub mesh: &'a Mesh,
     pub protocol: &'a Protocol,
-    /// Of each electrode, ohm metre.
+    /// Contact impedance of each electrode, ohm metres.
     pub contact_impedance: &'a [f64],
-    /// Of each element, siemens.
+    /// Conductivity of each element, siemens.
     pub conductivity_s: &'a [f64],
 }
 
-/// The peers' voltages; none where electrodes are patches.
+/// Returns the peers' voltages; none if electrodes are patches.
 pub(super) fn forward(
     python: &Path,
     problem: &PeerForwardProblem<'_>,
@@ -78,7 +78,7 @@ pub(super) fn forward(
     let corners = Array2::from_shape_fn((triangles.len(), 3), |(e, k)| f64::from(triangles[e][k]));
     let mut edges = Vec::new();
     for (number, electrode) in mesh.electrodes().iter().enumerate() {
-        // the script knows electrodes on the rim
+        // the script supports only electrodes on the rim
         let Electrode::Rim(own) = electrode else { return Ok(Vec::new()) };
         edges.extend(own.iter().flat_map(|[a, b]| [f64::from(*a), f64::from(*b), number as f64]));
     }
@@ -101,7 +101,7 @@ pub(super) fn forward(
     Ok(found)
 }
 
-/// The peers' images of a recording.
+/// Returns the peers' images of a recording.
 pub(super) fn inverse(
     python: &Path,
     problem: &PeerInverseProblem,
@@ -119,7 +119,7 @@ pub(super) fn inverse(
         let images: Array2<f64> = folder.get(number)?;
         if images.nrows() != told.frames {
             return Err(ReportError::Failure(format!(
-                "the peer {} gave {} frames of {}",
+                "the peer {} returned {} frames instead of {}",
                 told.name,
                 images.nrows(),
                 told.frames
@@ -130,18 +130,18 @@ pub(super) fn inverse(
     Ok(found)
 }
 
-/// What images are made of, as plain arrays.
+/// Input of the inverse problem, as plain arrays.
 pub(super) struct PeerInverseProblem {
-    /// [pixel, measurement], the one-step reconstruction.
+    /// One-step reconstruction matrix, [pixel, measurement].
     pub matrix: Array2<f64>,
-    /// [frame, measurement].
+    /// Difference data, [frame, measurement].
     pub differences: Array2<f64>,
-    /// [measurement, pixel] and [frame, measurement], over the noise.
+    /// Jacobian [measurement, pixel] and data [frame, measurement], divided by the noise.
     pub whitened_jacobian: Array2<f64>,
     pub whitened_differences: Array2<f64>,
-    /// [row, column], 1 on the skin.
+    /// Mask [row, column], 1 on the skin.
     pub mask: Array2<f64>,
-    /// Of differences of pixels in space and of frames in time.
+    /// Weights of differences between pixels in space and between frames in time.
     pub weights: [f64; 2],
 }
 
@@ -184,7 +184,7 @@ impl Folder {
     }
 }
 
-/// Numbers as rows of so many.
+/// Arranges numbers in rows of the given length.
 fn table(values: Vec<f64>, columns: usize) -> Result<Array2<f64>, ReportError> {
     Array2::from_shape_vec((values.len() / columns, columns), values)
         .map_err(|e| ReportError::Failure(e.to_string()))

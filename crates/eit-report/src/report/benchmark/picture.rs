@@ -5,9 +5,9 @@ use eit_picture::Canvas;
 
 /// A picture of the report.
 pub(super) struct Picture {
-    /// Name of its file.
+    /// File name.
     pub file: &'static str,
-    /// PNG.
+    /// Content in PNG format.
     pub bytes: Vec<u8>,
 }
 

@@ -1,4 +1,4 @@
-//! What `eit plan` promises of a scene beside what was measured.
+//! Compares the predictions of `eit plan` for a scene with measurements.
 
 use super::super::reconstruction_model::ReconstructionModel;
 use super::super::scores::{Scores, Truth};
@@ -16,21 +16,21 @@ use eit_skin::{Progress, Skin, total_variation};
 use ndarray::Array2;
 use std::time::Instant;
 
-/// Timings of each stage, of which the median counts.
+/// Number of timings of each stage; the median counts.
 const REPEATS: usize = 3;
 
-/// The plan of a method beside what was measured.
+/// The plan of a method compared with measurements.
 #[derive(Debug, Clone)]
 pub(super) struct PlanCheck {
     pub method: Method,
     pub stages: Vec<StageCheck>,
-    /// Relative error that the plan expects, where it knows one.
+    /// Relative error that the plan expects, if it knows one.
     pub expected_error: Option<f64>,
-    /// That of this run: root mean square over the recordings.
+    /// Relative error in this run: root mean square over the recordings.
     pub measured_error: f64,
 }
 
-/// A stage of a plan beside its measured time.
+/// Planned and measured time of a stage.
 #[derive(Debug, Clone)]
 pub(super) struct StageCheck {
     pub stage: &'static str,
@@ -41,9 +41,10 @@ pub(super) struct StageCheck {
 }
 
 /// Runs the scene as its user would, with its own method and with one-step images, on recordings
-/// that the table of the plan has not seen, and compares.
+/// that are not in the plan's table, and compares the results.
 ///
-/// The scene of a fabric has `[denoise]`, as that of `eit demo`: its noise alone is not telling.
+/// The scene of a fabric gets `[denoise]`, as in `eit demo`, because its noise alone does not
+/// identify it.
 pub(super) fn of(
     model: &ReconstructionModel,
     is_fabric: bool,
@@ -63,10 +64,10 @@ pub(super) fn of(
     methods.into_iter().map(|method| planned.check(method, recordings, roofline)).collect()
 }
 
-/// A skin as its plan sees it, and what reconstructs.
+/// A skin as its plan sees it, and the model used to reconstruct.
 struct PlannedSkin<'a> {
     skin: Skin,
-    /// The noise that the plan is told, volt: the first recording's.
+    /// Noise given to the plan, volts: that of the first recording.
     noise_std_v: f64,
     model: &'a ReconstructionModel,
 }
@@ -77,14 +78,14 @@ struct StageTime {
     time_s: f64,
 }
 
-/// What a recording gave.
+/// Results for one recording.
 struct MeasuredRun {
     times: Vec<StageTime>,
     /// Relative error of the images.
     error: f64,
 }
 
-/// Images and the times of the stages that made them.
+/// Images and the times of the stages that computed them.
 struct TimedImages {
     /// [frame, masked pixel].
     pixels: Array2<f64>,
@@ -205,7 +206,7 @@ impl PlannedSkin<'_> {
     }
 }
 
-/// Times of what every method needs: mesh, forward solution and Jacobian.
+/// Times of the stages needed by every method: mesh, forward solution and Jacobian.
 fn forward_times(skin: &Skin) -> Result<Vec<StageTime>, ReportError> {
     let mesh_s = timed(|| Ok(skin.source.build()?))?.time_s;
     let background = skin.background_s();
@@ -222,7 +223,7 @@ fn forward_times(skin: &Skin) -> Result<Vec<StageTime>, ReportError> {
     ])
 }
 
-/// What the last of some runs made, and their median time.
+/// Result of the last of several runs, and their median time.
 struct Timed<T> {
     made: T,
     time_s: f64,
@@ -239,7 +240,7 @@ fn timed<T>(mut run: impl FnMut() -> Result<T, ReportError>) -> Result<Timed<T>,
     Ok(Timed { made, time_s: median(seconds) })
 }
 
-/// The middle one; not of an empty list.
+/// Returns the median of a non-empty list.
 fn median(mut seconds: Vec<f64>) -> f64 {
     seconds.sort_by(f64::total_cmp);
     seconds[seconds.len() / 2]

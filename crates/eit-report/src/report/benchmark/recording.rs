@@ -1,4 +1,4 @@
-//! A simulated recording, and what every solver made of it.
+//! A simulated recording and the results of every solver.
 
 use super::work_precision::WorkPrecisionCurve;
 use crate::simulate::SimulatedSequence;
@@ -9,11 +9,11 @@ pub(super) struct SimulatedRecording {
     /// Shape or number of its fingers, for tables.
     pub shape: &'static str,
     pub simulated: SimulatedSequence,
-    /// Siemens, [frame, masked pixel] on the finest raster.
+    /// True change, siemens, [frame, masked pixel] on the finest raster.
     pub truth: Array2<f64>,
 }
 
-/// A recording and what every solver made of it.
+/// A recording and the results of every solver.
 pub(super) struct RecordingResults {
     pub recording: SimulatedRecording,
     pub curves: Vec<WorkPrecisionCurve>,

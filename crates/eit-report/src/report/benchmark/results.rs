@@ -1,9 +1,9 @@
-//! What a benchmark has found so far.
+//! Results of a benchmark so far.
 
 use super::forward::results::ForwardResults;
 use super::images::ImageResults;
 
-/// What a benchmark has found so far.
+/// Results of a benchmark so far.
 #[derive(Default)]
 pub(super) struct BenchmarkResults {
     /// The forward problem of each skin.

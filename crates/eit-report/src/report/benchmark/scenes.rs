@@ -1,4 +1,4 @@
-//! The scenes of the benchmark: a skin whose forward problem is run, with or without images.
+//! The scenes of the benchmark: a skin whose forward problem is solved, with or without images.
 
 use super::forward_cases::{FORWARD_CASES, ForwardCase};
 use super::image_cases::{IMAGE_CASES, ImageCase};
@@ -10,18 +10,18 @@ use crate::settings::ReportSettings;
 pub(super) struct BenchmarkScene {
     /// Its skin.
     pub forward: ForwardCase,
-    /// Its images; what is only another shape has none.
+    /// Its images; `None` for a skin that only adds a shape.
     pub images: Option<ImageCase>,
 }
 
 impl BenchmarkScene {
-    /// Key in files.
+    /// Key in output files.
     pub fn name(&self) -> &'static str {
         self.images.map_or(self.forward.scene, |case| case.name)
     }
 }
 
-/// Every scene, those with images first.
+/// Returns all scenes, those with images first.
 fn all() -> Vec<BenchmarkScene> {
     let imaged = |case: ImageCase| BenchmarkScene { forward: case.forward, images: Some(case) };
     let is_imaged = |forward: &ForwardCase| IMAGE_CASES.iter().any(|case| case.forward == *forward);
@@ -30,7 +30,8 @@ fn all() -> Vec<BenchmarkScene> {
     IMAGE_CASES.into_iter().map(imaged).chain(others.map(of_shape)).collect()
 }
 
-/// The scenes of the command line, all without; of them what the command asks for.
+/// Returns the scenes named on the command line (all if none are), restricted to what the command
+/// requests.
 pub(super) fn chosen(settings: &ReportSettings) -> Result<Vec<BenchmarkScene>, ReportError> {
     let all = all();
     let find = |name: &String| {
@@ -44,12 +45,12 @@ pub(super) fn chosen(settings: &ReportSettings) -> Result<Vec<BenchmarkScene>, R
         false => settings.scenes.iter().map(find).collect::<Result<_, _>>()?,
     };
     if settings.plans {
-        // a plan promises images
+        // a plan predicts images
         scenes.retain(|scene| scene.images.is_some());
         if scenes.is_empty() {
             let names = settings.scenes.join(", ");
             return Err(ReportError::input(format!(
-                "--plans: the report makes no images of {names}, and compares no plan with them"
+                "--plans: the report has no images of {names}, so it cannot compare a plan with them"
             )));
         }
     }

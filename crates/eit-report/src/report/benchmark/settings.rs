@@ -1,30 +1,30 @@
-//! How a benchmark is run.
+//! Settings of a benchmark.
 
 use super::roofline::Roofline;
 use crate::settings::ReportSettings;
 use eit_skin::StopFlag;
 
-/// Sizes of the benchmark.
+/// Sizes of a benchmark.
 pub(super) struct Size {
     pub frames: usize,
-    /// Pixels along the skin, ascending; images are judged on the last raster.
+    /// Numbers of pixels across the skin, ascending; images are evaluated on the last raster.
     pub pixels: &'static [usize],
-    /// Gaps that iterated methods run to, one after the other, each from cold.
+    /// Target gaps of iterative methods, each run from a cold start.
     pub gaps: &'static [f64],
-    /// Deadline of a run; one that meets it is the last of its curve.
+    /// Time limit of a run; a run that reaches it is the last of its curve.
     pub deadline_s: f64,
-    /// Most runs of a setting.
+    /// Maximum number of runs of a setting.
     pub runs: usize,
-    /// A setting whose runs have taken this long together is not repeated.
+    /// A setting whose runs have taken this long in total is not repeated.
     pub repeat_below_s: f64,
-    /// Runs of a direct method and of a stream.
+    /// Number of runs of a direct method and of a stream.
     pub direct_runs: usize,
     pub stream_runs: usize,
-    /// Meshes of each family of the forward problem, every step finer by the root of two, and most
-    /// runs on each.
+    /// Refinement steps of each family of meshes for the forward problem, each finer by a factor of
+    /// the square root of two, and the maximum number of runs on each mesh.
     pub mesh_steps: &'static [i32],
     pub forward_runs: usize,
-    /// Scales of the two meshes that stand for the truth where no series does, the finer one last.
+    /// Scales of the two reference meshes used where no series exists, the finer one last.
     pub reference_scales: [f64; 2],
 }
 
@@ -46,7 +46,7 @@ pub(super) const FULL: Size = Size {
     reference_scales: [1.5, 1.0],
 };
 
-/// With `--quick`.
+/// A run with `--quick`.
 pub(super) const QUICK: Size = Size {
     frames: 6,
     pixels: &[16, 32],
@@ -61,9 +61,9 @@ pub(super) const QUICK: Size = Size {
     reference_scales: [3.0, 2.0],
 };
 
-/// How a benchmark is run.
+/// Settings of a benchmark.
 pub(super) struct BenchmarkSettings<'a> {
-    /// What was asked for.
+    /// Settings of the report.
     pub report: &'a ReportSettings,
     pub size: &'a Size,
     pub roofline: &'a Roofline,

@@ -1,4 +1,4 @@
-//! A table of the benchmark, on the page, in Markdown and as comma-separated values.
+//! A table of the benchmark, as HTML, Markdown and CSV.
 
 use super::super::markdown;
 use crate::error::ReportError;
@@ -6,7 +6,7 @@ use crate::html::Block;
 use crate::output::io;
 use std::io::Write;
 
-/// Names of the columns, rows, conditions.
+/// Column headings, rows and conditions.
 #[derive(Clone)]
 pub(super) struct Table {
     head: Vec<String>,
@@ -33,7 +33,7 @@ impl Table {
         format!("{}\n{}\n", markdown::table(&head, &self.rows), self.note)
     }
 
-    /// Cells with commas, quotes or line breaks are quoted.
+    /// Writes CSV; cells with commas, quotes or line breaks are quoted.
     pub fn write_csv(&self, out: &mut dyn Write) -> Result<(), ReportError> {
         let mut writer = csv::Writer::from_writer(out);
         writer.write_record(&self.head).map_err(csv_failed)?;

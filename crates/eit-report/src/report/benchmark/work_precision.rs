@@ -1,4 +1,4 @@
-//! Work-precision curves: error of a solver over its time, with certificate and least time.
+//! Work-precision curves: error of a solver against its time, with certificates and minimum times.
 
 use super::super::scores::Scores;
 use super::super::solver::SetUpCost;
@@ -7,20 +7,21 @@ use eit_skin::scene::Rule;
 use ndarray::Array2;
 use serde::Serialize;
 
-/// Times of a frame, seconds.
+/// Times per frame, seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct Spread {
     pub least_s: f64,
     pub median_s: f64,
-    /// 95 of 100 take no longer.
+    /// Time not exceeded by 95 % of the samples.
     pub most_of_s: f64,
     pub most_s: f64,
-    /// Times that it is of: runs of a recording, or frames of all runs.
+    /// Number of samples: runs of a recording, or frames of all runs.
     pub count: usize,
 }
 
 impl Spread {
-    /// Of runs over so many frames each, or of frames one by one; `seconds` is not empty.
+    /// Computes times per frame from non-empty `seconds`: of runs over `frames` frames each, or of
+    /// single frames.
     pub fn of(mut seconds: Vec<f64>, frames: usize) -> Self {
         seconds.sort_by(f64::total_cmp);
         let count = seconds.len();
@@ -36,65 +37,66 @@ impl Spread {
     }
 }
 
-/// One setting of a solver, run to its end.
+/// The result of a solver with one setting.
 #[derive(Debug, Clone)]
 pub(super) struct WorkPrecisionPoint {
-    /// Relative gap that was asked for; `None` for what has none.
+    /// Target gap; `None` for methods without a gap.
     pub target_gap: Option<f64>,
     pub time: Spread,
-    /// Time that the work of a frame takes at this machine's best rates.
+    /// Time per frame of the same work at this machine's best rates.
     pub floor_s: f64,
     pub scores: Scores,
     pub convergence: Convergence,
 }
 
-/// How an iteration ended.
+/// Final state of an iteration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Convergence {
     pub iterations: usize,
     pub status: SequenceStatus,
-    /// Gap that was proven.
+    /// Proven gap.
     pub gap: Option<f64>,
 }
 
 impl Convergence {
-    /// Of a direct method, which has no iteration.
+    /// Value for direct methods, which do not iterate.
     pub const DIRECT: Self = Self { iterations: 0, status: SequenceStatus::Direct, gap: None };
 }
 
-/// A solver on one recording, with every setting it was run at.
+/// A solver on one recording, with all of its settings.
 #[derive(Debug, Clone)]
 pub(super) struct WorkPrecisionCurve {
     pub solver: SolverDescription,
-    /// Of a live solver, all before its first frame is set-up.
+    /// Set-up cost; for a live solver, everything before the first frame.
     pub cost: SetUpCost,
     pub points: Vec<WorkPrecisionPoint>,
-    /// The last point's images on the finest raster, [frame, masked pixel].
+    /// Images of the last point on the finest raster, [frame, masked pixel].
     pub images: Array2<f64>,
 }
 
-/// What solves.
+/// Describes a solver.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct SolverDescription {
-    /// Method, with what it knows.
+    /// Method, including prior knowledge.
     pub name: String,
-    /// Rule of the hyperparameter, as in a scene file; empty where there is none.
+    /// Rule of the hyperparameter, as in a scene file; empty if there is none.
     pub rule: &'static str,
-    /// Pixels along the skin; the elements of the mesh where there are none.
+    /// Number of pixels across the skin; `None` for methods on mesh elements.
     pub pixels: Option<usize>,
-    /// Gives a frame's image before the next frame comes, and has not seen the recording before.
+    /// Whether it returns a frame's image before the next frame arrives, without having seen the
+    /// recording.
     pub is_live: bool,
-    /// Another program, to compare with.
+    /// Whether it is another program, for comparison.
     pub is_peer: bool,
 }
 
 impl SolverDescription {
-    /// One of ours.
+    /// Describes one of our solvers.
     pub fn own(name: impl Into<String>, pixels: Option<usize>, is_live: bool) -> Self {
         Self { name: name.into(), rule: "", pixels, is_live, is_peer: false }
     }
 
-    /// The same with a rule for the hyperparameter.
+    /// Adds a hyperparameter rule.
     pub fn with_rule(self, rule: Rule) -> Self {
         let rule = match rule {
             Rule::NoiseFigure => "noise-figure",
@@ -104,7 +106,7 @@ impl SolverDescription {
         Self { rule, ..self }
     }
 
-    /// In tables and legends.
+    /// Name in tables and legends.
     pub fn label(&self) -> String {
         if self.rule == "gcv" { format!("{}, gcv", self.name) } else { self.name.clone() }
     }

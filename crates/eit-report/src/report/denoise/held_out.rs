@@ -1,4 +1,4 @@
-//! Sequences that no net was trained on, with their truth, and frames like none it has seen.
+//! Sequences that no network was trained on, with their truth, and frames unlike any in training.
 
 use crate::error::ReportError;
 use eit_fem::fabric::{
@@ -10,30 +10,31 @@ use eit_skin::{Progress, Skin};
 use ndarray::{Array2, Array3, Axis};
 use std::f64::consts::TAU;
 
-/// Frames before the first touch.
+/// Number of frames before the first touch.
 pub(super) const QUIET_FRAMES: usize = 20;
-/// Nodes of the simulating mesh: another than those of a training (4 000) and of images (2 000).
+/// Nodes of the simulation mesh, different from those of training (4 000) and reconstruction (2
+/// 000).
 pub(super) const NODES: usize = 7000;
-/// Frames a second.
+/// Frames per second.
 const RATE_HZ: f64 = 10.0;
 
-/// A recording to be denoised.
+/// A recording to denoise.
 pub(super) struct HeldOutSequence {
     pub name: &'static str,
-    /// [frame, measurement], volt.
+    /// Voltages [frame, measurement], volts.
     pub values: Array2<f64>,
-    /// True change of conductivity [frame, row, column]; `None` where only invention counts.
+    /// True change of conductivity [frame, row, column]; `None` if only false touches are counted.
     pub truth: Option<Array3<f64>>,
-    /// The fingers of each frame, `[frame]`.
+    /// The fingers in each frame, `[frame]`.
     pub touches: Vec<Vec<Press>>,
 }
 
-/// A finger of a frame.
+/// A finger in a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Press {
-    /// Metres.
+    /// Position, metres.
     pub position_m: [f64; 2],
-    /// Newton.
+    /// Force, newtons.
     pub force_n: f64,
 }
 
@@ -42,7 +43,7 @@ struct Scripted {
     name: &'static str,
     script: &'static str,
     seed: u64,
-    /// Frames at most, and with `--quick`.
+    /// Maximum number of frames in a full run, and with `--quick`.
     frames: [usize; 2],
     fabric: fn(&mut FabricSettings),
     touch: fn(&mut TouchScript, &PlayCircle),
@@ -181,7 +182,7 @@ fn star(script: &mut TouchScript, circle: &PlayCircle, count: u32) {
     script.fingers = (0..count).map(turned).collect();
 }
 
-/// All cases of the report. `seed` is added to that of each: fresh noise, weave and drift.
+/// Returns all cases of the report. `seed` is added to that of each: fresh noise, weave and drift.
 pub(super) fn sequences(
     skin: &Skin,
     quick: bool,
@@ -274,7 +275,7 @@ fn lose(values: &mut Array2<f64>, skin: &Skin, electrode: u32) {
     }
 }
 
-/// What simulates, and the pixels of its truth.
+/// The simulation model, and the pixels of its truth.
 struct Simulator {
     skin: Skin,
     raster: Raster,
@@ -295,7 +296,7 @@ impl Simulator {
     }
 }
 
-/// A simulated recording as a sequence without a name.
+/// Converts a simulated recording to a sequence without a name.
 fn sequence(made: Simulation, frames: usize, with_truth: bool) -> HeldOutSequence {
     let mut touches = vec![Vec::new(); frames];
     for touch in &made.truth.touches {
@@ -306,7 +307,7 @@ fn sequence(made: Simulation, frames: usize, with_truth: bool) -> HeldOutSequenc
     HeldOutSequence { name: "", values: made.frames_v, truth, touches }
 }
 
-/// No finger at all.
+/// A script without fingers.
 fn silence(frames: usize) -> TouchScript {
     TouchScript {
         name: "silence".to_owned(),
@@ -317,7 +318,7 @@ fn silence(frames: usize) -> TouchScript {
     }
 }
 
-/// Something three times as large as a fingertip that presses at places of its own.
+/// A palm: three times as large as a fingertip, pressing at random positions.
 fn palm(circle: &PlayCircle, frames: usize) -> TouchScript {
     let mut random = Random::new(301);
     let mut keys = Vec::new();
@@ -335,7 +336,7 @@ fn palm(circle: &PlayCircle, frames: usize) -> TouchScript {
     TouchScript { name: "palm".to_owned(), fingers: vec![finger], ..silence(frames) }
 }
 
-/// Discs in which the conductivity falls by four fifths, at a place of its own in each frame.
+/// Discs in which the conductivity drops by four fifths, at a new random position in each frame.
 fn cuts(circle: &PlayCircle, frames: usize) -> TouchScript {
     let mut random = Random::new(302);
     let key = |frame: usize| {
@@ -350,7 +351,7 @@ fn cuts(circle: &PlayCircle, frames: usize) -> TouchScript {
     TouchScript { name: "cuts".to_owned(), fingers: vec![finger], ..silence(frames) }
 }
 
-/// A skin whose conductivity falls by four fifths where it is cut, with the largest noise of the
+/// A skin whose conductivity drops by four fifths where it is cut, with the largest noise of the
 /// default instrument.
 fn cut_skin() -> FabricSettings {
     let mut settings = FabricSettings::linear(-0.8);

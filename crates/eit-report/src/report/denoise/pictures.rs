@@ -1,4 +1,5 @@
-//! Error of each frame before and after, and images, in the manner of the paper's figures 10 to 15.
+//! Plots the error of each frame before and after, and images, similar to the paper's figures 10 to
+//! 15.
 
 use super::held_out::QUIET_FRAMES;
 use super::scores::errors;
@@ -14,10 +15,11 @@ use ndarray::Axis;
 const FILES: [&str; 2] = ["mse_one_finger.png", "mse_two_fingers.png"];
 /// Frames of each sequence in the picture of images.
 const FRAMES: usize = 4;
-/// Variants in it: raw and the first net. With the truth that is three, and a row holds six.
+/// Variants in that picture: raw and the first network. With the truth this makes three, and a row
+/// holds six.
 const VARIANTS: [usize; 2] = [0, 2];
 
-/// Draws and writes.
+/// Draws and writes the pictures.
 pub(super) fn draw(
     imaged: &[ImagedSequence],
     chain: &Chain,
@@ -29,7 +31,8 @@ pub(super) fn draw(
         let Some(truth) = &sequence.truth else { continue };
         let curves = variants.iter().map(|variant| {
             let errors = errors(variant.images.view(), truth.view());
-            // frames without a touch are orders of magnitude below: their curves would be flat
+            // errors of frames without a touch are orders of magnitude smaller and would flatten
+            // the curves
             let least = 1e-4 * errors.iter().copied().fold(0.0, f64::max);
             let points = errors.iter().enumerate().map(|(f, e)| [(f + QUIET_FRAMES) as f64, *e]);
             let points = points.filter(|p| p[1] > least).collect();
@@ -65,7 +68,7 @@ pub(super) fn draw(
         linearised.raster(&mut Progress::silent())?,
     );
     let settings = PictureSettings {
-        title: "Truth, raw image, and what the U-net makes of it".to_owned(),
+        title: "Truth, raw image, and image after the U-net".to_owned(),
         footnote: format!("{}; held-out scripts of the simulated fabric", chain.method.words()),
         labels: FrameLabels::Text(labels),
         ..Default::default()

@@ -13,26 +13,28 @@ use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView2, ArrayView3, Axis};
 use std::collections::BTreeMap;
 
-/// A finger weaker than this is on its way: its frame counts for nothing, newton.
+/// A finger with less force is still arriving or leaving, and its frame is not counted, newtons.
 pub(super) const FULL_N: f64 = 0.2;
-/// Part of a variant's usual maximum that a blob must reach to be one: of the touched frames of the
-/// sequence, or, for one without truth, of those with it.
+/// Minimum peak of a blob relative to the variant's usual maximum in the touched frames of the
+/// sequence or, for a sequence without truth, of those with truth.
 pub(super) const FLOOR: f64 = 0.25;
-/// Farthest that a blob may be from its finger, metres.
+/// Maximum distance of a blob from its finger, metres.
 pub(super) const WITHIN_M: f64 = 0.025;
 
-/// What all sequences are judged by.
+/// Criteria shared by all sequences.
 pub(super) struct Evaluation<'a> {
     raster: &'a Raster,
     cells: Cells<2>,
-    /// Least peak of a blob: by sequence, by variant.
+    /// Minimum peak of a blob, by sequence and variant.
     floors: BTreeMap<&'static str, BTreeMap<String, f64>>,
 }
 
-/// Figures of one variant of a sequence, one entry for each frame that counts.
+/// Figures of one variant of a sequence, with one entry per counted frame.
 #[derive(Default)]
 pub(super) struct VariantScores {
-    /// Mean squared error; over the raw image's after [`VariantScores::relative_to`].
+    /// The counted frames with truth.
+    frames: Vec<usize>,
+    /// Mean squared error; relative to the raw image's after [`VariantScores::relative_to`].
     pub over_raw: Vec<f64>,
     /// Squared distance from the image of the paper's rule, over that of the raw image.
     over_raw_by_rule: Vec<f64>,
@@ -51,9 +53,22 @@ pub(super) struct VariantScores {
     against_raw: Option<[usize; 2]>,
     /// Part of the frames whose error is larger than the raw image's.
     worse: f64,
-    /// Frames without a finger, after the quiet ones, and their blobs.
+    /// What the check did.
+    judged: Option<Judged>,
+    /// Number of frames without a finger after the quiet ones, and of their blobs.
     idle: usize,
     idle_blobs: usize,
+}
+
+/// Counted frames by what the check did to the network's image.
+#[derive(Default)]
+struct Judged {
+    /// Rejected, and it was worse than the raw image.
+    rightly: usize,
+    /// Rejected, and it was better.
+    wrongly: usize,
+    /// Shown, and it was worse.
+    let_through: usize,
 }
 
 /// Errors and touches of the raw images of a sequence.
@@ -62,10 +77,10 @@ pub(super) struct Raw {
     found: Vec<(Vec<bool>, usize)>,
 }
 
-/// What touches in a frame.
+/// The fingers in a frame.
 enum Present {
     Nothing,
-    /// Some finger is on its way.
+    /// At least one finger is arriving or leaving.
     Unclear,
     Fingers(Vec<[f64; 2]>),
 }
@@ -82,7 +97,7 @@ fn present(sequence: &HeldOutSequence, frame: usize) -> Present {
 }
 
 impl<'a> Evaluation<'a> {
-    /// Takes the floors from touched frames.
+    /// Determines the minimum peaks from touched frames.
     pub fn new(raster: &'a Raster, imaged: &[ImagedSequence]) -> Result<Self, ReportError> {
         let mut floors: BTreeMap<&str, BTreeMap<String, f64>> = BTreeMap::new();
         let mut all: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
@@ -108,7 +123,7 @@ impl<'a> Evaluation<'a> {
         Ok(Self { raster, cells: Cells::of_raster(raster), floors })
     }
 
-    /// Scores of a variant of a sequence.
+    /// Evaluates a variant of a sequence.
     pub fn scores(
         &self,
         imaged: &ImagedSequence,
@@ -146,6 +161,7 @@ impl<'a> Evaluation<'a> {
                         scores.over_raw_by_rule.push(off(image) / off(raw.view()));
                     }
                     if let Some(truth) = truth {
+                        scores.frames.push(frame);
                         scores.compare(
                             image,
                             truth.index_axis(Axis(0), frame),
@@ -159,13 +175,13 @@ impl<'a> Evaluation<'a> {
         Ok(scores)
     }
 
-    /// Least peak of a blob.
+    /// Minimum peak of a blob.
     fn floor(&self, sequence: &HeldOutSequence, variant: &ImageVariant) -> f64 {
         let of_sequence = self.floors.get(sequence.name);
         of_sequence.and_then(|floors| floors.get(&variant.name)).copied().unwrap_or(0.0)
     }
 
-    /// Blobs of an image against the fingers.
+    /// Compares the blobs of an image with the fingers.
     fn blobs(
         &self,
         image: ArrayView2<'_, f64>,
@@ -182,7 +198,7 @@ impl<'a> Evaluation<'a> {
     }
 }
 
-/// The largest value of an image.
+/// Largest value of an image.
 fn peak(image: ArrayView2<'_, f64>) -> f64 {
     image.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max)
 }
@@ -195,7 +211,7 @@ impl VariantScores {
         raster: &Raster,
         most: f64,
     ) -> Result<(), ReportError> {
-        // the meshes' rims differ by a pixel here and there
+        // the rims of the meshes differ by a pixel in places
         let mask = Array2::from_shape_fn(image.dim(), |at| {
             raster.mask()[at] && truth[at].is_finite() && image[at].is_finite()
         });
@@ -215,7 +231,7 @@ impl VariantScores {
         Ok(())
     }
 
-    /// Errors as parts of the raw images', and touches against theirs.
+    /// Divides the errors by those of the raw images, and compares touches with theirs.
     pub fn relative_to(mut self, raw: &Raw) -> Self {
         for (error, raw) in self.over_raw.iter_mut().zip(&raw.errors) {
             *error /= raw;
@@ -231,6 +247,24 @@ impl VariantScores {
         self
     }
 
+    /// Compares the rejected frames of a checked variant with the network's own images, both relative to
+    /// the raw ones.
+    pub fn judged_by(mut self, variant: &ImageVariant, net: Option<&Self>) -> Self {
+        if let (Some(aside), Some(net)) = (&variant.put_aside, net) {
+            let mut judged = Judged::default();
+            for (frame, ratio) in self.frames.iter().zip(&net.over_raw) {
+                match (aside.contains(frame), *ratio > 1.0) {
+                    (true, true) => judged.rightly += 1,
+                    (true, false) => judged.wrongly += 1,
+                    (false, true) => judged.let_through += 1,
+                    (false, false) => {}
+                }
+            }
+            self.judged = Some(judged);
+        }
+        self
+    }
+
     /// What others are compared with.
     pub fn as_raw(&self) -> Raw {
         Raw { errors: self.over_raw.clone(), found: self.found.clone() }
@@ -239,6 +273,8 @@ impl VariantScores {
     /// A row of the table of touched frames.
     pub fn touched_row(&self, name: &str, variant: &ImageVariant) -> Vec<Cell> {
         let frames = self.over_raw.len() as f64;
+        let judged =
+            |of: fn(&Judged) -> usize| self.judged.as_ref().map_or(f64::NAN, |j| of(j) as f64);
         vec![
             Cell::text(name),
             Cell::text(&variant.name),
@@ -256,18 +292,21 @@ impl VariantScores {
             Cell::Number(1e3 * quantile(&self.errors_m, 0.5), 2),
             Cell::Number(self.against_raw.map_or(f64::NAN, |[lost, _]| lost as f64), 0),
             Cell::Number(self.against_raw.map_or(f64::NAN, |[_, more]| more as f64), 0),
-            Cell::Number(variant.put_aside.unwrap_or(f64::NAN), 3),
+            Cell::Number(variant.aside_share().unwrap_or(f64::NAN), 3),
+            Cell::Number(judged(|j| j.rightly), 0),
+            Cell::Number(judged(|j| j.wrongly), 0),
+            Cell::Number(judged(|j| j.let_through), 0),
         ]
     }
 
-    /// A row of the table of other frames; `None` for a script that leaves none.
+    /// A row of the table of other frames; `None` if the script has too few of them.
     pub fn foreign_row(
         &self,
         sequence: &HeldOutSequence,
         variant: &ImageVariant,
     ) -> Option<Vec<Cell>> {
         let scripted = sequence.truth.is_some();
-        // a palm is there all the time but while it moves on
+        // a palm is always present, except while it moves
         let palm = !scripted && self.fingers > 0;
         let (frames, blobs) = match palm {
             true => (self.fingers, self.errors_m.len() + self.invented),
@@ -277,7 +316,7 @@ impl VariantScores {
             true => format!("{}, between touches", sequence.name),
             false => sequence.name.to_owned(),
         };
-        let aside = if scripted { f64::NAN } else { variant.put_aside.unwrap_or(f64::NAN) };
+        let aside = if scripted { f64::NAN } else { variant.aside_share().unwrap_or(f64::NAN) };
         (frames >= 10).then(|| {
             vec![
                 Cell::text(name),

@@ -1,4 +1,4 @@
-//! Images of a held-out sequence: raw, by the paper's rule, through nets.
+//! Images of a held-out sequence: raw, by the paper's rule, and through networks.
 
 use super::super::named_net::NamedNet;
 use super::held_out::{HeldOutSequence, QUIET_FRAMES};
@@ -9,23 +9,33 @@ use eit_skin::Progress;
 use eit_skin::denoise::{Chained, Check};
 use ndarray::{Array3, Axis};
 
-/// Images of a sequence, made in one way.
+/// Images of a sequence, computed in one way.
 pub(super) struct ImageVariant {
-    /// "raw", "rule", a net, or a net that was checked.
+    /// "raw", "rule", a network, or a network with the consistency check.
     pub name: String,
     /// Siemens, [frame, row, column].
     pub images: Array3<f64>,
-    /// Part of the frames in which a net was not believed; `None` for what is no checked net.
-    pub put_aside: Option<f64>,
+    /// Frames in which the network's image was rejected, after the quiet ones; `None` for variants
+    /// without the check. The variant before has the network's own images.
+    pub put_aside: Option<Vec<usize>>,
 }
 
-/// A sequence and its images, made in every way; the raw ones come first.
+impl ImageVariant {
+    /// Fraction of the frames after the quiet ones in which the network's image was rejected.
+    pub fn aside_share(&self) -> Option<f64> {
+        let all = self.images.dim().0 - QUIET_FRAMES;
+        self.put_aside.as_ref().map(|frames| frames.len() as f64 / all as f64)
+    }
+}
+
+/// A sequence with all variants of its images; the raw ones come first.
 pub(super) struct ImagedSequence {
     pub sequence: HeldOutSequence,
     pub variants: Vec<ImageVariant>,
 }
 
-/// The raw images, those of the paper's rule, and those of each net without and with the check.
+/// Computes the raw images, those by the paper's rule, and those of each network without and with
+/// the check.
 pub(super) fn variants(
     raster: &Raster,
     made: &Chained,
@@ -48,9 +58,9 @@ pub(super) fn variants(
         variants.push(plain(name, images));
         let mut images = raw.clone();
         if let Some(checked) = net.apply(&mut images, raster, Some(&check), &mut silent)? {
-            // quiet frames at the start count for nothing
-            let aside = checked.put_aside().iter().filter(|f| **f >= QUIET_FRAMES).count();
-            let put_aside = Some(aside as f64 / (raw.dim().0 - QUIET_FRAMES) as f64);
+            // quiet frames at the start are not counted
+            let aside = checked.put_aside().into_iter().filter(|f| *f >= QUIET_FRAMES);
+            let put_aside = Some(aside.collect());
             variants.push(ImageVariant { name: format!("{name}, checked"), images, put_aside });
         }
     }

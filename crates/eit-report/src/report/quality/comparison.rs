@@ -1,14 +1,14 @@
-//! What is compared, and a row of results.
+//! Parameters of the comparison, and a row of results.
 
 use super::super::scores::Scores;
 use super::super::solver::METHODS;
 use crate::simulate::FingerShape;
 
-/// The methods compared: all but the absolute one, which takes a hundred times longer than the
-/// others together and is in the benchmark only.
+/// Number of methods compared: all except the absolute one, which takes a hundred times longer than
+/// the others together and appears only in the benchmark.
 pub(super) const COMPARED: usize = METHODS.len() - 1;
 
-/// What is varied.
+/// The parameters that are varied.
 pub(super) struct Grid {
     pub noise_db: &'static [f64],
     pub touches: &'static [usize],
@@ -24,24 +24,24 @@ pub(super) const FULL: Grid = Grid {
     pixels: 64,
 };
 
-/// With `--quick`.
+/// A run with `--quick`.
 pub(super) const QUICK: Grid = Grid { noise_db: &[60.0], touches: &[1, 2], frames: 6, pixels: 32 };
 
-/// How fast fingers move.
+/// Speed of the fingers.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Speed {
     pub name: &'static str,
-    /// Way from one frame to the next, metres.
+    /// Distance per frame, metres.
     pub step_m: f64,
 }
 
-/// One method on one sequence.
+/// Result of one method on one sequence.
 pub(super) struct Row {
     pub shape: FingerShape,
     pub noise_db: f64,
     pub speed: &'static str,
     pub touches: usize,
-    /// Its number in [`METHODS`].
+    /// Index in [`METHODS`].
     pub method: usize,
     pub scores: Scores,
     pub seconds: f64,

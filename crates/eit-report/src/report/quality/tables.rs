@@ -1,4 +1,4 @@
-//! Tables of quality: means in Markdown, every row in CSV.
+//! Tables of image quality: means in Markdown, every row in CSV.
 
 use super::super::markdown;
 use super::super::scores::{GreitFigures, Scores};
@@ -12,7 +12,7 @@ struct Figure {
     title: &'static str,
     value: fn(&Scores) -> f64,
     digits: usize,
-    /// Whether more is better.
+    /// Whether larger is better.
     more: bool,
 }
 
@@ -39,9 +39,10 @@ const FIGURES: [Figure; 5] = [
     Figure { title: "Part of the fingers found", value: |s| s.found, digits: 2, more: true },
 ];
 
-/// All tables.
+/// Returns all tables as Markdown.
 pub(super) fn markdown_of(rows: &[Row], grid: &Grid, note: &str) -> String {
-    let mut text = format!("# Quality of every method\n\n{note} Best of a row in bold.\n");
+    let mut text =
+        format!("# Quality of every method\n\n{note} The best value of each row is in bold.\n");
     for figure in &FIGURES {
         text += &format!("\n## {}\n\nMean over the numbers of touches.\n\n", figure.title);
         text += &table(rows, figure, &["finger", "noise, dB", "speed"], &|row| {
@@ -60,7 +61,7 @@ pub(super) fn markdown_of(rows: &[Row], grid: &Grid, note: &str) -> String {
     text
 }
 
-/// Means of a figure: one line for each key that rows have, one column a method.
+/// Means of a figure, with one row per key and one column per method.
 fn table(
     rows: &[Row],
     figure: &Figure,
@@ -129,7 +130,7 @@ fn greit_table(rows: &[Row], grid: &Grid) -> String {
     markdown::table(&head, &body)
 }
 
-/// Sequences on which another method has a smaller error than both forms of st-tv.
+/// Lists sequences on which another method has a smaller error than both forms of st-tv.
 fn losses(rows: &[Row]) -> String {
     let mut body = Vec::new();
     for sequence in rows.chunks(COMPARED) {
@@ -162,14 +163,14 @@ fn losses(rows: &[Row]) -> String {
     )
 }
 
-/// Mean of the finite values; NaN where there are none.
+/// Mean of the finite values; NaN if there are none.
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) =
         values.filter(|v| v.is_finite()).fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
     sum / count
 }
 
-/// Every row as comma-separated values.
+/// Returns every row as CSV.
 pub(super) fn csv(rows: &[Row]) -> String {
     let mut text = "finger,noise_db,speed,touches,method,relative_error,correlation,ssim,\
                     position_error_m,found,extra,amplitude_response,greit_position_error_m,\

@@ -1,4 +1,4 @@
-//! What makes images of frames and finds touches in them, set up for one noise level.
+//! Image reconstruction and touch detection, set up for one noise level.
 
 use super::super::solver::{BoundedMethod, Solver};
 use super::simulated_disc::SimulatedDisc;
@@ -19,7 +19,7 @@ pub(super) struct OneStepDetector {
 }
 
 impl OneStepDetector {
-    /// The detector of `eit reconstruct`: weighted by the noise, noise figure 1.
+    /// Creates the detector of `eit reconstruct`: weighted by the noise, noise figure 1.
     pub fn new(disc: &SimulatedDisc, noise_std_v: f64) -> Result<Self, ReportError> {
         let model = &disc.model;
         let data = model.linearised.difference_data();
@@ -38,7 +38,8 @@ impl OneStepDetector {
     }
 }
 
-/// ST-TV with the bound that pressing only raises the conductivity, its weights chosen on frames.
+/// Creates ST-TV with the bound that pressing only raises the conductivity; its weights are chosen
+/// on frames.
 pub(super) fn total_variation(
     disc: &SimulatedDisc,
     frames: Array2<f64>,
@@ -53,7 +54,7 @@ pub(super) fn total_variation(
     solver.into_total_variation().ok_or_else(works_on_pixels)
 }
 
-/// OneStepGaussNewton data of a frame as the methods on pixels take it.
+/// Difference data of a frame, as used by the methods on pixels.
 pub(super) fn difference(disc: &SimulatedDisc, frame: &[f64], reference: &[f64]) -> Array2<f64> {
     let row = ArrayView1::from(frame).insert_axis(Axis(0)).to_owned();
     disc.frames(row, reference).differences(disc.model.difference_kind())

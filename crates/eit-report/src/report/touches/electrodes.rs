@@ -1,5 +1,5 @@
-//! Movement of electrodes inside the inverse: images and touches of the simulated fabric with
-//! `reconstruction.electrode_movement_m` and without it, and what it costs where nothing moves.
+//! Electrode movement in the inverse problem: images and touches of the simulated fabric with and
+//! without `reconstruction.electrode_movement_m`, and its cost when nothing moves.
 
 use super::super::statistics::quantile;
 use super::super::table::{Cell, Table};
@@ -18,10 +18,10 @@ use eit_skin::method::Method;
 use eit_skin::touches::touches;
 use ndarray::{ArrayView2, Axis};
 
-/// How far electrodes are said to move: in these scripts it is 0.7 mm at most, root mean square along
-/// the rim and across it 0.1 to 0.16.
+/// Assumed electrode movement. In these scripts it is at most 0.7 mm; its root mean square along
+/// and across the rim is 0.1 to 0.16 mm.
 const MOVEMENT_M: f64 = 0.2e-3;
-/// Methods whose images are judged.
+/// Methods whose images are evaluated.
 const METHODS: [Method; 2] = [Method::GaussNewton, Method::StTv];
 
 /// A script on a fabric.
@@ -36,8 +36,8 @@ const fn case(name: &'static str, script: &'static str, seed: u64, rigid: bool) 
     Case { name, script, seed, rigid }
 }
 
-/// The scripts of `eit demo` and `eit report`; the last two cost what honesty costs. With `--quick`
-/// the first and the last.
+/// The scripts of `eit demo` and `eit report`; in the last two nothing moves, so they show the cost
+/// of allowing for movement. With `--quick`, only the first and the last.
 const CASES: [Case; 6] = [
     case("one finger", "paper-one-finger", 601, false),
     case("two fingers", "paper-two-fingers", 602, false),
@@ -57,7 +57,7 @@ fn cases(grid: &Grid) -> impl Iterator<Item = &'static Case> {
     CASES.iter().step_by(skipped)
 }
 
-/// The table: rows of images by each method, and of touches, without and with the key.
+/// Creates the table: rows of images for each method, and of touches, without and with the setting.
 pub(super) fn table(
     disc: &SimulatedDisc,
     grid: &Grid,
@@ -93,16 +93,17 @@ pub(super) fn table(
         name: "electrodes",
         title: "Movement of electrodes inside the inverse",
         note: format!(
-            "Simulated fabric with all its defaults, instrument included (rigid rim: compliance and \
-             contact gain zero), {0} nodes; at most {1} frames of a script, {2} x {2} pixels; noise \
-             from the quiet frames, no bounds. Key: reconstruction.electrode_movement_m; electrodes \
-             moved by up to {3:.2} mm. Away: part of an image's energy farther than {4:.0} mm from \
-             every finger, median. Position: distance of a finger from its blob (half of the largest \
-             value) or touch, within {4:.0} mm; found: fingers of at least {FULL_N} N that have one; \
-             invented: blobs or touches a frame that are no finger's. Contrast: integral of the image \
-             within {4:.0} mm of the fingers over that of the truth, median. Touches: those of `eit \
-             reconstruct`, found in the frames. Images are judged in frames in which \
-             every finger presses in full, touches in all after the quiet ones.",
+            "Simulated fabric with all its defaults, including the instrument (rigid rim: \
+             compliance and contact gain zero), {0} nodes; at most {1} frames of a script, {2} x \
+             {2} pixels; noise from the quiet frames, no bounds. Key: \
+             reconstruction.electrode_movement_m; electrodes moved by up to {3:.2} mm. Away: \
+             median fraction of an image's energy farther than {4:.0} mm from every finger. \
+             Position: distance of a finger from its blob (half of the largest value) or touch, \
+             within {4:.0} mm; found: fingers of at least {FULL_N} N that have one; invented: \
+             false blobs or touches per frame. Contrast: median ratio of the integral of the image \
+             within {4:.0} mm of the fingers to that of the truth. Touches: as detected by `eit \
+             reconstruct` from the frames. Images are evaluated in frames in which every finger \
+             presses with full force, touches in all frames after the quiet ones.",
             disc.simulation.mesh.surface().nodes().len(),
             grid.script_frames,
             disc.model.raster.pixels(),
@@ -125,7 +126,7 @@ pub(super) fn table(
 }
 
 impl ScriptRecording {
-    /// Cells of a row about images.
+    /// Returns the cells of a row about images.
     fn image_cells(&self, chain: &Chain, made: &Chained) -> Result<Vec<Cell>, ReportError> {
         let raster = chain.linearised.raster(&mut Progress::silent())?;
         let cells = Cells::of_raster(raster);
@@ -162,7 +163,7 @@ impl ScriptRecording {
         ])
     }
 
-    /// Cells of a row about touches.
+    /// Returns the cells of a row about touches.
     fn touch_cells(&self, made: &Chained) -> Result<Vec<Cell>, ReportError> {
         let found = touches(&made.fitted, &mut Progress::silent())?;
         let Some(found) = found else {
@@ -187,7 +188,7 @@ impl ScriptRecording {
     }
 }
 
-/// Sum of an image's pixels near any of some places.
+/// Sums the pixels of an image near any of the given positions.
 fn near(raster: &Raster, image: ArrayView2<'_, f64>, places: &[[f64; 2]]) -> f64 {
     let is_near = |[i, j]: [usize; 2]| {
         let [x, y] = raster.centre_m(i, j);

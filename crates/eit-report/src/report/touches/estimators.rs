@@ -1,5 +1,5 @@
-//! The touch estimators that are compared, set up for one noise level: image and segmentation, or the
-//! fit.
+//! The touch estimators that are compared, set up for one noise level: image and segmentation, or
+//! direct fit.
 
 use super::detectors::{OneStepDetector, difference, total_variation};
 use super::simulated_disc::{AMPLITUDE, RADIUS_M, SimulatedDisc};
@@ -12,14 +12,14 @@ use eit_inverse::{DifferenceFrames, Reconstructor, StTv, Stop, Workspace};
 use eit_skin::Skin;
 use ndarray::Array2;
 
-/// Noise added to quiet ST-TV images, relative to the peak of a touch: most of their pixels are exactly
-/// zero, and no deviation may be.
+/// Noise added to quiet ST-TV images, relative to the peak of a touch: most of their pixels are
+/// exactly zero, but a standard deviation must not be.
 const JITTER: f64 = 1e-3;
 
 /// Gap of ST-TV, the default of `eit reconstruct`.
 const TARGET_GAP: f64 = 1e-2;
 
-/// What estimates touches in a frame.
+/// A method to estimate touches in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Estimator {
     /// Segmentation of the one-step image.
@@ -31,10 +31,10 @@ pub(super) enum Estimator {
 }
 
 impl Estimator {
-    /// In the order of tables.
+    /// All estimators, in the order of the tables.
     pub const ALL: [Self; 3] = [Self::OneStepImage, Self::StTvImage, Self::BellFit];
 
-    /// In tables and legends.
+    /// Name in tables and legends.
     pub fn name(self) -> &'static str {
         match self {
             Self::OneStepImage => "one-step image",
@@ -44,7 +44,7 @@ impl Estimator {
     }
 }
 
-/// ST-TV of single frames, and where its images rise above noise.
+/// ST-TV of single frames, with the noise level of its images.
 struct StTvDetector {
     solver: StTv,
     touches: TouchStream,
@@ -53,23 +53,24 @@ struct StTvDetector {
 /// Every estimator at one noise level.
 pub(super) struct TouchEstimators<'a> {
     pub disc: &'a SimulatedDisc,
-    /// Decibel below the reference voltages.
+    /// Noise, decibels below the reference voltages.
     pub noise_db: f64,
-    /// Standard deviation of the noise of a difference, volt.
+    /// Standard deviation of the noise of a difference, volts.
     pub noise_std_v: f64,
     one_step: Reconstructor,
     workspace: Workspace,
     one_step_touches: TouchStream,
     st_tv: Option<StTvDetector>,
-    /// Quiet frames that the noise of ST-TV images is measured on.
+    /// Number of quiet frames used to measure the noise of ST-TV images.
     quiet_frames: usize,
-    /// Bells on the forward model.
+    /// Fit of bells on the forward model.
     pub fit: TouchFit<'a>,
     pixels: Vec<f64>,
 }
 
 impl<'a> TouchEstimators<'a> {
-    /// For a noise level, with the mesh that a fit of one touch then needs.
+    /// Sets up the estimators for a noise level, with the mesh that a fit of one touch needs at
+    /// that level.
     pub fn new(
         disc: &'a SimulatedDisc,
         noise_db: f64,
@@ -78,7 +79,7 @@ impl<'a> TouchEstimators<'a> {
         Self::fitting_on(disc.fit_skin(noise_db), disc, noise_db, quiet_frames)
     }
 
-    /// For a noise level and a mesh to fit on.
+    /// Sets up the estimators for a noise level and a mesh for fitting.
     pub fn fitting_on(
         fit_skin: &'a Skin,
         disc: &'a SimulatedDisc,
@@ -105,7 +106,7 @@ impl<'a> TouchEstimators<'a> {
         })
     }
 
-    /// Touches of a one-step image, the strongest first.
+    /// Touches in a one-step image, the strongest first.
     pub fn one_step(
         &mut self,
         frame: &[f64],
@@ -116,7 +117,7 @@ impl<'a> TouchEstimators<'a> {
         strongest_first(&self.one_step_touches, image)
     }
 
-    /// Chooses the weights of ST-TV on frames, and measures its noise with them.
+    /// Chooses the weights of ST-TV on frames and measures its noise with them.
     pub fn prepare_st_tv(
         &mut self,
         frames: Array2<f64>,
@@ -137,7 +138,7 @@ impl<'a> TouchEstimators<'a> {
         Ok(())
     }
 
-    /// Touches of the ST-TV image of a single frame, the strongest first; none before
+    /// Touches in the ST-TV image of a single frame, the strongest first; none before
     /// [`prepare_st_tv`](Self::prepare_st_tv).
     pub fn st_tv(&mut self, frame: &[f64], reference: &[f64]) -> Result<Vec<Touch>, ReportError> {
         let Some(StTvDetector { solver, touches }) = &mut self.st_tv else {
@@ -147,7 +148,7 @@ impl<'a> TouchEstimators<'a> {
         strongest_first(touches, &image)
     }
 
-    /// Bells to start from: those of a one-step image, or its highest pixel where it shows none.
+    /// Initial bells for the fit: those of a one-step image, or its highest pixel if it shows none.
     pub fn starts(&mut self, frame: &[f64], reference: &[f64]) -> Result<Vec<Bell>, ReportError> {
         let touches = self.one_step(frame, reference)?;
         if touches.is_empty() {
@@ -159,14 +160,14 @@ impl<'a> TouchEstimators<'a> {
         Ok(touches.iter().map(|touch| start(touch, conductivity_s)).collect())
     }
 
-    /// One bell, from the strongest start.
+    /// Fits one bell, starting from the strongest.
     pub fn one_bell(&mut self, frame: &[f64], reference: &[f64]) -> Result<FitResult, ReportError> {
         let starts = self.starts(frame, reference)?;
         Ok(self.fit.fit(frame, reference, &starts[..1])?)
     }
 }
 
-/// A bell that looks like a touch: half of its peak is at `radius sqrt(2 ln 2)`.
+/// A bell resembling a touch: half of its peak is at `radius sqrt(2 ln 2)`.
 fn start(touch: &Touch, conductivity_s: f64) -> Bell {
     let radius_m = (touch.area_m2.unwrap_or_default()
         / (2.0 * std::f64::consts::LN_2 * std::f64::consts::PI))
@@ -178,12 +179,12 @@ fn start(touch: &Touch, conductivity_s: f64) -> Bell {
     }
 }
 
-/// Settings under which every image is judged alone.
+/// Settings that evaluate every image separately.
 fn every_image_alone() -> TouchStreamSettings {
     TouchStreamSettings { birth_hits: 1, birth_frames: 1, ..Default::default() }
 }
 
-/// Touches of one image by a stream that has seen none.
+/// Touches in one image, by a new stream.
 fn strongest_first(stream: &TouchStream, image: &[f64]) -> Result<Vec<Touch>, ReportError> {
     let mut touches = stream.clone().push(image, 0.0)?.to_vec();
     touches.sort_by(|a, b| b.peak_s.total_cmp(&a.peak_s));

@@ -1,4 +1,4 @@
-//! GREIT figures of merit over the disc, for every method.
+//! GREIT figures of merit across the disc, for every method.
 
 use super::super::scores::{Scores, Truth};
 use super::super::solver::{METHODS, Solver};
@@ -12,20 +12,20 @@ use eit_inverse::{DifferenceFrames, Stop};
 use eit_skin::Progress;
 use eit_skin::scene::Rule;
 
-/// Methods that are compared: all but the absolute one, which takes too long.
+/// Number of methods compared: all except the absolute one, which takes too long.
 pub(super) const COMPARED: usize = METHODS.len() - 1;
 /// Noise of the frames.
 const NOISE_DB: f64 = 60.0;
-/// Frames of the held touch.
+/// Number of frames of the held touch.
 const FRAMES: usize = 6;
-/// Frames a second.
+/// Frames per second.
 const RATE_HZ: f64 = 10.0;
-/// Angle of the touches: between two electrodes, off the symmetry.
+/// Angle of the touches: between two electrodes, off the axes of symmetry.
 const ANGLE: f64 = 0.13;
 /// As in `report --quality`.
 const TARGET_GAP: f64 = 1e-2;
 
-/// The table: one row for each radius and method.
+/// Creates the table, with one row per radius and method.
 pub(super) fn table(
     disc: &SimulatedDisc,
     grid: &Grid,
@@ -68,14 +68,14 @@ pub(super) fn table(
     }
     Ok(Table {
         name: "greit",
-        title: "GREIT figures of merit over the disc",
+        title: "GREIT figures of merit across the disc",
         note: format!(
-            "A bell of 10 mm and 30 % held for {FRAMES} frames at each radius (part of the skin's), \
-             {NOISE_DB} dB on frames and reference, data of about {SIMULATION_NODES} nodes; means over the frames. \
-             Hyperparameter by noise figure 1, weights of total variation by the rule of `eit \
-             reconstruct`. AR: amplitude response (1 best); PE: amount of the position error along \
-             the radius, mm; RES: resolution; SD: shape deformation; RNG: ringing (0 best). The \
-             truth's own RES is {:.3}.",
+            "A bell of 10 mm and 30 % held for {FRAMES} frames at each radius (relative to the \
+             skin's), {NOISE_DB} dB on frames and reference, data from about {SIMULATION_NODES} \
+             nodes; means over the frames. Hyperparameter by noise figure 1, weights of total \
+             variation by the rule of `eit reconstruct`. AR: amplitude response (1 best); PE: \
+             absolute position error along the radius, mm; RES: resolution; SD: shape deformation; \
+             RNG: ringing (0 best). The truth's own RES is {:.3}.",
             truth_resolution(disc)
         ),
         columns: vec!["radius", "method", "AR", "PE, mm", "RES", "SD", "RNG"],
@@ -83,7 +83,7 @@ pub(super) fn table(
     })
 }
 
-/// The touch of the figures, held at a place.
+/// A touch held at a position.
 fn held(position_m: [f64; 2]) -> TouchSequence {
     let key = |frame: usize| Key {
         time_s: frame as f64 / RATE_HZ,
@@ -103,7 +103,7 @@ fn held(position_m: [f64; 2]) -> TouchSequence {
     TouchSequence { script, response: RESPONSE }
 }
 
-/// Resolution of the true bell: it is above a quarter of its peak within `sigma sqrt(2 ln 4)`.
+/// Resolution of the true bell, which is above a quarter of its peak within `sigma sqrt(2 ln 4)`.
 fn truth_resolution(disc: &SimulatedDisc) -> f64 {
     RADIUS_M * (2.0 * 4.0_f64.ln()).sqrt() / disc.radius_m
 }

@@ -1,29 +1,30 @@
-//! What is varied in the touch figures, and how often each is tried.
+//! Parameters and numbers of trials of the touch figures.
 
-/// What is varied, and how often each is tried.
+/// Parameters and numbers of trials.
 pub(super) struct Grid {
     pub noise_db: &'static [f64],
-    /// Places of a ring.
+    /// Number of positions on a ring.
     pub places: usize,
-    /// Trials of a ring and noise level.
+    /// Number of trials per ring and noise level.
     pub trials: usize,
-    /// Distances of two touches, metres, ascending.
+    /// Distances between two touches, metres, ascending.
     pub distances_m: &'static [f64],
-    /// Trials of a distance.
+    /// Number of trials per distance.
     pub pair_trials: usize,
-    /// Frames of a recording of fingers.
+    /// Number of frames of a tracking recording.
     pub track_frames: usize,
-    /// Parts of the radius for the GREIT figures.
+    /// Radii for the GREIT figures, relative to the skin's.
     pub greit_radii: &'static [f64],
-    /// Frames of the measurement of time.
+    /// Number of frames for the latency measurement.
     pub latency_frames: usize,
     pub pixels: usize,
-    /// Quiet frames that the noise of ST-TV images is measured on, 20 or more.
+    /// Number of quiet frames used to measure the noise of ST-TV images, at least 20.
     pub quiet_frames: usize,
-    /// Whether all cases of moving electrodes are simulated, and how many frames of each at most.
+    /// Whether to simulate all cases of moving electrodes, and the maximum number of frames of
+    /// each.
     pub all_scripts: bool,
     pub script_frames: usize,
-    /// Frames of each recording that confidence is judged on, at most.
+    /// Maximum number of frames per recording for evaluating confidence.
     pub reliability_frames: usize,
 }
 
@@ -47,7 +48,7 @@ pub(super) const FULL: Grid = Grid {
     reliability_frames: 400,
 };
 
-/// With `--quick`.
+/// A run with `--quick`.
 pub(super) const QUICK: Grid = Grid {
     noise_db: &[60.0],
     places: 2,

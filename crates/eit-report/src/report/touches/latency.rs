@@ -15,14 +15,14 @@ use std::time::Instant;
 
 /// Noise of the frames.
 const NOISE_DB: f64 = 60.0;
-/// Frames a second of the clock that the streams are told.
+/// Frames per second of the clock given to the streams.
 const RATE_HZ: f64 = 100.0;
-/// Frames without touch at the start: reference and filters settle.
+/// Number of untouched frames at the start, in which reference and filters settle.
 const QUIET: usize = 50;
-/// Different frames of the moving touch; they are shown again and again with new noise.
+/// Number of different frames of the moving touch, which are repeated with new noise.
 const AROUND: usize = 40;
 
-/// One-step images and ST-TV, frame by frame.
+/// Measures one-step images and ST-TV, frame by frame.
 pub(super) fn table(
     disc: &SimulatedDisc,
     grid: &Grid,
@@ -50,11 +50,11 @@ pub(super) fn table(
         name: "latency",
         title: "Time from a frame to its touches",
         note: format!(
-            "One thread, frame in memory to list of touches: adaptive reference, {0} x {0} pixels, \
-             segmentation, tracking; milliseconds. Two touches on a circle of half the radius, {1} \
-             dB, after {QUIET} quiet frames. ST-TV: certified gap of 1 %, touches found in its \
-             images (`eit live` finds them before, in frames). Touched: share of frames with a touch \
-             in the list.",
+            "One thread, from a frame in memory to the list of touches: adaptive reference, {0} x \
+             {0} pixels, segmentation, tracking; milliseconds. Two touches on a circle of half the \
+             radius, {1} dB, after {QUIET} quiet frames. ST-TV: certified gap of 1 %, touches \
+             detected in its images (`eit live` detects them earlier, from frames). Touched: share \
+             of frames with a touch in the list.",
             disc.model.raster.pixels(),
             NOISE_DB
         ),
@@ -63,13 +63,13 @@ pub(super) fn table(
     })
 }
 
-/// Times of a run, seconds, and the part of the frames that had a touch.
+/// Times of a run, seconds, and the fraction of the frames with a touch.
 struct Run {
     seconds: Vec<f64>,
     touched: f64,
 }
 
-/// Frames of two opposite touches that turn, without noise.
+/// Noise-free frames of two opposite touches that rotate.
 fn circle(disc: &SimulatedDisc) -> Result<Vec<Vec<f64>>, ReportError> {
     let at = |k: usize| {
         let angle = TAU * k as f64 / AROUND as f64;
@@ -79,7 +79,7 @@ fn circle(disc: &SimulatedDisc) -> Result<Vec<Vec<f64>>, ReportError> {
     (0..AROUND).map(|k| disc.voltages(&at(k))).collect()
 }
 
-/// The clean voltages of a frame of the run.
+/// The noise-free voltages of a frame of the run.
 fn shown<'a>(disc: &'a SimulatedDisc, clean: &'a [Vec<f64>], frame: usize) -> &'a [f64] {
     if frame < QUIET { &disc.reference_v } else { &clean[frame % clean.len()] }
 }
@@ -132,7 +132,7 @@ fn tv_times(disc: &SimulatedDisc, clean: &[Vec<f64>], frames: usize) -> Result<R
     }
     let solver = total_variation(disc, few, &disc.reference_v, noise)?;
     let mut images = CausalStream::new(solver, CausalSettings::default())?;
-    // the floor of one-step images: too high for these, so that it costs no false touch
+    // the noise floor of one-step images is too high for these, so it causes no false touches
     let OneStepDetector { floor, .. } = OneStepDetector::new(disc, noise)?;
     let mut touches = tracker(disc, floor)?;
     let mut reference = follow(disc)?;

@@ -1,5 +1,5 @@
-//! What the movement of electrodes costs: touches of the simulated fabric, with a rigid rim, with a
-//! rim that gives way, with a finger that slides, and with all else that a fabric does.
+//! The effect of electrode movement on touch estimates: the simulated fabric with a rigid rim, with
+//! a compliant rim, with a sliding finger, and with all other effects.
 
 use super::super::statistics::{quantile, rms};
 use super::super::table::{Cell, Table};
@@ -20,15 +20,15 @@ use std::f64::consts::{SQRT_2, TAU};
 pub(super) const FABRICS: usize = 4;
 /// Noise of the frames.
 const NOISE_DB: f64 = 60.0;
-/// A finger that touches without pressing hard, as in the built-in scripts: newton, metres.
+/// Force of a light touch, as in the built-in scripts, newtons, and radius of its tip, metres.
 const FORCE_N: f64 = 1.5;
 const TIP_M: f64 = 0.01;
-/// Way of a sliding finger from one frame to the next, metres.
+/// Distance that a sliding finger moves per frame, metres.
 const STEP_M: f64 = 0.005;
-/// Frames a second of the script.
+/// Frames per second of the script.
 const RATE_HZ: f64 = 10.0;
 
-/// A fabric and what its finger does.
+/// A fabric and the motion of its finger.
 struct FabricCase {
     name: &'static str,
     settings: FabricSettings,
@@ -36,7 +36,7 @@ struct FabricCase {
     slides: bool,
 }
 
-/// Fabrics, from the rigid one to one with everything.
+/// The fabrics, from rigid to all effects.
 fn fabrics() -> [FabricCase; FABRICS] {
     let rigid = FabricSettings::ideal();
     let moving = FabricSettings {
@@ -57,7 +57,7 @@ fn fabrics() -> [FabricCase; FABRICS] {
     ]
 }
 
-/// The table of movement: one row for each ring, fabric and estimator.
+/// Creates the table of movement, with one row per ring, fabric and estimator.
 pub(super) fn table(
     disc: &SimulatedDisc,
     grid: &Grid,
@@ -105,11 +105,12 @@ pub(super) fn table(
         name: "movement",
         title: "Position error when electrodes move",
         note: format!(
-            "Simulated fabric (docs/FABRIC.md), default parameters but for what the row leaves out, \
-             {FORCE_N} N with a round tip of {:.0} mm, {NOISE_DB} dB, {} trials a row; sliding: {:.0} \
-             mm a frame in a random direction, which drags the fabric. Bound: Cramer-Rao of the \
-             bell that fits the touch best where nothing moves. Factor: 1.201 times median over \
-             bound. Over still: median over that where nothing moves. Other conditions as above.",
+            "Simulated fabric (docs/FABRIC.md), default parameters except for the effects that a \
+             row omits, {FORCE_N} N with a round tip of {:.0} mm, {NOISE_DB} dB, {} trials per \
+             row; sliding: {:.0} mm per frame in a random direction, dragging the fabric. Bound: \
+             Cramer-Rao bound of the bell that best fits the touch when nothing moves. Factor: \
+             1.201 times median over bound. Over still: ratio of the median to that when nothing \
+             moves. Other conditions as above.",
             1e3 * TIP_M,
             grid.trials.div_ceil(grid.places) * grid.places,
             1e3 * STEP_M
@@ -128,15 +129,15 @@ pub(super) fn table(
     })
 }
 
-/// Frames without instrument.
+/// Frames without an instrument.
 struct PressedFrames {
-    /// Volt, [place, measurement].
+    /// Voltages, [position, measurement], volts.
     values: Array2<f64>,
-    /// The untouched skin, volt.
+    /// Voltages of the untouched skin, volts.
     reference: Vec<f64>,
 }
 
-/// One frame of a finger at each place, and the untouched skin.
+/// Simulates one frame with a finger at each position, and the untouched skin.
 fn pressed(
     disc: &SimulatedDisc,
     case: &FabricCase,
@@ -179,7 +180,7 @@ fn pressed(
     Ok(PressedFrames { values, reference })
 }
 
-/// Bound of the bells that fit frames without noise, root mean square distance, metres.
+/// Bound for the bells that fit noise-free frames, root mean square distance, metres.
 fn bound_m(
     estimators: &mut TouchEstimators<'_>,
     frames: &[Vec<f64>],

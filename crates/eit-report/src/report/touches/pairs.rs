@@ -1,4 +1,4 @@
-//! The smallest distance at which two equal touches are seen as two.
+//! The smallest distance at which two equal touches are detected as two.
 
 use super::super::table::{Cell, Table};
 use super::estimators::{Estimator, TouchEstimators};
@@ -11,29 +11,29 @@ use eit_inverse::touch::Touch;
 use ndarray::Array2;
 use std::f64::consts::TAU;
 
-/// Part of the trials that must show two touches.
+/// Fraction of the trials that must show two touches.
 const SHARE: f64 = 0.95;
 
-/// Most touches that a fit may find: two, and two that would be wrong.
+/// Maximum number of touches in a fit: two, and two false ones.
 const MOST: usize = 4;
 
-/// The least distance that one estimator separates at one ring and noise.
+/// The smallest distance that an estimator resolves on a ring at a noise level.
 pub(super) struct Separation {
     ring: f64,
     noise_db: f64,
     estimator: Estimator,
-    /// Metres; infinite where no distance of the skin is enough.
+    /// Distance, metres; infinite if none of those tried is enough.
     distance_m: f64,
 }
 
-/// Every estimator at every ring and noise.
+/// Measures every estimator on every ring at every noise level.
 pub(super) fn measure(
     disc: &SimulatedDisc,
     grid: &Grid,
     bar: &eit_skin::Steps<'_>,
 ) -> Result<Vec<Separation>, ReportError> {
     at_each(grid.noise_db, |noise_db| {
-        // many fits: on the mesh of the images at every noise
+        // many fits are needed, so the mesh of the images is used at every noise level
         let fit_skin = disc.model.skin();
         let mut estimators =
             TouchEstimators::fitting_on(fit_skin, disc, noise_db, grid.quiet_frames)?;
@@ -49,8 +49,8 @@ pub(super) fn measure(
     })
 }
 
-/// The smallest distance of the grid at which enough trials show two, by halving: where a distance
-/// is enough, larger ones are taken to be.
+/// Finds by bisection the smallest distance of the grid at which enough trials show two touches,
+/// assuming that larger distances are then sufficient too.
 fn least(
     estimators: &mut TouchEstimators<'_>,
     estimator: Estimator,
@@ -71,16 +71,16 @@ fn least(
     Ok(grid.distances_m.get(high).copied().unwrap_or(f64::INFINITY))
 }
 
-/// Two touches around a place of a ring, beside each other along the rim.
+/// Two touches on a ring, next to each other along the rim.
 struct TouchPair {
-    /// Part of the skin's radius.
+    /// Radius of the ring relative to the skin's.
     ring: f64,
-    /// Their distance, metres.
+    /// Distance between them, metres.
     apart_m: f64,
 }
 
 impl TouchPair {
-    /// Their places at an angle of the ring, metres.
+    /// Their positions around an angle of the ring, metres.
     fn places(&self, disc: &SimulatedDisc, angle: f64) -> [[f64; 2]; 2] {
         let Self { ring, apart_m } = *self;
         let r = ring * disc.radius_m;
@@ -88,7 +88,7 @@ impl TouchPair {
             return [1.0, -1.0]
                 .map(|s| [0.5 * s * apart_m * angle.cos(), 0.5 * s * apart_m * angle.sin()]);
         }
-        // a chord of the ring; beyond its diameter there is none
+        // a chord of the ring, at most its diameter
         let half = (0.5 * apart_m / r).min(1.0).asin();
         [half, -half].map(|turn| [r * (angle + turn).cos(), r * (angle + turn).sin()])
     }
@@ -142,14 +142,15 @@ fn separates(
     Ok(true)
 }
 
-/// Whether exactly two are found, one nearer than half of their distance to each.
+/// Whether exactly two touches were found, each within half of the true distance of a different
+/// finger.
 fn both(found: &[[f64; 3]], truth: [[f64; 2]; 2], apart_m: f64) -> bool {
     let near = |a: [f64; 3], place: [f64; 2]| distance_m(a, place) < 0.5 * apart_m;
     let [a, b] = truth;
     matches!(*found, [p, q] if (near(p, a) && near(q, b)) || (near(p, b) && near(q, a)))
 }
 
-/// The table of distances.
+/// Creates the table of distances.
 pub(super) fn table(grid: &Grid, all: &[Separation]) -> Table {
     let mut rows: Vec<Vec<Cell>> = Vec::new();
     for of_estimators in all.chunks(Estimator::ALL.len()) {
@@ -167,11 +168,12 @@ pub(super) fn table(grid: &Grid, all: &[Separation]) -> Table {
         name: "two_points",
         title: "Two-point discrimination",
         note: format!(
-            "Smallest distance in mm at which two equal bells of {:.0} mm and 30 %, beside each \
-             other along the ring, are seen as exactly two, each nearer than half of their \
-             distance to its own, in 95 % of {} trials ({} places, seeded); distances of {least:.0} \
-             to {most:.0} mm by halving, inf: not even at the largest. Fit: as many bells as \
-             Schwarz's criterion asks for, at most {MOST}. On the mesh of the images at every noise. Noise and data as above.",
+            "Smallest distance in mm at which two equal bells of {:.0} mm and 30 %, next to each \
+             other along the ring, are detected as exactly two, each within half of their distance \
+             of its true position, in 95 % of {} trials ({} positions, seeded); distances of \
+             {least:.0} to {most:.0} mm by bisection, inf: not even at the largest. Fit: as many \
+             bells as Schwarz's criterion supports, at most {MOST}, on the mesh of the images at \
+             every noise level. Noise and data as above.",
             1e3 * RADIUS_M,
             grid.pair_trials,
             grid.places,

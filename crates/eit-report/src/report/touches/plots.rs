@@ -1,4 +1,4 @@
-//! Pictures of the touch figures.
+//! Plots of the touch figures.
 
 use super::super::statistics::quantile;
 use super::estimators::Estimator;
@@ -8,10 +8,10 @@ use crate::error::ReportError;
 use crate::output::OutFolder;
 use eit_picture::{Plot, Series, draw_plot};
 
-/// Files of the rings.
+/// File names for the rings.
 const FILES: [&str; 3] = ["position_centre.png", "position_half.png", "position_rim.png"];
 
-/// Error over noise, one picture for each ring.
+/// Plots error against noise, one picture per ring.
 pub(super) fn draw(errors: &[PositionErrors], out: &mut OutFolder) -> Result<(), ReportError> {
     for (ring, file) in RINGS.into_iter().zip(FILES) {
         let of_ring = || errors.iter().filter(move |e| e.ring == ring);
@@ -35,7 +35,9 @@ pub(super) fn draw(errors: &[PositionErrors], out: &mut OutFolder) -> Result<(),
         series.push(curve("Cramer-Rao bound", bound.collect()));
         let picture = draw_plot(&Plot {
             title: format!("Position error of a touch at {ring} of the radius"),
-            footnote: "1.201 times the median: the root mean square of normal errors".to_owned(),
+            footnote: "1.201 times the median, which is the root mean square of normally \
+                       distributed errors"
+                .to_owned(),
             x_label: "noise below the rms of the reference voltages (dB)".to_owned(),
             y_label: "position error (mm)".to_owned(),
             x_log: false,

@@ -1,4 +1,4 @@
-//! Position error of single touches, beside the Cramer-Rao bound.
+//! Position error of single touches, compared with the Cramer-Rao bound.
 
 use super::super::statistics::{quantile, rms};
 use super::super::table::{Cell, Table};
@@ -12,37 +12,39 @@ use eit_inverse::touch::Nuisance;
 use ndarray::Array2;
 use std::f64::consts::SQRT_2;
 
-/// Root mean square over median of the length of a plane normal vector: `sqrt(1 / ln 2)`.
+/// Ratio of root mean square to median of the length of a normal vector in the plane:
+/// `sqrt(1 / ln 2)`.
 const RMS_OVER_MEDIAN: f64 = 1.201;
 
-/// A touch farther than this from the finger is not its own: three radii, metres.
+/// A touch farther than this from the finger does not belong to it: three radii, metres.
 const WITHIN_M: f64 = 3.0 * RADIUS_M;
 
-/// Frames that the weights of ST-TV are chosen on.
+/// Number of frames used to choose the weights of ST-TV.
 const WEIGHT_FRAMES: usize = 3;
 
-/// Errors of one estimator at one ring and noise.
+/// Errors of an estimator on a ring at a noise level.
 pub(super) struct PositionErrors {
     pub ring: f64,
     pub noise_db: f64,
     pub estimator: Estimator,
     pub trials: usize,
-    /// Distances of the found touches, metres.
+    /// Distances of the touches found, metres.
     pub errors_m: Vec<f64>,
-    /// Trials whose strongest touch is somewhere else.
+    /// Number of trials in which the strongest touch is elsewhere.
     pub elsewhere: usize,
-    /// Least root mean square distance, metres.
+    /// Lower bound of the root mean square distance, metres.
     pub bound_m: f64,
 }
 
 impl PositionErrors {
-    /// Typical error over the bound: by the median, so that outliers do not decide.
+    /// Ratio of the typical error to the bound, from the median, so that it is robust against
+    /// outliers.
     pub fn factor(&self) -> f64 {
         RMS_OVER_MEDIAN * quantile(&self.errors_m, 0.5) / self.bound_m
     }
 }
 
-/// Every estimator at every ring and noise.
+/// Measures every estimator on every ring at every noise level.
 pub(super) fn measure(
     disc: &SimulatedDisc,
     grid: &Grid,
@@ -112,9 +114,10 @@ fn at_ring(
     Ok(all.map(of).collect())
 }
 
-/// Place of the strongest touch that each estimator finds in a frame, as in [`Estimator::ALL`].
+/// Position of the strongest touch that each estimator finds in a frame, in the order of
+/// [`Estimator::ALL`].
 ///
-/// The fit of one bell counts where Schwarz's criterion asks for it (`TouchFit::fit_number`).
+/// The fit of one bell counts if Schwarz's criterion supports it (`TouchFit::fit_number`).
 fn found_at(
     estimators: &mut TouchEstimators<'_>,
     frame: &[f64],
@@ -129,7 +132,7 @@ fn found_at(
     Ok([one_step, st_tv, bell])
 }
 
-/// The table of positions.
+/// Creates the table of positions.
 pub(super) fn table(disc: &SimulatedDisc, grid: &Grid, all: &[PositionErrors]) -> Table {
     let diameter_m = 2.0 * disc.radius_m;
     let row = |errors: &PositionErrors| {
@@ -154,16 +157,16 @@ pub(super) fn table(disc: &SimulatedDisc, grid: &Grid, all: &[PositionErrors]) -
         name: "position",
         title: "Position error of one touch",
         note: format!(
-            "Bells of 10 mm and 30 %, {} trials a row ({} places of the ring, seeded), one frame \
-             each; data of {} nodes, images of {}, fit on {} (from 65 dB on {}). Noise: standard \
-             deviation of each difference, in decibel below the root mean square of the reference \
-             voltages. Ring: part of the radius. Bound: Cramer-Rao, root mean square distance, \
-             amplitude and radius unknown. Factor: 1.201 times median over bound (1 for a normal \
-             error at the bound; below 1 where few are found, those that noise has helped). \
-             Found: the strongest touch is within {:.0} mm; errors are those of the found. \
-             Elsewhere: it is farther. Images: above the noise floor of one false touch an hour at \
-             20 Hz, of ST-TV measured on {} quiet frames; fit: Schwarz's criterion asks for it. \
-             ST-TV of a single frame, never below 0 (st-tv ≥ 0).",
+            "Bells of 10 mm and 30 %, {} trials per row ({} positions on the ring, seeded), one \
+             frame each; data from {} nodes, images on {}, fit on {} (from 65 dB on {}). Noise: \
+             standard deviation of each difference, in decibels below the root mean square of the \
+             reference voltages. Ring: fraction of the radius. Bound: Cramer-Rao, root mean square \
+             distance, amplitude and radius unknown. Factor: 1.201 times median over bound (1 for \
+             a normal error at the bound; below 1 if few are found, because noise favours those). \
+             Found: the strongest touch is within {:.0} mm; errors are those of touches found. \
+             Elsewhere: it is farther. Images: above the noise floor of one false touch per hour \
+             at 20 Hz, for ST-TV measured on {} quiet frames; fit: supported by Schwarz's \
+             criterion. ST-TV of a single frame, never below 0 (st-tv ≥ 0).",
             all.first().map_or(0, |e| e.trials),
             grid.places,
             disc.simulation.mesh.surface().nodes().len(),

@@ -1,5 +1,5 @@
-//! Whether confidence holds what it says: touches of simulated recordings, by what was said of them, against
-//! the part of them that stood where a finger was.
+//! Whether confidence is calibrated: for touches of simulated recordings, compares the confidence
+//! with the fraction of touches near a finger.
 
 use super::super::table::{Cell, Table};
 use super::grid::Grid;
@@ -15,9 +15,10 @@ use eit_skin::Progress;
 use eit_skin::method::Method;
 use eit_skin::touches::touches;
 
-/// Edges of the bins of confidence.
+/// Edges of the confidence bins.
 const EDGES: [f64; 8] = [0.0, 0.8, 0.9, 0.95, 0.98, 0.99, 0.999, 1.0];
-/// Scripts, and seeds of what is random in them and in the fabric. With `--quick` the last alone.
+/// Scripts with the seeds for their randomness and that of the fabric. With `--quick`, only the
+/// last.
 const SCRIPTS: [(&str, u64); 6] = [
     ("paper-one-finger", 701),
     ("paper-two-fingers", 702),
@@ -26,24 +27,24 @@ const SCRIPTS: [(&str, u64); 6] = [
     ("closing-in", 705),
     ("random", 706),
 ];
-/// Noise of the instrument, volts: 87 and 67 dB below the root mean square of the reference. Little noise
-/// leaves few touches in doubt.
+/// Noise of the instrument, volts: 87 and 67 dB below the root mean square of the reference. With
+/// little noise, few touches are uncertain.
 const NOISE_V: [f64; 2] = [2e-5, 2e-4];
-/// Quantile of the normal distribution that leaves 5 % outside.
+/// Quantile of the normal distribution for a two-sided 95 % interval.
 const WITH_95: f64 = 1.96;
 
-/// A touch that a robot would have acted on.
+/// A touch reported to a robot.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Told {
-    /// What was said of it.
+    /// Its confidence.
     pub confidence: f64,
-    /// Whether it stands near a finger.
+    /// Whether it is near a finger.
     pub is_true: bool,
     /// Whether any finger is on the skin.
     pub is_touched: bool,
 }
 
-/// Touches of a bin.
+/// Touches in a bin.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Bin {
     count: usize,
@@ -60,19 +61,19 @@ impl Bin {
         })
     }
 
-    /// Mean of what was said; NaN of an empty bin.
+    /// Mean confidence; NaN for an empty bin.
     fn mean_said(&self) -> f64 {
         self.said / self.count as f64
     }
 
-    /// Part that was true.
+    /// Fraction of the touches that are true.
     fn part(&self) -> f64 {
         self.true_ones as f64 / self.count as f64
     }
 
-    /// 95 % interval of that part, by Wilson's score: with `p` the part of `n` and `z = 1.96`,
-    /// `(p + z^2 / 2n +- z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n)`. Touches of one press go
-    /// together, so that it is too narrow rather than too wide.
+    /// 95 % interval of that fraction, by Wilson's score: with the fraction `p` of `n` and
+    /// `z = 1.96`, `(p + z^2 / 2n +- z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n)`. Touches
+    /// of one press are correlated, so the interval is too narrow rather than too wide.
     fn interval(&self) -> [f64; 2] {
         let (n, p, z) = (self.count as f64, self.part(), WITH_95);
         let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
@@ -91,7 +92,7 @@ impl Bin {
     }
 }
 
-/// Bins of confidence that hold touches, and their names.
+/// Confidence bins that contain touches, with their names.
 fn bins(told: &[Told]) -> Vec<(String, Bin)> {
     let edges = EDGES.iter().zip(&EDGES[1..]);
     let bins = edges.map(|(&low, &high)| {
@@ -112,7 +113,7 @@ pub(super) fn steps(grid: &Grid) -> usize {
     scripts(grid).len() * NOISE_V.len()
 }
 
-/// Touches of all recordings after their quiet frames.
+/// Returns the touches of all recordings after their quiet frames.
 pub(super) fn measure(
     disc: &SimulatedDisc,
     grid: &Grid,
@@ -132,7 +133,7 @@ pub(super) fn measure(
     Ok(told)
 }
 
-/// Touches that `eit reconstruct` finds in a recording.
+/// Detects touches in a recording as `eit reconstruct` does.
 fn told_of(disc: &SimulatedDisc, recording: &ScriptRecording) -> Result<Vec<Told>, ReportError> {
     let chain = recording.chain(disc, Method::GaussNewton, None)?;
     let mut made = chain.reconstruct(&recording.simulation.frames_v)?;
@@ -157,7 +158,7 @@ fn told_of(disc: &SimulatedDisc, recording: &ScriptRecording) -> Result<Vec<Told
     Ok(told.collect())
 }
 
-/// The table: what should not be there first.
+/// Creates the table, starting with touches that should not exist.
 pub(super) fn table(grid: &Grid, told: &[Told]) -> Table {
     let untouched = Bin::of(told.iter().filter(|told| !told.is_touched));
     let mut rows = vec![
@@ -168,14 +169,15 @@ pub(super) fn table(grid: &Grid, told: &[Told]) -> Table {
     let names: Vec<&str> = scripts(grid).iter().map(|(name, _)| *name).collect();
     Table {
         name: "reliability",
-        title: "Does a touch's confidence hold what it says?",
+        title: "Is the confidence of touches calibrated?",
         note: format!(
-            "Every touch that a robot would have acted on, in each frame, and whether a finger was \
-             within {:.0} mm of it. Without a finger: reported although nothing was there, which should \
-             not happen. Confidence says what part of such touches is true: of touches said to be sure \
-             to 0.9, nine in ten should have a finger. Simulated fabric with all its defaults, scripts \
-             {}, {} frames each at most, noise of {:.0} and {:.0} uV; touches as `eit reconstruct` finds \
-             them with no key set. Mean of what was said, and the part that came true, for each range.",
+            "All touches reported to a robot, in each frame, and whether a finger was within {:.0} \
+             mm. Without a finger: touches reported although nothing was there, which should not \
+             happen. The confidence is the expected fraction of true touches: of those with \
+             confidence 0.9, nine in ten should have a finger. Simulated fabric with all its \
+             defaults, scripts {}, {} frames each at most, noise of {:.0} and {:.0} uV; touches as \
+             detected by `eit reconstruct` with default settings. For each range: the mean \
+             confidence, and the fraction that came true.",
             1e3 * WITHIN_M,
             names.join(", "),
             grid.reliability_frames,
@@ -187,7 +189,7 @@ pub(super) fn table(grid: &Grid, told: &[Told]) -> Table {
     }
 }
 
-/// The reliability diagram; nothing where there are no touches.
+/// Draws the reliability diagram; nothing if there are no touches.
 pub(super) fn draw(told: &[Told], out: &mut OutFolder) -> Result<(), ReportError> {
     let bins: Vec<Bin> = bins(told).into_iter().map(|(_, bin)| bin).collect();
     let Some(first) = bins.first() else { return Ok(()) };
@@ -199,21 +201,21 @@ pub(super) fn draw(told: &[Told], out: &mut OutFolder) -> Result<(), ReportError
     };
     let lowest = first.mean_said();
     let as_said = Series {
-        name: "as said".to_owned(),
+        name: "calibrated".to_owned(),
         points: vec![[lowest, lowest], [1.0, 1.0]],
         line: true,
         markers: false,
     };
     let counts: Vec<String> = bins.iter().map(|bin| bin.count.to_string()).collect();
     let picture = draw_plot(&Plot {
-        title: "Touches: what was said, and what came true".to_owned(),
+        title: "Touches: confidence and fraction of true touches".to_owned(),
         footnote: format!(
-            "Touches in each point, from the left: {}. Above the line: surer than said; below it: \
-             promises that were not kept.",
+            "Number of touches per point, from the left: {}. Above the line, the confidence is too \
+             low; below it, too high.",
             counts.join(", ")
         ),
-        x_label: "confidence that was said".to_owned(),
-        y_label: format!("part with a finger within {:.0} mm", 1e3 * WITHIN_M),
+        x_label: "confidence".to_owned(),
+        y_label: format!("fraction with a finger within {:.0} mm", 1e3 * WITHIN_M),
         x_log: false,
         y_log: false,
         series: vec![
@@ -237,7 +239,8 @@ mod tests {
         Told { confidence, is_true, is_touched: true }
     }
 
-    /// Each touch is in one bin, the edges and 0 and 1 among them; empty bins are left out.
+    /// Each touch is in exactly one bin, including those at the edges and at 0 and 1; empty bins
+    /// are omitted.
     #[test]
     fn every_touch_is_in_one_bin() {
         let all: Vec<Told> = [0.0, 0.8, 0.9, 0.999, 1.0].map(|c| told(c, c > 0.85)).to_vec();
@@ -249,7 +252,8 @@ mod tests {
         assert_eq!(whole.part(), 0.6);
     }
 
-    /// Wilson's interval of 8 of 10 and of 10 of 10: 0.490 to 0.943 and 0.722 to 1 (his formula by hand).
+    /// Wilson's interval for 8 of 10 and 10 of 10: 0.490 to 0.943 and 0.722 to 1 (calculated by
+    /// hand).
     #[test]
     fn intervals_are_those_of_wilson() {
         let of = |true_ones| Bin { count: 10, true_ones, said: 9.0 }.interval();
@@ -259,7 +263,7 @@ mod tests {
         }
     }
 
-    /// What should not be there stands first, and ghosts are counted apart.
+    /// Touches that should not exist come first, and those without a finger are counted separately.
     #[test]
     fn touches_without_a_finger_come_first() {
         let ghost = Told { confidence: 0.85, is_true: false, is_touched: false };

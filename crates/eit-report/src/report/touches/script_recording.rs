@@ -1,4 +1,4 @@
-//! Recordings of built-in scripts on the simulated fabric, instrument included.
+//! Recordings of built-in scripts on the simulated fabric, including the instrument.
 
 use super::simulated_disc::SimulatedDisc;
 use super::tracking_scores::{FULL_N, PresentFinger};
@@ -18,7 +18,7 @@ pub(super) struct ScriptRecording {
 }
 
 impl ScriptRecording {
-    /// The first frames of a built-in script on a fabric, `most` at most.
+    /// Simulates the first frames of a built-in script on a fabric, at most `most` of them.
     pub fn simulate(
         disc: &SimulatedDisc,
         script: &str,
@@ -39,7 +39,7 @@ impl ScriptRecording {
         Ok(Self { script, simulation })
     }
 
-    /// The chain of `eit reconstruct` for it.
+    /// Sets up the processing chain of `eit reconstruct` for it.
     pub fn chain(
         &self,
         disc: &SimulatedDisc,
@@ -53,13 +53,13 @@ impl ScriptRecording {
         Ok(Chain::new(skin, Some(method.name()), lengths, &mut Progress::silent())?)
     }
 
-    /// Largest movement of an electrode in the plane of the skin, metres.
+    /// Largest displacement of an electrode in the plane of the skin, metres.
     pub fn moved_m(&self) -> f64 {
         let shifts = self.simulation.truth.electrode_shift_m.rows().into_iter();
         shifts.map(|s| s[0].hypot(s[1])).fold(0.0, f64::max)
     }
 
-    /// Fingers of a frame.
+    /// The fingers in a frame.
     pub fn present(&self, frame: usize) -> Vec<PresentFinger> {
         let touches = self.simulation.truth.touches.iter().filter(|touch| touch.frame == frame);
         touches

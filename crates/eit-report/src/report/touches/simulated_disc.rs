@@ -1,4 +1,4 @@
-//! The simulated disc of the touch figures: one mesh makes the data, others reconstruct.
+//! The simulated disc of the touch figures: one mesh generates the data, others reconstruct.
 
 use super::super::reconstruction_model::ReconstructionModel;
 use super::super::statistics::rms;
@@ -13,57 +13,58 @@ use eit_skin::{Progress, Skin};
 use ndarray::Array2;
 use std::f64::consts::TAU;
 
-/// Touch of the figures: a bell of 10 mm and 30 %.
+/// The touch used in the figures: a bell of 10 mm and 30 %.
 pub(super) const RADIUS_M: f64 = 0.010;
 pub(super) const AMPLITUDE: f64 = 0.3;
-/// Its force, newton, and the skin that makes that change of it.
+/// Its force, newtons, and the skin response that gives this change.
 pub(super) const FORCE_N: f64 = 1.0;
 pub(super) const RESPONSE: LinearResponse =
     LinearResponse { change_per_newton: AMPLITUDE / FORCE_N };
 
-/// Parts of the skin's radius that stand for centre, half way and rim.
+/// Ring radii relative to the skin's: centre, halfway and near the rim.
 pub(super) const RINGS: [f64; 3] = [0.0, 0.5, 0.8];
 
-/// Noise from which on the fit needs a finer mesh: that of 2 000 nodes errs by more than half of
-/// the bound of 70 dB near the rim.
+/// Noise level from which the fit needs a finer mesh: near the rim, the error of the mesh with 2
+/// 000 nodes exceeds half of the bound at 70 dB.
 const FINE_FIT_DB: f64 = 65.0;
 
-/// Nodes of the mesh that makes the data, and of the one that fits where noise is small.
+/// Nodes of the mesh that generates the data, and of the mesh for fitting at low noise.
 pub(super) const SIMULATION_NODES: usize = 9000;
 const FINE_FIT_NODES: usize = 5000;
 
-/// The paper's skin on the meshes that simulate, reconstruct and fit, with its reference voltages.
+/// The paper's skin on the meshes for simulation, reconstruction and fitting, with its reference
+/// voltages.
 pub(super) struct SimulatedDisc {
-    /// What reconstructs: 2 000 nodes.
+    /// Reconstruction model with 2 000 nodes.
     pub model: ReconstructionModel,
-    /// What makes the data.
+    /// Simulation model.
     pub simulation: Skin,
-    /// What fits where noise is small.
+    /// Model for fitting at low noise.
     pub fine_fit: Skin,
     /// Radius of the skin, metres.
     pub radius_m: f64,
-    /// The pixels in space.
+    /// The pixels, with their positions in space.
     pub cells: Cells<3>,
-    /// Voltages of the untouched skin on the mesh of the data, volt.
+    /// Voltages of the untouched skin on the simulation mesh, volts.
     pub reference_v: Vec<f64>,
 }
 
 impl SimulatedDisc {
-    /// The paper's skin.
+    /// Creates the paper's skin.
     pub fn new(pixels: usize, progress: &mut Progress) -> Result<Self, ReportError> {
         let model = ReconstructionModel::paper_disc(pixels, progress)?;
         let simulation = model.skin().with_nodes(SIMULATION_NODES, progress)?;
         let fine_fit = model.skin().with_nodes(FINE_FIT_NODES, progress)?;
         let MeshSource::Generated { shape: SkinShape::Disc { radius_m }, .. } = simulation.source
         else {
-            return Err(ReportError::Failure("touch figures are those of a disc".to_owned()));
+            return Err(ReportError::Failure("touch figures need a disc".to_owned()));
         };
         let reference_v = simulation.model.forward(&simulation.background_s())?.to_vec();
         let cells = Cells::of_raster_on(&model.raster, model.skin().mesh.surface())?;
         Ok(Self { model, simulation, fine_fit, radius_m, cells, reference_v })
     }
 
-    /// The mesh to fit on at a noise level.
+    /// The mesh for fitting at a noise level.
     pub fn fit_skin(&self, noise_db: f64) -> &Skin {
         if noise_db >= FINE_FIT_DB { &self.fine_fit } else { self.model.skin() }
     }
@@ -73,13 +74,13 @@ impl SimulatedDisc {
         self.simulation.conductivity_s
     }
 
-    /// Standard deviation of a difference's noise, volt: so many decibel below the root mean square
-    /// of the reference voltages.
+    /// Standard deviation of the noise of a difference, volts, the given number of decibels below
+    /// the root mean square of the reference voltages.
     pub fn noise_std_v(&self, noise_db: f64) -> f64 {
         rms(&self.reference_v) * 10_f64.powf(-noise_db / 20.0)
     }
 
-    /// Voltages of a skin with touches at places, without noise.
+    /// Noise-free voltages of a skin with touches at the given positions.
     pub fn voltages(&self, places_m: &[[f64; 2]]) -> Result<Vec<f64>, ReportError> {
         let touch = |&position_m: &[f64; 2]| Touch {
             finger: 1,
@@ -95,7 +96,7 @@ impl SimulatedDisc {
         Ok(self.simulation.model.forward(&sigma)?.to_vec())
     }
 
-    /// Frames of voltages against the reference without noise, for what reads recordings.
+    /// Voltages as frames with a noise-free reference, for functions that take recordings.
     pub fn frames(&self, values: Array2<f64>, reference: &[f64]) -> Frames {
         Frames {
             good: Array2::from_elem(values.raw_dim(), true),
@@ -103,7 +104,7 @@ impl SimulatedDisc {
             values,
             reference: reference.to_vec(),
             reference_source: "the untouched skin".to_owned(),
-            // without noise of its own
+            // the reference has no noise of its own
             reference_frames: usize::MAX,
             quiet: None,
             faults: Vec::new(),
@@ -113,13 +114,13 @@ impl SimulatedDisc {
         }
     }
 
-    /// Places of a ring: equal steps of the angle between two electrodes from a seeded start, so that
-    /// no symmetry helps. The centre is one place.
+    /// Positions on a ring, at equal steps of the angle between two electrodes from a seeded start,
+    /// so that symmetry does not favour any. The centre gives one position.
     pub fn places(&self, ring: f64, count: usize) -> Vec<[f64; 2]> {
         let electrodes = self.simulation.mesh.electrodes().len() as f64;
         let first = TAU * Random::named(17, "places of a ring", (100.0 * ring) as u64).uniform();
         let at = |k: usize| {
-            // once around the skin, and once through the gap between electrodes
+            // one turn around the skin, combined with one step through the gap between electrodes
             let part = k as f64 / count as f64;
             let angle = first + TAU * part + TAU / electrodes * part;
             let r = ring * self.radius_m;
@@ -129,13 +130,13 @@ impl SimulatedDisc {
     }
 }
 
-/// A touch of the figures at a place.
+/// The touch used in the figures, at a position.
 pub(super) fn bell(position_m: [f64; 2]) -> Bell {
     let [x, y] = position_m;
     Bell { position_m: [x, y, 0.0], amplitude: AMPLITUDE, radius_m: RADIUS_M }
 }
 
-/// Straight distance in the plane, metres.
+/// Distance in the plane, metres.
 pub(super) fn distance_m(found: [f64; 3], place: [f64; 2]) -> f64 {
     (found[0] - place[0]).hypot(found[1] - place[1])
 }

@@ -1,48 +1,49 @@
-//! Fingers found, false touches and changed ids over a recording.
+//! Counts fingers found, false touches and changes of id over a recording.
 
 use super::simulated_disc::distance_m;
 use eit_inverse::touch::{Touch, TouchState};
 
-/// A finger weaker than this is on its way: neither to be found nor false, newton.
+/// A finger with less force is arriving or leaving: it need not be found, but its touch is not
+/// false, newtons.
 pub(super) const FULL_N: f64 = 0.7;
 /// A touch farther than this from every finger is false, metres.
 pub(super) const WITHIN_M: f64 = 0.025;
 
-/// A finger of a frame.
+/// A finger in a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PresentFinger {
     pub finger: u32,
-    /// Its true place, metres.
+    /// True position, metres.
     pub position_m: [f64; 2],
-    /// Whether it presses with [`FULL_N`].
+    /// Whether its force is at least [`FULL_N`].
     pub is_full: bool,
 }
 
 /// Scores of a recording.
 #[derive(Debug, Clone, Default)]
 pub(super) struct TrackingScores {
-    /// Fingers that press in full, over all frames.
+    /// Number of fingers pressing with full force, over all frames.
     pub fingers: usize,
-    /// Those that have a touch.
+    /// Number of those that have a touch.
     pub found: usize,
-    /// Their distances from it, metres.
+    /// Distances of their touches, metres.
     pub errors_m: Vec<f64>,
     pub frames: usize,
     pub false_touches: usize,
-    /// How often a finger's touch has another id than before.
+    /// Number of times that a finger's touch has a different id than before.
     pub switches: usize,
-    /// Id of the touch that each finger had last.
+    /// Id of the last touch of each finger.
     ids: Vec<Option<u64>>,
 }
 
-/// A finger and a touch near it.
+/// A finger and a nearby touch.
 struct Pair {
     distance_m: f64,
     finger: usize,
     touch: usize,
 }
 
-/// The touch of a finger.
+/// The touch matched to a finger.
 #[derive(Clone, Copy)]
 struct Match {
     touch: usize,
@@ -50,12 +51,12 @@ struct Match {
 }
 
 impl TrackingScores {
-    /// Follows the ids of so many fingers, numbered from 1.
+    /// Creates scores for the given number of fingers, numbered from 1.
     pub fn of_fingers(fingers: usize) -> Self {
         Self { ids: vec![None; fingers + 1], ..Default::default() }
     }
 
-    /// Pairs touches and fingers, the nearest first, and counts.
+    /// Pairs touches with fingers, nearest first, and counts the results.
     pub fn add(&mut self, present: &[PresentFinger], touches: &[Touch]) {
         let alive: Vec<&Touch> =
             touches.iter().filter(|t| t.state != TouchState::End && t.valid).collect();
@@ -68,10 +69,10 @@ impl TrackingScores {
             }
         }
         self.frames += 1;
-        // a finger on its way may be seen, a second touch on a finger is false
+        // a touch of an arriving or leaving finger is not false; a second touch on a finger is
         self.false_touches += finger_of.iter().filter(|finger| finger.is_none()).count();
         for (slot, id) in self.ids.iter_mut().enumerate() {
-            // lifted: its next touch has a new id
+            // after a finger was lifted, its next touch has a new id
             if !present.iter().any(|present| present.finger as usize == slot) {
                 *id = None;
             }
@@ -91,7 +92,7 @@ impl TrackingScores {
     }
 }
 
-/// Fingers and touches near each other, the nearest first.
+/// Returns nearby pairs of fingers and touches, nearest first.
 fn pairs(present: &[PresentFinger], touches: &[&Touch]) -> Vec<Pair> {
     let mut pairs: Vec<Pair> = Vec::new();
     for (finger, place) in present.iter().map(|present| present.position_m).enumerate() {

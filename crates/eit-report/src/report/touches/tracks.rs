@@ -1,4 +1,5 @@
-//! One to four fingers tracked on the simulated fabric: fingers found, false touches, changed ids.
+//! Tracking one to four fingers on the simulated fabric: fingers found, false touches, changes of
+//! id.
 
 use super::super::statistics::quantile;
 use super::super::table::{Cell, Table};
@@ -16,13 +17,13 @@ use eit_skin::Progress;
 use ndarray::{Array2, Axis};
 use std::f64::consts::TAU;
 
-/// Most fingers at once.
+/// Maximum number of simultaneous fingers.
 pub(super) const MOST: usize = 4;
-/// Frames a second and quiet ones at the start.
+/// Frames per second, and number of quiet frames at the start.
 const RATE_HZ: f64 = 10.0;
 const QUIET: usize = 20;
 
-/// What makes the images that touches are tracked in.
+/// The images in which touches are tracked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ImageStream {
     OneStep,
@@ -40,16 +41,16 @@ impl ImageStream {
     }
 }
 
-/// A recording of some fingers.
+/// A recording of several fingers.
 struct Recording {
     fingers: usize,
-    /// Without noise.
+    /// Frames without noise.
     frames: FabricFrames,
-    /// The truth, `[frame]`.
+    /// True fingers, `[frame]`.
     present: Vec<Vec<PresentFinger>>,
 }
 
-/// The table: one row for each number of fingers, noise and stream.
+/// Creates the table, with one row per number of fingers, noise level and stream.
 pub(super) fn table(
     disc: &SimulatedDisc,
     grid: &Grid,
@@ -80,15 +81,15 @@ pub(super) fn table(
         name: "tracks",
         title: "Fingers that move and tap, followed over time",
         note: format!(
-            "Simulated fabric with all its defaults (weave, memory, drift, friction, electrodes that \
-             move) but the instrument; {} frames at {RATE_HZ} Hz, {QUIET} of them quiet first; each \
-             finger keeps to a sector, presses with 1 to 2 N, slides at up to 60 mm/s, lifts and \
-             comes back elsewhere (seeded). Adaptive reference learnt from the quiet frames, then \
-             `TouchStream` with its defaults. Found: part of the fingers of at least {FULL_N} N that \
-             have a touch of their own within {:.0} mm; false: touches a frame near no finger; \
-             switches: how often a finger's touch has another name than before (after a lift it \
-             must have). ST-TV: each frame linked to the image before, above the one-step noise \
-             floor.",
+            "Simulated fabric with all its defaults (weave, memory, drift, friction, electrodes \
+             that move) except the instrument; {} frames at {RATE_HZ} Hz, the first {QUIET} quiet; \
+             each finger stays in its sector, presses with 1 to 2 N, slides at up to 60 mm/s, \
+             lifts and returns elsewhere (seeded). Adaptive reference learnt from the quiet \
+             frames, then `TouchStream` with its defaults. Found: fraction of the fingers with at \
+             least {FULL_N} N that have their own touch within {:.0} mm; false: touches per frame \
+             that are near no finger; switches: number of times that a finger's touch has a \
+             different id than before (expected after a lift). ST-TV: each frame linked to the \
+             previous image, above the one-step noise floor.",
             grid.track_frames,
             1e3 * WITHIN_M
         ),
@@ -119,7 +120,8 @@ fn row(fingers: usize, noise_db: f64, stream: ImageStream, scores: &TrackingScor
     ]
 }
 
-/// Fingers in sectors of their own, between 0.35 and 0.75 of the radius, that press, slide and lift.
+/// A script of fingers in separate sectors, between 0.35 and 0.75 of the radius, that press, slide
+/// and lift.
 fn script(disc: &SimulatedDisc, fingers: usize, frames: usize) -> TouchScript {
     let end_s = frames as f64 / RATE_HZ;
     let finger = |k: usize| {
@@ -172,7 +174,7 @@ fn present(script: &TouchScript, frame: usize) -> Vec<PresentFinger> {
         .collect()
 }
 
-/// A recording with noise of a seed that its number of fingers decides.
+/// Adds noise to a recording, with a seed that depends on its number of fingers.
 fn noisy(recording: &Recording, noise_std_v: f64) -> Array2<f64> {
     let mut random = Random::named(41, "noise", recording.fingers as u64);
     let mut noisy = recording.frames.exact_v.clone();
@@ -180,7 +182,7 @@ fn noisy(recording: &Recording, noise_std_v: f64) -> Array2<f64> {
     noisy
 }
 
-/// Follows the fingers of a recording with noise.
+/// Tracks the fingers of a recording with noise.
 fn follow(
     disc: &SimulatedDisc,
     recording: &Recording,
@@ -196,7 +198,7 @@ fn follow(
     let mut st_tv = match stream {
         ImageStream::OneStep => None,
         ImageStream::StTv => {
-            // frames of the first touches choose the weights
+            // the weights are chosen on frames of the first touches
             let few: Vec<usize> = (QUIET + 10..QUIET + 18).collect();
             let few = frames.select(Axis(0), &few);
             let untouched = recording.frames.reference_v.as_slice().unwrap_or_default();

@@ -1,15 +1,15 @@
-//! Electrodes that behave again.
+//! Recovery of electrodes.
 
 use super::{FaultMonitor, Suspect};
 use crate::faults::FaultKind;
 
-/// Time for which a faulty electrode must behave to be used again, seconds.
+/// Time for which a faulty electrode must behave normally before it is used again, seconds.
 const HEALED_S: f64 = 1.0;
 /// Relative change over that time below which a gain has stopped drifting.
 const STILL: f64 = 1e-3;
 
 impl FaultMonitor {
-    /// Takes electrodes back that have behaved for a while.
+    /// Readmits electrodes that have behaved normally for long enough.
     pub(super) fn heal(&mut self, values: &[f64], reference: &[f64], time_s: f64) {
         for e in 0..self.suspects.len() {
             let Some(fault) = self.suspects[e].fault else { continue };
@@ -37,8 +37,8 @@ impl FaultMonitor {
         }
     }
 
-    /// Part of a faulty electrode's measurements that are wrong: of those without another faulty
-    /// electrode, else of all; `None` where they are missing, which heals nobody.
+    /// Fraction of a faulty electrode's measurements that are wrong: of those without another faulty
+    /// electrode, else of all. `None` if too few remain; the electrode then does not recover.
     fn wrong_part(&self, electrode: usize) -> Option<f64> {
         let is_out = |e: usize| self.suspects[e].fault.is_some();
         let Self { contradictions, wiring, is_missing, .. } = self;
@@ -46,7 +46,7 @@ impl FaultMonitor {
         alone.or_else(|| contradictions.wrong_part(wiring, electrode, is_missing, |_| false))
     }
 
-    /// Median of an electrode's measurements over their reference.
+    /// Median ratio of an electrode's measurements to their reference.
     fn gain_of(&mut self, electrode: usize, values: &[f64], reference: &[f64]) -> f64 {
         self.gains.clear();
         let ratios = self.wiring.of_electrode[electrode].iter().map(|&i| values[i] / reference[i]);
@@ -58,7 +58,7 @@ impl FaultMonitor {
         *self.gains.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 
-    /// A bad frame neither blames nor heals: the time of faulty electrodes that behave stands still.
+    /// Skips a bad frame, which neither blames nor heals: it does not count towards the recovery time.
     pub(super) fn pass_over(&mut self, time_s: f64) {
         let passed_s = self.before_s.map_or(0.0, |before_s| time_s - before_s);
         for suspect in &mut self.suspects {

@@ -1,14 +1,14 @@
-//! What a file of `eit learn` must hold: a program has written it so, and a checksum does not keep somebody from
-//! writing another.
+//! Validates the content of a file of `eit learn`: the program writes it so, but a checksum does not stop
+//! anyone from writing something else.
 
 use super::{Content, ForceRecord, MapRecord};
 use crate::error::SkinError;
 use eit_inverse::learn::ForceCurve;
 
-/// A number and what it must be.
+/// Name of a number, its value, and its allowed range.
 type Check = (&'static str, f64, Must);
 
-/// What a number must be.
+/// Allowed range of a number.
 #[derive(Clone, Copy)]
 enum Must {
     BeFinite,
@@ -40,7 +40,7 @@ impl Must {
 }
 
 impl Content {
-    /// Refuses lists of other lengths than the rest, and numbers that nothing can be computed with.
+    /// Rejects lists of inconsistent length, and numbers that cannot be used in computations.
     pub(super) fn check(&self) -> Result<(), SkinError> {
         self.check_lengths()?;
         let wrong = self.numbers().find(|(_, value, must)| !must.holds(*value));
@@ -89,7 +89,7 @@ impl Content {
         Ok(())
     }
 
-    /// Every number with what it must be.
+    /// Every number with its allowed range.
     fn numbers(&self) -> impl Iterator<Item = Check> {
         use Must::{BeFinite, BePositive, NotBeNegative};
         let MapRecord {
@@ -135,7 +135,7 @@ impl ForceRecord {
             ("force.radius_m", self.radius_m, BePositive),
             ("force.middle_ln", self.middle_ln, BeFinite),
             ("force.range_ln", low_ln, BeFinite),
-            // a range that is turned around cannot be kept within
+            // the limits must be in order: values are clamped to the range
             ("the width of force.range_ln", high_ln - low_ln, NotBeNegative),
             ("force.error_ln", self.error_ln, NotBeNegative),
             ("force.forces_n", least_n, BePositive),

@@ -1,4 +1,4 @@
-//! `reconstruction.frame_time_s`: what the scene leaves open is chosen for the time of a frame.
+//! `reconstruction.frame_time_s`: chooses the open settings for a given time per frame.
 
 use super::{BOUNDED, Budget, Measured, STREAM, Table, best, nearest};
 use crate::error::SkinError;
@@ -7,18 +7,19 @@ use crate::method::Method;
 use crate::scene::{Hyperparameter, ReconstructionSettings, Rule, StageSettings};
 use crate::skin::{DEFAULT_PIXELS, Skin};
 
-/// Times that a frame may take that reports and plans tell of, seconds.
+/// Frame times that reports and plans list, seconds.
 pub const BUDGETS_S: [f64; 3] = [1e-2, 1e-3, 1e-4];
 
 impl LinearisedSkin {
-    /// Settings that the skin's leave open, chosen for the least error within its `frame_time_s`; the
-    /// skin as it is without that key. `is_live`: only what gives an image before the next frame comes.
+    /// Chooses the settings left open for the smallest error within `frame_time_s`; without that key the skin
+    /// is unchanged. `is_live` restricts the choice to solvers that return an image before the next frame
+    /// arrives.
     ///
-    /// The table's own times count, so that a skin is the same on every machine.
+    /// Times are those of the table, so the choice is the same on every machine.
     ///
     /// # Errors
     ///
-    /// Nothing that the settings allow is so fast.
+    /// No solver that the settings allow is fast enough.
     pub fn in_frame_time(self, frames: Option<usize>, is_live: bool) -> Result<Self, SkinError> {
         let voltages = self.voltages.to_vec();
         let settings = in_frame_time(&self.skin, frames, is_live, &voltages)?;
@@ -26,7 +27,7 @@ impl LinearisedSkin {
     }
 }
 
-/// [`LinearisedSkin::in_frame_time`] of a skin whose untouched voltages are known.
+/// Like [`LinearisedSkin::in_frame_time`], for a skin whose untouched voltages are known.
 pub(crate) fn in_frame_time(
     skin: &Skin,
     frames: Option<usize>,
@@ -41,7 +42,7 @@ pub(crate) fn in_frame_time(
     let budget = Budget { time_s, is_live };
     let Some((row, method)) = best(rows, budget).and_then(|r| Some((r, method(r)?))) else {
         return Err(SkinError::input(format!(
-            "reconstruction.frame_time_s is {time_s}: nothing that the scene allows was so fast \
+            "reconstruction.frame_time_s is {time_s}: nothing that the scene allows was fast enough \
              on {} ({}), the built-in scene most like this one",
             nearest.scene, nearest.why
         ))
@@ -61,14 +62,14 @@ pub(crate) fn in_frame_time(
     Ok(keys)
 }
 
-/// What a scene file would call it; `None` for what it cannot say (a net, a peer).
+/// The method as named in a scene file; `None` if it has no such name (a net, a peer).
 fn method(row: &Measured) -> Option<Method> {
     let name = row.solver.trim_end_matches(STREAM).trim_end_matches(BOUNDED);
     Method::ALL.into_iter().find(|method| method.name() == name)
 }
 
-/// Whether a scene may be reconstructed as a row was: what the scene states comes first, total
-/// variation needs the noise, and a bound belongs to scenes that state it.
+/// Returns whether the scene's settings allow a row: stated settings take precedence, total variation needs
+/// the noise, and a bound applies only to scenes that state it.
 pub(crate) fn suits(settings: &StageSettings, row: &Measured) -> bool {
     let Some(method) = method(row) else { return false };
     let keys = &settings.reconstruction;
@@ -89,11 +90,11 @@ pub(crate) fn suits(settings: &StageSettings, row: &Measured) -> bool {
     let rule = match keys.hyperparameter {
         Some(Hyperparameter::Rule(Rule::Gcv)) => row.rule == "gcv",
         Some(Hyperparameter::Rule(Rule::NoiseFigure)) => row.rule == "noise-figure",
-        // numbers and curves were not measured
+        // fixed numbers and L-curves were not measured
         Some(_) => false,
         None => true,
     };
-    // a net belongs to its number of pixels
+    // a net is trained for one number of pixels
     let wanted = keys.pixels.or(settings.denoise.as_ref().map(|_| DEFAULT_PIXELS));
     let pixels = wanted.is_none_or(|n| row.pixels.is_none_or(|own| own == n));
     let gap = keys.target_gap.is_none_or(|gap| row.target_gap == Some(gap));

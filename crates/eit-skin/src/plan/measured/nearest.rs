@@ -1,27 +1,27 @@
-//! Which built-in scene is most like another.
+//! Finds the built-in scene most similar to another.
 
 use crate::method::Method;
 use crate::skin::Skin;
 
-/// Where contact impedances lie so far apart, scenes are like `stiff-contact`.
+/// Ratio of contact impedances above which a scene resembles `stiff-contact`.
 const STIFF: f64 = 1e4;
-/// Where the conductivity may rise by so many times itself, they are like `high-contrast`.
+/// Possible rise of conductivity, relative to itself, from which a scene resembles `high-contrast`.
 const HIGH: f64 = 3.0;
-/// From so many electrodes on they are like `general-32`, as those with general currents are.
+/// Number of electrodes from which a scene resembles `general-32`, as do those with general currents.
 const MANY: usize = 24;
 /// Halfway between the paper's skin with a poor and with a good instrument, decibel.
 const POOR_DB: f64 = 50.0;
 
-/// The built-in scene that is most like another, and why.
+/// The most similar built-in scene, and the reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Nearest {
     /// Its name.
     pub scene: &'static str,
-    /// Why it is the most like.
+    /// Why it is the most similar.
     pub why: String,
 }
 
-/// The built-in scene that is most like this one. `voltages` are those of the untouched skin.
+/// Finds the built-in scene most similar to this one. `voltages` are those of the untouched skin.
 pub fn nearest(skin: &Skin, frames: Option<usize>, voltages: &[f64]) -> Nearest {
     let found = |scene, why: &str| Nearest { scene, why: why.to_owned() };
     let electrodes = skin.protocol.electrodes();
@@ -34,9 +34,9 @@ pub fn nearest(skin: &Skin, frames: Option<usize>, voltages: &[f64]) -> Nearest 
     let impedances = &skin.contact_impedance;
     let least = impedances.iter().copied().fold(f64::INFINITY, f64::min);
     if impedances.iter().any(|z| *z > STIFF * least) {
-        return found("stiff-contact", "contact impedances far apart");
+        return found("stiff-contact", "widely different contact impedances");
     }
-    // nets are trained on the fabric; the noise of a fabric does not tell how its electrodes move
+    // nets are trained on the fabric; its noise does not tell how its electrodes move
     if skin.settings.denoise.is_some() {
         return found("paper-fabric", "it has [denoise]");
     }

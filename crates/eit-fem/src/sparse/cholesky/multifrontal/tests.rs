@@ -1,4 +1,4 @@
-//! Factor and sweeps against the matrix they came from.
+//! Tests of factor and sweeps against the original matrix.
 
 use super::*;
 use crate::sparse::graph::Adjacency;
@@ -11,7 +11,7 @@ struct Matrix {
     values: Vec<f64>,
 }
 
-/// A positive definite matrix on the links, by way of a dense one.
+/// Builds a positive definite matrix from links, via a dense one.
 fn matrix(count: usize, links: &[(usize, usize, f64)]) -> Matrix {
     let mut dense = vec![vec![0.0; count]; count];
     for &(i, j, weight) in links.iter().filter(|l| l.0 != l.1) {
@@ -32,15 +32,15 @@ fn matrix(count: usize, links: &[(usize, usize, f64)]) -> Matrix {
     Matrix { pattern: Pattern::new(count, pairs.into_iter()), values }
 }
 
-/// `|A x - b|_i` over `sqrt(a_ii) sum_j sqrt(a_jj) |x_j| + |b_i|`, at most, for `L L^T x = b` with
-/// `b` in the last unknowns: Cholesky's method has `|dA| <= gamma |L| |L^T|`, and
-/// `(|L| |L^T|)_ij` is at most `sqrt(a_ii a_jj)` (Higham, Accuracy and Stability, theorem 10.3).
+/// Largest `|A x - b|_i / (sqrt(a_ii) sum_j sqrt(a_jj) |x_j| + |b_i|)` for `L L^T x = b` with `b`
+/// in the last unknowns. Cholesky's method has `|dA| <= gamma |L| |L^T|`, and `(|L| |L^T|)_ij` is
+/// at most `sqrt(a_ii a_jj)` (Higham, Accuracy and Stability, theorem 10.3).
 fn backward_error(matrix: &Matrix, nodes: usize, patterns: usize) -> f64 {
     let Matrix { pattern, values } = matrix;
     let (starts, rows, count) = (pattern.column_starts(), pattern.rows(), pattern.unknowns());
     let cholesky = Multifrontal::new(pattern, nodes);
     let mut numbers: Numbers = cholesky.numbers().unwrap();
-    // what an earlier run left must not matter
+    // values left by an earlier run must not matter
     numbers.factor.fill(f64::NAN);
     numbers.stack.fill(f64::NAN);
     cholesky.factorise(values, &mut numbers, 1.0).unwrap();
@@ -71,7 +71,7 @@ fn backward_error(matrix: &Matrix, nodes: usize, patterns: usize) -> f64 {
                 }
             }
         }
-        // the diagonal is the first entry of a column
+        // the first entry of a column is the diagonal
         let root = |i: usize| values[starts[i] as usize].sqrt();
         let sum: f64 = (0..count).map(|j| root(j) * x[j * patterns + p].abs()).sum();
         for (i, product) in product.iter().enumerate() {
@@ -84,7 +84,7 @@ fn backward_error(matrix: &Matrix, nodes: usize, patterns: usize) -> f64 {
 }
 
 proptest! {
-    /// Any pattern, also without links at all, any place of the last front.
+    /// Any pattern, even without links, and any size of the last front.
     #[test]
     fn solves_random_patterns(
         count in 2usize..70,
@@ -95,12 +95,12 @@ proptest! {
         let links: Vec<_> = links.iter().map(|l| (l.0 % count, l.1 % count, l.2)).collect();
         let nodes = ((count - 1) as f64 * share) as usize;
         let error = backward_error(&matrix(count, &links), nodes, patterns);
-        // gamma of at most 70 terms and the division
+        // gamma for at most 70 terms and the division
         prop_assert!(error < 72.0 * f64::EPSILON, "{error:e}");
     }
 }
 
-/// A mesh as the models have them: fronts of all widths, several levels of children.
+/// A grid like the models' meshes: fronts of many widths and several levels of children.
 #[test]
 fn solves_a_grid_in_its_postorder() {
     let side = 40;
@@ -128,7 +128,7 @@ fn solves_a_grid_in_its_postorder() {
     let widest = cholesky.symbolic.fronts.iter().map(|f| f.columns).max();
     assert!(widest > Some(16), "{widest:?}");
     let error = backward_error(&matrix, side * side, 15);
-    // the longest sum: rows of the widest front
+    // the longest sum has as many terms as the widest front has rows
     assert!(error < 72.0 * f64::EPSILON, "{error:e}");
 }
 

@@ -7,7 +7,7 @@ use super::{FLOOR, STEP, Weights};
 pub(super) use crate::st_tv::dense::{Congruent, Invert};
 use pulp::{Simd, WithSimd};
 
-/// Largest differences of an image, dilated by two groups.
+/// Computes the largest differences of an image, dilated by two groups.
 pub(super) struct Dilate<'a, T: Project, D> {
     pub(super) setting: &'a Setting<T>,
     pub(super) differences: &'a D,
@@ -44,7 +44,7 @@ impl<T: Project, D: Differences<T>> WithSimd for Dilate<'_, T, D> {
     }
 }
 
-/// Step sizes; returns the largest `tau`.
+/// Computes the step sizes; returns the largest `tau`.
 pub(super) struct Sizes<'a, T: Project, D> {
     pub(super) setting: &'a Setting<T>,
     pub(super) differences: &'a D,
@@ -91,7 +91,7 @@ impl<T: Project, D: Differences<T>> WithSimd for Sizes<'_, T, D> {
     }
 }
 
-/// `V' T V` of the first ranks, a multiple of [`LANES`]: its upper triangle, in tiles.
+/// Computes the upper triangle of `V' T V` of the first `ranks`, a multiple of [`LANES`], in tiles.
 pub(super) struct Gram<'a, T: Project> {
     pub(super) setting: &'a Setting<T>,
     pub(super) tau: &'a [T],
@@ -100,7 +100,7 @@ pub(super) struct Gram<'a, T: Project> {
     pub(super) out: &'a mut [T],
 }
 
-/// Rows of a tile, and unknowns whose rows stay in the first cache meanwhile.
+/// Number of rows of a tile, and number of unknowns whose rows fit the L1 cache.
 const TILE: usize = 4;
 const CHUNK: usize = 64;
 

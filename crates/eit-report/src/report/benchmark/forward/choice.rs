@@ -1,13 +1,13 @@
-//! The cheapest mesh for an error.
+//! Chooses the cheapest mesh for an error.
 
 use super::results::{ForwardPoint, OURS};
 
-/// Errors that a mesh is chosen for.
+/// Errors for which a mesh is chosen.
 pub(super) const TARGETS: [f64; 3] = [1e-2, 1e-3, 1e-4];
 
-/// The mesh and kind of elements that take the least time for an error, of those that `is_tried`
-/// tells. A mesh counts only if every finer one of its curve has the error as well: errors of
-/// coarse meshes cross zero, and a good one may be luck.
+/// Returns the mesh and element order that take the least time for an error, among those accepted
+/// by `is_tried`. A mesh counts only if every finer one on its curve also achieves the error: the
+/// error of coarse meshes changes sign, so a small one may be luck.
 pub(super) fn cheapest(
     points: &[ForwardPoint],
     target: f64,
@@ -45,7 +45,7 @@ mod tests {
         }
     }
 
-    /// Luck on a coarse mesh is not chosen, nor a peer.
+    /// A lucky coarse mesh is not chosen, nor is a peer.
     #[test]
     fn the_cheapest_stays_within_the_error_on_finer_meshes() {
         let points = [

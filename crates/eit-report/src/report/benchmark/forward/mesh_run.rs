@@ -1,4 +1,4 @@
-//! The forward problem on one mesh, by this program and by the peers.
+//! The forward problem on one mesh, solved by this program and by the peers.
 
 use super::super::peers::{self, PeerForwardProblem, PeerVoltages};
 use super::super::roofline::Roofline;
@@ -14,11 +14,11 @@ use ndarray::{Array1, Array2};
 use std::path::Path;
 use std::time::Instant;
 
-/// Runs on a mesh that are made at least, and the time after which there are no more.
+/// Minimum number of runs per mesh, and the time after which no further runs start.
 const LEAST_RUNS: usize = 3;
 const ENOUGH_S: f64 = 0.4;
 
-/// A mesh that is solved on.
+/// A mesh with everything needed to solve on it.
 pub(super) struct MeshRun<'a> {
     pub problem: &'a ForwardProblem,
     pub family: MeshFamily,
@@ -29,7 +29,7 @@ pub(super) struct MeshRun<'a> {
 }
 
 impl MeshRun<'_> {
-    /// This program's solution with a kind of elements, timed over up to so many runs.
+    /// Solves with this program and an element order, timed over up to `runs` runs.
     pub fn own(&self, elements: ElementOrder, runs: usize) -> Result<ForwardPoint, ReportError> {
         let model = self.problem.model(self.mesh, elements)?;
         let sigma = self.problem.conductivity_s(self.mesh);
@@ -65,7 +65,7 @@ impl MeshRun<'_> {
         }
     }
 
-    /// The peers' linear elements.
+    /// Solves with the peers' linear elements.
     pub fn peers(&self, python: &Path) -> Result<Vec<ForwardPoint>, ReportError> {
         let model = self.problem.model(self.mesh, ElementOrder::Linear)?;
         let electrodes = self.mesh.electrodes().len();
@@ -80,7 +80,7 @@ impl MeshRun<'_> {
         )?;
         let one = |PeerVoltages { name, time, voltages }: PeerVoltages| {
             let of = |voltages: &Array1<f64>| self.reference.error_of(voltages);
-            // of the two senses of a voltage, the one that the peer means
+            // use the sign convention of voltages that the peer uses
             let error = of(&voltages).min(of(&voltages.mapv(|v| -v)));
             self.point(name, &model, time, error)
         };
@@ -88,14 +88,14 @@ impl MeshRun<'_> {
     }
 }
 
-/// Voltages, and the times of some solves until they and until the Jacobian are there.
+/// Voltages, and the times of some solves up to the voltages and up to the Jacobian.
 struct TimedSolution {
     voltages: Array1<f64>,
     voltages_time: Spread,
     time: Spread,
 }
 
-/// Solves with the memory of earlier runs.
+/// Solves repeatedly, reusing memory.
 fn timed(model: &ForwardModel, sigma: &[f64], runs: usize) -> Result<TimedSolution, ReportError> {
     let mut workspace = model.workspace()?;
     let measurements = model.protocol().measurements();

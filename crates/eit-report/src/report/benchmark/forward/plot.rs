@@ -1,10 +1,10 @@
-//! Error of the voltages of a skin over time, as a picture.
+//! Plots the error of a skin's voltages against time.
 
 use super::results::{ForwardResults, OURS};
 use crate::error::ReportError;
 use eit_picture::{Canvas, Plot, Series, draw_plot};
 
-/// Kinds of elements and meshes, what time cannot be less than, peers.
+/// Draws element orders and meshes, time floors and peers.
 pub(super) fn draw(results: &ForwardResults) -> Result<Canvas, ReportError> {
     let (mut ours, mut peers) = (Vec::<Series>::new(), Vec::<Series>::new());
     for point in &results.points {
@@ -22,8 +22,9 @@ pub(super) fn draw(results: &ForwardResults) -> Result<Canvas, ReportError> {
     Ok(draw_plot(&Plot {
         title: format!("Error of the voltages against run time: {}", case.scene),
         footnote: format!(
-            "{}: {}. Time: median, factorisation, voltages and Jacobian, mesh by mesh. Error: the largest \
-             over the largest voltage, against {}. Floor: the same work at this machine's best rates",
+            "{}: {}. Time: median for factorisation, voltages and Jacobian on each mesh. Error: \
+             largest error of a voltage divided by the largest voltage, relative to {}. Floor: the \
+             same work at this machine's best rates",
             case.scene,
             case.what,
             results.reference_words()
@@ -37,7 +38,7 @@ pub(super) fn draw(results: &ForwardResults) -> Result<Canvas, ReportError> {
     })?)
 }
 
-/// The least error that some mesh of ours has within each floor, ascending in time.
+/// Returns the smallest error of our meshes within each floor, in ascending order of time.
 fn floors(results: &ForwardResults) -> Vec<[f64; 2]> {
     let ours = results.points.iter().filter(|point| point.solver == OURS);
     let mut places: Vec<[f64; 2]> = ours.map(|point| [point.floor_s, point.error]).collect();

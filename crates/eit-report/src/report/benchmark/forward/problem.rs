@@ -1,10 +1,10 @@
-//! The forward problem of a skin, on families of meshes and on those that stand for the truth.
+//! The forward problem of a skin, on families of meshes and on reference meshes.
 //!
-//! Each mesh of a family is finer than the one before by the root of two. *even*: the same edge
-//! everywhere. *graded*: twice that edge inside, and at electrode ends, and at corners that reach into
-//! the skin, a quarter of an electrode's width at first, which falls with the square of the edge: what is
-//! left of the singularity there falls like the rest. On the outline of a patch, which has none, it falls
-//! with the edge.
+//! Each mesh of a family is finer than the previous one by a factor of the square root of two.
+//! *even*: the same edge length everywhere. *graded*: twice that length in the interior; at
+//! electrode ends and re-entrant corners, initially a quarter of an electrode's width, decreasing
+//! with the square of the edge length, so that the remaining singularity error there decreases like
+//! the rest. On patch outlines, which have no singularity, it decreases with the edge length.
 
 use super::super::forward_cases::ForwardCase;
 use crate::error::ReportError;
@@ -13,7 +13,7 @@ use eit_fem::{ElementOrder, ForwardModel};
 use eit_mesh::{Contact, Mesh, MeshSettings, SkinShape};
 use eit_skin::scene::{ElectrodeSource, MeshSource, Scene};
 
-/// How a family is refined.
+/// How the meshes of a family are refined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum MeshFamily {
     Even,
@@ -23,7 +23,7 @@ pub(super) enum MeshFamily {
 impl MeshFamily {
     pub const ALL: [Self; 2] = [Self::Even, Self::Graded];
 
-    /// In tables and legends.
+    /// Name in tables and legends.
     pub fn name(self) -> &'static str {
         match self {
             Self::Even => "even",
@@ -32,31 +32,31 @@ impl MeshFamily {
     }
 }
 
-/// Edges along the side of the square that has the skin's area, of the coarsest even mesh: some 500
+/// Edges of the coarsest even mesh along the side of the square that has the skin's area: about 500
 /// nodes.
 const EDGES_A_SIDE: f64 = 18.0;
-/// The same of the mesh that stands for the truth, where its own fine places are the electrodes', and
-/// where conductivity changes from element to element.
+/// The same for the reference mesh: without fingers, where only electrodes need fine elements, and
+/// with conductivity that varies from element to element.
 const REFERENCE_EDGES: [f64; 2] = [40.0, 240.0];
-/// Edge of that mesh at electrode ends over the electrode's width: what is left of a singularity like
-/// the root of the distance is as small.
+/// Edge of the reference mesh at electrode ends relative to the electrode's width. The remaining
+/// error of a singularity like the square root of the distance is of this order.
 const REFERENCE_END: f64 = 1e-5;
-/// Edges on the radius of a patch there: its outline is a polygon.
+/// Edges along the radius of a patch on the reference mesh, whose patch outlines are polygons.
 const REFERENCE_RADIUS: f64 = 60.0;
-/// Growth of the edge away from electrode ends there.
+/// Growth of edges away from electrode ends on the reference mesh.
 const REFERENCE_GRADING: f64 = 0.15;
 
-/// A skin and the conductivity that its forward problem is solved for.
+/// A skin and the conductivity used for its forward problem.
 pub(super) struct ForwardProblem {
     pub scene: Scene,
-    /// Side of the square that has the skin's area (a hemisphere's: in its flat chart), metres.
+    /// Side of the square that has the skin's area (for a hemisphere, in its flat chart), metres.
     side_m: f64,
-    /// Edge in space over that in the chart, at most.
+    /// Largest ratio of an edge in space to that in the chart.
     stretch: f64,
-    /// Least width of an electrode, or diameter of a patch, metres.
+    /// Width of the narrowest electrode or diameter of the smallest patch, metres.
     electrode_m: f64,
     has_patches: bool,
-    /// Fingers at rest.
+    /// Stationary fingers.
     touch: Option<TouchSequence>,
 }
 
@@ -65,7 +65,10 @@ impl ForwardProblem {
         let scene = Scene::load(case.scene)?;
         let source = scene.mesh(None)?;
         let MeshSource::Generated { shape, electrodes, .. } = &source else {
-            return Err(ReportError::input(format!("{}: a file has one mesh only", case.scene)));
+            return Err(ReportError::input(format!(
+                "{}: a mesh file provides only one mesh",
+                case.scene
+            )));
         };
         let (electrode_m, has_patches) = match electrodes {
             ElectrodeSource::Rim(rim) => (rim.width_m, false),
@@ -96,12 +99,12 @@ impl ForwardProblem {
         })
     }
 
-    /// Whether the conductivity is one number.
+    /// Whether the conductivity is uniform.
     pub fn is_even(&self) -> bool {
         self.touch.is_none()
     }
 
-    /// Settings of a mesh of a family, the coarsest at step 0.
+    /// Mesh settings of a step in a family; step 0 is the coarsest.
     pub fn settings(&self, family: MeshFamily, step: i32) -> MeshSettings {
         let scale = 0.5_f64.powf(0.5 * f64::from(step));
         let edge_m = scale * self.side_m / EDGES_A_SIDE;
@@ -115,7 +118,7 @@ impl ForwardProblem {
         self.with_edges(edge_m, end_m)
     }
 
-    /// Edges in the chart.
+    /// Mesh settings for edge lengths in the chart.
     fn with_edges(&self, edge_m: f64, end_m: f64) -> MeshSettings {
         MeshSettings {
             edge_m: Some(self.stretch * edge_m),
@@ -124,7 +127,7 @@ impl ForwardProblem {
         }
     }
 
-    /// The skin meshed by settings.
+    /// Meshes the skin with the given settings.
     pub fn mesh(&self, settings: &MeshSettings) -> Result<Mesh, ReportError> {
         let settings = settings.clone();
         let made = match self.scene.mesh(None)? {
@@ -136,9 +139,9 @@ impl ForwardProblem {
         Ok(made.build()?.mesh)
     }
 
-    /// A mesh that stands for the truth with quadratic elements, the finer the smaller `scale` is; 1
-    /// is the finest that is quick enough. Ever finer towards electrode ends and corners that reach into
-    /// the skin.
+    /// Creates a reference mesh for quadratic elements. Smaller `scale` gives a finer mesh; 1 is
+    /// the finest that is fast enough. The mesh is strongly refined towards electrode ends and
+    /// re-entrant corners.
     pub fn reference_mesh(&self, scale: f64) -> Result<Mesh, ReportError> {
         let edges = REFERENCE_EDGES[usize::from(!self.is_even())];
         let end_m = match self.has_patches {
@@ -152,7 +155,7 @@ impl ForwardProblem {
         self.mesh(&settings)
     }
 
-    /// Siemens of each element: under fingers that of its centroid.
+    /// Conductivity of each element, siemens; under fingers, that at its centroid.
     pub fn conductivity_s(&self, mesh: &Mesh) -> Vec<f64> {
         let centroids = mesh.surface().centroids();
         let background_s = self.scene.skin.conductivity_s;
@@ -177,7 +180,7 @@ mod tests {
     use super::super::super::forward_cases::FORWARD_CASES;
     use super::*;
 
-    /// Families start alike and become finer.
+    /// The families start with the same mesh size and become finer.
     #[test]
     fn families_become_finer() {
         for case in FORWARD_CASES {

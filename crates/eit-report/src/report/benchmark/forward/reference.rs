@@ -1,6 +1,6 @@
-//! Reference voltages, with an estimate of their own error: the mesh-free series where there is one (an
-//! untouched disc or hemisphere with equal contacts), else quadratic elements on a mesh much finer than
-//! all others.
+//! Reference voltages with an estimate of their own error: the mesh-free series if one exists (an
+//! untouched disc or hemisphere with equal contacts), otherwise quadratic elements on a mesh much
+//! finer than all others.
 
 use super::problem::ForwardProblem;
 use crate::error::ReportError;
@@ -8,25 +8,27 @@ use eit_fem::ElementOrder;
 use eit_skin::Skin;
 use ndarray::Array1;
 
-/// Degrees of the series; the change from one to the other is the estimate of its error.
+/// Degrees of the series; the difference between the two estimates its error.
 const SERIES_DEGREES: [usize; 2] = [18, 24];
 
-/// Errors are reported only where they are this many times the reference's own.
+/// Errors are reported only if they are at least this many times the reference's own.
 const MARGIN: f64 = 10.0;
 
-/// Voltages that stand for the truth.
+/// Voltages used as the truth.
 pub(super) struct ReferenceVoltages {
     voltages: Array1<f64>,
-    /// Volt.
+    /// Largest voltage, volts.
     largest: f64,
-    /// What it is.
+    /// Description for the report.
     pub words: String,
-    /// Its own error: change from the next coarser one, over the largest voltage.
+    /// Its own error: the difference from the next coarser reference, divided by the largest
+    /// voltage.
     pub error: f64,
 }
 
 impl ReferenceVoltages {
-    /// The series, or two meshes of these scales ([`ForwardProblem::reference_mesh`]), the finer one last.
+    /// Computes the series, or solves on two meshes of these scales
+    /// ([`ForwardProblem::reference_mesh`]), the finer one last.
     pub fn of(problem: &ForwardProblem, scales: [f64; 2]) -> Result<Self, ReportError> {
         let skin = Skin::from_scene(problem.scene.clone())?;
         let of_degree = |degree| skin.series_voltages(degree);
@@ -53,19 +55,19 @@ impl ReferenceVoltages {
         reference
     }
 
-    /// Largest error of a voltage over the largest voltage.
+    /// Largest error of a voltage divided by the largest voltage.
     pub fn error_of(&self, voltages: &Array1<f64>) -> f64 {
         let pairs = voltages.iter().zip(&self.voltages);
         pairs.fold(0.0_f64, |most, (v, e)| most.max((v - e).abs())) / self.largest
     }
 
-    /// Whether an error is large enough to be told.
+    /// Whether an error is large enough to be reported.
     pub fn can_tell(&self, error: f64) -> bool {
         error >= MARGIN * self.error
     }
 }
 
-/// Voltages of quadratic elements on a reference mesh, and its nodes.
+/// Voltages of quadratic elements on a reference mesh, and its number of nodes.
 struct ReferenceSolution {
     voltages: Array1<f64>,
     nodes: usize,
@@ -85,8 +87,8 @@ mod tests {
     use super::super::super::forward_cases::{HEMISPHERE, PAPER_DISC};
     use super::*;
 
-    /// Where there is a series, the meshes that stand for the truth elsewhere are within the error that
-    /// they state of it, and that is small.
+    /// Where a series exists, the reference meshes used elsewhere agree with it to within their
+    /// estimated error, which is small.
     #[test]
     fn meshes_are_as_near_to_the_series_as_they_say() {
         for case in [PAPER_DISC, HEMISPHERE] {

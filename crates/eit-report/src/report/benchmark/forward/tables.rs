@@ -1,4 +1,4 @@
-//! What the page, the tables and the JSON say of the forward problem.
+//! Tables and JSON of the forward problem.
 
 use super::super::table::Table;
 use super::choice::{TARGETS, cheapest};
@@ -13,7 +13,7 @@ fn mm(length_m: Option<f64>) -> String {
     length_m.map_or_else(|| "-".to_owned(), |length_m| format!("{:.3}", 1e3 * length_m))
 }
 
-/// The cheapest mesh of each skin for an error.
+/// Table of the cheapest mesh of each skin for each error.
 pub(in super::super) fn choices(all: &[ForwardResults]) -> Table {
     let mut rows = Vec::new();
     for results in all {
@@ -49,11 +49,12 @@ pub(in super::super) fn choices(all: &[ForwardResults]) -> Table {
         &HEAD,
         rows,
         format!(
-            "The kind of elements and the mesh that take the least time for an error, which every \
-             finer mesh of its family keeps; its edges are `edge_m` and `electrode_edge_m` of a scene's \
-             `[mesh]`. Error: the largest of a voltage over the largest voltage. \
-             Time: median, factorisation, voltages and Jacobian with memory of earlier runs; beside it \
-             its floor, the voltages alone, and what linear elements take for the same. Against: {}.",
+            "The element order and mesh that take the least time for an error that every finer \
+             mesh of the family also achieves; its edges are `edge_m` and `electrode_edge_m` in a \
+             scene's `[mesh]`. Error: largest error of a voltage divided by the largest voltage. \
+             Time: median for factorisation, voltages and Jacobian, reusing memory; next to it its \
+             floor, the voltages alone, and the time of linear elements for the same error. \
+             Reference: {}.",
             references.join("; ")
         ),
     )
@@ -81,7 +82,7 @@ fn linear(results: &ForwardResults, target: f64) -> String {
     found.map_or_else(|| "-".to_owned(), |point| ms(point.time.median_s))
 }
 
-/// Every mesh of every skin.
+/// Table of every mesh of every skin.
 pub(in super::super) fn meshes(all: &[ForwardResults]) -> Table {
     let mut rows = Vec::new();
     for results in all {
@@ -114,8 +115,9 @@ pub(in super::super) fn meshes(all: &[ForwardResults]) -> Table {
             "its own error",
         ],
         rows,
-        "Factorisation, voltages and Jacobian with memory of earlier runs; error: the largest over the \
-         largest voltage. No error is told that is below ten times the reference's own.",
+        "Factorisation, voltages and Jacobian, reusing memory; error: largest error of a voltage \
+         divided by the largest voltage. Errors below ten times the reference's own are not \
+         reported.",
     )
 }
 
@@ -141,7 +143,7 @@ fn cells(scene: &str, point: &ForwardPoint) -> Vec<String> {
     ]
 }
 
-/// For programs.
+/// Returns the results as JSON.
 pub(in super::super) fn json(all: &[ForwardResults]) -> Value {
     let of_target = |results: &ForwardResults, target: f64| {
         json!({

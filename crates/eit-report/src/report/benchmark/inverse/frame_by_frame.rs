@@ -1,6 +1,6 @@
-//! Solvers that take frame after frame, on the way that `eit live` takes: what they know before the
-//! first one is the skin and the noise. Every frame is timed by itself, the ones that fill a window
-//! included.
+//! Solvers that process one frame at a time, as in `eit live`: before the first frame they know
+//! only the skin and the noise. Every frame is timed separately, including those that fill a
+//! window.
 
 use super::super::super::named_net::NamedNet;
 use super::super::super::reconstruction_model::ReconstructionModel;
@@ -16,15 +16,15 @@ use eit_skin::{FittedFrames, Progress};
 use ndarray::Array2;
 use std::time::Instant;
 
-/// A stream of total variation and the gap that every frame is run to.
+/// A total-variation stream and the target gap of each frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StreamSetting {
     pub method: BoundedMethod,
     pub target_gap: f64,
 }
 
-/// OneStepGaussNewton images by one matrix, and through a net. By cross-validation it has seen the
-/// recording, and is not live.
+/// One-step Gauss-Newton images by one matrix, with and without a network. With cross-validation
+/// the method has seen the recording and does not count as live.
 pub(super) fn one_step(
     problem: &InverseProblem<'_>,
     model: &ReconstructionModel,
@@ -67,7 +67,7 @@ pub(super) fn one_step(
     live.curve(problem, &images, run)
 }
 
-/// Total variation frame by frame, and through a net.
+/// Total variation frame by frame, with and without a network.
 pub(super) fn stream(
     problem: &InverseProblem<'_>,
     model: &ReconstructionModel,
@@ -107,14 +107,14 @@ pub(super) fn stream(
     live.curve(problem, &images, run)
 }
 
-/// What makes an image of a frame.
+/// Reconstructs the image of a frame.
 enum FrameSolver<'a> {
     OneStep {
         reconstructor: &'a Reconstructor,
         workspace: Box<Workspace>,
         reference: &'a [f64],
     },
-    /// With all its iterations, its worst status and its worst gap.
+    /// Also records iterations, worst status and worst gap.
     Stream {
         stream: Box<TvStream>,
         worst: Convergence,
@@ -147,16 +147,16 @@ impl FrameSolver<'_> {
     }
 }
 
-/// Images of a model's raster, and the time of each frame of each run.
+/// Images on a model's raster, and the time of each frame in each run.
 struct FrameTimes {
     /// [frame, masked pixel].
     images: Array2<f64>,
     seconds: Vec<f64>,
-    /// Of the last run.
+    /// Convergence of the last run.
     convergence: Convergence,
 }
 
-/// Runs every solver over all frames.
+/// Runs a solver over all frames, repeatedly.
 fn frame_by_frame(
     model: &ReconstructionModel,
     fitted: &FittedFrames,
@@ -197,7 +197,7 @@ fn frame_by_frame(
     Ok(FrameTimes { images, seconds, convergence })
 }
 
-/// A solver that takes frame after frame, with or without a net behind it.
+/// A solver that processes one frame at a time, optionally followed by a network.
 struct LiveSolver<'a> {
     model: &'a ReconstructionModel,
     net: Option<&'a NamedNet>,
@@ -206,7 +206,7 @@ struct LiveSolver<'a> {
 }
 
 impl LiveSolver<'_> {
-    /// Judges its images; the run's floor is still without the net.
+    /// Evaluates its images; the floor in `run` does not include the network yet.
     fn curve(
         mut self,
         problem: &InverseProblem<'_>,

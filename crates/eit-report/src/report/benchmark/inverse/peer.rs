@@ -1,4 +1,4 @@
-//! What the Python peers are given, and how their images are judged.
+//! Data passed to the Python peers, and evaluation of their images.
 
 use super::super::super::solver::{BoundedMethod, SetUpCost, Solver};
 use super::super::peers::{PeerImages, PeerInverseProblem};
@@ -9,7 +9,8 @@ use eit_skin::Progress;
 use eit_skin::scene::Rule;
 use ndarray::Array1;
 
-/// The one-step matrix, and the problem of total variation with the weights that ours chose.
+/// Returns the one-step matrix, and the total-variation problem with the weights chosen by our
+/// solver.
 pub(super) fn peer_problem(
     problem: &InverseProblem<'_>,
     method: BoundedMethod,
@@ -42,7 +43,7 @@ pub(super) fn peer_problem(
     })
 }
 
-/// A peer's images, judged as ours.
+/// Evaluates a peer's images in the same way as ours.
 pub(super) fn peer_curve(
     problem: &InverseProblem<'_>,
     found: PeerImages,

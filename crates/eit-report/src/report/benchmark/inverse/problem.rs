@@ -1,6 +1,7 @@
-//! The inverse problem of one simulated recording, and how its images are judged.
+//! The inverse problem of one simulated recording, and the evaluation of its images.
 //!
-//! All images are judged on the finest raster; the pixels of a coarser one become squares on it.
+//! All images are evaluated on the finest raster, where the pixels of a coarser one appear as
+//! squares.
 
 use super::super::super::named_net::NamedNet;
 use super::super::super::reconstruction_model::ReconstructionModel;
@@ -18,32 +19,32 @@ use eit_skin::{FittedFrames, StopFlag};
 use ndarray::{Array2, Array3, ArrayView2};
 use std::path::Path;
 
-/// A recording and what it is reconstructed with.
+/// A recording and the models used to reconstruct it.
 pub(in super::super) struct InverseProblem<'a> {
-    /// The same skin with ascending numbers of pixels; images are judged on the last one.
+    /// The same skin with ascending numbers of pixels; images are evaluated on the last one.
     pub models: &'a [ReconstructionModel],
     pub recording: &'a SimulatedRecording,
     pub size: &'a Size,
     pub roofline: &'a Roofline,
-    /// Nets that belong to the skin and to the finest raster.
+    /// Networks for this skin and the finest raster.
     pub nets: &'a [NamedNet],
-    /// An interpreter that runs the Python peers.
+    /// Python interpreter that runs the peers.
     pub peers: Option<&'a Path>,
     /// Set when the user interrupts.
     pub stop: &'a StopFlag,
 }
 
-/// How images were made.
+/// Time and convergence of a solver's run.
 pub(super) struct SolverRun {
     pub time: Spread,
-    /// Of a frame, by the roofline.
+    /// Time floor per frame, from the roofline.
     pub floor_s: f64,
     pub convergence: Convergence,
     pub target_gap: Option<f64>,
 }
 
 impl InverseProblem<'_> {
-    /// Whether it is one frame, with nothing in time.
+    /// Whether the recording is a single frame, without a time term.
     pub fn is_still(&self) -> bool {
         self.frames() == 1
     }
@@ -53,12 +54,12 @@ impl InverseProblem<'_> {
         self.recording.truth.nrows()
     }
 
-    /// The model with the finest raster; a problem has one at least.
+    /// Returns the model with the finest raster; there is at least one model.
     pub fn finest(&self) -> &ReconstructionModel {
         &self.models[self.models.len() - 1]
     }
 
-    /// The recording for a method, with a rule for its hyperparameter.
+    /// Fits the recording for a method, with a rule for its hyperparameter.
     pub fn fit(
         &self,
         model: &ReconstructionModel,
@@ -68,7 +69,7 @@ impl InverseProblem<'_> {
         self.fit_with(model, method.settings(model, rule))
     }
 
-    /// The recording with its noise, to be reconstructed with these settings.
+    /// Fits the recording, with its noise, for reconstruction with these settings.
     pub fn fit_with(
         &self,
         model: &ReconstructionModel,
@@ -78,7 +79,7 @@ impl InverseProblem<'_> {
         model.fit(&simulated.frames, simulated.noise_std_v, settings)
     }
 
-    /// Images of another raster on the finest, both [frame, masked pixel].
+    /// Maps images from another raster to the finest, both [frame, masked pixel].
     pub fn on_finest(
         &self,
         model: &ReconstructionModel,
@@ -94,13 +95,13 @@ impl InverseProblem<'_> {
             let [row, column] = finest.masked_pixels()[k];
             let [x_m, y_m] = finest.centre_m(row, column);
             let found = own.pixel_at([x_m, y_m]).map(|[row, column]| images[[frame, row, column]]);
-            // a rim pixel that the coarse raster leaves out shows no change
+            // a rim pixel outside the coarse raster's mask shows no change
             *value = found.filter(|v| v.is_finite()).unwrap_or(0.0);
         }
         Ok(shown)
     }
 
-    /// Judges images on the finest raster.
+    /// Evaluates images on the finest raster.
     pub(super) fn point(
         &self,
         images: &Array2<f64>,
@@ -117,7 +118,7 @@ impl InverseProblem<'_> {
         })
     }
 
-    /// The curve of a solver with one setting.
+    /// Returns the curve of a solver with a single setting.
     pub(super) fn curve(
         &self,
         solver: SolverDescription,

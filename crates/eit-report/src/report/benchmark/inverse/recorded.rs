@@ -1,5 +1,5 @@
-//! Solvers that take a whole recording: weights and hyperparameters are chosen on it, and its frames
-//! are solved for together.
+//! Solvers that need a whole recording: weights and hyperparameters are chosen from it, and its
+//! frames are solved together.
 
 use super::super::super::reconstruction_model::ReconstructionModel;
 use super::super::super::solver::{BoundedMethod, ImageSequence, Solver};
@@ -12,7 +12,7 @@ use eit_skin::scene::Rule;
 use ndarray::Array2;
 use std::time::{Duration, Instant};
 
-/// A method on the elements of the mesh.
+/// Runs a method on the mesh elements.
 pub(super) fn on_elements(
     problem: &InverseProblem<'_>,
     method: Method,
@@ -46,7 +46,7 @@ pub(super) fn on_elements(
     problem.curve(description, solver.cost, pixels, &run)
 }
 
-/// Total variation, to one gap after the other, each from cold.
+/// Runs total variation to each target gap, always from a cold start.
 pub(super) fn total_variation(
     problem: &InverseProblem<'_>,
     model: &ReconstructionModel,

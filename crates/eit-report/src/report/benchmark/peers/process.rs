@@ -4,19 +4,19 @@ use std::io::Read as _;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Seconds that a peer's process may take: the slowest takes half a minute on an idle machine.
+/// Time limit of a peer's process, seconds; the slowest takes half a minute on an idle machine.
 const LIMIT_S: f64 = 300.0;
-/// Poll interval; the peers read their own clocks.
+/// Poll interval; the peers measure times with their own clocks.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Runs a process to its end, or ends it; why it failed, in its own last words.
+/// Runs a process to its end, or kills it at the limit; an error gives the last line of its output.
 pub(super) fn run(command: &mut Command) -> Result<(), String> {
     within(command, LIMIT_S)
 }
 
 fn within(command: &mut Command, limit_s: f64) -> Result<(), String> {
     let program = command.get_program().to_string_lossy().into_owned();
-    // a file, not a pipe: nobody reads while it runs
+    // a file, not a pipe, because nobody reads while it runs
     let mut words = tempfile::tempfile().map_err(|e| format!("no temporary file: {e}"))?;
     let to = words.try_clone().map_err(|e| format!("no temporary file: {e}"))?;
     let mut child = command
@@ -31,10 +31,10 @@ fn within(command: &mut Command, limit_s: f64) -> Result<(), String> {
             Ok(Some(status)) => break status,
             Ok(None) if start.elapsed().as_secs_f64() < limit_s => std::thread::sleep(LOOK),
             Ok(None) => {
-                // one that has ended since is as good
+                // the process may already have ended
                 let _ = child.kill();
                 let _ = child.wait();
-                return Err(format!("ended after {limit_s} s, the most that it may take"));
+                return Err(format!("killed after the time limit of {limit_s} s"));
             }
             Err(e) => return Err(format!("cannot wait for {program}: {e}")),
         }
@@ -43,7 +43,7 @@ fn within(command: &mut Command, limit_s: f64) -> Result<(), String> {
         return Ok(());
     }
     let mut text = Vec::new();
-    // what cannot be read says nothing
+    // unreadable output counts as empty
     let _ = std::io::Seek::rewind(&mut words).and_then(|()| words.read_to_end(&mut text));
     let text = String::from_utf8_lossy(&text);
     Err(text.trim().lines().last().unwrap_or("no reason given").to_owned())

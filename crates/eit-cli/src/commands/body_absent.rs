@@ -1,0 +1,12 @@
+//! `eit body` of a command that was built without zenoh.
+
+use super::Answer;
+use crate::cli::BodyArgs;
+use crate::error::CliError;
+
+/// Says how to get it, before any work.
+pub(crate) fn run(_: &BodyArgs, _: bool) -> Result<Answer, CliError> {
+    Err(CliError::input(
+        "this eit was built without zenoh: build it with cargo install --path crates/eit-cli --features zenoh",
+    ))
+}

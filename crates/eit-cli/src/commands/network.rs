@@ -1,0 +1,127 @@
+//! `--zenoh` and `--foxglove`, which are behind cargo features of the same names.
+
+use crate::cli::NetworkArgs;
+use crate::error::CliError;
+use eit_publish::Publisher;
+#[cfg(feature = "foxglove")]
+use eit_publish::{FoxgloveSettings, FoxgloveSink};
+#[cfg(feature = "zenoh")]
+use eit_publish::{SessionSettings, ZenohSettings, ZenohSink};
+
+/// Whether any of them is asked for.
+pub(super) fn is_wanted(args: &NetworkArgs) -> bool {
+    args.zenoh.is_some() || args.foxglove.is_some() || args.foxglove_record.is_some()
+}
+
+/// Adds the sinks that are asked for.
+pub(super) fn open(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
+    let publisher = open_zenoh(args, publisher)?;
+    open_foxglove(args, publisher)
+}
+
+#[cfg(feature = "zenoh")]
+fn open_zenoh(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
+    let Some(topic) = &args.zenoh else { return Ok(publisher) };
+    let mut settings = ZenohSettings::new(topic);
+    settings.frame_id.clone_from(&args.frame_id);
+    settings.domain = domain(args.ros_domain)?;
+    settings.session = SessionSettings {
+        connect: args.session.zenoh_connect.clone(),
+        listen: args.session.zenoh_listen.clone(),
+        config: args.session.zenoh_config.clone(),
+        is_hub: false,
+    };
+    if args.zenoh_every_frame {
+        settings.change = None;
+    }
+    let sink = ZenohSink::new(&settings).map_err(|e| CliError::from(e).within("--zenoh"))?;
+    Ok(publisher.with_zenoh(sink))
+}
+
+#[cfg(not(feature = "zenoh"))]
+fn open_zenoh(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
+    match args.zenoh {
+        None => Ok(publisher),
+        Some(_) => Err(absent("--zenoh", "zenoh")),
+    }
+}
+
+/// The domain given, else that of the environment.
+#[cfg(feature = "zenoh")]
+fn domain(given: Option<u32>) -> Result<u32, CliError> {
+    match (given, std::env::var("ROS_DOMAIN_ID")) {
+        (Some(domain), _) => Ok(domain),
+        (None, Ok(text)) if !text.is_empty() => text.parse().map_err(|_| {
+            CliError::input(format!("ROS_DOMAIN_ID = {text}: it must be a whole number"))
+        }),
+        _ => Ok(0),
+    }
+}
+
+#[cfg(feature = "foxglove")]
+fn open_foxglove(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
+    if args.foxglove.is_none() && args.foxglove_record.is_none() {
+        return Ok(publisher);
+    }
+    let settings = FoxgloveSettings {
+        server: args.foxglove.clone(),
+        recording: args.foxglove_record.clone(),
+        frame_id: args.frame_id.clone(),
+        ..FoxgloveSettings::default()
+    };
+    let sink = FoxgloveSink::new(&settings).map_err(|e| CliError::from(e).within("--foxglove"))?;
+    if let Some(address) = sink.address() {
+        eprintln!("eit: Foxglove: open a connection to ws://{address}");
+    }
+    Ok(publisher.with_foxglove(sink))
+}
+
+#[cfg(not(feature = "foxglove"))]
+fn open_foxglove(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
+    match (&args.foxglove, &args.foxglove_record) {
+        (None, None) => Ok(publisher),
+        _ => Err(absent("--foxglove", "foxglove")),
+    }
+}
+
+/// Says how to get a program that has it.
+#[cfg(not(all(feature = "zenoh", feature = "foxglove")))]
+fn absent(flag: &str, feature: &str) -> CliError {
+    CliError::input(format!(
+        "{flag}: this eit was built without {feature}: build it with cargo install --path crates/eit-cli \
+         --features {feature}"
+    ))
+}
+
+/// Reports what was dropped.
+#[cfg_attr(
+    not(any(feature = "zenoh", feature = "foxglove")),
+    allow(unused_variables, reason = "nothing to report")
+)]
+pub(super) fn report(publisher: &Publisher) {
+    #[cfg(feature = "zenoh")]
+    for sink in publisher.zenoh() {
+        let dropped = sink.statistics();
+        let (sent, refused) = sink.sent();
+        if dropped.dropped_frames > 0 || refused > 0 {
+            eprintln!(
+                "eit: note: --zenoh {}: {} of {} frames were dropped because sending was slower, and zenoh \
+                 refused {refused} of {} messages",
+                sink.topic(),
+                dropped.dropped_frames,
+                dropped.frames,
+                sent + refused
+            );
+        }
+    }
+    #[cfg(feature = "foxglove")]
+    if let Some(sink) = publisher.foxglove() {
+        let dropped = sink.statistics();
+        if dropped.dropped_frames > 0 {
+            eprintln!(
+                "eit: note: --foxglove: {} of {} frames were dropped because showing was slower",
+                dropped.dropped_frames, dropped.frames
+            );
+        }
+    }
+}

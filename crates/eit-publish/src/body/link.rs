@@ -1,0 +1,248 @@
+//! A body on the network.
+
+use super::state::{BodyNews, BodyState, Origin};
+use super::{BodySettings, Latency};
+use crate::error::PublishError;
+use crate::publisher::clock_s;
+use crate::ros::{
+    Attachment, BodyTouchArray, PatchState, PoseStamped, RosMessage as _, TouchArray, from_cdr,
+    type_hash,
+};
+use crate::ros::{Header, Time};
+use crate::zenoh_sink::{RosNode, RosPublisher};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
+use zenoh::Wait as _;
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::Sample;
+
+/// Messages that wait to be joined; more than that are dropped and counted.
+const CAPACITY: usize = 8192;
+/// How often silence is looked for.
+const TICK: Duration = Duration::from_millis(20);
+/// Without a change a list is given so often, which says that the body is alive.
+const HEARTBEAT: Duration = Duration::from_millis(100);
+/// How often poses are published.
+const POSES_EVERY: Duration = Duration::from_secs(1);
+
+struct Arrived {
+    patch: usize,
+    sample: Sample,
+    arrived: Instant,
+    arrived_s: f64,
+}
+
+/// Receives the patches of a body, joins them, and publishes the list (feature `zenoh`).
+#[derive(Debug)]
+pub struct Body {
+    state: BodyState,
+    hash: String,
+    arrivals: Receiver<Arrived>,
+    overflowed: Arc<AtomicU64>,
+    news: VecDeque<BodyNews>,
+    period: Duration,
+    listed: Option<Instant>,
+    outlet: Option<Outlet>,
+    refused: u64,
+    /// Last: subscribers end with them.
+    _subscribers: Vec<Subscriber<()>>,
+    node: RosNode,
+}
+
+/// What is published.
+#[derive(Debug)]
+struct Outlet {
+    list: RosPublisher<BodyTouchArray>,
+    poses: Vec<(RosPublisher<PoseStamped>, PoseStamped)>,
+    posed: Option<Instant>,
+}
+
+impl Body {
+    /// Opens the session and subscribes to every patch.
+    ///
+    /// # Errors
+    ///
+    /// A session that cannot be opened.
+    pub fn open(settings: &BodySettings) -> Result<Self, PublishError> {
+        let mut node = RosNode::open(&settings.session, settings.domain, "eit_body")?;
+        let (sender, arrivals) = sync_channel(CAPACITY);
+        let overflowed = Arc::new(AtomicU64::new(0));
+        let hash = type_hash(TouchArray::TYPE)
+            .ok_or_else(|| PublishError::MessageType { name: TouchArray::TYPE.to_owned() })?;
+        let subscribers = settings.patches.iter().enumerate().map(|(number, patch)| {
+            // any hash: another version of the message is told from silence
+            let key = format!(
+                "{}/{}/touches/eit_skin_msgs::msg::dds_::TouchArray_/*",
+                settings.domain, patch.topic
+            );
+            subscribe(&node, &key, number, sender.clone(), Arc::clone(&overflowed))
+        });
+        let subscribers = subscribers.collect::<Result<_, _>>()?;
+        let outlet = match &settings.topic {
+            Some(topic) => Some(Outlet::new(&mut node, topic, settings)?),
+            None => None,
+        };
+        Ok(Self {
+            state: BodyState::new(settings, Instant::now()),
+            hash,
+            arrivals,
+            overflowed,
+            news: VecDeque::new(),
+            period: settings.period,
+            listed: None,
+            outlet,
+            refused: 0,
+            _subscribers: subscribers,
+            node,
+        })
+    }
+
+    /// Waits for news, no longer than `timeout`.
+    pub fn next(&mut self, timeout: Duration) -> Option<BodyNews> {
+        let end = Instant::now() + timeout;
+        loop {
+            if let Some(news) = self.news.pop_front() {
+                return Some(news);
+            }
+            while let Ok(arrived) = self.arrivals.try_recv() {
+                self.take(&arrived);
+            }
+            let now = Instant::now();
+            self.state.silences(now, &mut self.news);
+            let since = self.listed.map(|listed| now.duration_since(listed));
+            let least = if self.state.has_changed() { self.period } else { HEARTBEAT };
+            if since.is_none_or(|since| since >= least) {
+                self.list(now);
+                continue;
+            }
+            if !self.news.is_empty() {
+                continue;
+            }
+            if now >= end {
+                return None;
+            }
+            let next_list = least.saturating_sub(since.unwrap_or_default());
+            let wait = TICK.min(end - now).min(next_list);
+            match self.arrivals.recv_timeout(wait) {
+                Ok(arrived) => self.take(&arrived),
+                Err(RecvTimeoutError::Timeout) => {}
+                // never: the subscribers hold senders
+                Err(RecvTimeoutError::Disconnected) => std::thread::sleep(wait),
+            }
+        }
+    }
+
+    /// Name of a patch.
+    pub fn name(&self, patch: usize) -> &str {
+        self.state.name(patch)
+    }
+
+    /// State of every patch.
+    pub fn patches(&self) -> Vec<PatchState> {
+        self.state.states(Instant::now())
+    }
+
+    /// How late messages were ([`BodyState::latency`]).
+    pub fn latency(&self) -> &Latency {
+        self.state.latency()
+    }
+
+    /// Forgets the latencies so far.
+    pub fn reset_latency(&mut self) {
+        self.state.reset_latency();
+    }
+
+    /// Messages dropped because they came faster than they were joined, and lists that zenoh did not take.
+    pub fn dropped(&self) -> [u64; 2] {
+        [self.overflowed.load(Ordering::Relaxed), self.refused]
+    }
+
+    /// The node.
+    pub fn node(&self) -> &RosNode {
+        &self.node
+    }
+
+    fn list(&mut self, now: Instant) {
+        self.listed = Some(now);
+        let list = self.state.list(clock_s());
+        if let Some(outlet) = &mut self.outlet {
+            let published = outlet.list.publish(&self.state.message(&list, now));
+            self.refused += u64::from(published.is_err() || outlet.pose(now).is_err());
+        }
+        self.news.push_back(BodyNews::Touches(list));
+    }
+
+    fn take(&mut self, arrived: &Arrived) {
+        let patch = arrived.patch;
+        let hash = arrived.sample.key_expr().as_str().rsplit('/').next().unwrap_or_default();
+        if hash != self.hash {
+            let reason = format!("its TouchArray has type hash {hash}, not {}", self.hash);
+            self.news.extend(self.state.unreadable(patch, reason));
+            return;
+        }
+        let attachment = arrived.sample.attachment().map(|bytes| bytes.to_bytes());
+        let Some(attachment) = attachment.and_then(|bytes| Attachment::from_bytes(&bytes)) else {
+            let reason = "its messages lack the attachment of rmw_zenoh 0.2.4 or newer".to_owned();
+            self.news.extend(self.state.unreadable(patch, reason));
+            return;
+        };
+        let Arrived { arrived: when, arrived_s, .. } = *arrived;
+        let news = match from_cdr::<TouchArray>(&arrived.sample.payload().to_bytes()) {
+            Ok(message) => {
+                let origin = Origin { attachment, arrived: when, arrived_s };
+                self.state.receive(patch, &message, &origin)
+            }
+            Err(error) => self.state.unreadable(patch, error.to_string()),
+        };
+        self.news.extend(news);
+    }
+}
+
+fn subscribe(
+    node: &RosNode,
+    key: &str,
+    patch: usize,
+    sender: SyncSender<Arrived>,
+    overflowed: Arc<AtomicU64>,
+) -> Result<Subscriber<()>, PublishError> {
+    node.session()
+        .declare_subscriber(key.to_owned())
+        .callback(move |sample| {
+            let (arrived, arrived_s) = (Instant::now(), clock_s());
+            if sender.try_send(Arrived { patch, sample, arrived, arrived_s }).is_err() {
+                overflowed.fetch_add(1, Ordering::Relaxed);
+            }
+        })
+        .wait()
+        .map_err(|source| PublishError::Zenoh { action: "subscribe to a patch", source })
+}
+
+impl Outlet {
+    fn new(node: &mut RosNode, topic: &str, settings: &BodySettings) -> Result<Self, PublishError> {
+        let list = node.advertise(&format!("{topic}/touches"))?;
+        let poses = settings.patches.iter().map(|patch| {
+            let publisher = node.advertise(&format!("{}/pose", patch.topic))?;
+            let header = Header { stamp: Time::default(), frame_id: settings.frame_id.clone() };
+            Ok((publisher, PoseStamped { header, pose: patch.placement.pose() }))
+        });
+        let poses = poses.collect::<Result<_, PublishError>>()?;
+        Ok(Self { list, poses, posed: None })
+    }
+
+    /// Publishes the poses of the patches if it is time.
+    fn pose(&mut self, now: Instant) -> Result<(), PublishError> {
+        if self.posed.is_some_and(|posed| now.duration_since(posed) < POSES_EVERY) {
+            return Ok(());
+        }
+        self.posed = Some(now);
+        let stamp = Time::from_seconds(clock_s());
+        for (publisher, message) in &mut self.poses {
+            message.header.stamp = stamp;
+            publisher.publish(message)?;
+        }
+        Ok(())
+    }
+}

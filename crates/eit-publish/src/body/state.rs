@@ -1,0 +1,286 @@
+//! What is known of every patch: touches, silence, losses, clock. Knows no network, so that tests set the time.
+
+use super::clock::ClockOffset;
+use super::latency::Latency;
+use super::{BodySettings, Placement};
+use crate::ros::{
+    Attachment, BodyTouch, BodyTouchArray, Header, PatchState, Time, TouchArray, TouchMessage,
+    touch_state,
+};
+use std::time::{Duration, Instant};
+
+/// A stamp that is further from the time of sending than this, seconds, is not of now (a replay): the time of
+/// sending counts.
+const OLD_S: f64 = 10.0;
+
+/// Something that a body reports.
+#[derive(Debug, Clone, PartialEq)]
+pub enum BodyNews {
+    /// Touches of all patches that are not silent.
+    Touches(BodyTouches),
+    /// A patch has been silent for too long; its touches are no longer listed.
+    Silent {
+        /// Its number in the settings.
+        patch: usize,
+        /// Since its last message, or since the start.
+        for_s: f64,
+        /// Whether it was ever heard.
+        was_heard: bool,
+    },
+    /// A silent patch is heard again.
+    Back {
+        /// Its number in the settings.
+        patch: usize,
+        /// How long it was silent.
+        after_s: f64,
+    },
+    /// A patch sends what cannot be read: another version of the messages. Reported once.
+    Unreadable {
+        /// Its number in the settings.
+        patch: usize,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+/// The joined list.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct BodyTouches {
+    /// Seconds since 1970 by the clock of this computer.
+    pub time_s: f64,
+    /// Touches in the robot's frame.
+    pub touches: Vec<PlacedTouch>,
+}
+
+/// A touch in the robot's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlacedTouch {
+    /// Number of its patch in the settings.
+    pub patch: usize,
+    /// Number of the patch's connection to its instrument.
+    pub epoch: u32,
+    /// Time of its frame on the clock of this computer, seconds since 1970.
+    pub time_s: f64,
+    /// The touch.
+    pub touch: TouchMessage,
+}
+
+/// When a message was sent and when it arrived.
+#[derive(Debug, Clone, Copy)]
+pub struct Origin {
+    /// Number and time of sending.
+    pub attachment: Attachment,
+    /// When it arrived.
+    pub arrived: Instant,
+    /// The same by the clock of this computer, seconds since 1970.
+    pub arrived_s: f64,
+}
+
+#[derive(Debug)]
+struct Patch {
+    /// In the settings.
+    number: usize,
+    name: String,
+    placement: Placement,
+    touches: Vec<PlacedTouch>,
+    /// Last message, or the start.
+    heard: Instant,
+    was_heard: bool,
+    is_silent: bool,
+    /// Publisher and number of the last message.
+    last: Option<([u8; 16], i64)>,
+    received: u64,
+    lost: u64,
+    clock: ClockOffset,
+    is_unreadable: bool,
+}
+
+/// Joins the messages of all patches.
+#[derive(Debug)]
+pub struct BodyState {
+    patches: Vec<Patch>,
+    frame_id: String,
+    silent_after: Duration,
+    has_changed: bool,
+    /// Times of sending of messages that are not listed yet, seconds.
+    unlisted: Vec<f64>,
+    latency: Latency,
+}
+
+impl BodyState {
+    /// Nothing has been heard; silence counts from `now`.
+    pub fn new(settings: &BodySettings, now: Instant) -> Self {
+        let patch = |(number, patch): (usize, &super::PatchSettings)| Patch {
+            number,
+            name: patch.name.clone(),
+            placement: patch.placement,
+            touches: Vec::new(),
+            heard: now,
+            was_heard: false,
+            is_silent: false,
+            last: None,
+            received: 0,
+            lost: 0,
+            clock: ClockOffset::default(),
+            is_unreadable: false,
+        };
+        Self {
+            patches: settings.patches.iter().enumerate().map(patch).collect(),
+            frame_id: settings.frame_id.clone(),
+            silent_after: settings.silent_after,
+            has_changed: false,
+            unlisted: Vec::new(),
+            latency: Latency::default(),
+        }
+    }
+
+    /// Takes a message of a patch; reports a patch that was silent.
+    pub fn receive(
+        &mut self,
+        number: usize,
+        message: &TouchArray,
+        origin: &Origin,
+    ) -> Option<BodyNews> {
+        let patch = self.patches.get_mut(number)?;
+        let Attachment { sequence, time_ns, gid } = origin.attachment;
+        match patch.last {
+            // older than what is known: the network has changed the order
+            Some((publisher, last)) if publisher == gid && sequence <= last => return None,
+            Some((publisher, last)) if publisher == gid => {
+                patch.lost += sequence.abs_diff(last).saturating_sub(1);
+            }
+            // the first message, or a patch that was started anew
+            _ => {}
+        }
+        patch.last = Some((gid, sequence));
+        patch.received += 1;
+        let sent_s = 1e-9 * time_ns as f64;
+        patch.clock.observe(sent_s, origin.arrived_s);
+        let silence = origin.arrived.saturating_duration_since(patch.heard);
+        patch.heard = origin.arrived;
+        patch.was_heard = true;
+        let was_silent = std::mem::replace(&mut patch.is_silent, false);
+        self.has_changed |= patch.take(message, sent_s);
+        self.unlisted.push(sent_s);
+        if !self.has_changed {
+            self.listed(origin.arrived_s);
+        }
+        was_silent.then_some(BodyNews::Back { patch: number, after_s: silence.as_secs_f64() })
+    }
+
+    /// Reports a message that cannot be read, the first time.
+    pub fn unreadable(&mut self, number: usize, reason: String) -> Option<BodyNews> {
+        let patch = self.patches.get_mut(number)?;
+        let was_unreadable = std::mem::replace(&mut patch.is_unreadable, true);
+        (!was_unreadable).then_some(BodyNews::Unreadable { patch: number, reason })
+    }
+
+    /// Reports patches that have fallen silent; their touches are forgotten.
+    pub fn silences(&mut self, now: Instant, news: &mut impl Extend<BodyNews>) {
+        for (number, patch) in self.patches.iter_mut().enumerate() {
+            let silence = now.saturating_duration_since(patch.heard);
+            if patch.is_silent || silence < self.silent_after {
+                continue;
+            }
+            patch.is_silent = true;
+            self.has_changed |= !patch.touches.is_empty();
+            patch.touches.clear();
+            let (for_s, was_heard) = (silence.as_secs_f64(), patch.was_heard);
+            news.extend([BodyNews::Silent { patch: number, for_s, was_heard }]);
+        }
+    }
+
+    /// Whether there is something that the last list did not hold.
+    pub fn has_changed(&self) -> bool {
+        self.has_changed
+    }
+
+    /// The list. Touches that have ended are in it once.
+    pub fn list(&mut self, now_s: f64) -> BodyTouches {
+        self.has_changed = false;
+        self.listed(now_s);
+        let mut touches = Vec::new();
+        for patch in &mut self.patches {
+            touches.extend_from_slice(&patch.touches);
+            patch.touches.retain(|placed| placed.touch.state != touch_state::END);
+        }
+        BodyTouches { time_s: now_s, touches }
+    }
+
+    /// The list as a message.
+    pub fn message(&self, list: &BodyTouches, now: Instant) -> BodyTouchArray {
+        let stamp = Time::from_seconds(list.time_s);
+        let touch = |placed: &PlacedTouch| BodyTouch {
+            patch: self.name(placed.patch).to_owned(),
+            epoch: placed.epoch,
+            stamp: Time::from_seconds(placed.time_s),
+            touch: placed.touch,
+        };
+        BodyTouchArray {
+            header: Header { stamp, frame_id: self.frame_id.clone() },
+            patches: self.states(now),
+            touches: list.touches.iter().map(touch).collect(),
+        }
+    }
+
+    /// State of every patch.
+    pub fn states(&self, now: Instant) -> Vec<PatchState> {
+        let state = |patch: &Patch| PatchState {
+            name: patch.name.clone(),
+            silent: patch.is_silent || !patch.was_heard,
+            age: match patch.was_heard {
+                true => now.saturating_duration_since(patch.heard).as_secs_f64(),
+                false => f64::NAN,
+            },
+            received: patch.received,
+            lost: patch.lost,
+        };
+        self.patches.iter().map(state).collect()
+    }
+
+    /// Name of a patch.
+    pub fn name(&self, number: usize) -> &str {
+        self.patches.get(number).map_or("", |patch| &patch.name)
+    }
+
+    /// From sending by the patch to the list that holds it (heartbeats: to being read), by the two computers'
+    /// clocks: only meaningful where those agree.
+    pub fn latency(&self) -> &Latency {
+        &self.latency
+    }
+
+    /// Forgets the latencies so far.
+    pub fn reset_latency(&mut self) {
+        self.latency = Latency::default();
+    }
+
+    fn listed(&mut self, now_s: f64) {
+        for sent_s in self.unlisted.drain(..) {
+            self.latency.add(now_s - sent_s);
+        }
+    }
+}
+
+impl Patch {
+    /// Replaces its touches; whether that changes the list.
+    fn take(&mut self, message: &TouchArray, sent_s: f64) -> bool {
+        let stamp_s = message.header.stamp.seconds();
+        let stamp_s = if (stamp_s - sent_s).abs() < OLD_S { stamp_s } else { sent_s };
+        let time_s = stamp_s + self.clock.offset_s().unwrap_or(0.0);
+        let had_touches = !self.touches.is_empty();
+        // an end that nobody was told of stays until the next list
+        let is_listed = |placed: &PlacedTouch| {
+            let is_same = |touch: &TouchMessage| touch.id == placed.touch.id;
+            placed.epoch == message.epoch && message.touches.iter().any(is_same)
+        };
+        self.touches.retain(|placed| placed.touch.state == touch_state::END && !is_listed(placed));
+        let (patch, placement, epoch) = (self.number, self.placement, message.epoch);
+        self.touches.extend(message.touches.iter().map(|touch| PlacedTouch {
+            patch,
+            epoch,
+            time_s,
+            touch: placement.place(touch),
+        }));
+        had_touches || !message.touches.is_empty()
+    }
+}

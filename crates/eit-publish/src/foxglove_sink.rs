@@ -1,0 +1,267 @@
+//! The skin for Foxglove, in its own schemas: a scene, a grid and a log; live, or recorded as MCAP.
+
+mod draw;
+
+use crate::SkinShape;
+use crate::error::PublishError;
+use crate::outbox::{self, FrameCopy, ImageCopy, Next, Outbox, Severity, SinkStatistics, Worker};
+use crate::publisher::clock_s;
+use draw::Painter;
+use eit_skin::TouchFrame;
+use eit_skin::ndarray::ArrayView2;
+use foxglove::messages::{Grid, Log, SceneUpdate, Timestamp, log};
+use foxglove::{Channel, Context, FoxgloveError, McapWriterHandle, WebSocketServerHandle};
+use std::fs::File;
+use std::io::{self, BufWriter};
+use std::net::{SocketAddr, ToSocketAddrs as _};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How often the outline is repeated: Foxglove shows a new client only what is sent from then on.
+const OUTLINE_EVERY: Duration = Duration::from_secs(1);
+/// How often the thread wakes without a message.
+const TICK: Duration = Duration::from_millis(100);
+/// Frames at most so often for live clients and recordings alike: no eye sees more.
+const SCENE_EVERY: Duration = Duration::from_millis(15);
+
+/// How a skin is shown in Foxglove.
+#[derive(Debug, Clone)]
+pub struct FoxgloveSettings {
+    /// HOST:PORT of the server, port 0 for any that is free; `None` for no server.
+    pub server: Option<String>,
+    /// A recording with the same messages, which must not exist yet.
+    pub recording: Option<PathBuf>,
+    /// Topics begin with this: `/scene`, `/image` and `/log` follow.
+    pub topic: String,
+    /// Name of the skin's coordinate frame.
+    pub frame_id: String,
+}
+
+impl Default for FoxgloveSettings {
+    /// A server at 127.0.0.1:8765, no recording, topics below `/skin`, frame `skin`.
+    fn default() -> Self {
+        Self {
+            server: Some("127.0.0.1:8765".to_owned()),
+            recording: None,
+            topic: "/skin".to_owned(),
+            frame_id: "skin".to_owned(),
+        }
+    }
+}
+
+/// Shows a skin in Foxglove (feature `foxglove`).
+///
+/// Frames go through a queue of 64 to a thread of their own, as with `ZenohSink`. The server has no access control:
+/// whoever reaches its address can watch. It runs on 127.0.0.1 unless told otherwise.
+#[derive(Debug)]
+pub struct FoxgloveSink {
+    outbox: Arc<Outbox>,
+    shape: Arc<Mutex<Option<SkinShape>>>,
+    clients: Arc<AtomicUsize>,
+    address: Option<SocketAddr>,
+    is_recording: bool,
+    worker: Worker,
+    last_image: Option<Instant>,
+}
+
+impl FoxgloveSink {
+    /// Starts the server and creates the recording.
+    ///
+    /// # Errors
+    ///
+    /// An address that cannot be used, a recording that exists.
+    pub fn new(settings: &FoxgloveSettings) -> Result<Self, PublishError> {
+        let context = Context::new();
+        let mut address = None;
+        let server = match &settings.server {
+            None => None,
+            Some(place) => {
+                let found = resolve(place)?;
+                let server = context
+                    .websocket_server()
+                    .name("eit")
+                    .bind(found.ip().to_string(), found.port())
+                    .start_blocking()
+                    .map_err(|error| failed(place, error))?;
+                address = Some(SocketAddr::new(found.ip(), server.port()));
+                Some(server)
+            }
+        };
+        let recording = match &settings.recording {
+            None => None,
+            Some(path) => Some(
+                context
+                    .mcap_writer()
+                    .create_new_buffered_file(path)
+                    .map_err(|error| failed(&path.display().to_string(), error))?,
+            ),
+        };
+        let outbox = Arc::new(Outbox::default());
+        let shape = Arc::new(Mutex::new(None));
+        let clients = Arc::new(AtomicUsize::new(0));
+        let is_recording = recording.is_some();
+        let topic = settings.topic.trim_end_matches('/');
+        let sender = Sender {
+            scene: context.channel_builder(format!("{topic}/scene")).build(),
+            image: context.channel_builder(format!("{topic}/image")).build(),
+            log: context.channel_builder(format!("{topic}/log")).build(),
+            _context: context,
+            server,
+            recording,
+            painter: Painter::new(&settings.frame_id),
+            shape: Arc::clone(&shape),
+            clients: Arc::clone(&clients),
+            outlined: None,
+            last_scene: None,
+        };
+        let worker =
+            Worker::start("eit foxglove", Arc::clone(&outbox), |outbox| sender.run(outbox))
+                .map_err(PublishError::Thread)?;
+        Ok(Self { outbox, shape, clients, address, is_recording, worker, last_image: None })
+    }
+
+    /// Address of the server.
+    pub fn address(&self) -> Option<SocketAddr> {
+        self.address
+    }
+
+    /// Frames offered, and dropped because showing was slower.
+    pub fn statistics(&self) -> SinkStatistics {
+        self.outbox.statistics()
+    }
+
+    /// Whether a client is connected or a recording is made.
+    pub fn wants_images(&self) -> bool {
+        self.is_recording || self.clients.load(Ordering::Relaxed) > 0
+    }
+
+    /// Sends what is queued, completes the recording and stops the server, within two seconds.
+    pub fn finish(&mut self) {
+        self.worker.finish();
+    }
+
+    pub(crate) fn is_image_due(&mut self) -> bool {
+        self.wants_images() && outbox::is_due(&mut self.last_image)
+    }
+
+    pub(crate) fn skin(&self, shape: &SkinShape) {
+        *lock(&self.shape) = Some(shape.clone());
+    }
+
+    pub(crate) fn frame(&self, frame: &TouchFrame<'_>) {
+        self.outbox.frame(frame);
+    }
+
+    pub(crate) fn image(&self, image: ArrayView2<'_, f64>) {
+        self.outbox.image(image);
+    }
+
+    pub(crate) fn incident(&self, severity: Severity, text: &str) {
+        self.outbox.incident(severity, text);
+    }
+}
+
+/// Owns server and recording.
+struct Sender {
+    scene: Channel<SceneUpdate>,
+    image: Channel<Grid>,
+    log: Channel<Log>,
+    /// Channels are closed when it is dropped.
+    _context: Arc<Context>,
+    server: Option<WebSocketServerHandle>,
+    recording: Option<McapWriterHandle<BufWriter<File>>>,
+    painter: Painter,
+    shape: Arc<Mutex<Option<SkinShape>>>,
+    clients: Arc<AtomicUsize>,
+    outlined: Option<Instant>,
+    last_scene: Option<Instant>,
+}
+
+impl Sender {
+    fn run(mut self, outbox: &Outbox) {
+        loop {
+            match outbox.next(TICK) {
+                Next::Frame(frame) => {
+                    self.frame(&frame);
+                    outbox.recycle(frame);
+                }
+                Next::Image(image) => {
+                    self.image(&image);
+                    outbox.recycle_image(image);
+                }
+                Next::Incident(incident) => {
+                    let level = match incident.severity {
+                        Severity::Information => log::Level::Info,
+                        Severity::Warning => log::Level::Warning,
+                        Severity::Error => log::Level::Error,
+                    };
+                    let time = timestamp(Some(incident.host_time_s));
+                    let message = Log {
+                        timestamp: Some(time),
+                        level: level.into(),
+                        message: incident.text,
+                        name: "eit".to_owned(),
+                        file: String::new(),
+                        line: 0,
+                    };
+                    self.log.log_with_time(&message, time);
+                }
+                Next::Nothing => {}
+                Next::Over => break,
+            }
+            if let Some(server) = &self.server {
+                self.clients.store(server.client_count(), Ordering::Relaxed);
+            }
+        }
+        if let Some(recording) = self.recording.take() {
+            // what was written is readable without its index, too
+            let _ = recording.close();
+        }
+        if let Some(server) = self.server.take() {
+            server.stop().wait_blocking();
+        }
+    }
+
+    fn frame(&mut self, frame: &FrameCopy) {
+        let has_end = frame.touches.iter().any(|touch| touch.state == eit_skin::TouchState::End);
+        if !has_end && self.last_scene.is_some_and(|last| last.elapsed() < SCENE_EVERY) {
+            return;
+        }
+        self.last_scene = Some(Instant::now());
+        let time = timestamp(frame.host_time_s);
+        if self.outlined.is_none_or(|last| last.elapsed() >= OUTLINE_EVERY)
+            && let Some(shape) = &*lock(&self.shape)
+        {
+            self.outlined = Some(Instant::now());
+            self.scene.log_with_time(&self.painter.outline(shape, time), time);
+        }
+        self.scene.log_with_time(&self.painter.touches(frame, time), time);
+    }
+
+    fn image(&mut self, image: &ImageCopy) {
+        let extent = lock(&self.shape).as_ref().map(|shape| shape.extent_m);
+        let Some(extent) = extent else { return };
+        let time = timestamp(image.host_time_s);
+        self.image.log_with_time(&self.painter.grid(image, extent, time), time);
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn timestamp(time_s: Option<f64>) -> Timestamp {
+    Timestamp::saturating_from_epoch_secs_f64(time_s.unwrap_or_else(clock_s))
+}
+
+fn resolve(place: &str) -> Result<SocketAddr, PublishError> {
+    let refuse = |error| PublishError::Address { address: place.to_owned(), error };
+    let found = place.to_socket_addrs().map_err(refuse)?.next();
+    found.ok_or_else(|| refuse(io::ErrorKind::NotFound.into()))
+}
+
+fn failed(place: &str, error: FoxgloveError) -> PublishError {
+    PublishError::Foxglove { place: place.to_owned(), source: Box::new(error) }
+}

@@ -1,0 +1,378 @@
+//! A bounded queue between the frames of a skin and a sink that may be slow: whoever fills it never waits.
+
+use eit_skin::faults::ElectrodeFault;
+use eit_skin::ndarray::ArrayView2;
+use eit_skin::{Touch, TouchFrame};
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Frames and events that wait for the sink; beyond it the oldest is dropped.
+const CAPACITY: usize = 64;
+/// How long the end waits for the sink to send what is queued.
+const LAST_MESSAGES: Duration = Duration::from_secs(2);
+
+/// Images at most so often.
+const IMAGE_EVERY: Duration = Duration::from_millis(66);
+
+/// Whether the last image is old enough; then the next one counts from now.
+pub(crate) fn is_due(last: &mut Option<Instant>) -> bool {
+    let is_due = last.is_none_or(|last| last.elapsed() >= IMAGE_EVERY);
+    if is_due {
+        *last = Some(Instant::now());
+    }
+    is_due
+}
+
+/// A frame's touches that outlive the frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct FrameCopy {
+    pub sequence: u64,
+    pub epoch: u32,
+    pub time_s: f64,
+    pub host_time_s: Option<f64>,
+    pub latency_s: Option<f64>,
+    pub whole: bool,
+    pub faults: Vec<ElectrodeFault>,
+    pub touches: Vec<Touch>,
+}
+
+impl FrameCopy {
+    /// Copies into the memory of an earlier frame.
+    fn copy_from(&mut self, frame: &TouchFrame<'_>) {
+        let Self { faults, touches, .. } = std::mem::take(self);
+        *self = Self {
+            sequence: frame.sequence,
+            epoch: frame.epoch,
+            time_s: frame.time_s,
+            host_time_s: frame.host_time_s,
+            latency_s: frame.latency_s,
+            whole: frame.whole,
+            faults,
+            touches,
+        };
+        self.faults.clear();
+        self.faults.extend_from_slice(frame.faults);
+        self.touches.clear();
+        self.touches.extend_from_slice(frame.touches);
+    }
+}
+
+/// An image that outlives its frame: siemens, row by row from the top, NaN outside the skin.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct ImageCopy {
+    pub rows: usize,
+    pub columns: usize,
+    pub values: Vec<f32>,
+    pub host_time_s: Option<f64>,
+}
+
+/// How serious an event is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Severity {
+    Information,
+    Warning,
+    Error,
+}
+
+/// Something that happened between frames.
+#[derive(Debug, Clone)]
+pub(crate) struct Incident {
+    pub severity: Severity,
+    pub text: String,
+    /// Seconds since 1970.
+    pub host_time_s: f64,
+}
+
+/// What the sink is given next.
+#[derive(Debug)]
+pub(crate) enum Next {
+    Frame(FrameCopy),
+    Image(ImageCopy),
+    Incident(Incident),
+    /// Nothing has come in time.
+    Nothing,
+    /// Nothing will come any more.
+    Over,
+}
+
+/// Messages that a sink was offered and those that it could not take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SinkStatistics {
+    /// Frames offered.
+    pub frames: u64,
+    /// Frames dropped because the sink was slower than the skin.
+    pub dropped_frames: u64,
+    /// Other messages dropped for that reason.
+    pub dropped_events: u64,
+}
+
+#[derive(Debug)]
+enum Queued {
+    Frame(FrameCopy),
+    Incident(Incident),
+}
+
+#[derive(Debug, Default)]
+struct State {
+    queue: VecDeque<Queued>,
+    /// Memory of frames that were sent.
+    free: Vec<FrameCopy>,
+    /// Only the latest image counts.
+    image: Option<ImageCopy>,
+    free_image: Option<ImageCopy>,
+    host_time_s: Option<f64>,
+    statistics: SinkStatistics,
+    is_over: bool,
+    is_done: bool,
+}
+
+/// The queue; both sides hold it.
+#[derive(Debug, Default)]
+pub(crate) struct Outbox {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+impl Outbox {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Queues a frame. Allocates nothing once as many frames were queued, and as many touches, as now.
+    pub fn frame(&self, frame: &TouchFrame<'_>) {
+        let mut state = self.state();
+        state.statistics.frames += 1;
+        state.host_time_s = frame.host_time_s;
+        state.make_room();
+        let mut copy = state.free.pop().unwrap_or_default();
+        copy.copy_from(frame);
+        state.queue.push_back(Queued::Frame(copy));
+        self.changed.notify_one();
+    }
+
+    /// Queues the image of the last frame, in the place of one that was not sent yet.
+    pub fn image(&self, image: ArrayView2<'_, f64>) {
+        let mut state = self.state();
+        let free = state.free_image.take();
+        let mut copy = state.image.take().or(free).unwrap_or_default();
+        (copy.rows, copy.columns) = image.dim();
+        copy.host_time_s = state.host_time_s;
+        copy.values.clear();
+        copy.values.extend(image.iter().map(|&value| value as f32));
+        state.image = Some(copy);
+        self.changed.notify_one();
+    }
+
+    /// Queues something that happened.
+    pub fn incident(&self, severity: Severity, text: &str) {
+        let incident =
+            Incident { severity, text: text.to_owned(), host_time_s: crate::publisher::clock_s() };
+        let mut state = self.state();
+        state.make_room();
+        state.queue.push_back(Queued::Incident(incident));
+        self.changed.notify_one();
+    }
+
+    /// The next message, waiting no longer than `timeout`.
+    pub fn next(&self, timeout: Duration) -> Next {
+        let end = Instant::now() + timeout;
+        let mut state = self.state();
+        loop {
+            match state.queue.pop_front() {
+                Some(Queued::Frame(frame)) => return Next::Frame(frame),
+                Some(Queued::Incident(incident)) => return Next::Incident(incident),
+                None => {}
+            }
+            if let Some(image) = state.image.take() {
+                return Next::Image(image);
+            }
+            if state.is_over {
+                return Next::Over;
+            }
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Next::Nothing;
+            }
+            let waited = self.changed.wait_timeout(state, left);
+            state = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Gives the memory of a sent frame back.
+    pub fn recycle(&self, frame: FrameCopy) {
+        let mut state = self.state();
+        if state.free.len() < CAPACITY {
+            state.free.push(frame);
+        }
+    }
+
+    /// Gives the memory of a sent image back.
+    pub fn recycle_image(&self, image: ImageCopy) {
+        self.state().free_image = Some(image);
+    }
+
+    /// What was offered and dropped so far.
+    pub fn statistics(&self) -> SinkStatistics {
+        self.state().statistics
+    }
+}
+
+impl State {
+    /// Drops the oldest message where the queue is full: a reader wants the present.
+    fn make_room(&mut self) {
+        while self.queue.len() >= CAPACITY {
+            match self.queue.pop_front() {
+                Some(Queued::Frame(frame)) => {
+                    self.statistics.dropped_frames += 1;
+                    self.free.push(frame);
+                }
+                Some(Queued::Incident(_)) => self.statistics.dropped_events += 1,
+                None => return,
+            }
+        }
+    }
+}
+
+/// A thread that sends what is queued.
+#[derive(Debug)]
+pub(crate) struct Worker {
+    outbox: Arc<Outbox>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Worker {
+    /// Starts a thread that runs `send` until [`Next::Over`].
+    ///
+    /// # Errors
+    ///
+    /// No thread.
+    pub fn start(
+        name: &str,
+        outbox: Arc<Outbox>,
+        send: impl FnOnce(&Outbox) + Send + 'static,
+    ) -> std::io::Result<Self> {
+        let queue = Arc::clone(&outbox);
+        let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+            send(&queue);
+            queue.state().is_done = true;
+            queue.changed.notify_all();
+        })?;
+        Ok(Self { outbox, thread: Some(thread) })
+    }
+
+    /// Ends the thread once it has sent what is queued, or after two seconds: a network that hangs does not
+    /// hang the program.
+    pub fn finish(&mut self) {
+        let Some(thread) = self.thread.take() else { return };
+        let end = Instant::now() + LAST_MESSAGES;
+        let mut state = self.outbox.state();
+        state.is_over = true;
+        self.outbox.changed.notify_all();
+        while !state.is_done && !thread.is_finished() {
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return;
+            }
+            // a thread that panicked tells nobody
+            let left = left.min(Duration::from_millis(50));
+            let waited = self.outbox.changed.wait_timeout(state, left);
+            state = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        drop(state);
+        // it has nothing left to do; a panic of its own is no reason for another
+        let _ = thread.join();
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(sequence: u64) -> TouchFrame<'static> {
+        TouchFrame {
+            number: sequence,
+            sequence,
+            epoch: 0,
+            time_s: 0.0,
+            host_time_s: None,
+            touches: &[],
+            faults: &[],
+            whole: true,
+            latency_s: None,
+        }
+    }
+
+    /// A sink that takes nothing costs the oldest frames, each of which is counted, and no time.
+    #[test]
+    fn a_full_queue_drops_the_oldest_and_counts() {
+        let outbox = Outbox::default();
+        (0..100).for_each(|sequence| outbox.frame(&frame(sequence)));
+        let wanted = SinkStatistics { frames: 100, dropped_frames: 36, dropped_events: 0 };
+        assert_eq!(outbox.statistics(), wanted);
+        for sequence in 36..100 {
+            match outbox.next(Duration::ZERO) {
+                Next::Frame(copy) => assert_eq!(copy.sequence, sequence),
+                other => panic!("{other:?}"),
+            }
+        }
+        assert!(matches!(outbox.next(Duration::ZERO), Next::Nothing));
+    }
+
+    #[test]
+    fn the_latest_image_replaces_one_that_was_not_sent() {
+        let outbox = Outbox::default();
+        for value in [1.0, 2.0] {
+            outbox.image(eit_skin::ndarray::arr2(&[[value, f64::NAN]]).view());
+        }
+        let Next::Image(image) = outbox.next(Duration::ZERO) else { panic!("an image") };
+        assert_eq!((image.rows, image.columns, image.values[0]), (1, 2, 2.0));
+        assert!(image.values[1].is_nan());
+        assert!(matches!(outbox.next(Duration::ZERO), Next::Nothing));
+    }
+
+    /// From the largest frame on, queueing allocates nothing.
+    #[test]
+    fn nothing_is_allocated_for_a_frame() {
+        let outbox = Outbox::default();
+        // every slot, and the one that is in flight
+        (0..200).for_each(|sequence| outbox.frame(&frame(sequence)));
+        let counted = allocation_counter::measure(|| {
+            (0..100).for_each(|sequence| outbox.frame(&frame(sequence)));
+        });
+        assert_eq!(counted.count_total, 0);
+    }
+
+    /// The end waits for what is queued, and not for ever.
+    #[test]
+    fn the_end_is_bounded() {
+        let outbox = Arc::new(Outbox::default());
+        let (sender, receiver) = std::sync::mpsc::channel();
+        let mut worker = Worker::start("test", Arc::clone(&outbox), move |outbox| {
+            while let Next::Frame(frame) = outbox.next(Duration::from_secs(5)) {
+                sender.send(frame.sequence).unwrap();
+            }
+        })
+        .unwrap();
+        (0..10).for_each(|sequence| outbox.frame(&frame(sequence)));
+        worker.finish();
+        assert_eq!(receiver.try_iter().collect::<Vec<_>>(), (0..10).collect::<Vec<_>>());
+
+        let (sender, receiver) = std::sync::mpsc::channel::<()>();
+        let mut stuck = Worker::start("test", Arc::default(), move |_| {
+            let _ = receiver.recv();
+        })
+        .unwrap();
+        let start = Instant::now();
+        stuck.finish();
+        assert!(start.elapsed() < 2 * LAST_MESSAGES, "{:?}", start.elapsed());
+        drop(sender);
+    }
+}

@@ -1,0 +1,141 @@
+//! Touches, images and diagnostics by zenoh, as a node of ROS 2 would publish them through `rmw_zenoh`.
+
+mod node;
+mod sender;
+mod session;
+
+pub use node::{RosNode, RosPublisher};
+pub use session::SessionSettings;
+
+use crate::change::ChangeThreshold;
+use crate::error::PublishError;
+use crate::outbox::{Outbox, Severity, SinkStatistics, Worker};
+use crate::publisher::Start;
+use crate::ros::{self, Pose};
+use eit_skin::TouchFrame;
+use eit_skin::ndarray::ArrayView2;
+use sender::{Names, Sender, Shared};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// How a skin is published.
+#[derive(Debug, Clone)]
+pub struct ZenohSettings {
+    /// Topics begin with this, such as `skin/left_arm`: `/touches`, `/image` and `/pose` follow.
+    pub topic: String,
+    /// Name of the skin's coordinate frame.
+    pub frame_id: String,
+    /// Domain of ROS 2 (`ROS_DOMAIN_ID`).
+    pub domain: u32,
+    /// Name of the parent frame and the pose of the skin in it, published every second.
+    pub pose: Option<(String, Pose)>,
+    /// Publish only what has changed by more than this, and heartbeats; `None` for every frame.
+    pub change: Option<ChangeThreshold>,
+    /// Longest time between two published frames while frames arrive.
+    pub heartbeat: Duration,
+    /// The zenoh session.
+    pub session: SessionSettings,
+}
+
+impl ZenohSettings {
+    /// Settings for a topic: frame `skin`, domain 0, no pose, every touch that changes, ten heartbeats a second,
+    /// and the session of [`SessionSettings::default`].
+    pub fn new(topic: impl Into<String>) -> Self {
+        Self {
+            topic: topic.into(),
+            frame_id: "skin".to_owned(),
+            domain: 0,
+            pose: None,
+            change: Some(ChangeThreshold::default()),
+            heartbeat: Duration::from_millis(100),
+            session: SessionSettings::default(),
+        }
+    }
+}
+
+/// Publishes a skin by zenoh (feature `zenoh`).
+///
+/// Frames go through a queue of 64 to a thread of their own, so that no network delays them. A queue that is full
+/// loses its oldest frame, which [`ZenohSink::statistics`] counts. What zenoh itself drops because a receiver is
+/// slow shows as a gap in the sequence numbers that the receiver gets.
+#[derive(Debug)]
+pub struct ZenohSink {
+    topic: String,
+    outbox: Arc<Outbox>,
+    shared: Arc<Shared>,
+    worker: Worker,
+    last_image: Option<Instant>,
+}
+
+impl ZenohSink {
+    /// Opens a session and announces the topics. No router or receiver needs to be there yet: zenoh keeps looking.
+    ///
+    /// # Errors
+    ///
+    /// Names that ROS 2 does not allow, endpoints that zenoh does not understand or cannot listen at.
+    pub fn new(settings: &ZenohSettings) -> Result<Self, PublishError> {
+        ros::check_topic(&settings.topic)?;
+        let topic = settings.topic.trim_start_matches('/').to_owned();
+        let node = RosNode::open(
+            &settings.session,
+            settings.domain,
+            &format!("eit_{}", topic.replace('/', "_")),
+        )?;
+        let shared = Arc::new(Shared::default());
+        let outbox = Arc::new(Outbox::default());
+        let sender = Sender::new(node, &topic, settings, Arc::clone(&shared))?;
+        let worker = Worker::start("eit zenoh", Arc::clone(&outbox), move |outbox| {
+            sender.run(outbox);
+        })
+        .map_err(PublishError::Thread)?;
+        Ok(Self { topic, outbox, shared, worker, last_image: None })
+    }
+
+    /// What the topics begin with.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    /// Frames offered, and dropped because sending was slower.
+    pub fn statistics(&self) -> SinkStatistics {
+        self.outbox.statistics()
+    }
+
+    /// Messages handed to zenoh, and those that it refused.
+    pub fn sent(&self) -> (u64, u64) {
+        (self.shared.sent.load(Ordering::Relaxed), self.shared.refused.load(Ordering::Relaxed))
+    }
+
+    /// Whether a receiver subscribes to images.
+    pub fn wants_images(&self) -> bool {
+        self.shared.wants_images.load(Ordering::Relaxed)
+    }
+
+    /// Whether a receiver subscribes to images and the last one is old enough.
+    pub(crate) fn is_image_due(&mut self) -> bool {
+        self.wants_images() && crate::outbox::is_due(&mut self.last_image)
+    }
+
+    /// Sends what is queued and closes the session, within two seconds.
+    pub fn finish(&mut self) {
+        self.worker.finish();
+    }
+
+    pub(crate) fn start(&self, start: &Start<'_>) {
+        let names = Names { skin: start.skin.to_owned(), instrument: start.instrument.to_owned() };
+        self.shared.set_names(names);
+    }
+
+    pub(crate) fn frame(&self, frame: &TouchFrame<'_>) {
+        self.outbox.frame(frame);
+    }
+
+    pub(crate) fn image(&self, image: ArrayView2<'_, f64>) {
+        self.outbox.image(image);
+    }
+
+    pub(crate) fn incident(&self, severity: Severity, text: &str) {
+        self.outbox.incident(severity, text);
+    }
+}

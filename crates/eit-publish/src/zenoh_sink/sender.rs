@@ -1,0 +1,260 @@
+//! The thread that turns queued frames into messages.
+
+use super::{RosNode, RosPublisher, ZenohSettings};
+use crate::change::ChangeFilter;
+use crate::error::PublishError;
+use crate::outbox::{FrameCopy, ImageCopy, Incident, Next, Outbox, Severity};
+use crate::publisher::clock_s;
+use crate::ros::{
+    DiagnosticArray, DiagnosticStatus, ElectrodeFaultMessage, Header, Image, KeyValue, Pose,
+    PoseStamped, RosMessage, Time, TouchArray, TouchMessage,
+};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How often diagnostics and the pose are published, and subscribers of images are looked for.
+const STATE_EVERY: Duration = Duration::from_secs(1);
+/// How often the thread wakes without a message.
+const TICK: Duration = Duration::from_millis(100);
+/// A skin without a frame for so long is reported as stale.
+const STALE: Duration = Duration::from_secs(1);
+/// Where ROS 2 collects diagnostics.
+const DIAGNOSTICS: &str = "diagnostics";
+
+/// Names for diagnostics.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Names {
+    pub skin: String,
+    pub instrument: String,
+}
+
+/// What the sink sees of its thread.
+#[derive(Debug, Default)]
+pub(super) struct Shared {
+    pub sent: AtomicU64,
+    pub refused: AtomicU64,
+    pub wants_images: AtomicBool,
+    names: Mutex<Names>,
+}
+
+impl Shared {
+    pub fn set_names(&self, names: Names) {
+        *self.names.lock().unwrap_or_else(PoisonError::into_inner) = names;
+    }
+
+    fn names(&self) -> Names {
+        self.names.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// Frames since the last diagnostics.
+#[derive(Debug, Default)]
+struct Period {
+    frames: u32,
+    latency_s: f64,
+}
+
+/// Owns the session.
+#[derive(Debug)]
+pub(super) struct Sender {
+    node: RosNode,
+    touches: RosPublisher<TouchArray>,
+    image: RosPublisher<Image>,
+    diagnostics: RosPublisher<DiagnosticArray>,
+    pose: Option<(RosPublisher<PoseStamped>, String, Pose)>,
+    frame_id: String,
+    topic: String,
+    filter: ChangeFilter,
+    shared: Arc<Shared>,
+    /// Used again for each frame.
+    message: TouchArray,
+    period: Period,
+    period_began: Instant,
+    /// Frames dropped until the period began.
+    dropped_before: u64,
+    last_frame: Instant,
+    faulty: String,
+    incident: Option<Incident>,
+}
+
+impl Sender {
+    pub fn new(
+        mut node: RosNode,
+        topic: &str,
+        settings: &ZenohSettings,
+        shared: Arc<Shared>,
+    ) -> Result<Self, PublishError> {
+        let pose = match &settings.pose {
+            None => None,
+            Some((parent, pose)) => {
+                Some((node.advertise(&format!("{topic}/pose"))?, parent.clone(), *pose))
+            }
+        };
+        Ok(Self {
+            touches: node.advertise(&format!("{topic}/touches"))?,
+            image: node.advertise(&format!("{topic}/image"))?,
+            diagnostics: node.advertise(DIAGNOSTICS)?,
+            node,
+            pose,
+            frame_id: settings.frame_id.clone(),
+            topic: topic.to_owned(),
+            filter: ChangeFilter::new(settings.change, settings.heartbeat),
+            shared,
+            message: TouchArray::default(),
+            period: Period::default(),
+            period_began: Instant::now(),
+            dropped_before: 0,
+            last_frame: Instant::now(),
+            faulty: String::new(),
+            incident: None,
+        })
+    }
+
+    /// Sends until the queue is over.
+    pub fn run(mut self, outbox: &Outbox) {
+        self.state(outbox);
+        loop {
+            match outbox.next(TICK) {
+                Next::Frame(frame) => {
+                    self.frame(&frame);
+                    outbox.recycle(frame);
+                }
+                Next::Image(image) => {
+                    self.image(&image);
+                    outbox.recycle_image(image);
+                }
+                Next::Incident(incident) => {
+                    self.incident = Some(incident);
+                    self.state(outbox);
+                }
+                Next::Nothing => {}
+                Next::Over => break,
+            }
+            if self.period_began.elapsed() >= STATE_EVERY {
+                self.state(outbox);
+            }
+        }
+        // a session that does not close is closed by the end of the program
+        let _ = self.node.close();
+    }
+
+    fn frame(&mut self, frame: &FrameCopy) {
+        let now = Instant::now();
+        self.last_frame = now;
+        self.period.frames += 1;
+        self.period.latency_s += frame.latency_s.unwrap_or(0.0);
+        if !self.filter.wants(frame, now) {
+            return;
+        }
+        self.faulty.clear();
+        for fault in &frame.faults {
+            let separator = if self.faulty.is_empty() { "" } else { ", " };
+            self.faulty += &format!("{separator}{}", fault.electrode + 1);
+        }
+        let message = &mut self.message;
+        message.header.stamp = Time::from_seconds(frame.host_time_s.unwrap_or_else(clock_s));
+        message.header.frame_id.clone_from(&self.frame_id);
+        message.sequence = frame.sequence;
+        message.epoch = frame.epoch;
+        message.time = frame.time_s;
+        message.latency = frame.latency_s.unwrap_or(f64::NAN);
+        message.whole = frame.whole;
+        message.faulty_electrodes.clear();
+        message.faulty_electrodes.extend(frame.faults.iter().map(ElectrodeFaultMessage::from));
+        message.touches.clear();
+        message.touches.extend(frame.touches.iter().map(TouchMessage::from));
+        count(&self.shared, &mut self.touches, &self.message);
+    }
+
+    fn image(&mut self, image: &ImageCopy) {
+        let [height, width] = [image.rows, image.columns].map(|size| size as u32);
+        let message = Image {
+            header: self.header(image.host_time_s),
+            height,
+            width,
+            encoding: "32FC1".to_owned(),
+            is_bigendian: 0,
+            step: 4 * width,
+            data: image.values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        };
+        count(&self.shared, &mut self.image, &message);
+    }
+
+    fn header(&self, time_s: Option<f64>) -> Header {
+        let stamp = Time::from_seconds(time_s.unwrap_or_else(clock_s));
+        Header { stamp, frame_id: self.frame_id.clone() }
+    }
+
+    /// Diagnostics and pose.
+    fn state(&mut self, outbox: &Outbox) {
+        let images = self.image.has_subscriber();
+        self.shared.wants_images.store(images, Ordering::Relaxed);
+        let message = DiagnosticArray {
+            header: Header { stamp: Time::from_seconds(clock_s()), frame_id: String::new() },
+            status: vec![self.status(outbox)],
+        };
+        count(&self.shared, &mut self.diagnostics, &message);
+        if let Some((publisher, parent, pose)) = &mut self.pose {
+            let stamp = Time::from_seconds(clock_s());
+            let header = Header { stamp, frame_id: parent.clone() };
+            count(&self.shared, publisher, &PoseStamped { header, pose: *pose });
+        }
+        self.period = Period::default();
+        self.dropped_before = outbox.statistics().dropped_frames;
+        self.period_began = Instant::now();
+    }
+
+    fn status(&self, outbox: &Outbox) -> DiagnosticStatus {
+        let Names { skin, instrument } = self.shared.names();
+        let statistics = outbox.statistics();
+        let seconds = self.period_began.elapsed().as_secs_f64().max(1e-3);
+        let frames = f64::from(self.period.frames);
+        let silence = self.last_frame.elapsed();
+        let dropped = statistics.dropped_frames.saturating_sub(self.dropped_before);
+        let incident = self.incident.as_ref();
+        let (level, message) = if silence > STALE {
+            let why = incident.filter(|what| what.severity == Severity::Error);
+            let words = why.map_or(String::new(), |what| format!(": {}", what.text));
+            (3, format!("no frame for {:.1} s{words}", silence.as_secs_f64()))
+        } else if !self.faulty.is_empty() {
+            (1, format!("faulty electrodes: {}", self.faulty))
+        } else if dropped > 0 {
+            (1, format!("{dropped} frames dropped before sending"))
+        } else {
+            (0, "sound".to_owned())
+        };
+        let value = |key: &str, value: String| KeyValue { key: key.to_owned(), value };
+        let mut values = vec![
+            value("frames_per_second", format!("{:.1}", frames / seconds)),
+            value(
+                "mean_latency_ms",
+                format!("{:.2}", 1e3 * self.period.latency_s / frames.max(1.0)),
+            ),
+            value("faulty_electrodes", self.faulty.clone()),
+            value("frames", statistics.frames.to_string()),
+            value("dropped_frames", statistics.dropped_frames.to_string()),
+            value("messages", self.shared.sent.load(Ordering::Relaxed).to_string()),
+        ];
+        if let Some(incident) = incident {
+            values.push(value("last_event", incident.text.clone()));
+            values.push(value("last_event_time", format!("{:.3}", incident.host_time_s)));
+        }
+        DiagnosticStatus {
+            level,
+            name: format!("{}: EIT skin {skin}", self.topic),
+            message,
+            hardware_id: instrument,
+            values,
+        }
+    }
+}
+
+/// Publishes; what zenoh refuses is counted, and no reason to stop.
+fn count<M: RosMessage>(shared: &Shared, publisher: &mut RosPublisher<M>, message: &M) {
+    let counter = match publisher.publish(message) {
+        Ok(()) => &shared.sent,
+        Err(_) => &shared.refused,
+    };
+    counter.fetch_add(1, Ordering::Relaxed);
+}

@@ -1,0 +1,69 @@
+//! Frames for the tests of sinks.
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use eit_publish::Start;
+use eit_skin::faults::{ElectrodeFault, FaultKind};
+use eit_skin::{Touch, TouchFrame, TouchState};
+
+/// A touch at (30, -10) mm.
+pub fn touch() -> Touch {
+    Touch {
+        id: 7,
+        state: TouchState::Hold,
+        position_m: [0.03, -0.01, 0.0],
+        position_covariance_m2: [[4e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 0.0]],
+        velocity_m_s: [0.1, 0.0, -0.0],
+        area_m2: None,
+        intensity_s_m2: 2.5e-11,
+        intensity_std_s_m2: Some(1e-12),
+        peak_s: 1e-6,
+        confidence: 0.97,
+        age_frames: 12,
+        age_s: 0.12,
+        valid: true,
+        whole: false,
+        split_from: None,
+        merged_into: Some(3),
+        learnt: None,
+    }
+}
+
+/// Electrode 5 is stuck.
+pub const FAULTS: [ElectrodeFault; 1] =
+    [ElectrodeFault { electrode: 4, kind: FaultKind::Stuck, since_s: 1.5 }];
+
+/// A frame with these touches.
+pub fn frame<'a>(
+    sequence: u64,
+    touches: &'a [Touch],
+    faults: &'a [ElectrodeFault],
+) -> TouchFrame<'a> {
+    TouchFrame {
+        number: sequence,
+        sequence,
+        epoch: 1,
+        time_s: 2.0,
+        host_time_s: Some(1.7e9 + 0.25),
+        touches,
+        faults,
+        whole: faults.is_empty(),
+        latency_s: Some(2e-3),
+    }
+}
+
+/// A skin that is live.
+pub fn start() -> Start<'static> {
+    Start {
+        skin: "arm",
+        instrument: "a \"board\"\nof 16",
+        electrodes: 16,
+        reference_frames: 40,
+        is_live: true,
+    }
+}
+
+/// A zenoh endpoint of this computer at a port that is free now.
+pub fn endpoint() -> String {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    format!("tcp/127.0.0.1:{}", listener.local_addr().unwrap().port())
+}
