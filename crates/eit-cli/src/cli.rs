@@ -467,7 +467,7 @@ pub(crate) struct TrainArgs {
     /// Times that the net halves the pixels.
     #[arg(long, value_name = "N", default_value_t = 3)]
     pub depth: usize,
-    /// Epochs at most.
+    /// Epochs at most. 0 with --from: keep the net, and only measure the judge of its images and its limit.
     #[arg(long, value_name = "N", default_value_t = 12)]
     pub epochs: usize,
     /// Examples of a step.

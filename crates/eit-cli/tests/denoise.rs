@@ -153,6 +153,13 @@ fn starts_from_other_weights(scene: &Path, weights: &Path, folder: &Path) {
     assert_eq!((made.shape, &made.parameters), (first.shape, &first.parameters));
     assert_eq!(made.about["from"], eit_skin::train::parameter_checksum(&first));
     assert!(!first.about.contains_key("from"));
+    // a judge needs more frames than this base has
+    let judged = folder.join("judged.safetensors");
+    let mut only = vec!["train", text(scene), "--out", text(&judged), "--base", text(&base)];
+    only.extend(["--from", text(weights), "--epochs", "0"]);
+    only.extend(FEW.into_iter().take(7));
+    assert!(fail(&only).contains("too few to measure the judge"));
+    assert!(!judged.exists());
     arguments.extend(["--width", "4"]);
     assert!(refuse(&arguments).contains("cannot be used with"));
 }

@@ -10,9 +10,9 @@ mod sequences;
 mod shared;
 mod simulated;
 
-pub use held_out::{held_out_scores, model_error};
+pub use held_out::{JudgeCounts, MeasuredJudge, held_out_scores, judge};
 #[cfg(feature = "train")]
-pub use learn::{MadeBy, Training, Worth, learn, parameter_checksum, weights};
+pub use learn::{MadeBy, Training, Worth, judged_weights, learn, parameter_checksum, weights};
 pub use sequences::Sequences;
 
 use crate::error::SkinError;

@@ -9,12 +9,13 @@ use eit_report::curve;
 use eit_report::output::OutFile;
 use eit_skin::denoise::Scores;
 use eit_skin::scene::Scene;
-use eit_skin::train::{self, MadeBy, Sequences, Training, Worth};
+use eit_skin::train::{self, MadeBy, MeasuredJudge, Sequences, Training, Worth};
 use eit_skin::{MeshOverride, Skin};
 use serde_json::json;
 use std::collections::BTreeMap;
 
-/// Makes the base where it is not complete, trains or goes on, writes weights and curve.
+/// Makes the base where it is not complete, trains or goes on, writes weights and curve. Long, but one
+/// stage after the other, and most stages share what the first ones made.
 pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     scene.refuse_movement("train")?;
@@ -39,36 +40,57 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     })?;
     let name = base.checksum()?;
     let from = first.as_ref().map(train::parameter_checksum);
-    let source = match &from {
-        Some(from) => format!("{name} from {from}"),
-        None => name.clone(),
+    let made_by = MadeBy {
+        program: &format!("eit {}", env!("CARGO_PKG_VERSION")),
+        commit: env!("EIT_COMMIT"),
+        from: from.as_deref(),
     };
-    let training = Training {
-        settings: &settings,
-        base: &source,
-        checkpoint: &args.out.with_extension("checkpoint"),
-        threads,
-        stop: &stop,
+    let (net, trainer) = match first {
+        Some(weights) if args.epochs == 0 => {
+            let checked = weights.check_skin(&skin.fingerprint, base.settings().pixels);
+            checked.map_err(|e| CliError::input(format!("--epochs 0: {e}")))?;
+            (weights, None)
+        }
+        first => {
+            let source = match &from {
+                Some(from) => format!("{name} from {from}"),
+                None => name.clone(),
+            };
+            let training = Training {
+                settings: &settings,
+                base: &source,
+                checkpoint: &args.out.with_extension("checkpoint"),
+                threads,
+                stop: &stop,
+            };
+            let net = match &first {
+                Some(weights) => Unet::from_weights(weights, &device)?,
+                None => UnetConfig::from(shape).with_seed(args.pairs.seed).init(&device)?,
+            };
+            let made = train::learn(net, &training, &sequences, &learnt, &held_out, &mut progress)?;
+            let pixels = base.settings().pixels;
+            (made.weights(&skin.fingerprint, pixels, &BTreeMap::new())?, Some(made))
+        }
     };
-    let net = match &first {
-        Some(weights) => Unet::from_weights(weights, &device)?,
-        None => UnetConfig::from(shape).with_seed(args.pairs.seed).init(&device)?,
-    };
-    let trainer = train::learn(net, &training, &sequences, &learnt, &held_out, &mut progress)?;
-    let bare = trainer.weights(&skin.fingerprint, base.settings().pixels, &BTreeMap::new())?;
     let worth = progress.stage("compare", || {
-        let scores = train::held_out_scores(&bare, &held_out)?;
-        let model_error = train::model_error(&bare, &learnt, &held_out, &sequences)?;
-        Ok::<_, CliError>(Worth { scores, model_error })
+        let scores = train::held_out_scores(&net, &held_out)?;
+        let judge = train::judge(&net, &learnt, &held_out, &sequences)?;
+        Ok::<_, CliError>(Worth { scores, judge })
     })?;
-    let program = format!("eit {}", env!("CARGO_PKG_VERSION"));
-    let made_by = MadeBy { program: &program, commit: env!("EIT_COMMIT"), from: from.as_deref() };
-    let weights = train::weights(&skin, &base, &trainer, &worth, &made_by)?;
-    let Worth { scores, model_error } = worth;
-    curve::write(trainer.curve(), footnote(shape, args.pairs.seed), &args.out)?;
+    let weights = match &trainer {
+        Some(trainer) => {
+            curve::write(trainer.curve(), footnote(shape, args.pairs.seed), &args.out)?;
+            train::weights(&skin, &base, trainer, &worth, &made_by)?
+        }
+        None => train::judged_weights(net, &base, &worth, &made_by)?,
+    };
+    let Worth { scores, judge } = worth;
     refuse_worse(&scores, args)?;
     let bytes = weights.to_bytes()?;
     out.write(|w| w.write_all(&bytes).map_err(eit_report::output::io))?;
+    let epochs = trainer.as_ref().map_or(0, |trainer| trainer.curve().len());
+    let status = trainer.as_ref().map_or("not trained", |trainer| status_words(trainer.status()));
+    let held_out_error = trainer.and_then(|trainer| trainer.best().map(|e| e.held_out_error));
     let json = json!({
         "scene": scene.name,
         "skin": skin.fingerprint,
@@ -79,27 +101,30 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         "parameters": shape.parameters(),
         "multiply_adds": shape.multiply_adds(weights.pixels[0], weights.pixels[1]),
         "device": args.device.name(),
-        "epochs": trainer.curve().len(),
-        "status": status_words(trainer.status()),
-        "held_out_error": trainer.best().map(|e| e.held_out_error),
+        "epochs": epochs,
+        "status": status,
+        "held_out_error": held_out_error,
         "held_out": scores.json(),
-        "misfit_limit": model_error.as_ref().map(|error| error.limit),
+        "misfit_limit": judge.as_ref().map(|judge| judge.error.limit),
+        "judge": judge.as_ref().map(|judge| judge.counts.json()),
+        "older_rule": judge.as_ref().and_then(|judge| judge.older).map(|older| older.json()),
         "bytes": bytes.len(),
         "stages": progress.times(),
         "out": args.out.display().to_string(),
     });
     let text = format!(
         "{} frames of {} sequences in {}\n{} weights, {} epochs ({}), held-out error {:.4}\n\
-         held-out sequences: {}\nwritten to {} ({} kB), learning curve beside it\nnext: \
+         held-out sequences: {}{}\nwritten to {} ({} kB), learning curve beside it\nnext: \
          [denoise] weights = \"{}\" in the scene, or eit denoise {} --weights {} --images F.npy --out DIR",
         base.frames(),
         args.pairs.sequences,
         folder.display(),
         shape.parameters(),
-        trainer.curve().len(),
-        status_words(trainer.status()),
-        trainer.best().map_or(f64::NAN, |e| e.held_out_error),
+        epochs,
+        status,
+        held_out_error.unwrap_or(f64::NAN),
         scores.words(),
+        judge_words(judge.as_ref()),
         args.out.display(),
         bytes.len() / 1000,
         args.out.display(),
@@ -107,6 +132,16 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         args.out.display(),
     );
     Ok(Answer { text, json })
+}
+
+/// What the judge did, for people.
+fn judge_words(judge: Option<&MeasuredJudge>) -> String {
+    let Some(judge) = judge else { return String::new() };
+    let older = match &judge.older {
+        Some(older) => format!("; by the older rule of these weights {}", older.words()),
+        None => String::new(),
+    };
+    format!("\njudge: {}{older}", judge.counts.words())
 }
 
 /// A net that makes images worse than it was given helps nobody, and a file of weights does not look
@@ -159,6 +194,9 @@ fn settings(
     let TrainArgs { epochs, batch, rate, patience, .. } = *args;
     let seed = args.pairs.seed;
     let settings = TrainSettings { seed, epochs, batch, rate, patience };
+    if epochs == 0 && first.is_some() {
+        return Ok((shape, settings));
+    }
     let valid = shape.validate().and_then(|()| settings.validate());
     valid.map_err(|e| CliError::input(format!("--{e}")))?;
     Ok((shape, settings))

@@ -1,5 +1,6 @@
 //! Training on a learning base, and what the weights' file says of it.
 
+use super::held_out::MeasuredJudge;
 use super::sequences::Sequences;
 use crate::denoise::Scores;
 use crate::error::SkinError;
@@ -7,8 +8,8 @@ use crate::progress::Progress;
 use crate::skin::Skin;
 use crate::stop::StopFlag;
 use eit_denoise::{
-    Examples, ImageNet, LearningBase, ModelError, Shard, TrainSettings, TrainStatus, TrainStep,
-    Trainer, Unet, Weights,
+    Examples, ImageNet, LearningBase, Shard, TrainSettings, TrainStatus, TrainStep, Trainer, Unet,
+    Weights,
 };
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -108,8 +109,8 @@ fn step_s<N: ImageNet>(
 pub struct Worth {
     /// Error beside that of the raw images.
     pub scores: Scores,
-    /// Model error of the data, and the limit that the net's images keep.
-    pub model_error: Option<ModelError>,
+    /// Judge of the net's images.
+    pub judge: Option<MeasuredJudge>,
 }
 
 /// Which program wrote a file of weights.
@@ -138,7 +139,7 @@ pub fn weights(
     worth: &Worth,
     made_by: &MadeBy<'_>,
 ) -> Result<Weights, SkinError> {
-    let Worth { scores, model_error } = worth;
+    let Worth { scores, judge } = worth;
     let settings = trainer.settings();
     let best = trainer.best();
     let entries = [
@@ -162,5 +163,31 @@ pub fn weights(
     let about: BTreeMap<String, String> =
         entries.into_iter().chain(from).map(|(key, value)| (key.to_owned(), value)).collect();
     let weights = trainer.weights(&skin.fingerprint, base.settings().pixels, &about)?;
-    Ok(Weights { model_error: model_error.clone(), ..weights })
+    Ok(Weights { model_error: judge.as_ref().map(|judge| judge.error.clone()), ..weights })
+}
+
+/// Weights that were not trained any further, with a judge measured on this base; their file says what it
+/// said, and of which base the judge is.
+pub fn judged_weights(
+    weights: Weights,
+    base: &LearningBase,
+    worth: &Worth,
+    made_by: &MadeBy<'_>,
+) -> Result<Weights, SkinError> {
+    let Some(judge) = &worth.judge else {
+        return Err(SkinError::Failure(
+            "the learning base has no measurements, or too few to measure the judge".to_owned(),
+        ));
+    };
+    let entries = [
+        ("judge_base", base.checksum()?),
+        ("judge_recipe", base.settings().recipe.clone()),
+        ("judge_sequences", base.settings().shards.to_string()),
+        ("judge_program", made_by.program.to_owned()),
+        ("judge_commit", made_by.commit.to_owned()),
+    ];
+    let entries = entries.into_iter().map(|(key, value)| (key.to_owned(), value));
+    let about = weights.about.iter().map(|(key, value)| (key.clone(), value.clone()));
+    let about = about.chain(entries).collect();
+    Ok(Weights { about, model_error: Some(judge.error.clone()), ..weights })
 }
