@@ -156,8 +156,8 @@ pub(crate) enum Command {
     ///
     /// Makes the learning base where it is not complete (see `eit base`), each sequence turned or
     /// mirrored by a symmetry of the electrodes where the skin has them, and learns its true images. Says
-    /// how long an epoch takes after the first steps, and writes a checkpoint after every epoch. Ctrl-C ends
-    /// it with the best weights so far. Run the same command again after an interruption: it
+    /// beside the progress bar how long the training takes, and writes a checkpoint after every epoch.
+    /// Ctrl-C ends it with the best weights so far. Run the same command again after an interruption: it
     /// continues, and ends with the same weights.
     ///
     /// Needs a program that was built with training, which is burn's: cargo install --path

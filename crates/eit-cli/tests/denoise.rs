@@ -275,20 +275,28 @@ fn two_processes_make_one_base() {
     assert!(found.contains("the number of a part"), "{found}");
 }
 
-/// A rate at which nothing is learnt leaves the first weights, whose images are worse than the raw
-/// ones: no weights are written, the checkpoint and the curve stay, and `--force` writes them.
+/// A rate at which nothing is learnt leaves the first weights, here a net that shows a touch everywhere:
+/// no weights are written, the checkpoint and the curve stay, and `--force` writes them.
 #[cfg(feature = "train")]
 #[test]
 fn a_net_that_is_worse_than_the_raw_images_is_not_written() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
-    let weights = folder.path().join("w.safetensors");
-    let mut arguments = vec!["train", text(&scene), "--out", text(&weights), "--rate", "1e-30"];
-    arguments.extend(&FEW[1..]);
+    let [weights, first, bad] =
+        ["w", "first", "bad"].map(|name| folder.path().join(name).with_extension("safetensors"));
+    train(&scene, &first);
+    let mut net = eit_denoise::Weights::from_bytes(&std::fs::read(&first).unwrap()).unwrap();
+    // the bias of the last convolution
+    *net.parameters.last_mut().unwrap() = 10.0;
+    std::fs::write(&bad, net.to_bytes().unwrap()).unwrap();
+    let base = first.with_extension("base");
+    let mut arguments = vec!["train", text(&scene), "--out", text(&weights), "--base", text(&base)];
+    arguments.extend(["--from", text(&bad), "--rate", "1e-30"]);
+    arguments.extend(&FEW[1..9]);
     let found = fail(&arguments);
     assert!(found.contains("is not written") && found.contains("--force"), "{found}");
     assert!(!weights.exists());
-    for ending in ["csv", "png", "checkpoint", "base"] {
+    for ending in ["csv", "png", "checkpoint"] {
         assert!(weights.with_extension(ending).exists(), "{ending}");
     }
     arguments.push("--force");

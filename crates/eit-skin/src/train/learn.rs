@@ -55,17 +55,16 @@ pub fn learn<N: ImageNet>(
     };
     let steps = train.len().div_ceil(settings.batch);
     let left = settings.epochs.saturating_sub(trainer.curve().len());
-    if left > 0 {
-        let step_s = step_s(&first, &train, settings.batch, threads)?;
-        progress.note(&format!(
-            "{} examples of {} sequences; {left} epochs of {steps} steps take about {:.0} minutes on \
-             {threads} threads",
-            train.len(),
-            shards.len(),
-            (left * steps) as f64 * step_s / 60.0
-        ));
-    }
     progress.steps("training", settings.epochs * steps, |bar| {
+        if left > 0 {
+            let step_s = step_s(&first, &train, settings.batch, threads)?;
+            bar.set_message(&format!(
+                "training: {} examples of {} sequences, about {:.0} minutes",
+                train.len(),
+                shards.len(),
+                (left * steps) as f64 * step_s / 60.0
+            ));
+        }
         while trainer.status() == TrainStatus::Running {
             let done = trainer.curve().len() * steps;
             let made = trainer.epoch(&train, &held_out, threads, &mut |step, _| {
