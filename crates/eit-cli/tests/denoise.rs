@@ -275,6 +275,39 @@ fn two_processes_make_one_base() {
     assert!(found.contains("the number of a part"), "{found}");
 }
 
+/// The paper's learning base: its script, each sequence with a seed of its own, and the images after its
+/// rule as the wanted ones.
+#[test]
+fn a_base_of_the_papers_script_and_rule() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let out = folder.path().join("paper");
+    let mut arguments = vec!["base", text(&scene), "--out", text(&out), "--wanted", "rule"];
+    arguments.extend(["--script", "paper-one-finger", "--method", "gauss-newton"]);
+    arguments.extend(["--sequences", "2", "--frames", "40", "--threads", "1"]);
+    succeed(&arguments);
+    let base = eit_denoise::LearningBase::open(&out).unwrap();
+    let recipe = &base.settings().recipe;
+    assert!(recipe.contains("script paper-one-finger, wanted Rule"), "{recipe}");
+    let shards = [0, 1].map(|index| base.read(index).unwrap());
+    assert_ne!(shards[0].raw, shards[1].raw);
+    for shard in &shards {
+        let raw = shard.raw.mapv(f64::from);
+        let stack = eit_denoise::ImageStack::new(raw, shard.mask.clone()).unwrap();
+        let mut rule = eit_denoise::ThresholdRule::default().on(shard.mask.view()).unwrap();
+        let kept = rule.apply(&stack).unwrap();
+        let (mut all, mut left) = (0, 0);
+        for ((at, wanted), kept) in shard.wanted.indexed_iter().zip(kept.values()) {
+            assert!(kept.is_nan() || *wanted == *kept as f32, "{at:?}: {wanted} {kept}");
+            all += usize::from(shard.raw[at] != 0.0);
+            left += usize::from(*wanted != 0.0);
+        }
+        assert!(left > 0 && left < all / 2, "{left} of {all}");
+    }
+    arguments.extend(["--fingers", "2"]);
+    assert!(refuse(&arguments).contains("a built-in script has the fingers that it has"));
+}
+
 /// A rate at which nothing is learnt leaves the first weights, here a net that shows a touch everywhere:
 /// no weights are written, the checkpoint and the curve stay, and `--force` writes them.
 #[cfg(feature = "train")]
