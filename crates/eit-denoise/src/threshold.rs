@@ -86,7 +86,7 @@ impl Threshold {
     ///
     /// # Errors
     /// [`DenoiseError::ShapeMismatch`]; [`DenoiseError::ConstantImage`] if all inner pixels have the same
-    /// value other than zero.
+    /// value other than zero: then `out` is zero.
     pub fn apply_into(
         &mut self,
         image: ArrayView2<'_, f64>,

@@ -17,7 +17,7 @@ use crate::progress::Progress;
 use crate::scene::{DenoiseSettings, TouchSign};
 use crate::skin::Skin;
 use check::SequenceJudge;
-use eit_denoise::{Denoiser, ImageStack, Threshold, UnetShape, Weights};
+use eit_denoise::{DenoiseError, Denoiser, ImageStack, Threshold, UnetShape, Weights};
 use eit_mesh::Raster;
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
 use serde_json::{Value, json};
@@ -246,7 +246,11 @@ pub fn scores(
         if raw.iter().all(|v| v.is_nan() || *v == 0.0) {
             continue;
         }
-        rule.apply_into(raw, kept.view_mut())?;
+        match rule.apply_into(raw, kept.view_mut()) {
+            // total variation may leave the inner pixels of a noisy frame equal: nothing is kept
+            Ok(()) | Err(DenoiseError::ConstantImage { .. }) => {}
+            Err(error) => return Err(error.into()),
+        }
         let of_raw = squared(raw, truth);
         ratios.push([squared(made, truth) / of_raw, squared(kept.view(), truth) / of_raw]);
     }
@@ -296,5 +300,25 @@ impl Scores {
             "nearer_than_raw": self.nearer_than_raw,
             "nearer_than_rule": self.nearer_than_rule,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+    use super::*;
+    use eit_denoise::ThresholdRule;
+    use ndarray::Array2;
+
+    /// Images of total variation whose inner pixels are equal are compared like others: the rule keeps
+    /// nothing of them.
+    #[test]
+    fn flat_images_are_compared() {
+        let mask = Array2::from_elem((16, 16), true);
+        let mut rule = ThresholdRule::default().on(mask.view()).unwrap();
+        let raw = Array3::from_elem((1, 16, 16), -1e-10);
+        let (made, truth) = (0.5 * &raw, Array3::zeros((1, 16, 16)));
+        let scores = scores(raw.view(), made.view(), truth.view(), &mut rule).unwrap();
+        assert_eq!((scores.frames, scores.net_over_raw, scores.rule_over_raw), (1, 0.25, 0.0));
     }
 }

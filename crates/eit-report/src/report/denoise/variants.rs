@@ -3,7 +3,7 @@
 use super::super::named_net::NamedNet;
 use super::held_out::{HeldOutSequence, QUIET_FRAMES};
 use crate::error::ReportError;
-use eit_denoise::ThresholdRule;
+use eit_denoise::{DenoiseError, ThresholdRule};
 use eit_mesh::Raster;
 use eit_skin::Progress;
 use eit_skin::denoise::{Chained, Check};
@@ -45,7 +45,11 @@ pub(super) fn variants(
     let mut rule = ThresholdRule::default().on(raster.mask().view())?;
     let mut kept = raw.clone();
     for (image, out) in raw.outer_iter().zip(kept.axis_iter_mut(Axis(0))) {
-        rule.apply_into(image, out)?;
+        match rule.apply_into(image, out) {
+            // total variation may leave the inner pixels of a noisy frame equal: nothing is kept
+            Ok(()) | Err(DenoiseError::ConstantImage { .. }) => {}
+            Err(error) => return Err(error.into()),
+        }
     }
     let plain =
         |name: &str, images| ImageVariant { name: name.to_owned(), images, put_aside: None };
