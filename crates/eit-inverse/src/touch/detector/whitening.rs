@@ -16,6 +16,8 @@ const DEPENDENT: f64 = 1e-10;
 #[derive(Debug, Clone)]
 pub(super) struct Whitening {
     rows: usize,
+    /// Expected squared length of whitened noise without the unknowns.
+    expected: f64,
     /// Lower triangle of `W`, row by row.
     packed: Vec<f64>,
     lost: Vec<usize>,
@@ -38,11 +40,19 @@ impl Whitening {
         solve_lower_triangular_in_place(factor.L(), inverse.as_mut(), Par::Seq);
         let packed = (0..rows).flat_map(|i| (0..=i).map(move |j| (i, j)));
         let packed = packed.map(|(i, j)| inverse[(i, j)]).collect();
-        Ok(Self { rows, packed, lost: Vec::new(), directions: Vec::new() })
+        let expected = (0..rows)
+            .map(|i| (0..=i).map(|j| inverse[(i, j)].powi(2) * variances[j]).sum::<f64>())
+            .sum();
+        Ok(Self { rows, expected, packed, lost: Vec::new(), directions: Vec::new() })
     }
 
     pub(super) fn rows(&self) -> usize {
         self.rows
+    }
+
+    /// Expected squared length of whitened noise if the unknowns are zero; lost rows count in proportion.
+    pub(super) fn expected(&self) -> f64 {
+        self.expected * self.present() as f64 / self.rows as f64
     }
 
     /// Number of rows present.
