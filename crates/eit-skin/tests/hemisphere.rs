@@ -176,7 +176,8 @@ fn touches_on_a_dome() {
         1e3 * at(0.95),
         least_outward.acos().to_degrees()
     );
-    // triangles with edges of 6 mm are tilted by 3.5 mm / 100 mm, about 2 degrees
-    assert!(least_outward > 5.0_f64.to_radians().cos(), "{least_outward}");
+    // triangles with edges of 6 mm are tilted by up to 2 to 4 degrees; the filter moves the position by some mm,
+    // which is 1 degree per 1.7 mm
+    assert!(least_outward > 7.0_f64.to_radians().cos(), "{least_outward}");
     assert!(part >= 0.95 && at(0.5) < 2e-3 && at(0.95) < 6e-3 && extra == 0);
 }

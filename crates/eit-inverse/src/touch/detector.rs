@@ -140,11 +140,6 @@ pub struct DetectorStep {
 /// Fraction of the residual that one electrode's gain must explain for the electrode to be reported.
 const BLAME: f64 = 0.9;
 
-/// If one electrode's gain leaves less than this fraction of what touches leave, it replaces the touches.
-/// On simulated fabrics with sound electrodes the ratio was 1.05 and more; with a contact that got worse it
-/// was 0.87 and less.
-const INSTEAD: f64 = 0.95;
-
 /// Residual chi^2 per row above which electrodes are checked.
 const BLAME_FROM: f64 = 10.0;
 
@@ -294,9 +289,7 @@ impl TouchDetector {
         );
         let blamed = match alone {
             // not a touch but a contact that got worse
-            Some((electrode, rest))
-                if !self.search.best.spots.is_empty() && rest < INSTEAD * self.search.best.rest =>
-            {
+            Some((electrode, rest)) if self.search.is_beaten_by_gain(&scene, rest) => {
                 self.search.take_back(&scene, &self.whitened);
                 Some(electrode)
             }
