@@ -10,7 +10,7 @@ pub(crate) use init::{InitArgs, ShapeArg};
 pub(crate) use learn::LearnArgs;
 pub(crate) use live::{
     BodyArgs, CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, NetworkArgs, PublishArgs,
-    RecordArgs, RecoverArgs, ReplayArgs, WatchArgs,
+    RecordArgs, RecoverArgs, ReplayArgs, SplitArgs, WatchArgs,
 };
 pub(crate) use report::{ReportArgs, TouchPart};
 pub(crate) use shell::{CompletionsArgs, ManArgs};

@@ -544,6 +544,14 @@ pub enum HwError {
         /// Error of the operating system.
         source: std::io::Error,
     },
+    /// A new recording whose name is taken.
+    #[error(
+        "{place}: exists, and a recording is never overwritten; name another file, or append to it"
+    )]
+    Exists {
+        /// The file, or the first part of a split recording.
+        place: Place,
+    },
     /// A recording that another program is writing.
     #[error(
         "{place}: another program is recording to it; stop that program, or record to another file"
