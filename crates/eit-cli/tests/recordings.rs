@@ -213,7 +213,9 @@ fn a_split_recording_is_one_recording_for_every_command() {
         let frames = ["--frames", text(from), "--reference", "0..20", "--out", text(&to)];
         succeed(&[&["reconstruct", text(&scene)][..], &frames].concat());
         let replayed = path(&format!("replay-{}", text(to.file_name().unwrap().as_ref())));
-        succeed(&["replay", text(&scene), "--from", text(from), "--out", text(&replayed)]);
+        // the second run is another epoch, which stderr says
+        let arguments = ["replay", text(&scene), "--from", text(from), "--out", text(&replayed)];
+        assert!(eit(&arguments).status.success());
         [to, replayed].map(|folder| std::fs::read(folder.join("images.npy")).unwrap())
     };
     assert_eq!(images(&out, "parts"), images(&path("all.mcap"), "one"));

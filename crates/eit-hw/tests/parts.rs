@@ -171,6 +171,15 @@ fn an_unfinished_part_is_appended_to() {
             assert!(matches!(exists, HwError::Exists { .. }), "{exists}");
             assert!(exists.to_string().contains("press.00001.mcap"), "{exists}");
         }
+        // threads write the indices of the parts before the last one
+        let parts = files(&path);
+        let start = std::time::Instant::now();
+        for part in &parts[..parts.len() - 1] {
+            while read(part).unwrap().damage != Damage::default() {
+                assert!(start.elapsed() < Duration::from_secs(30), "{part:?} has no index");
+                std::thread::sleep(Duration::from_millis(10));
+            }
+        }
         // as a killed program leaves it
         let copies = folder.path().join("killed");
         std::fs::create_dir_all(&copies).unwrap();

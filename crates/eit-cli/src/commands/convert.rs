@@ -38,8 +38,8 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
         return stream(args, &ending, scene.as_ref());
     }
     let options = eit_hw::ReadOptions { complex: args.complex, ..Default::default() };
-    let recording = eit_hw::read_recording(&args.input, None, &options)?;
-    let table = table(&recording, scene.as_ref())?;
+    let mut recording = eit_hw::read_recording(&args.input, None, &options)?;
+    let table = table(&mut recording, scene.as_ref())?;
     let mut notes: Vec<String> = recording.notes.iter().map(ToString::to_string).collect();
     let (written, skipped) = match ending.as_str() {
         "mcap" => (write_mcap(args, &recording, &table)?, 0),
@@ -160,13 +160,13 @@ fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Ans
     Ok(answer(args, &Counts { written, skipped, count, complex, flagged }, &notes))
 }
 
-/// The frames as recorded, or in the order of a scene's protocol.
-fn table(recording: &Recording, scene: Option<&Scene>) -> Result<Table, CliError> {
+/// Takes the frames of a recording as recorded, or in the order of a scene's protocol.
+fn table(recording: &mut Recording, scene: Option<&Scene>) -> Result<Table, CliError> {
     let Some(scene) = scene else {
         return Ok(Table {
-            real: recording.real.clone(),
-            imaginary: recording.imaginary.clone(),
-            quality: recording.quality.clone(),
+            real: std::mem::take(&mut recording.real),
+            imaginary: recording.imaginary.take(),
+            quality: std::mem::take(&mut recording.quality),
             quadruples: match &recording.layout {
                 Layout::Quadruples(quadruples) => quadruples.clone(),
                 Layout::ProtocolOrder => Vec::new(),

@@ -4,6 +4,8 @@ use std::time::Instant;
 
 /// Averaging time of the recent rate, seconds.
 const RECENT_S: f64 = 2.0;
+/// Fraction of the stated rate below which the rate is too low.
+const LEAST_SHARE: f64 = 0.9;
 
 /// Arrival of frames: their rate while frames come, and the longest interval between two of them.
 #[derive(Debug, Default)]
@@ -19,6 +21,8 @@ pub(super) struct FrameRate {
     since: Option<Instant>,
     recent_frames: u64,
     recent_hz: Option<f64>,
+    /// Whether the rate was too low when last looked at.
+    is_slow: bool,
 }
 
 impl FrameRate {
@@ -53,6 +57,21 @@ impl FrameRate {
     /// Returns the frame rate over the last seconds, or over all if there were fewer.
     pub fn recent_hz(&self) -> Option<f64> {
         self.recent_hz.or_else(|| self.mean_hz())
+    }
+
+    /// Describes a rate that has fallen below nine tenths of the stated one or is back; `None` while
+    /// that does not change.
+    pub fn change(&mut self, stated_hz: Option<f64>) -> Option<String> {
+        let (stated_hz, recent_hz) = (stated_hz?, self.recent_hz?);
+        let is_slow = recent_hz < LEAST_SHARE * stated_hz;
+        let is_new = std::mem::replace(&mut self.is_slow, is_slow) != is_slow;
+        let state = if is_slow { "only " } else { "again " };
+        is_new.then(|| format!("{state}{recent_hz:.1} of {stated_hz} frames per second arrive"))
+    }
+
+    /// Returns whether the rate was too low when [`change`](Self::change) was last called.
+    pub fn is_slow(&self) -> bool {
+        self.is_slow
     }
 
     /// Returns the mean frame rate while frames came; `None` for fewer than two frames.
@@ -103,6 +122,24 @@ mod tests {
         assert!(near(rate.longest_wait_s(), 3.0), "{rate:?}");
         assert!(near(rate.recent_hz(), 20.0), "{rate:?}");
         assert_eq!(rate.words(), format!(", {mean_hz:.1} per second, at most 3.000 s apart"));
+    }
+
+    #[test]
+    fn a_rate_that_falls_is_reported_once_and_its_return_too() {
+        let (mut rate, start) = (FrameRate::default(), Instant::now());
+        // 5 s at 100 Hz, 6 s at 80 Hz, 5 s at 95 Hz
+        let intervals_us = [(500, 10_000), (480, 12_500), (475, 10_526)];
+        let (mut told, mut time_us) = (Vec::new(), 0);
+        for interval_us in intervals_us.iter().flat_map(|&(count, us)| vec![us; count]) {
+            rate.frame(start + Duration::from_micros(time_us));
+            told.extend(rate.change(Some(100.0)).map(|words| (time_us / 1_000_000, words)));
+            assert_eq!(rate.change(None), None);
+            time_us += interval_us;
+        }
+        let [(fell_s, fell), (back_s, back)] = &told[..] else { unreachable!("{told:?}") };
+        assert!((6..=9).contains(fell_s) && fell.starts_with("only 8"), "{told:?}");
+        assert!((12..=15).contains(back_s) && back.starts_with("again 9"), "{told:?}");
+        assert!(back.ends_with("of 100 frames per second arrive"), "{told:?}");
     }
 
     #[test]

@@ -81,7 +81,8 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
                 let silent_s = since.elapsed().as_secs_f64();
                 bar.set_message(&format!("NO FRAME for {silent_s:.0} s; Ctrl-C stops it"));
             } else if taken.frames.is_multiple_of(16) {
-                bar.set_message(&taken.progress(session.statistics().lost));
+                let stated_hz = session.setup().frame_rate_hz;
+                bar.set_message(&taken.progress(session.statistics().lost, stated_hz));
             }
         }
         Ok(interrupt.is_set())
@@ -147,9 +148,14 @@ struct Taken {
 
 impl Taken {
     /// Status shown during a recording.
-    fn progress(&self, lost: u64) -> String {
-        let rate =
-            self.rate.recent_hz().map_or(String::new(), |hz| format!(", {hz:.1} per second"));
+    fn progress(&self, lost: u64, stated_hz: Option<f64>) -> String {
+        let rate = match (self.rate.recent_hz(), stated_hz) {
+            (Some(hz), Some(stated_hz)) if self.rate.is_slow() => {
+                format!(", ONLY {hz:.1} of {stated_hz} per second")
+            }
+            (Some(hz), _) => format!(", {hz:.1} per second"),
+            _ => String::new(),
+        };
         format!("{} frames{rate}, {lost} lost; Ctrl-C stops it", self.frames)
     }
 
@@ -166,6 +172,10 @@ impl Taken {
                 writer.frame(&frame)?;
                 self.frames += 1;
                 self.rate.frame(Instant::now());
+                if let Some(words) = self.rate.change(session.setup().frame_rate_hz) {
+                    writer.note(&words)?;
+                    self.notes += 1;
+                }
                 self.silent_since = None;
                 let Self { electrodes, notes, .. } = self;
                 electrodes.push(&frame, |words| {

@@ -143,14 +143,26 @@ impl SameSetUp {
         }
     }
 
-    /// Checks that the recording has frames, and those of its session; call it at the end.
+    /// Checks that the recording has frames, and those of its session; call it at the end, with the
+    /// damage found.
     ///
     /// # Errors
-    /// [`HwError::NoFrames`]; [`HwError::Container`] if frames have another number of values than
-    /// the session lists.
-    pub fn check(&self) -> Result<(), HwError> {
-        let none = || HwError::NoFrames { place: Place::file(&self.path), skipped: 0 };
-        let (count, _) = self.size.ok_or_else(none)?;
+    /// [`HwError::NoFrames`]; [`HwError::Container`] if that is because of damage, or if frames have
+    /// another number of values than the session lists.
+    pub fn check(&self, damage: Damage) -> Result<(), HwError> {
+        let place = || Place::file(&self.path);
+        let Some((count, _)) = self.size else {
+            if !damage.is_any() {
+                return Err(HwError::NoFrames { place: place(), skipped: 0 });
+            }
+            let Damage { bad_chunks, bad_messages, missing_parts, .. } = damage;
+            let bytes = damage.skipped_bytes + damage.truncated_bytes;
+            let what = format!(
+                "no complete frame found: {bad_chunks} chunk(s), {bad_messages} message(s), {bytes} \
+                 bytes and {missing_parts} part(s) are damaged, too large or missing"
+            );
+            return Err(HwError::Container { place: place(), what, mend: "record it again" });
+        };
         let named = self.session.as_ref().map_or(0, |session| session.quadruples.len());
         if named == 0 || named == count {
             return Ok(());
@@ -207,9 +219,9 @@ impl<'a> Frames<'a> {
 
     fn finish(self, damage: Damage) -> Result<Recording, HwError> {
         let path = self.path;
+        self.same.check(damage)?;
         let none = || HwError::NoFrames { place: Place::file(path), skipped: 0 };
         let (count, complex) = self.same.size.ok_or_else(none)?;
-        self.same.check()?;
         let session = self.same.session.unwrap_or_default();
         let named = session.quadruples.len();
         let rows = self.real.len() / count.max(1);

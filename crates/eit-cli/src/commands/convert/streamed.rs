@@ -49,10 +49,7 @@ impl<'a> Source<'a> {
             }
         }
         found.damage = reader.damage();
-        same.check().map_err(|error| match found.damage.note() {
-            None => error.into(),
-            Some(note) => CliError::input(format!("{error} ({note})")),
-        })?;
+        same.check(found.damage)?;
         Ok((source, found))
     }
 
