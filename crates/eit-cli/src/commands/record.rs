@@ -25,6 +25,7 @@ const TOLD_SILENCE: Duration = Duration::from_millis(500);
 /// Records until enough frames arrived, the time is over, or Ctrl-C.
 pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let limit = duration(args.seconds)?;
+    let settings = CaptureSettings { sync: args.sync, ..args.split.settings()? };
     super::check_frames(args.frames)?;
     let place = &args.out;
     super::check_ending(place, &["mcap"])?;
@@ -41,7 +42,6 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
         .stage("connect", || connect::open(&instrument, args.port.as_deref(), Overflow::Fail))?;
     let record = connect::session_record(&scene.to_toml()?, &instrument, &session);
     let bytes_before = bytes(&files);
-    let settings = CaptureSettings { sync: args.sync, ..args.split.settings()? };
     // decide once: never append to a file that another recorder creates meanwhile
     let mut writer = match args.append && files.iter().any(|file| file.exists()) {
         true => CaptureWriter::append(place, &record, settings)?,

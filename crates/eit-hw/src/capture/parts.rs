@@ -178,7 +178,7 @@ mod tests {
         let name = |number| Part::of(&path, number).path.file_name().unwrap().to_owned();
         assert_eq!(name(1), "a.b.00001.mcap");
         assert_eq!(name(123_456), "a.b.123456.mcap");
-        assert_eq!(files(&path), [path.clone()]);
+        assert_eq!(files(&path), std::slice::from_ref(&path));
         let others = ["a.b.1.mcap", "a.b.00000.mcap", "a.b.0001x.mcap", "a.00001.mcap", "b.00001"];
         for other in others {
             std::fs::write(folder.path().join(other), b"").unwrap();
