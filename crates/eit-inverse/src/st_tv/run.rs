@@ -49,8 +49,10 @@ const PROVE_FROM: usize = 300;
 /// Assumed decay of the gap: at least this power of the iterations. The next evaluation is scheduled
 /// where the target gap would be reached.
 const POWER: f64 = 3.0;
-/// Smallest growth from one evaluation to the next.
+/// Smallest growth from one evaluation to the next, and smallest number of iterations between them: a
+/// bound costs as much as some 15 iterations.
 const LEAST_GROWTH: f64 = 1.06;
+const LEAST_BETWEEN: usize = 16;
 /// Steps of the flow search for a bound. With half as many the reference problem of 64 x 64 takes a
 /// quarter more iterations to a gap of 1e-3.
 const FLOW_STEPS: usize = 100;
@@ -187,6 +189,30 @@ impl<'a, T: Float> Run<'a, T> {
         Ok(new)
     }
 
+    /// Starts from the images and duals of the same frames with weights smaller by `factor`.
+    pub(crate) fn start_from(&mut self, state: &State<T>, factor: f64) -> Result<(), InverseError> {
+        let own = &mut self.state;
+        own.image.copy_from_slice(&state.image);
+        let factor = T::from_f64(factor);
+        let duals = [
+            (&mut own.dual, &state.dual),
+            (&mut own.time_dual, &state.time_dual),
+            (&mut own.bound_dual, &state.bound_dual),
+        ];
+        for (to, from) in duals {
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = factor * *from);
+        }
+        let steps = MapSize { share: IMAGE_SHARE, floor: step::FLOOR };
+        if step::set_map(self.ops, &mut self.state, &mut self.map, steps) {
+            self.mapped = true;
+        }
+        self.set_data()
+    }
+
+    pub(crate) fn state(&self) -> &State<T> {
+        &self.state
+    }
+
     /// Runs to the target gap or a limit; returns `None` if `most` iterations did not suffice.
     pub(crate) fn advance(
         &mut self,
@@ -247,7 +273,7 @@ impl<'a, T: Float> Run<'a, T> {
     }
 
     fn next_look(&self, growth: f64) -> usize {
-        (self.done as f64 * growth).ceil() as usize
+        ((self.done as f64 * growth).ceil() as usize).max(self.done + LEAST_BETWEEN)
     }
 
     /// Returns the best result.
