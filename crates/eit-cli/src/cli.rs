@@ -28,6 +28,7 @@ use std::path::PathBuf;
         high-contrast, general-32, single-frame, plate-with-hole, patches, hemisphere.\n\n\
         First steps:\n  \
         eit demo                               a simulated skin, from voltages to touches\n  \
+        eit demo --web                         the same, live in a browser\n  \
         eit plan paper-disc                    what a scene needs and what it costs\n  \
         eit plan paper-disc --print-scene      a scene file to start from\n  \
         eit mesh paper-disc --out skin.png     draw the mesh\n  \
@@ -273,6 +274,16 @@ pub(crate) struct DemoArgs {
     /// Use fewer frames, pixels and nodes, for a check that takes seconds.
     #[arg(long)]
     pub quick: bool,
+    /// Serve a page that shows the touches as they happen, and print its address; once the report is written, the
+    /// page repeats both experiments until Ctrl-C [default: 127.0.0.1:8484; port 0: any free port].
+    #[arg(
+        long,
+        value_name = "HOST:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1:8484"
+    )]
+    pub web: Option<String>,
     /// Publish the experiments while they run; once the second begins, the rest of the first is not published.
     #[command(flatten)]
     pub network: NetworkArgs,

@@ -27,7 +27,7 @@ fn main() -> ExitCode {
         Err(error) => return usage(&error),
     };
     let result: Result<Ended, CliError> = match &cli.command {
-        Command::Demo(args) => commands::demo::run(args).map(Ended::from),
+        Command::Demo(args) => commands::demo::run(args, cli.json).map(Ended::from),
         Command::Plan(args) => commands::plan::run(args).map(Ended::from),
         Command::Mesh(args) => commands::mesh::run(args).map(Ended::from),
         Command::Forward(args) => commands::forward::run(args).map(Ended::from),

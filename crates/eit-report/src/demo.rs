@@ -36,6 +36,12 @@ const REPORT: &str = "report.html";
 /// File name of the results as JSON.
 const NUMBERS: &str = "report.json";
 
+/// Names of the experiments, and file names of their recordings.
+pub const RECORDINGS: [(&str, &str); 2] = [
+    (EXPERIMENTS[0].name, EXPERIMENTS[0].recording),
+    (EXPERIMENTS[1].name, EXPERIMENTS[1].recording),
+];
+
 /// Names of all files that a demo writes.
 fn own() -> Vec<&'static str> {
     let mut own = vec!["scene.toml", REPORT, NUMBERS];
