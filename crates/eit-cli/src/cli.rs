@@ -43,6 +43,8 @@ use std::path::PathBuf;
         eit check my.toml                      check every electrode\n  \
         eit live my.toml                       show touches as they happen\n  \
         eit record my.toml --out press.mcap    a recording that survives a crash\n\n\
+        Options that a skin always needs can stand in eit.toml beside its scene: a table per command, such as [live] \
+        with web = true (docs/SCENE.md). Options given on the command line win.\n\n\
         Exit codes: 0 success, 1 failure, 2 wrong usage or invalid input, 3 ended while the instrument was \
         silent or unplugged, 4 `eit check` found a fault."
 )]
@@ -53,6 +55,27 @@ pub(crate) struct Cli {
     /// Print one JSON object on stdout instead of text.
     #[arg(long, global = true)]
     pub json: bool,
+    /// Print no progress and no notes, only the result and errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Also print how long each stage of the work took, on stderr.
+    #[arg(short, long, global = true)]
+    pub verbose: bool,
+    /// When to use colours: auto is on a terminal, unless the environment sets NO_COLOR or TERM=dumb.
+    #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t)]
+    pub color: ColorWhen,
+}
+
+/// When to use colours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub(crate) enum ColorWhen {
+    /// On a terminal, unless the environment says otherwise.
+    #[default]
+    Auto,
+    /// Always.
+    Always,
+    /// Never.
+    Never,
 }
 
 /// The commands.

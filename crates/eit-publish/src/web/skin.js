@@ -8,10 +8,10 @@ const touchColor = id => color("--touch" + (id - 1 + COLORS) % COLORS);
 // three numbers of a colour that is written as #rrggbb
 const rgb = name => [1, 3, 5].map(i => parseInt(color(name).slice(i, i + 2), 16));
 
-// the end of the colours: steady over some images, and not below the faintest touch, so that noise stays pale
+// the end of the colours of both images: steady over some images, and so far up that noise stays pale
 function scaleOf(images) {
   let most = 0;
-  for (const { line } of images.slice(-SCALE_IMAGES)) most = Math.max(most, line.range_s, line.raw ? line.raw.range_s : 0, line.faintest_s);
+  for (const { line } of images.slice(-SCALE_IMAGES)) most = Math.max(most, line.range_s, line.faintest_s / 2);
   return most || 1;
 }
 
@@ -98,15 +98,18 @@ function drawSkin(canvas, skin, picture, frame, frames, at) {
     pen.strokeStyle = color("--card"); pen.lineWidth = 5; pen.stroke();
     pen.strokeStyle = touchColor(id); pen.lineWidth = 2.5; pen.stroke();
   }
-  pen.font = "bold 13px system-ui, sans-serif";
+  pen.font = "bold 15px system-ui, sans-serif";
   for (const touch of frame ? frame.touches : []) {
     if (touch.state === "end") continue;
     const [x, y] = place(touch.position_m);
-    // a disc of the page's colour, so that number and ring stand out from any image
-    pen.beginPath(); pen.arc(x, y, RADIUS + 2, 0, 2 * Math.PI); pen.fillStyle = color("--card"); pen.fill();
-    pen.beginPath(); pen.arc(x, y, RADIUS, 0, 2 * Math.PI); pen.strokeStyle = touchColor(touch.id); pen.lineWidth = 3.5;
+    // a border of the page's colour, so that ring and number stand out from any image
+    pen.beginPath(); pen.arc(x, y, RADIUS, 0, 2 * Math.PI);
+    pen.strokeStyle = color("--card"); pen.lineWidth = 6.5; pen.stroke();
+    pen.strokeStyle = touchColor(touch.id); pen.lineWidth = 3.5;
     pen.setLineDash(touch.valid ? [] : [5, 4]); pen.stroke(); pen.setLineDash([]);
-    pen.fillStyle = color("--ink"); pen.fillText(touch.id + (touch.valid ? "" : "?"), x, y + 1);
+    const name = touch.id + (touch.valid ? "" : "?"), beside = [x + RADIUS + 8, y - RADIUS - 4];
+    pen.strokeStyle = color("--card"); pen.lineWidth = 5; pen.lineJoin = "round"; pen.strokeText(name, ...beside);
+    pen.fillStyle = color("--ink"); pen.fillText(name, ...beside);
   }
   ruler(pen, scale, wide, tall * scale + below - 4);
 }
