@@ -186,7 +186,8 @@ pub(crate) enum Command {
     /// many sizes and runs every inverse solver at many settings; compares the results with the predictions
     /// of `eit plan`. Writes report.html (open it), report.md, report.json, tables (inverse.csv, forward.csv,
     /// plan.csv) and pictures, again after every scene: until the last one the report says that it is
-    /// incomplete, and Ctrl-C keeps what exists. Takes some minutes, or one with --quick.
+    /// incomplete, and Ctrl-C keeps what exists. Takes two minutes with --quick (five on a busy
+    /// computer), and much longer without.
     ///
     /// With --quality it writes quality.md and quality.csv instead (figures of merit against noise, speed and
     /// number of touches), with --touches touches.md, and with --denoise denoise.md with its pictures.

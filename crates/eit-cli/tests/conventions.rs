@@ -73,8 +73,11 @@ fn options_stand_beside_the_scene() {
         let read = ndarray_npy::read_npy(folder.path().join("frames.npy"));
         ndarray::Array2::<f64>::nrows(&read.unwrap())
     };
-    std::fs::write(&options, "[simulate]\nframes = 23\nscript = \"press-and-hold\"\n[live]\nweb = true\n")
-        .unwrap();
+    std::fs::write(
+        &options,
+        "[simulate]\nframes = 23\nscript = \"press-and-hold\"\n[live]\nweb = true\n",
+    )
+    .unwrap();
     assert!(simulate(&[]).status.success());
     assert_eq!(frames(), 23);
     assert!(simulate(&["--frames", "25"]).status.success());
