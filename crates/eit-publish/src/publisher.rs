@@ -396,7 +396,7 @@ impl Publisher {
         self.encode(line)?;
         #[cfg(feature = "web")]
         if let Some(web) = &self.web {
-            web.tell(&self.line);
+            web.event(&self.line);
         }
         self.write()
     }

@@ -123,7 +123,20 @@ fn a_page_hears_of_the_skin_its_frames_and_images() {
     let mut events = BufReader::new(ask(&address, &get("/events", &address)));
     let skin = event(&mut events);
     assert_eq!((&skin["type"], &skin["electrodes_m"][0][1][0]), (&"skin".into(), &json!(0.01)));
+    // who comes before the first frame hears what is waited for, who comes later does not
+    publisher.waiting(3).unwrap();
+    let mut early = BufReader::new(ask(&address, &get("/events", &address)));
+    assert_eq!(event(&mut early)["type"], "skin");
+    assert_eq!(event(&mut early)["event"], "reference_started");
+    assert_eq!(event(&mut events)["event"], "reference_started");
+    publisher.waiting(0).unwrap();
+    assert_eq!(event(&mut events)["event"], "reference_taken");
     publisher.touches(&frame(7)).unwrap();
+    let mut late = BufReader::new(ask(&address, &get("/events", &address)));
+    assert_eq!(event(&mut late)["type"], "skin");
+    std::thread::sleep(Duration::from_millis(200));
+    publisher.touches(&frame(8)).unwrap();
+    assert_eq!(event(&mut late)["sequence"], 8);
     let line = event(&mut events);
     let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
     assert!(schema.is_valid(&line) && line["sequence"] == 7, "{line}");

@@ -46,11 +46,14 @@ fn open(args: &DemoArgs) -> Result<Option<Publisher>, CliError> {
     if args.web.is_none() && !network::is_wanted(&args.network) {
         return Ok(None);
     }
-    let publisher = network::open(&args.network, Publisher::new())?;
-    Ok(Some(match &args.web {
-        Some(address) => publish::open_page(address, publisher, false)?,
-        None => publisher,
-    }))
+    let mut publisher = network::open(&args.network, Publisher::new())?;
+    if let Some(address) = &args.web {
+        publisher = publish::open_page(address, publisher, false)?;
+        let words =
+            "The fabric and its touches are simulated first: they appear here in some seconds.";
+        publisher.event(&Event::Notice(words.to_owned()))?;
+    }
+    Ok(Some(publisher))
 }
 
 /// Publishes the experiment that began last, since the experiments may overlap.

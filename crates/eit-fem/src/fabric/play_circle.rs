@@ -4,6 +4,8 @@ use super::motion::segment_distance_m;
 use crate::error::FemError;
 use eit_mesh::{Mesh, Outline};
 
+/// Radius of a fingertip.
+const TIP_M: f64 = 0.01;
 /// A circle around the centroid is used unless it is smaller than this share of the largest one.
 const LEAST_SHARE: f64 = 0.5;
 
@@ -67,7 +69,13 @@ impl PlayCircle {
 
     /// Radius of a fingertip: 10 mm, or less on small skins.
     pub(super) fn tip_m(&self) -> f64 {
-        0.01_f64.min(0.15 * self.radius_m)
+        TIP_M.min(0.15 * self.radius_m)
+    }
+
+    /// Share of a finger's force for that tip: the same mean pressure on small skins, whose fabric would else be dented
+    /// beyond what the contact model covers.
+    pub(super) fn force_share(&self) -> f64 {
+        (self.tip_m() / TIP_M).powi(2)
     }
 }
 

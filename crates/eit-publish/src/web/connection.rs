@@ -1,7 +1,6 @@
 //! Handles one connection: reads its request and answers with the page or the events.
 
 use super::PAGE;
-use super::recorder::Recorder;
 use super::request::{Method, read};
 use super::server::{Place, Shared};
 use std::io::{self, BufReader, ErrorKind, Read, Write};
@@ -114,9 +113,7 @@ fn send_events(stream: &TcpStream, shared: &Shared, place: &Place<'_>) -> io::Re
         event.extend_from_slice(b"\n\n");
         Until::patience(stream).write_all(&event)
     };
-    for line in
-        [shared.skin(), shared.recorder.as_ref().and_then(Recorder::state)].into_iter().flatten()
-    {
+    for line in shared.greeting() {
         say(&line)?;
     }
     let (mut said, mut looked) = (Instant::now(), Instant::now());

@@ -47,6 +47,8 @@ pub(super) struct Shared {
     pub recorder: Option<Recorder>,
     /// First line for every browser: the skin, once it is known.
     skin: Mutex<Option<Line>>,
+    /// Last event, until a frame follows: what a browser that connects now waits for.
+    event: Mutex<Option<Line>>,
     browsers: Mutex<Vec<Browser>>,
     /// Number of threads that still send to a browser.
     sending: AtomicUsize,
@@ -96,7 +98,7 @@ impl Drop for Connection {
 
 impl Shared {
     fn browsers(&self) -> MutexGuard<'_, Vec<Browser>> {
-        self.browsers.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.browsers)
     }
 
     /// Reserves a slot for a browser; returns `None` if all are taken.
@@ -112,9 +114,10 @@ impl Shared {
         Some(Place { shared: self, number, lines })
     }
 
-    /// The skin, once it is known.
-    pub fn skin(&self) -> Option<Line> {
-        self.skin.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    /// What a browser hears first: the skin, what is recorded, and what is waited for, as far as known.
+    pub fn greeting(&self) -> impl Iterator<Item = Line> {
+        let recording = self.recorder.as_ref().and_then(Recorder::state);
+        [lock(&self.skin).clone(), recording, lock(&self.event).clone()].into_iter().flatten()
     }
 }
 
@@ -154,6 +157,7 @@ impl WebServer {
             access,
             recorder,
             skin: Mutex::default(),
+            event: Mutex::default(),
             browsers: Mutex::default(),
             sending: AtomicUsize::new(0),
             connections: AtomicUsize::new(0),
@@ -199,7 +203,7 @@ impl WebServer {
     /// A shape that cannot be encoded as JSON.
     pub fn skin(&self, shape: &SkinShape) -> Result<(), PublishError> {
         let line = serde_json::to_vec(shape)?;
-        *self.shared.skin.lock().unwrap_or_else(PoisonError::into_inner) = Some(line[..].into());
+        *lock(&self.shared.skin) = Some(line[..].into());
         // browsers that are already connected
         self.tell(&line);
         Ok(())
@@ -217,8 +221,15 @@ impl WebServer {
         });
     }
 
+    /// Sends an event to every browser, and until a frame follows also to those that connect later.
+    pub(crate) fn event(&self, line: &[u8]) {
+        *lock(&self.shared.event) = Some(line.into());
+        self.tell(line);
+    }
+
     /// Sends a frame if the last one is old enough.
     pub(crate) fn frame(&mut self, line: &[u8]) {
+        *lock(&self.shared.event) = None;
         if is_due(&mut self.next_frame, FRAME_EVERY) {
             self.tell(line);
         }
@@ -247,6 +258,11 @@ impl Drop for WebServer {
         // wakes the listening thread
         let _ = TcpStream::connect_timeout(&self.address, Duration::from_millis(100));
     }
+}
+
+/// Locks; a thread that panicked leaves nothing half-written here.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Whether the next one is due. Counts from when it was due, not from when it came: otherwise a source of 30 frames a
