@@ -181,6 +181,29 @@ def pause_and_scrub(page):
     page.wait("document.getElementById('when').textContent === 'live'")
 
 
+def faults_and_forces(page):
+    """What the emulator does not have: a frame with a faulty electrode, an uncertain touch and forces."""
+    page.page.evaluate(
+        """() => {
+        events.close();
+        const line = structuredClone(past.frames[past.frames.length - 1].line);
+        const touch = { ...line.touches[0], state: "hold", force_n: 1.25, force_std_n: 0.1, position_m: [0.02, 0.03, 0] };
+        line.touches = [touch, { ...touch, id: touch.id + 1, valid: false, position_m: [-0.04, -0.02, 0] }];
+        line.faulty_electrodes = [{ electrode: 3, fault: "contradicts", since_s: 1 }];
+        take(line);
+    }"""
+    )
+    page.wait("document.getElementById('verdict').textContent === '2 touches'")
+    said = page.text("electrodes")
+    assert said.startswith("Left out: electrode 3 (its voltages contradict the others)"), said
+    assert page.text("strength") == "force, N" and page.text("chart-name") == "force, N"
+    cells = page.page.eval_on_selector_all("#touches td", "all => all.map(cell => cell.textContent)")
+    assert cells[4] == "1.25 ± 0.10" and cells[5].endswith("?"), cells
+    assert page.page.is_visible("#unsure") and page.page.is_visible("#out")
+    if "PAGE_SHOTS" in os.environ:
+        page.page.screenshot(path=SHOTS / "faults.png", full_page=True)
+
+
 def record(page):
     page.page.click("#record")
     page.wait("document.getElementById('recording').textContent.startsWith('Recording to ')")
@@ -233,6 +256,7 @@ def check(browser):
         without = Page(context, address.split("?")[0], errors)
         without.wait("document.getElementById('record').disabled && !document.getElementById('record').hidden")
         without.wait_for_touch()
+        faults_and_forces(without)
         assert not errors, errors
         context.close()
     finally:
