@@ -20,18 +20,26 @@ pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Result<Cli, clap::Er
         Err(error) => return Ok(Err(error)),
     };
     if let Some((name, given)) = matches.subcommand()
-        && let Some(more) = beside_scene(name, given)?
+        && let Some((place, more)) = beside_scene(name, given)?
     {
         arguments.extend(more);
-        return Ok(Cli::command()
-            .try_get_matches_from(arguments)
-            .and_then(|matches| Cli::from_arg_matches(&matches)));
+        // the arguments were valid without the file
+        let refused = |error: clap::Error| {
+            let text = error.render().to_string();
+            let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
+            CliError::input(format!("{place}: {first}"))
+        };
+        let matches = Cli::command().try_get_matches_from(arguments).map_err(refused)?;
+        return Ok(Cli::from_arg_matches(&matches));
     }
     Ok(Cli::from_arg_matches(&matches))
 }
 
-/// Options for a command from the file beside its scene.
-fn beside_scene(name: &str, given: &ArgMatches) -> Result<Option<Vec<OsString>>, CliError> {
+/// The file beside a command's scene, and its options for that command.
+fn beside_scene(
+    name: &str,
+    given: &ArgMatches,
+) -> Result<Option<(String, Vec<OsString>)>, CliError> {
     let scene = given.try_get_one::<String>("scene").ok().flatten();
     let Some(scene) = scene.map(Path::new).filter(|scene| scene.is_file()) else { return Ok(None) };
     let path = scene.with_file_name(FILE);
@@ -41,7 +49,10 @@ fn beside_scene(name: &str, given: &ArgMatches) -> Result<Option<Vec<OsString>>,
         Err(error) => return Err(CliError::input(format!("{}: {error}", path.display()))),
     };
     let place = path.display().to_string();
-    options(&text, name, given).map(Some).map_err(|error| error.within(&place))
+    match options(&text, name, given) {
+        Ok(options) => Ok(Some((place, options))),
+        Err(error) => Err(error.within(&place)),
+    }
 }
 
 /// Options of the table of this command.

@@ -97,6 +97,7 @@ fn options_stand_beside_the_scene() {
         let output = simulate(&[]);
         let said = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{content}: {said}");
-        assert!(said.contains(words) && said.lines().count() == 1, "{content}: {said}");
+        assert!(said.contains(words) && said.contains("eit.toml"), "{content}: {said}");
+        assert_eq!(said.lines().count(), 1, "{content}: {said}");
     }
 }

@@ -79,7 +79,7 @@ function numbers() {
   const faults = frame ? frame.line.faulty_electrodes : [];
   byId("out").hidden = !faults.length;
   byId("electrodes").className = faults.length ? "bad" : "";
-  say("electrodes", faults.length ? "Left out: " + faults.map(f => `electrode ${f.electrode} (${FAULTS[f.fault] || f.fault})`).join(", ") + ". Touches are found with the others." : `All ${skin.electrodes_m.length} electrodes work.`);
+  say("electrodes", faults.length ? "Left out: " + faults.map(f => `electrode ${f.electrode} (${FAULTS[f.fault] || f.fault})`).join(", ") + ". Touches are found with the others." : frame ? `All ${skin.electrodes_m.length} electrodes work.` : "–");
 }
 
 function rows(touches) {
