@@ -210,13 +210,13 @@ mod tests {
         };
         let truth = draw(panel(vec![track(true, vec![[-0.05, 0.0], [0.05, 0.0]])]));
         assert_eq!(count(&truth, COLORS[0]), 0);
-        // dots of 4.6 points: 17 pixels, blended at their borders; one more of each shade in the legend
+        // dots of 4.6 points, blended at their borders, cover at most 5 x 5 pixels; one more of each shade in the legend
         let way = vec![[0.05, 0.0], [0.0, 0.0], [-0.05, 0.0]];
         let found = || panel(vec![track(false, way.clone())]);
         let first = COLORS[0].map(|c| shade(c, FIRST_SHADE));
         let canvas = draw(found());
         for color in [COLORS[0], first] {
-            assert!((2 * 4..=2 * 17).contains(&count(&canvas, color)), "{}", count(&canvas, color));
+            assert!((2 * 4..=2 * 25).contains(&count(&canvas, color)), "{}", count(&canvas, color));
         }
         let other = draw(TracksPanel { first_color: 1, ..found() });
         assert_eq!(count(&other, COLORS[0]), 0);
