@@ -10,7 +10,7 @@ pub(crate) use init::{InitArgs, ShapeArg};
 pub(crate) use learn::LearnArgs;
 pub(crate) use live::{
     BodyArgs, CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, NetworkArgs, PublishArgs,
-    RecordArgs, RecoverArgs, ReplayArgs, WatchArgs,
+    RecordArgs, RecoverArgs, ReplayArgs, SplitArgs, WatchArgs,
 };
 pub(crate) use report::{ReportArgs, TouchPart};
 pub(crate) use shell::{CompletionsArgs, ManArgs};
@@ -244,9 +244,10 @@ pub(crate) enum Command {
     ///
     /// Data is written to the file every second, so a killed recorder loses at most the last second. Ctrl-C
     /// ends the recording cleanly. A terminal shows the rate and the number of lost frames; the final output
-    /// contains the mean rate and the longest interval between two frames. Lost frames, disconnections and
-    /// notices of the instrument become notes in the recording. `eit reconstruct` reads it like any other
-    /// file.
+    /// contains the mean rate while frames came, the longest interval between two frames, and the time without
+    /// data. Lost frames, disconnections, a rate below nine tenths of the stated one and notices of the
+    /// instrument become notes in the recording. --split-mb and --split-s write a long recording in parts.
+    /// `eit reconstruct` reads it like any other file.
     ///
     /// Example: eit record my.toml --seconds 60 --out press.mcap
     Record(RecordArgs),

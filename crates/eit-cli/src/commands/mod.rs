@@ -21,6 +21,7 @@ pub(crate) mod learn;
 pub(crate) mod live;
 pub(crate) mod mesh;
 mod network;
+mod no_data;
 pub(crate) mod plan;
 mod publish;
 pub(crate) mod reconstruct;

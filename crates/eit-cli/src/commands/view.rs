@@ -105,6 +105,8 @@ pub(crate) struct Terminal {
     last: Option<Instant>,
     /// Arrival times of the last frames.
     arrivals: VecDeque<Instant>,
+    /// Number of lost frames.
+    lost: u64,
     /// Text shown last.
     shown: String,
 }
@@ -115,7 +117,7 @@ impl Terminal {
         use std::io::IsTerminal as _;
         let is_on = is_wanted && std::io::stdout().is_terminal();
         let (range, arrivals, shown) = (Range::default(), VecDeque::new(), String::new());
-        Self { is_on, range, last: None, arrivals, shown }
+        Self { is_on, range, last: None, arrivals, lost: 0, shown }
     }
 
     /// Returns whether it shows anything.
@@ -140,6 +142,11 @@ impl Terminal {
         }
         let text = format!("{}{}\n", self.shown, printable(words));
         self.say(&text);
+    }
+
+    /// Counts lost frames, which the view shows.
+    pub fn lose(&mut self, frames: u64) {
+        self.lost = self.lost.saturating_add(frames);
     }
 
     /// Shows a silence: the picture is outdated.
@@ -185,7 +192,8 @@ impl Terminal {
         let latency =
             shown.latency_s.map_or(String::new(), |s| format!(", latency {:.1} ms", 1e3 * s));
         // writing to a String cannot fail
-        let _ = writeln!(text, "frame {}, {rate:.1} per second{latency}", shown.frame.sequence);
+        let (frame, lost) = (shown.frame.sequence, self.lost);
+        let _ = writeln!(text, "frame {frame}, {rate:.1} per second, {lost} lost{latency}");
         for touch in shown.touches.iter().filter(|touch| touch.state != TouchState::End) {
             let [x, y, _] = touch.position_m.map(|part| 1e3 * part);
             let _ = writeln!(
