@@ -1,6 +1,7 @@
 //! `eit live`: touches of a live instrument as they happen.
 
 use super::no_data::NoData;
+use super::recorder::PageRecorder;
 use super::viewer::Viewer;
 use super::{Ended, SILENT, publish, record};
 use crate::cli::LiveArgs;
@@ -22,7 +23,7 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
         return Err(CliError::input("--split-mb and --split-s need --record F.mcap"));
     }
     super::check_frames(args.watch.frames)?;
-    let publisher = publish::open(&args.watch.publish, is_json)?;
+    let publisher = publish::open(&args.watch.publish, is_json, true)?;
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
     let mut progress = progress::terminal();
@@ -36,13 +37,16 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     };
     let mut session =
         progress.stage("connect", || connect::open(&instrument, args.port.as_deref(), overflow))?;
+    let record = connect::session_record(&model.skin().scene_toml, &instrument, &session);
     if let Some(place) = &args.record {
-        let record = connect::session_record(&model.skin().scene_toml, &instrument, &session);
         let writer = CaptureWriter::create(place, &record, recorded)
             .map_err(|error| CliError::input(error.to_string()))?;
         viewer.record(writer);
     }
     viewer.publish(publisher, &session.setup().identity.to_string(), true)?;
+    if args.watch.publish.web.is_some() {
+        viewer.let_record(PageRecorder::new(&args.scene, record, args.record.clone()))?;
+    }
     let summary = model.watch(&mut session, true, &mut viewer);
     session.stop();
     let statistics = FrameSource::statistics(&session);

@@ -26,6 +26,7 @@ pub(crate) mod plan;
 mod publish;
 pub(crate) mod reconstruct;
 pub(crate) mod record;
+mod recorder;
 pub(crate) mod recover;
 pub(crate) mod replay;
 pub(crate) mod report;

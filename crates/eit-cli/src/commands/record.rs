@@ -210,6 +210,18 @@ impl Taken {
     }
 }
 
+/// Records a frame, or a note of what else happened.
+pub(super) fn write_event(
+    writer: &mut CaptureWriter,
+    event: &Event,
+) -> Result<(), eit_hw::HwError> {
+    match (event, event_words(event)) {
+        (Event::Frame(frame), _) => writer.frame(frame),
+        (_, Some(words)) => writer.note(&words),
+        _ => Ok(()),
+    }
+}
+
 /// Whether to tell the user at once.
 pub(super) fn is_news(event: &Event) -> bool {
     matches!(event, Event::Silent { .. } | Event::Disconnected { .. } | Event::Reconnected { .. })
