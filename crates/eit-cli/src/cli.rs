@@ -159,17 +159,33 @@ pub(crate) enum Command {
     /// movie.gif for a sequence, and report.json. Formats of frames: .npy, .csv, Sciospec .eit folders, GOE
     /// .get, LCT text, KHU Mark2.5 scan folders, raw serial logs.
     Reconstruct(ReconstructArgs),
+    /// Make a learning base for a U-net: simulated sequences with their raw and true images.
+    ///
+    /// Simulates touched fabrics on a finer mesh and reconstructs them as `eit reconstruct` would.
+    /// Drawn anew for every sequence: one to six fingers with tips of 4 to 25 mm up to 97 % of the radius,
+    /// foundation, rim, weave, drift, gain, noise (48 dB below the voltages to that of the scene's
+    /// instrument), and measurements that are missing. Continues after an interruption.
+    ///
+    /// The sequences depend on --seed and their number alone, so that any scheduler can share the work out
+    /// with --shard, as with a Slurm job array:
+    ///
+    ///   sbatch --array=1-64 --cpus-per-task=1 --wrap \
+    ///     'eit base paper-disc --out base --threads 1 --shard $SLURM_ARRAY_TASK_ID/64'
+    ///   eit base paper-disc --out base      (merges the parts, makes what is missing)
+    ///
+    /// Then: eit train paper-disc --base base --out w.safetensors
+    #[command(verbatim_doc_comment)]
+    Base(BaseArgs),
     /// Train a U-net that removes the artefacts of a scene's images.
     ///
-    /// Simulates touched fabrics on a finer mesh (scripts, electrode movement, noise, gains and
-    /// drift drawn anew for every sequence), reconstructs them as `eit reconstruct` would, each
-    /// turned or mirrored by a symmetry of the electrodes where the skin has them, and learns the
-    /// true images from them. Sequences go to --base one by one; the training writes a checkpoint
-    /// after every epoch. Ctrl-C ends it with the best weights so far. Run the same command again
-    /// after an interruption: it goes on where it was, and ends with the same weights.
+    /// Makes the learning base where it is not complete (see `eit base`), each sequence turned or
+    /// mirrored by a symmetry of the electrodes where the skin has them, and learns its true images. Says
+    /// beside the progress bar how long the training takes, and writes a checkpoint after every epoch.
+    /// Ctrl-C ends it with the best weights so far. Run the same command again after an interruption: it
+    /// continues, and ends with the same weights.
     ///
     /// Needs a program that was built with training, which is burn's: cargo install --path
-    /// crates/eit-cli --features train. The default program runs what comes of it.
+    /// crates/eit-cli --features train. The default program runs the trained net.
     ///
     /// Writes W (safetensors), W with the endings csv and png (learning curve), and checkpoint. W is
     /// not written where its images of the held-out sequences are worse than the raw ones (--force).
@@ -460,43 +476,34 @@ pub(crate) struct TrainArgs {
     /// The weights: W.safetensors.
     #[arg(long, value_name = "W")]
     pub out: PathBuf,
-    /// Folder of the learning base [default: W with the ending base]. One that is complete is only
-    /// read.
+    /// Folder of the learning base [default: W with the ending base]. A complete one is only read.
     #[arg(long, value_name = "DIR")]
     pub base: Option<PathBuf>,
-    /// Sequences to simulate, or recordings, turned by the skin's symmetries again and again until
-    /// there are so many; every sixth, at least one, is held out.
-    #[arg(long, value_name = "N", default_value_t = 240)]
-    pub sequences: usize,
-    /// Frames of a simulated sequence, 20 quiet ones included.
-    #[arg(long, value_name = "N", default_value_t = 100)]
-    pub frames: usize,
-    /// Learn from this recording of the real skin instead of simulated touches; more than once for
-    /// more. Nobody knows its truth: wanted images are the raw ones after the rule of Duan, Taurand
-    /// and Soleimani (2019), which takes out the ring along the rim, what is below 55 % of the
-    /// largest value, and blobs of fewer than 15 pixels. Reference and noise as in the scene. Held
-    /// out is the last recording of six, or the last sixth of one that stands alone.
-    #[arg(long, value_name = "F")]
-    pub recording: Vec<PathBuf>,
-    /// Fingers of every sequence, 1 to 4 [default: one to four, two most often].
-    #[arg(long, value_name = "N")]
-    pub fingers: Option<usize>,
-    /// Method of the raw images: st-tv, tv or gauss-newton [default: the scene's, or st-tv].
-    #[arg(long, value_name = "METHOD")]
-    pub method: Option<String>,
-    /// Seed of everything random.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
+    #[command(flatten)]
+    pub pairs: PairsArgs,
+    /// Start from these weights instead of random ones: "default" (shipped), or a file written by this
+    /// command. They may be those of another skin.
+    #[arg(long, value_name = "W", conflicts_with_all = ["history", "images", "fold", "width", "depth"])]
+    pub from: Option<String>,
     /// Last frames that the net sees.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub history: usize,
+    /// Images per frame that the net sees: the raw one, then one-step images of the same
+    /// measurements. With 1 it sees no measurement and runs on images alone (`eit denoise`); with more it
+    /// also sees the signal-to-noise ratio.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub images: usize,
+    /// Side of the blocks of pixels that become channels, 1 or 2: with 2 the net runs on a quarter of the
+    /// pixels.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub fold: usize,
     /// Channels of the net's first level; its cost grows with the square.
     #[arg(long, value_name = "N", default_value_t = 4)]
     pub width: usize,
     /// Times that the net halves the pixels.
     #[arg(long, value_name = "N", default_value_t = 3)]
     pub depth: usize,
-    /// Epochs at most.
+    /// Epochs at most. 0 with --from: keep the net, and only measure the judge of its images and its limit.
     #[arg(long, value_name = "N", default_value_t = 12)]
     pub epochs: usize,
     /// Examples of a step.
@@ -508,9 +515,6 @@ pub(crate) struct TrainArgs {
     /// Stop after so many epochs without a smaller error on the held-out sequences; 0: never.
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub patience: usize,
-    /// Threads [default: all]; the result does not depend on them.
-    #[arg(long, value_name = "N")]
-    pub threads: Option<usize>,
     /// Where burn computes: flex (the processor), cuda or wgpu (a graphics processor). The last two
     /// need a program that was built with --features of that name; they have not been run.
     #[arg(long, value_name = "DEVICE", default_value_t)]
@@ -518,6 +522,61 @@ pub(crate) struct TrainArgs {
     /// Write the weights although their images of the held-out sequences are worse than the raw ones.
     #[arg(long)]
     pub force: bool,
+}
+
+/// The pairs of a learning base.
+#[derive(Debug, Args)]
+pub(crate) struct PairsArgs {
+    /// Number of sequences to simulate; with --recording, recordings are turned by the skin's symmetries
+    /// until there are so many. Every sixth, at least one, is held out.
+    #[arg(long, value_name = "N", default_value_t = 600)]
+    pub sequences: usize,
+    /// Frames of a simulated sequence, 20 quiet ones included.
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    pub frames: usize,
+    /// Learn from this recording of the real skin instead of simulated touches; more than once for
+    /// more. Its truth is unknown: wanted images are the raw ones after the rule of Duan, Taurand
+    /// and Soleimani (2019), which removes the ring along the rim, values below 55 % of the
+    /// largest, and blobs of fewer than 15 pixels. Reference and noise as in the scene. Held
+    /// out is the last recording of six, or the last sixth of a single one.
+    #[arg(long, value_name = "F")]
+    pub recording: Vec<PathBuf>,
+    /// Simulate this built-in script on the scene's own fabric, with another seed for each sequence,
+    /// instead of random touches on random fabrics.
+    #[arg(long, value_name = "NAME", conflicts_with = "recording")]
+    pub script: Option<String>,
+    /// Wanted images of simulated sequences: truth, or rule (the rule of the paper, see --recording).
+    #[arg(long, value_name = "KIND", default_value = "truth", value_parser = ["truth", "rule"])]
+    pub wanted: String,
+    /// Fingers of every sequence, 1 to 6 [default: one to six, fewer more often].
+    #[arg(long, value_name = "N")]
+    pub fingers: Option<usize>,
+    /// Method of the raw images: st-tv, tv or gauss-newton [default: the scene's, or st-tv].
+    #[arg(long, value_name = "METHOD")]
+    pub method: Option<String>,
+    /// Seed of everything random.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Threads [default: all]; the result does not depend on them.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+}
+
+/// `eit base`
+#[derive(Debug, Args)]
+pub(crate) struct BaseArgs {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// Folder of the learning base.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub pairs: PairsArgs,
+    /// Make only part I of N: every N-th sequence. Processes on any machines may make the parts in one
+    /// folder, or in several whose files are then copied into one; `eit base` or `eit train` without
+    /// --shard merges them. The bytes do not depend on the number of parts.
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<eit_denoise::Part>,
 }
 
 /// `eit denoise`

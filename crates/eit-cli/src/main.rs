@@ -47,6 +47,7 @@ fn main() -> ExitCode {
         Command::Learn(args) => commands::learn::run(args).map(Ended::from),
         Command::Simulate(args) => commands::simulate::run(args).map(Ended::from),
         Command::Reconstruct(args) => commands::reconstruct::run(args).map(Ended::from),
+        Command::Base(args) => commands::base::run(args).map(Ended::from),
         Command::Train(args) => commands::train::run(args).map(Ended::from),
         Command::Denoise(args) => commands::denoise::run(args).map(Ended::from),
         Command::Report(args) => commands::report::run(args).map(Ended::from),

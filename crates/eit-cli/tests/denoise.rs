@@ -4,14 +4,14 @@
 mod common;
 
 #[cfg(feature = "train")]
-use common::{SMALL, fail, write_scene};
-use common::{refuse, succeed, text};
+use common::fail;
+use common::{SMALL, refuse, succeed, text, write_scene};
 use ndarray::{Array2, Array3, Axis};
 use std::path::Path;
 
 /// Few enough for a test; such a net may well be worse than the raw images.
 #[cfg(feature = "train")]
-const FEW: [&str; 15] = [
+const FEW: [&str; 19] = [
     "--force",
     "--method",
     "gauss-newton",
@@ -27,9 +27,12 @@ const FEW: [&str; 15] = [
     "2",
     "--threads",
     "2",
+    "--images",
+    "1",
+    "--fold",
+    "1",
 ];
 
-#[cfg(feature = "train")]
 fn scene(folder: &Path) -> std::path::PathBuf {
     write_scene(folder, &format!("{SMALL}\n[reconstruction]\npixels = 24\n"))
 }
@@ -84,6 +87,8 @@ fn a_net_is_trained_goes_on_and_denoises() {
     other.extend(FEW);
     assert!(refuse(&other).contains("the seed is 1 there, but 2 here"));
 
+    starts_from_other_weights(&scene, &weights, folder.path());
+
     // a recording of the same skin, with and without the net in the scene
     let touched = folder.path().join("touched");
     succeed(&[
@@ -133,6 +138,32 @@ fn a_net_is_trained_goes_on_and_denoises() {
     refusals(folder.path(), &weights, &images);
 }
 
+/// At a rate at which nothing is learnt the weights stay those that the training started from, and the
+/// file names them; they bring their size.
+#[cfg(feature = "train")]
+fn starts_from_other_weights(scene: &Path, weights: &Path, folder: &Path) {
+    let (out, base) = (folder.join("from.safetensors"), weights.with_extension("base"));
+    let mut arguments = vec!["train", text(scene), "--out", text(&out), "--base", text(&base)];
+    arguments.extend(["--from", text(weights), "--rate", "1e-30"]);
+    arguments.extend(FEW.into_iter().take(9).chain(["--threads", "1"]));
+    succeed(&arguments);
+    let read =
+        |file: &Path| eit_denoise::Weights::from_bytes(&std::fs::read(file).unwrap()).unwrap();
+    let [first, made] = [read(weights), read(&out)];
+    assert_eq!((made.shape, &made.parameters), (first.shape, &first.parameters));
+    assert_eq!(made.about["from"], eit_skin::train::parameter_checksum(&first));
+    assert!(!first.about.contains_key("from"));
+    // a judge needs more frames than this base has
+    let judged = folder.join("judged.safetensors");
+    let mut only = vec!["train", text(scene), "--out", text(&judged), "--base", text(&base)];
+    only.extend(["--from", text(weights), "--epochs", "0"]);
+    only.extend(FEW.into_iter().take(7));
+    assert!(fail(&only).contains("too few to measure the judge"));
+    assert!(!judged.exists());
+    arguments.extend(["--width", "4"]);
+    assert!(refuse(&arguments).contains("cannot be used with"));
+}
+
 #[cfg(feature = "train")]
 fn refusals(folder: &Path, weights: &Path, images: &Path) {
     let out = folder.join("refused");
@@ -164,20 +195,141 @@ fn refusals(folder: &Path, weights: &Path, images: &Path) {
     assert!(!out.join("images.npy").exists());
 }
 
-/// A rate at which nothing is learnt leaves the first weights, whose images are worse than the raw
-/// ones: no weights are written, the checkpoint and the curve stay, and `--force` writes them.
+/// A net that sees measurements runs where they are, and is refused where there are images alone.
+#[cfg(feature = "train")]
+#[test]
+fn a_net_that_sees_measurements_is_trained_and_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let weights = folder.path().join("w.safetensors");
+    let mut arguments = vec!["train", text(&scene), "--out", text(&weights), "--seed", "3"];
+    arguments.extend(["--images", "3", "--fold", "2"]);
+    arguments.extend(&FEW[..15]);
+    succeed(&arguments);
+    let net = eit_denoise::Weights::from_bytes(&std::fs::read(&weights).unwrap()).unwrap();
+    assert_eq!((net.shape.images, net.shape.conditions, net.shape.fold), (3, 1, 2));
+    let touched = folder.path().join("touched");
+    let few = ["--frames", "40", "--nodes", "900", "--out"];
+    succeed(&[&["simulate", text(&scene)], &few[..], &[text(&touched)]].concat());
+    let made = touched.join("scene.toml");
+    let with_net = std::fs::read_to_string(&made).unwrap()
+        + &format!("\n[denoise]\nweights = '{}'\n", weights.display());
+    std::fs::write(&made, with_net).unwrap();
+    let out = folder.path().join("out");
+    succeed(&["reconstruct", text(&made), "--method", "gauss-newton", "--out", text(&out)]);
+    let read = |name: &str| std::fs::read(out.join(name)).unwrap();
+    assert_ne!(read("images.npy"), read("raw.npy"));
+    let images = out.join("raw.npy");
+    let denoised = folder.path().join("denoised");
+    let answer = refuse(&[
+        "denoise",
+        text(&scene),
+        "--images",
+        text(&images),
+        "--weights",
+        text(&weights),
+        "--out",
+        text(&denoised),
+    ]);
+    assert!(answer.contains("this net sees the measurements too"), "{answer}");
+}
+
+/// Two processes at the same time make the halves of a learning base in one folder: the bytes are those
+/// of one process.
+#[test]
+fn two_processes_make_one_base() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let base = |out: &Path| {
+        let few = ["--method", "gauss-newton", "--sequences", "4", "--frames", "30"];
+        let mut arguments: Vec<String> = few.map(str::to_owned).to_vec();
+        arguments.extend(["--threads", "1", "--out", text(out)].map(str::to_owned));
+        let mut all = vec!["base".to_owned(), text(&scene).to_owned()];
+        all.append(&mut arguments);
+        all
+    };
+    let [shared, alone] = ["shared", "alone"].map(|name| folder.path().join(name));
+    let part = |part: &'static str| {
+        let mut arguments = base(&shared);
+        arguments.extend(["--shard".to_owned(), part.to_owned()]);
+        std::thread::spawn(move || {
+            succeed(&arguments.iter().map(String::as_str).collect::<Vec<_>>())
+        })
+    };
+    let running = [part("1/2"), part("2/2")];
+    running.into_iter().for_each(|thread| assert!(thread.join().unwrap().contains("is complete")));
+    assert!(shared.join("manifest.1-of-2.json").exists() && !shared.join("manifest.json").exists());
+    for out in [&shared, &alone] {
+        let arguments = base(out);
+        succeed(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    }
+    let mut names: Vec<String> =
+        (0..4).map(|index| format!("shard-{index:05}.safetensors")).collect();
+    names.push("manifest.json".to_owned());
+    for name in names {
+        let read = |folder: &Path| std::fs::read(folder.join(&name)).unwrap();
+        assert_eq!(read(&shared), read(&alone), "{name}");
+    }
+    let out = text(&shared);
+    let found = refuse(&["base", text(&scene), "--out", out, "--shard", "3/2"]);
+    assert!(found.contains("the number of a part"), "{found}");
+}
+
+/// The paper's learning base: its script, each sequence with a seed of its own, and the images after its
+/// rule as the wanted ones.
+#[test]
+fn a_base_of_the_papers_script_and_rule() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let out = folder.path().join("paper");
+    let mut arguments = vec!["base", text(&scene), "--out", text(&out), "--wanted", "rule"];
+    arguments.extend(["--script", "paper-one-finger", "--method", "gauss-newton"]);
+    arguments.extend(["--sequences", "2", "--frames", "40", "--threads", "1"]);
+    succeed(&arguments);
+    let base = eit_denoise::LearningBase::open(&out).unwrap();
+    let recipe = &base.settings().recipe;
+    assert!(recipe.contains("script paper-one-finger, wanted Rule"), "{recipe}");
+    let shards = [0, 1].map(|index| base.read(index).unwrap());
+    assert_ne!(shards[0].raw, shards[1].raw);
+    for shard in &shards {
+        let raw = shard.raw.mapv(f64::from);
+        let stack = eit_denoise::ImageStack::new(raw, shard.mask.clone()).unwrap();
+        let mut rule = eit_denoise::ThresholdRule::default().on(shard.mask.view()).unwrap();
+        let kept = rule.apply(&stack).unwrap();
+        let (mut all, mut left) = (0, 0);
+        for ((at, wanted), kept) in shard.wanted.indexed_iter().zip(kept.values()) {
+            assert!(kept.is_nan() || *wanted == *kept as f32, "{at:?}: {wanted} {kept}");
+            all += usize::from(shard.raw[at] != 0.0);
+            left += usize::from(*wanted != 0.0);
+        }
+        assert!(left > 0 && left < all / 2, "{left} of {all}");
+    }
+    arguments.extend(["--fingers", "2"]);
+    assert!(refuse(&arguments).contains("a built-in script has the fingers that it has"));
+}
+
+/// A rate at which nothing is learnt leaves the first weights, here a net that shows a touch everywhere:
+/// no weights are written, the checkpoint and the curve stay, and `--force` writes them.
 #[cfg(feature = "train")]
 #[test]
 fn a_net_that_is_worse_than_the_raw_images_is_not_written() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
-    let weights = folder.path().join("w.safetensors");
-    let mut arguments = vec!["train", text(&scene), "--out", text(&weights), "--rate", "1e-30"];
-    arguments.extend(&FEW[1..]);
+    let [weights, first, bad] =
+        ["w", "first", "bad"].map(|name| folder.path().join(name).with_extension("safetensors"));
+    train(&scene, &first);
+    let mut net = eit_denoise::Weights::from_bytes(&std::fs::read(&first).unwrap()).unwrap();
+    // the bias of the last convolution
+    *net.parameters.last_mut().unwrap() = 10.0;
+    std::fs::write(&bad, net.to_bytes().unwrap()).unwrap();
+    let base = first.with_extension("base");
+    let mut arguments = vec!["train", text(&scene), "--out", text(&weights), "--base", text(&base)];
+    arguments.extend(["--from", text(&bad), "--rate", "1e-30"]);
+    arguments.extend(&FEW[1..9]);
     let found = fail(&arguments);
     assert!(found.contains("is not written") && found.contains("--force"), "{found}");
     assert!(!weights.exists());
-    for ending in ["csv", "png", "checkpoint", "base"] {
+    for ending in ["csv", "png", "checkpoint"] {
         assert!(weights.with_extension(ending).exists(), "{ending}");
     }
     arguments.push("--force");

@@ -34,12 +34,13 @@ pub fn run() -> Result<Vec<Cost>, DenoiseError> {
     }
     sizes.extend([[3, 6, 3], [1, 16, 3]]);
     for [history, width, depth] in sizes {
-        let shape = UnetShape { history, width, depth };
+        let shape = UnetShape { history, width, depth, ..UnetShape::ONE_IMAGE };
         // of about unit gain
         let weight = |k: usize| 0.1 * (0.7 * k as f32).sin();
         let parameters = (0..shape.parameters()).map(weight).collect();
         let (skin, pixels) = (String::new(), [PIXELS, PIXELS]);
-        let weights = Weights { shape, parameters, skin, pixels, about: BTreeMap::new() };
+        let weights =
+            Weights { shape, parameters, skin, pixels, about: BTreeMap::new(), model_error: None };
         let mut net = Denoiser::new(&weights, mask.view())?;
         let mut time_s = f64::INFINITY;
         for _ in 0..50 {

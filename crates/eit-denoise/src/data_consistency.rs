@@ -1,8 +1,7 @@
-//! Data consistency: does the image that a net made explain the measurements it came from?
+//! Data consistency: whether an image explains the measurements behind it.
 //!
-//! A net draws what it has learnt, also from images that look like nothing it has seen. The
-//! linearised model knows better: pushed through it, a right image gives most of the measured
-//! differences back, an invented one does not. One product of `measurements x pixels` per frame,
+//! A net reproduces what it has learnt, even from images unlike any it has seen. The linearised model can
+//! tell: it maps a correct image to most of the measured differences, and an invented one not. One product of `measurements x pixels` per frame,
 //! 0.7 million multiplications for 208 and 3 200, in `f32`.
 
 use crate::DenoiseError;
@@ -13,8 +12,7 @@ use ndarray::{Array2, ArrayView2};
 /// normal). A deviation that was measured on few quiet frames makes it more.
 const NOISE_DEVIATIONS: f64 = 4.0;
 
-/// Data consistency of images with their measurements: the linear model of a skin's images, weighted
-/// by the noise of the measurements.
+/// Checks images against their measurements with the linear model of a skin, weighted by the noise.
 #[derive(Debug, Clone)]
 pub struct DataConsistency {
     /// `W^1/2 J`, `[measurement][masked pixel]`, row by row.
@@ -26,21 +24,21 @@ pub struct DataConsistency {
     pixels: Vec<f32>,
 }
 
-/// Energies of a frame in units of the noise: sums of squares over the measurements that are used.
+/// Energies of a frame in units of the noise: sums of squares over the used measurements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DataMisfit {
     /// `|W^1/2 dv|^2`.
     pub data: f64,
-    /// What the image leaves unexplained: `|W^1/2 (dv - J x)|^2`.
+    /// Residual of the image: `|W^1/2 (dv - J x)|^2`.
     pub residual: f64,
-    /// Measurements used.
+    /// Number of used measurements.
     pub measurements: usize,
 }
 
 impl DataConsistency {
-    /// For images on `mask` [row, column]: `jacobian` [measurement, masked pixel in row order] is in
-    /// the differences' unit per image unit, `noise_std` the standard deviation of each difference,
-    /// infinite for one that is not used.
+    /// Prepares the check for images on `mask` [row, column]. `jacobian` [measurement, masked pixel in
+    /// row-major order] is in the differences' unit per image unit, `noise_std` the standard deviation of
+    /// each difference, infinite for a measurement that is not used.
     ///
     /// # Errors
     /// [`DenoiseError::WrongLength`], [`DenoiseError::EmptyMask`]; [`DenoiseError::OutOfRange`] for
@@ -82,8 +80,29 @@ impl DataConsistency {
         Ok(Self { rows, root_weights, mask: mask.to_owned(), pixels: vec![0.0; inside] })
     }
 
-    /// What an image [row, column] explains of a frame's differences from its reference; a value
-    /// that is not finite is a measurement that is missing. Allocates nothing.
+    /// Energy of a frame's differences in units of the noise, as of an empty image; a value that is not
+    /// finite is a missing measurement. Does not allocate.
+    ///
+    /// # Errors
+    /// [`DenoiseError::WrongLength`].
+    pub fn energy(&self, differences: &[f64]) -> Result<DataMisfit, DenoiseError> {
+        let (found, wanted) = (differences.len(), self.root_weights.len());
+        if found != wanted {
+            return Err(DenoiseError::WrongLength { what: "differences", found, wanted });
+        }
+        let mut energy = DataMisfit { data: 0.0, residual: 0.0, measurements: 0 };
+        for (weight, difference) in self.root_weights.iter().zip(differences) {
+            if *weight != 0.0 && difference.is_finite() {
+                energy.data += (weight * difference).powi(2);
+                energy.measurements += 1;
+            }
+        }
+        energy.residual = energy.data;
+        Ok(energy)
+    }
+
+    /// Energies of a frame's differences and of what an image [row, column] leaves of them; a value
+    /// that is not finite is a missing measurement. Does not allocate.
     ///
     /// # Errors
     /// [`DenoiseError::ShapeMismatch`], [`DenoiseError::WrongLength`];
@@ -93,6 +112,42 @@ impl DataConsistency {
         image: ArrayView2<'_, f64>,
         differences: &[f64],
     ) -> Result<DataMisfit, DenoiseError> {
+        let mut misfit = DataMisfit { data: 0.0, residual: 0.0, measurements: 0 };
+        self.each_left(image, differences, |_, weight, difference, left| {
+            misfit.data += (weight * difference).powi(2);
+            misfit.residual += left * left;
+            misfit.measurements += 1;
+        })?;
+        Ok(misfit)
+    }
+
+    /// Writes what an image [row, column] leaves of a frame's differences, in their unit; NaN for a
+    /// measurement that is missing or not used. Does not allocate.
+    ///
+    /// # Errors
+    /// Those of [`DataConsistency::misfit`].
+    pub fn left_into(
+        &mut self,
+        image: ArrayView2<'_, f64>,
+        differences: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), DenoiseError> {
+        let (found, wanted) = (out.len(), self.root_weights.len());
+        if found != wanted {
+            return Err(DenoiseError::WrongLength { what: "residuals", found, wanted });
+        }
+        out.fill(f64::NAN);
+        self.each_left(image, differences, |i, weight, _, left| out[i] = left / weight)
+    }
+
+    /// Passes each present measurement to `take`: index, root of the weight, difference, and weighted
+    /// residual.
+    fn each_left(
+        &mut self,
+        image: ArrayView2<'_, f64>,
+        differences: &[f64],
+        mut take: impl FnMut(usize, f64, f64, f64),
+    ) -> Result<(), DenoiseError> {
         if image.dim() != self.mask.dim() {
             let (images, mask) = (image.dim(), self.mask.dim());
             let (images, mask) = ([images.0, images.1], [mask.0, mask.1]);
@@ -106,7 +161,7 @@ impl DataConsistency {
         if let Some(((row, column), &value)) = bad {
             return Err(DenoiseError::NonFinitePixel { frame: 0, row, column, value });
         }
-        // f32 has the range of images in siemens only after scaling
+        // images in siemens need scaling to fit the range of f32
         let inside =
             || image.iter().zip(&self.mask).filter(|(_, inside)| **inside).map(|(v, _)| *v);
         let scale = inside().fold(0.0_f64, |most, v| v.abs().max(most));
@@ -114,23 +169,19 @@ impl DataConsistency {
         for (pixel, value) in self.pixels.iter_mut().zip(inside()) {
             *pixel = (value / scale) as f32;
         }
-        let mut misfit = DataMisfit { data: 0.0, residual: 0.0, measurements: 0 };
         let rows = self.rows.chunks_exact(self.pixels.len());
-        for ((row, weight), difference) in rows.zip(&self.root_weights).zip(differences) {
-            if *weight == 0.0 || !difference.is_finite() {
-                continue;
+        let measurements = rows.zip(&self.root_weights).zip(differences).enumerate();
+        for (i, ((row, &weight), &difference)) in measurements {
+            if weight != 0.0 && difference.is_finite() {
+                let left = weight * difference - scale * f64::from(dot(row, &self.pixels));
+                take(i, weight, difference, left);
             }
-            let datum = weight * difference;
-            let residual = datum - scale * f64::from(dot(row, &self.pixels));
-            misfit.data += datum * datum;
-            misfit.residual += residual * residual;
-            misfit.measurements += 1;
         }
-        Ok(misfit)
+        Ok(())
     }
 }
 
-/// Sixteen sums, so that the compiler may use registers of any width.
+/// Sixteen independent sums, so that the compiler can use registers of any width.
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     let (a, a_rest) = a.as_chunks::<16>();
     let (b, b_rest) = b.as_chunks::<16>();
@@ -145,21 +196,21 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
 }
 
 impl DataMisfit {
-    /// Energy that noise alone may have: `n + 4 sqrt(2 n)`, mean and four standard deviations of
-    /// chi squared with `n` degrees.
+    /// Largest energy expected of noise alone: `n + 4 sqrt(2 n)`, the mean of chi squared with `n` degrees
+    /// of freedom plus four standard deviations.
     pub fn noise_bound(&self) -> f64 {
         let n = self.measurements as f64;
         n + NOISE_DEVIATIONS * (2.0 * n).sqrt()
     }
 
-    /// Unexplained share of the data's energy.
+    /// Returns the unexplained share of the data's energy.
     pub fn residual_share(&self) -> f64 {
         self.residual / self.data
     }
 
-    /// The residual over what it may be, which is the share `limit` of the data's energy, or noise. Up
-    /// to 1 the image is consistent with its data. Where the data is noise and no drift,
-    /// that is an image which claims no more than noise. Infinite without a measurement.
+    /// Returns the residual over its bound, which is the share `limit` of the data's energy or the noise bound,
+    /// whichever is larger. Up to 1 the image is consistent with its data. Infinite without a
+    /// measurement.
     pub fn score(&self, limit: f64) -> f64 {
         if self.measurements == 0 {
             return f64::INFINITY;
@@ -167,9 +218,9 @@ impl DataMisfit {
         self.residual / (limit * self.data).max(self.noise_bound())
     }
 
-    /// The residual share that all but `share` of known frames keep: the limit for
-    /// [`DataMisfit::score`]. Frames within ten times the energy of noise say nothing; `None` where
-    /// fewer than twenty others are left.
+    /// Returns the residual share that all but `share` of known frames stay below: the limit for
+    /// [`DataMisfit::score`]. Frames within ten times the noise bound are ignored; `None` if fewer
+    /// than twenty others remain.
     pub fn limit(known: &[Self], share: f64) -> Option<f64> {
         let strong = known.iter().filter(|misfit| misfit.data > 10.0 * misfit.noise_bound());
         let mut shares: Vec<f64> = strong.map(Self::residual_share).collect();

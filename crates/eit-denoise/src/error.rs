@@ -1,6 +1,6 @@
 //! The one error type of this crate.
 
-/// What can be wrong with images, weights, a learning base or a training.
+/// An error in images, weights, a learning base or a training.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DenoiseError {
@@ -40,22 +40,22 @@ pub enum DenoiseError {
         /// The value.
         value: f64,
     },
-    /// A frame that is not in the stack.
-    #[error("frame {frame} was asked for, but the stack has {frames}, counted from 0")]
+    /// The stack has no such frame.
+    #[error("frame {frame} does not exist: the stack has {frames} frames, counted from 0")]
     UnknownFrame {
-        /// Index asked for.
+        /// Requested index.
         frame: usize,
-        /// Frames there are.
+        /// Number of frames.
         frames: usize,
     },
-    /// A setting outside what it may be.
+    /// A value outside its range.
     #[error("{quantity} is {value}: it must be {must}")]
     OutOfRange {
         /// The setting.
         quantity: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// The range.
         must: &'static str,
     },
     /// A list of the wrong length.
@@ -68,13 +68,13 @@ pub enum DenoiseError {
         /// The right length.
         wanted: usize,
     },
-    /// One value other than zero all over the skin: no touch, and nothing to denoise.
-    #[error("the image is {value} all over the skin: a reconstruction does not look like this")]
+    /// The whole image has one value other than zero, which no reconstruction gives.
+    #[error("the image is {value} everywhere on the skin, which no reconstruction gives")]
     ConstantImage {
         /// The value.
         value: f64,
     },
-    /// Something is wrong in one frame of a sequence.
+    /// An error in one frame of a sequence.
     #[error("frame {frame}: {error}")]
     InFrame {
         /// Frame index.
@@ -82,15 +82,15 @@ pub enum DenoiseError {
         /// What is wrong.
         error: Box<DenoiseError>,
     },
-    /// Images on other pixels than those prepared for.
+    /// Two masks differ.
     #[error(
         "{differing} of {pixels} pixels lie inside one mask and outside the other: these are images \
          of another skin"
     )]
     MaskMismatch {
-        /// Pixels that differ.
+        /// Number of pixels that differ.
         differing: usize,
-        /// Pixels of an image.
+        /// Number of pixels of an image.
         pixels: usize,
     },
     /// A weight that is NaN or infinite.
@@ -108,13 +108,13 @@ pub enum DenoiseError {
         trained_pixels[0], trained_pixels[1], asked_pixels[0], asked_pixels[1]
     )]
     OtherSkin {
-        /// Fingerprint of the skin of the training.
+        /// Fingerprint of the skin that the weights were trained for.
         trained: String,
-        /// Rows and columns there.
+        /// Rows and columns of the training's images.
         trained_pixels: [usize; 2],
-        /// Fingerprint of the skin asked for.
+        /// Fingerprint of the skin at hand.
         asked: String,
-        /// Rows and columns here.
+        /// Rows and columns of its images.
         asked_pixels: [usize; 2],
     },
     /// A file that is damaged or of another kind.
@@ -123,7 +123,7 @@ pub enum DenoiseError {
         /// What was found.
         what: String,
     },
-    /// Something is wrong with a file.
+    /// An error in a file.
     #[error("{path}: {error}")]
     InFile {
         /// The file.
@@ -131,7 +131,7 @@ pub enum DenoiseError {
         /// What is wrong.
         error: Box<DenoiseError>,
     },
-    /// The system refused to read or write.
+    /// Reading or writing failed.
     #[error("{path}: {kind}")]
     Io {
         /// The file.
@@ -139,39 +139,39 @@ pub enum DenoiseError {
         /// Why.
         kind: std::io::ErrorKind,
     },
-    /// A shard that is not there or not what the manifest says.
-    #[error("{path}: {found}: make the base again, whole shards are kept")]
+    /// A shard is missing or differs from its manifest.
+    #[error("{path}: {found}: make the base again; complete shards are kept")]
     DamagedShard {
         /// The file.
         path: String,
         /// What was found.
         found: String,
     },
-    /// Training pairs without a touch.
-    #[error("{what} holds no image that differs from zero: nothing can be learnt from it")]
+    /// All training images are zero.
+    #[error("{what} holds zero images only: there is nothing to learn from")]
     NothingToLearn {
         /// A shard or a learning base.
         what: String,
     },
-    /// A learning base or checkpoint that was made with other settings.
+    /// A learning base or checkpoint was made with other settings.
     #[error(
         "{what} is {found} there, but {wanted} here: take another folder, or the same settings"
     )]
     OtherSettings {
         /// What differs.
         what: &'static str,
-        /// As stored.
+        /// Stored value.
         found: String,
-        /// As asked for.
+        /// Requested value.
         wanted: String,
     },
-    /// No device of training has this name.
+    /// No training device has this name.
     #[error("no device is called \"{found}\": there are flex (the processor), cuda and wgpu")]
     UnknownDevice {
-        /// What was asked for.
+        /// Requested name.
         found: String,
     },
-    /// A device that this program was built without.
+    /// The program was built without this device.
     #[error(
         "this program was built without the device {device}: build it with --features {device}, or \
          take flex, which is the processor"
@@ -180,30 +180,30 @@ pub enum DenoiseError {
         /// Its name, which is that of its feature.
         device: &'static str,
     },
-    /// A device that this machine does not have.
+    /// The machine does not have this device.
     #[error(
         "no device for {device} on this machine: install its driver, or take flex, which is the \
          processor"
     )]
     NoDevice {
-        /// The name that was asked for.
+        /// Requested name.
         device: &'static str,
     },
-    /// burn refused, or a device broke off.
+    /// burn or its device failed.
     #[error("burn failed: {what}")]
     Burn {
-        /// What it says.
+        /// Its message.
         what: String,
     },
-    /// A net whose images have another shape than those it was given.
+    /// A net returned images of another shape than its inputs.
     #[error(
         "the net made {found:?} of images [example, channel, row, column] {wanted:?}: it must keep \
          their rows and columns, and make one channel"
     )]
     NetShape {
-        /// What came out.
+        /// Returned shape.
         found: [usize; 4],
-        /// What should have.
+        /// Expected shape.
         wanted: [usize; 4],
     },
 }
@@ -215,13 +215,13 @@ impl DenoiseError {
         Self::InFile { path: path.display().to_string(), error: Box::new(self) }
     }
 
-    /// A refusal of the system.
+    /// An error of the operating system.
     #[cfg(feature = "base")]
     pub(crate) fn io(path: &std::path::Path, error: &std::io::Error) -> Self {
         Self::Io { path: path.display().to_string(), kind: error.kind() }
     }
 
-    /// What burn says.
+    /// An error of burn.
     #[cfg(feature = "burn")]
     pub(crate) fn burn(error: &dyn std::fmt::Display) -> Self {
         Self::Burn { what: error.to_string() }

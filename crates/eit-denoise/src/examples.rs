@@ -3,28 +3,36 @@
 use crate::DenoiseError;
 use crate::learning_base::Shard;
 use crate::raster_symmetry::RasterSymmetry;
+use crate::unet::CLAMP;
 use ndarray::{Array2, Axis};
 
-/// Part of the mean error of the raw images that is added to each one's own before dividing by it,
-/// so that frames which are nearly right already do not rule the sum. A touch of a seventh of the
-/// usual strength still counts half.
-const FLOOR: f64 = 0.02;
-/// Examples whose raw error is below this part of the mean are passed over: they would count for
-/// less than a twentieth.
+/// Part of the mean reference error of a sequence that is added to each frame's own before dividing by
+/// it, so that frames which are nearly right already do not dominate the sum.
+const FLOOR: f64 = 0.05;
+/// Frames whose reference error is below this part of the mean of their sequence are left out.
 const LEAST: f64 = 1e-3;
+/// Frames whose reference error is below this part of the mean over all sequences are left out: 0.3 %
+/// of the usual amplitude is drift.
+const LEAST_OF_ALL: f64 = 1e-5;
 
 /// Normalised pairs of one skin, each weighted by how wrong its raw image is.
 #[derive(Debug, Clone)]
 pub struct Examples {
     history: usize,
+    /// Images per frame.
+    images: usize,
+    /// Conditions per frame.
+    conditions: usize,
     mask: Array2<bool>,
-    /// `[example][history][pixel]`
+    /// `[example][history][image][pixel]`
     frames: Vec<f32>,
+    /// `[example][condition]`
+    states: Vec<f32>,
     /// `[example][pixel]`
     wanted: Vec<f32>,
-    /// What the squared error of each example is multiplied by.
+    /// Factor on the squared error of each example.
     weights: Vec<f32>,
-    /// Ways to turn and mirror an example; never empty, the first leaves it.
+    /// Ways to turn and mirror an example; never empty, the first is the identity.
     turns: Vec<RasterSymmetry>,
 }
 
@@ -32,11 +40,13 @@ pub struct Examples {
 #[cfg(feature = "train")]
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Example<'a> {
-    /// Frames oldest first, divided by their scale, `[history][pixel]`, zero outside the mask.
+    /// Frames oldest first, divided by their scale, `[history][image][pixel]`, zero outside the mask.
     pub frames: &'a [f32],
-    /// What should come out, `[pixel]`, divided by the same scale, zero outside the mask.
+    /// Conditions of the last frame.
+    pub conditions: &'a [f32],
+    /// The wanted image, `[pixel]`, divided by the same scale, zero outside the mask.
     pub wanted: &'a [f32],
-    /// What the squared error is multiplied by.
+    /// Factor on the squared error.
     pub weight: f32,
 }
 
@@ -48,43 +58,54 @@ pub(crate) struct Turned {
     wanted: Vec<f32>,
 }
 
+/// Scale and reference error of an example, in the images' own unit.
+struct Known {
+    scale: f64,
+    error: f64,
+    shard: usize,
+}
+
 impl Examples {
-    /// Of shards of one skin, for a net that sees `history` frames. Every frame becomes an example,
-    /// with the frames before it in its shard (zero before the first), all divided by the largest
-    /// raw value among them. Frames of which the net sees nothing but zero are passed over.
+    /// Examples from shards of one skin, for a net that sees `history` frames. Every frame becomes an
+    /// example, with the frames before it in its shard (zero before the first), all divided by the
+    /// largest magnitude among their raw images; other images are clamped to twice that. Frames whose raw images are all zero are left out.
     ///
-    /// The mean squared error `e` of an example counts as `e / (r + 0.02 R)` with `r` that of its raw
-    /// image and `R` the mean of all `r`, in the images' own unit: what is learnt is the part of the
-    /// raw image's error that is left, a faint touch counting nearly as much as a strong one. Frames
-    /// with `r` below a thousandth of `R`, in which nothing touches, are passed over.
+    /// The mean squared error `e` of an example counts as `e / (r + 0.05 R)`. Its reference error `r` is
+    /// the mean squared error of its raw image or of an empty one, whichever is smaller, and `R` the
+    /// mean of `r` over the sequence. A faint touch thus counts nearly as much as a strong one, also
+    /// where a whole sequence is faint. Frames with `r` below a thousandth of `R`, in which nothing
+    /// touches, are left out.
     ///
     /// # Errors
-    /// [`DenoiseError::NothingToLearn`] without a frame, [`DenoiseError::MaskMismatch`] between
-    /// shards, [`DenoiseError::OutOfRange`] for a history of none.
+    /// [`DenoiseError::NothingToLearn`] without a frame, [`DenoiseError::MaskMismatch`] and
+    /// [`DenoiseError::WrongLength`] between shards, [`DenoiseError::OutOfRange`] for a history of 0.
     pub fn new(shards: &[Shard], history: usize) -> Result<Self, DenoiseError> {
         let nothing = || DenoiseError::NothingToLearn { what: "the learning base".to_owned() };
-        let mask = shards.first().ok_or_else(nothing)?.mask.clone();
+        let first = shards.first().ok_or_else(nothing)?;
         if history == 0 {
             let (quantity, must) = ("history", "at least 1");
             return Err(DenoiseError::OutOfRange { quantity, value: 0.0, must });
         }
-        let turns = vec![RasterSymmetry::default()];
-        let (frames, wanted, weights) = (Vec::new(), Vec::new(), Vec::new());
-        let mut made = Self { history, mask, frames, wanted, weights, turns };
-        let mut scales = Vec::new();
-        for shard in shards {
-            made.take(shard, &mut scales)?;
+        let [images, conditions] = first.inputs()?;
+        let (mask, turns) = (first.mask.clone(), vec![RasterSymmetry::default()]);
+        let (frames, states) = (Vec::new(), Vec::new());
+        let (wanted, weights) = (Vec::new(), Vec::new());
+        let mut made =
+            Self { history, images, conditions, mask, frames, states, wanted, weights, turns };
+        let mut known = Vec::new();
+        for (index, shard) in shards.iter().enumerate() {
+            made.take(index, shard, &mut known)?;
         }
         if made.is_empty() {
             return Err(nothing());
         }
-        made.weigh(&scales);
+        made.weigh(&known, shards.len());
         Ok(made)
     }
 
     /// The same pairs with data augmentation: each epoch sees every one turned or mirrored in one of
-    /// these ways, drawn anew. The skin with its electrodes and the measurements must have these symmetries;
-    /// that the mask has them is checked.
+    /// these ways, drawn anew. The skin with its electrodes and the measurements must have these
+    /// symmetries; only the mask is checked.
     ///
     /// # Errors
     /// [`DenoiseError::MaskMismatch`] where a turn takes the mask to another.
@@ -101,54 +122,95 @@ impl Examples {
         Ok(self)
     }
 
-    /// Weights by the errors of the raw images, whose scales are given; drops what would not count.
-    fn weigh(&mut self, scales: &[f64]) {
-        let (seen, pixels) = (self.history * self.mask.len(), self.mask.len());
-        let inside = self.mask.iter().filter(|inside| **inside).count().max(1) as f64;
-        let error = |frames: &[f32], wanted: &[f32]| {
-            let off = frames[seen - pixels..].iter().zip(wanted).map(|(r, w)| f64::from(r - w));
-            off.map(|d| d * d).sum::<f64>() / inside
-        };
-        let pairs = self.frames.chunks_exact(seen).zip(self.wanted.chunks_exact(pixels));
-        let errors: Vec<f64> = pairs.map(|(frames, wanted)| error(frames, wanted)).collect();
-        let own_unit = errors.iter().zip(scales).map(|(e, scale)| e * scale * scale);
-        let mean = own_unit.sum::<f64>() / errors.len() as f64;
+    /// Sets the weights from the reference errors; drops what would not count.
+    fn weigh(&mut self, known: &[Known], shards: usize) {
+        let (seen, pixels) = (self.history * self.images * self.mask.len(), self.mask.len());
+        let (mut sums, mut counts) = (vec![0.0; shards], vec![0.0; shards]);
+        for Known { error, shard, .. } in known {
+            sums[*shard] += error;
+            counts[*shard] += 1.0;
+        }
+        let least = LEAST_OF_ALL * sums.iter().sum::<f64>() / known.len() as f64;
         let mut kept = 0;
-        for (k, (error, scale)) in errors.iter().zip(scales).enumerate() {
-            // the mean in the unit of this example
-            let mean = mean / (scale * scale);
-            if *error < LEAST * mean {
+        for (k, Known { scale, error, shard }) in known.iter().enumerate() {
+            let mean = sums[*shard] / counts[*shard];
+            if *error < (LEAST * mean).max(least) {
                 continue;
             }
             // raw images that are all right leave nothing to weigh by
-            let floor = (FLOOR * mean).max(f64::from(f32::MIN_POSITIVE));
-            self.weights.push((1.0 / (error + floor)) as f32);
+            let reference =
+                ((error + FLOOR * mean) / (scale * scale)).max(f64::from(f32::MIN_POSITIVE));
+            self.weights.push((1.0 / reference) as f32);
             self.frames.copy_within(k * seen..(k + 1) * seen, kept * seen);
             self.wanted.copy_within(k * pixels..(k + 1) * pixels, kept * pixels);
+            let conditions = self.conditions;
+            self.states.copy_within(k * conditions..(k + 1) * conditions, kept * conditions);
             kept += 1;
         }
         self.frames.truncate(kept * seen);
         self.wanted.truncate(kept * pixels);
+        self.states.truncate(kept * self.conditions);
     }
 
-    fn take(&mut self, shard: &Shard, scales: &mut Vec<f64>) -> Result<(), DenoiseError> {
+    fn take(
+        &mut self,
+        index: usize,
+        shard: &Shard,
+        known: &mut Vec<Known>,
+    ) -> Result<(), DenoiseError> {
+        let pixels = self.mask.len();
         if shard.mask != self.mask {
-            let pixels = self.mask.len();
             return Err(DenoiseError::MaskMismatch { differing: pixels, pixels });
         }
+        let [images, conditions] = shard.inputs()?;
+        for (what, found, wanted) in [
+            ("images per frame", images, self.images),
+            ("conditions per frame", conditions, self.conditions),
+        ] {
+            if found != wanted {
+                return Err(DenoiseError::WrongLength { what, found, wanted });
+            }
+        }
+        let inside = self.mask.iter().filter(|inside| **inside).count().max(1) as f64;
         for (frame, wanted) in shard.wanted.outer_iter().enumerate() {
-            let seen = frame.saturating_sub(self.history - 1)..frame + 1;
-            let raw = shard.raw.slice_axis(Axis(0), seen.into());
-            let scale = raw.iter().fold(0.0_f32, |most, v| most.max(v.abs()));
-            // what a subnormal divides into is noise of the rounding
+            let start = self.frames.len();
+            // frames before the first
+            let before = self.history.saturating_sub(frame + 1);
+            self.frames.extend(std::iter::repeat_n(0.0, before * images * pixels));
+            for frame in (frame + 1).saturating_sub(self.history)..=frame {
+                let raw = shard.raw.index_axis(Axis(0), frame);
+                let is_zero = raw.iter().all(|v| *v == 0.0);
+                self.frames.extend(&raw);
+                for other in &shard.beside.images {
+                    let other = other.index_axis(Axis(0), frame);
+                    self.frames.extend(other.iter().map(|v| if is_zero { 0.0 } else { *v }));
+                }
+            }
+            let seen = &mut self.frames[start..];
+            let firsts = seen.chunks_exact(pixels).step_by(images).flatten();
+            let scale = firsts.fold(0.0_f32, |most, v| most.max(v.abs()));
+            // dividing by a subnormal number amplifies its rounding
             if scale < f32::MIN_POSITIVE {
+                self.frames.truncate(start);
                 continue;
             }
-            scales.push(f64::from(scale));
-            let before = (self.history - raw.dim().0) * self.mask.len();
-            self.frames.extend(std::iter::repeat_n(0.0, before));
-            self.frames.extend(raw.iter().map(|v| v / scale));
+            for (k, image) in seen.chunks_exact_mut(pixels).enumerate() {
+                let most = if k % images == 0 { 1.0 } else { CLAMP };
+                image.iter_mut().for_each(|v| *v = (*v / scale).clamp(-most, most));
+            }
             self.wanted.extend(wanted.iter().map(|v| v / scale));
+            if let Some(all) = &shard.beside.conditions {
+                self.states.extend(all.row(frame));
+            }
+            let raw = shard.raw.index_axis(Axis(0), frame);
+            let mean = |off: &mut dyn Iterator<Item = f32>| {
+                off.map(|d| f64::from(d) * f64::from(d)).sum::<f64>() / inside
+            };
+            let of_raw = mean(&mut raw.iter().zip(&wanted).map(|(r, w)| r - w));
+            let of_empty = mean(&mut wanted.iter().copied());
+            // a frame without a touch is as right as its raw image
+            let error = if of_empty > 0.0 { of_raw.min(of_empty) } else { of_raw };
+            known.push(Known { scale: f64::from(scale), error, shard: index });
         }
         Ok(())
     }
@@ -163,9 +225,19 @@ impl Examples {
         self.wanted.is_empty()
     }
 
-    /// Frames of an example.
+    /// Frames per example.
     pub fn history(&self) -> usize {
         self.history
+    }
+
+    /// Images per frame.
+    pub fn images(&self) -> usize {
+        self.images
+    }
+
+    /// Conditions per frame.
+    pub fn conditions(&self) -> usize {
+        self.conditions
     }
 
     /// Rows and columns.
@@ -191,16 +263,18 @@ impl Examples {
     pub(crate) fn get<'a>(&'a self, k: usize, memory: &'a mut Turned) -> Example<'a> {
         let (pixels, turn) = (self.mask.len(), self.turns[k / self.len()]);
         let k = k % self.len();
-        let frames = &self.frames[k * self.history * pixels..][..self.history * pixels];
+        let seen = self.history * self.images * pixels;
+        let frames = &self.frames[k * seen..][..seen];
+        let conditions = &self.states[k * self.conditions..][..self.conditions];
         let wanted = &self.wanted[k * pixels..][..pixels];
-        let plain = Example { frames, wanted, weight: self.weights[k] };
+        let plain = Example { frames, conditions, wanted, weight: self.weights[k] };
         if turn == RasterSymmetry::default() {
             return plain;
         }
         memory.frames.clear();
         memory.wanted.clear();
-        for frame in frames.chunks_exact(pixels) {
-            turn.append(frame, self.size(), &mut memory.frames);
+        for image in frames.chunks_exact(pixels) {
+            turn.append(image, self.size(), &mut memory.frames);
         }
         turn.append(wanted, self.size(), &mut memory.wanted);
         Example { frames: &memory.frames, wanted: &memory.wanted, ..plain }

@@ -1,4 +1,4 @@
-//! Images on one raster with one mask: what goes into a denoiser, and what comes out.
+//! Images on one raster with one mask: inputs and results of denoisers.
 
 use crate::DenoiseError;
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
@@ -6,11 +6,11 @@ use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
 /// Images [frame, row, column] of one skin, row 0 at the top (largest y), with the mask of pixels
 /// that lie on the skin.
 ///
-/// Valid once built: images and mask agree in size, the mask is not empty, pixels inside it are
-/// finite, and pixels outside are NaN. A stack may have no frame. The unit of the values is the
-/// caller's (siemens for a change of conductivity).
+/// Every stack is valid: images and mask agree in size, the mask is not empty, pixels inside it are
+/// finite, and pixels outside are NaN. A stack may have no frames. The caller chooses the unit of the
+/// values (siemens for a change of conductivity).
 ///
-/// Because of the NaN, a stack is not equal to itself; compare pixels inside the mask.
+/// Because of the NaN values, a stack is not equal to itself; compare pixels inside the mask.
 #[derive(Debug, Clone)]
 pub struct ImageStack {
     values: Array3<f64>,
@@ -18,8 +18,8 @@ pub struct ImageStack {
 }
 
 impl ImageStack {
-    /// Images [frame, row, column] and their mask [row, column]. Whatever stands outside the mask
-    /// becomes NaN.
+    /// Builds a stack from images [frame, row, column] and their mask [row, column]. Pixels outside the
+    /// mask become NaN.
     ///
     /// # Errors
     /// [`DenoiseError::ShapeMismatch`], [`DenoiseError::EmptyMask`],
@@ -49,27 +49,27 @@ impl ImageStack {
         self.values.dim().0
     }
 
-    /// Rows of each image.
+    /// Number of rows of each image.
     pub fn rows(&self) -> usize {
         self.mask.nrows()
     }
 
-    /// Columns of each image.
+    /// Number of columns of each image.
     pub fn columns(&self) -> usize {
         self.mask.ncols()
     }
 
-    /// All values [frame, row, column], NaN outside the mask.
+    /// Returns all values [frame, row, column], NaN outside the mask.
     pub fn values(&self) -> ArrayView3<'_, f64> {
         self.values.view()
     }
 
-    /// Pixels on the skin [row, column].
+    /// Returns the mask [row, column]: true on the skin.
     pub fn mask(&self) -> ArrayView2<'_, bool> {
         self.mask.view()
     }
 
-    /// One image [row, column], counted from 0.
+    /// Returns the image [row, column] of a frame, counted from 0.
     ///
     /// # Errors
     /// [`DenoiseError::UnknownFrame`].
@@ -81,19 +81,19 @@ impl ImageStack {
         Ok(self.values.index_axis(Axis(0), frame))
     }
 
-    /// The images [row, column] in order.
+    /// Iterates over the images [row, column] in order.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = ArrayView2<'_, f64>> {
         self.values.outer_iter()
     }
 
-    /// Largest magnitude inside the mask over all frames; 0 for a stack without frames. The scale
-    /// that makes the values of one recording comparable with another's.
+    /// Returns the largest magnitude inside the mask over all frames; 0 for a stack without frames. Divide by
+    /// it to compare recordings.
     pub fn max_abs(&self) -> f64 {
-        // NaN outside the mask is never the larger one
+        // `max` ignores NaN outside the mask
         self.values.iter().fold(0.0, |largest, value| value.abs().max(largest))
     }
 
-    /// The values [frame, row, column] and the mask [row, column].
+    /// Returns the values [frame, row, column] and the mask [row, column].
     pub fn into_parts(self) -> (Array3<f64>, Array2<bool>) {
         (self.values, self.mask)
     }

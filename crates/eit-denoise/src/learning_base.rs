@@ -1,36 +1,44 @@
 //! Pairs of raw and wanted images on disk: what a net learns from.
 //!
-//! A folder with one file per sequence ([`Shard`], safetensors) and `manifest.json`, which lists whole shards with their checksums. Shards
-//! and manifest are written beside their place and renamed, the shard first: whenever the work is
-//! killed, what the manifest lists is whole, and the rest is made again.
+//! A folder with one file per sequence ([`Shard`], safetensors) and `manifest.json`, which lists
+//! complete shards with their checksums. Shards and manifests are written beside their place and renamed,
+//! the shard first: whenever the work is killed, whatever a manifest lists is complete, and the rest
+//! is made again.
+//!
+//! Several processes or machines can fill one folder: each takes a [`Part`] and lists its shards
+//! in a manifest of its own, `manifest.3-of-64.json`. Whoever opens the folder sees all lists together;
+//! [`LearningBase::create`] without a part writes them as one `manifest.json`, byte for byte the one of a
+//! base that was made by one process.
 
 mod shard;
 
-pub use shard::{Shard, ShardData};
+pub use shard::{Beside, Shard, ShardData};
 
 use crate::DenoiseError;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
-/// Format that is written; others are refused.
+/// Format version; others are rejected.
 const VERSION: u32 = 2;
 const MANIFEST: &str = "manifest.json";
 
-/// What a learning base is made of. Two bases of equal settings hold equal bytes.
+/// Settings of a learning base. Two bases with equal settings hold equal bytes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BaseSettings {
-    /// Fingerprint of the skin, any text.
+    /// Fingerprint of the skin: any text.
     pub skin: String,
     /// Rows and columns of the images.
     pub pixels: [usize; 2],
-    /// Where all random numbers come from.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// Number of shards.
     pub shards: usize,
-    /// Everything else that the pairs depend on, in words: method, scripts, ranges.
+    /// Everything else that the pairs depend on, as text: method, scripts, ranges.
     pub recipe: String,
 }
 
@@ -39,7 +47,7 @@ pub struct BaseSettings {
 struct Manifest {
     version: u32,
     settings: BaseSettings,
-    /// Whole shards by index.
+    /// Complete shards by index.
     shards: BTreeMap<usize, Listed>,
 }
 
@@ -51,74 +59,180 @@ struct Listed {
     crc32: u32,
 }
 
+/// One of several parts of a learning base: the shards whose index has the remainder `number - 1` on
+/// division by `count`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Part {
+    number: usize,
+    count: usize,
+}
+
+impl Part {
+    /// Part `number`, from 1, of `count`.
+    ///
+    /// # Errors
+    /// [`DenoiseError::OutOfRange`].
+    pub fn new(number: usize, count: usize) -> Result<Self, DenoiseError> {
+        if number == 0 || number > count {
+            let (quantity, must) = ("the number of a part", "from 1 to the number of parts");
+            return Err(DenoiseError::OutOfRange { quantity, value: number as f64, must });
+        }
+        Ok(Self { number, count })
+    }
+
+    /// Name of its manifest.
+    fn manifest(self) -> String {
+        format!("manifest.{}-of-{}.json", self.number, self.count)
+    }
+
+    /// Whether a shard belongs to it.
+    pub fn contains(self, index: usize) -> bool {
+        index % self.count == self.number - 1
+    }
+}
+
+impl FromStr for Part {
+    type Err = DenoiseError;
+
+    /// `3/64`.
+    fn from_str(text: &str) -> Result<Self, DenoiseError> {
+        let what =
+            || format!("\"{text}\" is no part: write its number and how many there are, as 3/64");
+        let wrong = || DenoiseError::Format { what: what() };
+        let (number, count) = text.split_once('/').ok_or_else(wrong)?;
+        let parse = |text: &str| text.trim().parse::<usize>().map_err(|_| wrong());
+        Self::new(parse(number)?, parse(count)?)
+    }
+}
+
+impl fmt::Display for Part {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.number, self.count)
+    }
+}
+
 /// A folder of shards.
 #[derive(Debug, Clone)]
 pub struct LearningBase {
     folder: PathBuf,
+    /// Settings, and the shards that this process lists.
     manifest: Manifest,
+    /// Shards that other manifests list.
+    others: BTreeMap<usize, Listed>,
+    part: Option<Part>,
 }
 
 impl LearningBase {
-    /// Starts a base, or goes on with one of the same settings.
+    /// Starts a base, or continues one of the same settings; merges what parts have made.
     ///
     /// # Errors
     /// [`DenoiseError::OtherSettings`] for a folder with another base, [`DenoiseError::Io`],
     /// [`DenoiseError::InFile`] for a damaged manifest.
     pub fn create(folder: &Path, settings: &BaseSettings) -> Result<Self, DenoiseError> {
+        Self::start(folder, settings, None)
+    }
+
+    /// Starts or continues one part of a base, beside other processes that make the others.
+    ///
+    /// # Errors
+    /// Those of [`LearningBase::create`].
+    pub fn create_part(
+        folder: &Path,
+        settings: &BaseSettings,
+        part: Part,
+    ) -> Result<Self, DenoiseError> {
+        Self::start(folder, settings, Some(part))
+    }
+
+    fn start(
+        folder: &Path,
+        settings: &BaseSettings,
+        part: Option<Part>,
+    ) -> Result<Self, DenoiseError> {
         if settings.shards == 0 {
             let (quantity, must) = ("shards", "at least 1");
             return Err(DenoiseError::OutOfRange { quantity, value: 0.0, must });
         }
         std::fs::create_dir_all(folder).map_err(|e| DenoiseError::io(folder, &e))?;
-        if folder.join(MANIFEST).exists() {
-            let base = Self::open(folder)?;
-            differing(&base.manifest.settings, settings).map_err(|e| e.in_file(folder))?;
-            return Ok(base);
-        }
-        let manifest =
+        let own = match part {
+            None => MANIFEST.to_owned(),
+            Some(part) => part.manifest(),
+        };
+        let empty =
             Manifest { version: VERSION, settings: settings.clone(), shards: BTreeMap::new() };
-        let base = Self { folder: folder.to_path_buf(), manifest };
+        let (mut manifest, mut others) = (empty, BTreeMap::new());
+        for path in manifests(folder)? {
+            let found = Manifest::read(&path)?;
+            differing(&found.settings, settings).map_err(|e| e.in_file(&path))?;
+            match path.file_name().is_some_and(|name| name == own.as_str()) {
+                true => manifest.shards = found.shards,
+                false => others.extend(found.shards),
+            }
+        }
+        let mut base = Self { folder: folder.to_path_buf(), manifest, others, part };
+        if part.is_none() {
+            for (index, listed) in std::mem::take(&mut base.others) {
+                base.manifest.shards.entry(index).or_insert(listed);
+            }
+        }
         base.write_manifest()?;
         Ok(base)
     }
 
-    /// Opens a base as it is; it may still lack shards.
+    /// Opens a base as it is, with what all parts have made; it may still lack shards.
     ///
     /// # Errors
     /// [`DenoiseError::Io`], [`DenoiseError::InFile`].
     pub fn open(folder: &Path) -> Result<Self, DenoiseError> {
-        let path = folder.join(MANIFEST);
-        let bytes = std::fs::read(&path).map_err(|e| DenoiseError::io(&path, &e))?;
-        let format = |what: String| DenoiseError::Format { what }.in_file(&path);
-        let manifest: Manifest =
-            serde_json::from_slice(&bytes).map_err(|e| format(e.to_string()))?;
-        if manifest.version != VERSION {
-            let what = format!("version {} of the format, not {VERSION}", manifest.version);
-            return Err(format(what));
+        let mut found = manifests(folder)?.into_iter();
+        let first = found.next().unwrap_or_else(|| folder.join(MANIFEST));
+        let mut manifest = Manifest::read(&first)?;
+        for path in found {
+            let other = Manifest::read(&path)?;
+            differing(&other.settings, &manifest.settings).map_err(|e| e.in_file(&path))?;
+            for (index, listed) in other.shards {
+                manifest.shards.entry(index).or_insert(listed);
+            }
         }
-        Ok(Self { folder: folder.to_path_buf(), manifest })
+        Ok(Self { folder: folder.to_path_buf(), manifest, others: BTreeMap::new(), part: None })
     }
 
-    /// What it is made of.
+    /// Returns its settings.
     pub fn settings(&self) -> &BaseSettings {
         &self.manifest.settings
     }
 
-    /// Shards that are still to be made: never written, gone or damaged since.
+    /// Returns the shards still to be made, of its part if it has one: never written, lost or damaged.
     pub fn missing(&self) -> Vec<usize> {
-        (0..self.manifest.settings.shards).filter(|&index| self.bytes(index).is_err()).collect()
+        let own = |index: &usize| self.part.is_none_or(|part| part.contains(*index));
+        let all = (0..self.manifest.settings.shards).filter(own);
+        all.filter(|&index| self.bytes(index).is_err()).collect()
     }
 
-    /// Frames of all whole shards.
+    /// Returns the number of shards that the manifests list.
+    pub fn complete(&self) -> usize {
+        self.merged().shards.len()
+    }
+
+    /// Returns the number of frames in all complete shards.
     pub fn frames(&self) -> usize {
-        self.manifest.shards.values().map(|listed| listed.frames).sum()
+        self.merged().shards.values().map(|listed| listed.frames).sum()
     }
 
-    /// Writes a shard and lists it.
+    /// All manifests as one.
+    fn merged(&self) -> Manifest {
+        let mut merged = self.manifest.clone();
+        for (index, listed) in &self.others {
+            merged.shards.entry(*index).or_insert_with(|| listed.clone());
+        }
+        merged
+    }
+
+    /// Writes a shard, then lists it in the manifest.
     ///
     /// # Errors
-    /// [`DenoiseError::OutOfRange`] for an index that the settings do not have,
-    /// [`DenoiseError::ShapeMismatch`] for images of other pixels than theirs,
+    /// [`DenoiseError::OutOfRange`] for an index beyond the number of shards,
+    /// [`DenoiseError::ShapeMismatch`] for images with another number of pixels,
     /// [`DenoiseError::Io`].
     pub fn write(&mut self, index: usize, shard: &Shard) -> Result<(), DenoiseError> {
         let Manifest { settings, .. } = &self.manifest;
@@ -147,17 +261,17 @@ impl LearningBase {
         Shard::from_bytes(&bytes).map_err(|e| e.in_file(&self.path(index)))
     }
 
-    /// Checksum of settings and shards: bases of the same one hold the same pairs.
+    /// Returns a checksum of settings and shards: bases with equal checksums hold equal pairs.
     pub fn checksum(&self) -> Result<String, DenoiseError> {
-        let bytes = self.manifest_bytes()?;
-        Ok(format!("{:08x}", crc32fast::hash(&bytes)))
+        Ok(format!("{:08x}", crc32fast::hash(&self.merged().to_bytes()?)))
     }
 
     fn bytes(&self, index: usize) -> Result<Vec<u8>, DenoiseError> {
         let path = self.path(index);
         let damaged =
             |found: String| DenoiseError::DamagedShard { path: path.display().to_string(), found };
-        let Some(listed) = self.manifest.shards.get(&index) else {
+        let listed = self.manifest.shards.get(&index).or_else(|| self.others.get(&index));
+        let Some(listed) = listed else {
             return Err(damaged("not made yet".to_owned()));
         };
         let bytes = std::fs::read(&path).map_err(|e| damaged(e.kind().to_string()))?;
@@ -177,17 +291,52 @@ impl LearningBase {
         self.folder.join(format!("shard-{index:05}.safetensors"))
     }
 
-    fn manifest_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
-        serde_json::to_vec_pretty(&self.manifest)
-            .map_err(|e| DenoiseError::Format { what: e.to_string() })
-    }
-
     fn write_manifest(&self) -> Result<(), DenoiseError> {
-        write_whole(&self.folder.join(MANIFEST), &self.manifest_bytes()?)
+        let name = match self.part {
+            None => MANIFEST.to_owned(),
+            Some(part) => part.manifest(),
+        };
+        write_whole(&self.folder.join(name), &self.manifest.to_bytes()?)
     }
 }
 
-/// The first setting that differs.
+impl Manifest {
+    fn read(path: &Path) -> Result<Self, DenoiseError> {
+        let bytes = std::fs::read(path).map_err(|e| DenoiseError::io(path, &e))?;
+        let format = |what: String| DenoiseError::Format { what }.in_file(path);
+        let manifest: Self = serde_json::from_slice(&bytes).map_err(|e| format(e.to_string()))?;
+        if manifest.version != VERSION {
+            let what = format!("version {} of the format, not {VERSION}", manifest.version);
+            return Err(format(what));
+        }
+        Ok(manifest)
+    }
+
+    fn to_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
+        serde_json::to_vec_pretty(self).map_err(|e| DenoiseError::Format { what: e.to_string() })
+    }
+}
+
+/// The manifests of a folder in the order of their names, the whole base's first where it is there.
+fn manifests(folder: &Path) -> Result<Vec<PathBuf>, DenoiseError> {
+    let failed = |e: &std::io::Error| DenoiseError::io(folder, e);
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(|e| failed(&e))? {
+        let path = entry.map_err(|e| failed(&e))?.path();
+        let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
+        let is_manifest = |name: &str| {
+            name == MANIFEST
+                || name.strip_prefix("manifest.").is_some_and(|rest| rest.ends_with(".json"))
+        };
+        if name.as_deref().is_some_and(is_manifest) {
+            found.push(path);
+        }
+    }
+    found.sort_by_key(|path| (!path.ends_with(MANIFEST), path.clone()));
+    Ok(found)
+}
+
+/// Rejects other settings, naming the first that differs.
 fn differing(found: &BaseSettings, wanted: &BaseSettings) -> Result<(), DenoiseError> {
     let text = |s: &BaseSettings| {
         [
@@ -208,7 +357,7 @@ fn differing(found: &BaseSettings, wanted: &BaseSettings) -> Result<(), DenoiseE
     Ok(())
 }
 
-/// Writes a file beside its place and renames it.
+/// Writes a temporary file and renames it.
 ///
 /// # Errors
 /// [`DenoiseError::Io`].
@@ -223,12 +372,12 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), DenoiseError>
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        // temporary files are private by default; this becomes the user's ordinary file
+        // temporary files are private by default; this one becomes an ordinary file of the user
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let mut file = builder.tempfile_in(folder).map_err(|e| failed(&e))?;
     file.write_all(bytes).map_err(|e| failed(&e))?;
-    // on the disk before it has its name
+    // flushed to the disk before it gets its name
     file.as_file().sync_all().map_err(|e| failed(&e))?;
     file.persist(path).map_err(|e| failed(&e.error))?;
     Ok(())

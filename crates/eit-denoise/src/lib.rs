@@ -7,8 +7,12 @@ mod error;
 #[cfg(feature = "base")]
 mod examples;
 mod image_stack;
+#[cfg(feature = "unet")]
+mod judge;
 #[cfg(feature = "base")]
 mod learning_base;
+#[cfg(feature = "unet")]
+mod model_error;
 #[cfg(feature = "burn")]
 mod nets;
 #[cfg(feature = "base")]
@@ -22,7 +26,7 @@ mod train_settings;
 #[cfg(feature = "unet")]
 mod unet;
 
-/// The version of burn that nets and devices of this crate are of.
+/// burn, in the version that this crate's nets and devices use.
 #[cfg(feature = "burn")]
 pub use burn;
 #[cfg(feature = "unet")]
@@ -31,8 +35,14 @@ pub use error::DenoiseError;
 #[cfg(feature = "base")]
 pub use examples::Examples;
 pub use image_stack::ImageStack;
+#[cfg(feature = "unet")]
+pub use judge::{Judge, Judgement, Verdict};
 #[cfg(feature = "base")]
-pub use learning_base::{BaseSettings, LearningBase, Shard, ShardData};
+pub use learning_base::{BaseSettings, Beside, LearningBase, Part, Shard, ShardData};
+#[cfg(feature = "unet")]
+pub use model_error::{ModelError, ModelErrorNorm, ModelErrorSum};
+#[cfg(all(feature = "burn", feature = "base"))]
+pub use nets::shard_through;
 #[cfg(feature = "burn")]
 pub use nets::{ImageNet, Unet, UnetConfig, images_through};
 #[cfg(feature = "base")]
@@ -44,4 +54,4 @@ pub use train::{TrainStep, Trainer, weighted_errors};
 #[cfg(feature = "base")]
 pub use train_settings::{Epoch, TrainDevice, TrainSettings, TrainStatus};
 #[cfg(feature = "unet")]
-pub use unet::{Denoiser, NetStatus, UnetShape, Weights};
+pub use unet::{Denoiser, NetFrame, NetStatus, UnetShape, Weights};

@@ -1,25 +1,24 @@
-//! Symmetries of a square raster: turns and mirror images that take pixels to pixels.
+//! Symmetries of a square raster: rotations and reflections that map pixels to pixels.
 
 use ndarray::ArrayView2;
 
-/// One of the eight symmetries of a square raster, for data augmentation: a net that learns from an
-/// image turned by it learns from another touch, for nothing.
+/// One of the eight symmetries of a square raster, for data augmentation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RasterSymmetry {
-    /// The new x axis is the old y axis.
+    /// Whether the new x axis is the old y axis.
     swapped: bool,
-    /// Old x runs against its axis.
+    /// Whether the old x axis is reversed.
     flip_x: bool,
-    /// Old y runs against its axis.
+    /// Whether the old y axis is reversed.
     flip_y: bool,
 }
 
 impl RasterSymmetry {
-    /// Of the linear map of places (x to the right, y up, rows of a 2 x 2 matrix, as
-    /// [`crate::DiscSymmetry::matrix`] gives it); `None` where it does not take pixels to pixels:
-    /// its entries are then not 0, 1 or -1 to rounding.
+    /// Converts a linear map of places (x to the right, y up, rows of a 2 x 2 matrix, as from
+    /// [`crate::DiscSymmetry::matrix`]). Returns `None` if it does not map pixels to pixels, that is, if
+    /// its entries are not 0, 1 or -1 to rounding.
     pub fn of_matrix(matrix: [[f64; 2]; 2]) -> Option<Self> {
-        // sines of a few roundings; a real turn is off by much more
+        // tolerance for a few roundings; other rotations are off by much more
         let whole = |v: f64| (v - v.round()).abs() < 1e-9;
         if !matrix.as_flattened().iter().all(|v| whole(*v) && v.abs() < 1.5) {
             return None;
@@ -33,10 +32,9 @@ impl RasterSymmetry {
         }
     }
 
-    /// The old pixel [row, column] that comes to lie on a new one, on a raster of so many rows and
-    /// columns.
+    /// Returns the old pixel [row, column] that is mapped to a new one, on a raster of [rows, columns].
     fn old(self, [row, column]: [usize; 2], [rows, columns]: [usize; 2]) -> [usize; 2] {
-        // y runs up, rows run down: a swap of the axes is one of row counted from below and column
+        // y points up, rows count down: swapping axes swaps the row counted from below with the column
         let (up, right) = (rows - 1 - row, column);
         let (up, right) = if self.swapped { (right, up) } else { (up, right) };
         let up = if self.flip_y { rows - 1 - up } else { up };
@@ -44,8 +42,8 @@ impl RasterSymmetry {
         [rows - 1 - up, right]
     }
 
-    /// Pixels that are in a mask or in its turned image and not in both; all of them where a turn
-    /// of 90 degrees meets a raster that is not square.
+    /// Number of pixels in which a mask and its mapped image differ; all of them for a rotation by 90
+    /// degrees on a raster that is not square.
     pub(crate) fn differing(self, mask: ArrayView2<'_, bool>) -> usize {
         let (rows, columns) = mask.dim();
         if self.swapped && rows != columns {
@@ -55,7 +53,7 @@ impl RasterSymmetry {
         mask.indexed_iter().filter(|(place, inside)| turned(*place) != **inside).count()
     }
 
-    /// Appends a turned image, row by row.
+    /// Appends the mapped image in row-major order.
     #[cfg(any(feature = "train", test))]
     pub(crate) fn append(self, image: &[f32], size: [usize; 2], out: &mut Vec<f32>) {
         for row in 0..size[0] {

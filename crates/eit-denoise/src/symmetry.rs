@@ -1,30 +1,29 @@
-//! Symmetry of electrodes as a change of order of the measurements.
+//! Symmetries of the electrodes as permutations of the measurements.
 
 use crate::DenoiseError;
 use std::collections::HashMap;
 
-/// How a skin that was turned or mirrored would have measured.
+/// Order and signs of the measurements of a rotated or reflected skin.
 ///
-/// A frame of a touched skin becomes the frame of the turned touch, noise and errors of the
-/// instrument included, without simulating or touching again. The skin itself must have the
-/// symmetry: equal electrodes at equal distances on a disc have `count` turns and as many mirror
-/// images.
+/// Turns a frame of a touched skin into the frame of the rotated touch, with the instrument's noise
+/// and errors, without another simulation or measurement. The skin must have the symmetry: `count` equal
+/// electrodes at equal distances on a disc have `count` rotations and as many reflections.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeasurementOrder {
-    /// For each new measurement the old one, and the sign it takes.
+    /// The old measurement and its sign for each new measurement.
     from: Vec<(usize, f64)>,
 }
 
 impl MeasurementOrder {
-    /// The order after every electrode `l` of the skin has moved to the place of
-    /// `new_electrode[l]`, 0-based. `quadruples` `[a, b, m, n]` are those of the protocol; a swap of
-    /// drive or measurement changes the sign, a swap of the two pairs (reciprocity) does not.
+    /// Computes the order after every electrode `l` has moved to the place of `new_electrode[l]`, 0-based.
+    /// `quadruples` `[a, b, m, n]` are those of the protocol. Swapping the electrodes of a pair changes the
+    /// sign, swapping the two pairs (reciprocity) does not.
     ///
-    /// `None` where the protocol has not the symmetry: some quadruple has no counterpart.
+    /// Returns `None` if the protocol does not have the symmetry: some quadruple has no counterpart.
     ///
     /// # Errors
-    /// [`DenoiseError::OutOfRange`] where `new_electrode` is no permutation or a quadruple names an
-    /// electrode that it has not.
+    /// [`DenoiseError::OutOfRange`] if `new_electrode` is not a permutation or a quadruple names an
+    /// electrode beyond it.
     pub fn new(
         quadruples: &[[u32; 4]],
         new_electrode: &[u32],
@@ -67,12 +66,12 @@ impl MeasurementOrder {
         Ok(from.map(|from| Self { from }))
     }
 
-    /// The symmetries of `count` equal electrodes at equal distances around a disc that a protocol
-    /// shares: each turn by `steps` electrodes, plain or after mirroring (electrode `l` to `-l`).
-    /// The first is the identity.
+    /// Returns the symmetries of `count` equal electrodes at equal distances around a disc that the
+    /// protocol has too: rotations by `steps` electrodes, alone or after a reflection (electrode `l` to
+    /// `-l`). The first is the identity.
     ///
     /// # Errors
-    /// As [`MeasurementOrder::new`].
+    /// Those of [`MeasurementOrder::new`].
     pub fn of_disc(
         quadruples: &[[u32; 4]],
         count: u32,
@@ -88,7 +87,7 @@ impl MeasurementOrder {
         Ok(found)
     }
 
-    /// Writes the frame of the turned skin; both as long as the protocol.
+    /// Writes the frame of the rotated or reflected skin; both frames have the length of the protocol.
     ///
     /// # Errors
     /// [`DenoiseError::WrongLength`].
@@ -109,22 +108,22 @@ impl MeasurementOrder {
 /// A symmetry of a disc with equally spaced electrodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DiscSymmetry {
-    /// Turned by so many electrodes, in the direction in which they are numbered.
+    /// Rotation in electrodes, in the direction of their numbers.
     pub steps: u32,
-    /// Mirrored before, on the axis through electrode 0.
+    /// Whether a reflection at the axis through electrode 0 comes first.
     pub mirrored: bool,
 }
 
 impl DiscSymmetry {
-    /// Where electrode `l` of `count` comes to lie.
+    /// Returns the new number of electrode `l` of `count`.
     pub fn new_electrode(self, l: u32, count: u32) -> u32 {
         let l = if self.mirrored { (count - l) % count } else { l };
         (l + self.steps) % count
     }
 
-    /// The linear map of places that belongs to it, rows of a 2 x 2 matrix, for electrode 0 at
-    /// `first_angle` (radians counter-clockwise from +x) and electrodes numbered counter-clockwise,
-    /// or clockwise. Turns are about the origin.
+    /// Returns the linear map of places as rows of a 2 x 2 matrix, for electrode 0 at `first_angle`
+    /// (radians counter-clockwise from +x) and electrodes numbered counter-clockwise or clockwise. It
+    /// rotates about the origin.
     pub fn matrix(self, count: u32, first_angle: f64, clockwise: bool) -> [[f64; 2]; 2] {
         let turn = std::f64::consts::TAU * f64::from(self.steps) / f64::from(count);
         let turn = if clockwise { -turn } else { turn };

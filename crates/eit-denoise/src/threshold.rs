@@ -1,24 +1,23 @@
-//! The paper's rule for a wanted image where no truth is known: what survives a threshold.
+//! The paper's threshold rule for wanted images where no truth is known.
 
 use crate::{DenoiseError, ImageStack};
 use ndarray::{Array2, ArrayView2, ArrayViewMut2, Axis};
 
-/// Makes a wanted image out of a raw one, as Duan, Taurand and Soleimani (Sci. Rep. 9:8831, 2019)
-/// made theirs: artefacts of electrode movement lie on the rim and are small, so the ring along
-/// the rim is taken out, then what is not above a share of the maximum, then what is too small for
-/// a finger.
+/// Makes a wanted image from a raw one, as Duan, Taurand and Soleimani (Sci. Rep. 9:8831, 2019) do.
+/// Artefacts of electrode movement lie on the rim and are small. The rule removes the ring along the rim,
+/// then values below a share of the maximum, then blobs too small for a finger.
 ///
-/// Only a rise of conductivity is kept, as pressure on the paper's fabric makes it; turn the sign
-/// of images where touches lower it. It is a rule, not a truth: a finger on the rim is lost, and of
-/// two fingers the weaker one where it has less than the share.
+/// Only increases of conductivity are kept, which pressure causes on the paper's fabric; negate the
+/// images if touches lower the conductivity. The result is not the truth: a finger on the rim is
+/// lost, and so is the weaker of two fingers if it stays below the share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThresholdRule {
-    /// Pixels within this many steps (eight neighbours) of the outside are taken out. The paper
-    /// states no width; 4 of 64 pixels is what its figures look like.
+    /// Width of the removed ring in steps to one of eight neighbours. The paper states none; 4 of 64
+    /// pixels matches its figures.
     pub ring_pixels: usize,
-    /// Kept is what exceeds this part of the largest value left, 0 to below 1. The paper's 0.55.
+    /// Values above this part of the largest remaining value are kept; from 0 to below 1. The paper: 0.55.
     pub share: f64,
-    /// Blobs (eight neighbours) of fewer pixels are dropped. The paper's 15.
+    /// Blobs (eight neighbours) of fewer pixels are removed. The paper: 15.
     pub least_pixels: usize,
 }
 
@@ -29,7 +28,7 @@ impl Default for ThresholdRule {
 }
 
 impl ThresholdRule {
-    /// The rule for one skin; what depends on the mask [row, column] alone is computed here.
+    /// Prepares the rule for a skin with this mask [row, column].
     ///
     /// # Errors
     /// [`DenoiseError::OutOfRange`] for the share, [`DenoiseError::EmptyMask`] where the ring
@@ -45,7 +44,7 @@ impl ThresholdRule {
             let before = inner.clone();
             inner = Array2::from_shape_fn((rows, columns), |(row, column)| {
                 let around = neighbours([row, column], [rows, columns]);
-                // beyond the raster is outside
+                // pixels beyond the raster are outside
                 before[[row, column]] && around.filter(|pixel| before[*pixel]).count() == 8
             });
         }
@@ -61,7 +60,7 @@ impl ThresholdRule {
     }
 }
 
-/// Up to eight neighbours of the pixel [row, column] of a raster [rows, columns].
+/// Returns the neighbours, at most eight, of the pixel [row, column] of a raster [rows, columns].
 fn neighbours(
     [row, column]: [usize; 2],
     [rows, columns]: [usize; 2],
@@ -72,7 +71,7 @@ fn neighbours(
         .filter(move |pixel| *pixel != [row, column])
 }
 
-/// A [`ThresholdRule`] on a skin, with its memory.
+/// A [`ThresholdRule`] prepared for a skin, with its working memory.
 #[derive(Debug, Clone)]
 pub struct Threshold {
     rule: ThresholdRule,
@@ -82,12 +81,12 @@ pub struct Threshold {
 }
 
 impl Threshold {
-    /// Writes the wanted image of a raw one, both [row, column]: values that are kept, zero
-    /// elsewhere, also outside the mask. An image without a positive value inside gives zeros.
+    /// Writes the wanted image of a raw one, both [row, column]: kept values, and zero elsewhere, also
+    /// outside the mask. An image without a positive value inside the mask gives zeros.
     ///
     /// # Errors
-    /// [`DenoiseError::ShapeMismatch`]; [`DenoiseError::ConstantImage`] where one value other than
-    /// zero fills the inner pixels, of which no share stands out.
+    /// [`DenoiseError::ShapeMismatch`]; [`DenoiseError::ConstantImage`] if all inner pixels have the same
+    /// value other than zero: then `out` is zero.
     pub fn apply_into(
         &mut self,
         image: ArrayView2<'_, f64>,
@@ -108,7 +107,7 @@ impl Threshold {
             return Err(DenoiseError::ConstantImage { value: most });
         }
         let level = self.rule.share * most;
-        // where nothing rises, nothing is above zero
+        // never keeps values that are not positive
         let inner = &self.inner;
         let is_kept = |pixel: [usize; 2]| inner[pixel] && image[pixel] > level.max(0.0);
         self.seen.fill(false);
@@ -117,7 +116,7 @@ impl Threshold {
             if self.seen[start] || !is_kept(start) {
                 continue;
             }
-            // a blob grows at its end while it is walked from its start
+            // pixels are appended while the list is walked
             self.blob.clear();
             self.blob.push(start);
             self.seen[start] = true;
@@ -140,7 +139,7 @@ impl Threshold {
         Ok(())
     }
 
-    /// Wanted images of a stack.
+    /// Returns the wanted images of a stack.
     ///
     /// # Errors
     /// Those of [`Threshold::apply_into`], within [`DenoiseError::InFrame`].

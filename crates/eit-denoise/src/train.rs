@@ -1,11 +1,11 @@
-//! Training by burn: batches in a seeded order, its automatic differentiation and its Adam, a falling
-//! rate, early stop, checkpoints.
+//! Training with burn: its automatic differentiation and Adam on batches in a seeded order, a
+//! decreasing learning rate, early stopping, checkpoints.
 //!
-//! Everything that the next epoch depends on is in the checkpoint, and every random number comes
-//! from the seed and the number of the epoch. On the processor a batch is cut into parts of a fixed
-//! size and their derivatives are added in order, so that a training that was interrupted ends with
-//! the same bits as one that was not, for any number of threads. (A graphics processor keeps to that
-//! where its own sums do; one that goes on with another device ends within rounding.)
+//! The checkpoint holds everything that the next epoch depends on, and every random number follows from
+//! the seed and the number of the epoch. On the processor a batch is split into parts of a fixed
+//! size whose gradients are added in order. An interrupted training therefore ends with the same bits as
+//! an uninterrupted one, for any number of threads. (On a graphics processor that holds if its sums are
+//! reproducible. Resumed on another device, the results agree to rounding.)
 
 mod checkpoint;
 mod step;
@@ -13,6 +13,7 @@ mod step;
 pub use step::{TrainStep, weighted_errors};
 
 use crate::{DenoiseError, Epoch, Examples, ImageNet, TrainSettings, TrainStatus, Unet, Weights};
+use burn::grad_clipping::GradientClippingConfig;
 use burn::module::{ModuleVisitor, Param};
 use burn::optim::{AdamConfig, ModuleOptimizer};
 use burn::tensor::Tensor;
@@ -22,23 +23,25 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::ControlFlow;
 
-/// Steps over which the rate rises from zero, where the first epoch has so many. Without, the first
-/// steps at full rate can take every channel of a small net below zero, from where no derivative
-/// brings it back.
+/// Steps over which the rate rises from zero, if the first epoch has so many. Otherwise the first
+/// steps at full rate can push every channel of a small net below zero, where its gradient is zero.
 const WARM_UP: f64 = 200.0;
-/// What keeps Adam's division finite: the value of its paper.
+/// Largest norm of the gradient of each tensor. Single batches of nearly right images otherwise push
+/// channels below zero for good.
+const MOST_GRADIENT: f32 = 1.0;
+/// Epsilon of Adam, from its paper.
 const EPSILON: f32 = 1e-8;
 
-/// A training of any net, between two epochs.
+/// The training of any net, between two epochs.
 #[derive(Clone)]
 pub struct Trainer<N> {
     settings: TrainSettings,
     net: N,
     optimiser: ModuleOptimizer,
-    /// Without automatic differentiation.
+    /// Net of the best epoch, without automatic differentiation.
     best: N,
     curve: Vec<Epoch>,
-    /// Fingerprint of what it learns from.
+    /// Fingerprint of the learning base.
     base: String,
 }
 
@@ -54,42 +57,44 @@ impl<N: ImageNet> fmt::Debug for Trainer<N> {
 }
 
 impl<N: ImageNet> Trainer<N> {
-    /// Trains a net that stands on a device with automatic differentiation
-    /// ([`crate::TrainDevice::open`]); `base` names what it will learn from, so that a checkpoint
-    /// meets no other.
+    /// Starts the training of a net on a device with automatic differentiation
+    /// ([`crate::TrainDevice::open`]). `base` identifies the learning base: a checkpoint can only be
+    /// resumed with the same one.
     ///
     /// # Errors
     /// Those of [`TrainSettings::validate`]; [`DenoiseError::OutOfRange`] for a net whose history or
-    /// multiple is none, [`DenoiseError::Burn`] for one without parameters.
+    /// multiple is 0, [`DenoiseError::Burn`] for one without parameters.
     pub fn new(net: N, settings: &TrainSettings, base: &str) -> Result<Self, DenoiseError> {
         settings.validate()?;
         crate::nets::device_of(&net)?;
-        let (best, optimiser) = (net.valid(), AdamConfig::new().with_epsilon(EPSILON).init());
+        let clipping = Some(GradientClippingConfig::Norm(MOST_GRADIENT));
+        let adam = AdamConfig::new().with_epsilon(EPSILON).with_grad_clipping(clipping);
+        let (best, optimiser) = (net.valid(), adam.init());
         let (settings, base) = (settings.clone(), base.to_owned());
         Ok(Self { settings, net, optimiser, best, curve: Vec::new(), base })
     }
 
-    /// The learning curve so far.
+    /// Returns the learning curve so far.
     pub fn curve(&self) -> &[Epoch] {
         &self.curve
     }
 
-    /// How it is trained.
+    /// Returns the settings.
     pub fn settings(&self) -> &TrainSettings {
         &self.settings
     }
 
-    /// The epoch with the smallest held-out error.
+    /// Returns the epoch with the smallest held-out error.
     pub fn best(&self) -> Option<&Epoch> {
         self.curve.iter().min_by(|a, b| a.held_out_error.total_cmp(&b.held_out_error))
     }
 
-    /// The net of the best epoch so far, without automatic differentiation.
+    /// Returns the net of the best epoch so far, without automatic differentiation.
     pub fn best_net(&self) -> &N {
         &self.best
     }
 
-    /// Whether there is more to do.
+    /// Returns whether another epoch follows.
     pub fn status(&self) -> TrainStatus {
         let TrainSettings { epochs, patience, .. } = self.settings;
         let best = self.best().map_or(0, |best| best.epoch);
@@ -100,15 +105,15 @@ impl<N: ImageNet> Trainer<N> {
         }
     }
 
-    /// One pass over the examples. `progress` hears the steps done and may break off: the trainer
-    /// is then as before the epoch, and `None` comes back. More than one thread serves the processor
-    /// only.
+    /// Runs one epoch: one pass over the examples. `progress` is called with the number of steps done
+    /// and of all steps. If it breaks off, the trainer stays as it was before the epoch and `None` is
+    /// returned. More than one thread is used on the processor only.
     ///
     /// # Errors
     /// [`DenoiseError::NothingToLearn`] without examples, [`DenoiseError::WrongLength`] for
-    /// examples with another number of frames, [`DenoiseError::OutOfRange`] for no thread,
-    /// [`DenoiseError::NonFiniteWeight`] or [`DenoiseError::OutOfRange`] where the rate is so large
-    /// that weights are lost, [`DenoiseError::NetShape`], [`DenoiseError::Burn`].
+    /// examples with other inputs than the net's, [`DenoiseError::OutOfRange`] for 0 threads,
+    /// [`DenoiseError::NonFiniteWeight`] or [`DenoiseError::OutOfRange`] if the rate is so large that
+    /// the training diverges, [`DenoiseError::NetShape`], [`DenoiseError::Burn`].
     pub fn epoch(
         &mut self,
         train: &Examples,
@@ -155,7 +160,7 @@ impl<N: ImageNet> Trainer<N> {
 }
 
 impl Trainer<Unet> {
-    /// The weights of the best epoch so far, for [`crate::Denoiser`].
+    /// Returns the weights of the best epoch so far, for [`crate::Denoiser`].
     ///
     /// # Errors
     /// Those of [`Unet::to_weights`].
@@ -169,7 +174,7 @@ impl Trainer<Unet> {
     }
 }
 
-/// Refuses a net that lost its weights.
+/// Rejects a net with weights that are not finite.
 fn check_finite<N: ImageNet>(net: &N) -> Result<(), DenoiseError> {
     struct Finite {
         seen: usize,
@@ -195,8 +200,8 @@ fn check_finite<N: ImageNet>(net: &N) -> Result<(), DenoiseError> {
     finite.result
 }
 
-/// The order of an epoch (Fisher and Yates), each example in a turn of its own: as
-/// [`Examples::get`] counts.
+/// Returns the order of an epoch (Fisher and Yates shuffle), each example with a symmetry drawn for it,
+/// as indices of [`Examples::get`].
 fn shuffled(examples: &Examples, seed: u64, epoch: usize) -> Vec<usize> {
     let (count, turns) = (examples.len(), examples.turns());
     let mut random = Pcg64::new(u128::from(seed), 1 + epoch as u128);

@@ -1,23 +1,23 @@
-//! How to train, on what, and what comes of it epoch by epoch: plain values without burn.
+//! Training settings, devices and the learning curve: plain values that do not need burn.
 
 use crate::DenoiseError;
 use std::fmt;
 use std::str::FromStr;
 
-/// How to train.
+/// Training settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainSettings {
-    /// The order of the examples comes from it.
+    /// Seed of the order of the examples.
     pub seed: u64,
-    /// Epochs at most, from 1.
+    /// Largest number of epochs, at least 1.
     pub epochs: usize,
-    /// Examples of a step, from 1.
+    /// Examples per step, at least 1.
     pub batch: usize,
-    /// Rate of Adam in the first epoch, above zero; it falls along half a cosine to a hundredth in
-    /// the last (Loshchilov and Hutter, ICLR 2017). Over the first 200 steps, or the
-    /// first epoch where that is shorter, it rises from zero.
+    /// Learning rate of Adam in the first epoch, above zero. It falls along half a cosine to one
+    /// hundredth in the last epoch (Loshchilov and Hutter, ICLR 2017) and rises from zero over the first
+    /// 200 steps, or the first epoch if that is shorter.
     pub rate: f64,
-    /// Stop after so many epochs without a smaller error on the examples held out; 0: never.
+    /// Stop after this many epochs without a smaller held-out error; 0: never.
     pub patience: usize,
 }
 
@@ -28,7 +28,7 @@ impl Default for TrainSettings {
 }
 
 impl TrainSettings {
-    /// Refuses settings outside what is documented.
+    /// Rejects settings outside the documented ranges.
     ///
     /// # Errors
     /// [`DenoiseError::OutOfRange`].
@@ -46,24 +46,24 @@ impl TrainSettings {
     }
 }
 
-/// One line of the learning curve. Errors are weighted mean squares: parts of the raw images' own,
-/// as [`crate::Examples::new`] tells.
+/// One epoch of the learning curve. Errors are weighted mean squared errors, relative to the
+/// reference errors of [`crate::Examples::new`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Epoch {
-    /// From 0.
+    /// Index of the epoch, from 0.
     pub epoch: usize,
-    /// Mean over the epoch's steps, each before its own update.
+    /// Mean over the steps of the epoch, each before its update.
     pub train_error: f64,
-    /// On the examples held out, after the epoch.
+    /// Error on the held-out examples after the epoch.
     pub held_out_error: f64,
-    /// Rate of Adam.
+    /// Learning rate of Adam.
     pub rate: f64,
 }
 
-/// Whether another epoch follows.
+/// State of a training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrainStatus {
-    /// It does.
+    /// Another epoch follows.
     Running,
     /// All epochs are done.
     Done,
@@ -71,8 +71,8 @@ pub enum TrainStatus {
     Stopped,
 }
 
-/// The backend of burn that a training runs on, by name. The choice is no part of a training:
-/// weights and checkpoints of one go on with another, to rounding.
+/// Backend of burn that a training runs on. It is not part of the training: a checkpoint made on one
+/// device can be resumed on another, and the results agree to rounding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum TrainDevice {
@@ -86,7 +86,7 @@ pub enum TrainDevice {
 }
 
 impl TrainDevice {
-    /// All of them, those that are not compiled in too.
+    /// All devices, including those that are not compiled in.
     pub const ALL: [Self; 3] = [Self::Flex, Self::Cuda, Self::Wgpu];
 
     /// Its name.

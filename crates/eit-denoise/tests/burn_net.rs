@@ -16,10 +16,10 @@ use std::collections::BTreeMap;
 
 /// Sizes that halving divides, and sizes that it does not.
 const CASES: [(UnetShape, [usize; 2]); 4] = [
-    (UnetShape { history: 1, width: 6, depth: 3 }, [64, 64]),
-    (UnetShape { history: 3, width: 4, depth: 2 }, [20, 33]),
-    (UnetShape { history: 2, width: 5, depth: 1 }, [17, 9]),
-    (UnetShape { history: 1, width: 3, depth: 4 }, [32, 48]),
+    (UnetShape { history: 1, width: 6, depth: 3, ..UnetShape::ONE_IMAGE }, [64, 64]),
+    (UnetShape { history: 3, width: 4, depth: 2, ..UnetShape::ONE_IMAGE }, [20, 33]),
+    (UnetShape { history: 2, width: 5, depth: 1, ..UnetShape::ONE_IMAGE }, [17, 9]),
+    (UnetShape { history: 1, width: 3, depth: 4, ..UnetShape::ONE_IMAGE }, [32, 48]),
 ];
 
 /// Largest difference of the images of both, as a part of the largest value.
@@ -61,6 +61,30 @@ fn makes_the_images_of_the_denoiser() {
     assert!((of(&other) / of(&shipped) - 1.0).abs() > 1e-4);
 }
 
+/// Nets of several images and conditions, folded and not, on sizes that folding does not divide.
+#[cfg(feature = "base")]
+#[test]
+fn makes_the_images_of_the_denoiser_from_several_inputs() {
+    use eit_denoise::{Beside, shard_through};
+    for (fold, pixels) in [(1, 20), (2, 32), (2, 21)] {
+        let shape = UnetShape { history: 2, width: 4, depth: 2, images: 2, conditions: 1, fold };
+        let weights = weights(shape, [pixels; 2]);
+        let mut shard = common::shard(4, pixels);
+        let conditions = ndarray::Array2::from_shape_fn((4, 1), |(f, _)| 0.2 * f as f32);
+        let images = vec![shard.raw.mapv(|v| 3.0 * v.abs())];
+        shard.beside = Beside { images, conditions: Some(conditions) };
+        let mut net = Denoiser::new(&weights, shard.mask.view()).unwrap();
+        let wanted = shard.denoise(&mut net).unwrap();
+        let net = Unet::from_weights(&weights, &TrainDevice::Flex.open().unwrap()).unwrap();
+        let made = shard_through(&net, &shard).unwrap();
+        let both = made.values().into_iter().zip(wanted.values()).filter(|(a, _)| a.is_finite());
+        let off = both.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) / wanted.max_abs();
+        assert!(off < 1e-5, "fold {fold}, {pixels} pixels: {off}");
+        let raw = ImageStack::new(shard.raw.mapv(f64::from), shard.mask.clone()).unwrap();
+        assert!(images_through(&net, &raw).is_err(), "one image where the net wants two");
+    }
+}
+
 /// The shipped file through burn's store and back: the same bits, names, metadata.
 #[test]
 fn both_read_and_write_one_file() {
@@ -98,7 +122,8 @@ fn both_read_and_write_one_file() {
 #[test]
 fn bad_files_and_sizes_are_refused() {
     let device = TrainDevice::Flex.open().unwrap();
-    let good = weights(UnetShape { history: 1, width: 2, depth: 1 }, [16, 16]);
+    let good =
+        weights(UnetShape { history: 1, width: 2, depth: 1, ..UnetShape::ONE_IMAGE }, [16, 16]);
     let bytes = good.to_bytes().unwrap();
     for end in [0, 8, 100, bytes.len() / 2, bytes.len() - 1] {
         let error = Unet::from_bytes(&bytes[..end], &device).unwrap_err();

@@ -38,7 +38,7 @@ mod frame_time;
 fn frame_time_example() {
     let costs = frame_time::run().unwrap();
     let of = |width| {
-        let shape = eit_denoise::UnetShape { history: 1, width, depth: 3 };
+        let shape = eit_denoise::UnetShape { width, ..Default::default() };
         costs.iter().find(|cost| cost.shape == shape).unwrap()
     };
     let [four, eight] = [of(4), of(8)];
@@ -61,7 +61,7 @@ mod step_time;
 #[test]
 fn step_time_example() {
     let folder = tempfile::tempdir().unwrap();
-    let shape = eit_denoise::UnetShape { history: 1, width: 2, depth: 2 };
+    let shape = eit_denoise::UnetShape { width: 2, depth: 2, ..Default::default() };
     let cost = step_time::run(shape, 0.0, Some(folder.path())).unwrap();
     assert!(cost.step_s > 0.0 && cost.image_s > 0.0 && cost.burn_image_s > 0.0);
     assert_eq!(cost.gradient.len(), shape.parameters());

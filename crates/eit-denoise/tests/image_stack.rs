@@ -40,7 +40,7 @@ fn refusals_name_sizes_and_places() {
     let stack = ImageStack::new(ones((4, 3, 2)), Array2::from_elem((3, 2), true)).unwrap();
     let error = stack.frame(4).unwrap_err();
     assert_eq!(error, DenoiseError::UnknownFrame { frame: 4, frames: 4 });
-    assert_eq!(error.to_string(), "frame 4 was asked for, but the stack has 4, counted from 0");
+    assert_eq!(error.to_string(), "frame 4 does not exist: the stack has 4 frames, counted from 0");
 }
 
 #[test]

@@ -6,7 +6,7 @@ mod common;
 
 use common::{direct, disc, shard, weights};
 use eit_denoise::{
-    BaseSettings, DenoiseError, Examples, ImageStack, LearningBase, Shard, TrainDevice,
+    BaseSettings, DenoiseError, Examples, ImageStack, LearningBase, Part, Shard, TrainDevice,
     TrainSettings, UnetShape,
 };
 use ndarray::{Array2, Array3};
@@ -55,6 +55,55 @@ fn a_base_goes_on_where_it_was_killed() {
     assert_eq!(base.missing(), [1]);
     assert!(filled(folder.path()).missing().is_empty());
     assert_eq!(std::fs::read(&path).unwrap(), bytes);
+}
+
+/// Two parts in one folder, made at the same time, and one part in a folder of its own whose files are
+/// copied: each becomes, byte for byte, the base that one process makes.
+#[test]
+fn parts_merge_into_the_base_of_one_process() {
+    let whole = tempfile::tempdir().unwrap();
+    let wanted = filled(whole.path());
+    let fill = |base: &mut LearningBase| {
+        for index in base.missing() {
+            base.write(index, &shard(2 + index, 16)).unwrap();
+        }
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let part = |text: &str| text.parse::<Part>().unwrap();
+    let create = |folder: &Path, text: &str| {
+        LearningBase::create_part(folder, &base_settings(), part(text)).unwrap()
+    };
+    let mut first = create(folder.path(), "1/2");
+    let mut second = create(folder.path(), "2/2");
+    assert_eq!((first.missing(), second.missing()), (vec![0, 2], vec![1]));
+    fill(&mut second);
+    fill(&mut first);
+    // a part sees what others made when it is started again
+    assert_eq!(create(folder.path(), "1/2").checksum().unwrap(), wanted.checksum().unwrap());
+    assert_eq!(LearningBase::open(folder.path()).unwrap().frames(), 2 + 3 + 4);
+    let merged = LearningBase::create(folder.path(), &base_settings()).unwrap();
+    assert!(merged.missing().is_empty());
+    for name in ["manifest.json", "shard-00000.safetensors", "shard-00002.safetensors"] {
+        let bytes = |folder: &Path| std::fs::read(folder.join(name)).unwrap();
+        assert_eq!(bytes(folder.path()), bytes(whole.path()), "{name}");
+    }
+    let copied = tempfile::tempdir().unwrap();
+    fill(&mut create(copied.path(), "3/3"));
+    let other = tempfile::tempdir().unwrap();
+    fill(&mut create(other.path(), "1/3"));
+    fill(&mut create(other.path(), "2/3"));
+    for entry in std::fs::read_dir(other.path()).unwrap() {
+        let path = entry.unwrap().path();
+        std::fs::copy(&path, copied.path().join(path.file_name().unwrap())).unwrap();
+    }
+    let merged = LearningBase::create(copied.path(), &base_settings()).unwrap();
+    assert_eq!(merged.checksum().unwrap(), wanted.checksum().unwrap());
+    // a part of another base is refused
+    let other = BaseSettings { seed: 4, ..base_settings() };
+    assert!(LearningBase::create_part(copied.path(), &other, part("1/2")).is_err());
+    for text in ["0/2", "3/2", "1", "a/2", "1/0"] {
+        assert!(text.parse::<Part>().is_err(), "{text}");
+    }
 }
 
 #[test]
@@ -115,7 +164,7 @@ fn settings_and_devices_that_cannot_be_are_refused() {
 /// `direct` for weights in files, so that both forms of the definition are one.
 #[test]
 fn the_definition_takes_both_kinds_of_weights() {
-    let shape = UnetShape { history: 1, width: 1, depth: 1 };
+    let shape = UnetShape { history: 1, width: 1, depth: 1, ..UnetShape::ONE_IMAGE };
     let net = weights(shape, [4, 4]);
     let planes = vec![Array2::eye(4), Array2::ones((4, 4))];
     let exact: Vec<f64> = net.parameters.iter().map(|p| f64::from(*p)).collect();

@@ -53,10 +53,11 @@ fn the_rule_refuses_what_it_cannot_judge() {
     assert!(on(ThresholdRule { share: f64::NAN, ..rule }).contains("share is NaN"));
     assert!(on(ThresholdRule { ring_pixels: 8, ..rule }).contains("no pixel"));
     let mut ready = rule.on(mask.view()).unwrap();
-    let mut out = Array2::zeros((16, 16));
+    let mut out = Array2::ones((16, 16));
     let flat = Array2::from_elem((16, 16), -3.0);
     let error = ready.apply_into(flat.view(), out.view_mut()).unwrap_err();
     assert_eq!(error, DenoiseError::ConstantImage { value: -3.0 });
+    assert_eq!(out.sum(), 0.0);
     // an untouched skin is no error, nor is one where all falls
     ready.apply_into(Array2::zeros((16, 16)).view(), out.view_mut()).unwrap();
     let falls = Array2::from_shape_fn((16, 16), |(r, _)| -1.0 - r as f64);
@@ -67,7 +68,7 @@ fn the_rule_refuses_what_it_cannot_judge() {
     let error = ready.apply(&ImageStack::new(frames, mask.clone()).unwrap()).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "frame 1: the image is 1 all over the skin: a reconstruction does not look like this"
+        "frame 1: the image is 1 everywhere on the skin, which no reconstruction gives"
     );
 }
 

@@ -5,15 +5,15 @@
 mod common;
 
 use common::{convolutions, direct, disc, touched, weights};
-use eit_denoise::{DenoiseError, Denoiser, ImageStack, NetStatus, UnetShape, Weights};
+use eit_denoise::{DenoiseError, Denoiser, ImageStack, NetFrame, NetStatus, UnetShape, Weights};
 use ndarray::{Array2, Array3, ArrayView2, Axis, ShapeBuilder};
 use std::hint::black_box;
 
 const SHAPES: [UnetShape; 4] = [
-    UnetShape { history: 1, width: 6, depth: 3 },
-    UnetShape { history: 3, width: 4, depth: 1 },
-    UnetShape { history: 2, width: 1, depth: 2 },
-    UnetShape { history: 1, width: 5, depth: 4 },
+    UnetShape { history: 1, width: 6, depth: 3, ..UnetShape::ONE_IMAGE },
+    UnetShape { history: 3, width: 4, depth: 1, ..UnetShape::ONE_IMAGE },
+    UnetShape { history: 2, width: 1, depth: 2, ..UnetShape::ONE_IMAGE },
+    UnetShape { history: 1, width: 5, depth: 4, ..UnetShape::ONE_IMAGE },
 ];
 
 fn same_bits(a: &ImageStack, b: &ImageStack) -> bool {
@@ -38,6 +38,109 @@ fn by_definition(weights: &Weights, frames: &Array3<f64>, mask: &Array2<bool>) -
         f64::from(r < rows && c < columns && mask[[r, c]])
     }));
     direct(weights, planes).mapv(|v| v * scale)
+}
+
+/// What the net sees of a frame in `by_definition`: three images, of which two follow from the first,
+/// one of them beyond the clamp, and two conditions.
+fn inputs(images: &Array3<f64>) -> (Vec<Array3<f64>>, Array2<f64>) {
+    let count = images.dim().0;
+    let others = vec![images.mapv(|v| 0.3 * v.abs() + 1e-7), images.mapv(|v| -3.0 * v)];
+    (others, Array2::from_shape_fn((count, 2), |(f, k)| 0.3 + 0.1 * f as f64 - 0.5 * k as f64))
+}
+
+/// Nets that see several images and conditions, folded and not, against the definition: which plane is
+/// which, what scales them, and where each pixel of a block goes.
+#[test]
+fn several_images_conditions_and_folding_equal_the_definition() {
+    let of = |history, width, depth, fold| UnetShape {
+        history,
+        width,
+        depth,
+        images: 3,
+        conditions: 2,
+        fold,
+    };
+    for (shape, size) in
+        [(of(1, 8, 2, 2), [32, 32]), (of(2, 3, 1, 2), [18, 13]), (of(2, 4, 2, 1), [20, 12])]
+    {
+        let mask = disc(size[0], size[1]);
+        let weights = weights(shape, size);
+        assert_eq!(weights.parameters.len(), shape.parameters(), "{shape:?}");
+        let raw = touched(3, &mask);
+        let (others, conditions) = inputs(&raw);
+        let stack = ImageStack::new(raw.clone(), mask.clone()).unwrap();
+        let views: Vec<_> = others.iter().map(|o| o.view()).collect();
+        let mut net = Denoiser::new(&weights, mask.view()).unwrap();
+        let made = net.denoise_with(&stack, &views, Some(conditions.view())).unwrap();
+        let padded = size.map(|n| n.next_multiple_of(shape.fold << shape.depth));
+        let inside = |r: usize, c: usize| r < size[0] && c < size[1] && mask[[r, c]];
+        for last in 0..3_usize {
+            let all: Vec<&Array3<f64>> = [&raw].into_iter().chain(&others).collect();
+            let mut planes: Vec<Array2<f64>> = Vec::new();
+            for back in (0..shape.history).rev() {
+                for images in &all {
+                    planes.push(Array2::from_shape_fn(padded, |(r, c)| {
+                        match last.checked_sub(back) {
+                            Some(f) if inside(r, c) => images[[f, r, c]],
+                            _ => 0.0,
+                        }
+                    }));
+                }
+            }
+            let firsts = planes.iter().step_by(all.len()).flatten();
+            let scale = firsts.fold(0.0_f64, |m, v| m.max(v.abs()));
+            planes.iter_mut().for_each(|p| p.mapv_inplace(|v| (v / scale).clamp(-2.0, 2.0)));
+            for condition in conditions.row(last) {
+                planes.push(Array2::from_shape_fn(padded, |(r, c)| {
+                    if inside(r, c) { *condition } else { 0.0 }
+                }));
+            }
+            planes.push(Array2::from_shape_fn(padded, |(r, c)| f64::from(inside(r, c))));
+            let wanted = direct(&weights, planes).mapv(|v| v * scale);
+            let most = wanted.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            for ((at, value), inside) in made.frame(last).unwrap().indexed_iter().zip(&mask) {
+                assert_eq!(value.is_nan(), !inside);
+                let off = if *inside { (value - wanted[at]).abs() / most } else { 0.0 };
+                assert!(off < 1e-5, "{shape:?} frame {last} {at:?}: {value} {}", wanted[at]);
+            }
+        }
+    }
+}
+
+/// Another number of inputs is an error; a first image of zeros gives zero whatever the others are.
+#[test]
+fn inputs_are_counted_and_zero_gives_zero() {
+    let shape =
+        UnetShape { width: 4, depth: 1, images: 2, conditions: 1, fold: 2, ..Default::default() };
+    let mask = disc(16, 16);
+    let mut net = Denoiser::new(&weights(shape, [16, 16]), mask.view()).unwrap();
+    let (zero, ones) = (Array2::zeros((16, 16)), mask.mapv(|m| f64::from(u8::from(m))));
+    let mut out = Array2::zeros((16, 16));
+    let images = [zero.view(), ones.view()];
+    let frame = NetFrame { images: &images, conditions: &[0.5] };
+    assert_eq!(net.push_frame_into(frame, out.view_mut()).unwrap(), NetStatus::Zero);
+    assert!(out.iter().zip(&mask).all(|(v, inside)| !inside || *v == 0.0));
+    let refused = net.push_into(ones.view(), out.view_mut()).unwrap_err().to_string();
+    assert_eq!(refused, "1 images per frame where 2 are wanted");
+    let frame = NetFrame { images: &images, conditions: &[] };
+    let refused = net.push_frame_into(frame, out.view_mut()).unwrap_err().to_string();
+    assert_eq!(refused, "0 conditions per frame where 1 are wanted");
+    let images = [ones.view(), zero.view()];
+    let frame = NetFrame { images: &images, conditions: &[f64::NAN] };
+    assert!(net.push_frame_into(frame, out.view_mut()).is_err());
+}
+
+/// The shipped file of nets of one image says version 1, all others version 2, and both come back.
+#[test]
+fn both_versions_of_files_are_read() {
+    let old = weights(UnetShape::ONE_IMAGE, [16, 16]);
+    let new = weights(UnetShape { images: 3, conditions: 1, fold: 2, ..old.shape }, [16, 16]);
+    for (weights, version) in [(old, "\"1\""), (new, "\"2\"")] {
+        let bytes = weights.to_bytes().unwrap();
+        let header = String::from_utf8_lossy(&bytes[8..2000]).into_owned();
+        assert!(header.contains(&format!("\"format_version\":{version}")), "{header}");
+        assert_eq!(Weights::from_bytes(&bytes).unwrap(), weights);
+    }
 }
 
 /// Rounding of `f32`: sums of at most 700 terms of about unit size in eleven layers, each off by
@@ -67,7 +170,7 @@ fn equals_its_definition() {
 
 #[test]
 fn frame_by_frame_and_whole_give_the_same_bits() {
-    let shape = UnetShape { history: 3, width: 4, depth: 2 };
+    let shape = UnetShape { history: 3, width: 4, depth: 2, ..UnetShape::ONE_IMAGE };
     let mask = disc(32, 32);
     let stack = ImageStack::new(touched(7, &mask), mask.clone()).unwrap();
     let mut net = Denoiser::new(&weights(shape, [32, 32]), mask.view()).unwrap();
@@ -103,7 +206,7 @@ fn scale_passes_through_and_zero_stays_zero() {
 fn zeros_cost_no_net_and_change_no_bit() {
     let mask = disc(24, 24);
     let frames = touched(4, &mask);
-    let shape = UnetShape { history: 3, width: 4, depth: 2 };
+    let shape = UnetShape { history: 3, width: 4, depth: 2, ..UnetShape::ONE_IMAGE };
     let mut net = Denoiser::new(&weights(shape, [24, 24]), mask.view()).unwrap();
     let mut other = net.clone();
     // whatever stands outside is not looked at
@@ -156,7 +259,7 @@ fn allocates_nothing_after_set_up() {
 fn bad_images_are_refused_and_leave_the_sequence_as_it_was() {
     let mask = disc(16, 16);
     let frames = touched(3, &mask);
-    let shape = UnetShape { history: 2, width: 2, depth: 2 };
+    let shape = UnetShape { history: 2, width: 2, depth: 2, ..UnetShape::ONE_IMAGE };
     let mut net = Denoiser::new(&weights(shape, [16, 16]), mask.view()).unwrap();
     let frame = |f: usize| frames.index_axis(Axis(0), f);
     let mut out = Array2::zeros((16, 16));
@@ -175,7 +278,10 @@ fn bad_images_are_refused_and_leave_the_sequence_as_it_was() {
     bad[[8, 9]] = f64::INFINITY;
     says(net.push_into(bad.view(), out.view_mut()), "frame 1 holds inf at row 8, column 9");
     let flat = Array2::from_elem((16, 16), 2.5);
-    says(net.push_into(flat.view(), out.view_mut()), "frame 1: the image is 2.5 all over the skin");
+    says(
+        net.push_into(flat.view(), out.view_mut()),
+        "frame 1: the image is 2.5 everywhere on the skin",
+    );
     let other = ImageStack::new(Array3::zeros((1, 16, 16)), Array2::from_elem((16, 16), true));
     says(net.denoise(&other.unwrap()).map(|_| NetStatus::Zero), "of another skin");
 
@@ -198,7 +304,7 @@ fn weights_come_back_from_their_file_bit_by_bit() {
 
 #[test]
 fn bad_weights_are_refused() {
-    let shape = UnetShape { history: 1, width: 2, depth: 1 };
+    let shape = UnetShape { history: 1, width: 2, depth: 1, ..UnetShape::ONE_IMAGE };
     let good = weights(shape, [16, 16]);
     let bytes = good.to_bytes().unwrap();
     // a cut at any place, and foreign files
@@ -247,7 +353,7 @@ fn shapes_count_alike() {
     }
     // Ronneberger's net with equal padding, two inputs and one output: 31 million with the
     // convolutions that double the image, which repetition does without
-    let paper = UnetShape { history: 1, width: 64, depth: 4 };
+    let paper = UnetShape { history: 1, width: 64, depth: 4, ..UnetShape::ONE_IMAGE };
     assert!((2.5e7..4e7).contains(&(paper.parameters() as f64)), "{}", paper.parameters());
 }
 

@@ -142,8 +142,8 @@ fn denoise(
     made: &mut Made,
     progress: &mut Progress,
 ) -> Result<(), ReportError> {
-    let mut check = Check::new(fitted)?;
-    let checked = net.apply(&mut made.images, &made.raster, Some(&mut check), progress)?;
+    let check = Check::new(fitted);
+    let checked = net.apply(&mut made.images, &made.raster, Some(&check), progress)?;
     made.footnote += ", U-net";
     made.lines.push(net.words());
     made.report["denoise"] = net.json();

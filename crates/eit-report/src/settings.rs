@@ -53,6 +53,8 @@ pub struct ReportSettings {
     pub weights: Vec<String>,
     /// Method of the raw images for U-nets.
     pub method: Option<String>,
+    /// Added to the seed of every sequence that U-nets are compared on.
+    pub seed: u64,
 }
 
 /// Parts of the report on touches.

@@ -2,17 +2,22 @@
 
 mod chain;
 mod check;
+mod inputs;
 mod live;
 
 pub use chain::{Chain, Chained, Lengths};
 pub use check::{Check, Checked};
+pub use eit_denoise::Verdict;
+pub use inputs::NetInputs;
 pub use live::LiveNet;
 
 use crate::error::SkinError;
+use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
 use crate::scene::{DenoiseSettings, TouchSign};
 use crate::skin::Skin;
-use eit_denoise::{Denoiser, ImageStack, Threshold, UnetShape, Weights};
+use check::SequenceJudge;
+use eit_denoise::{DenoiseError, Denoiser, ImageStack, Threshold, UnetShape, Weights};
 use eit_mesh::Raster;
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
 use serde_json::{Value, json};
@@ -86,36 +91,100 @@ impl Net {
         Ok(Self { weights, source: name.clone(), skin: fingerprint.to_owned(), sign })
     }
 
-    /// Replaces images [frame, row, column] of a raster; with the measurements at hand, those that
-    /// do not explain them keep the raw image.
+    /// Replaces images [frame, row, column] of a raster by what the net makes of them. With the
+    /// measurements at hand, images that do not explain them are replaced by the raw ones again.
+    ///
+    /// # Errors
+    ///
+    /// A net that sees measurements where there are none; those of the noise and the images.
     pub fn apply(
         &self,
         images: &mut Array3<f64>,
         raster: &Raster,
-        check: Option<&mut Check>,
+        check: Option<&Check>,
         progress: &mut Progress,
     ) -> Result<Option<Checked>, SkinError> {
         progress.stage("U-net", || {
-            let turned = |v: f64| self.sign * v;
-            let raw = ImageStack::new(images.mapv(turned), raster.mask().clone())?;
-            let mut net = Denoiser::new(&self.weights, raster.mask().view())?;
-            let made = net.denoise(&raw)?.into_parts().0.mapv_into(turned);
-            let raw = std::mem::replace(images, made);
-            let (Some(check), Some(limit)) = (check, self.weights.misfit_limit()) else {
+            let Some(check) = check else {
+                *images = self.of_images(images, raster)?;
                 return Ok(None);
             };
-            let mut scores = Vec::with_capacity(raw.dim().0);
+            let mut judge = check.judge(&self.weights)?;
+            let made = self.of_frames(images, raster, check.skin(), &judge)?;
+            let raw = std::mem::replace(images, made);
+            if !judge.rule().has_rule() {
+                return Ok(None);
+            }
+            let mut judgements = Vec::with_capacity(raw.dim().0);
             for (frame, (mut made, raw)) in
                 images.outer_iter_mut().zip(raw.outer_iter()).enumerate()
             {
-                let score = check.misfit(frame, made.view())?.score(limit);
-                if score > 1.0 {
+                let judgement = judge.judge(frame, made.view(), raw)?;
+                if judgement.verdict != Verdict::Net {
                     made.assign(&raw);
                 }
-                scores.push(score);
+                judgements.push(judgement);
             }
-            Ok(Some(Checked { limit, scores }))
+            Ok(Checked::new(judge.rule(), judgements))
         })
+    }
+
+    /// The same without judging the images.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Net::apply`].
+    pub fn apply_unchecked(
+        &self,
+        images: &mut Array3<f64>,
+        raster: &Raster,
+        check: &Check,
+        progress: &mut Progress,
+    ) -> Result<(), SkinError> {
+        progress.stage("U-net", || {
+            let judge = check.judge(&self.weights)?;
+            *images = self.of_frames(images, raster, check.skin(), &judge)?;
+            Ok(())
+        })
+    }
+
+    /// Images by a net that sees nothing else.
+    fn of_images(&self, raw: &Array3<f64>, raster: &Raster) -> Result<Array3<f64>, SkinError> {
+        if inputs::needs_data(self.weights.shape) {
+            return Err(SkinError::input(format!(
+                "{}: this net sees the measurements too, and there are images alone; eit reconstruct \
+                 with [denoise] has both",
+                self.source
+            )));
+        }
+        let turned = |v: f64| self.sign * v;
+        let mut net = Denoiser::new(&self.weights, raster.mask().view())?;
+        let raw = ImageStack::new(raw.mapv(turned), raster.mask().clone())?;
+        Ok(net.denoise(&raw)?.into_parts().0.mapv_into(turned))
+    }
+
+    /// Images by a net that may see the measurements.
+    fn of_frames(
+        &self,
+        raw: &Array3<f64>,
+        raster: &Raster,
+        skin: &LinearisedSkin,
+        judge: &SequenceJudge<'_>,
+    ) -> Result<Array3<f64>, SkinError> {
+        if !inputs::needs_data(self.weights.shape) {
+            return self.of_images(raw, raster);
+        }
+        let mut net = Denoiser::new(&self.weights, raster.mask().view())?;
+        let mut inputs = NetInputs::new(skin, self.weights.shape)?;
+        let mut made = raw.clone();
+        for (frame, mut out) in made.outer_iter_mut().enumerate() {
+            let (differences, energy) = judge.frame(frame)?;
+            let raw = raw.index_axis(Axis(0), frame);
+            inputs.push(raw, &differences, Some(energy), self.sign)?;
+            inputs.with_frame(|seen| net.push_frame_into(seen, out.view_mut()))?;
+            out.mapv_inplace(|value| self.sign * value);
+        }
+        Ok(made)
     }
 
     /// Size of the net.
@@ -177,7 +246,11 @@ pub fn scores(
         if raw.iter().all(|v| v.is_nan() || *v == 0.0) {
             continue;
         }
-        rule.apply_into(raw, kept.view_mut())?;
+        match rule.apply_into(raw, kept.view_mut()) {
+            // total variation may leave the inner pixels of a noisy frame equal: nothing is kept
+            Ok(()) | Err(DenoiseError::ConstantImage { .. }) => {}
+            Err(error) => return Err(error.into()),
+        }
         let of_raw = squared(raw, truth);
         ratios.push([squared(made, truth) / of_raw, squared(kept.view(), truth) / of_raw]);
     }
@@ -227,5 +300,25 @@ impl Scores {
             "nearer_than_raw": self.nearer_than_raw,
             "nearer_than_rule": self.nearer_than_rule,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+    use super::*;
+    use eit_denoise::ThresholdRule;
+    use ndarray::Array2;
+
+    /// Images of total variation whose inner pixels are equal are compared like others: the rule keeps
+    /// nothing of them.
+    #[test]
+    fn flat_images_are_compared() {
+        let mask = Array2::from_elem((16, 16), true);
+        let mut rule = ThresholdRule::default().on(mask.view()).unwrap();
+        let raw = Array3::from_elem((1, 16, 16), -1e-10);
+        let (made, truth) = (0.5 * &raw, Array3::zeros((1, 16, 16)));
+        let scores = scores(raw.view(), made.view(), truth.view(), &mut rule).unwrap();
+        assert_eq!((scores.frames, scores.net_over_raw, scores.rule_over_raw), (1, 0.25, 0.0));
     }
 }

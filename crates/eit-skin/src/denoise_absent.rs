@@ -21,6 +21,13 @@ impl Skin {
     }
 }
 
+/// Which image of a frame is shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    Net,
+    Neither,
+}
+
 /// No net, frame by frame.
 #[derive(Debug)]
 pub(crate) enum LiveNet {}
@@ -40,7 +47,7 @@ impl LiveNet {
         _: &[f64],
         _: &[f64],
         _: &mut [f64],
-    ) -> Result<bool, SkinError> {
+    ) -> Result<Verdict, SkinError> {
         match *self {}
     }
 }

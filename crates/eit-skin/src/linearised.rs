@@ -160,6 +160,14 @@ impl LinearisedSkin {
         Ok(rows)
     }
 
+    /// Whether images use each measurement, `[measurement]`: all, except those on current-carrying electrodes
+    /// if the settings omit these.
+    pub fn imaging_measurements(&self) -> Vec<bool> {
+        let driven = crate::frames::on_driven_electrodes(&self.skin.protocol);
+        let use_driven = self.skin.settings.reconstruction.use_driven_electrodes;
+        driven.into_iter().map(|driven| use_driven || !driven).collect()
+    }
+
     /// Returns the Jacobian of differences with respect to pixels, `[measurement, masked pixel]`: the element
     /// Jacobian times the matrix from pixels to elements.
     ///

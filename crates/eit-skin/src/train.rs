@@ -10,21 +10,32 @@ mod sequences;
 mod shared;
 mod simulated;
 
-pub use held_out::{held_out_scores, misfit_limit};
+pub use held_out::{JudgeCounts, MeasuredJudge, held_out_scores, judge};
 #[cfg(feature = "train")]
-pub use learn::{MadeBy, Training, Worth, learn, weights};
+pub use learn::{MadeBy, Training, Worth, judged_weights, learn, parameter_checksum, weights};
 pub use sequences::Sequences;
 
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::stop::StopFlag;
-use eit_denoise::{BaseSettings, LearningBase, Shard};
+use eit_denoise::{BaseSettings, LearningBase, Part, Shard};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
 /// One sequence of so many is held out.
 const HELD_OUT: usize = 6;
+
+/// What the wanted images of a simulated sequence are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Wanted {
+    /// The true change of conductivity.
+    #[default]
+    Truth,
+    /// The raw images after [`eit_denoise::ThresholdRule`], as in the paper of Duan, Taurand and
+    /// Soleimani.
+    Rule,
+}
 
 /// What a learning base is made of.
 #[derive(Debug, Clone, Default)]
@@ -35,6 +46,11 @@ pub struct BaseRequest {
     pub frames: usize,
     /// Fingers of every simulated sequence; `None`: drawn.
     pub fingers: Option<usize>,
+    /// Built-in script on the skin's own fabric for every simulated sequence; `None`: drawn touches on
+    /// drawn fabrics.
+    pub script: Option<String>,
+    /// Wanted images of simulated sequences.
+    pub wanted: Wanted,
     /// Recordings to learn from instead of simulated touches.
     pub recording: Vec<PathBuf>,
     /// Sequences, one in six of them held out.
@@ -49,6 +65,11 @@ impl BaseRequest {
         if !self.recording.is_empty() && self.fingers.is_some() {
             return Err(SkinError::input("--fingers: a recording has the fingers that it has"));
         }
+        if self.script.is_some() && self.fingers.is_some() {
+            return Err(SkinError::input(
+                "--fingers: a built-in script has the fingers that it has",
+            ));
+        }
         if self.sequences < 2 {
             return Err(SkinError::input("--sequences: at least 2, as one is held out"));
         }
@@ -56,11 +77,17 @@ impl BaseRequest {
     }
 }
 
-/// The learning base in a folder, complete: sequences that are missing are made, on so many threads.
+/// The learning base in a folder, complete, or one part of it: makes the sequences that are missing,
+/// on so many threads.
+///
+/// # Errors
+///
+/// A folder with another base; those of the sequences; an interruption.
 pub fn base(
     request: &BaseRequest,
     sequences: &Sequences,
     folder: &Path,
+    part: Option<Part>,
     threads: usize,
     stop: &StopFlag,
     progress: &mut Progress,
@@ -72,7 +99,10 @@ pub fn base(
         shards: request.sequences,
         recipe: sequences.recipe(),
     };
-    let mut base = LearningBase::create(folder, &settings)?;
+    let mut base = match part {
+        None => LearningBase::create(folder, &settings)?,
+        Some(part) => LearningBase::create_part(folder, &settings, part)?,
+    };
     let missing = base.missing();
     if missing.is_empty() {
         return Ok(base);

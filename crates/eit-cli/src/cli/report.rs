@@ -49,6 +49,9 @@ pub(crate) struct ReportArgs {
     /// Method of the raw images for --denoise [default: st-tv].
     #[arg(long, requires = "denoise", value_name = "METHOD")]
     pub method: Option<String>,
+    /// Added to the seed of every sequence of --denoise: fresh noise, weave and drift.
+    #[arg(long, requires = "denoise", value_name = "N", default_value_t = 0)]
+    pub seed: u64,
 }
 
 /// Parts of `eit report --touches`.

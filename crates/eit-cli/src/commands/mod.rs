@@ -1,5 +1,6 @@
 //! One file per command. A command returns its result as text and as JSON.
 
+pub(crate) mod base;
 #[cfg(feature = "zenoh")]
 pub(crate) mod body;
 #[cfg(not(feature = "zenoh"))]

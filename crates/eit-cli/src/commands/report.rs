@@ -31,6 +31,7 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
         peers: args.peers.clone(),
         weights: args.weights.clone(),
         method: args.method.clone(),
+        seed: args.seed,
     };
     let stop = interrupt::listen()?;
     Ok(eit_report::report::run(&settings, &stop, &mut progress::terminal())?)

@@ -1,21 +1,32 @@
-//! One sequence of pairs, in memory and as safetensors.
+//! One sequence of training pairs, in memory and in a safetensors file.
 
 use crate::unet::{bytes_of, floats_of, format_error};
-use crate::{DenoiseError, ImageStack};
+use crate::{DenoiseError, Denoiser, ImageStack};
 use ndarray::{Array1, Array2, Array3};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
-/// One sequence of pairs, frames in order.
+/// One sequence of training pairs, frames in order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shard {
     /// Reconstructed images [frame, row, column], zero outside the mask.
     pub raw: Array3<f32>,
-    /// Images that the net should make of them.
+    /// Wanted images [frame, row, column].
     pub wanted: Array3<f32>,
-    /// Pixels on the skin [row, column].
+    /// Mask [row, column]: true on the skin.
     pub mask: Array2<bool>,
-    /// What the images were made of, where it is known.
+    /// The measurements behind the images, if known.
     pub data: Option<ShardData>,
+    /// What a net sees beside the raw images; not written to files, since it follows from `data`.
+    pub beside: Beside,
+}
+
+/// What a net sees beside the raw images of a sequence.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Beside {
+    /// Further reconstructions, each [frame, row, column], zero outside the mask.
+    pub images: Vec<Array3<f32>>,
+    /// Conditions [frame, condition]; `None`: there are none.
+    pub conditions: Option<Array2<f32>>,
 }
 
 /// The measurements of a sequence.
@@ -28,11 +39,12 @@ pub struct ShardData {
 }
 
 impl Shard {
-    /// Of two stacks of the same skin and length; values in their unit, rounded to `f32`.
+    /// Builds a shard from two stacks of the same skin and length; values keep their unit, rounded to
+    /// `f32`.
     ///
     /// # Errors
     /// [`DenoiseError::MaskMismatch`], [`DenoiseError::WrongLength`];
-    /// [`DenoiseError::NothingToLearn`] where every raw image is zero.
+    /// [`DenoiseError::NothingToLearn`] if every raw image is zero.
     pub fn new(raw: &ImageStack, wanted: &ImageStack) -> Result<Self, DenoiseError> {
         if raw.mask() != wanted.mask() {
             let pixels = raw.mask().len();
@@ -52,11 +64,42 @@ impl Shard {
         let inside =
             |stack: &ImageStack| stack.values().mapv(|v| if v.is_nan() { 0.0 } else { v as f32 });
         let mask = raw.mask().to_owned();
-        Ok(Self { raw: inside(raw), wanted: inside(wanted), mask, data: None })
+        let (data, beside) = (None, Beside::default());
+        Ok(Self { raw: inside(raw), wanted: inside(wanted), mask, data, beside })
     }
 
-    /// The bytes of its file: `raw`, `wanted` [frame, row, column], `mask` [row, column], and, where
-    /// they are known, `differences` [frame, measurement] and `noise_std` [measurement].
+    /// Cleans its raw images with a net that also sees what is beside them.
+    ///
+    /// # Errors
+    /// Those of [`Denoiser::denoise_with`] and of [`ImageStack::new`].
+    pub fn denoise(&self, net: &mut Denoiser) -> Result<ImageStack, DenoiseError> {
+        let raw = ImageStack::new(self.raw.mapv(f64::from), self.mask.clone())?;
+        let others: Vec<_> = self.beside.images.iter().map(|o| o.mapv(f64::from)).collect();
+        let others: Vec<_> = others.iter().map(|images| images.view()).collect();
+        let conditions = self.beside.conditions.as_ref().map(|c| c.mapv(f64::from));
+        net.denoise_with(&raw, &others, conditions.as_ref().map(|c| c.view()))
+    }
+
+    /// Returns the number of images and of conditions per frame; an error if their lengths differ from
+    /// the raw images'.
+    pub(crate) fn inputs(&self) -> Result<[usize; 2], DenoiseError> {
+        let wanted = self.raw.dim().0;
+        let Beside { images, conditions } = &self.beside;
+        if let Some(other) = images.iter().find(|other| other.dim() != self.raw.dim()) {
+            let (what, found) = ("frames of other images", other.dim().0);
+            return Err(DenoiseError::WrongLength { what, found, wanted });
+        }
+        match conditions {
+            Some(all) if all.nrows() != wanted => {
+                let (what, found) = ("frames of conditions", all.nrows());
+                Err(DenoiseError::WrongLength { what, found, wanted })
+            }
+            _ => Ok([1 + images.len(), conditions.as_ref().map_or(0, |all| all.ncols())]),
+        }
+    }
+
+    /// Returns the bytes of its file: `raw`, `wanted` [frame, row, column], `mask` [row, column], and, if
+    /// known, `differences` [frame, measurement] and `noise_std` [measurement].
     pub(super) fn to_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
         let (frames, rows, columns) = self.raw.dim();
         let floats = |values: &mut dyn Iterator<Item = f32>| bytes_of(&values.collect::<Vec<_>>());
@@ -114,7 +157,7 @@ impl Shard {
             true => Some(ShardData::from_tensors(&tensors, frames)?),
             false => None,
         };
-        Ok(Self { raw, wanted, mask, data })
+        Ok(Self { raw, wanted, mask, data, beside: Beside::default() })
     }
 }
 

@@ -1,15 +1,15 @@
-//! The devices of burn by name.
+//! burn's devices by name.
 
 use crate::{DenoiseError, TrainDevice};
 use burn::tensor::Device;
 
 impl TrainDevice {
-    /// The device, with automatic differentiation.
+    /// Opens the device with automatic differentiation.
     ///
     /// # Errors
     /// [`DenoiseError::NotBuilt`], [`DenoiseError::NoDevice`].
     pub fn open(self) -> Result<Device, DenoiseError> {
-        // a device that is not there would be a panic at its first tensor
+        // the first tensor on a missing device would panic
         #[cfg(any(feature = "cuda", feature = "wgpu"))]
         let present = |kind: burn::tensor::DeviceType, device: Device| match Device::enumerate(kind)
             .is_empty()

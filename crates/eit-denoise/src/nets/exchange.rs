@@ -1,4 +1,4 @@
-//! The same file for both: what burn writes is read by [`crate::Denoiser`], and the other way round.
+//! One file format for both: burn reads and writes the weights of [`crate::Denoiser`].
 
 use super::unet::{Unet, UnetConfig};
 use crate::unet::metadata;
@@ -8,21 +8,23 @@ use burn::tensor::Device;
 use std::collections::BTreeMap;
 
 impl Unet {
-    /// Loads a file of weights, the shipped ones too, through burn's SafeTensors store.
+    /// Loads a weights file, including the shipped ones, with burn's SafeTensors store.
     ///
     /// # Errors
     /// Those of [`Weights::from_bytes`], and [`DenoiseError::Burn`].
     pub fn from_bytes(bytes: &[u8], device: &Device) -> Result<Self, DenoiseError> {
         let weights = Weights::from_bytes(bytes)?;
-        Self::load(&weights, bytes.to_vec(), device)
+        Self::from_weights(&weights, device)
     }
 
-    /// Loads weights in memory.
+    /// Converts weights in memory.
     ///
     /// # Errors
     /// Those of [`Weights::to_bytes`], and [`DenoiseError::Burn`].
     pub fn from_weights(weights: &Weights, device: &Device) -> Result<Self, DenoiseError> {
-        Self::load(weights, weights.to_bytes()?, device)
+        // burn's module has no place for the model error
+        let net = Weights { model_error: None, ..weights.clone() };
+        Self::load(weights, net.to_bytes()?, device)
     }
 
     fn load(weights: &Weights, bytes: Vec<u8>, device: &Device) -> Result<Self, DenoiseError> {
@@ -38,12 +40,11 @@ impl Unet {
         }
     }
 
-    /// The bytes of a file of weights, written by burn's SafeTensors store: tensors, names and
+    /// Returns the bytes of a weights file, written by burn's SafeTensors store. Tensors, names and
     /// metadata are those of [`Weights::to_bytes`].
     ///
     /// # Errors
-    /// [`DenoiseError::Burn`]; [`DenoiseError::Format`] where a key of `about` is one of the format's
-    /// own.
+    /// [`DenoiseError::Burn`]; [`DenoiseError::Format`] if a key of `about` is reserved by the format.
     pub fn to_bytes(
         &self,
         skin: &str,
@@ -58,7 +59,7 @@ impl Unet {
         store.get_bytes().map_err(|e| DenoiseError::burn(&e))
     }
 
-    /// Its weights for [`crate::Denoiser`].
+    /// Converts it to weights for [`crate::Denoiser`].
     ///
     /// # Errors
     /// Those of [`Unet::to_bytes`] and [`Weights::from_bytes`].

@@ -1,4 +1,4 @@
-//! Nets as modules of burn: what a net of one's own is, and the U-net of this crate.
+//! Nets as burn modules: the trait for custom nets, and the U-net of this crate.
 
 mod device;
 mod exchange;
@@ -6,6 +6,8 @@ mod through;
 mod unet;
 
 pub use through::images_through;
+#[cfg(feature = "base")]
+pub use through::shard_through;
 pub use unet::{Unet, UnetConfig};
 
 #[cfg(feature = "train")]
@@ -14,11 +16,11 @@ pub(crate) use through::{device_of, padded, read, same_shape};
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-/// A net that cleans images, as a module of burn: what [`crate::Trainer`] trains and
-/// [`images_through`] runs. Implement it for an architecture of your own.
+/// A burn module that cleans images: [`crate::Trainer`] trains it and [`images_through`] runs it. Implement
+/// it for your own architecture.
 ///
-/// Images are scaled by the largest magnitude that the net sees, and zero outside the mask, as in
-/// [`crate::Denoiser`].
+/// Images are divided by the largest magnitude among the inputs and zero outside the mask, as
+/// in [`crate::Denoiser`].
 ///
 /// # Example
 ///
@@ -90,18 +92,29 @@ use burn::tensor::Tensor;
 /// # Ok::<(), eit_denoise::DenoiseError>(())
 /// ```
 pub trait ImageNet: Module {
-    /// Frames oldest first, then the mask as zeros and ones, [example, history + 1, row, column], to
-    /// images [example, 1, row, column] of the same rows and columns.
+    /// Maps inputs [example, input, row, column] to images [example, 1, row, column]. Inputs, in this
+    /// order: the images of each of the last frames, oldest frame first; the conditions of the last frame,
+    /// each a plane of one value inside the mask and zero outside; the mask as zeros and ones.
     fn forward(&self, inputs: Tensor<4>) -> Tensor<4>;
 
-    /// Last frames that it sees, the present one included: from 1.
+    /// Images per frame: the raw one, then those of [`crate::Beside`]. Default: 1.
+    fn images(&self) -> usize {
+        1
+    }
+
+    /// Conditions per frame ([`crate::Beside`]). Default: 0.
+    fn conditions(&self) -> usize {
+        0
+    }
+
+    /// Number of last frames that it sees, including the present one: at least 1.
     fn history(&self) -> usize;
 
-    /// Rows and columns are filled up with zeros to a multiple of it.
+    /// Rows and columns are padded with zeros to a multiple of this. Default: 1.
     fn multiple(&self) -> usize {
         1
     }
 
-    /// Architecture and size in words: a checkpoint of another name is refused.
+    /// Architecture and size in words. A checkpoint of a net with another name is rejected.
     fn name(&self) -> String;
 }

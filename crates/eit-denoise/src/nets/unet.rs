@@ -1,5 +1,5 @@
-//! The U-net as a module of burn: the same layers, in the same order and with the same names in
-//! files, as the one that runs on frames ([`crate::Denoiser`]).
+//! The U-net as a burn module, with the same layers in the same order and the same names in files as
+//! the allocation-free [`crate::Denoiser`].
 
 use super::ImageNet;
 use crate::unet::Convolution;
@@ -15,36 +15,47 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rand_distr::{Distribution as _, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// Biases before the first step.
+/// Initial biases.
 const FIRST_BIAS: f32 = 0.05;
 
-/// Size of a [`Unet`] and the seed of its first weights; [`UnetShape`] says what the sizes are.
+/// Size of a [`Unet`] and seed of its initial weights; see [`UnetShape`] for the sizes.
 #[derive(Config, Debug)]
 pub struct UnetConfig {
-    /// Last frames that it sees, the present one included: 1 to 16.
+    /// Number of last frames that it sees, including the present one: 1 to 16.
     pub history: usize,
     /// Channels of the first level: 1 to 128.
     pub width: usize,
-    /// Times that pixels are halved: 1 to 6.
+    /// Number of times that rows and columns are halved: 1 to 6.
     pub depth: usize,
-    /// Where the first weights come from.
+    /// Seed of the initial weights.
     #[config(default = 1)]
     pub seed: u64,
+    /// Images per frame: 1 to 4.
+    #[config(default = 1)]
+    pub images: usize,
+    /// Numbers per frame that condition the net: 0 to 4.
+    #[config(default = 0)]
+    pub conditions: usize,
+    /// Side of the blocks of pixels that become channels: 1 or 2.
+    #[config(default = 1)]
+    pub fold: usize,
 }
 
 impl From<UnetShape> for UnetConfig {
-    fn from(UnetShape { history, width, depth }: UnetShape) -> Self {
-        Self::new(history, width, depth)
+    fn from(shape: UnetShape) -> Self {
+        let UnetShape { history, width, depth, images, conditions, fold } = shape;
+        Self { images, conditions, fold, ..Self::new(history, width, depth) }
     }
 }
 
 impl UnetConfig {
-    /// The size without the seed.
+    /// Returns the size without the seed.
     pub fn shape(&self) -> UnetShape {
-        UnetShape { history: self.history, width: self.width, depth: self.depth }
+        let Self { history, width, depth, images, conditions, fold, .. } = *self;
+        UnetShape { history, width, depth, images, conditions, fold }
     }
 
-    /// A net that has learnt nothing yet. The same seed gives the same bits on any device.
+    /// Initialises an untrained net. The same seed gives the same bits on any device.
     ///
     /// # Errors
     /// Those of [`UnetShape::validate`].
@@ -59,7 +70,7 @@ impl UnetConfig {
         Unet::of_convolutions(shape, &mut made)
     }
 
-    /// A net of zeros, to be loaded.
+    /// A net of zeros, for loading.
     pub(super) fn zeros(&self, device: &Device) -> Result<Unet, DenoiseError> {
         let shape = self.shape();
         shape.validate()?;
@@ -71,10 +82,10 @@ impl UnetConfig {
     }
 }
 
-/// He's normal weights (He, Zhang, Ren and Sun, ICCV 2015), the weights of each channel less their
-/// mean. Inputs of a channel are positive parts, so that most of what it sees is their mean: a channel
-/// that happens to weigh it negatively would be zero on nearly the whole skin, and with few channels
-/// soon all of them, from where no derivative leads back. Small positive biases serve the same end.
+/// Normal weights of He, Zhang, Ren and Sun (ICCV 2015), minus the mean over each channel. Inputs of a
+/// channel come from ReLUs and have a positive mean: a channel that weighs the mean negatively would be zero on
+/// nearly the whole skin, where its gradient is zero, and with few channels soon all of them would be.
+/// Small positive biases serve the same purpose.
 fn first_weights(c: Convolution, random: &mut Pcg64) -> Vec<f32> {
     let of_channel = c.inputs * c.side * c.side;
     let std = (2.0 / of_channel as f64).sqrt();
@@ -88,7 +99,7 @@ fn first_weights(c: Convolution, random: &mut Pcg64) -> Vec<f32> {
     weights
 }
 
-/// A convolution with equal padding.
+/// A convolution that keeps the size of its inputs.
 fn convolution(c: Convolution, weights: Vec<f32>, biases: Vec<f32>, device: &Device) -> Conv2d {
     let reach = c.side / 2;
     let layer = Conv2dConfig::new([c.inputs, c.outputs], [c.side; 2])
@@ -104,14 +115,13 @@ fn convolution(c: Convolution, weights: Vec<f32>, biases: Vec<f32>, device: &Dev
     }
 }
 
-/// The U-net of [`UnetShape`] as a module of burn; made by [`UnetConfig::init`], or from weights
-/// ([`Unet::from_bytes`]).
+/// The U-net of [`UnetShape`] as a burn module, made by [`UnetConfig::init`] or [`Unet::from_bytes`].
 #[derive(Module, Debug)]
 pub struct Unet {
-    /// Pairs of the levels on the way down, the largest images first.
+    /// Pairs of convolutions on the way down, the largest images first.
     down: Vec<[Conv2d; 2]>,
     bottom: [Conv2d; 2],
-    /// Pairs of the levels on the way up, by level as in `down`: the last one runs first.
+    /// Pairs of convolutions on the way up, by level as in `down`: the last one runs first.
     up: Vec<[Conv2d; 2]>,
     head: Conv2d,
     #[module(skip)]
@@ -119,7 +129,7 @@ pub struct Unet {
 }
 
 impl Unet {
-    /// From all convolutions in the order in which they run.
+    /// Builds the net from its convolutions in the order in which they run.
     fn of_convolutions(
         shape: UnetShape,
         list: &mut dyn Iterator<Item = Conv2d>,
@@ -139,20 +149,45 @@ impl Unet {
         Ok(Self { down, bottom, up, head: next()?, shape })
     }
 
-    /// Its size.
+    /// Returns its size.
     pub fn shape(&self) -> UnetShape {
         self.shape
     }
 }
 
-/// Two convolutions, each followed by the positive part.
+/// Two convolutions, each followed by a ReLU.
 fn through([first, second]: &[Conv2d; 2], x: Tensor<4>) -> Tensor<4> {
     relu(second.forward(relu(first.forward(x))))
 }
 
+/// Blocks of `fold` x `fold` pixels as channels: channel `(k fold + y) fold + x` holds pixel `[y, x]` of
+/// each block of channel `k`.
+fn folded(x: Tensor<4>, fold: usize) -> Tensor<4> {
+    if fold == 1 {
+        return x;
+    }
+    let [examples, channels, rows, columns] = x.dims();
+    let [rows, columns] = [rows / fold, columns / fold];
+    x.reshape([examples, channels, rows, fold, columns, fold])
+        .permute([0, 1, 3, 5, 2, 4])
+        .reshape([examples, channels * fold * fold, rows, columns])
+}
+
+/// The inverse of [`folded`].
+fn unfolded(x: Tensor<4>, fold: usize) -> Tensor<4> {
+    if fold == 1 {
+        return x;
+    }
+    let [examples, channels, rows, columns] = x.dims();
+    let channels = channels / (fold * fold);
+    x.reshape([examples, channels, fold, fold, rows, columns])
+        .permute([0, 1, 4, 2, 5, 3])
+        .reshape([examples, channels, rows * fold, columns * fold])
+}
+
 impl ImageNet for Unet {
     fn forward(&self, inputs: Tensor<4>) -> Tensor<4> {
-        let mut now = inputs;
+        let mut now = folded(inputs, self.shape.fold);
         let mut skips = Vec::with_capacity(self.down.len());
         for pair in &self.down {
             now = through(pair, now);
@@ -165,7 +200,15 @@ impl ImageNet for Unet {
             let doubled = interpolate(now, twice.with_scale_factor([2.0, 2.0]));
             now = through(pair, Tensor::cat(vec![skip, doubled], 1));
         }
-        self.head.forward(now)
+        unfolded(self.head.forward(now), self.shape.fold)
+    }
+
+    fn images(&self) -> usize {
+        self.shape.images
+    }
+
+    fn conditions(&self) -> usize {
+        self.shape.conditions
     }
 
     fn history(&self) -> usize {
@@ -173,11 +216,14 @@ impl ImageNet for Unet {
     }
 
     fn multiple(&self) -> usize {
-        1 << self.shape.depth
+        self.shape.multiple()
     }
 
     fn name(&self) -> String {
-        let UnetShape { history, width, depth } = self.shape;
-        format!("U-net, history {history}, width {width}, depth {depth}")
+        let UnetShape { history, width, depth, images, conditions, fold } = self.shape;
+        format!(
+            "U-net, history {history}, width {width}, depth {depth}, images {images}, conditions \
+             {conditions}, fold {fold}"
+        )
     }
 }

@@ -12,13 +12,13 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Format that is written; others are refused. The first was that of a training without burn.
+/// Format version; others are rejected. Version 1 belonged to the training before burn.
 const VERSION: u32 = 2;
 const KEY: &str = "training";
 /// Names of the records.
 const NAMES: [&str; 3] = ["net", "best", "optimiser"];
 
-/// All that is not a record; numbers as JSON, which gives `f64` back exactly.
+/// Everything that is not a record; `f64` values survive JSON exactly.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State {
@@ -37,7 +37,7 @@ struct State {
     crc32: [u32; 3],
 }
 
-/// The format's version alone: other versions have other fields.
+/// The version alone: other versions have other fields.
 #[derive(Deserialize)]
 struct Version {
     version: u32,
@@ -48,8 +48,8 @@ fn record(error: RecordError) -> DenoiseError {
 }
 
 impl<N: ImageNet> Trainer<N> {
-    /// Writes a checkpoint beside its place and renames it: a kill at any time leaves the one
-    /// before.
+    /// Writes a checkpoint to a temporary file and renames it, so that a kill at any time leaves the
+    /// previous one.
     ///
     /// # Errors
     /// [`DenoiseError::Io`], [`DenoiseError::Burn`].
@@ -85,8 +85,8 @@ impl<N: ImageNet> Trainer<N> {
         write_whole(path, &file)
     }
 
-    /// Goes on from a checkpoint of a net of the same name, the same settings and learning base,
-    /// whichever device made it. The weights of `net` do not matter, its device does.
+    /// Resumes from a checkpoint of a net of the same name with the same settings and learning base,
+    /// whatever device wrote it. Training continues on the device of `net`; its weights are replaced.
     ///
     /// # Errors
     /// [`DenoiseError::Io`], [`DenoiseError::InFile`] for a damaged file,

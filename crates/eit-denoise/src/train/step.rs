@@ -1,4 +1,4 @@
-//! Errors of a batch and their derivatives, shared out to threads.
+//! Errors of a batch and their gradients, distributed over threads.
 
 use crate::examples::Turned;
 use crate::nets::{device_of, padded, read, same_shape};
@@ -6,30 +6,31 @@ use crate::{DenoiseError, Examples, ImageNet};
 use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// Examples that a thread of the processor takes at once. Fixed, so that sums do not depend on the
-/// number of threads. Not fewer: burn-flex 0.22 derives by the weights of a convolution through one
+/// Examples per part on the processor. Fixed, so that sums do not depend on the number of threads. Not
+/// fewer: burn-flex 0.22 computes the gradient of a convolution's weights by a convolution
 /// whose channels are the examples, and takes a slow path for up to four (a step of 16 images takes
 /// twice as long in parts of 1, 2 or 4 as in parts of 8 or 16).
 const AT_ONCE: usize = 8;
-/// Examples that go through the net at once where no derivative is wanted.
+/// Examples per part without gradients.
 const AT_ONCE_FORWARD: usize = 16;
 
-/// What a step of [`crate::Trainer`] gives its optimiser; for loops of one's own too.
+/// Error and gradients of a batch: what a step of [`crate::Trainer`] passes to its optimiser. Usable in
+/// custom training loops.
 #[derive(Debug)]
 pub struct TrainStep {
     /// Sum of the examples' errors.
     pub errors: f64,
-    /// Derivatives of their mean.
+    /// Gradients of their mean.
     pub gradients: GradientsParams,
 }
 
-/// Weighted mean squared error of each example over its masked pixels, one value an example: what
-/// [`crate::Trainer`] takes the mean of. Index `k + n t` of `n` examples is the `k`-th in its `t`-th
-/// turn ([`Examples::augmented`]).
+/// Returns the weighted mean squared error of each example over its masked pixels. [`crate::Trainer`]
+/// minimises their mean. Index `k + n t` of `n` examples is the `k`-th under the `t`-th
+/// symmetry ([`Examples::augmented`]).
 ///
 /// # Errors
-/// [`DenoiseError::NothingToLearn`] for no example; [`DenoiseError::OutOfRange`] for one that is not
-/// there; [`DenoiseError::WrongLength`] for examples with another number of frames;
+/// [`DenoiseError::NothingToLearn`] for an empty batch; [`DenoiseError::OutOfRange`] for an unknown
+/// index; [`DenoiseError::WrongLength`] for examples with other inputs than the net's;
 /// [`DenoiseError::NetShape`], [`DenoiseError::Burn`].
 pub fn weighted_errors<N: ImageNet>(
     net: &N,
@@ -40,7 +41,7 @@ pub fn weighted_errors<N: ImageNet>(
     errors(net, examples, batch, &device_of(net)?)
 }
 
-/// Refuses what is no batch of these examples.
+/// Rejects an empty batch and unknown indices.
 fn check_batch<N: ImageNet>(
     net: &N,
     examples: &Examples,
@@ -57,16 +58,20 @@ fn check_batch<N: ImageNet>(
     check(net, examples)
 }
 
-/// Refuses examples with another number of frames.
+/// Rejects examples with another number of frames, images or conditions.
 fn check<N: ImageNet>(net: &N, examples: &Examples) -> Result<(), DenoiseError> {
-    let (found, wanted) = (examples.history(), net.history());
-    if found != wanted {
-        return Err(DenoiseError::WrongLength { what: "frames an example", found, wanted });
+    let counts = [
+        ("frames an example", examples.history(), net.history()),
+        ("images per frame", examples.images(), net.images()),
+        ("conditions per frame", examples.conditions(), net.conditions()),
+    ];
+    match counts.into_iter().find(|(_, found, wanted)| found != wanted) {
+        Some((what, found, wanted)) => Err(DenoiseError::WrongLength { what, found, wanted }),
+        None => Ok(()),
     }
-    Ok(())
 }
 
-/// [`weighted_errors`] of what has been checked.
+/// [`weighted_errors`] of a batch that has been checked.
 fn errors<N: ImageNet>(
     net: &N,
     examples: &Examples,
@@ -83,9 +88,14 @@ fn errors<N: ImageNet>(
     for &k in batch {
         let example = examples.get(k, &mut turned);
         weights.push(example.weight / pixels);
-        for plane in example.frames.chunks_exact(inside.len()).chain([inside.as_slice()]) {
+        for plane in example.frames.chunks_exact(inside.len()) {
             padded(plane, width, size, &mut inputs);
         }
+        for condition in example.conditions {
+            let plane: Vec<f32> = inside.iter().map(|m| m * condition).collect();
+            padded(&plane, width, size, &mut inputs);
+        }
+        padded(&inside, width, size, &mut inputs);
         padded(example.wanted, width, size, &mut wanted);
     }
     let count = batch.len();
@@ -93,7 +103,8 @@ fn errors<N: ImageNet>(
         let data = TensorData::new(values, [count, channels, rows, columns]);
         Tensor::<4>::from_data(data, device)
     };
-    let made = net.forward(on_device(inputs, count, net.history() + 1));
+    let planes = net.history() * net.images() + net.conditions() + 1;
+    let made = net.forward(on_device(inputs, count, planes));
     same_shape(&made, [count, 1, rows, columns])?;
     let off = (made - on_device(wanted, count, 1)) * on_device(mask, 1, 1);
     let squares = (off.clone() * off).sum_dims_squeeze::<1, _>(&[1, 2, 3]);
@@ -101,11 +112,11 @@ fn errors<N: ImageNet>(
 }
 
 impl TrainStep {
-    /// Errors and derivatives of a batch, counted as [`weighted_errors`] counts, on so many threads:
-    /// on the processor parts of a fixed size, whose derivatives are added in order.
+    /// Computes errors and gradients of a batch, indexed as in [`weighted_errors`], on `threads` threads.
+    /// On the processor the batch is split into parts of a fixed size whose gradients are added in order.
     ///
     /// # Errors
-    /// Those of [`weighted_errors`]; [`DenoiseError::OutOfRange`] for no thread,
+    /// Those of [`weighted_errors`]; [`DenoiseError::OutOfRange`] for 0 threads,
     /// [`DenoiseError::Burn`] for a net on a device without automatic differentiation.
     pub fn of<N: ImageNet>(
         net: &N,
@@ -129,7 +140,7 @@ impl TrainStep {
         };
         let made = shared_out(net, &device, batch, AT_ONCE, threads, &derive)?;
         let (mut sum, mut total) = (0.0, GradientsAccumulator::new());
-        // in the order of the examples, whichever thread had them
+        // in the order of the examples, whichever thread computed them
         for (errors, gradients) in made {
             sum += errors.iter().map(|e| f64::from(*e)).sum::<f64>();
             total.accumulate(net, gradients);
@@ -138,7 +149,7 @@ impl TrainStep {
     }
 }
 
-/// Mean error of all examples as they are.
+/// Mean error of all examples, without symmetries.
 pub(super) fn error<N: ImageNet>(
     net: &N,
     examples: &Examples,
@@ -152,9 +163,8 @@ pub(super) fn error<N: ImageNet>(
     Ok(made.iter().flatten().map(|e| f64::from(*e)).sum::<f64>() / all.len() as f64)
 }
 
-/// Cuts a batch into parts of so many examples, shares them out to threads, each with a copy of the
-/// net whose derivatives are its own, and gives the results in the order of the parts. A graphics
-/// processor gets the batch as one.
+/// Splits a batch into parts of `at_once` examples, distributes them over threads, each with its own copy
+/// of the net, and returns the results in the order of the parts. A graphics processor gets parts of 64.
 fn shared_out<N: ImageNet, T: Send, W>(
     net: &N,
     device: &Device,

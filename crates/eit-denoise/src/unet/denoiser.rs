@@ -1,33 +1,35 @@
 //! Images through a trained net, frame by frame, in memory that is reserved once.
 
+use super::kernel::Plane;
 use super::net::{Net, Run};
 use super::{UnetShape, Weights};
 use crate::{DenoiseError, ImageStack};
-use ndarray::{Array2, ArrayView2, ArrayViewMut2, Axis};
+use ndarray::{Array2, ArrayView2, ArrayView3, ArrayViewMut2, Axis};
 use pulp::Arch;
 use std::ops::Range;
 
 /// A U-net ready for the images of one skin.
 ///
-/// `D(x) = s N(x / s, mask)` with the net `N` and `s` the largest magnitude inside the mask over the
-/// frames that the net sees, so that scaling the images scales the result; images of zero give
-/// zero. Frames before the first count as zero, an untouched skin. Images are `f64` in any unit,
-/// the arithmetic is `f32`: the same bits for a stack and for its frames one by one, on every
-/// machine whose compiler fuses multiply and add alike.
+/// `D(x, c) = s N(x / s, c, mask)` with the net `N`, the conditions `c`, and `s` the largest
+/// magnitude inside the mask over the first images of all frames that the net sees. Other images are clamped
+/// to `-2 s` and `2 s`: where noise ruins one of them, the first still has its scale. Scaling the images
+/// scales the result. Where
+/// the first image of a frame is zero, its other images count as zero too; where all that the net sees is
+/// zero, so is the result: the net has biases and would not give zero by itself, so it does not run.
+/// Frames before the first count as zero, an untouched skin.
+/// Images are `f64` in any unit, the arithmetic is `f32`: the same bits for a stack and for its
+/// frames one by one, on every machine whose compiler fuses multiply and add alike.
 ///
-/// Nothing is allocated after [`Denoiser::new`].
-///
-/// The net alone would not give zero for zero: it has biases. `s N(x / s)` does, as its limit for
-/// small images, so the net does not run where all it would see is zero.
+/// Does not allocate after [`Denoiser::new`].
 #[derive(Debug, Clone)]
 pub struct Denoiser {
     net: Net,
     mask: Array2<bool>,
-    /// Last raw images inside the mask, oldest first, `[history][masked pixel]`.
+    /// Masked pixels of the last frames, oldest first, `[history][image][masked pixel]`.
     history: Vec<f64>,
-    /// Places of masked pixels in a plane.
+    /// Offsets of masked pixels in the planes of one input.
     places: Vec<usize>,
-    /// Masked pixels as runs of an image in memory.
+    /// Masked pixels as contiguous runs of an image in memory.
     runs: Vec<Range<usize>>,
     /// The history is zero.
     silent: bool,
@@ -35,19 +37,31 @@ pub struct Denoiser {
     arch: Arch,
 }
 
-/// What an image took.
+/// What a net sees of one frame.
+#[derive(Debug, Clone, Copy)]
+pub struct NetFrame<'a> {
+    /// Images [row, column], [`UnetShape::images`] of them, the one to be cleaned first.
+    pub images: &'a [ArrayView2<'a, f64>],
+    /// Conditions, [`UnetShape::conditions`] of them.
+    pub conditions: &'a [f64],
+}
+
+/// Largest magnitude of images other than the first, relative to the scale.
+pub(crate) const CLAMP: f32 = 2.0;
+
+/// How the image of a frame was computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum NetStatus {
     /// The net ran.
     Computed,
-    /// This image and those before it that the net sees are zero, and so is the result: the net did
-    /// not run.
+    /// The first image of this frame and of those before it that the net sees is zero, and so is the
+    /// result: the net did not run.
     Zero,
 }
 
 impl Denoiser {
-    /// Prepares a net for a skin with this mask [row, column]. Which skin it was trained on is the
-    /// caller's question: [`Weights::check_skin`].
+    /// Prepares a net for a skin with this mask [row, column]. The caller checks which skin it was
+    /// trained for ([`Weights::check_skin`]).
     ///
     /// # Errors
     /// [`DenoiseError::EmptyMask`]; those of [`Weights::validate`].
@@ -58,18 +72,15 @@ impl Denoiser {
             return Err(DenoiseError::EmptyMask { rows, columns });
         }
         let net = Net::new(weights, [rows, columns]);
-        let plane = net.levels[0].plane;
+        let (plane, shape) = (net.levels[0].plane, weights.shape);
         let masked = || mask.indexed_iter().filter(|(_, inside)| **inside).map(|(place, _)| place);
-        let places: Vec<usize> = masked().map(|(r, c)| plane.row(r) + c).collect();
-        let history = vec![0.0; weights.shape.history * places.len()];
+        let places: Vec<usize> = masked().map(|(r, c)| place(plane, shape.fold, r, c)).collect();
+        let history = vec![0.0; shape.history * shape.images * places.len()];
         let (mask, runs) = (mask.to_owned(), runs(mask));
         let (silent, pushed, arch) = (true, 0, Arch::new());
         let mut denoiser = Self { net, mask, history, places, runs, silent, pushed, arch };
-        // the last input never changes
-        let channel = weights.shape.history * plane.len();
-        for &place in &denoiser.places {
-            denoiser.net.levels[0].input[channel + place] = 1.0;
-        }
+        // the mask, which never changes, is the last input
+        denoiser.fill_input(shape.planes() - 1, 1.0);
         Ok(denoiser)
     }
 
@@ -85,66 +96,136 @@ impl Denoiser {
         self.pushed = 0;
     }
 
-    /// The next frame of a sequence: writes what the net makes of `image`, both [row, column], NaN
-    /// outside the mask. Outside, `image` is not looked at. A frame that is refused leaves the
-    /// sequence as it was. An image of zeros after such images alone costs one look at it.
+    /// [`Denoiser::push_frame_into`] for a net that sees one image per frame and no condition.
     ///
     /// # Errors
-    /// [`DenoiseError::ShapeMismatch`]; [`DenoiseError::NonFinitePixel`], frames counted since the
-    /// last reset; [`DenoiseError::ConstantImage`] where one value other than zero fills the skin.
+    /// Those of [`Denoiser::push_frame_into`].
     pub fn push_into(
         &mut self,
         image: ArrayView2<'_, f64>,
+        out: ArrayViewMut2<'_, f64>,
+    ) -> Result<NetStatus, DenoiseError> {
+        self.push_frame_into(NetFrame { images: &[image], conditions: &[] }, out)
+    }
+
+    /// Takes the next frame of a sequence and writes the cleaned image; images and `out` are
+    /// [row, column], `out` is NaN outside the mask. Pixels outside the mask are not read. A rejected
+    /// frame leaves the sequence as it was.
+    ///
+    /// # Errors
+    /// [`DenoiseError::WrongLength`] for another number of images or conditions;
+    /// [`DenoiseError::ShapeMismatch`]; [`DenoiseError::NonFinitePixel`], frames counted since the
+    /// last reset; [`DenoiseError::OutOfRange`] for a condition that is not finite;
+    /// [`DenoiseError::ConstantImage`] where one value other than zero fills the first image.
+    pub fn push_frame_into(
+        &mut self,
+        frame: NetFrame<'_>,
         mut out: ArrayViewMut2<'_, f64>,
     ) -> Result<NetStatus, DenoiseError> {
-        for found in [image.dim(), out.dim()] {
-            if found != self.mask.dim() {
-                let (images, mask) = ([found.0, found.1], [self.mask.nrows(), self.mask.ncols()]);
-                return Err(DenoiseError::ShapeMismatch { images, mask });
-            }
+        self.check_frame(&frame)?;
+        let sizes = frame.images.iter().map(|image| image.dim()).chain([out.dim()]);
+        if let Some(found) = sizes.into_iter().find(|found| *found != self.mask.dim()) {
+            let (images, mask) = ([found.0, found.1], [self.mask.nrows(), self.mask.ncols()]);
+            return Err(DenoiseError::ShapeMismatch { images, mask });
         }
-        if self.silent && self.is_zero(image) {
+        let is_zero = self.is_zero(frame.images[0]);
+        if self.silent && is_zero {
             self.pushed += 1;
             self.write_zero(out);
             return Ok(NetStatus::Zero);
         }
-        self.check(image)?;
-        let pixels = self.places.len();
-        self.history.copy_within(pixels.., 0);
-        let mut next = self.history.len() - pixels;
-        // plain loops: an iterator of zipped and filtered views took a fifth of a frame's time
-        for row in 0..image.nrows() {
-            for column in 0..image.ncols() {
-                if self.mask[[row, column]] {
-                    self.history[next] = image[[row, column]];
-                    next += 1;
-                }
-            }
-        }
+        frame.images.iter().try_for_each(|image| self.check_finite(*image))?;
+        self.check_constant(frame.images[0])?;
+        self.take(frame.images, is_zero);
         self.pushed += 1;
-        let scale = self.history.iter().fold(0.0_f64, |most, v| v.abs().max(most));
+        let Self { net, history, places, .. } = self;
+        let UnetShape { images, conditions, history: frames, fold, .. } = net.shape;
+        let firsts = history.chunks_exact(places.len()).step_by(images).flatten();
+        let scale = firsts.fold(0.0_f64, |most, v| v.abs().max(most));
         self.silent = scale == 0.0;
         if self.silent {
-            self.net.image.fill(0.0);
-        } else {
-            let Self { net, history, places, .. } = self;
-            let input = &mut net.levels[0];
-            let channels = input.input.chunks_exact_mut(input.plane.len());
-            for (channel, frame) in channels.zip(history.chunks_exact(pixels)) {
-                for (place, value) in places.iter().zip(frame) {
-                    channel[*place] = (value / scale) as f32;
+            self.write_zero(out);
+            return Ok(NetStatus::Zero);
+        }
+        let input = &mut net.levels[0];
+        let planes = input.input.chunks_exact_mut(fold * fold * input.plane.len());
+        for (k, (planes, image)) in planes.zip(history.chunks_exact(places.len())).enumerate() {
+            let most = if k % images == 0 { 1.0 } else { CLAMP };
+            for (place, value) in places.iter().zip(image) {
+                planes[*place] = ((value / scale) as f32).clamp(-most, most);
+            }
+        }
+        for (k, condition) in frame.conditions.iter().enumerate().take(conditions) {
+            self.fill_input(frames * images + k, *condition as f32);
+        }
+        self.arch.dispatch(Run(&mut self.net));
+        let (plane, image) = (self.net.levels[0].plane, &self.net.image);
+        out.fill(f64::NAN);
+        if fold == 1 {
+            for ((row, mut out), mask) in out.outer_iter_mut().enumerate().zip(self.mask.rows()) {
+                let values = &image[plane.row(row)..];
+                for ((out, value), inside) in out.iter_mut().zip(values).zip(mask) {
+                    *out = if *inside { scale * f64::from(*value) } else { f64::NAN };
                 }
             }
-            self.arch.dispatch(Run(net));
+            return Ok(NetStatus::Computed);
         }
-        let plane = self.net.levels[0].plane;
-        for ((row, mut out), mask) in out.outer_iter_mut().enumerate().zip(self.mask.outer_iter()) {
-            let values = &self.net.image[plane.row(row)..];
-            for ((out, value), inside) in out.iter_mut().zip(values).zip(mask) {
-                *out = if *inside { scale * f64::from(*value) } else { f64::NAN };
+        let masked = out.iter_mut().zip(&self.mask).filter(|(_, inside)| **inside);
+        for ((out, _), place) in masked.zip(&self.places) {
+            *out = scale * f64::from(image[*place]);
+        }
+        Ok(NetStatus::Computed)
+    }
+
+    /// Fills an input with one value inside the mask.
+    fn fill_input(&mut self, input: usize, value: f32) {
+        let level = &mut self.net.levels[0];
+        let fold = self.net.shape.fold;
+        let first = input * fold * fold * level.plane.len();
+        for place in &self.places {
+            level.input[first + place] = value;
+        }
+    }
+
+    /// Appends the images of a frame to the history; zeros where the first of them is zero.
+    fn take(&mut self, images: &[ArrayView2<'_, f64>], is_zero: bool) {
+        let Self { history, mask, places, .. } = self;
+        let of_frame = images.len() * places.len();
+        history.copy_within(of_frame.., 0);
+        let mut next = history.len() - of_frame;
+        if is_zero {
+            return history[next..].fill(0.0);
+        }
+        for image in images {
+            // plain loops: an iterator of zipped and filtered views took a fifth of a frame's time
+            for row in 0..image.nrows() {
+                for column in 0..image.ncols() {
+                    if mask[[row, column]] {
+                        history[next] = image[[row, column]];
+                        next += 1;
+                    }
+                }
             }
         }
-        Ok(if self.silent { NetStatus::Zero } else { NetStatus::Computed })
+    }
+
+    /// Rejects another number of images or conditions, and conditions that are not finite.
+    fn check_frame(&self, frame: &NetFrame<'_>) -> Result<(), DenoiseError> {
+        let UnetShape { images, conditions, .. } = self.net.shape;
+        for (what, found, wanted) in [
+            ("images per frame", frame.images.len(), images),
+            ("conditions per frame", frame.conditions.len(), conditions),
+        ] {
+            if found != wanted {
+                return Err(DenoiseError::WrongLength { what, found, wanted });
+            }
+        }
+        match frame.conditions.iter().find(|value| !value.is_finite()) {
+            Some(&value) => {
+                Err(DenoiseError::OutOfRange { quantity: "a condition", value, must: "finite" })
+            }
+            None => Ok(()),
+        }
     }
 
     /// Whether all masked pixels are zero. Left at the first run that is not; a run without a branch
@@ -171,16 +252,21 @@ impl Denoiser {
         }
     }
 
-    fn check(&self, image: ArrayView2<'_, f64>) -> Result<(), DenoiseError> {
-        let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
-        for ((row, column), &value) in image.indexed_iter() {
-            if self.mask[[row, column]] {
-                if !value.is_finite() {
-                    let frame = self.pushed;
-                    return Err(DenoiseError::NonFinitePixel { frame, row, column, value });
-                }
-                (least, most) = (least.min(value), most.max(value));
+    fn check_finite(&self, image: ArrayView2<'_, f64>) -> Result<(), DenoiseError> {
+        let bad = image.indexed_iter().find(|(at, value)| self.mask[*at] && !value.is_finite());
+        match bad {
+            Some(((row, column), &value)) => {
+                let frame = self.pushed;
+                Err(DenoiseError::NonFinitePixel { frame, row, column, value })
             }
+            None => Ok(()),
+        }
+    }
+
+    fn check_constant(&self, image: ArrayView2<'_, f64>) -> Result<(), DenoiseError> {
+        let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+        for (value, _) in image.iter().zip(&self.mask).filter(|(_, inside)| **inside) {
+            (least, most) = (least.min(*value), most.max(*value));
         }
         if least == most && most != 0.0 && self.places.len() > 1 {
             return Err(DenoiseError::ConstantImage { value: most }.in_frame(self.pushed));
@@ -188,12 +274,27 @@ impl Denoiser {
         Ok(())
     }
 
-    /// A whole sequence from its start: the same bits as frame by frame.
+    /// Cleans a whole sequence from its start with a net that sees one image per frame; the same
+    /// bits as frame by frame.
     ///
     /// # Errors
-    /// Those of [`Denoiser::push_into`]; [`DenoiseError::MaskMismatch`] for the images of another
-    /// skin.
+    /// Those of [`Denoiser::denoise_with`].
     pub fn denoise(&mut self, raw: &ImageStack) -> Result<ImageStack, DenoiseError> {
+        self.denoise_with(raw, &[], None)
+    }
+
+    /// Cleans a whole sequence from its start: `raw` images, the `others` that the net sees beside
+    /// them, each [frame, row, column], and `conditions` [frame, condition], `None` for none.
+    ///
+    /// # Errors
+    /// Those of [`Denoiser::push_frame_into`]; [`DenoiseError::MaskMismatch`] for the images of
+    /// another skin; [`DenoiseError::WrongLength`] for inputs of other lengths.
+    pub fn denoise_with(
+        &mut self,
+        raw: &ImageStack,
+        others: &[ArrayView3<'_, f64>],
+        conditions: Option<ArrayView2<'_, f64>>,
+    ) -> Result<ImageStack, DenoiseError> {
         if raw.mask() != self.mask {
             let differing = match raw.mask().dim() == self.mask.dim() {
                 true => raw.mask().iter().zip(&self.mask).filter(|(a, b)| a != b).count(),
@@ -201,13 +302,32 @@ impl Denoiser {
             };
             return Err(DenoiseError::MaskMismatch { differing, pixels: self.mask.len() });
         }
+        let wanted = raw.frames();
+        let lengths = others.iter().map(|images| ("other images", images.dim().0));
+        for (what, found) in lengths.chain(conditions.map(|c| ("frames of conditions", c.nrows())))
+        {
+            if found != wanted {
+                return Err(DenoiseError::WrongLength { what, found, wanted });
+            }
+        }
         self.reset();
         let mut values = raw.values().to_owned();
-        for (image, out) in raw.iter().zip(values.axis_iter_mut(Axis(0))) {
-            self.push_into(image, out)?;
+        let mut images = Vec::with_capacity(1 + others.len());
+        for (frame, out) in values.outer_iter_mut().enumerate() {
+            images.clear();
+            images.push(raw.frame(frame)?);
+            images.extend(others.iter().map(|o| o.index_axis_move(Axis(0), frame)));
+            let of_frame = conditions.map_or(Vec::new(), |all| all.row(frame).to_vec());
+            self.push_frame_into(NetFrame { images: &images, conditions: &of_frame }, out)?;
         }
         ImageStack::new(values, self.mask.clone())
     }
+}
+
+/// Offset of a pixel in the planes of one input: each place in a block has a plane.
+fn place(plane: Plane, fold: usize, row: usize, column: usize) -> usize {
+    let block = (row % fold) * fold + column % fold;
+    block * plane.len() + plane.row(row / fold) + column / fold
 }
 
 /// Runs of masked pixels, row by row.

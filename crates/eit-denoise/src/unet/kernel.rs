@@ -1,13 +1,13 @@
-//! Convolutions on planes of padded rows. Everything here is `inline(always)`, so that it is
-//! compiled for the widest registers of the machine inside `pulp`'s dispatch (see `net`). Long
-//! because all operations of the net share one layout:
+//! Convolutions on planes of padded rows. Everything here is `inline(always)`, so that `pulp`'s dispatch
+//! (see `net`) compiles it for the widest registers of the machine. One file because all operations of
+//! the net share one layout:
 //!
 //! A plane has a border of zeros: `rows + 2` rows of `stride = lanes(columns) + 2` values, pixel
-//! `(r, c)` at `(r + 1) * stride + c + 1`. Lanes behind the last column are zero too, so that no
-//! kernel asks where an image ends.
+//! `(r, c)` at `(r + 1) * stride + c + 1`. Lanes behind the last column are zero too, so that kernels
+//! need no tests at the boundary.
 //!
-//! Four outputs of 16 pixels are 8 of the 16 registers of 256 bits: enough sums to hide the latency
-//! of an addition, and each weight and each pixel that is loaded serves several.
+//! Four outputs of 16 pixels take 8 of the 16 registers of 256 bits: enough independent sums to hide the
+//! latency of an addition, and each loaded weight and pixel is used several times.
 //!
 //! Distance from the floor: a net of width 6 and depth 3 takes 23.7 million multiply-adds for 64 x
 //! 64 pixels, 26 million with the idle outputs of groups; two instructions of eight a cycle would be
@@ -16,7 +16,7 @@
 //! instructions). Six outputs to a group leave none idle in this net, and took 5.2 million: 12 sums
 //! and what feeds them do not fit the registers that the compiler leaves.
 
-/// Pixels that are handled together at least; rows are padded to a multiple of it.
+/// Smallest number of pixels processed together; rows are padded to a multiple of it.
 const LANES: usize = 8;
 /// Outputs of a group.
 pub(super) const GROUP: usize = 4;
@@ -29,22 +29,22 @@ pub(super) struct Plane {
 }
 
 impl Plane {
-    /// Columns with the lanes behind them.
+    /// Columns including the lanes behind them.
     fn width(self) -> usize {
         self.columns.next_multiple_of(LANES)
     }
 
-    /// From row to row.
+    /// Distance between rows.
     pub fn stride(self) -> usize {
         self.width() + 2
     }
 
-    /// Values of a plane.
+    /// Number of values of a plane.
     pub fn len(self) -> usize {
         (self.rows + 2) * self.stride()
     }
 
-    /// Where a row's first pixel stands.
+    /// Offset of a row's first pixel.
     pub fn row(self, row: usize) -> usize {
         (row + 1) * self.stride() + 1
     }

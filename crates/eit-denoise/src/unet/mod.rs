@@ -1,4 +1,4 @@
-//! The U-net: its size, its weights in files, and images through it.
+//! The U-net: its size, its weights and its allocation-free inference.
 
 mod denoiser;
 mod kernel;
@@ -6,7 +6,9 @@ mod net;
 mod shape;
 mod weights;
 
-pub use denoiser::{Denoiser, NetStatus};
+#[cfg(any(feature = "base", feature = "burn"))]
+pub(crate) use denoiser::CLAMP;
+pub use denoiser::{Denoiser, NetFrame, NetStatus};
 #[cfg(feature = "burn")]
 pub(crate) use shape::Convolution;
 pub use shape::UnetShape;

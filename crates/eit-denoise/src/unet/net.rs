@@ -1,4 +1,4 @@
-//! Convolutions of a net, the planes between them, and one image through them.
+//! Convolutions of a net, the planes between them, and one pass through them.
 
 use super::kernel::{Packed, Plane, double, halve};
 use super::{UnetShape, Weights};
@@ -9,9 +9,11 @@ use pulp::{Simd, WithSimd};
 pub(super) struct Net {
     pub(super) shape: UnetShape,
     convolutions: Vec<Packed>,
+    /// Weights of the last convolution, [output, channel].
     head: Vec<f32>,
-    head_bias: f32,
+    head_biases: Vec<f32>,
     pub(super) levels: Vec<Level>,
+    /// Planes of the result, one for each place in a block of folded pixels.
     pub(super) image: Vec<f32>,
 }
 
@@ -20,19 +22,19 @@ pub(super) struct Net {
 pub(super) struct Level {
     pub(super) plane: Plane,
     pub(super) input: Vec<f32>,
-    /// Between two convolutions.
+    /// Between the two convolutions of the level.
     middle: Vec<f32>,
     /// The level's own channels, then those from below.
     joined: Vec<f32>,
-    /// What goes up.
+    /// Result of the level.
     output: Vec<f32>,
 }
 
 impl Net {
-    /// Packs valid weights and reserves all planes.
+    /// Packs valid weights and allocates all planes.
     pub(super) fn new(weights: &Weights, size: [usize; 2]) -> Self {
         let shape = weights.shape;
-        let [rows, columns] = shape.padded(size);
+        let [rows, columns] = shape.first_level(size);
         let plane = |level: usize| Plane { rows: rows >> level, columns: columns >> level };
         let planes = |level: usize, channels: usize| vec![0.0; channels * plane(level).len()];
         let level = |level: usize| {
@@ -48,23 +50,24 @@ impl Net {
             }
         };
         let mut convolutions = Vec::new();
-        let (mut head, mut head_bias) = (Vec::new(), 0.0);
+        let (mut head, mut head_biases) = (Vec::new(), Vec::new());
         let mut rest = weights.parameters.as_slice();
         for convolution in shape.convolutions() {
             let (own, others) = rest.split_at(convolution.weights());
             let (biases, others) = others.split_at(convolution.outputs);
             rest = others;
             match convolution.side {
-                1 => (head, head_bias) = (own.to_vec(), biases.iter().sum()),
+                1 => (head, head_biases) = (own.to_vec(), biases.to_vec()),
                 _ => convolutions.push(Packed::new(own, biases, convolution.inputs)),
             }
         }
         let levels = (0..=shape.depth).map(level).collect();
-        Self { shape, convolutions, head, head_bias, levels, image: planes(0, 1) }
+        let image = planes(0, shape.outputs());
+        Self { shape, convolutions, head, head_biases, levels, image }
     }
 }
 
-/// One image through the net.
+/// One pass through the net.
 pub(super) struct Run<'a>(pub(super) &'a mut Net);
 
 impl WithSimd for Run<'_> {
@@ -72,7 +75,7 @@ impl WithSimd for Run<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Net { shape, convolutions, head, head_bias, levels, image } = self.0;
+        let Net { shape, convolutions, head, head_biases, levels, image } = self.0;
         let mut next = convolutions.chunks_exact(2);
         for level in 0..=shape.depth {
             let Some([first, second]) = next.next() else { return };
@@ -96,10 +99,14 @@ impl WithSimd for Run<'_> {
             second.run(here.plane, &here.middle, &mut here.output);
         }
         let top = &levels[0];
-        image.fill(*head_bias);
-        for (weight, plane) in head.iter().zip(top.output.chunks_exact(top.plane.len())) {
-            for (sum, value) in image.iter_mut().zip(plane) {
-                *sum = weight.mul_add(*value, *sum);
+        let outputs = image.chunks_exact_mut(top.plane.len());
+        let heads = head.chunks_exact(shape.channels(0)).zip(head_biases);
+        for (output, (head, bias)) in outputs.zip(heads) {
+            output.fill(*bias);
+            for (weight, plane) in head.iter().zip(top.output.chunks_exact(top.plane.len())) {
+                for (sum, value) in output.iter_mut().zip(plane) {
+                    *sum = weight.mul_add(*value, *sum);
+                }
             }
         }
     }

@@ -1,31 +1,42 @@
-//! What a U-net looks like, and in which order its numbers stand.
+//! Sizes of a U-net and the order of its parameters.
 
 use crate::DenoiseError;
 
-/// Size of a U-net (Ronneberger, Fischer and Brox, MICCAI 2015), with equal padding, so that images
+/// Size of a U-net (Ronneberger, Fischer and Brox, MICCAI 2015) with equal padding, so that images
 /// keep their size, and up-sampling by repetition.
 ///
-/// Level `l` from 0 has `width * 2^l` channels and half the pixels of the level before: two 3 x 3
-/// convolutions, each followed by the positive part, on the way down, then 2 x 2 maxima; on the way
+/// Inputs, in this order: for each of the last `history` frames, oldest first, its `images`; then
+/// `conditions` planes, each filled with one number of the present frame; then the mask. With a `fold`
+/// of 2 each plane of inputs becomes four planes of half the rows and columns (one for each place in
+/// a block of 2 x 2 pixels), and the net's four outputs become one image in the same way
+/// (sub-pixel convolution: Shi et al., CVPR 2016). All convolutions then run on a quarter of the pixels,
+/// so that twice the width costs the same.
+///
+/// Level `l`, from 0, has `width * 2^l` channels and half the rows and columns of the level before:
+/// two 3 x 3 convolutions, each followed by a ReLU, on the way down, then 2 x 2 maxima; on the way
 /// up, values repeated 2 x 2 behind the channels of the same level on the way down, and two
-/// convolutions again. A 1 x 1 convolution makes the image. Its inputs are `history` frames, oldest
-/// first, and the mask.
+/// convolutions again. A 1 x 1 convolution makes the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UnetShape {
-    /// Last frames that it sees, the present one included: 1 to 16.
+    /// Number of last frames that the net sees, the present one included: 1 to 16.
     pub history: usize,
     /// Channels of the first level: 1 to 128. The paper's net has 64.
     pub width: usize,
-    /// Times that pixels are halved: 1 to 6. The paper's net has 4.
+    /// Number of times that rows and columns are halved: 1 to 6. The paper's net has 4.
     pub depth: usize,
+    /// Images per frame: 1 to 4. The first is the one to be cleaned; the others are further
+    /// reconstructions of the same measurements.
+    pub images: usize,
+    /// Numbers per frame that condition the net, such as its signal-to-noise ratio: 0 to 4.
+    pub conditions: usize,
+    /// Side of the blocks of pixels that become channels: 1 (none) or 2.
+    pub fold: usize,
 }
 
 impl Default for UnetShape {
-    /// One frame, 4 channels, 3 halvings: 31 thousand weights, 11 million multiplications at 64 x 64.
-    /// Over their first five epochs nets of 8 channels, or with three frames, were no better on
-    /// the simulated fabric.
+    /// [`UnetShape::ONE_IMAGE`].
     fn default() -> Self {
-        Self { history: 1, width: 4, depth: 3 }
+        Self::ONE_IMAGE
     }
 }
 
@@ -46,17 +57,25 @@ impl Convolution {
 }
 
 impl UnetShape {
-    /// Refuses sizes beyond those documented.
+    /// One frame, one image, 4 channels, 3 halvings: 31 thousand weights, 11 million multiplications at
+    /// 64 x 64.
+    pub const ONE_IMAGE: Self =
+        Self { history: 1, width: 4, depth: 3, images: 1, conditions: 0, fold: 1 };
+
+    /// Rejects sizes outside the documented ranges.
     ///
     /// # Errors
     /// [`DenoiseError::OutOfRange`].
     pub fn validate(&self) -> Result<(), DenoiseError> {
         let sizes = [
-            ("history", self.history, 16, "1 to 16"),
-            ("width", self.width, 128, "1 to 128"),
-            ("depth", self.depth, 6, "1 to 6"),
+            ("history", self.history, 1..=16, "1 to 16"),
+            ("width", self.width, 1..=128, "1 to 128"),
+            ("depth", self.depth, 1..=6, "1 to 6"),
+            ("images", self.images, 1..=4, "1 to 4"),
+            ("conditions", self.conditions, 0..=4, "0 to 4"),
+            ("fold", self.fold, 1..=2, "1 or 2"),
         ];
-        match sizes.into_iter().find(|(_, value, most, _)| !(1..=*most).contains(value)) {
+        match sizes.into_iter().find(|(_, value, range, _)| !range.contains(value)) {
             None => Ok(()),
             Some((quantity, value, _, must)) => {
                 Err(DenoiseError::OutOfRange { quantity, value: value as f64, must })
@@ -64,9 +83,29 @@ impl UnetShape {
         }
     }
 
-    /// Channels that go in: frames and mask.
+    /// Input planes before folding: images of all frames, conditions and mask.
+    pub(crate) fn planes(&self) -> usize {
+        self.history * self.images + self.conditions + 1
+    }
+
+    /// Channels of the first convolution.
     pub(crate) fn inputs(&self) -> usize {
-        self.history + 1
+        self.planes() * self.fold * self.fold
+    }
+
+    /// Channels of the last convolution: the pixels of a block.
+    pub(crate) fn outputs(&self) -> usize {
+        self.fold * self.fold
+    }
+
+    /// Rows and columns must be a multiple of it.
+    pub(crate) fn multiple(&self) -> usize {
+        self.fold << self.depth
+    }
+
+    /// Rows and columns of the first level.
+    pub(crate) fn first_level(&self, size: [usize; 2]) -> [usize; 2] {
+        self.padded(size).map(|n| n / self.fold)
     }
 
     /// Channels of a level.
@@ -89,7 +128,7 @@ impl UnetShape {
             list.extend([three(channels, channels + self.channels(level + 1))]);
             list.extend([three(channels, channels)]);
         }
-        list.push(Convolution { outputs: 1, inputs: self.channels(0), side: 1 });
+        list.push(Convolution { outputs: self.outputs(), inputs: self.channels(0), side: 1 });
         list
     }
 
@@ -114,7 +153,7 @@ impl UnetShape {
 
     /// Multiplications and additions for an image of so many rows and columns.
     pub fn multiply_adds(&self, rows: usize, columns: usize) -> f64 {
-        let [rows, columns] = self.padded([rows, columns]);
+        let [rows, columns] = self.first_level([rows, columns]);
         let list = self.convolutions();
         let levels = (0..=self.depth).chain((0..self.depth).rev());
         let levels = levels.flat_map(|level| [level, level]).chain([0]);
@@ -124,8 +163,8 @@ impl UnetShape {
         list.iter().zip(levels).map(cost).sum()
     }
 
-    /// Rows and columns with those added that halving needs.
+    /// Rows and columns, padded as folding and halving need.
     pub(crate) fn padded(&self, size: [usize; 2]) -> [usize; 2] {
-        size.map(|n| n.next_multiple_of(1 << self.depth))
+        size.map(|n| n.next_multiple_of(self.multiple()))
     }
 }

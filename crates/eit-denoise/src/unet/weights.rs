@@ -1,31 +1,40 @@
-//! Weights of a net, in memory and as safetensors with what they were made of.
+//! Weights of a net in memory and in safetensors files, with their metadata.
 
 use super::UnetShape;
-use crate::DenoiseError;
+use crate::{DenoiseError, ModelError};
+use ndarray::Array2;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::collections::{BTreeMap, HashMap};
 
-/// Format that is written; others are refused.
-const VERSION: &str = "1";
+/// Format of nets that see one image per frame and nothing else, without folding.
+const ONE_IMAGE: &str = "1";
+/// Format of all others; it has [`MORE_KEYS`] too.
+const VERSION: &str = "2";
 /// Keys of the metadata that every file has.
 const KEYS: [&str; 6] = ["format_version", "history", "width", "depth", "skin", "pixels"];
+const MORE_KEYS: [&str; 3] = ["images", "conditions", "fold"];
 
 const MISFIT_LIMIT: &str = "misfit_limit";
+/// Tensor of a model error, and the metadata that belong to it.
+const MODEL_ERROR: &str = "model_error";
+const MODEL_ERROR_KEYS: [&str; 2] = ["model_error_floor", "model_error_limit"];
 
 /// A trained net.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
     /// Its size.
     pub shape: UnetShape,
-    /// All numbers: the convolutions in the order in which they run (down, bottom, up, head), each
-    /// its weights [output, input, row, column], then its biases.
+    /// All parameters: for each convolution in the order in which they run (down, bottom, up, head) its
+    /// weights [output, input, row, column], then its biases.
     pub parameters: Vec<f32>,
-    /// Fingerprint of the skin that it was trained for, any text.
+    /// Fingerprint of the skin that it was trained for: any text.
     pub skin: String,
     /// Rows and columns of the images that it was trained on.
     pub pixels: [usize; 2],
-    /// What else is known: learning base, seed, errors, commit.
+    /// Further metadata: learning base, seed, errors, commit.
     pub about: BTreeMap<String, String>,
+    /// Model error of the skin's data, if the training measured it.
+    pub model_error: Option<ModelError>,
 }
 
 impl Weights {
@@ -34,12 +43,12 @@ impl Weights {
     /// worth.
     ///
     /// # Errors
-    /// None that can come up: those of [`Weights::from_bytes`].
+    /// Those of [`Weights::from_bytes`], none of which the shipped file causes.
     pub fn paper_disc() -> Result<Self, DenoiseError> {
         Self::from_bytes(include_bytes!("../../weights/paper-disc.safetensors"))
     }
 
-    /// Refuses a size that is not documented, a wrong number of weights, and weights that are not
+    /// Rejects sizes outside the documented ranges, a wrong number of weights, and weights that are not
     /// finite.
     ///
     /// # Errors
@@ -60,7 +69,7 @@ impl Weights {
         }
     }
 
-    /// Refuses the weights of another skin, or of other pixels.
+    /// Rejects weights for another skin or another number of pixels.
     ///
     /// # Errors
     /// [`DenoiseError::OtherSkin`].
@@ -76,24 +85,25 @@ impl Weights {
         })
     }
 
-    /// The part of the measurements' energy that known images of this net leave unexplained, for
-    /// [`crate::DataMisfit::score`], where the training measured it: `misfit_limit` of `about`.
+    /// Returns the part of the data's energy that images of this net may leave unexplained, for
+    /// [`crate::DataMisfit::score`], if the training measured it: `misfit_limit` of `about`.
     pub fn misfit_limit(&self) -> Option<f64> {
         let limit: f64 = self.about.get(MISFIT_LIMIT)?.parse().ok()?;
-        // an empty image leaves all: from 1 on the limit would believe it
+        // an empty image leaves everything unexplained and must not pass
         (limit > 0.0 && limit < 1.0).then_some(limit)
     }
 
-    /// The bytes of a safetensors file: `down.0.0.weight`, `down.0.0.bias`, ... with the metadata.
+    /// Returns the bytes of a safetensors file: `down.0.0.weight`, `down.0.0.bias`, ... and metadata.
     ///
     /// # Errors
-    /// Those of [`Weights::validate`]; [`DenoiseError::Format`] where a key of `about` is one of the
-    /// format's own.
+    /// Those of [`Weights::validate`]; [`DenoiseError::Format`] if a key of `about` is reserved by the
+    /// format.
     pub fn to_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
         self.validate()?;
-        let metadata = metadata(self.shape, &self.skin, self.pixels, &self.about)?;
+        let mut metadata = metadata(self.shape, &self.skin, self.pixels, &self.about)?;
         let bytes = bytes_of(&self.parameters);
         let mut at = 0;
+        let directions;
         let mut tensors = Vec::new();
         for (name, c) in self.shape.names().into_iter().zip(self.shape.convolutions()) {
             let parts = [
@@ -107,14 +117,23 @@ impl Weights {
                 at = end;
             }
         }
+        if let Some(error) = &self.model_error {
+            error.validate()?;
+            directions = bytes_of(&error.directions.iter().copied().collect::<Vec<_>>());
+            let numbers = [error.floor, error.limit].map(|value| value.to_string());
+            metadata.extend(MODEL_ERROR_KEYS.map(str::to_owned).into_iter().zip(numbers));
+            let shape = error.directions.shape().to_vec();
+            let view = TensorView::new(Dtype::F32, shape, &directions).map_err(format_error)?;
+            tensors.push((MODEL_ERROR.to_owned(), view));
+        }
         safetensors::serialize(tensors, Some(metadata)).map_err(format_error)
     }
 
-    /// Reads what [`Weights::to_bytes`] wrote.
+    /// Reads a file written by [`Weights::to_bytes`].
     ///
     /// # Errors
-    /// [`DenoiseError::Format`] for a file that is cut, of another kind or another version, or that
-    /// lacks a tensor; those of [`Weights::validate`].
+    /// [`DenoiseError::Format`] for a truncated file, one of another kind or version, or one without one
+    /// of the tensors; those of [`Weights::validate`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, DenoiseError> {
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
         let mut about: BTreeMap<String, String> =
@@ -126,14 +145,29 @@ impl Weights {
         };
         let [version, history, width, depth, skin, pixels] = KEYS.map(&mut take);
         let version = version?;
-        if version != VERSION {
-            let what = format!("version {version} of the format, this program reads {VERSION}");
-            return Err(DenoiseError::Format { what });
-        }
+        let [images, conditions, fold] = match version.as_str() {
+            ONE_IMAGE => {
+                let UnetShape { images, conditions, fold, .. } = UnetShape::ONE_IMAGE;
+                [images, conditions, fold]
+            }
+            VERSION => {
+                let [images, conditions, fold] = MORE_KEYS.map(&mut take);
+                [number(&images?)?, number(&conditions?)?, number(&fold?)?]
+            }
+            _ => {
+                let what = format!(
+                    "version {version} of the format, this program reads {ONE_IMAGE} and {VERSION}"
+                );
+                return Err(DenoiseError::Format { what });
+            }
+        };
         let shape = UnetShape {
             history: number(&history?)?,
             width: number(&width?)?,
             depth: number(&depth?)?,
+            images,
+            conditions,
+            fold,
         };
         shape.validate()?;
         let pixels = pixels?;
@@ -159,21 +193,49 @@ impl Weights {
                 parameters.extend(floats_of(tensor.data()));
             }
         }
-        let weights = Self { shape, parameters, skin: skin?, pixels, about };
+        let numbers = MODEL_ERROR_KEYS.map(|key| about.remove(key));
+        let model_error = model_error(&tensors, numbers)?;
+        let weights = Self { shape, parameters, skin: skin?, pixels, about, model_error };
         weights.validate()?;
         Ok(weights)
     }
 }
 
-/// What stands beside the tensors of a file.
+/// The model error of a file, if it has one.
+fn model_error(
+    tensors: &SafeTensors<'_>,
+    numbers: [Option<String>; 2],
+) -> Result<Option<ModelError>, DenoiseError> {
+    let [Some(floor), Some(limit)] = numbers else { return Ok(None) };
+    let wrong = |what: String| DenoiseError::Format { what };
+    let number = |text: String| {
+        text.parse::<f64>().map_err(|_| wrong(format!("\"{text}\" in its metadata is no number")))
+    };
+    let tensor = tensors.tensor(MODEL_ERROR).map_err(format_error)?;
+    let (Dtype::F32, &[rows, columns]) = (tensor.dtype(), tensor.shape()) else {
+        return Err(wrong(format!("{MODEL_ERROR} is not F32 [direction, measurement]")));
+    };
+    let values = floats_of(tensor.data()).collect();
+    let directions = Array2::from_shape_vec((rows, columns), values)
+        .map_err(|e| wrong(format!("{MODEL_ERROR}: {e}")))?;
+    let error = ModelError { directions, floor: number(floor)?, limit: number(limit)? };
+    error.validate()?;
+    Ok(Some(error))
+}
+
+/// Metadata of a file.
 pub(crate) fn metadata(
     shape: UnetShape,
     skin: &str,
     pixels: [usize; 2],
     about: &BTreeMap<String, String>,
 ) -> Result<HashMap<String, String>, DenoiseError> {
+    let UnetShape { images, conditions, fold, .. } = shape;
+    let one_image =
+        UnetShape { images, conditions, fold, ..UnetShape::ONE_IMAGE } == UnetShape::ONE_IMAGE;
+    let version = if one_image { ONE_IMAGE } else { VERSION };
     let own = [
-        VERSION.to_owned(),
+        version.to_owned(),
         shape.history.to_string(),
         shape.width.to_string(),
         shape.depth.to_string(),
@@ -182,7 +244,9 @@ pub(crate) fn metadata(
     ];
     let mut metadata: HashMap<String, String> =
         about.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
-    for (key, value) in KEYS.into_iter().zip(own) {
+    let more = [images, conditions, fold].map(|value| value.to_string());
+    let more = MORE_KEYS.into_iter().zip(more).filter(|_| !one_image);
+    for (key, value) in KEYS.into_iter().zip(own).chain(more) {
         if metadata.insert(key.to_owned(), value).is_some() {
             let what = format!("the key \"{key}\" belongs to the format");
             return Err(DenoiseError::Format { what });

@@ -50,13 +50,22 @@ pub fn weights(shape: UnetShape, pixels: [usize; 2]) -> Weights {
         parameters.extend((0..c[0]).map(|_| random.between(-0.1, 0.1)));
     }
     let parameters = parameters.into_iter().map(|w| w as f32).collect();
-    Weights { shape, parameters, skin: "test".to_owned(), pixels, about: BTreeMap::new() }
+    Weights {
+        shape,
+        parameters,
+        skin: "test".to_owned(),
+        pixels,
+        about: BTreeMap::new(),
+        model_error: None,
+    }
 }
 
 /// [outputs, inputs, side] of all convolutions.
 pub fn convolutions(shape: UnetShape) -> Vec<[usize; 3]> {
     let channels = |level: usize| shape.width * 2_usize.pow(level as u32);
-    let mut list = vec![[channels(0), shape.history + 1, 3], [channels(0), channels(0), 3]];
+    let block = shape.fold * shape.fold;
+    let inputs = block * (shape.history * shape.images + shape.conditions + 1);
+    let mut list = vec![[channels(0), inputs, 3], [channels(0), channels(0), 3]];
     for l in 1..=shape.depth {
         list.extend([[channels(l), channels(l - 1), 3], [channels(l), channels(l), 3]]);
     }
@@ -66,7 +75,7 @@ pub fn convolutions(shape: UnetShape) -> Vec<[usize; 3]> {
             [channels(l), channels(l), 3],
         ]);
     }
-    list.push([1, channels(0), 1]);
+    list.push([block, channels(0), 1]);
     list
 }
 
@@ -105,6 +114,17 @@ fn convolve(weights: &[f64], [outputs, inputs, side]: [usize; 3], from: &Planes)
     (0..outputs).map(|o| Array2::from_shape_fn((rows, columns), |(r, c)| pixel(o, r, c))).collect()
 }
 
+/// A plane as one plane for each place in blocks of `fold` x `fold` pixels.
+fn blocks(plane: &Array2<f64>, fold: usize) -> Planes {
+    let (rows, columns) = (plane.nrows() / fold, plane.ncols() / fold);
+    let of = |k: usize| {
+        Array2::from_shape_fn((rows, columns), |(r, c)| {
+            plane[[fold * r + k / fold, fold * c + k % fold]]
+        })
+    };
+    (0..fold * fold).map(of).collect()
+}
+
 /// The net on normalised frames (oldest first) and mask, all of padded size.
 pub fn direct(weights: &Weights, inputs: Planes) -> Array2<f64> {
     let parameters: Vec<f64> = weights.parameters.iter().map(|w| f64::from(*w)).collect();
@@ -125,7 +145,8 @@ pub fn direct_f64(shape: UnetShape, parameters: &[f64], inputs: Planes) -> Array
         }
         made
     };
-    let mut now = inputs;
+    let fold = shape.fold;
+    let mut now: Planes = inputs.iter().flat_map(|plane| blocks(plane, fold)).collect();
     let mut skips = Vec::new();
     for level in 0..=shape.depth {
         now = apply(&now, true);
@@ -153,5 +174,9 @@ pub fn direct_f64(shape: UnetShape, parameters: &[f64], inputs: Planes) -> Array
         now = apply(&joined, true);
         now = apply(&now, true);
     }
-    apply(&now, false).remove(0)
+    let made = apply(&now, false);
+    let (rows, columns) = made[0].dim();
+    Array2::from_shape_fn((fold * rows, fold * columns), |(r, c)| {
+        made[(r % fold) * fold + c % fold][[r / fold, c / fold]]
+    })
 }

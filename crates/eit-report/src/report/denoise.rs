@@ -16,7 +16,7 @@ use eit_skin::denoise::{Chain, Lengths, Net};
 use eit_skin::scene::DenoiseSettings;
 use eit_skin::{MeshOverride, Progress, Scene, Skin};
 use held_out::QUIET_FRAMES;
-use scores::{Evaluation, VariantScores};
+use scores::{Evaluation, Raw, VariantScores};
 use variants::{ImageVariant, ImagedSequence, variants};
 
 /// Simulates every case, reconstructs, denoises with each network and compares.
@@ -35,7 +35,7 @@ pub(super) fn run(
     let chain = Chain::new(skin, settings.method.as_deref(), lengths, progress)?;
     let linearised = &chain.linearised;
     let raster = linearised.raster(progress)?;
-    let sequences = held_out::sequences(&linearised.skin, settings.quick, progress)?;
+    let sequences = held_out::sequences(&linearised.skin, settings.quick, settings.seed, progress)?;
     let imaged = progress.steps("images", sequences.len(), |bar| {
         let mut imaged = Vec::new();
         for sequence in sequences {
@@ -46,14 +46,17 @@ pub(super) fn run(
         Ok::<_, ReportError>(imaged)
     })?;
     let evaluation = Evaluation::new(raster, &imaged)?;
-    let mut scored = Vec::new();
+    let mut scored: Vec<Scored<'_>> = Vec::new();
     for imaged in &imaged {
         let mut raw = None;
         for variant in &imaged.variants {
-            let scores = evaluation.scores(&imaged.sequence, variant)?;
+            let scores = evaluation.scores(imaged, variant)?;
             // the first variant is the raw image
-            let raw: &Vec<f64> = raw.get_or_insert_with(|| scores.over_raw.clone());
-            scored.push(Scored { imaged, variant, scores: scores.relative_to(raw) });
+            let raw: &Raw = raw.get_or_insert_with(|| scores.as_raw());
+            let scores = scores.relative_to(raw);
+            let before = scored.last().map(|before| &before.scores);
+            let scores = scores.judged_by(variant, before);
+            scored.push(Scored { imaged, variant, scores });
         }
     }
     let tables = [touched_table(&scored, &chain), foreign_table(&scored)];
@@ -85,11 +88,16 @@ fn touched_table(scored: &[Scored<'_>], chain: &Chain) -> Table {
              finger presses with at least {} N; mean squared error (MSE) against the true change \
              of conductivity, relative to the raw image's; peak signal-to-noise ratio (PSNR) with \
              respect to the largest true change of the sequence; structural similarity (SSIM) and \
-             correlation with the truth. A touch is found where a blob of at least half of the \
-             image's largest value and {} of the variant's usual maximum lies within {} mm; \
-             invented are false blobs. \"rule\": the paper's threshold rule. \"checked\": images \
-             that do not explain their measurements are replaced by the raw ones; \"put aside\" is \
-             their fraction of all frames after the quiet ones.",
+             correlation with the truth; relative error: norm of the error over that of the truth \
+             (an empty image has 1). To the rule: against the wanted images of the paper instead of \
+             the truth. A touch is found where a blob of at least half of the image's largest value \
+             and {} of the variant's usual maximum lies within {} mm; invented are false blobs. \
+             Lost: touches that the raw image shows and this one does not; only here: false blobs in \
+             frames in which the raw image has none. \"rule\": the paper's threshold rule. \
+             \"checked\": images that do not explain their measurements are replaced by the raw \
+             ones; \"put aside\" is their fraction of all frames after the quiet ones. Rightly: \
+             touched frames in which the rejected image is worse than the raw one; wrongly: better; \
+             let through: worse and shown.",
             held_out::NODES,
             chain.method.name(),
             skin.mesh.surface().nodes().len(),
@@ -105,13 +113,21 @@ fn touched_table(scored: &[Scored<'_>], chain: &Chain) -> Table {
             "frames",
             "MSE / raw",
             "MSE / raw, 90 %",
+            "MSE / raw, to the rule",
+            "relative error",
+            "worse than raw",
             "PSNR, dB",
             "SSIM",
             "correlation",
             "found",
             "invented a frame",
             "position, mm",
+            "lost",
+            "only here",
             "put aside",
+            "rightly",
+            "wrongly",
+            "let through",
         ],
         rows: touched.map(row).collect(),
     }

@@ -1,44 +1,71 @@
-//! Whether a net's images explain the measurements they came from.
+//! Whether a net's images explain the measurements behind them.
 
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
+use crate::linearised::LinearisedSkin;
 use crate::noise::DataNoise;
 use crate::progress::Progress;
-use eit_denoise::{DataConsistency, DataMisfit};
+use eit_denoise::{DataMisfit, Judge, Judgement, Verdict, Weights};
 use ndarray::{Array2, ArrayView2};
 use serde_json::{Value, json};
+use std::sync::Arc;
 
 /// The measurements behind a sequence of images.
 #[derive(Debug)]
 pub struct Check {
-    evidence: DataConsistency,
+    fitted: FittedFrames,
     /// NaN where a value is missing.
     differences: Array2<f64>,
 }
 
+/// A judge of the images of a sequence by one net.
+#[derive(Debug)]
+pub(super) struct SequenceJudge<'a> {
+    check: &'a Check,
+    judge: Judge,
+}
+
 impl Check {
-    /// The measurements of these frames, and the model that images are held against.
-    ///
-    /// # Errors
-    ///
-    /// Those of the noise.
-    pub fn new(fitted: &FittedFrames) -> Result<Self, SkinError> {
-        Ok(Self { evidence: evidence(fitted)?, differences: fitted.differences_or_nan() })
+    /// The measurements of these frames.
+    pub fn new(fitted: &FittedFrames) -> Self {
+        Self { fitted: fitted.clone(), differences: fitted.differences_or_nan() }
     }
 
-    /// What an image of a frame explains.
-    pub fn misfit(
-        &mut self,
-        frame: usize,
-        image: ArrayView2<'_, f64>,
-    ) -> Result<DataMisfit, SkinError> {
-        let row = self.differences.row(frame).to_vec();
-        Ok(self.evidence.misfit(image, &row)?)
+    /// The model behind the frames.
+    pub(super) fn skin(&self) -> &Arc<LinearisedSkin> {
+        &self.fitted.skin
+    }
+
+    pub(super) fn judge(&self, weights: &Weights) -> Result<SequenceJudge<'_>, SkinError> {
+        Ok(SequenceJudge { check: self, judge: judge(weights, &self.fitted)? })
     }
 }
 
-/// The model that images are held against, with the noise of these frames.
-pub(super) fn evidence(fitted: &FittedFrames) -> Result<DataConsistency, SkinError> {
+impl SequenceJudge<'_> {
+    pub fn rule(&self) -> &Judge {
+        &self.judge
+    }
+
+    /// Differences of a frame, NaN where a value is missing, and their energy in units of the noise.
+    pub fn frame(&self, frame: usize) -> Result<(Vec<f64>, DataMisfit), SkinError> {
+        let row = self.check.differences.row(frame).to_vec();
+        let energy = self.judge.energy(&row)?;
+        Ok((row, energy))
+    }
+
+    pub fn judge(
+        &mut self,
+        frame: usize,
+        net: ArrayView2<'_, f64>,
+        raw: ArrayView2<'_, f64>,
+    ) -> Result<Judgement, SkinError> {
+        let row = self.check.differences.row(frame).to_vec();
+        Ok(self.judge.judge(net, raw, &row)?)
+    }
+}
+
+/// Judges images by these frames' model and noise.
+pub(super) fn judge(weights: &Weights, fitted: &FittedFrames) -> Result<Judge, SkinError> {
     let FittedFrames { skin, frames, .. } = fitted;
     let noise = match fitted.noise()? {
         Some(noise) => noise,
@@ -48,41 +75,69 @@ pub(super) fn evidence(fitted: &FittedFrames) -> Result<DataConsistency, SkinErr
     let std: Vec<f64> = used.map(|(std, used)| if *used { *std } else { f64::INFINITY }).collect();
     let raster = skin.raster(&mut Progress::silent())?;
     let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
-    Ok(DataConsistency::new(jacobian.view(), &std, raster.mask().view())?)
+    Ok(Judge::new(weights, jacobian.view(), &std, raster.mask().view())?)
 }
 
-/// Frames whose denoised image was put aside.
+/// How the images of a net were judged.
 #[derive(Debug, Clone)]
 pub struct Checked {
-    /// Part of the data's energy that known images leave.
+    /// Part of the data's energy that a correct image may leave.
     pub limit: f64,
-    /// Of each frame; above 1 the raw image stayed.
-    pub scores: Vec<f64>,
+    /// The rule in words.
+    rule: String,
+    /// One per frame.
+    pub judgements: Vec<Judgement>,
 }
 
 impl Checked {
-    /// Frames with their raw image.
+    pub(super) fn new(rule: &Judge, judgements: Vec<Judgement>) -> Option<Self> {
+        rule.limit().map(|limit| Self { limit, rule: rule.words(), judgements })
+    }
+
+    fn frames(&self, wanted: impl Fn(Verdict) -> bool) -> Vec<usize> {
+        let all = self.judgements.iter().enumerate();
+        all.filter(|(_, judgement)| wanted(judgement.verdict)).map(|(frame, _)| frame).collect()
+    }
+
+    /// Frames that keep their raw image.
     pub fn put_aside(&self) -> Vec<usize> {
-        self.scores.iter().enumerate().filter(|(_, s)| **s > 1.0).map(|(f, _)| f).collect()
+        self.frames(|verdict| verdict != Verdict::Net)
+    }
+
+    /// Frames that keep their raw image although it does not explain the measurements either.
+    pub fn unexplained(&self) -> Vec<usize> {
+        self.frames(|verdict| verdict == Verdict::Neither)
     }
 
     /// For people.
     pub fn words(&self) -> String {
-        let aside = self.put_aside();
-        let count = self.scores.len();
+        let (aside, unexplained) = (self.put_aside(), self.unexplained());
+        let count = self.judgements.len();
         match aside.as_slice() {
             [] => format!("every one of its {count} images explains its measurements"),
-            [first, ..] => format!(
-                "{} of its {count} images, the first in frame {first}, do not explain their \
-                 measurements (more than {:.0} % of them left): there the raw image stays",
-                aside.len(),
-                100.0 * self.limit
-            ),
+            [first, ..] => {
+                let also = match unexplained.len() {
+                    0 => String::new(),
+                    n => format!("; in {n} of them it explains the measurements no better"),
+                };
+                format!(
+                    "{} of its {count} images, the first in frame {first}, do not explain their \
+                     measurements ({}): there the raw image stays{also}",
+                    aside.len(),
+                    self.rule,
+                )
+            }
         }
     }
 
     /// For programs.
     pub fn json(&self) -> Value {
-        json!({"misfit_limit": self.limit, "scores": self.scores, "raw_frames": self.put_aside()})
+        let scores: Vec<f64> = self.judgements.iter().map(|judgement| judgement.net).collect();
+        json!({
+            "misfit_limit": self.limit,
+            "scores": scores,
+            "raw_frames": self.put_aside(),
+            "unexplained_frames": self.unexplained(),
+        })
     }
 }

@@ -1,10 +1,10 @@
 //! A net that takes images one by one, as they come.
 
-use super::{Net, check};
+use super::{Net, NetInputs, check};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::progress::Progress;
-use eit_denoise::{DataConsistency, DenoiseError, Denoiser};
+use eit_denoise::{DenoiseError, Denoiser, Judge, Verdict};
 use eit_mesh::Raster;
 use ndarray::Array2;
 
@@ -12,9 +12,9 @@ use ndarray::Array2;
 #[derive(Debug)]
 pub struct LiveNet {
     net: Denoiser,
+    inputs: NetInputs,
     sign: f64,
-    /// With the limit of misfit, where the weights know theirs.
-    evidence: Option<(DataConsistency, f64)>,
+    judge: Judge,
     raw: Array2<f64>,
     made: Array2<f64>,
 }
@@ -27,14 +27,12 @@ impl LiveNet {
     /// Those of the noise and of the weights.
     pub fn new(net: &Net, fitted: &FittedFrames) -> Result<Self, SkinError> {
         let mask = fitted.skin.raster(&mut Progress::silent())?.mask().view();
-        let evidence = match net.weights.misfit_limit() {
-            None => None,
-            Some(limit) => Some((check::evidence(fitted)?, limit)),
-        };
+        let inputs = NetInputs::new(&fitted.skin, net.weights.shape)?;
         Ok(Self {
+            inputs,
+            judge: check::judge(&net.weights, fitted)?,
             net: Denoiser::new(&net.weights, mask)?,
             sign: net.sign,
-            evidence,
             raw: Array2::zeros(mask.dim()),
             made: Array2::zeros(mask.dim()),
         })
@@ -45,38 +43,41 @@ impl LiveNet {
         self.net.reset();
     }
 
-    /// Makes the next image of a raw one, both a value for each pixel of the skin; false where it
-    /// does not explain the measurements and the raw one stays. `differences` are NaN where a value
-    /// is missing.
+    /// Makes the next image of a raw one, both one value per pixel of the skin, and says which is in
+    /// `pixels`. `differences` are NaN where a value is missing.
+    ///
+    /// # Errors
+    ///
+    /// Those of the net and its inputs.
     pub fn push(
         &mut self,
         raster: &Raster,
         raw: &[f64],
         differences: &[f64],
         pixels: &mut [f64],
-    ) -> Result<bool, SkinError> {
+    ) -> Result<Verdict, SkinError> {
         pixels.copy_from_slice(raw);
         raster.image_from_pixels_into(raw, self.raw.view_mut())?;
         let sign = self.sign;
-        self.raw.mapv_inplace(|value| sign * value);
-        match self.net.push_into(self.raw.view(), self.made.view_mut()) {
+        let energy = self.judge.energy(differences)?;
+        self.inputs.push(self.raw.view(), differences, Some(energy), sign)?;
+        let Self { net, inputs, made, .. } = self;
+        match inputs.with_frame(|seen| net.push_frame_into(seen, made.view_mut())) {
             Err(DenoiseError::InFrame { error, .. })
                 if matches!(*error, DenoiseError::ConstantImage { .. }) =>
             {
-                // nobody touches the whole skin alike
-                return Ok(false);
+                // no touch raises the whole skin by the same amount
+                return Ok(Verdict::Neither);
             }
             made => {
                 made?;
             }
         }
         self.made.mapv_inplace(|value| sign * value);
-        if let Some((evidence, limit)) = &mut self.evidence
-            && evidence.misfit(self.made.view(), differences)?.score(*limit) > 1.0
-        {
-            return Ok(false);
+        let verdict = self.judge.judge(self.made.view(), self.raw.view(), differences)?.verdict;
+        if verdict == Verdict::Net {
+            raster.pixels_from_image_into(self.made.view(), pixels)?;
         }
-        raster.pixels_from_image_into(self.made.view(), pixels)?;
-        Ok(true)
+        Ok(verdict)
     }
 }

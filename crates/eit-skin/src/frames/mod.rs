@@ -325,7 +325,7 @@ fn joined(mut parts: Vec<MeasuredFrames>) -> Result<MeasuredFrames, SkinError> {
 
 /// Whether each measurement involves a current-carrying electrode, for patterns that drive two. With patterns
 /// that drive many electrodes at once there are no other measurements.
-fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
+pub(crate) fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
     let (stimulations, senses) = (protocol.stimulations_a(), protocol.measurement_patterns());
     let touches = |&[s, m]: &[u32; 2]| {
         let drive = stimulations.row(s as usize);

@@ -2,7 +2,7 @@
 
 use super::LiveModel;
 use super::one_step::LiveOneStep;
-use crate::denoise::LiveNet;
+use crate::denoise::{LiveNet, Verdict};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::movement;
@@ -50,6 +50,8 @@ pub struct ImageState {
     pub iterations: usize,
     /// The U-net's image does not explain the measurements; its input is shown instead.
     pub is_aside: bool,
+    /// The raw image shown in place of the net's does not explain the measurements either.
+    pub is_unexplained: bool,
     /// The frame could not be explained within `delta` and was replaced by its neighbours.
     pub is_interpolated: bool,
     /// The frame has bad values, without which no image can be made when electrodes may move.
@@ -168,8 +170,9 @@ impl LiveImages {
             }
         }
         if let Some(net) = &mut self.net {
-            let is_made = net.push(&self.raster, &self.raw, &self.differences, &mut self.made)?;
-            self.state.is_aside = !is_made;
+            let verdict = net.push(&self.raster, &self.raw, &self.differences, &mut self.made)?;
+            self.state.is_aside = verdict != Verdict::Net;
+            self.state.is_unexplained = verdict == Verdict::Neither;
         }
         Ok(())
     }

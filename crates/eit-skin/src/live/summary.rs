@@ -25,6 +25,8 @@ pub struct Summary {
     pub images: String,
     /// Number of frames whose U-net image did not explain the measurements, so that its input was shown.
     pub aside: u64,
+    /// Number of those whose raw image does not explain the measurements either.
+    pub unexplained: u64,
     /// Number of frames that no image explains within `delta`.
     pub interpolated: u64,
     /// Number of frames with bad values and therefore, because electrodes may move, without an image.
@@ -103,6 +105,7 @@ impl Summary {
             "how": self.images,
             "worst_gap": self.worst_gap,
             "put_aside": self.aside,
+            "unexplained": self.unexplained,
             "beyond_delta": self.interpolated,
             "lost": self.lost,
             "skipped": self.skipped_images,
@@ -115,6 +118,7 @@ impl Summary {
         self.touches += of(TouchState::Begin) as u64;
         self.most_at_once = self.most_at_once.max(touches.len() - of(TouchState::End));
         self.aside += u64::from(state.is_aside);
+        self.unexplained += u64::from(state.is_unexplained);
         self.interpolated += u64::from(state.is_interpolated);
         self.lost += u64::from(state.is_lost);
         if let Some(gap) = state.gap {

@@ -20,7 +20,18 @@ pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
     let flops = 2.0 * shape.multiply_adds(pixels, pixels);
     let inside = share * (pixels * pixels) as f64;
     let check = 2.0 * measurements as f64 * inside;
-    Ok(vec![
+    let others = (shape.images - 1) as f64;
+    // two factors, of at most half the measurements' rank where data are reciprocal
+    let one_step = others * (measurements as f64) * (measurements as f64 + inside);
+    let inputs = (others > 0.0).then(|| Stage {
+        name: "inputs of the U-net",
+        size: format!("{others} one-step images, [{measurements}, {inside:.0}]"),
+        flops: one_step,
+        bytes: 4.0 * one_step,
+        time_s: one_step / CHECK_FLOPS_PER_S,
+        why: "a frame: these weights see further images of its measurements".to_owned(),
+    });
+    let stages = [
         Stage {
             name: "U-net",
             size: format!("{} weights, {pixels} x {pixels} pixels", shape.parameters()),
@@ -37,7 +48,8 @@ pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
             time_s: check / CHECK_FLOPS_PER_S,
             why: "per frame: checks that the U-net's image explains the measurements".to_owned(),
         },
-    ])
+    ];
+    Ok(inputs.into_iter().chain(stages).collect())
 }
 
 /// No stages without the feature.

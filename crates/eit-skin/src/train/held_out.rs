@@ -4,14 +4,84 @@ use super::sequences::Sequences;
 use crate::denoise::{Scores, scores};
 use crate::error::SkinError;
 use eit_denoise::{
-    DataConsistency, DataMisfit, Denoiser, ImageStack, Shard, ThresholdRule, Weights,
+    DataConsistency, Denoiser, ImageStack, ModelError, ModelErrorNorm, ModelErrorSum, Shard,
+    ShardData, ThresholdRule, Weights,
 };
-use ndarray::{Array3, ArrayView2, Axis, concatenate};
+use ndarray::{Array2, Array3, ArrayView1, ArrayView2, Axis, concatenate};
+use serde_json::{Value, json};
 
-/// Part of the largest wanted value from which on something touches.
-const TOUCHED: f32 = 0.1;
-/// Part of the held-out frames whose image may look as if it did not explain the data.
-const NOT_BELIEVED: f64 = 0.02;
+/// Rejected images that are worse than the raw ones, for each that is better.
+const RIGHT_TO_WRONG: usize = 6;
+/// Part of the held-out images better than the raw ones that the judge may reject where it cannot keep
+/// [`RIGHT_TO_WRONG`].
+const NOT_BELIEVED: f64 = 0.002;
+/// Least and largest limit: an empty image, which leaves everything, is above the largest.
+const LIMITS: [f64; 2] = [0.05, 0.6];
+/// Frames whose truth has less than this part of the largest energy of their sequence are not counted.
+const TOUCHED: f64 = 0.01;
+
+/// A judge of a net's images, and what it did to held-out frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredJudge {
+    /// Model error of the skin's data, and the limit.
+    pub error: ModelError,
+    /// Each half of the held-out sequences by the limit of the other.
+    pub counts: JudgeCounts,
+    /// The older rule of the same weights, where they have one.
+    pub older: Option<JudgeCounts>,
+}
+
+/// Touched frames of held-out sequences by what a judge did to the net's image.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct JudgeCounts {
+    /// All frames.
+    pub frames: usize,
+    /// Rejected, and worse than the raw image.
+    pub rightly: usize,
+    /// Rejected, and better.
+    pub wrongly: usize,
+    /// Shown, and worse.
+    pub let_through: usize,
+}
+
+impl JudgeCounts {
+    fn add(&mut self, is_rejected: bool, is_worse: bool) {
+        self.frames += 1;
+        self.rightly += usize::from(is_rejected && is_worse);
+        self.wrongly += usize::from(is_rejected && !is_worse);
+        self.let_through += usize::from(!is_rejected && is_worse);
+    }
+
+    /// For people.
+    pub fn words(&self) -> String {
+        format!(
+            "of {} touched frames it rejects {} rightly and {} wrongly, and shows {} that are worse than \
+             the raw image",
+            self.frames, self.rightly, self.wrongly, self.let_through
+        )
+    }
+
+    /// For programs.
+    pub fn json(&self) -> Value {
+        json!({
+            "frames": self.frames,
+            "rightly": self.rightly,
+            "wrongly": self.wrongly,
+            "let_through": self.let_through,
+        })
+    }
+}
+
+/// A held-out frame.
+struct Known {
+    /// Part of the data's energy that the net's image leaves outside noise and model error.
+    left: f64,
+    /// Whether the net's image is worse than the raw one.
+    is_worse: bool,
+    is_touched: bool,
+    is_rejected_by_older: bool,
+    half: usize,
+}
 
 /// Net and threshold rule against the raw images of the held-out sequences.
 pub fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, SkinError> {
@@ -25,7 +95,7 @@ pub fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, 
         let stack =
             |images: &Array3<f32>| ImageStack::new(images.mapv(f64::from), shard.mask.clone());
         let own = stack(&shard.raw)?;
-        made.push(net.denoise(&own)?.into_parts().0);
+        made.push(shard.denoise(&mut net)?.into_parts().0);
         raw.push(own.into_parts().0);
         wanted.push(stack(&shard.wanted)?.into_parts().0);
     }
@@ -36,31 +106,187 @@ pub fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, 
     scores(join(&raw)?.view(), join(&made)?.view(), join(&wanted)?.view(), &mut rule)
 }
 
-/// The part of the data's energy that the net's images of held-out frames leave unexplained, all
-/// but 2 % of them. Only frames in which something touches: between touches the data is
-/// drift and what relaxes, which no image of a touch explains.
-pub fn misfit_limit(
+/// The model error of a skin's data: what true images of the sequences to learn from leave of it, with
+/// the limit by which the judge rejects the net's images of held-out sequences mostly rightly. `None` where
+/// the measurements are unknown.
+///
+/// # Errors
+///
+/// Those of the model and the net.
+pub fn judge(
     weights: &Weights,
+    learnt: &[Shard],
     held_out: &[Shard],
     sequences: &Sequences,
-) -> Result<Option<f64>, SkinError> {
+) -> Result<Option<MeasuredJudge>, SkinError> {
     let jacobian = sequences.pixel_jacobian()?;
-    let mut known: Vec<DataMisfit> = Vec::new();
-    let peak = |image: ArrayView2<'_, f32>| image.iter().fold(0.0_f32, |most, v| v.max(most));
-    let wanted = || held_out.iter().flat_map(|shard| shard.wanted.outer_iter());
-    let most = wanted().map(peak).fold(0.0, f32::max);
-    for shard in held_out {
-        let Some(data) = &shard.data else { continue };
-        let noise_std: Vec<f64> = data.noise_std.iter().map(|std| f64::from(*std)).collect();
-        let mut evidence = DataConsistency::new(jacobian.view(), &noise_std, shard.mask.view())?;
-        let mut net = Denoiser::new(weights, shard.mask.view())?;
-        let raw = ImageStack::new(shard.raw.mapv(f64::from), shard.mask.clone())?;
-        let made = net.denoise(&raw)?;
-        let frames = made.iter().zip(data.differences.outer_iter()).zip(shard.wanted.outer_iter());
-        for ((image, differences), _) in frames.filter(|f| peak(f.1) >= TOUCHED * most) {
-            let differences = differences.mapv(f64::from).to_vec();
-            known.push(evidence.misfit(image, &differences)?);
+    let mut sum = ModelErrorSum::new(jacobian.nrows());
+    let mut left = vec![0.0; jacobian.nrows()];
+    for shard in learnt {
+        let Some(data) = &shard.data else { return Ok(None) };
+        let mut model = DataModel::new(&jacobian, shard, data)?;
+        for (frame, wanted) in shard.wanted.outer_iter().enumerate() {
+            let differences = model.left_into(frame, wanted.mapv(f64::from).view(), &mut left)?;
+            sum.add(ArrayView1::from(&left), ArrayView1::from(&differences));
         }
     }
-    Ok(DataMisfit::limit(&known, NOT_BELIEVED))
+    let Some(mut error) = sum.model_error() else { return Ok(None) };
+    // any positive one: the norm is used, not the score
+    error.limit = 1.0;
+    let mut norm = ModelErrorNorm::new(&error)?;
+    let mut known = Vec::new();
+    for (index, shard) in held_out.iter().enumerate() {
+        let Some(data) = &shard.data else { return Ok(None) };
+        let model = DataModel::new(&jacobian, shard, data)?;
+        known.extend(frames(weights, shard, index % 2, model, &mut norm)?);
+    }
+    let Some(limit) = limit(known.iter()) else { return Ok(None) };
+    error.limit = limit;
+    let (mut counts, mut older) = (JudgeCounts::default(), JudgeCounts::default());
+    for half in [0, 1] {
+        let other = limit_of_half(&known, 1 - half);
+        for frame in known.iter().filter(|frame| frame.half == half && frame.is_touched) {
+            if let Some(limit) = other {
+                counts.add(frame.left > limit, frame.is_worse);
+            }
+            older.add(frame.is_rejected_by_older, frame.is_worse);
+        }
+    }
+    let older = weights.misfit_limit().map(|_| older);
+    Ok(Some(MeasuredJudge { error, counts, older }))
+}
+
+/// The frames of a held-out sequence that have a raw image.
+fn frames(
+    weights: &Weights,
+    shard: &Shard,
+    half: usize,
+    mut model: DataModel<'_>,
+    norm: &mut ModelErrorNorm,
+) -> Result<Vec<Known>, SkinError> {
+    let mut net = Denoiser::new(weights, shard.mask.view())?;
+    let made = shard.denoise(&mut net)?;
+    let mut left = vec![0.0; model.noise_std.len()];
+    let energies =
+        shard.wanted.outer_iter().map(|wanted| wanted.iter().map(|v| v * v).sum::<f32>());
+    let energies: Vec<f64> = energies.map(f64::from).collect();
+    let most = energies.iter().copied().fold(0.0, f64::max);
+    let mut known = Vec::new();
+    for (frame, image) in made.iter().enumerate() {
+        let [raw, wanted] = [&shard.raw, &shard.wanted]
+            .map(|images| images.index_axis(Axis(0), frame).mapv(f64::from));
+        if raw.iter().all(|value| *value == 0.0) {
+            continue;
+        }
+        let differences = model.left_into(frame, image, &mut left)?;
+        let [unexplained, noise] = norm.unexplained(&left, &differences, &model.noise_std)?;
+        let older = match weights.misfit_limit() {
+            Some(limit) => model.consistency.misfit(image, &differences)?.score(limit),
+            None => 0.0,
+        };
+        known.push(Known {
+            left: unexplained - noise,
+            is_worse: squared(image, wanted.view()) > squared(raw.view(), wanted.view()),
+            is_touched: energies[frame] > TOUCHED * most,
+            is_rejected_by_older: older > 1.0,
+            half,
+        });
+    }
+    Ok(known)
+}
+
+fn limit_of_half(known: &[Known], half: usize) -> Option<f64> {
+    limit(known.iter().filter(|frame| frame.half == half))
+}
+
+/// The least limit at which at least [`RIGHT_TO_WRONG`] times as many images are rejected rightly as
+/// wrongly; without one, that at which [`NOT_BELIEVED`] of the better images are rejected.
+fn limit<'a>(known: impl Iterator<Item = &'a Known>) -> Option<f64> {
+    let mut known: Vec<&Known> = known.collect();
+    known.sort_by(|a, b| b.left.total_cmp(&a.left));
+    let (mut right, mut wrong, mut limit) = (0, 0, None);
+    for pair in known.windows(2) {
+        right += usize::from(pair[0].is_worse);
+        wrong += usize::from(!pair[0].is_worse);
+        if right >= RIGHT_TO_WRONG * wrong {
+            limit = Some(pair[1].left);
+        }
+    }
+    let better: Vec<f64> =
+        known.iter().filter(|frame| !frame.is_worse).map(|frame| frame.left).collect();
+    let at = (NOT_BELIEVED * better.len() as f64) as usize;
+    let limit = limit.or_else(|| better.get(at).copied())?;
+    Some(limit.clamp(LIMITS[0], LIMITS[1]))
+}
+
+/// The linear model of a shard's data.
+struct DataModel<'a> {
+    consistency: DataConsistency,
+    data: &'a ShardData,
+    noise_std: Vec<f64>,
+}
+
+impl<'a> DataModel<'a> {
+    fn new(jacobian: &Array2<f64>, shard: &Shard, data: &'a ShardData) -> Result<Self, SkinError> {
+        let noise_std: Vec<f64> = data.noise_std.iter().map(|std| f64::from(*std)).collect();
+        let consistency = DataConsistency::new(jacobian.view(), &noise_std, shard.mask.view())?;
+        Ok(Self { consistency, data, noise_std })
+    }
+
+    /// Writes what an image leaves of a frame's differences, and returns those.
+    fn left_into(
+        &mut self,
+        frame: usize,
+        image: ArrayView2<'_, f64>,
+        left: &mut [f64],
+    ) -> Result<Vec<f64>, SkinError> {
+        let differences = self.data.differences.row(frame).mapv(f64::from).to_vec();
+        self.consistency.left_into(image, &differences, left)?;
+        Ok(differences)
+    }
+}
+
+/// Sum of squared differences inside the skin.
+fn squared(image: ArrayView2<'_, f64>, wanted: ArrayView2<'_, f64>) -> f64 {
+    let off = image.iter().zip(wanted).filter(|(image, _)| image.is_finite());
+    off.map(|(image, wanted)| (image - wanted).powi(2)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+    use super::*;
+
+    fn known(left: f64, is_worse: bool) -> Known {
+        Known { left, is_worse, is_touched: true, is_rejected_by_older: false, half: 0 }
+    }
+
+    /// Eleven worse images above two better ones: the limit keeps the second better one, since two wrong
+    /// rejections need twelve right ones. Without worse images, all better ones are kept.
+    #[test]
+    fn the_limit_rejects_mostly_rightly() {
+        let mut frames: Vec<Known> =
+            (0..11).map(|k| known(0.5 - 0.01 * f64::from(k), true)).collect();
+        frames.extend([known(0.35, false), known(0.34, false)]);
+        frames.extend((0..100).map(|k| known(0.001 * f64::from(k), false)));
+        assert_eq!(limit(frames.iter()), Some(0.34));
+        // one more right one above pays for the second wrong one
+        frames.push(known(0.55, true));
+        assert_eq!(limit(frames.iter()), Some(0.001 * 99.0));
+        let better: Vec<Known> = (0..100).map(|k| known(0.002 * f64::from(k), false)).collect();
+        assert_eq!(limit(better.iter()), Some(0.002 * 99.0));
+        assert_eq!(limit([].iter()), None);
+        assert_eq!(limit([known(0.9, false)].iter()), Some(LIMITS[1]));
+    }
+
+    #[test]
+    fn counts_by_verdict_and_error() {
+        let mut counts = JudgeCounts::default();
+        for (is_rejected, is_worse) in [(true, true), (true, false), (false, true), (false, false)]
+        {
+            counts.add(is_rejected, is_worse);
+        }
+        let wanted = JudgeCounts { frames: 4, rightly: 1, wrongly: 1, let_through: 1 };
+        assert_eq!(counts, wanted);
+    }
 }

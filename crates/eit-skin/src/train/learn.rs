@@ -1,5 +1,6 @@
 //! Training on a learning base, and what the weights' file says of it.
 
+use super::held_out::MeasuredJudge;
 use super::sequences::Sequences;
 use crate::denoise::Scores;
 use crate::error::SkinError;
@@ -7,11 +8,13 @@ use crate::progress::Progress;
 use crate::skin::Skin;
 use crate::stop::StopFlag;
 use eit_denoise::{
-    Examples, ImageNet, LearningBase, Shard, TrainSettings, TrainStatus, Trainer, Unet, Weights,
+    Examples, ImageNet, LearningBase, Shard, TrainSettings, TrainStatus, TrainStep, Trainer, Unet,
+    Weights,
 };
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::time::Instant;
 
 /// How a net is trained: a [`eit_denoise::Unet`], or one of your own.
 #[derive(Debug, Clone, Copy)]
@@ -38,22 +41,30 @@ pub fn learn<N: ImageNet>(
     net: N,
     training: &Training<'_>,
     sequences: &Sequences,
-    shards: Vec<Shard>,
+    shards: &[Shard],
     held_out: &[Shard],
     progress: &mut Progress,
 ) -> Result<Trainer<N>, SkinError> {
     let Training { settings, base, checkpoint, threads, stop } = *training;
-    let history = net.history();
-    let train = Examples::new(&shards, history)?.augmented(&sequences.turns())?;
-    // hundreds of megabytes that are not looked at again
-    drop(shards);
+    let (history, first) = (net.history(), net.clone());
+    let train = Examples::new(shards, history)?.augmented(&sequences.turns())?;
     let held_out = Examples::new(held_out, history)?;
     let mut trainer = match checkpoint.exists() {
         true => Trainer::resume(checkpoint, net, settings, base)?,
         false => Trainer::new(net, settings, base)?,
     };
     let steps = train.len().div_ceil(settings.batch);
+    let left = settings.epochs.saturating_sub(trainer.curve().len());
     progress.steps("training", settings.epochs * steps, |bar| {
+        if left > 0 {
+            let step_s = step_s(&first, &train, settings.batch, threads)?;
+            bar.set_message(&format!(
+                "training: {} examples of {} sequences, about {:.0} minutes",
+                train.len(),
+                shards.len(),
+                (left * steps) as f64 * step_s / 60.0
+            ));
+        }
         while trainer.status() == TrainStatus::Running {
             let done = trainer.curve().len() * steps;
             let made = trainer.epoch(&train, &held_out, threads, &mut |step, _| {
@@ -78,13 +89,27 @@ pub fn learn<N: ImageNet>(
     })
 }
 
+/// Time of a step, seconds: the second of two, since the first also sets up the device.
+fn step_s<N: ImageNet>(
+    net: &N,
+    examples: &Examples,
+    batch: usize,
+    threads: usize,
+) -> Result<f64, SkinError> {
+    let batch: Vec<usize> = (0..examples.len().min(batch)).collect();
+    TrainStep::of(net, examples, &batch, threads)?;
+    let start = Instant::now();
+    TrainStep::of(net, examples, &batch, threads)?;
+    Ok(start.elapsed().as_secs_f64())
+}
+
 /// What a trained net is worth on sequences that it did not learn from.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Worth {
     /// Error beside that of the raw images.
     pub scores: Scores,
-    /// Part of the data's energy that known images leave unexplained.
-    pub misfit_limit: Option<f64>,
+    /// Judge of the net's images.
+    pub judge: Option<MeasuredJudge>,
 }
 
 /// Which program wrote a file of weights.
@@ -94,6 +119,15 @@ pub struct MadeBy<'a> {
     pub program: &'a str,
     /// Commit that it was built from.
     pub commit: &'a str,
+    /// [`parameter_checksum`] of the weights that the training started from; `None`: random ones.
+    pub from: Option<&'a str>,
+}
+
+/// CRC-32 of the parameters of weights, without what their file says about them.
+pub fn parameter_checksum(weights: &Weights) -> String {
+    let mut hasher = crc32fast::Hasher::new();
+    weights.parameters.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
+    format!("{:08x}", hasher.finalize())
 }
 
 /// The trained weights with what their file says of them; `program` and `commit` made them.
@@ -104,7 +138,7 @@ pub fn weights(
     worth: &Worth,
     made_by: &MadeBy<'_>,
 ) -> Result<Weights, SkinError> {
-    let Worth { scores, misfit_limit: limit } = worth;
+    let Worth { scores, judge } = worth;
     let settings = trainer.settings();
     let best = trainer.best();
     let entries = [
@@ -124,8 +158,35 @@ pub fn weights(
         ("program", made_by.program.to_owned()),
         ("commit", made_by.commit.to_owned()),
     ];
-    let limit = limit.map(|limit| ("misfit_limit", limit.to_string()));
+    let from = made_by.from.map(|from| ("from", from.to_owned()));
     let about: BTreeMap<String, String> =
-        entries.into_iter().chain(limit).map(|(key, value)| (key.to_owned(), value)).collect();
-    Ok(trainer.weights(&skin.fingerprint, base.settings().pixels, &about)?)
+        entries.into_iter().chain(from).map(|(key, value)| (key.to_owned(), value)).collect();
+    let weights = trainer.weights(&skin.fingerprint, base.settings().pixels, &about)?;
+    Ok(Weights { model_error: judge.as_ref().map(|judge| judge.error.clone()), ..weights })
+}
+
+/// Weights that were not trained any further, with a judge measured on this base; their file says what it
+/// said, and of which base the judge is.
+pub fn judged_weights(
+    weights: Weights,
+    base: &LearningBase,
+    worth: &Worth,
+    made_by: &MadeBy<'_>,
+) -> Result<Weights, SkinError> {
+    let Some(judge) = &worth.judge else {
+        return Err(SkinError::Failure(
+            "the learning base has no measurements, or too few to measure the judge".to_owned(),
+        ));
+    };
+    let entries = [
+        ("judge_base", base.checksum()?),
+        ("judge_recipe", base.settings().recipe.clone()),
+        ("judge_sequences", base.settings().shards.to_string()),
+        ("judge_program", made_by.program.to_owned()),
+        ("judge_commit", made_by.commit.to_owned()),
+    ];
+    let entries = entries.into_iter().map(|(key, value)| (key.to_owned(), value));
+    let about = weights.about.iter().map(|(key, value)| (key.clone(), value.clone()));
+    let about = about.chain(entries).collect();
+    Ok(Weights { about, model_error: Some(judge.error.clone()), ..weights })
 }

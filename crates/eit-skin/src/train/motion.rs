@@ -1,16 +1,23 @@
-//! Fingers and fabrics of a learning base: everything that a net should not rely on is drawn anew.
+//! Random fingers and fabrics of a learning base: everything that a net must not rely on is drawn.
 
 use eit_fem::fabric::{
     FabricSettings, Finger, Interpolation, Key, PlayCircle, Random, Tip, TouchScript,
 };
 use std::f64::consts::TAU;
 
-/// Frames a second, as in the built-in scripts.
+/// Frames per second, as in the built-in scripts.
 const RATE_HZ: f64 = 10.0;
 /// Frames before the first touch: reference and noise.
 pub const QUIET: usize = 20;
 /// Part of the radius up to which fingers press.
-const REACH: f64 = 0.9;
+const REACH: f64 = 0.97;
+/// Radius of a tip over that of a usual fingertip (10 mm on the paper's skin).
+const TIPS: [f64; 2] = [0.4, 2.5];
+/// Force of a press, newton.
+const FORCES_N: [f64; 2] = [0.2, 2.5];
+/// Largest force over a tip's cross-section, pascal: 1 N on a tip of 4 mm. The contact model ends where a
+/// finger sinks in so deep that the edge of the contact is vertical.
+const MOST_PA: f64 = 2e4;
 /// Time to press and to lift, seconds.
 const PRESS_S: f64 = 0.3;
 
@@ -19,17 +26,19 @@ pub fn random(seed: u64, sequence: usize, attempt: usize) -> Random {
     Random::stream(seed, (sequence as u128) << 16 | attempt as u128)
 }
 
-/// How many fingers a drawn script has.
+/// Number of fingers of a drawn script.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fingers {
     /// Always so many, 1 to [`MOST`].
     Always(usize),
-    /// One in 35 % of the scripts, two in 40 %, three in 15 %, four in 10 %.
+    /// One to six, drawn with [`SHARES`].
     Any,
 }
 
-/// Fingers of a script.
-pub const MOST: usize = 4;
+/// Largest number of fingers of a script.
+pub const MOST: usize = 6;
+/// Parts of the scripts with up to one, two, ... fingers.
+const SHARES: [f64; MOST - 1] = [0.28, 0.56, 0.72, 0.84, 0.93];
 /// Part of the scripts with several fingers in which the second stays beside the first.
 const PAIRS: f64 = 0.4;
 /// Least distance of two fingers in radii of the larger tip, from centre to centre: fingertips that
@@ -43,19 +52,21 @@ impl Fingers {
         let part = random.between(0.0, 1.0);
         match self {
             Self::Always(count) => count,
-            Self::Any => [0.35, 0.75, 0.9].iter().filter(|bound| part >= **bound).count() + 1,
+            Self::Any => SHARES.iter().filter(|bound| part >= **bound).count() + 1,
         }
     }
 }
 
-/// Fingers anywhere up to 90 % of the radius that tap, press, rest, slide from place to place and
-/// lift, each at times of its own. They never overlap; often two stay side by side.
+/// Fingers anywhere up to 97 % of the radius that tap, press, rest, slide from place to place and
+/// lift, each at times of its own, all with tips of about one size. They never overlap; often two stay
+/// side by side.
 pub fn script(
     random: &mut Random,
     circle: &PlayCircle,
     frames: usize,
     fingers: Fingers,
 ) -> TouchScript {
+    let tip_m = 0.01_f64.min(0.15 * circle.radius_m) * random.log_between(TIPS[0], TIPS[1]);
     let count = fingers.draw(random);
     let mut script = TouchScript {
         name: "training".to_owned(),
@@ -69,7 +80,7 @@ pub fn script(
         for _ in 0..TRIES {
             let finger = match script.fingers.first() {
                 Some(first) if pair && id == 2 => beside(random, circle, first),
-                _ => finger(random, circle, id, frames),
+                _ => finger(random, circle, [id as usize, frames], tip_m),
             };
             script.fingers.push(finger);
             if are_apart(&script) {
@@ -96,7 +107,10 @@ fn are_apart(script: &TouchScript) -> bool {
 
 /// A finger that follows another at its side.
 fn beside(random: &mut Random, circle: &PlayCircle, first: &Finger) -> Finger {
-    let apart = random.between(APART + 0.1, 6.0);
+    // large tips find room near each other only
+    let most =
+        (0.8 * circle.radius_m / first.keys.first().map_or(1.0, |key| key.radius_m)).min(6.0);
+    let apart = random.between(APART + 0.1, most.max(APART + 0.2));
     let (mut angle, turn) = (random.between(0.0, TAU), random.between(-1.0, 1.0));
     let force = random.log_between(0.5, 2.0);
     let mut keys = first.keys.clone();
@@ -110,20 +124,30 @@ fn beside(random: &mut Random, circle: &PlayCircle, first: &Finger) -> Finger {
         let off = [place[0] - circle.centre_m[0], place[1] - circle.centre_m[1]];
         let inside = (REACH * circle.radius_m / off[0].hypot(off[1])).min(1.0);
         key.position_m = [0, 1].map(|i| circle.centre_m[i] + inside * off[i]);
-        key.force_n *= force;
+        key.force_n = (key.force_n * force).min(most_n(key.radius_m));
         angle += turn * random.between(0.0, 0.3);
     }
     Finger { id: 2, keys, ..first.clone() }
 }
 
-fn finger(random: &mut Random, circle: &PlayCircle, id: u32, frames: usize) -> Finger {
+/// Largest force on a tip, newton.
+fn most_n(radius_m: f64) -> f64 {
+    MOST_PA * 0.5 * TAU * radius_m * radius_m
+}
+
+fn finger(
+    random: &mut Random,
+    circle: &PlayCircle,
+    [id, frames]: [usize; 2],
+    tip_m: f64,
+) -> Finger {
     let mut keys: Vec<Key> = Vec::new();
     let end_s = frames as f64 / RATE_HZ;
     let mut now_s = QUIET as f64 / RATE_HZ + random.between(0.0, 0.8);
     let interpolation = [Interpolation::Linear, Interpolation::Smooth][random.below(2)];
     while now_s + 2.0 * PRESS_S < end_s {
-        let tip = 0.01_f64.min(0.15 * circle.radius_m);
-        let (radius_m, force_n) = (tip * random.between(0.6, 1.3), random.log_between(0.2, 2.5));
+        let radius_m = tip_m * random.between(0.85, 1.15);
+        let force_n = random.log_between(FORCES_N[0], FORCES_N[1]).min(most_n(radius_m));
         // a tap every third time
         let places = match random.below(3) {
             0 => 0,
@@ -159,15 +183,39 @@ fn finger(random: &mut Random, circle: &PlayCircle, id: u32, frames: usize) -> F
         }
         now_s += random.between(0.1, 1.5);
     }
-    Finger { id, tip: Tip::Round, interpolation, keys }
+    Finger { id: id as u32, tip: Tip::Round, interpolation, keys }
 }
 
-/// The scene's fabric with electrodes that give way more or less, and another weave, gain, noise
-/// and drift.
-pub fn fabric(random: &mut Random, scene: &FabricSettings) -> FabricSettings {
+/// Part of the fabrics whose rim does not give way at all.
+const RIGID: f64 = 0.15;
+/// Part of the fabrics with the scene's foundation, within 25 %.
+const SAME_FOUNDATION: f64 = 0.4;
+/// Other foundations, over the scene's: from next to nothing beneath the fabric to a dense foam.
+const FOUNDATIONS: [f64; 2] = [1.0, 40.0];
+/// Part of the sequences with about the scene's noise.
+const SAME_NOISE: f64 = 0.5;
+/// Other noise, decibel below the root mean square of the voltages.
+const NOISE_DB: [f64; 2] = [48.0, 88.0];
+/// Part of the sequences that lack measurements, half of them all of one electrode.
+const LACKING: f64 = 0.12;
+/// Most single measurements that such a sequence lacks, as a part of all.
+const MOST_LACKING: f64 = 0.06;
+
+/// The scene's fabric with electrodes that give way more, less or not at all, and another foundation,
+/// weave, gain, noise and drift. `rms_v` is the root mean square of the untouched skin's voltages.
+pub fn fabric(random: &mut Random, scene: &FabricSettings, rms_v: f64) -> FabricSettings {
     let mut fabric = scene.clone();
-    fabric.rim.compliance = (scene.rim.compliance * random.between(0.3, 1.3)).min(0.95);
-    fabric.rim.contact_gain *= random.between(0.0, 2.0);
+    match random.uniform() < RIGID {
+        true => (fabric.rim.compliance, fabric.rim.contact_gain) = (0.0, 0.0),
+        false => {
+            fabric.rim.compliance = (scene.rim.compliance * random.between(0.2, 1.36)).min(0.95);
+            fabric.rim.contact_gain *= random.between(0.0, 2.0);
+        }
+    }
+    fabric.membrane.foundation_pa_per_m *= match random.uniform() < SAME_FOUNDATION {
+        true => random.log_between(0.8, 1.25),
+        false => random.log_between(FOUNDATIONS[0], FOUNDATIONS[1]),
+    };
     fabric.membrane.friction *= random.between(0.2, 1.5);
     fabric.piezo.strain_gain *= random.between(0.7, 1.3);
     fabric.piezo.hysteresis = (scene.piezo.hysteresis * random.between(0.0, 2.0)).min(0.5);
@@ -175,11 +223,34 @@ pub fn fabric(random: &mut Random, scene: &FabricSettings) -> FabricSettings {
     let drift = random.log_between(0.3, 3.0);
     fabric.drift.conductivity *= drift;
     fabric.drift.contact *= drift;
-    let noise = random.log_between(0.5, 10.0);
-    fabric.instrument.noise_v = scene.instrument.noise_v.map(|v| noise * v);
+    fabric.instrument.noise_v = match random.uniform() < SAME_NOISE {
+        true => {
+            let noise = random.log_between(0.5, 10.0);
+            scene.instrument.noise_v.map(|v| noise * v)
+        }
+        false => {
+            let below = random.between(NOISE_DB[0], NOISE_DB[1]);
+            [rms_v * 10.0_f64.powf(-below / 20.0); 2]
+        }
+    };
     fabric.instrument.gain_error *= random.log_between(0.3, 3.0);
     fabric
 }
 
-/// What the numbers above mean for a base: changes when they change.
-pub const RECIPE: &str = "scripts 2, fabrics 1";
+/// The measurements that a sequence lacks from its first touch on, as indices of the protocol: none,
+/// all that use one electrode, or some. `electrodes` says which electrodes each measurement uses.
+pub fn lacking(random: &mut Random, electrodes: &[Vec<u32>], count: usize) -> Vec<usize> {
+    if random.uniform() >= LACKING {
+        return Vec::new();
+    }
+    let all = 0..electrodes.len();
+    if random.below(2) == 0 {
+        let lost = random.below(count) as u32;
+        return all.filter(|&i| electrodes[i].contains(&lost)).collect();
+    }
+    let part = random.between(0.0, MOST_LACKING);
+    all.filter(|_| random.uniform() < part).collect()
+}
+
+/// Version of the numbers above in the recipe of a base: changes when they change.
+pub const RECIPE: &str = "scripts 3, fabrics 2";

@@ -4,11 +4,11 @@ use super::BaseRequest;
 use super::recorded::Recorded;
 use super::shared::{Shared, symmetries};
 use super::simulated::Simulated;
-use crate::denoise::Chain;
+use crate::denoise::{Chain, NetInputs};
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::skin::Skin;
-use eit_denoise::{RasterSymmetry, Shard};
+use eit_denoise::{RasterSymmetry, Shard, UnetShape};
 use ndarray::Array2;
 
 /// Where touches come from.
@@ -69,6 +69,34 @@ impl Sequences {
         let shared = &self.shared;
         let matrices = shared.symmetries.iter().map(|turned| shared.matrix(turned.symmetry));
         matrices.filter_map(RasterSymmetry::of_matrix).collect()
+    }
+
+    /// Fills in what a net of this shape sees beside the raw images of shards, on so many threads.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`NetInputs::new`] and [`NetInputs::complete`].
+    pub fn complete(
+        &self,
+        shards: &mut [Shard],
+        shape: UnetShape,
+        threads: usize,
+    ) -> Result<(), SkinError> {
+        let linearised = &self.shared.chain.linearised;
+        let part = shards.len().div_ceil(threads.max(1)).max(1);
+        std::thread::scope(|scope| {
+            let work = |shards: &mut [Shard]| {
+                let mut inputs = NetInputs::new(linearised, shape)?;
+                shards.iter_mut().try_for_each(|shard| inputs.complete(shard))
+            };
+            let parts = shards.chunks_mut(part);
+            let running: Vec<_> = parts.map(|part| scope.spawn(move || work(part))).collect();
+            let joined = running.into_iter().map(|thread| match thread.join() {
+                Ok(made) => made,
+                Err(panic) => std::panic::resume_unwind(panic),
+            });
+            joined.collect()
+        })
     }
 
     /// The model behind the images, [measurement, masked pixel].

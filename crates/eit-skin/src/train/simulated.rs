@@ -1,15 +1,15 @@
 //! Sequences of simulated touches: simulate, turn, reconstruct, and the truth turned alike.
 
-use super::BaseRequest;
 use super::motion::{self, Fingers, MOST, QUIET, RECIPE, fabric, script};
 use super::shared::{Shared, TurnedOrder};
+use super::{BaseRequest, Wanted};
 use crate::denoise::Lengths;
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::skin::Skin;
-use eit_denoise::{ImageStack, Shard};
-use eit_fem::FemError;
-use eit_fem::fabric::{Fabric, PlayCircle, Random, Simulation, SimulationSettings};
+use eit_denoise::{ImageStack, Shard, ThresholdRule};
+use eit_fem::fabric::{Fabric, PlayCircle, Random, Simulation, SimulationSettings, TouchScript};
+use eit_fem::{FemError, Protocol};
 use eit_mesh::Raster;
 use ndarray::{Array3, ArrayView2, Axis};
 
@@ -25,13 +25,23 @@ const ATTEMPTS: usize = 8;
 pub struct Simulated {
     frames: usize,
     fingers: Fingers,
+    script: Option<String>,
+    wanted: Wanted,
     simulating: Skin,
     fine: Raster,
+    /// Root mean square of the untouched skin's voltages, volt.
+    rms_v: f64,
+    /// Electrodes that each measurement uses.
+    electrodes: Vec<Vec<u32>>,
 }
 
 impl Simulated {
     /// Checks what was asked for, before any work; frames of a sequence and quiet ones among them.
     pub fn lengths(args: &BaseRequest, skin: &Skin) -> Result<Lengths, SkinError> {
+        if let Some(name) = &args.script {
+            let circle = PlayCircle { centre_m: [0.0; 2], radius_m: 1.0 };
+            TouchScript::built_in(name, &circle, 1)?;
+        }
         if args.frames < QUIET + 10 {
             return Err(SkinError::input(format!(
                 "--frames {}: at least {}, of which {QUIET} are quiet",
@@ -61,14 +71,32 @@ impl Simulated {
         let fingers = args.fingers.map_or(Fingers::Any, Fingers::Always);
         let simulating = skin.with_nodes(NODES, progress)?;
         let fine = Raster::new(simulating.mesh.surface(), FINE * pixels)?;
-        Ok(Self { frames: args.frames, fingers, simulating, fine })
+        let voltages = simulating.linearise(progress)?.voltages;
+        let squares = voltages.iter().map(|v| v * v).sum::<f64>();
+        let rms_v = (squares / voltages.len().max(1) as f64).sqrt();
+        let electrodes = electrodes_of(&simulating.protocol);
+        let (script, wanted) = (args.script.clone(), args.wanted);
+        Ok(Self {
+            frames: args.frames,
+            fingers,
+            script,
+            wanted,
+            simulating,
+            fine,
+            rms_v,
+            electrodes,
+        })
     }
 
     /// What the pairs depend on beside the chain.
     pub fn recipe(&self, skin: &Skin) -> String {
+        let scripts = match &self.script {
+            Some(name) => format!("script {name}"),
+            None => format!("{RECIPE}, fingers {:?}", self.fingers),
+        };
         format!(
-            "{} frames, simulated on {NODES} nodes, {RECIPE}, fingers {:?}, {:?}",
-            self.frames, self.fingers, skin.fabric,
+            "{} frames, simulated on {NODES} nodes, {scripts}, wanted {:?}, {:?}",
+            self.frames, self.wanted, skin.fabric,
         )
     }
 
@@ -93,8 +121,18 @@ impl Simulated {
         index: usize,
     ) -> Result<Result<Simulation, FemError>, SkinError> {
         let mesh = &self.simulating.mesh;
-        let settings = fabric(random, &self.simulating.fabric);
-        let script = script(random, &PlayCircle::of(mesh), self.frames, self.fingers);
+        let circle = PlayCircle::of(mesh);
+        let (settings, script) = match &self.script {
+            None => {
+                let settings = fabric(random, &self.simulating.fabric, self.rms_v);
+                (settings, script(random, &circle, self.frames, self.fingers))
+            }
+            Some(name) => {
+                let mut script = TouchScript::built_in(name, &circle, index as u64)?;
+                script.frames = script.frames.min(self.frames);
+                (self.simulating.fabric.clone(), script)
+            }
+        };
         let skin = &self.simulating;
         let fabric = Fabric::new(
             mesh,
@@ -125,6 +163,14 @@ impl Simulated {
         made: Simulation,
     ) -> Result<Shard, SkinError> {
         let mut values = made.frames_v;
+        let count = self.simulating.mesh.electrodes().len();
+        let lacking = match self.script {
+            None => motion::lacking(random, &self.electrodes, count),
+            Some(_) => Vec::new(),
+        };
+        for measurement in lacking {
+            values.column_mut(measurement).slice_axis_mut(Axis(0), (QUIET..).into()).fill(f64::NAN);
+        }
         let mut to_old = [[1.0, 0.0], [0.0, 1.0]];
         if !shared.symmetries.is_empty() {
             let TurnedOrder { symmetry, order } =
@@ -144,11 +190,16 @@ impl Simulated {
         let raster = shared.chain.linearised.raster(&mut Progress::silent())?;
         let fine = &made.truth.conductivity_change_s;
         let mask = raster.mask();
+        let stack = |images| ImageStack::new(images, mask.clone());
+        if self.wanted == Wanted::Rule {
+            let raw = stack(raw)?;
+            let wanted = ThresholdRule::default().on(mask.view())?.apply(&raw)?;
+            return Ok(Shard { data, ..Shard::new(&raw, &wanted)? });
+        }
         let wanted = Array3::from_shape_fn(raw.dim(), |(f, r, c)| match mask[[r, c]] {
             true => self.true_mean(fine.index_axis(Axis(0), f), raster, [r, c], to_old),
             false => f64::NAN,
         });
-        let stack = |images| ImageStack::new(images, mask.clone());
         let shard = Shard::new(&stack(raw)?, &stack(wanted)?)?;
         Ok(Shard { data, ..shard })
     }
@@ -178,4 +229,15 @@ impl Simulated {
         // a pixel of the rim may lie off the other mesh
         if count == 0 { 0.0 } else { sum / f64::from(count) }
     }
+}
+
+/// Electrodes that each measurement drives or senses.
+fn electrodes_of(protocol: &Protocol) -> Vec<Vec<u32>> {
+    let (drives, senses) = (protocol.stimulations_a(), protocol.measurement_patterns());
+    let of = |&[drive, sense]: &[u32; 2]| {
+        let patterns = drives.row(drive as usize).into_iter().zip(senses.row(sense as usize));
+        let uses = patterns.enumerate().filter(|(_, (i, w))| **i != 0.0 || **w != 0.0);
+        uses.map(|(electrode, _)| electrode as u32).collect()
+    };
+    protocol.data().iter().map(of).collect()
 }

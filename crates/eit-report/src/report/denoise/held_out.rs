@@ -7,7 +7,7 @@ use eit_fem::fabric::{
 };
 use eit_mesh::Raster;
 use eit_skin::{Progress, Skin};
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, Axis};
 use std::f64::consts::TAU;
 
 /// Number of frames before the first touch.
@@ -38,7 +38,7 @@ pub(super) struct Press {
     pub force_n: f64,
 }
 
-/// A built-in script on a fabric.
+/// A built-in script, changed, on a fabric.
 struct Scripted {
     name: &'static str,
     script: &'static str,
@@ -46,15 +46,42 @@ struct Scripted {
     /// Maximum number of frames in a full run, and with `--quick`.
     frames: [usize; 2],
     fabric: fn(&mut FabricSettings),
+    touch: fn(&mut TouchScript, &PlayCircle),
+    /// Noise in decibel below the root mean square of the voltages, instead of the fabric's.
+    noise_db: Option<f64>,
+    /// An electrode (from 1) that is lost with the first touch.
+    lost: Option<u32>,
 }
 
 const fn scripted(name: &'static str, script: &'static str, seed: u64, most: usize) -> Scripted {
-    Scripted { name, script, seed, frames: [most, 45], fabric: |_| () }
+    Scripted {
+        name,
+        script,
+        seed,
+        frames: [most, 45],
+        fabric: |_| (),
+        touch: |_, _| (),
+        noise_db: None,
+        lost: None,
+    }
 }
 
-const SCRIPTED: [Scripted; 8] = [
-    scripted("one finger (paper)", "paper-one-finger", 101, 397),
-    scripted("two fingers (paper)", "paper-two-fingers", 102, 252),
+/// One finger of the paper with another tip.
+const fn tips(name: &'static str, seed: u64, touch: fn(&mut TouchScript, &PlayCircle)) -> Scripted {
+    Scripted { touch, ..scripted(name, "paper-one-finger", seed, 140) }
+}
+
+const fn noisy(name: &'static str, script: &'static str, seed: u64, noise_db: f64) -> Scripted {
+    Scripted { noise_db: Some(noise_db), ..scripted(name, script, seed, 140) }
+}
+
+const ONE: &str = "paper-one-finger";
+const TWO: &str = "paper-two-fingers";
+
+/// The cases of `weights/README.md`: inside the training's range, at its edges and beyond.
+const SCRIPTED: [Scripted; 26] = [
+    scripted("one finger (paper)", ONE, 101, 397),
+    scripted("two fingers (paper)", TWO, 102, 252),
     scripted("tapping", "tapping", 103, 150),
     scripted("stroking", "stroking", 104, 150),
     scripted("three at random", "random", 105, 300),
@@ -64,35 +91,126 @@ const SCRIPTED: [Scripted; 8] = [
             fabric.rim.compliance = 0.95;
             fabric.rim.contact_gain = 4.0;
         },
-        ..scripted("one finger, electrodes move more", "paper-one-finger", 107, 200)
+        ..scripted("one finger, electrodes move more", ONE, 107, 200)
     },
     Scripted {
         fabric: |fabric| {
             fabric.rim.compliance = 0.0;
             fabric.rim.contact_gain = 0.0;
         },
-        ..scripted("one finger, rigid rim", "paper-one-finger", 108, 200)
+        ..scripted("one finger, rigid rim", ONE, 108, 200)
+    },
+    tips("tips of 5 mm", 109, |script, _| each_key(script, |key| resize(key, 0.5, 0.7))),
+    tips("tips of 20 mm", 110, |script, _| each_key(script, |key| resize(key, 2.0, 1.0))),
+    Scripted {
+        touch: |script, _| each_key(script, |key| resize(key, 2.0, 1.0)),
+        ..scripted("two fingers, tips of 20 mm", TWO, 111, 140)
+    },
+    tips("rim at 0.95 R", 112, |script, circle| {
+        each_key(script, |key| move_out(key, circle, 0.95 / 0.8));
+    }),
+    Scripted { touch: side_by_side, ..scripted("two fingers 25 mm apart", ONE, 113, 140) },
+    Scripted { fabric: foam, ..scripted("foundation 1e6", ONE, 114, 140) },
+    Scripted { fabric: foam, ..scripted("foundation 1e6, two fingers", TWO, 115, 140) },
+    noisy("70 dB", ONE, 116, 70.0),
+    noisy("70 dB, two fingers", TWO, 117, 70.0),
+    noisy("60 dB", ONE, 118, 60.0),
+    noisy("60 dB, two fingers", TWO, 119, 60.0),
+    noisy("50 dB", ONE, 120, 50.0),
+    noisy("40 dB", ONE, 121, 40.0),
+    Scripted {
+        touch: |script, circle| star(script, circle, 5),
+        ..scripted("five fingers", TWO, 122, 140)
+    },
+    Scripted {
+        touch: |script, circle| star(script, circle, 6),
+        ..scripted("six fingers", TWO, 123, 140)
+    },
+    Scripted { lost: Some(5), ..scripted("electrode 5 lost", ONE, 124, 140) },
+    Scripted { lost: Some(11), ..scripted("electrode 11 lost, two fingers", TWO, 125, 140) },
+    Scripted {
+        fabric: |fabric| fabric.piezo.strain_gain = 0.4,
+        ..scripted("weak touches", ONE, 126, 140)
     },
 ];
 
-/// Returns all cases of the report.
+/// Dense foam beneath the fabric.
+fn foam(fabric: &mut FabricSettings) {
+    fabric.membrane.foundation_pa_per_m = 1e6;
+}
+
+fn each_key(script: &mut TouchScript, mut change: impl FnMut(&mut Key)) {
+    script.fingers.iter_mut().flat_map(|finger| &mut finger.keys).for_each(&mut change);
+}
+
+fn resize(key: &mut Key, tip: f64, force: f64) {
+    key.radius_m *= tip;
+    key.force_n *= force;
+}
+
+fn move_out(key: &mut Key, circle: &PlayCircle, factor: f64) {
+    let off = [0, 1].map(|i| key.position_m[i] - circle.centre_m[i]);
+    key.position_m = [0, 1].map(|i| circle.centre_m[i] + factor * off[i]);
+}
+
+/// The finger at half the radius, and a second one 25 mm away that circles around it.
+fn side_by_side(script: &mut TouchScript, circle: &PlayCircle) {
+    each_key(script, |key| move_out(key, circle, 0.5 / 0.8));
+    let Some(mut second) = script.fingers.first().cloned() else { return };
+    second.id = 2;
+    for (k, key) in second.keys.iter_mut().enumerate() {
+        let angle = TAU * k as f64 / 30.0;
+        let places = key.position_m;
+        key.position_m = [places[0] + 0.025 * angle.cos(), places[1] + 0.025 * angle.sin()];
+    }
+    script.fingers.push(second);
+}
+
+/// Copies of the first finger, turned about the middle.
+fn star(script: &mut TouchScript, circle: &PlayCircle, count: u32) {
+    let Some(first) = script.fingers.first().cloned() else { return };
+    let turned = |id: u32| {
+        let (sin, cos) = (TAU * f64::from(id) / f64::from(count)).sin_cos();
+        let mut finger = Finger { id: id + 1, ..first.clone() };
+        for key in &mut finger.keys {
+            let [x, y] = [0, 1].map(|i| key.position_m[i] - circle.centre_m[i]);
+            let places = [cos * x - sin * y, sin * x + cos * y];
+            key.position_m = [0, 1].map(|i| circle.centre_m[i] + places[i]);
+        }
+        finger
+    };
+    script.fingers = (0..count).map(turned).collect();
+}
+
+/// Returns all cases of the report. `seed` is added to that of each: fresh noise, weave and drift.
 pub(super) fn sequences(
     skin: &Skin,
     quick: bool,
+    seed: u64,
     progress: &mut Progress,
 ) -> Result<Vec<HeldOutSequence>, ReportError> {
     let skin = skin.with_nodes(NODES, progress)?;
     let raster = Raster::new(skin.mesh.surface(), skin.pixels())?;
+    let voltages = skin.linearise(progress)?.voltages;
+    let squares = voltages.iter().map(|v| v * v).sum::<f64>();
+    let rms_v = (squares / voltages.len().max(1) as f64).sqrt();
     let simulator = Simulator { skin, raster };
     let circle = PlayCircle::of(&simulator.skin.mesh);
-    progress.steps("simulate", SCRIPTED.len() + 4, |bar| {
+    progress.steps("simulate", SCRIPTED.len() + 5, |bar| {
         let mut made = Vec::new();
         for case in &SCRIPTED {
-            let mut script = TouchScript::built_in(case.script, &circle, case.seed)?;
+            let mut script = TouchScript::built_in(case.script, &circle, case.seed + seed)?;
+            (case.touch)(&mut script, &circle);
             script.frames = script.frames.min(case.frames[usize::from(quick)]);
             let mut settings = FabricSettings::default();
             (case.fabric)(&mut settings);
-            let simulated = simulator.run(&script, &settings, case.seed)?;
+            if let Some(below) = case.noise_db {
+                settings.instrument.noise_v = [rms_v * 10.0_f64.powf(-below / 20.0); 2];
+            }
+            let mut simulated = simulator.run(&script, &settings, case.seed + seed)?;
+            if let Some(lost) = case.lost {
+                lose(&mut simulated.frames_v, &simulator.skin, lost - 1);
+            }
             made.push(HeldOutSequence {
                 name: case.name,
                 ..sequence(simulated, script.frames, true)
@@ -102,7 +220,7 @@ pub(super) fn sequences(
         let count = if quick { 30 } else { 150 };
         let quiet = silence(count);
         let settings = FabricSettings::default();
-        let simulated = simulator.run(&quiet, &settings, 201)?;
+        let simulated = simulator.run(&quiet, &settings, 201 + seed)?;
         made.push(HeldOutSequence { name: "quiet skin", ..sequence(simulated, count, false) });
         bar.inc();
         let mut loose = FabricSettings::default();
@@ -110,23 +228,51 @@ pub(super) fn sequences(
         loose.instrument.loose_rate_hz = 2.0;
         loose.instrument.loose_time_s = 0.5;
         loose.instrument.open_factor = 3.0;
-        let simulated = simulator.run(&quiet, &loose, 202)?;
+        let simulated = simulator.run(&quiet, &loose, 202 + seed)?;
         made.push(HeldOutSequence { name: "loose electrode", ..sequence(simulated, count, false) });
         bar.inc();
         let script = palm(&circle, count);
-        let simulated = simulator.run(&script, &settings, 203)?;
+        let simulated = simulator.run(&script, &settings, 203 + seed)?;
         made.push(HeldOutSequence { name: "palm", ..sequence(simulated, count, false) });
         bar.inc();
-        let simulated = simulator.run(&cuts(&circle, count), &cut_skin(), 302)?;
+        let cut = simulator.run(&cuts(&circle, count), &cut_skin(), 302 + seed)?;
+        // no finger: each one found is invented
+        let touches = vec![Vec::new(); count];
         made.push(HeldOutSequence {
             name: "cut",
-            // no finger, so every touch detected is false
-            touches: vec![Vec::new(); count],
+            touches: touches.clone(),
+            ..sequence(cut, count, false)
+        });
+        bar.inc();
+        let mut script = TouchScript::built_in(ONE, &circle, 303)?;
+        script.frames = count;
+        let mut simulated = simulator.run(&script, &settings, 303 + seed)?;
+        turn_over(&mut simulated.frames_v);
+        made.push(HeldOutSequence {
+            name: "wrong sign",
+            touches,
             ..sequence(simulated, count, false)
         });
         bar.inc();
         Ok(made)
     })
+}
+
+/// Differences from the quiet frames with the other sign: a skin whose touches lower the conductivity.
+fn turn_over(values: &mut Array2<f64>) {
+    let quiet =
+        values.slice_axis(Axis(0), (..QUIET_FRAMES).into()).sum_axis(Axis(0)) / QUIET_FRAMES as f64;
+    for mut frame in values.rows_mut() {
+        frame.zip_mut_with(&quiet, |value, quiet| *value = 2.0 * quiet - *value);
+    }
+}
+
+/// Takes the measurements of an electrode out of all frames after the quiet ones.
+fn lose(values: &mut Array2<f64>, skin: &Skin, electrode: u32) {
+    let quadruples = skin.protocol.quadruples().unwrap_or_default();
+    for (i, _) in quadruples.iter().enumerate().filter(|(_, q)| q.contains(&electrode)) {
+        values.column_mut(i).slice_axis_mut(Axis(0), (QUIET_FRAMES..).into()).fill(f64::NAN);
+    }
 }
 
 /// The simulation model, and the pixels of its truth.

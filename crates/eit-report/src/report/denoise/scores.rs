@@ -32,17 +32,49 @@ pub(super) struct Evaluation<'a> {
 /// Figures of one variant of a sequence, with one entry per counted frame.
 #[derive(Default)]
 pub(super) struct VariantScores {
+    /// The counted frames with truth.
+    frames: Vec<usize>,
     /// Mean squared error; relative to the raw image's after [`VariantScores::relative_to`].
     pub over_raw: Vec<f64>,
+    /// Squared distance from the image of the paper's rule, over that of the raw image.
+    over_raw_by_rule: Vec<f64>,
+    /// Norm of the error over the truth's.
+    relative: Vec<f64>,
     psnr_db: Vec<f64>,
     similarity: Vec<f64>,
     correlation: Vec<f64>,
     errors_m: Vec<f64>,
     fingers: usize,
     invented: usize,
+    /// Fingers of each frame that were found, and blobs that are no finger's.
+    found: Vec<(Vec<bool>, usize)>,
+    /// Fingers that the raw images show and these do not; blobs that only these invent, in frames in
+    /// which the raw image invents none.
+    against_raw: Option<[usize; 2]>,
+    /// Part of the frames whose error is larger than the raw image's.
+    worse: f64,
+    /// What the check did.
+    judged: Option<Judged>,
     /// Number of frames without a finger after the quiet ones, and of their blobs.
     idle: usize,
     idle_blobs: usize,
+}
+
+/// Counted frames by what the check did to the network's image.
+#[derive(Default)]
+struct Judged {
+    /// Rejected, and it was worse than the raw image.
+    rightly: usize,
+    /// Rejected, and it was better.
+    wrongly: usize,
+    /// Shown, and it was worse.
+    let_through: usize,
+}
+
+/// Errors and touches of the raw images of a sequence.
+pub(super) struct Raw {
+    errors: Vec<f64>,
+    found: Vec<(Vec<bool>, usize)>,
 }
 
 /// The fingers in a frame.
@@ -94,9 +126,10 @@ impl<'a> Evaluation<'a> {
     /// Evaluates a variant of a sequence.
     pub fn scores(
         &self,
-        sequence: &HeldOutSequence,
+        imaged: &ImagedSequence,
         variant: &ImageVariant,
     ) -> Result<VariantScores, ReportError> {
+        let ImagedSequence { sequence, variants } = imaged;
         let mut scores = VariantScores::default();
         let floor = self.floor(sequence, variant);
         let truth = sequence.truth.as_ref().map(|truth| truth.view());
@@ -114,7 +147,21 @@ impl<'a> Evaluation<'a> {
                     scores.fingers += places.len();
                     scores.invented += found.extra;
                     scores.errors_m.extend(found.errors_m.iter().flatten());
+                    let each = found.errors_m.iter().map(Option::is_some).collect();
+                    scores.found.push((each, found.extra));
+                    if let [raw, rule, ..] = &variants[..] {
+                        let of = |variant: &'_ ImageVariant| {
+                            variant.images.index_axis(Axis(0), frame).to_owned()
+                        };
+                        let (raw, rule) = (of(raw), of(rule));
+                        let off = |image: ArrayView2<'_, f64>| {
+                            let off = image.iter().zip(&rule).map(|(v, t)| (v - t).powi(2));
+                            off.filter(|v| v.is_finite()).sum::<f64>()
+                        };
+                        scores.over_raw_by_rule.push(off(image) / off(raw.view()));
+                    }
                     if let Some(truth) = truth {
+                        scores.frames.push(frame);
                         scores.compare(
                             image,
                             truth.index_axis(Axis(0), frame),
@@ -174,6 +221,8 @@ impl VariantScores {
         let (x, t) = (inside(image), inside(truth));
         let error = x.iter().zip(&t).map(|(x, t)| (x - t).powi(2)).sum::<f64>() / x.len() as f64;
         self.over_raw.push(error);
+        let of_truth = t.iter().map(|t| t * t).sum::<f64>() / t.len() as f64;
+        self.relative.push((error / of_truth).sqrt());
         self.psnr_db.push(10.0 * (most * most / error).log10());
         let equal = vec![1.0; x.len()];
         self.correlation.push(correlation_coefficient(&x, &t, &equal)?);
@@ -182,30 +231,71 @@ impl VariantScores {
         Ok(())
     }
 
-    /// Divides the errors by those of the raw images.
-    pub fn relative_to(mut self, raw: &[f64]) -> Self {
-        for (error, raw) in self.over_raw.iter_mut().zip(raw) {
+    /// Divides the errors by those of the raw images, and compares touches with theirs.
+    pub fn relative_to(mut self, raw: &Raw) -> Self {
+        for (error, raw) in self.over_raw.iter_mut().zip(&raw.errors) {
             *error /= raw;
         }
+        let worse = self.over_raw.iter().filter(|ratio| **ratio > 1.0).count();
+        self.worse = worse as f64 / self.over_raw.len() as f64;
+        let mut against = [0, 0];
+        for ((own, extra), (raw, raw_extra)) in self.found.iter().zip(&raw.found) {
+            against[0] += raw.iter().zip(own).filter(|(raw, own)| **raw && !**own).count();
+            against[1] += if *raw_extra == 0 { *extra } else { 0 };
+        }
+        self.against_raw = Some(against);
         self
+    }
+
+    /// Compares the rejected frames of a checked variant with the network's own images, both relative to
+    /// the raw ones.
+    pub fn judged_by(mut self, variant: &ImageVariant, net: Option<&Self>) -> Self {
+        if let (Some(aside), Some(net)) = (&variant.put_aside, net) {
+            let mut judged = Judged::default();
+            for (frame, ratio) in self.frames.iter().zip(&net.over_raw) {
+                match (aside.contains(frame), *ratio > 1.0) {
+                    (true, true) => judged.rightly += 1,
+                    (true, false) => judged.wrongly += 1,
+                    (false, true) => judged.let_through += 1,
+                    (false, false) => {}
+                }
+            }
+            self.judged = Some(judged);
+        }
+        self
+    }
+
+    /// What others are compared with.
+    pub fn as_raw(&self) -> Raw {
+        Raw { errors: self.over_raw.clone(), found: self.found.clone() }
     }
 
     /// A row of the table of touched frames.
     pub fn touched_row(&self, name: &str, variant: &ImageVariant) -> Vec<Cell> {
         let frames = self.over_raw.len() as f64;
+        let judged =
+            |of: fn(&Judged) -> usize| self.judged.as_ref().map_or(f64::NAN, |j| of(j) as f64);
         vec![
             Cell::text(name),
             Cell::text(&variant.name),
             Cell::Number(frames, 0),
             Cell::Number(quantile(&self.over_raw, 0.5), 3),
             Cell::Number(quantile(&self.over_raw, 0.9), 3),
+            Cell::Number(quantile(&self.over_raw_by_rule, 0.5), 3),
+            Cell::Number(quantile(&self.relative, 0.5), 3),
+            Cell::Number(self.worse, 3),
             Cell::Number(quantile(&self.psnr_db, 0.5), 1),
             Cell::Number(quantile(&self.similarity, 0.5), 3),
             Cell::Number(quantile(&self.correlation, 0.5), 3),
             Cell::Number(self.errors_m.len() as f64 / self.fingers as f64, 3),
             Cell::Number(self.invented as f64 / frames, 3),
             Cell::Number(1e3 * quantile(&self.errors_m, 0.5), 2),
-            Cell::Number(variant.put_aside.unwrap_or(f64::NAN), 3),
+            Cell::Number(self.against_raw.map_or(f64::NAN, |[lost, _]| lost as f64), 0),
+            Cell::Number(self.against_raw.map_or(f64::NAN, |[_, more]| more as f64), 0),
+            Cell::Number(variant.aside_share().unwrap_or(f64::NAN), 3),
+            Cell::Number(judged(|j| j.rightly), 0),
+            Cell::Number(judged(|j| j.wrongly), 0),
+            Cell::Number(judged(|j| j.let_through), 0),
         ]
     }
 
@@ -226,7 +316,7 @@ impl VariantScores {
             true => format!("{}, between touches", sequence.name),
             false => sequence.name.to_owned(),
         };
-        let aside = if scripted { f64::NAN } else { variant.put_aside.unwrap_or(f64::NAN) };
+        let aside = if scripted { f64::NAN } else { variant.aside_share().unwrap_or(f64::NAN) };
         (frames >= 10).then(|| {
             vec![
                 Cell::text(name),

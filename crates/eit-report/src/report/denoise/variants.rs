@@ -3,7 +3,7 @@
 use super::super::named_net::NamedNet;
 use super::held_out::{HeldOutSequence, QUIET_FRAMES};
 use crate::error::ReportError;
-use eit_denoise::ThresholdRule;
+use eit_denoise::{DenoiseError, ThresholdRule};
 use eit_mesh::Raster;
 use eit_skin::Progress;
 use eit_skin::denoise::{Chained, Check};
@@ -15,9 +15,17 @@ pub(super) struct ImageVariant {
     pub name: String,
     /// Siemens, [frame, row, column].
     pub images: Array3<f64>,
-    /// Fraction of frames in which the network's image was rejected; `None` for variants without
-    /// the check.
-    pub put_aside: Option<f64>,
+    /// Frames in which the network's image was rejected, after the quiet ones; `None` for variants
+    /// without the check. The variant before has the network's own images.
+    pub put_aside: Option<Vec<usize>>,
+}
+
+impl ImageVariant {
+    /// Fraction of the frames after the quiet ones in which the network's image was rejected.
+    pub fn aside_share(&self) -> Option<f64> {
+        let all = self.images.dim().0 - QUIET_FRAMES;
+        self.put_aside.as_ref().map(|frames| frames.len() as f64 / all as f64)
+    }
 }
 
 /// A sequence with all variants of its images; the raw ones come first.
@@ -37,22 +45,26 @@ pub(super) fn variants(
     let mut rule = ThresholdRule::default().on(raster.mask().view())?;
     let mut kept = raw.clone();
     for (image, out) in raw.outer_iter().zip(kept.axis_iter_mut(Axis(0))) {
-        rule.apply_into(image, out)?;
+        match rule.apply_into(image, out) {
+            // total variation may leave the inner pixels of a noisy frame equal: nothing is kept
+            Ok(()) | Err(DenoiseError::ConstantImage { .. }) => {}
+            Err(error) => return Err(error.into()),
+        }
     }
     let plain =
         |name: &str, images| ImageVariant { name: name.to_owned(), images, put_aside: None };
     let mut variants = vec![plain("raw", raw.clone()), plain("rule", kept)];
-    let mut check = Check::new(&made.fitted)?;
+    let check = Check::new(&made.fitted);
     for NamedNet { name, net } in nets {
         let mut silent = Progress::silent();
         let mut images = raw.clone();
-        net.apply(&mut images, raster, None, &mut silent)?;
+        net.apply_unchecked(&mut images, raster, &check, &mut silent)?;
         variants.push(plain(name, images));
         let mut images = raw.clone();
-        if let Some(checked) = net.apply(&mut images, raster, Some(&mut check), &mut silent)? {
+        if let Some(checked) = net.apply(&mut images, raster, Some(&check), &mut silent)? {
             // quiet frames at the start are not counted
-            let aside = checked.put_aside().iter().filter(|f| **f >= QUIET_FRAMES).count();
-            let put_aside = Some(aside as f64 / (raw.dim().0 - QUIET_FRAMES) as f64);
+            let aside = checked.put_aside().into_iter().filter(|f| *f >= QUIET_FRAMES);
+            let put_aside = Some(aside.collect());
             variants.push(ImageVariant { name: format!("{name}, checked"), images, put_aside });
         }
     }

@@ -1,0 +1,208 @@
+//! What a net sees beside the raw image: one-step images and the signal-to-noise ratio.
+
+use crate::error::SkinError;
+use crate::linearised::LinearisedSkin;
+use crate::progress::Progress;
+use eit_denoise::{Beside, DataMisfit, NetFrame, Shard, UnetShape};
+use eit_inverse::{InverseError, OneStepGaussNewton, OneStepSettings, Reconstructor, Workspace};
+use eit_mesh::Raster;
+use ndarray::{Array2, Array3, ArrayView2, Axis};
+
+/// Hyperparameters of the one-step images, dimensionless: the ratio of noise to expected signal. The
+/// first is about that of noise figure 1 on the paper's skin; the second resolves more where the data is
+/// good; the third is as smooth as data at 20 dB allow.
+const HYPERPARAMETERS: [f64; 3] = [0.1, 0.01, 1.0];
+/// Decades of the signal-to-noise ratio that a net tells apart.
+const DECADES: f64 = 3.0;
+
+/// Makes the inputs of nets that see more than the raw image.
+///
+/// Further images are one-step Gauss-Newton images of the same differences, unweighted, with the
+/// scene's prior and hyperparameters that are the same for every skin and noise. The condition is
+/// `log10(rms) / 3`, clipped to 0 to 1, with the rms of the differences in units of their noise.
+#[derive(Debug)]
+pub struct NetInputs {
+    shape: UnetShape,
+    makers: Vec<(Reconstructor, Workspace)>,
+    raster: Raster,
+    /// Protocol indices of the measurements that the makers use.
+    used: Vec<usize>,
+    /// Measurements of the frame at hand, those that are missing zero.
+    differences: Vec<f64>,
+    missing: Vec<usize>,
+    pixels: Vec<f64>,
+    images: Vec<Array2<f64>>,
+    conditions: Vec<f64>,
+}
+
+impl NetInputs {
+    /// Prepares the inputs of a net for a skin.
+    ///
+    /// # Errors
+    ///
+    /// A net that wants more inputs than this program makes; those of the reconstruction.
+    pub fn new(linearised: &LinearisedSkin, shape: UnetShape) -> Result<Self, SkinError> {
+        let UnetShape { images, conditions, .. } = shape;
+        if images > 1 + HYPERPARAMETERS.len() || conditions > 1 {
+            return Err(SkinError::input(format!(
+                "a net of {images} images and {conditions} conditions a frame, but this program makes \
+                 up to {} and 1",
+                1 + HYPERPARAMETERS.len()
+            )));
+        }
+        let raster = linearised.raster(&mut Progress::silent())?.clone();
+        let measurements = linearised.skin.protocol.measurements();
+        let used = linearised.imaging_measurements();
+        let mut makers = Vec::new();
+        if images > 1 {
+            let settings = OneStepSettings {
+                data: linearised.difference_data(),
+                used: Some(used.clone()),
+                ..Default::default()
+            };
+            let prior = linearised.prior()?;
+            let mut one_step =
+                OneStepGaussNewton::new(&linearised.jacobian, prior.as_ref(), settings)?;
+            for hyperparameter in HYPERPARAMETERS.into_iter().take(images - 1) {
+                one_step.set_hyperparameter(hyperparameter)?;
+                let maker = one_step.on_raster(raster.pixel_from_element())?;
+                let workspace = maker.workspace();
+                makers.push((maker, workspace));
+            }
+        }
+        let used: Vec<usize> = (0..measurements).filter(|&i| used[i]).collect();
+        Ok(Self {
+            shape,
+            makers,
+            differences: vec![0.0; used.len()],
+            missing: Vec::with_capacity(used.len()),
+            used,
+            pixels: vec![0.0; raster.masked_pixels().len()],
+            images: vec![Array2::zeros(raster.mask().dim()); images],
+            conditions: vec![0.0; conditions],
+            raster,
+        })
+    }
+
+    /// Whether the net sees measurements, not only an image.
+    pub fn needs_data(&self) -> bool {
+        needs_data(self.shape)
+    }
+
+    /// Takes the raw image [row, column] of a frame, its differences `[measurement]` (NaN where a
+    /// value is missing), and their energy in units of the noise; images are multiplied by `sign`.
+    ///
+    /// # Errors
+    ///
+    /// Those of the reconstruction.
+    pub fn push(
+        &mut self,
+        raw: ArrayView2<'_, f64>,
+        differences: &[f64],
+        energy: Option<DataMisfit>,
+        sign: f64,
+    ) -> Result<(), SkinError> {
+        self.images[0].zip_mut_with(&raw, |image, raw| *image = sign * raw);
+        if let (Some(condition), Some(energy)) = (self.conditions.first_mut(), energy) {
+            *condition = signal_to_noise(energy);
+        }
+        if self.makers.is_empty() {
+            return Ok(());
+        }
+        self.missing.clear();
+        for (difference, &i) in self.differences.iter_mut().zip(&self.used) {
+            *difference = differences.get(i).copied().unwrap_or(f64::NAN);
+            if !difference.is_finite() {
+                *difference = 0.0;
+                self.missing.push(i);
+            }
+        }
+        let Self { makers, images, pixels, differences, missing, .. } = self;
+        for ((maker, workspace), image) in makers.iter_mut().zip(&mut images[1..]) {
+            match maker.reconstruct_masked_difference_into(differences, missing, workspace, pixels)
+            {
+                // too little is left for an image
+                Err(InverseError::MaskedDominates { .. } | InverseError::NothingUsed { .. }) => {
+                    pixels.fill(0.0);
+                }
+                made => {
+                    made?;
+                }
+            }
+            self.raster.image_from_pixels_into(pixels, image.view_mut())?;
+            image.mapv_inplace(|value| sign * value);
+        }
+        Ok(())
+    }
+
+    /// Passes the inputs of the last frame to a net.
+    pub fn with_frame<T>(&self, work: impl FnOnce(NetFrame<'_>) -> T) -> T {
+        let views: [ArrayView2<'_, f64>; 1 + HYPERPARAMETERS.len()] =
+            std::array::from_fn(|k| self.images[k.min(self.images.len() - 1)].view());
+        work(NetFrame { images: &views[..self.images.len()], conditions: &self.conditions })
+    }
+
+    /// Fills in what a net sees beside the raw images of a sequence of a learning base.
+    ///
+    /// # Errors
+    ///
+    /// A sequence without its measurements; those of the reconstruction.
+    pub fn complete(&mut self, shard: &mut Shard) -> Result<(), SkinError> {
+        if !self.needs_data() {
+            return Ok(());
+        }
+        let Some(data) = &shard.data else {
+            return Err(SkinError::input(
+                "the noise of the learning base's frames is unknown, and a net that sees measurements \
+                 needs it: set [noise], or train with --images 1",
+            ));
+        };
+        let (frames, rows, columns) = shard.raw.dim();
+        let others = self.shape.images - 1;
+        let mut images = vec![Array3::zeros((frames, rows, columns)); others];
+        let mut conditions = Array2::zeros((frames, self.shape.conditions));
+        for (frame, differences) in data.differences.outer_iter().enumerate() {
+            let raw = shard.raw.index_axis(Axis(0), frame).mapv(f64::from);
+            let differences: Vec<f64> = differences.iter().map(|v| f64::from(*v)).collect();
+            let energy = energy(&differences, data.noise_std.iter().map(|std| f64::from(*std)));
+            self.push(raw.view(), &differences, Some(energy), 1.0)?;
+            for (images, made) in images.iter_mut().zip(&self.images[1..]) {
+                let mut image = images.index_axis_mut(Axis(0), frame);
+                let values = made.iter().zip(&shard.mask);
+                for (value, (made, inside)) in image.iter_mut().zip(values) {
+                    *value = if *inside { *made as f32 } else { 0.0 };
+                }
+            }
+            for (value, made) in conditions.row_mut(frame).iter_mut().zip(&self.conditions) {
+                *value = *made as f32;
+            }
+        }
+        let conditions = (self.shape.conditions > 0).then_some(conditions);
+        shard.beside = Beside { images, conditions };
+        Ok(())
+    }
+}
+
+/// Whether nets of this shape see measurements, not only an image.
+pub(crate) fn needs_data(shape: UnetShape) -> bool {
+    shape.images > 1 || shape.conditions > 0
+}
+
+/// Energy of differences in units of the noise; values that are not finite are missing.
+fn energy(differences: &[f64], noise_std: impl Iterator<Item = f64>) -> DataMisfit {
+    let mut found = DataMisfit { data: 0.0, residual: 0.0, measurements: 0 };
+    for (difference, std) in differences.iter().zip(noise_std) {
+        if difference.is_finite() && std.is_finite() {
+            found.data += (difference / std).powi(2);
+            found.measurements += 1;
+        }
+    }
+    found
+}
+
+/// The condition of a net: 0 for noise, 1 for a signal a thousand times as large.
+fn signal_to_noise(energy: DataMisfit) -> f64 {
+    let mean = energy.data / energy.measurements.max(1) as f64;
+    // zero has no logarithm
+    (0.5 * mean.max(1.0).log10() / DECADES).min(1.0)
+}
