@@ -12,6 +12,9 @@ use toml::{Table, Value};
 /// File name of the options.
 const FILE: &str = "eit.toml";
 
+/// Largest file that is read.
+const MOST_BYTES: u64 = 1 << 20;
+
 /// Adds the options of the file beside the scene to the arguments, except those that were given; the arguments
 /// unchanged where there is no such file.
 pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Result<Cli, clap::Error>, CliError> {
@@ -43,12 +46,16 @@ fn beside_scene(
     let scene = given.try_get_one::<String>("scene").ok().flatten();
     let Some(scene) = scene.map(Path::new).filter(|scene| scene.is_file()) else { return Ok(None) };
     let path = scene.with_file_name(FILE);
+    let place = path.display().to_string();
+    if std::fs::metadata(&path).is_ok_and(|data| !data.is_file() || data.len() > MOST_BYTES) {
+        let most_kb = MOST_BYTES >> 10;
+        return Err(CliError::input(format!("{place}: not a file of at most {most_kb} kB")));
+    }
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(CliError::input(format!("{}: {error}", path.display()))),
+        Err(error) => return Err(CliError::input(format!("{place}: {error}"))),
     };
-    let place = path.display().to_string();
     match options(&text, name, given) {
         Ok(options) => Ok(Some((place, options))),
         Err(error) => Err(error.within(&place)),

@@ -100,4 +100,8 @@ fn options_stand_beside_the_scene() {
         assert!(said.contains(words) && said.contains("eit.toml"), "{content}: {said}");
         assert_eq!(said.lines().count(), 1, "{content}: {said}");
     }
+    std::fs::remove_file(&options).unwrap();
+    std::fs::create_dir(&options).unwrap();
+    let said = String::from_utf8(simulate(&[]).stderr).unwrap();
+    assert!(said.contains("eit.toml: not a file of at most"), "{said}");
 }

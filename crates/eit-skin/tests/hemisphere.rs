@@ -147,7 +147,7 @@ fn touches_on_a_dome() {
             if least < 0.025 {
                 hit += 1;
                 errors_m.push(least);
-                let touch = here.iter().min_by(|a, b| way(*a).total_cmp(&way(*b))).unwrap();
+                let touch = here.iter().min_by(|a, b| way(a).total_cmp(&way(b))).unwrap();
                 let normal = touch.normal.unwrap();
                 let outward =
                     (0..3).map(|k| normal[k] * touch.position_m[k] / RADIUS_M).sum::<f64>();
