@@ -153,7 +153,8 @@ def touches(page):
     near(place["found"], place["table"], WITHIN_PX * 2, "circle of the touch, px")
     assert page.text("electrodes") == "All 16 electrodes work."
     rate = float(page.text("rate"))
-    assert abs(rate - RATE_HZ) < 3, f"{rate} frames a second"
+    # a busy computer may delay frames; a page that takes another number for the rate is far off
+    assert 0.5 * RATE_HZ < rate < 1.5 * RATE_HZ, f"{rate} frames a second"
     assert page.page.is_visible("#before canvas"), "no image before the net"
     return worst
 
