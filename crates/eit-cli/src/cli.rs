@@ -10,7 +10,7 @@ pub(crate) use init::{InitArgs, ShapeArg};
 pub(crate) use learn::LearnArgs;
 pub(crate) use live::{
     BodyArgs, CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, NetworkArgs, PublishArgs,
-    RecordArgs, RecoverArgs, ReplayArgs, WatchArgs,
+    RecordArgs, RecoverArgs, ReplayArgs, SplitArgs, WatchArgs,
 };
 pub(crate) use report::{ReportArgs, TouchPart};
 pub(crate) use shell::{CompletionsArgs, ManArgs};
@@ -28,6 +28,7 @@ use std::path::PathBuf;
         high-contrast, general-32, single-frame, plate-with-hole, patches, hemisphere.\n\n\
         First steps:\n  \
         eit demo                               a simulated skin, from voltages to touches\n  \
+        eit demo --web                         the same, live in a browser\n  \
         eit plan paper-disc                    what a scene needs and what it costs\n  \
         eit plan paper-disc --print-scene      a scene file to start from\n  \
         eit mesh paper-disc --out skin.png     draw the mesh\n  \
@@ -42,6 +43,8 @@ use std::path::PathBuf;
         eit check my.toml                      check every electrode\n  \
         eit live my.toml                       show touches as they happen\n  \
         eit record my.toml --out press.mcap    a recording that survives a crash\n\n\
+        Options that a skin always needs can stand in eit.toml beside its scene: a table per command, such as [live] \
+        with web = true (docs/SCENE.md). Options given on the command line win.\n\n\
         Exit codes: 0 success, 1 failure, 2 wrong usage or invalid input, 3 ended while the instrument was \
         silent or unplugged, 4 `eit check` found a fault."
 )]
@@ -52,6 +55,27 @@ pub(crate) struct Cli {
     /// Print one JSON object on stdout instead of text.
     #[arg(long, global = true)]
     pub json: bool,
+    /// Print no progress and no notes, only the result and errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Also print how long each stage of the work took, on stderr.
+    #[arg(short, long, global = true)]
+    pub verbose: bool,
+    /// When to use colours: auto is on a terminal, unless the environment sets NO_COLOR or TERM=dumb.
+    #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t)]
+    pub color: ColorWhen,
+}
+
+/// When to use colours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub(crate) enum ColorWhen {
+    /// On a terminal, unless the environment says otherwise.
+    #[default]
+    Auto,
+    /// Always.
+    Always,
+    /// Never.
+    Never,
 }
 
 /// The commands.
@@ -178,7 +202,8 @@ pub(crate) enum Command {
     /// many sizes and runs every inverse solver at many settings; compares the results with the predictions
     /// of `eit plan`. Writes report.html (open it), report.md, report.json, tables (inverse.csv, forward.csv,
     /// plan.csv) and pictures, again after every scene: until the last one the report says that it is
-    /// incomplete, and Ctrl-C keeps what exists. Takes some minutes, or one with --quick.
+    /// incomplete, and Ctrl-C keeps what exists. Takes two minutes with --quick (five on a busy
+    /// computer), and much longer without.
     ///
     /// With --quality it writes quality.md and quality.csv instead (figures of merit against noise, speed and
     /// number of touches), with --touches touches.md, and with --denoise denoise.md with its pictures.
@@ -235,9 +260,10 @@ pub(crate) enum Command {
     ///
     /// Data is written to the file every second, so a killed recorder loses at most the last second. Ctrl-C
     /// ends the recording cleanly. A terminal shows the rate and the number of lost frames; the final output
-    /// contains the mean rate and the longest interval between two frames. Lost frames, disconnections and
-    /// notices of the instrument become notes in the recording. `eit reconstruct` reads it like any other
-    /// file.
+    /// contains the mean rate while frames came, the longest interval between two frames, and the time without
+    /// data. Lost frames, disconnections, a rate below nine tenths of the stated one and notices of the
+    /// instrument become notes in the recording. --split-mb and --split-s write a long recording in parts.
+    /// `eit reconstruct` reads it like any other file.
     ///
     /// Example: eit record my.toml --seconds 60 --out press.mcap
     Record(RecordArgs),
@@ -289,6 +315,16 @@ pub(crate) struct DemoArgs {
     /// Use fewer frames, pixels and nodes, for a check that takes seconds.
     #[arg(long)]
     pub quick: bool,
+    /// Serve a page that shows the touches as they happen, and print its address; once the report is written, the
+    /// page repeats both experiments until Ctrl-C [default: 127.0.0.1:8484; port 0: any free port].
+    #[arg(
+        long,
+        value_name = "HOST:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1:8484"
+    )]
+    pub web: Option<String>,
     /// Publish the experiments while they run; once the second begins, the rest of the first is not published.
     #[command(flatten)]
     pub network: NetworkArgs,

@@ -9,12 +9,13 @@
 
 mod cli;
 mod commands;
+mod defaults;
 mod error;
 mod interrupt;
 mod progress;
+mod terminal;
 
-use clap::Parser as _;
-use cli::{Cli, Command};
+use cli::Command;
 use commands::Ended;
 use eit_skin::words::{printable, printable_json};
 use error::CliError;
@@ -22,12 +23,21 @@ use std::io::Write as _;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
-        Err(error) => return usage(&error),
+    let arguments: Vec<_> = std::env::args_os().collect();
+    let cli = match defaults::parse(arguments.clone()) {
+        Ok(Ok(cli)) => cli,
+        Ok(Err(error)) => {
+            terminal::set_early(&arguments);
+            return usage(&error);
+        }
+        Err(error) => {
+            terminal::set_early(&arguments);
+            return failed(&error);
+        }
     };
+    terminal::set(&cli);
     let result: Result<Ended, CliError> = match &cli.command {
-        Command::Demo(args) => commands::demo::run(args).map(Ended::from),
+        Command::Demo(args) => commands::demo::run(args, cli.json).map(Ended::from),
         Command::Plan(args) => commands::plan::run(args).map(Ended::from),
         Command::Mesh(args) => commands::mesh::run(args).map(Ended::from),
         Command::Forward(args) => commands::forward::run(args).map(Ended::from),
@@ -58,11 +68,14 @@ fn main() -> ExitCode {
             said(say(&printable_json(&ended.answer.json.to_string())), ended.exit_code)
         }
         Ok(ended) => said(say(&printable(&ended.answer.text)), ended.exit_code),
-        Err(error) => {
-            eprintln!("eit: {}", printable(&error.to_string()));
-            ExitCode::from(error.exit_code())
-        }
+        Err(error) => failed(&error),
     }
+}
+
+/// Prints why a command stopped, on one line.
+fn failed(error: &CliError) -> ExitCode {
+    eprintln!("{} {}", terminal::error_name(), printable(&error.to_string()));
+    ExitCode::from(error.exit_code())
 }
 
 /// Returns the exit code of a command whose answer was printed.
@@ -87,7 +100,11 @@ fn say(text: &str) -> ExitCode {
 /// Prints help and version unchanged, and wrong usage on one line.
 fn usage(error: &clap::Error) -> ExitCode {
     if !error.use_stderr() {
-        return say(error.render().to_string().trim_end());
+        let help = error.render();
+        return match terminal::is_colored(&std::io::stdout()) {
+            true => say(help.ansi().to_string().trim_end()),
+            false => say(help.to_string().trim_end()),
+        };
     }
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
         eprintln!("{}", error.render());
@@ -98,6 +115,7 @@ fn usage(error: &clap::Error) -> ExitCode {
     let lines = text.lines().take_while(|l| !l.starts_with("Usage:")).map(str::trim);
     let words: Vec<&str> = lines.filter(|l| !l.is_empty()).collect();
     let words = words.join(" ");
-    eprintln!("eit: {}; see --help", printable(words.trim_start_matches("error: ")));
+    let name = terminal::error_name();
+    eprintln!("{name} {}; see --help", printable(words.trim_start_matches("error: ")));
     ExitCode::from(2)
 }

@@ -1,16 +1,20 @@
 //! Shows progress on a terminal, but not in a pipe.
 
+use crate::terminal;
 use eit_skin::words::printable;
 use eit_skin::{Observer, Progress};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Terminal width below which a bar has no room next to its text.
 const NARROW: u16 = 60;
 
 /// Creates a progress that is shown on the terminal.
 pub(crate) fn terminal() -> Progress {
-    Progress::new(Box::new(Bars::default()))
+    match terminal::is_quiet() {
+        true => Progress::silent(),
+        false => Progress::new(Box::new(Bars::default())),
+    }
 }
 
 /// One bar per line of work, on stderr, if that is a terminal.
@@ -18,6 +22,8 @@ pub(crate) fn terminal() -> Progress {
 struct Bars {
     all: MultiProgress,
     current: Option<ProgressBar>,
+    /// Name and start of the stage, with --verbose.
+    stage: Option<(String, Instant)>,
 }
 
 impl Observer for Bars {
@@ -30,10 +36,12 @@ impl Observer for Bars {
         if let Ok(style) = ProgressStyle::with_template(template(steps, columns)) {
             bar.set_style(style);
         }
-        match group {
-            "" => bar.set_message(stage.to_owned()),
-            group => bar.set_message(format!("{group}: {stage}")),
-        }
+        let name = match group {
+            "" => stage.to_owned(),
+            group => format!("{group}: {stage}"),
+        };
+        self.stage = terminal::is_verbose().then(|| (name.clone(), Instant::now()));
+        bar.set_message(name);
         bar.enable_steady_tick(Duration::from_millis(100));
         self.current = Some(bar);
     }
@@ -52,6 +60,10 @@ impl Observer for Bars {
 
     fn end(&mut self) {
         self.current.take().iter().for_each(ProgressBar::finish_and_clear);
+        if let Some((name, start)) = self.stage.take() {
+            let seconds = start.elapsed().as_secs_f64();
+            self.all.suspend(|| eprintln!("eit: {}: {seconds:.3} s", printable(&name)));
+        }
     }
 
     fn note(&mut self, text: &str) {
@@ -59,7 +71,7 @@ impl Observer for Bars {
     }
 
     fn beside(&self) -> Box<dyn Observer> {
-        Box::new(Self { all: self.all.clone(), current: None })
+        Box::new(Self { all: self.all.clone(), current: None, stage: None })
     }
 }
 

@@ -47,8 +47,14 @@ fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
         assert!(out.join(file.as_str().unwrap()).exists(), "{file}");
     }
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
-    assert_eq!(page.matches("data:image/gif;base64,").count(), 2);
-    assert_eq!(page.matches("data:image/png;base64,").count(), 10);
+    // overview and tracks are in the page, the others and the movies beside it
+    assert_eq!(page.matches("data:image/png;base64,").count(), 3);
+    assert!(page.len() < 1_000_000 && !page.contains("data:image/gif"), "{} bytes", page.len());
+    let named: Vec<&str> =
+        page.split("<img src=\"").skip(1).map(|p| p.split('"').next().unwrap()).collect();
+    let files = named.iter().filter(|name| !name.starts_with("data:"));
+    assert_eq!(files.clone().count(), 11, "{named:?}");
+    assert!(files.clone().all(|name| out.join(name).exists()), "{named:?}");
     for never in ["http:", "https:", "<script", "src=\"/", "href=\"/"] {
         assert!(!page.contains(never), "{never}");
     }

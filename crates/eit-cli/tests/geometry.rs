@@ -229,7 +229,12 @@ fn what_a_scene_gets_wrong_about_geometry_is_refused() {
         assert_ne!(broken, scene, "{from}");
         let line = refused(&write_scene(folder.path(), &broken));
         assert!(line.contains(says), "{to}: {line}");
+        assert!(line.contains("scene.toml: "), "{line}");
     }
+    let crossing = "[skin]\nshape = \"polygon\"\noutline = [[0.0, 0.0], [0.1, 0.1], [0.1, 0.0], [0.0, 0.1]]\n\
+                    conductivity_s = 1.0\n[electrodes]\ncount = 8\nwidth_m = 0.005\n";
+    let line = refused(&write_scene(folder.path(), crossing));
+    assert!(line.contains("scene.toml: the outline is invalid at [0.05, 0.05]"), "{line}");
     let bare = "[skin]\nshape = \"disc\"\nradius_m = 0.1\nscale_m = 2.0\nconductivity_s = 1.0\n";
     let line = refused(&write_scene(folder.path(), bare));
     assert!(line.contains("skin.scale_m has no effect without"), "{line}");

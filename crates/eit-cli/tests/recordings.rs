@@ -4,9 +4,9 @@
 
 mod common;
 
-use common::emulated::{device, record, start, stderr};
-use common::{eit, text};
-use eit_hw::capture::CaptureReader;
+use common::emulated::{device, record, scene, start, stderr};
+use common::{eit, succeed, text};
+use eit_hw::capture::{CaptureReader, Damage};
 use serde_json::Value;
 use std::path::Path;
 use std::time::Duration;
@@ -165,5 +165,101 @@ fn convert_keeps_what_a_recording_holds() {
     for path in [&table, &array] {
         let read = eit_hw::read_recording(path, None, &Default::default()).unwrap().real;
         assert_eq!(read, wanted);
+    }
+}
+
+/// Every command reads the parts of a split recording as one.
+#[test]
+fn a_split_recording_is_one_recording_for_every_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let emulator = start(device("skin"));
+    let (scene, port) = (scene(folder.path()), emulator.endpoint().to_string());
+    let path = |name: &str| folder.path().join(name);
+    let out = path("press.mcap");
+    let common = ["record", text(&scene), "--port", &port, "--out", text(&out), "--json"];
+    let record = |more: &[&str]| -> Value {
+        serde_json::from_str(&succeed(&[&common[..], more].concat())).unwrap()
+    };
+    let json = record(&["--seconds", "3.5", "--split-s", "1"]);
+    let frames = json["frames"].as_u64().unwrap() as usize;
+    let files = eit_hw::capture::files(&out);
+    let names: Vec<&str> = files.iter().map(|file| text(file)).collect();
+    assert_eq!(json["files"], serde_json::json!(names));
+    assert!((3..=4).contains(&files.len()) && !out.exists(), "{names:?}");
+    let bytes: u64 = files.iter().map(|file| file.metadata().unwrap().len()).sum();
+    assert_eq!(json["bytes"], bytes);
+    // a name that is taken by parts
+    let exists = common::refuse(&[&common[..], &["--seconds", "1"]].concat());
+    assert!(exists.contains("press.00001.mcap: exists") && exists.contains("--append"), "{exists}");
+    let exists = common::refuse(&["convert", text(&files[0]), "--out", text(&out)]);
+    assert!(exists.contains("press.00001.mcap: exists"), "{exists}");
+    // a second run in the last part
+    let json = record(&["--seconds", "1", "--append"]);
+    let all = frames + json["frames"].as_u64().unwrap() as usize;
+    assert_eq!(eit_hw::capture::files(&out), files);
+    let capture = eit_hw::capture::read(&out).unwrap();
+    assert_eq!((capture.frames().count(), capture.damage), (all, Damage::default()));
+    for name in ["all.csv", "all.npy", "all.mcap"] {
+        let said = succeed(&["convert", text(&out), "--out", text(&path(name))]);
+        assert!(said.starts_with(&format!("{all} frames of 40 values")), "{said}");
+    }
+    let copy = eit_hw::capture::read(&path("all.mcap")).unwrap();
+    assert_eq!(copy.entries, capture.entries);
+    let said = succeed(&["recover", text(&out), text(&path("whole.mcap"))]);
+    assert!(said.starts_with(&format!("{all} frames")) && said.contains("no damage"), "{said}");
+    // images and touches are those of the converted recording
+    let images = |from: &Path, to: &str| {
+        let to = path(to);
+        let frames = ["--frames", text(from), "--reference", "0..20", "--out", text(&to)];
+        succeed(&[&["reconstruct", text(&scene)][..], &frames].concat());
+        let replayed = path(&format!("replay-{}", text(to.file_name().unwrap().as_ref())));
+        // the second run is another epoch, which stderr says
+        let arguments = ["replay", text(&scene), "--from", text(from), "--out", text(&replayed)];
+        assert!(eit(&arguments).status.success());
+        [to, replayed].map(|folder| std::fs::read(folder.join("images.npy")).unwrap())
+    };
+    assert_eq!(images(&out, "parts"), images(&path("all.mcap"), "one"));
+    // a missing part is reported, and `recover` writes the rest
+    std::fs::remove_file(&files[1]).unwrap();
+    let said = succeed(&["recover", text(&out), text(&path("rest.mcap"))]);
+    assert!(said.contains("1 part(s) of the recording are missing"), "{said}");
+    let said = succeed(&["convert", text(&out), "--out", text(&path("rest.csv"))]);
+    assert!(said.contains("1 part(s) of the recording are missing"), "{said}");
+    for (key, value) in [("--split-mb", "0"), ("--split-mb", "nan"), ("--split-s", "0.5")] {
+        let said = common::refuse(&[&common[..], &[key, value]].concat());
+        assert!(said.contains(&format!("{key} ")), "{said}");
+    }
+    let said = common::refuse(&["live", text(&scene), "--port", &port, "--split-s", "1"]);
+    assert!(said.contains("need --record"), "{said}");
+}
+
+/// Total variation of live frames with more pixels than it can keep up with is rejected before work.
+#[test]
+fn live_total_variation_of_too_many_pixels_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let emulator = start(device("skin"));
+    let (_, _, out) = record(folder.path(), &emulator, "1");
+    let content = std::fs::read_to_string(scene(folder.path())).unwrap();
+    let many = folder.path().join("many.toml");
+    for (pixels, wanted) in [
+        (
+            648,
+            "40 measurements on 648 x 648 pixels are too many for total variation of live frames: use at \
+               most 647",
+        ),
+        (4096, "40 measurements on 4096 x 4096 pixels"),
+    ] {
+        let keys = format!("[reconstruction]\nmethod = \"st-tv\"\npixels = {pixels}\n");
+        std::fs::write(&many, format!("{content}\n{keys}")).unwrap();
+        let port = emulator.endpoint().to_string();
+        let start = std::time::Instant::now();
+        for arguments in [
+            ["live", text(&many), "--port", &port, "--seconds", "9"],
+            ["replay", text(&many), "--from", text(&out), "--speed", "1"],
+        ] {
+            let said = common::refuse(&arguments);
+            assert!(said.contains(wanted), "{said}");
+        }
+        assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
     }
 }

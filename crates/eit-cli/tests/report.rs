@@ -47,7 +47,11 @@ fn the_report_of_a_scene_is_whole() {
     }
     check_forward(&report["forward"][0], "single-frame");
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
-    assert!(page.contains("data:image/png;base64") && !page.contains("<script"));
+    // the result in a sentence and a picture; the other pictures lie beside the page
+    assert!(page.contains("single-frame: relative error ") && !page.contains("<script"));
+    assert_eq!(page.matches("data:image/png;base64").count(), 1);
+    assert!(page.len() < 1_000_000, "{} bytes", page.len());
+    assert!(page.contains("src=\"forward_single_frame.png\""));
     for name in ["report.md", "inverse.csv", "forward.csv", "plan.csv"] {
         assert!(std::fs::metadata(out.join(name)).unwrap().len() > 100, "{name}");
     }

@@ -7,7 +7,7 @@ mod common;
 
 use common::emulated::{Meddled, device, record, scene, start, stderr};
 use common::{eit, text};
-use eit_hw::emulator::Device;
+use eit_hw::emulator::{Device, Emulator, FaultPlan, Listen};
 use std::time::Duration;
 
 const HOSTILE: &str = "sk\u{1b}]0;OWNED\u{7}\u{1b}[31min\n\rFAKE LINE\u{9b}2J";
@@ -41,6 +41,41 @@ fn a_restart_that_nobody_heard_of_leads_to_a_new_set_up() {
     assert!(stderr(&output).contains("no frame for 0.5 s"), "{}", stderr(&output));
     let capture = eit_hw::capture::read(&out).unwrap();
     assert_eq!(capture.frames().last().unwrap().epoch, 1);
+}
+
+/// Frames of the time in which it was unplugged are estimated, and that time does not lower the rate.
+#[test]
+fn frames_of_an_unplugged_time_are_estimated() {
+    let folder = tempfile::tempdir().unwrap();
+    // some 100 frames
+    let plan =
+        FaultPlan { unplug_after_bytes: vec![20_000], unplugged_s: 1.5, ..FaultPlan::default() };
+    let emulator =
+        Emulator::start(device("skin"), &Listen::Tcp("127.0.0.1:0".into()), plan).unwrap();
+    let (output, json, out) = record(folder.path(), &emulator, "6");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let number = |key: &str| json[key].as_f64().unwrap();
+    assert_eq!((number("reconnections"), number("lost")), (1.0, 0.0), "{json}");
+    // attempts to reconnect come at growing intervals, and take longer on a busy computer
+    assert!((1.5..4.5).contains(&number("disconnected_s")), "{json}");
+    assert_eq!(number("silent_s"), 0.0, "{json}");
+    let estimate = (100.0 * number("disconnected_s")).round();
+    assert_eq!(number("no_data_frames_estimate"), estimate, "{json}");
+    // 6 s at 100 Hz, of which the first set-up takes some
+    let all = number("frames") + estimate;
+    assert!((450.0..=620.0).contains(&all), "{json}");
+    // with the time without data it would be at most 75 per second
+    assert!((80.0..=110.0).contains(&number("frame_rate_hz")), "{json}");
+    let epochs: Vec<u32> =
+        eit_hw::capture::read(&out).unwrap().frames().map(|frame| frame.epoch).collect();
+    assert!(epochs.is_sorted() && epochs.last() == Some(&1));
+    // the same in words
+    let (scene, port) = (scene(folder.path()), emulator.endpoint().to_string());
+    let other = folder.path().join("other.mcap");
+    let seconds = ["--seconds", "1", "--out", text(&other)];
+    let said =
+        common::succeed(&[&["record", text(&scene), "--port", &port], &seconds[..]].concat());
+    assert!(!said.contains("no data"), "{said}");
 }
 
 #[test]

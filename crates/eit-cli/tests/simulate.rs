@@ -151,3 +151,46 @@ fn bad_scripts_and_settings_are_one_line() {
     let scene = write_scene(folder.path(), &format!("{SMALL}\n[fabric.rim]\ncomplianc = 0.2\n"));
     assert!(run(text(&scene), "random").contains("did you mean \"compliance\""));
 }
+
+/// The script "random" keeps its fingers on the skin, whatever its shape: also where the centroid lies in a hole or off
+/// the skin. A curved skin is refused in one line.
+#[test]
+fn random_touches_fit_every_flat_skin() {
+    let folder = tempfile::tempdir().unwrap();
+    let shape = |name: &str, shape: &str, electrodes: &str| {
+        let rest = format!(
+            "[electrodes]\n{electrodes}\nwidth_m = 0.01\ncontact_impedance_ohm_m = 1e3\n\
+             [protocol]\ncurrent_a = 1e-4\n"
+        );
+        let path = folder.path().join(name);
+        std::fs::write(&path, format!("[skin]\n{shape}\nconductivity_s = 1e-5\n{rest}")).unwrap();
+        text(&path).to_owned()
+    };
+    // narrow: a fingertip of 20 mm would not fit
+    let rectangle =
+        shape("flat.toml", "shape = \"rectangle\"\nwidth_m = 0.2\nheight_m = 0.05", "count = 8");
+    // an L, whose centroid is off the skin
+    let outline = "[[0.0, 0.0], [0.2, 0.0], [0.2, 0.03], [0.03, 0.03], [0.03, 0.2], [0.0, 0.2]]";
+    let places = "[[0.05, 0.0], [0.1, 0.0], [0.15, 0.0], [0.2, 0.015], [0.1, 0.03], [0.03, 0.1], \
+                  [0.015, 0.2], [0.0, 0.1]]";
+    let angle = shape(
+        "angle.toml",
+        &format!("shape = \"polygon\"\noutline = {outline}"),
+        &format!("positions_m = {places}"),
+    );
+    let out = folder.path().join("frames.npy");
+    for (scene, nodes) in [
+        (rectangle.as_str(), "1500"),
+        (&angle, "2500"),
+        ("plate-with-hole", "4000"),
+        ("patches", "7000"),
+    ] {
+        for seed in ["1", "2"] {
+            let fixed =
+                ["simulate", scene, "--script", "random", "--frames", "60", "--nodes", nodes];
+            succeed(&[&fixed[..], &["--seed", seed, "--out", text(&out)]].concat());
+        }
+    }
+    let said = refuse(&["simulate", "hemisphere", "--script", "random", "--out", text(&out)]);
+    assert!(said.contains("the simulated fabric is flat"), "{said}");
+}

@@ -10,6 +10,7 @@ mod container;
 mod content;
 mod entry;
 mod json;
+mod parts;
 mod read;
 mod record;
 mod records;
@@ -20,8 +21,9 @@ mod write;
 
 pub use container::MAGIC;
 pub use entry::Entry;
+pub use parts::{check_new, files, is_recording};
 pub(crate) use read::read_frames;
-pub use read::{Capture, parse, read};
+pub use read::{Capture, SameSetUp, parse, read};
 pub use record::{ReferenceRecord, SessionRecord, TouchRecord, TouchesRecord, UnitName};
 pub use recover::{Recovered, recover};
 pub use stream::{CaptureReader, Damage, MessageTimes};

@@ -166,7 +166,7 @@ pub enum HwError {
         place: Place,
     },
     /// A field that is not a number.
-    #[error("{place}: value {value} is {text:?}, not a number; write numbers like 1234.5e-6")]
+    #[error("{place}: value {value} is {text:?}, not a number; {}", number_hint(text))]
     NotANumber {
         /// The line.
         place: Place,
@@ -544,6 +544,14 @@ pub enum HwError {
         /// Error of the operating system.
         source: std::io::Error,
     },
+    /// A new recording whose name is taken.
+    #[error(
+        "{place}: exists, and a recording is never overwritten; name another file, or append to it"
+    )]
+    Exists {
+        /// The file, or the first part of a split recording.
+        place: Place,
+    },
     /// A recording that another program is writing.
     #[error(
         "{place}: another program is recording to it; stop that program, or record to another file"
@@ -590,6 +598,16 @@ pub enum HwError {
         /// Number of entries expected.
         wanted: usize,
     },
+}
+
+/// Explains how to write a number; a decimal comma is named as such.
+fn number_hint(text: &str) -> &'static str {
+    let parts: Vec<&str> = text.split([',', ' ']).collect();
+    match parts.len() > 1 && parts.iter().all(|part| part.parse::<f64>().is_ok()) {
+        // `1,5`, or `5 2` from `1,5 2,5`
+        true => "write a decimal point, not a comma, as in 1234.5e-6",
+        false => "write numbers like 1234.5e-6",
+    }
 }
 
 /// Truncates `text` to 40 characters for a message.

@@ -77,6 +77,9 @@ impl ReadOptions {
 
 /// Reads a recording in the given format or, without one, in the recognised format.
 ///
+/// A recording of this crate that was split into parts is read under its own name,
+/// without the number of a part.
+///
 /// A folder with `.eit` files is Sciospec; one with KHU's `ProjectionTableSendLog.txt` is KHU. A
 /// file is recognised by the first rule that applies:
 /// - first bytes `\x93NUMPY`: NPY; `\x89MCAP`: MCAP;
@@ -113,7 +116,7 @@ pub fn read_recording(
     }
     // message by message, so that the file is not held in memory besides its frames
     #[cfg(feature = "mcap")]
-    if format.is_none_or(|format| format == Format::Mcap) && files::begins_with(path, MCAP_MAGIC)? {
+    if format.is_none_or(|format| format == Format::Mcap) && crate::capture::is_recording(path)? {
         options.check(Format::Mcap, path)?;
         return crate::capture::read_frames(path);
     }

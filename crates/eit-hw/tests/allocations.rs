@@ -161,7 +161,7 @@ fn a_recorder_allocates_nothing_per_frame() {
         device_time_s: Some(0.1),
         host_time_s: Some(1.79e9),
     };
-    let settings = CaptureSettings { flush_s: 3600.0, sync: false };
+    let settings = CaptureSettings { flush_s: 3600.0, ..CaptureSettings::default() };
     let mut writer = CaptureWriter::create(&path, &SessionRecord::default(), settings).unwrap();
     // within one chunk only the container's list of messages grows, by doubling
     (0..40).for_each(|_| writer.frame(&frame).unwrap());

@@ -68,6 +68,9 @@ fn csv_layouts_that_are_read() {
 fn csv_faults() {
     refused(csv_of(""), &["f.csv", "empty (0 bytes)", "again"]);
     refused(csv_of("# only a comment\n\n"), &["f.csv", "no complete frame"]);
+    for text in ["1,5;2,5\n", "1,5 2,5 3,5\n"] {
+        refused(csv_of(text), &["f.csv", "line 1", "write a decimal point, not a comma"]);
+    }
     refused(csv_of("a,b\n"), &["no complete frame"]);
     refused(csv_of("1,2\n3,4,5\n"), &["f.csv, line 2", "3 values", "expected 2", "complete"]);
     refused(csv_of("1,2\n3\n"), &["line 2", "1 values", "expected 2"]);

@@ -202,7 +202,7 @@ const CHILD: &str = "EIT_HW_TEST_RECORDING";
 #[test]
 fn killed_writer() {
     let Ok(path) = std::env::var(CHILD) else { return };
-    let settings = CaptureSettings { flush_s: 0.2, sync: false };
+    let settings = CaptureSettings { flush_s: 0.2, ..CaptureSettings::default() };
     let mut writer = CaptureWriter::create(Path::new(&path), &session(), settings).unwrap();
     let start = Instant::now();
     for sequence in 0.. {
@@ -315,12 +315,12 @@ fn what_cannot_be_written_or_read_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let create = |settings| CaptureWriter::create(&path, &session(), settings);
-    let never = CaptureSettings { flush_s: f64::NAN, sync: false };
+    let never = CaptureSettings { flush_s: f64::NAN, ..CaptureSettings::default() };
     assert!(matches!(create(never), Err(HwError::Setting { name: "flush_s", .. })));
     std::fs::remove_file(&path).ok();
     drop(create(CaptureSettings::default()).unwrap());
     // a recording is never overwritten
-    assert!(matches!(create(CaptureSettings::default()), Err(HwError::Write { .. })));
+    assert!(matches!(create(CaptureSettings::default()), Err(HwError::Exists { .. })));
     let not = folder.path().join("not.mcap");
     std::fs::write(&not, b"1,2,3\n").unwrap();
     assert!(matches!(read(&not), Err(HwError::Container { .. })));

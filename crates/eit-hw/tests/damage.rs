@@ -284,7 +284,7 @@ fn recover_writes_all_that_is_whole_with_clocks_notes_and_attachments() {
     assert_eq!(mcap::read::attachment(&whole, index).unwrap(), attachment);
     assert_eq!(mcap::read::metadata(&whole, &summary.metadata_indexes[0]).unwrap(), metadata);
     // never over an existing file
-    assert!(matches!(recover(&from, &to), Err(HwError::Write { .. })));
+    assert!(matches!(recover(&from, &to), Err(HwError::Exists { .. })));
 }
 
 /// The chunk that defines the topics is bad: messages are recognised by their content.

@@ -220,6 +220,50 @@ fn a_gain_is_no_touch() {
     assert!(fooled > ELECTRODES / 2, "{fooled}");
 }
 
+/// Touches so faint that they lower chi^2 by 25 without noise. Where the previous frame showed a touch of four
+/// times their strength, they are kept; elsewhere the first frame rarely shows them, and the
+/// second twice as often.
+/// Without memory of the fabric, which would explain a part.
+#[test]
+fn a_touch_that_goes_on_needs_less_evidence() {
+    let settings = DetectorSettings {
+        settling_share: 0.0,
+        trail_share: 0.0,
+        ..DetectorSettings::with_least(1e-15)
+    };
+    let all = [true; MEASUREMENTS];
+    let detector = TouchDetector::new(&SKIN.model(&all), settings).unwrap();
+    let mut random = Random::new(16);
+    let (mut kept, mut first, mut second, mut evidence, count) = (0, 0, 0, 0.0, 200);
+    for _ in 0..count {
+        let at = place(&mut random, 0.8);
+        let at_m = [at[0], at[1], 0.0];
+        let mut known = detector.clone();
+        push(&mut known, &touched(&[(at, FINGER)]));
+        let [gain] = known.evidence_at(&[at_m])[..] else { panic!("{at:?}") };
+        let faint = FINGER * (25.0 / gain).sqrt();
+        let mut noisy =
+            |strength: f64| random.noisy(&touched(&[(at, strength)]), SKIN.noise_std_v[0]);
+        let [firm, weak, again] = [4.0 * faint, faint, faint].map(&mut noisy);
+        let is_here = |touches: &[DetectedTouch]| touches.iter().any(|t| distance_m(t, at) < 0.025);
+        let mut known = detector.clone();
+        assert!(is_here(&push(&mut known, &firm)), "{at:?}");
+        kept += i32::from(is_here(&push(&mut known, &weak)));
+        let mut new = detector.clone();
+        first += i32::from(is_here(&push(&mut new, &weak)));
+        evidence += new.evidence_at(&[at_m])[0] / f64::from(count);
+        second += i32::from(is_here(&push(&mut new, &again)));
+    }
+    println!(
+        "of {count}: kept {kept}, first {first}, second {second}; mean evidence {evidence:.1}"
+    );
+    // chi^2 is (5 + z)^2 with standard normal z: 9 is exceeded by 98 %, 36 by 16 %, a sum of 40 by about 80 %,
+    // but where the residual happens to exceed its expectation, more is required. Counted: 186, 43, 83
+    assert!(kept >= 175 && first <= 60 && second >= first + 25, "{kept} {first} {second}");
+    // mean 26, and up to 2 more for the fitted position, known to sqrt(102 / 200) = 0.7
+    assert!((23.0..31.0).contains(&evidence), "{evidence}");
+}
+
 /// A light touch near the rim changes more voltages than a hard one in the middle, which is hardly sensed.
 /// It cannot be an artefact of the hard one, although it has only an eighth of its strength. A light touch
 /// in the middle beside a hard one at the rim could be, and is not shown.

@@ -24,6 +24,7 @@ fn touch(x_m: f64, y_m: f64, strength_s_m2: f64) -> DetectedTouch {
     (0..2).for_each(|i| position_covariance_m2[i][i] = 1e-6);
     DetectedTouch {
         position_m: [x_m, y_m, 0.0],
+        normal: [0.0, 0.0, 1.0],
         position_covariance_m2,
         strength_s_m2,
         strength_std_s_m2: 0.01 * STRONG,
@@ -147,6 +148,19 @@ fn strong_touches_are_born_at_once() {
         assert_eq!((born.state, born.intensity_s_m2), (TouchState::Begin, strength));
         // once born it continues, weak or not
         assert_eq!(only(&bench.push(&[touch(0.0, 0.0, WEAK)])).state, TouchState::Hold);
+    }
+}
+
+/// A weak touch is reported at once if it is worth enough and its strength is known well enough.
+#[test]
+fn weak_touches_beyond_doubt_are_born_at_once() {
+    for (worth, std, is_born) in
+        [(8.0, 0.24 * WEAK, true), (7.9, 0.24 * WEAK, false), (80.0, 0.26 * WEAK, false)]
+    {
+        let mut bench = Bench::new(|_| ());
+        let found = DetectedTouch { worth, strength_std_s_m2: std, ..touch(0.0, 0.0, WEAK) };
+        assert_eq!(bench.push(&[found]).len(), usize::from(is_born), "{worth} {std:e}");
+        assert_eq!(bench.push(&[found]).len(), 1, "{worth} {std:e}");
     }
 }
 

@@ -100,7 +100,7 @@ fn tracks(skin: &SkinDrawing) -> Result<Canvas, eit_picture::PictureError> {
     let track =
         |name: &str, places_m, is_truth| Track { name: name.to_owned(), places_m, is_truth };
     let tracks = vec![track("the finger", true_m, true), track("found", found_m, false)];
-    let panel = TracksPanel { label: "one finger".to_owned(), tracks };
+    let panel = TracksPanel { label: "one finger".to_owned(), tracks, first_color: 0 };
     draw_tracks(&[panel], skin, &PictureSettings { zoom: 2, ..Default::default() })
 }
 

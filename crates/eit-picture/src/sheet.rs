@@ -86,7 +86,8 @@ impl<'a> ImageSheet<'a> {
         let SheetLayout { most, group, cells, side, zoom } = layout;
         let groups = evenly_chosen(frames / group, most);
         let chosen: Vec<usize> = groups.iter().flat_map(|g| g * group..(g + 1) * group).collect();
-        let scale = Scale::new(images.iter(), settings)?;
+        let range = settings.range.or_else(|| robust_range(images));
+        let scale = Scale::new(images.iter(), &PictureSettings { range, ..settings.clone() })?;
         let labels = labels(&settings.labels, frames, &chosen)?;
         let font = Font::load()?;
         let labels: Vec<String> =
@@ -124,6 +125,27 @@ impl<'a> ImageSheet<'a> {
         self.panel.draw_marks(canvas, corner, &self.marks_m[k]);
         self.page.label(canvas, corner, &self.labels[k]);
     }
+}
+
+/// Share of an image's pixels that may lie beyond either end of the colour scale.
+const BEYOND: f64 = 0.002;
+/// Values beyond this have no colour of their own ([`Scale`]), as in the scale itself.
+const LARGEST: f64 = 1e300;
+
+/// Ends of the colours: of each image the smallest and largest value but for 0.2 % of its pixels, so that a hot pixel
+/// does not turn every touch pale; of these the outermost, so that a touch in a single image counts in full. `None`
+/// where the scale's own choice is the same or needed.
+fn robust_range(images: ArrayView3<'_, f64>) -> Option<[f64; 2]> {
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for image in images.outer_iter() {
+        let finite = image.iter().copied().filter(|value| value.abs() <= LARGEST);
+        let mut values: Vec<f64> = finite.collect();
+        let Some(last) = values.len().checked_sub(1) else { continue };
+        let beyond = (BEYOND * values.len() as f64) as usize;
+        low = low.min(*values.select_nth_unstable_by(beyond, f64::total_cmp).1);
+        high = high.max(*values.select_nth_unstable_by(last - beyond, f64::total_cmp).1);
+    }
+    (low < high && low.abs().max(high.abs()) > 1e-300).then_some([low, high])
 }
 
 /// Joins the notes that are not empty into one line.
@@ -229,6 +251,28 @@ mod tests {
         // points
         assert_eq!(pixel(214 + 92, 214), red);
         assert_eq!(pixel(214 - 92, 214), ColorMap::CoolWarm.color(0.5));
+    }
+
+    /// One hot pixel, a thousand times as strong as the touch, leaves the touch in full colour, and the footnote counts
+    /// it.
+    #[test]
+    fn a_hot_pixel_does_not_hide_a_touch() {
+        let (mut images, settings) = (walk(3, 64), small());
+        let before = robust_range(images.view()).unwrap();
+        let most = images.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+        images[[1, 40, 40]] = 1e3 * most;
+        // the hot pixel takes the place of one other: the end moves by a pixel's step of the touch
+        let [low, high] = robust_range(images.view()).unwrap();
+        assert!((high / before[1] - 1.0).abs() < 0.01, "{before:?}, then {low} to {high}");
+        assert!((0.5 * most..=most).contains(&high), "{low} to {high} of {most}");
+        let layout = SheetLayout { most: 3, group: 1, cells: 3, side: 190.0, zoom: 1 };
+        let sheet = ImageSheet::new(images.view(), &disc(4), &settings, layout).unwrap();
+        assert!(sheet.scale.remarks.iter().any(|r| r.starts_with("values beyond the bar: ")));
+        // a range that was asked for is kept
+        let settings = PictureSettings { range: Some([-most, most]), ..settings };
+        let layout = SheetLayout { most: 3, group: 1, cells: 3, side: 190.0, zoom: 1 };
+        let sheet = ImageSheet::new(images.view(), &disc(4), &settings, layout).unwrap();
+        assert_eq!(sheet.scale.remarks, ["values beyond the bar: 1"]);
     }
 
     #[test]

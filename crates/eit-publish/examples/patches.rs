@@ -76,6 +76,7 @@ fn touch(sequence: u64) -> Touch {
         id: 1,
         state: TouchState::Hold,
         position_m: [0.05 * x, 0.05 * y, 0.0],
+        normal: Some([0.0, 0.0, 1.0]),
         position_covariance_m2: [[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0; 3]],
         velocity_m_s: [-0.25 * y, 0.25 * x, 0.0],
         area_m2: None,

@@ -89,6 +89,7 @@ mod tests {
             id: 1,
             state: TouchState::Hold,
             position_m: [0.0; 3],
+            normal: None,
             position_covariance_m2: [[0.0; 3]; 3],
             velocity_m_s: [0.0; 3],
             area_m2: None,

@@ -8,6 +8,7 @@ mod change;
 mod error;
 #[cfg(feature = "foxglove")]
 mod foxglove_sink;
+mod image;
 mod line;
 #[cfg(any(feature = "foxglove", feature = "zenoh"))]
 mod outbox;
@@ -26,13 +27,14 @@ pub use change::ChangeThreshold;
 pub use error::PublishError;
 #[cfg(feature = "foxglove")]
 pub use foxglove_sink::{FoxgloveSettings, FoxgloveSink};
+pub use image::SkinImage;
 #[cfg(any(feature = "foxglove", feature = "zenoh"))]
 pub use outbox::SinkStatistics;
 pub use publisher::{Publisher, Start};
 pub use shape::SkinShape;
 pub use udp::UdpSink;
 #[cfg(feature = "web")]
-pub use web::WebServer;
+pub use web::{Recording, WebServer};
 #[cfg(feature = "zenoh")]
 pub use zenoh_sink::{RosNode, RosPublisher, SessionSettings, ZenohSettings, ZenohSink};
 

@@ -103,6 +103,8 @@ struct TouchPart {
     state: &'static str,
     position_m: [f64; 3],
     position_std_m: [f64; 3],
+    /// Known for touches found in frames.
+    normal: Option<[f64; 3]>,
     velocity_m_s: [f64; 3],
     intensity_s_m2: f64,
     intensity_std_s_m2: Option<f64>,
@@ -130,6 +132,7 @@ impl From<&Touch> for TouchPart {
             },
             position_m: touch.position_m,
             position_std_m: touch.position_std_m(),
+            normal: touch.normal,
             velocity_m_s: touch.velocity_m_s,
             intensity_s_m2: touch.intensity_s_m2,
             intensity_std_s_m2: touch.intensity_std_s_m2,

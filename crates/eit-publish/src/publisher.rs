@@ -2,6 +2,7 @@
 
 use crate::VERSION;
 use crate::error::PublishError;
+use crate::image::SkinImage;
 use crate::line::{EventLine, FrameLine, StartLine};
 #[cfg(any(feature = "foxglove", feature = "zenoh"))]
 use crate::outbox::Severity;
@@ -9,7 +10,6 @@ use crate::shape::SkinShape;
 use crate::udp::UdpSink;
 use eit_skin::TouchFrame;
 use eit_skin::eit_hw::driver::Event;
-use eit_skin::ndarray::ArrayView2;
 use eit_skin::words::{event_words, printable_json};
 use serde::Serialize;
 use std::borrow::Cow;
@@ -177,7 +177,24 @@ impl Publisher {
         wanted
     }
 
-    /// Publishes an image `[row, column]` in siemens: row 0 at the top, NaN outside the skin.
+    /// What the page asked for since the last call: true to start a recording, false to stop it (feature `web`; only
+    /// with [`WebServer::with_recording`](crate::WebServer::with_recording)).
+    #[cfg(feature = "web")]
+    pub fn recording_request(&self) -> Option<bool> {
+        self.web.as_ref()?.recording_request()
+    }
+
+    /// Tells the page what is recorded (feature `web`).
+    ///
+    /// # Errors
+    ///
+    /// A state that cannot be encoded.
+    #[cfg(feature = "web")]
+    pub fn recording(&self, recording: crate::web::Recording<'_>) -> Result<(), PublishError> {
+        self.web.as_ref().map_or(Ok(()), |web| web.recording(recording))
+    }
+
+    /// Publishes an image; the page also shows what was before the net, and how exact the image is.
     ///
     /// # Errors
     ///
@@ -186,18 +203,19 @@ impl Publisher {
         not(any(feature = "web", feature = "foxglove", feature = "zenoh")),
         allow(unused_variables, clippy::unused_self, reason = "no sink here takes images")
     )]
-    pub fn image(&self, image: ArrayView2<'_, f64>) -> Result<(), PublishError> {
+    pub fn image<'a>(&self, image: impl Into<SkinImage<'a>>) -> Result<(), PublishError> {
+        let image = image.into();
         #[cfg(feature = "zenoh")]
         for zenoh in &self.zenoh {
-            zenoh.image(image);
+            zenoh.image(image.change_s);
         }
         #[cfg(feature = "foxglove")]
         if let Some(foxglove) = &self.foxglove {
-            foxglove.image(image);
+            foxglove.image(image.change_s);
         }
         #[cfg(feature = "web")]
         if let Some(web) = &self.web {
-            web.tell(&serde_json::to_vec(&crate::web::ImageEvent::new(image))?);
+            web.tell(&serde_json::to_vec(&crate::web::ImageEvent::new(&image))?);
         }
         Ok(())
     }
@@ -378,7 +396,7 @@ impl Publisher {
         self.encode(line)?;
         #[cfg(feature = "web")]
         if let Some(web) = &self.web {
-            web.tell(&self.line);
+            web.event(&self.line);
         }
         self.write()
     }

@@ -91,7 +91,7 @@ fn every_line_fits_the_schema_and_says_what_happened() {
     assert_eq!((&lines[9]["epoch"], &lines[10]["frames"]), (&json!(1), &json!(2)));
     let wanted = json!({
         "id": 7, "state": "hold", "position_m": [0.03, -0.01, 0.0],
-        "position_std_m": [2e-3, 1e-3, 0.0], "velocity_m_s": [0.1, 0.0, -0.0],
+        "position_std_m": [2e-3, 1e-3, 0.0], "normal": [0.6, 0.0, 0.8], "velocity_m_s": [0.1, 0.0, -0.0],
         "intensity_s_m2": 2.5e-11, "intensity_std_s_m2": 1e-12, "confidence": 0.97, "valid": true,
         "whole": false, "age_s": 0.12, "force_n": null, "force_std_n": null,
         "unlike": null, "split_from": null, "merged_into": 3,

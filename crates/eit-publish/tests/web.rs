@@ -1,7 +1,7 @@
 //! The live page as a browser gets it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use eit_publish::{Publisher, SCHEMA, SkinShape, WebServer};
+use eit_publish::{Publisher, Recording, SCHEMA, SkinImage, SkinShape, WebServer};
 use eit_skin::TouchFrame;
 use eit_skin::ndarray::array;
 use serde_json::{Value, json};
@@ -123,7 +123,20 @@ fn a_page_hears_of_the_skin_its_frames_and_images() {
     let mut events = BufReader::new(ask(&address, &get("/events", &address)));
     let skin = event(&mut events);
     assert_eq!((&skin["type"], &skin["electrodes_m"][0][1][0]), (&"skin".into(), &json!(0.01)));
+    // who comes before the first frame hears what is waited for, who comes later does not
+    publisher.waiting(3).unwrap();
+    let mut early = BufReader::new(ask(&address, &get("/events", &address)));
+    assert_eq!(event(&mut early)["type"], "skin");
+    assert_eq!(event(&mut early)["event"], "reference_started");
+    assert_eq!(event(&mut events)["event"], "reference_started");
+    publisher.waiting(0).unwrap();
+    assert_eq!(event(&mut events)["event"], "reference_taken");
     publisher.touches(&frame(7)).unwrap();
+    let mut late = BufReader::new(ask(&address, &get("/events", &address)));
+    assert_eq!(event(&mut late)["type"], "skin");
+    std::thread::sleep(Duration::from_millis(200));
+    publisher.touches(&frame(8)).unwrap();
+    assert_eq!(event(&mut late)["sequence"], 8);
     let line = event(&mut events);
     let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
     assert!(schema.is_valid(&line) && line["sequence"] == 7, "{line}");
@@ -141,13 +154,71 @@ fn a_page_hears_of_the_skin_its_frames_and_images() {
     assert!(publisher.wants_image());
     publisher.image(array![[f64::NAN, 2e-6], [-1e-6, 0.0]].view()).unwrap();
     let image = event(&mut events);
-    let wanted =
-        json!({ "type": "image", "rows": 2, "columns": 2, "range_s": 2e-6, "pixels": "AP9AgA==" });
+    let wanted = json!({
+        "type": "image", "rows": 2, "columns": 2, "range_s": 2e-6, "pixels": "AP9AgA==",
+        "raw": null, "faintest_s": 0.0, "gap": null,
+    });
     assert_eq!(image, wanted);
+    let (change, before) = (array![[1e-6, 0.0]], array![[-4e-6, f64::NAN]]);
+    let both = SkinImage {
+        change_s: change.view(),
+        before_net_s: Some(before.view()),
+        faintest_s: 3e-7,
+        gap: Some(0.02),
+    };
+    publisher.image(both).unwrap();
+    let image = event(&mut events);
+    assert_eq!(image["raw"], json!({ "range_s": 4e-6, "pixels": "AQA=" }));
+    assert_eq!((&image["faintest_s"], &image["gap"]), (&json!(3e-7), &json!(0.02)));
     drop(publisher);
     let mut rest = String::new();
     events.read_to_string(&mut rest).unwrap();
     assert_eq!(rest.trim(), "", "the end of the stream");
+}
+
+/// The page records for whoever knows the token, also on this computer: a foreign page could send the request, too.
+#[test]
+fn recordings_are_asked_for_with_the_token_only() {
+    let server = WebServer::with_recording("127.0.0.1:0").unwrap();
+    let (address, url) = (address(&server), server.url());
+    let token = url.split_once("?token=").unwrap().1.to_owned();
+    let publisher = Publisher::new().with_web(server);
+    publisher.recording(Recording::Off { file: None }).unwrap();
+    let post = |path: &str, host: &str| {
+        format!("POST {path} HTTP/1.1\r\nHost: {host}\r\nContent-Length: 0\r\n\r\n")
+    };
+    // the page itself needs no token here
+    assert!(answer(&address, &get("/", &address)).starts_with("HTTP/1.1 200 "));
+    for (path, host, status) in [
+        ("/record/start".to_owned(), address.as_str(), "403"),
+        (format!("/record/start?token={}", "0".repeat(32)), address.as_str(), "403"),
+        (format!("/record/start?token={token}"), "evil.example", "403"),
+        (format!("/record?token={token}"), address.as_str(), "405"),
+    ] {
+        let said = answer(&address, &post(&path, host));
+        assert!(said.starts_with(&format!("HTTP/1.1 {status} ")), "{path}: {said}");
+        assert_eq!(publisher.recording_request(), None, "{path}");
+    }
+    for (path, wanted) in [("start", true), ("stop", false)] {
+        let said = answer(&address, &post(&format!("/record/{path}?token={token}"), &address));
+        assert!(said.starts_with("HTTP/1.1 202 "), "{said}");
+        assert_eq!(publisher.recording_request(), Some(wanted));
+        assert_eq!(publisher.recording_request(), None, "taken once");
+    }
+    publisher.recording(Recording::On { file: "skin.mcap", can_stop: true }).unwrap();
+    // a page that opens now hears the state
+    let mut events = BufReader::new(ask(&address, &get("/events", &address)));
+    let wanted =
+        json!({ "type": "recording", "state": "on", "file": "skin.mcap", "can_stop": true });
+    assert_eq!(event(&mut events), wanted);
+    publisher.recording(Recording::Failed { error: "disk full" }).unwrap();
+    assert_eq!(event(&mut events)["error"], "disk full");
+
+    // where nothing can be recorded, the page does not offer it
+    let server = WebServer::new("127.0.0.1:0").unwrap();
+    assert!(!server.url().contains("token"));
+    let other = self::address(&server);
+    assert!(answer(&other, &post("/record/start", &other)).starts_with("HTTP/1.1 404 "));
 }
 
 /// A browser that does not read, and many of them, hold nothing up.

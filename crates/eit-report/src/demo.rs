@@ -36,6 +36,12 @@ const REPORT: &str = "report.html";
 /// File name of the results as JSON.
 const NUMBERS: &str = "report.json";
 
+/// Names of the experiments, and file names of their recordings.
+pub const RECORDINGS: [(&str, &str); 2] = [
+    (EXPERIMENTS[0].name, EXPERIMENTS[0].recording),
+    (EXPERIMENTS[1].name, EXPERIMENTS[1].recording),
+];
+
 /// Names of all files that a demo writes.
 fn own() -> Vec<&'static str> {
     let mut own = vec!["scene.toml", REPORT, NUMBERS];
@@ -155,7 +161,8 @@ impl Stage<'_> {
         let goes_on = || self.goes_on();
         let seen = live::run(&experiment, frames, self, &goes_on, progress)?;
         let judged = judge::judge(&seen, &truth);
-        let shown = Shown { experiment, truth, seen, judged };
+        let rate_hz = self.instrument.frame_rate_hz;
+        let shown = Shown { experiment, truth, seen, judged, rate_hz };
         if !shown.seen.is_whole {
             return Ok((shown, Vec::new()));
         }
@@ -237,22 +244,22 @@ fn numbers(shown: &Shown) -> Value {
 fn text(shown: &[Shown], folder: &DemoFolder, seconds: f64) -> String {
     let mut lines = Vec::new();
     for Shown { experiment, seen, judged, .. } in shown {
-        let [.., quotient] = judged.errors_of_touched();
+        let [raw, made] = judged.relative_errors().map(|error| 100.0 * error);
         let ms = |latency_s: Option<f64>| 1e3 * latency_s.unwrap_or(f64::NAN);
         let latency_ms = ms(seen.summary.latency_s(0.5));
         let image_ms = ms(seen.summary.image_latency_s(0.5));
         lines.push(format!(
-            "{}: {} images, {} false touches ({} of them with no finger on the skin); fingers \
-             found in {} of {} cases, position error {:.1} mm; {latency_ms:.1} ms from a frame to \
-             its touches, {image_ms:.0} ms to its image; the U-net reduces the squared error of \
-             images to {quotient:.2}",
+            "{}: position error {:.1} mm; fingers found in {} of {} cases, {} false touches ({} of \
+             them with no finger on the skin); relative error of the {} images {raw:.0} %, after \
+             the U-net {made:.0} %; {latency_ms:.1} ms from a frame to its touches, {image_ms:.0} \
+             ms to its image",
             experiment.name,
-            seen.summary.frames,
-            judged.invented,
-            judged.left_over,
+            1e3 * judged.distance_m(),
             judged.found,
             judged.fingers,
-            1e3 * judged.distance_m(),
+            judged.invented,
+            judged.left_over,
+            seen.summary.frames,
         ));
     }
     if let Some(line) = shown.iter().map(|s| &s.seen.line).find(|line| line.starts_with("TCP")) {

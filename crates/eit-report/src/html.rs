@@ -1,4 +1,5 @@
-//! Writes a self-contained HTML page: pictures are embedded, with no scripts and no network access.
+//! Writes an HTML page with no scripts and no network access. Its main pictures are embedded; large ones and movies are
+//! files beside it, which the browser reads when they come into view or are opened.
 //!
 //! The file can be opened directly. A browser without style sheets still shows headings, pictures
 //! and tables in order.
@@ -22,7 +23,10 @@ figcaption, .note { font-size: .9rem; opacity: .85; }
 .table { overflow-x: auto; } table { border-collapse: collapse; font-size: .85rem; }
 th, td { padding: .25rem .6rem; border-bottom: 1px solid #8884; text-align: right; }
 th { vertical-align: bottom; } th:first-child, td:first-child, td.text { text-align: left; }
+summary { cursor: pointer; font-weight: 600; }
+@media (max-width: 40rem) { nav ul { columns: 1; } body { margin: 1rem auto; } }
 dt { font-weight: 600; } dd { margin: 0 0 .5rem 1.5rem; }
+p, dd, h1, figcaption { overflow-wrap: anywhere; }
 pre { overflow-x: auto; padding: .6rem; border: 1px solid #8884; }
 ";
 
@@ -60,6 +64,22 @@ pub enum Block {
         /// Caption below the picture, also its alternative text.
         caption: String,
     },
+    /// A picture in a file beside the page.
+    File {
+        /// Name of the file.
+        name: String,
+        /// Caption below the picture, also its alternative text.
+        caption: String,
+    },
+    /// A movie in a file beside the page, read once the reader opens it.
+    Movie {
+        /// Name of the file.
+        name: String,
+        /// Size of the file, bytes.
+        bytes: usize,
+        /// Caption, also its alternative text.
+        caption: String,
+    },
     /// Terms with their descriptions.
     List(Vec<(String, String)>),
     /// A table.
@@ -93,17 +113,18 @@ impl Page {
                 body {
                     h1 { (self.title) }
                     p { (self.lead) }
-                    @if self.sections.len() > 2 {
-                        nav { ul {
-                            @for (number, section) in self.sections.iter().enumerate() {
-                                li { a href=(format!("#s{number}")) { (section.title) } }
-                            }
-                        } }
-                    }
                     @for (number, section) in self.sections.iter().enumerate() {
                         section id=(format!("s{number}")) {
                             h2 { (section.title) }
                             @for block in &section.blocks { (block.markup()) }
+                        }
+                        // the result first, then the list of what else there is
+                        @if number == 0 && self.sections.len() > 2 {
+                            nav { ul {
+                                @for (number, section) in self.sections.iter().enumerate().skip(1) {
+                                    li { a href=(format!("#s{number}")) { (section.title) } }
+                                }
+                            } }
                         }
                     }
                 }
@@ -122,6 +143,15 @@ impl Block {
                 let data = format!("data:image/{kind};base64,{}", STANDARD.encode(bytes));
                 html! { figure { img src=(data) alt=(caption); figcaption { (caption) } } }
             }
+            Self::File { name, caption } => html! {
+                figure { img src=(name) alt=(caption) loading="lazy"; figcaption { (caption) } }
+            },
+            Self::Movie { name, bytes, caption } => html! {
+                details {
+                    summary { (caption) " (movie, " (format!("{:.1}", 1e-6 * *bytes as f64)) " MB)" }
+                    figure { img src=(name) alt=(caption) loading="lazy"; }
+                }
+            },
             Self::List(pairs) => html! {
                 dl { @for (name, words) in pairs { dt { (name) } dd { (words) } } }
             },
@@ -160,6 +190,12 @@ mod tests {
                     Block::Code("eit plan 'a'".to_owned()),
                     Block::Picture { bytes: b"GIF89a".to_vec(), caption: "\"><img".to_owned() },
                     Block::Picture { bytes: vec![0x89, b'P'], caption: String::new() },
+                    Block::File { name: "a\"b.png".to_owned(), caption: String::new() },
+                    Block::Movie {
+                        name: "m.gif".to_owned(),
+                        bytes: 2_000_000,
+                        caption: "<i>".to_owned(),
+                    },
                     Block::List(vec![("n".to_owned(), "w".to_owned())]),
                     Block::Table {
                         head: vec!["h".to_owned()],
@@ -176,6 +212,15 @@ mod tests {
         assert!(text.contains("data:image/gif;base64,R0lGODlh"), "{text}");
         assert!(text.contains("data:image/png;base64,iVA="), "{text}");
         assert!(text.contains("<td>1.5</td>") && text.contains("<td class=\"text\">&lt;td&gt;"));
+        assert!(
+            text.contains("src=\"a&quot;b.png\"") && text.contains("(movie, 2.0 MB)"),
+            "{text}"
+        );
+        // a movie is not read before it is opened
+        assert!(
+            text.contains("<details><summary>&lt;i&gt;")
+                && text.contains("src=\"m.gif\" alt=\"&lt;i&gt;\" loading=\"lazy\"")
+        );
         for never in ["<script", "http:", "https:", "<b>", "\"><img", "url("] {
             assert!(!text.contains(never), "{never} in {text}");
         }

@@ -95,8 +95,7 @@ pub fn record_of(shown: &LiveFrame<'_>) -> TouchesRecord {
 
 /// Summarises a run as text and JSON.
 pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&str]) -> Answer {
-    let rate_hz =
-        (summary.span_s > 0.0).then(|| summary.frames.saturating_sub(1) as f64 / summary.span_s);
+    let rate_hz = summary.frame_rate_hz();
     let touches_s = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));
     let images_s = [0.5, 0.95, 1.0].map(|share| summary.image_latency_s(share));
     let mut text = format!(

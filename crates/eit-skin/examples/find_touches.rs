@@ -1,24 +1,65 @@
 //! Finds touches in a recording without images, as a robot would, and measures the time per frame.
 //!
 //! ```text
-//! cargo run --release -p eit-skin --example find_touches -- SCENE OUT.csv [FRAMES]
+//! cargo run --release -p eit-skin --example find_touches -- SCENE OUT.csv [FRAMES] [--truth TOUCHES.csv]
 //! ```
+//!
+//! With the true touches of a simulation, it lists the fingers that have no touch within 25 mm, and how much
+//! evidence their frames hold for a touch there: the fall of chi^2 by a touch fitted from the true position on.
 
 #![allow(clippy::print_stdout, reason = "the table is this program's output")]
 
 use eit_skin::ndarray::Axis;
 use eit_skin::scene::Scene;
 use eit_skin::touches::TouchFinder;
-use eit_skin::{MeshOverride, Progress, Skin, Touch};
+use eit_skin::{MeshOverride, Progress, Skin, Touch, TouchState};
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
+/// Distance within which a touch belongs to a finger, metres.
+const GATE_M: f64 = 25e-3;
+
+/// A finger in a frame of a simulation.
+struct Finger {
+    frame: usize,
+    position_m: [f64; 3],
+    force_n: f64,
+}
+
+impl Finger {
+    fn has(&self, touch: &Touch) -> bool {
+        let way = |k: usize| touch.position_m[k] - self.position_m[k];
+        touch.valid && touch.state != TouchState::End && way(0).hypot(way(1)) < GATE_M
+    }
+}
+
+/// Reads `touches.csv` of `eit simulate`.
+fn fingers(file: &str) -> Result<Vec<Finger>, Box<dyn std::error::Error>> {
+    let text = std::fs::read_to_string(file)?;
+    let finger = |line: &str| {
+        let columns: Vec<&str> = line.split(',').collect();
+        let number = |k: usize| columns.get(k).and_then(|text| text.parse::<f64>().ok());
+        Some(Finger {
+            frame: columns.first()?.parse().ok()?,
+            position_m: [number(3)?, number(4)?, 0.0],
+            force_n: number(5)?,
+        })
+    };
+    let lines = text.lines().skip(1);
+    lines.map(|line| finger(line).ok_or_else(|| format!("{file}: {line}").into())).collect()
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let [scene, out, frames @ ..] = args.as_slice() else {
-        return Err("usage: find_touches SCENE OUT.csv [FRAMES]".into());
+    let (args, truth) = match args.iter().position(|arg| arg == "--truth") {
+        Some(at) => (&args[..at], args.get(at + 1)),
+        None => (&args[..], None),
+    };
+    let truth = truth.map_or(Ok(Vec::new()), |file| fingers(file))?;
+    let [scene, out, frames @ ..] = args else {
+        return Err("usage: find_touches SCENE OUT.csv [FRAMES] [--truth TOUCHES.csv]".into());
     };
     let mut progress = Progress::silent();
     let begin = Instant::now();
@@ -41,9 +82,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let begin = Instant::now();
         let touches = finder.push(&values, |i| good[i], time_s)?;
         times.push(begin.elapsed().as_secs_f64());
-        for touch in touches {
+        let touches = touches.to_vec();
+        let here: Vec<&Finger> = truth.iter().filter(|finger| finger.frame == frame).collect();
+        let positions_m: Vec<[f64; 3]> = here.iter().map(|finger| finger.position_m).collect();
+        for (finger, gain) in here.iter().zip(finder.evidence_at(&positions_m)) {
+            if !touches.iter().any(|touch| finger.has(touch)) {
+                let [x, y, _] = finger.position_m;
+                println!(
+                    "frame {frame}: finger of {:.2} N at {x:.3}, {y:.3} lost; evidence {gain:.1}",
+                    finger.force_n
+                );
+            }
+        }
+        for touch in &touches {
             let ([x, y, z], Touch { id, state, valid, confidence, age_frames, .. }) =
-                (touch.position_m, touch);
+                (touch.position_m, *touch);
             let state = format!("{state:?}").to_lowercase();
             let intensity = touch.intensity_s_m2;
             writeln!(

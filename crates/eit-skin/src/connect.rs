@@ -11,8 +11,10 @@ use eit_hw::driver::{Overflow, Session, SessionSettings};
 
 /// Frames that may queue while a recorder waits for the disk: 8 s at 1000 frames per second.
 const RECORDER_FRAMES: usize = 8192;
-/// Frames that may queue for a live view, which needs only the latest.
+/// Frames that may queue for a live view, which needs only the latest: at least so many, or those of so many seconds, so
+/// that a moment without the processor loses no frame of a fast instrument.
 const VIEWER_FRAMES: usize = 8;
+const VIEWER_S: f64 = 0.25;
 
 /// Opens the scene's instrument. If it does not measure the scene's protocol, the error names both.
 pub fn open(
@@ -23,7 +25,9 @@ pub fn open(
     let endpoint = instrument.endpoint(port)?;
     let capacity = match overflow {
         Overflow::Fail => RECORDER_FRAMES,
-        Overflow::KeepLatest => VIEWER_FRAMES,
+        Overflow::KeepLatest => {
+            VIEWER_FRAMES.max((VIEWER_S * instrument.frame_rate_hz).ceil() as usize)
+        }
     };
     let settings = SessionSettings {
         quadruples: Some(instrument.quadruples.clone()),

@@ -114,6 +114,20 @@ pub enum SkinError {
         /// How to make them smaller.
         advice: &'static str,
     },
+    /// Live images by total variation with more pixels than a live view can have.
+    #[error(
+        "{measurements} measurements on {pixels} x {pixels} pixels are too many for total variation of live \
+         frames: use at most {most} [reconstruction] pixels, method = \"gauss-newton\", or `eit reconstruct` \
+         on a recording"
+    )]
+    TooManyPixels {
+        /// Number of measurements.
+        measurements: usize,
+        /// Pixels along the longer side of an image.
+        pixels: usize,
+        /// Most pixels along the longer side for that number of measurements.
+        most: usize,
+    },
     /// Rounding may have destroyed every digit of the voltages.
     #[error(
         "no digit of the voltages is certain: conductances on this skin span {decades:.0} decades \

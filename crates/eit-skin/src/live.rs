@@ -23,7 +23,7 @@ use crate::linearised::LinearisedSkin;
 use crate::method::{self, Method};
 use crate::progress::Progress;
 use crate::scene::{NoiseSettings, Scene};
-use crate::skin::Skin;
+use crate::skin::{Skin, check_pixel_jacobian};
 use crate::words::event_words;
 use eit_hw::driver::{Event, FrameSource};
 use std::sync::Arc;
@@ -168,6 +168,26 @@ impl LiveModel {
         &self.linearised.skin
     }
 
+    /// Rejects images that do not fit in memory, or that total variation cannot make live. Called before
+    /// the first image is prepared.
+    ///
+    /// # Errors
+    ///
+    /// [`SkinError::TooLarge`]; [`SkinError::TooManyPixels`], with the largest number of pixels that can be
+    /// made.
+    pub fn check_images(&self) -> Result<(), SkinError> {
+        let skin = self.skin();
+        let (measurements, pixels) = (skin.protocol.measurements(), skin.pixels());
+        if self.method.is_tv() {
+            let most =
+                (MOST_TV_VALUES / measurements.max(1) as f64).sqrt().floor().max(1.0) as usize;
+            if pixels > most {
+                return Err(SkinError::TooManyPixels { measurements, pixels, most });
+            }
+        }
+        check_pixel_jacobian(measurements, pixels)
+    }
+
     /// Processes a source until the observer stops it or the source ends.
     ///
     /// # Errors
@@ -181,10 +201,13 @@ impl LiveModel {
     ) -> Result<Summary, O::Error> {
         let mut summary = Summary::default();
         let mut stream = LiveStream::new(Arc::clone(self), source.setup());
-        if !observer.wants_images() {
+        if observer.wants_images() {
+            self.check_images()?;
+        } else {
             stream = stream.without_images();
         }
-        let mut first_frame = None;
+        // the previous frame, unless the source was interrupted since
+        let mut before: Option<Instant> = None;
         let mut last_image = Instant::now();
         while observer.goes_on(&summary) && !source.is_over() {
             let Some(event) = source.next_event(WAIT).map_err(SkinError::from)? else {
@@ -195,6 +218,9 @@ impl LiveModel {
             if matches!(event, Event::Reconnected { .. }) {
                 // contacts and gains may have changed: the old reference is invalid
                 stream.restart();
+            }
+            if !matches!(event, Event::Frame(_) | Event::Gap { .. } | Event::Notice(_)) {
+                before = None;
             }
             if let Some(words) = event_words(&event) {
                 summary.say(words);
@@ -224,8 +250,11 @@ impl LiveModel {
                         summary.take_frame(&shown);
                         observer.frame(&shown)?;
                     }
-                    let first = *first_frame.get_or_insert_with(Instant::now);
-                    summary.span_s = first.elapsed().as_secs_f64();
+                    let now = Instant::now();
+                    if let Some(before) = before.replace(now) {
+                        summary.span_s += now.duration_since(before).as_secs_f64();
+                        summary.intervals += 1;
+                    }
                 }
             }
             source.recycle(frame);
@@ -233,6 +262,10 @@ impl LiveModel {
         Ok(summary)
     }
 }
+
+/// Maximum number of measurements times pixels for live images by total variation, each of whose iterations
+/// passes twice over as many values: 134 MB, some tens of milliseconds. 208 measurements: 284 x 284 pixels.
+const MOST_TV_VALUES: f64 = (1 << 24) as f64;
 
 fn check_reference_frames(count: usize) -> Result<(), SkinError> {
     if count >= LEAST_REFERENCE_FRAMES {

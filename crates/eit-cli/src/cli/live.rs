@@ -156,6 +156,21 @@ pub(crate) struct LiveArgs {
     /// Also record to F.mcap.
     #[arg(long, value_name = "F.mcap")]
     pub record: Option<PathBuf>,
+    /// How the recording is split.
+    #[command(flatten)]
+    pub split: SplitArgs,
+}
+
+/// Splitting of a recording into parts.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct SplitArgs {
+    /// Split the recording into parts of about N megabytes, F.00001.mcap, F.00002.mcap and so on, which every
+    /// command reads as one under the name F.mcap.
+    #[arg(long, value_name = "N")]
+    pub split_mb: Option<f64>,
+    /// Split it into parts of S seconds.
+    #[arg(long, value_name = "S")]
+    pub split_s: Option<f64>,
 }
 
 /// `eit record`
@@ -178,6 +193,9 @@ pub(crate) struct RecordArgs {
     /// Append to a recording, even if a crash truncated it.
     #[arg(long)]
     pub append: bool,
+    /// How the recording is split.
+    #[command(flatten)]
+    pub split: SplitArgs,
     /// Flush to the disk every second, so that the recording also survives a power cut.
     #[arg(long)]
     pub sync: bool,

@@ -9,7 +9,7 @@ pub(crate) struct ReportArgs {
     /// Folder for the results.
     #[arg(long, value_name = "DIR", default_value = "report-out")]
     pub out: PathBuf,
-    /// Use fewer frames, pixels and movies, for a check that takes seconds instead of minutes.
+    /// Use fewer frames, pixels, gaps and meshes, for a check that takes about two minutes.
     #[arg(long)]
     pub quick: bool,
     /// Report figures of merit against noise, speed and touches, instead of error against time.

@@ -6,13 +6,12 @@ use self::streamed::{Source, Streamed};
 use super::{Answer, check_ending};
 use crate::cli::ConvertArgs;
 use crate::error::CliError;
-use eit_hw::capture::{CaptureSettings, CaptureWriter, MAGIC, SessionRecord};
+use eit_hw::capture::{self, CaptureSettings, CaptureWriter, SessionRecord};
 use eit_hw::{Component, Frame, Layout, Quadruple, Recording};
 use eit_report::output::{OutFile, write_csv, write_npy};
 use eit_skin::scene::Scene;
 use ndarray::Array2;
 use serde_json::json;
-use std::io::Read as _;
 use std::path::Path;
 
 /// Frames as written.
@@ -27,21 +26,20 @@ struct Table {
 /// Reads any recording and writes it in the format of the file name extension.
 pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     let ending = check_ending(&args.out, &["mcap", "csv", "npy"])?;
-    if ending == "mcap" && args.out.exists() {
-        let message = "exists, and a recording is never overwritten: name another file";
-        return Err(CliError::input(format!("{}: {message}", args.out.display())));
+    if ending == "mcap" {
+        capture::check_new(&args.out)?;
     }
     if is_same_file(&args.input, &args.out) {
         let message = "is the file to convert, and would be lost: name another file";
         return Err(CliError::input(format!("{}: {message}", args.out.display())));
     }
     let scene = args.scene.as_deref().map(Scene::load).transpose()?;
-    if is_recording(&args.input)? {
+    if !args.input.is_dir() && capture::is_recording(&args.input)? {
         return stream(args, &ending, scene.as_ref());
     }
     let options = eit_hw::ReadOptions { complex: args.complex, ..Default::default() };
-    let recording = eit_hw::read_recording(&args.input, None, &options)?;
-    let table = table(&recording, scene.as_ref())?;
+    let mut recording = eit_hw::read_recording(&args.input, None, &options)?;
+    let table = table(&mut recording, scene.as_ref())?;
     let mut notes: Vec<String> = recording.notes.iter().map(ToString::to_string).collect();
     let (written, skipped) = match ending.as_str() {
         "mcap" => (write_mcap(args, &recording, &table)?, 0),
@@ -120,19 +118,6 @@ fn answer(args: &ConvertArgs, counts: &Counts, notes: &[String]) -> Answer {
 const ALTERNATE: &str =
     "rows of real and imaginary parts alternate: read it with [recording] complex = true";
 
-/// Whether a file is one of our recordings, which are converted message by message.
-fn is_recording(path: &Path) -> Result<bool, CliError> {
-    if path.is_dir() {
-        return Ok(false);
-    }
-    let mut start = Vec::new();
-    let file = eit_hw::regular_file(path)?;
-    file.take(MAGIC.len() as u64)
-        .read_to_end(&mut start)
-        .map_err(|error| CliError::input(format!("{}: {error}", path.display())))?;
-    Ok(start == MAGIC)
-}
-
 fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Answer, CliError> {
     if args.complex {
         let place = args.input.display();
@@ -175,13 +160,13 @@ fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Ans
     Ok(answer(args, &Counts { written, skipped, count, complex, flagged }, &notes))
 }
 
-/// The frames as recorded, or in the order of a scene's protocol.
-fn table(recording: &Recording, scene: Option<&Scene>) -> Result<Table, CliError> {
+/// Takes the frames of a recording as recorded, or in the order of a scene's protocol.
+fn table(recording: &mut Recording, scene: Option<&Scene>) -> Result<Table, CliError> {
     let Some(scene) = scene else {
         return Ok(Table {
-            real: recording.real.clone(),
-            imaginary: recording.imaginary.clone(),
-            quality: recording.quality.clone(),
+            real: std::mem::take(&mut recording.real),
+            imaginary: recording.imaginary.take(),
+            quality: std::mem::take(&mut recording.quality),
             quadruples: match &recording.layout {
                 Layout::Quadruples(quadruples) => quadruples.clone(),
                 Layout::ProtocolOrder => Vec::new(),

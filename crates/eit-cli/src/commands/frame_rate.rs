@@ -4,31 +4,43 @@ use std::time::Instant;
 
 /// Averaging time of the recent rate, seconds.
 const RECENT_S: f64 = 2.0;
+/// Fraction of the stated rate below which the rate is too low.
+const LEAST_SHARE: f64 = 0.9;
 
-/// Arrival of frames: their rate, and the longest interval between two of them.
+/// Arrival of frames: their rate while frames come, and the longest interval between two of them.
 #[derive(Debug, Default)]
 pub(super) struct FrameRate {
-    first: Option<Instant>,
     last: Option<Instant>,
-    frames: u64,
     longest_wait_s: f64,
+    /// Number and sum of the intervals between frames without those of an interruption.
+    intervals: u64,
+    sum_s: f64,
+    /// Whether the instrument has been silent or unplugged since the last frame.
+    is_interrupted: bool,
     /// Start of the averaging interval, and number of frames in it.
     since: Option<Instant>,
     recent_frames: u64,
     recent_hz: Option<f64>,
+    /// Whether the rate was too low when last looked at.
+    is_slow: bool,
 }
 
 impl FrameRate {
     /// Counts a frame that arrived at `now`.
     pub fn frame(&mut self, now: Instant) {
         if let Some(last) = self.last.replace(now) {
-            self.longest_wait_s = self.longest_wait_s.max(seconds(last, now));
+            let interval_s = seconds(last, now);
+            self.longest_wait_s = self.longest_wait_s.max(interval_s);
+            if std::mem::take(&mut self.is_interrupted) {
+                self.since = None;
+            } else {
+                self.intervals += 1;
+                self.sum_s += interval_s;
+            }
         }
-        self.first.get_or_insert(now);
-        self.frames += 1;
         let since = *self.since.get_or_insert(now);
         // the first frame starts the interval
-        self.recent_frames += u64::from(since != now);
+        self.recent_frames = if since == now { 0 } else { self.recent_frames + 1 };
         let lasted_s = seconds(since, now);
         if lasted_s >= RECENT_S {
             self.recent_hz = Some(self.recent_frames as f64 / lasted_s);
@@ -36,20 +48,40 @@ impl FrameRate {
         }
     }
 
+    /// Excludes the time from the last frame to the next one from the rate: the instrument is silent
+    /// or unplugged.
+    pub fn interrupt(&mut self) {
+        self.is_interrupted = self.last.is_some();
+    }
+
     /// Returns the frame rate over the last seconds, or over all if there were fewer.
     pub fn recent_hz(&self) -> Option<f64> {
         self.recent_hz.or_else(|| self.mean_hz())
     }
 
-    /// Returns the mean frame rate; `None` for fewer than two frames.
+    /// Describes a rate that has fallen below nine tenths of the stated one or is back; `None` while
+    /// that does not change.
+    pub fn change(&mut self, stated_hz: Option<f64>) -> Option<String> {
+        let (stated_hz, recent_hz) = (stated_hz?, self.recent_hz?);
+        let is_slow = recent_hz < LEAST_SHARE * stated_hz;
+        let is_new = std::mem::replace(&mut self.is_slow, is_slow) != is_slow;
+        let state = if is_slow { "only " } else { "again " };
+        is_new.then(|| format!("{state}{recent_hz:.1} of {stated_hz} frames per second arrive"))
+    }
+
+    /// Returns whether the rate was too low when [`change`](Self::change) was last called.
+    pub fn is_slow(&self) -> bool {
+        self.is_slow
+    }
+
+    /// Returns the mean frame rate while frames came; `None` for fewer than two frames.
     pub fn mean_hz(&self) -> Option<f64> {
-        let lasted_s = seconds(self.first?, self.last?);
-        (lasted_s > 0.0).then(|| (self.frames - 1) as f64 / lasted_s)
+        (self.sum_s > 0.0).then(|| self.intervals as f64 / self.sum_s)
     }
 
     /// Returns the longest interval between two frames; `None` for fewer than two.
     pub fn longest_wait_s(&self) -> Option<f64> {
-        (self.frames > 1).then_some(self.longest_wait_s)
+        (self.longest_wait_s > 0.0).then_some(self.longest_wait_s)
     }
 
     /// Describes rate and interval after a comma; empty for fewer than two frames.
@@ -90,5 +122,41 @@ mod tests {
         assert!(near(rate.longest_wait_s(), 3.0), "{rate:?}");
         assert!(near(rate.recent_hz(), 20.0), "{rate:?}");
         assert_eq!(rate.words(), format!(", {mean_hz:.1} per second, at most 3.000 s apart"));
+    }
+
+    #[test]
+    fn a_rate_that_falls_is_reported_once_and_its_return_too() {
+        let (mut rate, start) = (FrameRate::default(), Instant::now());
+        // 5 s at 100 Hz, 6 s at 80 Hz, 5 s at 95 Hz
+        let intervals_us = [(500, 10_000), (480, 12_500), (475, 10_526)];
+        let (mut told, mut time_us) = (Vec::new(), 0);
+        for interval_us in intervals_us.iter().flat_map(|&(count, us)| vec![us; count]) {
+            rate.frame(start + Duration::from_micros(time_us));
+            told.extend(rate.change(Some(100.0)).map(|words| (time_us / 1_000_000, words)));
+            assert_eq!(rate.change(None), None);
+            time_us += interval_us;
+        }
+        let [(fell_s, fell), (back_s, back)] = &told[..] else { unreachable!("{told:?}") };
+        assert!((6..=9).contains(fell_s) && fell.starts_with("only 8"), "{told:?}");
+        assert!((12..=15).contains(back_s) && back.starts_with("again 9"), "{told:?}");
+        assert!(back.ends_with("of 100 frames per second arrive"), "{told:?}");
+    }
+
+    #[test]
+    fn silence_does_not_count_for_the_rate() {
+        let (mut rate, start) = (FrameRate::default(), Instant::now());
+        rate.interrupt();
+        // 5 s at 10 Hz, unplugged for 60 s, 1 s at 10 Hz
+        for time_ms in (0..50).map(|i| 100 * i).chain((0..10).map(|i| 65_000 + 100 * i)) {
+            if time_ms == 65_000 {
+                rate.interrupt();
+            }
+            rate.frame(start + Duration::from_millis(time_ms));
+            if time_ms >= 65_000 {
+                assert!((rate.recent_hz().unwrap() - 10.0).abs() < 1e-6, "{rate:?}");
+            }
+        }
+        assert!((rate.mean_hz().unwrap() - 10.0).abs() < 1e-6, "{rate:?}");
+        assert!((rate.longest_wait_s().unwrap() - 60.1).abs() < 1e-6, "{rate:?}");
     }
 }

@@ -1,11 +1,13 @@
 //! `eit live`: touches of a live instrument as they happen.
 
+use super::no_data::NoData;
+use super::recorder::PageRecorder;
 use super::viewer::Viewer;
 use super::{Ended, SILENT, publish, record};
 use crate::cli::LiveArgs;
 use crate::error::CliError;
 use crate::progress;
-use eit_hw::capture::{CaptureSettings, CaptureWriter};
+use eit_hw::capture::CaptureWriter;
 use eit_hw::driver::{FrameSource, Overflow};
 use eit_report::watched::answer;
 use eit_skin::connect;
@@ -16,8 +18,12 @@ use std::sync::Arc;
 /// Watches until Ctrl-C, the end of `--seconds` or enough frames.
 pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     let limit = record::duration(args.seconds)?;
+    let recorded = args.split.settings()?;
+    if recorded.is_split() && args.record.is_none() {
+        return Err(CliError::input("--split-mb and --split-s need --record F.mcap"));
+    }
     super::check_frames(args.watch.frames)?;
-    let publisher = publish::open(&args.watch.publish, is_json)?;
+    let publisher = publish::open(&args.watch.publish, is_json, true)?;
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
     let mut progress = progress::terminal();
@@ -31,14 +37,16 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     };
     let mut session =
         progress.stage("connect", || connect::open(&instrument, args.port.as_deref(), overflow))?;
+    let record = connect::session_record(&model.skin().scene_toml, &instrument, &session);
     if let Some(place) = &args.record {
-        let record = connect::session_record(&model.skin().scene_toml, &instrument, &session);
-        let settings = CaptureSettings::default();
-        let writer = CaptureWriter::create(place, &record, settings)
+        let writer = CaptureWriter::create(place, &record, recorded)
             .map_err(|error| CliError::input(error.to_string()))?;
         viewer.record(writer);
     }
     viewer.publish(publisher, &session.setup().identity.to_string(), true)?;
+    if args.watch.publish.web.is_some() {
+        viewer.let_record(PageRecorder::new(&args.scene, record, args.record.clone()))?;
+    }
     let summary = model.watch(&mut session, true, &mut viewer);
     session.stop();
     let statistics = FrameSource::statistics(&session);
@@ -48,9 +56,9 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     let files = viewer.finish();
     let summary = summary?;
     let mut answer = answer(&name, &summary, &statistics, &files?);
-    answer.text += &record::silence(statistics.silent_s, ended_silent).replacen("; ", "\n", 1);
-    answer.json["silent_s"] = statistics.silent_s.into();
-    answer.json["ended_silent"] = ended_silent.into();
+    let no_data = NoData::of(session.setup(), &statistics, summary.frame_rate_hz(), ended_silent);
+    answer.text += &no_data.words().replacen("; ", "\n", 1);
+    no_data.add_to(&mut answer.json);
     let answer = publish::told(&args.watch.publish, answer);
     Ok(Ended { answer, exit_code: if ended_silent { SILENT } else { 0 } })
 }

@@ -4,13 +4,17 @@ use super::{Answer, network};
 use crate::cli::PublishArgs;
 use crate::error::CliError;
 use eit_picture::SkinDrawing;
-use eit_publish::{Publisher, SkinShape, UdpSink, WebServer};
+use eit_publish::{Publisher, SkinImage, SkinShape, UdpSink, WebServer};
 use eit_skin::Progress;
-use eit_skin::live::LiveModel;
+use eit_skin::live::{LiveFrame, LiveModel};
 use eit_skin::words::printable;
 
-/// Opens the requested outputs; `None` if there are none.
-pub(super) fn open(args: &PublishArgs, is_json: bool) -> Result<Option<Publisher>, CliError> {
+/// Opens the requested outputs; `None` if there are none. The page can record if frames are those of an instrument.
+pub(super) fn open(
+    args: &PublishArgs,
+    is_json: bool,
+    can_record: bool,
+) -> Result<Option<Publisher>, CliError> {
     if args.json_lines && is_json {
         let message = "--json-lines and --json both need stdout: use one";
         return Err(CliError::input(message));
@@ -25,14 +29,44 @@ pub(super) fn open(args: &PublishArgs, is_json: bool) -> Result<Option<Publisher
         publisher = publisher.with_udp(sink);
     }
     if let Some(address) = &args.web {
-        let server = WebServer::new(address).map_err(|e| CliError::from(e).within("--web"))?;
-        eprintln!("eit: live page at {}", server.url());
-        publisher = publisher.with_web(server);
+        publisher = open_page(address, publisher, can_record)?;
     }
     if args.json_lines {
         publisher = publisher.with_lines(std::io::stdout());
     }
     Ok(Some(publisher))
+}
+
+/// Serves the page, and prints its address.
+pub(super) fn open_page(
+    address: &str,
+    publisher: Publisher,
+    can_record: bool,
+) -> Result<Publisher, CliError> {
+    let server = match can_record {
+        true => WebServer::with_recording(address),
+        false => WebServer::new(address),
+    };
+    let server = server.map_err(|e| CliError::from(e).within("--web"))?;
+    eprintln!("eit: live page at {}", server.url());
+    Ok(publisher.with_web(server))
+}
+
+/// Publishes the image of a frame, if there is one and it is wanted.
+pub(super) fn image(publisher: &mut Publisher, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+    let Some(images) = shown.images else { return Ok(()) };
+    if !publisher.wants_image() {
+        return Ok(());
+    }
+    let raster = images.raster();
+    let change = raster.image_from_pixels(images.pixels())?;
+    let before_net = images.raw().map(|raw| raster.image_from_pixels(raw)).transpose()?;
+    Ok(publisher.image(SkinImage {
+        change_s: change.view(),
+        before_net_s: before_net.as_ref().map(|raw| raw.view()),
+        faintest_s: shown.finder.level_s(),
+        gap: images.state().gap,
+    })?)
 }
 
 /// Converts the skin for drawing on the page.

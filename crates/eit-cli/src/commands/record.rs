@@ -2,18 +2,19 @@
 
 use super::electrode_watch::ElectrodeWatch;
 use super::frame_rate::FrameRate;
+use super::no_data::NoData;
 use super::{Answer, Ended, SILENT};
-use crate::cli::RecordArgs;
+use crate::cli::{RecordArgs, SplitArgs};
 use crate::error::CliError;
 use crate::interrupt;
 use crate::progress;
-use eit_hw::capture::{CaptureSettings, CaptureWriter};
+use eit_hw::capture::{self, CaptureSettings, CaptureWriter};
 use eit_hw::driver::{Event, Overflow, Session};
 use eit_skin::connect;
 use eit_skin::scene::Scene;
 use eit_skin::words::event_words;
 use serde_json::{Value, json};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// How often to check for shutdown.
@@ -24,16 +25,15 @@ const TOLD_SILENCE: Duration = Duration::from_millis(500);
 /// Records until enough frames arrived, the time is over, or Ctrl-C.
 pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let limit = duration(args.seconds)?;
+    let settings = CaptureSettings { sync: args.sync, ..args.split.settings()? };
     super::check_frames(args.frames)?;
     let place = &args.out;
     super::check_ending(place, &["mcap"])?;
-    if place.exists() && !args.append {
-        return Err(CliError::input(format!(
-            "{}: exists, and a recording is never overwritten: name another file, or append to \
-             it with --append",
-            place.display()
-        )));
+    if !args.append {
+        capture::check_new(place)
+            .map_err(|error| CliError::input(format!("{error} with --append")))?;
     }
+    let files = capture::files(place);
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
     let interrupt = interrupt::listen()?;
@@ -41,10 +41,9 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let mut session = progress
         .stage("connect", || connect::open(&instrument, args.port.as_deref(), Overflow::Fail))?;
     let record = connect::session_record(&scene.to_toml()?, &instrument, &session);
-    let bytes_before = std::fs::metadata(place).map_or(0, |data| data.len());
-    let settings = CaptureSettings { sync: args.sync, ..CaptureSettings::default() };
+    let bytes_before = bytes(&files);
     // decide once: never append to a file that another recorder creates meanwhile
-    let mut writer = match args.append && place.exists() {
+    let mut writer = match args.append && files.iter().any(|file| file.exists()) {
         true => CaptureWriter::append(place, &record, settings)?,
         false => CaptureWriter::create(place, &record, settings).map_err(unwritable)?,
     };
@@ -82,7 +81,8 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
                 let silent_s = since.elapsed().as_secs_f64();
                 bar.set_message(&format!("NO FRAME for {silent_s:.0} s; Ctrl-C stops it"));
             } else if taken.frames.is_multiple_of(16) {
-                bar.set_message(&taken.progress(session.statistics().lost));
+                let stated_hz = session.setup().frame_rate_hz;
+                bar.set_message(&taken.progress(session.statistics().lost, stated_hz));
             }
         }
         Ok(interrupt.is_set())
@@ -106,6 +106,21 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
 /// A place that cannot be written to is invalid input, unlike a full disk.
 fn unwritable(error: eit_hw::HwError) -> CliError {
     CliError::input(error.to_string())
+}
+
+impl SplitArgs {
+    /// Returns the settings of a recording that is split like this.
+    pub(super) fn settings(self) -> Result<CaptureSettings, CliError> {
+        let Self { split_mb, split_s } = self;
+        if let Some(mb) = split_mb.filter(|mb| !(0.1..=1e9).contains(mb)) {
+            return Err(CliError::input(format!("--split-mb {mb}: it must be 0.1 to 1e9")));
+        }
+        if let Some(seconds) = split_s.filter(|seconds| !(1.0..=1e9).contains(seconds)) {
+            return Err(CliError::input(format!("--split-s {seconds}: it must be 1 to 1e9")));
+        }
+        let part_bytes = split_mb.map(|mb| (1e6 * mb) as u64);
+        Ok(CaptureSettings { part_bytes, part_s: split_s, ..CaptureSettings::default() })
+    }
 }
 
 /// Converts `--seconds` to a duration.
@@ -133,9 +148,14 @@ struct Taken {
 
 impl Taken {
     /// Status shown during a recording.
-    fn progress(&self, lost: u64) -> String {
-        let rate =
-            self.rate.recent_hz().map_or(String::new(), |hz| format!(", {hz:.1} per second"));
+    fn progress(&self, lost: u64, stated_hz: Option<f64>) -> String {
+        let rate = match (self.rate.recent_hz(), stated_hz) {
+            (Some(hz), Some(stated_hz)) if self.rate.is_slow() => {
+                format!(", ONLY {hz:.1} of {stated_hz} per second")
+            }
+            (Some(hz), _) => format!(", {hz:.1} per second"),
+            _ => String::new(),
+        };
         format!("{} frames{rate}, {lost} lost; Ctrl-C stops it", self.frames)
     }
 
@@ -152,6 +172,10 @@ impl Taken {
                 writer.frame(&frame)?;
                 self.frames += 1;
                 self.rate.frame(Instant::now());
+                if let Some(words) = self.rate.change(session.setup().frame_rate_hz) {
+                    writer.note(&words)?;
+                    self.notes += 1;
+                }
                 self.silent_since = None;
                 let Self { electrodes, notes, .. } = self;
                 electrodes.push(&frame, |words| {
@@ -166,6 +190,7 @@ impl Taken {
                     self.electrodes.restart();
                 }
                 if matches!(other, Event::Silent { .. } | Event::Disconnected { .. }) {
+                    self.rate.interrupt();
                     self.silent_since.get_or_insert_with(Instant::now);
                 }
                 if let Some(words) = event_words(&other) {
@@ -182,6 +207,18 @@ impl Taken {
             }
         }
         Ok(true)
+    }
+}
+
+/// Records a frame, or a note of what else happened.
+pub(super) fn write_event(
+    writer: &mut CaptureWriter,
+    event: &Event,
+) -> Result<(), eit_hw::HwError> {
+    match (event, event_words(event)) {
+        (Event::Frame(frame), _) => writer.frame(frame),
+        (_, Some(words)) => writer.note(&words),
+        _ => Ok(()),
     }
 }
 
@@ -205,16 +242,9 @@ fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
     CliError::Failure(format!("the recording has stopped: {error}; {left}"))
 }
 
-/// Describes periods of silence.
-pub(super) fn silence(silent_s: f64, ended_silent: bool) -> String {
-    let mut words = String::new();
-    if silent_s > 0.0 {
-        words += &format!("; silent for {silent_s:.1} s");
-    }
-    if ended_silent {
-        words += "; it was silent or unplugged at the end: check its power and cable";
-    }
-    words
+/// Total length of the files of a recording.
+fn bytes(files: &[PathBuf]) -> u64 {
+    files.iter().map(|file| file.metadata().map_or(0, |data| data.len())).sum()
 }
 
 fn answer(
@@ -225,10 +255,17 @@ fn answer(
     interrupted: bool,
 ) -> Answer {
     let statistics = session.statistics();
-    let bytes = std::fs::metadata(place).map_or(0, |data| data.len());
+    let files = capture::files(place);
+    let bytes = bytes(&files);
     let new_bytes = bytes.saturating_sub(bytes_before);
+    let is_silent = taken.silent_since.is_some();
+    let no_data = NoData::of(session.setup(), &statistics, taken.rate.mean_hz(), is_silent);
+    let parts = match files.len() {
+        1 => String::new(),
+        count => format!(" ({count} parts)"),
+    };
     let text = format!(
-        "{} frames of {} in {}{}, {:.1} kB per frame; {} lost, {} with flagged values, {} damaged \
+        "{} frames of {} in {}{parts}{}, {:.1} kB per frame; {} lost, {} with flagged values, {} damaged \
          bytes, {} reconnections",
         taken.frames,
         session.setup().identity,
@@ -239,10 +276,11 @@ fn answer(
         statistics.flagged,
         statistics.damaged_bytes,
         statistics.reconnections
-    ) + &silence(statistics.silent_s, taken.silent_since.is_some())
+    ) + &no_data.words()
         + &taken.electrodes.lines();
-    let json: Value = json!({
+    let mut json: Value = json!({
         "file": place.display().to_string(),
+        "files": files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>(),
         "bytes": bytes,
         "instrument": session.setup().identity.to_string(),
         "frames": taken.frames,
@@ -253,10 +291,9 @@ fn answer(
         "flagged": statistics.flagged,
         "damaged_bytes": statistics.damaged_bytes,
         "reconnections": statistics.reconnections,
-        "silent_s": statistics.silent_s,
-        "ended_silent": taken.silent_since.is_some(),
         "interrupted": interrupted,
         "faulty_electrodes": taken.electrodes.json(),
     });
+    no_data.add_to(&mut json);
     Answer { text, json }
 }

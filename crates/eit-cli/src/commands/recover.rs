@@ -4,19 +4,14 @@ use super::{Answer, check_ending};
 use crate::cli::RecoverArgs;
 use crate::error::CliError;
 use eit_hw::HwError;
-use eit_hw::capture::{Damage, Recovered, recover};
+use eit_hw::capture::{Damage, Recovered, check_new, recover};
 use serde_json::json;
 use std::io::ErrorKind::StorageFull;
 
 /// Writes the new recording and reports what is missing.
 pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
     check_ending(&args.out, &["mcap"])?;
-    if args.out.exists() {
-        return Err(CliError::input(format!(
-            "{}: exists, and a recording is never overwritten: name another file",
-            args.out.display()
-        )));
-    }
+    check_new(&args.out)?;
     let recovered = recover(&args.input, &args.out).map_err(|error| match error {
         // a place where no file can be created is invalid input, unlike a full disk
         HwError::Write { ref source, .. } if source.kind() != StorageFull => {
@@ -36,6 +31,7 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         bad_chunks,
         mended_chunks,
         bad_messages,
+        missing_parts,
     } = damage;
     let place = args.out.display();
     let mut text = format!(
@@ -47,6 +43,7 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         (bad_attachments, "damaged attachment(s) skipped"),
         (skipped_bytes, "byte(s) between complete records skipped"),
         (truncated_bytes, "byte(s) at the end skipped: not a complete record"),
+        (missing_parts as u64, "part(s) of the recording are missing"),
         (mended_chunks as u64, "chunk(s) had a damaged header and are complete"),
     ] {
         if count > 0 {
@@ -69,6 +66,7 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         "bad_messages": bad_messages,
         "skipped_bytes": skipped_bytes,
         "truncated_bytes": truncated_bytes,
+        "missing_parts": missing_parts,
         "unfinished": unfinished,
     });
     Ok(Answer { text, json })

@@ -17,7 +17,7 @@ use std::time::Duration;
 /// Watches until the end of the recording, Ctrl-C or enough frames.
 pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> {
     super::check_frames(args.watch.frames)?;
-    let publisher = publish::open(&args.watch.publish, is_json)?;
+    let publisher = publish::open(&args.watch.publish, is_json, false)?;
     let scene = Scene::load(&args.scene)?;
     let mut progress = progress::terminal();
     let frames = args.watch.reference_frames;

@@ -1,6 +1,7 @@
 //! The latest image and its touches, on a terminal or as a picture that is redrawn continuously.
 
 use crate::error::CliError;
+use crate::terminal;
 use eit_inverse::touch::TouchState;
 use eit_picture::{ColorMap, FrameLabels, PictureSettings, SkinDrawing, draw_sheet};
 use eit_report::output::OutFile;
@@ -104,6 +105,8 @@ pub(crate) struct Terminal {
     last: Option<Instant>,
     /// Arrival times of the last frames.
     arrivals: VecDeque<Instant>,
+    /// Number of lost frames.
+    lost: u64,
     /// Text shown last.
     shown: String,
 }
@@ -114,7 +117,7 @@ impl Terminal {
         use std::io::IsTerminal as _;
         let is_on = is_wanted && std::io::stdout().is_terminal();
         let (range, arrivals, shown) = (Range::default(), VecDeque::new(), String::new());
-        Self { is_on, range, last: None, arrivals, shown }
+        Self { is_on, range, last: None, arrivals, lost: 0, shown }
     }
 
     /// Returns whether it shows anything.
@@ -132,11 +135,18 @@ impl Terminal {
     /// Reports something to the user at once; on a terminal the view shows it.
     pub fn news(&mut self, words: &str) {
         if !self.is_on {
-            eprintln!("eit: note: {}", printable(words));
+            if !terminal::is_quiet() {
+                eprintln!("eit: note: {}", printable(words));
+            }
             return;
         }
         let text = format!("{}{}\n", self.shown, printable(words));
         self.say(&text);
+    }
+
+    /// Counts lost frames, which the view shows.
+    pub fn lose(&mut self, frames: u64) {
+        self.lost = self.lost.saturating_add(frames);
     }
 
     /// Shows a silence: the picture is outdated.
@@ -168,7 +178,8 @@ impl Terminal {
         self.last = Some(Instant::now());
         let mut text = match (shown.images, range) {
             (Some(made), Some(range)) => {
-                blocks(image(made)?.index_axis(ndarray::Axis(0), 0), range)
+                let is_colored = terminal::is_colored(&std::io::stdout());
+                blocks(image(made)?.index_axis(ndarray::Axis(0), 0), range, is_colored)
             }
             _ => String::new(),
         };
@@ -181,7 +192,8 @@ impl Terminal {
         let latency =
             shown.latency_s.map_or(String::new(), |s| format!(", latency {:.1} ms", 1e3 * s));
         // writing to a String cannot fail
-        let _ = writeln!(text, "frame {}, {rate:.1} per second{latency}", shown.frame.sequence);
+        let (frame, lost) = (shown.frame.sequence, self.lost);
+        let _ = writeln!(text, "frame {frame}, {rate:.1} per second, {lost} lost{latency}");
         for touch in shown.touches.iter().filter(|touch| touch.state != TouchState::End) {
             let [x, y, _] = touch.position_m.map(|part| 1e3 * part);
             let _ = writeln!(
@@ -212,8 +224,12 @@ impl Terminal {
     }
 }
 
+/// Characters of values from zero to the end of the range, for terminals without colours: of a rise and of a fall.
+const RISES: [char; 5] = [' ', '\u{2591}', '\u{2592}', '\u{2593}', '\u{2588}'];
+const FALLS: [char; 5] = [' ', '.', '-', '=', '#'];
+
 /// Draws an image in characters of two pixels each.
-fn blocks(image: ArrayView2<'_, f64>, range: f64) -> String {
+fn blocks(image: ArrayView2<'_, f64>, range: f64, is_colored: bool) -> String {
     let (rows, columns) = image.dim();
     let step = (columns.max(rows) as f64 / COLUMNS as f64).max(1.0);
     let at = |row: usize, column: usize| {
@@ -232,13 +248,25 @@ fn blocks(image: ArrayView2<'_, f64>, range: f64) -> String {
                 None => format!("\x1b[{ground}9m"),
             };
             let (upper, lower) = (at(row, column), at(row + 1, column));
+            if !is_colored {
+                text.push(shade(upper.into_iter().chain(lower), range));
+                continue;
+            }
             let sign = if upper.is_none() && lower.is_none() { ' ' } else { '\u{2580}' };
             // writing to a String cannot fail
             let _ = write!(text, "{}{}{sign}", paint(upper, 3), paint(lower, 4));
         }
-        text += "\x1b[0m\n";
+        text += if is_colored { "\x1b[0m\n" } else { "\n" };
     }
     text
+}
+
+/// The character of the stronger of two values.
+fn shade(values: impl Iterator<Item = f64>, range: f64) -> char {
+    let value =
+        values.fold(0.0, |most: f64, value| if value.abs() > most.abs() { value } else { most });
+    let step = ((value.abs() / range).min(1.0) * 4.0).round() as usize;
+    if value < 0.0 { FALLS[step] } else { RISES[step] }
 }
 
 #[cfg(test)]
@@ -249,7 +277,7 @@ mod tests {
     #[test]
     fn characters_hold_two_rows_and_leave_out_what_is_no_skin() {
         let image = array![[1.0, f64::NAN], [-1.0, f64::NAN]];
-        let text = blocks(image.view(), 1.0);
+        let text = blocks(image.view(), 1.0, true);
         assert_eq!(text.lines().count(), 1);
         assert_eq!(text.matches('\u{2580}').count(), 1, "{text:?}");
         let [red, blue] = [1.0, 0.0].map(|at| ColorMap::CoolWarm.color(at));
@@ -258,5 +286,10 @@ mod tests {
             red[0], red[1], red[2], blue[0], blue[1], blue[2]
         );
         assert!(text.starts_with(&wanted), "{text:?}");
+        // without colours: no escape, and what rises differs from what falls
+        let image = array![[1.0, -1.0, 0.5, f64::NAN], [0.2, 0.0, 0.0, f64::NAN]];
+        let plain = blocks(image.view(), 1.0, false);
+        assert_eq!(plain.lines().next(), Some("\u{2588}#\u{2592} "), "{plain:?}");
+        assert!(!plain.contains('\x1b'));
     }
 }

@@ -1,8 +1,9 @@
 //! What `eit live` and `eit replay` show and store.
 
 use super::publish;
-use super::record::is_news;
-use super::view::{Picture, Terminal, image};
+use super::record::{self, is_news};
+use super::recorder::PageRecorder;
+use super::view::{Picture, Terminal};
 use crate::cli::WatchArgs;
 use crate::error::CliError;
 use crate::interrupt;
@@ -13,7 +14,6 @@ use eit_report::watched::{Kept, record_of};
 use eit_skin::StopFlag;
 use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, Summary};
 use eit_skin::words::event_words;
-use ndarray::Axis;
 use std::time::{Duration, Instant};
 
 /// Shows, records and stores frames.
@@ -30,6 +30,8 @@ pub(super) struct Viewer<'a> {
     writer: Option<CaptureWriter>,
     kept: Option<Kept>,
     publisher: Option<Publisher>,
+    /// Recordings that the page starts.
+    recorder: Option<PageRecorder>,
 }
 
 impl<'a> Viewer<'a> {
@@ -59,12 +61,22 @@ impl<'a> Viewer<'a> {
             writer: None,
             kept,
             publisher: None,
+            recorder: None,
         })
     }
 
     /// Records from now on.
     pub fn record(&mut self, writer: CaptureWriter) {
         self.writer = Some(writer);
+    }
+
+    /// Lets the page record.
+    pub fn let_record(&mut self, recorder: PageRecorder) -> Result<(), CliError> {
+        if let Some(publisher) = &self.publisher {
+            recorder.tell(publisher)?;
+        }
+        self.recorder = Some(recorder);
+        Ok(())
     }
 
     /// Publishes touches of this instrument or recording from now on.
@@ -103,6 +115,9 @@ impl<'a> Viewer<'a> {
 
     /// Finishes the recording and writes what was stored; returns the names of the files.
     pub fn finish(self) -> Result<Vec<&'static str>, CliError> {
+        if let (Some(mut recorder), Some(publisher)) = (self.recorder, &self.publisher) {
+            recorder.stop(publisher)?;
+        }
         if let Some(publisher) = self.publisher {
             publish::end(publisher)?;
         }
@@ -122,6 +137,7 @@ impl LiveObserver for Viewer<'_> {
         }
         match event {
             Event::Frame(_) => self.silent_since = None,
+            Event::Gap { frames } => self.terminal.lose(*frames),
             Event::Silent { .. } | Event::Disconnected { .. } => {
                 self.silent_since.get_or_insert_with(Instant::now);
             }
@@ -132,18 +148,21 @@ impl LiveObserver for Viewer<'_> {
         {
             self.terminal.news(&words);
         }
-        let Some(writer) = &mut self.writer else { return Ok(()) };
-        match (event, event_words(event)) {
-            (Event::Frame(frame), _) => writer.frame(frame)?,
-            (_, Some(words)) => writer.note(&words)?,
-            _ => {}
+        if let (Some(recorder), Some(publisher)) = (&mut self.recorder, &self.publisher) {
+            recorder.event(event, publisher)?;
         }
-        Ok(())
+        match &mut self.writer {
+            Some(writer) => Ok(record::write_event(writer, event)?),
+            None => Ok(()),
+        }
     }
 
     fn idle(&mut self) -> Result<(), CliError> {
         if let Some(since) = self.silent_since {
             self.terminal.silent(since.elapsed());
+        }
+        if let (Some(recorder), Some(publisher)) = (&mut self.recorder, &self.publisher) {
+            recorder.idle(publisher)?;
         }
         match &mut self.writer {
             Some(writer) => Ok(writer.tick()?),
@@ -162,6 +181,9 @@ impl LiveObserver for Viewer<'_> {
     fn touches(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
         if let Some(publisher) = &mut self.publisher {
             publisher.touches(&(*shown).into())?;
+            if let Some(recorder) = &mut self.recorder {
+                recorder.touches(shown, publisher)?;
+            }
         }
         if let Some(writer) = &mut self.writer
             && !shown.touches.is_empty()
@@ -173,10 +195,8 @@ impl LiveObserver for Viewer<'_> {
 
     fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
         self.terminal.show(shown)?;
-        if let (Some(publisher), Some(images)) = (&mut self.publisher, shown.images)
-            && publisher.wants_image()
-        {
-            publisher.image(image(images)?.index_axis(Axis(0), 0))?;
+        if let Some(publisher) = &mut self.publisher {
+            publish::image(publisher, shown)?;
         }
         if let Some(picture) = &mut self.picture {
             picture.show(self.model, shown)?;

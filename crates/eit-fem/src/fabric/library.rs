@@ -86,7 +86,11 @@ impl TouchScript {
                 return Err(FemError::UnknownScript { name: name.to_owned(), known });
             }
         };
-        let name = name.to_owned();
+        let (name, mut fingers) = (name.to_owned(), fingers);
+        let share = circle.force_share();
+        for key in fingers.iter_mut().flat_map(|finger| &mut finger.keys) {
+            key.force_n *= share;
+        }
         Ok(Self { name, frame_rate_hz: RATE_HZ, frames, quiet_frames: QUIET, fingers })
     }
 }

@@ -4,32 +4,46 @@ use super::motion::segment_distance_m;
 use crate::error::FemError;
 use eit_mesh::{Mesh, Outline};
 
-/// Largest circle around the centroid of a skin that does not cross the rim.
+/// Radius of a fingertip.
+const TIP_M: f64 = 0.01;
+/// A circle around the centroid is used unless it is smaller than this share of the largest one.
+const LEAST_SHARE: f64 = 0.5;
+
+/// A circle on a skin that does not cross the rim: around the centroid where that is well inside.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlayCircle {
-    /// Centroid of the skin's area, metres.
+    /// Its centre, metres.
     pub centre_m: [f64; 2],
-    /// Distance from the centroid to the rim, metres.
+    /// Distance from the centre to the rim, metres.
     pub radius_m: f64,
 }
 
 impl PlayCircle {
-    /// Computes the circle of a mesh, seen from +z. If the centroid of the skin is in a hole, write
-    /// scripts by hand.
+    /// Computes the circle of a mesh, seen from +z: around the centroid of its area, or, if that is off the skin or much
+    /// closer to the rim than other places, around the element's centre farthest from the rim.
     pub fn of(mesh: &Mesh) -> Self {
         let surface = mesh.surface();
-        let areas = surface.areas_m2();
+        let (areas, centroids) = (surface.areas_m2(), surface.centroids());
         let total: f64 = areas.iter().sum();
-        let moment = |i: usize| {
-            surface.centroids().iter().zip(areas).map(|(c, a)| c[i] * a).sum::<f64>() / total
+        let moment =
+            |i: usize| centroids.iter().zip(areas).map(|(c, a)| c[i] * a).sum::<f64>() / total;
+        let circle = |centre_m: [f64; 2]| {
+            let distance = |edge: &[u32; 2]| {
+                let [a, b] = edge.map(|n| surface.nodes()[n as usize]);
+                segment_distance_m([centre_m[0], centre_m[1], 0.0], a, b)
+            };
+            let distances = surface.rim_edges().iter().map(distance);
+            Self { centre_m, radius_m: distances.fold(f64::INFINITY, f64::min) }
         };
-        let centre_m = [moment(0), moment(1)];
-        let distance = |edge: &[u32; 2]| {
-            let [a, b] = edge.map(|n| surface.nodes()[n as usize]);
-            segment_distance_m([centre_m[0], centre_m[1], 0.0], a, b)
-        };
-        let radius_m = surface.rim_edges().iter().map(distance).fold(f64::INFINITY, f64::min);
-        Self { centre_m, radius_m }
+        let middle = circle([moment(0), moment(1)]);
+        let circles = centroids.iter().map(|c| circle([c[0], c[1]]));
+        let widest = circles.max_by(|a, b| a.radius_m.total_cmp(&b.radius_m)).unwrap_or(middle);
+        let is_inside = (0..centroids.len())
+            .any(|t| is_in_triangle(middle.centre_m, surface.corners(t).map(|[x, y, _]| [x, y])));
+        match is_inside && middle.radius_m >= LEAST_SHARE * widest.radius_m {
+            true => middle,
+            false => widest,
+        }
     }
 
     /// Computes the circle of an outline, around its centroid (ignoring holes). It does not depend
@@ -55,6 +69,22 @@ impl PlayCircle {
 
     /// Radius of a fingertip: 10 mm, or less on small skins.
     pub(super) fn tip_m(&self) -> f64 {
-        0.01_f64.min(0.15 * self.radius_m)
+        TIP_M.min(0.15 * self.radius_m)
     }
+
+    /// Share of a finger's force for that tip: the same mean pressure on small skins, whose fabric would else be dented
+    /// beyond what the contact model covers.
+    pub(super) fn force_share(&self) -> f64 {
+        (self.tip_m() / TIP_M).powi(2)
+    }
+}
+
+/// Whether a triangle, of either orientation, contains a point.
+fn is_in_triangle([x, y]: [f64; 2], corners: [[f64; 2]; 3]) -> bool {
+    let side = |k: usize| {
+        let ([ax, ay], [bx, by]) = (corners[k], corners[(k + 1) % 3]);
+        (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+    };
+    let sides = [side(0), side(1), side(2)];
+    sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0)
 }

@@ -1,7 +1,7 @@
 //! Reading of complete recordings into memory.
 
 use std::io::{Cursor, Read, Seek};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
 
@@ -97,12 +97,104 @@ impl<'a> Budget<'a> {
     }
 }
 
-/// Accumulates frames one by one.
-struct Frames<'a> {
-    path: &'a Path,
+/// Checks that all sessions and frames of a recording have the same measurements.
+#[derive(Clone, Debug)]
+pub struct SameSetUp {
+    path: PathBuf,
     session: Option<SessionRecord>,
     /// Number of values of the first frame, and whether they are complex.
     size: Option<(usize, bool)>,
+}
+
+impl SameSetUp {
+    /// `path` is used in messages only.
+    pub fn new(path: &Path) -> Self {
+        Self { path: path.to_path_buf(), session: None, size: None }
+    }
+
+    /// Returns the first session.
+    pub fn session(&self) -> Option<&SessionRecord> {
+        self.session.as_ref()
+    }
+
+    /// Returns the number of values per frame and whether they are complex; `None` before the first
+    /// frame.
+    pub fn size(&self) -> Option<(usize, bool)> {
+        self.size
+    }
+
+    fn differ(&self, what: String) -> HwError {
+        HwError::Container {
+            place: Place::file(&self.path),
+            what,
+            mend: "record each set-up in its own file",
+        }
+    }
+
+    /// Takes the next message.
+    ///
+    /// # Errors
+    /// [`HwError::Container`] if it does not match the earlier ones.
+    pub fn take(&mut self, entry: &Entry) -> Result<(), HwError> {
+        match entry {
+            Entry::Frame(frame) => self.take_frame(frame),
+            Entry::Session(session) => self.take_session(session),
+            _ => Ok(()),
+        }
+    }
+
+    /// Checks that the recording has frames, and those of its session; call it at the end, with the
+    /// damage found.
+    ///
+    /// # Errors
+    /// [`HwError::NoFrames`]; [`HwError::Container`] if that is because of damage, or if frames have
+    /// another number of values than the session lists.
+    pub fn check(&self, damage: Damage) -> Result<(), HwError> {
+        let place = || Place::file(&self.path);
+        let Some((count, _)) = self.size else {
+            if !damage.is_any() {
+                return Err(HwError::NoFrames { place: place(), skipped: 0 });
+            }
+            let Damage { bad_chunks, bad_messages, missing_parts, .. } = damage;
+            let bytes = damage.skipped_bytes + damage.truncated_bytes;
+            let what = format!(
+                "no complete frame found: {bad_chunks} chunk(s), {bad_messages} message(s), {bytes} \
+                 bytes and {missing_parts} part(s) are damaged, too large or missing"
+            );
+            return Err(HwError::Container { place: place(), what, mend: "record it again" });
+        };
+        let named = self.session.as_ref().map_or(0, |session| session.quadruples.len());
+        if named == 0 || named == count {
+            return Ok(());
+        }
+        Err(self.differ(format!("frames have {count} values, but the session lists {named}")))
+    }
+
+    fn take_session(&mut self, other: &SessionRecord) -> Result<(), HwError> {
+        let session = self.session.get_or_insert_with(|| other.clone());
+        if session.quadruples == other.quadruples {
+            return Ok(());
+        }
+        let (one, other) = (session.quadruples.len(), other.quadruples.len());
+        Err(self.differ(format!("sessions of {one} and {other} measurements do not match")))
+    }
+
+    fn take_frame(&mut self, frame: &Frame) -> Result<(), HwError> {
+        let found = (frame.values.len(), frame.imaginary.is_some());
+        let size = *self.size.get_or_insert(found);
+        if found == size {
+            return Ok(());
+        }
+        let (found, count, number) = (found.0, size.0, frame.sequence);
+        let what = format!("frame {number} has {found} values, but earlier frames have {count}");
+        Err(self.differ(what))
+    }
+}
+
+/// Accumulates frames one by one.
+struct Frames<'a> {
+    path: &'a Path,
+    same: SameSetUp,
     real: Vec<f64>,
     imaginary: Vec<f64>,
     quality: Vec<Quality>,
@@ -112,43 +204,12 @@ struct Frames<'a> {
 impl<'a> Frames<'a> {
     fn new(path: &'a Path) -> Self {
         let (real, imaginary, quality, times) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Self { path, session: None, size: None, real, imaginary, quality, times }
-    }
-
-    fn differ(&self, what: String) -> HwError {
-        HwError::Container {
-            place: Place::file(self.path),
-            what,
-            mend: "record each set-up in its own file",
-        }
+        Self { path, same: SameSetUp::new(path), real, imaginary, quality, times }
     }
 
     fn take(&mut self, entry: &Entry) -> Result<(), HwError> {
-        match entry {
-            Entry::Frame(frame) => self.frame(frame),
-            Entry::Session(session) => self.session(session),
-            _ => Ok(()),
-        }
-    }
-
-    fn session(&mut self, other: &SessionRecord) -> Result<(), HwError> {
-        let session = self.session.get_or_insert_with(|| other.clone());
-        if session.quadruples == other.quadruples {
-            return Ok(());
-        }
-        let (one, other) = (session.quadruples.len(), other.quadruples.len());
-        Err(self.differ(format!("sessions of {one} and {other} measurements do not match")))
-    }
-
-    fn frame(&mut self, frame: &Frame) -> Result<(), HwError> {
-        let found = (frame.values.len(), frame.imaginary.is_some());
-        let size = *self.size.get_or_insert(found);
-        if found != size {
-            let (found, count, number) = (found.0, size.0, frame.sequence);
-            return Err(self.differ(format!(
-                "frame {number} has {found} values, but earlier frames have {count}"
-            )));
-        }
+        self.same.take(entry)?;
+        let Entry::Frame(frame) = entry else { return Ok(()) };
         self.real.extend(&frame.values);
         self.imaginary.extend(frame.imaginary.iter().flatten());
         self.quality.extend(&frame.quality);
@@ -158,14 +219,11 @@ impl<'a> Frames<'a> {
 
     fn finish(self, damage: Damage) -> Result<Recording, HwError> {
         let path = self.path;
+        self.same.check(damage)?;
         let none = || HwError::NoFrames { place: Place::file(path), skipped: 0 };
-        let (count, complex) = self.size.ok_or_else(none)?;
-        let named = self.session.as_ref().map_or(0, |session| session.quadruples.len());
-        if named != 0 && named != count {
-            let what = format!("frames have {count} values, but the session lists {named}");
-            return Err(self.differ(what));
-        }
-        let session = self.session.unwrap_or_default();
+        let (count, complex) = self.same.size.ok_or_else(none)?;
+        let session = self.same.session.unwrap_or_default();
+        let named = session.quadruples.len();
         let rows = self.real.len() / count.max(1);
         let table = |values| Array2::from_shape_vec((rows, count), values).map_err(|_| none());
         let layout = match named {

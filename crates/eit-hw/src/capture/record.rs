@@ -39,6 +39,10 @@ pub struct SessionRecord {
     /// Program that made the recording.
     #[serde(default)]
     pub recorder: String,
+    /// Whether this repeats the session at the start of a further part of a split recording, whose
+    /// frames continue those of the previous part.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub continues: bool,
 }
 
 impl SessionRecord {

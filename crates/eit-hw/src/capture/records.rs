@@ -58,15 +58,37 @@ pub struct Damage {
     pub mended_chunks: usize,
     /// Messages that cannot be read: from another version, too long, or of an unknown topic.
     pub bad_messages: usize,
+    /// Parts of a split recording that do not exist, are empty or do not begin as a recording.
+    pub missing_parts: usize,
 }
 
 impl Damage {
     /// Returns whether anything was lost or damaged, apart from a missing end.
     pub fn is_any(&self) -> bool {
         let Self {
-            truncated_bytes, skipped_bytes, bad_chunks, mended_chunks, bad_messages, ..
+            truncated_bytes,
+            skipped_bytes,
+            bad_chunks,
+            mended_chunks,
+            bad_messages,
+            missing_parts,
+            ..
         } = *self;
-        truncated_bytes + skipped_bytes > 0 || bad_chunks + mended_chunks + bad_messages > 0
+        truncated_bytes + skipped_bytes > 0
+            || bad_chunks + mended_chunks + bad_messages + missing_parts > 0
+    }
+
+    /// Returns the damage of this part and another one.
+    pub(super) fn and(self, other: Self) -> Self {
+        Self {
+            unfinished: self.unfinished || other.unfinished,
+            truncated_bytes: self.truncated_bytes + other.truncated_bytes,
+            skipped_bytes: self.skipped_bytes + other.skipped_bytes,
+            bad_chunks: self.bad_chunks + other.bad_chunks,
+            mended_chunks: self.mended_chunks + other.mended_chunks,
+            bad_messages: self.bad_messages + other.bad_messages,
+            missing_parts: self.missing_parts + other.missing_parts,
+        }
     }
 
     /// Returns a note for the user, or `None` if [nothing was lost](Self::is_any).
@@ -77,6 +99,7 @@ impl Damage {
             messages: self.bad_messages,
             skipped_bytes: self.skipped_bytes,
             truncated_bytes: self.truncated_bytes,
+            missing_parts: self.missing_parts,
         })
     }
 }

@@ -1,7 +1,7 @@
 //! Copies the intact part of a damaged recording to a new one.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{BufReader, BufWriter};
 use std::ops::Range;
 use std::path::Path;
@@ -12,9 +12,10 @@ use mcap::{Compression, McapError, WriteOptions, Writer};
 use super::container::container_error;
 use super::content::{Attachment, Channel, Message, Schema, named_map, text_map};
 use super::entry::{Entry, Topic};
+use super::parts::{Files, check_new};
 use super::records::{Damage, Records, op};
+use super::write::storage::create_new;
 use crate::error::{HwError, Place};
-use crate::regular::regular_file;
 
 /// What was copied to the new recording, and what was not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,18 +40,19 @@ impl Recovered {
     }
 }
 
-/// Copies everything intact in a damaged recording to a new one: messages of every topic with their
+/// Copies everything intact in a damaged recording, or in the parts of a split one, to a new one: messages of every topic with their
 /// times and sequence numbers, attachments and metadata, in their order.
 ///
 /// # Errors
 /// Those of [`read`](super::read): if the disk fails midway, the new recording keeps what was read
-/// before. [`HwError::Write`] if the new file already exists or cannot be written, and
+/// before. [`HwError::Exists`] if the new file exists, [`HwError::Write`] if it cannot be written, and
 /// [`HwError::NothingWhole`] if nothing is intact; no new file is left then.
 pub fn recover(from: &Path, to: &Path) -> Result<Recovered, HwError> {
-    let source = BufReader::with_capacity(1 << 16, regular_file(from)?);
-    let mut records = Records::new(source, from)?;
+    check_new(to)?;
+    let mut files = Files::of(from);
+    let first = files.first(from)?;
     let mut copy = Copy::to(to)?;
-    let recovered = copy_all(&mut records, &mut copy);
+    let recovered = copy_all(first, &mut files, &mut copy);
     let finished = match &recovered {
         Err(Failure::Write(_)) => {
             drop(copy);
@@ -63,16 +65,34 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, HwError> {
         (Err(Failure::Read(error)), Ok(())) => return Err(error),
         (Ok(recovered), Ok(())) if recovered.is_any() => return Ok(recovered),
         (Err(failure), _) | (Ok(_), Err(failure)) => failure.at(to),
-        (Ok(_), Ok(())) => {
-            HwError::NothingWhole { place: Place::file(from), bytes: records.length() }
-        }
+        (Ok(_), Ok(())) => HwError::NothingWhole { place: Place::file(from), bytes: files.bytes },
     };
     // created above; an incomplete file could be taken for everything there is
     let _ = std::fs::remove_file(to);
     Err(recovered)
 }
 
-fn copy_all(records: &mut Source, copy: &mut Copy) -> Result<Recovered, Failure> {
+fn copy_all(
+    first: Source,
+    files: &mut Files<BufReader<File>>,
+    copy: &mut Copy,
+) -> Result<Recovered, Failure> {
+    let (mut part, mut damage) = (Some(first), Damage::default());
+    while let Some(mut records) = part {
+        copy_part(&mut records, copy)?;
+        damage = damage.and(records.damage());
+        part = files.next()?;
+        // numbers of schemas and channels are those of one file
+        copy.schemas.clear();
+        copy.channels.clear();
+    }
+    copy.recovered.damage = damage;
+    copy.recovered.damage.missing_parts = files.missing;
+    copy.recovered.damage.bad_messages += copy.bad_messages;
+    Ok(copy.recovered)
+}
+
+fn copy_part(records: &mut Source, copy: &mut Copy) -> Result<(), Failure> {
     while let Some(item) = records.next()? {
         match item.op {
             op::SCHEMA => copy.schema(records.bytes(&item))?,
@@ -83,9 +103,7 @@ fn copy_all(records: &mut Source, copy: &mut Copy) -> Result<Recovered, Failure>
             _ => {}
         }
     }
-    copy.recovered.damage = records.damage();
-    copy.recovered.damage.bad_messages += copy.bad_messages;
-    Ok(copy.recovered)
+    Ok(())
 }
 
 /// Cause of a failed copy.
@@ -132,8 +150,7 @@ struct Copy {
 
 impl Copy {
     fn to(path: &Path) -> Result<Self, HwError> {
-        let file = OpenOptions::new().write(true).create_new(true).open(path);
-        let file = file.map_err(|source| HwError::Write { place: Place::file(path), source })?;
+        let file = create_new(path)?;
         let writer = WriteOptions::new()
             .compression(Some(Compression::Lz4))
             .chunk_size(Some(1 << 20))

@@ -7,9 +7,10 @@ use std::path::Path;
 
 use super::content::{Channel, Message};
 use super::entry::{Entry, Topic};
+use super::parts::Files;
+use super::record::SessionRecord;
 use super::records::{Records, op};
 use crate::error::HwError;
-use crate::regular::regular_file;
 
 pub use super::records::Damage;
 
@@ -47,15 +48,32 @@ pub struct CaptureReader<R> {
     records: Records<R>,
     channels: HashMap<u16, Option<Topic>>,
     times: Option<MessageTimes>,
+    further: Option<Further<R>>,
+}
+
+/// Further parts of a split recording, and the state of the parts before.
+#[derive(Debug)]
+struct Further<R> {
+    files: Files<R>,
+    /// Damage of the parts before the current one.
+    damage: Damage,
+    /// Whether a session was read, and whether the part before the current one is missing.
+    has_session: bool,
+    is_gap: bool,
 }
 
 impl CaptureReader<BufReader<File>> {
-    /// Opens the recording at `path`.
+    /// Opens the recording at `path`. If no file has that name but its [parts](super::files) exist,
+    /// they are read as one recording.
     ///
     /// # Errors
     /// [`HwError::Read`], [`HwError::NotAFile`], and those of [`new`](CaptureReader::new).
     pub fn open(path: &Path) -> Result<Self, HwError> {
-        Self::new(BufReader::with_capacity(1 << 16, regular_file(path)?), path)
+        let mut files = Files::of(path);
+        let records = files.first(path)?;
+        let further =
+            Further { files, damage: Damage::default(), has_session: false, is_gap: false };
+        Ok(Self { records, channels: HashMap::new(), times: None, further: Some(further) })
     }
 }
 
@@ -66,7 +84,8 @@ impl<R: Read + Seek> CaptureReader<R> {
     /// [`HwError::Empty`]; [`HwError::Read`]; [`HwError::Container`] if the source does not start
     /// as MCAP.
     pub fn new(source: R, path: &Path) -> Result<Self, HwError> {
-        Ok(Self { records: Records::new(source, path)?, channels: HashMap::new(), times: None })
+        let records = Records::new(source, path)?;
+        Ok(Self { records, channels: HashMap::new(), times: None, further: None })
     }
 
     /// Returns the next message, or `None` at the end.
@@ -74,6 +93,45 @@ impl<R: Read + Seek> CaptureReader<R> {
     /// # Errors
     /// [`HwError::Read`] if the source cannot be read.
     pub fn next_entry(&mut self) -> Result<Option<Entry>, HwError> {
+        loop {
+            match self.next_in_part()? {
+                Some(Entry::Session(session)) => {
+                    if let Some(told) = self.told(session) {
+                        return Ok(Some(Entry::Session(told)));
+                    }
+                }
+                Some(entry) => return Ok(Some(entry)),
+                None if self.next_part()? => {}
+                None => return Ok(None),
+            }
+        }
+    }
+
+    /// Returns one session for all parts that it was repeated in.
+    fn told(&mut self, session: SessionRecord) -> Option<SessionRecord> {
+        let Some(further) = &mut self.further else { return Some(session) };
+        let is_repeated = std::mem::replace(&mut further.has_session, true) && session.continues;
+        match (is_repeated, further.is_gap) {
+            (false, _) => Some(session),
+            (true, false) => None,
+            // another run may have begun in the missing part
+            (true, true) => Some(SessionRecord { continues: false, ..session }),
+        }
+    }
+
+    /// Continues with the next part; returns false if there is none.
+    fn next_part(&mut self) -> Result<bool, HwError> {
+        let Some(further) = &mut self.further else { return Ok(false) };
+        let missing = further.files.missing;
+        let Some(next) = further.files.next()? else { return Ok(false) };
+        further.damage = further.damage.and(self.records.damage());
+        further.is_gap = further.files.missing > missing;
+        self.records = next;
+        self.channels.clear();
+        Ok(true)
+    }
+
+    fn next_in_part(&mut self) -> Result<Option<Entry>, HwError> {
         while let Some(item) = self.records.next()? {
             match item.op {
                 op::CHANNEL => {
@@ -116,12 +174,16 @@ impl<R: Read + Seek> CaptureReader<R> {
     /// Returns the damage found so far; complete once [`next_entry`](Self::next_entry) has returned
     /// `None`.
     pub fn damage(&self) -> Damage {
-        self.records.damage()
+        let damage = self.records.damage();
+        self.further.as_ref().map_or(damage, |further| Damage {
+            missing_parts: further.files.missing,
+            ..further.damage.and(damage)
+        })
     }
 
-    /// Returns the length of the file in bytes.
+    /// Returns the length of the recording in bytes.
     pub(crate) fn length(&self) -> u64 {
-        self.records.length()
+        self.further.as_ref().map_or(self.records.length(), |further| further.files.bytes)
     }
 
     /// Returns the position after the last intact record that is not part of the index; valid once

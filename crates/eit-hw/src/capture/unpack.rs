@@ -63,7 +63,7 @@ impl ChunkHead {
     /// Returns the length of the record according to its header, without opcode and length field;
     /// `None` if longer than a chunk can be.
     pub(super) fn stated_bytes(&self) -> Option<u64> {
-        (self.packed_bytes <= MOST_CHUNK_BYTES).then_some(self.bytes + self.packed_bytes)
+        (self.packed_bytes <= MOST_CHUNK_BYTES).then(|| self.bytes + self.packed_bytes)
     }
 
     /// Unpacks the content into `out`; returns whether it is intact: the stated length, the right

@@ -7,9 +7,11 @@
 #[allow(clippy::unwrap_used, clippy::print_stdout, reason = "a panic is a failed test")]
 mod power;
 mod sink;
-mod storage;
+mod split;
+pub(super) mod storage;
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -20,10 +22,12 @@ use mcap::{Compression, McapError, WriteOptions, Writer};
 pub use self::storage::CutTail;
 
 use self::sink::Sink;
+use self::split::Parts;
 use self::storage::Storage;
 use super::container::container_error;
 use super::entry::{Entry, Topic};
 use super::json::FrameJson;
+use super::parts::{Part, check_new, parts_of};
 use super::record::{NoteJson, ReferenceRecord, SessionRecord, TouchesRecord};
 use super::stream::{CaptureReader, MessageTimes};
 use crate::error::{HwError, Place};
@@ -38,12 +42,24 @@ pub struct CaptureSettings {
     /// Whether to force each chunk to the disk, so that it survives a power cut; waits for the disk
     /// each time.
     pub sync: bool,
+    /// Length in bytes at which a recording is split: the next frame begins a new part. At least
+    /// 100 000; a part is longer by at most one chunk of 1 MB and its index.
+    pub part_bytes: Option<u64>,
+    /// Time in seconds after which a recording is split, at least 1.
+    pub part_s: Option<f64>,
 }
 
 impl Default for CaptureSettings {
-    /// One second, without forcing to the disk.
+    /// One second, without forcing to the disk, in one file.
     fn default() -> Self {
-        Self { flush_s: 1.0, sync: false }
+        Self { flush_s: 1.0, sync: false, part_bytes: None, part_s: None }
+    }
+}
+
+impl CaptureSettings {
+    /// Returns whether the recording is split into parts.
+    pub fn is_split(&self) -> bool {
+        self.part_bytes.is_some() || self.part_s.is_some()
     }
 }
 
@@ -51,6 +67,10 @@ impl Default for CaptureSettings {
 ///
 /// [`finish`](Self::finish) writes the index. A recording without one, as after a crash, is read
 /// sequentially.
+///
+/// With [`CaptureSettings::part_bytes`] or [`part_s`](CaptureSettings::part_s), `press.mcap` is
+/// written as `press.00001.mcap`, `press.00002.mcap` and so on. Each part is a complete recording
+/// of its own; under the name `press.mcap` they are read as one.
 pub struct CaptureWriter {
     writer: Writer<Sink>,
     /// Bytes that the container has produced but the file does not have yet.
@@ -62,6 +82,8 @@ pub struct CaptureWriter {
     /// What [`append`](CaptureWriter::append) cut off the end.
     cut: Option<CutTail>,
     settings: CaptureSettings,
+    /// The parts of a split recording.
+    parts: Option<Parts>,
     channels: [u16; Topic::ALL.len()],
     counts: [u32; Topic::ALL.len()],
     /// Log time of the last message; never decreases.
@@ -77,16 +99,14 @@ impl CaptureWriter {
     /// Creates a new file and starts a recording in it.
     ///
     /// # Errors
-    /// [`HwError::Write`] if the file already exists or cannot be created; [`HwError::Setting`] if
-    /// `flush_s` is not above 0.
+    /// [`HwError::Exists`] if the file or a part of it already exists; [`HwError::Write`] if it
+    /// cannot be created; [`HwError::Setting`] if `flush_s` is not above 0 or a limit of the parts is too low.
     pub fn create(
         path: &Path,
         session: &SessionRecord,
         settings: CaptureSettings,
     ) -> Result<Self, HwError> {
-        check(settings)?;
-        let file = storage::create(path, settings.sync)?;
-        Self::begin(Self::on(Box::new(file), path, settings, 0)?, session)
+        Self::begin(Self::new(path, session, settings)?, session)
     }
 
     /// Creates a copy of another recording: like [`create`](Self::create), with `times` for the
@@ -100,11 +120,28 @@ impl CaptureWriter {
         settings: CaptureSettings,
         times: MessageTimes,
     ) -> Result<Self, HwError> {
-        check(settings)?;
-        let file = storage::create(path, settings.sync)?;
-        let mut capture = Self::on(Box::new(file), path, settings, 0)?;
+        let mut capture = Self::new(path, session, settings)?;
         capture.write_at(&Entry::Session(session.clone()), times)?;
         capture.flush()?;
+        Ok(capture)
+    }
+
+    /// Creates the file, or the first part.
+    fn new(
+        path: &Path,
+        session: &SessionRecord,
+        settings: CaptureSettings,
+    ) -> Result<Self, HwError> {
+        check(settings)?;
+        check_new(path)?;
+        if !settings.is_split() {
+            let file = storage::create(path, settings.sync)?;
+            return Self::on(Box::new(file), path, settings, 0);
+        }
+        let place = Part::of(path, 1).path;
+        let file = storage::create(&place, settings.sync)?;
+        let mut capture = Self::on(Box::new(file), &place, settings, 0)?;
+        capture.parts = Some(Parts::new(path, 1, session));
         Ok(capture)
     }
 
@@ -115,30 +152,79 @@ impl CaptureWriter {
     /// ([`cut_tail`](Self::cut_tail)). The extended recording is complete but has no index, so
     /// tools read it sequentially. Reads the whole file once, with the memory of one chunk.
     ///
+    /// Appends to the last part of a split recording, which is split further only if the settings
+    /// say so.
+    ///
     /// # Errors
     /// Those of [`create`](Self::create) and [`read`](super::read); [`HwError::Busy`] if another
     /// program is writing to it; [`HwError::Container`] if its measurements, unit or current
-    /// differ.
+    /// differ, and if one file is to be split.
     pub fn append(
         path: &Path,
         session: &SessionRecord,
         settings: CaptureSettings,
     ) -> Result<Self, HwError> {
         check(settings)?;
-        let mut file = storage::open(path)?;
+        if path.exists() {
+            if settings.is_split() {
+                return Err(HwError::Container {
+                    place: Place::file(path),
+                    what: "is a single file and cannot be split".into(),
+                    mend: "append to it without splitting, or record to another name",
+                });
+            }
+            return Self::begin(
+                Self::after(storage::open(path)?, path, session, settings)?.0,
+                session,
+            );
+        }
+        loop {
+            let mut parts = parts_of(path);
+            // without any part, the error is that of the file
+            let Some(last) = parts.pop() else {
+                return Err(match storage::open(path) {
+                    Err(error) => error,
+                    Ok(_) => HwError::Busy { place: Place::file(path) },
+                });
+            };
+            let file = storage::open(&last.path)?;
+            if parts_of(path).last() != Some(&last) {
+                // another recorder has just begun a new part and holds that one
+                continue;
+            }
+            let (mut capture, is_checked) = Self::after(file, &last.path, session, settings)?;
+            if !is_checked {
+                // nothing was written to the last part
+                parts.iter().rev().try_fold(false, |is_checked, part| match is_checked {
+                    true => Ok(true),
+                    false => same_set_up_as(&part.path, session),
+                })?;
+            }
+            capture.parts = Some(Parts::new(path, last.number, session));
+            return Self::begin(capture, session);
+        }
+    }
+
+    /// Continues in a file; also returns whether it has a session, which was compared.
+    fn after(
+        mut file: File,
+        path: &Path,
+        session: &SessionRecord,
+        settings: CaptureSettings,
+    ) -> Result<(Self, bool), HwError> {
         let length = file.metadata().map(|data| data.len());
         let length = length.map_err(|source| HwError::Read { place: Place::file(path), source })?;
         if length == 0 {
             // left by a program that was killed before it wrote anything
-            return Self::begin(Self::on(Box::new(file), path, settings, 0)?, session);
+            return Ok((Self::on(Box::new(file), path, settings, 0)?, false));
         }
         let mut reader = CaptureReader::new(BufReader::with_capacity(1 << 16, &file), path)?;
-        same_set_up(&mut reader, path, session)?;
+        let is_checked = same_set_up(&mut reader, path, session)?;
         let (whole, damage) = (reader.whole_bytes(), reader.damage());
         let (whole, cut) = storage::cut_tail(&mut file, path, whole, damage)?;
         let mut capture = Self::on(Box::new(file), path, settings, whole)?;
         capture.cut = cut;
-        Self::begin(capture, session)
+        Ok((capture, is_checked))
     }
 
     /// Returns what [`append`](Self::append) cut off the end, apart from the index.
@@ -197,6 +283,7 @@ impl CaptureWriter {
             path: path.to_path_buf(),
             cut: None,
             settings,
+            parts: None,
             channels,
             counts: [0; Topic::ALL.len()],
             log_time_ns: 0,
@@ -225,6 +312,9 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`] if the file cannot be written.
     pub fn session(&mut self, session: &SessionRecord) -> Result<(), HwError> {
+        if let Some(parts) = &mut self.parts {
+            parts.set_session(session);
+        }
         self.add(Topic::Session, now(), |json| serde_json::to_writer(json, session))
     }
 
@@ -273,6 +363,9 @@ impl CaptureWriter {
     pub fn write_at(&mut self, entry: &Entry, times: MessageTimes) -> Result<(), HwError> {
         match entry {
             Entry::Session(session) => {
+                if let Some(parts) = &mut self.parts {
+                    parts.set_session(session);
+                }
                 self.add_at(Topic::Session, times, |json| serde_json::to_writer(json, session))
             }
             Entry::Frame(frame) => self
@@ -306,6 +399,9 @@ impl CaptureWriter {
         times: MessageTimes,
         write: impl FnOnce(&mut Vec<u8>) -> serde_json::Result<()>,
     ) -> Result<(), HwError> {
+        if topic == Topic::Frame {
+            self.split_if_due()?;
+        }
         let index = topic as usize;
         self.json.clear();
         write(&mut self.json).map_err(|error| container_error(Place::file(&self.path), &error))?;
@@ -379,44 +475,67 @@ impl CaptureWriter {
         self.flush()?;
         self.finished = true;
         let packed = self.writer.finish();
-        self.packed(packed)?;
-        self.sync()
+        let finished = self.packed(packed).and_then(|_| self.sync());
+        let previous = self.parts.as_mut().map_or(Ok(()), |parts| parts.ended(true));
+        finished.and(previous)
     }
 }
 
+/// Rejects a recording of another set-up; reads it up to its first session. Returns whether it has
+/// one.
+fn same_set_up_as(path: &Path, session: &SessionRecord) -> Result<bool, HwError> {
+    let mut reader = match CaptureReader::open(path) {
+        // a part like the last one
+        Err(HwError::Empty { .. }) => return Ok(false),
+        opened => opened?,
+    };
+    while let Some(entry) = reader.next_entry()? {
+        let is_session = matches!(entry, Entry::Session(_));
+        same_set_up_in(&entry, path, session)?;
+        if is_session {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
 /// Reads a whole recording and rejects one of another set-up, since no reader accepts a mix.
+/// Returns whether it has a session.
 fn same_set_up<R: Read + Seek>(
     reader: &mut CaptureReader<R>,
     path: &Path,
     session: &SessionRecord,
-) -> Result<(), HwError> {
+) -> Result<bool, HwError> {
+    let mut is_checked = false;
+    while let Some(entry) = reader.next_entry()? {
+        same_set_up_in(&entry, path, session)?;
+        is_checked |= matches!(entry, Entry::Session(_));
+    }
+    Ok(is_checked)
+}
+
+fn same_set_up_in(entry: &Entry, path: &Path, session: &SessionRecord) -> Result<(), HwError> {
     let differs = |what: String| HwError::Container {
         place: Place::file(path),
         what: format!("cannot append: the file has {what}"),
         mend: "record each set-up in its own file",
     };
-    while let Some(entry) = reader.next_entry()? {
-        match entry {
-            Entry::Session(found) if found.quadruples != session.quadruples => {
-                return Err(differs("other measurements".into()));
-            }
-            Entry::Session(found) if found.unit != session.unit => {
-                return Err(differs("another unit".into()));
-            }
-            Entry::Session(found) if found.current_a != session.current_a => {
-                return Err(differs("another current".into()));
-            }
-            Entry::Frame(frame)
-                if !session.quadruples.is_empty()
-                    && frame.values.len() != session.quadruples.len() =>
-            {
-                let (found, wanted) = (frame.values.len(), session.quadruples.len());
-                return Err(differs(format!("{found} values per frame, not {wanted}")));
-            }
-            _ => {}
+    match entry {
+        Entry::Session(found) if found.quadruples != session.quadruples => {
+            Err(differs("other measurements".into()))
         }
+        Entry::Session(found) if found.unit != session.unit => Err(differs("another unit".into())),
+        Entry::Session(found) if found.current_a != session.current_a => {
+            Err(differs("another current".into()))
+        }
+        Entry::Frame(frame)
+            if !session.quadruples.is_empty() && frame.values.len() != session.quadruples.len() =>
+        {
+            let (found, wanted) = (frame.values.len(), session.quadruples.len());
+            Err(differs(format!("{found} values per frame, not {wanted}")))
+        }
+        _ => Ok(()),
     }
-    Ok(())
 }
 
 impl Drop for CaptureWriter {
@@ -426,6 +545,7 @@ impl Drop for CaptureWriter {
             let packed = self.writer.finish();
             // a destructor cannot report a failure
             let _ = self.packed(packed);
+            let _ = self.parts.as_mut().map(|parts| parts.ended(true));
         }
     }
 }
@@ -439,7 +559,7 @@ fn check(settings: CaptureSettings) -> Result<(), HwError> {
         let value = settings.flush_s.to_string();
         return Err(HwError::Setting { name: "flush_s", value, wanted: "more than 0" });
     }
-    Ok(())
+    split::check(settings)
 }
 
 fn write_error(path: &Path, error: McapError) -> HwError {

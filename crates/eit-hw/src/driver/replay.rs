@@ -127,7 +127,7 @@ impl Replay {
                             mend: "record each set-up in its own file",
                         }));
                     }
-                    Ok(Some(Entry::Session(_))) if is_begun => {
+                    Ok(Some(Entry::Session(other))) if is_begun && !other.continues => {
                         first_epoch = epoch.saturating_add(1);
                         continue;
                     }

@@ -60,6 +60,7 @@ impl Session {
             quit: Arc::clone(&quit),
             identity: setup.identity.clone(),
             silence: Silence::new(setup.frame_rate_hz),
+            lost_since: None,
             stream,
         };
         let thread = std::thread::Builder::new()

@@ -84,6 +84,17 @@ pub struct Statistics {
     pub damaged_bytes: u64,
     /// Number of reconnections.
     pub reconnections: u32,
-    /// Seconds without a frame, summed over all reported silences.
+    /// Seconds without a frame, summed over all reported silences of an open connection.
     pub silent_s: f64,
+    /// Seconds without a frame because the instrument was unplugged or was being set up again,
+    /// summed: from the last frame before each lost connection to the first frame after it. Frames
+    /// of this time are not among [`lost`](Self::lost).
+    pub disconnected_s: f64,
+}
+
+impl Statistics {
+    /// Returns the time without data in seconds: silent or disconnected.
+    pub fn no_data_s(&self) -> f64 {
+        self.silent_s + self.disconnected_s
+    }
 }

@@ -19,16 +19,6 @@ pub(super) fn file_bytes(path: &Path, format: &'static str) -> Result<Vec<u8>, H
     Ok(bytes)
 }
 
-/// Returns whether a file begins with these bytes.
-#[cfg(feature = "mcap")]
-pub(super) fn begins_with(path: &Path, start: &[u8]) -> Result<bool, HwError> {
-    let failed = |source| HwError::Read { place: Place::file(path), source };
-    let mut bytes = Vec::new();
-    let most = start.len() as u64;
-    regular_file(path)?.take(most).read_to_end(&mut bytes).map_err(failed)?;
-    Ok(bytes == start)
-}
-
 /// Returns the names of the files in a folder, sorted. Names that are not valid text belong to no
 /// format and are omitted.
 pub(super) fn file_names(folder: &Path) -> Result<Vec<String>, HwError> {

@@ -161,18 +161,32 @@ pub enum Note {
         skipped_bytes: u64,
         /// Bytes at the end that form no complete record.
         truncated_bytes: u64,
+        /// Number of parts of a split recording that are missing.
+        missing_parts: usize,
     },
 }
 
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Damaged { chunks, mended, messages, skipped_bytes, truncated_bytes } => write!(
-                f,
-                "damaged: {chunks} chunk(s), {messages} message(s) and {skipped_bytes} bytes skipped, \
-                 {mended} chunk(s) repaired, {truncated_bytes} bytes incomplete at the end; `eit recover` \
-                 writes an intact file"
-            ),
+            Self::Damaged {
+                chunks,
+                mended,
+                messages,
+                skipped_bytes,
+                truncated_bytes,
+                missing_parts,
+            } => {
+                if *missing_parts > 0 {
+                    write!(f, "{missing_parts} part(s) of the recording are missing; ")?;
+                }
+                write!(
+                    f,
+                    "damaged: {chunks} chunk(s), {messages} message(s) and {skipped_bytes} bytes \
+                     skipped, {mended} chunk(s) repaired, {truncated_bytes} bytes incomplete at the \
+                     end; `eit recover` writes an intact file"
+                )
+            }
             Self::MissingValues { values, frame, value } => write!(
                 f,
                 "{values} value(s) missing (NaN or infinite); the first is value {value} of frame {frame} \

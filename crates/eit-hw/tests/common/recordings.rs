@@ -18,6 +18,7 @@ pub fn session() -> SessionRecord {
         frame_rate_hz: Some(25.0),
         scene_toml: "[skin]\nshape = \"disc\"\n".into(),
         recorder: "test".into(),
+        continues: false,
     }
 }
 

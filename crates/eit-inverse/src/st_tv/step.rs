@@ -73,7 +73,16 @@ pub(crate) fn guess<T: Float>(
 }
 
 /// Smallest gradient in the step map, relative to the largest value of the image.
-const FLOOR: f64 = 2e-3;
+pub(crate) const FLOOR: f64 = 2e-3;
+
+/// Size of the steps of a map.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct MapSize {
+    /// Fraction of the balanced steps.
+    pub(crate) share: f64,
+    /// Smallest gradient, relative to the largest value of the image; usually [`FLOOR`].
+    pub(crate) floor: f64,
+}
 
 /// Smallest share of the squared dual norm assigned to each of space, time and bounds.
 const LEAST_SHARE: f64 = 0.02;
@@ -101,13 +110,13 @@ pub(crate) fn scale<T: Float>(ops: &Operators<T>, state: &mut State<T>, factor: 
     set_sigma(ops, state);
 }
 
-/// Sets the steps from the gradient of the image, as the fraction `share` of the balanced ones. Returns
-/// false and changes nothing if the image or the duals are zero or not finite.
+/// Sets the steps from the gradient of the image. Returns false and changes nothing if the image or the
+/// duals are zero or not finite.
 pub(crate) fn set_map<T: Float>(
     ops: &Operators<T>,
     state: &mut State<T>,
     scratch: &mut MapScratch<T>,
-    share: f64,
+    steps: MapSize,
 ) -> bool {
     let blocks = state.blocks();
     let size = state.image.iter().fold(T::default(), |most, x| most.max(x.abs()));
@@ -118,13 +127,13 @@ pub(crate) fn set_map<T: Float>(
     scratch.before.copy_from_slice(&state.tau);
     let per_size = 1.0 / size.to_f64();
     for (tau, g) in state.tau[..ops.unknowns * blocks].iter_mut().zip(&scratch.cells) {
-        *tau = T::from_f64((g.to_f64() * per_size).max(FLOOR).sqrt());
+        *tau = T::from_f64((g.to_f64() * per_size).max(steps.floor).sqrt());
     }
     let Some(factor) = balance(ops, state) else {
         state.tau.copy_from_slice(&scratch.before);
         return false;
     };
-    scale(ops, state, share * factor);
+    scale(ops, state, steps.share * factor);
     true
 }
 

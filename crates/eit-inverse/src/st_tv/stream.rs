@@ -9,7 +9,7 @@ use super::fit::DataSteps;
 use super::flow::Flow;
 use super::settings::{Fidelity, StreamSettings};
 use super::state::{State, Weights};
-use super::step::{self, MapScratch};
+use super::step::{self, MapScratch, MapSize};
 use super::window::{Outcome, Window};
 use super::{StTv, quiet::quiet_threshold};
 use crate::check::{check_length, check_positive};
@@ -669,7 +669,8 @@ impl StTvStream {
     fn set_map(&mut self) -> Result<(), InverseError> {
         let Self { solver, state, map, window, .. } = self;
         let bounded = if window.bounds.is_some() { BOUNDED_SHARE } else { 1.0 };
-        if step::set_map(&solver.single, state, map, bounded * self.boost * SHARE) {
+        let steps = MapSize { share: bounded * self.boost * SHARE, floor: step::FLOOR };
+        if step::set_map(&solver.single, state, map, steps) {
             let size = state.image.iter().fold(0.0_f32, |most, x| most.max(x.abs()));
             let fading = (SMOOTH / self.spent.max(1) as f64).powi(2).min(1.0);
             self.smoothing = SMOOTHING * self.settings.target_gap * f64::from(size) * fading;

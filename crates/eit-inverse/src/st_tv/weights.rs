@@ -1,10 +1,13 @@
 //! Choice of the weights from the noise level.
 
 use super::kernel::LANES;
+use super::run::Run;
 use super::settings::Weights;
+use super::state::State;
+use super::task::Task;
 use super::{Fidelity, StTv, Stop};
 use crate::check::check_positive;
-use crate::{DifferenceFrames, InverseError};
+use crate::{DifferenceFrames, InverseError, SequenceStatus};
 use ndarray::Axis;
 use std::time::Instant;
 
@@ -18,8 +21,11 @@ const TRIALS: usize = 8;
 /// Slope of log residual over log weight below which the residual counts as flat: a tenth for a factor
 /// of 4 in the weight.
 const FLAT: f64 = 0.075;
-/// Bisections of the last factor, to an accuracy of a tenth.
-const HALVINGS: usize = 4;
+/// Accuracy of the logarithm of the weight, a tenth, and maximum number of trials that refine a bracket.
+const ACCURACY: f64 = 0.09;
+const REFINEMENTS: usize = 6;
+/// Maximum number of iterations of a trial.
+const TRIAL_ITERATIONS: usize = 2000;
 
 /// Outcome of a choice of weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,8 +88,9 @@ impl StTv {
     /// tenth per factor of 4 in the weight, the model does not explain the data, and the weight of the
     /// corner is used instead ([`WeightStatus::Flattened`]).
     ///
-    /// Uses the 12 consecutive frames with the strongest signal and about ten solves of low accuracy.
-    /// The search starts at the weight at which the dual of the gradient can just balance the noise.
+    /// Uses the 12 consecutive frames with the strongest signal and about five solves of low accuracy,
+    /// each of which starts from the images and duals of the one before. The search starts at the weight
+    /// at which the dual of the gradient can just balance the noise.
     ///
     /// # Errors
     /// The errors of [`StTv::solve`]; [`InverseError::OutOfRange`] without `noise_std` or for a length
@@ -106,7 +113,7 @@ impl StTv {
         let sample = DifferenceFrames { values, good };
         let linked = self.settings.lambda_time > 0.0;
         let ratio = if linked { 1.0 / length_m } else { 0.0 };
-        let mut trial = Trial { solver: self, sample, ratio, curve: Vec::new() };
+        let mut trial = Trial { solver: self, sample, ratio, curve: Vec::new(), last: None };
         let (found, status) = trial.search()?;
         let mut curve = trial.curve;
         curve.sort_by(|a, b| a.lambda_space.total_cmp(&b.lambda_space));
@@ -180,6 +187,8 @@ struct Trial<'a> {
     sample: DifferenceFrames<'a>,
     ratio: f64,
     curve: Vec<WeightPoint>,
+    /// Images and duals of the last trial, and its weight.
+    last: Option<(State<f32>, f64)>,
 }
 
 impl Trial<'_> {
@@ -195,21 +204,35 @@ impl Trial<'_> {
             other = self.solve(if up { last * STRIDE } else { last / STRIDE })?;
             if (other.residual_norm < 1.0) != up {
                 let (low, high) = if up { (found, other) } else { (other, found) };
-                return self.bisect(low, high);
+                return self.refine(low, high);
             }
         }
         let status = if up { WeightStatus::AtUpperEdge } else { WeightStatus::AtLowerEdge };
         Ok((other, status))
     }
 
-    /// Bisects the logarithmic interval between a weight that explains the data and one that does not.
-    fn bisect(
+    /// Narrows the interval between a weight that explains the data and one that does not, by the secant
+    /// of the logarithms: trials aim at half the accuracy below the crossing.
+    fn refine(
         &mut self,
         mut low: WeightPoint,
         mut high: WeightPoint,
     ) -> Result<(WeightPoint, WeightStatus), InverseError> {
-        for _ in 0..HALVINGS {
-            let middle = self.solve((low.lambda_space * high.lambda_space).sqrt())?;
+        for trial in 0..REFINEMENTS {
+            let width = (high.lambda_space / low.lambda_space).ln();
+            let rise = (high.residual_norm / low.residual_norm).ln();
+            let crossing = -low.residual_norm.ln() / rise * width;
+            if width <= ACCURACY || crossing <= ACCURACY {
+                break;
+            }
+            let aim = crossing - 0.5 * ACCURACY;
+            // a secant that keeps one end for ever would narrow the interval from one side only
+            let aim = if trial % 2 == 1 && !(0.25..=0.75).contains(&(aim / width)) {
+                0.5 * width
+            } else {
+                aim
+            };
+            let middle = self.solve(low.lambda_space * aim.exp())?;
             if middle.residual_norm < 1.0 {
                 low = middle;
             } else {
@@ -219,12 +242,24 @@ impl Trial<'_> {
         Ok((low, WeightStatus::Reached))
     }
 
-    /// Solves with a trial weight at low accuracy.
+    /// Solves with a trial weight at low accuracy, in `f32`.
     fn solve(&mut self, lambda_space: f64) -> Result<WeightPoint, InverseError> {
         let lambda_time = self.ratio * lambda_space;
         let weights = Weights { lambda_space, lambda_time, fidelity: Fidelity::Penalised };
-        let stop = Stop { target_gap: TRIAL_GAP, max_iterations: 2000, ..Default::default() };
-        let sequence = self.solver.solve_with(weights, &self.sample, &stop)?;
+        let task = Task::new(self.solver, weights, &self.sample)?;
+        let start = Instant::now();
+        let sequence = if task.scale == 0.0 {
+            task.nothing(start)
+        } else {
+            let mut run = Run::new(&task, &self.solver.single, TRIAL_GAP, start)?;
+            if let Some((state, weight)) = &self.last {
+                run.start_from(state, lambda_space / weight)?;
+            }
+            let stop = Stop { target_gap: TRIAL_GAP, ..Default::default() };
+            let status = run.advance(&stop, TRIAL_ITERATIONS)?;
+            self.last = Some((run.state().clone(), lambda_space));
+            run.finish(status.unwrap_or(SequenceStatus::IterationCap))
+        };
         let good = (0..self.sample.values.nrows())
             .map(|f| self.solver.good_channels(&self.sample, f))
             .sum::<usize>();

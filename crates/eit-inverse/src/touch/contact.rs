@@ -24,6 +24,10 @@ pub struct Touch {
     /// Filtered position, metres. On a curved skin the filter works in space, so a position between two
     /// others may be off the surface by the sagitta of one step.
     pub position_m: [f64; 3],
+    /// Unit normal of the skin's mesh where the last frame showed the touch, on the side from which the
+    /// corners of its triangles run counter-clockwise: +z on a flat skin, outward on a dome. `None` for touches
+    /// found in images.
+    pub normal: Option<[f64; 3]>,
     /// Covariance of the position, square metres, from the noise and the filter. It does not include the
     /// bias of the imaging method (one-step images: outward, up to a tenth of the radius near the rim).
     pub position_covariance_m2: [[f64; 3]; 3],

@@ -11,9 +11,11 @@
 //! than all of these do:
 //!
 //! 1. Greedy search over positions. After each new touch all strengths and positions are fitted together
-//!    (damped Gauss-Newton). The number of touches minimises `ln(rest) + touches ln(1.6)`.
-//! 2. Backward elimination. A touch stays if the residual grows by a given factor without it, if it is not
-//!    too faint beside the others and not too close to a stronger one.
+//!    (damped Gauss-Newton). The search starts from the touches of the previous frame. The number of touches
+//!    minimises the cost of the residual ([`evidence`]) plus `ln(1.6)` for each new one.
+//! 2. Backward elimination. A touch stays if its evidence is enough, if it is not too faint beside the others
+//!    and not too close to a stronger one. A touch that was there in the previous frame needs less evidence
+//!    than a new one, and a new one may collect it over two frames.
 //! 3. The reference follows what touches do not explain, so it never locks up.
 //!
 //! Measurements that are missing from a frame are projected out ([`whitening`]).
@@ -30,6 +32,7 @@
 //! One file over 300 lines: the detector is one state, and its steps share most of its fields.
 
 mod dictionary;
+mod evidence;
 mod least_squares;
 mod memory;
 mod places;
@@ -53,6 +56,7 @@ use eit_mesh::Surface;
 use faer::Mat;
 use memory::Memory;
 use ndarray::{ArrayRef2, ArrayView2};
+use places::Spot;
 use rows::Rows;
 use search::{Scene, Search};
 use whitening::{Whitening, dot};
@@ -89,6 +93,9 @@ pub struct DetectorModel<'a> {
 pub struct DetectedTouch {
     /// Position on the skin, metres.
     pub position_m: [f64; 3],
+    /// Unit normal of the mesh at that position, on the side from which the corners of its triangles run
+    /// counter-clockwise; +z on a flat skin.
+    pub normal: [f64; 3],
     /// Covariance of the position, square metres, from noise and nuisance parameters, scaled by the
     /// residual chi^2 per row if that exceeds 1.
     pub position_covariance_m2: [[f64; 3]; 3],
@@ -98,7 +105,8 @@ pub struct DetectedTouch {
     pub strength_std_s_m2: f64,
     /// Peak of the conductivity change, siemens, with its sign.
     pub peak_s: f64,
-    /// Factor by which the residual chi^2 of the frame grows without this touch.
+    /// 1 plus the chi^2 that this touch removes over what the residual has beyond the noise (but at least 0.3
+    /// per row): the factor by which the residual grows without it, where the model's error dominates.
     pub worth: f64,
     /// Result of the map learnt from presses at known positions and forces, if there is one.
     pub learnt: Option<LearntTouch>,
@@ -132,11 +140,6 @@ pub struct DetectorStep {
 /// Fraction of the residual that one electrode's gain must explain for the electrode to be reported.
 const BLAME: f64 = 0.9;
 
-/// If one electrode's gain leaves less than this fraction of what touches leave, it replaces the touches.
-/// On simulated fabrics with sound electrodes the ratio was 1.05 and more; with a contact that got worse it
-/// was 0.87 and less.
-const INSTEAD: f64 = 0.95;
-
 /// Residual chi^2 per row above which electrodes are checked.
 const BLAME_FROM: f64 = 10.0;
 
@@ -159,8 +162,10 @@ pub struct TouchDetector {
     late_s_m2: f64,
     /// Strongest recent touch near each position, S m^2, fading.
     late_here_s_m2: Vec<f64>,
-    /// Positions of the last frame's touches, metres.
-    before_m: Vec<[f64; 3]>,
+    /// Touches of the last frame.
+    before: Vec<Spot>,
+    /// Positions with too little evidence in the last frame, metres, and its chi^2.
+    weak: Vec<([f64; 3], f64)>,
     /// Whitened gain of each electrode, `[electrode][row]`.
     gains: Vec<f64>,
     is_missing: Vec<bool>,
@@ -223,7 +228,8 @@ impl TouchDetector {
             reference_v: model.reference_v.to_vec(),
             late_s_m2: 0.0,
             late_here_s_m2: vec![0.0; places.len()],
-            before_m: Vec::with_capacity(settings.max_touches),
+            before: Vec::with_capacity(settings.max_touches),
+            weak: Vec::with_capacity(settings.max_touches),
             is_missing: vec![false; measurements],
             lost: Vec::with_capacity(n),
             difference: vec![0.0; measurements],
@@ -271,7 +277,8 @@ impl TouchDetector {
             settings: &self.settings,
             late_s_m2: self.late_s_m2,
             late_here_s_m2: &self.late_here_s_m2,
-            before_m: &self.before_m,
+            before: &self.before,
+            weak: &self.weak,
         };
         self.search.run(&scene, &self.whitened);
         let alone = best_gain(
@@ -282,9 +289,7 @@ impl TouchDetector {
         );
         let blamed = match alone {
             // not a touch but a contact that got worse
-            Some((electrode, rest))
-                if !self.search.best.spots.is_empty() && rest < INSTEAD * self.search.best.rest =>
-            {
+            Some((electrode, rest)) if self.search.is_beaten_by_gain(&scene, rest) => {
                 self.search.take_back(&scene, &self.whitened);
                 Some(electrode)
             }
@@ -300,6 +305,30 @@ impl TouchDetector {
             chi_square_rest: self.search.best.rest,
             blamed,
         })
+    }
+
+    /// Returns how much a touch at each of the given positions lowers the chi^2 of the last frame, all fitted
+    /// together with the frame's other effects, from these positions on.
+    ///
+    /// This is the evidence that a frame holds for touches whose positions are known, to find out whether a
+    /// touch was missed or could not be seen. Allocates; ignores positions beyond the largest number of
+    /// touches.
+    pub fn evidence_at(&mut self, positions_m: &[[f64; 3]]) -> Vec<f64> {
+        let positions_m = &positions_m[..positions_m.len().min(self.settings.max_touches)];
+        let spots = positions_m.iter().map(|p| self.places.nearest(*p)).collect();
+        let Self { search, whitened, .. } = self;
+        let scene = Scene {
+            places: &self.places,
+            dictionary: &self.dictionary,
+            whitening: &self.whitening,
+            memory: &self.memory,
+            settings: &self.settings,
+            late_s_m2: self.late_s_m2,
+            late_here_s_m2: &self.late_here_s_m2,
+            before: &self.before,
+            weak: &self.weak,
+        };
+        search.gains_at(&scene, whitened, spots)
     }
 
     /// Returns the touches of the last frame, in no particular order.
@@ -396,6 +425,7 @@ impl TouchDetector {
         for (k, spot) in best.spots.iter().enumerate() {
             touches.push(DetectedTouch {
                 position_m: spot.position_m,
+                normal: places.normal(spot),
                 position_covariance_m2: [[0.0; 3]; 3],
                 strength_s_m2: sign * best.strengths[k],
                 strength_std_s_m2: 0.0,
@@ -445,8 +475,8 @@ impl TouchDetector {
         let touches = touches.map(|((spot, strength), error_m)| (*spot, *strength, *error_m));
         self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
         let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
-        self.before_m.clear();
-        self.before_m.extend(best.spots.iter().map(|spot| spot.position_m));
+        self.before.clone_from(&best.spots);
+        self.weak.clone_from(&self.search.weak);
         let fading = (-dt_s / self.settings.late_s).exp();
         self.late_s_m2 = strongest.max(self.late_s_m2 * fading);
         self.late_here_s_m2.iter_mut().for_each(|late| *late *= fading);

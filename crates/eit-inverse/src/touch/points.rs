@@ -34,7 +34,10 @@ pub struct TrackerSettings {
     /// Least worth of a touch that is reported at once although another one is more than twice as strong,
     /// since the fit of the stronger one may leave a residual beside it. Default 4.5: nine in ten are true.
     pub strong_worth: f64,
-    /// Number of frames that must show a weaker touch before it is reported. Default 2.
+    /// Worth from which a touch is reported at once however weak it is; its strength must also be at least
+    /// four of its own standard deviations. Default 8.
+    pub sure_worth: f64,
+    /// Number of frames that must show any other touch before it is reported. Default 2.
     pub birth_frames: usize,
     /// Successive frames without a touch that are forgiven before it ends; meanwhile it is reported but not
     /// valid. Default 1.
@@ -58,6 +61,7 @@ impl TrackerSettings {
             max_touches: 8,
             strong_s_m2,
             strong_worth: 4.5,
+            sure_worth: 8.0,
             birth_frames: 2,
             forgiven_frames: 1,
             gate_m: 40e-3,
@@ -75,6 +79,7 @@ impl TrackerSettings {
     pub fn validate(&self) -> Result<(), InverseError> {
         check_positive("strong_s_m2", self.strong_s_m2)?;
         check_positive("strong_worth", self.strong_worth)?;
+        check_positive("sure_worth", self.sure_worth)?;
         check_positive("gate_m", self.gate_m)?;
         check_positive("method_std_m", self.method_std_m)?;
         check_positive("acceleration_m_s2", self.acceleration_m_s2)?;
@@ -253,7 +258,9 @@ impl TouchTracker {
         for track in self.tracks.iter_mut().filter(|track| track.id.is_none() && track.matched) {
             let DetectedTouch { strength_s_m2, strength_std_s_m2, worth, .. } = track.seen;
             let strength = strength_s_m2.abs();
-            let least_s_m2 = self.settings.strong_s_m2.max(KNOWN * strength_std_s_m2);
+            let is_worthy = worth >= self.settings.sure_worth;
+            let least_s_m2 = if is_worthy { 0.0 } else { self.settings.strong_s_m2 };
+            let least_s_m2 = least_s_m2.max(KNOWN * strength_std_s_m2);
             let is_strong = strength >= least_s_m2
                 && strength_std_s_m2.is_finite()
                 && (2.0 * strength >= strongest || worth >= self.settings.strong_worth);
@@ -281,6 +288,7 @@ impl TouchTracker {
                 id,
                 state,
                 position_m: track.filter.position_m,
+                normal: Some(track.seen.normal),
                 position_covariance_m2: track.filter.pp,
                 velocity_m_s: track.filter.velocity_m_s,
                 area_m2: None,

@@ -30,12 +30,17 @@ pub(super) fn nearest(surface: &Surface, point_m: Point) -> Place {
 
 /// Returns two orthonormal directions in the plane of a triangle; x and y on a flat skin.
 pub(super) fn tangents([a, b, c]: [Point; 3]) -> [Point; 2] {
-    let normal = unit(cross(minus(b, a), minus(c, a)));
+    let normal = normal([a, b, c]);
     // x projected onto the plane, or y if the plane is nearly perpendicular to x
     let axis = if normal[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let along = dot(axis, normal);
     let first = unit(from_fn(|i| axis[i] - along * normal[i]));
     [first, cross(normal, first)]
+}
+
+/// Returns the unit normal of a triangle, on the side from which its corners run counter-clockwise.
+pub(super) fn normal([a, b, c]: [Point; 3]) -> Point {
+    unit(cross(minus(b, a), minus(c, a)))
 }
 
 /// Returns the candidate nearest to a point; the point itself if there are none.

@@ -249,6 +249,7 @@ impl Tracker {
                 id,
                 state,
                 position_m: track.filter.position_m,
+                normal: None,
                 position_covariance_m2: track.filter.pp,
                 velocity_m_s: track.filter.velocity_m_s,
                 area_m2: Some(track.spot.area_m2),

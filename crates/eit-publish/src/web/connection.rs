@@ -1,7 +1,7 @@
 //! Handles one connection: reads its request and answers with the page or the events.
 
 use super::PAGE;
-use super::request::read;
+use super::request::{Method, read};
 use super::server::{Place, Shared};
 use std::io::{self, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -60,8 +60,8 @@ pub(super) fn answer(stream: &TcpStream, shared: &Shared) -> io::Result<()> {
     if !shared.access.allows(&request) {
         return reply(stream, "403 Forbidden", "open the address that was printed\n");
     }
-    match (request.is_get, request.path.as_str()) {
-        (true, "/") => {
+    match (request.method, request.path.as_str()) {
+        (Method::Get, "/") => {
             let head = "HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnection: close\r\n\
                 Cache-Control: no-store\r\nReferrer-Policy: no-referrer\r\nX-Content-Type-Options: nosniff\r\n\
                 Content-Security-Policy: default-src 'none'; style-src 'unsafe-inline'; script-src \
@@ -69,14 +69,26 @@ pub(super) fn answer(stream: &TcpStream, shared: &Shared) -> io::Result<()> {
             let page = format!("{head}Content-Length: {}\r\n\r\n{PAGE}", PAGE.len());
             Until::patience(stream).write_all(page.as_bytes())
         }
-        (true, "/events") => match shared.place() {
+        (Method::Get, "/events") => match shared.place() {
             Some(place) => send_events(stream, shared, &place),
             None => reply(stream, "503 Service Unavailable", "too many browsers\n"),
         },
         // every browser requests it, and logs an error if it is missing
-        (true, "/favicon.ico") => reply(stream, "204 No Content", ""),
-        (true, _) => reply(stream, "404 Not Found", "no such page\n"),
-        (false, _) => reply(stream, "405 Method Not Allowed", "GET is all there is\n"),
+        (Method::Get, "/favicon.ico") => reply(stream, "204 No Content", ""),
+        (Method::Get, _) => reply(stream, "404 Not Found", "no such page\n"),
+        (Method::Post, path @ ("/record/start" | "/record/stop")) => match &shared.recorder {
+            Some(recorder) if request.has_token(&recorder.token) => {
+                recorder.ask(path == "/record/start");
+                reply(stream, "202 Accepted", "")
+            }
+            Some(_) => {
+                reply(stream, "403 Forbidden", "recording needs the token of the printed address\n")
+            }
+            None => reply(stream, "404 Not Found", "nothing can be recorded here\n"),
+        },
+        (Method::Post | Method::Other, _) => {
+            reply(stream, "405 Method Not Allowed", "not a method of this page\n")
+        }
     }
 }
 
@@ -101,8 +113,8 @@ fn send_events(stream: &TcpStream, shared: &Shared, place: &Place<'_>) -> io::Re
         event.extend_from_slice(b"\n\n");
         Until::patience(stream).write_all(&event)
     };
-    if let Some(skin) = shared.skin() {
-        say(&skin)?;
+    for line in shared.greeting() {
+        say(&line)?;
     }
     let (mut said, mut looked) = (Instant::now(), Instant::now());
     loop {

@@ -7,10 +7,18 @@ use std::net::IpAddr;
 const MOST_BYTES: u64 = 16_384;
 const MOST_HEADERS: usize = 64;
 
+/// What a request wants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Method {
+    Get,
+    Post,
+    Other,
+}
+
 /// The parts of a request that are used.
 #[derive(Debug, PartialEq)]
 pub(super) struct Request {
-    pub is_get: bool,
+    pub method: Method,
     pub path: String,
     pub token: Option<String>,
     pub host: Option<String>,
@@ -34,8 +42,13 @@ pub(super) fn read(from: impl BufRead) -> io::Result<Option<Request>> {
         parsed.path.unwrap_or("").split_once('?').unwrap_or((parsed.path.unwrap_or(""), ""));
     let token = query.split('&').find_map(|part| part.strip_prefix("token="));
     let host = parsed.headers.iter().find(|header| header.name.eq_ignore_ascii_case("host"));
+    let method = match parsed.method {
+        Some("GET") => Method::Get,
+        Some("POST") => Method::Post,
+        _ => Method::Other,
+    };
     Ok(Some(Request {
-        is_get: parsed.method == Some("GET"),
+        method,
         path: path.to_owned(),
         token: token.map(str::to_owned),
         host: host.and_then(|header| std::str::from_utf8(header.value).ok()).map(str::to_owned),
@@ -56,14 +69,17 @@ impl Access {
     pub fn allows(&self, request: &Request) -> bool {
         match self {
             Self::Loopback => request.host.as_deref().is_some_and(is_loopback),
-            Self::Token(token) => {
-                let given = request.token.as_deref().unwrap_or("").as_bytes();
-                // constant time: does not reveal how much of a wrong token is right
-                let differ =
-                    given.iter().zip(token.as_bytes()).fold(0, |all, (a, b)| all | (a ^ b));
-                given.len() == token.len() && differ == 0
-            }
+            Self::Token(token) => request.has_token(token),
         }
+    }
+}
+
+impl Request {
+    /// Whether the request carries the token; takes the same time however much of a wrong token is right.
+    pub fn has_token(&self, token: &str) -> bool {
+        let given = self.token.as_deref().unwrap_or("").as_bytes();
+        let differ = given.iter().zip(token.as_bytes()).fold(0, |all, (a, b)| all | (a ^ b));
+        given.len() == token.len() && differ == 0
     }
 }
 
@@ -88,7 +104,7 @@ mod tests {
     fn requests_are_read_and_garbage_is_none() {
         let found = request("GET /events?a=1&token=xyz HTTP/1.1\r\nHOST: localhost:80\r\n\r\n");
         let wanted = Request {
-            is_get: true,
+            method: Method::Get,
             path: "/events".into(),
             token: Some("xyz".into()),
             host: Some("localhost:80".into()),

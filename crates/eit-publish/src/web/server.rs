@@ -1,6 +1,7 @@
 //! The server: accepts browsers and broadcasts lines to them.
 
 use super::connection::answer;
+use super::recorder::{Recorder, Recording, RecordingEvent};
 use super::request::Access;
 use crate::error::PublishError;
 use crate::shape::SkinShape;
@@ -19,9 +20,11 @@ const MOST_CONNECTIONS: usize = 64;
 const AFTER_FAILURE: Duration = Duration::from_millis(50);
 /// Lines queued per browser; a slower browser misses some.
 const WAITING_LINES: usize = 64;
-/// Shortest time between two frames or images; the eye sees no more.
-const FRAME_EVERY: Duration = Duration::from_millis(33);
-const IMAGE_EVERY: Duration = Duration::from_millis(66);
+/// Mean time between two frames or images at least; the eye sees no more.
+const FRAME_EVERY: Duration = Duration::from_micros(33_333);
+const IMAGE_EVERY: Duration = FRAME_EVERY;
+/// Frames that came late at once are still sent, so many of them.
+const LATE_FRAMES: u32 = 4;
 /// How long shutdown waits for the last lines to be sent.
 const LAST_LINES: Duration = Duration::from_millis(300);
 
@@ -32,16 +35,20 @@ pub(super) type Line = Arc<[u8]>;
 pub struct WebServer {
     shared: Arc<Shared>,
     address: SocketAddr,
-    last_frame: Option<Instant>,
-    last_image: Option<Instant>,
+    next_frame: Option<Instant>,
+    next_image: Option<Instant>,
 }
 
 /// State shared by the server's threads.
 #[derive(Debug)]
 pub(super) struct Shared {
     pub access: Access,
+    /// Present if the page can record.
+    pub recorder: Option<Recorder>,
     /// First line for every browser: the skin, once it is known.
     skin: Mutex<Option<Line>>,
+    /// Last event, until a frame follows: what a browser that connects now waits for.
+    event: Mutex<Option<Line>>,
     browsers: Mutex<Vec<Browser>>,
     /// Number of threads that still send to a browser.
     sending: AtomicUsize,
@@ -91,7 +98,7 @@ impl Drop for Connection {
 
 impl Shared {
     fn browsers(&self) -> MutexGuard<'_, Vec<Browser>> {
-        self.browsers.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.browsers)
     }
 
     /// Reserves a slot for a browser; returns `None` if all are taken.
@@ -107,9 +114,10 @@ impl Shared {
         Some(Place { shared: self, number, lines })
     }
 
-    /// The skin, once it is known.
-    pub fn skin(&self) -> Option<Line> {
-        self.skin.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    /// What a browser hears first: the skin, what is recorded, and what is waited for, as far as known.
+    pub fn greeting(&self) -> impl Iterator<Item = Line> {
+        let recording = self.recorder.as_ref().and_then(Recorder::state);
+        [lock(&self.skin).clone(), recording, lock(&self.event).clone()].into_iter().flatten()
     }
 }
 
@@ -121,17 +129,35 @@ impl WebServer {
     ///
     /// An invalid address or one in use; no random numbers for a token.
     pub fn new(address: &str) -> Result<Self, PublishError> {
+        Self::start(address, false)
+    }
+
+    /// Starts a server whose page can start and stop a recording; whoever knows the token in [`WebServer::url`] may do
+    /// so. The program acts on [`Publisher::recording_request`](crate::Publisher::recording_request).
+    ///
+    /// # Errors
+    ///
+    /// Those of [`WebServer::new`].
+    pub fn with_recording(address: &str) -> Result<Self, PublishError> {
+        Self::start(address, true)
+    }
+
+    fn start(address: &str, can_record: bool) -> Result<Self, PublishError> {
         let refuse = |error| PublishError::Address { address: address.to_owned(), error };
         let found = address.to_socket_addrs().map_err(refuse)?.next();
         let found = found.ok_or_else(|| refuse(io::ErrorKind::NotFound.into()))?;
+        let token = token().map_err(|error| refuse(io::Error::other(error)))?;
+        let recorder = can_record.then(|| Recorder::new(token.clone()));
         let access = match found.ip().is_loopback() {
             true => Access::Loopback,
-            false => Access::Token(token().map_err(|error| refuse(io::Error::other(error)))?),
+            false => Access::Token(token),
         };
         let listener = TcpListener::bind(found).map_err(refuse)?;
         let shared = Arc::new(Shared {
             access,
+            recorder,
             skin: Mutex::default(),
+            event: Mutex::default(),
             browsers: Mutex::default(),
             sending: AtomicUsize::new(0),
             connections: AtomicUsize::new(0),
@@ -143,15 +169,31 @@ impl WebServer {
             .name("eit page".to_owned())
             .spawn(move || listen(&listener, &serving))
             .map_err(refuse)?;
-        Ok(Self { shared, address, last_frame: None, last_image: None })
+        Ok(Self { shared, address, next_frame: None, next_image: None })
     }
 
     /// Address to open in a browser.
     pub fn url(&self) -> String {
-        match &self.shared.access {
-            Access::Loopback => format!("http://{}/", self.address),
-            Access::Token(token) => format!("http://{}/?token={token}", self.address),
+        match (&self.shared.access, &self.shared.recorder) {
+            (Access::Token(token), _) | (_, Some(Recorder { token, .. })) => {
+                format!("http://{}/?token={token}", self.address)
+            }
+            (Access::Loopback, None) => format!("http://{}/", self.address),
         }
+    }
+
+    /// What the page asked for since the last call: true to start a recording, false to stop it.
+    pub(crate) fn recording_request(&self) -> Option<bool> {
+        self.shared.recorder.as_ref()?.take()
+    }
+
+    /// Tells every page, now and later, what is recorded.
+    pub(crate) fn recording(&self, recording: Recording<'_>) -> Result<(), PublishError> {
+        let Some(recorder) = &self.shared.recorder else { return Ok(()) };
+        let line = serde_json::to_vec(&RecordingEvent { recording })?;
+        recorder.set(line[..].into());
+        self.tell(&line);
+        Ok(())
     }
 
     /// Sets the skin that the page draws.
@@ -161,7 +203,7 @@ impl WebServer {
     /// A shape that cannot be encoded as JSON.
     pub fn skin(&self, shape: &SkinShape) -> Result<(), PublishError> {
         let line = serde_json::to_vec(shape)?;
-        *self.shared.skin.lock().unwrap_or_else(PoisonError::into_inner) = Some(line[..].into());
+        *lock(&self.shared.skin) = Some(line[..].into());
         // browsers that are already connected
         self.tell(&line);
         Ok(())
@@ -179,9 +221,16 @@ impl WebServer {
         });
     }
 
+    /// Sends an event to every browser, and until a frame follows also to those that connect later.
+    pub(crate) fn event(&self, line: &[u8]) {
+        *lock(&self.shared.event) = Some(line.into());
+        self.tell(line);
+    }
+
     /// Sends a frame if the last one is old enough.
     pub(crate) fn frame(&mut self, line: &[u8]) {
-        if is_due(&mut self.last_frame, FRAME_EVERY) {
+        *lock(&self.shared.event) = None;
+        if is_due(&mut self.next_frame, FRAME_EVERY) {
             self.tell(line);
         }
     }
@@ -193,7 +242,7 @@ impl WebServer {
 
     /// Whether a browser is connected and the last image is old enough.
     pub(crate) fn wants_image(&mut self) -> bool {
-        self.has_browser() && is_due(&mut self.last_image, IMAGE_EVERY)
+        self.has_browser() && is_due(&mut self.next_image, IMAGE_EVERY)
     }
 }
 
@@ -211,12 +260,22 @@ impl Drop for WebServer {
     }
 }
 
-fn is_due(last: &mut Option<Instant>, every: Duration) -> bool {
-    let is_due = last.is_none_or(|last| last.elapsed() >= every);
-    if is_due {
-        *last = Some(Instant::now());
+/// Locks; a thread that panicked leaves nothing half-written here.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Whether the next one is due. Counts from when it was due, not from when it came: otherwise a source of 30 frames a
+/// second whose frames come a little early and a little late would be thinned to 15.
+fn is_due(next: &mut Option<Instant>, every: Duration) -> bool {
+    let now = Instant::now();
+    let due = next.unwrap_or(now);
+    if now < due {
+        return false;
     }
-    is_due
+    let longest_ago = now.checked_sub(LATE_FRAMES * every).unwrap_or(now);
+    *next = Some((due + every).max(longest_ago));
+    true
 }
 
 /// 128 random bits.
@@ -241,5 +300,28 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
         let _ = std::thread::Builder::new()
             .name("eit browser".to_owned())
             .spawn(move || answer(&stream, &connection.0));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A source of just that rate passes although its frames come early and late, and a faster one is thinned to it.
+    #[test]
+    fn thinning_keeps_the_mean_rate() {
+        let every = Duration::from_millis(4);
+        for (frame_us, wanted) in [(4_000, 50), (200, 50)] {
+            let (start, mut next, mut passed, mut frame) = (Instant::now(), None, 0, 0);
+            while start.elapsed() < 50 * every {
+                let early_us = if frame % 2 == 0 { frame_us / 3 } else { 0 };
+                let time = Duration::from_micros(frame * frame_us + frame_us / 3 - early_us);
+                std::thread::sleep(time.saturating_sub(start.elapsed()));
+                passed += i32::from(is_due(&mut next, every));
+                frame += 1;
+            }
+            // a busy computer may lose some, and frames that come late at once are four more
+            assert!((wanted - 12..=wanted + 5).contains(&passed), "{passed} of {frame}");
+        }
     }
 }

@@ -11,6 +11,7 @@ pub fn touch() -> Touch {
         id: 7,
         state: TouchState::Hold,
         position_m: [0.03, -0.01, 0.0],
+        normal: Some([0.6, 0.0, 0.8]),
         position_covariance_m2: [[4e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 0.0]],
         velocity_m_s: [0.1, 0.0, -0.0],
         area_m2: None,

@@ -27,8 +27,8 @@ pub(super) struct Experiment {
     pub recording: &'static str,
     /// File name of its movie.
     pub movie: &'static str,
-    /// Pictures that correspond to the paper's figures: images, error per frame, touches.
-    pub figures: [&'static str; 3],
+    /// Pictures: images, error per frame and touches correspond to the paper's figures; then the position error.
+    pub figures: [&'static str; 4],
     /// Names of its stages, for progress reports.
     pub stages: [&'static str; 3],
     script: &'static str,
@@ -45,6 +45,7 @@ pub(super) const EXPERIMENTS: [Experiment; 2] = [
             "figure-10-one-finger-images.png",
             "figure-11-one-finger-error.png",
             "figure-12-one-finger-touches.png",
+            "one-finger-position-error.png",
         ],
         stages: ["simulate one finger", "one finger live", "pictures of one finger"],
         script: "paper-one-finger",
@@ -58,6 +59,7 @@ pub(super) const EXPERIMENTS: [Experiment; 2] = [
             "figure-13-two-fingers-images.png",
             "figure-14-two-fingers-error.png",
             "figure-15-two-fingers-touches.png",
+            "two-fingers-position-error.png",
         ],
         stages: ["simulate two fingers", "two fingers live", "pictures of two fingers"],
         script: "paper-two-fingers",

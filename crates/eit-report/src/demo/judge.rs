@@ -3,7 +3,7 @@
 use super::live::Seen;
 use eit_fem::fabric::Simulation;
 use eit_inverse::touch::Touch;
-use ndarray::{ArrayView2, Axis};
+use ndarray::{Array2, ArrayView2, Axis};
 use serde_json::{Value, json};
 
 /// A touch farther than this from every finger is false; a finger is 2 cm wide.
@@ -14,8 +14,8 @@ pub(super) struct Judged {
     /// For each image: frame of the script, mean squared error before and after the network
     /// (siemens squared), and whether a finger is on the skin.
     pub errors: Vec<ImageError>,
-    /// Distances of touches from their fingers, metres.
-    pub distances_m: Vec<f64>,
+    /// Touches that belong to a finger.
+    pub pairs: Vec<Pair>,
     /// Number of fingers on the skin, summed over all frames, and how many of them were found.
     pub fingers: usize,
     pub found: usize,
@@ -28,20 +28,38 @@ pub(super) struct Judged {
     pub late: usize,
 }
 
+/// A touch and its finger.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pair {
+    /// Frame of the script, and number of the touch.
+    pub frame: usize,
+    pub touch: u64,
+    pub distance_m: f64,
+}
+
 /// Errors of one image.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ImageError {
     pub frame: usize,
     pub raw: f64,
     pub made: f64,
+    /// Mean square of the truth, siemens squared.
+    pub truth: f64,
     pub is_touched: bool,
+}
+
+impl ImageError {
+    /// Root mean square errors before and after the network, relative to the root mean square of the truth.
+    pub fn relative(&self) -> [f64; 2] {
+        [self.raw, self.made].map(|error| (error / self.truth).sqrt())
+    }
 }
 
 /// Compares the live results with the simulation.
 pub(super) fn judge(seen: &Seen, truth: &Simulation) -> Judged {
     let mut judged = Judged {
         errors: Vec::new(),
-        distances_m: Vec::new(),
+        pairs: Vec::new(),
         fingers: 0,
         found: 0,
         invented: 0,
@@ -60,9 +78,10 @@ pub(super) fn judge(seen: &Seen, truth: &Simulation) -> Judged {
             frame: row,
             raw: squared_error(seen.raw.index_axis(Axis(0), k), really),
             made: squared_error(seen.made.index_axis(Axis(0), k), really),
+            truth: squared_error(really, Array2::zeros(really.dim()).view()),
             is_touched: !fingers.is_empty(),
         });
-        let found = judged.pair(&fingers, &seen.touches[k]);
+        let found = judged.pair(row, &fingers, &seen.touches[k]);
         if fingers.is_empty() {
             before = 0;
         } else {
@@ -78,7 +97,7 @@ pub(super) fn judge(seen: &Seen, truth: &Simulation) -> Judged {
 
 impl Judged {
     /// Pairs fingers with touches, nearest first, and returns the number of fingers found.
-    fn pair(&mut self, fingers: &[[f64; 2]], touches: &[Touch]) -> usize {
+    fn pair(&mut self, frame: usize, fingers: &[[f64; 2]], touches: &[Touch]) -> usize {
         let touches: Vec<&Touch> = touches.iter().filter(|touch| touch.valid).collect();
         let distance = |finger: &[f64; 2], touch: &Touch| {
             (finger[0] - touch.position_m[0]).hypot(finger[1] - touch.position_m[1])
@@ -93,7 +112,7 @@ impl Judged {
         for (distance_m, f, t) in pairs {
             if !is_found[f] && !is_meant[t] {
                 (is_found[f], is_meant[t]) = (true, true);
-                self.distances_m.push(distance_m);
+                self.pairs.push(Pair { frame, touch: touches[t].id, distance_m });
             }
         }
         let found = is_found.iter().filter(|found| **found).count();
@@ -114,15 +133,29 @@ impl Judged {
         ]
     }
 
+    /// Median relative errors of the images of frames with touches, before and after the network.
+    pub fn relative_errors(&self) -> [f64; 2] {
+        let touched = || self.errors.iter().filter(|error| error.is_touched);
+        [0, 1].map(|k| median(touched().map(|error| error.relative()[k]).collect()))
+    }
+
     /// Median distance of a touch from its finger, metres.
     pub fn distance_m(&self) -> f64 {
-        median(self.distances_m.clone())
+        median(self.pairs.iter().map(|pair| pair.distance_m).collect())
+    }
+
+    /// Largest distance of a touch from its finger, metres; `None` without touches.
+    pub fn worst_distance_m(&self) -> Option<f64> {
+        self.pairs.iter().map(|pair| pair.distance_m).reduce(f64::max)
     }
 
     /// Returns the results as JSON.
     pub fn json(&self) -> Value {
         let [raw, made, quotient] = self.errors_of_touched();
+        let [relative_raw, relative] = self.relative_errors();
         json!({
+            "relative_error_raw": relative_raw,
+            "relative_error": relative,
             "mean_squared_error_raw_s2": raw,
             "mean_squared_error_s2": made,
             "error_over_raw": quotient,
@@ -132,7 +165,7 @@ impl Judged {
             "invented": self.invented,
             "invented_without_finger": self.left_over,
             "position_error_m": self.distance_m(),
-            "worst_position_error_m": self.distances_m.iter().copied().reduce(f64::max),
+            "worst_position_error_m": self.worst_distance_m(),
         })
     }
 }

@@ -1,4 +1,4 @@
-//! The report: a single self-contained page.
+//! The report: one page, and the larger pictures beside it.
 
 use super::folder::DemoFolder;
 use super::judge::Judged;
@@ -25,16 +25,42 @@ pub(super) fn page(
     sections.push(again(shown, folder));
     Page {
         title: "Touches on a conductive fabric, measured with 16 electrodes".to_owned(),
-        lead: "Two experiments of Duan, Taurand and Soleimani (Sci. Rep. 9:8831, 2019) on a \
+        lead: format!(
+            "{}. Two experiments of Duan, Taurand and Soleimani (Sci. Rep. 9:8831, 2019) on a \
                simulated fabric: fingers move over it, an instrument measures 208 voltages per \
                frame, total variation in space and time reconstructs images, a U-net removes the \
-               artefacts of moving electrodes, and touches are detected and tracked."
-            .to_owned(),
+               artefacts of moving electrodes, and touches are detected and tracked.",
+            result(shown)
+        ),
         sections,
     }
 }
 
-/// Returns the picture with this name, if it exists.
+/// The result in a sentence.
+fn result(shown: &[Shown]) -> String {
+    let of = |shown: &Shown| {
+        let Judged { fingers, found, invented, .. } = shown.judged;
+        format!(
+            "{}: {found} of {fingers} found, {:.1} mm off (median), {invented} false touches",
+            shown.experiment.name,
+            1e3 * shown.judged.distance_m()
+        )
+    };
+    let result = shown.iter().map(of).collect::<Vec<_>>().join("; ");
+    let mut letters = result.chars();
+    letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
+}
+
+/// Returns a picture beside the page, if it exists.
+fn beside(files: &[File], name: &str, caption: String) -> Option<Block> {
+    let (name, bytes) = files.iter().find(|file| file.0 == name)?;
+    Some(match name.ends_with(".gif") {
+        true => Block::Movie { name: (*name).to_owned(), bytes: bytes.len(), caption },
+        false => Block::File { name: (*name).to_owned(), caption },
+    })
+}
+
+/// Returns an embedded picture, if it exists.
 fn picture(files: &[File], name: &str, caption: String) -> Option<Block> {
     let bytes = files.iter().find(|file| file.0 == name)?.1.clone();
     Some(Block::Picture { bytes, caption })
@@ -42,9 +68,15 @@ fn picture(files: &[File], name: &str, caption: String) -> Option<Block> {
 
 fn what(shown: &[Shown], files: &[File], model: &LiveModel, nodes: usize, seconds: f64) -> Section {
     let mut blocks = Vec::new();
-    let caption = "Three frames of each experiment. From top to bottom: the true change of the \
+    let caption = "Three moments of each experiment. From top to bottom: the true change of the \
                    sheet conductivity, the reconstruction, and the image after the U-net.";
     blocks.extend(picture(files, pictures::OVERVIEW, caption.to_owned()));
+    for shown in shown {
+        let caption =
+            format!("{}: the touches that were found and the true path.", shown.experiment.name);
+        blocks.extend(picture(files, shown.experiment.figures[2], caption));
+    }
+    blocks.push(table(shown));
     let lines: Vec<&str> = shown.iter().map(|s| s.seen.line.as_str()).collect();
     blocks.push(Block::Text(format!(
         "The fabric is simulated on {nodes} nodes, with fingertips that dent it, hysteresis, \
@@ -56,27 +88,27 @@ fn what(shown: &[Shown], files: &[File], model: &LiveModel, nodes: usize, second
         model.skin().mesh.surface().nodes().len(),
         lines.first().copied().unwrap_or("nothing"),
     )));
-    blocks.push(table(shown));
     Section { title: "Results".to_owned(), blocks }
 }
 
 fn table(shown: &[Shown]) -> Block {
     let head = [
         "experiment",
-        "images",
-        "false touches",
+        "position error, median (mm)",
+        "largest (mm)",
         "fingers found",
-        "position error (mm)",
-        "squared error, raw (S²)",
-        "after the U-net (S²)",
-        "remaining fraction",
+        "false touches",
+        "relative error of images (%)",
+        "after the U-net (%)",
+        "images",
         "rejected images",
         "time to touches, median (ms)",
         "95 % (ms)",
         "time to image, median (ms)",
     ];
     let row = |shown: &Shown| {
-        let [raw, made, quotient] = shown.judged.errors_of_touched();
+        let [raw, made] = shown.judged.relative_errors().map(|error| 100.0 * error);
+        let mm = |distance_m: f64| format!("{:.1}", 1e3 * distance_m);
         let Judged { fingers, found, invented, left_over, .. } = shown.judged;
         let summary = &shown.seen.summary;
         let ms = |latency_s: Option<f64>| match latency_s {
@@ -85,13 +117,13 @@ fn table(shown: &[Shown]) -> Block {
         };
         vec![
             shown.experiment.name.to_owned(),
-            summary.frames.to_string(),
-            format!("{invented} ({left_over})"),
+            mm(shown.judged.distance_m()),
+            shown.judged.worst_distance_m().map_or_else(|| "-".to_owned(), mm),
             format!("{found} of {fingers}"),
-            format!("{:.1}", 1e3 * shown.judged.distance_m()),
-            format!("{raw:.1e}"),
-            format!("{made:.1e}"),
-            format!("{quotient:.2}"),
+            format!("{invented} ({left_over})"),
+            format!("{raw:.0}"),
+            format!("{made:.0}"),
+            summary.frames.to_string(),
             summary.aside.to_string(),
             ms(summary.latency_s(0.5)),
             ms(summary.latency_s(0.95)),
@@ -105,7 +137,8 @@ fn table(shown: &[Shown]) -> Block {
         note: format!(
             "False touches are counted per frame and lie more than 25 mm from every finger; in \
              brackets, those with no finger on the skin at all, to which a robot would react \
-             without cause. Errors are medians over the frames with a finger. {late} of the missed \
+             without cause. Relative errors are root mean square errors over the root mean square of the true change; \
+             medians over the frames with a finger. {late} of the missed \
              fingers are in the first frame of a contact: a faint touch must be detected twice. \
              Rejected images are U-net images that do not explain the measurements; the raw image \
              is shown instead."
@@ -115,20 +148,15 @@ fn table(shown: &[Shown]) -> Block {
 
 fn of_experiment(shown: &Shown, files: &[File]) -> Section {
     let experiment = &shown.experiment;
-    let [images, error, touches] = experiment.figures;
-    let [ten, eleven, twelve] = match experiment.folder {
-        "one-finger" => [10, 11, 12],
-        _ => [13, 14, 15],
+    let [images, error, _, position] = experiment.figures;
+    let [ten, eleven] = match experiment.folder {
+        "one-finger" => [10, 11],
+        _ => [13, 14],
     };
     let ours = |number: usize| format!("Corresponds to the paper's figure {number}.");
     let blocks = [
-        picture(
-            files,
-            experiment.movie,
-            "The movie: truth, reconstruction, and the image after the U-net with the detected touches."
-                .to_owned(),
-        ),
-        picture(
+        beside(files, position, "Distance of every touch from its finger.".to_owned()),
+        beside(
             files,
             images,
             format!(
@@ -136,15 +164,16 @@ fn of_experiment(shown: &Shown, files: &[File]) -> Section {
                 ours(ten)
             ),
         ),
-        picture(
+        beside(
             files,
             error,
-            format!("Mean squared error of each frame before and after the U-net. {}", ours(eleven)),
+            format!("Relative error of each image before and after the U-net. {}", ours(eleven)),
         ),
-        picture(
+        beside(
             files,
-            touches,
-            format!("Detected touches and the true tracks on the skin. {}", ours(twelve)),
+            experiment.movie,
+            "Truth, reconstruction, and the image after the U-net with the detected touches"
+                .to_owned(),
         ),
     ];
     Section { title: experiment.name.to_owned(), blocks: blocks.into_iter().flatten().collect() }
@@ -152,12 +181,12 @@ fn of_experiment(shown: &Shown, files: &[File]) -> Section {
 
 fn skin(files: &[File]) -> Section {
     let blocks = [
-        picture(
+        beside(
             files,
             pictures::MESH,
             "The reconstruction mesh. Corresponds to the paper's figure 3.".to_owned(),
         ),
-        picture(
+        beside(
             files,
             pictures::WAYS,
             "The tracks of the fingers. Corresponds to the paper's figure 4.".to_owned(),
@@ -173,7 +202,7 @@ fn latency(shown: &[Shown], files: &[File]) -> Section {
     let caption =
         "Distribution of the time from the last byte of a frame to its image and touches.";
     let mut blocks: Vec<Block> =
-        picture(files, pictures::LATENCY, caption.to_owned()).into_iter().collect();
+        beside(files, pictures::LATENCY, caption.to_owned()).into_iter().collect();
     let pair =
         |shown: &Shown| (shown.experiment.name.to_owned(), shown.seen.summary.images_words());
     blocks.push(Block::List(shown.iter().map(pair).collect()));

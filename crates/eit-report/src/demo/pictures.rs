@@ -2,7 +2,7 @@
 //! single list.
 
 use super::experiment::Experiment;
-use super::judge::{ImageError, Judged};
+use super::judge::Judged;
 use super::live::Seen;
 use crate::error::ReportError;
 use eit_fem::fabric::Simulation;
@@ -45,6 +45,8 @@ pub(super) struct Shown {
     pub truth: Simulation,
     pub seen: Seen,
     pub judged: Judged,
+    /// Frames per second.
+    pub rate_hz: f64,
 }
 
 /// A picture as a file name and content.
@@ -66,13 +68,17 @@ pub(super) fn of_experiment(
     if seen.frames.is_empty() {
         return Ok(Vec::new());
     }
-    let [images, error, touches] = experiment.figures;
-    Ok(vec![
+    let [images, error, touches, position] = experiment.figures;
+    let mut files = vec![
         (experiment.movie, movie(shown, skin, bar)?),
         png(images, &shown.images(skin)?)?,
         png(error, &shown.error()?)?,
         png(touches, &shown.tracks(skin)?)?,
-    ])
+    ];
+    if !shown.judged.pairs.is_empty() {
+        files.push(png(position, &shown.position_error()?)?);
+    }
+    Ok(files)
 }
 
 impl Shown {
@@ -95,9 +101,9 @@ impl Shown {
         (0..count).filter_map(|k| touched.get(place(k)).copied()).collect()
     }
 
-    /// Label of a frame: its number in the script.
+    /// Label of a frame: its time.
     fn label(&self, k: usize) -> String {
-        format!("frame {}", self.judged.errors[k].frame)
+        format!("{:.1} s", self.time_s(self.judged.errors[k].frame))
     }
 
     /// Ends of the colour scale: a fraction of the largest true change.
@@ -119,70 +125,122 @@ impl Shown {
         sheet(&[(self, FRAMES)], skin, settings)
     }
 
-    /// Draws the error per frame, before and after the network.
+    /// Time of a frame of the script, seconds.
+    fn time_s(&self, frame: usize) -> f64 {
+        frame as f64 / self.rate_hz
+    }
+
+    /// Draws the relative error of the images, before and after the network.
     fn error(&self) -> Result<Canvas, ReportError> {
-        let errors = &self.judged.errors;
-        // errors of frames without a touch are orders of magnitude smaller
-        let least = 1e-4 * errors.iter().map(|e| e.raw).fold(0.0, f64::max);
-        let curve = |name: &str, of: fn(&ImageError) -> f64| {
-            let points = errors.iter().map(|e| [e.frame as f64, of(e)]);
-            let points = points.filter(|p| p[1] > least).collect();
+        let curve = |name: &str, k: usize| {
+            let touched = self.judged.errors.iter().filter(|error| error.is_touched);
+            let points = touched.map(|e| [self.time_s(e.frame), 100.0 * e.relative()[k]]).collect();
             Series { name: name.to_owned(), points, line: true, markers: false }
         };
-        let [raw, made, quotient] = self.judged.errors_of_touched();
+        let [raw, made] = self.judged.relative_errors().map(|error| 100.0 * error);
+        let [raw_s2, made_s2, _] = self.judged.errors_of_touched();
         Ok(draw_plot(&Plot {
-            title: format!("{}: mean squared error of each frame", title(&self.experiment)),
+            title: format!("{}: relative error of the images", title(&self.experiment)),
             footnote: format!(
-                "against the true change of conductivity; medians of touched frames {raw:.1e} and \
-                 {made:.1e} S², reduced to {quotient:.2} of the raw error"
+                "root mean square error over that of the true change of conductivity, frames with \
+                 a finger; medians {raw:.0} % and {made:.0} % (mean squared errors {raw_s2:.1e} \
+                 and {made_s2:.1e} S²)"
             ),
-            x_label: "frame".to_owned(),
-            y_label: "mean squared error (S²)".to_owned(),
+            x_label: "time (s)".to_owned(),
+            y_label: "relative error (%)".to_owned(),
             x_log: false,
-            y_log: true,
-            series: vec![curve("raw", |e| e.raw), curve("after the U-net", |e| e.made)],
+            y_log: false,
+            series: vec![curve("raw", 0), curve("after the U-net", 1)],
             zoom: 2,
         })?)
     }
 
-    /// Draws the detected touches and the tracks of the fingers.
-    fn tracks(&self, skin: &SkinDrawing) -> Result<Canvas, ReportError> {
-        let mut tracks = vec![];
-        tracks.extend(ways(&self.truth, Some("the finger")));
+    /// Ids of the touches that last, and of the brief ones.
+    fn ids(&self) -> (Vec<u64>, Vec<u64>) {
         let mut ids: Vec<u64> = self.seen.touches.iter().flatten().map(|touch| touch.id).collect();
         ids.sort_unstable();
         ids.dedup();
-        let (mut others, mut count) = (Vec::new(), 0);
-        for id in ids {
-            let of = self.seen.touches.iter().flatten().filter(|t| t.id == id && t.valid);
-            let places_m: Vec<_> = of.map(|t| [t.position_m[0], t.position_m[1]]).collect();
-            if (places_m.len() as f64) < BRIEF * self.seen.frames.len() as f64 {
-                others.extend(places_m);
-                count += 1;
-            } else {
-                tracks.push(Track { name: format!("touch {id}"), places_m, is_truth: false });
-            }
+        let frames = |id: u64| {
+            let all = self.seen.touches.iter().flatten();
+            all.filter(|touch| touch.id == id && touch.valid).count()
+        };
+        ids.into_iter().partition(|id| frames(*id) as f64 >= BRIEF * self.seen.frames.len() as f64)
+    }
+
+    /// Draws the distance of every touch from its finger, in the colours of the tracks.
+    fn position_error(&self) -> Result<Canvas, ReportError> {
+        let (lasting, brief) = self.ids();
+        let of = |ids: &[u64], name: String| {
+            let pairs = self.judged.pairs.iter().filter(|pair| ids.contains(&pair.touch));
+            let points = pairs.map(|p| [self.time_s(p.frame), 1e3 * p.distance_m]).collect();
+            Series { name, points, line: false, markers: true }
+        };
+        let mut series: Vec<Series> =
+            lasting.iter().map(|id| of(&[*id], format!("touch {id}"))).collect();
+        if !brief.is_empty() {
+            series.push(of(&brief, brief_words(brief.len())));
         }
-        if count > 0 {
-            let name = format!("{count} brief touch{}", if count == 1 { "" } else { "es" });
-            tracks.push(Track { name, places_m: others, is_truth: false });
+        Ok(draw_plot(&Plot {
+            title: format!("{}: distance of touches from the finger", title(&self.experiment)),
+            footnote: format!(
+                "median {:.1} mm, largest {:.1} mm; a fingertip is 20 mm wide, the skin 200 mm",
+                1e3 * self.judged.distance_m(),
+                1e3 * self.judged.worst_distance_m().unwrap_or(f64::NAN)
+            ),
+            x_label: "time (s)".to_owned(),
+            y_label: "distance (mm)".to_owned(),
+            x_log: false,
+            y_log: false,
+            series,
+            zoom: 2,
+        })?)
+    }
+
+    /// Draws the detected touches and the tracks of the fingers, each touch on a skin of its own: fingers that follow
+    /// each other on the same path would hide one another's dots.
+    fn tracks(&self, skin: &SkinDrawing) -> Result<Canvas, ReportError> {
+        let (lasting, brief) = self.ids();
+        let panel = |first_color: usize, ids: &[u64], name: String| {
+            let of = self.seen.frames.iter().zip(&self.seen.touches);
+            let of = of.flat_map(|(frame, touches)| touches.iter().map(move |t| (*frame, t)));
+            let of: Vec<_> = of.filter(|(_, t)| ids.contains(&t.id) && t.valid).collect();
+            let label = match (of.first(), of.last()) {
+                (Some((first, _)), Some((last, _))) => {
+                    format!("{name}: {:.1} to {:.1} s", self.time_s(*first), self.time_s(*last))
+                }
+                _ => name,
+            };
+            let places_m = of.iter().map(|(_, t)| [t.position_m[0], t.position_m[1]]).collect();
+            let mut tracks = ways(&self.truth, Some("the finger"));
+            let name = "one dot per frame, pale at first".to_owned();
+            tracks.push(Track { name, places_m, is_truth: false });
+            TracksPanel { label, tracks, first_color }
+        };
+        let mut panels: Vec<TracksPanel> = lasting
+            .iter()
+            .enumerate()
+            .map(|(k, id)| panel(k, &[*id], format!("touch {id}")))
+            .collect();
+        if !brief.is_empty() || panels.is_empty() {
+            panels.push(panel(lasting.len(), &brief, brief_words(brief.len())));
         }
         let Judged { fingers, found, invented, left_over, .. } = self.judged;
-        let label = format!(
-            "found in {found} of {fingers} cases, median position error {:.1} mm",
-            1e3 * self.judged.distance_m()
-        );
         let settings = PictureSettings {
             title: format!("{}: tracked touches", title(&self.experiment)),
             footnote: format!(
-                "one dot per frame; {invented} dots are false, {left_over} of them with no finger \
-                 on the skin"
+                "found in {found} of {fingers} cases, median position error {:.1} mm; {invented} dots are false, \
+                 {left_over} of them with no finger on the skin",
+                1e3 * self.judged.distance_m()
             ),
             ..Default::default()
         };
-        let panel = TracksPanel { label, tracks };
-        Ok(draw_tracks(&[panel], skin, &settings)?)
+        Ok(draw_tracks(&panels, skin, &settings)?)
     }
+}
+
+/// Names touches that are drawn together.
+fn brief_words(count: usize) -> String {
+    format!("{count} brief touch{}", if count == 1 { "" } else { "es" })
 }
 
 /// Capitalised name, for example "One finger".
@@ -321,7 +379,7 @@ fn all_ways(shown: &[Shown], skin: &SkinDrawing) -> Result<Canvas, ReportError> 
         let starts =
             Track { name: "start".to_owned(), places_m: starts.collect(), is_truth: false };
         tracks.push(starts);
-        TracksPanel { label, tracks }
+        TracksPanel { label, tracks, first_color: 6 }
     };
     let panels: Vec<TracksPanel> = shown.iter().map(panel).collect();
     let settings =

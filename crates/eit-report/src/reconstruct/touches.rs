@@ -10,7 +10,7 @@ use std::io::Write;
 
 /// Columns of `touches.csv`.
 pub const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_std,confidence,\
-                      std_x,std_y,vx,vy,valid,whole,force_n,force_std_n,unlike";
+                      std_x,std_y,vx,vy,valid,whole,force_n,force_std_n,unlike,nx,ny,nz";
 
 /// Writes one row per touch and frame.
 pub fn write_csv(rows: &[TouchRow], out: &mut dyn Write) -> Result<(), ReportError> {
@@ -35,7 +35,7 @@ pub fn write_row(
     writeln!(
         out,
         "{frame},{time_s:.6},{},{state},{x:.6},{y:.6},{z:.6},{:.6e},{},{:.4},{std_x:.3e},\
-         {std_y:.3e},{vx:.4},{vy:.4},{},{},{},{},{}",
+         {std_y:.3e},{vx:.4},{vy:.4},{},{},{},{},{},{}",
         touch.id,
         touch.intensity_s_m2,
         touch.intensity_std_s_m2.map_or_else(String::new, |std| format!("{std:.3e}")),
@@ -44,7 +44,8 @@ pub fn write_row(
         touch.whole,
         touch.force_n().map_or_else(String::new, |force_n| format!("{force_n:.4}")),
         touch.force_std_n().map_or_else(String::new, |std_n| format!("{std_n:.4}")),
-        touch.learnt.map_or_else(String::new, |learnt| learnt.is_unlike.to_string())
+        touch.learnt.map_or_else(String::new, |learnt| learnt.is_unlike.to_string()),
+        touch.normal.map_or_else(|| ",,".to_owned(), |[x, y, z]| format!("{x:.4},{y:.4},{z:.4}"))
     )
     .map_err(io)
 }

@@ -65,6 +65,7 @@ impl LiveImages {
     ///
     /// Errors of the method and the U-net.
     pub fn new(model: &LiveModel, fitted: &FittedFrames) -> Result<Self, SkinError> {
+        model.check_images()?;
         let (method, skin) = (model.method, &fitted.skin);
         let mut silent = Progress::silent();
         // total variation takes white differences, and the U-net's image is checked against them

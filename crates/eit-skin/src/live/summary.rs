@@ -41,8 +41,11 @@ pub struct Summary {
     pub latencies_s: Vec<f64>,
     /// Latest latencies of images, seconds, unordered.
     pub image_latencies_s: Vec<f64>,
-    /// Time from the first frame shown to the last by this computer's clock, seconds.
+    /// Time from the first frame shown to the last by this computer's clock, seconds, without the times in
+    /// which the source was silent or took new references.
     pub span_s: f64,
+    /// Number of intervals between frames in that time.
+    pub intervals: u64,
     /// The first notices of the source.
     pub notices: Vec<String>,
     /// Number of further notices.
@@ -50,6 +53,11 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// Returns the rate of the frames shown while frames came; `None` for fewer than two frames.
+    pub fn frame_rate_hz(&self) -> Option<f64> {
+        (self.span_s > 0.0).then(|| self.intervals as f64 / self.span_s)
+    }
+
     /// Returns the latency from a frame's last byte to its touches that the fraction `share` (0 to 1) of the
     /// frames did not exceed.
     pub fn latency_s(&self, share: f64) -> Option<f64> {

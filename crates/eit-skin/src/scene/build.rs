@@ -50,10 +50,11 @@ impl Scene {
         }
         let shape = self.shape()?;
         let electrodes = self.electrodes()?;
-        match &electrodes {
-            ElectrodeSource::Rim(rim) => rim.validate(&shape.outline()?)?,
-            ElectrodeSource::Placed(placed) => PlacedElectrode::validate(placed, &shape)?,
-        }
+        let checked = match &electrodes {
+            ElectrodeSource::Rim(rim) => shape.outline().and_then(|outline| rim.validate(&outline)),
+            ElectrodeSource::Placed(placed) => PlacedElectrode::validate(placed, &shape),
+        };
+        checked.map_err(|error| SkinError::from(error).within(&self.place))?;
         let settings = base.clone();
         let source = MeshSource::Generated { shape, electrodes, settings, base };
         match nodes.or(self.mesh.nodes) {

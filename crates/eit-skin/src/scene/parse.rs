@@ -14,8 +14,22 @@ pub fn from_toml<T: DeserializeOwned>(text: &str, place: &str) -> Result<T, Skin
     toml::from_str(text).map_err(|error| {
         let line = error.span().map(|span| 1 + text[..span.start].matches('\n').count());
         let at = line.map_or_else(String::new, |l| format!("line {l}: "));
-        SkinError::input(format!("{place}: {at}{}", explain(error.message())))
+        let written = line.and_then(|line| text.lines().nth(line - 1)).unwrap_or_default();
+        let hint = comma_hint(written, error.message());
+        SkinError::input(format!("{place}: {at}{}{hint}", explain(error.message())))
     })
+}
+
+/// Explains a decimal comma, which TOML takes for the end of a number.
+fn comma_hint(line: &str, message: &str) -> &'static str {
+    let value = line.split_once('=').map_or("", |(_, value)| value.trim());
+    let is_number = value.split_once(',').is_some_and(|(whole, decimals)| {
+        whole.parse::<f64>().is_ok() && decimals.starts_with(|c: char| c.is_ascii_digit())
+    });
+    match is_number && !message.starts_with("unknown") {
+        true => "; write a decimal point, not a comma",
+        false => "",
+    }
 }
 
 /// Keys of earlier versions and their present names.
@@ -106,6 +120,15 @@ mod tests {
             // the fingerprint does not depend on other sections
             assert_eq!(scene.skin_fingerprint().unwrap().len(), 8);
         }
+    }
+
+    #[test]
+    fn a_decimal_comma_is_explained() {
+        let found = error("[skin]\nshape = \"disc\"\nradius_m = 0,1\nconductivity_s = 1\n");
+        assert!(found.starts_with("s.toml: line 3: "), "{found}");
+        assert!(found.ends_with("; write a decimal point, not a comma"), "{found}");
+        let found = error("[skin]\noutline = [0,1], [0,2]\n");
+        assert!(!found.contains("decimal"), "{found}");
     }
 
     #[test]

@@ -191,6 +191,12 @@ impl TouchFinder {
         Ok(touches.max_by(|a, b| strength(a).total_cmp(&strength(b))).copied())
     }
 
+    /// Returns how much a touch at each of the given positions lowers the chi^2 of the last frame, see
+    /// [`TouchDetector::evidence_at`].
+    pub fn evidence_at(&mut self, positions_m: &[[f64; 3]]) -> Vec<f64> {
+        self.detector.evidence_at(positions_m)
+    }
+
     /// Returns the electrodes that are excluded from the current frame.
     pub fn faults(&self) -> &[ElectrodeFault] {
         self.monitor.faults()

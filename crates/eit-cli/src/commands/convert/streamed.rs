@@ -2,7 +2,8 @@
 
 use crate::error::CliError;
 use eit_hw::capture::{
-    CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, MessageTimes, SessionRecord,
+    CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, MessageTimes, SameSetUp,
+    SessionRecord,
 };
 use eit_hw::{Frame, FrameMap, HwError, Layout, Projection, Quadruple, Quality};
 use eit_report::ReportError;
@@ -23,7 +24,6 @@ pub(super) struct Streamed {
     pub unfinished: usize,
     pub flagged: usize,
     pub damage: Damage,
-    session: SessionRecord,
 }
 
 /// Frames of a recording, in their own order or in that of a protocol.
@@ -40,64 +40,38 @@ impl<'a> Source<'a> {
         quadruples: Option<&'a [Quadruple]>,
     ) -> Result<(Self, Streamed), CliError> {
         let mut source = Self { path, quadruples, map: None };
-        let mut found = Streamed::default();
+        let (mut found, mut same) = (Streamed::default(), SameSetUp::new(path));
         let mut reader = CaptureReader::open(path)?;
         while let Some(entry) = reader.next_entry()? {
-            match entry {
-                Entry::Session(session) => source.session(&mut found, session)?,
-                Entry::Frame(frame) => source.count(&mut found, frame)?,
-                _ => {}
+            same.take(&entry)?;
+            if let Entry::Frame(frame) = entry {
+                source.count(&mut found, frame, same.session())?;
             }
         }
         found.damage = reader.damage();
-        if found.frames == 0 {
-            let Damage { bad_chunks, bad_messages, .. } = found.damage;
-            return Err(CliError::input(format!(
-                "{}: no complete frame found ({bad_chunks} chunks and {bad_messages} messages are \
-                 damaged or too large); record it again",
-                path.display()
-            )));
-        }
+        same.check(found.damage)?;
         Ok((source, found))
     }
 
-    fn session(&self, found: &mut Streamed, session: SessionRecord) -> Result<(), CliError> {
-        let first = &found.session.quadruples;
-        if !first.is_empty() && *first != session.quadruples {
-            return Err(CliError::input(format!(
-                "{}: contains sessions with different measurements ({} and {}); record each set-up in its \
-                 own file",
-                self.path.display(),
-                first.len(),
-                session.quadruples.len()
-            )));
-        }
-        if found.frames == 0 {
-            found.session = session;
-        }
-        Ok(())
-    }
-
-    fn count(&mut self, found: &mut Streamed, frame: Frame) -> Result<(), CliError> {
+    fn count(
+        &mut self,
+        found: &mut Streamed,
+        frame: Frame,
+        session: Option<&SessionRecord>,
+    ) -> Result<(), CliError> {
         let (count, complex) = (frame.values.len(), frame.imaginary.is_some());
         if found.frames == 0 {
-            let layout = match found.session.quadruples.len() {
-                0 => Layout::ProtocolOrder,
-                _ => Layout::Quadruples(found.session.quadruples.clone()),
+            let layout = match session.map(|session| &session.quadruples) {
+                Some(quadruples) if !quadruples.is_empty() => {
+                    Layout::Quadruples(quadruples.clone())
+                }
+                _ => Layout::ProtocolOrder,
             };
             if let Some(wanted) = self.quadruples {
                 let map = FrameMap::new(&layout, count, Some(wanted), wanted.len(), self.path)?;
                 self.map = Some(map);
             }
             (found.count, found.complex) = (count, complex);
-        } else if (count, complex) != (found.count, found.complex) {
-            return Err(CliError::input(format!(
-                "{}: frame {} has {count} values, but earlier ones have {}; record each set-up in its \
-                 own file",
-                self.path.display(),
-                frame.sequence,
-                found.count
-            )));
         }
         let frame = self.mapped(frame)?;
         found.frames += 1;

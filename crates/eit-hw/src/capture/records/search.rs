@@ -139,12 +139,12 @@ impl<R: Read + Seek> Records<R> {
     /// Returns whether the data end here: only the index of this file follows, up to its end.
     pub(super) fn is_end(&mut self, at: u64, length: u64) -> Result<bool, HwError> {
         const FOOTER: u64 = RECORD_HEAD as u64 + 20;
-        let after = at + RECORD_HEAD as u64 + length;
+        let Some(after) = self.end(at, length).filter(|_| length == 4) else { return Ok(false) };
         let Some(footer) = self.source.length.checked_sub(FOOTER + MAGIC.len() as u64) else {
             return Ok(false);
         };
         let mut bytes = [0; FOOTER as usize + MAGIC.len()];
-        if length != 4 || footer < after || self.source.read_at(footer, &mut bytes)? < bytes.len() {
+        if footer < after || self.source.read_at(footer, &mut bytes)? < bytes.len() {
             return Ok(false);
         }
         let summary = bytes[RECORD_HEAD..].first_chunk().map_or(0, |b| u64::from_le_bytes(*b));

@@ -141,7 +141,7 @@ fn entry(random: &mut Random, sequence: u64) -> Entry {
 }
 
 fn writer(disk: &Shared, whole_bytes: u64) -> Result<CaptureWriter, crate::HwError> {
-    let settings = CaptureSettings { flush_s: 3600.0, sync: true };
+    let settings = CaptureSettings { flush_s: 3600.0, sync: true, ..CaptureSettings::default() };
     let on = CaptureWriter::on(Box::new(disk.clone()), Path::new(PATH), settings, whole_bytes)?;
     CaptureWriter::begin(on, &session())
 }

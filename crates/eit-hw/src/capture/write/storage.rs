@@ -38,13 +38,21 @@ impl Storage for File {
 /// Creates a new file; with `sync`, its name also survives a power cut.
 pub(super) fn create(path: &Path, sync: bool) -> Result<File, HwError> {
     let failed = |source| HwError::Write { place: Place::file(path), source };
-    let file =
-        OpenOptions::new().read(true).write(true).create_new(true).open(path).map_err(failed)?;
+    let file = create_new(path)?;
     lock(&file, path)?;
     if sync {
         sync_folder(path).map_err(failed)?;
     }
     Ok(file)
+}
+
+/// Creates a new file.
+pub(in crate::capture) fn create_new(path: &Path) -> Result<File, HwError> {
+    let file = OpenOptions::new().read(true).write(true).create_new(true).open(path);
+    file.map_err(|source| match source.kind() {
+        io::ErrorKind::AlreadyExists => HwError::Exists { place: Place::file(path) },
+        _ => HwError::Write { place: Place::file(path), source },
+    })
 }
 
 /// Opens an existing recording for appending.

@@ -25,6 +25,8 @@ pub(super) struct Reader {
     pub(super) identity: Identity,
     pub(super) stream: Stream,
     pub(super) silence: Silence,
+    /// Time of the last frame before the connection was lost, until the next frame.
+    pub(super) lost_since: Option<Instant>,
 }
 
 /// Why a connection ended.
@@ -35,27 +37,34 @@ enum End {
 }
 
 impl Reader {
-    pub(super) fn run(mut self, mut link: Link) {
+    pub(super) fn run(mut self, link: Link) {
+        let ended = self.serve(link);
+        self.count_disconnected(Instant::now());
+        self.queue.end(ended.err());
+    }
+
+    /// Reads and reconnects until the session is stopped or fails.
+    fn serve(&mut self, mut link: Link) -> Result<(), HwError> {
         loop {
             match self.follow(&mut link) {
                 End::Quit => {
                     // failing to stop a device that is gone does not matter
                     let _ = self.driver.stop(&mut link);
-                    return self.queue.end(None);
+                    return Ok(());
                 }
                 End::Overflow => {
                     let _ = self.driver.stop(&mut link);
                     let endpoint = self.endpoint.to_string();
                     let capacity = self.settings.capacity;
-                    return self.queue.end(Some(HwError::Overflow { endpoint, capacity }));
+                    return Err(HwError::Overflow { endpoint, capacity });
                 }
                 End::Lost(reason, error) => {
                     self.queue.push(Event::Disconnected { reason });
                     drop(link);
-                    match self.find_again(error) {
-                        Ok(Some(found)) => link = found,
-                        Ok(None) => return self.queue.end(None),
-                        Err(error) => return self.queue.end(Some(error)),
+                    self.lost_since.get_or_insert(self.silence.since());
+                    match self.find_again(error)? {
+                        Some(found) => link = found,
+                        None => return Ok(()),
                     }
                 }
             }
@@ -102,6 +111,7 @@ impl Reader {
             if frames > 0 {
                 let told_s = self.silence.frame(now);
                 self.count_silence(told_s);
+                self.count_disconnected(now);
             } else if let Some(for_s) = self.silence.begins(&self.settings, now) {
                 self.queue.push(Event::Silent { for_s });
             } else if self.settings.reconnect.is_some()
@@ -121,9 +131,17 @@ impl Reader {
         End::Quit
     }
 
+    /// Counts a silence, unless it is part of the time after a lost connection.
     fn count_silence(&self, told_s: Option<f64>) {
-        if let Some(for_s) = told_s {
+        if let (Some(for_s), None) = (told_s, self.lost_since) {
             self.queue.count(|statistics| statistics.silent_s += for_s);
+        }
+    }
+
+    fn count_disconnected(&mut self, now: Instant) {
+        if let Some(since) = self.lost_since.take() {
+            let for_s = now.saturating_duration_since(since).as_secs_f64();
+            self.queue.count(|statistics| statistics.disconnected_s += for_s);
         }
     }
 

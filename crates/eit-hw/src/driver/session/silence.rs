@@ -45,6 +45,11 @@ impl Silence {
         (self.since, self.last_frame) = (now, None);
     }
 
+    /// Returns the time of the last frame, or of the start.
+    pub(super) fn since(&self) -> Instant {
+        self.since
+    }
+
     pub(super) fn for_s(&self, now: Instant) -> f64 {
         now.saturating_duration_since(self.since).as_secs_f64()
     }

@@ -1,7 +1,7 @@
 //! Candidate positions of touches on a skin, and steps from them.
 
 use crate::geometry::distance_m;
-use crate::touch::skin::{Place, nearest_in, nearest_of, tangents};
+use crate::touch::skin::{Place, nearest_in, nearest_of, normal, tangents};
 use eit_mesh::Surface;
 use std::collections::HashMap;
 
@@ -86,6 +86,18 @@ impl Places {
         self.nearest(std::array::from_fn(|i| {
             position_m[i] + step[0] * tangents[0][i] + step[1] * tangents[1][i]
         }))
+    }
+
+    /// Returns the unit normal of the skin at a spot, on the side from which the corners of its triangle run
+    /// counter-clockwise.
+    pub(super) fn normal(&self, spot: &Spot) -> Point {
+        let squared = |corners: &[Point; 3]| {
+            let nearest = nearest_in(*corners, spot.position_m);
+            (0..3).map(|i| (nearest[i] - spot.position_m[i]).powi(2)).sum::<f64>()
+        };
+        let triangles = &self.near[self.starts[spot.place]..self.starts[spot.place + 1]];
+        let at = triangles.iter().min_by(|a, b| squared(a).total_cmp(&squared(b)));
+        at.map_or([0.0, 0.0, 1.0], |corners| normal(*corners))
     }
 
     /// Returns the point of the skin nearest to a point close to it.

@@ -31,10 +31,15 @@ pub struct DetectorSettings {
     pub least_share_of_here: f64,
     /// Time constant with which recent strengths fade, seconds. Default 2.
     pub late_s: f64,
-    /// Least decrease of chi^2 by a touch, in units of the noise with all nuisance parameters. Default 12.
+    /// Least decrease of chi^2 by a new touch, in units of the noise with all nuisance parameters. Default 36:
+    /// noise alone exceeds it at one of some hundred independent positions once in about four million frames.
     pub least_gain: f64,
-    /// Least factor by which the residual of the frame must grow without a touch. Default 1.8.
+    /// Least worth of a new touch, see [`DetectedTouch::worth`](super::DetectedTouch::worth). Default 1.8.
     pub least_ratio: f64,
+    /// Least decrease of chi^2 by a touch that the previous frame showed too. Default 9.
+    pub least_gain_of_known: f64,
+    /// Least worth of a touch that the previous frame showed too. Default 1.25.
+    pub least_ratio_of_known: f64,
     /// Time constant with which the reference follows what touches do not explain, while nothing touches
     /// the skin, seconds. Default 1.
     pub idle_s: f64,
@@ -66,8 +71,10 @@ impl DetectorSettings {
             least_share_of_late: 0.04,
             least_share_of_here: 0.12,
             late_s: 2.0,
-            least_gain: 12.0,
+            least_gain: 36.0,
             least_ratio: 1.8,
+            least_gain_of_known: 9.0,
+            least_ratio_of_known: 1.25,
             idle_s: 1.0,
             touched_s: 5.0,
             settling_s: [0.5, 10.0],
@@ -90,6 +97,7 @@ impl DetectorSettings {
             ("least_s_m2", self.least_s_m2),
             ("late_s", self.late_s),
             ("least_gain", self.least_gain),
+            ("least_gain_of_known", self.least_gain_of_known),
             ("trail_widths", self.trail_widths),
             ("idle_s", self.idle_s),
             ("touched_s", self.touched_s),
@@ -110,9 +118,18 @@ impl DetectorSettings {
                 return Err(InverseError::OutOfRange { quantity, value, must });
             }
         }
-        if !(self.least_ratio >= 1.0 && self.least_ratio.is_finite()) {
-            let (quantity, value) = ("least_ratio", self.least_ratio);
-            return Err(InverseError::OutOfRange { quantity, value, must: "finite, at least 1" });
+        let ratios = [
+            ("least_ratio", self.least_ratio),
+            ("least_ratio_of_known", self.least_ratio_of_known),
+        ];
+        for (quantity, value) in ratios {
+            if !(value >= 1.0 && value.is_finite()) {
+                return Err(InverseError::OutOfRange {
+                    quantity,
+                    value,
+                    must: "finite, at least 1",
+                });
+            }
         }
         if self.trails > 8 {
             let (quantity, value) = ("trails", self.trails as f64);

@@ -16,6 +16,12 @@ const DEPENDENT: f64 = 1e-10;
 #[derive(Debug, Clone)]
 pub(super) struct Whitening {
     rows: usize,
+    /// Noise of each row, squared volts.
+    variances: Vec<f64>,
+    /// Expected squared length of whitened noise if the unknowns are zero, of all rows and without the lost
+    /// ones.
+    expected_of_all: f64,
+    expected: f64,
     /// Lower triangle of `W`, row by row.
     packed: Vec<f64>,
     lost: Vec<usize>,
@@ -38,11 +44,29 @@ impl Whitening {
         solve_lower_triangular_in_place(factor.L(), inverse.as_mut(), Par::Seq);
         let packed = (0..rows).flat_map(|i| (0..=i).map(move |j| (i, j)));
         let packed = packed.map(|(i, j)| inverse[(i, j)]).collect();
-        Ok(Self { rows, packed, lost: Vec::new(), directions: Vec::new() })
+        let expected = (0..rows)
+            .map(|i| (0..=i).map(|j| inverse[(i, j)].powi(2) * variances[j]).sum::<f64>())
+            .sum();
+        let variances = variances.to_vec();
+        let expected_of_all = expected;
+        Ok(Self {
+            rows,
+            variances,
+            expected_of_all,
+            expected,
+            packed,
+            lost: Vec::new(),
+            directions: Vec::new(),
+        })
     }
 
     pub(super) fn rows(&self) -> usize {
         self.rows
+    }
+
+    /// Expected squared length of whitened noise without lost rows if the unknowns are zero.
+    pub(super) fn expected(&self) -> f64 {
+        self.expected
     }
 
     /// Number of rows present.
@@ -70,6 +94,15 @@ impl Whitening {
     /// Returns the directions of the lost rows.
     pub(super) fn directions(&self) -> impl Iterator<Item = &[f64]> {
         self.directions.chunks_exact(self.rows)
+    }
+
+    /// Expected square of whitened noise along a unit vector.
+    fn expected_along(&self, direction: &[f64]) -> f64 {
+        let of_row = |(j, variance): (usize, &f64)| {
+            let column = (j..self.rows).map(|i| self.packed[i * (i + 1) / 2 + j] * direction[i]);
+            variance * column.sum::<f64>().powi(2)
+        };
+        self.variances.iter().enumerate().map(of_row).sum()
     }
 
     /// Sets the lost rows and returns whether they have changed.
@@ -103,6 +136,9 @@ impl Whitening {
                 self.directions.truncate(from);
             }
         }
+        let lost: f64 =
+            self.directions.chunks_exact(self.rows).map(|u| self.expected_along(u)).sum();
+        self.expected = self.expected_of_all - lost;
         true
     }
 }
@@ -141,10 +177,12 @@ mod tests {
         assert!(whitening.lose(&lost));
         assert!(!whitening.lose(&lost));
         assert_eq!(whitening.present(), 9);
+        let expected = whitening.expected();
         let kept: Vec<usize> = (0..n).filter(|i| !lost.contains(i)).collect();
         let of_kept = |v: &[f64]| -> Vec<f64> { kept.iter().map(|&i| v[i]).collect() };
         let unknowns = Mat::from_fn(9, k, |i, j| unknowns[(kept[i], j)]);
         let without = Whitening::new(&of_kept(&variances), unknowns.as_ref()).unwrap();
+        assert!((expected / without.expected() - 1.0).abs() < 1e-11);
         for _ in 0..5 {
             let x: Vec<f64> = (0..n).map(|_| random.normal()).collect();
             let (mut y, mut z) = (vec![0.0; n], vec![0.0; 9]);

@@ -22,6 +22,12 @@ fn choices(rows: &[Measured]) -> Vec<BudgetChoice<'_>> {
     BUDGETS_S.into_iter().flat_map(of).collect()
 }
 
+/// The best solver within the largest budget, live or for recordings.
+pub(super) fn best_of(rows: &[Measured], is_live: bool) -> Option<&Measured> {
+    let time_s = BUDGETS_S.into_iter().fold(0.0, f64::max);
+    best(rows.iter(), Budget { time_s, is_live })
+}
+
 pub(super) const HEAD: [&str; 8] =
     ["ms a frame", "for", "solver", "pixels", "gap", "error", "takes, ms", "of it the solver"];
 

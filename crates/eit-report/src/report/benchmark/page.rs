@@ -93,7 +93,21 @@ fn lead(results: &BenchmarkResults, settings: &BenchmarkSettings<'_>, incomplete
         true => ". Quick: fewer frames, pixels, gaps and meshes",
         false => "",
     };
-    format!("{incomplete}{subject}. {}{quick}.", settings.roofline.machine.words())
+    let result = measured(results).next().and_then(result).unwrap_or_default();
+    format!("{incomplete}{result}{subject}. {}{quick}.", settings.roofline.machine.words())
+}
+
+/// The result of a scene in a sentence: the smallest errors within the largest budget.
+fn result(scene: &ImageResults) -> Option<String> {
+    let of = |(is_live, kind): (bool, &str)| {
+        let best = budgets::best_of(&scene.rows, is_live)?;
+        let (percent, ms) = (100.0 * best.relative_error, best.cost_ms_a_frame);
+        Some(format!("{percent:.0} % {kind} by {} in {ms:.1} ms a frame", best.label()))
+    };
+    let found: Vec<String> =
+        [(true, "live"), (false, "for recordings")].into_iter().filter_map(of).collect();
+    let name = scene.case.name;
+    (!found.is_empty()).then(|| format!("{name}: relative error {}. ", found.join(", ")))
 }
 
 /// The same sections as a page and as Markdown.
@@ -117,7 +131,16 @@ impl Document {
     fn add_results(&mut self, results: &BenchmarkResults, tables: &Tables) {
         let Tables { choices, plans, chosen_meshes, meshes } = tables;
         if measured(results).next().is_some() {
-            self.add("Which solver for which time", vec![choices.block()], choices);
+            // the result as a picture comes first, and stays with the page where the folder is lost
+            let first = measured(results).next().and_then(|scene| scene.pictures.first());
+            let caption = "Error against time of every solver on the first scene";
+            let embed = |picture: &Picture| Block::Picture {
+                bytes: picture.bytes.clone(),
+                caption: caption.to_owned(),
+            };
+            let mut blocks: Vec<Block> = first.map(embed).into_iter().collect();
+            blocks.push(choices.block());
+            self.add("Which solver for which time", blocks, choices);
         }
         if !results.images.is_empty() {
             self.add("What the plan promised", vec![plans.block()], plans);
@@ -163,7 +186,7 @@ fn write_tables(
 }
 
 fn block(picture: &Picture, caption: &str) -> Block {
-    Block::Picture { bytes: picture.bytes.clone(), caption: caption.to_owned() }
+    Block::File { name: picture.file.to_owned(), caption: caption.to_owned() }
 }
 
 fn forward_picture(results: &ForwardResults) -> Option<Block> {

@@ -1,0 +1,161 @@
+//! Recordings that are started and stopped on the live page.
+
+use super::record;
+use crate::error::CliError;
+use eit_hw::HwError;
+use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
+use eit_hw::driver::Event;
+use eit_publish::{Publisher, Recording};
+use eit_report::watched::record_of;
+use eit_skin::live::LiveFrame;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Writes recordings beside the scene while the page wants them. A recording that fails, for example because the disk
+/// is full, ends; the view goes on, and the page says why.
+pub(super) struct PageRecorder {
+    /// Folder and first part of the file names.
+    folder: PathBuf,
+    stem: String,
+    session: SessionRecord,
+    writer: Option<(PathBuf, CaptureWriter)>,
+    /// Recording of `--record`, which the page cannot stop.
+    fixed: Option<PathBuf>,
+}
+
+impl PageRecorder {
+    /// For a scene file, or a built-in scene, whose recordings go to the working directory. `fixed` is the file of
+    /// `--record`.
+    pub fn new(scene: &str, session: SessionRecord, fixed: Option<PathBuf>) -> Self {
+        let path = Path::new(scene);
+        let stem = path.file_stem().map_or_else(|| "skin".into(), |stem| stem.to_string_lossy());
+        let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
+        Self { folder, stem: stem.into_owned(), session, writer: None, fixed }
+    }
+
+    /// Tells the page what is recorded.
+    pub fn tell(&self, publisher: &Publisher) -> Result<(), CliError> {
+        let (file, can_stop) = match (&self.writer, &self.fixed) {
+            (Some((file, _)), _) => (file, true),
+            (None, Some(file)) => (file, false),
+            (None, None) => return Ok(publisher.recording(Recording::Off { file: None })?),
+        };
+        Ok(publisher.recording(Recording::On { file: &file.display().to_string(), can_stop })?)
+    }
+
+    /// Does what the page asked for, and records an event.
+    pub fn event(&mut self, event: &Event, publisher: &Publisher) -> Result<(), CliError> {
+        self.follow(publisher)?;
+        self.write(publisher, |writer| record::write_event(writer, event))
+    }
+
+    /// Does what the page asked for, and saves what has been waiting for long.
+    pub fn idle(&mut self, publisher: &Publisher) -> Result<(), CliError> {
+        self.follow(publisher)?;
+        self.write(publisher, CaptureWriter::tick)
+    }
+
+    /// Records the touches of a frame.
+    pub fn touches(
+        &mut self,
+        shown: &LiveFrame<'_>,
+        publisher: &Publisher,
+    ) -> Result<(), CliError> {
+        match shown.touches {
+            [] => Ok(()),
+            _ => self.write(publisher, |writer| writer.touches(&record_of(shown))),
+        }
+    }
+
+    /// Ends the recording, if there is one.
+    pub fn stop(&mut self, publisher: &Publisher) -> Result<(), CliError> {
+        let Some((file, writer)) = self.writer.take() else { return Ok(()) };
+        match writer.finish() {
+            Ok(()) => {
+                let file = file.display().to_string();
+                eprintln!("eit: recorded: {file}");
+                Ok(publisher.recording(Recording::Off { file: Some(&file) })?)
+            }
+            Err(error) => fail(&file, &error, publisher),
+        }
+    }
+
+    fn follow(&mut self, publisher: &Publisher) -> Result<(), CliError> {
+        match publisher.recording_request() {
+            Some(true) if self.writer.is_none() && self.fixed.is_none() => self.start(publisher),
+            Some(false) if self.writer.is_some() => self.stop(publisher),
+            // pages that asked twice, or for what is already so, get the state again
+            Some(_) => self.tell(publisher),
+            None => Ok(()),
+        }
+    }
+
+    fn start(&mut self, publisher: &Publisher) -> Result<(), CliError> {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let file = self.folder.join(format!("{}-{}.mcap", self.stem, time_words(since.as_secs())));
+        match CaptureWriter::create(&file, &self.session, CaptureSettings::default()) {
+            Ok(mut writer) => match writer.note("started on the live page") {
+                Ok(()) => self.writer = Some((file, writer)),
+                Err(error) => return fail(&file, &error, publisher),
+            },
+            Err(error) => return fail(&file, &error, publisher),
+        }
+        self.tell(publisher)
+    }
+
+    fn write(
+        &mut self,
+        publisher: &Publisher,
+        what: impl FnOnce(&mut CaptureWriter) -> Result<(), HwError>,
+    ) -> Result<(), CliError> {
+        let Some((file, writer)) = &mut self.writer else { return Ok(()) };
+        let Err(error) = what(writer) else { return Ok(()) };
+        let file = std::mem::take(file);
+        self.writer = None;
+        fail(&file, &error, publisher)
+    }
+}
+
+/// Tells page and terminal that a recording has failed.
+fn fail(file: &Path, error: &HwError, publisher: &Publisher) -> Result<(), CliError> {
+    let error = format!("{}: {error}", file.display());
+    eprintln!("eit: note: the recording of the live page has failed: {error}");
+    Ok(publisher.recording(Recording::Failed { error: &error })?)
+}
+
+/// UTC date and time of a number of seconds since 1970, fit for a file name: 2026-11-23T130503Z.
+fn time_words(seconds: u64) -> String {
+    let (days, of_day) = (seconds / 86_400, seconds % 86_400);
+    // years from March, so that leap days come last (H. Hinnant, "chrono-compatible low-level date algorithms")
+    let from_march = days + 719_468;
+    let (era, of_era) = (from_march / 146_097, from_march % 146_097);
+    let year = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year + year / 4 - year / 100);
+    let month = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * month + 2) / 5 + 1;
+    let (month, next) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
+    let year = 400 * era + year + next;
+    let [hour, minute, second] = [of_day / 3_600, of_day / 60 % 60, of_day % 60];
+    format!("{year:04}-{month:02}-{day:02}T{hour:02}{minute:02}{second:02}Z")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_of_leap_years_and_ends_of_years() {
+        // from `date -u -d @N`
+        for (seconds, wanted) in [
+            (0, "1970-01-01T000000Z"),
+            (951_782_399, "2000-02-28T235959Z"),
+            (951_825_661, "2000-02-29T120101Z"),
+            (1_709_251_199, "2024-02-29T235959Z"),
+            (1_709_251_200, "2024-03-01T000000Z"),
+            (1_798_761_599, "2026-12-31T235959Z"),
+            (4_107_542_400, "2100-03-01T000000Z"),
+        ] {
+            assert_eq!(time_words(seconds), wanted);
+        }
+    }
+}
