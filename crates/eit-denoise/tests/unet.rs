@@ -285,6 +285,21 @@ fn bad_images_are_refused_and_leave_the_sequence_as_it_was() {
     let other = ImageStack::new(Array3::zeros((1, 16, 16)), Array2::from_elem((16, 16), true));
     says(net.denoise(&other.unwrap()).map(|_| NetStatus::Zero), "of another skin");
 
+    // in a stack the flat frame stays as it is, and the net does not see it
+    let mut three = frames.clone();
+    three.index_axis_mut(Axis(0), 1).fill(2.5);
+    three.index_axis_mut(Axis(0), 2).assign(&frame(1));
+    let stack = ImageStack::new(three, mask.clone()).unwrap();
+    let made = net.clone().denoise(&stack).unwrap();
+    let inside = |f: usize| {
+        let image = made.frame(f).unwrap();
+        let pixels = image.iter().zip(&mask).filter(|(_, inside)| **inside);
+        pixels.map(|(value, _)| value.to_bits()).collect::<Vec<_>>()
+    };
+    assert!(inside(1).iter().all(|bits| f64::from_bits(*bits) == 2.5));
+    let pixels = wanted.iter().zip(&mask).filter(|(_, inside)| **inside);
+    assert_eq!(inside(2), pixels.map(|(value, _)| value.to_bits()).collect::<Vec<_>>());
+
     net.push_into(frame(1), out.view_mut()).unwrap();
     let bits = |a: &Array2<f64>| a.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(&out), bits(&wanted));

@@ -284,7 +284,9 @@ impl Denoiser {
     }
 
     /// Cleans a whole sequence from its start: `raw` images, the `others` that the net sees beside
-    /// them, each [frame, row, column], and `conditions` [frame, condition], `None` for none.
+    /// them, each [frame, row, column], and `conditions` [frame, condition], `None` for none. A raw image of
+    /// one value other than zero, as total variation may make of noise, stays as it is, and the net does not
+    /// see it.
     ///
     /// # Errors
     /// Those of [`Denoiser::push_frame_into`]; [`DenoiseError::MaskMismatch`] for the images of
@@ -318,7 +320,17 @@ impl Denoiser {
             images.push(raw.frame(frame)?);
             images.extend(others.iter().map(|o| o.index_axis_move(Axis(0), frame)));
             let of_frame = conditions.map_or(Vec::new(), |all| all.row(frame).to_vec());
-            self.push_frame_into(NetFrame { images: &images, conditions: &of_frame }, out)?;
+            match self.push_frame_into(NetFrame { images: &images, conditions: &of_frame }, out) {
+                // `out` still has the raw image
+                Err(DenoiseError::InFrame { error, .. })
+                    if matches!(*error, DenoiseError::ConstantImage { .. }) =>
+                {
+                    self.pushed += 1;
+                }
+                made => {
+                    made?;
+                }
+            }
         }
         ImageStack::new(values, self.mask.clone())
     }
