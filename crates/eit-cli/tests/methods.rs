@@ -344,7 +344,7 @@ fn touches_are_written_where_the_noise_is_known() {
         assert_eq!(
             rows[0].join(","),
             "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_std,confidence,std_x,std_y,vx,vy,\
-             valid,whole,force_n,force_std_n,unlike"
+             valid,whole,force_n,force_std_n,unlike,nx,ny,nz"
         );
         assert!(rows.iter().all(|row| row.len() == rows[0].len()));
         // a touch this strong is accepted at once
