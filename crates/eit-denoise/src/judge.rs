@@ -4,6 +4,11 @@ use crate::model_error::ModelErrorNorm;
 use crate::{DataConsistency, DataMisfit, DenoiseError, Weights};
 use ndarray::ArrayView2;
 
+/// Largest part of the data's energy that a correct image leaves on a skin whose model error the weights do not
+/// know: on six simulated recordings true images left 4 to 29 % in the median and up to 35 % in nine frames of
+/// ten; images of the wrong sign leave all of it and more.
+const SHARE_OF_OTHER_SKINS: f64 = 0.66;
+
 /// Compares a net's image with the raw one by what each leaves of the measurements, in units of noise and
 /// model error.
 #[derive(Debug, Clone)]
@@ -18,7 +23,7 @@ pub struct Judge {
 enum Rule {
     /// Weights that know the model error of their skin.
     ModelError(Box<ModelErrorNorm>),
-    /// Older weights: the largest part of the data's energy that a correct image leaves.
+    /// Older weights, and other skins: the largest part of the data's energy that a correct image leaves.
     Share(f64),
     /// Weights that know neither.
     None,
@@ -49,7 +54,7 @@ pub struct Judgement {
 
 impl Judge {
     /// Prepares the rule of these weights; see [`DataConsistency::new`] for the other arguments. A model
-    /// error for another number of measurements is not used.
+    /// error for another number of measurements is not used; a share of the data's energy takes its place.
     ///
     /// # Errors
     /// Those of [`DataConsistency::new`] and [`ModelErrorNorm::new`].
@@ -63,7 +68,10 @@ impl Judge {
         let error = weights.model_error.as_ref();
         let rule = match error.filter(|error| error.directions.ncols() == noise_std.len()) {
             Some(error) => Rule::ModelError(Box::new(ModelErrorNorm::new(error)?)),
-            None => weights.misfit_limit().map_or(Rule::None, Rule::Share),
+            None => {
+                let other = error.map(|_| SHARE_OF_OTHER_SKINS);
+                weights.misfit_limit().or(other).map_or(Rule::None, Rule::Share)
+            }
         };
         let (noise_std, left) = (noise_std.to_vec(), vec![0.0; noise_std.len()]);
         Ok(Self { consistency, rule, noise_std, left })

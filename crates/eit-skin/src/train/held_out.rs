@@ -13,8 +13,9 @@ use serde_json::{Value, json};
 /// Rejected images that are worse than the raw ones, for each that is better.
 const RIGHT_TO_WRONG: usize = 6;
 /// Part of the held-out images better than the raw ones that the judge may reject where it cannot keep
-/// [`RIGHT_TO_WRONG`].
-const NOT_BELIEVED: f64 = 0.002;
+/// [`RIGHT_TO_WRONG`]. Data of the wrong sign leaves 0.28 and more of its energy to the shipped net's images;
+/// with a fifth of this part the limit was 0.31.
+const NOT_BELIEVED: f64 = 0.01;
 /// Least and largest limit: an empty image, which leaves everything, is above the largest.
 const LIMITS: [f64; 2] = [0.05, 0.6];
 /// Frames whose truth has less than this part of the largest energy of their sequence are not counted.
@@ -262,7 +263,7 @@ mod tests {
     }
 
     /// Eleven worse images above two better ones: the limit keeps the second better one, since two wrong
-    /// rejections need twelve right ones. Without worse images, all better ones are kept.
+    /// rejections need twelve right ones. Without worse images, one better one in a hundred is rejected.
     #[test]
     fn the_limit_rejects_mostly_rightly() {
         let mut frames: Vec<Known> =
@@ -274,7 +275,7 @@ mod tests {
         frames.push(known(0.55, true));
         assert_eq!(limit(frames.iter()), Some(0.001 * 99.0));
         let better: Vec<Known> = (0..100).map(|k| known(0.002 * f64::from(k), false)).collect();
-        assert_eq!(limit(better.iter()), Some(0.002 * 99.0));
+        assert_eq!(limit(better.iter()), Some(0.002 * 98.0));
         assert_eq!(limit([].iter()), None);
         assert_eq!(limit([known(0.9, false)].iter()), Some(LIMITS[1]));
     }
