@@ -8,7 +8,8 @@ use burn::tensor::Device;
 use std::collections::BTreeMap;
 
 impl Unet {
-    /// Loads a weights file, including the shipped ones, with burn's SafeTensors store.
+    /// Loads a weights file, including the shipped ones, with burn's SafeTensors store. A model error in the
+    /// file is left out.
     ///
     /// # Errors
     /// Those of [`Weights::from_bytes`], and [`DenoiseError::Burn`].
@@ -59,7 +60,8 @@ impl Unet {
         store.get_bytes().map_err(|e| DenoiseError::burn(&e))
     }
 
-    /// Converts it to weights for [`crate::Denoiser`].
+    /// Converts it to weights for [`crate::Denoiser`], without a [`Weights::model_error`], which a module does
+    /// not hold: set it again from the weights that it was loaded from.
     ///
     /// # Errors
     /// Those of [`Unet::to_bytes`] and [`Weights::from_bytes`].
