@@ -27,8 +27,8 @@ const MAP_GROWTH: f64 = 2.0;
 const IMAGE_SHARE: f64 = 0.15;
 const PROOF_SHARE: f64 = 0.55;
 /// Smallest target gap for which the larger steps pay. Below it, the image takes longer than the bound:
-/// the reference problems need 2 207 and 2 687 iterations to 1e-4 with the larger steps, 666 and some
-/// 1 400 without.
+/// the reference problems need 2 207 and 2 687 iterations to 1e-4 with the larger steps, 666 and 1 305
+/// without.
 const PROOF_GAP: f64 = 3e-4;
 /// Number of iterations after which the least step of the map grows in proportion to the iterations:
 /// errors where the image is flat are the last to vanish, and small steps keep them.

@@ -226,12 +226,10 @@ impl Trial<'_> {
                 break;
             }
             let aim = crossing - 0.5 * ACCURACY;
-            // a secant that keeps one end for ever would narrow the interval from one side only
-            let aim = if trial % 2 == 1 && !(0.25..=0.75).contains(&(aim / width)) {
-                0.5 * width
-            } else {
-                aim
-            };
+            // a secant that keeps one end for ever would narrow the interval from one side only; a residual of
+            // zero has no logarithm
+            let is_lopsided = trial % 2 == 1 && !(0.25..=0.75).contains(&(aim / width));
+            let aim = if is_lopsided || !aim.is_finite() { 0.5 * width } else { aim };
             let middle = self.solve(low.lambda_space * aim.exp())?;
             if middle.residual_norm < 1.0 {
                 low = middle;
