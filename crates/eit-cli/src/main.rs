@@ -11,6 +11,7 @@ mod cli;
 mod commands;
 mod defaults;
 mod error;
+mod events;
 mod interrupt;
 mod progress;
 mod terminal;
@@ -36,6 +37,7 @@ fn main() -> ExitCode {
         }
     };
     terminal::set(&cli);
+    events::show();
     let result: Result<Ended, CliError> = match &cli.command {
         Command::Demo(args) => commands::demo::run(args, cli.json).map(Ended::from),
         Command::Plan(args) => commands::plan::run(args).map(Ended::from),

@@ -4,6 +4,7 @@ use crate::terminal;
 use eit_skin::words::printable;
 use eit_skin::{Observer, Progress};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 /// Terminal width below which a bar has no room next to its text.
@@ -13,12 +14,19 @@ const NARROW: u16 = 60;
 pub(crate) fn terminal() -> Progress {
     match terminal::is_quiet() {
         true => Progress::silent(),
-        false => Progress::new(Box::new(Bars::default())),
+        false => Progress::new(Box::new(Bars { all: BARS.clone(), current: None, stage: None })),
     }
 }
 
+/// All bars; the program has one terminal.
+static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
+
+/// Runs what prints on stderr while the bars are away.
+pub(crate) fn above<T>(print: impl FnOnce() -> T) -> T {
+    BARS.suspend(print)
+}
+
 /// One bar per line of work, on stderr, if that is a terminal.
-#[derive(Default)]
 struct Bars {
     all: MultiProgress,
     current: Option<ProgressBar>,

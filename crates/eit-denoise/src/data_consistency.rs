@@ -26,6 +26,7 @@ pub struct DataConsistency {
 
 /// Energies of a frame in units of the noise: sums of squares over the used measurements.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DataMisfit {
     /// `|W^1/2 dv|^2`.
     pub data: f64,

@@ -1,7 +1,8 @@
 //! Images on one raster with one mask: inputs and results of denoisers.
 
 use crate::DenoiseError;
-use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
+use ndarray::iter::AxisIter;
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, Ix2};
 
 /// Images [frame, row, column] of one skin, row 0 at the top (largest y), with the mask of pixels
 /// that lie on the skin.
@@ -11,6 +12,19 @@ use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
 /// values (siemens for a change of conductivity).
 ///
 /// Because of the NaN values, a stack is not equal to itself; compare pixels inside the mask.
+///
+/// ```
+/// use eit_denoise::ImageStack;
+/// use ndarray::{Array2, Array3};
+///
+/// // three images of 4 x 4 pixels, the corner pixel off the skin
+/// let mut mask = Array2::from_elem((4, 4), true);
+/// mask[[0, 0]] = false;
+/// let stack = ImageStack::new(Array3::zeros((3, 4, 4)), mask)?;
+/// assert_eq!((stack.frames(), stack.rows(), stack.columns()), (3, 4, 4));
+/// assert!(stack.frame(0)?[[0, 0]].is_nan());
+/// # Ok::<(), eit_denoise::DenoiseError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct ImageStack {
     values: Array3<f64>,
@@ -96,5 +110,26 @@ impl ImageStack {
     /// Returns the values [frame, row, column] and the mask [row, column].
     pub fn into_parts(self) -> (Array3<f64>, Array2<bool>) {
         (self.values, self.mask)
+    }
+}
+
+/// Images [row, column] in order.
+///
+/// ```
+/// use eit_denoise::ImageStack;
+/// use ndarray::{Array2, Array3};
+///
+/// let stack = ImageStack::new(Array3::zeros((3, 4, 4)), Array2::from_elem((4, 4), true))?;
+/// for image in &stack {
+///     assert_eq!(image.dim(), (4, 4));
+/// }
+/// # Ok::<(), eit_denoise::DenoiseError>(())
+/// ```
+impl<'a> IntoIterator for &'a ImageStack {
+    type Item = ArrayView2<'a, f64>;
+    type IntoIter = AxisIter<'a, f64, Ix2>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.values.outer_iter()
     }
 }

@@ -31,6 +31,7 @@ enum Rule {
 
 /// Which image of a frame to show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Verdict {
     /// The net's: it explains the measurements, or the weights have no rule to judge it by.
     #[default]
@@ -43,6 +44,8 @@ pub enum Verdict {
 
 /// A verdict with its scores: an image explains its measurements up to a score of 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Judgement {
     /// Which image to show.
     pub verdict: Verdict,

@@ -128,7 +128,8 @@ impl LearningBase {
     /// # Errors
     /// [`DenoiseError::OtherSettings`] for a folder with another base, [`DenoiseError::Io`],
     /// [`DenoiseError::InFile`] for a damaged manifest.
-    pub fn create(folder: &Path, settings: &BaseSettings) -> Result<Self, DenoiseError> {
+    pub fn create(folder: impl AsRef<Path>, settings: &BaseSettings) -> Result<Self, DenoiseError> {
+        let folder = folder.as_ref();
         Self::start(folder, settings, None)
     }
 
@@ -137,10 +138,11 @@ impl LearningBase {
     /// # Errors
     /// Those of [`LearningBase::create`].
     pub fn create_part(
-        folder: &Path,
+        folder: impl AsRef<Path>,
         settings: &BaseSettings,
         part: Part,
     ) -> Result<Self, DenoiseError> {
+        let folder = folder.as_ref();
         Self::start(folder, settings, Some(part))
     }
 
@@ -183,7 +185,8 @@ impl LearningBase {
     ///
     /// # Errors
     /// [`DenoiseError::Io`], [`DenoiseError::InFile`].
-    pub fn open(folder: &Path) -> Result<Self, DenoiseError> {
+    pub fn open(folder: impl AsRef<Path>) -> Result<Self, DenoiseError> {
+        let folder = folder.as_ref();
         let mut found = manifests(folder)?.into_iter();
         let first = found.next().unwrap_or_else(|| folder.join(MANIFEST));
         let mut manifest = Manifest::read(&first)?;

@@ -2,6 +2,10 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
 #[cfg(feature = "unet")]
+#[macro_use]
+mod trace;
+
+#[cfg(feature = "unet")]
 mod data_consistency;
 mod error;
 #[cfg(feature = "base")]
@@ -25,6 +29,9 @@ mod train;
 mod train_settings;
 #[cfg(feature = "unet")]
 mod unet;
+
+/// ndarray, in the version of this crate's interface.
+pub use ndarray;
 
 /// burn, in the version that this crate's nets and devices use.
 #[cfg(feature = "burn")]

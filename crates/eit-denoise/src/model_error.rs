@@ -18,6 +18,7 @@ const SWEEPS: usize = 30;
 /// `|dv|^2 (U' U + floor I)`, learnt from true images `x` as the second moment of `(dv - J x) / |dv|`
 /// (the approximation error approach: Kaipio and Somersalo, J. Comput. Appl. Math. 198:493, 2007).
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ModelError {
     /// `U` [direction, measurement]: eigenvectors times the roots of their eigenvalues.
     pub directions: Array2<f32>,

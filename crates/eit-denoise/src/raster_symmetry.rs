@@ -4,6 +4,7 @@ use ndarray::ArrayView2;
 
 /// One of the eight symmetries of a square raster, for data augmentation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RasterSymmetry {
     /// Whether the new x axis is the old y axis.
     swapped: bool,

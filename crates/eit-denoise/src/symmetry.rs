@@ -107,6 +107,7 @@ impl MeasurementOrder {
 
 /// A symmetry of a disc with equally spaced electrodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DiscSymmetry {
     /// Rotation in electrodes, in the direction of their numbers.
     pub steps: u32,

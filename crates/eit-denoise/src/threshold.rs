@@ -10,7 +10,23 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Axis};
 /// Only increases of conductivity are kept, which pressure causes on the paper's fabric; negate the
 /// images if touches lower the conductivity. The result is not the truth: a finger on the rim is
 /// lost, and so is the weaker of two fingers if it stays below the share.
+///
+/// ```
+/// use eit_denoise::ThresholdRule;
+/// use ndarray::Array2;
+///
+/// let mask = Array2::from_elem((32, 32), true);
+/// let mut threshold = ThresholdRule::default().on(mask.view())?;
+/// let mut image = Array2::zeros((32, 32));
+/// image.slice_mut(ndarray::s![10..15, 16..21]).fill(2.0);
+/// image[[20, 20]] = 0.1; // weak: removed
+/// let mut kept = Array2::zeros((32, 32));
+/// threshold.apply_into(image.view(), kept.view_mut())?;
+/// assert_eq!(kept.sum(), 50.0);
+/// # Ok::<(), eit_denoise::DenoiseError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThresholdRule {
     /// Width of the removed ring in steps to one of eight neighbours. The paper states none; 4 of 64
     /// pixels matches its figures.

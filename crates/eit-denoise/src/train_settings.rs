@@ -6,6 +6,11 @@ use std::str::FromStr;
 
 /// Training settings.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct TrainSettings {
     /// Seed of the order of the examples.
     pub seed: u64,
@@ -49,6 +54,8 @@ impl TrainSettings {
 /// One epoch of the learning curve. Errors are weighted mean squared errors, relative to the
 /// reference errors of [`crate::Examples::new`].
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Epoch {
     /// Index of the epoch, from 0.
     pub epoch: usize,
@@ -62,6 +69,7 @@ pub struct Epoch {
 
 /// State of a training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TrainStatus {
     /// Another epoch follows.
     Running,
@@ -75,6 +83,7 @@ pub enum TrainStatus {
 /// device can be resumed on another, and the results agree to rounding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TrainDevice {
     /// The processor.
     #[default]

@@ -26,6 +26,7 @@ use std::f64::consts::PI;
 
 /// Series solution for a homogeneous disc with rim electrodes of equal width.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DiscSeries {
     /// Radius, metres.
     pub radius_m: f64,

@@ -1,6 +1,9 @@
 #![doc = include_str!("../README.md")]
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
+#[macro_use]
+mod trace;
+
 #[cfg(feature = "complex")]
 mod admittivity;
 pub mod analytic;
@@ -15,6 +18,9 @@ mod protocol;
 mod solve;
 pub mod sparse;
 mod vector;
+
+/// ndarray, in the version of this crate's interface.
+pub use ndarray;
 
 #[cfg(feature = "complex")]
 pub use admittivity::{

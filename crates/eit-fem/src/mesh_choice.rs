@@ -50,6 +50,7 @@ const FLOPS_OF_A_BYTE: f64 = 5.0;
 
 /// Required accuracy of the voltages.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum RequiredAccuracy {
     /// Largest error of any voltage, relative to the largest voltage.
     Relative(f64),
@@ -100,6 +101,8 @@ pub struct MeshSearch<'a> {
 
 /// One trial of a search: a mesh with elements of one order.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct MeshTrial {
     /// Number of nodes of the mesh.
     pub nodes: usize,
@@ -126,6 +129,8 @@ impl MeshTrial {
 
 /// Result of a mesh search.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct ChosenMesh {
     /// The chosen mesh.
     pub mesh: Mesh,
@@ -143,6 +148,8 @@ pub struct ChosenMesh {
 
 /// Estimated discretisation error of one mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Estimate {
     /// Error of the voltages, relative to the largest.
     pub error: f64,

@@ -41,6 +41,8 @@ const TRANSMIT_BUFFER: usize = 1024;
 
 /// Counts kept by an emulator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct EmulatorStatistics {
     /// Bytes sent, after faults.
     pub sent: u64,
@@ -58,6 +60,19 @@ struct Counters {
 }
 
 /// A running emulator; dropping it unplugs the instrument.
+///
+/// ```
+/// use eit_hw::driver::Board;
+/// use eit_hw::emulator::{BoardDevice, Emulator, FaultPlan, Listen};
+///
+/// let board = Board::preset("serial-16")?;
+/// let device = BoardDevice::new(board, 50.0, Box::new(|_, _, values| values.fill(0.5)));
+/// let listen = Listen::Tcp("127.0.0.1:0".into());
+/// let mut emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default())?;
+/// println!("connect to {}", emulator.endpoint());
+/// emulator.stop();
+/// # Ok::<(), eit_hw::HwError>(())
+/// ```
 #[derive(Debug)]
 pub struct Emulator {
     endpoint: Endpoint,

@@ -8,6 +8,7 @@ use crate::recording::hint::CountHint;
 
 /// Position in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum At {
     /// No particular position.
     File,
@@ -19,6 +20,7 @@ pub enum At {
 
 /// A file and a position in it: `press.csv, line 3`.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Place {
     /// Path of the file, as the caller gave it.
     pub path: PathBuf,

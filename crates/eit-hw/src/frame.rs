@@ -14,9 +14,26 @@ pub(crate) fn unsigned([a, b, m, n]: Quadruple) -> (Quadruple, f64) {
 }
 
 /// One complete set of measurements, in the order of the scene's protocol.
+///
+/// ```
+/// use eit_hw::{Frame, Quality};
+///
+/// let frame = Frame {
+///     values: vec![1.2e-3, 0.0],
+///     imaginary: None,
+///     quality: vec![Quality::GOOD, Quality::OPEN],
+///     sequence: 0,
+///     epoch: 0,
+///     device_time_s: None,
+///     host_time_s: None,
+/// };
+/// assert_eq!(frame.quality.iter().filter(|quality| quality.is_good()).count(), 1);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Frame {
     /// Value of each measurement, in the unit of the recording or instrument.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::nan_list"))]
     pub values: Vec<f64>,
     /// Imaginary part of each measurement, of the same length as `values`, which then holds the
     /// real parts; `None` for real measurements.
@@ -47,6 +64,11 @@ pub struct Frame {
 /// assert_eq!(quality.to_string(), "saturated, open");
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "u16", into = "u16")
+)]
 pub struct Quality(u16);
 
 impl Quality {
@@ -105,6 +127,70 @@ impl Quality {
             index += 1;
         }
         if bits & !known == 0 { Some(Self(bits)) } else { None }
+    }
+}
+
+/// Bits in use, for the flags' numbers in a log; see [`Quality::bits`].
+impl fmt::Binary for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Binary::fmt(&self.0, f)
+    }
+}
+
+impl fmt::Octal for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Octal::fmt(&self.0, f)
+    }
+}
+
+impl fmt::LowerHex for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::LowerHex::fmt(&self.0, f)
+    }
+}
+
+impl fmt::UpperHex for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::UpperHex::fmt(&self.0, f)
+    }
+}
+
+/// The flags' [`bits`](Quality::bits).
+impl From<Quality> for u16 {
+    fn from(quality: Quality) -> Self {
+        quality.0
+    }
+}
+
+/// Fails with the bits if one of them is not a flag, like [`Quality::from_bits`].
+impl TryFrom<u16> for Quality {
+    type Error = UnknownFlags;
+
+    fn try_from(bits: u16) -> Result<Self, UnknownFlags> {
+        Self::from_bits(bits).ok_or(UnknownFlags { bits })
+    }
+}
+
+/// Bits that are not all flags of [`Quality`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the bits {bits:#b} contain a flag of quality that does not exist")]
+#[non_exhaustive]
+pub struct UnknownFlags {
+    /// The bits.
+    pub bits: u16,
+}
+
+/// All flags of several measurements together.
+///
+/// ```
+/// use eit_hw::Quality;
+/// let all: Quality = [Quality::OPEN, Quality::GOOD, Quality::STUCK].into_iter().collect();
+/// assert_eq!(all, Quality::OPEN | Quality::STUCK);
+/// assert_eq!(format!("{all:#08b} {all:#x}"), "0b000110 0x6");
+/// ```
+impl FromIterator<Quality> for Quality {
+    fn from_iter<I: IntoIterator<Item = Self>>(flags: I) -> Self {
+        flags.into_iter().fold(Self::GOOD, |all, flag| all | flag)
     }
 }
 

@@ -1,6 +1,11 @@
 #![doc = include_str!("../README.md")]
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
+#[macro_use]
+mod trace;
+
+#[cfg(feature = "serde")]
+mod absent;
 #[cfg(feature = "mcap")]
 pub mod capture;
 pub mod codec;
@@ -14,8 +19,11 @@ mod recording;
 mod regular;
 mod transport;
 
+/// ndarray, in the version of this crate's interface.
+pub use ndarray;
+
 pub use error::{At, HwError, Place};
-pub use frame::{Frame, Quadruple, Quality};
+pub use frame::{Frame, Quadruple, Quality, UnknownFlags};
 pub use health::{
     ElectrodeHealth, Finding, HealthReport, Resolution, Severity, StreamFacts, Trouble, Verdict,
     check_health,

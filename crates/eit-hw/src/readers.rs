@@ -28,6 +28,11 @@ pub(crate) const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
 /// Options of all readers; each reader uses its own.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct ReadOptions {
     /// `[recording] frames_are`: the layout of frames, for [`Format::Csv`] and [`Format::Npy`];
     /// rejected for other formats. `None` defers to `csv` and `npy`.
@@ -95,10 +100,11 @@ impl ReadOptions {
 /// Any [`HwError`] of the reader; [`HwError::Unrecognised`] and [`HwError::Ambiguous`];
 /// [`HwError::UnusedKey`] if the options describe the layout of a table but the format is not one.
 pub fn read_recording(
-    path: &Path,
+    path: impl AsRef<Path>,
     format: Option<Format>,
     options: &ReadOptions,
 ) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     if path.is_dir() {
         let format = match format {
             Some(format) => format,

@@ -9,7 +9,8 @@ use crate::error::{HwError, Place};
 ///
 /// # Errors
 /// [`HwError::Read`] if it cannot be opened, and [`HwError::NotAFile`].
-pub fn regular_file(path: &Path) -> Result<File, HwError> {
+pub fn regular_file(path: impl AsRef<Path>) -> Result<File, HwError> {
+    let path = path.as_ref();
     let failed = |source| HwError::Read { place: Place::file(path), source };
     // checked before opening: opening a pipe without a writer would block forever
     if !std::fs::metadata(path).map_err(failed)?.is_file() {

@@ -273,8 +273,7 @@ fn frames_one_by_one_are_those_of_the_recording() {
         (named, Some(&quadruples), 2),
     ] {
         recording.layout = layout;
-        let map =
-            FrameMap::new(&recording.layout, 3, quadruples, count, "stream".as_ref()).unwrap();
+        let map = FrameMap::new(&recording.layout, 3, quadruples, count, "stream").unwrap();
         assert_eq!((map.measurements(), map.value_count()), (count, 3));
         for component in
             [Component::Real, Component::Imaginary, Component::Magnitude, Component::Phased]
@@ -309,7 +308,7 @@ fn frames_one_by_one_are_those_of_the_recording() {
 
 #[test]
 fn a_map_refuses_what_does_not_fit() {
-    let map = FrameMap::new(&Layout::ProtocolOrder, 2, None, 2, "stream".as_ref()).unwrap();
+    let map = FrameMap::new(&Layout::ProtocolOrder, 2, None, 2, "stream").unwrap();
     let good = [Quality::GOOD; 3];
     let apply = |real: &[f64], imaginary, quality: &[Quality], values: usize, flags: usize| {
         let (mut values, mut flags) = (vec![7.0; values], vec![Quality::OPEN; flags]);
@@ -341,7 +340,7 @@ fn a_map_refuses_what_does_not_fit() {
         .unwrap_err();
     assert!(matches!(refused, HwError::NoImaginaryPart { .. }));
     let new = |layout, value_count, count| {
-        FrameMap::new(&layout, value_count, None, count, "stream".as_ref()).unwrap_err()
+        FrameMap::new(&layout, value_count, None, count, "stream").unwrap_err()
     };
     let message = new(Layout::ProtocolOrder, 256, 208).to_string();
     assert!(message.starts_with("stream: 256 values") && message.contains("\"keep\""), "{message}");

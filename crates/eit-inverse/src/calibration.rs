@@ -35,6 +35,8 @@ use ndarray::Array2;
 /// (simultaneous conductivity and contact impedances); damping: Marquardt, *SIAM J. Appl. Math.* 11 (1963),
 /// 431-441.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Calibration {
     /// Why the fit stopped.
     pub status: CalibrationStatus,

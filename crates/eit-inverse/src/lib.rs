@@ -1,9 +1,14 @@
 #![doc = include_str!("../README.md")]
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
+#[macro_use]
+mod trace;
+
 // Dependency order of the modules: error, check, geometry; then data, noise, prior; then one_step,
 // sequence and st_tv. touch uses metrics, noise and one_step; calibration uses data; learn uses touch.
 // No two files import each other.
+#[cfg(feature = "serde")]
+mod absent;
 mod calibration;
 mod check;
 mod data;
@@ -20,6 +25,13 @@ pub mod sequence;
 mod st_tv;
 pub mod touch;
 mod unevenness;
+
+/// mint, whose points and vectors most mathematics crates convert.
+#[cfg(feature = "mint")]
+#[cfg_attr(docsrs, doc(cfg(feature = "mint")))]
+pub use mint;
+/// ndarray, in the version of this crate's interface.
+pub use ndarray;
 
 pub use calibration::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 pub use data::{DifferenceData, DifferenceKind, FrameStatus};

@@ -80,6 +80,7 @@ pub fn correlation_coefficient(
 
 /// Sign of the changes that are evaluated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ChangeSign {
     /// More conductivity: positive values.
     Increase,

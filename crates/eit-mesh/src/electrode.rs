@@ -6,6 +6,7 @@ use std::collections::HashMap;
 
 /// The part of the skin that an electrode covers.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Electrode {
     /// Rim edges as node pairs. Contact impedance in ohm metres.
     Rim(Vec<[u32; 2]>),
@@ -17,7 +18,23 @@ pub enum Electrode {
 ///
 /// Always valid: every rim electrode lies on the rim, every patch consists of existing triangles,
 /// and no edge or triangle belongs to two electrodes. Electrodes may share a node.
+///
+/// ```
+/// use eit_mesh::{Electrode, Mesh, Surface};
+///
+/// // a square of two triangles; its left side is an electrode
+/// let nodes_m = vec![[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]];
+/// let surface = Surface::new(nodes_m, vec![[0, 1, 2], [0, 2, 3]])?;
+/// let mesh = Mesh::new(surface, vec![Electrode::Rim(vec![[3, 0]])])?;
+/// assert_eq!(mesh.electrode_measure(0), Some(0.1));
+/// # Ok::<(), eit_mesh::MeshError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::serialised::MeshParts", into = "crate::serialised::MeshParts")
+)]
 pub struct Mesh {
     surface: Surface,
     electrodes: Vec<Electrode>,
@@ -102,6 +119,12 @@ impl Mesh {
     pub fn midpoint_m(&self, edge: [u32; 2]) -> Option<[f64; 3]> {
         let place = self.midpoints_m.binary_search_by_key(&sorted(edge), |(edge, _)| *edge).ok()?;
         Some(self.midpoints_m[place].1)
+    }
+
+    /// Curved edges (smaller node first, in ascending order) and their midpoints, metres.
+    #[cfg(feature = "serde")]
+    pub(crate) fn midpoints_m(&self) -> &[([u32; 2], [f64; 3])] {
+        &self.midpoints_m
     }
 
     /// Does the same as [`Mesh::with_midpoints`] for the edges that the generator cut from arcs.

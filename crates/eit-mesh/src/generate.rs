@@ -128,6 +128,14 @@ fn mesh(
     );
     placed.sort_by_key(|(index, _)| *index);
     let mesh = Mesh::new(surface, placed.into_iter().map(|(_, electrode)| electrode).collect())?;
+    event!(
+        DEBUG,
+        "meshed the skin",
+        nodes = mesh.surface().nodes().len(),
+        triangles = mesh.surface().triangles().len(),
+        electrodes = mesh.electrodes().len(),
+        edge_m = edge_m,
+    );
     match *shape {
         SkinShape::Hemisphere { radius_m } => mesh.with_midpoints(|_, p| onto_sphere(p, radius_m)),
         _ => Ok(mesh.with_arcs(&rim.arc_midpoints)),

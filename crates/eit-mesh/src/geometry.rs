@@ -21,6 +21,7 @@ pub(crate) const RESOLUTION: f64 = 1e-9;
 /// The shape of a flat skin.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum SkinShape {
     /// A disc centred at the origin.
     Disc {
@@ -73,6 +74,17 @@ pub(crate) struct Disc {
 }
 
 /// The outline of a flat skin: one outer loop and the holes.
+///
+/// ```
+/// use eit_mesh::Outline;
+///
+/// // a square with a square hole
+/// let corners_m = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+/// let hole_m = vec![[0.4, 0.4], [0.6, 0.4], [0.6, 0.6], [0.4, 0.6]];
+/// let outline = Outline::polygon(&corners_m, &[hole_m])?;
+/// assert!(outline.contains([0.2, 0.2]) && !outline.contains([0.5, 0.5]));
+/// # Ok::<(), eit_mesh::MeshError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outline {
     /// Outer loop first.

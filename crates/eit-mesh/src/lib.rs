@@ -22,6 +22,9 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+#[macro_use]
+mod trace;
+
 mod csr;
 mod electrode;
 mod error;
@@ -34,10 +37,15 @@ mod quality;
 mod raster;
 mod repair;
 mod rim_electrodes;
+#[cfg(feature = "serde")]
+mod serialised;
 mod settings;
 mod size_field;
 mod smooth;
 mod surface;
+
+/// ndarray, in the version of this crate's interface.
+pub use ndarray;
 
 pub use csr::CsrMatrix;
 pub use electrode::{Electrode, Mesh};

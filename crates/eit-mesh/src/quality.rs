@@ -5,7 +5,20 @@ use crate::{Electrode, Mesh, Surface};
 use std::fmt;
 
 /// Shape statistics of a mesh.
+///
+/// ```
+/// use eit_mesh::{MeshSettings, Quality, RimElectrodes, SkinShape, generate};
+///
+/// let skin = SkinShape::Disc { radius_m: 0.1 };
+/// let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
+/// let mesh = generate(&skin, &electrodes, &MeshSettings::with_edge(0.02))?;
+/// let quality = Quality::of(&mesh);
+/// assert!(quality.smallest_angle_deg > 25.0 && quality.edge_ratio() > 1.0);
+/// # Ok::<(), eit_mesh::MeshError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Quality {
     /// Number of nodes.
     pub nodes: usize,

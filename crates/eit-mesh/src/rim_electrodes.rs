@@ -5,6 +5,7 @@ use crate::geometry::Outline;
 
 /// The direction in which electrode numbers increase around the skin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Direction {
     /// Counter-clockwise, seen from +z.
     #[default]
@@ -16,6 +17,7 @@ pub enum Direction {
 /// Positions of the electrode centres.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Placement {
     /// Equally spaced along the outer loop (on a disc: at equal angles).
     EquallySpaced {
@@ -39,7 +41,18 @@ pub enum Placement {
 ///
 /// Electrodes must not touch: they would be one conductor, and the complete electrode model assumes
 /// that they are disjoint. Gaps may be as small as 1e-8 of the rim's length.
+///
+/// ```
+/// use eit_mesh::{RimElectrodes, SkinShape};
+///
+/// // four electrodes of 1 cm on a disc, the first one on the +x axis
+/// let electrodes = RimElectrodes::equally_spaced(4, 0.01);
+/// let centres_m = electrodes.centres_m(&SkinShape::Disc { radius_m: 0.1 }.outline()?)?;
+/// assert!((centres_m[1][1] - 0.1).abs() < 1e-12, "the second one is on the +y axis");
+/// # Ok::<(), eit_mesh::MeshError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RimElectrodes {
     /// Length of rim covered by each electrode, metres (measured along the true outline).
     pub width_m: f64,

@@ -4,7 +4,21 @@ use crate::geometry::Outline;
 use crate::{MeshError, SkinShape};
 
 /// Settings of the mesh generator: edge lengths, limits and smoothing.
+///
+/// ```
+/// use eit_mesh::MeshSettings;
+///
+/// let settings = MeshSettings { node_limit: 20_000, ..MeshSettings::with_edge(0.005) };
+/// settings.validate()?;
+/// assert!(MeshSettings::with_edge(-1.0).validate().is_err());
+/// # Ok::<(), eit_mesh::MeshError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct MeshSettings {
     /// Edge length away from the electrodes, metres; on a hemisphere, the length at the pole, with
     /// half of it at the rim. `None`: the side of the square that has the skin's area divided by

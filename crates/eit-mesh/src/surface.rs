@@ -18,7 +18,22 @@ const ZERO_AREA: f64 = 4.0 * f64::EPSILON;
 /// Invariants, checked by [`Surface::new`]: nodes are finite and each is used by a triangle;
 /// triangles have a positive area and a consistent orientation (counter-clockwise seen from +z if
 /// the surface is flat); at most two triangles share an edge; the surface is connected.
+///
+/// ```
+/// use eit_mesh::Surface;
+///
+/// let corners_m = vec![[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]];
+/// let surface = Surface::new(corners_m, vec![[0, 1, 2]])?;
+/// assert!((surface.areas_m2()[0] - 0.005).abs() < 1e-15);
+/// assert_eq!(surface.rim_edges().len(), 3);
+/// # Ok::<(), eit_mesh::MeshError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::serialised::SurfaceParts", into = "crate::serialised::SurfaceParts")
+)]
 pub struct Surface {
     nodes: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,

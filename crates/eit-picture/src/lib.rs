@@ -26,6 +26,9 @@ mod tracks;
 #[cfg(feature = "mesh")]
 mod view;
 
+/// ndarray, in the version of this crate's interface.
+pub use ndarray;
+
 pub use animation::write_gif;
 pub use canvas::Canvas;
 pub use colormap::ColorMap;

@@ -99,6 +99,7 @@ pub(crate) enum Next {
 
 /// Messages that a sink was offered and those that it could not take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub struct SinkStatistics {
     /// Frames offered.
     pub frames: u64,

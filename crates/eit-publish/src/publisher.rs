@@ -35,6 +35,14 @@ pub struct Start<'a> {
 ///
 /// A line of JSON is encoded once, into a buffer that is reused, and leaves whole and at once: one write and one
 /// flush, one datagram. After the longest line so far, a frame does not allocate.
+///
+/// ```
+/// use eit_publish::Publisher;
+///
+/// // touches as JSON lines, one per frame, on a writer of your own
+/// let publisher = Publisher::new().with_lines(std::io::sink());
+/// assert!(!publisher.takes_images());
+/// ```
 #[derive(Default)]
 pub struct Publisher {
     out: Option<Box<dyn Write + Send>>,
@@ -52,6 +60,17 @@ pub struct Publisher {
     /// A reference is being taken.
     is_waiting: bool,
     is_closed: bool,
+}
+
+impl std::fmt::Debug for Publisher {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Publisher")
+            .field("has_lines", &self.out.is_some())
+            .field("udp", &self.udp)
+            .field("frames", &self.frames)
+            .field("is_live", &self.is_live)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Publisher {

@@ -6,6 +6,16 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 
 /// Sends each line as a datagram, without the line end, and never waits: if the network is down, lines are lost and
 /// counted, but frames are not delayed.
+///
+/// ```
+/// use eit_publish::{Publisher, UdpSink};
+///
+/// let sink = UdpSink::new("127.0.0.1:9000")?;
+/// assert_eq!(sink.sent(), 0);
+/// let publisher = Publisher::new().with_udp(sink);
+/// # drop(publisher);
+/// # Ok::<(), eit_publish::PublishError>(())
+/// ```
 #[derive(Debug)]
 pub struct UdpSink {
     socket: UdpSocket,

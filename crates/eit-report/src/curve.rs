@@ -7,10 +7,19 @@ use eit_picture::{Plot, Series, draw_plot};
 use std::path::Path;
 
 /// Writes `csv` and `png` files next to the weights; `footnote` names the network.
-pub fn write(curve: &[Epoch], footnote: String, weights: &Path) -> Result<(), ReportError> {
+///
+/// # Errors
+///
+/// A folder that cannot be written.
+pub fn write(
+    curve: &[Epoch],
+    footnote: String,
+    weights: impl AsRef<Path>,
+) -> Result<(), ReportError> {
+    let weights = weights.as_ref();
     OutFile::new(&weights.with_extension("csv"))?.write(|w| {
         writeln!(w, "epoch,train_error,held_out_error,rate").map_err(io)?;
-        for Epoch { epoch, train_error, held_out_error, rate } in curve {
+        for Epoch { epoch, train_error, held_out_error, rate, .. } in curve {
             writeln!(w, "{epoch},{train_error:e},{held_out_error:e},{rate:e}").map_err(io)?;
         }
         Ok(())

@@ -70,6 +70,11 @@ struct Stage<'a> {
 }
 
 /// Runs the demo; `watcher` sees its frames, too.
+///
+/// # Errors
+///
+/// A folder with other files, or one that cannot be written; no pseudo-terminal and no TCP port for the
+/// emulated instrument.
 pub fn run(
     args: &DemoSettings,
     watcher: Option<&FrameWatcher<'_>>,

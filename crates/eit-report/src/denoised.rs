@@ -12,6 +12,11 @@ use serde_json::json;
 
 /// Reads images and weights, checks both against the scene, denoises the images, and writes
 /// pictures and a report.
+///
+/// # Errors
+///
+/// Files that cannot be read, weights or images that do not fit the scene, and an output folder that cannot be
+/// written.
 pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, ReportError> {
     let mut scene = Scene::load(&args.scene)?;
     scene.refuse_movement("denoise")?;

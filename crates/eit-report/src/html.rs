@@ -95,6 +95,10 @@ pub enum Block {
 
 impl Page {
     /// Writes the page.
+    ///
+    /// # Errors
+    ///
+    /// A writer that fails, and a picture that cannot be encoded.
     pub fn write(&self, out: &mut dyn Write) -> Result<(), ReportError> {
         let page = self.markup().into_string();
         out.write_all(eit_skin::words::printable(&page).as_bytes()).map_err(io)

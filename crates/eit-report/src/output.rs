@@ -13,6 +13,7 @@ use tempfile::NamedTempFile;
 
 /// An output file. Its temporary file exists from the start, which proves that the folder is
 /// writable.
+#[derive(Debug)]
 pub struct OutFile {
     path: PathBuf,
     temporary: NamedTempFile,
@@ -20,7 +21,12 @@ pub struct OutFile {
 
 impl OutFile {
     /// Reserves a path.
-    pub fn new(path: &Path) -> Result<Self, ReportError> {
+    ///
+    /// # Errors
+    ///
+    /// A path that cannot be written, or that is a folder where a file is meant (and the other way round).
+    pub fn new(path: impl AsRef<Path>) -> Result<Self, ReportError> {
+        let path = path.as_ref();
         if path.is_dir() {
             let message = "is a folder, but --out must name a file here";
             return Err(ReportError::input(format!("{}: {message}", path.display())));
@@ -38,6 +44,10 @@ impl OutFile {
     }
 
     /// Writes the content and renames the file to its final path.
+    ///
+    /// # Errors
+    ///
+    /// Those of the content, and a disk that is full.
     pub fn write(
         self,
         content: impl FnOnce(&mut dyn Write) -> Result<(), ReportError>,
@@ -52,6 +62,7 @@ impl OutFile {
 }
 
 /// An output folder whose files all appear together at the end, or not at all.
+#[derive(Debug)]
 pub struct OutFolder {
     path: PathBuf,
     files: Vec<(&'static str, NamedTempFile)>,
@@ -59,7 +70,12 @@ pub struct OutFolder {
 
 impl OutFolder {
     /// Creates the folder if necessary and checks that it is writable.
-    pub fn new(path: &Path) -> Result<Self, ReportError> {
+    ///
+    /// # Errors
+    ///
+    /// A path that cannot be written, or that is a folder where a file is meant (and the other way round).
+    pub fn new(path: impl AsRef<Path>) -> Result<Self, ReportError> {
+        let path = path.as_ref();
         let refused = |e: std::io::Error| {
             ReportError::input(format!(
                 "{}: cannot write to this folder: {}; choose another with --out",
@@ -73,6 +89,10 @@ impl OutFolder {
     }
 
     /// Writes one file of the folder, under a temporary name for now.
+    ///
+    /// # Errors
+    ///
+    /// Those of the content, and a disk that is full.
     pub fn write(
         &mut self,
         name: &'static str,
@@ -84,12 +104,20 @@ impl OutFolder {
     }
 
     /// Begins a file of the folder that is written gradually; [`end`](Self::end) completes it.
+    ///
+    /// # Errors
+    ///
+    /// A folder that cannot be written.
     pub fn begin(&self, name: &'static str) -> Result<BufWriter<NamedTempFile>, ReportError> {
         let place = self.path.join(name);
         Ok(BufWriter::new(temporary_in(&self.path).map_err(|e| ReportError::at(&place, e))?))
     }
 
     /// Completes a file begun with [`begin`](Self::begin), under a temporary name for now.
+    ///
+    /// # Errors
+    ///
+    /// A disk that is full.
     pub fn end(
         &mut self,
         name: &'static str,
@@ -103,6 +131,10 @@ impl OutFolder {
 
     /// Renames all files to their final names and removes results of an earlier run that this run
     /// did not write. `own` lists the names that the command may write.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be renamed or removed.
     pub fn commit(self, own: &[&str]) -> Result<(), ReportError> {
         let names = self.names();
         for (name, temporary) in self.files {
@@ -150,6 +182,10 @@ pub fn io(error: std::io::Error) -> ReportError {
 }
 
 /// Writes an array of real or complex numbers as `.npy`.
+///
+/// # Errors
+///
+/// A writer that fails.
 pub fn write_npy<S, D>(
     array: &ndarray::ArrayBase<S, D>,
     out: &mut dyn Write,
@@ -164,6 +200,10 @@ where
 }
 
 /// Writes rows of numbers as comma-separated text, in the shortest form that reads back exactly.
+///
+/// # Errors
+///
+/// A writer that fails.
 pub fn write_csv(
     rows: ndarray::ArrayView2<'_, f64>,
     out: &mut dyn Write,
@@ -176,12 +216,18 @@ pub fn write_csv(
 }
 
 /// Returns the extension of a path in lower case.
-pub fn ending(path: &Path) -> String {
+pub fn ending(path: impl AsRef<Path>) -> String {
+    let path = path.as_ref();
     path.extension().map_or_else(String::new, |e| e.to_string_lossy().to_lowercase())
 }
 
 /// Reads the images of a file: [frame, row, column].
-pub fn read_images(path: &Path) -> Result<ndarray::Array3<f64>, ReportError> {
+///
+/// # Errors
+///
+/// A file that cannot be read, or whose array is not [frame, row, column] of numbers.
+pub fn read_images(path: impl AsRef<Path>) -> Result<ndarray::Array3<f64>, ReportError> {
+    let path = path.as_ref();
     let array = eit_hw::npy::read_array(path)?;
     let shape = array.shape().to_vec();
     array.into_dimensionality().map_err(|_| {

@@ -223,6 +223,10 @@ fn common_range(images: ArrayView3<'_, f64>) -> Option<[f64; 2]> {
 }
 
 /// Writes `sheet.png`, and `movie.gif` for a sequence.
+///
+/// # Errors
+///
+/// A picture that cannot be encoded or written.
 pub fn write_pictures(
     out: &mut OutFolder,
     images: ArrayView3<'_, f64>,

@@ -27,6 +27,10 @@ enum Out {
 }
 
 /// Runs a simulation and writes its results.
+///
+/// # Errors
+///
+/// A scene or script that is invalid, frames that are too few, and an output folder that cannot be written.
 pub fn run(args: &SimulateSettings, progress: &mut Progress) -> Result<Answer, ReportError> {
     let scene = Scene::load(&args.scene)?;
     let file = script_file(&args.script)?;

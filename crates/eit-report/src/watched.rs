@@ -17,6 +17,7 @@ use tempfile::NamedTempFile;
 pub const OPTIONAL: [&str; 2] = ["images.npy", "raw.npy"];
 
 /// Writes the output folder frame by frame, so memory does not grow with run time.
+#[derive(Debug)]
 pub struct Kept {
     folder: OutFolder,
     /// Present from the first image on; the second file holds raw images if a network is used.
@@ -26,7 +27,12 @@ pub struct Kept {
 
 impl Kept {
     /// Creates the output folder.
-    pub fn new(path: &Path) -> Result<Self, ReportError> {
+    ///
+    /// # Errors
+    ///
+    /// A folder that cannot be written.
+    pub fn new(path: impl AsRef<Path>) -> Result<Self, ReportError> {
+        let path = path.as_ref();
         let folder = OutFolder::new(path)?;
         let mut touches = folder.begin("touches.csv")?;
         writeln!(touches, "{HEADER}").map_err(io)?;
@@ -34,6 +40,10 @@ impl Kept {
     }
 
     /// Stores an image and its touches.
+    ///
+    /// # Errors
+    ///
+    /// An image of another size, and a disk that is full.
     pub fn take(&mut self, shown: &LiveFrame<'_>) -> Result<(), ReportError> {
         if let Some(made) = shown.images {
             self.take_image(made)?;
@@ -62,6 +72,10 @@ impl Kept {
     }
 
     /// Completes the files and returns their names.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be renamed.
     pub fn finish(self) -> Result<Vec<&'static str>, ReportError> {
         let Self { mut folder, images, touches } = self;
         if let Some((images, raw)) = images {

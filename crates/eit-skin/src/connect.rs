@@ -17,6 +17,11 @@ const VIEWER_FRAMES: usize = 8;
 const VIEWER_S: f64 = 0.25;
 
 /// Opens the scene's instrument. If it does not measure the scene's protocol, the error names both.
+///
+/// # Errors
+///
+/// No scene driver of that name, a port that cannot be opened, an instrument that does not answer or
+/// rejects its settings, and one that measures another protocol.
 pub fn open(
     instrument: &Instrument,
     port: Option<&str>,

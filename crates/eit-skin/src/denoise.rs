@@ -23,7 +23,7 @@ use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
 use serde_json::{Value, json};
 
 /// Weights for a skin.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Net {
     weights: Weights,
     source: String,
@@ -229,6 +229,8 @@ impl Net {
 
 /// How near images come to the truth.
 #[derive(Debug, Clone, Copy)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Scores {
     /// Median over the frames of squared error over that of the raw image: net, and the paper's
     /// threshold rule.
@@ -244,6 +246,10 @@ pub struct Scores {
 }
 
 /// Compares over the pixels that are finite in all.
+///
+/// # Errors
+///
+/// Stacks of different shapes, or without a finite pixel.
 pub fn scores(
     raw: ArrayView3<'_, f64>,
     made: ArrayView3<'_, f64>,

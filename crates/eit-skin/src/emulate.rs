@@ -67,6 +67,10 @@ pub struct Content<'a> {
 }
 
 /// Builds the device that the scene's driver talks to.
+///
+/// # Errors
+///
+/// A driver that cannot be emulated, frames that cannot be read, and those of the forward solution.
 pub fn device(
     skin: &Skin,
     instrument: &Instrument,

@@ -28,6 +28,7 @@ use serde_json::{Value, json};
 
 /// Kind of electrode fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum FaultKind {
     /// Its measurements violate reciprocity or are dead: open, shorted or noisy.
     Contradicts,
@@ -53,6 +54,7 @@ impl FaultKind {
 
 /// An electrode that is excluded because of a fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ElectrodeFault {
     /// Electrode index, from 0.
     pub electrode: usize,

@@ -37,6 +37,7 @@ const WIDEST_M: f64 = 0.01;
 
 /// Outline of a flat skin around the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Outline {
     /// A disc.
     Disc {
@@ -79,6 +80,7 @@ impl Outline {
 
 /// What is known about a new skin. Electrodes are equally spaced along the rim.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FirstScene {
     /// Outline.
     pub outline: Outline,

@@ -71,6 +71,7 @@ impl PlacesBy {
 
 /// How the coordinates of the table relate to the scene's skin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Frame {
     /// They are the scene's.
     #[default]
@@ -108,6 +109,7 @@ pub struct ErrorsByWay {
 
 /// Force curve and the source of its strength: whichever has the smaller error on the same presses.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LearnedForce {
     /// [`PlacesBy::Model`] or [`PlacesBy::Map`].
     pub strength_by: PlacesBy,

@@ -6,7 +6,7 @@ use eit_inverse::touch::DetectedTouch;
 use std::path::Path;
 
 /// Never constructed without feature `learn`.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) enum LearnedTouches {}
 
 impl LearnedTouches {

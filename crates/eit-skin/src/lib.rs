@@ -1,6 +1,9 @@
 #![doc = include_str!("../README.md")]
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
+#[macro_use]
+mod trace;
+
 #[cfg(feature = "hw")]
 pub mod connect;
 #[cfg(feature = "denoise")]
@@ -45,6 +48,9 @@ pub mod train;
 pub mod words;
 
 // re-exported so that a robot's program needs no further dependency
+#[cfg(feature = "mint")]
+#[cfg_attr(docsrs, doc(cfg(feature = "mint")))]
+pub use eit_inverse::mint;
 pub use eit_inverse::touch::{LearntTouch, Touch, TouchState};
 pub use {eit_denoise, eit_fem, eit_hw, eit_inverse, eit_mesh, ndarray};
 

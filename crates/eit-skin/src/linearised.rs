@@ -14,7 +14,17 @@ use ndarray::{Array1, Array2};
 use std::sync::OnceLock;
 
 /// Voltages and Jacobian for the homogeneous background.
+///
+/// ```
+/// use eit_skin::{Progress, Scene, Skin};
+///
+/// let skin = Skin::from_scene(Scene::load("paper-disc")?)?;
+/// let linearised = skin.linearise(&mut Progress::silent())?;
+/// assert_eq!(linearised.voltages.len(), skin.protocol.measurements());
+/// # Ok::<(), eit_skin::SkinError>(())
+/// ```
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct LinearisedSkin {
     /// The skin.
     pub skin: Skin,

@@ -40,7 +40,8 @@ const WAIT: Duration = Duration::from_millis(50);
 const LONGEST_SKIP: Duration = Duration::from_millis(250);
 
 /// What is built before the first frame arrives.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct LiveModel {
     /// The linearised skin.
     pub linearised: Arc<LinearisedSkin>,

@@ -5,6 +5,7 @@ use crate::scene::StageSettings;
 
 /// A reconstruction method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Method {
     /// Total variation in space and time.
     StTv,
@@ -61,6 +62,10 @@ impl Method {
     }
 
     /// Parses a name; `key` tells where it comes from.
+    ///
+    /// # Errors
+    ///
+    /// An unknown name, with the known ones.
     pub fn parse(key: &str, name: &str) -> Result<Self, SkinError> {
         Self::ALL.into_iter().find(|m| m.name() == name).ok_or_else(|| {
             let names = Self::ALL.map(|m| format!("\"{}\"", m.name())).join(", ");
@@ -71,6 +76,8 @@ impl Method {
 
 /// A method and the reason for choosing it.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct MethodChoice {
     /// The method.
     pub method: Method,
@@ -93,7 +100,10 @@ pub fn choose(
     frames: Option<usize>,
 ) -> Result<MethodChoice, SkinError> {
     let keys = &settings.reconstruction;
-    let taken = |method, why| Ok(MethodChoice { method, why });
+    let taken = |method: Method, why| {
+        event!(INFO, "chose the method", method = method.name(), why = why);
+        Ok(MethodChoice { method, why })
+    };
     if let Some(name) = flag {
         return taken(Method::parse("--method", name)?, "requested");
     }

@@ -42,7 +42,8 @@ pub(crate) struct TakenOut {
 }
 
 /// Frames without electrode movement, as a replacement for the original ones.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct WithoutMovement {
     /// White differences relative to a reference of zero, and their model.
     pub fitted: FittedFrames,
@@ -57,7 +58,7 @@ pub struct WithoutMovement {
 }
 
 /// One-step reconstruction of the original data, and how its hyperparameter was chosen.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Before {
     difference: OneStepGaussNewton,
     chosen: ChosenBy,

@@ -18,7 +18,8 @@ use ndarray::{Array2, ArrayView1, Axis};
 pub const DEFAULT_NOISE_FIGURE: f64 = 1.0;
 
 /// A one-step reconstruction that is ready for frames.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Imaging {
     /// Reconstruction on elements.
     pub difference: OneStepGaussNewton,
@@ -71,6 +72,7 @@ impl FittedFrames {
 
 /// A hyperparameter and the rule that chose it.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct ChosenBy {
     /// The choice.
     pub chosen: ChosenHyperparameter,
@@ -124,6 +126,10 @@ impl Imaging {
     ///
     /// Frames with bad values among the used measurements are reconstructed without those values; the image
     /// of a frame without a good value is zero.
+    ///
+    /// # Errors
+    ///
+    /// Frames of another length, and values that are not finite.
     pub fn images(
         &self,
         frames: &Frames,
@@ -167,6 +173,10 @@ impl Imaging {
 
     /// Returns the fraction of each frame's difference that its image does not explain, 0 to 1; `None` if the
     /// frame has bad values or does not differ from the reference.
+    ///
+    /// # Errors
+    ///
+    /// Frames of another length.
     pub fn residuals(&self, frames: &Frames) -> Result<Vec<Option<f64>>, SkinError> {
         let mut residuals = vec![None; frames.values.nrows()];
         for frame in frames.clean() {

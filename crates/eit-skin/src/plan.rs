@@ -45,7 +45,8 @@ pub struct PlanText {
 }
 
 /// What a skin needs, what is omitted and why.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Plan {
     /// Name of the skin.
     pub name: String,

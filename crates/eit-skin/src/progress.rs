@@ -47,6 +47,24 @@ pub struct StageTime {
 }
 
 /// Runs stages one after the other, reports them to an [`Observer`] and records their times.
+///
+/// ```
+/// use eit_skin::{Observer, Progress};
+///
+/// /// Prints each stage as it begins.
+/// struct Print;
+///
+/// impl Observer for Print {
+///     fn begin(&mut self, _group: &str, stage: &str, _steps: usize) {
+///         println!("{stage} ...");
+///     }
+/// }
+///
+/// let mut progress = Progress::new(Box::new(Print));
+/// let sum = progress.stage("sum", || Ok::<i32, std::fmt::Error>(1 + 1))?;
+/// assert_eq!((sum, progress.times()[0].stage), (2, "sum"));
+/// # Ok::<(), std::fmt::Error>(())
+/// ```
 pub struct Progress {
     times: Vec<StageTime>,
     group: String,
@@ -59,6 +77,12 @@ pub struct Steps<'a>(Mutex<Counted<'a>>);
 struct Counted<'a> {
     done: usize,
     observer: &'a mut dyn Observer,
+}
+
+impl std::fmt::Debug for Steps<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Steps").field("done", &self.counted().done).finish_non_exhaustive()
+    }
 }
 
 impl<'a> Steps<'a> {
@@ -101,6 +125,15 @@ impl<'a> Steps<'a> {
 impl Default for Progress {
     fn default() -> Self {
         Self::silent()
+    }
+}
+
+impl std::fmt::Debug for Progress {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Progress")
+            .field("group", &self.group)
+            .field("times", &self.times)
+            .finish_non_exhaustive()
     }
 }
 
@@ -150,10 +183,14 @@ impl Progress {
         work: impl FnOnce(&Steps<'_>) -> Result<T, E>,
     ) -> Result<T, E> {
         self.observer.begin(&self.group, stage, steps);
+        #[cfg(feature = "tracing")]
+        let _in_span = tracing::debug_span!("stage", name = stage).entered();
         let start = Instant::now();
         let result =
             work(&Steps(Mutex::new(Counted { done: 0, observer: self.observer.as_mut() })));
-        self.times.push(StageTime { stage, time_s: start.elapsed().as_secs_f64() });
+        let time_s = start.elapsed().as_secs_f64();
+        event!(DEBUG, "finished", time_s = time_s, failed = result.is_err());
+        self.times.push(StageTime { stage, time_s });
         self.observer.end();
         result
     }

@@ -8,7 +8,8 @@ use eit_fem::{AdmittivityModel, AdmittivityReport, Complex64};
 use eit_mesh::Mesh;
 
 /// A reactive skin: mesh and complex forward model.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct ReactiveSkin {
     /// Name for titles.
     pub name: String,

@@ -18,6 +18,10 @@ const ROOM: f64 = 0.01;
 
 /// Sets up a method on elements; `settings` contain the hyperparameter. `None` for total variation, which
 /// works on pixels.
+///
+/// # Errors
+///
+/// Those of the method: settings out of range, and a Jacobian without rank.
 pub fn method<'a>(
     method: Method,
     linearised: &'a LinearisedSkin,
@@ -69,6 +73,10 @@ fn bounds_s(skin: &Skin) -> Option<[f64; 2]> {
 }
 
 /// Converts a movie on elements to one on masked pixels, both [frame, value].
+///
+/// # Errors
+///
+/// Images of another number of elements.
 pub fn pixels_of(images: ArrayView2<'_, f64>, raster: &Raster) -> Result<Array2<f64>, SkinError> {
     let pixels = raster.pixel_from_element().multiply_dense(images.t())?;
     Ok(pixels.reversed_axes())

@@ -27,7 +27,8 @@ const MOST_BYTES: f64 = 8e9;
 pub(crate) const REAL_BYTES: f64 = 8.0;
 
 /// The parts of a skin that do not depend on how its frames are processed.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct SkinModel {
     /// Name for titles: the scene file's stem or the built-in name.
     pub name: String,
@@ -73,6 +74,7 @@ pub struct SkinModel {
 
 /// Overrides of the scene's mesh.
 #[derive(Debug, Clone, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MeshOverride {
     /// A mesh file that contains its electrodes.
     pub file: Option<PathBuf>,
@@ -112,7 +114,7 @@ impl Skin {
     ///
     /// A scene that cannot be read or built; the message names key, value and location.
     pub fn load(name_or_path: impl AsRef<Path>) -> Result<Self, SkinError> {
-        Self::from_scene(Scene::load(&name_or_path.as_ref().to_string_lossy())?)
+        Self::from_scene(Scene::load(name_or_path)?)
     }
 
     /// Sets up a skin: generates the mesh, and builds protocol and forward model.

@@ -4,6 +4,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Requests long work to stop at its next safe point; clones share the request.
+///
+/// ```
+/// use eit_skin::StopFlag;
+///
+/// let stop = StopFlag::default();
+/// let elsewhere = stop.clone();
+/// std::thread::spawn(move || elsewhere.set()).join().expect("no panic");
+/// assert!(stop.is_set());
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct StopFlag(Arc<AtomicBool>);
 

@@ -18,6 +18,7 @@ const CHANGE: f64 = 0.1;
 const REACH: f64 = 0.8;
 
 /// Positions of unknowns, seen from +z.
+#[derive(Debug, Clone)]
 pub struct Places {
     /// Positions, metres.
     pub at_m: Vec<[f64; 2]>,

@@ -42,6 +42,10 @@ pub fn time_length_m(raster: &Raster) -> f64 {
 }
 
 /// Sets up the solver of a method with the scene's bounds; its weights remain to be chosen.
+///
+/// # Errors
+///
+/// Bounds or noise out of range, and lists of the wrong length.
 pub fn solver(
     jacobian: &Array2<f64>,
     raster: &Raster,
@@ -108,7 +112,8 @@ impl Weights {
 }
 
 /// A sequence reconstructed by total variation.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct TvMovie {
     /// Images in siemens, [frame, masked pixel].
     pub pixels: Array2<f64>,
@@ -280,6 +285,10 @@ fn weights(
 /// (linearisation, contact impedances, shape). Weights that small only fit that error, and images are wild.
 /// It is taken as noise instead: the search started at the weight that suits noise of one standard deviation,
 /// so the error requires a proportional multiple of it.
+///
+/// # Errors
+///
+/// Frames of another length, and data without any noise.
 pub fn chosen_weights(
     solver: &mut StTv,
     frames: &DifferenceFrames<'_>,

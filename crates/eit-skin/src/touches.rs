@@ -22,6 +22,8 @@ pub(crate) const DEFAULT_RATE_HZ: f64 = 20.0;
 
 /// A touch in a frame.
 #[derive(Debug, Clone, Copy)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct TouchRow {
     /// Index of the frame, from 0.
     pub frame: usize,
@@ -33,6 +35,8 @@ pub struct TouchRow {
 
 /// Touches of all frames, and how they were found.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Touches {
     /// One row per touch and frame.
     pub rows: Vec<TouchRow>,

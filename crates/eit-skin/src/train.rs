@@ -28,6 +28,7 @@ const HELD_OUT: usize = 6;
 
 /// What the wanted images of a simulated sequence are.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Wanted {
     /// The true change of conductivity.
     #[default]
@@ -61,6 +62,10 @@ pub struct BaseRequest {
 
 impl BaseRequest {
     /// Rejects settings that no base can be made with, before any work.
+    ///
+    /// # Errors
+    ///
+    /// The setting that is out of range.
     pub fn validate(&self) -> Result<(), SkinError> {
         if !self.recording.is_empty() && self.fingers.is_some() {
             return Err(SkinError::input("--fingers: a recording has the fingers that it has"));
@@ -86,12 +91,13 @@ impl BaseRequest {
 pub fn base(
     request: &BaseRequest,
     sequences: &Sequences,
-    folder: &Path,
+    folder: impl AsRef<Path>,
     part: Option<Part>,
     threads: usize,
     stop: &StopFlag,
     progress: &mut Progress,
 ) -> Result<LearningBase, SkinError> {
+    let folder = folder.as_ref();
     let settings = BaseSettings {
         skin: sequences.skin().fingerprint.clone(),
         pixels: sequences.pixels(),
@@ -147,6 +153,10 @@ fn is_held_out(index: usize, count: usize) -> bool {
 }
 
 /// Shards to learn from, and those held out.
+///
+/// # Errors
+///
+/// A base that is not complete, or whose files are damaged.
 pub fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), SkinError> {
     let (mut train, mut held_out) = (Vec::new(), Vec::new());
     let count = base.settings().shards;

@@ -23,7 +23,7 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         }
         _ => error.into(),
     })?;
-    let Recovered { frames, messages, attachments, bad_attachments, damage } = recovered;
+    let Recovered { frames, messages, attachments, bad_attachments, damage, .. } = recovered;
     let Damage {
         unfinished,
         truncated_bytes,

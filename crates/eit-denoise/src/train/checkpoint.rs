@@ -53,7 +53,8 @@ impl<N: ImageNet> Trainer<N> {
     ///
     /// # Errors
     /// [`DenoiseError::Io`], [`DenoiseError::Burn`].
-    pub fn save(&self, path: &Path) -> Result<(), DenoiseError> {
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), DenoiseError> {
+        let path = path.as_ref();
         let TrainSettings { seed, epochs, batch, rate, patience } = self.settings;
         let records = [
             self.net.clone().into_record().into_bytes().map_err(record)?,
@@ -92,11 +93,12 @@ impl<N: ImageNet> Trainer<N> {
     /// [`DenoiseError::Io`], [`DenoiseError::InFile`] for a damaged file,
     /// [`DenoiseError::OtherSettings`].
     pub fn resume(
-        path: &Path,
+        path: impl AsRef<Path>,
         net: N,
         settings: &TrainSettings,
         base: &str,
     ) -> Result<Self, DenoiseError> {
+        let path = path.as_ref();
         let bytes = std::fs::read(path).map_err(|e| DenoiseError::io(path, &e))?;
         Self::from_bytes(&bytes, net, settings, base).map_err(|e| e.in_file(path))
     }

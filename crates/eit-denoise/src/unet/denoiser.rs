@@ -21,6 +21,20 @@ use std::ops::Range;
 /// frames one by one, on every machine whose compiler fuses multiply and add alike.
 ///
 /// Does not allocate after [`Denoiser::new`].
+///
+/// ```
+/// use eit_denoise::{Denoiser, NetStatus, Weights};
+/// use ndarray::Array2;
+///
+/// let weights = Weights::paper_disc()?;
+/// let mask = Array2::from_elem((weights.pixels[0], weights.pixels[1]), true);
+/// let mut denoiser = Denoiser::new(&weights, mask.view())?;
+/// let raw = Array2::from_shape_fn(mask.dim(), |(r, c)| if r.abs_diff(c) < 3 { 1e-6 } else { 0.0 });
+/// let mut clean = Array2::zeros(mask.dim());
+/// let status: NetStatus = denoiser.push_into(raw.view(), clean.view_mut())?;
+/// println!("{status:?}, {:?}", clean.dim());
+/// # Ok::<(), eit_denoise::DenoiseError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Denoiser {
     net: Net,
@@ -51,6 +65,8 @@ pub(crate) const CLAMP: f32 = 2.0;
 
 /// How the image of a frame was computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum NetStatus {
     /// The net ran.
     Computed,

@@ -17,6 +17,7 @@ use crate::DenoiseError;
 /// up, values repeated 2 x 2 behind the channels of the same level on the way down, and two
 /// convolutions again. A 1 x 1 convolution makes the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct UnetShape {
     /// Number of last frames that the net sees, the present one included: 1 to 16.
     pub history: usize,

@@ -20,6 +20,16 @@ const MODEL_ERROR: &str = "model_error";
 const MODEL_ERROR_KEYS: [&str; 2] = ["model_error_floor", "model_error_limit"];
 
 /// A trained net.
+///
+/// ```
+/// use eit_denoise::Weights;
+///
+/// let weights = Weights::paper_disc()?;
+/// assert_eq!(weights.parameters.len(), weights.shape.parameters());
+/// let again = Weights::from_bytes(&weights.to_bytes()?)?;
+/// assert_eq!(again, weights);
+/// # Ok::<(), eit_denoise::DenoiseError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
     /// Its size.
@@ -197,6 +207,15 @@ impl Weights {
         let model_error = model_error(&tensors, numbers)?;
         let weights = Self { shape, parameters, skin: skin?, pixels, about, model_error };
         weights.validate()?;
+        event!(
+            DEBUG,
+            "read the weights of the U-net",
+            parameters = weights.parameters.len(),
+            history = shape.history,
+            rows = pixels[0],
+            columns = pixels[1],
+            has_model_error = weights.model_error.is_some(),
+        );
         Ok(weights)
     }
 }

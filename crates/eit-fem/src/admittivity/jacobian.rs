@@ -24,6 +24,7 @@ const STRIDE: usize = BLOCK + 8;
 const PLANES: usize = 4;
 
 /// Working memory for one block.
+#[derive(Clone)]
 pub(super) struct Block {
     /// Scaled gradients, [slot, plane, element]; see `Fields::slots`.
     gradients: Vec<f64>,

@@ -38,7 +38,7 @@ pub fn admittivity(conductivity_s: f64, capacitance_f: f64, frequency_hz: f64) -
 /// assert!(solution.report().growth < 3.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct AdmittivityModel {
     /// Patterns, ordering and symbolic factorisation. Its electrodes are insulated; the complex
     /// contact terms are added separately.

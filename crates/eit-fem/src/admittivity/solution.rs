@@ -29,6 +29,8 @@ pub struct AdmittivitySolution<'a> {
 
 /// Size, accuracy and time of a solve with complex admittivity.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct AdmittivityReport {
     /// Number of unknowns: node and electrode potentials.
     pub unknowns: usize,

@@ -9,6 +9,7 @@ use num_complex::Complex64;
 use std::fmt;
 
 /// Working memory of a solve with complex admittivity. Create one per thread and reuse it.
+#[derive(Clone)]
 pub struct AdmittivityWorkspace {
     /// Values of the system matrix.
     pub(super) matrix: Vec<c64>,

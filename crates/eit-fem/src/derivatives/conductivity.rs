@@ -34,6 +34,7 @@ const BLOCK: usize = 256;
 const STRIDE: usize = BLOCK + 8;
 
 /// Working memory for one block.
+#[derive(Clone)]
 pub(crate) struct Block {
     /// Scaled gradients, [slot, component, element]; see `Fields::slots`.
     gradients: Vec<f64>,

@@ -4,6 +4,7 @@ use crate::error::FemError;
 
 /// Displacement of the nodes per unit of one parameter; nodes that are not listed do not move.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Displacement {
     nodes: Vec<(u32, [f64; 3])>,
 }

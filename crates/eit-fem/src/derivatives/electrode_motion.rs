@@ -38,6 +38,7 @@ const DEEPEST: f64 = 0.25;
 /// therefore shifts conductivities that vary within one electrode width of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ElectrodeMotion {
     /// Both ends slide along the rim over a fixed skin.
     Slide,

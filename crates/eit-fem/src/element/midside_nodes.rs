@@ -11,7 +11,7 @@ use crate::vector::{cross, dot, norm, sub};
 use eit_mesh::Mesh;
 
 /// Midside nodes of a mesh; empty for linear elements.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct MidsideNodes {
     mesh_nodes: usize,
     /// Edge of each midside node.
@@ -20,7 +20,7 @@ pub(crate) struct MidsideNodes {
 }
 
 /// Offset of a midside node from the midpoint of its straight edge.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Offset {
     node: u32,
     /// Corners of a triangle at the edge; the edge's nodes come first.

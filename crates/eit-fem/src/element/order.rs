@@ -4,6 +4,7 @@
 ///
 /// Conductivity is constant in each triangle for both orders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ElementOrder {
     /// Linear potential, three nodes, straight edges (P1).
     #[default]

@@ -17,7 +17,7 @@ use eit_mesh::{Raster, Surface};
 const REACH: f64 = 20.0;
 
 /// Triangles of the skin, prepared for evaluating drives.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Elements {
     /// Centroid of each triangle, and the largest distance of a corner from it.
     middles: Vec<([f64; 2], f64)>,

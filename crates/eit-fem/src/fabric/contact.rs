@@ -85,6 +85,8 @@ pub struct Indentation {
 
 /// Local effect of a touch at a distance from its centre.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Dent {
     /// Contact pressure, pascal; zero outside the contact area.
     pub pressure_pa: f64,

@@ -9,7 +9,7 @@ use crate::protocol::Protocol;
 use eit_mesh::Mesh;
 
 /// Simulated fabric with electrodes.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Fabric {
     pub(super) mesh: Mesh,
     pub(super) model: ForwardModel,

@@ -36,7 +36,7 @@ pub(super) struct Placed {
 }
 
 /// Data for node movement that does not change between frames.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Motion {
     rim: Rim,
     length_m: f64,

@@ -35,6 +35,7 @@ const CHORDS: usize = 2048;
 /// Fingers on random closed paths. All move by the same path length per frame and press all the
 /// time.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RandomPaths {
     /// Number of fingers, 1 to 4; all have the same tip and force.
     pub fingers: usize,

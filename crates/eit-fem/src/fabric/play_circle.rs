@@ -11,6 +11,7 @@ const LEAST_SHARE: f64 = 0.5;
 
 /// A circle on a skin that does not cross the rim: around the centroid where that is well inside.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PlayCircle {
     /// Its centre, metres.
     pub centre_m: [f64; 2],

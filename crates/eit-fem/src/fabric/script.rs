@@ -73,6 +73,7 @@ pub struct Key {
 
 /// A touch: one finger in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Touch {
     /// Number of the finger.
     pub finger: u32,

@@ -5,6 +5,8 @@ use ndarray::{Array1, Array2, Array3};
 
 /// Ground truth of a touch in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct TrueTouch {
     /// Frame index.
     pub frame: usize,
@@ -26,6 +28,7 @@ pub struct TrueTouch {
 
 /// Quality of a measurement: the worst problem that affects it. Files store [`TrueQuality::code`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TrueQuality {
     /// No problem.
     #[default]
@@ -50,6 +53,7 @@ impl TrueQuality {
 
 /// Ground truth of a simulation.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Truth {
     /// Mean contact pressure of each pixel, pascal: [frame, row, column], NaN outside the skin.
     pub pressure_pa: Array3<f64>,
@@ -75,6 +79,7 @@ pub struct Truth {
 
 /// Result of a simulation: frames and ground truth.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Simulation {
     /// Values recorded by the instrument, volt: [frame, measurement].
     pub frames_v: Array2<f64>,
@@ -91,6 +96,8 @@ pub struct Simulation {
 
 /// Report of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct SimulationReport {
     /// Number of frames.
     pub frames: usize,

@@ -11,7 +11,7 @@ use crate::element::gradient::pair;
 use crate::sparse::Pattern;
 
 /// Pattern of the matrix, and the position of each element's entries in it.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Assembly {
     /// Sparsity pattern of the matrix.
     pub pattern: Pattern,

@@ -13,7 +13,7 @@ use crate::sparse::ordering::fill_reducing;
 use eit_mesh::Mesh;
 
 /// Maps the nodes of elements and electrodes to unknowns.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct DofMap {
     pub order: ElementOrder,
     pub midside_nodes: MidsideNodes,

@@ -25,7 +25,20 @@ use crate::sparse::{Cholesky, Pattern};
 use eit_mesh::Mesh;
 
 /// Forward model of a skin: mesh, electrodes, contact impedances and protocol, prepared for solves.
-#[derive(Debug)]
+///
+/// ```
+/// use eit_fem::{ForwardModel, PairProtocol};
+/// use eit_mesh::{MeshSettings, RimElectrodes, SkinShape, generate};
+///
+/// let skin = SkinShape::Disc { radius_m: 0.1 };
+/// let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
+/// let mesh = generate(&skin, &electrodes, &MeshSettings::with_edge(0.02))?;
+/// let model = ForwardModel::new(&mesh, &PairProtocol::default().protocol()?, &[1e3; 16])?;
+/// let voltages = model.forward(&vec![1e-5; model.elements()])?;
+/// assert_eq!(voltages.len(), 208);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
 pub struct ForwardModel {
     protocol: Protocol,
     /// Non-zero entries of the protocol's patterns.
@@ -40,6 +53,8 @@ pub struct ForwardModel {
 
 /// Size of a model and cost of its solves, known before any solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct ModelCost {
     /// Number of unknowns: potentials of nodes (quadratic elements: also midside nodes) and
     /// electrodes.
@@ -58,6 +73,8 @@ pub struct ModelCost {
 
 /// System matrix for one conductivity on the undeformed mesh.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct SystemMatrix {
     /// Sparsity pattern. Unknowns are the potentials of nodes (quadratic elements: also midside
     /// nodes) in elimination order, then of all electrodes except the last, which is the ground.
@@ -107,11 +124,20 @@ impl ForwardModel {
         let dofs = DofMap::new(mesh, order)?;
         let assembly = Assembly::new(&dofs);
         let geometry = Geometry::new(&dofs, &assembly, mesh.surface().nodes(), contact_impedance)?;
+        let cholesky = Cholesky::new(&assembly.pattern, dofs.nodes())?;
+        event!(
+            DEBUG,
+            "set up the forward model",
+            unknowns = dofs.nodes() + protocol.electrodes(),
+            matrix_entries = assembly.pattern.entries(),
+            factor_flops = cholesky.factor_flops(),
+            measurements = protocol.measurements(),
+        );
         Ok(Self {
             protocol: protocol.clone(),
             patterns: PatternEntries::new(protocol),
             fields: Fields::new(protocol),
-            cholesky: Cholesky::new(&assembly.pattern, dofs.nodes())?,
+            cholesky,
             dofs,
             assembly,
             geometry,

@@ -10,6 +10,8 @@ mod pair_protocol;
 mod pairs;
 mod pattern_entries;
 mod patterns;
+#[cfg(feature = "serde")]
+mod serialised;
 
 pub(crate) use fields::{Fields, Product};
 pub use pair_protocol::{DrivenElectrodes, Order, PairProtocol};

@@ -6,6 +6,7 @@ use crate::error::FemError;
 
 /// Whether a frame includes measurements on current-carrying electrodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum DrivenElectrodes {
     /// Leaves out pairs that include a driven electrode, because their voltages depend on its
     /// contact impedance.
@@ -17,6 +18,7 @@ pub enum DrivenElectrodes {
 
 /// Order of the measured pairs under one drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Order {
     /// Relative to the drive's first electrode `a`: pairs that start at `a`, `a + 1`, ... (mod L).
     /// For adjacent pairs without driven electrodes: `(d + 2 + k, d + 3 + k)`, `k` ascending.
@@ -28,7 +30,21 @@ pub enum Order {
 
 /// Settings of a protocol of electrode pairs. Drives are the outer loop, in the order of the drive
 /// pattern.
+///
+/// ```
+/// use eit_fem::{PairPattern, PairProtocol};
+///
+/// // drive opposite electrodes, measure adjacent ones
+/// let settings = PairProtocol { drive: PairPattern::Opposite, ..PairProtocol::default() };
+/// assert_eq!(settings.quadruples()?[0], [0, 8, 1, 2]);
+/// # Ok::<(), eit_fem::FemError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct PairProtocol {
     /// Number of electrodes, `L`.
     pub electrodes: usize,

@@ -5,6 +5,7 @@ use crate::error::FemError;
 /// Which pairs of electrodes are used. Except for explicit pairs, pair `d` starts at electrode
 /// index `d`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PairPattern {
     /// `(d, d + 1)` for every electrode.
     #[default]

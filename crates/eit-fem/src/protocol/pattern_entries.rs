@@ -6,7 +6,7 @@ use faer::MatRef;
 use ndarray::ArrayView2;
 
 /// Non-zero entries (electrode, value) of a protocol's patterns, one list per pattern.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct PatternEntries {
     pub stimulations_a: Vec<Vec<(u32, f64)>>,
     pub measurements: Vec<Vec<(u32, f64)>>,

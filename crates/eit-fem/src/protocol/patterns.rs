@@ -11,7 +11,25 @@ use std::collections::HashMap;
 const BALANCE: f64 = 1e-6;
 
 /// Ordered stimulation and measurement patterns.
+///
+/// ```
+/// use eit_fem::Protocol;
+///
+/// // two measurements of a skin with four electrodes, driven by 0.1 mA
+/// let protocol = Protocol::from_quadruples(4, &[[0, 1, 2, 3], [1, 2, 3, 0]], 1e-4)?;
+/// assert_eq!(protocol.measurements(), 2);
+/// assert_eq!(protocol.stimulations_a()[[0, 0]], 1e-4);
+/// # Ok::<(), eit_fem::FemError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(
+        try_from = "super::serialised::ProtocolParts",
+        into = "super::serialised::ProtocolParts"
+    )
+)]
 pub struct Protocol {
     stimulations_a: Array2<f64>,
     measurement_patterns: Array2<f64>,

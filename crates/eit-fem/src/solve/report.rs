@@ -2,6 +2,7 @@
 
 /// Path that a forward solve took.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum SolvePath {
     /// Textbook matrix of node and electrode potentials, assembled in `f64`. Accurate enough for
     /// ordinary scenes.
@@ -15,6 +16,8 @@ pub enum SolvePath {
 
 /// Path, size, accuracy and time of a forward solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct SolveReport {
     /// Path that the solve took.
     pub path: SolvePath,

@@ -24,6 +24,21 @@ use std::time::{Duration, Instant};
 const LIMIT_ACCURACY: f64 = 1e-9;
 
 /// Solution of the forward problem for one conductivity.
+///
+/// ```
+/// use eit_fem::{ForwardModel, PairProtocol};
+/// use eit_mesh::{MeshSettings, RimElectrodes, SkinShape, generate};
+///
+/// # let skin = SkinShape::Disc { radius_m: 0.1 };
+/// # let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
+/// # let mesh = generate(&skin, &electrodes, &MeshSettings::with_edge(0.02))?;
+/// # let model = ForwardModel::new(&mesh, &PairProtocol::default().protocol()?, &[1e3; 16])?;
+/// let mut workspace = model.workspace()?;
+/// let mut solution = model.solve(&vec![1e-5; model.elements()], &mut workspace)?;
+/// assert_eq!(solution.measurements().len(), 208);
+/// assert!(solution.report().backward_error < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Solution<'a> {
     pub(super) model: &'a ForwardModel,

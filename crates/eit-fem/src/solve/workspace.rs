@@ -11,6 +11,7 @@ use std::fmt;
 /// Working memory of a forward solve. Create one per thread and reuse it.
 ///
 /// It depends only on the sizes of a model, so models of equal sizes may share one.
+#[derive(Clone)]
 pub struct Workspace {
     /// Values of the system matrix.
     pub(crate) matrix: Vec<f64>,

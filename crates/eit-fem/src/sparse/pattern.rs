@@ -4,6 +4,7 @@ use super::scalar::Scalar;
 
 /// Sparsity pattern of a symmetric matrix: its lower triangle by columns, including the diagonal.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Pattern {
     column_starts: Vec<u32>,
     rows: Vec<u32>,

@@ -49,6 +49,7 @@ impl Topic {
 /// One message of a recording.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Entry {
     /// Describes the frames that follow.
     Session(SessionRecord),

@@ -71,7 +71,8 @@ pub(super) fn parts_of(path: &Path) -> Vec<Part> {
 
 /// Returns the files of the recording `path`: the file of that name or, if there is none, its parts
 /// in order. Without either, the file of that name, which cannot be opened.
-pub fn files(path: &Path) -> Vec<PathBuf> {
+pub fn files(path: impl AsRef<Path>) -> Vec<PathBuf> {
+    let path = path.as_ref();
     let parts = if path.exists() { Vec::new() } else { parts_of(path) };
     match parts.is_empty() {
         true => vec![path.to_path_buf()],
@@ -83,7 +84,8 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
 ///
 /// # Errors
 /// [`HwError::Exists`].
-pub fn check_new(path: &Path) -> Result<(), HwError> {
+pub fn check_new(path: impl AsRef<Path>) -> Result<(), HwError> {
+    let path = path.as_ref();
     match files(path).into_iter().find(|file| file.exists()) {
         None => Ok(()),
         Some(found) => Err(HwError::Exists { place: Place::file(&found) }),
@@ -94,7 +96,8 @@ pub fn check_new(path: &Path) -> Result<(), HwError> {
 ///
 /// # Errors
 /// [`HwError::Read`] if it cannot be read, and [`HwError::NotAFile`].
-pub fn is_recording(path: &Path) -> Result<bool, HwError> {
+pub fn is_recording(path: impl AsRef<Path>) -> Result<bool, HwError> {
+    let path = path.as_ref();
     for file in files(path) {
         let failed = |source| HwError::Read { place: Place::file(&file), source };
         let mut start = Vec::new();

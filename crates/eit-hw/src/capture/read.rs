@@ -14,6 +14,8 @@ use crate::recording::{Format, Layout, Recording, Unit};
 
 /// A complete recording in memory.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Capture {
     /// Every message, in the order of the file.
     pub entries: Vec<Entry>,
@@ -44,7 +46,8 @@ impl Capture {
     /// # Errors
     /// [`HwError::NoFrames`] if there are none; [`HwError::Container`] if frames differ in size or
     /// sessions differ in their measurements.
-    pub fn recording(&self, path: &Path) -> Result<Recording, HwError> {
+    pub fn recording(&self, path: impl AsRef<Path>) -> Result<Recording, HwError> {
+        let path = path.as_ref();
         let mut frames = Frames::new(path);
         self.entries.iter().try_for_each(|entry| frames.take(entry))?;
         frames.finish(self.damage)
@@ -108,7 +111,8 @@ pub struct SameSetUp {
 
 impl SameSetUp {
     /// `path` is used in messages only.
-    pub fn new(path: &Path) -> Self {
+    pub fn new(path: impl AsRef<Path>) -> Self {
+        let path = path.as_ref();
         Self { path: path.to_path_buf(), session: None, size: None }
     }
 
@@ -248,7 +252,8 @@ impl<'a> Frames<'a> {
 ///
 /// # Errors
 /// [`HwError::Read`] if the file cannot be read, and those of [`parse`].
-pub fn read(path: &Path) -> Result<Capture, HwError> {
+pub fn read(path: impl AsRef<Path>) -> Result<Capture, HwError> {
+    let path = path.as_ref();
     whole(CaptureReader::open(path)?, path)
 }
 
@@ -258,7 +263,8 @@ pub fn read(path: &Path) -> Result<Capture, HwError> {
 /// # Errors
 /// [`HwError::Empty`]; [`HwError::Container`] if the bytes do not start as MCAP;
 /// [`HwError::TooLarge`] if the content expands so far that the file was made to exhaust memory.
-pub fn parse(bytes: &[u8], path: &Path) -> Result<Capture, HwError> {
+pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Capture, HwError> {
+    let path = path.as_ref();
     whole(CaptureReader::new(Cursor::new(bytes), path)?, path)
 }
 

@@ -45,6 +45,7 @@ const SEARCHED: usize = 1 << 16;
 
 /// What is missing from a recording or damaged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Damage {
     /// Whether the recording was not finished, as after its program was killed.
     pub unfinished: bool,

@@ -19,6 +19,8 @@ use crate::error::{HwError, Place};
 
 /// What was copied to the new recording, and what was not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Recovered {
     /// Number of frames copied.
     pub frames: u64,
@@ -47,7 +49,9 @@ impl Recovered {
 /// Those of [`read`](super::read): if the disk fails midway, the new recording keeps what was read
 /// before. [`HwError::Exists`] if the new file exists, [`HwError::Write`] if it cannot be written, and
 /// [`HwError::NothingWhole`] if nothing is intact; no new file is left then.
-pub fn recover(from: &Path, to: &Path) -> Result<Recovered, HwError> {
+pub fn recover(from: impl AsRef<Path>, to: impl AsRef<Path>) -> Result<Recovered, HwError> {
+    let from = from.as_ref();
+    let to = to.as_ref();
     check_new(to)?;
     let mut files = Files::of(from);
     let first = files.first(from)?;

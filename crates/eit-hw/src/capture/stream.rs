@@ -16,6 +16,8 @@ pub use super::records::Damage;
 
 /// Log and publish times of a message, in nanoseconds since 1970 by the recorder's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct MessageTimes {
     /// Time that tools sort by; never decreases in a recording of this crate.
     pub log_ns: u64,
@@ -68,7 +70,8 @@ impl CaptureReader<BufReader<File>> {
     ///
     /// # Errors
     /// [`HwError::Read`], [`HwError::NotAFile`], and those of [`new`](CaptureReader::new).
-    pub fn open(path: &Path) -> Result<Self, HwError> {
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, HwError> {
+        let path = path.as_ref();
         let mut files = Files::of(path);
         let records = files.first(path)?;
         let further =
@@ -83,7 +86,8 @@ impl<R: Read + Seek> CaptureReader<R> {
     /// # Errors
     /// [`HwError::Empty`]; [`HwError::Read`]; [`HwError::Container`] if the source does not start
     /// as MCAP.
-    pub fn new(source: R, path: &Path) -> Result<Self, HwError> {
+    pub fn new(source: R, path: impl AsRef<Path>) -> Result<Self, HwError> {
+        let path = path.as_ref();
         let records = Records::new(source, path)?;
         Ok(Self { records, channels: HashMap::new(), times: None, further: None })
     }

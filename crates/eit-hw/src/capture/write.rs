@@ -35,6 +35,11 @@ use crate::frame::Frame;
 
 /// Settings of [`CaptureWriter`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct CaptureSettings {
     /// Maximum age of an open chunk in seconds: what a killed program loses. Once its first message
     /// is this old, the next message or [`CaptureWriter::tick`] writes the chunk.
@@ -95,6 +100,16 @@ pub struct CaptureWriter {
     finished: bool,
 }
 
+impl std::fmt::Debug for CaptureWriter {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("CaptureWriter")
+            .field("path", &self.path)
+            .field("settings", &self.settings)
+            .field("counts", &self.counts)
+            .finish_non_exhaustive()
+    }
+}
+
 impl CaptureWriter {
     /// Creates a new file and starts a recording in it.
     ///
@@ -102,10 +117,11 @@ impl CaptureWriter {
     /// [`HwError::Exists`] if the file or a part of it already exists; [`HwError::Write`] if it
     /// cannot be created; [`HwError::Setting`] if `flush_s` is not above 0 or a limit of the parts is too low.
     pub fn create(
-        path: &Path,
+        path: impl AsRef<Path>,
         session: &SessionRecord,
         settings: CaptureSettings,
     ) -> Result<Self, HwError> {
+        let path = path.as_ref();
         Self::begin(Self::new(path, session, settings)?, session)
     }
 
@@ -115,11 +131,12 @@ impl CaptureWriter {
     /// # Errors
     /// Those of [`create`](Self::create).
     pub fn create_at(
-        path: &Path,
+        path: impl AsRef<Path>,
         session: &SessionRecord,
         settings: CaptureSettings,
         times: MessageTimes,
     ) -> Result<Self, HwError> {
+        let path = path.as_ref();
         let mut capture = Self::new(path, session, settings)?;
         capture.write_at(&Entry::Session(session.clone()), times)?;
         capture.flush()?;
@@ -160,10 +177,11 @@ impl CaptureWriter {
     /// program is writing to it; [`HwError::Container`] if its measurements, unit or current
     /// differ, and if one file is to be split.
     pub fn append(
-        path: &Path,
+        path: impl AsRef<Path>,
         session: &SessionRecord,
         settings: CaptureSettings,
     ) -> Result<Self, HwError> {
+        let path = path.as_ref();
         check(settings)?;
         if path.exists() {
             if settings.is_split() {

@@ -31,6 +31,7 @@ const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISCSI);
 /// Type of a message: its second byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Kind {
     /// From the device: [`Information`] about itself.
     Information = 0x01,
@@ -78,6 +79,7 @@ impl Kind {
 /// Why a device refuses a command: the second byte of a [`Kind::Refusal`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Refusal {
     /// Unknown kind of command.
     UnknownKind = 1,
@@ -207,6 +209,7 @@ pub enum Event<'a> {
 
 /// Why bytes do not form a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Damage {
     /// Invalid COBS encoding.
     Cobs,

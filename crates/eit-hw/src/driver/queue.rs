@@ -10,6 +10,7 @@ use crate::frame::Frame;
 
 /// What happens when the consumer is slower than the instrument.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Overflow {
     /// Drops the oldest frame and counts it: for a robot, which needs current data.
     #[default]

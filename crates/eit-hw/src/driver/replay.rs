@@ -13,6 +13,7 @@ use crate::recording::{FrameMap, Projection};
 
 /// Speed at which a recording is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Pace {
     /// Delivers each frame on request: as fast as the consumer, or step by step.
     #[default]
@@ -66,10 +67,11 @@ impl Replay {
     /// [`FrameMap::new`] if it lacks measurements of the protocol.
     #[cfg(feature = "mcap")]
     pub fn open(
-        path: &Path,
+        path: impl AsRef<Path>,
         quadruples: Option<&[Quadruple]>,
         pace: Pace,
     ) -> Result<Self, HwError> {
+        let path = path.as_ref();
         use super::setup::{Identity, Limits};
         use crate::capture::{CaptureReader, Entry};
         use crate::recording::{Layout, Unit};

@@ -26,6 +26,24 @@ use crate::transport::{Endpoint, Link};
 /// A running instrument.
 ///
 /// Dropping it stops the instrument and the reader thread.
+///
+/// ```
+/// use eit_hw::driver::{Board, Event, Session, SessionSettings};
+/// use eit_hw::emulator::{BoardDevice, Emulator, FaultPlan, Listen};
+/// use std::time::Duration;
+///
+/// let board = Board::preset("serial-16")?;
+/// // a real board: `Endpoint::parse("/dev/ttyACM0", board.baud)?` instead of the emulator
+/// let device = BoardDevice::new(board.clone(), 50.0, Box::new(|_, _, values| values.fill(0.5)));
+/// let listen = Listen::Tcp("127.0.0.1:0".into());
+/// let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default())?;
+/// let mut session =
+///     Session::open(board.driver()?, emulator.endpoint(), SessionSettings::default())?;
+/// let event = session.next_event(Duration::from_secs(5))?;
+/// assert!(matches!(event, Some(Event::Frame(frame)) if frame.values.len() == 208));
+/// session.stop();
+/// # Ok::<(), eit_hw::HwError>(())
+/// ```
 #[derive(Debug)]
 pub struct Session {
     queue: Arc<Queue>,

@@ -6,6 +6,7 @@ use crate::recording::{Layout, Unit};
 
 /// Identity reported by the instrument.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Identity {
     /// Name of the driver: `eits1`, `sciospec`, `text`.
     pub driver: &'static str,
@@ -32,6 +33,7 @@ impl fmt::Display for Identity {
 
 /// Format of the frames that a configured instrument sends.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Setup {
     /// Identity of the instrument.
     pub identity: Identity,
@@ -51,6 +53,11 @@ pub struct Setup {
 
 /// Limits on an instrument's values. The default has none.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct Limits {
     /// Magnitude of the largest value. Values within 0.1 % of it are flagged saturated, larger ones
     /// over range.

@@ -68,6 +68,7 @@ pub enum Event {
 
 /// Counts kept by a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Statistics {
     /// Frames received.
     pub frames: u64,

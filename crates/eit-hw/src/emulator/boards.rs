@@ -22,6 +22,16 @@ pub struct BoardDevice {
     sequence: u64,
 }
 
+impl std::fmt::Debug for BoardDevice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("BoardDevice")
+            .field("board", &self.board)
+            .field("frame_rate_hz", &self.frame_rate_hz)
+            .field("sequence", &self.sequence)
+            .finish_non_exhaustive()
+    }
+}
+
 impl BoardDevice {
     /// Creates a board that streams at this rate, or answers requests at once if it needs them.
     pub fn new(board: Board, frame_rate_hz: f64, source: ValueSource) -> Self {

@@ -23,6 +23,16 @@ pub struct Eits1Device {
     announce: bool,
 }
 
+impl std::fmt::Debug for Eits1Device {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Eits1Device")
+            .field("information", &self.information)
+            .field("configuration", &self.configuration)
+            .field("sequence", &self.sequence)
+            .finish_non_exhaustive()
+    }
+}
+
 impl Eits1Device {
     /// Creates an instrument that reports `information`.
     pub fn new(information: Information, source: ValueSource) -> Self {

@@ -6,6 +6,11 @@ use crate::error::HwError;
 
 /// Faults to simulate, drawn at random from a seed. The default has none.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct FaultPlan {
     /// Random seed.
     pub seed: u64,

@@ -12,6 +12,7 @@ const POLL: Duration = Duration::from_millis(2);
 
 /// Where an emulator accepts connections.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Listen {
     /// A TCP address, such as `127.0.0.1:0` for a free port.
     Tcp(String),

@@ -39,6 +39,16 @@ struct Setup {
     stored: Vec<(u8, Vec<u8>)>,
 }
 
+impl std::fmt::Debug for SciospecDevice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SciospecDevice")
+            .field("electrodes", &self.electrodes)
+            .field("serial", &self.serial)
+            .field("sequence", &self.sequence)
+            .finish_non_exhaustive()
+    }
+}
+
 impl SciospecDevice {
     /// Creates an instrument with this serial number. With `reversed`, current enters at the second
     /// electrode of a listed pair.

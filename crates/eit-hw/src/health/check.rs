@@ -34,6 +34,7 @@ const LEAST_FRAMES: usize = 8;
 
 /// What is known of the stream besides its values.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StreamFacts {
     /// Number of lost frames, such as [`Statistics::lost`](crate::driver::Statistics::lost).
     pub lost_frames: u64,
@@ -43,6 +44,8 @@ pub struct StreamFacts {
 
 /// The state of one electrode.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct ElectrodeHealth {
     /// Number of measurements that use the electrode.
     pub measurements: usize,
@@ -50,6 +53,7 @@ pub struct ElectrodeHealth {
     pub flagged_share: f64,
     /// Median noise of the measurements that sense at the electrode, relative to that of all; NaN
     /// without noise.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::nan"))]
     pub noise_ratio: f64,
     /// Reciprocity error of the measurements without this electrode; `None` if none of them are
     /// reciprocal. If it is far below the error of all measurements, this electrode is at fault.
@@ -58,6 +62,8 @@ pub struct ElectrodeHealth {
 
 /// Result of a health check.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct HealthReport {
     /// Reciprocity error of the mean frame, see [`reciprocity_error`].
     pub reciprocity: Option<f64>,

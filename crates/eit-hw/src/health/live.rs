@@ -12,6 +12,8 @@ use crate::recording::{MeasuredFrames, Unit};
 
 /// Frames of the untouched skin, and events during their measurement.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct ReferenceFrames {
     /// Measured values (real parts) and their flags.
     pub frames: MeasuredFrames,

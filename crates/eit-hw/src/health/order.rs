@@ -73,6 +73,8 @@ pub fn reciprocity_error(quadruples: &[Quadruple], frame: &[f64]) -> Option<f64>
 
 /// An order of measurements other than the scene's, and the setting that selects it.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct OrderCandidate {
     /// Setting that selects the order, such as `[protocol] order = "ascending"`.
     pub setting: String,
@@ -82,6 +84,7 @@ pub struct OrderCandidate {
 
 /// What reciprocity says about the order of a file.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum OrderVerdict {
     /// The scene's order fits: its reciprocity error is at most 0.2.
     Consistent {

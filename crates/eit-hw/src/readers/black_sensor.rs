@@ -29,7 +29,8 @@ pub(super) fn is_log(bytes: &[u8]) -> bool {
 ///
 /// # Errors
 /// [`HwError::NoFrames`] if there is no complete frame.
-pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
+pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     let format = TextFormat::black_sensor();
     let count = format.measurements();
     let mut decoder = Decoder::new(format)?;

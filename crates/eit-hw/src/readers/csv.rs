@@ -15,6 +15,11 @@ use crate::recording::{Format, Layout, Note, Recording, Unit};
 
 /// Layout of a CSV file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct CsvOptions {
     /// What forms one frame.
     pub orientation: FrameOrientation,
@@ -27,7 +32,8 @@ pub struct CsvOptions {
 ///
 /// # Errors
 /// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
-pub fn read(path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
+pub fn read(path: impl AsRef<Path>, options: &CsvOptions) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     parse(&file_bytes(path, Format::Csv.name())?, path, options)
 }
 
@@ -39,7 +45,12 @@ pub fn read(path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
 /// # Errors
 /// [`HwError`] for an empty or binary file, a field that is not a number, a row whose length
 /// differs from the first, or an odd number of rows or columns where they alternate.
-pub fn parse(bytes: &[u8], path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
+pub fn parse(
+    bytes: &[u8],
+    path: impl AsRef<Path>,
+    options: &CsvOptions,
+) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     let content = text::decode(bytes, path)?;
     let mut rows = Rows::default();
     for (line, row) in text::lines(content) {

@@ -28,7 +28,8 @@ const LARGEST: f64 = 1e6;
 ///
 /// # Errors
 /// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
-pub fn read(path: &Path) -> Result<Recording, HwError> {
+pub fn read(path: impl AsRef<Path>) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     parse(&file_bytes(path, Format::Goe.name())?, path)
 }
 
@@ -40,7 +41,8 @@ pub fn read(path: &Path) -> Result<Recording, HwError> {
 /// # Errors
 /// [`HwError`] for an empty or text file, a Draeger file, less than one frame, and a value that is
 /// NaN, infinite or implausible as a voltage.
-pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
+pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     if bytes.is_empty() {
         return Err(HwError::Empty { place: Place::file(path) });
     }

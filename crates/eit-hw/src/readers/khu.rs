@@ -45,7 +45,8 @@ const FULL_SCALE: f64 = 32_768.0;
 ///   one sink;
 /// - a scan row is not four numbers, a channel is out of order, or the number of rows differs from
 ///   the table (files of mixed frequencies have three times as many and are not supported).
-pub fn read(path: &Path) -> Result<Recording, HwError> {
+pub fn read(path: impl AsRef<Path>) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     if path.is_file() {
         return Err(HwError::NotAFolder { place: Place::file(path), format: Format::Khu.name() });
     }

@@ -18,7 +18,8 @@ const MEND: &str = "export the file again";
 ///
 /// # Errors
 /// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
-pub fn read(path: &Path) -> Result<Recording, HwError> {
+pub fn read(path: impl AsRef<Path>) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     parse(&file_bytes(path, Format::Lct.name())?, path)
 }
 
@@ -30,7 +31,8 @@ pub fn read(path: &Path) -> Result<Recording, HwError> {
 /// [`HwError`] for an empty or binary file, a header without `#MEAS`, `Length`, `Electrodes` and
 /// `Operating_Frequency` or with inconsistent numbers, a row that is not three finite numbers, a
 /// current of 0, or a number of rows other than `Length`.
-pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
+pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     let content = text::decode(bytes, path)?;
     if !content.starts_with("#MEAS") {
         let text = shortened(content.lines().next().unwrap_or_default());

@@ -23,6 +23,11 @@ const MEND: &str = "save it again with numpy.save as a plain numeric array";
 
 /// Layout of an array.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct NpyOptions {
     /// What forms one frame in an array of two axes.
     pub orientation: FrameOrientation,
@@ -35,7 +40,8 @@ pub struct NpyOptions {
 ///
 /// # Errors
 /// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
-pub fn read(path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
+pub fn read(path: impl AsRef<Path>, options: &NpyOptions) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     parse(&file_bytes(path, Format::Npy.name())?, path, options)
 }
 
@@ -51,7 +57,12 @@ pub fn read(path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
 /// [`HwError`] for an empty file, a damaged header, another type or shape, more or fewer bytes than
 /// the header states, an odd number of rows or columns where they alternate, and complex numbers
 /// where real ones should alternate.
-pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
+pub fn parse(
+    bytes: &[u8],
+    path: impl AsRef<Path>,
+    options: &NpyOptions,
+) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     let Header { first_byte, kind, fortran, shape } = Header::parse(bytes, path)?;
     let orientation = options.orientation;
     let by_rows = orientation == FrameOrientation::Rows;
@@ -96,7 +107,8 @@ pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recordin
 ///
 /// # Errors
 /// Those of [`parse`], and [`HwError::Field`] for complex numbers.
-pub fn parse_array(bytes: &[u8], path: &Path) -> Result<ArrayD<f64>, HwError> {
+pub fn parse_array(bytes: &[u8], path: impl AsRef<Path>) -> Result<ArrayD<f64>, HwError> {
+    let path = path.as_ref();
     let Header { first_byte, kind, fortran, shape } = Header::parse(bytes, path)?;
     if kind.complex {
         return Err(HwError::Field {
@@ -124,7 +136,8 @@ pub fn parse_array(bytes: &[u8], path: &Path) -> Result<ArrayD<f64>, HwError> {
 ///
 /// # Errors
 /// Those of [`parse_array`], and [`HwError::Read`] if the file cannot be read.
-pub fn read_array(path: &Path) -> Result<ArrayD<f64>, HwError> {
+pub fn read_array(path: impl AsRef<Path>) -> Result<ArrayD<f64>, HwError> {
+    let path = path.as_ref();
     parse_array(&file_bytes(path, Format::Npy.name())?, path)
 }
 

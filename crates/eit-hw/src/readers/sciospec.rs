@@ -20,6 +20,11 @@ use frame::EitFrame;
 
 /// Options for reading a Sciospec recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct SciospecOptions {
     /// Index of the frequency to read, from 0.
     pub frequency_row: usize,
@@ -33,7 +38,8 @@ pub struct SciospecOptions {
 /// # Errors
 /// Those of [`parse`], and [`HwError`] if a file cannot be read, a name has no number, two
 /// recordings share the folder, or a frame has other drives or channels than the first.
-pub fn read(path: &Path, options: &SciospecOptions) -> Result<Recording, HwError> {
+pub fn read(path: impl AsRef<Path>, options: &SciospecOptions) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     if !path.is_dir() {
         return parse(&file_bytes(path, Format::Sciospec.name())?, path, options);
     }
@@ -56,7 +62,12 @@ pub fn read(path: &Path, options: &SciospecOptions) -> Result<Recording, HwError
 /// drive line without its channels, a line whose number of values differs from the first, a value
 /// that is not a finite number, a frequency row that does not exist, and a file that ends within a
 /// drive.
-pub fn parse(bytes: &[u8], path: &Path, options: &SciospecOptions) -> Result<Recording, HwError> {
+pub fn parse(
+    bytes: &[u8],
+    path: impl AsRef<Path>,
+    options: &SciospecOptions,
+) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     let mut frames = Frames::default();
     frames.push(EitFrame::parse(bytes, path, options.frequency_row)?, path)?;
     frames.finish(path)

@@ -22,6 +22,11 @@ use crate::recording::{Format, Layout, Note, Recording, SkipReason, Skipped, Uni
 
 /// Layout of a serial log.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct SerialLogOptions {
     /// Lines per frame: number of drives.
     pub lines_per_frame: usize,
@@ -42,7 +47,8 @@ impl Default for SerialLogOptions {
 ///
 /// # Errors
 /// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
-pub fn read(path: &Path, options: &SerialLogOptions) -> Result<Recording, HwError> {
+pub fn read(path: impl AsRef<Path>, options: &SerialLogOptions) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     parse(&file_bytes(path, Format::SerialLog.name())?, path, options)
 }
 
@@ -52,7 +58,12 @@ pub fn read(path: &Path, options: &SerialLogOptions) -> Result<Recording, HwErro
 ///
 /// # Errors
 /// [`HwError::Empty`], and [`HwError::NoFrames`] if no frame is complete.
-pub fn parse(bytes: &[u8], path: &Path, options: &SerialLogOptions) -> Result<Recording, HwError> {
+pub fn parse(
+    bytes: &[u8],
+    path: impl AsRef<Path>,
+    options: &SerialLogOptions,
+) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     if bytes.is_empty() {
         return Err(HwError::Empty { place: Place::file(path) });
     }

@@ -8,6 +8,7 @@ use crate::error::{HwError, shortened};
 /// A format of recorded files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Format {
     /// Numbers as text; see [`csv`](crate::csv).
     Csv,

@@ -7,6 +7,7 @@ use super::orientation::FrameOrientation;
 /// Likely reason why the number of values or frames in a file does not match the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum CountHint {
     /// As many frames as measurements in a table read by rows: its frames are columns.
     Transposed,

@@ -4,6 +4,7 @@ use crate::frame::Quadruple;
 
 /// Electrodes of the values of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Layout {
     /// The file does not name electrodes: values are assumed to be in the order of the scene's
     /// protocol, and their number must match.
@@ -37,6 +38,7 @@ impl Layout {
 
 /// Unit of recorded values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Unit {
     /// Volt.
     Volt,

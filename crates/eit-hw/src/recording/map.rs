@@ -11,6 +11,7 @@ use crate::frame::{Quadruple, Quality, unsigned};
 /// How a [`FrameMap`] turns a complex value z = x + i y into a real number. For real values the
 /// result is x, except |x| for `Magnitude` and an error for `Imaginary`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Projection {
     /// x.
     #[default]
@@ -90,8 +91,9 @@ impl FrameMap {
         value_count: usize,
         quadruples: Option<&[Quadruple]>,
         count: usize,
-        source: &Path,
+        source: impl AsRef<Path>,
     ) -> Result<Self, HwError> {
+        let source = source.as_ref();
         let place = || Place::file(source);
         if let Some(found) = layout.value_count().filter(|&found| found != value_count) {
             let (place, field) = (place(), "layout");

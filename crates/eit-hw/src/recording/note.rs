@@ -6,6 +6,7 @@ use crate::error::At;
 
 /// Incomplete frames that a reader skipped.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Skipped {
     /// Number of skipped frames.
     pub frames: usize,
@@ -15,6 +16,7 @@ pub struct Skipped {
 
 /// One skipped frame, or several merged ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SkippedFrame {
     /// Position of the problem.
     pub at: At,
@@ -25,6 +27,7 @@ pub struct SkippedFrame {
 /// Why a frame was skipped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum SkipReason {
     /// The line that starts a frame is missing, so the first number may be truncated.
     NoStart,
@@ -92,6 +95,7 @@ impl fmt::Display for SkippedFrame {
 /// Something a user should know about a recording that was read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Note {
     /// A line without any number was treated as the header.
     HeaderLine {

@@ -2,6 +2,7 @@
 
 /// What forms one frame in a table of numbers [row, column].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum FrameOrientation {
     /// A row: the table is [frame, measurement].
     #[default]

@@ -13,6 +13,7 @@ use crate::frame::{Frame, Quadruple, Quality};
 
 /// How each complex value z = x + i y is turned into a real number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Component {
     /// x.
     #[default]
@@ -29,7 +30,17 @@ pub enum Component {
 }
 
 /// Frames as real numbers in protocol order.
+///
+/// ```
+/// use eit_hw::{Component, csv};
+///
+/// let recording = csv::parse(b"1.0,2.0\n3.0,4.0\n", "press.csv", &csv::CsvOptions::default())?;
+/// let frames = recording.frames_for(None, 2, Component::Real)?;
+/// assert_eq!(frames.mean_frame(), [2.0, 3.0]);
+/// # Ok::<(), eit_hw::HwError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MeasuredFrames {
     /// Values, [frame, measurement]. Values with a flag may be NaN.
     pub values: Array2<f64>,

@@ -6,6 +6,7 @@ use crate::error::HwError;
 
 /// Port or address of an instrument.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Endpoint {
     /// A serial port with 8 data bits, no parity, one stop bit and no flow control.
     Serial {

@@ -4,6 +4,8 @@ use crate::error::HwError;
 
 /// A serial port of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct PortDescription {
     /// Path or name of the port.
     pub path: String,
@@ -13,6 +15,8 @@ pub struct PortDescription {
 
 /// Identification reported by a USB device.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct UsbDescription {
     /// Vendor identifier.
     pub vendor: u16,

@@ -6,6 +6,7 @@ use eit_fem::ForwardModel;
 
 /// Which contact impedances are fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Contacts {
     /// Contact impedance of each electrode.
     #[default]
@@ -16,6 +17,7 @@ pub enum Contacts {
 
 /// Why a calibration stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum CalibrationStatus {
     /// A further step would be below a thousandth of the standard deviations.
     Converged,
@@ -27,6 +29,7 @@ pub enum CalibrationStatus {
 
 /// Settings of [`Calibration`](crate::Calibration).
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CalibrationSettings {
     /// Starting value of the conductivity, siemens (per square); its size matters little.
     pub conductivity_s: f64,

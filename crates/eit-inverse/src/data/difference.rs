@@ -6,6 +6,7 @@ use ndarray::ArrayRef2;
 
 /// Whether differences are divided by the reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum DifferenceKind {
     /// `dv = v - v_ref`, volts.
     #[default]
@@ -65,7 +66,19 @@ impl DifferenceKind {
 
 /// How a frame `v` and a reference frame `v_ref` become difference data `dv`, and how the Jacobian changes
 /// with it.
+///
+/// ```
+/// use eit_inverse::{DifferenceData, DifferenceKind};
+///
+/// let data = DifferenceData::Normalised { model_voltages_v: vec![2.0, -4.0] };
+/// assert_eq!(data.kind(), DifferenceKind::Normalised);
+/// assert_eq!(data.kind().difference(2.2, 2.0), 0.10000000000000009);
+/// // noise in volts becomes noise of the relative difference
+/// assert_eq!(data.noise_std(&[0.1, 0.1])?, [0.05, 0.025]);
+/// # Ok::<(), eit_inverse::InverseError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum DifferenceData {
     /// `dv = v - v_ref`, volts. The Jacobian is unchanged.
     #[default]
@@ -159,6 +172,8 @@ impl DifferenceData {
 
 /// Whether a frame needed computation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum FrameStatus {
     /// The frame differs from its reference; its image was computed.
     Computed,

@@ -36,6 +36,8 @@ const UNLIKE_LEVEL: f64 = 0.95;
 
 /// Distance between the position of each press and where it is located without it.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct FoldErrors {
     /// Error of each press, metres.
     pub errors_m: Vec<f64>,
@@ -63,6 +65,7 @@ pub(super) fn quantile(values: &[f64], part: f64) -> f64 {
 
 /// A learnt map and how it was chosen.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Choice {
     /// The map learnt from all presses.
     pub map: ResponseMap,

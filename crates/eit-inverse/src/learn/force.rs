@@ -49,6 +49,7 @@ const BEYOND_STD: f64 = 0.3;
 
 /// A press with a known force.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ForceSample {
     /// Strength of the touch in any unit, above zero.
     pub strength: f64,
@@ -60,15 +61,19 @@ pub struct ForceSample {
 
 /// A force and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct ForceEstimate {
     /// Force, newtons.
     pub force_n: f64,
     /// Its standard deviation, newtons.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::infinite"))]
     pub std_n: f64,
 }
 
 /// A learnt map from strength and position to force.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ForceCurve {
     /// Coefficients `b0` to `b6` of `ln F`, `F` in newtons; unused ones are zero.
     pub coefficients: [f64; TERMS],

@@ -7,6 +7,8 @@ use crate::geometry::distance_m;
 
 /// A located touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Located {
     /// Posterior mean of the position, metres.
     pub position_m: [f64; 3],

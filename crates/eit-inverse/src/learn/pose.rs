@@ -18,6 +18,7 @@ const STEPS: usize = 40;
 
 /// Transform from the coordinates of a press table to those of the model's skin, in the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pose {
     /// Counter-clockwise rotation, radians, applied after the mirror.
     pub turn_rad: f64,
@@ -31,6 +32,8 @@ pub struct Pose {
 
 /// A fitted pose and its errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct PoseFit {
     /// The pose.
     pub pose: Pose,

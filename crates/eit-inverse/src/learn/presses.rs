@@ -8,6 +8,7 @@ use ndarray::{Array2, ArrayRef2, Axis};
 
 /// Frames of presses at known positions.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Presses {
     /// Pressed minus untouched, `[press, channel]`, any unit.
     pub frames: Array2<f64>,
@@ -54,6 +55,7 @@ impl Presses {
 
 /// Responses of the channels to a touch of 1 S m^2 according to the physical model.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ModelResponses {
     /// Candidate positions, metres.
     pub candidates_m: Vec<[f64; 3]>,

@@ -25,6 +25,7 @@ const RIDGES: [f64; 6] = [1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.5];
 
 /// Parameters of a [`PlaceRegression`]; [`PlaceRegression::learn`] chooses them.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PlaceRegressionSettings {
     /// Whether channels are standardised.
     pub is_standardised: bool,
@@ -36,6 +37,7 @@ pub struct PlaceRegressionSettings {
 
 /// A learnt map from frame to position.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct PlaceRegression {
     /// Parameters.
     pub settings: PlaceRegressionSettings,
@@ -58,6 +60,8 @@ pub struct PlaceRegression {
 
 /// A position from regression.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct PlaceEstimate {
     /// Position, metres.
     pub position_m: [f64; 3],

@@ -31,6 +31,7 @@ const AMPLITUDES: [f64; 2] = [0.3, 3.0];
 
 /// Parameters of a [`ResponseMap`]; [`ResponseMap::learn`] chooses them.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ResponseMapSettings {
     /// Length scale of the model's error over the skin, metres.
     pub length_m: f64,
@@ -58,6 +59,8 @@ impl ResponseMapSettings {
 
 /// Learnt responses of the channels to a press at each candidate position.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct ResponseMap {
     /// Parameters.
     pub settings: ResponseMapSettings,

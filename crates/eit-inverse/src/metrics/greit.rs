@@ -11,8 +11,10 @@ const QUARTER: f64 = 0.25;
 
 /// True change that an image should show.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct GreitTarget<const D: usize> {
     /// Centre, metres.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "crate::absent::position"))]
     pub position_m: [f64; D],
     /// Integral of the change over the skin ([`Cells::integral`] of the truth), in the image's unit times
     /// square metres (S m^2 for a sheet), with its sign.
@@ -21,6 +23,8 @@ pub struct GreitTarget<const D: usize> {
 
 /// Result of [`greit_figures`].
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct GreitFigures<const D: usize> {
     /// AR, dimensionless: 1 if the image contains as much change as the truth.
     pub amplitude_response: f64,
@@ -35,6 +39,7 @@ pub struct GreitFigures<const D: usize> {
     /// change inside; infinite if the circle contains no change of the chosen sign.
     pub ringing: f64,
     /// Centroid of the amplitude set, metres.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "crate::absent::position"))]
     pub centre_m: [f64; D],
 }
 

@@ -12,8 +12,11 @@ const MOST_TOUCHES: usize = 10;
 
 /// A connected part of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Blob<const D: usize> {
     /// Centroid with the weights `|x| area`, metres.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "crate::absent::position"))]
     pub centre_m: [f64; D],
     /// Largest `|x|`, in the image's unit.
     pub peak: f64,
@@ -56,6 +59,11 @@ pub fn blobs<const D: usize>(
 
 /// Settings of [`touch_position_errors_m`].
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct TouchSettings {
     /// Which sign of change is a touch. Default: increase.
     pub sign: ChangeSign,
@@ -64,6 +72,7 @@ pub struct TouchSettings {
     pub level: f64,
     /// Largest distance of a blob from its touch, metres; a blob farther away counts as extra and the touch
     /// as missed. Default: infinite.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::infinite"))]
     pub within_m: f64,
 }
 
@@ -75,10 +84,13 @@ impl Default for TouchSettings {
 
 /// Result of [`touch_position_errors_m`].
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct TouchErrors<const D: usize> {
     /// Distance of each true touch from its blob, metres, `[touch]`; `None` if missed.
     pub errors_m: Vec<Option<f64>>,
     /// Centre of that blob, metres, `[touch]`.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "crate::absent::positions"))]
     pub centres_m: Vec<Option<[f64; D]>>,
     /// True touches without a blob.
     pub missed: usize,

@@ -142,6 +142,18 @@ impl OneStepGaussNewton {
             spectrum_s: times_s[1],
             basis_s: times_s[2],
         };
+        event!(
+            DEBUG,
+            "set up one-step reconstruction",
+            prior = report.prior,
+            measurements_used = report.measurements_used,
+            elements = report.elements,
+            rank = report.rank,
+            condition = report.condition,
+            prior_s = report.prior_s,
+            spectrum_s = report.spectrum_s,
+            basis_s = report.basis_s,
+        );
         let reconstructor = Reconstructor::new(channels, image_basis, &spectrum, hyperparameter);
         Self { reconstructor, spectrum, report }
     }

@@ -5,6 +5,7 @@ use super::hyperparameter::HyperparameterStatus;
 /// Sizes, conditioning and set-up times of a [`OneStepGaussNewton`](crate::OneStepGaussNewton).
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct OneStepReport {
     /// The prior's name.
     pub prior: &'static str,

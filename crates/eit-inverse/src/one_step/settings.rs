@@ -5,6 +5,11 @@ use crate::{DifferenceData, InverseError};
 
 /// Settings of [`OneStepGaussNewton`](crate::OneStepGaussNewton).
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct OneStepSettings {
     /// Hyperparameter lambda, dimensionless, entering as `lambda^2` (see
     /// [`OneStepGaussNewton`](crate::OneStepGaussNewton)). Default 0.03.

@@ -24,6 +24,11 @@ const LANES: usize = 8;
 
 /// Settings of [`Gaussian`].
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct GaussianSettings {
     /// Correlation length `l`, metres: at distance `l` the correlation is `exp(-1/2)`. `None` (default): a
     /// tenth of the skin's extent (longest side of its bounding box).

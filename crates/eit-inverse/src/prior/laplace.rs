@@ -13,9 +13,15 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Conj, MatMut, Par, Side, Spec};
 use ndarray::{Array1, Array2, ArrayView2};
+use std::sync::Arc;
 
 /// Settings of [`Laplace`].
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct LaplaceSettings {
     /// Length beyond which points become independent, metres. `None` (default): the extent of the skin
     /// (longest side of its bounding box). This hardly affects the images: it only fixes the mean, which
@@ -42,10 +48,11 @@ pub struct LaplaceSettings {
 ///
 /// Source: Eymard, Gallouet, Herbin, *Finite volume methods*, Handbook of Numerical Analysis VII
 /// (2000), section 9 (flux); EIDORS' `prior_laplace` (adjacency with equal weights).
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Laplace {
     precision: SparseColMat<usize, f64>,
-    symbolic: SymbolicCholesky<usize>,
+    /// Shared: faer cannot copy it.
+    symbolic: Arc<SymbolicCholesky<usize>>,
     factor: Vec<f64>,
 }
 
@@ -86,7 +93,7 @@ impl Laplace {
                 Spec::default(),
             )
             .map_err(|_| failed())?;
-        Ok(Self { precision, symbolic, factor })
+        Ok(Self { precision, symbolic: Arc::new(symbolic), factor })
     }
 
     /// Returns `R dsigma`, `[element]`, for an image `[element]`.

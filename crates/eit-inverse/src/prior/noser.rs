@@ -17,6 +17,7 @@ use ndarray::{Array1, Array2, ArrayView2, Axis};
 /// Source: Cheney, Isaacson, Newell, Simske, Goble, NOSER, *Int. J. Imaging Syst. Technol.* 2
 /// (1990), 66-75 (exponent 1); exponent 0.5 as in EIDORS' `prior_noser`.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Noser {
     /// Exponent, 0 to 1. Default 0.5.
     pub exponent: f64,

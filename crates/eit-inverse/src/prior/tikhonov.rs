@@ -14,6 +14,26 @@ use ndarray::{Array1, Array2, ArrayView2};
 ///
 /// Source: Tikhonov, *Soviet Math. Dokl.* 4 (1963), 1035; area weights as in EIDORS'
 /// `prior_tikhonov` on meshes of equal elements.
+///
+/// ```
+/// use eit_inverse::{OneStepGaussNewton, OneStepSettings, Tikhonov};
+/// use eit_mesh::Surface;
+/// use ndarray::array;
+///
+/// let nodes_m = vec![[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]];
+/// let surface = Surface::new(nodes_m, vec![[0, 1, 2], [0, 2, 3]])?;
+/// // three measurements of two elements; the second element has changed
+/// let jacobian = array![[1.0, 0.5], [0.5, 1.0], [0.2, 0.2]];
+/// let prior = Tikhonov::new(&surface);
+/// let inverse = OneStepGaussNewton::new(
+///     &jacobian,
+///     &prior,
+///     OneStepSettings { hyperparameter: 1e-3, ..Default::default() },
+/// )?;
+/// let image = inverse.reconstruct(&[0.5, 1.0, 0.2], &[0.0; 3])?;
+/// assert!((image[1] - 1.0).abs() < 0.01 && image[0].abs() < 0.01);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Tikhonov {
     variances: Array1<f64>,

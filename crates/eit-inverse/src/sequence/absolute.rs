@@ -14,6 +14,7 @@ use crate::{InverseError, Prior};
 use bounded::Bounded;
 use eit_fem::{ForwardModel, Workspace};
 use ndarray::{Array2, ArrayRef2};
+use std::fmt;
 
 /// Largest rounding difference between two computations of the same row of `J P`, relative to its
 /// largest entry.
@@ -55,6 +56,7 @@ const SAME_ROW: f64 = 1e-6;
 /// Source: Vauhkonen, Vadasz, Karjalainen, Somersalo, Kaipio, *IEEE Trans. Med. Imaging* 17 (1998),
 /// 285-293 (iterated Gauss-Newton with priors); the form in measurement space: Adler, Dai,
 /// Lionheart, *Physiol. Meas.* 28 (2007), S1-S11.
+#[derive(Clone)]
 pub struct AbsoluteGaussNewton<'a> {
     model: &'a ForwardModel,
     prior: &'a dyn Prior,
@@ -72,6 +74,15 @@ pub struct AbsoluteGaussNewton<'a> {
     noise_variance: f64,
     settings: AbsoluteSettings,
     reports: Vec<AbsoluteFrameReport>,
+}
+
+impl fmt::Debug for AbsoluteGaussNewton<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("AbsoluteGaussNewton")
+            .field("prior", &self.prior.name())
+            .field("jacobian", &self.jacobian.dim())
+            .finish_non_exhaustive()
+    }
 }
 
 impl<'a> AbsoluteGaussNewton<'a> {

@@ -18,6 +18,11 @@ const VARIANCES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
 /// Settings of [`KalmanSmoother`] and [`KalmanFilter`].
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct KalmanSettings {
     /// Hyperparameter, data, noise and channels, as for a single frame.
     pub one_step: OneStepSettings,

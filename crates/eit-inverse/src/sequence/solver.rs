@@ -53,6 +53,7 @@ impl<'a> DifferenceFrames<'a> {
 /// Why a solver stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum SequenceStatus {
     /// The method is direct and does not iterate.
     Direct,
@@ -69,8 +70,11 @@ pub enum SequenceStatus {
 
 /// Proven bounds on the optimum, returned by convex methods.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Certificate {
     /// Objective of the returned sequence, an upper bound on the optimum.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::infinite"))]
     pub primal: f64,
     /// Objective of a feasible dual point, a lower bound on the optimum.
     pub lower_bound: f64,
@@ -94,6 +98,8 @@ impl Certificate {
 
 /// Report of a sequence reconstruction.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct SequenceReport {
     /// Name of the method: `st-tv`, `tv`, `one-step`, `time-prior`, `kalman-smoother`,
     /// `gauss-newton-absolute`.
@@ -116,12 +122,15 @@ pub struct SequenceReport {
 
 /// Progress of an iterative method at one point in time.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct TracePoint {
     /// Wall time since the call, seconds.
     pub seconds: f64,
     /// Number of iterations so far, including those for bounds.
     pub iterations: usize,
     /// Best objective so far; infinite if no feasible sequence is known.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::infinite"))]
     pub primal: f64,
     /// Best lower bound so far.
     pub lower_bound: f64,
@@ -129,6 +138,7 @@ pub struct TracePoint {
 
 /// A reconstructed sequence.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct ImageSequence {
     /// Change of sheet conductivity, siemens, `[frame, unknown]`, in the order of the Jacobian's
     /// columns.

@@ -9,6 +9,11 @@ use ndarray::ArrayRef2;
 
 /// Settings of [`TimePrior`].
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct TimePriorSettings {
     /// Hyperparameter, data, noise and channels, as for a single frame.
     pub one_step: OneStepSettings,

@@ -76,6 +76,14 @@ pub(crate) struct Eigen {
     memory: MemBuffer,
 }
 
+impl Clone for Eigen {
+    /// The memory is scratch, and faer cannot copy it.
+    fn clone(&self) -> Self {
+        let (matrix, vectors) = (self.matrix.clone(), self.vectors.clone());
+        Self { matrix, vectors, values: self.values.clone(), ..Self::new(self.matrix.nrows()) }
+    }
+}
+
 impl std::fmt::Debug for Eigen {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Eigen").finish_non_exhaustive()

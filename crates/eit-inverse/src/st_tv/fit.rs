@@ -26,7 +26,7 @@ use kernels::{Apply, CHUNK, Gram};
 use pulp::Arch;
 
 /// Data steps of all frames.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct DataSteps<T> {
     /// Number of ranks in the exact step, a multiple of [`RANKS`]; see [`super::engine`] for the others.
     head: usize,
@@ -58,7 +58,7 @@ pub(crate) struct DataSteps<T> {
 }
 
 /// Data step of the frames of one block that have the same channels.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct DataStep<T> {
     block: usize,
     good: Vec<bool>,

@@ -22,7 +22,7 @@ use super::sweep::differences;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Duals and memory of the search.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Flow<T> {
     stride: usize,
     /// `V F y`.

@@ -7,6 +7,7 @@ use std::time::Duration;
 /// How the images are fitted to the data.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Fidelity {
     /// `sum_t |W^1/2 (J x_t - dv_t)|^2 / 2` is part of the objective.
     Penalised,
@@ -22,6 +23,11 @@ pub enum Fidelity {
 
 /// Settings of [`StTv`](crate::StTv).
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct StTvSettings {
     /// Weight of `sum_t |grad x_t|_{2,1}`, above zero. Unit: that of the data term over S m; with
     /// [`Fidelity::Constrained`] only the ratio of the two weights matters.
@@ -37,8 +43,10 @@ pub struct StTvSettings {
     pub fidelity: Fidelity,
     /// Lower bound of the conductivity change, siemens (`-inf`: no bound). Use 0 for a piezoresistive
     /// fabric, whose conductivity only increases under pressure.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::minus_infinite"))]
     pub lower_s: f64,
     /// Upper bound of the conductivity change, siemens (`inf`: no bound).
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::infinite"))]
     pub upper_s: f64,
     /// Standard deviation of the noise of each difference, `[measurement]`, in the unit of `dv`;
     /// `None`: `W = 1`.
@@ -109,6 +117,7 @@ impl StTvSettings {
 
 /// Stopping rule; the first condition reached stops the iteration.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Stop {
     /// Target relative duality gap, above zero. Below `1e-4`, and with data constraints, the
     /// iteration runs in `f64` instead of `f32`.
@@ -127,6 +136,11 @@ impl Default for Stop {
 
 /// Settings of [`StTvStream`](crate::StTvStream).
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct StreamSettings {
     /// Number of frames in the window, 1 or above. Windows are padded internally to a multiple of 8
     /// frames, so 8 or 16 cost no more than 5 or 9.

@@ -220,7 +220,7 @@ fn balance<T: Float>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> {
 }
 
 /// Memory for a step map.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct MapScratch<T> {
     /// Gradient of each unknown and of each group, in blocks of frames.
     cells: Vec<T>,

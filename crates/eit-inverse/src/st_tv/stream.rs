@@ -18,6 +18,8 @@ use std::time::Instant;
 
 /// Result of a push.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct StreamStep<'a> {
     /// Image of the lagged frame, siemens, `[unknown]`; `None` until the window contains that frame.
     pub image: Option<&'a [f64]>,
@@ -53,7 +55,7 @@ pub struct StreamStep<'a> {
 ///   computed ([`StreamStep::quiet`]). Without `noise_std` this requires data that is exactly zero.
 /// * A change of the reference frame changes all data of the window
 ///   ([`change_reference`](Self::change_reference)).
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct StTvStream {
     solver: StTv,
     settings: StreamSettings,
@@ -94,6 +96,7 @@ pub struct StTvStream {
 }
 
 /// Memory that a push writes before it reads.
+#[derive(Clone)]
 struct Scratch {
     /// The frame being pushed, until it has passed all checks.
     mode: Seen,

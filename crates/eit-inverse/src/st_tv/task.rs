@@ -171,12 +171,27 @@ impl<'a> Task<'a> {
             // clip again, so that bounds hold exactly after scaling
             (images[p * stride + frame] * per_image).clamp(lower, upper)
         };
+        let iterations = last.map_or(0, |point| point.iterations);
+        let bounds = last.map(|TracePoint { primal, lower_bound, .. }| (primal, lower_bound));
+        let (primal, lower_bound) = bounds.unwrap_or((f64::INFINITY, 0.0));
+        if status == SequenceStatus::Converged {
+            event!(DEBUG, "total variation converged", iterations = iterations, primal = primal);
+        } else {
+            event!(
+                WARN,
+                "total variation stopped before the wanted accuracy",
+                iterations = iterations,
+                primal = primal,
+                lower_bound = lower_bound,
+                seconds = start.elapsed().as_secs_f64(),
+            );
+        }
         ImageSequence {
             images: Array2::from_shape_fn((self.frames, unknowns), value),
             report: SequenceReport {
                 method: self.name(),
                 status,
-                iterations: last.map_or(0, |point| point.iterations),
+                iterations,
                 seconds: start.elapsed().as_secs_f64(),
                 residual: residual.iter().map(|r| r * self.scale).collect(),
                 certificate: last.map(|TracePoint { primal, lower_bound, .. }| Certificate {

@@ -30,6 +30,7 @@ const TRIAL_ITERATIONS: usize = 2000;
 /// Outcome of a choice of weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum WeightStatus {
     /// The residual equals the noise level.
     Reached,
@@ -47,6 +48,8 @@ pub enum WeightStatus {
 
 /// One trial of the choice of weights.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct WeightPoint {
     /// Trial weight.
     pub lambda_space: f64,
@@ -58,6 +61,8 @@ pub struct WeightPoint {
 
 /// Weights chosen by the discrepancy principle.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct ChosenWeights {
     /// Spatial weight.
     pub lambda_space: f64,

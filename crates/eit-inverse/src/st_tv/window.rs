@@ -6,6 +6,7 @@ use super::problem::{DataTerm, Problem};
 use crate::SequenceStatus;
 
 /// Result of the iteration of a push, in internal units.
+#[derive(Clone)]
 pub(super) struct Outcome {
     pub(super) status: SequenceStatus,
     pub(super) iterations: usize,
@@ -23,7 +24,7 @@ impl Outcome {
 }
 
 /// Data and weights of the window in internal units.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Window {
     /// `[frame]`.
     pub(super) modes: Vec<Seen>,

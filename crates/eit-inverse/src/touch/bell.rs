@@ -6,6 +6,7 @@ use std::array::from_fn;
 /// A round touch: `sigma = background (1 + amplitude exp(-d^2 / (2 radius^2)))`, where `d` is the straight
 /// distance from the centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Bell {
     /// Centre on the skin, metres.
     pub position_m: [f64; 3],

@@ -9,6 +9,7 @@ use ndarray::Array2;
 
 /// Which parameters of a touch are unknown besides its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Nuisance {
     /// None: amplitude and radius are known.
     Known,
@@ -26,6 +27,8 @@ impl Nuisance {
 
 /// Bound on the covariance of a touch's position.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct BellBound {
     /// Least covariance of the position, square metres; infinite if the data do not determine the parameters.
     pub position_covariance_m2: [[f64; 3]; 3],

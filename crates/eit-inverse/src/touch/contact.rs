@@ -4,6 +4,7 @@ use super::LearntTouch;
 
 /// Stage of a touch's life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TouchState {
     /// Reported for the first time.
     Begin,
@@ -16,6 +17,7 @@ pub enum TouchState {
 
 /// A contact on the skin.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Touch {
     /// Id, counted from 1 and never reused.
     pub id: u64,
@@ -79,6 +81,27 @@ impl Touch {
     /// Returns the standard deviation of the force, newtons; `None` if none was learnt.
     pub fn force_std_n(&self) -> Option<f64> {
         self.learnt?.force_n.map(|[_, std_n]| std_n)
+    }
+
+    /// Returns the position as a point of `mint`, metres, which most mathematics crates convert.
+    #[cfg(feature = "mint")]
+    #[cfg_attr(docsrs, doc(cfg(feature = "mint")))]
+    pub fn position(&self) -> mint::Point3<f64> {
+        self.position_m.into()
+    }
+
+    /// Returns the unit normal as a vector of `mint`; see [`normal`](Self::normal).
+    #[cfg(feature = "mint")]
+    #[cfg_attr(docsrs, doc(cfg(feature = "mint")))]
+    pub fn normal_vector(&self) -> Option<mint::Vector3<f64>> {
+        self.normal.map(Into::into)
+    }
+
+    /// Returns the velocity as a vector of `mint`, metres per second.
+    #[cfg(feature = "mint")]
+    #[cfg_attr(docsrs, doc(cfg(feature = "mint")))]
+    pub fn velocity(&self) -> mint::Vector3<f64> {
+        self.velocity_m_s.into()
     }
 
     /// Returns the standard deviation of each coordinate, metres.

@@ -90,6 +90,7 @@ pub struct DetectorModel<'a> {
 
 /// A touch found in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DetectedTouch {
     /// Position on the skin, metres.
     pub position_m: [f64; 3],
@@ -114,6 +115,7 @@ pub struct DetectedTouch {
 
 /// What a map learnt from presses says about a touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LearntTouch {
     /// Force and its standard deviation, newtons, if forces were learnt.
     pub force_n: Option<[f64; 2]>,
@@ -124,6 +126,8 @@ pub struct LearntTouch {
 
 /// How a frame was explained.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct DetectorStep {
     /// Number of rows present.
     pub rows: usize,

@@ -24,6 +24,7 @@ pub(super) use solve::in_space;
 
 /// Settings of [`TouchFit`].
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FitSettings {
     /// Plain or normalised difference, its noise (which must be given and include the reference frame's
     /// share), and which measurements are used. The hyperparameter is ignored.
@@ -79,6 +80,8 @@ impl FitSettings {
 
 /// Why a fit stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum FitStatus {
     /// The next step is predicted to gain less than the tolerance.
     Converged,
@@ -90,6 +93,8 @@ pub enum FitStatus {
 
 /// A fitted touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct FittedTouch {
     /// The fitted bell.
     pub bell: Bell,
@@ -119,6 +124,7 @@ impl FittedTouch {
 /// Result of a fit and its cost.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FitResult {
     /// Touches in the order of their starts.
     pub touches: Vec<FittedTouch>,
@@ -153,7 +159,7 @@ impl FitResult {
 /// Fits bells to frames and keeps the forward model's workspace between frames.
 ///
 /// A fit allocates small vectors; Jacobian and factor are reused.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct TouchFit<'a> {
     pub(super) problem: Problem<'a>,
     pub(super) settings: FitSettings,

@@ -19,6 +19,7 @@ const WHITE: f64 = 0.1;
 
 /// Accepted rate of false touches caused by noise alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FalseAlarms {
     /// False touches per hour.
     pub per_hour: f64,

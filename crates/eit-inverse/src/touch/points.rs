@@ -25,6 +25,7 @@ const KNOWN: f64 = 4.0;
 
 /// Settings of a [`TouchTracker`].
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TrackerSettings {
     /// Largest number of simultaneous touches.
     pub max_touches: usize,

@@ -30,6 +30,8 @@ const ABOVE: f64 = 6.0;
 
 /// What the reference did with a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum ReferenceState {
     /// It followed the frame.
     Following,
@@ -43,6 +45,8 @@ pub enum ReferenceState {
 
 /// Comparison of a frame with the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct ReferenceStep {
     /// What was done.
     pub state: ReferenceState,
@@ -56,6 +60,20 @@ pub struct ReferenceStep {
 }
 
 /// Adaptive reference frame of a stream. [`push`](Self::push) does not allocate.
+///
+/// ```
+/// use eit_inverse::{AdaptiveReference, ReferenceSettings};
+///
+/// // two measurements with 1 uV of noise that drift by 0.1 uV a frame while nobody touches
+/// let mut reference =
+///     AdaptiveReference::with_noise(&[1e-3, 2e-3], &[1e-6; 2], ReferenceSettings::default())?;
+/// for frame in 0..200 {
+///     let drift = 1e-7 * f64::from(frame);
+///     reference.push(&[1e-3 + drift, 2e-3 + drift], 0.05 * f64::from(frame), false)?;
+/// }
+/// assert!(reference.reference()[0] > 1.01e-3, "it follows");
+/// # Ok::<(), eit_inverse::InverseError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct AdaptiveReference {
     settings: ReferenceSettings,

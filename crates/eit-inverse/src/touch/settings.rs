@@ -7,6 +7,11 @@ use crate::metrics::ChangeSign;
 
 /// Settings of [`TouchStream`](super::TouchStream).
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct TouchStreamSettings {
     /// Which sign of change is a touch. Default: increase.
     pub sign: ChangeSign,

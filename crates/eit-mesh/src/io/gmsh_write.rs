@@ -6,6 +6,7 @@ use std::io::{self, Write};
 
 /// Version of the Gmsh file format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum GmshVersion {
     /// Version 2.2, which nearly every program reads.
     V2_2,

@@ -4,6 +4,7 @@ use crate::MeshError;
 
 /// An electrode to be placed on a skin.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PlacedElectrode {
     /// Centre, metres; moved to the nearest point of the skin or of its rim. Flat skins lie at z =
     /// 0.
@@ -15,6 +16,7 @@ pub struct PlacedElectrode {
 /// The area or length that an electrode covers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Contact {
     /// A length of rim.
     Rim {

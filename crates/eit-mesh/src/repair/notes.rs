@@ -13,6 +13,7 @@ const SLIVER: f64 = 0.02;
 /// Repairs made to a mesh from a file, and other facts that its user should know.
 #[derive(Debug, Clone, Default, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Repairs {
     /// Nodes merged with another one at the same position. In an STL file each triangle has its own
     /// corners, so this counts all shared ones, and [`Repairs::notes`] omits it.

@@ -94,7 +94,8 @@ impl BodySettings {
     /// # Errors
     ///
     /// [`PublishError::Body`] with the line, the key or the patch that is wrong.
-    pub fn load(path: &Path) -> Result<Self, PublishError> {
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, PublishError> {
+        let path = path.as_ref();
         let refuse =
             |message: String| PublishError::Body { path: path.display().to_string(), message };
         let text = std::fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;

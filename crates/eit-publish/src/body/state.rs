@@ -45,6 +45,7 @@ pub enum BodyNews {
 
 /// The joined list.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[non_exhaustive]
 pub struct BodyTouches {
     /// Seconds since 1970 by the clock of this computer.
     pub time_s: f64,
@@ -54,6 +55,7 @@ pub struct BodyTouches {
 
 /// A touch in the robot's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct PlacedTouch {
     /// Number of its patch in the settings.
     pub patch: usize,

@@ -110,9 +110,10 @@ impl TouchedFabric {
     pub fn simulate(
         &self,
         experiment: &Experiment,
-        folder: &Path,
+        folder: impl AsRef<Path>,
         progress: &mut Progress,
     ) -> Result<Simulation, ReportError> {
+        let folder = folder.as_ref();
         let script = self.script(experiment)?;
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let how = SimulationSettings { seed: SEED, threads, keep_elements: false };

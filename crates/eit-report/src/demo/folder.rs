@@ -24,7 +24,8 @@ impl DemoFolder {
     /// Claims a new or empty folder, or that of an earlier demo, whose results are removed. A
     /// folder with other content is accepted only with `force`, and then only files with names used
     /// by the demo are changed.
-    pub fn claim(path: &Path, own: &[&str], force: bool) -> Result<Self, ReportError> {
+    pub fn claim(path: impl AsRef<Path>, own: &[&str], force: bool) -> Result<Self, ReportError> {
+        let path = path.as_ref();
         let folder = Self { path: path.to_path_buf() };
         let strangers = folder.strangers(own)?;
         if let ([first, rest @ ..], false) = (&strangers[..], force) {

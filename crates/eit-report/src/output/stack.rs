@@ -9,6 +9,7 @@ use tempfile::NamedTempFile;
 const HEADER: usize = 128;
 
 /// A `.npy` stack of images [frame, row, column], written image by image.
+#[derive(Debug)]
 pub struct ImageFile {
     name: &'static str,
     file: BufWriter<NamedTempFile>,
@@ -18,6 +19,10 @@ pub struct ImageFile {
 
 impl ImageFile {
     /// Begins a file of a folder, under a temporary name for now.
+    ///
+    /// # Errors
+    ///
+    /// A folder that cannot be written.
     pub fn new(
         folder: &OutFolder,
         name: &'static str,
@@ -29,6 +34,10 @@ impl ImageFile {
     }
 
     /// Appends an image in row-major order.
+    ///
+    /// # Errors
+    ///
+    /// An image of another shape, and a disk that is full.
     pub fn push(&mut self, image: ndarray::ArrayView2<'_, f64>) -> Result<(), ReportError> {
         let (rows, columns) = image.dim();
         if [rows, columns] != self.shape {
@@ -46,6 +55,10 @@ impl ImageFile {
     }
 
     /// Writes the final header and hands the file to its folder.
+    ///
+    /// # Errors
+    ///
+    /// A disk that is full.
     pub fn finish(self, folder: &mut OutFolder) -> Result<(), ReportError> {
         let Self { name, mut file, shape, count } = self;
         file.seek(SeekFrom::Start(0)).map_err(io)?;

@@ -13,12 +13,20 @@ pub const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_
                       std_x,std_y,vx,vy,valid,whole,force_n,force_std_n,unlike,nx,ny,nz";
 
 /// Writes one row per touch and frame.
+///
+/// # Errors
+///
+/// A writer that fails.
 pub fn write_csv(rows: &[TouchRow], out: &mut dyn Write) -> Result<(), ReportError> {
     writeln!(out, "{HEADER}").map_err(io)?;
     rows.iter().try_for_each(|row| write_row(row.frame as u64, row.time_s, &row.touch, out))
 }
 
 /// Writes one row.
+///
+/// # Errors
+///
+/// A writer that fails.
 pub fn write_row(
     frame: u64,
     time_s: f64,

@@ -12,7 +12,7 @@ use ndarray::{Array2, Array3};
 use std::sync::Arc;
 
 /// What turns frames of a skin into images.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Chain {
     /// How.
     pub method: Method,
@@ -22,6 +22,7 @@ pub struct Chain {
 
 /// Frames of a simulated sequence, and how many of the first are quiet: reference and noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Lengths {
     /// All of them.
     pub frames: usize,
@@ -30,7 +31,8 @@ pub struct Lengths {
 }
 
 /// A sequence through the chain.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Chained {
     /// [frame, row, column], siemens.
     pub images: Array3<f64>,

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use std::sync::Arc;
 
 /// The measurements behind a sequence of images.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Check {
     fitted: FittedFrames,
     /// NaN where a value is missing.
@@ -47,6 +47,10 @@ impl SequenceJudge<'_> {
     }
 
     /// Differences of a frame, NaN where a value is missing, and their energy in units of the noise.
+    ///
+    /// # Errors
+    ///
+    /// An unknown frame.
     pub fn frame(&self, frame: usize) -> Result<(Vec<f64>, DataMisfit), SkinError> {
         let row = self.check.differences.row(frame).to_vec();
         let energy = self.judge.energy(&row)?;

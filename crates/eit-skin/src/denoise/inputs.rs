@@ -20,7 +20,7 @@ const DECADES: f64 = 3.0;
 /// Further images are one-step Gauss-Newton images of the same differences, unweighted, with the
 /// scene's prior and hyperparameters that are the same for every skin and noise. The condition is
 /// `log10(rms) / 3`, clipped to 0 to 1, with the rms of the differences in units of their noise.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct NetInputs {
     shape: UnetShape,
     makers: Vec<(Reconstructor, Workspace)>,

@@ -9,7 +9,7 @@ use eit_mesh::Raster;
 use ndarray::Array2;
 
 /// The same images and the same verdicts as [`Net::apply`] for a recording.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct LiveNet {
     net: Denoiser,
     inputs: NetInputs,

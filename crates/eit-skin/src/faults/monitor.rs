@@ -260,6 +260,10 @@ impl FaultMonitor {
     pub(super) fn condemn(&mut self, electrode: usize, kind: FaultKind, since_s: f64) {
         let suspect = &mut self.suspects[electrode];
         suspect.good_since_s = None;
+        if suspect.fault.is_none() {
+            let (number, why) = (electrode + 1, kind.words());
+            event!(WARN, "left out an electrode", number = number, why = why, since_s = since_s);
+        }
         suspect.fault.get_or_insert(ElectrodeFault { electrode, kind, since_s });
     }
 

@@ -20,6 +20,7 @@ const GRID: usize = 25;
 
 /// A press at a known place.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct KnownPress {
     /// Its position, metres.
     pub place_m: [f64; 2],
@@ -29,6 +30,8 @@ pub struct KnownPress {
 
 /// The numbering that explains the presses best.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Numbering {
     /// Position of electrode 1, counter-clockwise from +x as seen from the centre, degrees.
     pub first_angle_deg: f64,

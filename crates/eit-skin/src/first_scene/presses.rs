@@ -14,6 +14,7 @@ const FOLLOW: f64 = 0.05;
 
 /// State reported by a [`PressWatch`].
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PressState {
     /// Nothing touches the skin.
     Untouched,

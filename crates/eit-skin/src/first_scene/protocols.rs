@@ -18,6 +18,8 @@ pub(super) const NODES: usize = 1500;
 
 /// A protocol with as many measurements as a frame has values.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct FittingProtocol {
     /// The protocol.
     pub protocol: PairProtocol,

@@ -6,6 +6,7 @@ use crate::scene::DifferenceKind;
 
 /// How well the homogeneous model explains a reference frame.
 #[derive(Debug, Clone, Copy)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ModelFit {
     /// Factor `g` of the best fit `v_ref = g v0`.
     pub gain: f64,
@@ -16,6 +17,10 @@ pub struct ModelFit {
 impl Frames {
     /// Compares the reference with the model's voltages. A wrong sign inverts plain differences, which
     /// reciprocity cannot detect.
+    ///
+    /// # Errors
+    ///
+    /// Voltages of another number of measurements, and differences of a kind that these voltages do not have.
     pub fn fit_model(
         &mut self,
         model_voltages: &[f64],

@@ -11,6 +11,8 @@ const LEAST_FRAMES: usize = 3;
 
 /// Frames of the untouched skin.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct QuietFrames {
     /// [frame, measurement], in the unit of the frames; 0 in measurements that are not used.
     pub values: Array2<f64>,

@@ -10,6 +10,7 @@ use std::ops::Range;
 use std::path::Path;
 
 /// A reference frame.
+#[derive(Debug, Clone)]
 pub struct Taken {
     /// Mean frame, `[measurement]`.
     pub values: Vec<f64>,
@@ -24,6 +25,7 @@ pub struct Taken {
 }
 
 /// Values and their flags, both [frame, measurement].
+#[derive(Debug, Clone)]
 pub struct Measured {
     pub values: Array2<f64>,
     pub quality: Array2<Quality>,

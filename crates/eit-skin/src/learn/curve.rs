@@ -15,6 +15,7 @@ const LEAST_TESTED: usize = 5;
 
 /// A point of the learning curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CurvePoint {
     /// Number of presses learnt: those of the earlier file, and the first of the table.
     pub learnt: usize,
@@ -38,6 +39,10 @@ pub struct CurvePoint {
 /// The errors of [`LearnedSkin::learn`].
 ///
 /// Those of [`LearnedSkin::learn`].
+///
+/// # Errors
+///
+/// Too few presses for a test, presses without a change, and an earlier file of another skin.
 pub fn learning_curve(
     fitted: &FittedFrames,
     pressed: &PressFrames,

@@ -111,7 +111,8 @@ impl LearnedSkin {
     /// # Errors
     ///
     /// A file that cannot be read, is not in this format, has another version or is damaged.
-    pub fn read(path: &Path) -> Result<Self, SkinError> {
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, SkinError> {
+        let path = path.as_ref();
         let bytes = read_file_of(path, MOST_BYTES)?;
         Self::from_bytes(&bytes).map_err(|e| e.within(&path.display().to_string()))
     }

@@ -42,6 +42,8 @@ pub struct Learning {
 
 /// A press that the others do not explain.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct UnlikePress {
     /// Index of the press in the table, from 0.
     pub press: usize,

@@ -12,6 +12,8 @@ use std::ops::RangeInclusive;
 
 /// Frames of presses, each with the untouched frame to subtract from it.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct PressFrames {
     /// `[press, measurement]`, volts; arbitrary for measurements that do not count.
     pub values: Array2<f64>,

@@ -19,7 +19,7 @@ const NEAR_PART: f64 = 0.5;
 const NEAR_M: f64 = 0.015;
 
 /// Applies what was learnt to the touches of each frame.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct LearnedTouches {
     locator: Locator,
     regression: Option<PlaceRegression>,
@@ -38,12 +38,17 @@ pub(crate) struct LearnedTouches {
 
 impl LearnedTouches {
     /// Loads the file of a scene, for frames in which these measurements count and have this noise, volts.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be read, or that was learnt on another skin, protocol or choice of measurements.
     pub fn load(
-        file: &Path,
+        file: impl AsRef<Path>,
         skin: &LinearisedSkin,
         used: &[bool],
         noise_std_v: &[f64],
     ) -> Result<Self, SkinError> {
+        let file = file.as_ref();
         let learned = LearnedSkin::read(file)?;
         let place = file.display().to_string();
         learned.check(skin).map_err(|e| e.within(&place))?;
@@ -51,6 +56,10 @@ impl LearnedTouches {
     }
 
     /// Prepares what was learnt for frames in which these measurements count.
+    ///
+    /// # Errors
+    ///
+    /// Presses learnt on another skin, protocol or choice of measurements.
     pub fn new(
         learned: &LearnedSkin,
         skin: &LinearisedSkin,

@@ -63,7 +63,8 @@ impl PressTable {
     /// # Errors
     ///
     /// A file that cannot be read; an unknown column; a value that is not a number, with its line.
-    pub fn read(path: &Path) -> Result<Self, SkinError> {
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, SkinError> {
+        let path = path.as_ref();
         let place = path.display().to_string();
         let refused = |e: csv::Error| {
             SkinError::input(format!(

@@ -13,7 +13,7 @@ use eit_inverse::{InverseError, NuisanceParameters};
 use eit_mesh::Raster;
 
 /// Makes the images of an epoch; independent of any clock.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct LiveImages {
     kind: DifferenceKind,
     words: String,
@@ -34,7 +34,7 @@ pub struct LiveImages {
 }
 
 /// Reconstructs an image from differences.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 enum Maker {
     OneStep(Box<LiveOneStep>),
     TotalVariation(Box<TvStream>),
@@ -42,6 +42,8 @@ enum Maker {
 
 /// How the current image was made.
 #[derive(Debug, Clone, Copy, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct ImageState {
     /// Certified bound on the relative distance of the image to its optimum; `None` for one-step images, for
     /// frames with nothing but noise, and for frames without data.

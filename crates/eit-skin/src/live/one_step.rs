@@ -12,7 +12,7 @@ use eit_inverse::{
 
 /// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data. If
 /// electrodes may move, their movement is removed first, and the prior stays the same.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct LiveOneStep {
     reconstructor: Reconstructor,
     workspace: Workspace,

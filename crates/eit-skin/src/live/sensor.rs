@@ -16,6 +16,7 @@ const WAIT: Duration = Duration::from_millis(50);
 
 /// The touches of one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct TouchFrame<'a> {
     /// Number of frames shown before it since the start.
     pub number: u64,

@@ -17,7 +17,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 const LONGEST_LINK_S: f64 = 0.5;
 
 /// Computes the touches of frames one by one; the first frames of an epoch are its reference.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct LiveStream {
     model: Arc<LiveModel>,
     unit: Unit,
@@ -43,7 +43,7 @@ pub struct LiveStream {
 }
 
 /// Objects that process the frames of an epoch.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Epoch {
     finder: TouchFinder,
     images: Option<LiveImages>,
@@ -64,6 +64,7 @@ pub enum Pushed<'a> {
 
 /// Results for one frame.
 #[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
 pub struct LiveFrame<'a> {
     /// Number of frames shown before it since the start.
     pub number: u64,

@@ -11,7 +11,9 @@ const LATENCIES: usize = 10_000;
 const NOTICES: usize = 100;
 
 /// Summary of a live session.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Summary {
     /// Number of frames shown.
     pub frames: u64,

@@ -5,7 +5,7 @@ use crate::scene::DifferenceKind;
 use eit_inverse::NuisanceParameters;
 
 /// Removes electrode movement from a frame.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Whitening {
     side: NuisanceParameters,
     kind: DifferenceKind,

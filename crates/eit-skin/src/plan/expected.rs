@@ -17,7 +17,7 @@ struct BestIn {
 }
 
 /// Expected error and cost, and the best solvers for several frame times.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Expected {
     /// The built-in scene most similar to the skin.
     pub nearest: Nearest,

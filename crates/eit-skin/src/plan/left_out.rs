@@ -7,6 +7,8 @@ use serde_json::{Value, json};
 
 /// Something that is omitted, and the reason.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct LeftOut {
     /// What is omitted.
     pub what: &'static str,

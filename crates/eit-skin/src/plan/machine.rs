@@ -20,6 +20,7 @@ const LANES: usize = 32;
 
 /// A machine, as measured now.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Machine {
     /// Model of the processor, as reported by the system.
     pub processor: String,

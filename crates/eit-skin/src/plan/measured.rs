@@ -114,6 +114,7 @@ impl Measured {
 
 /// Time available for a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Budget {
     /// Time, seconds.
     pub time_s: f64,
@@ -158,12 +159,17 @@ pub fn best<'a>(
 }
 
 /// Table of measured solvers.
+#[derive(Debug, Clone)]
 pub struct Table {
     rows: Vec<Measured>,
 }
 
 impl Table {
     /// Loads the table that is built into the program.
+    ///
+    /// # Errors
+    ///
+    /// A damaged table, which would be a fault of the build.
     pub fn load() -> Result<Self, SkinError> {
         let mut reader = csv::Reader::from_reader(TABLE.as_bytes());
         let rows: Result<Vec<Measured>, csv::Error> = reader.deserialize().collect();

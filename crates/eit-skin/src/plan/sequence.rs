@@ -8,6 +8,8 @@ use std::sync::Arc;
 
 /// Frames that a plan is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum Sequence {
     /// No readable recording.
     Unknown,

@@ -5,6 +5,7 @@ use super::rates::{CACHED_BYTES, FITTED_FLOPS_PER_S, NEW_BYTES_PER_S, STORE_BYTE
 
 /// Size, work and expected time of one stage.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Stage {
     /// Name.
     pub name: &'static str,

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 const PLAN_DEGREE: usize = 12;
 
 /// Errors of the untouched skin's voltages, relative to the largest voltage.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct VoltageError {
     /// Discretisation error; `None` if it cannot be estimated.
     pub of_mesh: Option<f64>,

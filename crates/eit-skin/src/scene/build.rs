@@ -21,6 +21,10 @@ impl Scene {
     }
 
     /// Returns the accuracy for which the mesh is chosen, if the scene requires one.
+    ///
+    /// # Errors
+    ///
+    /// An accuracy outside its range, or one relative to a noise that the scene does not state.
     pub fn required_accuracy(&self) -> Result<Option<RequiredAccuracy>, SkinError> {
         let key = "noise.additive_v";
         Ok(match &self.mesh.required_accuracy {
@@ -34,6 +38,11 @@ impl Scene {
     }
 
     /// Returns the source of the scene's mesh, checked; `nodes` overrides its density.
+    ///
+    /// # Errors
+    ///
+    /// Settings of skin, electrodes or mesh that contradict each other or are out of range, and a mesh file that
+    /// cannot be read.
     pub fn mesh(&self, nodes: Option<usize>) -> Result<MeshSource, SkinError> {
         let base = self.mesh_settings()?;
         if let Shape::Mesh = self.skin.shape {
@@ -102,6 +111,10 @@ impl Scene {
     }
 
     /// Returns the electrodes of a generated mesh.
+    ///
+    /// # Errors
+    ///
+    /// Missing, contradictory or wrongly counted keys of `[electrodes]`.
     pub fn electrodes(&self) -> Result<ElectrodeSource, SkinError> {
         let keys = &self.electrodes;
         if let Some(positions) = &keys.positions_m {
@@ -170,6 +183,10 @@ impl Scene {
     }
 
     /// Returns one value per electrode; zeros if the key is absent.
+    ///
+    /// # Errors
+    ///
+    /// [`SkinError::WrongCount`] unless there is one value, or one per electrode.
     pub fn each(
         &self,
         key: &str,
@@ -199,6 +216,10 @@ impl Scene {
     }
 
     /// Returns the contact impedance of each electrode.
+    ///
+    /// # Errors
+    ///
+    /// A wrong number of values.
     pub fn contact_impedance(&self, electrodes: usize) -> Result<Vec<f64>, SkinError> {
         let key = "electrodes.contact_impedance_ohm_m";
         let keys = self.electrodes.contact_impedance_ohm_m.as_ref();
@@ -207,6 +228,10 @@ impl Scene {
     }
 
     /// Returns the number of electrodes; reads the mesh file if necessary.
+    ///
+    /// # Errors
+    ///
+    /// Missing keys of `[electrodes]`, and a mesh file that cannot be read.
     pub fn electrode_count(&self) -> Result<usize, SkinError> {
         let source = self.mesh(None)?;
         match source.electrodes() {

@@ -68,6 +68,10 @@ impl Scene {
     }
 
     /// Rejects electrode movement for commands that train or apply a U-net.
+    ///
+    /// # Errors
+    ///
+    /// [`SkinError::Input`] if the scene models electrode movement.
     pub fn refuse_movement(&self, command: &str) -> Result<(), SkinError> {
         if self.reconstruction.electrode_movement_m.is_none() {
             return Ok(());

@@ -68,6 +68,7 @@ pub enum PolarityKind {
 
 /// Driver, with the settings that only it needs.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub enum DriverKind {
     /// Our own protocol, docs/EITS-1.md.
     Eits1,
@@ -103,6 +104,10 @@ pub struct Instrument {
 
 impl Scene {
     /// Returns the instrument that the scene names, for its own skin and protocol. Does not generate a mesh.
+    ///
+    /// # Errors
+    ///
+    /// No `[instrument]`, an unknown driver, a key that the driver does not have, and an invalid protocol.
     pub fn instrument(&self) -> Result<Instrument, SkinError> {
         let named = self.instrument_settings().map(|_| ());
         let protocol = named.and_then(|()| self.protocol(self.electrode_count()?));
@@ -288,6 +293,10 @@ impl InstrumentSettings {
 
 impl Instrument {
     /// Creates a driver that measures the scene's protocol.
+    ///
+    /// # Errors
+    ///
+    /// Settings that the driver rejects.
     pub fn driver(&self) -> Result<Box<dyn Driver>, SkinError> {
         Ok(match &self.kind {
             DriverKind::Eits1 => Box::new(Eits1::new(
@@ -302,6 +311,10 @@ impl Instrument {
     }
 
     /// Returns the endpoint: `given` on the command line, else that of the scene.
+    ///
+    /// # Errors
+    ///
+    /// No port, and an address that is neither a port nor `tcp:host:port`.
     pub fn endpoint(&self, given: Option<&str>) -> Result<Endpoint, SkinError> {
         let port = given.or(self.port.as_deref()).ok_or_else(|| {
             let message = "instrument.port is missing: set it, or give --port (`eit devices` lists \

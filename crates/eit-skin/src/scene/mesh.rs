@@ -42,6 +42,7 @@ pub enum ElectrodeSource {
 
 /// A mesh, and the repairs made to its file.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct BuiltMesh {
     /// The mesh.
     pub mesh: Mesh,
@@ -61,7 +62,8 @@ impl ElectrodeSource {
 
 impl MeshSource {
     /// Creates a source for a mesh file that contains its electrodes.
-    pub fn file(path: &Path) -> Self {
+    pub fn file(path: impl AsRef<Path>) -> Self {
+        let path = path.as_ref();
         let (electrodes, settings) = (Vec::new(), MeshSettings::default());
         Self::File { path: path.to_path_buf(), scale_m: 1.0, electrodes, settings }
     }

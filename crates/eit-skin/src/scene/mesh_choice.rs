@@ -27,6 +27,8 @@ pub struct MeshChoice {
 
 /// Required and estimated accuracy.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Accuracy {
     /// Whether the noise determined the requirement.
     pub by_noise: bool,
@@ -83,6 +85,10 @@ pub fn element_words(element_order: ElementOrder) -> &'static str {
 impl Scene {
     /// Returns the mesh of a scene. Chooses its density if the scene requires an accuracy and nothing else
     /// determines it (`is_fixed`: a number of nodes on the command line).
+    ///
+    /// # Errors
+    ///
+    /// Those of meshing and of the forward solution, and an accuracy that no mesh within the limits reaches.
     pub fn choose_mesh(
         &self,
         source: &MeshSource,

@@ -36,6 +36,17 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// A scene as written; `docs/SCENE.md` explains every key.
+///
+/// ```
+/// use eit_skin::Scene;
+/// use eit_skin::scene::parse;
+///
+/// let mut scene = Scene::load("paper-disc")?; // or the path of a file
+/// scene.reconstruction.pixels = Some(32);
+/// let text = scene.to_toml()?;
+/// assert_eq!(parse(&text, "mine")?.reconstruction.pixels, Some(32));
+/// # Ok::<(), eit_skin::SkinError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
@@ -560,7 +571,13 @@ pub(crate) fn read_file_of(path: &Path, most_bytes: u64) -> Result<Vec<u8>, Skin
 
 impl Scene {
     /// Reads and checks a scene file, or a built-in scene by name.
-    pub fn load(name_or_path: &str) -> Result<Self, SkinError> {
+    ///
+    /// # Errors
+    ///
+    /// [`SkinError::Input`] if there is neither such a file nor such a built-in scene, for text that is not
+    /// TOML, an unknown key (with the nearest known one), and settings that contradict each other.
+    pub fn load(name_or_path: impl AsRef<Path>) -> Result<Self, SkinError> {
+        let name_or_path = &*name_or_path.as_ref().to_string_lossy();
         let mut scene = Self::read(Self::text(name_or_path)?, name_or_path)?;
         if builtin::text(name_or_path).is_none() {
             let path = Path::new(name_or_path);
@@ -592,6 +609,10 @@ impl Scene {
     }
 
     /// Returns the text of a scene file or built-in scene.
+    ///
+    /// # Errors
+    ///
+    /// Neither a file that can be read nor a built-in name; the nearest name is suggested.
     pub fn text(name_or_path: &str) -> Result<String, SkinError> {
         if let Some(text) = builtin::text(name_or_path) {
             return Ok(text.to_owned());
@@ -694,7 +715,8 @@ impl Scene {
     }
 
     /// Returns a path of the scene relative to the working directory.
-    pub fn resolve(&self, path: &Path) -> PathBuf {
+    pub fn resolve(&self, path: impl AsRef<Path>) -> PathBuf {
+        let path = path.as_ref();
         self.folder.join(path)
     }
 }

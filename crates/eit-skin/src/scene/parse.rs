@@ -5,11 +5,20 @@ use crate::error::SkinError;
 use serde::de::DeserializeOwned;
 
 /// Parses a scene; `place` is the file or built-in name, for messages.
+///
+/// # Errors
+///
+/// [`SkinError::Input`] with place, line and key: invalid TOML, an unknown key (with the nearest known one), and
+/// a value of the wrong type.
 pub fn parse(text: &str, place: &str) -> Result<Scene, SkinError> {
     from_toml(text, place)
 }
 
 /// Parses settings of any type.
+///
+/// # Errors
+///
+/// Those of [`parse`].
 pub fn from_toml<T: DeserializeOwned>(text: &str, place: &str) -> Result<T, SkinError> {
     toml::from_str(text).map_err(|error| {
         let line = error.span().map(|span| 1 + text[..span.start].matches('\n').count());

@@ -13,6 +13,11 @@ const TRIGONOMETRIC: &str = "trigonometric";
 
 impl Scene {
     /// Returns the protocol for a number of electrodes.
+    ///
+    /// # Errors
+    ///
+    /// Keys that exclude each other, files that cannot be read, and patterns that are invalid for this number of
+    /// electrodes.
     pub fn protocol(&self, electrodes: usize) -> Result<Protocol, SkinError> {
         let keys = &self.protocol;
         let current_a = keys.current_a.unwrap_or(DEFAULT_CURRENT_A);
@@ -37,6 +42,10 @@ impl Scene {
     }
 
     /// Returns the scene's pair protocol, if it is one.
+    ///
+    /// # Errors
+    ///
+    /// An unknown name of a pattern, and pairs that are invalid for this number of electrodes.
     pub fn pair_protocol(&self, electrodes: usize) -> Result<PairProtocol, SkinError> {
         let keys = &self.protocol;
         let drive = match &keys.pairs {

@@ -40,6 +40,10 @@ impl Scene {
     }
 
     /// Returns the contact impedance of each electrode: resistance and capacitance in parallel.
+    ///
+    /// # Errors
+    ///
+    /// A wrong number of values, and a capacitance without a frequency.
     pub fn complex_contact_impedance(
         &self,
         electrodes: usize,
@@ -65,6 +69,10 @@ impl Scene {
     }
 
     /// Rejects contacts that no model can be built with, before meshing.
+    ///
+    /// # Errors
+    ///
+    /// A resistance or capacitance out of range.
     pub fn check_contacts(&self, electrodes: usize) -> Result<(), SkinError> {
         match self.is_reactive() {
             true => self.complex_contact_impedance(electrodes).map(drop),
@@ -73,6 +81,10 @@ impl Scene {
     }
 
     /// Rejects a reactive scene, for commands that only support conductivity.
+    ///
+    /// # Errors
+    ///
+    /// [`SkinError::Input`] if capacitances of the scene carry current.
     pub fn refuse_reactive(&self) -> Result<(), SkinError> {
         if !self.is_reactive() {
             return Ok(());
@@ -86,6 +98,10 @@ impl Scene {
     }
 
     /// Checks the ranges of capacitances and frequency, and that mesh settings support reactive skins.
+    ///
+    /// # Errors
+    ///
+    /// A value out of range, a capacitance without a frequency, and mesh settings for real skins only.
     pub fn check_reactive(&self) -> Result<(), SkinError> {
         let values = self.contact_capacitances().map(|c| (CONTACT, c));
         let values = values

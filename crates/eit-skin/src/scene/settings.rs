@@ -8,6 +8,11 @@ use std::path::PathBuf;
 
 /// Settings of the stages after the model: frames, noise, images, touches.
 #[derive(Debug, Clone, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct StageSettings {
     /// Recorded frames and how to read them.
     pub recording: FrameSettings,
@@ -23,6 +28,11 @@ pub struct StageSettings {
 
 /// Recorded frames and how to read them; paths are relative to the working directory.
 #[derive(Debug, Clone, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct FrameSettings {
     /// Files whose frames are concatenated; `None` if the scene names none.
     pub files: Option<Vec<PathBuf>>,
@@ -48,6 +58,7 @@ pub struct FrameSettings {
 
 /// Rotations and reflections that map a disc with its electrodes onto itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Symmetry {
     /// Angle of the centre of electrode 1, counter-clockwise from +x.
     pub first_angle_rad: f64,
@@ -61,7 +72,7 @@ impl Scene {
         let denoise = self.denoise.clone().map(|keys| DenoiseSettings {
             weights: match keys.weights.as_str() {
                 "default" => keys.weights,
-                file => self.resolve(file.as_ref()).display().to_string(),
+                file => self.resolve(file).display().to_string(),
             },
             ..keys
         });
@@ -102,7 +113,7 @@ impl Scene {
             frequency_row,
             reference: reference.map(|reference| match reference {
                 Reference::Text(text) if Reference::is_file(&text) => {
-                    Reference::Text(self.resolve(text.as_ref()).display().to_string())
+                    Reference::Text(self.resolve(text).display().to_string())
                 }
                 other => other,
             }),

@@ -5,6 +5,7 @@ use eit_inverse::InverseError;
 use ndarray::{Array1, Array2, Axis};
 
 /// Selected frames of a sequence.
+#[derive(Debug, Clone)]
 pub struct Part {
     /// Their indices.
     pub frames: Vec<usize>,

@@ -19,14 +19,14 @@ use eit_inverse::{
 use ndarray::Array2;
 
 /// A stream that is ready for frames, and its weights.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct TvStream {
     solver: Solver,
     /// Weights of the frames' images.
     pub weights: Weights,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 enum Solver {
     /// Each frame is coupled to the image before it.
     Causal(Box<CausalStream>),
@@ -36,6 +36,7 @@ enum Solver {
 
 /// Result for one frame.
 #[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
 pub struct TvStep<'a> {
     /// Image in siemens, `[masked pixel]`; `None` if there has been none yet.
     pub image: Option<&'a [f64]>,

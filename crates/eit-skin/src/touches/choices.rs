@@ -4,6 +4,8 @@ use serde_json::{Value, json};
 
 /// Choices of a [`TouchFinder`](super::TouchFinder).
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Choices {
     /// Source of the noise.
     pub noise: String,
@@ -23,6 +25,8 @@ pub struct Choices {
 
 /// An uneven sheet fitted to its reference frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct FoundSheet {
     /// Standard deviation of the logarithm of its conductivity.
     pub amplitude: f64,

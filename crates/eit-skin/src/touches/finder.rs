@@ -29,7 +29,7 @@ const STRONG_M2: f64 = 6e-6;
 const STANDS_STILL_S: f64 = 1e9;
 
 /// Finds touches frame by frame.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct TouchFinder {
     /// What the finder chose, and why.
     pub choices: Choices,

@@ -23,6 +23,8 @@ const TOUCHED: f64 = 0.01;
 
 /// A judge of a net's images, and what it did to held-out frames.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct MeasuredJudge {
     /// Model error of the skin's data, and the limit.
     pub error: ModelError,
@@ -34,6 +36,8 @@ pub struct MeasuredJudge {
 
 /// Touched frames of held-out sequences by what a judge did to the net's image.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct JudgeCounts {
     /// All frames.
     pub frames: usize,
@@ -85,6 +89,10 @@ struct Known {
 }
 
 /// Net and threshold rule against the raw images of the held-out sequences.
+///
+/// # Errors
+///
+/// Weights of another number of pixels, or sequences without touches.
 pub fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, SkinError> {
     let Some(first) = held_out.first() else {
         return Err(SkinError::Failure("no sequence was held out".to_owned()));

@@ -131,6 +131,10 @@ pub fn parameter_checksum(weights: &Weights) -> String {
 }
 
 /// The trained weights with what their file says of them; `program` and `commit` made them.
+///
+/// # Errors
+///
+/// A net with parameters that are not finite, and a base whose held-out sequences cannot be read.
 pub fn weights(
     skin: &Skin,
     base: &LearningBase,
@@ -167,6 +171,10 @@ pub fn weights(
 
 /// Weights that were not trained any further, with a judge measured on this base; their file says what it
 /// said, and of which base the judge is.
+///
+/// # Errors
+///
+/// A base of another skin or raster, and one whose held-out sequences cannot be read.
 pub fn judged_weights(
     weights: Weights,
     base: &LearningBase,

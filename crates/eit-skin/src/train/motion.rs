@@ -28,6 +28,7 @@ pub fn random(seed: u64, sequence: usize, attempt: usize) -> Random {
 
 /// Number of fingers of a drawn script.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Fingers {
     /// Always so many, 1 to [`MOST`].
     Always(usize),

@@ -26,6 +26,10 @@ const LEAST_FRAMES: usize = 2 * HELD_OUT;
 
 impl Recorded {
     /// Reads all of them, before any work.
+    ///
+    /// # Errors
+    ///
+    /// Files that cannot be read, and recordings that do not fit the skin.
     pub fn new(
         shared: &Shared,
         files: &[PathBuf],
@@ -92,6 +96,10 @@ impl Recorded {
     }
 
     /// A sequence by its number: recordings as they are, then turned again and again.
+    ///
+    /// # Errors
+    ///
+    /// Those of reconstructing the images.
     pub fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
         let recording = self.frames(index);
         let mut random = motion::random(shared.seed, index, 0);

@@ -127,6 +127,10 @@ impl Sequences {
     }
 
     /// A sequence by its number: the same bytes whenever it is made.
+    ///
+    /// # Errors
+    ///
+    /// Those of simulating and reconstructing it.
     pub fn sequence(&self, index: usize) -> Result<Shard, SkinError> {
         match &self.source {
             Source::Simulated(simulated) => simulated.sequence(&self.shared, index),

@@ -37,6 +37,10 @@ pub struct Simulated {
 
 impl Simulated {
     /// Checks what was asked for, before any work; frames of a sequence and quiet ones among them.
+    ///
+    /// # Errors
+    ///
+    /// A script that does not exist, and fewer frames than the script or the reference needs.
     pub fn lengths(args: &BaseRequest, skin: &Skin) -> Result<Lengths, SkinError> {
         if let Some(name) = &args.script {
             let circle = PlayCircle { centre_m: [0.0; 2], radius_m: 1.0 };
@@ -62,6 +66,10 @@ impl Simulated {
     }
 
     /// Meshes the skin a second time.
+    ///
+    /// # Errors
+    ///
+    /// Those of meshing and of the forward solution.
     pub fn new(
         skin: &Skin,
         args: &BaseRequest,
@@ -101,6 +109,10 @@ impl Simulated {
     }
 
     /// A sequence by its number.
+    ///
+    /// # Errors
+    ///
+    /// Those of simulating and reconstructing it.
     pub fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
         let mut last = SkinError::Failure("no script was tried".to_owned());
         for attempt in 0..ATTEMPTS {

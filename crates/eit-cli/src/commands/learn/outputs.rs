@@ -34,7 +34,7 @@ impl Outputs {
                 return Err(CliError::input(message));
             }
         }
-        let [learned, csv, png] = outs.each_ref().map(|out| OutFile::new(out));
+        let [learned, csv, png] = outs.each_ref().map(OutFile::new);
         Ok(Self { learned: learned?, csv: csv?, png: png? })
     }
 

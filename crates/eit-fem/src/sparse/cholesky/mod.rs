@@ -27,7 +27,7 @@ use std::fmt;
 /// Unknowns are eliminated in their order, which should be one that keeps the factor sparse. A
 /// factorisation takes [`Cholesky::factor_flops`], a right-hand side 2 flops per entry of the
 /// factor. Both run on one thread, and results are bit-identical in every run.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Cholesky {
     multifrontal: Multifrontal,
     /// Number of leading unknowns, which have no right-hand sides.
@@ -38,6 +38,7 @@ pub struct Cholesky {
 }
 
 /// Numeric factor and scratch memory. Created by [`Cholesky::memory`] and owned by the caller.
+#[derive(Clone)]
 pub struct Factor<T = f64> {
     numbers: Numbers<T>,
     /// Dense trailing block of the factor.

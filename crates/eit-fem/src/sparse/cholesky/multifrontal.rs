@@ -41,7 +41,7 @@ use pulp::{Arch, Simd, WithSimd};
 use std::marker::PhantomData;
 
 /// Symbolic factorisation of one pattern.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Multifrontal {
     symbolic: Symbolic,
     starts: Vec<u32>,
@@ -51,6 +51,7 @@ pub(super) struct Multifrontal {
 
 /// Numeric factor and scratch memory, owned by the caller. Complex numbers are stored in planes
 /// ([`crate::sparse::arithmetic`]).
+#[derive(Clone)]
 pub(super) struct Numbers<T = f64> {
     factor: Vec<f64>,
     stack: Vec<f64>,

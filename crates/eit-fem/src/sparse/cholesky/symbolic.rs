@@ -38,7 +38,7 @@ impl Front {
 }
 
 /// Symbolic factorisation.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Symbolic {
     pub fronts: Vec<Front>,
     /// Fronts in processing order: children before parents, the last child on top of the stack.

@@ -74,6 +74,7 @@ fn lock(file: &File, path: &Path) -> Result<(), HwError> {
 
 /// What was cut off the end of a recording before appending to it, and where it was saved.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CutTail {
     /// Number of bytes.
     pub bytes: u64,

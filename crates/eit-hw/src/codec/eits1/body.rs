@@ -7,6 +7,7 @@ use crate::recording::Unit;
 /// A device's description of itself: the payload of
 /// [`Kind::Information`](super::Kind::Information).
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Information {
     /// Number of electrodes.
     pub electrodes: u16,
@@ -15,6 +16,7 @@ pub struct Information {
     /// Highest frame rate in its own default configuration.
     pub max_frame_rate_hz: f32,
     /// Magnitude of the largest value, in its unit; infinite if unspecified.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::infinite_f32"))]
     pub full_scale: f32,
     /// Unit of calibrated values.
     pub unit: Unit,
@@ -90,6 +92,7 @@ fn cut(text: &str) -> &str {
 
 /// What a device measures: the payload of [`Kind::Configuration`](super::Kind::Configuration).
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Configuration {
     /// Frames per second.
     pub frame_rate_hz: f32,

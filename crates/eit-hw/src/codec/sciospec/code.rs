@@ -2,6 +2,8 @@
 
 /// A system message: the answer to a command, or a status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum Code {
     /// 01: the command's syntax was wrong.
     Syntax,

@@ -6,6 +6,7 @@ pub const GROUP: usize = 16;
 const LARGEST_V: f32 = 20.0;
 /// Optional contents of data frames, beside the voltages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
     /// Whether frames name the driven pair.
     pub drive: bool,
@@ -37,6 +38,7 @@ impl Output {
 /// Accepted only if plausible: the group is 1 to 8, the driven pair two different electrodes from 1
 /// to 128, and every voltage finite and within 20 V (the largest range is 10 V).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DataFrame {
     /// Group of channels, from 1; its first channel, counted from 0, is `16 (group - 1)`.
     pub group: u8,

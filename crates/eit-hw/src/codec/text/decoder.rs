@@ -25,6 +25,7 @@ pub enum Event<'a> {
 /// Why a frame was skipped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Fault {
     /// A line has the wrong number of values.
     Values {

@@ -10,6 +10,7 @@ pub const MAX_VALUES: usize = 16_384;
 
 /// Layout of frames written as text.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TextFormat {
     /// How frames are delimited.
     pub framing: Framing,
@@ -31,6 +32,7 @@ pub struct TextFormat {
 
 /// How frames are delimited. Lines end with LF, CR or both; empty lines are ignored.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Framing {
     /// One line per frame, without marks; with several lines, nothing would say which is the first.
     /// The first line received is skipped, as its start may be missing.

@@ -5,6 +5,7 @@ use crate::frame::Quadruple;
 
 /// Gain of the voltmeters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Gain {
     /// 1.
     #[default]
@@ -31,6 +32,7 @@ impl Gain {
 
 /// Range of the converters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Range {
     /// ±1 V.
     #[default]
@@ -54,6 +56,7 @@ impl Range {
 
 /// Width of electrode numbers in the command that adds a drive; depends on the firmware.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PairWidth {
     /// 8 bits, as sciopy and eit_app send them.
     #[default]
@@ -64,6 +67,7 @@ pub enum PairWidth {
 
 /// Electrode of a listed pair at which current enters the skin. Public sources disagree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Polarity {
     /// Determined from the first frame of each stream: of the two driven electrodes, current enters
     /// at the one whose potential has the higher real part.
@@ -77,6 +81,7 @@ pub enum Polarity {
 
 /// Settings of a Sciospec instrument, in single-ended mode.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SciospecSettings {
     /// Number of electrodes in use, 2 to 128: channels 1 to this number.
     pub electrodes: u32,

@@ -59,6 +59,7 @@ impl Reader {
                     return Err(HwError::Overflow { endpoint, capacity });
                 }
                 End::Lost(reason, error) => {
+                    event!(WARN, "lost the instrument", reason = reason.as_str());
                     self.queue.push(Event::Disconnected { reason });
                     drop(link);
                     self.lost_since.get_or_insert(self.silence.since());
@@ -113,6 +114,7 @@ impl Reader {
                 self.count_silence(told_s);
                 self.count_disconnected(now);
             } else if let Some(for_s) = self.silence.begins(&self.settings, now) {
+                event!(WARN, "the instrument is silent", for_s = for_s);
                 self.queue.push(Event::Silent { for_s });
             } else if self.settings.reconnect.is_some()
                 && self.silence.is_stall(&self.settings, now)
@@ -161,6 +163,12 @@ impl Reader {
             match self.attempt() {
                 Ok(link) => {
                     self.queue.count(|statistics| statistics.reconnections += 1);
+                    event!(
+                        INFO,
+                        "found the instrument again",
+                        epoch = self.stream.epoch,
+                        after_s = start.elapsed().as_secs_f64(),
+                    );
                     self.queue.push(Event::Reconnected { epoch: self.stream.epoch });
                     return Ok(Some(link));
                 }

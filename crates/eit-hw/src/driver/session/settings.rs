@@ -6,6 +6,11 @@ use crate::frame::Quadruple;
 
 /// Settings of a [`Session`](super::Session).
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct SessionSettings {
     /// Measurements of the scene's protocol, in order; `None` keeps the instrument's own.
     pub quadruples: Option<Vec<Quadruple>>,
@@ -41,12 +46,18 @@ impl Default for SessionSettings {
 
 /// Exponential backoff: each wait between attempts to reconnect is twice the one before.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct Backoff {
     /// First wait in seconds.
     pub initial_s: f64,
     /// Longest wait in seconds.
     pub max_s: f64,
     /// Seconds after which the session ends with the last error; infinite for never.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::infinite"))]
     pub give_up_s: f64,
 }
 

@@ -7,6 +7,7 @@ use crate::recording::{Layout, Unit};
 
 /// One step of a board's set-up: what to send, and the expected answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Step {
     /// Text to send, including the line end.
     pub send: String,
@@ -16,6 +17,7 @@ pub struct Step {
 
 /// A board and how to communicate with it.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Board {
     /// Name of the board.
     pub name: String,

@@ -15,6 +15,8 @@ const FEWEST_VALUES: usize = 4;
 
 /// What was received from a port while listening.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Heard {
     /// Most frequent count of numbers per line; 0 if no line consisted of numbers only.
     pub values: usize,

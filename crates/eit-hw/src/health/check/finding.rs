@@ -9,6 +9,7 @@ const LEAST_STEPS: f64 = 1.0;
 
 /// Whether a skin is fit for use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Verdict {
     /// No problem was found.
     Good,
@@ -20,6 +21,7 @@ pub enum Verdict {
 
 /// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Severity {
     /// Images are worse than they could be.
     Warning,
@@ -30,6 +32,7 @@ pub enum Severity {
 /// Kind of problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Trouble {
     /// More than half of the electrode's values are flagged.
     Open {
@@ -103,6 +106,8 @@ pub enum Trouble {
 
 /// A problem and what to try.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct Finding {
     /// Severity of the problem.
     pub severity: Severity,

@@ -13,6 +13,7 @@ const ROUNDING: f64 = 1e-9;
 
 /// Resolution of an instrument, estimated from quiet frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Resolution {
     /// Smallest change from frame to frame, in the unit of the values.
     pub step: f64,

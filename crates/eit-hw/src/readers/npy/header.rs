@@ -14,7 +14,8 @@ pub(super) struct Header {
 }
 
 impl Header {
-    pub fn parse(bytes: &[u8], path: &Path) -> Result<Self, HwError> {
+    pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Self, HwError> {
+        let path = path.as_ref();
         let place = || Place::file(path);
         if bytes.is_empty() {
             return Err(HwError::Empty { place: place() });

@@ -3,6 +3,7 @@
 /// Outcome of a hyperparameter choice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum HyperparameterStatus {
     /// The value was given.
     Given,
@@ -21,6 +22,7 @@ pub enum HyperparameterStatus {
 /// One point of a rule's curve, for plots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CurvePoint {
     /// Lambda.
     pub hyperparameter: f64,
@@ -40,6 +42,7 @@ pub struct CurvePoint {
 /// Hyperparameter chosen by a rule.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ChosenHyperparameter {
     /// Lambda.
     pub hyperparameter: f64,
@@ -47,6 +50,7 @@ pub struct ChosenHyperparameter {
     pub status: HyperparameterStatus,
     /// Criterion at this lambda (noise figure, curvature or cross-validation function); NaN for a
     /// fixed value.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::nan"))]
     pub criterion: f64,
     /// Curve over the whole range in order of ascending lambda, eight points per decade; empty for a
     /// fixed value.

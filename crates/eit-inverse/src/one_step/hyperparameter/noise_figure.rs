@@ -22,6 +22,7 @@ const MAX_HALVINGS: usize = 60;
 
 /// Small target whose signal defines the noise figure.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct NoiseTarget {
     /// Change of each measurement caused by the target, volts, `[measurement]`.
     pub signal_v: Vec<f64>,

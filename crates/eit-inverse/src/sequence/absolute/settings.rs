@@ -4,6 +4,11 @@ use crate::{InverseError, OneStepSettings, SequenceStatus};
 
 /// Settings of [`AbsoluteGaussNewton`](crate::sequence::AbsoluteGaussNewton).
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct AbsoluteSettings {
     /// Hyperparameter, data, noise and channels, as for a single frame. The scale `s` is that of
     /// the Jacobian at the reference conductivity.
@@ -73,6 +78,8 @@ impl AbsoluteSettings {
 
 /// Report of one frame of [`AbsoluteGaussNewton`](crate::sequence::AbsoluteGaussNewton).
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub struct AbsoluteFrameReport {
     /// Why the iteration stopped.
     pub status: SequenceStatus,

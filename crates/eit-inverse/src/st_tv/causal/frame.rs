@@ -102,7 +102,7 @@ pub(crate) enum End {
 }
 
 /// The iteration in one floating-point type.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Engine<T> {
     pub(crate) fields: Fields<T>,
     pub(crate) map: StepMap<T>,

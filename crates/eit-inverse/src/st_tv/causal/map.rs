@@ -30,6 +30,7 @@ const FLOOR: f64 = 2e-3;
 const EXPLICIT: f64 = 0.04;
 
 /// Step map with its matrices.
+#[derive(Clone)]
 pub(crate) struct StepMap<T> {
     /// Number of ranks with an exact step.
     pub(crate) head: usize,

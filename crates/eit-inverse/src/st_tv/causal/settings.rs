@@ -6,6 +6,11 @@ use std::time::Duration;
 
 /// Settings of [`CausalStream`](crate::CausalStream).
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct CausalSettings {
     /// Target relative duality gap of a frame, above zero. Below `1e-4` the iteration runs in `f64`.
     pub target_gap: f64,
@@ -40,6 +45,8 @@ impl CausalSettings {
 
 /// Result of a push to a causal stream.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct CausalStep<'a> {
     /// Image of this frame, siemens, `[unknown]`.
     pub image: &'a [f64],
@@ -78,6 +85,7 @@ pub struct CausalStep<'a> {
 /// `h(r) = (r - lambda_time area) (upper - x^)` for `r` above `lambda_time area`,
 /// `(-r - lambda_time area) (x^ - lower)` for `r` below `-lambda_time area`, and 0 between.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CausalDual {
     /// `y`, `[measurement]`.
     pub data: Vec<f64>,

@@ -56,7 +56,7 @@ const OUTGROWN: f64 = 1e4;
 /// * If [`StTvSettings::noise_std`](crate::StTvSettings::noise_std) is given, eight consecutive frames
 ///   of pure noise put the stream at rest: the image is zero, and nothing is computed until a frame
 ///   differs from the reference by more than noise.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct CausalStream {
     solver: StTv,
     settings: CausalSettings,

@@ -28,7 +28,7 @@ const LEAST_ROUNDED_GAP: f64 = 3e-3;
 const SUMMED_PANELS: usize = 8;
 
 /// Best result of a frame so far, in internal units.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Record {
     pub(crate) iterations: usize,
     pub(crate) primal: f64,

@@ -29,7 +29,7 @@ impl Parameters {
 }
 
 /// The forward model with everything that a fit needs.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Problem<'a> {
     model: &'a ForwardModel,
     surface: &'a Surface,

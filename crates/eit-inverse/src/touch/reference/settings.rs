@@ -5,6 +5,11 @@ use crate::check::check_positive;
 
 /// Settings of [`AdaptiveReference`](crate::AdaptiveReference).
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct ReferenceSettings {
     /// Time constant of the filter, seconds. Default 30. A touch that builds up much more slowly than this
     /// is taken for drift while it is small.

@@ -14,6 +14,8 @@ const POOR_DB: f64 = 50.0;
 
 /// The most similar built-in scene, and the reason.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Nearest {
     /// Its name.
     pub scene: &'static str,

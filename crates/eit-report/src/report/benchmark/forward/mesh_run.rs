@@ -66,7 +66,8 @@ impl MeshRun<'_> {
     }
 
     /// Solves with the peers' linear elements.
-    pub fn peers(&self, python: &Path) -> Result<Vec<ForwardPoint>, ReportError> {
+    pub fn peers(&self, python: impl AsRef<Path>) -> Result<Vec<ForwardPoint>, ReportError> {
+        let python = python.as_ref();
         let model = self.problem.model(self.mesh, ElementOrder::Linear)?;
         let electrodes = self.mesh.electrodes().len();
         let found = peers::forward(

@@ -1,0 +1,55 @@
+//! Results and settings as JSON and back.
+#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+fn again<T: Serialize + DeserializeOwned>(value: &T) -> T {
+    serde_json::from_str(&serde_json::to_string(value).unwrap()).unwrap()
+}
+
+/// Types that compare equal after JSON.
+fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T) {
+    assert_eq!(again(value), *value);
+}
+
+use eit_inverse::metrics::TouchSettings;
+use eit_inverse::sequence::{AbsoluteSettings, KalmanSettings, TimePriorSettings};
+use eit_inverse::touch::{DetectorSettings, TouchState, TouchStreamSettings, TrackerSettings};
+use eit_inverse::{
+    CausalSettings, Certificate, OneStepSettings, ReferenceSettings, StTvSettings, StreamSettings,
+};
+
+#[test]
+fn settings_survive() {
+    same(&OneStepSettings { used: Some(vec![true, false]), ..OneStepSettings::default() });
+    same(&AbsoluteSettings::default());
+    same(&KalmanSettings::default());
+    same(&TimePriorSettings::default());
+    same(&CausalSettings::default());
+    same(&StreamSettings::default());
+    same(&DetectorSettings::with_least(2e-11));
+    same(&TrackerSettings::with_strong(6e-11));
+    same(&TouchStreamSettings::default());
+    same(&ReferenceSettings::default());
+    assert!(serde_json::from_str::<StTvSettings>(r#"{"lambda":1}"#).is_err());
+}
+
+/// JSON has no infinity: it holds `null`, which the bounds read as what they are without one.
+#[test]
+fn settings_without_bounds_survive() {
+    let text = serde_json::to_string(&StTvSettings::default()).unwrap();
+    assert!(text.contains(r#""lower_s":null,"upper_s":null"#), "{text}");
+    same(&StTvSettings::default());
+    same(&StTvSettings { lower_s: 0.0, ..StTvSettings::default() });
+    same(&TouchSettings::default());
+}
+
+#[test]
+fn certificates_survive() {
+    let text = r#"{"primal":null,"lower_bound":0.0}"#;
+    let none: Certificate = serde_json::from_str(text).unwrap();
+    assert!(none.relative_gap().is_infinite());
+    same(&none);
+    same(&TouchState::Hold);
+}

@@ -1,0 +1,70 @@
+//! Touches, faults and settings as JSON and back, and positions as points of `mint`.
+#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+fn again<T: Serialize + DeserializeOwned>(value: &T) -> T {
+    serde_json::from_str(&serde_json::to_string(value).unwrap()).unwrap()
+}
+
+/// Types that compare equal after JSON.
+fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T) {
+    assert_eq!(again(value), *value);
+}
+
+use eit_skin::faults::{ElectrodeFault, FaultKind};
+use eit_skin::mint::{Point3, Vector3};
+use eit_skin::scene::StageSettings;
+use eit_skin::touches::Touches;
+use eit_skin::{Scene, Skin, Touch, TouchState};
+use serde_json::json;
+
+fn touch() -> serde_json::Value {
+    json!({
+        "id": 3, "state": "Hold", "position_m": [0.01, -0.02, 0.0], "normal": [0.0, 0.0, 1.0],
+        "position_covariance_m2": [[1e-7, 0.0, 0.0], [0.0, 1e-7, 0.0], [0.0, 0.0, 0.0]],
+        "velocity_m_s": [0.1, 0.0, 0.0], "area_m2": null, "intensity_s_m2": 1e-9,
+        "intensity_std_s_m2": 1e-11, "peak_s": 2e-6,
+        "learnt": {"force_n": [1.5, 0.1], "is_unlike": false},
+        "confidence": 0.99, "age_frames": 12, "age_s": 0.6, "valid": true, "whole": true,
+        "split_from": null, "merged_into": 2
+    })
+}
+
+#[test]
+fn a_touch_survives_and_has_points_of_mint() {
+    let read: Touch = serde_json::from_value(touch()).unwrap();
+    same(&read);
+    assert_eq!((read.state, read.force_n(), read.area_m2), (TouchState::Hold, Some(1.5), None));
+    assert_eq!(read.position(), Point3 { x: 0.01, y: -0.02, z: 0.0 });
+    assert_eq!(read.normal_vector(), Some(Vector3 { x: 0.0, y: 0.0, z: 1.0 }));
+    assert_eq!(read.velocity(), Vector3 { x: 0.1, y: 0.0, z: 0.0 });
+}
+
+#[test]
+fn touches_of_a_recording_survive() {
+    let text = json!({
+        "rows": [{"frame": 4, "time_s": 0.2, "touch": touch()}], "frames": 5, "rate_hz": 20.0,
+        "choices": {
+            "noise": "stated", "sheet": null, "rows": 104, "places": 300, "blind": 0, "radius_m": 0.01,
+            "least_s_m2": 1e-10
+        },
+        "faults": [{"electrode": 2, "kind": "Stuck", "since_s": 0.1}],
+        "is_missing": {"v": 1, "dim": [1, 2], "data": [true, false]}
+    });
+    let read: Touches = serde_json::from_value(text).unwrap();
+    let again = again(&read);
+    assert_eq!(format!("{read:?}"), format!("{again:?}"));
+    assert_eq!(
+        again.faults,
+        [ElectrodeFault { electrode: 2, kind: FaultKind::Stuck, since_s: 0.1 }]
+    );
+}
+
+#[test]
+fn settings_of_a_scene_survive() {
+    let skin = Skin::from_scene(Scene::load("paper-disc").unwrap()).unwrap();
+    let settings: StageSettings = again(&skin.settings);
+    assert_eq!(format!("{settings:?}"), format!("{:?}", skin.settings));
+}
