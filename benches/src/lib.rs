@@ -17,3 +17,8 @@ pub type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 pub struct ReadmeExamples;
+
+/// The guide to a skin of one's own, likewise.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/BUILD_A_SKIN.md")]
+pub struct GuideExamples;

@@ -1,5 +1,7 @@
 //! The command line. One file, because `--help` is a single list of all commands and their arguments.
 
+#[cfg(test)]
+mod documented;
 mod init;
 mod learn;
 mod live;
@@ -58,7 +60,7 @@ pub(crate) struct Cli {
     /// Print no progress and no notes, only the result and errors.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub quiet: bool,
-    /// Also print how long each stage of the work took, on stderr.
+    /// Also print what each stage of the work does and how long it takes, on stderr.
     #[arg(short, long, global = true)]
     pub verbose: bool,
     /// When to use colours: auto is on a terminal, unless the environment sets NO_COLOR or TERM=dumb.

@@ -1,70 +1,153 @@
-//! The commands of README.md and of the guides run as written, in one folder, in order.
+//! The commands of README.md and of the book run as written, one folder a page, in order; its TOML is read,
+//! and its Rust is compiled.
 //!
-//! Only these are excluded: lines that build or install with cargo, and lines that need a board on a port
-//! (`/dev/`, `--port`) or run until they are stopped.
+//! A word behind `sh` says why a block cannot run here: `board` needs an instrument or another terminal,
+//! `robot` a robot's software, `long` more time or other programs. That the program understands their
+//! commands is tested beside its arguments (`src/cli/documented.rs`), and every command that needs a board is
+//! run by `init.rs`, `silence.rs` or `instruments.rs`.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
+use eit_skin::Scene;
+use eit_skin::eit_fem::fabric::TouchScript;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The lines of all `sh` blocks of a file.
-fn shell_lines(name: &str) -> Vec<String> {
-    let place = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(name);
-    let text = std::fs::read_to_string(&place).unwrap();
-    let mut lines = Vec::new();
-    let mut is_shell = false;
+/// README.md and all pages of the book, relative to the repository.
+fn pages() -> Vec<PathBuf> {
+    let root = root();
+    let mut pages = vec![root.join("README.md")];
+    for folder in ["docs", "docs/performance", "docs/validation"] {
+        let entries = std::fs::read_dir(root.join(folder)).unwrap();
+        pages.extend(entries.map(|entry| entry.unwrap().path()));
+    }
+    pages.retain(|path| path.extension().is_some_and(|ending| ending == "md"));
+    pages.sort();
+    pages
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// The blocks of a page with this text behind the fence.
+fn blocks(page: &Path, mark: &str) -> Vec<String> {
+    let text = std::fs::read_to_string(page).unwrap();
+    let mut blocks = Vec::new();
+    let mut block: Option<String> = None;
     for line in text.lines() {
-        match line.trim() {
-            "```sh" => is_shell = true,
-            "```" => is_shell = false,
-            line if is_shell && !line.is_empty() && !line.starts_with('#') => {
-                lines.push(line.to_owned());
-            }
-            _ => {}
+        match (line.trim().strip_prefix("```"), &mut block) {
+            (Some(_), Some(_)) => blocks.extend(block.take()),
+            (Some(found), None) if found == mark => block = Some(String::new()),
+            // a block of another kind: its end is no beginning
+            (Some(_), None) => block = None,
+            (None, Some(block)) => *block += &format!("{line}\n"),
+            (None, None) => {}
         }
     }
-    lines
+    blocks
 }
 
-fn needs_more(line: &str) -> bool {
-    let live = ["eit check", "eit live", "eit record", "eit emulate"];
-    line.starts_with("cargo ")
-        || line.starts_with("$PYTHON")
-        || ["/dev/", "--port"].iter().any(|word| line.contains(word))
-        || live.iter().any(|command| line.starts_with(command))
-}
-
-/// Runs the lines that can run here; returns how many.
-fn run(name: &str) -> usize {
+/// Runs the lines of the blocks that can run here; returns how many.
+fn run(page: &Path) -> usize {
     let folder = tempfile::tempdir().unwrap();
     let program = PathBuf::from(env!("CARGO_BIN_EXE_eit"));
     let path =
         format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap());
-    let lines: Vec<String> =
-        shell_lines(name).into_iter().filter(|line| !needs_more(line)).collect();
-    for line in &lines {
+    let blocks = blocks(page, "sh").concat();
+    let lines = blocks.lines().filter(|line| !line.is_empty() && !line.starts_with('#'));
+    let mut count = 0;
+    for line in lines {
         let output =
             Command::new("sh").args(["-c", line]).env("PATH", &path).current_dir(&folder).output();
         let output = output.unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{name}: `{line}`: {said}");
+        assert!(output.status.success(), "{}: `{line}`: {said}", page.display());
+        count += 1;
     }
-    lines.len()
+    count
 }
 
 #[test]
-fn commands_of_the_readme() {
-    // four to look around, three from a scene to touches
-    assert!(run("README.md") >= 7);
+fn commands_of_all_pages() {
+    let counts: usize = pages().iter().map(|page| run(page)).sum();
+    // the README's four to look around and three from a scene to touches, three of the guide, one of UDP
+    assert!(counts >= 10, "{counts}");
+}
+
+/// Blocks have a language, and those of the shell a known reason not to run.
+#[test]
+fn blocks_are_of_known_kinds() {
+    let known = [
+        "sh",
+        "sh board",
+        "sh robot",
+        "sh long",
+        "toml",
+        "rust",
+        "rust,no_run",
+        "text",
+        "c",
+        "json",
+    ];
+    for page in pages() {
+        let text = std::fs::read_to_string(&page).unwrap();
+        let fences: Vec<&str> =
+            text.lines().filter_map(|line| line.trim().strip_prefix("```")).collect();
+        for pair in fences.chunks(2) {
+            assert!(known.contains(&pair[0]), "{}: ```{}", page.display(), pair[0]);
+            assert_eq!(pair.get(1), Some(&""), "{}: the end of ```{}", page.display(), pair[0]);
+        }
+    }
+}
+
+/// Pages with Rust code are compiled as documentation of the benches.
+#[test]
+fn rust_of_all_pages_is_compiled() {
+    let compiled = std::fs::read_to_string(root().join("benches/src/lib.rs")).unwrap();
+    for page in pages() {
+        let code = blocks(&page, "rust").len() + blocks(&page, "rust,no_run").len();
+        let name = page.strip_prefix(root()).unwrap().display().to_string();
+        assert!(
+            code == 0 || compiled.contains(&format!("../../{name}\"")),
+            "{name} is not compiled"
+        );
+    }
 }
 
 #[test]
-fn commands_of_the_guide_to_a_skin_of_ones_own() {
-    let name = "docs/BUILD_A_SKIN.md";
-    let board: Vec<String> =
-        shell_lines(name).into_iter().filter(|line| needs_more(line)).collect();
-    // every command that needs the board is run by `init.rs`, `silence.rs` or `instruments.rs`
-    assert!(board.len() >= 5, "{board:?}");
-    assert!(run(name) >= 1);
+fn toml_of_all_pages_is_read() {
+    for page in pages() {
+        for block in blocks(&page, "toml") {
+            let read: Result<toml::Table, _> = toml::from_str(&block);
+            assert!(read.is_ok(), "{}: {}", page.display(), read.unwrap_err());
+        }
+    }
+}
+
+/// No key of the pages on scenes and scripts is unknown.
+#[test]
+fn keys_of_scenes_and_scripts_exist() {
+    let scenes = blocks(&root().join("docs/SCENE.md"), "toml");
+    // the last one is eit.toml, options of commands beside the scene
+    let scene = scenes[..scenes.len() - 1].concat();
+    assert!(
+        toml::from_str::<Scene>(&scene).is_ok(),
+        "{}",
+        toml::from_str::<Scene>(&scene).unwrap_err()
+    );
+    for script in blocks(&root().join("docs/FABRIC.md"), "toml") {
+        let read = toml::from_str::<TouchScript>(&script);
+        assert!(read.is_ok(), "{}", read.unwrap_err());
+    }
+}
+
+/// A page fits a sitting; tables that a program writes do not count.
+#[test]
+fn pages_are_short() {
+    for page in pages() {
+        let lines = std::fs::read_to_string(&page).unwrap().lines().count();
+        let is_generated = page.ends_with("docs/PERFORMANCE.md");
+        assert!(lines < 250 || is_generated, "{}: {lines} lines", page.display());
+    }
 }

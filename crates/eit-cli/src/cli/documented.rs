@@ -1,0 +1,66 @@
+//! Every command of the README, the book and the crates' pages is one that the program understands.
+
+use super::Cli;
+use clap::Parser;
+use std::path::{Path, PathBuf};
+
+/// Pages of the repository; none in the package of this crate.
+fn pages() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let mut folders = vec![root.join("docs"), root.join("crates")];
+    let mut pages = vec![root.join("README.md")];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            let path = entry.path();
+            if path.is_dir() && entry.file_name() != "src" {
+                folders.push(path);
+            } else if path.extension().is_some_and(|ending| ending == "md") {
+                pages.push(path);
+            }
+        }
+    }
+    pages.retain(|page| page.exists());
+    pages
+}
+
+/// The `eit` commands of the `sh` blocks of a page, without what a shell adds.
+fn commands(page: &Path) -> Vec<String> {
+    let mut commands = Vec::new();
+    let mut is_shell = false;
+    for line in std::fs::read_to_string(page).unwrap().lines() {
+        let line = line.trim();
+        if line.starts_with("```") {
+            is_shell = line.split([' ', '`']).any(|word| word == "sh");
+        }
+        let line = line
+            .strip_prefix("cargo run --release -p eit-cli --")
+            .map_or(line.to_owned(), |rest| format!("eit{rest}"));
+        if is_shell && line.starts_with("eit ") {
+            let end = line.find(['#', '|', ';', '&']).unwrap_or(line.len());
+            commands.push(line[..end].trim().to_owned());
+        }
+    }
+    commands
+}
+
+#[test]
+fn every_documented_command_parses() {
+    let pages = pages();
+    if pages.len() < 5 {
+        println!("skipped: the book is not part of this package");
+        return;
+    }
+    let mut count = 0;
+    for page in &pages {
+        for command in commands(page) {
+            // no argument of the book has a space
+            match Cli::try_parse_from(command.split_whitespace()) {
+                Ok(_) => {}
+                Err(error) if !error.use_stderr() => {}
+                Err(error) => panic!("{}: `{command}`: {error}", page.display()),
+            }
+            count += 1;
+        }
+    }
+    assert!(count >= 35, "only {count} commands found");
+}
