@@ -164,12 +164,12 @@ pub(crate) enum Command {
     /// Make a learning base for a U-net: simulated sequences with their raw and true images.
     ///
     /// Simulates touched fabrics on a finer mesh and reconstructs them as `eit reconstruct` would.
-    /// Drawn anew for every sequence: one to six fingers with tips of 4 to 25 mm up to 97 % of the radius,
-    /// foundation, rim, weave, drift, gain, noise (48 dB below the voltages to that of the scene's
-    /// instrument), and measurements that are missing. Continues after an interruption.
+    /// Every sequence has its own random fingers (one to six, with tips of 4 to 25 mm, up to 97 % of the
+    /// radius), foundation, rim, weave, drift, gain, noise (from 48 dB below the voltages down to that of
+    /// the scene's instrument) and missing measurements. Continues after an interruption.
     ///
-    /// The sequences depend on --seed and their number alone, so that any scheduler can share the work out
-    /// with --shard, as with a Slurm job array:
+    /// Sequences depend only on --seed and their number, so any scheduler can divide the work with
+    /// --shard, for example a Slurm job array:
     ///
     ///   sbatch --array=1-64 --cpus-per-task=1 --wrap \
     ///     'eit base paper-disc --out base --threads 1 --shard $SLURM_ARRAY_TASK_ID/64'
@@ -180,17 +180,17 @@ pub(crate) enum Command {
     Base(BaseArgs),
     /// Train a U-net that removes the artefacts of a scene's images.
     ///
-    /// Makes the learning base where it is not complete (see `eit base`), each sequence turned or
-    /// mirrored by a symmetry of the electrodes where the skin has them, and learns its true images. Says
-    /// beside the progress bar how long the training takes, and writes a checkpoint after every epoch.
-    /// Ctrl-C ends it with the best weights so far. Run the same command again after an interruption: it
-    /// continues, and ends with the same weights.
+    /// First completes the learning base (see `eit base`). If the skin's electrodes are symmetric, sequences are
+    /// also rotated and mirrored. The progress bar shows the remaining time. A checkpoint is written after every
+    /// epoch: after an interruption, run the same command again, and it continues to the same weights. Ctrl-C ends
+    /// training with the best weights so far.
     ///
-    /// Needs a program that was built with training, which is burn's: cargo install --path
-    /// crates/eit-cli --features train. The default program runs the trained net.
+    /// Training uses burn and needs a build with it: cargo install --path crates/eit-cli --features train. The
+    /// default build runs trained nets.
     ///
-    /// Writes W (safetensors), W with the endings csv and png (learning curve), and checkpoint. W is
-    /// not written where its images of the held-out sequences are worse than the raw ones (--force).
+    /// Writes the weights W (safetensors), their learning curve (W with the extensions csv and png) and a
+    /// checkpoint. W is not written if it makes the held-out images worse than the raw ones, unless --force is
+    /// given.
     Train(TrainArgs),
     /// Remove artefacts from images with a trained U-net.
     ///
@@ -250,9 +250,9 @@ pub(crate) enum Command {
     /// Join many patches of skin, each published by `eit live --zenoh`, into one list of touches.
     ///
     /// Reads names, topics and poses of the patches from BODY.toml. Prints JSON lines: touches in the robot's
-    /// frame and on one clock whenever they change, and events: a patch that has fallen silent, within half a
-    /// second, and its return. Publishes the same as a message of ROS 2 where the file names a topic. --json
-    /// prints one object with counts and latency at the end instead. Ctrl-C ends it.
+    /// frame and on one clock whenever they change, and an event when a patch falls silent (within half a second)
+    /// or returns. If the file names a topic, also publishes the list as a ROS 2 message. With --json, prints
+    /// one object with counts and latency at the end instead. Ctrl-C ends it.
     ///
     /// Needs a program that was built with zenoh: cargo install --path crates/eit-cli --features zenoh.
     ///
@@ -475,10 +475,10 @@ pub(crate) struct ReconstructArgs {
 pub(crate) struct TrainArgs {
     /// Scene file or built-in scene.
     pub scene: String,
-    /// The weights: W.safetensors.
+    /// Output file: W.safetensors.
     #[arg(long, value_name = "W")]
     pub out: PathBuf,
-    /// Folder of the learning base [default: W with the ending base]. A complete one is only read.
+    /// Folder of the learning base [default: W with the extension base]. A complete base is only read.
     #[arg(long, value_name = "DIR")]
     pub base: Option<PathBuf>,
     #[command(flatten)]
@@ -487,60 +487,60 @@ pub(crate) struct TrainArgs {
     /// command. They may be those of another skin.
     #[arg(long, value_name = "W", conflicts_with_all = ["history", "images", "fold", "width", "depth"])]
     pub from: Option<String>,
-    /// Last frames that the net sees.
+    /// Number of frames that the net takes, including the current one.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub history: usize,
-    /// Images per frame that the net sees: the raw one, then one-step images of the same
-    /// measurements. With 1 it sees no measurement and runs on images alone (`eit denoise`); with more it
-    /// also sees the signal-to-noise ratio.
+    /// Images per frame that the net takes: the raw one, then one-step images of the same measurements. With 1
+    /// it runs on images alone (`eit denoise`); with more it also takes the signal-to-noise ratio.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub images: usize,
     /// Side of the blocks of pixels that become channels, 1 or 2: with 2 the net runs on a quarter of the
     /// pixels.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub fold: usize,
-    /// Channels of the net's first level; its cost grows with the square.
+    /// Channels of the net's first level; the cost grows with their square.
     #[arg(long, value_name = "N", default_value_t = 4)]
     pub width: usize,
-    /// Times that the net halves the pixels.
+    /// How often the net halves rows and columns.
     #[arg(long, value_name = "N", default_value_t = 3)]
     pub depth: usize,
-    /// Epochs at most. 0 with --from: keep the net, and only measure the judge of its images and its limit.
+    /// Largest number of epochs. 0 with --from: keep the net, and only measure the limit by which its images are
+    /// judged.
     #[arg(long, value_name = "N", default_value_t = 12)]
     pub epochs: usize,
-    /// Examples of a step.
+    /// Examples per step.
     #[arg(long, value_name = "N", default_value_t = 16)]
     pub batch: usize,
-    /// Rate of the first epoch; falls to a hundredth.
+    /// Learning rate of the first epoch; falls to a hundredth.
     #[arg(long, value_name = "R", default_value_t = 2e-3)]
     pub rate: f64,
-    /// Stop after so many epochs without a smaller error on the held-out sequences; 0: never.
+    /// Stop after this many epochs without a smaller error on the held-out sequences; 0: never.
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub patience: usize,
-    /// Where burn computes: flex (the processor), cuda or wgpu (a graphics processor). The last two
-    /// need a program that was built with --features of that name; they have not been run.
+    /// Device: flex (the processor), cuda or wgpu (a graphics processor). The last two need a build with the
+    /// feature of that name, and are untested.
     #[arg(long, value_name = "DEVICE", default_value_t)]
     pub device: eit_denoise::TrainDevice,
-    /// Write the weights although their images of the held-out sequences are worse than the raw ones.
+    /// Write the weights even if they make the held-out images worse than the raw ones.
     #[arg(long)]
     pub force: bool,
 }
 
-/// The pairs of a learning base.
+/// Contents of a learning base.
 #[derive(Debug, Args)]
 pub(crate) struct PairsArgs {
-    /// Number of sequences to simulate; with --recording, recordings are turned by the skin's symmetries
-    /// until there are so many. Every sixth, at least one, is held out.
+    /// Number of sequences to simulate; with --recording, recordings are rotated and mirrored by the skin's
+    /// symmetries until there are this many. Every sixth, and at least one, is held out.
     #[arg(long, value_name = "N", default_value_t = 600)]
     pub sequences: usize,
-    /// Frames of a simulated sequence, 20 quiet ones included.
+    /// Frames of a simulated sequence, including 20 quiet ones.
     #[arg(long, value_name = "N", default_value_t = 60)]
     pub frames: usize,
-    /// Learn from this recording of the real skin instead of simulated touches; more than once for
-    /// more. Its truth is unknown: wanted images are the raw ones after the rule of Duan, Taurand
+    /// Learn from this recording of the real skin instead of simulated touches; can be repeated. The true
+    /// image is unknown: wanted images are the raw ones after the rule of Duan, Taurand
     /// and Soleimani (2019), which removes the ring along the rim, values below 55 % of the
-    /// largest, and blobs of fewer than 15 pixels. Reference and noise as in the scene. Held
-    /// out is the last recording of six, or the last sixth of a single one.
+    /// largest, and blobs of fewer than 15 pixels. Reference and noise as in the scene. The
+    /// last of every six recordings is held out, or the last sixth of a single one.
     #[arg(long, value_name = "F")]
     pub recording: Vec<PathBuf>,
     /// Simulate this built-in script on the scene's own fabric, with another seed for each sequence,
@@ -556,10 +556,10 @@ pub(crate) struct PairsArgs {
     /// Method of the raw images: st-tv, tv or gauss-newton [default: the scene's, or st-tv].
     #[arg(long, value_name = "METHOD")]
     pub method: Option<String>,
-    /// Seed of everything random.
+    /// Seed of all random quantities.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// Threads [default: all]; the result does not depend on them.
+    /// Number of threads [default: all]; the result does not depend on it.
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
 }

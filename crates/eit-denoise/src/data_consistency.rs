@@ -7,9 +7,9 @@
 use crate::DenoiseError;
 use ndarray::{Array2, ArrayView2};
 
-/// Standard deviations above its mean to which the energy of noise alone is believed: of noise whose
-/// deviation is known, one frame in six thousand is above with 208 measurements (chi squared, not
-/// normal). A deviation that was measured on few quiet frames makes it more.
+/// How far above its mean the energy of noise alone may lie, in standard deviations. With 208
+/// measurements and a known noise level, one frame in six thousand lies higher (chi squared, not
+/// normal); more do if the level was measured on few quiet frames.
 const NOISE_DEVIATIONS: f64 = 4.0;
 
 /// Checks images against their measurements with the linear model of a skin, weighted by the noise.
@@ -20,7 +20,7 @@ pub struct DataConsistency {
     /// `W^1/2`; 0 for a measurement that is not used.
     root_weights: Vec<f64>,
     mask: Array2<bool>,
-    /// Masked pixels of the image at hand.
+    /// Masked pixels of the current image.
     pixels: Vec<f32>,
 }
 

@@ -1,6 +1,6 @@
 //! The one error type of this crate.
 
-/// An error in images, weights, a learning base or a training.
+/// An error in images, weights, a learning base or training.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DenoiseError {
@@ -68,7 +68,7 @@ pub enum DenoiseError {
         /// The right length.
         wanted: usize,
     },
-    /// The whole image has one value other than zero, which no reconstruction gives.
+    /// Every pixel of the image has the same non-zero value, which no reconstruction produces.
     #[error("the image is {value} everywhere on the skin, which no reconstruction gives")]
     ConstantImage {
         /// The value.
@@ -110,9 +110,9 @@ pub enum DenoiseError {
     OtherSkin {
         /// Fingerprint of the skin that the weights were trained for.
         trained: String,
-        /// Rows and columns of the training's images.
+        /// Rows and columns of the training images.
         trained_pixels: [usize; 2],
-        /// Fingerprint of the skin at hand.
+        /// Fingerprint of the current skin.
         asked: String,
         /// Rows and columns of its images.
         asked_pixels: [usize; 2],

@@ -1,4 +1,4 @@
-//! Pairs in memory, normalised as the running net normalises.
+//! Training pairs in memory, normalised as the net normalises at run time.
 
 use crate::DenoiseError;
 use crate::learning_base::Shard;
@@ -6,13 +6,13 @@ use crate::raster_symmetry::RasterSymmetry;
 use crate::unet::CLAMP;
 use ndarray::{Array2, Axis};
 
-/// Part of the mean reference error of a sequence that is added to each frame's own before dividing by
-/// it, so that frames which are nearly right already do not dominate the sum.
+/// Fraction of a sequence's mean reference error that is added to each frame's reference error before
+/// dividing by it, so that frames that are already almost right do not dominate the sum.
 const FLOOR: f64 = 0.05;
-/// Frames whose reference error is below this part of the mean of their sequence are left out.
+/// Frames whose reference error is below this fraction of their sequence's mean are left out.
 const LEAST: f64 = 1e-3;
-/// Frames whose reference error is below this part of the mean over all sequences are left out: 0.3 %
-/// of the usual amplitude is drift.
+/// Frames whose reference error is below this fraction of the mean over all sequences are left out:
+/// 0.3 % of the usual amplitude is drift.
 const LEAST_OF_ALL: f64 = 1e-5;
 
 /// Normalised pairs of one skin, each weighted by how wrong its raw image is.
@@ -50,7 +50,7 @@ pub(crate) struct Example<'a> {
     pub weight: f32,
 }
 
-/// Memory for an example that was turned.
+/// Memory for a transformed example.
 #[cfg(feature = "train")]
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Turned {

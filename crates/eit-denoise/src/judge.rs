@@ -4,8 +4,8 @@ use crate::model_error::ModelErrorNorm;
 use crate::{DataConsistency, DataMisfit, DenoiseError, Weights};
 use ndarray::ArrayView2;
 
-/// Largest part of the data's energy that a correct image leaves on a skin whose model error the weights do not
-/// know: on six simulated recordings true images left 4 to 29 % in the median and up to 35 % in nine frames of
+/// Largest fraction of the data's energy that a correct image leaves unexplained on a skin whose model error
+/// the weights do not contain: on six simulated recordings true images left 4 to 29 % in the median and up to 35 % in nine frames of
 /// ten; images of the wrong sign leave all of it and more.
 const SHARE_OF_OTHER_SKINS: f64 = 0.66;
 
@@ -21,11 +21,12 @@ pub struct Judge {
 
 #[derive(Debug, Clone)]
 enum Rule {
-    /// Weights that know the model error of their skin.
+    /// Weights that contain the model error of their skin.
     ModelError(Box<ModelErrorNorm>),
-    /// Older weights, and other skins: the largest part of the data's energy that a correct image leaves.
+    /// Older weights, and other skins: the largest fraction of the data's energy that a correct image leaves
+    /// unexplained.
     Share(f64),
-    /// Weights that know neither.
+    /// Weights that contain neither.
     None,
 }
 

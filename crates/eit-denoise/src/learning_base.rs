@@ -1,12 +1,12 @@
-//! Pairs of raw and wanted images on disk: what a net learns from.
+//! The learning base: pairs of raw and wanted images on disk, from which a net learns.
 //!
 //! A folder with one file per sequence ([`Shard`], safetensors) and `manifest.json`, which lists
-//! complete shards with their checksums. Shards and manifests are written beside their place and renamed,
-//! the shard first: whenever the work is killed, whatever a manifest lists is complete, and the rest
-//! is made again.
+//! complete shards with their checksums. Each file is written under a temporary name and renamed,
+//! shards before manifests: after a kill, every shard that a manifest lists is complete, and the others are
+//! made again.
 //!
 //! Several processes or machines can fill one folder: each takes a [`Part`] and lists its shards
-//! in a manifest of its own, `manifest.3-of-64.json`. Whoever opens the folder sees all lists together;
+//! in a manifest of its own, `manifest.3-of-64.json`. Opening the folder combines all lists;
 //! [`LearningBase::create`] without a part writes them as one `manifest.json`, byte for byte the one of a
 //! base that was made by one process.
 
@@ -123,7 +123,7 @@ pub struct LearningBase {
 }
 
 impl LearningBase {
-    /// Starts a base, or continues one of the same settings; merges what parts have made.
+    /// Starts a base, or continues one with the same settings, and merges the work of all parts.
     ///
     /// # Errors
     /// [`DenoiseError::OtherSettings`] for a folder with another base, [`DenoiseError::Io`],
@@ -133,7 +133,7 @@ impl LearningBase {
         Self::start(folder, settings, None)
     }
 
-    /// Starts or continues one part of a base, beside other processes that make the others.
+    /// Starts or continues one part of a base, while other processes make the other parts.
     ///
     /// # Errors
     /// Those of [`LearningBase::create`].
@@ -181,7 +181,7 @@ impl LearningBase {
         Ok(base)
     }
 
-    /// Opens a base as it is, with what all parts have made; it may still lack shards.
+    /// Opens a base as it is, with the work of all parts. Shards may still be missing.
     ///
     /// # Errors
     /// [`DenoiseError::Io`], [`DenoiseError::InFile`].
@@ -205,7 +205,7 @@ impl LearningBase {
         &self.manifest.settings
     }
 
-    /// Returns the shards still to be made, of its part if it has one: never written, lost or damaged.
+    /// Returns the shards still to be made (never written, lost or damaged), of this part if there is one.
     pub fn missing(&self) -> Vec<usize> {
         let own = |index: &usize| self.part.is_none_or(|part| part.contains(*index));
         let all = (0..self.manifest.settings.shards).filter(own);

@@ -1,14 +1,15 @@
-//! Model error of data: what the linear model of a true image leaves of the measurements.
+//! Model error of the data: the part of the measurements that the linear model leaves unexplained even with
+//! the true image.
 
 use crate::DenoiseError;
 use ndarray::{Array2, ArrayView1};
 
-/// Directions that are kept at most: electrodes of the paper's skin move in 32 ways and have 16 contacts.
+/// Largest number of directions kept: the electrodes of the paper's skin move in 32 ways and have 16 contacts.
 const DIRECTIONS: usize = 64;
-/// Variance of the model error outside the kept directions, per measurement, as a part of the data's mean
-/// energy per measurement: the differences are known to 1 %.
+/// Variance of the model error outside the kept directions, per measurement, as a fraction of the data's
+/// mean energy per measurement: the differences are known to 1 %.
 const FLOOR: f64 = 1e-4;
-/// Sweeps of the eigenvalue iteration at most; it converges quadratically and needs about eight.
+/// Largest number of sweeps of the eigenvalue iteration, which converges quadratically and needs about eight.
 const SWEEPS: usize = 30;
 
 /// Covariance of the model error relative to the data's energy: electrodes that move, contacts that change,
@@ -29,7 +30,7 @@ pub struct ModelError {
 }
 
 impl ModelError {
-    /// Rejects what is not finite or not positive.
+    /// Rejects values that are not finite or not positive.
     ///
     /// # Errors
     /// [`DenoiseError::OutOfRange`].
@@ -57,7 +58,7 @@ pub struct ModelErrorSum {
 }
 
 impl ModelErrorSum {
-    /// No frame yet, for so many measurements.
+    /// Creates an empty sum for a number of measurements.
     pub fn new(measurements: usize) -> Self {
         Self { moments: Array2::zeros((measurements, measurements)), frames: 0 }
     }
@@ -162,7 +163,7 @@ impl ModelErrorNorm {
         Ok(made)
     }
 
-    /// Largest part of the data's energy that a correct image leaves.
+    /// Largest fraction of the data's energy that a correct image leaves unexplained.
     pub fn limit(&self) -> f64 {
         self.error.limit
     }

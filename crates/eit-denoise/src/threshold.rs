@@ -5,11 +5,11 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Axis};
 
 /// Makes a wanted image from a raw one, as Duan, Taurand and Soleimani (Sci. Rep. 9:8831, 2019) do.
 /// Artefacts of electrode movement lie on the rim and are small. The rule removes the ring along the rim,
-/// then values below a share of the maximum, then blobs too small for a finger.
+/// then values below a fraction of the maximum, then blobs too small for a finger.
 ///
 /// Only increases of conductivity are kept, which pressure causes on the paper's fabric; negate the
 /// images if touches lower the conductivity. The result is not the truth: a finger on the rim is
-/// lost, and so is the weaker of two fingers if it stays below the share.
+/// lost, and so is the weaker of two fingers if it stays below that fraction.
 ///
 /// ```
 /// use eit_denoise::ThresholdRule;
@@ -31,7 +31,7 @@ pub struct ThresholdRule {
     /// Width of the removed ring in steps to one of eight neighbours. The paper states none; 4 of 64
     /// pixels matches its figures.
     pub ring_pixels: usize,
-    /// Values above this part of the largest remaining value are kept; from 0 to below 1. The paper: 0.55.
+    /// Values above this fraction of the largest remaining value are kept; from 0 to below 1. The paper: 0.55.
     pub share: f64,
     /// Blobs (eight neighbours) of fewer pixels are removed. The paper: 15.
     pub least_pixels: usize,

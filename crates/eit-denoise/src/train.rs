@@ -3,7 +3,7 @@
 //!
 //! The checkpoint holds everything that the next epoch depends on, and every random number follows from
 //! the seed and the number of the epoch. On the processor a batch is split into parts of a fixed
-//! size whose gradients are added in order. An interrupted training therefore ends with the same bits as
+//! size whose gradients are added in order. An interrupted training run therefore ends with the same bits as
 //! an uninterrupted one, for any number of threads. (On a graphics processor that holds if its sums are
 //! reproducible. Resumed on another device, the results agree to rounding.)
 
@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::ControlFlow;
 
-/// Steps over which the rate rises from zero, if the first epoch has so many. Otherwise the first
+/// Steps over which the rate rises from zero (fewer if the first epoch is shorter). Otherwise the first
 /// steps at full rate can push every channel of a small net below zero, where its gradient is zero.
 const WARM_UP: f64 = 200.0;
 /// Largest norm of the gradient of each tensor. Single batches of nearly right images otherwise push
@@ -32,7 +32,7 @@ const MOST_GRADIENT: f32 = 1.0;
 /// Epsilon of Adam, from its paper.
 const EPSILON: f32 = 1e-8;
 
-/// The training of any net, between two epochs.
+/// Trains any net, epoch by epoch.
 #[derive(Clone)]
 pub struct Trainer<N> {
     settings: TrainSettings,
@@ -106,7 +106,7 @@ impl<N: ImageNet> Trainer<N> {
     }
 
     /// Runs one epoch: one pass over the examples. `progress` is called with the number of steps done
-    /// and of all steps. If it breaks off, the trainer stays as it was before the epoch and `None` is
+    /// and the number of all steps. If it breaks off, the trainer stays as it was before the epoch and `None` is
     /// returned. More than one thread is used on the processor only.
     ///
     /// # Errors

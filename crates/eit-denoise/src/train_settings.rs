@@ -67,7 +67,7 @@ pub struct Epoch {
     pub rate: f64,
 }
 
-/// State of a training.
+/// State of a training run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TrainStatus {
@@ -79,8 +79,8 @@ pub enum TrainStatus {
     Stopped,
 }
 
-/// Backend of burn that a training runs on. It is not part of the training: a checkpoint made on one
-/// device can be resumed on another, and the results agree to rounding.
+/// Backend of burn that training runs on. A checkpoint made on one device can be resumed on another, and
+/// the results agree to rounding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -134,7 +134,7 @@ pub(crate) struct BodyArgs {
     /// The body: names, topics and poses of its patches (docs/BODY.md).
     #[arg(value_name = "BODY.toml")]
     pub body: PathBuf,
-    /// End after so many seconds.
+    /// Stop after this many seconds.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,
 }
@@ -147,7 +147,7 @@ pub(crate) struct LiveArgs {
     /// Port instead of the scene's.
     #[arg(long, value_name = "P")]
     pub port: Option<String>,
-    /// How the skin is watched.
+    /// What is shown and stored.
     #[command(flatten)]
     pub watch: WatchArgs,
     /// Stop after this many seconds.

@@ -16,11 +16,11 @@ pub struct Shard {
     pub mask: Array2<bool>,
     /// The measurements behind the images, if known.
     pub data: Option<ShardData>,
-    /// What a net sees beside the raw images; not written to files, since it follows from `data`.
+    /// Further inputs of a net; not written to files, because they follow from `data`.
     pub beside: Beside,
 }
 
-/// What a net sees beside the raw images of a sequence.
+/// Further inputs of a net, beside the raw images of a sequence.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Beside {
     /// Further reconstructions, each [frame, row, column], zero outside the mask.
@@ -68,7 +68,7 @@ impl Shard {
         Ok(Self { raw: inside(raw), wanted: inside(wanted), mask, data, beside })
     }
 
-    /// Cleans its raw images with a net that also sees what is beside them.
+    /// Denoises its raw images with a net that also takes the further inputs.
     ///
     /// # Errors
     /// Those of [`Denoiser::denoise_with`] and of [`ImageStack::new`].

@@ -16,7 +16,7 @@ pub(crate) use through::{device_of, padded, read, same_shape};
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-/// A burn module that cleans images: [`crate::Trainer`] trains it and [`images_through`] runs it. Implement
+/// A burn module that denoises images: [`crate::Trainer`] trains it and [`images_through`] runs it. Implement
 /// it for your own architecture.
 ///
 /// Images are divided by the largest magnitude among the inputs and zero outside the mask, as
@@ -107,7 +107,7 @@ pub trait ImageNet: Module {
         0
     }
 
-    /// Number of last frames that it sees, including the present one: at least 1.
+    /// Number of frames that it takes, including the current one: at least 1.
     fn history(&self) -> usize;
 
     /// Rows and columns are padded with zeros to a multiple of this. Default: 1.

@@ -9,7 +9,7 @@ use ndarray::{ArrayView2, ArrayView3, Axis};
 /// Frames per pass through a net, to bound the memory.
 const AT_ONCE: usize = 16;
 
-/// Cleans a whole sequence with a net of burn that sees one image per frame and no condition:
+/// Denoises a whole sequence with a burn net that takes one image per frame and no conditions:
 /// `shard_through` (feature `base`) without anything beside the raw images.
 ///
 /// # Errors
@@ -18,7 +18,7 @@ pub fn images_through<N: ImageNet>(net: &N, raw: &ImageStack) -> Result<ImageSta
     sequence_through(net, raw, &[], None)
 }
 
-/// Cleans a whole sequence with a net of burn: `D(x, c) = s N(x / s, c, mask)`, `s` the largest
+/// Denoises a whole sequence with a burn net: `D(x, c) = s N(x / s, c, mask)`, `s` the largest
 /// magnitude inside the mask over the first images of the frames that the net sees, other images clamped, as
 /// in [`crate::Denoiser::denoise_with`]; frames
 /// before the first count as zero, and zero gives zero. For a [`super::Unet`] the images are
@@ -85,7 +85,7 @@ fn sequence_through<N: ImageNet>(
     ImageStack::new(values, mask.to_owned())
 }
 
-/// A sequence, and how a net wants to see it.
+/// A sequence, and the layout of a net's inputs.
 struct Frames<'a> {
     raw: &'a ImageStack,
     others: &'a [ArrayView3<'a, f64>],
@@ -95,7 +95,7 @@ struct Frames<'a> {
 }
 
 impl Frames<'_> {
-    /// Appends what a net sees at one frame: images, conditions and mask. Returns the scale of the
+    /// Appends the inputs of a net for one frame: images, conditions and mask. Returns the scale of the
     /// images.
     fn append_inputs(&self, last: usize, inputs: &mut Vec<f32>) -> f64 {
         let Self { raw, others, conditions, history, size } = self;

@@ -21,7 +21,7 @@ const FIRST_BIAS: f32 = 0.05;
 /// Size of a [`Unet`] and seed of its initial weights; see [`UnetShape`] for the sizes.
 #[derive(Config, Debug)]
 pub struct UnetConfig {
-    /// Number of last frames that it sees, including the present one: 1 to 16.
+    /// Number of frames that it takes, including the current one: 1 to 16.
     pub history: usize,
     /// Channels of the first level: 1 to 128.
     pub width: usize,

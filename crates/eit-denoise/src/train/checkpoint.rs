@@ -1,5 +1,5 @@
-//! A training in a file: everything that the next epoch depends on. Nets and optimiser are burn's own
-//! records, each with its checksum, in one file of ours, so that a kill leaves all of them or none.
+//! Checkpoints: everything that the next epoch depends on. Net and optimiser are stored as burn's
+//! records, each with its checksum, in a single file, so that a kill leaves all of them or none.
 
 use super::Trainer;
 use crate::learning_base::write_whole;

@@ -1,4 +1,4 @@
-//! Images through a trained net, frame by frame, in memory that is reserved once.
+//! Denoises images with a trained net, frame by frame, in memory allocated once.
 
 use super::kernel::Plane;
 use super::net::{Net, Run};
@@ -13,9 +13,9 @@ use std::ops::Range;
 /// `D(x, c) = s N(x / s, c, mask)` with the net `N`, the conditions `c`, and `s` the largest
 /// magnitude inside the mask over the first images of all frames that the net sees. Other images are clamped
 /// to `-2 s` and `2 s`: where noise ruins one of them, the first still has its scale. Scaling the images
-/// scales the result. Where
-/// the first image of a frame is zero, its other images count as zero too; where all that the net sees is
-/// zero, so is the result: the net has biases and would not give zero by itself, so it does not run.
+/// scales the result. If
+/// the first image of a frame is zero, its other images count as zero too. If all inputs of the net are zero,
+/// the result is zero as well and the net does not run: because of its biases it would not return zero.
 /// Frames before the first count as zero, an untouched skin.
 /// Images are `f64` in any unit, the arithmetic is `f32`: the same bits for a stack and for its
 /// frames one by one, on every machine whose compiler fuses multiply and add alike.
@@ -51,10 +51,10 @@ pub struct Denoiser {
     arch: Arch,
 }
 
-/// What a net sees of one frame.
+/// Inputs of a net for one frame.
 #[derive(Debug, Clone, Copy)]
 pub struct NetFrame<'a> {
-    /// Images [row, column], [`UnetShape::images`] of them, the one to be cleaned first.
+    /// Images [row, column], [`UnetShape::images`] of them, starting with the one to be denoised.
     pub images: &'a [ArrayView2<'a, f64>],
     /// Conditions, [`UnetShape::conditions`] of them.
     pub conditions: &'a [f64],
@@ -70,8 +70,8 @@ pub(crate) const CLAMP: f32 = 2.0;
 pub enum NetStatus {
     /// The net ran.
     Computed,
-    /// The first image of this frame and of those before it that the net sees is zero, and so is the
-    /// result: the net did not run.
+    /// The net did not run: the first images of this frame and of its history are zero, and so is the
+    /// result.
     Zero,
 }
 
@@ -105,14 +105,14 @@ impl Denoiser {
         self.net.shape
     }
 
-    /// Forgets the frames so far: a new sequence begins.
+    /// Clears the history, for a new sequence.
     pub fn reset(&mut self) {
         self.history.fill(0.0);
         self.silent = true;
         self.pushed = 0;
     }
 
-    /// [`Denoiser::push_frame_into`] for a net that sees one image per frame and no condition.
+    /// As [`Denoiser::push_frame_into`], for a net with one image per frame and no conditions.
     ///
     /// # Errors
     /// Those of [`Denoiser::push_frame_into`].
@@ -124,7 +124,7 @@ impl Denoiser {
         self.push_frame_into(NetFrame { images: &[image], conditions: &[] }, out)
     }
 
-    /// Takes the next frame of a sequence and writes the cleaned image; images and `out` are
+    /// Takes the next frame of a sequence and writes the denoised image; images and `out` are
     /// [row, column], `out` is NaN outside the mask. Pixels outside the mask are not read. A rejected
     /// frame leaves the sequence as it was.
     ///
@@ -290,7 +290,7 @@ impl Denoiser {
         Ok(())
     }
 
-    /// Cleans a whole sequence from its start with a net that sees one image per frame; the same
+    /// Denoises a whole sequence from its start with a net that takes one image per frame; the same
     /// bits as frame by frame.
     ///
     /// # Errors
@@ -299,10 +299,10 @@ impl Denoiser {
         self.denoise_with(raw, &[], None)
     }
 
-    /// Cleans a whole sequence from its start: `raw` images, the `others` that the net sees beside
-    /// them, each [frame, row, column], and `conditions` [frame, condition], `None` for none. A raw image of
-    /// one value other than zero, as total variation may make of noise, stays as it is, and the net does not
-    /// see it.
+    /// Denoises a whole sequence from its start: `raw` images, the `others` that the net takes in
+    /// addition, each [frame, row, column], and `conditions` [frame, condition], `None` for none. A raw image with the
+    /// same non-zero value everywhere, which total variation may produce from noise, is returned unchanged
+    /// and does not reach the net.
     ///
     /// # Errors
     /// Those of [`Denoiser::push_frame_into`]; [`DenoiseError::MaskMismatch`] for the images of

@@ -19,13 +19,13 @@ use crate::DenoiseError;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct UnetShape {
-    /// Number of last frames that the net sees, the present one included: 1 to 16.
+    /// Number of frames that the net takes, including the current one: 1 to 16.
     pub history: usize,
     /// Channels of the first level: 1 to 128. The paper's net has 64.
     pub width: usize,
     /// Number of times that rows and columns are halved: 1 to 6. The paper's net has 4.
     pub depth: usize,
-    /// Images per frame: 1 to 4. The first is the one to be cleaned; the others are further
+    /// Images per frame: 1 to 4. The first is the one to be denoised; the others are further
     /// reconstructions of the same measurements.
     pub images: usize,
     /// Numbers per frame that condition the net, such as its signal-to-noise ratio: 0 to 4.
@@ -152,7 +152,7 @@ impl UnetShape {
         self.convolutions().iter().map(|c| c.weights() + c.outputs).sum()
     }
 
-    /// Multiplications and additions for an image of so many rows and columns.
+    /// Multiplications and additions for an image of this many rows and columns.
     pub fn multiply_adds(&self, rows: usize, columns: usize) -> f64 {
         let [rows, columns] = self.first_level([rows, columns]);
         let list = self.convolutions();

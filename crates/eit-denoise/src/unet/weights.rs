@@ -1,4 +1,4 @@
-//! Weights of a net in memory and in safetensors files, with their metadata.
+//! Weights of a net, in memory and in safetensors files, with their metadata.
 
 use super::UnetShape;
 use crate::{DenoiseError, ModelError};
@@ -6,7 +6,7 @@ use ndarray::Array2;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::collections::{BTreeMap, HashMap};
 
-/// Format of nets that see one image per frame and nothing else, without folding.
+/// Format of nets that take one image per frame and nothing else, without folding.
 const ONE_IMAGE: &str = "1";
 /// Format of all others; it has [`MORE_KEYS`] too.
 const VERSION: &str = "2";
@@ -49,8 +49,8 @@ pub struct Weights {
 
 impl Weights {
     /// Weights for the skin of Duan, Taurand and Soleimani (the scene `paper-disc` of the command
-    /// line) at 64 x 64 pixels; `weights/README.md` tells how they were made and what they are
-    /// worth.
+    /// line) at 64 x 64 pixels; `weights/README.md` describes how they were made and how well
+    /// they work.
     ///
     /// # Errors
     /// Those of [`Weights::from_bytes`], none of which the shipped file causes.
@@ -95,7 +95,7 @@ impl Weights {
         })
     }
 
-    /// Returns the part of the data's energy that images of this net may leave unexplained, for
+    /// Returns the fraction of the data's energy that images of this net may leave unexplained, for
     /// [`crate::DataMisfit::score`], if the training measured it: `misfit_limit` of `about`.
     pub fn misfit_limit(&self) -> Option<f64> {
         let limit: f64 = self.about.get(MISFIT_LIMIT)?.parse().ok()?;

@@ -163,6 +163,11 @@ impl OneStepGaussNewton {
         &self.report
     }
 
+    /// Returns the hyperparameter lambda in use.
+    pub fn hyperparameter(&self) -> f64 {
+        self.report.hyperparameter
+    }
+
     /// Sets lambda and changes nothing else. Costs `r m` multiplications.
     ///
     /// # Errors

@@ -145,6 +145,11 @@ impl StTv {
         Ok(())
     }
 
+    /// Returns the stopping rule that [`set_stop`](Self::set_stop) has set.
+    pub fn stop(&self) -> Stop {
+        self.stop
+    }
+
     /// Sets the stopping rule of
     /// [`SequenceSolver::reconstruct_sequence`](crate::SequenceSolver::reconstruct_sequence).
     pub fn set_stop(&mut self, stop: Stop) {

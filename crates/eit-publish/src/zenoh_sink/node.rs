@@ -74,7 +74,7 @@ impl RosNode {
     ///
     /// # Errors
     ///
-    /// What zenoh reports.
+    /// Errors reported by zenoh.
     pub fn close(self) -> Result<(), PublishError> {
         self.session
             .close()

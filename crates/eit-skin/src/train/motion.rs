@@ -26,7 +26,7 @@ pub fn random(seed: u64, sequence: usize, attempt: usize) -> Random {
     Random::stream(seed, (sequence as u128) << 16 | attempt as u128)
 }
 
-/// Number of fingers of a drawn script.
+/// Number of fingers in a random script.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Fingers {
