@@ -249,7 +249,7 @@ pub struct Scores {
 ///
 /// # Errors
 ///
-/// Stacks of different shapes, or without a finite pixel.
+/// Those of [`Threshold::apply_into`], but for a constant image, which counts as it is.
 pub fn scores(
     raw: ArrayView3<'_, f64>,
     made: ArrayView3<'_, f64>,

@@ -45,7 +45,7 @@ pub fn time_length_m(raster: &Raster) -> f64 {
 ///
 /// # Errors
 ///
-/// Bounds or noise out of range, and lists of the wrong length.
+/// Those of [`StTv::new`].
 pub fn solver(
     jacobian: &Array2<f64>,
     raster: &Raster,
@@ -288,7 +288,7 @@ fn weights(
 ///
 /// # Errors
 ///
-/// Frames of another length, and data without any noise.
+/// Those of [`StTv::choose_weights`].
 pub fn chosen_weights(
     solver: &mut StTv,
     frames: &DifferenceFrames<'_>,

@@ -65,7 +65,7 @@ impl BaseRequest {
     ///
     /// # Errors
     ///
-    /// The setting that is out of range.
+    /// Settings that exclude each other, and fewer than two sequences.
     pub fn validate(&self) -> Result<(), SkinError> {
         if !self.recording.is_empty() && self.fingers.is_some() {
             return Err(SkinError::input("--fingers: a recording has the fingers that it has"));

@@ -20,7 +20,7 @@ impl Frames {
     ///
     /// # Errors
     ///
-    /// Voltages of another number of measurements, and differences of a kind that these voltages do not have.
+    /// A reference frame that is zero in every used measurement, and one of the opposite sign.
     pub fn fit_model(
         &mut self,
         model_voltages: &[f64],

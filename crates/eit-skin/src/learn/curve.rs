@@ -42,7 +42,7 @@ pub struct CurvePoint {
 ///
 /// # Errors
 ///
-/// Too few presses for a test, presses without a change, and an earlier file of another skin.
+/// An earlier file of another skin, frames without a change and duplicate frames; too few presses give an empty curve.
 pub fn learning_curve(
     fitted: &FittedFrames,
     pressed: &PressFrames,

@@ -24,7 +24,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// An accuracy outside its range, or one relative to a noise that the scene does not state.
+    /// [`SkinError::Missing`] for an accuracy relative to noise that the scene does not state.
     pub fn required_accuracy(&self) -> Result<Option<RequiredAccuracy>, SkinError> {
         let key = "noise.additive_v";
         Ok(match &self.mesh.required_accuracy {

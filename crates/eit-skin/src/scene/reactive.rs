@@ -43,7 +43,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// A wrong number of values, and a capacitance without a frequency.
+    /// A wrong number of values, and a resistance that is not above zero, or infinite without a capacitance.
     pub fn complex_contact_impedance(
         &self,
         electrodes: usize,
@@ -72,7 +72,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// A resistance or capacitance out of range.
+    /// Those of [`Scene::contact_impedance`] or [`Scene::complex_contact_impedance`].
     pub fn check_contacts(&self, electrodes: usize) -> Result<(), SkinError> {
         match self.is_reactive() {
             true => self.complex_contact_impedance(electrodes).map(drop),
@@ -101,7 +101,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// A value out of range, a capacitance without a frequency, and mesh settings for real skins only.
+    /// A value out of range, and mesh settings that only support conductivities.
     pub fn check_reactive(&self) -> Result<(), SkinError> {
         let values = self.contact_capacitances().map(|c| (CONTACT, c));
         let values = values

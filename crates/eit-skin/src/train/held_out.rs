@@ -92,7 +92,7 @@ struct Known {
 ///
 /// # Errors
 ///
-/// Weights of another number of pixels, or sequences without touches.
+/// No held-out sequence, and weights of another number of pixels.
 pub fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, SkinError> {
     let Some(first) = held_out.first() else {
         return Err(SkinError::Failure("no sequence was held out".to_owned()));

@@ -134,7 +134,7 @@ pub fn parameter_checksum(weights: &Weights) -> String {
 ///
 /// # Errors
 ///
-/// A net with parameters that are not finite, and a base whose held-out sequences cannot be read.
+/// A net with parameters that are not finite, and a base whose manifest cannot be read.
 pub fn weights(
     skin: &Skin,
     base: &LearningBase,
@@ -174,7 +174,7 @@ pub fn weights(
 ///
 /// # Errors
 ///
-/// A base of another skin or raster, and one whose held-out sequences cannot be read.
+/// A base without measurements, or with too few to measure a judge.
 pub fn judged_weights(
     weights: Weights,
     base: &LearningBase,

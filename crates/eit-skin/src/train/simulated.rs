@@ -40,7 +40,7 @@ impl Simulated {
     ///
     /// # Errors
     ///
-    /// A script that does not exist, and fewer frames than the script or the reference needs.
+    /// A script that does not exist, too few frames, a number of fingers out of range, and a skin from a mesh file.
     pub fn lengths(args: &BaseRequest, skin: &Skin) -> Result<Lengths, SkinError> {
         if let Some(name) = &args.script {
             let circle = PlayCircle { centre_m: [0.0; 2], radius_m: 1.0 };
