@@ -34,7 +34,7 @@ pub(in super::super) fn choices(all: &[ForwardResults]) -> Table {
                     linear(results, target),
                 ]),
                 None => {
-                    row.push("none tried is so good".to_owned());
+                    row.push("none tried is that accurate".to_owned());
                     row.resize(HEAD.len(), "-".to_owned());
                 }
             }
