@@ -6,6 +6,13 @@
 use crate::canvas::Rgb;
 
 /// The colours that represent values.
+///
+/// ```
+/// use eit_picture::ColorMap;
+///
+/// let [red, green, blue] = ColorMap::CoolWarm.color(0.5);
+/// assert!(red.abs_diff(blue) < 3 && green > 200, "light grey in the middle");
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ColorMap {
     /// Blue, light grey at zero, red: Moreland's cool-warm map. The range is made symmetric.

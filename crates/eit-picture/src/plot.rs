@@ -62,6 +62,25 @@ pub struct Series {
 }
 
 /// Curves with their axes.
+///
+/// ```
+/// use eit_picture::{Plot, Series, draw_plot};
+///
+/// let points = (1..=100).map(|k| [f64::from(k), 1.0 / f64::from(k)]).collect();
+/// let plot = Plot {
+///     title: "Error over time".to_owned(),
+///     footnote: String::new(),
+///     x_label: "time, s".to_owned(),
+///     y_label: "error".to_owned(),
+///     x_log: true,
+///     y_log: true,
+///     series: vec![Series { name: "solver".to_owned(), points, line: true, markers: false }],
+///     zoom: 1,
+/// };
+/// let canvas = draw_plot(&plot)?;
+/// assert!(canvas.size_px()[0] > 100);
+/// # Ok::<(), eit_picture::PictureError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Plot {
     /// Title; may be empty.

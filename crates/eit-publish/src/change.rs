@@ -1,4 +1,4 @@
-//! Publishing only what has changed, with a heartbeat by which silence is told.
+//! Publishes only what has changed, with a heartbeat that shows that the sender is alive.
 
 use crate::outbox::FrameCopy;
 use eit_skin::{Touch, TouchState};

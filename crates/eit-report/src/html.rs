@@ -31,6 +31,21 @@ pre { overflow-x: auto; padding: .6rem; border: 1px solid #8884; }
 ";
 
 /// A page.
+///
+/// ```
+/// use eit_report::html::{Block, Page, Section};
+///
+/// let text = Block::Text("One finger, 60 dB.".to_owned());
+/// let page = Page {
+///     title: "A measurement".to_owned(),
+///     lead: "What was measured.".to_owned(),
+///     sections: vec![Section { title: "Result".to_owned(), blocks: vec![text] }],
+/// };
+/// let mut html = Vec::new();
+/// page.write(&mut html)?;
+/// assert!(String::from_utf8_lossy(&html).contains("One finger, 60 dB."));
+/// # Ok::<(), eit_report::ReportError>(())
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Page {
     /// Title of the page and of the browser window.
