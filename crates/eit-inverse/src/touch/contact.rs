@@ -83,29 +83,28 @@ impl Touch {
         self.learnt?.force_n.map(|[_, std_n]| std_n)
     }
 
+    /// Returns the standard deviation of each coordinate, metres.
+    pub fn position_std_m(&self) -> [f64; 3] {
+        std::array::from_fn(|i| self.position_covariance_m2[i][i].max(0.0).sqrt())
+    }
+}
+
+/// For other mathematics crates.
+#[cfg(feature = "mint")]
+#[cfg_attr(docsrs, doc(cfg(feature = "mint")))]
+impl Touch {
     /// Returns the position as a point of `mint`, metres, which most mathematics crates convert.
-    #[cfg(feature = "mint")]
-    #[cfg_attr(docsrs, doc(cfg(feature = "mint")))]
     pub fn position(&self) -> mint::Point3<f64> {
         self.position_m.into()
     }
 
     /// Returns the unit normal as a vector of `mint`; see [`normal`](Self::normal).
-    #[cfg(feature = "mint")]
-    #[cfg_attr(docsrs, doc(cfg(feature = "mint")))]
     pub fn normal_vector(&self) -> Option<mint::Vector3<f64>> {
         self.normal.map(Into::into)
     }
 
     /// Returns the velocity as a vector of `mint`, metres per second.
-    #[cfg(feature = "mint")]
-    #[cfg_attr(docsrs, doc(cfg(feature = "mint")))]
     pub fn velocity(&self) -> mint::Vector3<f64> {
         self.velocity_m_s.into()
-    }
-
-    /// Returns the standard deviation of each coordinate, metres.
-    pub fn position_std_m(&self) -> [f64; 3] {
-        std::array::from_fn(|i| self.position_covariance_m2[i][i].max(0.0).sqrt())
     }
 }
