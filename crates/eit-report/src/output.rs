@@ -13,7 +13,6 @@ use tempfile::NamedTempFile;
 
 /// An output file. Its temporary file exists from the start, which proves that the folder is
 /// writable.
-#[derive(Debug)]
 pub struct OutFile {
     path: PathBuf,
     temporary: NamedTempFile,
@@ -58,6 +57,12 @@ impl OutFile {
         let temporary = writer.into_inner().map_err(|e| ReportError::at(&path, e.error()))?;
         temporary.persist(&path).map_err(|e| ReportError::at(&path, e.error))?;
         Ok(())
+    }
+}
+
+impl std::fmt::Debug for OutFile {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("OutFile").field("path", &self.path).finish_non_exhaustive()
     }
 }
 

@@ -15,19 +15,7 @@ use crate::frame::Quality;
 ///
 /// Complex values are stored as separate real and imaginary parts, since most files are real.
 /// [`frames_for`](Self::frames_for) selects the measurements of a protocol.
-///
-/// ```
-/// use eit_hw::{Component, csv};
-///
-/// let text = b"0.31,0.12\n0.30,0.13\n";
-/// let recording = csv::parse(text, "press.csv", &csv::CsvOptions::default())?;
-/// assert_eq!((recording.frame_count(), recording.value_count()), (2, 2));
-/// let frames = recording.frames_for(None, 2, Component::Real)?;
-/// assert_eq!(frames.values[[1, 0]], 0.30);
-/// # Ok::<(), eit_hw::HwError>(())
-/// ```
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct Recording {
     /// Real parts, or the values of a real recording, [frame, value].
