@@ -26,7 +26,7 @@ use self::split::Parts;
 use self::storage::Storage;
 use super::container::container_error;
 use super::entry::{Entry, Topic};
-use super::json::FrameJson;
+use super::json::{FrameJson, MOST_VALUES};
 use super::parts::{Part, check_new, parts_of};
 use super::record::{NoteJson, ReferenceRecord, SessionRecord, TouchesRecord};
 use super::stream::{CaptureReader, MessageTimes};
@@ -293,12 +293,25 @@ impl CaptureWriter {
         })
     }
 
+    /// Checks that frames of this many values, real and imaginary together, can be recorded: longer
+    /// ones could not be read back.
+    ///
+    /// # Errors
+    /// [`HwError::LongFrame`].
+    pub fn check_frame(values: usize) -> Result<(), HwError> {
+        if values <= MOST_VALUES {
+            return Ok(());
+        }
+        Err(HwError::LongFrame { values, most: MOST_VALUES })
+    }
+
     /// Writes a frame. Once the buffers have grown, allocates only what the container needs per
     /// chunk.
     ///
     /// # Errors
-    /// [`HwError::Write`] if the file cannot be written.
+    /// [`HwError::Write`] if the file cannot be written, and [`HwError::LongFrame`].
     pub fn frame(&mut self, frame: &Frame) -> Result<(), HwError> {
+        Self::check_frame(frame.values.len() + frame.imaginary.as_ref().map_or(0, Vec::len))?;
         let log_time = match frame.host_time_s {
             // time of arrival, not of writing
             Some(time_s) => Duration::try_from_secs_f64(time_s).unwrap_or_else(|_| now()),

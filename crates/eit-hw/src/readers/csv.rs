@@ -4,13 +4,19 @@
 //! that the first line of numbers contains. Everything after `#` is a comment. Blank lines are
 //! skipped, and so is the first line if none of its fields starts as a number (a header); one
 //! separator may end a line. Every row must have as many values as the first.
+//!
+//! A comma is never a decimal one. Where every line is a pair of whole numbers as in `1,5`, a note says
+//! that it was read as two ([`Note::DecimalComma`]); where it is several such pairs, twice as many as
+//! measurements, the error says so ([`CountHint::DecimalComma`](crate::CountHint::DecimalComma)).
 
 use std::path::Path;
 
 use super::files::file_bytes;
-use super::{table, text};
+use super::table::{self, Table};
+use super::text;
 use crate::error::{HwError, Place};
 pub use crate::recording::FrameOrientation;
+use crate::recording::packed::Packed;
 use crate::recording::{Format, Layout, Note, Recording, Unit};
 
 /// Layout of a CSV file.
@@ -28,7 +34,18 @@ pub struct CsvOptions {
 /// # Errors
 /// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
 pub fn read(path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
-    parse(&file_bytes(path, Format::Csv.name())?, path, options)
+    parse_owned(file_bytes(path, Format::Csv.name())?, path, options)
+}
+
+/// Parses the content of a CSV file, which is freed before rows become columns.
+pub(super) fn parse_owned(
+    bytes: Vec<u8>,
+    path: &Path,
+    options: &CsvOptions,
+) -> Result<Recording, HwError> {
+    let rows = Rows::parse(&bytes, path)?;
+    drop(bytes);
+    rows.recording(path, options)
 }
 
 /// Parses the content of a CSV file; `path` is used in messages only.
@@ -40,30 +57,21 @@ pub fn read(path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
 /// [`HwError`] for an empty or binary file, a field that is not a number, a row whose length
 /// differs from the first, or an odd number of rows or columns where they alternate.
 pub fn parse(bytes: &[u8], path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
-    let content = text::decode(bytes, path)?;
-    let mut rows = Rows::default();
-    for (line, row) in text::lines(content) {
-        rows.push(row, line, path)?;
-    }
-    let CsvOptions { orientation, complex } = *options;
-    let table = table::frames(rows.values, rows.columns, path, 0)?;
-    let (real, imaginary) = table::oriented(table, orientation, complex, path)?;
-    let mut recording =
-        Recording::new(real, imaginary, Layout::ProtocolOrder, Unit::Arbitrary, Format::Csv, path);
-    recording.frames_are = Some(orientation);
-    recording.notes.extend(rows.header.map(|line| Note::HeaderLine { line }));
-    recording.notes.extend(text::line_without_end(content).map(|line| Note::NoLineEnd { line }));
-    Ok(recording.with_missing())
+    Rows::parse(bytes, path)?.recording(path, options)
 }
 
 /// Rows read so far.
 #[derive(Default)]
 struct Rows {
-    values: Vec<f64>,
+    values: Packed,
     columns: usize,
     count: usize,
     separator: Option<Separator>,
     header: Option<usize>,
+    /// Number of the last line if it has no end.
+    unended: Option<usize>,
+    /// Whether a row is anything but pairs of whole numbers, as in `1,5`.
+    unpaired: bool,
 }
 
 #[derive(Clone, Copy)]
@@ -73,6 +81,16 @@ enum Separator {
 }
 
 impl Rows {
+    fn parse(bytes: &[u8], path: &Path) -> Result<Self, HwError> {
+        let content = text::decode(bytes, path)?;
+        let mut rows = Self::default();
+        for (line, row) in text::lines(content) {
+            rows.push(row, line, path)?;
+        }
+        rows.unended = text::line_without_end(content);
+        Ok(rows)
+    }
+
     fn push(&mut self, line: &str, number: usize, path: &Path) -> Result<(), HwError> {
         let line = line.split('#').next().unwrap_or_default().trim();
         if line.is_empty() {
@@ -92,8 +110,10 @@ impl Rows {
         }
         if first {
             self.columns = columns;
+            self.values.end_first_row();
         }
         self.count += 1;
+        self.unpaired = self.unpaired || !is_pairs(line);
         if columns == self.columns {
             return Ok(());
         }
@@ -105,6 +125,39 @@ impl Rows {
             mend: "every row must have as many values as the first: remove or complete this one",
         })
     }
+
+    fn recording(self, path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
+        let CsvOptions { orientation, complex } = *options;
+        let table = Table { values: self.values.finished(), length: self.columns };
+        if table.values.len() == 0 {
+            return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
+        }
+        let contents = table::oriented(table, orientation, complex, path)?;
+        let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
+        let mut recording = Recording::new(contents, layout, unit, Format::Csv, path)?;
+        recording.frames_are = Some(orientation);
+        recording.notes.extend(self.header.map(|line| Note::HeaderLine { line }));
+        recording.notes.extend(self.unended.map(|line| Note::NoLineEnd { line }));
+        recording.may_have_decimal_commas = !self.unpaired;
+        if self.columns == 2 && !self.unpaired {
+            recording.notes.push(Note::DecimalComma);
+        }
+        Ok(recording.with_missing())
+    }
+}
+
+/// Returns whether a line may be numbers with decimal commas, also between them: `1,5`, `-0,25,3,0`.
+/// Writers of tables put a sign, a point or a space after some comma.
+fn is_pairs(line: &str) -> bool {
+    let is_whole = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let mut fields = line.split(',');
+    while let Some(whole) = fields.next() {
+        let whole = whole.strip_prefix(['+', '-']).unwrap_or(whole);
+        if !is_whole(whole) || !fields.next().is_some_and(is_whole) {
+            return false;
+        }
+    }
+    true
 }
 
 /// Returns whether a field is a number or starts as one, such as `0,5` or `12 mV`; no header has
