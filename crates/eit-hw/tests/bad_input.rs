@@ -110,6 +110,44 @@ fn npy_with(descr: &str, shape: &str, data: &[u8]) -> Result<Recording, HwError>
     npy_of(&npy_bytes(&header, data))
 }
 
+/// A comma is a separator; where all of them may be decimal ones, a note or the error says so.
+#[test]
+fn decimal_commas_that_read_as_two_numbers_are_named() {
+    let comma = |text: &str| {
+        let recording = csv_of(text).unwrap();
+        let pairs = recording.notes.contains(&eit_hw::Note::DecimalComma);
+        let count = recording.value_count();
+        let error = recording.frames_for(None, count / 2, eit_hw::Component::Real).unwrap_err();
+        (pairs, error.to_string().contains("the commas seem to be decimal ones, as in 1,5"))
+    };
+    for text in ["1,5\n", "1,5\n0,25\n-3,0\n", "volt\n1,5\n2,5\n", "1,5 # a comment\n+2,07\n"] {
+        assert_eq!(comma(text), (true, true), "{text:?}");
+    }
+    // several on a line: a table of whole numbers is no less likely until the counts differ
+    for text in ["1,5,2,5\n", "1,5,-2,5\n3,0,4,25\n"] {
+        assert_eq!(comma(text), (false, true), "{text:?}");
+    }
+    // two numbers: a sign, a point, an exponent or a space after the comma, or another separator
+    for text in [
+        "1,-5\n",
+        "1,5\n2,-5\n",
+        "1.0,5\n",
+        "1,5\n1,5.0\n",
+        "a,b\n1,5\n",
+        "1, 5\n",
+        "1;5\n",
+        "1,2e3\n",
+    ] {
+        assert_eq!(comma(text), (false, false), "{text:?}");
+    }
+    let note = csv_of("1,5\n").unwrap().notes[0].to_string();
+    assert!(note.contains("write 1.5"), "{note}");
+    // as many frames as measurements, in columns: not taken for swapped rows
+    let column = csv_of(&"0,5\n".repeat(208)).unwrap();
+    let error = column.frames_for(None, 208, eit_hw::Component::Real).unwrap_err().to_string();
+    assert!(error.contains("decimal ones") && !error.contains("swapped"), "{error}");
+}
+
 #[test]
 fn npy_types_that_are_read() {
     let wanted = ndarray::array![[1.0, 2.0]];

@@ -228,8 +228,9 @@ proptest! {
         let wanted =
             place_in(&recording.real()).or_else(|| place_in(recording.imaginary().as_ref()?)).unwrap();
         for read in [csv.unwrap(), npy.unwrap()] {
+            let quality = read.quality();
             let bad: Vec<_> =
-                read.quality().indexed_iter().filter(|(_, quality)| !quality.is_good()).collect();
+                quality.indexed_iter().filter(|(_, quality)| !quality.is_good()).collect();
             prop_assert_eq!(bad, vec![(wanted, &Quality::NON_FINITE)]);
             let (frame, value) = wanted;
             let note = Note::MissingValues { values: 1, frame, value };

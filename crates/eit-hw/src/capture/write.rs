@@ -23,7 +23,7 @@ pub use self::storage::CutTail;
 
 use self::sink::Sink;
 use self::split::Parts;
-use self::storage::Storage;
+use self::storage::{Folder, Folders, Storage};
 use super::container::container_error;
 use super::entry::{Entry, Topic};
 use super::json::{FrameJson, MOST_VALUES};
@@ -134,14 +134,21 @@ impl CaptureWriter {
     ) -> Result<Self, HwError> {
         check(settings)?;
         check_new(path)?;
-        if !settings.is_split() {
-            let file = storage::create(path, settings.sync)?;
-            return Self::on(Box::new(file), path, settings, 0);
-        }
-        let place = Part::of(path, 1).path;
-        let file = storage::create(&place, settings.sync)?;
-        let mut capture = Self::on(Box::new(file), &place, settings, 0)?;
-        capture.parts = Some(Parts::new(path, 1, session));
+        Self::new_in(Box::new(Folders), path, session, settings)
+    }
+
+    /// Creates the file, or the first part, in a folder.
+    fn new_in(
+        mut folder: Box<dyn Folder>,
+        path: &Path,
+        session: &SessionRecord,
+        settings: CaptureSettings,
+    ) -> Result<Self, HwError> {
+        let is_split = settings.is_split();
+        let place = if is_split { Part::of(path, 1).path } else { path.to_path_buf() };
+        let file = storage::create(&mut *folder, &place, settings.sync)?;
+        let mut capture = Self::on(file, &place, settings, 0)?;
+        capture.parts = is_split.then(|| Parts::new(path, folder, 1, session));
         Ok(capture)
     }
 
@@ -200,7 +207,7 @@ impl CaptureWriter {
                     false => same_set_up_as(&part.path, session),
                 })?;
             }
-            capture.parts = Some(Parts::new(path, last.number, session));
+            capture.parts = Some(Parts::new(path, Box::new(Folders), last.number, session));
             return Self::begin(capture, session);
         }
     }

@@ -13,6 +13,7 @@ use super::interface::Driver;
 use super::setup::{Identity, Limits, Setup};
 use crate::codec::text::{Decoder, Event, Fault};
 use crate::error::HwError;
+use crate::readers::csv::is_pairs;
 use crate::recording::hint::CountHint;
 use crate::transport::Link;
 
@@ -88,7 +89,7 @@ impl Text {
     }
 
     /// Returns an error if several complete lines agree on another number of values.
-    fn line_count(&mut self, link: &Link) -> Result<(), HwError> {
+    fn line_count(&mut self, link: &mut Link) -> Result<(), HwError> {
         self.line_counts.sort_unstable();
         let runs = self.line_counts.chunk_by(|one, other| one == other);
         let Some(run) = runs.max_by_key(|run| run.len()).filter(|run| run.len() >= ALIKE) else {
@@ -98,7 +99,11 @@ impl Text {
         let (found, wanted) = (run[0], format.measurements());
         let lines = format.lines_per_frame.max(1);
         let step = if format.complex { 2 } else { 1 };
-        let hint = CountHint::of(found * lines / step, 1, wanted, None);
+        let is_twice = found == 2 * format.values_per_line;
+        let hint = match is_twice && has_decimal_commas(&link.recorded_input()) {
+            true => CountHint::DecimalComma,
+            false => CountHint::of(found * lines / step, 1, wanted, None),
+        };
         Err(HwError::LineCount {
             endpoint: link.endpoint().to_string(),
             found,
@@ -129,6 +134,14 @@ impl Text {
             waited_s: self.board.first_frame_s,
         })
     }
+}
+
+/// Returns whether the complete lines received are pairs of whole numbers, as decimal commas make them.
+fn has_decimal_commas(received: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(received);
+    // the first and the last line may be truncated
+    let mut lines = text.trim_end_matches(|end| end != '\n').lines().skip(1).peekable();
+    lines.peek().is_some() && lines.all(|line| is_pairs(line.trim().trim_end_matches(',')))
 }
 
 impl Driver for Text {

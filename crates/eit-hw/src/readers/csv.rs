@@ -100,6 +100,8 @@ impl Rows {
         let first = self.count == 0;
         if first && self.header.is_none() && !fields(line, separator).any(is_numeric) {
             self.header = Some(number);
+            // which names several columns
+            self.unpaired = fields(line, separator).nth(1).is_some();
             return Ok(());
         }
         self.separator = Some(separator);
@@ -148,7 +150,7 @@ impl Rows {
 
 /// Returns whether a line may be numbers with decimal commas, also between them: `1,5`, `-0,25,3,0`.
 /// Writers of tables put a sign, a point or a space after some comma.
-fn is_pairs(line: &str) -> bool {
+pub(crate) fn is_pairs(line: &str) -> bool {
     let is_whole = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     let mut fields = line.split(',');
     while let Some(whole) = fields.next() {

@@ -310,8 +310,11 @@ fn form_of(value: f64) -> Form {
     if value == 0.0 {
         return form(if value.is_sign_negative() { form::MINUS_ZERO } else { 0 }, []);
     }
+    // of whole numbers that `f32` holds some have few digits, as 7e9; of others none has
+    let round = || if value.fract() == 0.0 { power(value).filter(|form| form.1 < 5) } else { None };
     whole(value)
         .or_else(|| decimal(value))
+        .or_else(round)
         .or_else(|| single(value))
         .or_else(|| power(value))
         .unwrap_or_else(|| form(form::F64, value.to_le_bytes()))
