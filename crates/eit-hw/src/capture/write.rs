@@ -479,6 +479,11 @@ impl CaptureWriter {
         self.open_since = None;
         let packed = self.writer.flush();
         self.packed(packed)?;
+        if self.file.is_removed() {
+            self.finished = true;
+            let source = std::io::Error::other("the file was removed while it was recorded");
+            return Err(HwError::Write { place: Place::file(&self.path), source });
+        }
         if self.settings.sync { self.sync() } else { Ok(()) }
     }
 

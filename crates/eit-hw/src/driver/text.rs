@@ -13,7 +13,7 @@ use super::interface::Driver;
 use super::setup::{Identity, Limits, Setup};
 use crate::codec::text::{Decoder, Event, Fault};
 use crate::error::HwError;
-use crate::readers::csv::is_pairs;
+use crate::readers::csv::Pairs;
 use crate::recording::hint::CountHint;
 use crate::transport::Link;
 
@@ -140,8 +140,13 @@ impl Text {
 fn has_decimal_commas(received: &[u8]) -> bool {
     let text = String::from_utf8_lossy(received);
     // the first and the last line may be truncated
-    let mut lines = text.trim_end_matches(|end| end != '\n').lines().skip(1).peekable();
-    lines.peek().is_some() && lines.all(|line| is_pairs(line.trim().trim_end_matches(',')))
+    let lines = text.trim_end_matches(|end| end != '\n').lines().skip(1);
+    let pairs = lines.map(|line| Pairs::of(line.trim().trim_end_matches(',')));
+    pairs.fold(Pairs::Possible, |all, one| match (all, one) {
+        (Pairs::No, _) | (_, Pairs::No) => Pairs::No,
+        (Pairs::Likely, _) => Pairs::Likely,
+        (Pairs::Possible, one) => one,
+    }) == Pairs::Likely
 }
 
 impl Driver for Text {
@@ -231,5 +236,19 @@ impl Driver for Text {
     fn stop(&mut self, _: &mut Link) -> Result<(), HwError> {
         // none of the boards has a stop command
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::has_decimal_commas;
+
+    #[test]
+    fn decimal_commas_of_a_board() {
+        assert!(has_decimal_commas(b"12,0,51\r\n0,51,0,52\r\n1,02,0,50\r\n0,"));
+        // whole numbers, a sign, points, nothing complete
+        for text in ["9\n1,2,3,4\n", "9\n0,51,0,-52\n", "9\n0.51,0.52\n", "0,51,0,52\n", ""] {
+            assert!(!has_decimal_commas(text.as_bytes()), "{text:?}");
+        }
     }
 }

@@ -6,7 +6,7 @@
 //! separator may end a line. Every row must have as many values as the first.
 //!
 //! A comma is never a decimal one. Where every line is a pair of whole numbers as in `1,5`, a note says
-//! that it was read as two ([`Note::DecimalComma`]); where it is several such pairs, twice as many as
+//! that it was read as two ([`Note::DecimalComma`]); where pairs as in `0,25` are twice as many values as
 //! measurements, the error says so ([`CountHint::DecimalComma`](crate::CountHint::DecimalComma)).
 
 use std::path::Path;
@@ -72,6 +72,8 @@ struct Rows {
     unended: Option<usize>,
     /// Whether a row is anything but pairs of whole numbers, as in `1,5`.
     unpaired: bool,
+    /// Whether some pair looks like one number.
+    decimal: bool,
 }
 
 #[derive(Clone, Copy)]
@@ -115,7 +117,11 @@ impl Rows {
             self.values.end_first_row();
         }
         self.count += 1;
-        self.unpaired = self.unpaired || !is_pairs(line);
+        if !self.unpaired {
+            let pairs = Pairs::of(line);
+            self.unpaired = pairs == Pairs::No;
+            self.decimal |= pairs == Pairs::Likely;
+        }
         if columns == self.columns {
             return Ok(());
         }
@@ -140,7 +146,7 @@ impl Rows {
         recording.frames_are = Some(orientation);
         recording.notes.extend(self.header.map(|line| Note::HeaderLine { line }));
         recording.notes.extend(self.unended.map(|line| Note::NoLineEnd { line }));
-        recording.may_have_decimal_commas = !self.unpaired;
+        recording.may_have_decimal_commas = !self.unpaired && self.decimal;
         if self.columns == 2 && !self.unpaired {
             recording.notes.push(Note::DecimalComma);
         }
@@ -148,18 +154,34 @@ impl Rows {
     }
 }
 
-/// Returns whether a line may be numbers with decimal commas, also between them: `1,5`, `-0,25,3,0`.
-/// Writers of tables put a sign, a point or a space after some comma.
-pub(crate) fn is_pairs(line: &str) -> bool {
-    let is_whole = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    let mut fields = line.split(',');
-    while let Some(whole) = fields.next() {
-        let whole = whole.strip_prefix(['+', '-']).unwrap_or(whole);
-        if !is_whole(whole) || !fields.next().is_some_and(is_whole) {
-            return false;
+/// What a line of whole numbers in pairs, such as `1,5,-0,25`, says of decimal commas.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pairs {
+    /// A sign, a point, a space or nothing follows some comma: it separates numbers.
+    No,
+    /// They may be decimal ones.
+    Possible,
+    /// Some pair is a number below one or has a zero after the comma, as `0,25` and `1,05`: few whole
+    /// numbers are written like that.
+    Likely,
+}
+
+impl Pairs {
+    pub(crate) fn of(line: &str) -> Self {
+        let is_whole = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+        let (mut fields, mut found) = (line.split(','), Self::Possible);
+        while let Some(whole) = fields.next() {
+            let whole = whole.strip_prefix(['+', '-']).unwrap_or(whole);
+            let Some(part) = fields.next().filter(|part| is_whole(part) && is_whole(whole)) else {
+                return Self::No;
+            };
+            let is_small = whole == "0" && part.bytes().any(|digit| digit != b'0');
+            if is_small || (part.len() > 1 && part.starts_with('0')) {
+                found = Self::Likely;
+            }
         }
+        found
     }
-    true
 }
 
 /// Returns whether a field is a number or starts as one, such as `0,5` or `12 mV`; no header has

@@ -17,6 +17,10 @@ pub(super) trait Storage: Send {
     fn sync(&mut self) -> io::Result<()>;
     /// Truncates the file to this length.
     fn cut(&mut self, bytes: u64) -> io::Result<()>;
+    /// Returns whether the file was removed: what is written to it is lost.
+    fn is_removed(&self) -> bool {
+        false
+    }
 }
 
 /// A file, locked while it is written so that a second recorder is rejected.
@@ -32,6 +36,12 @@ impl Storage for File {
     fn cut(&mut self, bytes: u64) -> io::Result<()> {
         self.set_len(bytes)?;
         self.seek(SeekFrom::Start(bytes)).map(|_| ())
+    }
+
+    #[cfg(unix)]
+    fn is_removed(&self) -> bool {
+        use std::os::unix::fs::MetadataExt as _;
+        self.metadata().is_ok_and(|data| data.nlink() == 0)
     }
 }
 
