@@ -24,6 +24,6 @@ fuzz_target!(|data: &[u8]| {
         }
     };
     if let Ok(recording) = read {
-        assert_eq!(recording.real.dim(), recording.quality.dim());
+        assert_eq!(recording.real().dim(), recording.quality().dim());
     }
 });

@@ -138,6 +138,58 @@ fn a_net_is_trained_goes_on_and_denoises() {
     refusals(folder.path(), &weights, &images);
 }
 
+/// Killed while it makes the base, learns or compares: nothing is left but what it goes on with.
+#[cfg(all(feature = "train", unix))]
+#[test]
+fn a_killed_training_leaves_no_stray_files() {
+    use std::time::{Duration, Instant};
+    fn names(folder: &Path, into: &mut Vec<String>) {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let entry = entry.unwrap();
+            into.push(entry.file_name().into_string().unwrap());
+            if entry.file_type().unwrap().is_dir() {
+                names(&entry.path(), into);
+            }
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let weights = folder.path().join("w.safetensors");
+    let mut arguments = vec!["train", text(&scene), "--out", text(&weights)];
+    arguments.extend(FEW);
+    let start = Instant::now();
+    for kill in 1_u32..=6 {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_eit"))
+            .args(&arguments)
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        // later each time, whatever it does by then
+        let until = Instant::now() + Duration::from_millis(300) * kill * kill;
+        while Instant::now() < until && child.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        // SIGKILL; it may have ended
+        let _ = child.kill();
+        child.wait().unwrap();
+        let mut left = Vec::new();
+        names(folder.path(), &mut left);
+        // what is half written has the name of what it becomes, so that the next run replaces it
+        let known = |name: &String| {
+            let name = name.strip_prefix(".eit-").unwrap_or(name);
+            let part = name.starts_with("shard-") || name.starts_with("manifest");
+            name.starts_with("w.") || part || name.ends_with(".toml")
+        };
+        assert!(left.iter().all(known), "{left:?}");
+        println!("{:?}: {left:?}", start.elapsed());
+    }
+    train(&scene, &weights);
+    let mut left = Vec::new();
+    names(folder.path(), &mut left);
+    assert!(!left.iter().any(|name| name.starts_with('.')), "{left:?}");
+}
+
 /// At a rate at which nothing is learnt the weights stay those that the training started from, and the
 /// file names them; they bring their size.
 #[cfg(feature = "train")]

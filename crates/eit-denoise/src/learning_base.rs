@@ -18,6 +18,7 @@ use crate::DenoiseError;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
+use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -360,28 +361,52 @@ fn differing(found: &BaseSettings, wanted: &BaseSettings) -> Result<(), DenoiseE
     Ok(())
 }
 
-/// Writes a temporary file and renames it.
+/// Writes a temporary file and renames it. A program that is killed meanwhile leaves the temporary file,
+/// which the next one that writes the same file replaces.
 ///
 /// # Errors
 /// [`DenoiseError::Io`].
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), DenoiseError> {
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
     let failed = |e: &std::io::Error| DenoiseError::io(path, e);
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".eit-");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt as _;
-        // temporary files are private by default; this one becomes an ordinary file of the user
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder).map_err(|e| failed(&e))?;
-    file.write_all(bytes).map_err(|e| failed(&e))?;
+    let (mut file, temporary) = temporary_of(path).map_err(|e| failed(&e))?;
     // flushed to the disk before it gets its name
-    file.as_file().sync_all().map_err(|e| failed(&e))?;
-    file.persist(path).map_err(|e| failed(&e.error))?;
-    Ok(())
+    let written = file
+        .write_all(bytes)
+        .and_then(|()| file.sync_all())
+        .and_then(|()| std::fs::rename(&temporary, path));
+    written.map_err(|e| {
+        // created above; the first error matters more
+        let _ = std::fs::remove_file(&temporary);
+        failed(&e)
+    })
+}
+
+/// Creates the temporary file of a file, `.eit-NAME`, or with a number if another program is writing one.
+fn temporary_of(path: &Path) -> std::io::Result<(File, PathBuf)> {
+    for number in 0_u32.. {
+        let mut name = std::ffi::OsString::from(".eit-");
+        name.push(path.file_name().unwrap_or_default());
+        if number > 0 {
+            name.push(format!(".{number}"));
+        }
+        let place = path.with_file_name(name);
+        match File::options().write(true).create_new(true).open(&place) {
+            Ok(file) => {
+                // where there are no locks, nobody takes it for one that was left
+                let _ = file.try_lock();
+                return Ok((file, place));
+            }
+            Err(e) if e.kind() != std::io::ErrorKind::AlreadyExists => return Err(e),
+            Err(_) => {
+                let left = File::open(&place).is_ok_and(|file| file.try_lock().is_ok());
+                if left {
+                    std::fs::remove_file(&place)?;
+                    let file = File::options().write(true).create_new(true).open(&place)?;
+                    let _ = file.try_lock();
+                    return Ok((file, place));
+                }
+            }
+        }
+    }
+    Err(std::io::ErrorKind::AlreadyExists.into())
 }

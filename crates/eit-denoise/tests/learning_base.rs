@@ -25,6 +25,31 @@ fn filled(folder: &Path) -> LearningBase {
     base
 }
 
+/// A program that is killed while it writes leaves one file, which the next one replaces; what another
+/// program is writing is left alone.
+#[test]
+fn what_a_killed_program_was_writing_is_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let hidden = || {
+        let entries = std::fs::read_dir(folder.path()).unwrap();
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| name.starts_with('.')).collect::<Vec<_>>()
+    };
+    let left = folder.path().join(".eit-shard-00001.safetensors");
+    std::fs::write(&left, b"half of a shard").unwrap();
+    filled(folder.path());
+    assert!(hidden().is_empty(), "{:?}", hidden());
+
+    std::fs::write(&left, b"half of a shard").unwrap();
+    let other = std::fs::File::open(&left).unwrap();
+    other.try_lock().unwrap();
+    std::fs::remove_file(folder.path().join("shard-00001.safetensors")).unwrap();
+    let whole = filled(folder.path());
+    assert!(whole.missing().is_empty());
+    assert_eq!(std::fs::read(&left).unwrap(), b"half of a shard");
+    assert_eq!(hidden().len(), 1);
+}
+
 #[test]
 fn a_base_goes_on_where_it_was_killed() {
     let folder = tempfile::tempdir().unwrap();

@@ -20,7 +20,7 @@ mod text;
 pub use decoded::{Decoded, RawFrame};
 pub use eits1::Eits1;
 pub use interface::{Driver, identify};
-pub use queue::Overflow;
+pub use queue::{Overflow, Waiting};
 pub use replay::{Pace, Replay};
 pub use sciospec::{Gain, PairWidth, Polarity, Range, Sciospec, SciospecSettings};
 pub use session::{Backoff, Session, SessionSettings};

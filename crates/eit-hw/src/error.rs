@@ -575,6 +575,17 @@ pub enum HwError {
         /// Size of the file in megabytes.
         file_mb: f64,
     },
+    /// A frame with more values than a recording can hold.
+    #[error(
+        "a frame of {values} values cannot be recorded, at most {most}; give a frame a row of its own, or \
+         set `[recording] frames_are`"
+    )]
+    LongFrame {
+        /// Number of values.
+        values: usize,
+        /// Largest number of values.
+        most: usize,
+    },
     /// A container of records that is invalid or incomplete, or does not match.
     #[error("{place}: {what}; {mend}")]
     Container {

@@ -36,7 +36,7 @@ pub use readers::{ReadOptions, read_recording};
 pub use readers::{black_sensor, csv, goe, khu, lct, npy, sciospec, serial_log};
 pub use recording::{
     Component, CountHint, Format, FrameMap, FrameOrientation, Layout, MeasuredFrames, Note,
-    Projection, Recording, SkipReason, Skipped, SkippedFrame, Unit,
+    Projection, RecordedFrame, RecordedFrames, Recording, SkipReason, Skipped, SkippedFrame, Unit,
 };
 pub use regular::regular_file;
 pub use transport::{Endpoint, Link};

@@ -126,6 +126,11 @@ pub fn read_recording(
         options.check(Format::Mcap, path)?;
         return crate::capture::read_frames(path);
     }
+    // neither is an array, which is read in pieces
+    if format.is_none_or(|format| format == Format::Npy) && npy::is_npy(path)? {
+        options.check(Format::Npy, path)?;
+        return npy::read(path, &options.npy());
+    }
     let bytes = file_bytes(path, format.map_or("single-file", Format::name))?;
     let format = match format {
         Some(format) => format,
@@ -133,7 +138,7 @@ pub fn read_recording(
     };
     options.check(format, path)?;
     match format {
-        Format::Csv => csv::parse(&bytes, path, &options.csv()),
+        Format::Csv => csv::parse_owned(bytes, path, &options.csv()),
         Format::Npy => npy::parse(&bytes, path, &options.npy()),
         Format::Sciospec => sciospec::parse(&bytes, path, &options.sciospec),
         Format::Goe => goe::parse(&bytes, path),

@@ -7,9 +7,11 @@ mod layout;
 mod map;
 mod note;
 mod orientation;
+pub(crate) mod packed;
 mod select;
 
-pub use file::Recording;
+pub(crate) use file::Contents;
+pub use file::{RecordedFrame, RecordedFrames, Recording};
 pub use format::Format;
 pub use hint::CountHint;
 pub use layout::{Layout, Unit};

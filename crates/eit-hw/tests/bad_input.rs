@@ -51,17 +51,17 @@ fn csv_layouts_that_are_read() {
         "  1   -2.5 3e-6\n\n4 5\t6  \n",
         "\u{FEFF}a, b, c\n1, -2.5, 3e-6,\n# comment\n4, 5, 6, # more\n",
     ] {
-        assert_eq!(csv_of(text).unwrap().real, wanted, "{text:?}");
+        assert_eq!(csv_of(text).unwrap().real(), wanted, "{text:?}");
     }
     assert_eq!(csv_of("1\n2").unwrap().notes, [Note::NoLineEnd { line: 2 }]);
     let header = csv_of("\nfirst,second\n1,2\n").unwrap();
     assert_eq!(header.notes, [Note::HeaderLine { line: 2 }]);
     let columns = CsvOptions { orientation: FrameOrientation::Columns, complex: false };
-    assert_eq!(csv_with("1,4\n-2.5,5\n3e-6,6\n", columns).unwrap().real, wanted);
+    assert_eq!(csv_with("1,4\n-2.5,5\n3e-6,6\n", columns).unwrap().real(), wanted);
     let alternate = CsvOptions { complex: true, ..CsvOptions::default() };
     let complex = csv_with("1,2\n3,4\n5,6\n7,8\n", alternate).unwrap();
-    assert_eq!(complex.real, ndarray::array![[1.0, 2.0], [5.0, 6.0]]);
-    assert_eq!(complex.imaginary, Some(ndarray::array![[3.0, 4.0], [7.0, 8.0]]));
+    assert_eq!(complex.real(), ndarray::array![[1.0, 2.0], [5.0, 6.0]]);
+    assert_eq!(complex.imaginary(), Some(ndarray::array![[3.0, 4.0], [7.0, 8.0]]));
 }
 
 #[test]
@@ -110,6 +110,40 @@ fn npy_with(descr: &str, shape: &str, data: &[u8]) -> Result<Recording, HwError>
     npy_of(&npy_bytes(&header, data))
 }
 
+/// A comma is a separator; where all of them may be decimal ones, a note or the error says so.
+#[test]
+fn decimal_commas_that_read_as_two_numbers_are_named() {
+    let comma = |text: &str| {
+        let recording = csv_of(text).unwrap();
+        let pairs = recording.notes.contains(&eit_hw::Note::DecimalComma);
+        let count = recording.value_count();
+        let error = recording.frames_for(None, count / 2, eit_hw::Component::Real).unwrap_err();
+        (pairs, error.to_string().contains("the commas seem to be decimal ones, as in 1,5"))
+    };
+    for text in ["1,5\n0,25\n-3,0\n", "volt\n0,5\n2,5\n", "1,5 # a comment\n+2,07\n"] {
+        assert_eq!(comma(text), (true, true), "{text:?}");
+    }
+    // a table of whole numbers is as likely
+    for text in ["1,5\n", "1,5\n2,3\n"] {
+        assert_eq!(comma(text), (true, false), "{text:?}");
+    }
+    for text in ["0,5,2,5\n", "1,05,-2,5\n3,0,4,25\n"] {
+        assert_eq!(comma(text), (false, true), "{text:?}");
+    }
+    // two numbers: a sign, a point, an exponent or a space after the comma, names of two columns
+    for text in
+        ["0,-5\n", "0,5\n2,-5\n", "0.1,5\n", "0,5\n1,5.0\n", "0, 5\n", "0,2e3\n", "a,b\n0,5\n"]
+    {
+        assert_eq!(comma(text), (false, false), "{text:?}");
+    }
+    let note = csv_of("1,5\n").unwrap().notes[0].to_string();
+    assert!(note.contains("write 1.5"), "{note}");
+    // as many frames as measurements, in columns: not taken for swapped rows
+    let column = csv_of(&"0,5\n".repeat(208)).unwrap();
+    let error = column.frames_for(None, 208, eit_hw::Component::Real).unwrap_err().to_string();
+    assert!(error.contains("decimal ones") && !error.contains("swapped"), "{error}");
+}
+
 #[test]
 fn npy_types_that_are_read() {
     let wanted = ndarray::array![[1.0, 2.0]];
@@ -128,16 +162,16 @@ fn npy_types_that_are_read() {
         ("'<i8'", vec![1, 0, 0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]),
     ] {
         for shape in ["(2,)", "(1, 2)", "(2, 1)"] {
-            assert_eq!(npy_with(descr, shape, &data).unwrap().real, wanted, "{descr} {shape}");
+            assert_eq!(npy_with(descr, shape, &data).unwrap().real(), wanted, "{descr} {shape}");
         }
     }
     let complex = npy_with("'<c8'", "(1, 1)", &floats).unwrap();
-    assert_eq!((complex.real[[0, 0]], complex.imaginary.unwrap()[[0, 0]]), (1.0, 2.0));
+    assert_eq!((complex.real()[[0, 0]], complex.imaginary().unwrap()[[0, 0]]), (1.0, 2.0));
     let signed = npy_with("'<i2'", "(2,)", &[0xFF, 0xFF, 0, 0x80]).unwrap();
-    assert_eq!(signed.real, ndarray::array![[-1.0, -32768.0]]);
+    assert_eq!(signed.real(), ndarray::array![[-1.0, -32768.0]]);
     let fortran = "{'descr': '|u1', 'fortran_order': True, 'shape': (2, 3), }";
     let recording = npy_of(&npy_bytes(fortran, &[1, 2, 3, 4, 5, 6])).unwrap();
-    assert_eq!(recording.real, ndarray::array![[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]);
+    assert_eq!(recording.real(), ndarray::array![[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]);
 }
 
 #[test]
@@ -173,22 +207,22 @@ fn eit_of(text: &str) -> Result<Recording, HwError> {
 fn sciospec_headers_that_are_read() {
     let frame = eit_of(&format!("{EIT_HEADER}1 2\n0.5\t-0.25\t-0.5\t0.25\n2 1\n1\t2\t3\t4\n\n"));
     let frame = frame.unwrap();
-    assert_eq!(frame.real, ndarray::array![[0.5, -0.5, 1.0, 3.0]]);
-    assert_eq!(frame.imaginary, Some(ndarray::array![[-0.25, 0.25, 2.0, 4.0]]));
+    assert_eq!(frame.real(), ndarray::array![[0.5, -0.5, 1.0, 3.0]]);
+    assert_eq!(frame.imaginary(), Some(ndarray::array![[-0.25, 0.25, 2.0, 4.0]]));
     assert_eq!((frame.frequency_hz, frame.current_a), (Some(1e5), Some(0.01)));
     // 9 lines, two frequencies, all channels
     let text = "9\nt\n2020.07.08. 14:20:28\n10\n20\n0\n2\n0.01\n30\n1 2\n1 2 3 4\n5 6 7 8\n";
     let row = |frequency_row| {
         sciospec::parse(text.as_bytes(), &name("t.eit"), &SciospecOptions { frequency_row })
     };
-    assert_eq!(row(0).unwrap().real, ndarray::array![[1.0, 3.0]]);
-    assert_eq!(row(1).unwrap().real, ndarray::array![[5.0, 7.0]]);
+    assert_eq!(row(0).unwrap().real(), ndarray::array![[1.0, 3.0]]);
+    assert_eq!(row(1).unwrap().real(), ndarray::array![[5.0, 7.0]]);
     assert_eq!(row(1).unwrap().frequency_hz, Some(20.0));
     refused(row(2), &["t.eit", "2 frequency rows", "row 2", "frequency_row"]);
     // channels 3 and 2 are electrodes 0 and 1
     let text = EIT_HEADER.replacen("11", "12", 1) + "MeasurementChannels: 3,2\n";
     let chosen = eit_of(&format!("{text}2 3\n1 0 2 0 3 0\n")).unwrap();
-    assert_eq!(chosen.real, ndarray::array![[3.0, 2.0]]);
+    assert_eq!(chosen.real(), ndarray::array![[3.0, 2.0]]);
     let frames = chosen.frames_for(Some(&[[1, 0, 0, 1]]), 1, eit_hw::Component::Real).unwrap();
     assert_eq!(frames.values, ndarray::array![[1.0]]);
     refused(eit_of(&format!("{text}1 2\n1 0 2 0 3 0\n")), &["line 13", "drive", "\"1 2\""]);
@@ -238,7 +272,7 @@ fn sciospec_folders() {
     write("t_13.EIT", &frame(13));
     write("notes.md", "not a frame");
     let recording = read().unwrap();
-    assert_eq!(recording.real.column(0).to_vec(), [9.0, 10.0, 13.0]);
+    assert_eq!(recording.real().column(0).to_vec(), [9.0, 10.0, 13.0]);
     assert_eq!(recording.notes, [Note::MissingFrameFiles { count: 2, first: 11 }]);
     write("t_14.eit", &format!("{EIT_HEADER}2 1\n1 0 2 0\n"));
     refused(read(), &["t_14.eit", "0 drives like those", "expected 1"]);
@@ -287,7 +321,7 @@ fn goe_fills_the_half_that_was_not_measured() {
     let bytes: Vec<u8> = frame.iter().flat_map(|value| value.to_le_bytes()).collect();
     let recording = goe::parse(&bytes, &name("f.get")).unwrap();
     assert_eq!(recording.notes, [Note::FilledByReciprocity { values: 104 }]);
-    for (&[a, _, m, _], &value) in whole.iter().zip(recording.real.row(0)) {
+    for (&[a, _, m, _], &value) in whole.iter().zip(recording.real().row(0)) {
         assert_eq!(value, f64::from(16 * a.min(m) + a.max(m)));
     }
 }
@@ -303,8 +337,8 @@ fn lct_rows_and_header() {
     let lct = |text: &str| lct::parse(text.as_bytes(), &name("f.txt"));
     let rows = ["1 2 2", "3 4 2", "5 6 2", "7 8 2"];
     let recording = lct(&lct_text(&rows)).unwrap();
-    assert_eq!(recording.real, ndarray::array![[0.5, 1.5, 2.5, 3.5]]);
-    assert_eq!(recording.imaginary, Some(ndarray::array![[1.0, 2.0, 3.0, 4.0]]));
+    assert_eq!(recording.real(), ndarray::array![[0.5, 1.5, 2.5, 3.5]]);
+    assert_eq!(recording.imaginary(), Some(ndarray::array![[1.0, 2.0, 3.0, 4.0]]));
     let five = |last| [rows[0], rows[1], rows[2], rows[3], last];
     let repeated = lct(&lct_text(&five("7 8 2"))).unwrap();
     assert_eq!(repeated.notes, [Note::RepeatedLastRow { line: 11 }]);
@@ -340,7 +374,7 @@ fn serial_log_cuts() {
     let log = |text: &str| serial_log::parse(text.as_bytes(), &name("f.txt"), &options);
     let rows = |text: &str| {
         let recording = log(text).unwrap();
-        (recording.real.outer_iter().map(|row| row[0]).collect::<Vec<_>>(), recording.skipped)
+        (recording.real().outer_iter().map(|row| row[0]).collect::<Vec<_>>(), recording.skipped)
     };
     // complete frames, with all marks
     let (values, skipped) = rows("ref:\n1 1\n1 1\ndata:\ns\n2 2 \r\n2 6.55\ns\n3 3 3 3\n");
@@ -348,8 +382,8 @@ fn serial_log_cuts() {
     // the `s` before the frame in one line has no lines of its own
     assert_eq!(skipped.frames, 1);
     let recording = log("s\n2 2\n2 6.55\n").unwrap();
-    assert_eq!(recording.quality[[0, 3]], Quality::SATURATED);
-    assert!(recording.quality[[0, 2]].is_good());
+    assert_eq!(recording.quality()[[0, 3]], Quality::SATURATED);
+    assert!(recording.quality()[[0, 2]].is_good());
     for (text, reason) in [
         ("1 1\n1 1\ns\n2 2\n2 2\n", "line 1: its start is missing"),
         ("s\n1 1\ns\n2 2\n2 2\n", "line 1: 1 lines instead of 2"),
@@ -405,10 +439,10 @@ fn khu_folders() {
     write("10 Scan.txt", &scan(10));
     let recording = read().unwrap();
     // counts divided by 2^15 and by the gain of 0.2
-    assert_eq!(recording.real.column(0).to_vec(), [2.0, 10.0].map(|c| c / (32768.0 * 0.2)));
+    assert_eq!(recording.real().column(0).to_vec(), [2.0, 10.0].map(|c| c / (32768.0 * 0.2)));
     assert_eq!(recording.notes, [Note::MissingFrameFiles { count: 7, first: 3 }]);
-    assert_eq!(recording.quality[[0, 2]], Quality::SATURATED);
-    assert!(recording.quality[[0, 3]].is_good());
+    assert_eq!(recording.quality()[[0, 2]], Quality::SATURATED);
+    assert!(recording.quality()[[0, 3]].is_good());
     write("11Scan.txt", &(scan(1) + "0 0 1 1\r\n"));
     refused(read(), &["11Scan.txt", "9 records", "expected 8"]);
     write("11Scan.txt", &scan(1).replacen("1 0", "2 0", 1));
@@ -418,7 +452,7 @@ fn khu_folders() {
     write("11Scan.txt", "0 0 1\r\n");
     refused(read(), &["line 1", "3 values", "expected 4"]);
     write("11Scan.txt", &scan(1).replacen("1.0", "nan", 1));
-    assert_eq!(read().unwrap().quality[[2, 0]], Quality::NON_FINITE);
+    assert_eq!(read().unwrap().quality()[[2, 0]], Quality::NON_FINITE);
     refused(
         khu::read(&path.join("2Scan.txt")),
         &["2Scan.txt", "is a single file", "folder", "name the folder"],
@@ -470,11 +504,11 @@ fn keys_of_tables_are_for_tables() {
     refused(npy(&complex), &["1 rows", "expected 2", "`[recording] complex = false`"]);
     let both = ReadOptions { frames_are: Some(FrameOrientation::Columns), ..complex.clone() };
     let recording = npy(&both).unwrap();
-    assert_eq!((recording.real[[0, 0]], recording.imaginary.unwrap()[[0, 0]]), (1.0, 2.0));
+    assert_eq!((recording.real()[[0, 0]], recording.imaginary().unwrap()[[0, 0]]), (1.0, 2.0));
     // the keys take precedence over the options of one reader
     let mut options = ReadOptions { frames_are: both.frames_are, ..ReadOptions::default() };
     options.npy.orientation = FrameOrientation::Matrix;
-    assert_eq!(npy(&options).unwrap().real.dim(), (2, 1));
+    assert_eq!(npy(&options).unwrap().real().dim(), (2, 1));
 }
 
 #[test]
@@ -489,13 +523,13 @@ fn vectors_are_one_frame() {
     for shape in ["(3,)", "(3, 1)"] {
         for orientation in orientations {
             let recording = with(shape, orientation);
-            assert_eq!(recording.real, ndarray::array![[1.0, 2.0, 3.0]], "{shape}");
+            assert_eq!(recording.real(), ndarray::array![[1.0, 2.0, 3.0]], "{shape}");
             // with rows, this is not what the key says
             let noted = shape == "(3, 1)" && orientation == FrameOrientation::Rows;
             assert_eq!(recording.notes.contains(&Note::OneColumn { rows: 3 }), noted);
         }
     }
-    assert_eq!(with("(1, 3)", FrameOrientation::Columns).real.dim(), (3, 1));
+    assert_eq!(with("(1, 3)", FrameOrientation::Columns).real().dim(), (3, 1));
 }
 
 #[test]

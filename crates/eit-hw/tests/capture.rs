@@ -284,6 +284,26 @@ fn a_second_run_is_another_epoch() {
     assert_eq!(std::fs::read(&path).unwrap(), before);
 }
 
+/// What is written to a removed file is lost, although every write succeeds; a renamed one is whole.
+#[cfg(unix)]
+#[test]
+fn a_file_that_is_removed_ends_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, other) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    let mut writer = CaptureWriter::create(&path, &session(), CaptureSettings::default()).unwrap();
+    writer.frame(&frame(0)).unwrap();
+    writer.flush().unwrap();
+    std::fs::rename(&path, &other).unwrap();
+    writer.frame(&frame(1)).unwrap();
+    writer.flush().unwrap();
+    std::fs::remove_file(&other).unwrap();
+    writer.frame(&frame(2)).unwrap();
+    let error = writer.flush().unwrap_err();
+    assert!(error.to_string().contains("removed while it was recorded"), "{error}");
+    assert!(writer.frame(&frame(3)).is_err());
+    assert!(writer.finish().is_err());
+}
+
 #[test]
 fn a_recording_is_read_like_any_other_file() {
     let folder = tempfile::tempdir().unwrap();

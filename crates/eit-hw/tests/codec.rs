@@ -536,7 +536,7 @@ fn a_recorded_serial_line_gives_the_frames_of_its_log() {
             continue;
         };
         let mut known: Vec<Vec<f64>> =
-            log.real.rows().into_iter().map(|row| row.to_vec()).collect();
+            log.real().rows().into_iter().map(|row| row.to_vec()).collect();
         let (mut same, mut frames, mut skipped) = (0, 0, 0);
         let mut decoder = text::Decoder::new(TextFormat::serial_16()).unwrap();
         decoder.push(&bytes, &mut |event| match event {

@@ -12,6 +12,8 @@
 
 mod common;
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use common::{ascending, rotated};
@@ -300,9 +302,23 @@ fn a_silent_instrument_is_told() {
 }
 
 /// 2.5 s between frames, as for a slow text board: longer than what is silence or a stall at ten
-/// frames per second.
+/// frames per second. On a computer so loaded that a thread waits for a second, frames do come late;
+/// such an attempt is repeated.
 #[test]
 fn a_slow_board_is_neither_silent_nor_set_up_anew() {
+    for attempt in 1.. {
+        let starved = Starved::watch();
+        let found = four_slow_frames();
+        let longest_s = starved.longest_s();
+        if found.is_ok() {
+            return;
+        }
+        assert!(longest_s > 1.0 && attempt < 6, "{found:?}; threads waited up to {longest_s} s");
+    }
+}
+
+/// Receives four frames of the slow board; returns what else was reported.
+fn four_slow_frames() -> Result<(), String> {
     let board = Board::preset("serial-16").unwrap();
     let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| {
         values.iter_mut().enumerate().for_each(|(i, value)| *value = (sequence + i as u64) as f64);
@@ -321,13 +337,87 @@ fn a_slow_board_is_neither_silent_nor_set_up_anew() {
                 frames += 1;
             }
             Some(other @ (Event::Silent { .. } | Event::Disconnected { .. })) => {
-                panic!("after {frames} frames: {other:?}")
+                return Err(format!("after {frames} frames: {other:?}"));
             }
             _ => {}
         }
     }
     let statistics = session.statistics();
-    assert_eq!((statistics.reconnections, statistics.silent_s), (0, 0.0));
+    match (statistics.reconnections, statistics.silent_s) {
+        (0, 0.0) => Ok(()),
+        other => Err(format!("{other:?}")),
+    }
+}
+
+/// Measures by how much a thread that sleeps for 10 ms wakes too late.
+struct Starved {
+    quit: Arc<AtomicBool>,
+    thread: std::thread::JoinHandle<Duration>,
+}
+
+impl Starved {
+    fn watch() -> Self {
+        let quit = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&quit);
+        let thread = std::thread::spawn(move || {
+            let mut longest = Duration::ZERO;
+            while !ended.load(Ordering::Relaxed) {
+                let start = Instant::now();
+                std::thread::sleep(Duration::from_millis(10));
+                longest = longest.max(start.elapsed());
+            }
+            longest
+        });
+        Self { quit, thread }
+    }
+
+    fn longest_s(self) -> f64 {
+        self.quit.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap().as_secs_f64()
+    }
+}
+
+/// While a recording runs, more frames may wait for a slow consumer; after it, only the latest do.
+#[test]
+fn frames_wait_for_a_recording_that_begins_later() {
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| values.fill(sequence as f64);
+    let device = Eits1Device::new(information("7", false), Box::new(source));
+    let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
+    let settings = SessionSettings { capacity: 4, ..quick() };
+    let session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
+    let waiting = session.waiting();
+    let wait_for = |is_so: &dyn Fn() -> bool| {
+        let start = Instant::now();
+        while !is_so() {
+            assert!(start.elapsed() < LIMIT);
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    };
+    let take = |frames: usize| -> Vec<u64> {
+        let start = Instant::now();
+        let mut taken = Vec::new();
+        while taken.len() < frames {
+            assert!(start.elapsed() < LIMIT);
+            if let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() {
+                taken.push(frame.sequence);
+            }
+        }
+        taken
+    };
+    wait_for(&|| waiting.dropped() > 0);
+    assert_eq!(waiting.set_capacity(1000), 4);
+    let dropped = waiting.dropped();
+    wait_for(&|| session.frames_waiting() >= 60);
+    let taken = take(60);
+    assert!(taken.windows(2).all(|pair| pair[1] == pair[0] + 1), "{taken:?}");
+    assert_eq!(waiting.dropped(), dropped);
+    wait_for(&|| session.frames_waiting() >= 20);
+    assert_eq!(waiting.set_capacity(4), 1000);
+    wait_for(&|| session.frames_waiting() <= 4);
+    assert!(waiting.dropped() >= dropped + 16, "{}", waiting.dropped());
+    let latest = take(1)[0];
+    assert!(latest > taken[59] + 16, "{latest} after {}", taken[59]);
 }
 
 #[test]

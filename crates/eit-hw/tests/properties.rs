@@ -90,14 +90,14 @@ fn texty() -> impl Strategy<Value = Vec<u8>> {
 fn samples_are_read() {
     let path = name("f");
     let [csv, npy, eit, lct, get, log] = samples().try_into().unwrap();
-    assert_eq!(csv::parse(&csv, &path, &CsvOptions::default()).unwrap().real.dim(), (2, 3));
-    assert_eq!(npy::parse(&npy, &path, &NpyOptions::default()).unwrap().real.dim(), (2, 3));
+    assert_eq!(csv::parse(&csv, &path, &CsvOptions::default()).unwrap().real().dim(), (2, 3));
+    assert_eq!(npy::parse(&npy, &path, &NpyOptions::default()).unwrap().real().dim(), (2, 3));
     let frame = sciospec::parse(&eit, &path, &SciospecOptions { frequency_row: 1 }).unwrap();
-    assert_eq!(frame.real, ndarray::array![[1.0, 3.0, 5.0, 7.0]]);
-    assert_eq!(lct::parse(&lct, &path).unwrap().real.dim(), (1, 4));
-    assert_eq!(goe::parse(&get, &path).unwrap().real.dim(), (2, 208));
+    assert_eq!(frame.real(), ndarray::array![[1.0, 3.0, 5.0, 7.0]]);
+    assert_eq!(lct::parse(&lct, &path).unwrap().real().dim(), (1, 4));
+    assert_eq!(goe::parse(&get, &path).unwrap().real().dim(), (2, 208));
     let options = SerialLogOptions { lines_per_frame: 2, values_per_line: 2, full_scale: None };
-    assert_eq!(serial_log::parse(&log, &path, &options).unwrap().real.dim(), (3, 4));
+    assert_eq!(serial_log::parse(&log, &path, &options).unwrap().real().dim(), (3, 4));
 }
 
 proptest! {
@@ -160,7 +160,7 @@ proptest! {
         let text = joined(&table, separator, end);
         let options = CsvOptions { orientation, complex: false };
         let recording = csv::parse(text.as_bytes(), &name("f.csv"), &options).unwrap();
-        prop_assert_eq!(recording.real, frames_of(&table, orientation));
+        prop_assert_eq!(recording.real(), frames_of(&table, orientation));
         prop_assert_eq!(recording.frames_are, Some(orientation));
     }
 
@@ -182,8 +182,8 @@ proptest! {
         let npy = npy::parse(&npy_bytes(&written, false, false), &name("f.npy"), &options).unwrap();
         for recording in [csv, npy] {
             let wanted = frames_of(&table, orientation);
-            prop_assert_eq!(recording.imaginary, Some(-&wanted));
-            prop_assert_eq!(recording.real, wanted);
+            prop_assert_eq!(recording.imaginary(), Some(-&wanted));
+            prop_assert_eq!(recording.real(), wanted);
         }
     }
 
@@ -197,7 +197,7 @@ proptest! {
         let bytes = npy_bytes(&table, fortran, big);
         let options = NpyOptions { orientation, complex: false };
         let recording = npy::parse(&bytes, &name("f.npy"), &options).unwrap();
-        prop_assert_eq!(recording.real, frames_of(&table, orientation));
+        prop_assert_eq!(recording.real(), frames_of(&table, orientation));
         prop_assert_eq!(recording.frames_are, Some(orientation));
     }
 
@@ -226,10 +226,11 @@ proptest! {
             part.indexed_iter().find(|(_, value)| **value == 1.0).map(|(place, _)| place)
         };
         let wanted =
-            place_in(&recording.real).or_else(|| place_in(recording.imaginary.as_ref()?)).unwrap();
+            place_in(&recording.real()).or_else(|| place_in(recording.imaginary().as_ref()?)).unwrap();
         for read in [csv.unwrap(), npy.unwrap()] {
+            let quality = read.quality();
             let bad: Vec<_> =
-                read.quality.indexed_iter().filter(|(_, quality)| !quality.is_good()).collect();
+                quality.indexed_iter().filter(|(_, quality)| !quality.is_good()).collect();
             prop_assert_eq!(bad, vec![(wanted, &Quality::NON_FINITE)]);
             let (frame, value) = wanted;
             let note = Note::MissingValues { values: 1, frame, value };
@@ -255,8 +256,8 @@ proptest! {
             let rows = table.rows().into_iter();
             rows.flat_map(|row| [sign * row[first], sign * row[first + 2]]).collect()
         };
-        prop_assert_eq!(recording.real.iter().copied().collect::<Vec<_>>(), part(0));
-        prop_assert_eq!(recording.imaginary.unwrap().iter().copied().collect::<Vec<_>>(), part(1));
+        prop_assert_eq!(recording.real().iter().copied().collect::<Vec<_>>(), part(0));
+        prop_assert_eq!(recording.imaginary().unwrap().iter().copied().collect::<Vec<_>>(), part(1));
     }
 
     #[test]
@@ -267,9 +268,9 @@ proptest! {
             text += &format!("{} {} {current}\n", row[0], row[1]);
         }
         let recording = lct::parse(text.as_bytes(), &name("f.txt")).unwrap();
-        prop_assert_eq!(recording.real.row(0).to_owned(), table.column(0).mapv(|v| v / current));
+        prop_assert_eq!(recording.real().row(0).to_owned(), table.column(0).mapv(|v| v / current));
         prop_assert_eq!(
-            recording.imaginary.unwrap().row(0).to_owned(),
+            recording.imaginary().unwrap().row(0).to_owned(),
             table.column(1).mapv(|v| v / current)
         );
     }
@@ -300,7 +301,7 @@ proptest! {
                 let first = start.saturating_sub(1) / 17;
                 let touched = (start + length).min(17 * frames).div_ceil(17) - first;
                 prop_assert_eq!(recording.frame_count(), frames - touched);
-                for row in recording.real.rows() {
+                for row in recording.real().rows() {
                     let frame = (row[0] / 100.0).floor() as usize;
                     for (slot, &found) in row.iter().enumerate() {
                         // text of two decimals compared with their sum in f64

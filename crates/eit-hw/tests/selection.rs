@@ -18,8 +18,25 @@ use eit_hw::{
     Quadruple, Quality, ReadOptions, Recording, Unit, read_recording, reciprocity_error,
     recognise_order,
 };
-use ndarray::array;
+use ndarray::{Array2, array};
 use proptest::prelude::*;
+
+/// Changes the values of a recording.
+fn changed(
+    recording: &Recording,
+    change: impl FnOnce(&mut Array2<f64>, &mut Option<Array2<f64>>, &mut Array2<Quality>),
+) -> Recording {
+    let (mut real, mut imaginary) = (recording.real(), recording.imaginary());
+    let mut quality = recording.quality();
+    change(&mut real, &mut imaginary, &mut quality);
+    let parts = imaginary.as_ref().map(|parts| parts.view());
+    recording.clone().with_values(real.view(), parts, quality.view()).unwrap()
+}
+
+/// Sets the flags of one value.
+fn flagged(recording: &Recording, at: [usize; 2], flags: Quality) -> Recording {
+    changed(recording, |_, _, quality| quality[at] = flags)
+}
 
 /// Returns two complex frames of three values.
 fn complex() -> Recording {
@@ -40,15 +57,17 @@ fn components() {
 fn phased_turns_one_phase_to_the_real_axis() {
     let mut recording = complex();
     // all on the axis of 3 + 4i, with either sign: the projection is the signed magnitude
-    recording.imaginary = Some(&recording.real * (4.0 / 3.0));
+    recording = changed(&recording, |real, parts, _| *parts = Some(&*real * (4.0 / 3.0)));
     let phased = recording.frames_for(None, 3, Component::Phased).unwrap().values;
-    for (phased, real) in phased.iter().zip(&recording.real) {
+    for (phased, real) in phased.iter().zip(&recording.real()) {
         // a few roundings of numbers of order 10
         assert!((phased - real * 5.0 / 3.0).abs() < 1e-14, "{phased} {real}");
     }
     // flagged values do not rotate it
-    recording.real[[0, 1]] = f64::NAN;
-    recording.quality[[0, 1]] = Quality::NON_FINITE;
+    recording = changed(&recording, |real, _, quality| {
+        real[[0, 1]] = f64::NAN;
+        quality[[0, 1]] = Quality::NON_FINITE;
+    });
     let flagged = recording.frames_for(None, 3, Component::Phased).unwrap();
     assert_eq!(flagged.values.row(1), phased.row(1));
     assert_eq!(flagged.quality[[0, 1]], Quality::NON_FINITE);
@@ -68,7 +87,7 @@ fn real_recordings_have_no_imaginary_part() {
 fn quadruples_are_found_with_their_sign() {
     let mut recording = complex();
     recording.layout = Layout::Quadruples(vec![[0, 1, 2, 3], [0, 1, 3, 4], [1, 2, 3, 4]]);
-    recording.quality[[1, 2]] = Quality::OPEN;
+    recording = flagged(&recording, [1, 2], Quality::OPEN);
     let wanted = [[1, 2, 3, 4], [1, 0, 2, 3], [0, 1, 3, 2], [1, 0, 3, 2]];
     let frames = recording.frames_for(Some(&wanted), 4, Component::Real).unwrap();
     assert_eq!(frames.values.row(0).to_vec(), [-6.0, -3.0, -3.0, 3.0]);
@@ -89,7 +108,7 @@ fn quadruples_are_found_with_their_sign() {
 fn potentials_are_subtracted() {
     let mut recording = complex();
     recording.layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
-    recording.quality[[0, 2]] = Quality::OPEN;
+    recording = flagged(&recording, [0, 2], Quality::OPEN);
     let wanted = [[0, 1, 0, 2], [1, 0, 0, 2], [0, 1, 2, 0], [0, 1, 0, 1]];
     let frames = recording.frames_for(Some(&wanted), 4, Component::Real).unwrap();
     assert_eq!(frames.values.row(0).to_vec(), [9.0, -9.0, -9.0, 3.0]);
@@ -110,8 +129,22 @@ fn fields_that_do_not_fit_are_refused() {
         let result = recording.frames_for(None, 3, Component::Real);
         assert!(matches!(result, Err(HwError::Inconsistent { .. })), "{result:?}");
     };
-    refused(|recording| recording.quality = ndarray::Array2::default((2, 2)));
-    refused(|recording| recording.imaginary = Some(ndarray::Array2::zeros((1, 3))));
+    let recording = complex();
+    let (real, good) = (recording.real(), recording.quality());
+    let with = |real: &Array2<f64>, parts: Option<&Array2<f64>>, quality: &Array2<Quality>| {
+        let parts = parts.map(|parts| parts.view());
+        recording.clone().with_values(real.view(), parts, quality.view()).unwrap_err()
+    };
+    for error in [
+        with(&real, None, &Array2::default((2, 2))),
+        with(&real, None, &Array2::default((1, 3))),
+        with(&real, Some(&Array2::zeros((1, 3))), &good),
+        with(&real, Some(&Array2::zeros((2, 2))), &good),
+    ] {
+        assert!(matches!(error, HwError::Inconsistent { .. }), "{error:?}");
+    }
+    let none = with(&Array2::zeros((0, 3)), None, &Array2::default((0, 3)));
+    assert!(matches!(none, HwError::NoFrames { .. }), "{none:?}");
     refused(|recording| recording.device_time_s = Some(vec![0.0]));
     refused(|recording| recording.layout = Layout::Quadruples(Vec::new()));
     refused(|recording| {
@@ -216,8 +249,10 @@ fn means_are_of_good_values_of_some_frames() {
     let mut recording =
         parse(b"1,2\n3,4\n5,6\n7,8\n", &name("f.csv"), &CsvOptions::default()).unwrap();
     for frame in [1, 2] {
-        recording.quality[[frame, 1]] = Quality::STUCK;
-        recording.real[[frame, 1]] = f64::NAN;
+        recording = changed(&recording, |real, _, quality| {
+            quality[[frame, 1]] = Quality::STUCK;
+            real[[frame, 1]] = f64::NAN;
+        });
     }
     let frames = recording.frames_for(None, 2, Component::Real).unwrap();
     assert_eq!(frames.mean_of(0..2), (vec![2.0, 2.0], vec![true, true]));
@@ -263,7 +298,7 @@ fn values_become_volts() {
 #[test]
 fn frames_one_by_one_are_those_of_the_recording() {
     let mut recording = complex();
-    recording.quality[[0, 2]] = Quality::OPEN;
+    recording = flagged(&recording, [0, 2], Quality::OPEN);
     let quadruples = [[1, 0, 0, 2], [0, 1, 2, 1]];
     let potentials = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
     let named = Layout::Quadruples(vec![[0, 1, 1, 2], [0, 1, 0, 2], [2, 0, 1, 2]]);
@@ -285,16 +320,17 @@ fn frames_one_by_one_are_those_of_the_recording() {
                 Component::Magnitude => Projection::Magnitude,
                 Component::Phased => Projection::Axis { angle_rad: frames.phase_rad.unwrap() },
             };
-            let imaginary = recording.imaginary.as_ref().unwrap();
+            let (real, imaginary) = (recording.real(), recording.imaginary().unwrap());
+            let good = recording.quality();
             for mut frame in frames.frames() {
                 let (values, quality) = (frame.values.clone(), frame.quality.clone());
                 frame.values.fill(f64::NAN);
                 frame.quality.fill(Quality::MISSING);
                 let row = usize::try_from(frame.sequence).unwrap();
                 map.apply_into(
-                    recording.real.row(row).as_slice().unwrap(),
+                    real.row(row).as_slice().unwrap(),
                     imaginary.row(row).as_slice(),
-                    recording.quality.row(row).as_slice().unwrap(),
+                    good.row(row).as_slice().unwrap(),
                     projection,
                     &mut frame.values,
                     &mut frame.quality,
@@ -352,11 +388,13 @@ fn a_map_refuses_what_does_not_fit() {
 fn the_memory_order_of_a_recording_does_not_matter() {
     let recording = complex();
     let transposed =
-        |array: &ndarray::Array2<f64>| array.t().as_standard_layout().into_owned().reversed_axes();
-    let mut other = recording.clone();
-    other.real = transposed(&recording.real);
-    other.imaginary = recording.imaginary.as_ref().map(transposed);
-    assert!(!other.real.is_standard_layout());
+        |array: &Array2<f64>| array.t().as_standard_layout().into_owned().reversed_axes();
+    let other = changed(&recording, |real, parts, _| {
+        *real = transposed(real);
+        *parts = parts.as_ref().map(transposed);
+        assert!(!real.is_standard_layout());
+    });
+    assert_eq!(other, recording);
     for component in [Component::Real, Component::Phased] {
         assert_eq!(
             other.frames_for(None, 3, component).unwrap(),

@@ -11,11 +11,9 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// An output file. Its temporary file exists from the start, which proves that the folder is
-/// writable.
+/// An output file. That its folder is writable is known from the start.
 pub struct OutFile {
     path: PathBuf,
-    temporary: NamedTempFile,
 }
 
 impl OutFile {
@@ -30,16 +28,21 @@ impl OutFile {
             let message = "is a folder, but --out must name a file here";
             return Err(ReportError::input(format!("{}: {message}", path.display())));
         }
+        // removed again at once: a program that is killed while it computes leaves nothing behind
+        drop(Self::temporary(path)?);
+        Ok(Self { path: path.to_path_buf() })
+    }
+
+    fn temporary(path: &Path) -> Result<NamedTempFile, ReportError> {
         let folder = match path.parent() {
             Some(p) if !p.as_os_str().is_empty() => p,
             _ => Path::new("."),
         };
-        let temporary = temporary_in(folder).map_err(|e| {
+        temporary_in(folder).map_err(|e| {
             let message =
                 format!("{}: cannot write in this folder: {}", folder.display(), e.kind());
             ReportError::input(message)
-        })?;
-        Ok(Self { path: path.to_path_buf(), temporary })
+        })
     }
 
     /// Writes the content and renames the file to its final path.
@@ -51,8 +54,8 @@ impl OutFile {
         self,
         content: impl FnOnce(&mut dyn Write) -> Result<(), ReportError>,
     ) -> Result<(), ReportError> {
-        let Self { path, temporary } = self;
-        let mut writer = BufWriter::new(temporary);
+        let path = self.path;
+        let mut writer = BufWriter::new(Self::temporary(&path)?);
         content(&mut writer)?;
         let temporary = writer.into_inner().map_err(|e| ReportError::at(&path, e.error()))?;
         temporary.persist(&path).map_err(|e| ReportError::at(&path, e.error))?;

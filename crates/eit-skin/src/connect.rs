@@ -10,7 +10,7 @@ use eit_hw::driver::FrameSource;
 use eit_hw::driver::{Overflow, Session, SessionSettings};
 
 /// Frames that may queue while a recorder waits for the disk: 8 s at 1000 frames per second.
-const RECORDER_FRAMES: usize = 8192;
+pub const RECORDER_FRAMES: usize = 8192;
 /// Frames that may queue for a live view, which needs only the latest: at least so many, or those of so many seconds, so
 /// that a moment without the processor loses no frame of a fast instrument.
 const VIEWER_FRAMES: usize = 8;

@@ -184,7 +184,7 @@ fn from_file(
             .map_err(|why| mismatch(skin, instrument, &why))
     };
     let real = part(eit_hw::Component::Real)?;
-    let imaginary = match recording.imaginary.is_some() {
+    let imaginary = match recording.is_complex() {
         true => Some(part(eit_hw::Component::Imaginary)?),
         false => None,
     };

@@ -1,27 +1,17 @@
 //! `eit convert`: converts recordings to and from tables of numbers.
 
+mod stored;
 mod streamed;
 
+use self::stored::Stored;
 use self::streamed::{Source, Streamed};
 use super::{Answer, check_ending};
 use crate::cli::ConvertArgs;
 use crate::error::CliError;
-use eit_hw::capture::{self, CaptureSettings, CaptureWriter, SessionRecord};
-use eit_hw::{Component, Frame, Layout, Quadruple, Recording};
-use eit_report::output::{OutFile, write_csv, write_npy};
+use eit_hw::capture::{self, CaptureWriter};
 use eit_skin::scene::Scene;
-use ndarray::Array2;
 use serde_json::json;
 use std::path::Path;
-
-/// Frames as written.
-struct Table {
-    real: Array2<f64>,
-    imaginary: Option<Array2<f64>>,
-    quality: Array2<eit_hw::Quality>,
-    /// Electrodes of each value; empty if not named.
-    quadruples: Vec<Quadruple>,
-}
 
 /// Reads any recording and writes it in the format of the file name extension.
 pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
@@ -38,26 +28,35 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
         return stream(args, &ending, scene.as_ref());
     }
     let options = eit_hw::ReadOptions { complex: args.complex, ..Default::default() };
-    let mut recording = eit_hw::read_recording(&args.input, None, &options)?;
-    let table = table(&mut recording, scene.as_ref())?;
+    let recording = eit_hw::read_recording(&args.input, None, &options)?;
+    let stored = Stored::new(&recording, scene.as_ref())?;
+    let found = stored.look()?;
     let mut notes: Vec<String> = recording.notes.iter().map(ToString::to_string).collect();
-    let (written, skipped) = match ending.as_str() {
-        "mcap" => (write_mcap(args, &recording, &table)?, 0),
-        format => write_table(args, &table, format)?,
+    let (frames, finite, flagged) = (found.is_finite.len(), found.finite(), found.flagged);
+    let complex = recording.is_complex();
+    let written = match ending.as_str() {
+        "mcap" => {
+            stored.write_mcap(&args.out)?;
+            frames
+        }
+        format => {
+            stored.write_table(&found, &args.out, format)?;
+            finite
+        }
     };
-    let flagged = table.quality.iter().filter(|quality| !quality.is_good()).count();
-    if ending != "mcap" && flagged > 0 {
-        notes.push(format!("{flagged} flagged values: a table has no flags"));
+    let skipped = frames - written;
+    if ending != "mcap" {
+        notes.extend(table_notes(flagged, skipped, complex));
     }
-    if skipped > 0 {
-        notes.push(format!("{skipped} frames skipped: a value is not finite"));
-    }
-    let complex = table.imaginary.is_some();
-    if complex && ending != "mcap" {
-        notes.push(ALTERNATE.into());
-    }
-    let count = table.real.ncols();
+    let count = stored.columns();
     Ok(answer(args, &Counts { written, skipped, count, complex, flagged }, &notes))
+}
+
+/// What a table cannot hold.
+fn table_notes(flagged: usize, skipped: usize, complex: bool) -> impl Iterator<Item = String> {
+    let flagged = (flagged > 0).then(|| format!("{flagged} flagged values: a table has no flags"));
+    let skipped = (skipped > 0).then(|| format!("{skipped} frames skipped: a value is not finite"));
+    flagged.into_iter().chain(skipped).chain(complex.then(|| ALTERNATE.into()))
 }
 
 /// Whether both paths exist and denote the same file.
@@ -143,104 +142,11 @@ fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Ans
         }
         format => {
             source.write_table(&found, &args.out, format)?;
-            if flagged > 0 {
-                notes.push(format!("{flagged} flagged values: a table has no flags"));
-            }
-            if unfinished > 0 {
-                notes.push(format!("{unfinished} frames skipped: a value is not finite"));
-            }
-            if complex {
-                notes.push(ALTERNATE.into());
-            }
+            notes.extend(table_notes(flagged, unfinished, complex));
             unfinished
         }
     };
     let count = source.columns(&found);
     let written = frames - skipped;
     Ok(answer(args, &Counts { written, skipped, count, complex, flagged }, &notes))
-}
-
-/// Takes the frames of a recording as recorded, or in the order of a scene's protocol.
-fn table(recording: &mut Recording, scene: Option<&Scene>) -> Result<Table, CliError> {
-    let Some(scene) = scene else {
-        return Ok(Table {
-            real: std::mem::take(&mut recording.real),
-            imaginary: recording.imaginary.take(),
-            quality: std::mem::take(&mut recording.quality),
-            quadruples: match &recording.layout {
-                Layout::Quadruples(quadruples) => quadruples.clone(),
-                Layout::ProtocolOrder => Vec::new(),
-                Layout::Potentials { .. } => {
-                    return Err(CliError::input(format!(
-                        "{}: contains electrode potentials: give --scene, whose protocol defines the \
-                         differences",
-                        recording.path.display()
-                    )));
-                }
-            },
-        });
-    };
-    let electrodes = scene.electrode_count()?;
-    let protocol = scene.protocol(electrodes)?;
-    let part =
-        |component| recording.frames_for(protocol.quadruples(), protocol.measurements(), component);
-    let real = part(Component::Real)?;
-    let imaginary = match recording.imaginary.is_some() {
-        true => Some(part(Component::Imaginary)?.values),
-        false => None,
-    };
-    let quadruples = protocol.quadruples().map_or_else(Vec::new, <[_]>::to_vec);
-    Ok(Table { real: real.values, imaginary, quality: real.quality, quadruples })
-}
-
-fn write_mcap(args: &ConvertArgs, recording: &Recording, table: &Table) -> Result<usize, CliError> {
-    let session = SessionRecord {
-        driver: "file".into(),
-        instrument: recording.format.to_string(),
-        unit: recording.unit.into(),
-        quadruples: table.quadruples.clone(),
-        current_a: recording.current_a,
-        frequency_hz: recording.frequency_hz,
-        recorder: concat!("eit ", env!("CARGO_PKG_VERSION")).to_owned(),
-        ..SessionRecord::default()
-    };
-    let settings = CaptureSettings::default();
-    let mut writer = CaptureWriter::create(&args.out, &session, settings)
-        .map_err(|error| CliError::input(error.to_string()))?;
-    let written = (0..table.real.nrows()).try_for_each(|row| {
-        writer.frame(&Frame {
-            values: table.real.row(row).to_vec(),
-            imaginary: table.imaginary.as_ref().map(|parts| parts.row(row).to_vec()),
-            quality: table.quality.row(row).to_vec(),
-            sequence: row as u64,
-            epoch: 0,
-            device_time_s: recording.device_time_s.as_ref().map(|times| times[row]),
-            host_time_s: None,
-        })
-    });
-    whole_or_none(writer, written.map_err(CliError::from), &args.out)?;
-    Ok(table.real.nrows())
-}
-
-/// Returns the number of frames written, and of frames skipped.
-fn write_table(
-    args: &ConvertArgs,
-    table: &Table,
-    format: &str,
-) -> Result<(usize, usize), CliError> {
-    let parts = |row: usize| {
-        let imaginary = table.imaginary.as_ref().map(|parts| parts.row(row).to_vec());
-        std::iter::once(table.real.row(row).to_vec()).chain(imaginary).collect::<Vec<_>>()
-    };
-    let frames = table.real.nrows();
-    let is_finite = |rows: &Vec<Vec<f64>>| rows.iter().flatten().all(|value| value.is_finite());
-    let kept: Vec<Vec<Vec<f64>>> = (0..frames).map(parts).filter(is_finite).collect();
-    let rows: Vec<&Vec<f64>> = kept.iter().flatten().collect();
-    let shape = (rows.len(), table.real.ncols());
-    let values = Array2::from_shape_fn(shape, |(row, column)| rows[row][column]);
-    OutFile::new(&args.out)?.write(|out| match format {
-        "npy" => write_npy(&values, out),
-        _ => write_csv(values.view(), out),
-    })?;
-    Ok((kept.len(), frames - kept.len()))
 }

@@ -45,7 +45,8 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     }
     viewer.publish(publisher, &session.setup().identity.to_string(), true)?;
     if args.watch.publish.web.is_some() {
-        viewer.let_record(PageRecorder::new(&args.scene, record, args.record.clone()))?;
+        let (fixed, waiting) = (args.record.clone(), session.waiting());
+        viewer.let_record(PageRecorder::new(&args.scene, record, fixed, waiting))?;
     }
     let summary = model.watch(&mut session, true, &mut viewer);
     session.stop();

@@ -4,9 +4,10 @@ use super::record;
 use crate::error::CliError;
 use eit_hw::HwError;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
-use eit_hw::driver::Event;
+use eit_hw::driver::{Event, Waiting};
 use eit_publish::{Publisher, Recording};
 use eit_report::watched::record_of;
+use eit_skin::connect::RECORDER_FRAMES;
 use eit_skin::live::LiveFrame;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -21,16 +22,33 @@ pub(super) struct PageRecorder {
     writer: Option<(PathBuf, CaptureWriter)>,
     /// Recording of `--record`, which the page cannot stop.
     fixed: Option<PathBuf>,
+    waiting: Waiting,
+    /// How many frames may wait for the view alone, and how many had been skipped when the recording began.
+    before: Option<(usize, u64)>,
 }
 
 impl PageRecorder {
     /// For a scene file, or a built-in scene, whose recordings go to the working directory. `fixed` is the file of
-    /// `--record`.
-    pub fn new(scene: &str, session: SessionRecord, fixed: Option<PathBuf>) -> Self {
+    /// `--record`. `waiting` is that of the session: while a recording runs, frames wait for it as they do for
+    /// `--record`, and are not skipped for the view.
+    pub fn new(
+        scene: &str,
+        session: SessionRecord,
+        fixed: Option<PathBuf>,
+        waiting: Waiting,
+    ) -> Self {
         let path = Path::new(scene);
         let stem = path.file_stem().map_or_else(|| "skin".into(), |stem| stem.to_string_lossy());
         let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
-        Self { folder, stem: stem.into_owned(), session, writer: None, fixed }
+        Self {
+            folder,
+            stem: stem.into_owned(),
+            session,
+            writer: None,
+            fixed,
+            waiting,
+            before: None,
+        }
     }
 
     /// Tells the page what is recorded.
@@ -69,8 +87,18 @@ impl PageRecorder {
 
     /// Ends the recording, if there is one.
     pub fn stop(&mut self, publisher: &Publisher) -> Result<(), CliError> {
-        let Some((file, writer)) = self.writer.take() else { return Ok(()) };
-        match writer.finish() {
+        let Some((file, mut writer)) = self.writer.take() else { return Ok(()) };
+        let skipped = self.skip_again();
+        let told = match skipped {
+            0 => Ok(()),
+            _ => {
+                let words =
+                    format!("{skipped} frames are missing: this computer could not keep up");
+                eprintln!("eit: note: {}: {words}", file.display());
+                writer.note(&words)
+            }
+        };
+        match told.and_then(|()| writer.finish()) {
             Ok(()) => {
                 let file = file.display().to_string();
                 eprintln!("eit: recorded: {file}");
@@ -78,6 +106,13 @@ impl PageRecorder {
             }
             Err(error) => fail(&file, &error, publisher),
         }
+    }
+
+    /// Lets frames be skipped for the view again; returns how many were skipped while recording.
+    fn skip_again(&mut self) -> u64 {
+        let Some((capacity, dropped)) = self.before.take() else { return 0 };
+        self.waiting.set_capacity(capacity);
+        self.waiting.dropped().saturating_sub(dropped)
     }
 
     fn follow(&mut self, publisher: &Publisher) -> Result<(), CliError> {
@@ -95,7 +130,11 @@ impl PageRecorder {
         let file = self.folder.join(format!("{}-{}.mcap", self.stem, time_words(since.as_secs())));
         match CaptureWriter::create(&file, &self.session, CaptureSettings::default()) {
             Ok(mut writer) => match writer.note("started on the live page") {
-                Ok(()) => self.writer = Some((file, writer)),
+                Ok(()) => {
+                    let capacity = self.waiting.set_capacity(RECORDER_FRAMES);
+                    self.before = Some((capacity, self.waiting.dropped()));
+                    self.writer = Some((file, writer));
+                }
                 Err(error) => return fail(&file, &error, publisher),
             },
             Err(error) => return fail(&file, &error, publisher),
@@ -112,6 +151,7 @@ impl PageRecorder {
         let Err(error) = what(writer) else { return Ok(()) };
         let file = std::mem::take(file);
         self.writer = None;
+        self.skip_again();
         fail(&file, &error, publisher)
     }
 }

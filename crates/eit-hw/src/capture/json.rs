@@ -65,7 +65,7 @@ impl Serialize for Bits<'_> {
 }
 
 /// Maximum number of values per frame; adjacent patterns of 256 electrodes have 64 768.
-const MOST_VALUES: usize = 1 << 18;
+pub(super) const MOST_VALUES: usize = 1 << 18;
 
 /// A list of at most [`MOST_VALUES`] values, read as `T` and stored as `U`. The limit keeps a
 /// hostile file from exhausting memory: two characters of JSON can take sixteen bytes in memory.

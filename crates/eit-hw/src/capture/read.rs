@@ -3,14 +3,13 @@
 use std::io::{Cursor, Read, Seek};
 use std::path::{Path, PathBuf};
 
-use ndarray::Array2;
-
 use super::entry::Entry;
 use super::record::SessionRecord;
 use super::stream::{CaptureReader, Damage};
 use crate::error::{HwError, Place};
-use crate::frame::{Frame, Quality};
-use crate::recording::{Format, Layout, Recording, Unit};
+use crate::frame::Frame;
+use crate::recording::packed::Packed;
+use crate::recording::{Contents, Format, Layout, Recording, Unit};
 
 /// A complete recording in memory.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -60,43 +59,43 @@ impl Capture {
 /// Those of [`read`] and [`Capture::recording`].
 pub(crate) fn read_frames(path: &Path) -> Result<Recording, HwError> {
     let mut reader = CaptureReader::open(path)?;
-    let (mut frames, mut budget) = (Frames::new(path), Budget::of(reader.length(), path));
+    let (mut frames, budget) = (Frames::new(path), Budget::of(reader.length(), path));
     while let Some(entry) = reader.next_entry()? {
-        budget.take(&entry)?;
         frames.take(&entry)?;
+        budget.check(frames.bytes())?;
     }
     frames.finish(reader.damage())
 }
 
 /// Limit on the memory that the messages of a file may take.
 ///
-/// Numbers take more space as text in a file than in memory, but identical frames compress well:
-/// those of a noise-free emulator 20 to 30 times. A file that expands far beyond this was made to
-/// exhaust memory.
+/// Compressed, thousands of frames take a few bytes. A file that expands far beyond its size was
+/// made to exhaust memory, or should be read message by message.
 struct Budget<'a> {
     path: &'a Path,
     file_bytes: u64,
-    left: u64,
+    most: u64,
 }
 
 impl<'a> Budget<'a> {
-    const LEAST_BYTES: u64 = 24 << 20;
-    const TIMES_FILE: u64 = 24;
+    /// A reader takes 64 MB and twice the file; up to 40 of it are for a chunk and a message.
+    const LEAST_BYTES: u64 = 24_000_000;
+    const TIMES_FILE: u64 = 2;
 
     fn of(file_bytes: u64, path: &'a Path) -> Self {
-        let left = Self::LEAST_BYTES.saturating_add(Self::TIMES_FILE.saturating_mul(file_bytes));
-        Self { path, file_bytes, left }
+        let most = Self::LEAST_BYTES.saturating_add(Self::TIMES_FILE.saturating_mul(file_bytes));
+        Self { path, file_bytes, most }
     }
 
-    fn take(&mut self, entry: &Entry) -> Result<(), HwError> {
-        let most = Self::of(self.file_bytes, self.path).left;
-        let left = self.left.checked_sub(entry.memory_bytes());
-        self.left = left.ok_or_else(|| HwError::TooLarge {
+    fn check(&self, bytes: u64) -> Result<(), HwError> {
+        if bytes <= self.most {
+            return Ok(());
+        }
+        Err(HwError::TooLarge {
             place: Place::file(self.path),
-            most_mb: most / 1_000_000,
+            most_mb: self.most / 1_000_000,
             file_mb: 1e-6 * self.file_bytes as f64,
-        })?;
-        Ok(())
+        })
     }
 }
 
@@ -199,26 +198,43 @@ impl SameSetUp {
 struct Frames<'a> {
     path: &'a Path,
     same: SameSetUp,
-    real: Vec<f64>,
-    imaginary: Vec<f64>,
-    quality: Vec<Quality>,
+    real: Packed,
+    imaginary: Packed,
+    quality: Packed,
     times: Vec<f64>,
+    /// Bytes of the list of times while it grows.
+    times_bytes: usize,
 }
 
 impl<'a> Frames<'a> {
     fn new(path: &'a Path) -> Self {
-        let (real, imaginary, quality, times) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Self { path, same: SameSetUp::new(path), real, imaginary, quality, times }
+        let [real, imaginary, quality] = [(); 3].map(|()| Packed::default());
+        let (same, times, times_bytes) = (SameSetUp::new(path), Vec::new(), 0);
+        Self { path, same, real, imaginary, quality, times, times_bytes }
     }
 
     fn take(&mut self, entry: &Entry) -> Result<(), HwError> {
+        let is_first = self.same.size().is_none();
         self.same.take(entry)?;
         let Entry::Frame(frame) = entry else { return Ok(()) };
-        self.real.extend(&frame.values);
-        self.imaginary.extend(frame.imaginary.iter().flatten());
-        self.quality.extend(&frame.quality);
+        self.real.extend(frame.values.iter().copied());
+        self.imaginary.extend(frame.imaginary.iter().flatten().copied());
+        self.quality.extend(frame.quality.iter().map(|quality| f64::from(quality.bits())));
+        if is_first {
+            for list in [&mut self.real, &mut self.imaginary, &mut self.quality] {
+                list.end_first_row();
+            }
+        }
         self.times.extend(frame.device_time_s);
+        // the old list and the new one are in memory together
+        self.times_bytes = 12 * self.times.capacity();
         Ok(())
+    }
+
+    /// Returns the memory taken, in bytes.
+    fn bytes(&self) -> u64 {
+        let lists = [&self.real, &self.imaginary, &self.quality].map(Packed::bytes);
+        (lists.iter().sum::<usize>() + self.times_bytes) as u64
     }
 
     fn finish(self, damage: Damage) -> Result<Recording, HwError> {
@@ -227,19 +243,18 @@ impl<'a> Frames<'a> {
         let none = || HwError::NoFrames { place: Place::file(path), skipped: 0 };
         let (count, complex) = self.same.size.ok_or_else(none)?;
         let session = self.same.session.unwrap_or_default();
-        let named = session.quadruples.len();
-        let rows = self.real.len() / count.max(1);
-        let table = |values| Array2::from_shape_vec((rows, count), values).map_err(|_| none());
-        let layout = match named {
-            0 => Layout::ProtocolOrder,
-            _ => Layout::Quadruples(session.quadruples),
+        let layout = match session.quadruples.is_empty() {
+            true => Layout::ProtocolOrder,
+            false => Layout::Quadruples(session.quadruples),
         };
-        let parts = if complex { Some(table(self.imaginary)?) } else { None };
-        let (unit, real) = (Unit::from(session.unit), table(self.real)?);
-        let mut recording = Recording::new(real, parts, layout, unit, Format::Mcap, path);
-        recording.quality =
-            Array2::from_shape_vec((rows, count), self.quality).map_err(|_| none())?;
-        let steady = self.times.len() == rows && self.times.is_sorted();
+        let contents = Contents {
+            imaginary: complex.then_some(self.imaginary),
+            quality: Some(self.quality),
+            ..Contents::real(self.real, count)
+        };
+        let unit = Unit::from(session.unit);
+        let mut recording = Recording::new(contents, layout, unit, Format::Mcap, path)?;
+        let steady = self.times.len() == recording.frame_count() && self.times.is_sorted();
         recording.device_time_s = steady.then_some(self.times);
         recording.notes.extend(damage.note());
         recording.current_a = session.current_a;
@@ -270,10 +285,13 @@ pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Capture, HwError> {
 
 /// Reads every message of a recording.
 fn whole<R: Read + Seek>(mut reader: CaptureReader<R>, path: &Path) -> Result<Capture, HwError> {
-    let (mut entries, mut budget) = (Vec::new(), Budget::of(reader.length(), path));
+    let (mut entries, budget) = (Vec::new(), Budget::of(reader.length(), path));
+    let mut bytes = 0;
     while let Some(entry) = reader.next_entry()? {
-        budget.take(&entry)?;
+        bytes += entry.memory_bytes();
         entries.push(entry);
+        // while the list grows, the old one and the new one are in memory together
+        budget.check(bytes + (3 * entries.capacity() * size_of::<Entry>() / 2) as u64)?;
     }
     Ok(Capture { entries, damage: reader.damage() })
 }

@@ -23,10 +23,10 @@ pub use self::storage::CutTail;
 
 use self::sink::Sink;
 use self::split::Parts;
-use self::storage::Storage;
+use self::storage::{Folder, Folders, Storage};
 use super::container::container_error;
 use super::entry::{Entry, Topic};
-use super::json::FrameJson;
+use super::json::{FrameJson, MOST_VALUES};
 use super::parts::{Part, check_new, parts_of};
 use super::record::{NoteJson, ReferenceRecord, SessionRecord, TouchesRecord};
 use super::stream::{CaptureReader, MessageTimes};
@@ -151,14 +151,21 @@ impl CaptureWriter {
     ) -> Result<Self, HwError> {
         check(settings)?;
         check_new(path)?;
-        if !settings.is_split() {
-            let file = storage::create(path, settings.sync)?;
-            return Self::on(Box::new(file), path, settings, 0);
-        }
-        let place = Part::of(path, 1).path;
-        let file = storage::create(&place, settings.sync)?;
-        let mut capture = Self::on(Box::new(file), &place, settings, 0)?;
-        capture.parts = Some(Parts::new(path, 1, session));
+        Self::new_in(Box::new(Folders), path, session, settings)
+    }
+
+    /// Creates the file, or the first part, in a folder.
+    fn new_in(
+        mut folder: Box<dyn Folder>,
+        path: &Path,
+        session: &SessionRecord,
+        settings: CaptureSettings,
+    ) -> Result<Self, HwError> {
+        let is_split = settings.is_split();
+        let place = if is_split { Part::of(path, 1).path } else { path.to_path_buf() };
+        let file = storage::create(&mut *folder, &place, settings.sync)?;
+        let mut capture = Self::on(file, &place, settings, 0)?;
+        capture.parts = is_split.then(|| Parts::new(path, folder, 1, session));
         Ok(capture)
     }
 
@@ -218,7 +225,7 @@ impl CaptureWriter {
                     false => same_set_up_as(&part.path, session),
                 })?;
             }
-            capture.parts = Some(Parts::new(path, last.number, session));
+            capture.parts = Some(Parts::new(path, Box::new(Folders), last.number, session));
             return Self::begin(capture, session);
         }
     }
@@ -311,12 +318,25 @@ impl CaptureWriter {
         })
     }
 
+    /// Checks that frames of this many values, real and imaginary together, can be recorded: longer
+    /// ones could not be read back.
+    ///
+    /// # Errors
+    /// [`HwError::LongFrame`].
+    pub fn check_frame(values: usize) -> Result<(), HwError> {
+        if values <= MOST_VALUES {
+            return Ok(());
+        }
+        Err(HwError::LongFrame { values, most: MOST_VALUES })
+    }
+
     /// Writes a frame. Once the buffers have grown, allocates only what the container needs per
     /// chunk.
     ///
     /// # Errors
-    /// [`HwError::Write`] if the file cannot be written.
+    /// [`HwError::Write`] if the file cannot be written, and [`HwError::LongFrame`].
     pub fn frame(&mut self, frame: &Frame) -> Result<(), HwError> {
+        Self::check_frame(frame.values.len() + frame.imaginary.as_ref().map_or(0, Vec::len))?;
         let log_time = match frame.host_time_s {
             // time of arrival, not of writing
             Some(time_s) => Duration::try_from_secs_f64(time_s).unwrap_or_else(|_| now()),
@@ -477,6 +497,11 @@ impl CaptureWriter {
         self.open_since = None;
         let packed = self.writer.flush();
         self.packed(packed)?;
+        if self.file.is_removed() {
+            self.finished = true;
+            let source = std::io::Error::other("the file was removed while it was recorded");
+            return Err(HwError::Write { place: Place::file(&self.path), source });
+        }
         if self.settings.sync { self.sync() } else { Ok(()) }
     }
 

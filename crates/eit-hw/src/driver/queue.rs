@@ -1,7 +1,7 @@
 //! The queue between the reader thread and the consumer.
 
 use std::collections::VecDeque;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::source::{Event, Statistics};
@@ -23,7 +23,6 @@ pub enum Overflow {
 pub(super) struct Queue {
     state: Mutex<State>,
     news: Condvar,
-    capacity: usize,
     overflow: Overflow,
 }
 
@@ -31,6 +30,8 @@ pub(super) struct Queue {
 struct State {
     events: VecDeque<Event>,
     frames: usize,
+    /// Maximum number of frames.
+    capacity: usize,
     /// Frames whose memory can be reused.
     spare: Vec<Frame>,
     statistics: Statistics,
@@ -39,15 +40,57 @@ struct State {
     ended: bool,
 }
 
+impl State {
+    /// Drops the frame that has waited longest; returns whether there was one.
+    fn drop_oldest(&mut self) -> bool {
+        let oldest = self.events.iter().position(|event| matches!(event, Event::Frame(_)));
+        let Some(Event::Frame(frame)) = oldest.and_then(|oldest| self.events.remove(oldest)) else {
+            return false;
+        };
+        if self.spare.len() < self.capacity + 2 {
+            self.spare.push(frame);
+        }
+        self.frames -= 1;
+        self.statistics.dropped += 1;
+        true
+    }
+}
+
+/// Sets how many frames of a [`Session`](super::Session) may wait for their consumer, also while it
+/// is in use elsewhere: a recording that begins later must not lose frames, whereas a view shows the
+/// latest.
+#[derive(Clone, Debug)]
+pub struct Waiting {
+    queue: Arc<Queue>,
+}
+
+impl Waiting {
+    pub(super) fn of(queue: &Arc<Queue>) -> Self {
+        Self { queue: Arc::clone(queue) }
+    }
+
+    /// Sets the maximum number of waiting frames, at least 1; returns the previous one. Frames that
+    /// are then too many are dropped and counted when the next one arrives.
+    pub fn set_capacity(&self, frames: usize) -> usize {
+        std::mem::replace(&mut self.queue.state().capacity, frames.max(1))
+    }
+
+    /// Returns the number of received frames dropped so far because the consumer was slow.
+    pub fn dropped(&self) -> u64 {
+        self.queue.statistics().dropped
+    }
+}
+
 impl Queue {
     pub(super) fn new(capacity: usize, overflow: Overflow) -> Self {
         let state = State {
             // frames, and as many other events
             events: VecDeque::with_capacity(2 * capacity + 16),
             spare: Vec::with_capacity(capacity + 2),
+            capacity,
             ..State::default()
         };
-        Self { state: Mutex::new(state), news: Condvar::new(), capacity, overflow }
+        Self { state: Mutex::new(state), news: Condvar::new(), overflow }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -70,7 +113,7 @@ impl Queue {
 
     pub(super) fn recycle(&self, frame: Frame) {
         let mut state = self.state();
-        if state.spare.len() < self.capacity + 2 {
+        if state.spare.len() < state.capacity + 2 {
             state.spare.push(frame);
         }
     }
@@ -82,21 +125,13 @@ impl Queue {
             state.statistics.frames += 1;
             state.statistics.flagged +=
                 u64::from(frame.quality.iter().any(|quality| !quality.is_good()));
-            if state.frames == self.capacity {
-                if self.overflow == Overflow::Fail {
-                    return false;
-                }
-                let oldest = state.events.iter().position(|event| matches!(event, Event::Frame(_)));
-                if let Some(Event::Frame(frame)) =
-                    oldest.and_then(|oldest| state.events.remove(oldest))
-                {
-                    state.spare.push(frame);
-                    state.frames -= 1;
-                    state.statistics.dropped += 1;
-                }
+            if state.frames >= state.capacity && self.overflow == Overflow::Fail {
+                return false;
             }
+            // more than one after the capacity was lowered
+            while state.frames >= state.capacity && state.drop_oldest() {}
             state.frames += 1;
-        } else if state.events.len() >= 2 * self.capacity + 16 {
+        } else if state.events.len() >= 2 * state.capacity + 16 {
             // unread messages must not fill the memory; frames are limited above
             let oldest = state
                 .events

@@ -16,7 +16,7 @@ use self::reader::Reader;
 use self::silence::Silence;
 use self::stream::Stream;
 use super::interface::{Driver, connect};
-use super::queue::Queue;
+use super::queue::{Queue, Waiting};
 use super::setup::Setup;
 use super::source::{Event, FrameSource, Statistics};
 use crate::error::HwError;
@@ -110,6 +110,12 @@ impl Session {
     /// Number of frames received but not yet taken with [`Session::next_event`].
     pub fn frames_waiting(&self) -> usize {
         self.queue.frames_waiting()
+    }
+
+    /// Returns what sets the number of frames that may wait, for use while the session is lent to a
+    /// loop.
+    pub fn waiting(&self) -> Waiting {
+        Waiting::of(&self.queue)
     }
 
     /// Returns whether the session has ended and every event was taken.

@@ -13,6 +13,7 @@ use super::interface::Driver;
 use super::setup::{Identity, Limits, Setup};
 use crate::codec::text::{Decoder, Event, Fault};
 use crate::error::HwError;
+use crate::readers::csv::Pairs;
 use crate::recording::hint::CountHint;
 use crate::transport::Link;
 
@@ -88,7 +89,7 @@ impl Text {
     }
 
     /// Returns an error if several complete lines agree on another number of values.
-    fn line_count(&mut self, link: &Link) -> Result<(), HwError> {
+    fn line_count(&mut self, link: &mut Link) -> Result<(), HwError> {
         self.line_counts.sort_unstable();
         let runs = self.line_counts.chunk_by(|one, other| one == other);
         let Some(run) = runs.max_by_key(|run| run.len()).filter(|run| run.len() >= ALIKE) else {
@@ -98,7 +99,11 @@ impl Text {
         let (found, wanted) = (run[0], format.measurements());
         let lines = format.lines_per_frame.max(1);
         let step = if format.complex { 2 } else { 1 };
-        let hint = CountHint::of(found * lines / step, 1, wanted, None);
+        let is_twice = found == 2 * format.values_per_line;
+        let hint = match is_twice && has_decimal_commas(&link.recorded_input()) {
+            true => CountHint::DecimalComma,
+            false => CountHint::of(found * lines / step, 1, wanted, None),
+        };
         Err(HwError::LineCount {
             endpoint: link.endpoint().to_string(),
             found,
@@ -129,6 +134,19 @@ impl Text {
             waited_s: self.board.first_frame_s,
         })
     }
+}
+
+/// Returns whether the complete lines received are pairs of whole numbers, as decimal commas make them.
+fn has_decimal_commas(received: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(received);
+    // the first and the last line may be truncated
+    let lines = text.trim_end_matches(|end| end != '\n').lines().skip(1);
+    let pairs = lines.map(|line| Pairs::of(line.trim().trim_end_matches(',')));
+    pairs.fold(Pairs::Possible, |all, one| match (all, one) {
+        (Pairs::No, _) | (_, Pairs::No) => Pairs::No,
+        (Pairs::Likely, _) => Pairs::Likely,
+        (Pairs::Possible, one) => one,
+    }) == Pairs::Likely
 }
 
 impl Driver for Text {
@@ -218,5 +236,19 @@ impl Driver for Text {
     fn stop(&mut self, _: &mut Link) -> Result<(), HwError> {
         // none of the boards has a stop command
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::has_decimal_commas;
+
+    #[test]
+    fn decimal_commas_of_a_board() {
+        assert!(has_decimal_commas(b"12,0,51\r\n0,51,0,52\r\n1,02,0,50\r\n0,"));
+        // whole numbers, a sign, points, nothing complete
+        for text in ["9\n1,2,3,4\n", "9\n0,51,0,-52\n", "9\n0.51,0.52\n", "0,51,0,52\n", ""] {
+            assert!(!has_decimal_commas(text.as_bytes()), "{text:?}");
+        }
     }
 }

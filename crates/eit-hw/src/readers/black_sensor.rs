@@ -8,15 +8,18 @@
 
 use std::path::Path;
 
-use super::{table, text};
 use crate::codec::text::{Decoder, Event, Fault, TextFormat};
 use crate::error::{At, HwError};
-use crate::recording::{Format, Layout, Recording, SkipReason, Skipped, Unit};
+use crate::recording::packed::Packed;
+use crate::recording::{Contents, Format, Layout, Recording, SkipReason, Skipped, Unit};
 
 /// Number of columns that the computer adds before those of the board.
 const ADDED: usize = 2;
 /// Start of the second line of every log.
 const HEADER: &[u8] = b"time_pc [s],";
+
+/// Most bytes used of a line; those of a frame have about 110.
+const MOST_LINE: usize = 4096;
 
 /// Returns whether the first lines are those of such a log.
 pub(super) fn is_log(bytes: &[u8]) -> bool {
@@ -36,27 +39,37 @@ pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError>
     let mut decoder = Decoder::new(format)?;
     // the file starts at the start of a line
     decoder.reset(true);
-    let (mut values, mut qualities, mut skipped) = (Vec::new(), Vec::new(), Skipped::default());
-    let content = String::from_utf8_lossy(bytes);
-    for (line, row) in text::lines(&content) {
-        decoder.push(serial(row).as_bytes(), &mut |event| match event {
+    let (mut values, mut qualities) = (Packed::of_rows(count), Packed::of_rows(count));
+    let mut skipped = Skipped::default();
+    for (row, line) in lines(bytes).zip(1..) {
+        // a line at a time: the replacements of wrong bytes are longer than these
+        let row = String::from_utf8_lossy(row.get(..MOST_LINE).unwrap_or(row));
+        decoder.push(serial(&row).as_bytes(), &mut |event| match event {
             Event::Frame { values: frame, quality, .. } => {
-                values.extend_from_slice(frame);
-                qualities.extend_from_slice(quality);
+                values.extend(frame.iter().copied());
+                qualities.extend(quality.iter().map(|quality| f64::from(quality.bits())));
             }
             Event::Skipped(fault) => skipped.add(1, At::Line(line), reason(fault)),
             Event::Line(_) => {}
         });
     }
-    let real = table::frames(values, count, path, skipped.frames)?;
-    let shape = real.dim();
+    let contents = Contents {
+        quality: Some(qualities),
+        skipped: skipped.frames,
+        ..Contents::real(values, count)
+    };
     let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
-    let mut recording = Recording::new(real, None, layout, unit, Format::BlackSensor, path);
-    if let Ok(quality) = ndarray::Array2::from_shape_vec(shape, qualities) {
-        recording.quality = quality;
-    }
+    let mut recording = Recording::new(contents, layout, unit, Format::BlackSensor, path)?;
     recording.skipped = skipped;
     Ok(recording)
+}
+
+/// Iterates over lines, which end with LF, CR LF or CR.
+fn lines(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    bytes
+        .split(|&byte| byte == b'\n')
+        .map(|line| line.strip_suffix(b"\r").unwrap_or(line))
+        .flat_map(|line| line.split(|&byte| byte == b'\r'))
 }
 
 /// Returns what was received over the line: a mark, or the counts after the board's time.
@@ -110,14 +123,14 @@ mod tests {
                 .concat();
         assert!(is_log(text.as_bytes()));
         let recording = parse(text.as_bytes(), Path::new("log.csv")).unwrap();
-        assert_eq!((recording.real.dim(), recording.skipped.frames), ((2, 256), 1));
+        assert_eq!((recording.real().dim(), recording.skipped.frames), ((2, 256), 1));
         for (frame, counts) in [&sound as &dyn Fn(usize, usize) -> u32, &railed].iter().enumerate()
         {
             for index in 0..256 {
                 let count = counts(index / 16, index % 16);
-                assert_eq!(recording.real[[frame, index]], f64::from(count));
+                assert_eq!(recording.real()[[frame, index]], f64::from(count));
                 let wanted = if count == 65_535 { Quality::SATURATED } else { Quality::GOOD };
-                assert_eq!(recording.quality[[frame, index]], wanted, "{count}");
+                assert_eq!(recording.quality()[[frame, index]], wanted, "{count}");
             }
         }
     }

@@ -4,13 +4,19 @@
 //! that the first line of numbers contains. Everything after `#` is a comment. Blank lines are
 //! skipped, and so is the first line if none of its fields starts as a number (a header); one
 //! separator may end a line. Every row must have as many values as the first.
+//!
+//! A comma is never a decimal one. Where every line is a pair of whole numbers as in `1,5`, a note says
+//! that it was read as two ([`Note::DecimalComma`]); where pairs as in `0,25` are twice as many values as
+//! measurements, the error says so ([`CountHint::DecimalComma`](crate::CountHint::DecimalComma)).
 
 use std::path::Path;
 
 use super::files::file_bytes;
-use super::{table, text};
+use super::table::{self, Table};
+use super::text;
 use crate::error::{HwError, Place};
 pub use crate::recording::FrameOrientation;
+use crate::recording::packed::Packed;
 use crate::recording::{Format, Layout, Note, Recording, Unit};
 
 /// Layout of a CSV file.
@@ -34,7 +40,18 @@ pub struct CsvOptions {
 /// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
 pub fn read(path: impl AsRef<Path>, options: &CsvOptions) -> Result<Recording, HwError> {
     let path = path.as_ref();
-    parse(&file_bytes(path, Format::Csv.name())?, path, options)
+    parse_owned(file_bytes(path, Format::Csv.name())?, path, options)
+}
+
+/// Parses the content of a CSV file, which is freed before rows become columns.
+pub(super) fn parse_owned(
+    bytes: Vec<u8>,
+    path: &Path,
+    options: &CsvOptions,
+) -> Result<Recording, HwError> {
+    let rows = Rows::parse(&bytes, path)?;
+    drop(bytes);
+    rows.recording(path, options)
 }
 
 /// Parses the content of a CSV file; `path` is used in messages only.
@@ -51,30 +68,23 @@ pub fn parse(
     options: &CsvOptions,
 ) -> Result<Recording, HwError> {
     let path = path.as_ref();
-    let content = text::decode(bytes, path)?;
-    let mut rows = Rows::default();
-    for (line, row) in text::lines(content) {
-        rows.push(row, line, path)?;
-    }
-    let CsvOptions { orientation, complex } = *options;
-    let table = table::frames(rows.values, rows.columns, path, 0)?;
-    let (real, imaginary) = table::oriented(table, orientation, complex, path)?;
-    let mut recording =
-        Recording::new(real, imaginary, Layout::ProtocolOrder, Unit::Arbitrary, Format::Csv, path);
-    recording.frames_are = Some(orientation);
-    recording.notes.extend(rows.header.map(|line| Note::HeaderLine { line }));
-    recording.notes.extend(text::line_without_end(content).map(|line| Note::NoLineEnd { line }));
-    Ok(recording.with_missing())
+    Rows::parse(bytes, path)?.recording(path, options)
 }
 
 /// Rows read so far.
 #[derive(Default)]
 struct Rows {
-    values: Vec<f64>,
+    values: Packed,
     columns: usize,
     count: usize,
     separator: Option<Separator>,
     header: Option<usize>,
+    /// Number of the last line if it has no end.
+    unended: Option<usize>,
+    /// Whether a row is anything but pairs of whole numbers, as in `1,5`.
+    unpaired: bool,
+    /// Whether some pair looks like one number.
+    decimal: bool,
 }
 
 #[derive(Clone, Copy)]
@@ -84,6 +94,16 @@ enum Separator {
 }
 
 impl Rows {
+    fn parse(bytes: &[u8], path: &Path) -> Result<Self, HwError> {
+        let content = text::decode(bytes, path)?;
+        let mut rows = Self::default();
+        for (line, row) in text::lines(content) {
+            rows.push(row, line, path)?;
+        }
+        rows.unended = text::line_without_end(content);
+        Ok(rows)
+    }
+
     fn push(&mut self, line: &str, number: usize, path: &Path) -> Result<(), HwError> {
         let line = line.split('#').next().unwrap_or_default().trim();
         if line.is_empty() {
@@ -93,6 +113,8 @@ impl Rows {
         let first = self.count == 0;
         if first && self.header.is_none() && !fields(line, separator).any(is_numeric) {
             self.header = Some(number);
+            // which names several columns
+            self.unpaired = fields(line, separator).nth(1).is_some();
             return Ok(());
         }
         self.separator = Some(separator);
@@ -103,8 +125,14 @@ impl Rows {
         }
         if first {
             self.columns = columns;
+            self.values.end_first_row();
         }
         self.count += 1;
+        if !self.unpaired {
+            let pairs = Pairs::of(line);
+            self.unpaired = pairs == Pairs::No;
+            self.decimal |= pairs == Pairs::Likely;
+        }
         if columns == self.columns {
             return Ok(());
         }
@@ -115,6 +143,55 @@ impl Rows {
             wanted: self.columns,
             mend: "every row must have as many values as the first: remove or complete this one",
         })
+    }
+
+    fn recording(self, path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
+        let CsvOptions { orientation, complex } = *options;
+        let table = Table { values: self.values.finished(), length: self.columns };
+        if table.values.len() == 0 {
+            return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
+        }
+        let contents = table::oriented(table, orientation, complex, path)?;
+        let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
+        let mut recording = Recording::new(contents, layout, unit, Format::Csv, path)?;
+        recording.frames_are = Some(orientation);
+        recording.notes.extend(self.header.map(|line| Note::HeaderLine { line }));
+        recording.notes.extend(self.unended.map(|line| Note::NoLineEnd { line }));
+        recording.may_have_decimal_commas = !self.unpaired && self.decimal;
+        if self.columns == 2 && !self.unpaired {
+            recording.notes.push(Note::DecimalComma);
+        }
+        Ok(recording.with_missing())
+    }
+}
+
+/// What a line of whole numbers in pairs, such as `1,5,-0,25`, says of decimal commas.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pairs {
+    /// A sign, a point, a space or nothing follows some comma: it separates numbers.
+    No,
+    /// They may be decimal ones.
+    Possible,
+    /// Some pair is a number below one or has a zero after the comma, as `0,25` and `1,05`: few whole
+    /// numbers are written like that.
+    Likely,
+}
+
+impl Pairs {
+    pub(crate) fn of(line: &str) -> Self {
+        let is_whole = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+        let (mut fields, mut found) = (line.split(','), Self::Possible);
+        while let Some(whole) = fields.next() {
+            let whole = whole.strip_prefix(['+', '-']).unwrap_or(whole);
+            let Some(part) = fields.next().filter(|part| is_whole(part) && is_whole(whole)) else {
+                return Self::No;
+            };
+            let is_small = whole == "0" && part.bytes().any(|digit| digit != b'0');
+            if is_small || (part.len() > 1 && part.starts_with('0')) {
+                found = Self::Likely;
+            }
+        }
+        found
     }
 }
 

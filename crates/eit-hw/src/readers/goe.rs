@@ -11,9 +11,9 @@
 use std::path::Path;
 
 use super::files::file_bytes;
-use super::table;
 use crate::error::{At, HwError, Place};
-use crate::recording::{Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
+use crate::recording::packed::Packed;
+use crate::recording::{Contents, Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
 
 const ELECTRODES: usize = 16;
 /// Measured pairs per drive: those without a driven electrode.
@@ -60,25 +60,29 @@ pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError>
         let reason = SkipReason::Bytes { found: rest.len(), wanted: FRAME_BYTES };
         skipped.add(1, At::Byte(frames.len() * FRAME_BYTES), reason);
     }
-    let mut values = Vec::with_capacity(frames.len() * MEASUREMENTS);
+    let filled = is_half(frames);
+    let mut values = Packed::of_rows(MEASUREMENTS);
     for (frame, bytes) in frames.iter().enumerate() {
-        let (floats, _) = bytes.as_chunks::<4>();
-        for (measurement, &float) in floats.iter().take(MEASUREMENTS).enumerate() {
-            let value = f64::from(f32::from_le_bytes(float));
-            let place = || Place::byte(path, frame * FRAME_BYTES + measurement * 4);
+        let mut measured = [0.0; MEASUREMENTS];
+        for (measurement, slot) in measured.iter_mut().enumerate() {
+            *slot = value_of(bytes, measurement);
+            let (value, place) =
+                (*slot, || Place::byte(path, frame * FRAME_BYTES + measurement * 4));
             if !value.is_finite() {
                 return Err(HwError::NonFinite { place: place(), frame, measurement, value });
             }
             if value.abs() > LARGEST {
                 return Err(HwError::Implausible { place: place(), value, format: "Goe-MF II" });
             }
-            values.push(value);
         }
+        if filled {
+            fill_by_reciprocity(&mut measured);
+        }
+        values.extend(measured);
     }
-    let filled = fill_by_reciprocity(&mut values);
-    let real = table::frames(values, MEASUREMENTS, path, skipped.frames)?;
-    let mut recording =
-        Recording::new(real, None, Layout::ProtocolOrder, Unit::Arbitrary, Format::Goe, path);
+    let contents = Contents { skipped: skipped.frames, ..Contents::real(values, MEASUREMENTS) };
+    let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
+    let mut recording = Recording::new(contents, layout, unit, Format::Goe, path)?;
     recording.skipped = skipped;
     if filled {
         recording.notes.push(Note::FilledByReciprocity { values: MEASUREMENTS / 2 });
@@ -86,23 +90,34 @@ pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError>
     Ok(recording)
 }
 
-/// Fills the half of each frame that is 0 in all frames: the measured pairs that start before the
-/// drive. Returns whether there was such a half.
-fn fill_by_reciprocity(values: &mut [f64]) -> bool {
-    let pair_of = |slot: usize| (slot / PAIRS + 2 + slot % PAIRS) % ELECTRODES;
-    let is_empty = |slot: usize| pair_of(slot) < slot / PAIRS;
-    let (frames, _) = values.as_chunks_mut::<MEASUREMENTS>();
-    let zero = |slot: usize| frames.iter().all(|frame| frame[slot] == 0.0);
-    let half = (0..MEASUREMENTS).all(|slot| !is_empty(slot) || zero(slot));
-    if !half || (0..MEASUREMENTS).all(zero) {
-        return false;
+/// Returns a value of a stored frame.
+fn value_of(frame: &[u8; FRAME_BYTES], measurement: usize) -> f64 {
+    let (floats, _) = frame.as_chunks::<4>();
+    floats.get(measurement).map_or(0.0, |float| f64::from(f32::from_le_bytes(*float)))
+}
+
+/// Returns the measured pair of a place in the frame.
+const fn pair_of(slot: usize) -> usize {
+    (slot / PAIRS + 2 + slot % PAIRS) % ELECTRODES
+}
+
+/// Returns whether a place is of the half that some instruments leave empty: the measured pairs that
+/// start before the drive.
+const fn is_empty(slot: usize) -> bool {
+    pair_of(slot) < slot / PAIRS
+}
+
+/// Returns whether that half, and not everything, is 0 in all frames.
+fn is_half(frames: &[[u8; FRAME_BYTES]]) -> bool {
+    let zero = |slot: usize| frames.iter().all(|frame| value_of(frame, slot) == 0.0);
+    (0..MEASUREMENTS).all(|slot| !is_empty(slot) || zero(slot)) && !(0..MEASUREMENTS).all(zero)
+}
+
+/// Fills the empty half of a frame.
+fn fill_by_reciprocity(frame: &mut [f64; MEASUREMENTS]) {
+    for slot in (0..MEASUREMENTS).filter(|&slot| is_empty(slot)) {
+        // take drive s and measured pair d instead of drive d and measured pair s = d + 2 + k:
+        // d = s + 2 + (12 - k) mod 16
+        frame[slot] = frame[PAIRS * pair_of(slot) + PAIRS - 1 - slot % PAIRS];
     }
-    for frame in frames {
-        for slot in (0..MEASUREMENTS).filter(|&slot| is_empty(slot)) {
-            // take drive s and measured pair d instead of drive d and measured pair s = d + 2 + k:
-            // d = s + 2 + (12 - k) mod 16
-            frame[slot] = frame[PAIRS * pair_of(slot) + PAIRS - 1 - slot % PAIRS];
-        }
-    }
-    true
 }

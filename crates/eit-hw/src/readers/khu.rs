@@ -18,10 +18,11 @@ mod table_log;
 use std::path::Path;
 
 use super::files::{file_bytes, file_names, missing_numbers};
-use super::{table, text};
+use super::text;
 use crate::error::{HwError, Place};
 use crate::frame::Quality;
-use crate::recording::{Format, Layout, Recording, Unit};
+use crate::recording::packed::Packed;
+use crate::recording::{Contents, Format, Layout, Recording, Unit};
 use table_log::ProjectionTable;
 
 /// Name of the projection table.
@@ -64,23 +65,20 @@ pub fn read(path: impl AsRef<Path>) -> Result<Recording, HwError> {
     if scans.is_empty() {
         return Err(missing("1Scan.txt"));
     }
-    let (mut real, mut imaginary, mut quality) = (Vec::new(), Vec::new(), Vec::new());
+    let values = table.quadruples.len();
+    let list = || Packed::of_rows(values);
+    let (mut real, mut imaginary, mut quality) = (list(), list(), list());
     for (_, name) in &scans {
         let path = path.join(name);
         let scan = parse_scan(&file_bytes(&path, Format::Khu.name())?, &path, &table)?;
         real.extend(scan.real);
         imaginary.extend(scan.imaginary);
-        quality.extend(scan.quality);
+        quality.extend(scan.quality.iter().map(|quality| f64::from(quality.bits())));
     }
-    let values = table.quadruples.len();
-    let real = table::frames(real, values, path, 0)?;
-    let imaginary = table::frames(imaginary, values, path, 0)?;
+    let contents =
+        Contents { quality: Some(quality), ..Contents::complex(real, imaginary, values) };
     let layout = Layout::Quadruples(table.quadruples);
-    let mut recording =
-        Recording::new(real, Some(imaginary), layout, Unit::Volt, Format::Khu, path);
-    for (slot, flags) in recording.quality.iter_mut().zip(quality) {
-        *slot = flags;
-    }
+    let mut recording = Recording::new(contents, layout, Unit::Volt, Format::Khu, path)?;
     recording.notes.extend(missing_numbers(scans.iter().map(|(number, _)| *number)));
     Ok(recording)
 }

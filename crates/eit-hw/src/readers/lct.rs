@@ -8,11 +8,14 @@
 use std::path::Path;
 
 use super::files::file_bytes;
-use super::{table, text};
+use super::text;
 use crate::error::{HwError, Place, shortened};
-use crate::recording::{Format, Layout, Note, Recording, Unit};
+use crate::recording::packed::Packed;
+use crate::recording::{Contents, Format, Layout, Note, Recording, Unit};
 
 const MEND: &str = "export the file again";
+/// Most measurements in the frame of a file; adjacent patterns of 256 electrodes have 64 768.
+const MOST_ROWS: usize = 1 << 18;
 
 /// Reads an LCT file.
 ///
@@ -39,40 +42,36 @@ pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError>
         return Err(field(path, 1, "first line", &text, "`#MEAS`"));
     }
     let header = Header::parse(content, path)?;
-    let mut rows: Vec<(usize, [f64; 3])> = Vec::new();
+    let list = || Packed::of_rows(header.length);
+    let (mut real, mut imaginary, mut rows) = (list(), list(), 0);
+    let (mut before, mut notes) = (None, Vec::new());
     for (line, content) in text::lines(content) {
-        if !content.starts_with('#') && !content.trim().is_empty() {
-            rows.push((line, text::numbers(content, line, path, MEND)?));
+        if content.starts_with('#') || content.trim().is_empty() {
+            continue;
         }
+        let row = text::numbers(content, line, path, MEND)?;
+        if rows < header.length {
+            let [x, y] = impedance(row, Place::line(path, line), rows)?;
+            real.push(x);
+            imaginary.push(y);
+        } else if rows == header.length && before == Some(row) {
+            notes.push(Note::RepeatedLastRow { line });
+        }
+        (before, rows) = (Some(row), rows + 1);
     }
     text::require_end(content, path)?;
-    let mut notes = Vec::new();
-    if rows.len().checked_sub(1) == Some(header.length)
-        && let [.., (_, before), (line, last)] = rows[..]
-        && before == last
-    {
-        notes.push(Note::RepeatedLastRow { line });
-        rows.pop();
-    }
-    if rows.len() != header.length {
+    if rows != header.length + notes.len() {
         return Err(HwError::Count {
             place: Place::file(path),
             what: "rows",
-            found: rows.len(),
+            found: rows,
             wanted: header.length,
             mend: "as in the header's `Length`: export the file again",
         });
     }
-    let (mut real, mut imaginary) = (Vec::new(), Vec::new());
-    for (measurement, (line, row)) in rows.into_iter().enumerate() {
-        let [x, y] = impedance(row, Place::line(path, line), measurement)?;
-        real.push(x);
-        imaginary.push(y);
-    }
-    let real = table::frames(real, header.length, path, 0)?;
-    let imaginary = table::frames(imaginary, header.length, path, 0)?;
-    let mut recording =
-        Recording::new(real, Some(imaginary), Layout::ProtocolOrder, Unit::Ohm, Format::Lct, path);
+    let contents = Contents::complex(real, imaginary, header.length);
+    let (layout, unit) = (Layout::ProtocolOrder, Unit::Ohm);
+    let mut recording = Recording::new(contents, layout, unit, Format::Lct, path)?;
     recording.frequency_hz = Some(header.frequency_hz);
     recording.notes = notes;
     Ok(recording)
@@ -103,8 +102,9 @@ impl Header {
         for (line, content) in text::lines(content) {
             let Some(content) = content.strip_prefix('#') else { continue };
             if let Some(text) = value_of(content, "Length") {
-                let whole = || field(path, line, "Length", text, "a whole number");
-                length = Some(text.parse().map_err(|_| whole())?);
+                let whole = || field(path, line, "Length", text, "a whole number up to 262144");
+                let count = text.parse::<usize>().ok().filter(|&count| count <= MOST_ROWS);
+                length = Some(count.ok_or_else(whole)?);
             } else if let Some(text) = value_of(content, "Electrodes") {
                 let whole = || field(path, line, "Electrodes", text, "a whole number from 4");
                 let count = text.parse::<usize>().ok().filter(|&count| count >= 4);

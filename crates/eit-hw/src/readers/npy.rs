@@ -6,15 +6,17 @@
 
 mod header;
 
+use std::io::{self, BufReader, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use ndarray::{Array2, ArrayD, IxDyn, ShapeBuilder};
+use ndarray::{ArrayD, IxDyn, ShapeBuilder};
 
 use self::header::{Header, Kind};
 use super::files::file_bytes;
-use super::table;
+use super::table::Parts;
 use crate::error::{HwError, Place};
 use crate::recording::{Format, FrameOrientation, Layout, Note, Recording, Unit};
+use crate::regular::regular_file;
 
 /// First bytes of every `.npy` file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
@@ -36,13 +38,30 @@ pub struct NpyOptions {
     pub complex: bool,
 }
 
-/// Reads an NPY file.
+/// Longest header read; NumPy's have about 100 bytes.
+const MOST_HEADER_BYTES: u64 = 1 << 20;
+/// Memory in bytes used to collect vectors that are not contiguous in the file.
+const COLLECTED_BYTES: usize = 8 << 20;
+
+/// Reads an NPY file, in pieces.
 ///
 /// # Errors
 /// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
 pub fn read(path: impl AsRef<Path>, options: &NpyOptions) -> Result<Recording, HwError> {
     let path = path.as_ref();
-    parse(&file_bytes(path, Format::Npy.name())?, path, options)
+    if path.is_dir() {
+        let format = Format::Npy.name();
+        return Err(HwError::Folder { place: Place::file(path), format });
+    }
+    recording(BufReader::with_capacity(1 << 16, regular_file(path)?), path, options)
+}
+
+/// Returns whether a file begins as an array.
+pub(super) fn is_npy(path: &Path) -> Result<bool, HwError> {
+    let failed = |source| HwError::Read { place: Place::file(path), source };
+    let mut start = Vec::new();
+    regular_file(path)?.take(MAGIC.len() as u64).read_to_end(&mut start).map_err(failed)?;
+    Ok(start == MAGIC)
 }
 
 /// Parses the content of an NPY file; `path` is used in messages only.
@@ -62,8 +81,21 @@ pub fn parse(
     path: impl AsRef<Path>,
     options: &NpyOptions,
 ) -> Result<Recording, HwError> {
-    let path = path.as_ref();
-    let Header { first_byte, kind, fortran, shape } = Header::parse(bytes, path)?;
+    recording(Cursor::new(bytes), path.as_ref(), options)
+}
+
+fn recording<R: Read + Seek>(
+    mut source: R,
+    path: &Path,
+    options: &NpyOptions,
+) -> Result<Recording, HwError> {
+    let failed = |source| HwError::Read { place: Place::file(path), source };
+    let total = source.seek(SeekFrom::End(0)).map_err(failed)?;
+    source.rewind().map_err(failed)?;
+    let mut head = Vec::new();
+    source.by_ref().take(MOST_HEADER_BYTES).read_to_end(&mut head).map_err(failed)?;
+    let Header { first_byte, kind, fortran, shape } = Header::parse(&head, path)?;
+    drop(head);
     let orientation = options.orientation;
     let by_rows = orientation == FrameOrientation::Rows;
     let (rows, columns) = match shape[..] {
@@ -80,26 +112,85 @@ pub fn parse(
             meant: "tables of real numbers",
         });
     }
-    let data = &bytes[first_byte..];
+    let found = usize::try_from(total).unwrap_or(usize::MAX) - first_byte;
     let wanted = rows.checked_mul(columns).and_then(|count| count.checked_mul(kind.bytes()));
-    if wanted != Some(data.len()) {
-        return Err(wrong_size(path, first_byte, data.len(), wanted));
+    if wanted != Some(found) {
+        return Err(wrong_size(path, first_byte, found, wanted));
     }
-    let stored = Stored { data, kind, rows, columns, fortran };
-    let (real, alternating) =
-        table::oriented(stored.part(0, path)?, orientation, options.complex, path)?;
-    let imaginary = if kind.complex {
-        Some(table::oriented(stored.part(1, path)?, orientation, false, path)?.0)
+    let (count, length) = if by_rows { (rows, columns) } else { (columns, rows) };
+    let mut parts = Parts::new(count, length, orientation, options.complex, path)?;
+    // the rows of a table in C order follow each other, and so do the columns of one in Fortran's
+    let vectors = Vectors { first_byte: first_byte as u64, kind, count, length };
+    if count.min(length) == 0 {
+        return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
+    }
+    if by_rows == fortran && count.min(length) > 1 {
+        vectors.collect(&mut source, &mut parts).map_err(failed)?;
     } else {
-        alternating
-    };
-    let mut recording =
-        Recording::new(real, imaginary, Layout::ProtocolOrder, Unit::Arbitrary, Format::Npy, path);
+        source.seek(SeekFrom::Start(first_byte as u64)).map_err(failed)?;
+        vectors.stream(&mut source, &mut parts).map_err(failed)?;
+    }
+    let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
+    let mut recording = Recording::new(parts.contents(), layout, unit, Format::Npy, path)?;
     recording.frames_are = Some(orientation);
     if by_rows && matches!(shape[..], [_, 1]) {
         recording.notes.push(Note::OneColumn { rows: columns });
     }
     Ok(recording.with_missing())
+}
+
+/// The rows or columns of a stored table that form its frames: `count` times `length` numbers.
+struct Vectors {
+    first_byte: u64,
+    kind: Kind,
+    count: usize,
+    length: usize,
+}
+
+impl Vectors {
+    fn push(&self, vector: usize, bytes: &[u8], parts: &mut Parts) {
+        let (real, imaginary) = bytes.split_at(self.kind.size);
+        match self.kind.complex {
+            true => parts.push_complex(self.kind.value(real), self.kind.value(imaginary)),
+            false => parts.push(vector, self.kind.value(real)),
+        }
+    }
+
+    /// Reads vectors that follow each other.
+    fn stream(&self, source: &mut impl Read, parts: &mut Parts) -> io::Result<()> {
+        let mut bytes = vec![0; self.kind.bytes()];
+        for vector in 0..self.count {
+            for _ in 0..self.length {
+                source.read_exact(&mut bytes)?;
+                self.push(vector, &bytes, parts);
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads vectors whose first values are followed by all second values and so on, some at a time.
+    fn collect<R: Read + Seek>(&self, source: &mut R, parts: &mut Parts) -> io::Result<()> {
+        let size = self.kind.bytes();
+        let group = (COLLECTED_BYTES / size / self.length).clamp(1, self.count);
+        let mut bytes = vec![0; group * self.length * size];
+        let mut position = source.stream_position()?;
+        for first in (0..self.count).step_by(group) {
+            let some = group.min(self.count - first);
+            for (index, slots) in bytes.chunks_exact_mut(group * size).enumerate() {
+                let at = self.first_byte + (index * self.count + first) as u64 * size as u64;
+                // relative, so that a buffer is kept
+                source.seek_relative(at as i64 - position as i64)?;
+                source.read_exact(&mut slots[..some * size])?;
+                position = at + (some * size) as u64;
+            }
+            for vector in 0..some {
+                for slots in bytes.chunks_exact(group * size) {
+                    self.push(first + vector, &slots[vector * size..(vector + 1) * size], parts);
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Parses real numbers of any shape from the content of an NPY file; `path` is used in messages
@@ -125,8 +216,7 @@ pub fn parse_array(bytes: &[u8], path: impl AsRef<Path>) -> Result<ArrayD<f64>, 
     if wanted != Some(data.len()) {
         return Err(wrong_size(path, first_byte, data.len(), wanted));
     }
-    let rows = count.unwrap_or_default();
-    let list = Stored { data, kind, rows, columns: 1, fortran }.list(0);
+    let list: Vec<f64> = data.chunks_exact(kind.bytes()).map(|bytes| kind.value(bytes)).collect();
     let shape = IxDyn(&shape).set_f(fortran);
     let none = |_| HwError::NoFrames { place: Place::file(path), skipped: 0 };
     ArrayD::from_shape_vec(shape, list).map_err(none)
@@ -148,33 +238,5 @@ fn wrong_size(path: &Path, first_byte: usize, found: usize, wanted: Option<usize
         found,
         wanted: wanted.unwrap_or(usize::MAX),
         mend: "the file is truncated or contains more than one array: copy or save it again",
-    }
-}
-
-/// The stored numbers, exactly `rows * columns` of them.
-struct Stored<'a> {
-    data: &'a [u8],
-    kind: Kind,
-    rows: usize,
-    columns: usize,
-    fortran: bool,
-}
-
-impl Stored<'_> {
-    /// Returns the real (0) or imaginary (1) parts, [row, column].
-    fn part(&self, part: usize, path: &Path) -> Result<Array2<f64>, HwError> {
-        let Self { rows, columns, fortran, .. } = *self;
-        let none = |_| HwError::NoFrames { place: Place::file(path), skipped: 0 };
-        Array2::from_shape_vec((rows, columns).set_f(fortran), self.list(part)).map_err(none)
-    }
-
-    fn list(&self, part: usize) -> Vec<f64> {
-        let Self { data, kind, rows, columns, .. } = *self;
-        let mut list = Vec::with_capacity(rows * columns);
-        for index in 0..rows * columns {
-            let at = index * kind.bytes() + part * kind.size;
-            list.push(kind.value(&data[at..at + kind.size]));
-        }
-        list
     }
 }

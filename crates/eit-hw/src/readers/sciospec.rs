@@ -10,12 +10,13 @@ mod frame;
 mod header;
 
 use std::collections::HashSet;
+use std::mem::take;
 use std::path::Path;
 
 use super::files::{file_bytes, file_names, missing_numbers};
-use super::table;
 use crate::error::{HwError, Place, shortened};
-use crate::recording::{Format, Layout, Note, Recording, Unit};
+use crate::recording::packed::Packed;
+use crate::recording::{Contents, Format, Layout, Note, Recording, Unit};
 use frame::EitFrame;
 
 /// Options for reading a Sciospec recording.
@@ -113,16 +114,21 @@ fn numbered_files(folder: &Path) -> Result<Vec<(u64, String)>, HwError> {
 #[derive(Default)]
 struct Frames {
     first: Option<EitFrame>,
-    real: Vec<f64>,
-    imaginary: Vec<f64>,
+    real: Packed,
+    imaginary: Packed,
     /// Times in the headers, in milliseconds, as long as every file has one.
     times_ms: Option<Vec<i64>>,
 }
 
 impl Frames {
     fn push(&mut self, mut frame: EitFrame, path: &Path) -> Result<(), HwError> {
-        self.real.append(&mut frame.real);
-        self.imaginary.append(&mut frame.imaginary);
+        let (real, imaginary) = (take(&mut frame.real), take(&mut frame.imaginary));
+        if self.first.is_none() {
+            let values = real.len();
+            (self.real, self.imaginary) = (Packed::of_rows(values), Packed::of_rows(values));
+        }
+        self.real.extend(real.finished().iter());
+        self.imaginary.extend(imaginary.finished().iter());
         let Some(first) = &self.first else {
             self.times_ms = frame.time_ms.map(|time| vec![time]);
             self.first = Some(frame);
@@ -154,12 +160,10 @@ impl Frames {
             return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
         };
         let values = drives.len() * electrodes;
-        let real = table::frames(self.real, values, path, 0)?;
-        let imaginary = table::frames(self.imaginary, values, path, 0)?;
         let repeated = repeated(&drives);
         let layout = Layout::Potentials { drives, electrodes };
-        let mut recording =
-            Recording::new(real, Some(imaginary), layout, Unit::Volt, Format::Sciospec, path);
+        let contents = Contents::complex(self.real, self.imaginary, values);
+        let mut recording = Recording::new(contents, layout, Unit::Volt, Format::Sciospec, path)?;
         recording.device_time_s = self.times_ms.map(|times| {
             let start = times.first().copied().unwrap_or_default();
             times.iter().map(|time| (time - start) as f64 * 1e-3).collect()

@@ -12,13 +12,12 @@
 
 use std::path::Path;
 
-use ndarray::Zip;
-
 use super::files::file_bytes;
-use super::{table, text};
+use super::text;
 use crate::error::{At, HwError, Place};
 use crate::frame::Quality;
-use crate::recording::{Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
+use crate::recording::packed::Packed;
+use crate::recording::{Contents, Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
 
 /// Layout of a serial log.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,6 +33,13 @@ pub struct SerialLogOptions {
     pub values_per_line: usize,
     /// Full scale of the converter: larger or equal values are flagged [`Quality::SATURATED`].
     pub full_scale: Option<f64>,
+}
+
+impl SerialLogOptions {
+    /// Number of values per frame.
+    const fn size(&self) -> usize {
+        self.lines_per_frame.saturating_mul(self.values_per_line)
+    }
 }
 
 impl Default for SerialLogOptions {
@@ -72,17 +78,13 @@ pub fn parse(
         log.line(bytes, line);
     }
     log.close();
-    let count = options.lines_per_frame.saturating_mul(options.values_per_line);
-    let real = table::frames(log.values, count, path, log.skipped.frames)?;
-    let mut recording =
-        Recording::new(real, None, Layout::ProtocolOrder, Unit::Arbitrary, Format::SerialLog, path);
-    if let Some(full_scale) = options.full_scale {
-        Zip::from(&mut recording.quality).and(&recording.real).for_each(|quality, &value| {
-            if value >= full_scale {
-                *quality |= Quality::SATURATED;
-            }
-        });
-    }
+    let contents = Contents {
+        quality: log.is_saturated.then_some(log.quality),
+        skipped: log.skipped.frames,
+        ..Contents::real(log.values, options.size())
+    };
+    let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
+    let mut recording = Recording::new(contents, layout, unit, Format::SerialLog, path)?;
     recording.skipped = log.skipped;
     recording.reference_frame = log.reference.map(|(_, frame)| frame);
     recording.notes.extend(log.reference.map(|(line, frame)| Note::Reference { line, frame }));
@@ -110,10 +112,12 @@ pub(super) fn looks_like_unmarked(content: &str, options: &SerialLogOptions) -> 
 /// State of the line parser.
 struct Log {
     options: SerialLogOptions,
-    /// Values of complete frames, followed by those of the open one.
-    values: Vec<f64>,
-    /// Number of values of the complete frames.
-    whole: usize,
+    /// Values and flags of complete frames.
+    values: Packed,
+    quality: Packed,
+    is_saturated: bool,
+    /// Values of the open frame.
+    frame: Vec<f64>,
     open: Option<Open>,
     skipped: Skipped,
     /// Line and frame index of the first reference.
@@ -137,10 +141,13 @@ enum Mark {
 
 impl Log {
     fn new(options: SerialLogOptions) -> Self {
+        let list = || Packed::of_rows(options.size());
         Self {
             options,
-            values: Vec::new(),
-            whole: 0,
+            values: list(),
+            quality: list(),
+            is_saturated: false,
+            frame: Vec::new(),
             open: None,
             skipped: Skipped::default(),
             reference: None,
@@ -164,13 +171,13 @@ impl Log {
 
     fn numbers(&mut self, bytes: &[u8], line: usize) {
         let SerialLogOptions { lines_per_frame, values_per_line, .. } = self.options;
-        let before = self.values.len();
+        let before = self.frame.len();
         let (found, fault) = self.push_values(bytes);
-        if fault.is_none() && found == lines_per_frame.saturating_mul(values_per_line) {
+        if fault.is_none() && found == self.options.size() {
             // a complete frame in one line, whatever was open before
-            let frame = self.values.split_off(before);
+            let frame = self.frame.split_off(before);
             self.start(line, Mark::Frame);
-            self.values.extend(frame);
+            self.frame.extend(frame);
             if let Some(open) = &mut self.open {
                 open.lines = lines_per_frame;
             }
@@ -185,19 +192,22 @@ impl Log {
         if open.fault.is_none() {
             open.fault = fault.map(|reason| (At::Line(line), reason));
         }
-        if open.fault.is_some() {
-            self.values.truncate(self.whole);
+        // too many lines are only counted
+        if open.fault.is_some() || open.lines > lines_per_frame {
+            self.frame.clear();
         }
     }
 
-    /// Appends the numbers of a line; returns their count and what is wrong with them.
+    /// Appends the numbers of a line, at most those of a frame; returns their count and what is
+    /// wrong with them.
     fn push_values(&mut self, bytes: &[u8]) -> (usize, Option<SkipReason>) {
-        let mut found = 0;
+        let (mut found, most) = (0, self.options.size());
         for field in bytes.split(u8::is_ascii_whitespace).filter(|field| !field.is_empty()) {
             found += 1;
             let number = std::str::from_utf8(field).ok().and_then(|field| field.parse().ok());
             match number.filter(|value: &f64| value.is_finite()) {
-                Some(value) => self.values.push(value),
+                Some(value) if found <= most => self.frame.push(value),
+                Some(_) => {}
                 None => return (found, Some(SkipReason::NotANumber)),
             }
         }
@@ -209,7 +219,7 @@ impl Log {
     /// Ends the open frame, which is kept if complete and skipped otherwise.
     fn close(&mut self) {
         let Some(open) = self.open.take() else { return };
-        let SerialLogOptions { lines_per_frame, values_per_line, .. } = self.options;
+        let lines_per_frame = self.options.lines_per_frame;
         let lines = SkipReason::Lines { found: open.lines, wanted: lines_per_frame };
         let at = At::Line(open.start);
         let fault = if open.mark == Mark::None {
@@ -218,7 +228,7 @@ impl Log {
             open.fault.or((open.lines != lines_per_frame).then_some((at, lines)))
         };
         if let Some((at, reason)) = fault {
-            self.values.truncate(self.whole);
+            self.frame.clear();
             // a lost `s` merges frames: count them by their lines
             let frames = open
                 .lines
@@ -227,10 +237,16 @@ impl Log {
             self.skipped.add(frames, at, reason);
             return;
         }
-        let count = lines_per_frame.saturating_mul(values_per_line);
+        let whole = self.values.len().checked_div(self.options.size()).unwrap_or_default();
         if open.mark == Mark::Reference && self.reference.is_none() {
-            self.reference = Some((open.start, self.whole / count.max(1)));
+            self.reference = Some((open.start, whole));
         }
-        self.whole = self.values.len();
+        for value in self.frame.drain(..) {
+            let is_saturated = self.options.full_scale.is_some_and(|most| value >= most);
+            self.is_saturated |= is_saturated;
+            let flags = if is_saturated { Quality::SATURATED } else { Quality::GOOD };
+            self.quality.push(f64::from(flags.bits()));
+            self.values.push(value);
+        }
     }
 }

@@ -2,62 +2,98 @@
 
 use std::path::Path;
 
-use ndarray::{Array2, ArrayView2, Axis, Slice};
-
 use crate::error::{HwError, Place};
-use crate::recording::FrameOrientation;
+use crate::recording::packed::Packed;
+use crate::recording::{Contents, FrameOrientation};
 
-/// Arranges `values` as [frame, value].
-///
-/// # Errors
-/// [`HwError::NoFrames`] if there are none, so that no reader returns an empty recording.
-pub(super) fn frames(
-    values: Vec<f64>,
-    columns: usize,
-    path: &Path,
-    skipped: usize,
-) -> Result<Array2<f64>, HwError> {
-    let none = || HwError::NoFrames { place: Place::file(path), skipped };
-    if values.is_empty() || columns == 0 {
-        return Err(none());
-    }
-    // readers push complete rows only; a shape error would mean that there is no complete one
-    Array2::from_shape_vec((values.len() / columns, columns), values).map_err(|_| none())
+/// A table as stored: `length` numbers per row.
+pub(super) struct Table {
+    pub values: Packed,
+    pub length: usize,
 }
 
-/// Returns the real and, if they alternate, imaginary parts of the frames of a table [row, column].
+/// Returns the frames of a table, with real and imaginary parts if they alternate.
 ///
 /// # Errors
-/// [`HwError::Count`] for an odd number of rows or columns that should alternate, and
-/// [`HwError::NoFrames`] for an empty table.
+/// [`HwError::Count`] for an odd number of rows or columns that should alternate.
 pub(super) fn oriented(
-    table: Array2<f64>,
+    table: Table,
     orientation: FrameOrientation,
     complex: bool,
     path: &Path,
-) -> Result<(Array2<f64>, Option<Array2<f64>>), HwError> {
-    let (vectors, what) = match orientation {
-        FrameOrientation::Rows => (table, "rows"),
-        FrameOrientation::Columns | FrameOrientation::Matrix => (table.reversed_axes(), "columns"),
+) -> Result<Contents, HwError> {
+    let Table { values, length } = table;
+    let rows = values.len().checked_div(length).unwrap_or_default();
+    let (vectors, count, length) = match orientation {
+        FrameOrientation::Rows => (values, rows, length),
+        FrameOrientation::Columns | FrameOrientation::Matrix => {
+            (values.transposed(length), length, rows)
+        }
     };
-    let (count, length) = vectors.dim();
-    let joined = |part: ArrayView2<f64>| {
-        let values = if orientation == FrameOrientation::Matrix { part.len() } else { length };
-        frames(part.iter().copied().collect(), values, path, 0)
-    };
+    let mut parts = Parts::new(count, length, orientation, complex, path)?;
     if !complex {
-        return Ok((joined(vectors.view())?, None));
+        return Ok(Contents::real(vectors, parts.value_count));
     }
-    if !count.is_multiple_of(2) {
-        return Err(HwError::Count {
-            place: Place::file(path),
-            what,
-            found: count,
-            wanted: count + 1,
-            mend: "real and imaginary alternate: add the last one or set `[recording] complex = \
-                   false`",
-        });
+    vectors.iter().enumerate().for_each(|(index, value)| parts.push(index / length, value));
+    Ok(parts.contents())
+}
+
+/// Real and imaginary parts, from vectors (rows or columns) that may alternate between them.
+pub(super) struct Parts {
+    real: Packed,
+    imaginary: Option<Packed>,
+    alternate: bool,
+    /// Number of values per frame.
+    value_count: usize,
+}
+
+impl Parts {
+    /// For `count` vectors of `length` values, each a frame or, of a matrix, part of the one frame.
+    ///
+    /// # Errors
+    /// [`HwError::Count`] for an odd number of vectors that should alternate.
+    pub(super) fn new(
+        count: usize,
+        length: usize,
+        orientation: FrameOrientation,
+        alternate: bool,
+        path: &Path,
+    ) -> Result<Self, HwError> {
+        if alternate && !count.is_multiple_of(2) {
+            return Err(HwError::Count {
+                place: Place::file(path),
+                what: if orientation == FrameOrientation::Rows { "rows" } else { "columns" },
+                found: count,
+                wanted: count + 1,
+                mend: "real and imaginary alternate: add the last one or set `[recording] complex = \
+                       false`",
+            });
+        }
+        let parts = if alternate { 2 } else { 1 };
+        let value_count = match orientation {
+            FrameOrientation::Matrix => count / parts * length,
+            FrameOrientation::Rows | FrameOrientation::Columns => length,
+        };
+        let list = || Packed::of_rows(value_count);
+        Ok(Self { real: list(), imaginary: alternate.then(list), alternate, value_count })
     }
-    let every_other = |first| vectors.slice_axis(Axis(0), Slice::new(first, None, 2));
-    Ok((joined(every_other(0))?, Some(joined(every_other(1))?)))
+
+    /// Adds a value of the vector with this index.
+    pub(super) fn push(&mut self, vector: usize, value: f64) {
+        match &mut self.imaginary {
+            Some(imaginary) if self.alternate && vector % 2 == 1 => imaginary.push(value),
+            _ => self.real.push(value),
+        }
+    }
+
+    /// Adds a complex value.
+    pub(super) fn push_complex(&mut self, real: f64, imaginary: f64) {
+        self.real.push(real);
+        self.imaginary.get_or_insert_with(|| Packed::of_rows(self.value_count)).push(imaginary);
+    }
+
+    pub(super) fn contents(self) -> Contents {
+        let Self { real, imaginary, value_count, .. } = self;
+        Contents { imaginary, ..Contents::real(real, value_count) }
+    }
 }

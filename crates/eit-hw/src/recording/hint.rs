@@ -17,6 +17,8 @@ pub enum CountHint {
     OneFrame,
     /// Twice as many values: real and imaginary parts side by side.
     Complex,
+    /// Pairs of whole numbers such as `1,5`, which seem to be numbers with decimal commas.
+    DecimalComma,
     /// n^2 values for n electrodes, but the protocol drops driven electrodes.
     DrivenKept {
         /// Number of electrodes n.
@@ -106,6 +108,10 @@ impl fmt::Display for CountHint {
             ),
             Self::Complex => f.write_str(
                 "real and imaginary parts seem to be side by side: keep one, or save complex NPY",
+            ),
+            Self::DecimalComma => f.write_str(
+                "the commas seem to be decimal ones, as in 1,5: write points, as in 1.5, and \
+                 separate the numbers by semicolons, commas or spaces",
             ),
             Self::DrivenKept { electrodes } => write!(
                 f,

@@ -138,6 +138,9 @@ pub enum Note {
         /// Index of the frame, from 0.
         frame: usize,
     },
+    /// Every row is a pair of whole numbers, such as `1,5`, which may have been one number with a
+    /// decimal comma; it was read as two.
+    DecimalComma,
     /// A matrix of one column was read as one frame.
     OneColumn {
         /// Number of rows.
@@ -217,6 +220,10 @@ impl fmt::Display for Note {
             Self::Reference { line, frame } => {
                 write!(f, "line {line} marks frame {frame} (from 0) as the reference")
             }
+            Self::DecimalComma => f.write_str(
+                "every row is a pair of whole numbers such as 1,5, which is read as two values: if it \
+                 is one number with a decimal comma, write 1.5",
+            ),
             Self::OneColumn { rows } => write!(f, "one column of {rows} rows read as one frame"),
         }
     }

@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use ndarray::{Array2, CowArray, Ix2};
+use ndarray::Array2;
 
-use super::file::Recording;
+use super::file::{RecordedFrame, Recording};
 use super::hint::CountHint;
 use super::layout::Unit;
 use super::map::{FrameMap, Projection};
@@ -143,16 +143,9 @@ impl Recording {
         count: usize,
         component: Component,
     ) -> Result<MeasuredFrames, HwError> {
-        self.check()?;
-        let map = FrameMap::new(&self.layout, self.value_count(), quadruples, count, &self.path)
-            .map_err(|error| self.with_frame_count(error))?;
-        let recorded = Recorded {
-            real: self.real.as_standard_layout(),
-            imaginary: self.imaginary.as_ref().map(|imaginary| imaginary.as_standard_layout()),
-            quality: self.quality.as_standard_layout(),
-        };
+        let map = self.map_for(quadruples, count)?;
         let phase_rad = match component {
-            Component::Phased => recorded.phase_rad(&map)?,
+            Component::Phased => self.phase_rad(&map)?,
             _ => None,
         };
         let projection = match component {
@@ -165,11 +158,14 @@ impl Recording {
         let mut values = Array2::zeros((self.frame_count(), count));
         let mut quality = Array2::default((self.frame_count(), count));
         let slots = values.rows_mut().into_iter().zip(quality.rows_mut());
-        for (frame, (mut values, mut flags)) in slots.enumerate() {
-            let (real, imaginary, quality) = recorded.frame(frame);
+        let mut frames = self.frames();
+        for (mut values, mut flags) in slots {
+            let Some(RecordedFrame { real, imaginary, quality }) = frames.next_frame() else {
+                break;
+            };
             let values = values.as_slice_mut().unwrap_or_default();
             let flags = flags.as_slice_mut().unwrap_or_default();
-            map.apply_into(real, imaginary, quality, projection, values, flags)?;
+            map.apply_into(real, imaginary.as_deref(), quality, projection, values, flags)?;
         }
         Ok(MeasuredFrames {
             values,
@@ -182,45 +178,43 @@ impl Recording {
         })
     }
 
+    /// Returns the map from the values of a frame to the `count` measurements of a protocol, to
+    /// convert frames one by one; arguments as for [`frames_for`](Self::frames_for).
+    ///
+    /// # Errors
+    /// Those of [`FrameMap::new`], and [`HwError::Inconsistent`] if there is not a time for each
+    /// frame.
+    pub fn map_for(
+        &self,
+        quadruples: Option<&[Quadruple]>,
+        count: usize,
+    ) -> Result<FrameMap, HwError> {
+        self.check()?;
+        FrameMap::new(&self.layout, self.value_count(), quadruples, count, &self.path)
+            .map_err(|error| self.with_frame_count(error))
+    }
+
     /// Adds the number of frames of this recording, and the hint that follows from it, to the
     /// error.
     fn with_frame_count(&self, error: HwError) -> HwError {
         match error {
             HwError::CountMismatch { place, found, wanted, .. } => {
                 let frames = self.frame_count();
-                let hint = CountHint::of(found, frames, wanted, self.frames_are);
+                let is_twice = found == 2 || wanted.checked_mul(2) == Some(found);
+                let hint = match self.may_have_decimal_commas && is_twice {
+                    true => CountHint::DecimalComma,
+                    false => CountHint::of(found, frames, wanted, self.frames_are),
+                };
                 HwError::CountMismatch { place, found, frames, wanted, hint }
             }
             other => other,
         }
     }
-}
-
-/// A recording's values with each frame contiguous in memory.
-struct Recorded<'a> {
-    real: CowArray<'a, f64, Ix2>,
-    imaginary: Option<CowArray<'a, f64, Ix2>>,
-    quality: CowArray<'a, Quality, Ix2>,
-}
-
-impl Recorded<'_> {
-    /// Returns real parts, imaginary parts and flags of a frame; `frame` is below the frame count.
-    fn frame(&self, frame: usize) -> (&[f64], Option<&[f64]>, &[Quality]) {
-        // a row in standard layout is a slice
-        (
-            self.real.row(frame).to_slice().unwrap_or_default(),
-            self.imaginary
-                .as_ref()
-                .map(|imaginary| imaginary.row(frame).to_slice().unwrap_or_default()),
-            self.quality.row(frame).to_slice().unwrap_or_default(),
-        )
-    }
 
     /// Returns theta of [`Component::Phased`]; `None` for real values.
     fn phase_rad(&self, map: &FrameMap) -> Result<Option<f64>, HwError> {
-        let mut sum = [0.0; 2];
-        for frame in 0..self.real.nrows() {
-            let (real, imaginary, quality) = self.frame(frame);
+        let (mut sum, mut frames) = ([0.0; 2], self.frames());
+        while let Some(RecordedFrame { real, imaginary, quality }) = frames.next_frame() {
             let Some(imaginary) = imaginary else { return Ok(None) };
             let [x, y] = map.square_sum(real, imaginary, quality)?;
             sum = [sum[0] + x, sum[1] + y];

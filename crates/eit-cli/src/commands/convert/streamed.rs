@@ -190,7 +190,7 @@ impl<'a> Source<'a> {
     }
 }
 
-fn failed(error: impl std::fmt::Display) -> ReportError {
+pub(super) fn failed(error: impl std::fmt::Display) -> ReportError {
     ReportError::Failure(format!("writing failed: {error}"))
 }
 
@@ -200,7 +200,11 @@ fn is_finite(frame: &Frame) -> bool {
 }
 
 /// Writes the header of an array [row, column] of numbers, version 1.0 (NumPy enhancement proposal 1).
-fn write_npy_head(rows: usize, columns: usize, out: &mut dyn Write) -> Result<(), ReportError> {
+pub(super) fn write_npy_head(
+    rows: usize,
+    columns: usize,
+    out: &mut dyn Write,
+) -> Result<(), ReportError> {
     const MARK_BYTES: usize = 10;
     let mut head =
         format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({rows}, {columns})}}");

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::thread::{Builder, JoinHandle};
 use std::time::Instant;
 
+use super::storage::Folder;
 use super::{CaptureSettings, CaptureWriter, storage};
 use crate::capture::parts::Part;
 use crate::capture::record::SessionRecord;
@@ -31,6 +32,7 @@ pub(super) fn check(settings: CaptureSettings) -> Result<(), HwError> {
 pub(super) struct Parts {
     /// Name of the whole recording.
     recording: PathBuf,
+    folder: Box<dyn Folder>,
     /// Number of the current part.
     number: u32,
     /// When the current part began, or creating the next one failed, and its length then.
@@ -44,9 +46,15 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    pub(super) fn new(recording: &Path, number: u32, session: &SessionRecord) -> Self {
+    pub(super) fn new(
+        recording: &Path,
+        folder: Box<dyn Folder>,
+        number: u32,
+        session: &SessionRecord,
+    ) -> Self {
         Self {
             recording: recording.to_path_buf(),
+            folder,
             number,
             since: Instant::now(),
             from_bytes: 0,
@@ -92,16 +100,15 @@ impl CaptureWriter {
         let (number, session) = (parts.number.saturating_add(1), parts.session.clone());
         let Part { path, .. } = Part::of(&parts.recording, number);
         self.flush()?;
-        let file = match storage::create(&path, self.settings.sync) {
+        let Some(parts) = &mut self.parts else { return Ok(()) };
+        let file = match storage::create(&mut *parts.folder, &path, self.settings.sync) {
             Ok(file) => file,
             Err(error) => {
-                if let Some(parts) = &mut self.parts {
-                    (parts.since, parts.from_bytes) = (Instant::now(), self.whole_bytes);
-                }
+                (parts.since, parts.from_bytes) = (Instant::now(), self.whole_bytes);
                 return self.note(&format!("the recording goes on in this file: {error}"));
             }
         };
-        let begun = Self::on(Box::new(file), &path, self.settings, 0).and_then(|mut next| {
+        let begun = Self::on(file, &path, self.settings, 0).and_then(|mut next| {
             (next.counts, next.log_time_ns) = (self.counts, self.log_time_ns);
             next.session(&SessionRecord { continues: true, ..session })?;
             next.flush()?;
@@ -109,7 +116,7 @@ impl CaptureWriter {
         });
         let mut next = begun.inspect_err(|_| {
             // created above, without any content
-            let _ = std::fs::remove_file(&path);
+            let _ = parts.folder.remove(&path);
         })?;
         next.cut = self.cut.take();
         next.json = std::mem::take(&mut self.json);

@@ -17,6 +17,10 @@ pub(super) trait Storage: Send {
     fn sync(&mut self) -> io::Result<()>;
     /// Truncates the file to this length.
     fn cut(&mut self, bytes: u64) -> io::Result<()>;
+    /// Returns whether the file was removed: what is written to it is lost.
+    fn is_removed(&self) -> bool {
+        false
+    }
 }
 
 /// A file, locked while it is written so that a second recorder is rejected.
@@ -33,15 +37,54 @@ impl Storage for File {
         self.set_len(bytes)?;
         self.seek(SeekFrom::Start(bytes)).map(|_| ())
     }
+
+    #[cfg(unix)]
+    fn is_removed(&self) -> bool {
+        use std::os::unix::fs::MetadataExt as _;
+        self.metadata().is_ok_and(|data| data.nlink() == 0)
+    }
+}
+
+/// The folder of a recording, in which its files are created. Tests replace it, too.
+pub(super) trait Folder: Send {
+    /// Creates a new file that no other recorder can write to.
+    fn create(&mut self, path: &Path) -> Result<Box<dyn Storage>, HwError>;
+    /// Forces the name of a new file to the disk.
+    fn sync(&mut self, path: &Path) -> io::Result<()>;
+    /// Removes a file.
+    fn remove(&mut self, path: &Path) -> io::Result<()>;
+}
+
+/// The folders of this computer.
+pub(super) struct Folders;
+
+impl Folder for Folders {
+    fn create(&mut self, path: &Path) -> Result<Box<dyn Storage>, HwError> {
+        let file = create_new(path)?;
+        lock(&file, path)?;
+        Ok(Box::new(file))
+    }
+
+    fn sync(&mut self, path: &Path) -> io::Result<()> {
+        sync_folder(path)
+    }
+
+    fn remove(&mut self, path: &Path) -> io::Result<()> {
+        std::fs::remove_file(path)
+    }
 }
 
 /// Creates a new file; with `sync`, its name also survives a power cut.
-pub(super) fn create(path: &Path, sync: bool) -> Result<File, HwError> {
-    let failed = |source| HwError::Write { place: Place::file(path), source };
-    let file = create_new(path)?;
-    lock(&file, path)?;
-    if sync {
-        sync_folder(path).map_err(failed)?;
+pub(super) fn create(
+    folder: &mut dyn Folder,
+    path: &Path,
+    sync: bool,
+) -> Result<Box<dyn Storage>, HwError> {
+    let file = folder.create(path)?;
+    if sync && let Err(source) = folder.sync(path) {
+        // nothing has been written to it
+        let _ = folder.remove(path);
+        return Err(HwError::Write { place: Place::file(path), source });
     }
     Ok(file)
 }

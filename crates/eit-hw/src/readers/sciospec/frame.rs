@@ -5,6 +5,12 @@ use std::path::Path;
 use super::header::Header;
 use crate::error::{HwError, Place, shortened};
 use crate::readers::text;
+use crate::recording::packed::Packed;
+
+/// Most lines in a file: those of 1 024 drives at 256 frequencies.
+const MOST_LINES: usize = 1 << 18;
+/// Most values in a line: real and imaginary parts of more channels than any device has.
+const MOST_PARTS: usize = 1 << 14;
 
 /// Potentials of one frame at one frequency.
 #[derive(Debug)]
@@ -13,8 +19,8 @@ pub(super) struct EitFrame {
     pub(super) drives: Vec<[u32; 2]>,
     pub(super) electrodes: usize,
     /// Potentials in volts, [drive, electrode].
-    pub(super) real: Vec<f64>,
-    pub(super) imaginary: Vec<f64>,
+    pub(super) real: Packed,
+    pub(super) imaginary: Packed,
     pub(super) time_ms: Option<i64>,
     pub(super) frequency_hz: f64,
     pub(super) current_a: f64,
@@ -24,6 +30,16 @@ impl EitFrame {
     pub(super) fn parse(bytes: &[u8], path: &Path, frequency_row: usize) -> Result<Self, HwError> {
         refuse_other_makers(bytes, path)?;
         let content = text::decode(bytes, path)?;
+        let found = text::lines(content).count();
+        if found > MOST_LINES {
+            return Err(HwError::Count {
+                place: Place::file(path),
+                what: "lines",
+                found,
+                wanted: MOST_LINES,
+                mend: "is the most in a file, which has one frame: it is damaged or not one of these",
+            });
+        }
         let lines: Vec<_> = text::lines(content).collect();
         let header = Header::parse(&lines, path)?;
         let rows = header.frequencies;
@@ -31,9 +47,11 @@ impl EitFrame {
             let (place, row) = (Place::file(path), frequency_row);
             return Err(HwError::FrequencyRow { place, row, rows });
         }
-        let mut body: Vec<_> = lines[header.lines..].to_vec();
-        while body.last().is_some_and(|(_, line)| line.trim().is_empty()) {
-            body.pop();
+        let mut body = &lines[header.lines..];
+        while let [rest @ .., (_, last)] = body
+            && last.trim().is_empty()
+        {
+            body = rest;
         }
         if body.is_empty() {
             return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
@@ -42,8 +60,8 @@ impl EitFrame {
         let mut frame = Self {
             drives: Vec::new(),
             electrodes: 0,
-            real: Vec::new(),
-            imaginary: Vec::new(),
+            real: Packed::of_rows(0),
+            imaginary: Packed::of_rows(0),
             time_ms: header.time_ms,
             frequency_hz: header.frequency_hz(frequency_row),
             current_a: header.current_a,
@@ -121,9 +139,11 @@ fn parts(
 ) -> Result<Vec<f64>, HwError> {
     let place = || Place::line(path, number);
     let fields = line.split_whitespace().zip(1..);
-    let parts: Vec<f64> =
-        fields.map(|(field, index)| text::number(field, index, place)).collect::<Result<_, _>>()?;
-    let device = *channels.device.get_or_insert(parts.len() / 2);
+    let parts: Vec<f64> = fields
+        .take(MOST_PARTS + 1)
+        .map(|(field, index)| text::number(field, index, place))
+        .collect::<Result<_, _>>()?;
+    let device = *channels.device.get_or_insert((parts.len() / 2).min(MOST_PARTS / 2));
     if parts.len() == 2 * device && device > 0 {
         return Ok(parts);
     }
