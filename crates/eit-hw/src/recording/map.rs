@@ -38,7 +38,7 @@ pub enum Projection {
 /// // potentials of three electrodes, current from 0 to 1
 /// let layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
 /// let wanted = [[0, 1, 0, 2], [1, 0, 0, 2]];
-/// let map = FrameMap::new(&layout, 3, Some(&wanted), 2, "tank".as_ref())?;
+/// let map = FrameMap::new(&layout, 3, Some(&wanted), 2, "tank")?;
 /// let (mut values, mut quality) = ([0.0; 2], [Quality::GOOD; 2]);
 /// let good = [Quality::GOOD; 3];
 /// map.apply_into(&[5.0, 1.0, 3.0], None, &good, Projection::Real, &mut values, &mut quality)?;
