@@ -161,8 +161,8 @@ mod tests {
                 links[frames - 1] = 0.0;
                 chain.pull(radius, &links);
                 let mut before = 0.0;
-                for t in 0..frames {
-                    let (q, limit) = (chain.dual[t], radius * links[t]);
+                for (t, link) in links.iter().enumerate() {
+                    let (q, limit) = (chain.dual[t], radius * link);
                     let sum = chain.weights[t].mul_add(chain.slopes[t], before - q);
                     assert!((sum - chain.data[t]).abs() < 1e-11, "{frames} {radius}");
                     assert!(q.abs() <= limit + 1e-11, "{frames} {radius}: {q} above {limit}");

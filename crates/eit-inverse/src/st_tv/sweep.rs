@@ -302,10 +302,10 @@ fn chain_step<T: Float>(
     let sigmas = &state.cell_sigma[unknown * blocks..][..blocks];
     let duals = &state.time_dual[PAD + at - 1..][..frames + 1];
     let image = &state.work[at..][..frames];
-    for t in 0..frames {
+    for (t, x) in image.iter().enumerate() {
         let (sigma, own) = (sigmas[t / LANES], duals[t] - duals[t + 1]);
         chain.weights[t] = sigma;
-        chain.data[t] = sigma.mul_add(image[t], own);
+        chain.data[t] = sigma.mul_add(*x, own);
     }
     if steps.bounds.is_some() {
         let duals = &state.bound_dual[at..][..frames];
