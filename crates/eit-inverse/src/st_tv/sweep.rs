@@ -309,7 +309,7 @@ fn chain_step<T: Float>(
     }
     if steps.bounds.is_some() {
         let duals = &state.bound_dual[at..][..frames];
-        chain.data.iter_mut().zip(duals).for_each(|(v, p)| *v = *v + *p);
+        chain.data.iter_mut().zip(duals).for_each(|(v, p)| *v += *p);
     }
     chain.pull(steps.time * ops.time_radius[unknown], &state.links);
     let duals = &mut state.time_dual[PAD + at..][..frames];
