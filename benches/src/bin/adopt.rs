@@ -8,7 +8,8 @@
 //! The tables of choices, plans and best meshes of forward problems go to `docs/PERFORMANCE.md`,
 //! pictures to `docs/images`, and `inverse.csv`, without peers and networks that are not shipped,
 //! to `crates/eit-skin/src/plan/measured.csv`, which `eit plan` reads. With DIR from
-//! `eit report --forward`, only the forward problems are updated.
+//! `eit report --forward`, only the forward problems are updated; with DIR from `eit report --images`, all but
+//! these.
 #![allow(clippy::print_stdout, reason = "a program")]
 
 use benches::{Result, document};
@@ -50,7 +51,9 @@ fn main() -> Result<()> {
     for (title, part) in SECTIONS {
         match section(&report, title) {
             Some(body) => document::write(part, &format!("{lead}\n\n{body}"))?,
-            None if is_whole => return Err(format!("no section '{title}'").into()),
+            None if is_whole && part != "forward" => {
+                return Err(format!("no section '{title}'").into());
+            }
             None => {}
         }
     }
@@ -71,7 +74,7 @@ fn main() -> Result<()> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     for name in PICTURES {
         let (from, place) = (folder.join(name), root.join("docs/images").join(name));
-        if !is_whole && !from.exists() {
+        if !from.exists() && (!is_whole || name.starts_with("forward")) {
             continue;
         }
         fs::copy(from, &place).map_err(|e| format!("{}: {e}", place.display()))?;

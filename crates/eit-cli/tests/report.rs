@@ -124,6 +124,29 @@ fn forward_problems_of_other_skins_are_compared() {
     assert!(!out.join("inverse.csv").exists() && !out.join("plan.csv").exists());
     let refused = refuse(&["report", "--plans", "--scenes", "patches", "--out", text(&out)]);
     assert!(refused.contains("patches"), "{refused}");
+    let refused = refuse(&["report", "--images", "--scenes", "patches", "--out", text(&out)]);
+    assert!(refused.contains("--images: the report has no images of patches"), "{refused}");
+}
+
+/// Images alone: every solver in the table that plans read, and no forward problem.
+#[test]
+fn images_are_measured_without_forward_problems() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let scenes = ["--scenes", "single-frame"];
+    let report =
+        ["report", "--quick", "--images", scenes[0], scenes[1], "--out", text(&out), "--json"];
+    let report = json(&succeed(&report));
+    assert!(report["forward"].as_array().unwrap().is_empty(), "{report}");
+    let table = std::fs::read_to_string(out.join("inverse.csv")).unwrap();
+    for solver in ["gauss-newton,", "gauss-newton-absolute,", "tv,", "tv ≥ 0,"] {
+        let row = format!("single-frame,{solver}");
+        assert!(table.lines().any(|line| line.starts_with(&row)), "{solver}: {table}");
+    }
+    let words = std::fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(words.contains("\n## What the plan promised\n"), "{words}");
+    assert!(!words.contains("\n## Forward problem\n"), "{words}");
+    assert!(!out.join("forward.csv").exists());
 }
 
 /// Ctrl-C keeps the finished scenes, and they say so.

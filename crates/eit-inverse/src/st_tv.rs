@@ -9,6 +9,7 @@
 //! | `settings`, `gradient` | user input: settings and spatial differences |
 //! | `task`, `problem`, `run` | a sequence in internal units; the problem; first iterate to certificate |
 //! | `state`, `engine`, `sweep`, `fit`, `step` | iterate; iteration; its passes; data step; step sizes |
+//! | `chain` | exact step in time, for large `lambda_time` |
 //! | `certificate`, `flow`, `passes` | primal value and lower bound; search for nearly feasible duals |
 //! | `data`, `operators`, `laplacian` | precomputed: compressed data, packed operators, a sparse factor |
 //! | `kernel`, `dense`, `ball`, `float` | inner loops, small matrices, prox of a ball, `f32` or `f64` |
@@ -17,6 +18,7 @@ mod ball;
 mod batch;
 mod causal;
 mod certificate;
+mod chain;
 mod data;
 mod dense;
 mod engine;

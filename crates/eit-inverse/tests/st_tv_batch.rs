@@ -6,7 +6,7 @@ mod common;
 #[path = "common/problem.rs"]
 mod problem;
 
-use eit_inverse::{Gradient, ImageSequence, SequenceStatus, Stop};
+use eit_inverse::{Fidelity, Gradient, ImageSequence, SequenceStatus, Stop, WeightStatus};
 use fixtures::Random;
 use ndarray::{Array2, Axis};
 use problem::Problem;
@@ -58,16 +58,119 @@ fn bounds_that_bind_cost_no_more_than_twice_the_iterations() {
     }
 }
 
-/// Measured: 457 iterations to 1e-2, 1 350 to 1e-3: more than with equal weights, but below the cap.
+/// Measured: 160 and 329 iterations with 30 times the weight in time, 243 and 398 with 100 times, 124 and 259
+/// with equal weights. Gradient steps in time took 411, 1 161, 872 and 1 497.
 #[test]
-fn a_large_weight_in_time_is_certified() {
-    let Some(problem) = reference(32, 30.0) else { return };
-    for (target_gap, most) in [(1e-2, 900), (1e-3, 2700)] {
-        let sequence = converged(&problem, &gap(target_gap));
-        let iterations = sequence.report.iterations;
-        println!("30 times in time to {target_gap}: {iterations} iterations");
-        assert!(iterations <= most, "{iterations} iterations to {target_gap}");
+fn a_large_weight_in_time_costs_at_most_twice_the_iterations() {
+    let Some(equal) = reference(32, 1.0) else { return };
+    for in_time in [10.0, 30.0, 100.0] {
+        let Some(problem) = reference(32, in_time) else { return };
+        for target_gap in [1e-2, 1e-3] {
+            let usual = converged(&equal, &gap(target_gap)).report.iterations;
+            let iterations = converged(&problem, &gap(target_gap)).report.iterations;
+            println!("{in_time} times in time to {target_gap}: {iterations} iterations, {usual}");
+            assert!(iterations <= 2 * usual, "{in_time}, {target_gap}: {iterations}, {usual}");
+        }
     }
+}
+
+/// Large weights in time with bounds, masked channels and a frame without any: all go through the exact step.
+#[test]
+fn exact_steps_in_time_are_certified_with_bounds_and_masks() {
+    let Some(mut problem) = reference(32, 30.0) else { return };
+    let mut good = Array2::from_elem(problem.values.dim(), true);
+    good.row_mut(7).fill(false);
+    good.column_mut(3).iter_mut().skip(10).for_each(|good| *good = false);
+    problem.good = Some(good);
+    for lower_s in [f64::NEG_INFINITY, -0.1, 0.0] {
+        problem.settings.lower_s = lower_s;
+        let iterations = converged(&problem, &gap(1e-3)).report.iterations;
+        println!("lower {lower_s}: {iterations} iterations");
+        assert!(iterations <= 1200, "lower {lower_s}: {iterations} iterations");
+    }
+    let iterations = converged(&problem, &gap(1e-5)).report.iterations;
+    println!("to 1e-5 in f64: {iterations} iterations");
+}
+
+/// One channel fixes little of an image: the optimum is close to a constant in each frame. Measured: 436
+/// iterations from constants with exact steps in time, 4 388 without the exact steps, 5 063 from zero.
+#[test]
+fn a_jacobian_of_one_row_is_certified_to_a_hundredth() {
+    let Some(mut problem) = reference(32, 1.0) else { return };
+    problem.jacobian = problem.jacobian.select(Axis(0), &[0]);
+    problem.values = problem.values.select(Axis(1), &[0]);
+    let iterations = converged(&problem, &gap(1e-2)).report.iterations;
+    println!("one row: {iterations} iterations");
+    assert!(iterations <= 1200, "{iterations} iterations");
+}
+
+/// The reference problem in units of its noise.
+fn with_noise(pixels: usize) -> Option<Problem> {
+    let reference = fixtures::st_tv::load(pixels).unwrap()?;
+    let gradient = Gradient::pixels(&reference.mask, 1.0).unwrap();
+    let noise = reference.noise_norm / (reference.values.len() as f64).sqrt();
+    let mut problem = Problem::new(reference.jacobian, gradient, reference.values);
+    problem.settings.noise_std = Some(vec![noise; problem.values.ncols()]);
+    Some(problem)
+}
+
+/// Cost in iterations times frames, of which 8 are processed together. Measured: 195 and 393 iterations of 8
+/// frames in 3 and 4 trials, beside 263 and 433 of 24; without the model of the residual 995 of 16 in 7 trials.
+#[test]
+fn choosing_weights_costs_less_than_the_solve() {
+    for pixels in [32, 64] {
+        let Some(problem) = with_noise(pixels) else { return };
+        let mut solver = problem.solver().unwrap();
+        let chosen = solver.choose_weights(&problem.differences(), 1.0).unwrap();
+        let solved = solver.solve(&problem.differences(), &gap(1e-3)).unwrap();
+        let (trials, iterations) = (chosen.curve.len(), chosen.iterations);
+        let wanted = 3 * solved.report.iterations;
+        println!("{pixels}: {trials} trials, {iterations} iterations of 8 frames, {wanted}");
+        assert_eq!(chosen.status, WeightStatus::Reached, "{pixels}");
+        assert!(trials <= 6, "{pixels}: {trials} trials");
+        assert!(2 * iterations <= wanted, "{pixels}: {iterations} iterations, {wanted}");
+    }
+}
+
+/// The chosen weight is the largest that explains the data, to a fifth: checked by accurate solves.
+#[test]
+fn chosen_weights_explain_the_data_and_larger_ones_do_not() {
+    for (pixels, first) in [(32, 0), (32, 9), (64, 5)] {
+        let Some(mut problem) = with_noise(pixels) else { return };
+        problem.values = problem.values.select(Axis(0), &Vec::from_iter(first..first + 8));
+        let mut solver = problem.solver().unwrap();
+        let chosen = solver.choose_weights(&problem.differences(), 1.0).unwrap();
+        assert_eq!(chosen.status, WeightStatus::Reached);
+        let residual = |factor: f64| {
+            let mut solver = problem.solver().unwrap();
+            let weights = [factor * chosen.lambda_space, factor * chosen.lambda_time];
+            solver.set_weights(weights[0], weights[1], Fidelity::Penalised).unwrap();
+            let report = solver.solve(&problem.differences(), &gap(1e-3)).unwrap().report;
+            let square: f64 = report.residual.iter().map(|r| r * r).sum();
+            (square / problem.values.len() as f64).sqrt()
+        };
+        let [below, above] = [1.0 / 1.2, 1.2].map(residual);
+        println!("{pixels}, from {first}: {:.4}, {below:.4} to {above:.4}", chosen.residual);
+        assert!(below < 1.0 && above > 1.0, "{pixels}, from {first}: {below} to {above}");
+    }
+}
+
+/// Data that the model does not explain: no weight reaches the noise, and the search says so.
+#[test]
+fn data_beyond_the_model_is_at_the_lower_edge() {
+    let Some(mut problem) = with_noise(32) else { return };
+    let mut random = Random::new(8);
+    let noise = problem.settings.noise_std.clone().unwrap();
+    for mut row in problem.values.rows_mut() {
+        row.iter_mut().zip(&noise).for_each(|(v, std)| *v += 5.0 * std * random.normal());
+    }
+    let mut solver = problem.solver().unwrap();
+    let chosen = solver.choose_weights(&problem.differences(), 1.0).unwrap();
+    println!("{:?}", chosen.curve);
+    assert_eq!(chosen.status, WeightStatus::AtLowerEdge);
+    assert!(chosen.residual > 2.0, "{}", chosen.residual);
+    let ordered = chosen.curve.is_sorted_by(|a, b| a.lambda_space < b.lambda_space);
+    assert!(ordered, "{:?}", chosen.curve);
 }
 
 /// Rows from 1 to 1e-8 and weights down to 1e-14, as with distant electrodes and little noise, and masked

@@ -47,6 +47,8 @@ pub struct ReportSettings {
     pub plans: bool,
     /// Only report the forward problem of each skin.
     pub forward: bool,
+    /// Only report images: every solver on every scene, without the forward problem of the skins.
+    pub images: bool,
     /// Python interpreter that runs the peer programs.
     pub peers: Option<PathBuf>,
     /// U-nets to compare: "default" or files.

@@ -39,6 +39,9 @@ pub(crate) struct ReportArgs {
     /// quadratic elements on even and graded meshes.
     #[arg(long, conflicts_with_all = ["quality", "touches", "denoise", "plans"])]
     pub forward: bool,
+    /// Only measure images: every solver on every scene, without the forward problems.
+    #[arg(long, conflicts_with_all = ["quality", "touches", "denoise", "plans", "forward"])]
+    pub images: bool,
     /// Also run NumPy, SciPy and, if installed, CHOLMOD and pyEIT on the same problems, with this Python; at
     /// most five minutes each.
     #[arg(long, value_name = "PYTHON", conflicts_with_all = ["quality", "touches", "denoise"])]

@@ -28,6 +28,7 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
         scenes: args.scenes.clone(),
         plans: args.plans,
         forward: args.forward,
+        images: args.images,
         peers: args.peers.clone(),
         weights: args.weights.clone(),
         method: args.method.clone(),

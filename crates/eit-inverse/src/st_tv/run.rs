@@ -5,6 +5,7 @@
 mod constant;
 
 use super::certificate::{Effort, Evaluation, Iterate, LARGEST_WEIGHT};
+use super::chain::Chain;
 use super::fit::DataSteps;
 use super::float::Float;
 use super::flow::Flow;
@@ -58,8 +59,24 @@ const LEAST_BETWEEN: usize = 16;
 const FLOW_STEPS: usize = 100;
 /// Iterations between two checks of the clock.
 const CLOCK: usize = 4;
+/// Largest force of changes in time, relative to that of differences in space, from which on the duals in
+/// time take exact steps (see [`super::chain`]). These need 2 to 4 times fewer iterations (reference problem
+/// of 32 x 32 to 1e-3: 259 and 674 with 10 times the weight in time, 329 and 1 161 with 30, 398 and 1 497 with
+/// 100), which cost up to twice as much; with equal weights they save a twentieth.
+const EXACT_FROM: f64 = 8.0;
+/// Largest number of ranks for which they always do: with data of a few channels most pixels follow each
+/// other in time (one row of the reference problem of 32 x 32 to 1e-2: 436 iterations instead of 4 388).
+const EXACT_RANK: usize = 4;
 /// Objective that counts as zero up to rounding, in the solver's units, where the data has norm 1.
 const SMALLEST_PRIMAL: f64 = 1e-14;
+
+/// Returns the mean largest force of a change in time, relative to that of a difference in space.
+fn in_time<T: Float>(task: &Task<'_>, ops: &Operators<T>) -> f64 {
+    let mean =
+        |radii: &[T]| radii.iter().map(|r| r.to_f64()).sum::<f64>() / radii.len().max(1) as f64;
+    let space = task.lambda_space * mean(&ops.radius);
+    task.lambda_time * mean(&ops.time_radius) / space.max(f64::MIN_POSITIVE)
+}
 
 /// State of a solve.
 pub(crate) struct Run<'a, T> {
@@ -130,7 +147,11 @@ impl<'a, T: Float> Run<'a, T> {
         target_gap: f64,
         start: Instant,
     ) -> Result<Self, InverseError> {
-        let state = State::new(ops, task.frames, task.linked(), task.bounds.is_some());
+        let mut state = State::new(ops, task.frames, task.linked(), task.bounds.is_some());
+        let is_few = task.solver.rank() <= EXACT_RANK;
+        if task.linked() && (is_few || in_time(task, ops) >= EXACT_FROM) {
+            state.chain = Some(Chain::new(task.frames));
+        }
         let evaluation = Evaluation::new(&task.solver.double, &state, &task.solver.parts);
         let best = Best {
             primal: f64::INFINITY,

@@ -1,5 +1,6 @@
 //! Mutable state of the iteration: image, dual variables and intermediate arrays.
 
+use super::chain::Chain;
 use super::float::Float;
 use super::kernel::LANES;
 use super::operators::{BLOCK, Operators};
@@ -33,6 +34,11 @@ pub(crate) struct State<T> {
     pub(crate) stride: usize,
     /// `x`.
     pub(crate) image: Vec<T>,
+    /// Mean of each frame's image, by the distance from which steps are balanced, `[stride]`; 0 unless
+    /// `is_centred`.
+    pub(crate) means: Vec<f64>,
+    /// Whether images are close to constants.
+    pub(crate) is_centred: bool,
     /// `q`.
     pub(crate) dual: Vec<T>,
     /// `q_t`, preceded by [`PAD`] zeros; zero at the last frame and beyond. Empty without a time
@@ -65,6 +71,8 @@ pub(crate) struct State<T> {
     pub(crate) group_sigma: Vec<T>,
     /// `sigma tau` of the duals of space, time and bounds.
     pub(crate) split: [f64; 3],
+    /// Memory for exact dual steps in time, see [`super::chain`]; `None` for gradient steps.
+    pub(crate) chain: Option<Chain<T>>,
     /// 1 for frames that are linked to the next one, otherwise 0, `[stride]`.
     pub(crate) links: Vec<T>,
     /// 1 for frames, 0 for padding, `[stride]`. Bounds do not apply to padding, because it must stay
@@ -83,6 +91,8 @@ impl<T: Float> State<T> {
             frames,
             stride,
             image: vec![zero; values],
+            means: vec![0.0; stride],
+            is_centred: false,
             dual: vec![zero; ops.gradient.count() * stride],
             time_dual: if time { vec![zero; PAD + values] } else { Vec::new() },
             bound_dual: if bounds { vec![zero; values] } else { Vec::new() },
@@ -99,6 +109,7 @@ impl<T: Float> State<T> {
             cell_sigma: vec![zero; values / LANES],
             group_sigma: vec![zero; ops.groups.len() * stride / LANES],
             split: [1.0; 3],
+            chain: None,
             links,
             present: (0..stride).map(|t| T::from_f64(if t < frames { 1.0 } else { 0.0 })).collect(),
         }
@@ -123,7 +134,18 @@ impl<T: Float> State<T> {
             to.iter_mut().zip(from).for_each(|(to, from)| *to = U::from_f64(from.to_f64()));
         }
         new.split = self.split;
+        new.is_centred = self.is_centred;
+        new.chain = self.chain.as_ref().map(|_| Chain::new(self.frames));
         new
+    }
+
+    /// Computes the means of all frames.
+    pub(crate) fn centre(&mut self, unknowns: usize) {
+        self.means.fill(0.0);
+        for row in self.image.chunks_exact(self.stride).take(unknowns) {
+            let share = 1.0 / unknowns as f64;
+            self.means.iter_mut().zip(row).for_each(|(mean, x)| *mean += share * x.to_f64());
+        }
     }
 
     /// Invalidates the prepared arrays after a change of the steps or other inputs of an iteration.

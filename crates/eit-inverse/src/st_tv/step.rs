@@ -16,6 +16,7 @@ use super::kernel::LANES;
 use super::operators::Operators;
 use super::problem::Problem;
 use super::state::{PAD, State};
+use std::ops::Range;
 
 /// Fraction of the balanced step that works best at the start, on the reference problems; a factor of
 /// two either way costs a tenth of the iterations.
@@ -23,10 +24,8 @@ const SHARE: f64 = 0.6;
 
 /// Returns `|D|^2` including the temporal links and the bounds, for `sigma tau |D|^2 = 1`.
 pub(crate) fn norm_squared<T: Float>(ops: &Operators<T>, state: &State<T>) -> f64 {
-    let time = if state.time_dual.is_empty() { 0.0 } else { 4.0 };
-    let bounds = if state.bound_dual.is_empty() { 0.0 } else { 1.0 };
     // a basis without differences (one pixel) and without bounds has no dual step
-    (ops.norm_squared + time + bounds).max(1.0)
+    squared_norms(ops, state).iter().sum::<f64>().max(1.0)
 }
 
 /// Returns the step that balances image and dual variables, from their squared norms; `None` if either
@@ -64,7 +63,7 @@ pub(crate) fn guess<T: Float>(
     let square = |radii: &[T]| radii.iter().map(|r| r.to_f64().powi(2)).sum::<f64>();
     let frames = state.frames as f64;
     let mut dual = frames * square(&ops.radius) * problem.lambda_space.powi(2);
-    if !state.time_dual.is_empty() {
+    if !state.time_dual.is_empty() && state.chain.is_none() {
         dual += frames * square(&ops.time_radius) * problem.lambda_time.powi(2);
     }
     // limits very large weights: the duals need at most the force of the data times the skin's width
@@ -91,7 +90,11 @@ const LEAST_SHARE: f64 = 0.02;
 pub(crate) fn measure<T: Float>(ops: &Operators<T>, state: &State<T>) -> Option<f64> {
     let square = |values: &[T]| values.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
     let image = square(&state.image);
-    let dual = square(&state.dual) + square(&state.time_dual) + square(&state.bound_dual);
+    let rest = match state.chain {
+        Some(_) => (0..ops.unknowns).map(|p| merged_square(state, p, 0..state.stride)).sum(),
+        None => square(&state.time_dual) + square(&state.bound_dual),
+    };
+    let dual = square(&state.dual) + rest;
     balanced(image, dual, norm_squared(ops, state))
 }
 
@@ -158,6 +161,9 @@ fn largest_tau<T: Float>(tau: &[T], unknowns: [u32; 3], blocks: usize, block: us
 
 /// Returns the squared norms of the differences in space and time and of the bounds; 0 for absent terms.
 fn squared_norms<T: Float>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
+    if state.chain.is_some() {
+        return [ops.norm_squared, 1.0, 0.0];
+    }
     let time = if state.time_dual.is_empty() { 0.0 } else { 4.0 };
     let bounds = if state.bound_dual.is_empty() { 0.0 } else { 1.0 };
     [ops.norm_squared, time, bounds]
@@ -166,6 +172,17 @@ fn squared_norms<T: Float>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
 /// Returns equal `sigma tau` for space, time and bounds.
 fn even_split<T: Float>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
     [1.0 / squared_norms(ops, state).iter().sum::<f64>().max(1.0); 3]
+}
+
+/// Returns the squared norm of `D_t' q_t + p` of an unknown over a range of frames.
+fn merged_square<T: Float>(state: &State<T>, unknown: usize, frames: Range<usize>) -> f64 {
+    let at = unknown * state.stride;
+    let value = |t: usize| {
+        let time = state.time_dual[PAD + at + t - 1] - state.time_dual[PAD + at + t];
+        let bound = state.bound_dual.get(at + t).copied().unwrap_or_default();
+        (time + bound).to_f64()
+    };
+    frames.map(|t| value(t).powi(2)).sum()
 }
 
 /// Splits `sum |.|^2 sigma tau <= 1` between the duals of space, time and bounds according to their
@@ -180,11 +197,20 @@ fn balance<T: Float>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> {
     let (stride, blocks) = (state.stride, state.blocks());
     let square = |row: &[T]| row.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
     let (mut image, mut carried) = (0.0, [0.0; 3]);
+    if state.is_centred {
+        state.centre(ops.unknowns);
+    }
     for p in 0..ops.unknowns {
         for block in 0..blocks {
             let at = p * stride + block * LANES..p * stride + (block + 1) * LANES;
             let tau = state.tau[p * blocks + block].to_f64();
-            image += square(&state.image[at.clone()]) / tau;
+            let means = &state.means[block * LANES..][..LANES];
+            let row = state.image[at.clone()].iter().zip(means);
+            image += row.map(|(x, mean)| (x.to_f64() - mean).powi(2)).sum::<f64>() / tau;
+            if state.chain.is_some() {
+                carried[1] += tau * merged_square(state, p, block * LANES..(block + 1) * LANES);
+                continue;
+            }
             if !state.time_dual.is_empty() {
                 carried[1] += tau * square(&state.time_dual[PAD..][at.clone()]);
             }

@@ -2,6 +2,7 @@
 //!
 //! Over 300 lines because the steps of one sweep share one layout and are inlined into one function.
 
+use super::chain::Chain;
 use super::float::Float;
 use super::kernel::{LANES, PANEL, add_row, add_scaled, analyse, lanes, row, row_mut, synthesise};
 use super::operators::{BLOCK, Group, Operators};
@@ -220,6 +221,13 @@ fn ascend<T: Float>(
         }
         extrapolate(image, force, taus, steps.rho);
     }
+    if let Some(mut chain) = state.chain.take() {
+        for p in first..(first + BLOCK).min(ops.unknowns) {
+            chain_step(state, ops, steps, p, &mut chain);
+        }
+        state.chain = Some(chain);
+        return;
+    }
     if let Some(bounds) = steps.bounds {
         let per_cell = T::from_f64(state.split[2] / state.split[1]);
         let sigmas = state.cell_sigma[first * blocks..].chunks_exact(blocks);
@@ -277,6 +285,43 @@ fn bound_step<T: Float>(
             let new = (up - sigma * bounds[1]).max((up - sigma * bounds[0]).min(T::default()));
             present[l] * rho.mul_add(new - p[l], p[l])
         });
+    }
+}
+
+/// Updates the duals of time and bounds of an unknown together, see [`super::chain`].
+#[inline(always)]
+fn chain_step<T: Float>(
+    state: &mut State<T>,
+    ops: &Operators<T>,
+    steps: &Scaled<T>,
+    unknown: usize,
+    chain: &mut Chain<T>,
+) {
+    let (stride, frames, blocks) = (state.stride, state.frames, state.stride / LANES);
+    let at = unknown * stride;
+    let sigmas = &state.cell_sigma[unknown * blocks..][..blocks];
+    let duals = &state.time_dual[PAD + at - 1..][..frames + 1];
+    let image = &state.work[at..][..frames];
+    for (t, x) in image.iter().enumerate() {
+        let (sigma, own) = (sigmas[t / LANES], duals[t] - duals[t + 1]);
+        chain.weights[t] = sigma;
+        chain.data[t] = sigma.mul_add(*x, own);
+    }
+    if steps.bounds.is_some() {
+        let duals = &state.bound_dual[at..][..frames];
+        chain.data.iter_mut().zip(duals).for_each(|(v, p)| *v += *p);
+    }
+    chain.pull(steps.time * ops.time_radius[unknown], &state.links);
+    let duals = &mut state.time_dual[PAD + at..][..frames];
+    for (q, new) in duals.iter_mut().zip(&chain.dual) {
+        *q = steps.rho.mul_add(*new - *q, *q);
+    }
+    if let Some([lower, upper]) = steps.bounds {
+        let duals = &mut state.bound_dual[at..][..frames];
+        for ((p, u), sigma) in duals.iter_mut().zip(&chain.slopes).zip(&chain.weights) {
+            let new = *sigma * (*u - u.max(lower).min(upper));
+            *p = steps.rho.mul_add(new - *p, *p);
+        }
     }
 }
 

@@ -11,10 +11,23 @@ use crate::{DifferenceFrames, InverseError, SequenceStatus};
 use ndarray::Axis;
 use std::time::Instant;
 
-/// Number of frames used for the choice.
-const SAMPLE: usize = 12;
-/// Target gap of the trial solves; the residual converges long before the objective.
+/// Number of frames used for the choice, as many as are processed together.
+const SAMPLE: usize = LANES;
+/// Target gap of the first trial, far from the weight sought, and of the later ones. The residual converges
+/// long before the objective, but near the noise level it changes by only a tenth for a factor of e in the
+/// weight: a gap of 0.1 in all trials gave weights up to 1.4 times too small.
+const FIRST_GAP: f64 = 1e-1;
 const TRIAL_GAP: f64 = 3e-2;
+/// Model of the residual at weights that explain the data, `residual^2 = floor + (scale lambda)^power`. The
+/// power is that of the reference problems (1.29 over a factor of 60), the floor is a first guess: the share of
+/// the noise that images do not fit.
+const POWER: f64 = 1.3;
+const NOISE_FLOOR: f64 = 0.85;
+/// Largest floor that follows the model. Above it, the data is not explained, and the search goes on in
+/// steps, because the corner of the L-curve may be needed.
+const LARGEST_FLOOR: f64 = 0.97;
+/// Largest factor of a step by the model.
+const LARGEST_STEP: f64 = 256.0;
 /// Factor between trial weights until the crossing is bracketed, and maximum number of trials.
 const STRIDE: f64 = 4.0;
 const TRIALS: usize = 8;
@@ -77,6 +90,8 @@ pub struct ChosenWeights {
     /// `lambda_space` at the corner of the L-curve of the trials, as a check; `None` if the curve has
     /// no convex corner.
     pub corner: Option<f64>,
+    /// Number of iterations of all trials.
+    pub iterations: usize,
     /// Run time, seconds.
     pub seconds: f64,
 }
@@ -93,9 +108,10 @@ impl StTv {
     /// tenth per factor of 4 in the weight, the model does not explain the data, and the weight of the
     /// corner is used instead ([`WeightStatus::Flattened`]).
     ///
-    /// Uses the 12 consecutive frames with the strongest signal and about five solves of low accuracy,
+    /// Uses the 8 consecutive frames with the strongest signal and about four solves of low accuracy,
     /// each of which starts from the images and duals of the one before. The search starts at the weight
-    /// at which the dual of the gradient can just balance the noise.
+    /// at which the dual of the gradient can just balance the noise, and continues where a model of the
+    /// residual predicts the noise level; if the residual does not follow that model, by factors of 4.
     ///
     /// # Errors
     /// The errors of [`StTv::solve`]; [`InverseError::OutOfRange`] without `noise_std` or for a length
@@ -118,9 +134,10 @@ impl StTv {
         let sample = DifferenceFrames { values, good };
         let linked = self.settings.lambda_time > 0.0;
         let ratio = if linked { 1.0 / length_m } else { 0.0 };
-        let mut trial = Trial { solver: self, sample, ratio, curve: Vec::new(), last: None };
+        let curve = Vec::new();
+        let mut trial = Trial { solver: self, sample, ratio, curve, iterations: 0, last: None };
         let (found, status) = trial.search()?;
-        let mut curve = trial.curve;
+        let Trial { mut curve, iterations, .. } = trial;
         curve.sort_by(|a, b| a.lambda_space.total_cmp(&b.lambda_space));
         let corner = corner(&curve);
         let (found, status) = match (status, flattened(&curve, corner, found.lambda_space)) {
@@ -131,7 +148,16 @@ impl StTv {
         let lambda_time = ratio * lambda_space;
         self.set_weights(lambda_space, lambda_time, Fidelity::Penalised)?;
         let seconds = start.elapsed().as_secs_f64();
-        Ok(ChosenWeights { lambda_space, lambda_time, residual, status, curve, corner, seconds })
+        Ok(ChosenWeights {
+            lambda_space,
+            lambda_time,
+            residual,
+            status,
+            curve,
+            corner,
+            iterations,
+            seconds,
+        })
     }
 
     /// Returns the consecutive frames with the strongest signal.
@@ -192,6 +218,7 @@ struct Trial<'a> {
     sample: DifferenceFrames<'a>,
     ratio: f64,
     curve: Vec<WeightPoint>,
+    iterations: usize,
     /// Images and duals of the last trial, and its weight.
     last: Option<(State<f32>, f64)>,
 }
@@ -200,12 +227,15 @@ impl Trial<'_> {
     fn search(&mut self) -> Result<(WeightPoint, WeightStatus), InverseError> {
         let guess = self.solver.weight_of_noise();
         let guess = if guess > 0.0 && guess.is_finite() { guess } else { self.solver.unit };
-        let mut found = self.solve(guess)?;
-        let up = found.residual_norm < 1.0;
-        let mut other = found;
+        let first = self.solve(guess)?;
+        let up = first.residual_norm < 1.0;
+        if !up && let Some(found) = self.follow_model(first)? {
+            return Ok((found, WeightStatus::Reached));
+        }
+        let mut other = first;
         for _ in 0..TRIALS {
             let last = other.lambda_space;
-            found = other;
+            let found = other;
             other = self.solve(if up { last * STRIDE } else { last / STRIDE })?;
             if (other.residual_norm < 1.0) != up {
                 let (low, high) = if up { (found, other) } else { (other, found) };
@@ -214,6 +244,40 @@ impl Trial<'_> {
         }
         let status = if up { WeightStatus::AtUpperEdge } else { WeightStatus::AtLowerEdge };
         Ok((other, status))
+    }
+
+    /// Steps to the crossing that the model of the residual predicts, with a floor that follows the trials;
+    /// `None` if the residual does not follow the model.
+    fn follow_model(&mut self, first: WeightPoint) -> Result<Option<WeightPoint>, InverseError> {
+        let square = |point: WeightPoint| point.residual_norm.powi(2);
+        let (mut last, mut floor) = (first, NOISE_FLOOR);
+        let (mut low, mut high) = (None, first.lambda_space);
+        for _ in 0..REFINEMENTS {
+            let drop = (1.0 - floor) / (square(last) - floor);
+            let step = drop.powf(1.0 / POWER).clamp(1.0 / LARGEST_STEP, LARGEST_STEP);
+            let crossing = last.lambda_space * step;
+            let mut aim = crossing * (-0.5 * ACCURACY).exp();
+            if let Some(WeightPoint { lambda_space: least, .. }) = low {
+                if crossing.min(high) <= least * ACCURACY.exp() {
+                    break;
+                }
+                if !(least < aim && aim < high) {
+                    aim = (least * high).sqrt();
+                }
+            }
+            last = self.solve(aim)?;
+            if last.residual_norm < 1.0 {
+                low = Some(last);
+            } else {
+                high = last.lambda_space;
+            }
+            let rise = (first.lambda_space / last.lambda_space).powf(POWER) - 1.0;
+            floor = square(last) - (square(first) - square(last)) / rise;
+            if !floor.is_finite() || floor > LARGEST_FLOOR {
+                return Ok(None);
+            }
+        }
+        Ok(low)
     }
 
     /// Narrows the interval between a weight that explains the data and one that does not, by the secant
@@ -254,11 +318,12 @@ impl Trial<'_> {
         let sequence = if task.scale == 0.0 {
             task.nothing(start)
         } else {
-            let mut run = Run::new(&task, &self.solver.single, TRIAL_GAP, start)?;
+            let target_gap = if self.last.is_some() { TRIAL_GAP } else { FIRST_GAP };
+            let mut run = Run::new(&task, &self.solver.single, target_gap, start)?;
             if let Some((state, weight)) = &self.last {
                 run.start_from(state, lambda_space / weight)?;
             }
-            let stop = Stop { target_gap: TRIAL_GAP, ..Default::default() };
+            let stop = Stop { target_gap, ..Default::default() };
             let status = run.advance(&stop, TRIAL_ITERATIONS)?;
             self.last = Some((run.state().clone(), lambda_space));
             run.finish(status.unwrap_or(SequenceStatus::IterationCap))
@@ -271,6 +336,7 @@ impl Trial<'_> {
         let primal = sequence.report.certificate.map_or(f64::NAN, |c| c.primal);
         let variation = ((primal - 0.5 * square) / lambda_space).max(0.0);
         let point = WeightPoint { lambda_space, residual_norm, variation };
+        self.iterations += sequence.report.iterations;
         self.curve.push(point);
         Ok(point)
     }

@@ -83,7 +83,7 @@ fn one(
     // scenes with the same skin share its forward problem
     let is_known = results.forward.iter().any(|known| known.case == scene.forward);
     let mut forward = None;
-    if !(is_known || settings.report.plans) {
+    if !(is_known || settings.report.plans || settings.report.images) {
         let found = progress.steps("forward problem", forward::steps(settings.size), |bar| {
             forward::run(&scene.forward, settings, bar)
         })?;

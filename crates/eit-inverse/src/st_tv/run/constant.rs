@@ -3,6 +3,10 @@
 use super::Run;
 use crate::st_tv::float::Float;
 
+/// Largest objective of images of one value a frame, relative to that of one value for all frames, from which
+/// the iteration starts. One row of the reference problem: 0.02, three rows 0.4, all rows 1.
+const CONSTANTS_EXPLAIN: f64 = 0.2;
+
 impl<T: Float> Run<'_, T> {
     /// Evaluates the best constant image, which is optimal if the weights are large, and computes a
     /// first lower bound.
@@ -16,13 +20,7 @@ impl<T: Float> Run<'_, T> {
             let own = self.constant_values(first..first + count);
             values.extend(std::iter::repeat_n(own, count));
         }
-        for (p, &label) in parts.label.iter().enumerate() {
-            let row = &mut self.state.candidate[p * self.state.stride..][..task.frames];
-            for (x, values) in row.iter_mut().zip(&values) {
-                *x = T::from_f64(values[label as usize]);
-            }
-        }
-        self.keep_image();
+        self.keep_constants(&values);
         let rank = task.solver.rank();
         let [rotated, column] = &mut self.columns;
         for (frame, values) in values.iter().enumerate() {
@@ -41,6 +39,33 @@ impl<T: Float> Run<'_, T> {
         let bound = self.evaluation.lower_bound_of_constant(arch, &problem, &self.state);
         let best = &mut self.progress.best;
         best.lower_bound = best.lower_bound.max(bound);
+        if count > 1 {
+            self.start_from_constants();
+        }
+    }
+
+    /// Starts linked frames from a constant each, if that explains far more of the data than one constant for
+    /// all: only with few channels, where the optimum is close to such images and far from zero.
+    fn start_from_constants(&mut self) {
+        let common = self.progress.best.primal;
+        let frames = self.task.frames;
+        let values: Vec<_> = (0..frames).map(|f| self.constant_values(f..f + 1)).collect();
+        if self.keep_constants(&values) < CONSTANTS_EXPLAIN * common {
+            self.state.image.copy_from_slice(&self.state.candidate);
+            self.state.is_centred = true;
+        }
+    }
+
+    /// Evaluates images of one value for each frame and part; returns the objective.
+    fn keep_constants(&mut self, values: &[Vec<f64>]) -> f64 {
+        let (stride, frames) = (self.state.stride, self.task.frames);
+        for (p, &label) in self.task.solver.parts.label.iter().enumerate() {
+            let row = &mut self.state.candidate[p * stride..][..frames];
+            for (x, values) in row.iter_mut().zip(values) {
+                *x = T::from_f64(values[label as usize]);
+            }
+        }
+        self.keep_image()
     }
 
     /// Returns the least-squares value of each connected part, by sweeps over the parts; a single part,

@@ -44,14 +44,17 @@ pub(super) fn chosen(settings: &ReportSettings) -> Result<Vec<BenchmarkScene>, R
         true => all.clone(),
         false => settings.scenes.iter().map(find).collect::<Result<_, _>>()?,
     };
-    if settings.plans {
+    if settings.plans || settings.images {
         // a plan predicts images
         scenes.retain(|scene| scene.images.is_some());
         if scenes.is_empty() {
             let names = settings.scenes.join(", ");
-            return Err(ReportError::input(format!(
-                "--plans: the report has no images of {names}, so it cannot compare a plan with them"
-            )));
+            return Err(ReportError::input(match settings.plans {
+                true => format!(
+                    "--plans: the report has no images of {names}, so it cannot compare a plan with them"
+                ),
+                false => format!("--images: the report has no images of {names}"),
+            }));
         }
     }
     if settings.forward {
