@@ -38,6 +38,13 @@ pub(super) struct Dictionary {
     /// Squared length of the whitened values without the lost rows.
     squared: Vec<f64>,
     squared_of_all: Vec<f64>,
+    /// The same with no local unknown free.
+    squared_held: Vec<f64>,
+    /// Products of the values with the local unknowns, without the lost rows: `[place][unknown]`.
+    products: Vec<f64>,
+    /// Cholesky factor of the free unknowns, and a row of it.
+    factor: Vec<f64>,
+    work: Vec<f64>,
     sees: Vec<bool>,
     sorted: Vec<f64>,
     /// Peak of a touch of 1 S m^2, 1 / m^2.
@@ -79,6 +86,10 @@ impl Dictionary {
             rows: n,
             sees: vec![true; places.len()],
             squared_of_all: squared.clone(),
+            squared_held: squared.clone(),
+            products: Vec::new(),
+            factor: Vec::new(),
+            work: Vec::new(),
             sorted: squared.clone(),
             volts,
             values,
@@ -86,18 +97,65 @@ impl Dictionary {
             squared,
             tops,
         };
+        made.multiply(whitening);
         made.look();
         Ok(made)
     }
 
     /// Updates sensitivities after rows were lost or came back.
     pub(super) fn update(&mut self, whitening: &Whitening) {
-        self.squared.copy_from_slice(&self.squared_of_all);
+        self.squared_held.copy_from_slice(&self.squared_of_all);
         for direction in whitening.directions() {
-            let places = self.squared.iter_mut().zip(self.values.chunks_exact(self.rows));
+            let places = self.squared_held.iter_mut().zip(self.values.chunks_exact(self.rows));
             places.for_each(|(squared, value)| *squared -= dot(direction, value).powi(2));
         }
+        self.multiply(whitening);
+        self.squared.copy_from_slice(&self.squared_held);
         self.look();
+    }
+
+    fn multiply(&mut self, whitening: &Whitening) {
+        self.products.clear();
+        for value in self.values.chunks_exact(self.rows) {
+            self.products.extend(whitening.local().map(|unknown| dot(unknown, value)));
+        }
+    }
+
+    /// Updates sensitivities after other local unknowns became free: by the inverse of `I + U' U`.
+    pub(super) fn update_free(&mut self, whitening: &Whitening) {
+        let free = whitening.free();
+        let unknowns = whitening.local().count();
+        let locals: Vec<&[f64]> = whitening.free_columns().collect();
+        let count = locals.len();
+        self.factor.clear();
+        self.factor.resize(count * count, 0.0);
+        for i in 0..count {
+            for j in 0..=i {
+                let mut sum = dot(locals[i], locals[j]) + f64::from(u8::from(i == j));
+                sum -= dot(
+                    &self.factor[i * count..i * count + j],
+                    &self.factor[j * count..j * count + j],
+                );
+                self.factor[i * count + j] =
+                    if i == j { sum.max(1.0).sqrt() } else { sum / self.factor[j * count + j] };
+            }
+        }
+        self.work.clear();
+        self.work.resize(count, 0.0);
+        let places = self.squared.iter_mut().zip(&self.squared_held);
+        for (place, (squared, held)) in places.enumerate() {
+            *squared = *held;
+            for i in 0..count {
+                let row = &self.factor[i * count..i * count + i];
+                let product = dot(
+                    &self.products[place * unknowns..(place + 1) * unknowns],
+                    &free[i * unknowns..(i + 1) * unknowns],
+                );
+                let z = (product - dot(row, &self.work[..i])) / self.factor[i * count + i];
+                self.work[i] = z;
+                *squared -= z * z;
+            }
+        }
     }
 
     /// Determines which positions are not blind.
@@ -121,7 +179,7 @@ impl Dictionary {
     /// Returns the decrease of chi^2 from a single touch of positive strength at a position; 0 if the
     /// position is blind.
     ///
-    /// `residual` must be orthogonal to the lost rows.
+    /// `residual` must be mapped back to vectors without free unknowns, see [`Whitening::project_back`].
     pub(super) fn gain(&self, place: usize, residual: &[f64]) -> f64 {
         if !self.sees[place] {
             return 0.0;
