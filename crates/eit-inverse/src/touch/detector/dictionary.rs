@@ -114,6 +114,7 @@ impl Dictionary {
         self.look();
     }
 
+    /// Multiplies the values with the local unknowns.
     fn multiply(&mut self, whitening: &Whitening) {
         self.products.clear();
         for value in self.values.chunks_exact(self.rows) {
@@ -121,39 +122,42 @@ impl Dictionary {
         }
     }
 
-    /// Updates sensitivities after other local unknowns became free: by the inverse of `I + U' U`.
+    /// Updates sensitivities after other combinations of local unknowns became free: `d' d` becomes
+    /// `d' (I + U U')^-1 d = d' d - |L^-1 U' d|^2` with `L L' = I + U' U`.
     pub(super) fn update_free(&mut self, whitening: &Whitening) {
-        let free = whitening.free();
-        let unknowns = whitening.local().count();
-        let locals: Vec<&[f64]> = whitening.free_columns().collect();
-        let count = locals.len();
+        let (free, n, unknowns) = (whitening.free(), self.rows, whitening.local().count());
+        let columns = whitening.free_columns();
+        let count = columns.len() / n;
+        self.factorise(columns, count);
+        self.work.clear();
+        self.work.resize(count, 0.0);
+        for (place, squared) in self.squared.iter_mut().enumerate() {
+            *squared = self.squared_held[place];
+            let products = &self.products[place * unknowns..(place + 1) * unknowns];
+            for i in 0..count {
+                let (row, diagonal) = self.factor[i * count..=i * count + i].split_at(i);
+                let product = dot(products, &free[i * unknowns..(i + 1) * unknowns]);
+                let z = (product - dot(row, &self.work[..i])) / diagonal[0];
+                self.work[i] = z;
+                *squared -= z * z;
+            }
+        }
+    }
+
+    /// Computes the Cholesky factor of `I + U' U` for `count` columns.
+    fn factorise(&mut self, columns: &[f64], count: usize) {
+        let column = |k: usize| &columns[k * self.rows..(k + 1) * self.rows];
         self.factor.clear();
         self.factor.resize(count * count, 0.0);
         for i in 0..count {
             for j in 0..=i {
-                let mut sum = dot(locals[i], locals[j]) + f64::from(u8::from(i == j));
-                sum -= dot(
-                    &self.factor[i * count..i * count + j],
-                    &self.factor[j * count..j * count + j],
-                );
-                self.factor[i * count + j] =
-                    if i == j { sum.max(1.0).sqrt() } else { sum / self.factor[j * count + j] };
-            }
-        }
-        self.work.clear();
-        self.work.resize(count, 0.0);
-        let places = self.squared.iter_mut().zip(&self.squared_held);
-        for (place, (squared, held)) in places.enumerate() {
-            *squared = *held;
-            for i in 0..count {
-                let row = &self.factor[i * count..i * count + i];
-                let product = dot(
-                    &self.products[place * unknowns..(place + 1) * unknowns],
-                    &free[i * unknowns..(i + 1) * unknowns],
-                );
-                let z = (product - dot(row, &self.work[..i])) / self.factor[i * count + i];
-                self.work[i] = z;
-                *squared -= z * z;
+                let (above, row) = self.factor.split_at_mut(i * count);
+                let other = if i == j { &row[..j] } else { &above[j * count..j * count + j] };
+                let part = dot(column(i), column(j)) - dot(&row[..j], other);
+                row[j] = match i == j {
+                    true => (1.0 + part).max(1.0).sqrt(),
+                    false => part / above[j * count + j],
+                };
             }
         }
     }

@@ -189,8 +189,8 @@ impl Whitening {
     }
 
     /// Their whitened columns without the lost rows.
-    pub(super) fn free_columns(&self) -> impl Iterator<Item = &[f64]> {
-        self.free_columns.chunks_exact(self.rows)
+    pub(super) fn free_columns(&self) -> &[f64] {
+        &self.free_columns
     }
 
     /// Expected square of whitened noise along a unit vector.
