@@ -22,6 +22,25 @@ pub(crate) fn jacobian(
     })
 }
 
+/// Where each displacement of [`jacobian`] moves an electrode: its position, metres, and a unit vector.
+pub(crate) fn directions(mesh: &Mesh) -> Result<Vec<[[f64; 3]; 2]>, SkinError> {
+    let nodes_m = mesh.surface().nodes();
+    let of = |displacement: &Displacement| {
+        let (mut at_m, mut along, mut whole) = ([0.0; 3], [0.0; 3], 0.0);
+        for &(node, vector) in displacement.nodes() {
+            let weight = vector.iter().map(|v| v * v).sum::<f64>().sqrt();
+            whole += weight;
+            for k in 0..3 {
+                at_m[k] += weight * nodes_m[node as usize][k];
+                along[k] += vector[k];
+            }
+        }
+        let length = along.iter().map(|a| a * a).sum::<f64>().sqrt();
+        [at_m.map(|a| a / whole), along.map(|a| a / length)]
+    };
+    Ok(displacements(mesh)?.iter().map(of).collect())
+}
+
 /// Two displacements per electrode: along the rim and outward with the skin, or, for a patch, two along the
 /// skin.
 fn displacements(mesh: &Mesh) -> Result<Vec<Displacement>, SkinError> {

@@ -18,6 +18,10 @@
 //!    than a new one, and a new one may collect it over two frames.
 //! 3. The reference follows what touches do not explain, so it never locks up.
 //!
+//! What a touch does to electrodes and contacts is a covariance of its own ([`electrodes`]): the search runs with
+//! that of the previous frame's touches, and again with that of each further touch found, at most three times.
+//! What this covariance explains does not enter the reference, since it ends with the touch.
+//!
 //! Measurements that are missing from a frame are projected out ([`whitening`]).
 //!
 //! **Cost** for `n` rows, `G` positions, `K` touches: whitening takes `n^2` flops for the frame and for
@@ -32,6 +36,7 @@
 //! One file over 300 lines: the detector is one state, and its steps share most of its fields.
 
 mod dictionary;
+mod electrodes;
 mod evidence;
 mod least_squares;
 mod memory;
@@ -44,6 +49,7 @@ mod whitening;
 
 #[cfg(feature = "learn")]
 pub(crate) use dictionary::bell_at;
+pub use electrodes::UnknownKind;
 pub(crate) use places::Places;
 pub use settings::DetectorSettings;
 
@@ -53,6 +59,7 @@ use crate::check::{check_length, check_positive};
 use crate::geometry::distance_m;
 use dictionary::Dictionary;
 use eit_mesh::Surface;
+use electrodes::Electrodes;
 use faer::Mat;
 use memory::Memory;
 use ndarray::{ArrayRef2, ArrayView2};
@@ -73,6 +80,9 @@ pub struct DetectorModel<'a> {
     /// Other effects on the model's voltages, one column per unknown, volts per standard deviation of the
     /// unknown: `[measurement, unknown]`.
     pub unknowns: &'a ArrayRef2<f64>,
+    /// What each unknown is. The actions of touches on electrodes and contacts are unknowns of their own; what
+    /// these do alone is a small part of their standard deviation. Empty: touches act on none of them.
+    pub kinds: &'a [UnknownKind],
     /// The reference frame, volts.
     pub reference_v: &'a [f64],
     /// Standard deviation of the noise of a frame minus the reference, volts.
@@ -141,6 +151,26 @@ pub struct DetectorStep {
     pub blamed: Option<usize>,
 }
 
+/// Most searches of a frame, each with what the touches found before do to electrodes.
+const PASSES: usize = 3;
+
+/// What the search of a frame needs to know.
+macro_rules! scene {
+    ($detector:expr) => {
+        Scene {
+            places: &$detector.places,
+            dictionary: &$detector.dictionary,
+            whitening: &$detector.whitening,
+            memory: &$detector.memory,
+            settings: &$detector.settings,
+            late_s_m2: $detector.late_s_m2,
+            late_here_s_m2: &$detector.late_here_s_m2,
+            before: &$detector.before,
+            weak: &$detector.weak,
+        }
+    };
+}
+
 /// Fraction of the residual that one electrode's gain must explain for the electrode to be reported.
 const BLAME: f64 = 0.9;
 
@@ -177,8 +207,13 @@ pub struct TouchDetector {
     difference: Vec<f64>,
     folded: Vec<f64>,
     whitened: Vec<f64>,
+    /// The same with no row lost and no action on electrodes.
+    white: Vec<f64>,
+    electrodes: Electrodes,
     touch_v: Vec<f64>,
     memory_v: Vec<f64>,
+    /// What touches do to rows through electrodes and contacts, volts.
+    acted_v: Vec<f64>,
     gain_of: Vec<f64>,
     touches: Vec<DetectedTouch>,
     /// Root mean square position error of each touch from noise and nuisance parameters, metres.
@@ -209,6 +244,13 @@ impl TouchDetector {
             let column = |i: usize| rows.ratio[i] * model.unknowns[(i, k)];
             0.5 * (column(i) + column(j))
         });
+        let kind_of = |k: usize| model.kinds.get(k).copied().unwrap_or(UnknownKind::Other);
+        let acted: Vec<usize> =
+            (0..unknowns.ncols()).filter(|&k| kind_of(k) != UnknownKind::Other).collect();
+        let local = Mat::from_fn(n, acted.len(), |row, k| unknowns[(row, acted[k])]);
+        let unknowns = Mat::from_fn(n, unknowns.ncols(), |row, k| {
+            kind_of(k).share_alone() * unknowns[(row, k)]
+        });
         let whitening = Whitening::new(&variances, unknowns.as_ref())?;
         let whitening = match quiet::components(&rows, &whitening, model.quiet_v) {
             Some(more) => {
@@ -221,6 +263,7 @@ impl TouchDetector {
             }
             None => whitening,
         };
+        let whitening = whitening.with_local(local.as_ref());
         let places = Places::new(model.surface, settings.spacing_m);
         let dictionary =
             Dictionary::new(model.surface, model.jacobian, &places, &rows, &whitening, &settings)?;
@@ -239,8 +282,14 @@ impl TouchDetector {
             difference: vec![0.0; measurements],
             folded: vec![0.0; n],
             whitened: vec![0.0; n],
+            white: vec![0.0; n],
+            electrodes: Electrodes::new(
+                acted.iter().map(|&k| kind_of(k)).collect(),
+                settings.max_touches,
+            ),
             touch_v: vec![0.0; n],
             memory_v: vec![0.0; n],
+            acted_v: vec![0.0; n],
             gain_of: vec![0.0; n],
             touches: Vec::with_capacity(settings.max_touches),
             errors_m: Vec::with_capacity(settings.max_touches),
@@ -267,24 +316,26 @@ impl TouchDetector {
         dt_s: f64,
     ) -> Result<DetectorStep, InverseError> {
         self.take(frame, is_missing, dt_s)?;
-        self.whitening.apply(&self.folded, &mut self.whitened);
+        self.whitening.apply(&self.folded, &mut self.white);
         if self.whitening.lose(&self.lost) {
             self.dictionary.update(&self.whitening);
         }
-        self.whitening.project(&mut self.whitened);
-        self.memory.prepare(&self.rows, &self.whitening, &self.settings);
-        let scene = Scene {
-            places: &self.places,
-            dictionary: &self.dictionary,
-            whitening: &self.whitening,
-            memory: &self.memory,
-            settings: &self.settings,
-            late_s_m2: self.late_s_m2,
-            late_here_s_m2: &self.late_here_s_m2,
-            before: &self.before,
-            weak: &self.weak,
-        };
-        self.search.run(&scene, &self.whitened);
+        self.electrodes.start(&self.before, &self.places);
+        for pass in 0..PASSES {
+            if self.whitening.set_free(&self.electrodes.actions) {
+                self.dictionary.update_free(&self.whitening);
+            } else if pass > 0 {
+                break;
+            }
+            self.whitened.copy_from_slice(&self.white);
+            self.whitening.project(&mut self.whitened);
+            self.memory.prepare(&self.rows, &self.whitening, &self.settings);
+            let scene = scene!(self);
+            self.search.run(&scene, &self.whitened);
+            // what the touches found do to electrodes may explain others away
+            self.electrodes.add(&self.search.best.spots, &self.places);
+        }
+        let scene = scene!(self);
         let alone = best_gain(
             &self.gains,
             &self.whitening,
@@ -462,6 +513,11 @@ impl TouchDetector {
             // what memory explains must not enter the reference while it cannot be told from touches
             self.memory.add_volts(&best.shares, &mut self.memory_v);
         }
+        self.acted_v.fill(0.0);
+        if is_touched {
+            // ends with the touches, and must not stay in the reference
+            self.whitening.explained(&self.search.residual, &mut self.gain_of, &mut self.acted_v);
+        }
         let time_s = if is_touched { self.settings.touched_s } else { self.settings.idle_s };
         let weight = -(-dt_s / time_s).exp_m1();
         for (row, pair) in self.rows.of.iter().enumerate() {
@@ -469,7 +525,8 @@ impl TouchDetector {
             let [first, second] = *pair;
             for i in [first, second].into_iter().take(if first == second { 1 } else { 2 }) {
                 if !self.is_missing[i] {
-                    let rest = self.difference[i] - self.rows.ratio[i] * explained;
+                    let rest =
+                        self.difference[i] - self.rows.ratio[i] * explained - self.acted_v[row];
                     self.reference_v[i] += weight * rest;
                 }
             }
@@ -500,6 +557,9 @@ fn check(model: &DetectorModel<'_>) -> Result<(), InverseError> {
     check_length("Jacobian columns", elements, surface.triangles().len())?;
     check_length("model_v", model.model_v.len(), measurements)?;
     check_length("rows of the unknowns", unknowns.nrows(), measurements)?;
+    if !model.kinds.is_empty() {
+        check_length("kinds", model.kinds.len(), unknowns.ncols())?;
+    }
     check_length("reference_v", model.reference_v.len(), measurements)?;
     check_length("noise_std_v", model.noise_std_v.len(), measurements)?;
     check_length("used", model.used.len(), measurements)?;

@@ -63,6 +63,7 @@ impl Disc {
             jacobian: &self.jacobian,
             model_v: &self.model_v,
             unknowns: &self.unknowns,
+            kinds: &[],
             reference_v: &self.model_v,
             noise_std_v: &self.noise_std_v,
             quiet_v: self.quiet_v.view(),

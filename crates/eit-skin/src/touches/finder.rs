@@ -2,7 +2,7 @@
 
 use super::background;
 use super::choices::{Choices, FoundSheet};
-use super::model::{Spread, VoltageNoise, unknowns};
+use super::model::{Spread, VoltageNoise, kinds, unknowns};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
@@ -82,6 +82,7 @@ impl TouchFinder {
             jacobian,
             model_v: &voltages.to_vec(),
             unknowns: &unknowns,
+            kinds: &kinds(skin, unknowns.ncols())?,
             reference_v: &frames.reference,
             noise_std_v: &std_v,
             quiet_v: quiet.view(),

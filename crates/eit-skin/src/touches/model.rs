@@ -6,6 +6,7 @@ use crate::fitted::FittedFrames;
 use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
 use eit_fem::ElementOrder;
+use eit_inverse::touch::UnknownKind;
 use eit_inverse::{noise_std_of_quiet_frames, smallest_step};
 use ndarray::{Array2, Axis, concatenate};
 
@@ -21,7 +22,8 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    /// Values while the skin is in use; by default electrodes move by 0.2 mm with the fabric.
+    /// Values while the skin is in use; by default a touch moves electrodes by the order of 0.2 mm. What they do
+    /// by themselves is a small part of that, see [`UnknownKind`].
     pub fn in_use(skin: &LinearisedSkin) -> Self {
         let movement_m = skin.skin.settings.reconstruction.electrode_movement_m.unwrap_or(2e-4);
         Self { movement_m, contact: 0.05, sheet: 1e-3 }
@@ -97,4 +99,19 @@ pub(super) fn unknowns(
         .insert(0, displacement::jacobian(background_s, &skin.skin, progress)? * spread.movement_m);
     let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
     concatenate(Axis(1), &views).map_err(|e| SkinError::Failure(format!("unknowns: {e}")))
+}
+
+/// What each column of [`unknowns`] is.
+pub(super) fn kinds(skin: &LinearisedSkin, unknowns: usize) -> Result<Vec<UnknownKind>, SkinError> {
+    if unknowns == 1 {
+        return Ok(vec![UnknownKind::Other]);
+    }
+    let mesh = &skin.skin.mesh;
+    let directions = displacement::directions(mesh)?;
+    let displacement = |[at_m, along]: [[f64; 3]; 2]| UnknownKind::Displacement { at_m, along };
+    let moved = directions.into_iter().map(displacement);
+    let contact = |at_m| UnknownKind::Contact { at_m };
+    let centres = (0..mesh.electrodes().len()).filter_map(|e| mesh.electrode_centre_m(e));
+    let kinds = moved.chain([UnknownKind::Other]).chain(centres.map(contact));
+    Ok(kinds.take(unknowns).collect())
 }

@@ -38,6 +38,13 @@ pub(super) struct Dictionary {
     /// Squared length of the whitened values without the lost rows.
     squared: Vec<f64>,
     squared_of_all: Vec<f64>,
+    /// The same with no local unknown free.
+    squared_held: Vec<f64>,
+    /// Products of the values with the local unknowns, without the lost rows: `[place][unknown]`.
+    products: Vec<f64>,
+    /// Cholesky factor of the free unknowns, and a row of it.
+    factor: Vec<f64>,
+    work: Vec<f64>,
     sees: Vec<bool>,
     sorted: Vec<f64>,
     /// Peak of a touch of 1 S m^2, 1 / m^2.
@@ -79,6 +86,10 @@ impl Dictionary {
             rows: n,
             sees: vec![true; places.len()],
             squared_of_all: squared.clone(),
+            squared_held: squared.clone(),
+            products: Vec::new(),
+            factor: Vec::new(),
+            work: Vec::new(),
             sorted: squared.clone(),
             volts,
             values,
@@ -86,18 +97,69 @@ impl Dictionary {
             squared,
             tops,
         };
+        made.multiply(whitening);
         made.look();
         Ok(made)
     }
 
     /// Updates sensitivities after rows were lost or came back.
     pub(super) fn update(&mut self, whitening: &Whitening) {
-        self.squared.copy_from_slice(&self.squared_of_all);
+        self.squared_held.copy_from_slice(&self.squared_of_all);
         for direction in whitening.directions() {
-            let places = self.squared.iter_mut().zip(self.values.chunks_exact(self.rows));
+            let places = self.squared_held.iter_mut().zip(self.values.chunks_exact(self.rows));
             places.for_each(|(squared, value)| *squared -= dot(direction, value).powi(2));
         }
+        self.multiply(whitening);
+        self.squared.copy_from_slice(&self.squared_held);
         self.look();
+    }
+
+    /// Multiplies the values with the local unknowns.
+    fn multiply(&mut self, whitening: &Whitening) {
+        self.products.clear();
+        for value in self.values.chunks_exact(self.rows) {
+            self.products.extend(whitening.local().map(|unknown| dot(unknown, value)));
+        }
+    }
+
+    /// Updates sensitivities after other combinations of local unknowns became free: `d' d` becomes
+    /// `d' (I + U U')^-1 d = d' d - |L^-1 U' d|^2` with `L L' = I + U' U`.
+    pub(super) fn update_free(&mut self, whitening: &Whitening) {
+        let (free, n, unknowns) = (whitening.free(), self.rows, whitening.local().count());
+        let columns = whitening.free_columns();
+        let count = columns.len() / n;
+        self.factorise(columns, count);
+        self.work.clear();
+        self.work.resize(count, 0.0);
+        for (place, squared) in self.squared.iter_mut().enumerate() {
+            *squared = self.squared_held[place];
+            let products = &self.products[place * unknowns..(place + 1) * unknowns];
+            for i in 0..count {
+                let (row, diagonal) = self.factor[i * count..=i * count + i].split_at(i);
+                let product = dot(products, &free[i * unknowns..(i + 1) * unknowns]);
+                let z = (product - dot(row, &self.work[..i])) / diagonal[0];
+                self.work[i] = z;
+                *squared -= z * z;
+            }
+        }
+    }
+
+    /// Computes the Cholesky factor of `I + U' U` for `count` columns.
+    fn factorise(&mut self, columns: &[f64], count: usize) {
+        let column = |k: usize| &columns[k * self.rows..(k + 1) * self.rows];
+        self.factor.clear();
+        self.factor.resize(count * count, 0.0);
+        for i in 0..count {
+            for j in 0..=i {
+                let (above, row) = self.factor.split_at_mut(i * count);
+                let other = if i == j { &row[..j] } else { &above[j * count..j * count + j] };
+                let part = dot(column(i), column(j)) - dot(&row[..j], other);
+                row[j] = match i == j {
+                    true => (1.0 + part).max(1.0).sqrt(),
+                    false => part / above[j * count + j],
+                };
+            }
+        }
     }
 
     /// Determines which positions are not blind.
@@ -121,7 +183,7 @@ impl Dictionary {
     /// Returns the decrease of chi^2 from a single touch of positive strength at a position; 0 if the
     /// position is blind.
     ///
-    /// `residual` must be orthogonal to the lost rows.
+    /// `residual` must be mapped back to vectors without free unknowns, see [`Whitening::project_back`].
     pub(super) fn gain(&self, place: usize, residual: &[f64]) -> f64 {
         if !self.sees[place] {
             return 0.0;

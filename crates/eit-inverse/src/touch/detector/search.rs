@@ -129,6 +129,8 @@ pub(super) struct Search {
     /// Slopes times strengths, `[touch][along 1, along 2][row]`.
     slopes: Vec<f64>,
     pub(super) residual: Vec<f64>,
+    /// The residual, mapped back.
+    back: Vec<f64>,
     /// Residual without any touch.
     pub(super) residual_without: Vec<f64>,
     system: SmallSystem,
@@ -149,6 +151,7 @@ impl Search {
             columns: vec![0.0; 3 * most * rows],
             slopes: vec![0.0; 2 * most * rows],
             residual: vec![0.0; rows],
+            back: vec![0.0; rows],
             residual_without: vec![0.0; rows],
             system: SmallSystem::new(3 * most + 2 + settings.trails),
             began: Vec::with_capacity(most),
@@ -223,10 +226,12 @@ impl Search {
     }
 
     /// Finds where a further touch would explain most of the residual.
-    fn next_place(&self, scene: &Scene<'_>, path: &Fit) -> Option<usize> {
+    fn next_place(&mut self, scene: &Scene<'_>, path: &Fit) -> Option<usize> {
+        self.back.copy_from_slice(&self.residual);
+        scene.whitening.project_back(&mut self.back);
         let (mut best, mut most) = (None, TRIED);
         for place in 0..scene.places.len() {
-            let gain = scene.dictionary.gain(place, &self.residual);
+            let gain = scene.dictionary.gain(place, &self.back);
             if gain < most {
                 continue;
             }

@@ -8,7 +8,13 @@ use faer::{Mat, MatRef, Par, Side};
 /// A lost row that the other rows determine almost alone has no direction of its own.
 const DEPENDENT: f64 = 1e-10;
 
+/// A local unknown whose whitened column is shorter than this changes nothing.
+const FAINT: f64 = 1e-3;
+
 /// `W = L^-1` of the covariance `C = L L'` of the rows, and the rows that are lost.
+///
+/// Further unknowns can be free for a time ([`set_free`](Whitening::set_free)): each is whitened away after the
+/// others, `y - (1 - 1 / sqrt(1 + |u|^2)) u u' y / |u|^2` for a column `u`, for `4 n` flops per vector.
 ///
 /// A lost row has infinite variance: of whitened data `y` and columns `d`, only the part orthogonal to
 /// `W e_i` of each lost row `i` remains. The result equals that of dropping the rows and factorising again,
@@ -25,8 +31,19 @@ pub(super) struct Whitening {
     /// Lower triangle of `W`, row by row.
     packed: Vec<f64>,
     lost: Vec<usize>,
-    /// Orthonormal directions of the lost rows, one after the other.
+    /// Whitened columns of the local unknowns, `[unknown][row]`, as if no row were lost, ...
+    local: Vec<f64>,
+    /// ... and without the lost rows.
+    local_left: Vec<f64>,
+    /// Combinations of local unknowns that are free, `[combination][unknown]`, ...
+    free: Vec<f64>,
+    /// ... and their whitened columns without the lost rows.
+    free_columns: Vec<f64>,
+    /// Unit vectors, one after the other, by which data are mapped in this order: each keeps a part of what
+    /// lies along it. Nothing is kept of lost rows, whose directions come first.
     directions: Vec<f64>,
+    kept: Vec<f64>,
+    work: Vec<f64>,
 }
 
 impl Whitening {
@@ -56,7 +73,13 @@ impl Whitening {
             expected,
             packed,
             lost: Vec::new(),
+            local: Vec::new(),
+            local_left: Vec::new(),
+            free: Vec::new(),
+            free_columns: Vec::new(),
             directions: Vec::new(),
+            kept: Vec::new(),
+            work: vec![0.0; rows],
         })
     }
 
@@ -71,7 +94,7 @@ impl Whitening {
 
     /// Number of rows present.
     pub(super) fn present(&self) -> usize {
-        self.rows - self.directions.len() / self.rows
+        self.rows - self.kept.iter().filter(|kept| **kept == 0.0).count()
     }
 
     /// Computes `W x` in `n^2` flops.
@@ -83,17 +106,91 @@ impl Whitening {
         }
     }
 
-    /// Projects out the directions of lost rows.
+    /// Adds local unknowns, one column each, volts per standard deviation: combinations of them can be free
+    /// for a time.
+    pub(super) fn with_local(mut self, unknowns: MatRef<'_, f64>) -> Self {
+        let mut column = vec![0.0; self.rows];
+        for unknown in unknowns.col_iter() {
+            let from = self.local.len();
+            self.local.resize(from + self.rows, 0.0);
+            column.iter_mut().zip(unknown.iter()).for_each(|(c, u)| *c = *u);
+            let mut whitened = std::mem::take(&mut self.work);
+            self.apply(&column, &mut whitened);
+            self.local[from..].copy_from_slice(&whitened);
+            self.work = whitened;
+        }
+        self.local_left.clone_from(&self.local);
+        self
+    }
+
+    /// Maps a whitened vector: nothing of the lost rows remains, and a part of what free unknowns explain.
     pub(super) fn project(&self, y: &mut [f64]) {
-        for direction in self.directions.chunks_exact(self.rows) {
-            let part = dot(direction, y);
+        self.project_by(y, self.kept.len());
+    }
+
+    /// The same by the first `count` directions.
+    fn project_by(&self, y: &mut [f64], count: usize) {
+        let directions = self.directions.chunks_exact(self.rows).zip(&self.kept).take(count);
+        for (direction, kept) in directions {
+            let part = (1.0 - kept) * dot(direction, y);
             y.iter_mut().zip(direction).for_each(|(y, u)| *y -= part * u);
+        }
+    }
+
+    /// The transpose of [`project`](Self::project).
+    pub(super) fn project_back(&self, y: &mut [f64]) {
+        self.project_back_by(y, self.kept.len());
+    }
+
+    fn project_back_by(&self, y: &mut [f64], count: usize) {
+        let directions = self.directions.chunks_exact(self.rows).zip(&self.kept).take(count);
+        for (direction, kept) in directions.rev() {
+            let part = (1.0 - kept) * dot(direction, y);
+            y.iter_mut().zip(direction).for_each(|(y, u)| *y -= part * u);
+        }
+    }
+
+    /// Turns a projected residual into what the free unknowns explain of the rows, volts; nothing of lost
+    /// rows.
+    pub(super) fn explained(&self, projected: &[f64], work: &mut [f64], rows_v: &mut [f64]) {
+        rows_v.copy_from_slice(projected);
+        let directions = self.directions.chunks_exact(self.rows).zip(&self.kept);
+        for (direction, kept) in directions.rev().filter(|(_, kept)| **kept > 0.0) {
+            let part = (kept.recip() - 1.0) * dot(direction, rows_v);
+            rows_v.iter_mut().zip(direction).for_each(|(y, u)| *y += part * u);
+        }
+        work.copy_from_slice(projected);
+        self.project_back(work);
+        rows_v.iter_mut().zip(&*work).for_each(|(y, left)| *y -= left);
+        // solve W x = y
+        let mut start = 0;
+        for i in 0..self.rows {
+            let (before, rest) = rows_v.split_at_mut(i);
+            rest[0] =
+                (rest[0] - dot(&self.packed[start..start + i], before)) / self.packed[start + i];
+            start += i + 1;
         }
     }
 
     /// Returns the directions of the lost rows.
     pub(super) fn directions(&self) -> impl Iterator<Item = &[f64]> {
-        self.directions.chunks_exact(self.rows)
+        let lost = self.kept.iter().take_while(|kept| **kept == 0.0).count();
+        self.directions.chunks_exact(self.rows).take(lost)
+    }
+
+    /// Whitened columns of the local unknowns without the lost rows.
+    pub(super) fn local(&self) -> impl Iterator<Item = &[f64]> {
+        self.local_left.chunks_exact(self.rows)
+    }
+
+    /// Combinations of local unknowns that are free, `[combination][unknown]`.
+    pub(super) fn free(&self) -> &[f64] {
+        &self.free
+    }
+
+    /// Their whitened columns without the lost rows.
+    pub(super) fn free_columns(&self) -> &[f64] {
+        &self.free_columns
     }
 
     /// Expected square of whitened noise along a unit vector.
@@ -105,14 +202,17 @@ impl Whitening {
         self.variances.iter().enumerate().map(of_row).sum()
     }
 
-    /// Sets the lost rows and returns whether they have changed.
+    /// Sets the lost rows and returns whether they have changed. No local unknown is free then.
     pub(super) fn lose(&mut self, lost: &[usize]) -> bool {
         if self.lost == lost {
             return false;
         }
         self.lost.clear();
         self.lost.extend_from_slice(lost);
+        self.free.clear();
+        self.free_columns.clear();
         self.directions.clear();
+        self.kept.clear();
         for &row in lost {
             let from = self.directions.len();
             // column of W: zero above the row
@@ -132,14 +232,64 @@ impl Whitening {
             let left = norm(new);
             if left > DEPENDENT * whole {
                 new.iter_mut().for_each(|y| *y /= left);
+                self.kept.push(0.0);
             } else {
                 self.directions.truncate(from);
             }
         }
-        let lost: f64 =
-            self.directions.chunks_exact(self.rows).map(|u| self.expected_along(u)).sum();
-        self.expected = self.expected_of_all - lost;
+        self.local_left.clone_from(&self.local);
+        let mut local = std::mem::take(&mut self.local_left);
+        local.chunks_exact_mut(self.rows).for_each(|column| self.project(column));
+        self.local_left = local;
+        self.expect();
         true
+    }
+
+    /// Sets the combinations of local unknowns that are free, `[combination][unknown]`, each normal with
+    /// variance 1, and returns whether they have changed.
+    pub(super) fn set_free(&mut self, free: &[f64]) -> bool {
+        if self.free == free {
+            return false;
+        }
+        self.free.clear();
+        self.free.extend_from_slice(free);
+        let lost = self.kept.iter().take_while(|kept| **kept == 0.0).count();
+        self.kept.truncate(lost);
+        self.directions.truncate(lost * self.rows);
+        let unknowns = self.local.len() / self.rows;
+        self.free_columns.clear();
+        let mut column = std::mem::take(&mut self.work);
+        for shares in free.chunks_exact(unknowns.max(1)) {
+            column.fill(0.0);
+            for (share, unknown) in shares.iter().zip(self.local_left.chunks_exact(self.rows)) {
+                if *share != 0.0 {
+                    column.iter_mut().zip(unknown).for_each(|(c, u)| *c += share * u);
+                }
+            }
+            self.free_columns.extend_from_slice(&column);
+            // whitened by the combinations before
+            self.project(&mut column);
+            let length = norm(&column);
+            if length > FAINT {
+                self.directions.extend(column.iter().map(|c| c / length));
+                self.kept.push((1.0 + length * length).sqrt().recip());
+            }
+        }
+        self.work = column;
+        self.expect();
+        true
+    }
+
+    /// Updates the expected squared length of noise.
+    fn expect(&mut self) {
+        let mut along = std::mem::take(&mut self.work);
+        self.expected = self.expected_of_all;
+        for k in 0..self.kept.len() {
+            along.copy_from_slice(&self.directions[k * self.rows..(k + 1) * self.rows]);
+            self.project_back_by(&mut along, k);
+            self.expected -= (1.0 - self.kept[k].powi(2)) * self.expected_along(&along);
+        }
+        self.work = along;
     }
 }
 
@@ -191,6 +341,87 @@ mod tests {
             without.apply(&of_kept(&x), &mut z);
             // rounding of a covariance of condition 1e3
             assert!((dot(&y, &y) / dot(&z, &z) - 1.0).abs() < 1e-11);
+        }
+    }
+
+    fn drawn(random: &mut Random, rows: usize, columns: usize) -> Mat<f64> {
+        Mat::from_fn(rows, columns, |_, _| 2.0 * random.normal())
+    }
+
+    /// Two free combinations of three local unknowns equal two more unknowns, also while a row is lost.
+    #[test]
+    fn a_free_combination_is_one_more_unknown() {
+        let mut random = Random::new(6);
+        let n = 10;
+        let variances: Vec<f64> = (0..n).map(|_| 0.5 + random.normal().abs()).collect();
+        let (unknowns, local) = (drawn(&mut random, n, 3), drawn(&mut random, n, 3));
+        let shares = [1.0, 0.5, 0.0, 0.0, -2.0, 0.3];
+        let combination =
+            |i: usize, k: usize| -> f64 { (0..3).map(|u| shares[3 * k + u] * local[(i, u)]).sum() };
+        let mut whitening =
+            Whitening::new(&variances, unknowns.as_ref()).unwrap().with_local(local.as_ref());
+        assert!(whitening.lose(&[4]));
+        assert!(whitening.set_free(&shares));
+        assert!(!whitening.set_free(&shares));
+        let kept: Vec<usize> = (0..n).filter(|i| *i != 4).collect();
+        let of_kept = |v: &[f64]| -> Vec<f64> { kept.iter().map(|&i| v[i]).collect() };
+        let all = Mat::from_fn(n - 1, 5, |i, k| match k.checked_sub(3) {
+            None => unknowns[(kept[i], k)],
+            Some(k) => combination(kept[i], k),
+        });
+        let with = Whitening::new(&of_kept(&variances), all.as_ref()).unwrap();
+        assert_eq!(whitening.present(), n - 1);
+        assert!((whitening.expected() / with.expected() - 1.0).abs() < 1e-11);
+        let mut mapped = || {
+            let x: Vec<f64> = (0..n).map(|_| random.normal()).collect();
+            let (mut y, mut z) = (vec![0.0; n], vec![0.0; n - 1]);
+            whitening.apply(&x, &mut y);
+            let raw = y.clone();
+            whitening.project(&mut y);
+            with.apply(&of_kept(&x), &mut z);
+            assert!((dot(&y, &y) / dot(&z, &z) - 1.0).abs() < 1e-11);
+            [raw, y]
+        };
+        let [raw, a] = mapped();
+        let [_, mut b] = mapped();
+        let product = dot(&a, &b);
+        whitening.project_back(&mut b);
+        assert!((dot(&raw, &b) - product).abs() < 1e-11);
+        // back at no free unknowns, nothing of them is left
+        assert!(whitening.set_free(&[]));
+        assert_eq!(whitening.kept, [0.0]);
+    }
+
+    /// What free unknowns explain of data is their covariance over that of everything.
+    #[test]
+    fn free_unknowns_explain_their_part() {
+        let mut random = Random::new(7);
+        let n = 8;
+        let variances = vec![0.7; n];
+        let (unknowns, local) = (drawn(&mut random, n, 2), drawn(&mut random, n, 2));
+        let mut whitening =
+            Whitening::new(&variances, unknowns.as_ref()).unwrap().with_local(local.as_ref());
+        assert!(whitening.set_free(&[1.0, 0.0, 0.0, 1.0]));
+        let covariance = |i: usize, j: usize| -> f64 {
+            let of = |m: &Mat<f64>| (0..2).map(|k| m[(i, k)] * m[(j, k)]).sum::<f64>();
+            of(&unknowns) + of(&local) + if i == j { 0.7 } else { 0.0 }
+        };
+        let covariance = Mat::from_fn(n, n, covariance);
+        // data of which the solution of the whole covariance is known
+        let solution: Vec<f64> = (0..n).map(|_| random.normal()).collect();
+        let product = |m: &dyn Fn(usize, usize) -> f64, i: usize| -> f64 {
+            (0..n).map(|j| m(i, j) * solution[j]).sum()
+        };
+        let x: Vec<f64> = (0..n).map(|i| product(&|i, j| covariance[(i, j)], i)).collect();
+        let (mut y, mut work, mut explained) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+        whitening.apply(&x, &mut y);
+        whitening.project(&mut y);
+        whitening.explained(&y, &mut work, &mut explained);
+        for (i, found) in explained.iter().enumerate() {
+            let of_local =
+                |i: usize, j: usize| -> f64 { (0..2).map(|k| local[(i, k)] * local[(j, k)]).sum() };
+            let wanted = product(&of_local, i);
+            assert!((found - wanted).abs() < 1e-9 * (1.0 + wanted.abs()), "{found} {wanted}");
         }
     }
 }

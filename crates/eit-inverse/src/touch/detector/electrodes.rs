@@ -1,0 +1,174 @@
+//! What touches do to electrodes and their contacts.
+//!
+//! A press dents the fabric. Away from the dent the fabric moves towards it, by a distance that falls like one
+//! over the distance from the touch (plane elasticity), and electrodes move with it. A finger that slides drags
+//! the fabric along, by a distance that falls with the logarithm (Kelvin's solution; Love, *A Treatise on the
+//! Mathematical Theory of Elasticity*, section 148). A dent beside an electrode presses on its contact.
+//!
+//! So the electrodes do not move independently of each other: each touch adds four unknowns (a pull, a drag in
+//! two directions, a pressure on contacts), each of which acts on all electrodes. What an electrode does on its
+//! own is much less. With that much freedom for each electrode by itself, a finger beyond the outer electrodes
+//! looks as one that has moved; with little freedom and no pull, a finger beside an electrode looks as two.
+
+use super::places::{Places, Spot};
+use crate::geometry::distance_m;
+
+/// What an unknown of a [`DetectorModel`](super::DetectorModel) is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum UnknownKind {
+    /// Displacement of an electrode at a position, metres, along a unit vector.
+    Displacement {
+        /// Position of the electrode, metres.
+        at_m: [f64; 3],
+        /// Unit vector.
+        along: [f64; 3],
+    },
+    /// Contact impedance of the electrode at a position, metres.
+    Contact {
+        /// Position of the electrode, metres.
+        at_m: [f64; 3],
+    },
+    /// Anything that touches do not change.
+    Other,
+}
+
+impl UnknownKind {
+    /// Fraction of its standard deviation by which the unknown varies on its own.
+    pub(super) fn share_alone(self) -> f64 {
+        match self {
+            Self::Displacement { .. } => 0.05,
+            Self::Contact { .. } => 0.1,
+            Self::Other => 1.0,
+        }
+    }
+
+    /// Standard deviations of this unknown for one of a kind of action of a touch.
+    fn share(self, action: usize, touch_m: [f64; 3]) -> f64 {
+        match (self, action) {
+            (Self::Displacement { at_m, along }, 0) => {
+                let way: f64 = (0..3).map(|i| (touch_m[i] - at_m[i]) * along[i]).sum();
+                let distance_m = distance_m(touch_m, at_m);
+                PULL * way / distance_m.max(f64::MIN_POSITIVE) * (NEAR_M / distance_m).min(1.0)
+            }
+            (Self::Displacement { at_m, along }, 1..=3) => {
+                let far = (FAR_M / distance_m(touch_m, at_m)).ln() / (FAR_M / NEAR_M).ln();
+                DRAG * along[action - 1] * far.clamp(0.0, 1.0)
+            }
+            (Self::Contact { at_m }, 4) => PRESS * (-distance_m(touch_m, at_m) / PRESS_M).exp(),
+            _ => 0.0,
+        }
+    }
+}
+
+/// Standard deviation of the pull on electrodes up to [`NEAR_M`] away, in those of their displacement, ...
+const PULL: f64 = 1.5;
+/// ... and of the drag.
+const DRAG: f64 = 0.5;
+/// Standard deviation of the pressure on a contact under a touch, in those of the contact, ...
+const PRESS: f64 = 3.0;
+/// ... and the distance over which it falls by a factor of e, metres.
+const PRESS_M: f64 = 25e-3;
+/// Distance up to which pull and drag do not fall, metres.
+const NEAR_M: f64 = 30e-3;
+/// Distance from which there is no drag, metres.
+const FAR_M: f64 = 100e-3;
+
+/// Kinds of actions: a pull, a drag along each axis, a pressure on contacts.
+const ACTIONS: usize = 5;
+
+/// Touches closer than this act as one, metres.
+const SAME_M: f64 = 7e-3;
+
+/// Actions of touches on electrodes.
+#[derive(Debug, Clone)]
+pub(super) struct Electrodes {
+    kinds: Vec<UnknownKind>,
+    /// Where touches act.
+    at_m: Vec<[f64; 3]>,
+    /// Standard deviations of each unknown for one of each action: `[action][unknown]`.
+    pub(super) actions: Vec<f64>,
+}
+
+impl Electrodes {
+    /// Takes the unknowns on which touches act.
+    pub(super) fn new(kinds: Vec<UnknownKind>, most_touches: usize) -> Self {
+        // touches of the previous frame, and twice as many of this one
+        let most = 3 * most_touches;
+        Self {
+            actions: Vec::with_capacity(most * ACTIONS * kinds.len()),
+            at_m: Vec::with_capacity(most),
+            kinds,
+        }
+    }
+
+    /// Starts a frame with the touches of the previous one. A touch that has hardly moved acts from where it did
+    /// before, which changes nothing.
+    pub(super) fn start(&mut self, spots: &[Spot], places: &Places) {
+        let count = self.at_m.len();
+        let near = |at_m: [f64; 3], spot: &Spot| distance_m(spot.position_m, at_m) < SAME_M;
+        self.at_m.retain(|at_m| spots.iter().any(|spot| near(*at_m, spot)));
+        if self.at_m.len() < count {
+            self.actions.clear();
+            (0..self.at_m.len()).for_each(|k| self.act(self.at_m[k]));
+        }
+        self.add(spots, places);
+    }
+
+    /// Adds touches, each at the nearest of the candidate positions.
+    pub(super) fn add(&mut self, spots: &[Spot], places: &Places) {
+        for spot in spots {
+            let is_there = self.at_m.iter().any(|at_m| distance_m(*at_m, spot.position_m) < SAME_M);
+            if !is_there && self.at_m.len() < self.at_m.capacity() {
+                let at_m = places.at[spot.place].position_m;
+                self.at_m.push(at_m);
+                self.act(at_m);
+            }
+        }
+    }
+
+    /// Adds the actions of a touch; those without effect are left out.
+    fn act(&mut self, touch_m: [f64; 3]) {
+        for action in 0..ACTIONS {
+            let from = self.actions.len();
+            self.actions.extend(self.kinds.iter().map(|kind| kind.share(action, touch_m)));
+            if self.actions[from..].iter().all(|share| *share == 0.0) {
+                self.actions.truncate(from);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const AT_M: [f64; 3] = [0.1, 0.0, 0.0];
+
+    fn share(along: [f64; 3], action: usize, touch_m: [f64; 3]) -> f64 {
+        UnknownKind::Displacement { at_m: AT_M, along }.share(action, touch_m)
+    }
+
+    /// An electrode is pulled towards the touch, half as far at twice the distance; not across.
+    #[test]
+    fn a_touch_pulls_electrodes_towards_itself() {
+        let (inward, across) = ([-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
+        let [near, far] = [0.06, 0.02].map(|x| share(inward, 0, [x, 0.0, 0.0]));
+        assert!(near > 0.0 && (near / far - 2.0).abs() < 1e-12, "{near} {far}");
+        assert_eq!(share(across, 0, [0.06, 0.0, 0.0]), 0.0);
+        // no direction under the finger, and no division by zero
+        assert_eq!(share(inward, 0, AT_M), 0.0);
+    }
+
+    /// A drag acts along its axis alone and ends at a distance; contacts feel touches nearby.
+    #[test]
+    fn drags_and_pressures_are_local() {
+        let along = [0.0, 1.0, 0.0];
+        assert_eq!(share(along, 1, [0.09, 0.0, 0.0]), 0.0);
+        assert_eq!(share(along, 2, [0.09, 0.0, 0.0]), DRAG);
+        assert_eq!(share(along, 2, [-0.01, 0.0, 0.0]), 0.0);
+        let contact = UnknownKind::Contact { at_m: AT_M };
+        assert_eq!(contact.share(4, AT_M), PRESS);
+        assert!(contact.share(4, [0.0; 3]) < 0.02 * PRESS);
+        assert_eq!(contact.share(0, [0.0; 3]), 0.0);
+    }
+}
