@@ -2,7 +2,7 @@
 
 use super::earlier::Joined;
 use super::model::{middle_m, radius_m, ratios, responses};
-use super::presses::strongest;
+use super::presses::{PressTouch, strongest};
 use super::{
     CANDIDATES, ErrorsByWay, Frame, LearnedForce, LearnedSkin, PlaceErrors, PlacesBy, PressFrames,
 };
@@ -15,7 +15,6 @@ use eit_inverse::learn::{
     Choice, ForceCurve, ForceSample, Locator, ModelResponses, PlaceRegression, Pose, Presses,
     ResponseMap, candidates,
 };
-use eit_inverse::touch::DetectedTouch;
 
 /// Radius of a touch if the scene states none, as a fraction of the skin's: wider than a fingertip, because
 /// robots press with larger tips and the fabric spreads a press.
@@ -87,6 +86,7 @@ impl LearnedSkin {
         let presses = Presses {
             places_m: joined.table.places_m.iter().map(|p| pose.to_model(*p)).collect(),
             frames: joined.table.frames.clone(),
+            sessions: joined.table.sessions.clone(),
         };
         let at_presses = responses(skin, channels, &ratios, &presses.places_m, bell_m)
             .map_err(|e| joined.located(e))?;
@@ -168,7 +168,7 @@ impl<'a> Forces<'a> {
         joined: &'a Joined,
         presses: &Presses,
         map: &ResponseMap,
-        detected: Option<&[Option<DetectedTouch>]>,
+        detected: Option<&[Option<PressTouch>]>,
     ) -> Result<Self, InverseError> {
         // a touch of strength 0 is no touch
         let strength = |s: f64| (s > 0.0 && s.is_finite()).then_some(s);
@@ -178,8 +178,7 @@ impl<'a> Forces<'a> {
             .map(|row| locator.locate(&row.to_vec(), None, 0.0))
             .map(|located| strength(located?.strength_s_m2))
             .collect();
-        let of_touch =
-            |touch: &Option<DetectedTouch>| strength(touch.as_ref()?.strength_s_m2.abs());
+        let of_touch = |touch: &Option<PressTouch>| strength(touch.as_ref()?.even_strength_s_m2);
         let by_model = detected.map(|all| all.iter().map(of_touch).collect());
         Ok(Self { forces_n: &joined.forces_n, by_model, by_map })
     }
