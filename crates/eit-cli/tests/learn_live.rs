@@ -49,7 +49,7 @@ edge_m = 0.009
 [recording]
 scale = 1e-5
 [instrument]
-driver = "text"
+driver = "csv"
 port = "PORT"
 "#;
 

@@ -201,7 +201,8 @@ impl LearnedSkin {
 
 impl ErrorsByWay {
     /// Returns the method with the smallest mean error. Never the model if the frame was fitted: its errors
-    /// are then not those of held-out presses, and a skin with unknown electrodes is not the model's.
+    /// are then not those of held-out presses, and a skin with unknown electrodes is not the model's. With presses
+    /// of several sessions these are the errors of the latest one, like whose frames those to come are.
     fn best(&self, frame: Frame) -> PlacesBy {
         let (by, least) = match self.regression.mean_m < self.map.mean_m {
             true => (PlacesBy::Regression, self.regression.mean_m),

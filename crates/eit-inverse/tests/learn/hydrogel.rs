@@ -85,6 +85,15 @@ fn run(model: &Model, all: &Presses, learnt: usize) -> Run {
     run_of(model, all, &first, &rest)
 }
 
+/// Mean error of the presses of the latest session, by which the method is chosen: frames to come are like them.
+fn of_latest(table: &Presses, errors_m: &[f64]) -> f64 {
+    let latest = table.sessions.iter().max();
+    let all = errors_m.iter().enumerate();
+    let of: Vec<f64> =
+        all.filter(|(k, _)| table.sessions.get(*k) == latest).map(|(_, error)| *error).collect();
+    mean(&of)
+}
+
 /// Learns from some presses and tests on others.
 fn run_of(model: &Model, all: &Presses, first: &[usize], rest: &[usize]) -> Run {
     let table = all.select(first);
@@ -112,8 +121,8 @@ fn run_of(model: &Model, all: &Presses, first: &[usize], rest: &[usize]) -> Run 
         untrained: Vec::new(),
         map: Vec::new(),
         regression: Vec::new(),
-        folds_m: choice.errors.mean_m() / found.pose.scale,
-        regression_folds_m: regression_errors.mean_m(),
+        folds_m: of_latest(&table, &choice.errors.errors_m) / found.pose.scale,
+        regression_folds_m: of_latest(&table, &regression_errors.errors_m),
         learn_s,
         frame_s: 0.0,
         unlike: 0.0,

@@ -2,7 +2,7 @@
 
 use super::earlier::Joined;
 use super::model::{middle_m, radius_m, ratios, responses};
-use super::presses::{PressTouch, strongest};
+use super::presses::{PressTouch, errors_of_detected, strongest};
 use super::{
     CANDIDATES, ErrorsByWay, Frame, LearnedForce, LearnedSkin, PlaceErrors, PlacesBy, PressFrames,
 };
@@ -115,6 +115,16 @@ impl LearnedSkin {
             map: PlaceErrors::of(&choice.errors, pose.scale),
             regression: PlaceErrors::of(&by_regression, pose.scale),
         };
+        let by_detected = detected
+            .as_deref()
+            .map(|detected| errors_of_detected(detected, &joined.table.places_m, radius_m(skin)));
+        let latest = |errors_m: &[f64]| of_latest(&presses, errors_m);
+        let by_latest = ErrorsByWay {
+            model: by_detected.as_deref().map(latest),
+            map: latest(&choice.errors.errors_m),
+            regression: latest(&by_regression.errors_m),
+        };
+        let places_by = by_latest.best(frame);
         let unlike = unlike(&choice, joined.earlier);
         let forces = Forces::new(&joined, &presses, &choice.map, detected.as_deref())?;
         let force = forces.learn(&presses, middle_m(skin), radius_m(skin))?;
@@ -133,7 +143,7 @@ impl LearnedSkin {
                 covariance_factor: choice.map.covariance_factor,
                 rest_limit: choice.map.rest_limit,
                 regression: regression.settings,
-                places_by: errors.best(frame),
+                places_by,
                 errors,
                 force,
                 forces_n: joined.forces_n.clone(),
@@ -142,6 +152,14 @@ impl LearnedSkin {
             },
         })
     }
+}
+
+/// Errors of the presses of the latest session, which frames to come are like.
+fn of_latest(presses: &Presses, errors_m: &[f64]) -> PlaceErrors {
+    let latest = presses.sessions.iter().max();
+    let all = errors_m.iter().enumerate();
+    let of = all.filter(|(press, _)| presses.sessions.get(*press) == latest);
+    PlaceErrors::of_errors(of.map(|(_, error_m)| *error_m).collect())
 }
 
 /// New presses that the others do not explain.

@@ -212,12 +212,21 @@ impl PlaceErrors {
         places_m: &[[f64; 3]],
         missed_m: f64,
     ) -> Self {
-        let error = |(found, place): (&Option<PressTouch>, &[f64; 3])| match found {
-            Some(found) => distance_m(found.touch.position_m, *place),
-            None => missed_m,
-        };
-        Self::of_errors(detected.iter().zip(places_m).map(error).collect())
+        Self::of_errors(errors_of_detected(detected, places_m, missed_m))
     }
+}
+
+/// Error of each press; one that was not found has `missed_m`.
+pub(super) fn errors_of_detected(
+    detected: &[Option<PressTouch>],
+    places_m: &[[f64; 3]],
+    missed_m: f64,
+) -> Vec<f64> {
+    let error = |(found, place): (&Option<PressTouch>, &[f64; 3])| match found {
+        Some(found) => distance_m(found.touch.position_m, *place),
+        None => missed_m,
+    };
+    detected.iter().zip(places_m).map(error).collect()
 }
 
 pub(super) fn distance_m(a: [f64; 3], b: [f64; 3]) -> f64 {

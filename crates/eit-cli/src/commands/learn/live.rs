@@ -339,7 +339,7 @@ fn error_words(now: &ErrorPoint, before: Option<&ErrorPoint>) -> String {
 /// Reads a force from standard input; `None` for an empty line or at its end.
 fn read_force() -> Result<Option<f64>, CliError> {
     loop {
-        eprint!("force of this press, N (empty if unknown): ");
+        say("force of this press, N (empty line if unknown):");
         let mut line = String::new();
         let read = std::io::stdin().read_line(&mut line);
         read.map_err(|e| CliError::Failure(format!("standard input: {e}")))?;
