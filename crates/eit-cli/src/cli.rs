@@ -122,8 +122,9 @@ pub(crate) enum Command {
     Calibrate(CalibrateArgs),
     /// Learn position and force of touches from presses at known places.
     ///
-    /// Press the real skin at known places (a robot, a grid on paper, known weights), record it, and write
-    /// a table with one line per press. Three methods are compared on held-out presses: the model alone,
+    /// With --live, the program asks for presses at places of its choice, notices when they are held, stores them
+    /// and ends when the error no longer falls; --force-n tells the weight that is used. Or press the real skin at
+    /// known places (a robot, a grid on paper, known weights), record it, and write a table with one line per press. Three methods are compared on held-out presses: the model alone,
     /// the model with a learnt correction of its responses, and regression from frames to positions. The
     /// best one is used, and the output states all errors. 10 presses determine rotation, reflection and
     /// scale of a skin with unknown electrode order (--fit-frame); 25 to 100 give position maps. With
@@ -135,8 +136,10 @@ pub(crate) enum Command {
     /// unlike all presses that were learnt. The file only applies to the scene's skin, electrodes and
     /// protocol.
     ///
-    /// Example: eit learn my.toml --presses presses.csv --frames presses.mcap --reference 0..20
-    /// --out skin.learned
+    /// With --with, an earlier file is brought back: its presses count, and a few new ones tell what has drifted since.
+    ///
+    /// Examples: eit learn my.toml --live --force-n 0.5,1,2 --out skin.learned
+    /// eit learn my.toml --presses presses.csv --frames presses.mcap --reference 0..20 --out skin.learned
     #[command(verbatim_doc_comment)]
     Learn(LearnArgs),
     /// Simulate frames of a touched fabric, with ground truth.

@@ -46,7 +46,7 @@ fn main() -> ExitCode {
         Command::Jacobian(args) => commands::jacobian::run(args).map(Ended::from),
         Command::Calibrate(args) => commands::calibrate::run(args).map(Ended::from),
         Command::Init(args) => commands::init::run(args, cli.json).map(Ended::from),
-        Command::Learn(args) => commands::learn::run(args).map(Ended::from),
+        Command::Learn(args) => commands::learn::run(args),
         Command::Simulate(args) => commands::simulate::run(args).map(Ended::from),
         Command::Reconstruct(args) => commands::reconstruct::run(args).map(Ended::from),
         Command::Base(args) => commands::base::run(args).map(Ended::from),

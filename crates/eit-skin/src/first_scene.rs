@@ -17,11 +17,10 @@
 //! ```
 
 mod numbering;
-mod presses;
 mod protocols;
 
+pub use crate::press_watch::{PressState, PressWatch};
 pub use numbering::{KnownPress, Numbering, find_numbering};
-pub use presses::{PressState, PressWatch};
 pub use protocols::{FittingProtocol, fitting_protocols};
 
 use crate::error::SkinError;

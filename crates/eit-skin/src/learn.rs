@@ -15,14 +15,18 @@
 //! | `touched.rs` | rejection of presses that their frames do not show |
 //! | `earlier.rs` | merging presses of an earlier file with new ones |
 //! | `learning.rs`, `model.rs` | [`LearnedSkin::learn`], and the model's response at each place |
+//! | `collect.rs` | collecting presses while they are made |
 //! | `curve.rs` | errors against the number of presses |
 //! | `file.rs` | file format |
+//! | `local_sheet.rs` | conductivity of an uneven sheet under a touch |
 //! | `refine.rs` | applying what was learnt to the touches of a frame |
 
+pub mod collect;
 mod curve;
 mod earlier;
 mod file;
 mod learning;
+mod local_sheet;
 mod model;
 mod presses;
 mod refine;
@@ -31,7 +35,8 @@ mod touched;
 
 pub use curve::{CurvePoint, learning_curve};
 pub use learning::{Learning, UnlikePress};
-pub use presses::PressFrames;
+pub(crate) use local_sheet::LocalSheet;
+pub use presses::{PressFrames, PressTouch};
 pub(crate) use refine::LearnedTouches;
 pub use table::{Press, PressTable};
 
@@ -198,7 +203,8 @@ impl LearnedSkin {
 
 impl ErrorsByWay {
     /// Returns the method with the smallest mean error. Never the model if the frame was fitted: its errors
-    /// are then not those of held-out presses, and a skin with unknown electrodes is not the model's.
+    /// are then not those of held-out presses, and a skin with unknown electrodes is not the model's. With presses
+    /// of several sessions these are the errors of the latest one, like whose frames those to come are.
     fn best(&self, frame: Frame) -> PlacesBy {
         let (by, least) = match self.regression.mean_m < self.map.mean_m {
             true => (PlacesBy::Regression, self.regression.mean_m),

@@ -3,14 +3,31 @@
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use eit_inverse::touch::DetectedTouch;
+use eit_mesh::Surface;
 use std::path::Path;
+
+/// Only forces depend on where a sheet is uneven.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct LocalSheet;
+
+impl LocalSheet {
+    pub fn new(_: &Surface, _: &[f64], _: &[f64]) -> Self {
+        Self
+    }
+}
 
 /// Never constructed without feature `learn`.
 #[derive(Debug, Clone)]
 pub(crate) enum LearnedTouches {}
 
 impl LearnedTouches {
-    pub fn load(_: &Path, skin: &LinearisedSkin, _: &[bool], _: &[f64]) -> Result<Self, SkinError> {
+    pub fn load(
+        _: &Path,
+        skin: &LinearisedSkin,
+        _: &[bool],
+        _: &[f64],
+        _: &LocalSheet,
+    ) -> Result<Self, SkinError> {
         Err(SkinError::input(
             "touch.learned: this program was built without learning (feature `learn` of eit-skin)",
         )

@@ -34,6 +34,8 @@ pub mod noise;
 pub mod one_step;
 #[cfg(feature = "plan")]
 pub mod plan;
+#[cfg(any(feature = "first-scene", feature = "learn"))]
+mod press_watch;
 mod progress;
 pub mod reactive;
 pub mod scene;

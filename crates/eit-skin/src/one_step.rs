@@ -16,6 +16,11 @@ use ndarray::{Array2, ArrayView1, Axis};
 
 /// Default noise figure: the image is as noisy as the data.
 pub const DEFAULT_NOISE_FIGURE: f64 = 1.0;
+/// The same where the reference frame has other levels than the model
+/// ([`ModelFit::is_scattered`](crate::frames::ModelFit::is_scattered)): what is wrong there is the model, of which
+/// smoothing removes more than of noise. Below the least that can be reached, so that images are as smooth as
+/// possible.
+const SCATTERED_NOISE_FIGURE: f64 = 0.2;
 
 /// A one-step reconstruction that is ready for frames.
 #[derive(Debug, Clone)]
@@ -65,8 +70,29 @@ impl FittedFrames {
         };
         let additive = stated.map(|e| vec![e; skin.protocol.measurements()]);
         let noise_std = additive.map(|noise_std_v| data.noise_std(&noise_std_v)).transpose()?;
+        let noise_std = noise_std.or_else(|| self.noise_of_levels());
         let used = Some(self.frames.used.clone());
         Ok(OneStepSettings { data, noise_std, used, ..Default::default() })
+    }
+}
+
+impl FittedFrames {
+    /// Noise of normalised differences that is equal in all measurements in volts, if the levels of the reference
+    /// frame are not the model's: otherwise the smallest levels, whose changes mean least, count most. `None` for
+    /// plain differences, and for levels like the model's.
+    fn noise_of_levels(&self) -> Option<Vec<f64>> {
+        let is_normalised = self.skin.difference_kind() == DifferenceKind::Normalised;
+        if !(is_normalised && self.fit.is_scattered()) {
+            return None;
+        }
+        let sizes: Vec<f64> = self.frames.reference.iter().map(|v| v.abs()).collect();
+        let used =
+            sizes.iter().zip(&self.frames.used).filter(|(size, used)| **used && **size > 0.0);
+        let mut sorted: Vec<f64> = used.map(|(size, _)| *size).collect();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let median = *sorted.get(sorted.len() / 2)?;
+        // measurements that are not used need some number
+        Some(sizes.iter().map(|size| if *size > 0.0 { median / size } else { 1.0 }).collect())
     }
 }
 
@@ -88,7 +114,11 @@ pub(crate) fn choose(
     let FittedFrames { skin: linearised, frames, .. } = fitted;
     let keys = &linearised.skin.settings.reconstruction;
     let target;
-    let figure = keys.noise_figure.unwrap_or(DEFAULT_NOISE_FIGURE);
+    let default_figure = match fitted.fit.is_scattered() {
+        true => SCATTERED_NOISE_FIGURE,
+        false => DEFAULT_NOISE_FIGURE,
+    };
+    let figure = keys.noise_figure.unwrap_or(default_figure);
     let default = Hyperparameter::Rule(Rule::NoiseFigure);
     let clean = frames.clean();
     let needs_data =

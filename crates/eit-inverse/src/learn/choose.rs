@@ -1,20 +1,23 @@
 //! Parameters of a [`ResponseMap`] by cross-validation, and the remaining errors.
 //!
-//! Presses are dealt one by one, in order of time, to ten folds (leave-one-out for ten presses or fewer).
-//! Each fold is located with a map learnt from the others. Everything is fitted again without the fold,
+//! Up to forty presses are dealt one by one, in order of time, to ten folds (leave-one-out for ten presses or
+//! fewer). Each fold is located with a map learnt from the others. Everything is fitted again without the fold,
 //! including gains and variances.
+//!
+//! More presses are left out one by one in closed form: one kernel serves all, and gains and variances, on which a
+//! single press then has little influence, remain those of all presses.
 
 use super::locate::posterior_of_misfits;
 use super::presses::{ModelResponses, Presses};
-use super::response_map::{
-    Geometry, ResponseMap, ResponseMapSettings, Responses, UnitData, fit, misfits, rests,
-};
+use super::response_map::{Explained, Geometry, ResponseMap, ResponseMapSettings, UnitData, fit};
 use crate::InverseError;
 use crate::geometry::distance_m;
 use ndarray::{Array2, Axis};
 
 /// Most folds.
 const FOLDS: usize = 10;
+/// Most presses for which everything is fitted again without each fold.
+const FEW_PRESSES: usize = 40;
 
 /// Fewest presses to learn from.
 pub(super) const LEAST_PRESSES: usize = 4;
@@ -97,13 +100,13 @@ impl ResponseMap {
             return Err(InverseError::PressesAtOnePlace { presses: presses.places_m.len() });
         }
         let data = UnitData::new(presses, model);
-        let folds = folds(presses.places_m.len());
+        let folds = folds(presses);
         let (mut best, mut tried): (Option<(f64, ResponseMapSettings, Held)>, usize) = (None, 0);
         for length_m in LENGTHS.map(|part| part * spread_m) {
             for noise in NOISES {
-                let geometries = geometries(presses, model, &folds, length_m, noise)?;
+                let kernels = kernels(presses, model, &folds, length_m, noise)?;
                 for gain_pull in PULLS {
-                    let misfits = held_misfits(&geometries, &data, gain_pull);
+                    let misfits = held_misfits(&kernels, &data, gain_pull);
                     for independent_channels in INDEPENDENT_CHANNELS {
                         let held = locate(presses, model, &misfits, independent_channels);
                         let score = held.errors_m.iter().sum::<f64>();
@@ -140,48 +143,81 @@ pub(super) fn spread_m(places_m: &[[f64; 3]]) -> f64 {
     (places_m.iter().map(|p| distance_m(*p, middle).powi(2)).sum::<f64>() / count).sqrt()
 }
 
-/// Returns the presses of each fold: learnt, held out.
-fn folds(presses: usize) -> Vec<[Vec<usize>; 2]> {
-    let count = presses.min(FOLDS);
-    let of = |fold: usize| (0..presses).partition(|press| press % count != fold);
-    (0..count).map(of).map(|(learnt, held)| [learnt, held]).collect()
+/// Presses that are learnt, and presses of one session that are held out.
+struct Fold {
+    learnt: Vec<usize>,
+    held: Vec<usize>,
+    session: u32,
+    /// Whether the held ones are among the learnt ones, from which each is left out in closed form.
+    is_closed: bool,
+}
+
+/// Returns the folds; with presses of several sessions, those of each are held out on their own, because candidates
+/// are of one session.
+fn folds(presses: &Presses) -> Vec<Fold> {
+    let total = presses.places_m.len();
+    let mut sessions: Vec<u32> = (0..total).map(|press| presses.session(press)).collect();
+    sessions.sort_unstable();
+    sessions.dedup();
+    let is_closed = total > FEW_PRESSES;
+    let count = if is_closed { 1 } else { total.min(FOLDS) };
+    let mut folds = Vec::new();
+    for fold in 0..count {
+        for &session in &sessions {
+            let is_held = |press: &usize| press % count == fold;
+            let held: Vec<usize> =
+                (0..total).filter(|k| is_held(k) && presses.session(*k) == session).collect();
+            let learnt = (0..total).filter(|press| is_closed || !is_held(press)).collect();
+            if !held.is_empty() {
+                folds.push(Fold { learnt, held, session, is_closed });
+            }
+        }
+    }
+    folds
 }
 
 /// A fold and its kernel.
-struct Fold<'a> {
-    of: &'a [Vec<usize>; 2],
+struct Kernel<'a> {
+    of: &'a Fold,
     geometry: Geometry,
 }
 
-fn geometries<'a>(
+fn kernels<'a>(
     presses: &Presses,
     model: &ModelResponses,
-    folds: &'a [[Vec<usize>; 2]],
+    folds: &'a [Fold],
     length_m: f64,
     noise: f64,
-) -> Result<Vec<Fold<'a>>, InverseError> {
-    let fold = |of: &'a [Vec<usize>; 2]| {
-        let places: Vec<_> = of[0].iter().map(|&k| presses.places_m[k]).collect();
-        let geometry = Geometry::new(&places, &model.candidates_m, length_m, noise)?;
-        Ok(Fold { of, geometry })
+) -> Result<Vec<Kernel<'a>>, InverseError> {
+    let kernel = |of: &'a Fold| {
+        let learnt = presses.select(&of.learnt);
+        let geometry = Geometry::new(&learnt, &model.candidates_m, of.session, length_m, noise)?;
+        Ok(Kernel { of, geometry })
     };
-    folds.iter().map(fold).collect()
+    folds.iter().map(kernel).collect()
 }
 
-fn fit_fold(fold: &Fold<'_>, data: &UnitData, gain_pull: Option<f64>) -> (Responses, Array2<f64>) {
-    let [frames, model] = data.select(&fold.of[0]);
-    let responses = fit(&fold.geometry, &frames, &model, &data.model_at_candidates, gain_pull);
-    (responses, data.frames.select(Axis(0), &fold.of[1]))
+/// How well the presses of a fold are explained when they are held out.
+fn explained(kernel: &Kernel<'_>, data: &UnitData, gain_pull: Option<f64>) -> Explained {
+    let Kernel { of, geometry } = kernel;
+    let [frames, model] = data.select(&of.learnt);
+    let responses = fit(geometry, &frames, &model, &data.model_at_candidates, gain_pull);
+    match of.is_closed {
+        true => Explained::left_out(geometry, &responses, &frames, &of.held),
+        false => {
+            let held = data.frames.select(Axis(0), &of.held);
+            Explained::new(geometry, &responses, &held)
+        }
+    }
 }
 
 /// Returns the misfits of every press when it is held out, `[press, candidate]`.
-fn held_misfits(folds: &[Fold<'_>], data: &UnitData, gain_pull: Option<f64>) -> Array2<f64> {
+fn held_misfits(kernels: &[Kernel<'_>], data: &UnitData, gain_pull: Option<f64>) -> Array2<f64> {
     let shape = (data.frames.nrows(), data.model_at_candidates.nrows());
     let mut all = Array2::zeros(shape);
-    for fold in folds {
-        let (responses, held) = fit_fold(fold, data, gain_pull);
-        let of_fold = misfits(&fold.geometry, &responses, &held);
-        for (row, &press) in of_fold.rows().into_iter().zip(&fold.of[1]) {
+    for kernel in kernels {
+        let of_fold = explained(kernel, data, gain_pull).misfits();
+        for (row, &press) in of_fold.rows().into_iter().zip(&kernel.of.held) {
             all.row_mut(press).assign(&row);
         }
     }
@@ -212,15 +248,15 @@ fn locate(
 fn held_rests(
     presses: &Presses,
     model: &ModelResponses,
-    folds: &[[Vec<usize>; 2]],
+    folds: &[Fold],
     data: &UnitData,
     settings: &ResponseMapSettings,
 ) -> Result<Vec<f64>, InverseError> {
     let ResponseMapSettings { length_m, noise, gain_pull, .. } = *settings;
     let mut all = vec![0.0; presses.places_m.len()];
-    for fold in &geometries(presses, model, folds, length_m, noise)? {
-        let (responses, held) = fit_fold(fold, data, gain_pull);
-        for (rest, &press) in rests(&responses, &held).into_iter().zip(&fold.of[1]) {
+    for kernel in &kernels(presses, model, folds, length_m, noise)? {
+        let rests = explained(kernel, data, gain_pull).rests();
+        for (rest, &press) in rests.into_iter().zip(&kernel.of.held) {
             all[press] = rest;
         }
     }

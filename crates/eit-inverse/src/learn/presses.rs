@@ -14,9 +14,27 @@ pub struct Presses {
     pub frames: Array2<f64>,
     /// Positions on the model's skin, metres.
     pub places_m: Vec<[f64; 3]>,
+    /// Session in which each press was made, ascending in time; empty if all were made in one. Between sessions
+    /// a skin drifts.
+    pub sessions: Vec<u32>,
 }
 
 impl Presses {
+    /// Returns the session of a press.
+    pub(super) fn session(&self, press: usize) -> u32 {
+        self.sessions.get(press).copied().unwrap_or(0)
+    }
+
+    /// Returns the latest session, in which frames to come are assumed to be.
+    pub(super) fn latest(&self) -> u32 {
+        self.sessions.iter().copied().max().unwrap_or(0)
+    }
+
+    /// Returns whether there are presses of several sessions.
+    pub(super) fn has_sessions(&self) -> bool {
+        self.sessions.iter().any(|session| *session != self.session(0))
+    }
+
     /// Rejects non-finite frames and positions, frames of zeros, mismatched lengths, and fewer than `least`
     /// presses.
     ///
@@ -24,6 +42,9 @@ impl Presses {
     /// [`InverseError`] with the press and the value.
     pub fn validate(&self, least: usize) -> Result<(), InverseError> {
         check_length("positions of presses", self.places_m.len(), self.frames.nrows())?;
+        if !self.sessions.is_empty() {
+            check_length("sessions of presses", self.sessions.len(), self.frames.nrows())?;
+        }
         if self.frames.nrows() < least {
             let found = self.frames.nrows();
             return Err(InverseError::TooFewPresses { found, needed: least });
@@ -49,6 +70,10 @@ impl Presses {
         Self {
             frames: self.frames.select(Axis(0), which),
             places_m: which.iter().map(|&k| self.places_m[k]).collect(),
+            sessions: match self.sessions.is_empty() {
+                true => Vec::new(),
+                false => which.iter().map(|&k| self.sessions[k]).collect(),
+            },
         }
     }
 }

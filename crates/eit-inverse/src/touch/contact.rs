@@ -83,6 +83,12 @@ impl Touch {
         self.learnt?.force_n.map(|[_, std_n]| std_n)
     }
 
+    /// Returns the mean pressure over the area of the touch, pascal; `None` if the force or the area is unknown.
+    pub fn pressure_pa(&self) -> Option<f64> {
+        let area_m2 = self.area_m2.filter(|area_m2| *area_m2 > 0.0)?;
+        self.force_n().map(|force_n| force_n / area_m2)
+    }
+
     /// Returns the standard deviation of each coordinate, metres.
     pub fn position_std_m(&self) -> [f64; 3] {
         std::array::from_fn(|i| self.position_covariance_m2[i][i].max(0.0).sqrt())

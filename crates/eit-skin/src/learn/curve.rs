@@ -122,7 +122,7 @@ fn test(
         let touch = detected.as_ref().and_then(|all| all[k]);
         let located = locator.locate(&difference, None, 0.0);
         let place = match learned.places_by {
-            PlacesBy::Model => touch.map(|touch| touch.position_m),
+            PlacesBy::Model => touch.map(|found| found.touch.position_m),
             PlacesBy::Map => located.map(|located| located.position_m),
             PlacesBy::Regression => Some(regression.place(&difference)?.position_m),
         };
@@ -137,7 +137,7 @@ fn test(
             continue;
         };
         let strength = match force.strength_by {
-            PlacesBy::Model => touch.map_or(0.0, |touch| touch.strength_s_m2.abs()),
+            PlacesBy::Model => touch.map_or(0.0, |found| found.even_strength_s_m2),
             PlacesBy::Map | PlacesBy::Regression => located.map_or(0.0, |l| l.strength_s_m2),
         };
         let place = place.unwrap_or(super::model::middle_m(skin));

@@ -44,6 +44,7 @@ impl Joined {
             let message = "its frames equal the reference, as if nothing had touched the skin";
             return Err(SkinError::input(message).within(&names[k]));
         }
+        let mut sessions = Vec::new();
         if let Some(earlier) = earlier {
             earlier.check(&fitted.skin)?;
             earlier.check_beside(&channels, frame, sign)?;
@@ -55,11 +56,18 @@ impl Joined {
             let old =
                 (1..=earlier.forces_n.len()).map(|k| format!("press {k} of the earlier file"));
             names = old.chain(names).collect();
+            sessions = earlier.sessions_before(pressed.len());
         }
         let earlier = earlier.map_or(0, |earlier| earlier.forces_n.len());
         let place = pressed.place.clone();
-        let joined =
-            Self { channels, table: Presses { frames, places_m }, forces_n, earlier, names, place };
+        let joined = Self {
+            channels,
+            table: Presses { frames, places_m, sessions },
+            forces_n,
+            earlier,
+            names,
+            place,
+        };
         match same_frames(&joined.table.frames) {
             Some([one, other]) => Err(SkinError::input(format!(
                 "it has the same frame as {}, and a press that is both learnt and tested appears to have \
@@ -110,6 +118,17 @@ impl Joined {
 }
 
 impl LearnedSkin {
+    /// Sessions of these presses, then of new ones, which are a session of their own.
+    fn sessions_before(&self, new: usize) -> Vec<u32> {
+        let mut sessions = self.presses.sessions.clone();
+        sessions.resize(self.presses.places_m.len(), 0);
+        if new > 0 {
+            let last = sessions.iter().copied().max().unwrap_or(0);
+            sessions.resize(sessions.len() + new, last.saturating_add(1));
+        }
+        sessions
+    }
+
     /// Rejects presses whose frames or places have another meaning.
     fn check_beside(&self, channels: &[usize], frame: Frame, sign: f64) -> Result<(), SkinError> {
         if self.channels != channels {

@@ -37,6 +37,9 @@ struct Content {
     pose: PoseRecord,
     places_m: Vec<[f64; 3]>,
     forces_n: Vec<Option<f64>>,
+    /// Session of each press; absent if all were made in one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    sessions: Vec<u32>,
     /// `[press][channel]`, volts.
     frames: Vec<Vec<f64>>,
     map: MapRecord,
@@ -165,6 +168,7 @@ impl LearnedSkin {
             pose: PoseRecord { turn_rad, is_mirrored, scale, shift_m },
             places_m: self.presses.places_m.clone(),
             forces_n: self.forces_n.clone(),
+            sessions: self.presses.sessions.clone(),
             frames: self.presses.frames.rows().into_iter().map(|row| row.to_vec()).collect(),
             map: MapRecord {
                 length_m,
@@ -226,7 +230,7 @@ impl Content {
             bell_m: self.bell_m,
             sign: self.sign,
             pose: Pose { turn_rad, is_mirrored, scale, shift_m },
-            presses: Presses { frames, places_m: self.places_m },
+            presses: Presses { frames, places_m: self.places_m, sessions: self.sessions },
             forces_n: self.forces_n,
             map: ResponseMapSettings { length_m, noise, gain_pull, independent_channels },
             covariance_factor: self.map.covariance_factor,

@@ -2,7 +2,7 @@
 
 use super::earlier::Joined;
 use super::model::{middle_m, radius_m, ratios, responses};
-use super::presses::strongest;
+use super::presses::{PressTouch, errors_of_detected, strongest};
 use super::{
     CANDIDATES, ErrorsByWay, Frame, LearnedForce, LearnedSkin, PlaceErrors, PlacesBy, PressFrames,
 };
@@ -15,7 +15,6 @@ use eit_inverse::learn::{
     Choice, ForceCurve, ForceSample, Locator, ModelResponses, PlaceRegression, Pose, Presses,
     ResponseMap, candidates,
 };
-use eit_inverse::touch::DetectedTouch;
 
 /// Radius of a touch if the scene states none, as a fraction of the skin's: wider than a fingertip, because
 /// robots press with larger tips and the fabric spreads a press.
@@ -89,6 +88,7 @@ impl LearnedSkin {
         let presses = Presses {
             places_m: joined.table.places_m.iter().map(|p| pose.to_model(*p)).collect(),
             frames: joined.table.frames.clone(),
+            sessions: joined.table.sessions.clone(),
         };
         let at_presses = responses(skin, channels, &ratios, &presses.places_m, bell_m)
             .map_err(|e| joined.located(e))?;
@@ -117,6 +117,16 @@ impl LearnedSkin {
             map: PlaceErrors::of(&choice.errors, pose.scale),
             regression: PlaceErrors::of(&by_regression, pose.scale),
         };
+        let by_detected = detected
+            .as_deref()
+            .map(|detected| errors_of_detected(detected, &joined.table.places_m, radius_m(skin)));
+        let latest = |errors_m: &[f64]| of_latest(&presses, errors_m);
+        let by_latest = ErrorsByWay {
+            model: by_detected.as_deref().map(latest),
+            map: latest(&choice.errors.errors_m),
+            regression: latest(&by_regression.errors_m),
+        };
+        let places_by = by_latest.best(frame);
         let unlike = unlike(&choice, joined.earlier);
         let forces = Forces::new(&joined, &presses, &choice.map, detected.as_deref())?;
         let force = forces.learn(&presses, middle_m(skin), radius_m(skin))?;
@@ -135,7 +145,7 @@ impl LearnedSkin {
                 covariance_factor: choice.map.covariance_factor,
                 rest_limit: choice.map.rest_limit,
                 regression: regression.settings,
-                places_by: errors.best(frame),
+                places_by,
                 errors,
                 force,
                 forces_n: joined.forces_n.clone(),
@@ -144,6 +154,14 @@ impl LearnedSkin {
             },
         })
     }
+}
+
+/// Errors of the presses of the latest session, which frames to come are like.
+fn of_latest(presses: &Presses, errors_m: &[f64]) -> PlaceErrors {
+    let latest = presses.sessions.iter().max();
+    let all = errors_m.iter().enumerate();
+    let of = all.filter(|(press, _)| presses.sessions.get(*press) == latest);
+    PlaceErrors::of_errors(of.map(|(_, error_m)| *error_m).collect())
 }
 
 /// New presses that the others do not explain.
@@ -170,7 +188,7 @@ impl<'a> Forces<'a> {
         joined: &'a Joined,
         presses: &Presses,
         map: &ResponseMap,
-        detected: Option<&[Option<DetectedTouch>]>,
+        detected: Option<&[Option<PressTouch>]>,
     ) -> Result<Self, InverseError> {
         // a touch of strength 0 is no touch
         let strength = |s: f64| (s > 0.0 && s.is_finite()).then_some(s);
@@ -180,8 +198,7 @@ impl<'a> Forces<'a> {
             .map(|row| locator.locate(&row.to_vec(), None, 0.0))
             .map(|located| strength(located?.strength_s_m2))
             .collect();
-        let of_touch =
-            |touch: &Option<DetectedTouch>| strength(touch.as_ref()?.strength_s_m2.abs());
+        let of_touch = |touch: &Option<PressTouch>| strength(touch.as_ref()?.even_strength_s_m2);
         let by_model = detected.map(|all| all.iter().map(of_touch).collect());
         Ok(Self { forces_n: &joined.forces_n, by_model, by_map })
     }

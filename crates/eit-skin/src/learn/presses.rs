@@ -29,6 +29,16 @@ pub struct PressFrames {
     pub place: String,
 }
 
+/// The strongest touch of a press, found by the model alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PressTouch {
+    /// The touch.
+    pub touch: DetectedTouch,
+    /// Strength that it would have on an even sheet, S m^2, without sign: divided by the relative conductivity of
+    /// the sheet there, as far as the reference frame shows it.
+    pub even_strength_s_m2: f64,
+}
+
 /// Range of frames of a press.
 #[derive(Debug, Clone)]
 pub(super) struct PressRanges {
@@ -133,7 +143,7 @@ impl PressFrames {
     pub fn detect(
         &self,
         fitted: &FittedFrames,
-    ) -> Result<Option<Vec<Option<DetectedTouch>>>, SkinError> {
+    ) -> Result<Option<Vec<Option<PressTouch>>>, SkinError> {
         strongest(fitted, self.pairs())
     }
 }
@@ -143,7 +153,7 @@ impl PressFrames {
 pub(super) fn strongest(
     fitted: &FittedFrames,
     pairs: impl Iterator<Item = [Vec<f64>; 2]>,
-) -> Result<Option<Vec<Option<DetectedTouch>>>, SkinError> {
+) -> Result<Option<Vec<Option<PressTouch>>>, SkinError> {
     let rate_hz = fitted.frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
     let finder = TouchFinder::new(fitted, rate_hz, &mut Progress::silent())?;
     let Some(finder) = finder else { return Ok(None) };
@@ -200,16 +210,25 @@ impl PlaceErrors {
 
     /// Errors of detected touches; a press that was not found counts with `missed_m`.
     pub(super) fn of_detected(
-        detected: &[Option<DetectedTouch>],
+        detected: &[Option<PressTouch>],
         places_m: &[[f64; 3]],
         missed_m: f64,
     ) -> Self {
-        let error = |(touch, place): (&Option<DetectedTouch>, &[f64; 3])| match touch {
-            Some(touch) => distance_m(touch.position_m, *place),
-            None => missed_m,
-        };
-        Self::of_errors(detected.iter().zip(places_m).map(error).collect())
+        Self::of_errors(errors_of_detected(detected, places_m, missed_m))
     }
+}
+
+/// Error of each press; one that was not found has `missed_m`.
+pub(super) fn errors_of_detected(
+    detected: &[Option<PressTouch>],
+    places_m: &[[f64; 3]],
+    missed_m: f64,
+) -> Vec<f64> {
+    let error = |(found, place): (&Option<PressTouch>, &[f64; 3])| match found {
+        Some(found) => distance_m(found.touch.position_m, *place),
+        None => missed_m,
+    };
+    detected.iter().zip(places_m).map(error).collect()
 }
 
 pub(super) fn distance_m(a: [f64; 3], b: [f64; 3]) -> f64 {

@@ -1,6 +1,6 @@
 //! Corrects the positions and forces of a frame's touches by what was learnt.
 
-use super::{LearnedForce, LearnedSkin, PlacesBy};
+use super::{LearnedForce, LearnedSkin, LocalSheet, PlacesBy};
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use eit_inverse::learn::{Located, Locator, PlaceRegression};
@@ -25,6 +25,7 @@ pub(crate) struct LearnedTouches {
     regression: Option<PlaceRegression>,
     places_by: PlacesBy,
     force: Option<LearnedForce>,
+    local: LocalSheet,
     channels: Vec<usize>,
     /// Frame minus reference, `[channel]`.
     difference: Vec<f64>,
@@ -47,12 +48,13 @@ impl LearnedTouches {
         skin: &LinearisedSkin,
         used: &[bool],
         noise_std_v: &[f64],
+        local: &LocalSheet,
     ) -> Result<Self, SkinError> {
         let file = file.as_ref();
         let learned = LearnedSkin::read(file)?;
         let place = file.display().to_string();
         learned.check(skin).map_err(|e| e.within(&place))?;
-        Self::new(&learned, skin, used, noise_std_v).map_err(|e| e.within(&place))
+        Self::new(&learned, skin, used, noise_std_v, local.clone()).map_err(|e| e.within(&place))
     }
 
     /// Prepares what was learnt for frames in which these measurements count.
@@ -65,6 +67,7 @@ impl LearnedTouches {
         skin: &LinearisedSkin,
         used: &[bool],
         noise_std_v: &[f64],
+        local: LocalSheet,
     ) -> Result<Self, SkinError> {
         let channels = learned.channels.clone();
         let noise: Vec<f64> = channels
@@ -83,6 +86,7 @@ impl LearnedTouches {
             regression,
             places_by: learned.places_by,
             force: learned.force.clone(),
+            local,
             channels,
             difference: vec![0.0; count],
             rest: vec![0.0; count],
@@ -166,6 +170,8 @@ impl LearnedTouches {
 
     fn apply(&mut self, k: usize, located: &Located, by_regression: bool) {
         let touch = &mut self.touches[k];
+        // the model's strength belongs to the model's position
+        let model_m = touch.position_m;
         if located.is_unlike {
             touch.learnt = Some(LearntTouch { force_n: None, is_unlike: true });
             return;
@@ -187,7 +193,7 @@ impl LearnedTouches {
         }
         let force_n = self.force.as_ref().map(|LearnedForce { strength_by, curve }| {
             let strength = match strength_by {
-                PlacesBy::Model => touch.strength_s_m2.abs(),
+                PlacesBy::Model => touch.strength_s_m2.abs() / self.local.ratio_at(model_m),
                 PlacesBy::Map | PlacesBy::Regression => located.strength_s_m2,
             };
             let relative = (touch.strength_std_s_m2 / touch.strength_s_m2).abs();

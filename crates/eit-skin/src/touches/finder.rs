@@ -6,13 +6,13 @@ use super::model::{Spread, VoltageNoise, kinds, unknowns};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
-use crate::learn::LearnedTouches;
+#[cfg(feature = "learn")]
+use crate::learn::PressTouch;
+use crate::learn::{LearnedTouches, LocalSheet};
 use crate::progress::Progress;
 use crate::scene::{TouchSettings, TouchSign};
 use eit_inverse::InverseError;
 use eit_inverse::metrics::ChangeSign;
-#[cfg(feature = "learn")]
-use eit_inverse::touch::DetectedTouch;
 use eit_inverse::touch::{
     DetectorModel, DetectorSettings, DetectorStep, Touch, TouchDetector, TouchTracker,
     TrackerSettings,
@@ -39,6 +39,8 @@ pub struct TouchFinder {
     monitor: FaultMonitor,
     /// Positions and forces learnt from presses, if the settings name a file.
     learned: Option<LearnedTouches>,
+    #[cfg(feature = "learn")]
+    local: LocalSheet,
     /// Reference of the current frame.
     reference: Vec<f64>,
     period_s: f64,
@@ -95,8 +97,11 @@ impl TouchFinder {
         let level_s = settings.least_s_m2 / (std::f64::consts::PI * settings.radius_m.powi(2));
         let detector =
             progress.stage("detector of touches", || TouchDetector::new(&model, settings))?;
+        let local = sheet.as_ref().map_or_else(LocalSheet::default, |sheet| {
+            LocalSheet::new(skin.skin.mesh.surface(), &sheet.conductivity_s, &even_s)
+        });
         let learned = match &keys.learned {
-            Some(file) => Some(LearnedTouches::load(file, skin, &frames.used, &std_v)?),
+            Some(file) => Some(LearnedTouches::load(file, skin, &frames.used, &std_v, &local)?),
             None => None,
         };
         let (places, seen) = detector.places();
@@ -119,6 +124,8 @@ impl TouchFinder {
             detector,
             monitor,
             learned,
+            #[cfg(feature = "learn")]
+            local,
             reference: frames.reference.clone(),
             period_s: rate_hz.recip(),
             before_s: None,
@@ -181,15 +188,19 @@ impl TouchFinder {
         &self,
         values: &[f64],
         reference: &[f64],
-    ) -> Result<Option<DetectedTouch>, SkinError> {
+    ) -> Result<Option<PressTouch>, SkinError> {
         let measurements = self.used.len();
         SkinError::check_measurements("the frame", values.len(), measurements)?;
         let mut detector = self.detector.clone();
         reference.iter().enumerate().for_each(|(i, v)| detector.set_reference(i, *v));
         detector.push(values, |i| !self.used[i], self.period_s)?;
-        let strength = |touch: &&DetectedTouch| touch.strength_s_m2.abs();
+        let strength = |touch: &&eit_inverse::touch::DetectedTouch| touch.strength_s_m2.abs();
         let touches = detector.touches().iter();
-        Ok(touches.max_by(|a, b| strength(a).total_cmp(&strength(b))).copied())
+        let strongest = touches.max_by(|a, b| strength(a).total_cmp(&strength(b))).copied();
+        Ok(strongest.map(|touch| PressTouch {
+            even_strength_s_m2: touch.strength_s_m2.abs() / self.local.ratio_at(touch.position_m),
+            touch,
+        }))
     }
 
     /// Returns how much a touch at each of the given positions lowers the chi^2 of the last frame, see

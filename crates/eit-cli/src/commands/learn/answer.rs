@@ -4,7 +4,7 @@ use super::{Found, outputs};
 use crate::cli::LearnArgs;
 use crate::commands::Answer;
 use eit_skin::Progress;
-use eit_skin::learn::{CurvePoint, LearnedSkin, Learning, PlaceErrors, PressFrames};
+use eit_skin::learn::{CurvePoint, LearnedSkin, Learning, PlaceErrors, PlacesBy, PressFrames};
 use serde_json::{Value, json};
 
 /// The answer as text and as JSON.
@@ -41,6 +41,7 @@ fn text(args: &LearnArgs, found: &Found) -> String {
     let presses = learned.presses.places_m.len();
     let mut lines =
         vec![format!("{presses} presses; touches are located by {}", learned.places_by.words())];
+    lines.extend(gained(learned));
     if let Some(model) = &learned.errors.model {
         lines.push(format!("error of the model alone: {}", mm(model)));
     }
@@ -93,6 +94,20 @@ fn text(args: &LearnArgs, found: &Found) -> String {
     lines.push(format!("written to {}; for the scene:", args.out.display()));
     lines.push(format!("  [touch] learned = \"{}\"", args.out.display()));
     lines.join("\n")
+}
+
+/// By how much the mean error of the method used is below that of the model alone; `None` if it is the model's.
+fn gained(learned: &LearnedSkin) -> Option<String> {
+    let by = match learned.places_by {
+        PlacesBy::Model => return None,
+        PlacesBy::Map => learned.errors.map,
+        PlacesBy::Regression => learned.errors.regression,
+    };
+    let model = learned.errors.model?;
+    Some(format!(
+        "its mean error is {:.0} % less than that of the model alone",
+        100.0 * (1.0 - by.mean_m / model.mean_m)
+    ))
 }
 
 /// Explains why no force was learnt.

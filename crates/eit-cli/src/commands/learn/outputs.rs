@@ -66,8 +66,8 @@ fn inputs(args: &LearnArgs, scene: &Scene) -> Vec<(&'static str, PathBuf)> {
         (None, Some(Reference::Text(text))) => Some(scene.resolve(Path::new(text))),
         _ => None,
     };
-    [named("the scene", Path::new(&args.scene)), named("the presses", &args.presses)]
-        .into_iter()
+    std::iter::once(named("the scene", Path::new(&args.scene)))
+        .chain(args.presses.iter().map(|file| named("the presses", file)))
         .chain(args.with.iter().map(|file| named("the earlier file", file)))
         .chain(frames.into_iter().map(|file| ("the frames", file)))
         .chain(reference.map(|file| ("the reference", file)))

@@ -65,6 +65,10 @@ impl Content {
             ("frames", self.frames.len(), presses),
             ("ratios", self.ratios.len(), channels),
         ];
+        let sessions = match self.sessions.len() {
+            0 => None,
+            found => Some(("sessions", found, presses)),
+        };
         let frames = self.frames.iter().map(|frame| ("a frame", frame.len(), channels));
         let force = self.force.iter().flat_map(|force| {
             [
@@ -72,7 +76,8 @@ impl Content {
                 ("force.covariance", force.covariance.len(), terms * terms),
             ]
         });
-        for (what, found, wanted) in lengths.into_iter().chain(frames).chain(force) {
+        for (what, found, wanted) in lengths.into_iter().chain(sessions).chain(frames).chain(force)
+        {
             if found != wanted {
                 return Err(SkinError::input(format!(
                     "content: {what} has {found} values, but {wanted} are needed"
