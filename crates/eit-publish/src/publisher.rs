@@ -275,7 +275,7 @@ impl Publisher {
         self.incident(
             match event {
                 Event::Disconnected { .. } | Event::Silent { .. } => Severity::Error,
-                Event::Gap { .. } => Severity::Warning,
+                Event::Gap { .. } | Event::Skipped { .. } => Severity::Warning,
                 _ => Severity::Information,
             },
             &words,
@@ -285,6 +285,10 @@ impl Publisher {
             Event::Gap { frames } => {
                 line.frames = Some(frames);
                 "gap"
+            }
+            Event::Skipped { frames } => {
+                line.frames = Some(frames);
+                "skipped"
             }
             Event::Silent { for_s } => {
                 line.for_s = Some(for_s);

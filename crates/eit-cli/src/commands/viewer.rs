@@ -137,7 +137,7 @@ impl LiveObserver for Viewer<'_> {
         }
         match event {
             Event::Frame(_) => self.silent_since = None,
-            Event::Gap { frames } => self.terminal.lose(*frames),
+            Event::Gap { frames } | Event::Skipped { frames } => self.terminal.lose(*frames),
             Event::Silent { .. } | Event::Disconnected { .. } => {
                 self.silent_since.get_or_insert_with(Instant::now);
             }

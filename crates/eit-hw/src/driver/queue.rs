@@ -11,7 +11,8 @@ use crate::frame::Frame;
 /// What happens when the consumer is slower than the instrument.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Overflow {
-    /// Drops the oldest frame and counts it: for a robot, which needs current data.
+    /// Drops the oldest frame, counts it, and reports it in its place ([`Event::Skipped`]): for a robot,
+    /// which needs current data.
     #[default]
     KeepLatest,
     /// Ends the session with [`HwError::Overflow`]: for a recorder, which must not lose a frame.
@@ -36,6 +37,30 @@ struct State {
     /// Why the reader thread has ended.
     end: Option<HwError>,
     ended: bool,
+}
+
+impl State {
+    /// Drops the oldest frame; one event in its place counts all that are dropped in a row.
+    fn skip_oldest(&mut self) {
+        let is_frame = |event: &Event| matches!(event, Event::Frame(_));
+        let Some(oldest) = self.events.iter().position(is_frame) else { return };
+        let before = oldest.checked_sub(1).and_then(|before| self.events.get_mut(before));
+        let frame = match before {
+            Some(Event::Skipped { frames }) => {
+                *frames += 1;
+                self.events.remove(oldest)
+            }
+            _ => {
+                let skipped = Event::Skipped { frames: 1 };
+                self.events.get_mut(oldest).map(|slot| std::mem::replace(slot, skipped))
+            }
+        };
+        if let Some(Event::Frame(frame)) = frame {
+            self.spare.push(frame);
+        }
+        self.frames -= 1;
+        self.statistics.dropped += 1;
+    }
 }
 
 impl Queue {
@@ -85,14 +110,7 @@ impl Queue {
                 if self.overflow == Overflow::Fail {
                     return false;
                 }
-                let oldest = state.events.iter().position(|event| matches!(event, Event::Frame(_)));
-                if let Some(Event::Frame(frame)) =
-                    oldest.and_then(|oldest| state.events.remove(oldest))
-                {
-                    state.spare.push(frame);
-                    state.frames -= 1;
-                    state.statistics.dropped += 1;
-                }
+                state.skip_oldest();
             }
             state.frames += 1;
         } else if state.events.len() >= 2 * self.capacity + 16 {

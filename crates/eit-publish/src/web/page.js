@@ -14,7 +14,7 @@ function take(line) {
 }
 
 function news(line, at) {
-  if (line.event === "gap") remember(past.lost, { at, frames: line.frames });
+  if (line.event === "gap" || line.event === "skipped") remember(past.lost, { at, frames: line.frames });
   if (["reference_started", "disconnected"].includes(line.event) || (line.event === "notice" && heard === null)) note = line.text;
   if (line.event === "ended") note = "The program has ended. You can still look at the last minute.";
   if (["reference_taken", "reconnected"].includes(line.event)) note = "";
