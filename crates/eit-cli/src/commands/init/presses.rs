@@ -104,6 +104,7 @@ pub(super) fn find(
                 .to_owned(),
         );
     }
+    found.swapped = numbering.swapped;
     found.numbering = Some(numbering);
     Ok(())
 }
