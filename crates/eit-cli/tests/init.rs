@@ -10,7 +10,7 @@ use common::{eit, text};
 use eit_fem::fabric::Random;
 use eit_hw::emulator::{Device, Emulator, FaultPlan, Listen};
 use eit_skin::first_scene::{FirstScene, Outline};
-use eit_skin::scene::{Direction, Scene, TouchSign};
+use eit_skin::scene::{Direction, Position, Scene, TouchSign};
 use eit_skin::{Progress, Skin};
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -92,7 +92,8 @@ fn scene(truth: &FirstScene, wiring: Wiring) -> Scene {
     if let Some(electrode) = wiring.swapped {
         places_m.swap(electrode, (electrode + 1) % count);
     }
-    scene.electrodes.positions_m = Some(places_m);
+    let positions = places_m.into_iter().map(|[x, y]| Position([x, y, 0.0]));
+    scene.electrodes.positions_m = Some(positions.collect());
     (scene.electrodes.first_angle_deg, scene.electrodes.count) = (None, None);
     scene
 }
