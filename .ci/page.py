@@ -126,6 +126,11 @@ class Page:
         }"""
         )
 
+    def shot(self, name):
+        if "PAGE_SHOTS" in os.environ:
+            SHOTS.mkdir(exist_ok=True)
+            self.page.screenshot(path=SHOTS / f"{name}.png", full_page=True)
+
     def check_width(self, width):
         wide = self.page.evaluate("document.documentElement.scrollWidth")
         assert wide <= width, f"{wide} px at a width of {width}"
@@ -186,6 +191,7 @@ def faults_and_forces(page):
     """What the emulator does not have: a frame with a faulty electrode, an uncertain touch and forces."""
     page.page.evaluate(
         """() => {
+        events.onmessage = null;
         events.close();
         const line = structuredClone(past.frames[past.frames.length - 1].line);
         const touch = { ...line.touches[0], state: "hold", force_n: 1.25, force_std_n: 0.1, position_m: [0.02, 0.03, 0] };
@@ -201,8 +207,20 @@ def faults_and_forces(page):
     cells = page.page.eval_on_selector_all("#touches td", "all => all.map(cell => cell.textContent)")
     assert cells[4] == "1.25 ± 0.10" and cells[5].endswith("?"), cells
     assert page.page.is_visible("#unsure") and page.page.is_visible("#out")
-    if "PAGE_SHOTS" in os.environ:
-        page.page.screenshot(path=SHOTS / "faults.png", full_page=True)
+    page.shot("faults")
+
+
+def silent(page, emulator):
+    """An instrument that stops is told in large letters, and the page goes on when it does."""
+    page.wait_for_touch()
+    emulator.send_signal(signal.SIGSTOP)
+    try:
+        page.wait("document.getElementById('verdict').textContent === 'No signal'")
+        page.wait("document.getElementById('state').className === 'bad'")
+        page.shot("silent")
+    finally:
+        emulator.send_signal(signal.SIGCONT)
+    page.wait("document.getElementById('verdict').textContent !== 'No signal'")
 
 
 def record(page):
@@ -247,12 +265,12 @@ def check(browser):
                 page.page.set_viewport_size({"width": width, "height": height})
                 page.page.emulate_media(color_scheme=scheme)
                 page.wait_for_no_touch()
+                page.shot(f"{width}-{scheme}-untouched")
                 page.wait_for_touch()
                 page.page.wait_for_timeout(400)
                 page.check_width(width)
-                if "PAGE_SHOTS" in os.environ:
-                    SHOTS.mkdir(exist_ok=True)
-                    page.page.screenshot(path=SHOTS / f"{width}-{scheme}.png", full_page=True)
+                page.shot(f"{width}-{scheme}")
+        silent(page, emulator)
         # without the token the page shows everything, and records nothing
         without = Page(context, address.split("?")[0], errors)
         without.wait("document.getElementById('record').disabled && !document.getElementById('record').hidden")
