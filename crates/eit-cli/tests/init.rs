@@ -100,12 +100,7 @@ fn scene(truth: &FirstScene, wiring: Wiring) -> Scene {
 
 /// Frames of the true skin, in steps of a 16-bit converter: untouched, and pressed at each of the places;
 /// `times` is the factor of the conductivity under the finger.
-fn frames(
-    truth: &FirstScene,
-    wiring: Wiring,
-    places_m: &[[f64; 2]],
-    times: f64,
-) -> Vec<Vec<f64>> {
+fn frames(truth: &FirstScene, wiring: Wiring, places_m: &[[f64; 2]], times: f64) -> Vec<Vec<f64>> {
     let skin = Skin::from_scene(scene(truth, wiring)).unwrap();
     let skin = skin.with_nodes(5000, &mut Progress::silent()).unwrap();
     let voltages = |place: Option<&[f64; 2]>| {
@@ -235,7 +230,8 @@ fn exchanged_wires_are_named() {
 #[test]
 fn uneven_electrodes_are_doubted() {
     let truth = FirstScene::new(Outline::Rectangle { width_m: 0.12, height_m: 0.08 }, 16);
-    let size = ["--width-mm", "120", "--height-mm", "80", "--electrodes", "16", "--json", "--no-presses"];
+    let size =
+        ["--width-mm", "120", "--height-mm", "80", "--electrodes", "16", "--json", "--no-presses"];
     for (uneven, is_doubted) in [(0.0, false), (0.05, false), (0.3, true)] {
         let folder = tempfile::tempdir().unwrap();
         let wiring = Wiring { uneven, ..Wiring::default() };

@@ -8,9 +8,9 @@ use eit_hw::driver::Statistics;
 use eit_hw::{
     HealthReport, ReferenceFrames, Resolution, Severity, Verdict, measure_reference_frames,
 };
-use eit_skin::scene::Scene;
 use eit_skin::connect::{self, Backlog};
 use eit_skin::health;
+use eit_skin::scene::Scene;
 use serde_json::{Value, json};
 use std::time::Duration;
 

@@ -43,7 +43,7 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
         viewer.record(writer);
     }
     viewer.publish(publisher, &session.setup().identity.to_string(), true)?;
-    if args.watch.publish.web.is_some() {
+    if args.watch.publish.page.web.is_some() {
         viewer.let_record(PageRecorder::new(&args.scene, record, args.record.clone()))?;
     }
     let summary = model.watch(&mut session, true, &mut viewer);

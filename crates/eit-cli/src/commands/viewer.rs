@@ -54,7 +54,7 @@ impl<'a> Viewer<'a> {
             terminal: Terminal::new(
                 is_shown
                     && !args.publish.json_lines
-                    && args.publish.web.is_none()
+                    && args.publish.page.web.is_none()
                     && args.publish.network.foxglove.is_none(),
             ),
             picture: args.picture.as_deref().map(Picture::new).transpose()?,

@@ -77,7 +77,8 @@ pub fn find_numbering(
     let quadruples = first.protocol.quadruples()?;
     check(&quadruples, reference, presses)?;
     let search = Search::new(&skin, first, &quadruples, reference, presses)?;
-    let mut tried: Vec<Tried> = Placing::all(first.electrodes).map(|p| search.try_placing(p)).collect();
+    let mut tried: Vec<Tried> =
+        Placing::all(first.electrodes).map(|p| search.try_placing(p)).collect();
     tried.sort_by(|one, other| other.score.abs().total_cmp(&one.score.abs()));
     let swaps = Placing::all(first.electrodes).flat_map(|p| p.swaps(first.electrodes));
     let swapped = swaps
@@ -89,9 +90,13 @@ pub fn find_numbering(
     let next = match swapped {
         None => tried[1],
         Some(best) => {
-            let others = Placing::all(first.electrodes).map(|p| Placing { swapped: best.placing.swapped, ..p });
+            let others = Placing::all(first.electrodes)
+                .map(|p| Placing { swapped: best.placing.swapped, ..p });
             let others = others.filter(|p| *p != best.placing).map(|p| search.try_placing(p));
-            others.chain([tried[0]]).max_by(|a, b| a.score.abs().total_cmp(&b.score.abs())).unwrap_or(tried[0])
+            others
+                .chain([tried[0]])
+                .max_by(|a, b| a.score.abs().total_cmp(&b.score.abs()))
+                .unwrap_or(tried[0])
         }
     };
     Ok(Numbering {

@@ -1,10 +1,10 @@
 //! Pair protocols that match what a board prints.
 
+use super::numbering::SWAP_LEAD;
+use super::transfer::{PairMatrix, Placing, Transfer};
 use super::{FirstScene, Outline};
 use crate::error::SkinError;
 use crate::skin::Skin;
-use super::numbering::SWAP_LEAD;
-use super::transfer::{PairMatrix, Placing, Transfer};
 use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 use eit_hw::{model_correlation, reciprocity_error};
 
@@ -81,8 +81,7 @@ pub fn fitting_protocols(
     }
     fitting.sort_by(|one, other| {
         let rank = (one.is_doubted(), -one.rank());
-        rank.partial_cmp(&(other.is_doubted(), -other.rank()))
-            .unwrap_or(std::cmp::Ordering::Equal)
+        rank.partial_cmp(&(other.is_doubted(), -other.rank())).unwrap_or(std::cmp::Ordering::Equal)
     });
     Ok(fitting)
 }

@@ -142,10 +142,8 @@ mod tests {
             let mut workspace = model.workspace().unwrap();
             let mut solution = model.solve(&skin.background_s(), &mut workspace).unwrap();
             let bell = Array1::from_shape_fn(model.elements(), |e| 1e-6 * (e % 7) as f64);
-            let found = [
-                transfer.untouched().measured(&mapped),
-                transfer.change(&bell).measured(&mapped),
-            ];
+            let found =
+                [transfer.untouched().measured(&mapped), transfer.change(&bell).measured(&mapped)];
             let wanted = [solution.measurements(), solution.jacobian().dot(&bell)];
             for (found, wanted) in found.iter().zip(&wanted) {
                 let largest = wanted.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
@@ -153,6 +151,9 @@ mod tests {
                 assert!(off < 1e-8 * largest, "{found} {wanted}");
             }
         }
-        assert_eq!(Placing { start: 0, is_clockwise: false, swapped: Some(7) }.pair(8), Some([7, 0]));
+        assert_eq!(
+            Placing { start: 0, is_clockwise: false, swapped: Some(7) }.pair(8),
+            Some([7, 0])
+        );
     }
 }

@@ -105,7 +105,7 @@ impl Fabric {
         match self.settings.linear {
             None => {
                 pressures_into(plan.raster, &plan.seats, &frame.dents, &mut frame.pixels_pa);
-            },
+            }
             Some(_) => {
                 let at = |place| linear::pressure_pa(&frame.touches, place);
                 pixel_means_into(plan.raster, at, &mut frame.pixels_pa);
