@@ -51,7 +51,7 @@ function draw() {
 const alive = frame => frame ? frame.line.touches.filter(touch => touch.state !== "end") : [];
 const say = (id, text) => { const place = byId(id); if (place.textContent !== text) place.textContent = text; };
 const median = values => values.length ? values.sort((a, b) => a - b)[values.length >> 1] : null;
-const ms = seconds => (1e3 * seconds).toFixed(seconds < .01 ? 1 : 0) + " ms";
+const ms = seconds => seconds >= 1 ? seconds.toFixed(1) + " s" : (1e3 * seconds).toFixed(seconds < .01 ? 1 : 0) + " ms";
 
 function strengthOf(touch) {
   if (touch.force_n === null) return (1e9 * touch.intensity_s_m2).toPrecision(2);
