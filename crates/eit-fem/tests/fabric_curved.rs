@@ -90,7 +90,7 @@ fn a_dome_is_pressed() {
     let dome = generated(SkinShape::Hemisphere { radius_m: 0.1 });
     for name in TouchScript::BUILT_IN {
         let mut script = TouchScript::built_in(name, &PlayCircle::of(&dome), 3).unwrap();
-        script.frames = script.frames.min(script.quiet_frames + 4);
+        script.frames = script.frames.min(script.quiet_frames + 40);
         let made = simulate(&dome, &script).unwrap();
         assert!(made.report.least_area_ratio > 0.3, "{name}: {}", made.report.least_area_ratio);
         assert!(!made.truth.touches.is_empty(), "{name}");

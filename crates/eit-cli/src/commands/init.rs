@@ -15,9 +15,9 @@ use std::path::Path;
 
 /// Correlation below which the model does not represent the skin at all.
 const UNLIKE: f64 = 0.6;
-/// Correlation below which equally spaced electrodes are doubted. Other contacts, noise and a rim electrode of another
-/// width leave 0.98 and more; places that are off by a third of the spacing 0.9.
-const EVEN: f64 = 0.95;
+/// Correlation below which equally spaced electrodes are doubted: places on a rectangle that are off by up to 0.3 of the
+/// spacing give 0.955, equally spaced ones 0.99 and more.
+const EVEN: f64 = 0.97;
 /// Minimum lead in likeness over the next best numbering.
 const CLEAR: f64 = 0.03;
 
