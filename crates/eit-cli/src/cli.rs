@@ -11,8 +11,8 @@ mod shell;
 pub(crate) use init::{InitArgs, ShapeArg};
 pub(crate) use learn::LearnArgs;
 pub(crate) use live::{
-    BodyArgs, CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, NetworkArgs, PublishArgs,
-    RecordArgs, RecoverArgs, ReplayArgs, SplitArgs, WatchArgs,
+    BodyArgs, CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, NetworkArgs, PageArgs,
+    PublishArgs, RecordArgs, RecoverArgs, ReplayArgs, SplitArgs, WatchArgs,
 };
 pub(crate) use report::{ReportArgs, TouchPart};
 pub(crate) use shell::{CompletionsArgs, ManArgs};
@@ -90,6 +90,9 @@ pub(crate) enum Command {
     /// reconstructs them by total variation as they arrive, denoises them with the U-net, and tracks the
     /// touches. Writes report.html (opens in any browser, without network), its pictures, and recordings from
     /// which `eit replay` reproduces the images bit for bit.
+    ///
+    /// With --web, a page shows the touches as they happen, and repeats both experiments once the report is written,
+    /// until Ctrl-C.
     ///
     /// A folder with files other than those of an earlier demo is rejected without --force. Ctrl-C stops the
     /// demo: the recordings and images made so far are complete, and listed.
@@ -320,16 +323,9 @@ pub(crate) struct DemoArgs {
     /// Use fewer frames, pixels and nodes, for a check that takes seconds.
     #[arg(long)]
     pub quick: bool,
-    /// Serve a page that shows the touches as they happen, and print its address; once the report is written, the
-    /// page repeats both experiments until Ctrl-C [default: 127.0.0.1:8484; port 0: any free port].
-    #[arg(
-        long,
-        value_name = "HOST:PORT",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = "127.0.0.1:8484"
-    )]
-    pub web: Option<String>,
+    /// The page.
+    #[command(flatten)]
+    pub page: PageArgs,
     /// Publish the experiments while they run; once the second begins, the rest of the first is not published.
     #[command(flatten)]
     pub network: NetworkArgs,

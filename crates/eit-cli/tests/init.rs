@@ -10,7 +10,7 @@ use common::{eit, text};
 use eit_fem::fabric::Random;
 use eit_hw::emulator::{Device, Emulator, FaultPlan, Listen};
 use eit_skin::first_scene::{FirstScene, Outline};
-use eit_skin::scene::{Direction, Scene, TouchSign};
+use eit_skin::scene::{Direction, Position, Scene, TouchSign};
 use eit_skin::{Progress, Skin};
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -50,10 +50,58 @@ impl Device for Board {
     fn power_cycle(&mut self) {}
 }
 
+/// A board's wiring that is not as the scene of its skin says.
+#[derive(Clone, Copy, Default)]
+struct Wiring {
+    /// This electrode's wire, from 0, is exchanged with the next one's.
+    swapped: Option<usize>,
+    /// Electrodes are off their places along the rim by up to this share of their spacing.
+    uneven: f64,
+}
+
+/// The scene of the true skin.
+fn scene(truth: &FirstScene, wiring: Wiring) -> Scene {
+    let mut scene = truth.scene().unwrap();
+    if wiring.swapped.is_none() && wiring.uneven == 0.0 {
+        return scene;
+    }
+    let Outline::Rectangle { width_m, height_m } = truth.outline else { panic!("a rectangle") };
+    let count = truth.electrodes;
+    let mut places_m: Vec<[f64; 2]> = (0..count)
+        .map(|k| {
+            let off = wiring.uneven * [0.0, 1.0, -0.5, -1.0, 0.7][k % 5];
+            // along the rim from the middle of the right edge
+            let s = (k as f64 + off) / count as f64 * 2.0 * (width_m + height_m);
+            let edges = [
+                ([width_m / 2.0, 0.0], [0.0, 1.0], height_m / 2.0),
+                ([width_m / 2.0, height_m / 2.0], [-1.0, 0.0], width_m),
+                ([-width_m / 2.0, height_m / 2.0], [0.0, -1.0], height_m),
+                ([-width_m / 2.0, -height_m / 2.0], [1.0, 0.0], width_m),
+                ([width_m / 2.0, -height_m / 2.0], [0.0, 1.0], height_m / 2.0),
+            ];
+            let mut left = s;
+            for ([x, y], [dx, dy], long) in edges {
+                if left <= long {
+                    return [x + left * dx, y + left * dy];
+                }
+                left -= long;
+            }
+            panic!("{s} m is beyond the rim")
+        })
+        .collect();
+    if let Some(electrode) = wiring.swapped {
+        places_m.swap(electrode, (electrode + 1) % count);
+    }
+    let positions = places_m.into_iter().map(|[x, y]| Position([x, y, 0.0]));
+    scene.electrodes.positions_m = Some(positions.collect());
+    (scene.electrodes.first_angle_deg, scene.electrodes.count) = (None, None);
+    scene
+}
+
 /// Frames of the true skin, in steps of a 16-bit converter: untouched, and pressed at each of the places;
 /// `times` is the factor of the conductivity under the finger.
-fn frames(truth: &FirstScene, places_m: &[[f64; 2]], times: f64) -> Vec<Vec<f64>> {
-    let skin = Skin::from_scene(truth.scene().unwrap()).unwrap();
+fn frames(truth: &FirstScene, wiring: Wiring, places_m: &[[f64; 2]], times: f64) -> Vec<Vec<f64>> {
+    let skin = Skin::from_scene(scene(truth, wiring)).unwrap();
     let skin = skin.with_nodes(5000, &mut Progress::silent()).unwrap();
     let voltages = |place: Option<&[f64; 2]>| {
         let mut conductivity_s = skin.background_s();
@@ -72,11 +120,17 @@ fn frames(truth: &FirstScene, places_m: &[[f64; 2]], times: f64) -> Vec<Vec<f64>
 }
 
 /// Runs `eit init` on the board and presses when asked; returns the answer.
-fn init(truth: &FirstScene, times: f64, folder: &Path, arguments: &[&str]) -> (Value, String) {
+fn init(
+    truth: &FirstScene,
+    wiring: Wiring,
+    times: f64,
+    folder: &Path,
+    arguments: &[&str],
+) -> (Value, String) {
     let places_m = truth.outline.press_places_m();
     let which = Arc::new(AtomicUsize::new(0));
     let board = Board {
-        frames: frames(truth, &places_m, times),
+        frames: frames(truth, wiring, &places_m, times),
         which: Arc::clone(&which),
         sent: 0,
         random: Random::new(11),
@@ -112,7 +166,7 @@ fn init(truth: &FirstScene, times: f64, folder: &Path, arguments: &[&str]) -> (V
 
 fn check(truth: &FirstScene, times: f64, arguments: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
-    let (answer, said) = init(truth, times, folder.path(), arguments);
+    let (answer, said) = init(truth, Wiring::default(), times, folder.path(), arguments);
     let scene = Scene::load(text(&folder.path().join("my.toml"))).unwrap();
     let all = format!("{said}{answer}");
     assert!(!all.contains("nsure"), "{all}");
@@ -145,6 +199,49 @@ fn a_rectangle_that_loses_conductivity() {
     truth.sign = TouchSign::Decrease;
     let size = ["--width-mm", "120", "--height-mm", "80", "--electrodes", "16"];
     check(&truth, 0.6, &size);
+}
+
+/// Two neighbouring wires are exchanged: they are named, with and without presses, and the rest is found as if they were
+/// not.
+#[test]
+fn exchanged_wires_are_named() {
+    let truth = FirstScene::new(Outline::Rectangle { width_m: 0.12, height_m: 0.08 }, 16);
+    let size = ["--width-mm", "120", "--height-mm", "80", "--electrodes", "16"];
+    for (swapped, more) in [(4, &[][..]), (15, &[]), (9, &["--no-presses"])] {
+        let folder = tempfile::tempdir().unwrap();
+        let wiring = Wiring { swapped: Some(swapped), ..Wiring::default() };
+        let (answer, said) = init(&truth, wiring, 1.5, folder.path(), &[&size, more].concat());
+        let all = format!("{said}{answer}");
+        let words =
+            format!("electrodes {} and {} look exchanged", swapped + 1, (swapped + 1) % 16 + 1);
+        let place = folder.path().join("my.toml");
+        let written = std::fs::read_to_string(&place).unwrap();
+        assert!(all.contains(&words) && written.contains(&words), "{all}{written}");
+        if more.is_empty() {
+            let electrodes = Scene::load(text(&place)).unwrap().electrodes;
+            assert_eq!(electrodes.first_angle_deg, Some(0.0), "{all}");
+            assert_eq!(electrodes.direction, Direction::Counterclockwise, "{all}");
+        }
+    }
+}
+
+/// Electrodes that are not equally spaced are doubted; equally spaced ones are not, nor any wires taken for exchanged.
+#[test]
+fn uneven_electrodes_are_doubted() {
+    let truth = FirstScene::new(Outline::Rectangle { width_m: 0.12, height_m: 0.08 }, 16);
+    let size =
+        ["--width-mm", "120", "--height-mm", "80", "--electrodes", "16", "--json", "--no-presses"];
+    for (uneven, is_doubted) in [(0.0, false), (0.05, false), (0.3, true)] {
+        let folder = tempfile::tempdir().unwrap();
+        let wiring = Wiring { uneven, ..Wiring::default() };
+        let (answer, _) = init(&truth, wiring, 1.5, folder.path(), &size);
+        let answer: Value = serde_json::from_str(answer.as_str().unwrap()).unwrap();
+        let unsure = answer["unsure"].to_string();
+        assert_eq!(unsure.contains("not equally spaced"), is_doubted, "{uneven}: {answer}");
+        assert_eq!(answer["swapped_electrodes"], Value::Null, "{uneven}: {answer}");
+        let correlation = answer["model_correlation"].as_f64().unwrap();
+        assert!(is_doubted || correlation > 0.98, "{uneven}: {correlation}");
+    }
 }
 
 /// Eight electrodes with opposite drive, all pairs measured, of a disc.
@@ -195,7 +292,7 @@ fn wrong_arguments_are_told_by_name() {
 fn another_number_of_electrodes_is_named() {
     let truth = FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16);
     let board = Board {
-        frames: frames(&truth, &[], 1.0),
+        frames: frames(&truth, Wiring::default(), &[], 1.0),
         which: Arc::default(),
         sent: 0,
         random: Random::new(3),

@@ -153,9 +153,9 @@ fn bad_scripts_and_settings_are_one_line() {
 }
 
 /// The script "random" keeps its fingers on the skin, whatever its shape: also where the centroid lies in a hole or off
-/// the skin. A curved skin is refused in one line.
+/// the skin, or where the skin is curved.
 #[test]
-fn random_touches_fit_every_flat_skin() {
+fn random_touches_fit_every_skin() {
     let folder = tempfile::tempdir().unwrap();
     let shape = |name: &str, shape: &str, electrodes: &str| {
         let rest = format!(
@@ -184,6 +184,7 @@ fn random_touches_fit_every_flat_skin() {
         (&angle, "2500"),
         ("plate-with-hole", "4000"),
         ("patches", "7000"),
+        ("hemisphere", "2500"),
     ] {
         for seed in ["1", "2"] {
             let fixed =
@@ -191,6 +192,4 @@ fn random_touches_fit_every_flat_skin() {
             succeed(&[&fixed[..], &["--seed", seed, "--out", text(&out)]].concat());
         }
     }
-    let said = refuse(&["simulate", "hemisphere", "--script", "random", "--out", text(&out)]);
-    assert!(said.contains("the simulated fabric is flat"), "{said}");
 }

@@ -423,14 +423,6 @@ pub enum FemError {
         /// Signed area projected onto z = 0, over the area at rest.
         area_ratio: f64,
     },
-    /// The skin is not flat.
-    #[error("node {node} is {height_m} m above the plane z = 0: the simulated fabric is flat")]
-    NotFlat {
-        /// Node index.
-        node: usize,
-        /// z, metres.
-        height_m: f64,
-    },
     /// The centroid of an outline is in a hole or outside the skin, so there is no play circle.
     #[error("the centroid of the outline, ({x_m}, {y_m}) m, is not on the skin")]
     CentroidOffSkin {

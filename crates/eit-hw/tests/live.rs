@@ -260,6 +260,7 @@ fn a_slow_consumer_gets_the_latest_or_an_error() {
     // of the earlier frames, all but those in the queue were dropped
     assert!(first.sequence >= statistics.dropped, "{} {statistics:?}", first.sequence);
     drop(session);
+    every_frame_is_taken_or_told_to_be_skipped(emulator.endpoint());
 
     let recorder = SessionSettings { capacity: 3, overflow: Overflow::Fail, ..quick() };
     let start = Instant::now();
@@ -282,6 +283,37 @@ fn a_slow_consumer_gets_the_latest_or_an_error() {
         }
     };
     assert!(matches!(error, HwError::Overflow { capacity: 3, .. }), "{error}");
+}
+
+/// Frames taken and those reported as skipped are all frames, in order, for a consumer that stalls twice.
+fn every_frame_is_taken_or_told_to_be_skipped(endpoint: &Endpoint) {
+    let robot = SessionSettings { capacity: 3, ..quick() };
+    let start = Instant::now();
+    let session = loop {
+        match Session::open(eits1_driver(500.0), endpoint, robot.clone()) {
+            Ok(session) => break session,
+            Err(error) => assert!(start.elapsed() < LIMIT, "{error}"),
+        }
+    };
+    let (mut next, mut stalls) = (0, 0);
+    for taken in 0..40 {
+        if taken % 20 == 10 {
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        match session.next_event(LIMIT).unwrap() {
+            Some(Event::Frame(frame)) => {
+                assert_eq!(frame.sequence, next);
+                next += 1;
+            }
+            Some(Event::Skipped { frames }) => {
+                stalls += 1;
+                next += frames;
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    assert!(stalls >= 2, "{stalls}");
+    assert!(session.statistics().dropped > 60, "{:?}", session.statistics());
 }
 
 #[test]

@@ -53,7 +53,7 @@ impl Default for FoxgloveSettings {
 
 /// Shows a skin in Foxglove (feature `foxglove`).
 ///
-/// Frames go through a queue of 64 to a thread of their own, as with `ZenohSink`. The server has no access control:
+/// Frames go through a queue to a thread of their own, as with `ZenohSink`. The server has no access control:
 /// whoever reaches its address can watch. It runs on 127.0.0.1 unless told otherwise.
 #[derive(Debug)]
 pub struct FoxgloveSink {

@@ -8,8 +8,11 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Frames and events that wait for the sink; beyond it the oldest is dropped.
-const CAPACITY: usize = 64;
+/// Frames and events that wait for the sink, and for how long; beyond either the oldest is dropped. As long as the
+/// queue of an instrument's frames (`eit_skin::connect::Backlog::Published`), so that a sink that is fast enough on average
+/// sends every frame, although the processor was taken for moments, and a burst of frames that waited fits.
+const CAPACITY: usize = 4096;
+const LONGEST: Duration = Duration::from_secs(4);
 /// How long the end waits for the sink to send what is queued.
 const LAST_MESSAGES: Duration = Duration::from_secs(2);
 
@@ -117,7 +120,8 @@ enum Queued {
 
 #[derive(Debug, Default)]
 struct State {
-    queue: VecDeque<Queued>,
+    /// With the time since when they wait.
+    queue: VecDeque<(Instant, Queued)>,
     /// Memory of frames that were sent.
     free: Vec<FrameCopy>,
     /// Only the latest image counts.
@@ -146,10 +150,10 @@ impl Outbox {
         let mut state = self.state();
         state.statistics.frames += 1;
         state.host_time_s = frame.host_time_s;
-        state.make_room();
+        let now = state.make_room();
         let mut copy = state.free.pop().unwrap_or_default();
         copy.copy_from(frame);
-        state.queue.push_back(Queued::Frame(copy));
+        state.queue.push_back((now, Queued::Frame(copy)));
         self.changed.notify_one();
     }
 
@@ -171,8 +175,8 @@ impl Outbox {
         let incident =
             Incident { severity, text: text.to_owned(), host_time_s: crate::publisher::clock_s() };
         let mut state = self.state();
-        state.make_room();
-        state.queue.push_back(Queued::Incident(incident));
+        let now = state.make_room();
+        state.queue.push_back((now, Queued::Incident(incident)));
         self.changed.notify_one();
     }
 
@@ -182,8 +186,8 @@ impl Outbox {
         let mut state = self.state();
         loop {
             match state.queue.pop_front() {
-                Some(Queued::Frame(frame)) => return Next::Frame(frame),
-                Some(Queued::Incident(incident)) => return Next::Incident(incident),
+                Some((_, Queued::Frame(frame))) => return Next::Frame(frame),
+                Some((_, Queued::Incident(incident))) => return Next::Incident(incident),
                 None => {}
             }
             if let Some(image) = state.image.take() {
@@ -221,18 +225,22 @@ impl Outbox {
 }
 
 impl State {
-    /// Drops the oldest message where the queue is full: a reader wants the present.
-    fn make_room(&mut self) {
-        while self.queue.len() >= CAPACITY {
+    /// Drops the oldest messages where the queue is full or they have waited too long: a reader wants the present.
+    /// Returns the time.
+    fn make_room(&mut self) -> Instant {
+        let now = Instant::now();
+        let is_old = |queued: &(Instant, Queued)| now.duration_since(queued.0) > LONGEST;
+        while self.queue.len() >= CAPACITY || self.queue.front().is_some_and(is_old) {
             match self.queue.pop_front() {
-                Some(Queued::Frame(frame)) => {
+                Some((_, Queued::Frame(frame))) => {
                     self.statistics.dropped_frames += 1;
                     self.free.push(frame);
                 }
-                Some(Queued::Incident(_)) => self.statistics.dropped_events += 1,
-                None => return,
+                Some((_, Queued::Incident(_))) => self.statistics.dropped_events += 1,
+                None => break,
             }
         }
+        now
     }
 }
 
@@ -315,16 +323,29 @@ mod tests {
     #[test]
     fn a_full_queue_drops_the_oldest_and_counts() {
         let outbox = Outbox::default();
-        (0..100).for_each(|sequence| outbox.frame(&frame(sequence)));
-        let wanted = SinkStatistics { frames: 100, dropped_frames: 36, dropped_events: 0 };
+        let frames = CAPACITY as u64 + 36;
+        (0..frames).for_each(|sequence| outbox.frame(&frame(sequence)));
+        let wanted = SinkStatistics { frames, dropped_frames: 36, dropped_events: 0 };
         assert_eq!(outbox.statistics(), wanted);
-        for sequence in 36..100 {
+        for sequence in 36..frames {
             match outbox.next(Duration::ZERO) {
                 Next::Frame(copy) => assert_eq!(copy.sequence, sequence),
                 other => panic!("{other:?}"),
             }
         }
         assert!(matches!(outbox.next(Duration::ZERO), Next::Nothing));
+    }
+
+    /// Frames that waited longer than anybody wants them are dropped, although the queue has room.
+    #[test]
+    fn what_is_old_is_dropped() {
+        let outbox = Outbox::default();
+        (0..3).for_each(|sequence| outbox.frame(&frame(sequence)));
+        let past = Instant::now().checked_sub(2 * LONGEST).unwrap();
+        outbox.state().queue.iter_mut().take(2).for_each(|(since, _)| *since = past);
+        outbox.frame(&frame(3));
+        assert_eq!(outbox.statistics().dropped_frames, 2);
+        assert!(matches!(outbox.next(Duration::ZERO), Next::Frame(copy) if copy.sequence == 2));
     }
 
     #[test]
@@ -344,7 +365,7 @@ mod tests {
     fn nothing_is_allocated_for_a_frame() {
         let outbox = Outbox::default();
         // every slot, and the one that is in flight
-        (0..200).for_each(|sequence| outbox.frame(&frame(sequence)));
+        (0..2 * CAPACITY as u64).for_each(|sequence| outbox.frame(&frame(sequence)));
         let counted = allocation_counter::measure(|| {
             (0..100).for_each(|sequence| outbox.frame(&frame(sequence)));
         });

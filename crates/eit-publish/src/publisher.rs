@@ -294,7 +294,7 @@ impl Publisher {
         self.incident(
             match event {
                 Event::Disconnected { .. } | Event::Silent { .. } => Severity::Error,
-                Event::Gap { .. } => Severity::Warning,
+                Event::Gap { .. } | Event::Skipped { .. } => Severity::Warning,
                 _ => Severity::Information,
             },
             &words,
@@ -304,6 +304,10 @@ impl Publisher {
             Event::Gap { frames } => {
                 line.frames = Some(frames);
                 "gap"
+            }
+            Event::Skipped { frames } => {
+                line.frames = Some(frames);
+                "skipped"
             }
             Event::Silent { for_s } => {
                 line.for_s = Some(for_s);

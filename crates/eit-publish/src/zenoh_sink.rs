@@ -56,8 +56,8 @@ impl ZenohSettings {
 
 /// Publishes a skin by zenoh (feature `zenoh`).
 ///
-/// Frames go through a queue of 64 to a thread of their own, so that no network delays them. A queue that is full
-/// loses its oldest frame, which [`ZenohSink::statistics`] counts. What zenoh itself drops because a receiver is
+/// Frames go through a queue to a thread of their own, so that no network delays them. A frame that has waited for four
+/// seconds, or behind which 4 096 others wait, is dropped, which [`ZenohSink::statistics`] counts. What zenoh itself drops because a receiver is
 /// slow shows as a gap in the sequence numbers that the receiver gets.
 #[derive(Debug)]
 pub struct ZenohSink {

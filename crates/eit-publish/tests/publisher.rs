@@ -49,6 +49,7 @@ fn speak(publisher: &mut Publisher) {
     publisher.touches(&frame(&[], &[])).unwrap();
     publisher.touches(&frame(&[touch(), touch()], &FAULTS)).unwrap();
     publisher.event(&Event::Gap { frames: 3 }).unwrap();
+    publisher.event(&Event::Skipped { frames: 5 }).unwrap();
     publisher.event(&Event::Notice("low battery".into())).unwrap();
     publisher.event(&Event::Silent { for_s: 0.5 }).unwrap();
     publisher.event(&Event::Disconnected { reason: "unplugged".into() }).unwrap();
@@ -77,6 +78,7 @@ fn every_line_fits_the_schema_and_says_what_happened() {
         "frame",
         "frame",
         "gap",
+        "skipped",
         "notice",
         "silent",
         "disconnected",
@@ -87,8 +89,9 @@ fn every_line_fits_the_schema_and_says_what_happened() {
     assert_eq!(out.0.lock().unwrap().1, lines.len(), "a flush for each line");
     assert_eq!(lines[0]["instrument"], "a \"board\"\nof 16");
     assert_eq!(lines[1]["frames"], 39);
-    assert_eq!((&lines[5]["frames"], &lines[7]["for_s"]), (&json!(3), &json!(0.5)));
-    assert_eq!((&lines[9]["epoch"], &lines[10]["frames"]), (&json!(1), &json!(2)));
+    assert_eq!((&lines[5]["frames"], &lines[6]["frames"]), (&json!(3), &json!(5)));
+    assert_eq!(lines[8]["for_s"], 0.5);
+    assert_eq!((&lines[10]["epoch"], &lines[11]["frames"]), (&json!(1), &json!(2)));
     let wanted = json!({
         "id": 7, "state": "hold", "position_m": [0.03, -0.01, 0.0],
         "position_std_m": [2e-3, 1e-3, 0.0], "normal": [0.6, 0.0, 0.8], "velocity_m_s": [0.1, 0.0, -0.0],
@@ -237,7 +240,7 @@ fn each_line_is_a_datagram_and_nobody_needs_to_listen() {
         let size = receiver.recv(&mut datagram).unwrap();
         assert_eq!(serde_json::from_slice::<Value>(&datagram[..size]).unwrap(), line);
     }
-    assert_eq!((publisher.udp()[0].sent(), publisher.udp()[0].unsent()), (11, 0));
+    assert_eq!((publisher.udp()[0].sent(), publisher.udp()[0].unsent()), (12, 0));
     // the receiver goes: lines are lost, and the publisher goes on
     drop(receiver);
     (0..20).for_each(|_| publisher.touches(&frame(&[], &[])).unwrap());

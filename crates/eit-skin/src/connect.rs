@@ -11,10 +11,42 @@ use eit_hw::driver::{Overflow, Session, SessionSettings};
 
 /// Frames that may queue while a recorder waits for the disk: 8 s at 1000 frames per second.
 pub const RECORDER_FRAMES: usize = 8192;
-/// Frames that may queue for a live view, which needs only the latest: at least so many, or those of so many seconds, so
-/// that a moment without the processor loses no frame of a fast instrument.
-const VIEWER_FRAMES: usize = 8;
-const VIEWER_S: f64 = 0.25;
+/// Frames that may queue for a consumer that may skip some: at least so many, or those of so many seconds, so that a
+/// moment without the processor loses no frame of a fast instrument.
+const LEAST_FRAMES: usize = 8;
+const LATEST_S: f64 = 0.25;
+const PUBLISHED_S: f64 = 4.0;
+
+/// How far the consumer of an instrument's frames may fall behind, and what happens then.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Backlog {
+    /// For a robot's loop, which acts on the present: a quarter of a second; then the oldest frames are skipped.
+    Latest,
+    /// For publishing and showing every frame: four seconds; then the oldest frames are skipped. A computer that is
+    /// fast enough on average publishes every frame, although other programs take the processor for moments.
+    Published,
+    /// For recorders and measurements, which must not lose a frame: 8 192 frames; then the session ends with
+    /// [`HwError::Overflow`].
+    Recorded,
+}
+
+impl Backlog {
+    fn overflow(self) -> Overflow {
+        match self {
+            Self::Latest | Self::Published => Overflow::KeepLatest,
+            Self::Recorded => Overflow::Fail,
+        }
+    }
+
+    fn frames(self, rate_hz: f64) -> usize {
+        let in_time = |seconds: f64| ((seconds * rate_hz).ceil() as usize).max(LEAST_FRAMES);
+        match self {
+            Self::Latest => in_time(LATEST_S),
+            Self::Published => in_time(PUBLISHED_S),
+            Self::Recorded => RECORDER_FRAMES,
+        }
+    }
+}
 
 /// Opens the scene's instrument. If it does not measure the scene's protocol, the error names both.
 ///
@@ -25,19 +57,13 @@ const VIEWER_S: f64 = 0.25;
 pub fn open(
     instrument: &Instrument,
     port: Option<&str>,
-    overflow: Overflow,
+    backlog: Backlog,
 ) -> Result<Session, SkinError> {
     let endpoint = instrument.endpoint(port)?;
-    let capacity = match overflow {
-        Overflow::Fail => RECORDER_FRAMES,
-        Overflow::KeepLatest => {
-            VIEWER_FRAMES.max((VIEWER_S * instrument.frame_rate_hz).ceil() as usize)
-        }
-    };
     let settings = SessionSettings {
         quadruples: Some(instrument.quadruples.clone()),
-        capacity,
-        overflow,
+        capacity: backlog.frames(instrument.frame_rate_hz),
+        overflow: backlog.overflow(),
         ..SessionSettings::default()
     };
     Session::open(instrument.driver()?, &endpoint, settings).map_err(|error| match error {

@@ -4,7 +4,8 @@
 //!    sorted by reciprocity and by the correlation of the untouched frame with the model.
 //! 2. [`PressWatch`]: detects when the skin is pressed and held, and when it is released.
 //! 3. [`find_numbering`]: finds which electrode is the first and in which direction they are counted, from
-//!    presses at known places, and whether a touch raises or lowers the conductivity.
+//!    presses at known places, whether a touch raises or lowers the conductivity, and whether two neighbouring
+//!    electrodes have exchanged their wires.
 //!
 //! [`FirstScene::to_toml`] writes the result, with comments. Unknown values are those of the paper's fabric:
 //! normalised differences do not depend on the conductivity, and hardly on the contact impedance.
@@ -18,6 +19,7 @@
 
 mod numbering;
 mod protocols;
+mod transfer;
 
 pub use crate::press_watch::{PressState, PressWatch};
 pub use numbering::{KnownPress, Numbering, find_numbering};

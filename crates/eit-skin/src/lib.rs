@@ -67,3 +67,8 @@ pub use skin::{
     rounding_warning,
 };
 pub use stop::StopFlag;
+
+/// Compiles the program of the guide.
+#[cfg(all(doctest, feature = "hw"))]
+#[doc = include_str!("../../../docs/BUILD_A_SKIN.md")]
+struct Guide;

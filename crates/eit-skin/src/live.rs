@@ -220,10 +220,13 @@ impl LiveModel {
                 // contacts and gains may have changed: the old reference is invalid
                 stream.restart();
             }
-            if !matches!(event, Event::Frame(_) | Event::Gap { .. } | Event::Notice(_)) {
+            let is_skipped = matches!(event, Event::Skipped { .. });
+            let is_told = matches!(event, Event::Gap { .. } | Event::Notice(_));
+            if !matches!(event, Event::Frame(_)) && !is_skipped && !is_told {
                 before = None;
             }
-            if let Some(words) = event_words(&event) {
+            // skipped frames are counted by the source
+            if let Some(words) = event_words(&event).filter(|_| !is_skipped) {
                 summary.say(words);
             }
             let Event::Frame(frame) = event else { continue };

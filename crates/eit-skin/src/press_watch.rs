@@ -5,6 +5,8 @@ use std::collections::VecDeque;
 
 /// A frame shows a press if its root mean square change exceeds this multiple of the noise.
 const PRESSED: f64 = 6.0;
+/// After a press, a change must also exceed this fraction of it: fabric relaxes for long.
+const MEMORY: f64 = 0.1;
 /// The press is released when the change falls below this fraction of it.
 const RELEASED: f64 = 0.3;
 /// The press is held when the two halves of the window differ by less than this fraction of the change.
@@ -31,7 +33,8 @@ pub enum PressState {
 /// A press is a change far above the noise of the untouched frames. It counts as held once the two halves of
 /// the last `window` frames agree, and as released once the change is below 30 % of it. The reference slowly
 /// follows the untouched skin, and is taken anew after a release, so that what remains of a press in the
-/// fabric (its memory) does not count as a second press. Channels have equal weight in units of their noise,
+/// fabric (its memory) does not count as a second press; nor does less than a tenth of the last press, by which the fabric
+/// may still relax. Channels have equal weight in units of their noise,
 /// which is at least a tenth of the median channel's.
 #[derive(Debug, Clone)]
 pub struct PressWatch {
@@ -41,6 +44,8 @@ pub struct PressWatch {
     frames: usize,
     /// Size of the press that is being held.
     held: Option<f64>,
+    /// Size from which a frame shows a press.
+    pressed: f64,
     /// Number of frames until the reference is trusted after a release.
     settling: usize,
 }
@@ -85,7 +90,15 @@ impl PressWatch {
         });
         let frames = window.max(4);
         let window = VecDeque::with_capacity(frames);
-        Ok(Self { reference: mean, noise, window, frames, held: None, settling: 0 })
+        Ok(Self {
+            reference: mean,
+            noise,
+            window,
+            frames,
+            held: None,
+            pressed: PRESSED,
+            settling: 0,
+        })
     }
 
     /// Returns the current untouched frame.
@@ -124,7 +137,7 @@ impl PressWatch {
             }
             return PressState::Unsteady;
         }
-        if size < PRESSED {
+        if size < self.pressed {
             let newest = self.window.back();
             let slots = self.reference.iter_mut().zip(newest.into_iter().flatten());
             slots.for_each(|(reference, change)| *reference += FOLLOW * change);
@@ -132,7 +145,9 @@ impl PressWatch {
         }
         match self.steady() {
             Some(mean) => {
-                self.held = Some(self.size(&mean));
+                let held = self.size(&mean);
+                self.held = Some(held);
+                self.pressed = PRESSED.max(MEMORY * held);
                 PressState::Held(mean)
             }
             None => PressState::Unsteady,
@@ -165,7 +180,7 @@ impl PressWatch {
     /// The mean change, if a full window shows a press and its halves agree.
     fn steady(&self) -> Option<Vec<f64>> {
         if self.window.len() < self.frames
-            || self.window.iter().any(|change| self.size(change) < PRESSED)
+            || self.window.iter().any(|change| self.size(change) < self.pressed)
         {
             return None;
         }
@@ -224,6 +239,24 @@ mod tests {
         assert!((held[0].1[1] - 1.0).abs() < 0.1, "{:?}", held[0].1);
         assert!((held[1].1[1] - 0.9).abs() < 0.1, "{:?}", held[1].1);
         assert!(!pressed_at_end);
+    }
+
+    /// A board without noise shows every change of a fabric that relaxes for long after a press.
+    #[test]
+    fn a_relaxing_fabric_is_untouched() {
+        let frame =
+            |level: f64| (0..12).map(|i| 1.0 + level * f64::from(i % 3)).collect::<Vec<_>>();
+        let mut watch = PressWatch::new(&vec![frame(0.0); 20], 8).unwrap();
+        let press =
+            (0..30).map(|_| 1.0).chain((0..100).map(|k| 0.1 * (-f64::from(k) / 50.0).exp()));
+        let states: Vec<_> =
+            press.clone().chain(press).map(|level| watch.push(&frame(level))).collect();
+        let held = states.iter().filter(|state| matches!(state, PressState::Held(_))).count();
+        assert_eq!(held, 2);
+        // untouched from the time on at which the reference is taken anew
+        for after in [&states[40..130], &states[170..]] {
+            assert!(after.iter().all(|state| *state == PressState::Untouched), "{after:?}");
+        }
     }
 
     #[test]

@@ -40,6 +40,9 @@ pub fn event_words(event: &Event) -> Option<String> {
     Some(match event {
         Event::Frame(_) => return None,
         Event::Gap { frames } => format!("{frames} frames were lost"),
+        Event::Skipped { frames } => {
+            format!("{frames} frames were skipped: they came faster than they were taken")
+        }
         // a single line, whatever it contains
         Event::Notice(text) => printable(text).replace('\n', "?"),
         Event::Silent { for_s } => {

@@ -1,7 +1,7 @@
 //! Touches on a dome: positions in the mesh's coordinates, on a curved skin with an uneven sheet.
 //!
-//! The simulated fabric is flat, so the frames here are forward solutions of the full non-linear model on
-//! another mesh, without movement or memory.
+//! The frames are forward solutions of the full non-linear model on another mesh, without the movement and memory of
+//! the simulated fabric.
 
 #![allow(
     missing_docs,

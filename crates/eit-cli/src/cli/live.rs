@@ -62,6 +62,17 @@ pub(crate) struct PublishArgs {
     /// Send the same lines by UDP, one per datagram; can be repeated.
     #[arg(long, value_name = "HOST:PORT")]
     pub udp: Vec<String>,
+    /// The page.
+    #[command(flatten)]
+    pub page: PageArgs,
+    /// Publishers behind cargo features.
+    #[command(flatten)]
+    pub network: NetworkArgs,
+}
+
+/// The live page.
+#[derive(Debug, Args)]
+pub(crate) struct PageArgs {
     /// Serve a page that shows the skin in a browser, and print its address; an address other than this
     /// computer's requires a token [default: 127.0.0.1:8484; port 0: any free port].
     #[arg(
@@ -72,9 +83,6 @@ pub(crate) struct PublishArgs {
         default_missing_value = "127.0.0.1:8484"
     )]
     pub web: Option<String>,
-    /// Publishers behind cargo features.
-    #[command(flatten)]
-    pub network: NetworkArgs,
 }
 
 /// ROS 2 by zenoh, and Foxglove.

@@ -4,12 +4,13 @@ use super::{Answer, Ended, FAULTY};
 use crate::cli::CheckArgs;
 use crate::error::CliError;
 use crate::progress;
-use eit_hw::driver::{Overflow, Statistics};
+use eit_hw::driver::Statistics;
 use eit_hw::{
     HealthReport, ReferenceFrames, Resolution, Severity, Verdict, measure_reference_frames,
 };
+use eit_skin::connect::{self, Backlog};
+use eit_skin::health;
 use eit_skin::scene::Scene;
-use eit_skin::{connect, health};
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -26,7 +27,7 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
     let instrument = scene.instrument()?;
     let mut progress = progress::terminal();
     let mut session = progress
-        .stage("connect", || connect::open(&instrument, args.port.as_deref(), Overflow::Fail))?;
+        .stage("connect", || connect::open(&instrument, args.port.as_deref(), Backlog::Recorded))?;
     let limit = Duration::from_secs_f64(args.seconds);
     let quiet = progress.stage("measure: do not touch the skin", || {
         measure_reference_frames(&mut session, args.frames, limit)

@@ -29,7 +29,7 @@ pub(crate) fn run(args: &DemoArgs, is_json: bool) -> Result<Answer, CliError> {
     let mut answer = eit_report::demo::run(&settings, watcher, &stop, &mut progress::terminal())?;
     let Some(published) = published else { return Ok(answer) };
     let mut published = published.into_inner().unwrap_or_else(PoisonError::into_inner);
-    if args.web.is_some() && !stop.is_set() {
+    if args.page.web.is_some() && !stop.is_set() {
         if !is_json {
             // now, not when the page is closed
             println!("{}", printable(&std::mem::take(&mut answer.text)));
@@ -43,11 +43,11 @@ pub(crate) fn run(args: &DemoArgs, is_json: bool) -> Result<Answer, CliError> {
 
 /// Opens the requested outputs; `None` if there are none.
 fn open(args: &DemoArgs) -> Result<Option<Publisher>, CliError> {
-    if args.web.is_none() && !network::is_wanted(&args.network) {
+    if args.page.web.is_none() && !network::is_wanted(&args.network) {
         return Ok(None);
     }
     let mut publisher = network::open(&args.network, Publisher::new())?;
-    if let Some(address) = &args.web {
+    if let Some(address) = &args.page.web {
         publisher = publish::open_page(address, publisher, false)?;
         let words =
             "The fabric and its touches are simulated first: they appear here in some seconds.";

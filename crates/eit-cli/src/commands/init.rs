@@ -15,6 +15,9 @@ use std::path::Path;
 
 /// Correlation below which the model does not represent the skin at all.
 const UNLIKE: f64 = 0.6;
+/// Correlation below which equally spaced electrodes are doubted: places on a rectangle that are off by up to 0.3 of the
+/// spacing give 0.955, equally spaced ones 0.99 and more.
+const EVEN: f64 = 0.97;
 /// Minimum lead in likeness over the next best numbering.
 const CLEAR: f64 = 0.03;
 
@@ -48,6 +51,8 @@ struct Found {
     reciprocity: Option<f64>,
     correlation: Option<f64>,
     numbering: Option<Numbering>,
+    /// Neighbouring electrodes whose wires look exchanged, from 0.
+    swapped: Option<[usize; 2]>,
 }
 
 /// Rejects invalid numbers before asking anything.
@@ -184,6 +189,7 @@ fn to_json(place: &str, first: &FirstScene, found: &Found) -> Value {
             "next_likeness": numbering.next_likeness,
             "press_errors_m": numbering.errors_m,
         })),
+        "swapped_electrodes": found.swapped.map(|pair| pair.map(|electrode| electrode + 1)),
         "unsure": found.warnings,
     })
 }

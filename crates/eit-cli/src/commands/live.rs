@@ -8,9 +8,9 @@ use crate::cli::LiveArgs;
 use crate::error::CliError;
 use crate::progress;
 use eit_hw::capture::CaptureWriter;
-use eit_hw::driver::{FrameSource, Overflow};
+use eit_hw::driver::FrameSource;
 use eit_report::watched::answer;
-use eit_skin::connect;
+use eit_skin::connect::{self, Backlog};
 use eit_skin::live::LiveModel;
 use eit_skin::scene::Scene;
 use std::sync::Arc;
@@ -30,13 +30,12 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     let frames = args.watch.reference_frames;
     let model = Arc::new(LiveModel::from_scene(&scene, frames, &mut progress)?);
     let mut viewer = Viewer::new(&model, &args.watch, limit, !is_json)?;
-    // a recording must not lose frames; a view needs the latest
-    let overflow = match args.record {
-        Some(_) => Overflow::Fail,
-        None => Overflow::KeepLatest,
+    let backlog = match args.record {
+        Some(_) => Backlog::Recorded,
+        None => Backlog::Published,
     };
     let mut session =
-        progress.stage("connect", || connect::open(&instrument, args.port.as_deref(), overflow))?;
+        progress.stage("connect", || connect::open(&instrument, args.port.as_deref(), backlog))?;
     let record = connect::session_record(&model.skin().scene_toml, &instrument, &session);
     if let Some(place) = &args.record {
         let writer = CaptureWriter::create(place, &record, recorded)
@@ -44,7 +43,7 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
         viewer.record(writer);
     }
     viewer.publish(publisher, &session.setup().identity.to_string(), true)?;
-    if args.watch.publish.web.is_some() {
+    if args.watch.publish.page.web.is_some() {
         let (fixed, waiting) = (args.record.clone(), session.waiting());
         viewer.let_record(PageRecorder::new(&args.scene, record, fixed, waiting))?;
     }

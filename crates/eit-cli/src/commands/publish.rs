@@ -20,7 +20,7 @@ pub(super) fn open(
         return Err(CliError::input(message));
     }
     let is_networked = network::is_wanted(&args.network);
-    if !args.json_lines && args.udp.is_empty() && args.web.is_none() && !is_networked {
+    if !args.json_lines && args.udp.is_empty() && args.page.web.is_none() && !is_networked {
         return Ok(None);
     }
     let mut publisher = network::open(&args.network, Publisher::new())?;
@@ -28,7 +28,7 @@ pub(super) fn open(
         let sink = UdpSink::new(address).map_err(|e| CliError::from(e).within("--udp"))?;
         publisher = publisher.with_udp(sink);
     }
-    if let Some(address) = &args.web {
+    if let Some(address) = &args.page.web {
         publisher = open_page(address, publisher, can_record)?;
     }
     if args.json_lines {

@@ -9,8 +9,8 @@ use crate::error::CliError;
 use crate::interrupt;
 use crate::progress;
 use eit_hw::capture::{self, CaptureSettings, CaptureWriter};
-use eit_hw::driver::{Event, Overflow, Session};
-use eit_skin::connect;
+use eit_hw::driver::{Event, Session};
+use eit_skin::connect::{self, Backlog};
 use eit_skin::scene::Scene;
 use eit_skin::words::event_words;
 use serde_json::{Value, json};
@@ -39,7 +39,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let interrupt = interrupt::listen()?;
     let mut progress = progress::terminal();
     let mut session = progress
-        .stage("connect", || connect::open(&instrument, args.port.as_deref(), Overflow::Fail))?;
+        .stage("connect", || connect::open(&instrument, args.port.as_deref(), Backlog::Recorded))?;
     let record = connect::session_record(&scene.to_toml()?, &instrument, &session);
     let bytes_before = bytes(&files);
     // decide once: never append to a file that another recorder creates meanwhile

@@ -54,7 +54,7 @@ impl<'a> Viewer<'a> {
             terminal: Terminal::new(
                 is_shown
                     && !args.publish.json_lines
-                    && args.publish.web.is_none()
+                    && args.publish.page.web.is_none()
                     && args.publish.network.foxglove.is_none(),
             ),
             picture: args.picture.as_deref().map(Picture::new).transpose()?,
@@ -137,7 +137,7 @@ impl LiveObserver for Viewer<'_> {
         }
         match event {
             Event::Frame(_) => self.silent_since = None,
-            Event::Gap { frames } => self.terminal.lose(*frames),
+            Event::Gap { frames } | Event::Skipped { frames } => self.terminal.lose(*frames),
             Event::Silent { .. } | Event::Disconnected { .. } => {
                 self.silent_since.get_or_insert_with(Instant::now);
             }

@@ -21,13 +21,13 @@ pub struct Fabric {
 }
 
 impl Fabric {
-    /// Creates a fabric on a flat mesh. `conductivity_s` is the sheet conductivity, siemens;
+    /// Creates a fabric on a mesh, which may be curved. `conductivity_s` is the sheet conductivity, siemens;
     /// `contact_impedance` has one value per electrode (ohm metre for rim electrodes, ohm square
     /// metre for patches).
     ///
     /// # Errors
     /// Those of [`ForwardModel::new`] and [`FabricSettings::validate`]; a conductivity that is not
-    /// finite and above zero; a skin that is not flat.
+    /// finite and above zero.
     pub fn new(
         mesh: &Mesh,
         protocol: &Protocol,
@@ -39,9 +39,6 @@ impl Fabric {
         if !(conductivity_s.is_finite() && conductivity_s > 0.0) {
             let (quantity, must) = ("conductivity_s", "finite and above zero");
             return Err(FemError::OutOfRange { quantity, value: conductivity_s, must });
-        }
-        if let Some(node) = mesh.surface().nodes().iter().position(|p| p[2] != 0.0) {
-            return Err(FemError::NotFlat { node, height_m: mesh.surface().nodes()[node][2] });
         }
         let model = ForwardModel::new(mesh, protocol, contact_impedance)?;
         let membrane = &settings.membrane;

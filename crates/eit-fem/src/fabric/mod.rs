@@ -14,7 +14,8 @@
 //!
 //! Simulate on a finer mesh than the one used for reconstruction.
 //!
-//! The skin must be flat (z = 0). Frames are bit-identical for any number of threads. An effect
+//! Places are stated as seen from +z. On a curved skin each touch dents the tangent plane of its place, which holds for
+//! touches much smaller than the radius of curvature; the truth's images are those seen from +z. Frames are bit-identical for any number of threads. An effect
 //! whose amplitude is zero is not computed and does not change the others. The script is sampled at
 //! frame times only, so a tap shorter than a frame may be missed, as with a real instrument.
 //!
@@ -54,6 +55,7 @@ mod play_circle;
 mod random;
 mod random_field;
 mod script;
+mod seat;
 mod settings;
 mod simulate;
 mod stream;

@@ -23,16 +23,17 @@
 //! longer side, is the distance at which the rim holds the fabric.
 
 use super::contact::Indentation;
+use super::seat::Seat;
 use super::settings::{FabricSettings, Rim};
 use eit_mesh::{Electrode, Mesh};
 
 /// A dent and its position, metres.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Placed {
-    pub position_m: [f64; 2],
+    pub seat: Seat,
     pub dent: Indentation,
     /// Displacement by friction at the distance where the logarithm is one, metres.
-    pub drag_m: [f64; 2],
+    pub drag_m: [f64; 3],
 }
 
 /// Data for node movement that does not change between frames.
@@ -88,15 +89,15 @@ impl Motion {
         for (moved, (place, follows)) in nodes_m.iter_mut().zip(places) {
             *moved = *place;
             for touch in touches {
-                let (dx, dy) = (place[0] - touch.position_m[0], place[1] - touch.position_m[1]);
-                let r = dx.hypot(dy);
+                let (r, along) = touch.seat.offset(*place);
                 let dent = touch.dent.at(r);
                 let outward = if r > 0.0 { dent.displacement_m / r } else { 0.0 };
                 let near = r.max(touch.dent.contact_radius_m);
                 let dragged = (self.half_m / near).ln().max(0.0);
-                moved[0] += follows * (outward * dx + dragged * touch.drag_m[0]);
-                moved[1] += follows * (outward * dy + dragged * touch.drag_m[1]);
-                moved[2] -= follows * dent.deflection_m;
+                for k in 0..3 {
+                    moved[k] += follows * (outward * along[k] + dragged * touch.drag_m[k]);
+                    moved[k] -= follows * dent.deflection_m * touch.seat.normal[k];
+                }
             }
         }
     }
@@ -121,10 +122,8 @@ impl Motion {
         for (log, nodes) in logs.iter_mut().zip(&self.electrodes) {
             for &(n, weight) in nodes {
                 let place = self.nodes_m[n as usize];
-                let deflection = |touch: &Placed| {
-                    let [x, y] = touch.position_m;
-                    touch.dent.at((place[0] - x).hypot(place[1] - y)).deflection_m
-                };
+                let deflection =
+                    |touch: &Placed| touch.dent.at(touch.seat.distance_m(place)).deflection_m;
                 let deflection_m: f64 = touches.iter().map(deflection).sum();
                 *log -= self.rim.contact_gain * weight * deflection_m / self.length_m;
             }

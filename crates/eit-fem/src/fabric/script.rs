@@ -1,6 +1,7 @@
 //! Touch scripts: which fingers touch the skin, where, how hard and when.
 
 use super::contact::Tip;
+use super::seat::Seat;
 use crate::error::FemError;
 use eit_mesh::{Mesh, Surface};
 
@@ -206,7 +207,7 @@ impl TouchScript {
     }
 }
 
-/// Tests whether points lie on a flat skin.
+/// Tests whether points lie on the skin, seen from +z.
 struct Place<'a> {
     surface: &'a Surface,
 }
@@ -216,16 +217,6 @@ impl<'a> Place<'a> {
         Self { surface }
     }
 
-    fn holds(&self, p: [f64; 2]) -> bool {
-        (0..self.surface.triangles().len()).any(|t| {
-            let c = self.surface.corners(t);
-            (0..3).all(|k| {
-                let (a, b) = (c[k], c[(k + 1) % 3]);
-                (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) >= 0.0
-            })
-        })
-    }
-
     fn check(
         &self,
         finger: u32,
@@ -233,7 +224,7 @@ impl<'a> Place<'a> {
         time_s: f64,
         position_m: [f64; 2],
     ) -> Result<(), FemError> {
-        if self.holds(position_m) {
+        if Seat::on(self.surface, position_m).is_some() {
             return Ok(());
         }
         let place = key.map_or_else(|| "between keys".to_owned(), |k| format!("at key {k}"));

@@ -13,6 +13,7 @@ use super::fabric_model::Fabric;
 use super::instrument::Channels;
 use super::motion::Placed;
 use super::script::{Touch, TouchScript};
+use super::seat::Seat;
 use super::truth::Simulation;
 use crate::error::FemError;
 use eit_mesh::Raster;
@@ -133,8 +134,13 @@ impl Fabric {
             let dent = Indentation::new(&self.settings.membrane, tip, radius_m, force_n);
             let time_s = frame as f64 / script.frame_rate_hz;
             let too_large = FemError::ForceTooLarge { finger, time_s, force_n, radius_m };
-            let placed = |dent| Placed { position_m, dent, drag_m: direction.map(|d| d * drag_m) };
-            dent.map(placed).ok_or(too_large)
+            let dent = dent.ok_or(too_large)?;
+            let seat = Seat::on(self.mesh.surface(), position_m).ok_or_else(|| {
+                let place = "seen from +z".to_owned();
+                let [x_m, y_m] = position_m;
+                FemError::OutsideSkin { finger, place, time_s, x_m, y_m }
+            })?;
+            Ok(Placed { seat, dent, drag_m: seat.tangent(direction).map(|d| d * drag_m) })
         };
         let frame = |f: usize| script.touches(f).iter().map(|touch| place(f, touch)).collect();
         (0..script.frames).map(frame).collect()

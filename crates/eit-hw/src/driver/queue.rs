@@ -12,7 +12,8 @@ use crate::frame::Frame;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Overflow {
-    /// Drops the oldest frame and counts it: for a robot, which needs current data.
+    /// Drops the oldest frame, counts it, and reports it in its place ([`Event::Skipped`]): for a robot,
+    /// which needs current data.
     #[default]
     KeepLatest,
     /// Ends the session with [`HwError::Overflow`]: for a recorder, which must not lose a frame.
@@ -41,12 +42,23 @@ struct State {
 }
 
 impl State {
-    /// Drops the frame that has waited longest; returns whether there was one.
-    fn drop_oldest(&mut self) -> bool {
-        let oldest = self.events.iter().position(|event| matches!(event, Event::Frame(_)));
-        let Some(Event::Frame(frame)) = oldest.and_then(|oldest| self.events.remove(oldest)) else {
-            return false;
+    /// Drops the frame that has waited longest; one event in its place counts all that are dropped in a row.
+    /// Returns whether there was one.
+    fn skip_oldest(&mut self) -> bool {
+        let is_frame = |event: &Event| matches!(event, Event::Frame(_));
+        let Some(oldest) = self.events.iter().position(is_frame) else { return false };
+        let before = oldest.checked_sub(1).and_then(|before| self.events.get_mut(before));
+        let frame = match before {
+            Some(Event::Skipped { frames }) => {
+                *frames += 1;
+                self.events.remove(oldest)
+            }
+            _ => {
+                let skipped = Event::Skipped { frames: 1 };
+                self.events.get_mut(oldest).map(|slot| std::mem::replace(slot, skipped))
+            }
         };
+        let Some(Event::Frame(frame)) = frame else { return false };
         if self.spare.len() < self.capacity + 2 {
             self.spare.push(frame);
         }
@@ -129,7 +141,7 @@ impl Queue {
                 return false;
             }
             // more than one after the capacity was lowered
-            while state.frames >= state.capacity && state.drop_oldest() {}
+            while state.frames >= state.capacity && state.skip_oldest() {}
             state.frames += 1;
         } else if state.events.len() >= 2 * state.capacity + 16 {
             // unread messages must not fill the memory; frames are limited above

@@ -44,6 +44,12 @@ pub enum Event {
         /// Number of lost frames.
         frames: u64,
     },
+    /// Received frames were dropped before the next event, because the consumer was slower than the
+    /// instrument ([`Overflow::KeepLatest`](crate::driver::Overflow::KeepLatest)).
+    Skipped {
+        /// Number of dropped frames.
+        frames: u64,
+    },
     /// A message from the instrument or driver.
     Notice(String),
     /// No frame has come for some time, although the connection is open. Reported once per silence,

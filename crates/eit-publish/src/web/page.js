@@ -1,12 +1,12 @@
 // Receives lines, and shows the moment that is chosen.
 const RATE_FRAMES = 30, SILENT_S = .5, LATENCY_S = 10, NUMBERS_EVERY_S = .1;
-let skin = null, heard = null, note = "", silence = "", isStale = true, numbersAt = -1;
+let skin = null, heard = null, note = "", halt = "", isStale = true, numbersAt = -1;
 let pictures = { item: null, before: null, main: null };
 
 function take(line) {
   const at = now();
   if (line.type === "skin") { skin = line; byId("name").textContent = "Skin “" + line.name + "”"; document.title = line.name + ": touches"; }
-  if (line.type === "frame") { heard = at; note = ""; remember(past.frames, { at, line }); }
+  if (line.type === "frame") { heard = at; stop("", ""); remember(past.frames, { at, line }); }
   if (line.type === "image") remember(past.images, { at, line });
   if (line.type === "event") news(line, at);
   if (line.type === "recording") recording(line);
@@ -14,16 +14,19 @@ function take(line) {
 }
 
 function news(line, at) {
-  if (line.event === "gap") remember(past.lost, { at, frames: line.frames });
-  if (["reference_started", "disconnected"].includes(line.event) || (line.event === "notice" && heard === null)) note = line.text;
-  if (line.event === "ended") note = "The program has ended. You can still look at the last minute.";
-  if (["reference_taken", "reconnected"].includes(line.event)) note = "";
+  if (line.event === "gap" || line.event === "skipped") remember(past.lost, { at, frames: line.frames });
+  if (["reference_started", "disconnected"].includes(line.event) || (line.event === "notice" && heard === null)) stop(line.event === "reference_started" ? "Getting ready: do not touch" : heard === null ? "" : "No signal", line.text);
+  if (line.event === "ended") stop("Ended", "The program has ended. You can still look at the last minute.");
+  if (["reference_taken", "reconnected"].includes(line.event)) stop("", "");
   const list = byId("news"), item = document.createElement("li");
   item.textContent = new Date().toLocaleTimeString() + "  " + line.text;
   if (!list.dataset.used) { list.dataset.used = "yes"; list.replaceChildren(); }
   list.prepend(item);
   while (list.children.length > 6) list.lastChild.remove();
 }
+
+// what the page says in large and in small letters until frames come again
+function stop(large, small) { halt = large; note = small; }
 
 function draw() {
   requestAnimationFrame(draw);
@@ -38,7 +41,7 @@ function draw() {
     byId("colors").hidden = !item;
     byId("least").textContent = "−" + siemens(scale); byId("most").textContent = "+" + siemens(scale);
     const two = Boolean(pictures.before);
-    byId("before").hidden = !two; byId("main").firstElementChild.hidden = !two; byId("pictures").className = two ? "two" : "";
+    byId("before").hidden = !two; byId("main").firstElementChild.hidden = !two; byId("pictures").classList.toggle("two", two);
   }
   const line = frame && frame.line, at = shownAt();
   if (pictures.before) drawSkin(byId("before").lastElementChild, skin, pictures.before, line, frames, at);
@@ -48,7 +51,7 @@ function draw() {
 const alive = frame => frame ? frame.line.touches.filter(touch => touch.state !== "end") : [];
 const say = (id, text) => { const place = byId(id); if (place.textContent !== text) place.textContent = text; };
 const median = values => values.length ? values.sort((a, b) => a - b)[values.length >> 1] : null;
-const ms = seconds => (1e3 * seconds).toFixed(seconds < .01 ? 1 : 0) + " ms";
+const ms = seconds => seconds >= 1 ? seconds.toFixed(1) + " s" : (1e3 * seconds).toFixed(seconds < .01 ? 1 : 0) + " ms";
 
 function strengthOf(touch) {
   if (touch.force_n === null) return (1e9 * touch.intensity_s_m2).toPrecision(2);
@@ -60,7 +63,9 @@ function numbers() {
   const end = held ? held.end : frames.length && now() - endOf(frames) < SILENT_S ? now() : endOf(frames);
   drawCharts(skin, frames, end, held ? at : end);
   const count = touches.length;
-  say("verdict", frame ? count ? count === 1 ? "1 touch" : count + " touches" : "No touch." : "Waiting for the skin …");
+  const isOld = !held && frame && (note || isSilent());
+  say("verdict", isOld ? halt || "No signal" : frame ? count ? count === 1 ? "1 touch" : count + " touches" : "No touch." : halt || "Waiting for the skin …");
+  byId("pictures").classList.toggle("old", Boolean(isOld));
   byId("none").hidden = !frame || count > 0;
   byId("unsure").hidden = touches.every(touch => touch.valid);
   rows(touches);
@@ -101,11 +106,12 @@ function rows(touches) {
   say("strength", touches.some(touch => touch.force_n !== null) ? "force, N" : "strength, nS m²");
 }
 
+const isSilent = () => heard !== null && now() - heard > SILENT_S;
+
 function state() {
-  const label = byId("state"), old = heard === null ? 0 : now() - heard;
-  const isSilent = !note && heard !== null && old > SILENT_S;
-  label.className = isSilent ? "bad" : "hint";
-  say("state", note || (heard === null ? "Connected: waiting for frames." : isSilent ? `No frame for ${old.toFixed(1)} s.` : "Live: what happens on the skin now."));
+  const label = byId("state"), isBad = !note && isSilent();
+  label.className = isBad || halt === "No signal" ? "bad" : "hint";
+  say("state", note || (heard === null ? "Connected: waiting for the skin." : isBad ? `Nothing from the skin for ${(now() - heard).toFixed(1)} s: the picture is old.` : "Live: what happens on the skin now."));
   const back = held ? held.end - held.at : 0;
   say("when", held ? back < .05 ? "paused" : `${back.toFixed(1)} s earlier` : "live");
 }
@@ -146,8 +152,8 @@ byId("record").addEventListener("click", async () => {
 
 const events = new EventSource("events" + location.search);
 events.onmessage = message => take(JSON.parse(message.data));
-events.onerror = () => { if (!note) note = "The program does not answer. You can still look at the last minute."; };
-events.onopen = () => { note = ""; };
+events.onerror = () => { if (!note) stop("No signal", "The program does not answer. You can still look at the last minute."); };
+events.onopen = () => { stop("", ""); };
 addEventListener("resize", () => { isStale = true; numbersAt = -1; });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { pictures.item = undefined; isStale = true; });
 draw();

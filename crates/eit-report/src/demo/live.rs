@@ -5,12 +5,12 @@ use super::{FrameWatcher, Stage};
 use crate::error::ReportError;
 use crate::watched::{Kept, record_of};
 use eit_hw::capture::{CaptureSettings, CaptureWriter};
-use eit_hw::driver::{Event, Overflow, Session};
+use eit_hw::driver::{Event, Session};
 use eit_hw::emulator::{Emulator, FaultPlan, Listen};
 use eit_inverse::touch::{Touch, TouchState};
 use eit_skin::Progress;
 use eit_skin::Steps;
-use eit_skin::connect;
+use eit_skin::connect::{self, Backlog};
 use eit_skin::emulate::{self, Content, PlayedFrames};
 use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, REFERENCE_FRAMES, Summary};
 use eit_skin::scene::Instrument;
@@ -116,7 +116,7 @@ fn connect(model: &LiveModel, instrument: &Instrument, frames: &Path) -> Result<
         let device = emulate::device(model.skin(), instrument, &content, &mut silent)?;
         let emulator = Emulator::start(device, listen, FaultPlan::default())?;
         let port = emulator.endpoint().to_string();
-        let session = connect::open(instrument, Some(&port), Overflow::Fail)?;
+        let session = connect::open(instrument, Some(&port), Backlog::Recorded)?;
         Ok::<_, ReportError>(Wire { session, emulator, line: line.to_owned(), folder: None })
     };
     let why = match on_terminal(&open) {

@@ -26,10 +26,11 @@ pub(super) fn page(
     Page {
         title: "Touches on a conductive fabric, measured with 16 electrodes".to_owned(),
         lead: format!(
-            "{}. Two experiments of Duan, Taurand and Soleimani (Sci. Rep. 9:8831, 2019) on a \
-               simulated fabric: fingers move over it, an instrument measures 208 voltages per \
-               frame, total variation in space and time reconstructs images, a U-net removes the \
-               artefacts of moving electrodes, and touches are detected and tracked.",
+            "A sheet of conductive fabric feels where it is pressed: electrodes on its rim measure voltages, and \
+             the program computes from them where the fingers are. {}. The fabric is simulated, as in two \
+             experiments of Duan, Taurand and Soleimani (Sci. Rep. 9:8831, 2019): fingers move over it, an emulated \
+             instrument measures 208 voltages per frame, touches are found in them and tracked, total variation in \
+             space and time makes images, and a U-net removes the artefacts of moving electrodes.",
             result(shown)
         ),
         sections,
@@ -41,7 +42,7 @@ fn result(shown: &[Shown]) -> String {
     let of = |shown: &Shown| {
         let Judged { fingers, found, invented, .. } = shown.judged;
         format!(
-            "{}: {found} of {fingers} found, {:.1} mm off (median), {invented} false touches",
+            "{}: found {found} of {fingers} times, {:.1} mm off (median), {invented} false touches",
             shown.experiment.name,
             1e3 * shown.judged.distance_m()
         )

@@ -1,13 +1,13 @@
 //! Determines which electrode is the first and in which direction they are counted.
 
-use super::protocols::{NODES, is_signed, renumbered};
+use super::protocols::{NODES, is_signed};
+use super::transfer::{PairMatrix, Placing, Transfer};
 use super::{FirstScene, Outline};
 use crate::error::SkinError;
 use crate::scene::{Direction, TouchSign};
 use crate::skin::Skin;
-use eit_fem::{ForwardModel, Protocol};
 use eit_hw::model_correlation;
-use ndarray::{Array1, Array2};
+use ndarray::Array1;
 
 /// Radius of a press, metres: exp(-(d / radius)^2). That of a fingertip, and at least what the mesh of the
 /// comparison resolves.
@@ -15,6 +15,9 @@ const PRESS_RADIUS_M: f64 = 0.007;
 const MESH_RADII: f64 = 0.08;
 /// Channels below this fraction of the largest voltage are not compared: their ratios are noise.
 const LEAST_VOLTAGE: f64 = 1e-3;
+/// How much better a numbering with exchanged wires must explain presses and untouched frame. On simulated boards with
+/// other contacts, finger and mesh than the model's, right wires gain 0.00 by an exchange, exchanged ones 0.1 and more.
+pub(super) const SWAP_LEAD: f64 = 0.03;
 /// Points per side of the grid on which a press is sought.
 const GRID: usize = 25;
 
@@ -46,15 +49,18 @@ pub struct Numbering {
     pub next_likeness: f64,
     /// Distance from each press to the place that explains it best, metres.
     pub errors_m: Vec<f64>,
+    /// Two neighbouring electrodes whose wires look exchanged, from 0. The other results hold once they are exchanged
+    /// back.
+    pub swapped: Option<[usize; 2]>,
 }
 
 /// Finds the numbering of the electrodes from presses at known places.
 ///
-/// There are `2 n` numberings of `n` places along the rim (each first electrode, both directions). The result
-/// is the one whose modelled changes are most like the measured ones. Channels are compared as relative
-/// changes times the model's voltage, so neither unit, gain nor polarity matters. `reference` is the frame of
-/// the untouched skin. Cost: `2 n` forward solves with Jacobian on a mesh of 1 500 nodes, a fraction of a
-/// second for 16 electrodes.
+/// There are `2 n` numberings of `n` places along the rim (each first electrode, both directions), and each of them with
+/// the wires of two neighbours exchanged. The result is the one whose modelled changes are most like the measured ones;
+/// one with exchanged wires only if no other is nearly as like. Channels are compared as relative changes times the
+/// model's voltage, so neither unit, gain nor polarity matters. `reference` is the frame of the untouched skin. Cost: one
+/// forward solve with Jacobian on a mesh of 1 500 nodes, a fraction of a second.
 ///
 /// Two presses at [`Outline::press_places_m`] distinguish all numberings; a single press leaves a mirror
 /// image.
@@ -73,45 +79,111 @@ pub fn find_numbering(
     let skin = Skin::from_scene(scene)?;
     let quadruples = first.protocol.quadruples()?;
     check(&quadruples, reference, presses)?;
-    let centroids = skin.mesh.surface().centroids();
-    let radius_m = press_radius_m(first.outline);
-    let bells: Vec<Array1<f64>> =
-        presses.iter().map(|press| bell(&centroids, press.place_m, radius_m)).collect();
-    let mut tried = Vec::new();
-    for start in 0..first.electrodes {
-        for is_clockwise in [false, true] {
-            let mapped = renumbered(&quadruples, first.electrodes, start, is_clockwise);
-            let model = Linear::new(&skin, &mapped, first.protocol.current_a)?;
-            let changes = presses.iter().map(|press| model.scaled(reference, &press.change));
-            let cosines = changes
-                .zip(&bells)
-                .map(|(change, bell)| cosine(&change, &model.jacobian.dot(bell)));
-            let mean = cosines.sum::<f64>() / presses.len() as f64;
-            // weight by the untouched frame, which may also depend on the numbering
-            let untouched = model.likeness(reference);
-            tried.push((mean * untouched, mean, start, is_clockwise));
+    let search = Search::new(&skin, first, &quadruples, reference, presses)?;
+    let mut tried: Vec<Tried> =
+        Placing::all(first.electrodes).map(|p| search.try_placing(p)).collect();
+    tried.sort_by(|one, other| other.score.abs().total_cmp(&one.score.abs()));
+    let swaps = Placing::all(first.electrodes).flat_map(|p| p.swaps(first.electrodes));
+    let swapped = swaps
+        .map(|placing| search.try_placing(placing))
+        .max_by(|one, other| one.score.abs().total_cmp(&other.score.abs()))
+        .filter(|swapped| swapped.score.abs() > tried[0].score.abs() + SWAP_LEAD);
+    let best = swapped.unwrap_or(tried[0]);
+    // the next best without exchanged wires, or with the same ones: neighbouring exchanges are much alike
+    let next = match swapped {
+        None => tried[1],
+        Some(best) => {
+            let others = Placing::all(first.electrodes)
+                .map(|p| Placing { swapped: best.placing.swapped, ..p });
+            let others = others.filter(|p| *p != best.placing).map(|p| search.try_placing(p));
+            others
+                .chain([tried[0]])
+                .max_by(|a, b| a.score.abs().total_cmp(&b.score.abs()))
+                .unwrap_or(tried[0])
         }
-    }
-    tried.sort_by(|one, other| other.0.abs().total_cmp(&one.0.abs()));
-    let [(_, likeness, start, is_clockwise), next] = [tried[0], tried[1]];
-    let mapped = renumbered(&quadruples, first.electrodes, start, is_clockwise);
-    let model = Linear::new(&skin, &mapped, first.protocol.current_a)?;
-    let errors_m = presses
-        .iter()
-        .map(|press| {
-            let change = model.scaled(reference, &press.change) * likeness.signum();
-            let found = model.place(&change, &centroids, first.outline);
-            (found[0] - press.place_m[0]).hypot(found[1] - press.place_m[1])
-        })
-        .collect();
+    };
     Ok(Numbering {
-        first_angle_deg: place_angle_deg(&skin, start),
-        direction: if is_clockwise { Direction::Clockwise } else { Direction::Counterclockwise },
-        sign: if likeness < 0.0 { TouchSign::Decrease } else { TouchSign::Increase },
-        likeness: likeness.abs(),
-        next_likeness: next.1.abs(),
-        errors_m,
+        first_angle_deg: place_angle_deg(&skin, best.placing.start),
+        direction: match best.placing.is_clockwise {
+            true => Direction::Clockwise,
+            false => Direction::Counterclockwise,
+        },
+        sign: if best.likeness < 0.0 { TouchSign::Decrease } else { TouchSign::Increase },
+        likeness: best.likeness.abs(),
+        next_likeness: next.likeness.abs(),
+        errors_m: presses.iter().map(|press| search.error_m(best, press)).collect(),
+        swapped: best.placing.pair(first.electrodes),
     })
+}
+
+/// A numbering and how well it explains the presses.
+#[derive(Debug, Clone, Copy)]
+struct Tried {
+    placing: Placing,
+    /// Mean cosine between measured and modelled changes; negative if touches lower the conductivity.
+    likeness: f64,
+    /// `likeness` times the correlation of the untouched frame, which may also depend on the numbering.
+    score: f64,
+}
+
+/// The model, and the presses to be explained.
+struct Search<'a> {
+    first: &'a FirstScene,
+    quadruples: &'a [[u32; 4]],
+    reference: &'a [f64],
+    presses: &'a [KnownPress],
+    transfer: Transfer,
+    untouched: PairMatrix,
+    /// Modelled presses at the places of the measured ones.
+    pressed: Vec<PairMatrix>,
+    centroids: Vec<[f64; 3]>,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        skin: &Skin,
+        first: &'a FirstScene,
+        quadruples: &'a [[u32; 4]],
+        reference: &'a [f64],
+        presses: &'a [KnownPress],
+    ) -> Result<Self, SkinError> {
+        let transfer = Transfer::new(skin, first.protocol.current_a)?;
+        let centroids = skin.mesh.surface().centroids();
+        let radius_m = press_radius_m(first.outline);
+        let bells = presses.iter().map(|press| bell(&centroids, press.place_m, radius_m));
+        let pressed = bells.map(|bell| transfer.change(&bell)).collect();
+        let untouched = transfer.untouched();
+        Ok(Self { first, quadruples, reference, presses, transfer, untouched, pressed, centroids })
+    }
+
+    fn try_placing(&self, placing: Placing) -> Tried {
+        let mapped = placing.map(self.quadruples, self.first.electrodes);
+        let voltages = self.untouched.measured(&mapped);
+        let cosines = self.presses.iter().zip(&self.pressed).map(|(press, model)| {
+            cosine(&scaled(&voltages, self.reference, &press.change), &model.measured(&mapped))
+        });
+        let likeness = cosines.sum::<f64>() / self.presses.len() as f64;
+        Tried { placing, likeness, score: likeness * correlation(&voltages, self.reference) }
+    }
+
+    /// Distance from a press to the grid point whose modelled press is most like its change, metres.
+    fn error_m(&self, best: Tried, press: &KnownPress) -> f64 {
+        let mapped = best.placing.map(self.quadruples, self.first.electrodes);
+        let voltages = self.untouched.measured(&mapped);
+        let change = scaled(&voltages, self.reference, &press.change) * best.likeness.signum();
+        let outline = self.first.outline;
+        let ([x, y], radius_m) = (outline.half_extent_m(), press_radius_m(outline));
+        let step = |k: usize| 2.0 * (k as f64 + 0.5) / GRID as f64 - 1.0;
+        let points = (0..GRID * GRID).map(|k| [x * step(k % GRID), y * step(k / GRID)]);
+        let likest = points
+            .map(|point| {
+                let model = self.transfer.change(&bell(&self.centroids, point, radius_m));
+                (cosine(&change, &model.measured(&mapped)), point)
+            })
+            .max_by(|one, other| one.0.total_cmp(&other.0));
+        let found = likest.map_or([0.0; 2], |(_, point)| point);
+        (found[0] - press.place_m[0]).hypot(found[1] - press.place_m[1])
+    }
 }
 
 fn check(
@@ -165,54 +237,23 @@ fn cosine(one: &Array1<f64>, other: &Array1<f64>) -> f64 {
     if sizes > 0.0 { one.dot(other) / sizes } else { 0.0 }
 }
 
-/// The linearised skin, measured with one numbering.
-struct Linear {
-    voltages: Array1<f64>,
-    jacobian: Array2<f64>,
+/// A measured change in the model's volts: the relative change times the model's voltage.
+fn scaled(voltages: &Array1<f64>, reference: &[f64], change: &[f64]) -> Array1<f64> {
+    let largest = reference.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    let channels = voltages.iter().zip(reference.iter().zip(change));
+    channels
+        .map(|(model, (value, change))| {
+            let is_used = value.abs() > LEAST_VOLTAGE * largest && change.is_finite();
+            if is_used { model * change / value } else { 0.0 }
+        })
+        .collect()
 }
 
-impl Linear {
-    fn new(skin: &Skin, quadruples: &[[u32; 4]], current_a: f64) -> Result<Self, SkinError> {
-        let protocol =
-            Protocol::from_quadruples(skin.mesh.electrodes().len(), quadruples, current_a)?;
-        let model = ForwardModel::new(&skin.mesh, &protocol, &skin.contact_impedance)?;
-        let background = skin.background_s();
-        let mut workspace = model.workspace()?;
-        let mut solution = model.solve(&background, &mut workspace)?;
-        Ok(Self { voltages: solution.measurements(), jacobian: solution.jacobian() })
-    }
-
-    /// A measured change in the model's volts: the relative change times the model's voltage.
-    fn scaled(&self, reference: &[f64], change: &[f64]) -> Array1<f64> {
-        let largest = reference.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-        let channels = self.voltages.iter().zip(reference.iter().zip(change));
-        channels
-            .map(|(model, (value, change))| {
-                let is_used = value.abs() > LEAST_VOLTAGE * largest && change.is_finite();
-                if is_used { model * change / value } else { 0.0 }
-            })
-            .collect()
-    }
-
-    /// Correlation with the untouched frame, regardless of polarity; of magnitudes if the frame has no signs.
-    fn likeness(&self, reference: &[f64]) -> f64 {
-        let value = |value: &f64| if is_signed(reference) { *value } else { value.abs() };
-        let measured: Vec<f64> = reference.iter().map(value).collect();
-        let modelled: Vec<f64> = self.voltages.iter().map(value).collect();
-        model_correlation(&measured, &modelled).map_or(0.0, f64::abs)
-    }
-
-    /// The grid point whose modelled press is most like the change.
-    fn place(&self, change: &Array1<f64>, centroids: &[[f64; 3]], outline: Outline) -> [f64; 2] {
-        let ([x, y], radius_m) = (outline.half_extent_m(), press_radius_m(outline));
-        let step = |k: usize| 2.0 * (k as f64 + 0.5) / GRID as f64 - 1.0;
-        let points = (0..GRID * GRID).map(|k| [x * step(k % GRID), y * step(k / GRID)]);
-        let best = points
-            .map(|point| {
-                let response = self.jacobian.dot(&bell(centroids, point, radius_m));
-                (cosine(change, &response), point)
-            })
-            .max_by(|one, other| one.0.total_cmp(&other.0));
-        best.map_or([0.0; 2], |(_, point)| point)
-    }
+/// Correlation of modelled voltages with the untouched frame, regardless of polarity; of magnitudes if the frame has no
+/// signs.
+fn correlation(voltages: &Array1<f64>, reference: &[f64]) -> f64 {
+    let value = |value: &f64| if is_signed(reference) { *value } else { value.abs() };
+    let measured: Vec<f64> = reference.iter().map(value).collect();
+    let modelled: Vec<f64> = voltages.iter().map(value).collect();
+    model_correlation(&measured, &modelled).map_or(0.0, f64::abs)
 }

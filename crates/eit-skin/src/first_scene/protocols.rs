@@ -1,9 +1,11 @@
 //! Pair protocols that match what a board prints.
 
+use super::numbering::SWAP_LEAD;
+use super::transfer::{PairMatrix, Placing, Transfer};
 use super::{FirstScene, Outline};
 use crate::error::SkinError;
 use crate::skin::Skin;
-use eit_fem::{DrivenElectrodes, ForwardModel, Order, PairPattern, PairProtocol, Protocol};
+use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 use eit_hw::{model_correlation, reciprocity_error};
 
 /// Largest number of electrodes tried if it is not known.
@@ -29,9 +31,17 @@ pub struct FittingProtocol {
     /// Correlation with the untouched model, for the electrode numbering that fits best; 1 is perfect.
     /// Compares magnitudes if all values have one sign; ignores polarity otherwise.
     pub correlation: f64,
+    /// Two neighbouring electrodes, from 0, whose wires look exchanged: `correlation` is that with their wires exchanged
+    /// back, and much better than without. On a disc the untouched skin alone shows this.
+    pub swapped: Option<[usize; 2]>,
 }
 
 impl FittingProtocol {
+    /// Correlation from which those with exchanged wires, of which there are many, are judged.
+    fn rank(&self) -> f64 {
+        self.correlation - if self.swapped.is_some() { SWAP_LEAD } else { 0.0 }
+    }
+
     /// Returns whether reciprocity contradicts the order.
     pub fn is_doubted(&self) -> bool {
         self.reciprocity.is_some_and(|error| error > DOUBTED_ERROR)
@@ -67,14 +77,13 @@ pub fn fitting_protocols(
         let model = Untouched::new(outline, count)?;
         for (protocol, quadruples) in candidates {
             let reciprocity = reciprocity_error(&quadruples, frame);
-            let correlation = model.correlation(&protocol, frame)?;
-            fitting.push(FittingProtocol { protocol, reciprocity, correlation });
+            let (correlation, swapped) = model.correlation(&quadruples, frame);
+            fitting.push(FittingProtocol { protocol, reciprocity, correlation, swapped });
         }
     }
     fitting.sort_by(|one, other| {
-        let rank = (one.is_doubted(), -one.correlation);
-        rank.partial_cmp(&(other.is_doubted(), -other.correlation))
-            .unwrap_or(std::cmp::Ordering::Equal)
+        let rank = (one.is_doubted(), -one.rank());
+        rank.partial_cmp(&(other.is_doubted(), -other.rank())).unwrap_or(std::cmp::Ordering::Equal)
     });
     Ok(fitting)
 }
@@ -115,10 +124,11 @@ fn candidates(electrodes: usize, values: usize) -> Vec<(PairProtocol, Vec<[u32; 
 }
 
 /// The untouched skin, which any protocol can measure.
-pub(super) struct Untouched {
-    skin: Skin,
-    /// Number of first electrodes to try: on a disc all numberings are alike.
-    starts: usize,
+struct Untouched {
+    matrix: PairMatrix,
+    electrodes: usize,
+    /// Whether all numberings are alike.
+    is_round: bool,
 }
 
 impl Untouched {
@@ -126,37 +136,34 @@ impl Untouched {
         let mut scene = FirstScene::new(outline, electrodes).scene()?;
         scene.mesh.nodes = Some(NODES);
         let skin = Skin::from_scene(scene)?;
-        let starts = match outline {
-            Outline::Disc { .. } => 1,
-            Outline::Rectangle { .. } => electrodes,
-        };
-        Ok(Self { skin, starts })
+        let matrix = Transfer::new(&skin, PairProtocol::default().current_a)?.untouched();
+        Ok(Self { matrix, electrodes, is_round: matches!(outline, Outline::Disc { .. }) })
     }
 
-    /// Correlation for the numbering that fits best.
-    fn correlation(&self, protocol: &PairProtocol, frame: &[f64]) -> Result<f64, SkinError> {
-        let quadruples = protocol.quadruples()?;
-        let is_signed = is_signed(frame);
-        let mut best = 0.0_f64;
-        for start in 0..self.starts {
-            for is_clockwise in [false, true] {
-                let mapped = renumbered(&quadruples, protocol.electrodes, start, is_clockwise);
-                let protocol =
-                    Protocol::from_quadruples(protocol.electrodes, &mapped, protocol.current_a)?;
-                let (mesh, contacts) = (&self.skin.mesh, &self.skin.contact_impedance);
-                let model = ForwardModel::new(mesh, &protocol, contacts)?;
-                let voltages = model.forward(&self.skin.background_s())?;
-                let value = |value: &f64| if is_signed { *value } else { value.abs() };
-                let modelled: Vec<f64> = undriven(&mapped, voltages.iter().map(value));
-                let measured: Vec<f64> = undriven(&mapped, frame.iter().map(value));
-                // the board's polarity is unknown
-                best = best.max(model_correlation(&measured, &modelled).map_or(0.0, f64::abs));
-                if self.starts == 1 {
-                    break;
-                }
+    /// Correlation for the numbering that fits best, and two electrodes whose exchange improves it much.
+    fn correlation(&self, quadruples: &[[u32; 4]], frame: &[f64]) -> (f64, Option<[usize; 2]>) {
+        let signed = is_signed(frame);
+        let value = |value: &f64| if signed { *value } else { value.abs() };
+        let measured = undriven(quadruples, frame.iter().map(value));
+        let of = |placing: Placing| {
+            let voltages = self.matrix.measured(&placing.map(quadruples, self.electrodes));
+            let modelled = undriven(quadruples, voltages.iter().map(value));
+            // the board's polarity is unknown
+            (model_correlation(&measured, &modelled).map_or(0.0, f64::abs), placing)
+        };
+        let best = |placings: &mut dyn Iterator<Item = Placing>| {
+            placings.map(of).max_by(|one, other| one.0.total_cmp(&other.0))
+        };
+        let tried = if self.is_round { 1 } else { 2 * self.electrodes };
+        let Some((plain, placing)) = best(&mut Placing::all(self.electrodes).take(tried)) else {
+            return (0.0, None);
+        };
+        match best(&mut placing.swaps(self.electrodes)) {
+            Some((swapped, placing)) if swapped > plain + SWAP_LEAD => {
+                (swapped, placing.pair(self.electrodes))
             }
+            _ => (plain, None),
         }
-        Ok(best)
     }
 }
 
@@ -171,20 +178,4 @@ pub(super) fn is_signed(frame: &[f64]) -> bool {
 fn undriven(quadruples: &[[u32; 4]], values: impl Iterator<Item = f64>) -> Vec<f64> {
     let on_driven = |[a, b, m, n]: &[u32; 4]| [m, n].iter().any(|e| *e == a || *e == b);
     quadruples.iter().zip(values).filter(|(q, _)| !on_driven(q)).map(|(_, value)| value).collect()
-}
-
-/// Quadruples in terms of places along the rim, where electrode `i` of the board is at place `start + i`, or
-/// `start - i` if the board counts clockwise.
-pub(super) fn renumbered(
-    quadruples: &[[u32; 4]],
-    electrodes: usize,
-    start: usize,
-    is_clockwise: bool,
-) -> Vec<[u32; 4]> {
-    let place = |electrode: u32| {
-        let electrode = electrode as usize % electrodes;
-        let step = if is_clockwise { electrodes - electrode } else { electrode };
-        ((start + step) % electrodes) as u32
-    };
-    quadruples.iter().map(|quadruple| quadruple.map(place)).collect()
 }

@@ -110,8 +110,7 @@ impl Skin {
     #[cfg(feature = "hw")]
     pub fn open_at(&self, port: Option<&str>) -> Result<Sensor, SkinError> {
         let instrument = &self.instrument()?;
-        let overflow = eit_hw::driver::Overflow::KeepLatest;
-        let session = crate::connect::open(instrument, port, overflow)?;
+        let session = crate::connect::open(instrument, port, crate::connect::Backlog::Latest)?;
         self.sensor_of(Box::new(session), true)
     }
 

@@ -27,7 +27,7 @@ impl Questions {
     pub(super) fn shape(&mut self) -> Result<ShapeArg, CliError> {
         loop {
             match self.ask("--shape", "shape of the skin, disc or rectangle")?.as_str() {
-                "disc" | "d" => return Ok(ShapeArg::Disc),
+                "disc" | "d" | "circle" | "round" => return Ok(ShapeArg::Disc),
                 "rectangle" | "r" => return Ok(ShapeArg::Rectangle),
                 other => eprintln!(
                     "\"{other}\" is neither disc nor rectangle; for other shapes see docs/SCENE.md"

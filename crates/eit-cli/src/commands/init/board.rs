@@ -2,7 +2,7 @@
 
 use super::ask::Questions;
 use super::presses;
-use super::{CLEAR, Found, UNLIKE};
+use super::{CLEAR, EVEN, Found, UNLIKE};
 use crate::cli::InitArgs;
 use crate::error::CliError;
 use crate::progress;
@@ -48,6 +48,11 @@ pub(super) fn find(
     } else if let Some(rival) = rivals.first() {
         found.warnings.push(format!("equally likely is {}", words(rival)));
     }
+    if let Some([one, other]) = found.swapped.map(|pair| pair.map(|electrode| electrode + 1)) {
+        found.warnings.push(format!(
+            "the wires of electrodes {one} and {other} look exchanged: exchange them, and run this again"
+        ));
+    }
     Ok(found)
 }
 
@@ -83,6 +88,7 @@ fn text_board(
     first.protocol = best.protocol.clone();
     found.reciprocity = best.reciprocity;
     found.correlation = Some(best.correlation);
+    found.swapped = best.swapped;
     found.lines.push(format!("Best match: {}.", words(best)));
     if best.is_doubted() || best.correlation < UNLIKE {
         found.warnings.push(
@@ -91,6 +97,12 @@ fn text_board(
              values ([protocol] quadruples_file), or the electrodes may not be equally spaced"
                 .to_owned(),
         );
+    } else if best.correlation < EVEN {
+        found.warnings.push(format!(
+            "the untouched skin matches equally spaced electrodes only to {:.2}: if yours are not equally spaced, measure \
+             where they are and give [electrodes] positions_m (docs/SCENE.md)",
+            best.correlation
+        ));
     }
     let is_rival = |next: &&FittingProtocol| {
         next.is_doubted() == best.is_doubted() && best.correlation - next.correlation < CLEAR
@@ -107,8 +119,12 @@ pub(super) fn words(fit: &FittingProtocol) -> String {
     let pattern = format!(
         "drive {drive:?}, measured {measure:?}, driven electrodes {driven_electrodes:?}, order {order:?}"
     );
+    let exchanged = fit.swapped.map_or(String::new(), |pair| {
+        let [one, other] = pair.map(|electrode| electrode + 1);
+        format!(" once the wires of {one} and {other} are exchanged")
+    });
     format!(
-        "{} ({reciprocity}, correlation with the model {:.3})",
+        "{} ({reciprocity}, correlation with the model {:.3}{exchanged})",
         pattern.to_lowercase(),
         fit.correlation
     )

@@ -5,8 +5,8 @@ use super::board::words;
 use super::{CLEAR, Found, UNLIKE};
 use crate::cli::InitArgs;
 use crate::error::CliError;
-use eit_hw::driver::{Event, Overflow, Session};
-use eit_skin::connect;
+use eit_hw::driver::{Event, Session};
+use eit_skin::connect::{self, Backlog};
 use eit_skin::first_scene::{
     FirstScene, FittingProtocol, KnownPress, PressState, PressWatch, find_numbering,
 };
@@ -31,7 +31,7 @@ pub(super) fn find(
 ) -> Result<(), CliError> {
     let scene = first.scene()?;
     let instrument = scene.instrument()?;
-    let mut session = connect::open(&instrument, args.port.as_deref(), Overflow::Fail)?;
+    let mut session = connect::open(&instrument, args.port.as_deref(), Backlog::Recorded)?;
     questions.say("measuring the untouched skin: do not touch it");
     let (untouched, rate_hz) = untouched(&mut session)?;
     let window = ((HOLD_S * rate_hz) as usize).clamp(4, 1000);
@@ -104,6 +104,7 @@ pub(super) fn find(
                 .to_owned(),
         );
     }
+    found.swapped = numbering.swapped;
     found.numbering = Some(numbering);
     Ok(())
 }

@@ -8,6 +8,7 @@ use crate::fabric::linear;
 use crate::fabric::motion::Placed;
 use crate::fabric::pixels::pixel_means_into;
 use crate::fabric::script::Touch;
+use crate::fabric::seat::{cross, normal};
 use crate::model::Geometry;
 use crate::solve::{SolveReport, Workspace};
 use eit_mesh::Raster;
@@ -102,7 +103,9 @@ impl Fabric {
             self.limit(compliance_v, &potentials, frame);
         }
         match self.settings.linear {
-            None => pressures_into(plan.raster, &frame.dents, &mut frame.pixels_pa),
+            None => {
+                pressures_into(plan.raster, &plan.seats, &frame.dents, &mut frame.pixels_pa);
+            }
             Some(_) => {
                 let at = |place| linear::pressure_pa(&frame.touches, place);
                 pixel_means_into(plan.raster, at, &mut frame.pixels_pa);
@@ -111,15 +114,16 @@ impl Fabric {
         Ok(())
     }
 
-    /// Smallest ratio of a triangle's area, seen from +z, to its area at rest.
+    /// Smallest ratio of a triangle's area, seen along its normal at rest, to its area at rest.
     pub(super) fn area_ratio(&self, frame: usize, nodes_m: &[[f64; 3]]) -> Result<f64, FemError> {
         let surface = self.mesh.surface();
         let mut least = f64::INFINITY;
         for (triangle, (corners, area_m2)) in
             surface.triangles().iter().zip(surface.areas_m2()).enumerate()
         {
-            let [a, b, c] = corners.map(|n| nodes_m[n as usize]);
-            let double = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+            let up = normal(surface.corners(triangle));
+            let moved = cross(corners.map(|n| nodes_m[n as usize]));
+            let double: f64 = (0..3).map(|k| moved[k] * up[k]).sum();
             let ratio = 0.5 * double / area_m2;
             if ratio.is_nan() || ratio <= 0.0 {
                 return Err(FemError::FoldedMesh { frame, triangle, area_ratio: ratio });

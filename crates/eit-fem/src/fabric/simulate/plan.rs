@@ -1,10 +1,12 @@
 //! Data shared by all frames: untouched fabric, drift and loose contacts.
 
+use crate::fabric::conductivity::pixel_seats;
 use crate::fabric::fabric_model::Fabric;
 use crate::fabric::instrument::open_contacts;
 use crate::fabric::piezo::PiezoLaw;
 use crate::fabric::random_field::Waves;
 use crate::fabric::script::TouchScript;
+use crate::fabric::seat::Seat;
 use crate::fabric::settings::FabricSettings;
 use crate::fabric::stream::Purpose;
 use eit_mesh::Raster;
@@ -16,6 +18,8 @@ const DRIFT_WAVES: usize = 32;
 /// Data shared by all frames.
 pub(super) struct Plan<'a> {
     pub raster: &'a Raster,
+    /// Where the masked pixels are on the skin.
+    pub seats: Vec<Option<Seat>>,
     pub law: PiezoLaw,
     pub untouched_s: Vec<f64>,
     /// Drift of ln(conductivity) of the sheet and of ln(contact impedance) of each electrode, by
@@ -53,6 +57,7 @@ impl Fabric {
         }
         Plan {
             raster,
+            seats: pixel_seats(raster, self.mesh.surface()),
             law: PiezoLaw::new(piezo, 1.0 / rate_hz),
             untouched_s,
             sheet_drift: if drift.conductivity > 0.0 {

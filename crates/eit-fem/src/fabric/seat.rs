@@ -1,0 +1,110 @@
+//! Places on a skin that may be curved, seen from +z.
+//!
+//! Scripts state places as x and y. On a curved skin, a dent is that of a flat fabric in the tangent plane of its place:
+//! distances are straight lines through space, and the fabric moves along the tangent plane and against its normal. That
+//! holds for touches much smaller than the radius of curvature. On a flat skin it is exact.
+
+use eit_mesh::Surface;
+
+/// Least z of a unit normal. Steeper places are not seen from +z.
+const LEAST_NORMAL_Z: f64 = 0.1;
+
+/// A place on the skin, with the skin's unit normal there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Seat {
+    pub place_m: [f64; 3],
+    pub normal: [f64; 3],
+}
+
+impl Seat {
+    /// The highest place of the surface with this x and y; `None` if there is none that is seen from +z.
+    pub fn on(surface: &Surface, [x, y]: [f64; 2]) -> Option<Self> {
+        let seats = (0..surface.triangles().len()).filter_map(|t| {
+            let corners = surface.corners(t);
+            let is_left = |k: usize| {
+                let (a, b) = (corners[k], corners[(k + 1) % 3]);
+                (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]) >= 0.0
+            };
+            if !(0..3).all(is_left) {
+                return None;
+            }
+            let normal = normal(corners);
+            let [a, ..] = corners;
+            let slope = normal[0] * (x - a[0]) + normal[1] * (y - a[1]);
+            (normal[2] >= LEAST_NORMAL_Z)
+                .then(|| Self { place_m: [x, y, a[2] - slope / normal[2]], normal })
+        });
+        seats.max_by(|one, other| one.place_m[2].total_cmp(&other.place_m[2]))
+    }
+
+    /// The place beside this one in its tangent plane.
+    pub fn beside(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+        let ([x0, y0, z0], [nx, ny, nz]) = (self.place_m, self.normal);
+        [x, y, z0 - (nx * (x - x0) + ny * (y - y0)) / nz]
+    }
+
+    /// A unit vector in the tangent plane that is this direction as seen from +z.
+    pub fn tangent(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+        let [nx, ny, nz] = self.normal;
+        let z = (nx * x + ny * y) / nz;
+        let long = if z == 0.0 { 1.0 } else { x.hypot(y).hypot(z) / x.hypot(y) };
+        [x / long, y / long, -z / long]
+    }
+
+    /// Distance of a place, and its offset along the tangent plane, metres.
+    pub fn offset(&self, place_m: [f64; 3]) -> (f64, [f64; 3]) {
+        let to: [f64; 3] = std::array::from_fn(|k| place_m[k] - self.place_m[k]);
+        let up: f64 = (0..3).map(|k| to[k] * self.normal[k]).sum();
+        let along = std::array::from_fn(|k| to[k] - up * self.normal[k]);
+        (to[0].hypot(to[1]).hypot(to[2]), along)
+    }
+
+    /// Distance of a place, metres.
+    pub fn distance_m(&self, place_m: [f64; 3]) -> f64 {
+        let to: [f64; 3] = std::array::from_fn(|k| place_m[k] - self.place_m[k]);
+        to[0].hypot(to[1]).hypot(to[2])
+    }
+}
+
+/// Unit normal of a triangle.
+pub(super) fn normal(corners: [[f64; 3]; 3]) -> [f64; 3] {
+    let cross = cross(corners);
+    let long = cross.iter().map(|part| part * part).sum::<f64>().sqrt();
+    cross.map(|part| part / long)
+}
+
+/// Twice the area of a triangle times its unit normal.
+pub(super) fn cross([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
+    let (u, v): ([f64; 3], [f64; 3]) =
+        (std::array::from_fn(|k| b[k] - a[k]), std::array::from_fn(|k| c[k] - a[k]));
+    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two roofs, one above the other: the upper one is seen; a vertical wall is not.
+    #[test]
+    fn the_highest_place_is_seen() {
+        let nodes = vec![
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 1.0],
+            [1.0, 1.0, 1.0],
+            [1.0, 0.0, -1.0],
+        ];
+        let surface = Surface::new(nodes, vec![[0, 1, 2], [1, 3, 2], [0, 4, 1]]).unwrap();
+        let seat = Seat::on(&surface, [0.25, 0.5]).unwrap();
+        let root = 0.5_f64.sqrt();
+        assert!((seat.place_m[2] - 0.5).abs() < 1e-15, "{seat:?}");
+        assert!((0..3).all(|k| (seat.normal[k] - [0.0, -root, root][k]).abs() < 1e-15));
+        assert!(Seat::on(&surface, [-0.1, 0.5]).is_none());
+        // up the slope: half of the way is height
+        let [x, y, z] = seat.tangent([0.0, 1.0]);
+        assert!(x == 0.0 && (y - root).abs() < 1e-15 && (z - root).abs() < 1e-15);
+        let (distance_m, along) = seat.offset(seat.beside([0.25, 0.7]));
+        assert!((distance_m - 0.2 / root).abs() < 1e-15);
+        assert!((along[2] - 0.2).abs() < 1e-15 && along[0].abs() < 1e-15);
+    }
+}
