@@ -104,7 +104,8 @@ pub(super) fn find(
                 .to_owned(),
         );
     }
-    found.swapped = numbering.swapped;
+    // presses that fit nothing tell nothing about wires
+    found.swapped = numbering.swapped.filter(|_| numbering.likeness >= UNLIKE);
     found.numbering = Some(numbering);
     Ok(())
 }
