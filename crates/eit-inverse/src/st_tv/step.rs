@@ -6,7 +6,7 @@
 //! sigma = s / max tau over the unknowns of the difference,   separate s for space, time and bounds
 //! ```
 //!
-//! with `|D|^2 s_space + 4 s_time + s_bounds = 1`, so that `|Sigma^1/2 [D; D_t; I] T^1/2| <= 1`. Steps
+//! with `|D|^2 s_space + 4 s_time + s_bounds = 1` (exact steps in time: `|D|^2 s_space + s_time = 1`), so that `|Sigma^1/2 [D; D_t; I] T^1/2| <= 1`. Steps
 //! are large where the image has gradients and small where it is flat. `c` is a fraction of the value
 //! that balances the norms of image and dual variables in the metric of the map, so no
 //! problem-specific tuning is needed.
