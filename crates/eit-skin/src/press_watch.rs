@@ -102,6 +102,7 @@ impl PressWatch {
     }
 
     /// Returns the current untouched frame.
+    #[cfg(feature = "first-scene")]
     pub fn reference(&self) -> &[f64] {
         &self.reference
     }
