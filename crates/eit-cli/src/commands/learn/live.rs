@@ -8,7 +8,8 @@ use crate::error::CliError;
 use crate::interrupt;
 use crate::progress;
 use eit_hw::capture::SessionRecord;
-use eit_hw::driver::{Event, FrameSource, Overflow, Session};
+use eit_hw::driver::{Event, FrameSource, Session};
+use eit_skin::connect::{self, Backlog};
 use eit_skin::learn::collect::{
     AskedPress, CollectSettings, Collecting, ErrorPoint, FallingError, PressCollector, PressStore,
     StoredPresses, draw_places, place_words,
@@ -16,7 +17,7 @@ use eit_skin::learn::collect::{
 use eit_skin::learn::{Frame, LearnedSkin};
 use eit_skin::scene::Scene;
 use eit_skin::words::{event_words, printable};
-use eit_skin::{LinearisedSkin, MeshOverride, Progress, Skin, StopFlag, connect};
+use eit_skin::{LinearisedSkin, MeshOverride, Progress, Skin, StopFlag};
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -44,7 +45,7 @@ pub(super) fn run(args: &LearnArgs) -> Result<Ended, CliError> {
     let linearised = Arc::new(skin.linearise(&mut progress)?);
     let port = args.live.port.as_deref();
     let mut session =
-        progress.stage("connect", || connect::open(&instrument, port, Overflow::Fail))?;
+        progress.stage("connect", || connect::open(&instrument, port, Backlog::Recorded))?;
     let record = connect::session_record(&scene.to_toml()?, &instrument, &session);
     let (store, stored) = open(args, [&table, &recording], &record)?;
     stored.notes.iter().for_each(|note| say(&format!("note: {note}")));
