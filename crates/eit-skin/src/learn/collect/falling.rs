@@ -69,7 +69,7 @@ impl FallingError {
             early.is_infinite() || late < GAIN * early
         };
         let of_force = |point: &ErrorPoint| point.force_ln.unwrap_or(f64::INFINITY);
-        !falls(&|point| point.place.mean_m) && !(last.force_ln.is_some() && falls(&of_force))
+        !(falls(&|point| point.place.mean_m) || last.force_ln.is_some() && falls(&of_force))
     }
 }
 
