@@ -375,7 +375,8 @@ impl Watch {
                 self.before.push_back(values);
                 self.before_end = number + 1;
                 self.calm += 1;
-                match self.calm >= self.window {
+                // a press may begin with the next frame
+                match self.calm >= self.window.max(self.guard + LEAST_BEFORE) {
                     true => Collecting::Waiting,
                     false => Collecting::Settling,
                 }
