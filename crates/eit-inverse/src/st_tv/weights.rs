@@ -34,6 +34,8 @@ const TRIALS: usize = 8;
 /// Slope of log residual over log weight below which the residual counts as flat: a tenth for a factor
 /// of 4 in the weight.
 const FLAT: f64 = 0.075;
+/// Least factor between the two weights that show it.
+const FLAT_OVER: f64 = 8.0;
 /// Accuracy of the logarithm of the weight, a tenth, and maximum number of trials that refine a bracket.
 const ACCURACY: f64 = 0.09;
 const REFINEMENTS: usize = 6;
@@ -348,7 +350,7 @@ fn flattened(curve: &[WeightPoint], corner: Option<f64>, found: f64) -> Option<W
     let (corner, found) = (at(corner?)?, at(found)?);
     let ratio = corner.lambda_space / found.lambda_space;
     let slope = (corner.residual_norm / found.residual_norm).ln() / ratio.ln();
-    (ratio >= STRIDE * STRIDE && slope < FLAT).then_some(*corner)
+    (ratio >= FLAT_OVER && slope < FLAT).then_some(*corner)
 }
 
 /// Returns the weight at which the curve `(log residual, log variation)` turns most, if it has a convex

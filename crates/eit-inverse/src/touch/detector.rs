@@ -335,6 +335,14 @@ impl TouchDetector {
             // what the touches found do to electrodes may explain others away
             self.electrodes.add(&self.search.best.spots, &self.places);
         }
+        if self.search.may_be_left_behind(&scene!(self)) {
+            // electrodes and contacts come back from a slide in ways of their own
+            self.whitening.set_free(self.electrodes.with_each_alone());
+            self.whitened.copy_from_slice(&self.white);
+            self.whitening.project(&mut self.whitened);
+            self.memory.prepare(&self.rows, &self.whitening, &self.settings);
+            self.search.prune(&scene!(self), &self.whitened);
+        }
         let scene = scene!(self);
         let alone = best_gain(
             &self.gains,

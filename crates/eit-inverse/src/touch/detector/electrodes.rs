@@ -78,6 +78,8 @@ const ACTIONS: usize = 5;
 
 /// Touches closer than this act as one, metres.
 const SAME_M: f64 = 7e-3;
+/// A touch this close to one of the previous frame may be the same one, which has slid, metres.
+const SLID_M: f64 = 15e-3;
 
 /// Actions of touches on electrodes.
 #[derive(Debug, Clone)]
@@ -87,6 +89,8 @@ pub(super) struct Electrodes {
     at_m: Vec<[f64; 3]>,
     /// Standard deviations of each unknown for one of each action: `[action][unknown]`.
     pub(super) actions: Vec<f64>,
+    /// The same, and each unknown by itself.
+    all: Vec<f64>,
 }
 
 impl Electrodes {
@@ -96,6 +100,7 @@ impl Electrodes {
         let most = 3 * most_touches;
         Self {
             actions: Vec::with_capacity(most * ACTIONS * kinds.len()),
+            all: Vec::with_capacity((most * ACTIONS + kinds.len()) * kinds.len()),
             at_m: Vec::with_capacity(most),
             kinds,
         }
@@ -111,19 +116,35 @@ impl Electrodes {
             self.actions.clear();
             (0..self.at_m.len()).for_each(|k| self.act(self.at_m[k]));
         }
-        self.add(spots, places);
+        self.add_from(spots, places, SAME_M);
     }
 
-    /// Adds touches, each at the nearest of the candidate positions.
+    /// Adds touches found in this frame, each at the nearest of the candidate positions. One that has slid since the
+    /// previous frame acts from where it was until the next.
     pub(super) fn add(&mut self, spots: &[Spot], places: &Places) {
+        self.add_from(spots, places, SLID_M);
+    }
+
+    fn add_from(&mut self, spots: &[Spot], places: &Places, same_m: f64) {
         for spot in spots {
-            let is_there = self.at_m.iter().any(|at_m| distance_m(*at_m, spot.position_m) < SAME_M);
+            let is_there = self.at_m.iter().any(|at_m| distance_m(*at_m, spot.position_m) < same_m);
             if !is_there && self.at_m.len() < self.at_m.capacity() {
                 let at_m = places.at[spot.place].position_m;
                 self.at_m.push(at_m);
                 self.act(at_m);
             }
         }
+    }
+
+    /// Returns the actions, and each unknown by itself with as much more freedom as makes its full standard
+    /// deviation.
+    pub(super) fn with_each_alone(&mut self) -> &[f64] {
+        self.all.clone_from(&self.actions);
+        for (k, kind) in self.kinds.iter().enumerate() {
+            let more = (1.0 - kind.share_alone().powi(2)).max(0.0).sqrt();
+            self.all.extend((0..self.kinds.len()).map(|i| if i == k { more } else { 0.0 }));
+        }
+        &self.all
     }
 
     /// Adds the actions of a touch; those without effect are left out.

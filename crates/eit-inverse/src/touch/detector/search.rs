@@ -316,6 +316,23 @@ impl Search {
         self.best = best;
     }
 
+    /// Whether the best touches are all so faint beside a recent one that they may be what it left behind.
+    pub(super) fn may_be_left_behind(&self, scene: &Scene<'_>) -> bool {
+        let least = scene.settings.least_share_of_here * scene.late_s_m2;
+        !self.best.spots.is_empty() && self.best.strengths.iter().all(|s| *s < least)
+    }
+
+    /// Drops those of the best touches that a changed covariance explains; `y` is whitened by it.
+    pub(super) fn prune(&mut self, scene: &Scene<'_>, y: &[f64]) {
+        let evidence = Evidence::new(scene.whitening.expected(), scene.whitening.present());
+        let mut without = std::mem::take(&mut self.trial);
+        without.spots.clear();
+        self.fit(scene, y, &mut without);
+        self.trial = without;
+        self.residual_without.copy_from_slice(&self.residual);
+        self.backward(scene, y, evidence);
+    }
+
     /// Whether one electrode's gain, which leaves the residual `rest`, explains the frame better than the best
     /// touches. Several touches can imitate a gain, so each beyond the first must be worth its price.
     pub(super) fn is_beaten_by_gain(&self, scene: &Scene<'_>, rest: f64) -> bool {
