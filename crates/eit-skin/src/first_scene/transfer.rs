@@ -130,7 +130,7 @@ mod tests {
     fn one_solve_stands_for_every_numbering() {
         let outline = Outline::Rectangle { width_m: 0.1, height_m: 0.06 };
         let mut scene = FirstScene::new(outline, 8).scene().unwrap();
-        scene.mesh.nodes = Some(400);
+        scene.mesh.nodes = Some(900);
         let skin = Skin::from_scene(scene).unwrap();
         let transfer = Transfer::new(&skin, 1e-3).unwrap();
         let quadruples = [[0, 1, 2, 3], [3, 7, 1, 5], [6, 2, 6, 4], [5, 4, 4, 5]];

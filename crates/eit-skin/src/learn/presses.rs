@@ -155,7 +155,7 @@ pub(super) fn strongest(
     pairs: impl Iterator<Item = [Vec<f64>; 2]>,
 ) -> Result<Option<Vec<Option<PressTouch>>>, SkinError> {
     let rate_hz = fitted.frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
-    let finder = TouchFinder::new(fitted, rate_hz, &mut Progress::silent())?;
+    let finder = TouchFinder::for_presses(fitted, rate_hz, &mut Progress::silent())?;
     let Some(finder) = finder else { return Ok(None) };
     let found = pairs.map(|[values, reference]| finder.strongest(&values, &reference));
     Ok(Some(found.collect::<Result<_, _>>()?))

@@ -39,12 +39,11 @@ use std::path::{Path, PathBuf};
 ///
 /// ```
 /// use eit_skin::Scene;
-/// use eit_skin::scene::parse;
 ///
 /// let mut scene = Scene::load("paper-disc")?; // or the path of a file
 /// scene.reconstruction.pixels = Some(32);
 /// let text = scene.to_toml()?;
-/// assert_eq!(parse(&text, "mine")?.reconstruction.pixels, Some(32));
+/// assert_eq!(Scene::parse(&text, "mine")?.reconstruction.pixels, Some(32));
 /// # Ok::<(), eit_skin::SkinError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]

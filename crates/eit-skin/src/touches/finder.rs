@@ -2,7 +2,7 @@
 
 use super::background;
 use super::choices::{Choices, FoundSheet};
-use super::model::{Spread, VoltageNoise, kinds, unknowns};
+use super::model::{Spread, VoltageNoise, electrode_kinds, unknowns};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
@@ -60,6 +60,26 @@ impl TouchFinder {
         rate_hz: f64,
         progress: &mut Progress,
     ) -> Result<Option<Self>, SkinError> {
+        let is_learned = fitted.skin.skin.settings.touch.learned.is_some();
+        Self::build(fitted, rate_hz, is_learned, progress)
+    }
+
+    /// Creates a finder as it is used together with presses that have been or are to be learnt.
+    #[cfg(feature = "learn")]
+    pub(crate) fn for_presses(
+        fitted: &FittedFrames,
+        rate_hz: f64,
+        progress: &mut Progress,
+    ) -> Result<Option<Self>, SkinError> {
+        Self::build(fitted, rate_hz, true, progress)
+    }
+
+    fn build(
+        fitted: &FittedFrames,
+        rate_hz: f64,
+        is_learned: bool,
+        progress: &mut Progress,
+    ) -> Result<Option<Self>, SkinError> {
         let FittedFrames { skin, frames, .. } = fitted;
         let Some(noise) = VoltageNoise::of(fitted)? else { return Ok(None) };
         let keys = &skin.skin.settings.touch;
@@ -79,12 +99,15 @@ impl TouchFinder {
             Some(quiet) => quiet.values.clone(),
             None => Array2::zeros((0, frames.used.len())),
         };
+        // a learnt map contains what presses do to electrodes; what it does not contain is absorbed by the wide
+        // freedom that each electrode has if touches act on none
+        let kinds = if is_learned { Vec::new() } else { electrode_kinds(skin, unknowns.ncols())? };
         let model = DetectorModel {
             surface: skin.skin.mesh.surface(),
             jacobian,
             model_v: &voltages.to_vec(),
             unknowns: &unknowns,
-            kinds: &kinds(skin, unknowns.ncols())?,
+            kinds: &kinds,
             reference_v: &frames.reference,
             noise_std_v: &std_v,
             quiet_v: quiet.view(),

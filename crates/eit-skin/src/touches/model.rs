@@ -102,7 +102,10 @@ pub(super) fn unknowns(
 }
 
 /// What each column of [`unknowns`] is.
-pub(super) fn kinds(skin: &LinearisedSkin, unknowns: usize) -> Result<Vec<UnknownKind>, SkinError> {
+pub(super) fn electrode_kinds(
+    skin: &LinearisedSkin,
+    unknowns: usize,
+) -> Result<Vec<UnknownKind>, SkinError> {
     if unknowns == 1 {
         return Ok(vec![UnknownKind::Other]);
     }
