@@ -331,7 +331,10 @@ impl TouchDetector {
             self.whitening.project(&mut self.whitened);
             self.memory.prepare(&self.rows, &self.whitening, &self.settings);
             let scene = scene!(self);
-            self.search.run(&scene, &self.whitened);
+            match pass {
+                0 => self.search.run(&scene, &self.whitened),
+                _ => self.search.go_on(&scene, &self.whitened),
+            }
             // what the touches found do to electrodes may explain others away
             self.electrodes.add(&self.search.best.spots, &self.places);
         }

@@ -169,6 +169,28 @@ impl Search {
         self.backward(scene, y, evidence);
     }
 
+    /// Searches again from the touches found on, after the covariance has changed.
+    pub(super) fn go_on(&mut self, scene: &Scene<'_>, y: &[f64]) {
+        let evidence = Evidence::new(scene.whitening.expected(), scene.whitening.present());
+        let mut path = std::mem::take(&mut self.path);
+        self.trial.spots.clone_from(&self.best.spots);
+        path.spots.clear();
+        self.fit(scene, y, &mut path);
+        self.residual_without.copy_from_slice(&self.residual);
+        self.best.copy_from(&path);
+        let mut least_cost = evidence.cost(path.rest);
+        path.spots.clone_from(&self.trial.spots);
+        self.fit(scene, y, &mut path);
+        let cost = evidence.cost(path.rest) + scene.price(&path.spots);
+        if cost < least_cost {
+            least_cost = cost;
+            self.best.copy_from(&path);
+        }
+        self.grow(scene, y, evidence, &mut path, &mut least_cost);
+        self.path = path;
+        self.backward(scene, y, evidence);
+    }
+
     /// Searches from the touches of the previous frame on, and from nothing: wrong touches must not keep the
     /// right ones away. The second search is left out while there are many touches, for its time.
     ///
