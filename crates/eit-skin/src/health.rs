@@ -94,8 +94,9 @@ impl<'a> Explained<'a> {
                 *ratio = median(own) / self.noise;
                 *ratio > NOISY_TIMES
             }
-            (Trouble::Stuck { measurements, first }, _) => {
+            (Trouble::Stuck { measurements, first, second }, _) => {
                 *measurements = self.stuck.len();
+                *second = self.stuck.get(1).copied();
                 let still = self.stuck.first();
                 still.iter().for_each(|quadruple| *first = **quadruple);
                 still.is_some()

@@ -227,8 +227,9 @@ fn findings(
     let columns = frames.quality.columns().into_iter().zip(quadruples);
     let mut stuck = columns.filter(|(column, _)| is_stuck(column)).map(|(_, quadruple)| *quadruple);
     if let Some(first) = stuck.next() {
-        let measurements = 1 + stuck.count();
-        findings.push(Finding::of_whole(Trouble::Stuck { measurements, first }));
+        let second = stuck.next();
+        let measurements = 1 + usize::from(second.is_some()) + stuck.count();
+        findings.push(Finding::of_whole(Trouble::Stuck { measurements, first, second }));
     }
     if let Some(resolution) = report.resolution.filter(Resolution::is_coarse) {
         let Resolution { step, steps_per_touch, still } = resolution;

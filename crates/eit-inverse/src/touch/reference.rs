@@ -64,14 +64,14 @@ pub struct ReferenceStep {
 /// ```
 /// use eit_inverse::{AdaptiveReference, ReferenceSettings};
 ///
-/// // two measurements with 1 uV of noise that drift by 5 nV a frame while nobody touches
+/// // two measurements with 1 uV of noise that drift by 1 nV a frame for 100 s while nobody touches
 /// let mut reference =
 ///     AdaptiveReference::with_noise(&[1e-3, 2e-3], &[1e-6; 2], ReferenceSettings::default())?;
-/// for frame in 0..200 {
-///     let drift = 5e-9 * f64::from(frame);
+/// for frame in 0..2000 {
+///     let drift = 1e-9 * f64::from(frame);
 ///     reference.push(&[1e-3 + drift, 2e-3 + drift], 0.05 * f64::from(frame), false)?;
 /// }
-/// assert!(reference.reference()[0] > 1e-3 + 0.5e-6, "it follows");
+/// assert!(reference.reference()[0] > 1e-3 + 1.5e-6, "it follows");
 /// # Ok::<(), eit_inverse::InverseError>(())
 /// ```
 #[derive(Debug, Clone)]

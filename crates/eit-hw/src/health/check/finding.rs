@@ -76,6 +76,8 @@ pub enum Trouble {
         measurements: usize,
         /// The first of them.
         first: Quadruple,
+        /// The second of them, if there is one.
+        second: Option<Quadruple>,
     },
     /// The steps of the converter are too coarse for touches.
     Coarse {
@@ -168,6 +170,12 @@ impl Finding {
     }
 }
 
+/// A measurement in words; electrodes are numbered from 1.
+fn words(quadruple: Quadruple) -> String {
+    let [a, b, m, n] = quadruple.map(|electrode| electrode + 1);
+    format!("drive ({a}, {b}), pair ({m}, {n})")
+}
+
 impl fmt::Display for Finding {
     /// Formats the finding as one line; electrodes are numbered from 1.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -191,13 +199,13 @@ impl fmt::Display for Finding {
                 write!(f, "{:.1} % of the values are saturated", 100.0 * share)
             }
             Trouble::Loss { share } => write!(f, "{:.1} % of the data are lost", 100.0 * share),
-            Trouble::Stuck { measurements, first: [a, b, m, n] } => {
-                let [a, b, m, n] = [a, b, m, n].map(|electrode| electrode + 1);
-                if measurements > 1 {
-                    write!(f, "{measurements} measurements do not change, the first is ")?;
-                }
-                write!(f, "drive ({a}, {b}), pair ({m}, {n})")?;
-                if measurements > 1 { Ok(()) } else { f.write_str(" does not change") }
+            Trouble::Stuck { measurements, first, second } => {
+                let Some(second) = second else {
+                    return write!(f, "{} does not change; {}", words(first), self.advice());
+                };
+                let which = if measurements > 2 { ", the first two are" } else { ":" };
+                let [first, second] = [first, second].map(words);
+                write!(f, "{measurements} measurements do not change{which} {first} and {second}")
             }
             Trouble::Coarse { step, steps_per_touch, still, measurements } => write!(
                 f,
