@@ -246,7 +246,7 @@ pub(crate) enum Command {
     ///
     /// The first frames are the reference: do not touch the skin until it has been taken. A new reference is
     /// taken when a lost instrument is found again. --picture redraws the latest image continuously. If the
-    /// scene's method is st-tv or tv, images are made by total variation over the last frames, otherwise in
+    /// scene's method is st-tv or tv, images are made by total variation coupled to the image before, otherwise in
     /// one step at noise figure 1; with denoise.weights the U-net follows. Touches are found in the frames,
     /// independently of the images. A faulty electrode is named and excluded until it recovers; --json lists
     /// such electrodes as faulty_electrodes.

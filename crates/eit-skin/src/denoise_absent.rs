@@ -6,7 +6,7 @@ use crate::skin::Skin;
 use eit_mesh::Raster;
 
 /// No weights.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) enum Net {}
 
 impl Skin {
@@ -29,7 +29,7 @@ pub(crate) enum Verdict {
 }
 
 /// No net, frame by frame.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) enum LiveNet {}
 
 impl LiveNet {

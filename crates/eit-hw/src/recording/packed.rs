@@ -89,6 +89,7 @@ impl Packed {
     }
 
     /// Returns the memory taken by the values, in bytes.
+    #[cfg(any(test, feature = "mcap"))]
     pub(crate) fn bytes(&self) -> usize {
         let last = self.blocks.last().map_or(0, Vec::capacity);
         BLOCK_BYTES * self.blocks.len().saturating_sub(1) + last + 8 * self.previous.capacity()

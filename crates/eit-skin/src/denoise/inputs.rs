@@ -3,10 +3,14 @@
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
-use eit_denoise::{Beside, DataMisfit, NetFrame, Shard, UnetShape};
+#[cfg(feature = "base")]
+use eit_denoise::{Beside, Shard};
+use eit_denoise::{DataMisfit, NetFrame, UnetShape};
 use eit_inverse::{InverseError, OneStepGaussNewton, OneStepSettings, Reconstructor, Workspace};
 use eit_mesh::Raster;
-use ndarray::{Array2, Array3, ArrayView2, Axis};
+use ndarray::{Array2, ArrayView2};
+#[cfg(feature = "base")]
+use ndarray::{Array3, Axis};
 
 /// Hyperparameters of the one-step images, dimensionless: the ratio of noise to expected signal. The
 /// first is about that of noise figure 1 on the paper's skin; the second resolves more where the data is
@@ -147,6 +151,7 @@ impl NetInputs {
     /// # Errors
     ///
     /// A sequence without its measurements; those of the reconstruction.
+    #[cfg(feature = "base")]
     pub fn complete(&mut self, shard: &mut Shard) -> Result<(), SkinError> {
         if !self.needs_data() {
             return Ok(());
@@ -189,6 +194,7 @@ pub(crate) fn needs_data(shape: UnetShape) -> bool {
 }
 
 /// Energy of differences in units of the noise; values that are not finite are missing.
+#[cfg(feature = "base")]
 fn energy(differences: &[f64], noise_std: impl Iterator<Item = f64>) -> DataMisfit {
     let mut found = DataMisfit { data: 0.0, residual: 0.0, measurements: 0 };
     for (difference, std) in differences.iter().zip(noise_std) {
