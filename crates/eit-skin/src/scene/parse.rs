@@ -18,7 +18,7 @@ pub fn parse(text: &str, place: &str) -> Result<Scene, SkinError> {
 ///
 /// # Errors
 ///
-/// Those of [`parse`].
+/// Text that is not TOML, unknown keys, and values of the wrong type.
 pub fn from_toml<T: DeserializeOwned>(text: &str, place: &str) -> Result<T, SkinError> {
     toml::from_str(text).map_err(|error| {
         let line = error.span().map(|span| 1 + text[..span.start].matches('\n').count());
