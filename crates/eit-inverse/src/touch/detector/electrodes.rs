@@ -78,8 +78,6 @@ const ACTIONS: usize = 5;
 
 /// Touches closer than this act as one, metres.
 const SAME_M: f64 = 7e-3;
-/// A touch this close to one of the previous frame may be the same one, which has slid, metres.
-const SLID_M: f64 = 15e-3;
 
 /// Actions of touches on electrodes.
 #[derive(Debug, Clone)]
@@ -116,18 +114,13 @@ impl Electrodes {
             self.actions.clear();
             (0..self.at_m.len()).for_each(|k| self.act(self.at_m[k]));
         }
-        self.add_from(spots, places, SAME_M);
+        self.add(spots, places);
     }
 
-    /// Adds touches found in this frame, each at the nearest of the candidate positions. One that has slid since the
-    /// previous frame acts from where it was until the next.
+    /// Adds touches, each at the nearest of the candidate positions.
     pub(super) fn add(&mut self, spots: &[Spot], places: &Places) {
-        self.add_from(spots, places, SLID_M);
-    }
-
-    fn add_from(&mut self, spots: &[Spot], places: &Places, same_m: f64) {
         for spot in spots {
-            let is_there = self.at_m.iter().any(|at_m| distance_m(*at_m, spot.position_m) < same_m);
+            let is_there = self.at_m.iter().any(|at_m| distance_m(*at_m, spot.position_m) < SAME_M);
             if !is_there && self.at_m.len() < self.at_m.capacity() {
                 let at_m = places.at[spot.place].position_m;
                 self.at_m.push(at_m);
