@@ -18,9 +18,10 @@
 //!    than a new one, and a new one may collect it over two frames.
 //! 3. The reference follows what touches do not explain, so it never locks up.
 //!
-//! What a touch does to electrodes and contacts is a covariance of its own ([`electrodes`]): the search runs with
-//! that of the previous frame's touches, and again with that of each further touch found, at most three times.
-//! What this covariance explains does not enter the reference, since it ends with the touch.
+//! What a touch does to electrodes and contacts is a covariance of its own ([`electrodes`]). The search starts with
+//! that of the previous frame's touches. Each further touch adds its own, and the search goes on from the touches
+//! found, at most three times in all. Touches much fainter than a recent one must also hold when every electrode may
+//! move by itself. What the covariance explains does not enter the reference, since it ends with the touch.
 //!
 //! Measurements that are missing from a frame are projected out ([`whitening`]).
 //!
@@ -383,17 +384,7 @@ impl TouchDetector {
         let positions_m = &positions_m[..positions_m.len().min(self.settings.max_touches)];
         let spots = positions_m.iter().map(|p| self.places.nearest(*p)).collect();
         let Self { search, whitened, .. } = self;
-        let scene = Scene {
-            places: &self.places,
-            dictionary: &self.dictionary,
-            whitening: &self.whitening,
-            memory: &self.memory,
-            settings: &self.settings,
-            late_s_m2: self.late_s_m2,
-            late_here_s_m2: &self.late_here_s_m2,
-            before: &self.before,
-            weak: &self.weak,
-        };
+        let scene = scene!(self);
         search.gains_at(&scene, whitened, spots)
     }
 

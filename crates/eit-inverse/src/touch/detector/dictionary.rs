@@ -3,7 +3,7 @@
 use super::places::{Places, Spot};
 use super::rows::Rows;
 use super::settings::DetectorSettings;
-use super::whitening::{Whitening, dot};
+use super::whitening::{Whitening, dot, widest};
 use crate::InverseError;
 use eit_mesh::Surface;
 use faer::linalg::matmul::matmul;
@@ -131,17 +131,23 @@ impl Dictionary {
         self.factorise(columns, count);
         self.work.clear();
         self.work.resize(count, 0.0);
-        for (place, squared) in self.squared.iter_mut().enumerate() {
-            *squared = self.squared_held[place];
-            let products = &self.products[place * unknowns..(place + 1) * unknowns];
-            for i in 0..count {
-                let (row, diagonal) = self.factor[i * count..=i * count + i].split_at(i);
-                let product = dot(products, &free[i * unknowns..(i + 1) * unknowns]);
-                let z = (product - dot(row, &self.work[..i])) / diagonal[0];
-                self.work[i] = z;
-                *squared -= z * z;
-            }
-        }
+        let Self { squared, squared_held, products, factor, work, .. } = self;
+        widest(
+            #[inline(always)]
+            || {
+                for (place, squared) in squared.iter_mut().enumerate() {
+                    *squared = squared_held[place];
+                    let products = &products[place * unknowns..(place + 1) * unknowns];
+                    for i in 0..count {
+                        let (row, diagonal) = factor[i * count..=i * count + i].split_at(i);
+                        let product = dot(products, &free[i * unknowns..(i + 1) * unknowns]);
+                        let z = (product - dot(row, &work[..i])) / diagonal[0];
+                        work[i] = z;
+                        *squared -= z * z;
+                    }
+                }
+            },
+        );
     }
 
     /// Computes the Cholesky factor of `I + U' U` for `count` columns.
@@ -184,6 +190,7 @@ impl Dictionary {
     /// position is blind.
     ///
     /// `residual` must be mapped back to vectors without free unknowns, see [`Whitening::project_back`].
+    #[inline(always)]
     pub(super) fn gain(&self, place: usize, residual: &[f64]) -> f64 {
         if !self.sees[place] {
             return 0.0;
@@ -203,7 +210,7 @@ impl Dictionary {
             out[i] = value[i] + a * slopes[i] + b * slopes[n + i];
         }
         out[n..3 * n].copy_from_slice(slopes);
-        out.chunks_exact_mut(n).for_each(|column| whitening.project(column));
+        whitening.project_all(out);
     }
 
     /// Adds the response of the rows to a touch at a spot, in volts of the model: without the rows' ratios.

@@ -5,9 +5,9 @@
 //! the fabric along, by a distance that falls with the logarithm (Kelvin's solution; Love, *A Treatise on the
 //! Mathematical Theory of Elasticity*, section 148). A dent beside an electrode presses on its contact.
 //!
-//! So the electrodes do not move independently of each other: each touch adds four unknowns (a pull, a drag in
-//! two directions, a pressure on contacts), each of which acts on all electrodes. What an electrode does on its
-//! own is much less. With that much freedom for each electrode by itself, a finger beyond the outer electrodes
+//! So the electrodes do not move independently of each other: each touch adds up to five unknowns (a pull, a drag
+//! along each axis, of which a flat skin has two, a pressure on contacts), each of which acts on all electrodes.
+//! What an electrode does on its own is much less. With that much freedom for each electrode by itself, a finger beyond the outer electrodes
 //! looks as one that has moved; with little freedom and no pull, a finger beside an electrode looks as two.
 
 use super::places::{Places, Spot};

@@ -1,6 +1,6 @@
 //! Small dense systems for the strengths of touches and the shares of the fabric's memory.
 
-use super::whitening::dot;
+use super::whitening::{dot, widest};
 
 /// Relative addition to the diagonal, since columns may be equal.
 const RIDGE: f64 = 1e-9;
@@ -39,14 +39,19 @@ impl SmallSystem {
     /// Sets the Gram matrix and the right-hand side from columns of equal length.
     pub(super) fn set<'a>(&mut self, columns: impl Fn(usize) -> &'a [f64], size: usize, y: &[f64]) {
         debug_assert!(size <= self.most);
-        for i in 0..size {
-            for j in 0..=i {
-                let product = dot(columns(i), columns(j));
-                self.gram[i * size + j] = product;
-                self.gram[j * size + i] = product;
-            }
-            self.right[i] = dot(columns(i), y);
-        }
+        widest(
+            #[inline(always)]
+            || {
+                for i in 0..size {
+                    for j in 0..=i {
+                        let product = dot(columns(i), columns(j));
+                        self.gram[i * size + j] = product;
+                        self.gram[j * size + i] = product;
+                    }
+                    self.right[i] = dot(columns(i), y);
+                }
+            },
+        );
     }
 
     /// Solves the least squares problem given to [`set`](Self::set), without the column `left_out`, and
@@ -213,10 +218,8 @@ impl SmallSystem {
 fn cholesky_solve(a: &mut [f64], n: usize, b: &mut [f64]) {
     for i in 0..n {
         for j in 0..=i {
-            let mut sum = a[i * n + j];
-            for k in 0..j {
-                sum -= a[i * n + k] * a[j * n + k];
-            }
+            let (row, other) = (&a[i * n..i * n + j], &a[j * n..j * n + j]);
+            let sum = a[i * n + j] - dot(row, other);
             a[i * n + j] = match (i == j, a[j * n + j]) {
                 (true, _) if sum > 0.0 => sum.sqrt(),
                 (true, _) => f64::INFINITY,
@@ -225,8 +228,7 @@ fn cholesky_solve(a: &mut [f64], n: usize, b: &mut [f64]) {
         }
     }
     for i in 0..n {
-        let sum: f64 = (0..i).map(|k| a[i * n + k] * b[k]).sum();
-        b[i] = (b[i] - sum) / a[i * n + i];
+        b[i] = (b[i] - dot(&a[i * n..i * n + i], &b[..i])) / a[i * n + i];
     }
     for i in (0..n).rev() {
         let sum: f64 = (i + 1..n).map(|k| a[k * n + i] * b[k]).sum();

@@ -8,11 +8,14 @@ use super::least_squares::SmallSystem;
 use super::memory::Memory;
 use super::places::{Places, Spot};
 use super::settings::DetectorSettings;
-use super::whitening::{Whitening, dot};
+use super::whitening::{Whitening, dot, widest};
 use crate::geometry::distance_m;
 
 /// Gauss-Newton steps of each fit; starts are at most half a spacing away.
 const STEPS: usize = 4;
+
+/// Step from which on positions no longer change by what matters, metres.
+const ARRIVED_M: f64 = 2e-5;
 
 /// Damping of those steps relative to each unknown's own curvature, ...
 const DAMPING: f64 = 1e-3;
@@ -252,17 +255,23 @@ impl Search {
         self.back.copy_from_slice(&self.residual);
         scene.whitening.project_back(&mut self.back);
         let (mut best, mut most) = (None, TRIED);
-        for place in 0..scene.places.len() {
-            let gain = scene.dictionary.gain(place, &self.back);
-            if gain < most {
-                continue;
-            }
-            let at = scene.places.at[place].position_m;
-            let apart = scene.settings.apart_m;
-            if path.spots.iter().all(|s| distance_m(s.position_m, at) >= apart) {
-                (best, most) = (Some(place), gain);
-            }
-        }
+        let back = &self.back;
+        widest(
+            #[inline(always)]
+            || {
+                for place in 0..scene.places.len() {
+                    let gain = scene.dictionary.gain(place, back);
+                    if gain < most {
+                        continue;
+                    }
+                    let at = scene.places.at[place].position_m;
+                    let apart = scene.settings.apart_m;
+                    if path.spots.iter().all(|s| distance_m(s.position_m, at) >= apart) {
+                        (best, most) = (Some(place), gain);
+                    }
+                }
+            },
+        );
         best
     }
 
@@ -415,8 +424,11 @@ impl Search {
         let rest = fit.rest;
         self.began.clone_from(&fit.spots);
         for _ in 0..STEPS {
-            self.step(scene, fit, DAMPING);
+            let length_m = self.step(scene, fit, DAMPING);
             self.fit_strengths(scene, y, fit);
+            if length_m < ARRIVED_M {
+                break;
+            }
         }
         if fit.rest > rest {
             fit.spots.clone_from(&self.began);
@@ -474,17 +486,20 @@ impl Search {
         self.system.set(column, touches + scene.memory.columns(), y);
     }
 
-    /// Takes one damped Gauss-Newton step of the positions, at most one spacing long.
-    fn step(&mut self, scene: &Scene<'_>, fit: &mut Fit, damping: f64) {
+    /// Takes one damped Gauss-Newton step of the positions, at most one spacing long; returns the longest, metres.
+    fn step(&mut self, scene: &Scene<'_>, fit: &mut Fit, damping: f64) -> f64 {
         let touches = fit.spots.len();
         self.set_all(fit);
         let step = self.system.solve_damped(3 * touches, damping);
+        let mut longest_m: f64 = 0.0;
         for (k, spot) in fit.spots.iter_mut().enumerate() {
             let along = [step[touches + 2 * k], step[touches + 2 * k + 1]];
             let length = along[0].hypot(along[1]);
             let part = (scene.places.spacing_m / length.max(f64::MIN_POSITIVE)).min(1.0);
             *spot = scene.places.moved(spot, along.map(|a| part * a));
+            longest_m = longest_m.max(part * length);
         }
+        longest_m
     }
 
     /// Sets the Gram matrix of strengths and positions, with memories held; the right-hand side is the

@@ -44,6 +44,7 @@ pub(super) struct Whitening {
     directions: Vec<f64>,
     kept: Vec<f64>,
     work: Vec<f64>,
+    back: Vec<f64>,
 }
 
 impl Whitening {
@@ -80,6 +81,7 @@ impl Whitening {
             directions: Vec::new(),
             kept: Vec::new(),
             work: vec![0.0; rows],
+            back: vec![0.0; rows],
         })
     }
 
@@ -99,11 +101,16 @@ impl Whitening {
 
     /// Computes `W x` in `n^2` flops.
     pub(super) fn apply(&self, x: &[f64], out: &mut [f64]) {
-        let mut start = 0;
-        for (i, value) in out.iter_mut().enumerate() {
-            *value = dot(&self.packed[start..=start + i], &x[..=i]);
-            start += i + 1;
-        }
+        widest(
+            #[inline(always)]
+            || {
+                let mut start = 0;
+                for (i, value) in out.iter_mut().enumerate() {
+                    *value = dot(&self.packed[start..=start + i], &x[..=i]);
+                    start += i + 1;
+                }
+            },
+        );
     }
 
     /// Adds local unknowns, one column each, volts per standard deviation: combinations of them can be free
@@ -128,13 +135,26 @@ impl Whitening {
         self.project_by(y, self.kept.len());
     }
 
+    /// Maps several vectors, one after the other.
+    pub(super) fn project_all(&self, vectors: &mut [f64]) {
+        widest(
+            #[inline(always)]
+            || {
+                for (direction, kept) in self.directions.chunks_exact(self.rows).zip(&self.kept) {
+                    let vectors = vectors.chunks_exact_mut(self.rows);
+                    vectors.for_each(|y| shrink(y, direction, *kept));
+                }
+            },
+        );
+    }
+
     /// The same by the first `count` directions.
     fn project_by(&self, y: &mut [f64], count: usize) {
         let directions = self.directions.chunks_exact(self.rows).zip(&self.kept).take(count);
-        for (direction, kept) in directions {
-            let part = (1.0 - kept) * dot(direction, y);
-            y.iter_mut().zip(direction).for_each(|(y, u)| *y -= part * u);
-        }
+        widest(
+            #[inline(always)]
+            || directions.for_each(|(direction, kept)| shrink(y, direction, *kept)),
+        );
     }
 
     /// The transpose of [`project`](Self::project).
@@ -144,10 +164,10 @@ impl Whitening {
 
     fn project_back_by(&self, y: &mut [f64], count: usize) {
         let directions = self.directions.chunks_exact(self.rows).zip(&self.kept).take(count);
-        for (direction, kept) in directions.rev() {
-            let part = (1.0 - kept) * dot(direction, y);
-            y.iter_mut().zip(direction).for_each(|(y, u)| *y -= part * u);
-        }
+        widest(
+            #[inline(always)]
+            || directions.rev().for_each(|(direction, kept)| shrink(y, direction, *kept)),
+        );
     }
 
     /// Turns a projected residual into what the free unknowns explain of the rows, volts; nothing of lost
@@ -193,13 +213,21 @@ impl Whitening {
         &self.free_columns
     }
 
-    /// Expected square of whitened noise along a unit vector.
-    fn expected_along(&self, direction: &[f64]) -> f64 {
-        let of_row = |(j, variance): (usize, &f64)| {
-            let column = (j..self.rows).map(|i| self.packed[i * (i + 1) / 2 + j] * direction[i]);
-            variance * column.sum::<f64>().powi(2)
-        };
-        self.variances.iter().enumerate().map(of_row).sum()
+    /// Expected square of whitened noise along a unit vector; `back` becomes the vector mapped back to rows.
+    fn expected_along(&self, direction: &[f64], back: &mut [f64]) -> f64 {
+        back.fill(0.0);
+        widest(
+            #[inline(always)]
+            || {
+                let mut start = 0;
+                for (i, along) in direction.iter().enumerate() {
+                    let row = &self.packed[start..=start + i];
+                    back.iter_mut().zip(row).for_each(|(b, w)| *b += w * along);
+                    start += i + 1;
+                }
+            },
+        );
+        self.variances.iter().zip(back).map(|(variance, b)| variance * *b * *b).sum()
     }
 
     /// Sets the lost rows and returns whether they have changed. No local unknown is free then.
@@ -283,17 +311,33 @@ impl Whitening {
     /// Updates the expected squared length of noise.
     fn expect(&mut self) {
         let mut along = std::mem::take(&mut self.work);
+        let mut back = std::mem::take(&mut self.back);
         self.expected = self.expected_of_all;
         for k in 0..self.kept.len() {
             along.copy_from_slice(&self.directions[k * self.rows..(k + 1) * self.rows]);
             self.project_back_by(&mut along, k);
-            self.expected -= (1.0 - self.kept[k].powi(2)) * self.expected_along(&along);
+            self.expected -= (1.0 - self.kept[k].powi(2)) * self.expected_along(&along, &mut back);
         }
-        self.work = along;
+        (self.work, self.back) = (along, back);
     }
 }
 
+/// Runs loops with the widest vectors of this processor. Results do not depend on them: sums are in parts of their own
+/// ([`dot`]), and products are rounded before they are added.
+#[inline(always)]
+pub(super) fn widest<R>(loops: impl FnOnce() -> R) -> R {
+    pulp::Arch::new().dispatch(loops)
+}
+
+/// Keeps a fraction of what lies along a unit vector.
+#[inline(always)]
+fn shrink(y: &mut [f64], direction: &[f64], kept: f64) {
+    let part = (1.0 - kept) * dot(direction, y);
+    y.iter_mut().zip(direction).for_each(|(y, u)| *y -= part * u);
+}
+
 /// Dot product in eight partial sums, which lets the compiler vectorise it.
+#[inline(always)]
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];
     let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
