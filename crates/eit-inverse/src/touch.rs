@@ -30,6 +30,7 @@ mod contact;
 mod detector;
 mod filter;
 mod fit;
+mod motion;
 mod noise;
 mod normal;
 mod points;

@@ -224,25 +224,33 @@ fn by(places_by: PlacesBy) -> LearnedSkin {
     LearnedSkin { places_by, ..LEARNED.clone() }
 }
 
-/// Presses that were not learnt: positions by the map and by regression are as close as the model's or closer, and
-/// forces are known. The model alone places 1.9 mm off here since it knows what touches do to electrodes (3 mm before),
-/// so a tenth of that is allowed.
+/// Presses that were not learnt: positions by the map and by regression are closer than the model's, and forces
+/// are known. With channels that are wrong by 17 % the model alone comes as close as the map, since it knows what
+/// touches do to electrodes; with 28 % the map takes away a third of its error at least.
 #[test]
 fn map_and_regression_place_what_the_model_misplaces() {
-    let script = Script::new(spread(20, 1.0), 2);
-    let frames = script.frames();
-    let [untrained, none] = errors(&script, &touches_of(&frames, None));
-    assert!(none.is_empty());
-    for places_by in [PlacesBy::Map, PlacesBy::Regression] {
-        let [places, forces] = errors(&script, &touches_of(&frames, Some(&by(places_by))));
-        let [before, after] = [&untrained, &places].map(|errors| 1e3 * median(errors));
-        println!(
-            "{places_by:?}: {after:.2} mm, untrained {before:.2} mm, force {:.3}",
-            median(&forces)
-        );
-        assert!(after < 1.1 * before, "{places_by:?}: {after} mm, untrained {before} mm");
-        // the model misses presses at the rim, with or without learning
-        assert!(forces.len() >= 18 && median(&forces) < 0.1, "{places_by:?}: {forces:?}");
+    for (gain_std, part) in [(GAIN_STD, 1.0), (0.2, 0.7)] {
+        let script = |count: usize, turn_rad: f64, seed: u64| Script {
+            gains: vec![gains(gain_std, "real"); count],
+            ..Script::new(spread(count, turn_rad), seed)
+        };
+        let learned = learn(&script(60, 0.0, 1), Frame::Scene, None).unwrap().skin;
+        let script = script(20, 1.0, 2);
+        let frames = script.frames();
+        let [untrained, none] = errors(&script, &touches_of(&frames, None));
+        assert!(none.is_empty());
+        for places_by in [PlacesBy::Map, PlacesBy::Regression] {
+            let learned = LearnedSkin { places_by, ..learned.clone() };
+            let [places, forces] = errors(&script, &touches_of(&frames, Some(&learned)));
+            let [before, after] = [&untrained, &places].map(|errors| 1e3 * median(errors));
+            println!(
+                "{places_by:?}: {after:.2} mm, untrained {before:.2} mm, force {:.3}",
+                median(&forces)
+            );
+            assert!(after < part * before, "{places_by:?}: {after} mm, untrained {before} mm");
+            // the model misses presses at the rim, with or without learning
+            assert!(forces.len() >= 18 && median(&forces) < 0.1, "{places_by:?}: {forces:?}");
+        }
     }
 }
 

@@ -55,6 +55,67 @@ impl Filter {
         self.vv = diagonal(velocity_std_m_s.powi(2));
     }
 
+    /// Stops for good: the velocity is known to be zero.
+    pub(super) fn stop(&mut self) {
+        self.velocity_m_s = [0.0; 3];
+        (self.pv, self.vv) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
+    }
+
+    /// Adds a variance to each coordinate of the position.
+    pub(super) fn spread(&mut self, variance_m2: f64) {
+        (0..3).for_each(|i| self.pp[i][i] += variance_m2);
+    }
+
+    /// Mean and covariance of two states with the given weights, whose sum is above zero.
+    pub(super) fn mixed(states: [(f64, &Self); 2]) -> Self {
+        let whole = states[0].0 + states[1].0;
+        let shares = states.map(|(weight, _)| weight / whole);
+        let [a, b] = states.map(|(_, state)| state);
+        let mean = |a: [f64; 3], b: [f64; 3]| from_fn(|i| shares[0] * a[i] + shares[1] * b[i]);
+        // of two points, the covariance is the product of their shares times their distance squared
+        let apart = shares[0] * shares[1];
+        let way: [f64; 3] = from_fn(|i| a.position_m[i] - b.position_m[i]);
+        let change: [f64; 3] = from_fn(|i| a.velocity_m_s[i] - b.velocity_m_s[i]);
+        let block = |a: &Matrix3, b: &Matrix3, x: [f64; 3], y: [f64; 3]| -> Matrix3 {
+            from_fn(|i| {
+                from_fn(|j| shares[0] * a[i][j] + shares[1] * b[i][j] + apart * x[i] * y[j])
+            })
+        };
+        Self {
+            position_m: mean(a.position_m, b.position_m),
+            velocity_m_s: mean(a.velocity_m_s, b.velocity_m_s),
+            pp: block(&a.pp, &b.pp, way, way),
+            pv: block(&a.pv, &b.pv, way, change),
+            vv: block(&a.vv, &b.vv, change, change),
+        }
+    }
+
+    /// Logarithm of the probability density of a measured position, as far as it lies across `normal`, up to
+    /// a constant; `None` if the covariance is singular.
+    pub(super) fn log_density(
+        &self,
+        place_m: [f64; 3],
+        covariance_m2: &Matrix3,
+        normal: [f64; 3],
+    ) -> Option<f64> {
+        let axes = across(normal);
+        let s = sum(&self.pp, covariance_m2);
+        let y: [f64; 3] = from_fn(|i| place_m[i] - self.position_m[i]);
+        let along = axes.map(|axis| (0..3).map(|i| axis[i] * y[i]).sum::<f64>());
+        let block = |a: usize, b: usize| -> f64 {
+            (0..3)
+                .flat_map(|i| (0..3).map(move |j| (i, j)))
+                .map(|(i, j)| axes[a][i] * s[i][j] * axes[b][j])
+                .sum()
+        };
+        let (aa, ab, bb) = (block(0, 0), block(0, 1), block(1, 1));
+        let determinant = aa * bb - ab * ab;
+        let squared = (bb * along[0] * along[0] - 2.0 * ab * along[0] * along[1]
+            + aa * along[1] * along[1])
+            / determinant;
+        (determinant > 0.0 && squared.is_finite()).then(|| -0.5 * (squared + determinant.ln()))
+    }
+
     /// Squared Mahalanobis distance of a measured position from the predicted one, by their joint
     /// covariance; infinite if that is singular.
     pub(super) fn distance(&self, place_m: [f64; 3], covariance_m2: &Matrix3) -> f64 {
@@ -93,6 +154,20 @@ impl Filter {
         self.pv = reduced(&pv, &pp, &pv);
         self.vv = symmetric(&reduced(&vv, &pv, &pv));
     }
+}
+
+/// Two orthonormal directions across a unit vector.
+fn across(normal: [f64; 3]) -> [[f64; 3]; 2] {
+    let axis = if normal[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+    let along: f64 = (0..3).map(|i| axis[i] * normal[i]).sum();
+    let first: [f64; 3] = from_fn(|i| axis[i] - along * normal[i]);
+    let length = first.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let first = first.map(|x| x / length);
+    let next = |i: usize| (i + 1) % 3;
+    let second = from_fn(|i| {
+        normal[next(i)] * first[next(next(i))] - normal[next(next(i))] * first[next(i)]
+    });
+    [first, second]
 }
 
 fn diagonal(value: f64) -> Matrix3 {

@@ -5,7 +5,7 @@
 use super::assign::Assignment;
 use super::contact::{Touch, TouchState};
 use super::detector::DetectedTouch;
-use super::filter::Filter;
+use super::motion::{Motion, Pace};
 use crate::InverseError;
 use crate::check::check_positive;
 use crate::geometry::distance_m;
@@ -47,9 +47,9 @@ pub struct TrackerSettings {
     pub gate_m: f64,
     /// Position error beyond the stated covariance, from bell and model, metres. Default 1 mm.
     pub method_std_m: f64,
-    /// Root mean square acceleration of touches, m/s^2. Default 2.
+    /// Root mean square acceleration of moving touches, m/s^2. Default 2.
     pub acceleration_m_s2: f64,
-    /// Root mean square velocity of new touches in each coordinate, m/s. Default 0.3.
+    /// Root mean square velocity of touches that begin to move, in each coordinate, m/s. Default 0.3.
     pub velocity_std_m_s: f64,
     /// Largest standard deviation of a valid position in any coordinate, metres. Default 15 mm.
     pub max_position_std_m: f64,
@@ -71,6 +71,11 @@ impl TrackerSettings {
             velocity_std_m_s: 0.3,
             max_position_std_m: 15e-3,
         }
+    }
+
+    fn pace(&self) -> Pace {
+        let Self { acceleration_m_s2, velocity_std_m_s, .. } = *self;
+        Pace { acceleration_m_s2, velocity_std_m_s }
     }
 
     /// Checks every number.
@@ -101,7 +106,7 @@ impl TrackerSettings {
 #[derive(Debug, Clone, Copy)]
 struct Track {
     id: Option<u64>,
-    filter: Filter,
+    motion: Motion,
     seen: DetectedTouch,
     shown: usize,
     missed: usize,
@@ -176,7 +181,7 @@ impl TouchTracker {
         self.is_whole = is_whole;
         self.tracks.retain(|track| !track.ended);
         for track in &mut self.tracks {
-            track.filter.predict(dt, self.settings.acceleration_m_s2);
+            track.motion.predict(dt, self.settings.pace());
             track.frames += 1;
             track.matched = false;
         }
@@ -208,7 +213,7 @@ impl TouchTracker {
             }
             None => NEVER,
             Some(touch) => {
-                let way = distance_m(tracks[row].filter.position_m, touch.position_m)
+                let way = distance_m(tracks[row].motion.state().position_m, touch.position_m)
                     .min(distance_m(tracks[row].seen.position_m, touch.position_m));
                 if way <= gate { (way / gate).powi(2) } else { NEVER }
             }
@@ -216,7 +221,7 @@ impl TouchTracker {
         for (track, &column) in tracks.iter_mut().zip(columns) {
             let Some(touch) = found.get(column) else { continue };
             taken[column] = true;
-            track.filter.update(touch.position_m, &measured(touch, settings));
+            track.motion.update(touch.position_m, &measured(touch, settings), touch.normal);
             (track.seen, track.matched, track.missed) = (*touch, true, 0);
             track.shown += 1;
         }
@@ -238,7 +243,7 @@ impl TouchTracker {
             let covariance = measured(touch, &self.settings);
             self.tracks.push(Track {
                 id: None,
-                filter: Filter::new(touch.position_m, covariance, self.settings.velocity_std_m_s),
+                motion: Motion::new(touch.position_m, covariance, self.settings.pace()),
                 seen: *touch,
                 shown: 1,
                 missed: 0,
@@ -279,19 +284,24 @@ impl TouchTracker {
         self.touches.clear();
         for track in &self.tracks {
             let (Some(id), Some((born, begin_s))) = (track.id, track.begin) else { continue };
-            let state = match (track.ended, track.frames == born) {
+            let stage = match (track.ended, track.frames == born) {
                 (true, _) => TouchState::End,
                 (false, true) => TouchState::Begin,
                 (false, false) => TouchState::Hold,
             };
-            let spread = (0..3).map(|i| track.filter.pp[i][i]).fold(0.0, f64::max);
+            let state = track.motion.state();
+            let mut covariance_m2 = state.pp;
+            // the method's error is the same in all frames of a rest
+            let least_m2 = self.settings.method_std_m.powi(2);
+            (0..3).for_each(|i| covariance_m2[i][i] = covariance_m2[i][i].max(least_m2));
+            let spread = (0..3).map(|i| covariance_m2[i][i]).fold(0.0, f64::max);
             self.touches.push(Touch {
                 id,
-                state,
-                position_m: track.filter.position_m,
+                state: stage,
+                position_m: state.position_m,
                 normal: Some(track.seen.normal),
-                position_covariance_m2: track.filter.pp,
-                velocity_m_s: track.filter.velocity_m_s,
+                position_covariance_m2: covariance_m2,
+                velocity_m_s: state.velocity_m_s,
                 area_m2: None,
                 intensity_s_m2: track.seen.strength_s_m2,
                 intensity_std_s_m2: Some(track.seen.strength_std_s_m2),
