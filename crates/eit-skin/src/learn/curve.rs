@@ -1,6 +1,6 @@
 //! The learning curve: errors on later presses after learning the first ones, in the order of time.
 
-use super::{Frame, LearnedSkin, PlaceErrors, PlacesBy, PressFrames};
+use super::{Frame, LearnedSkin, PlaceErrors, PlacesBy, PressFrames, StrengthBy};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::progress::Progress;
@@ -113,7 +113,7 @@ fn test(
     let mut locator = Locator::new(learned.response_map(skin)?, &noise)?;
     let regression = PlaceRegression::with_settings(&learned.presses, learned.regression)?;
     let by_model = learned.places_by == PlacesBy::Model
-        || learned.force.as_ref().is_some_and(|force| force.strength_by == PlacesBy::Model);
+        || learned.force.as_ref().is_some_and(|force| force.strength_by != StrengthBy::Map);
     let detected = if by_model { pressed.detect(fitted)? } else { None };
     let differences = pressed.differences(&learned.channels);
     let (mut errors_m, mut force_errors) = (Vec::new(), Vec::new());
@@ -136,10 +136,9 @@ fn test(
         let Some((force, known_n)) = learned.force.as_ref().zip(pressed.forces_n[k]) else {
             continue;
         };
-        let strength = match force.strength_by {
-            PlacesBy::Model => touch.map_or(0.0, |found| found.even_strength_s_m2),
-            PlacesBy::Map | PlacesBy::Regression => located.map_or(0.0, |l| l.strength_s_m2),
-        };
+        let by_model = touch.map(|found| found.even_strength_s_m2);
+        let by_map = located.map(|located| located.strength_s_m2);
+        let strength = force.strength_by.strength(by_model, by_map);
         let place = place.unwrap_or(super::model::middle_m(skin));
         let found = force.curve.force(strength, place, 0.0);
         force_errors.push((found.force_n / known_n - 1.0).abs());

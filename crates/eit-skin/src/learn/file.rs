@@ -3,7 +3,7 @@
 
 mod check;
 
-use super::{ErrorsByWay, LearnedForce, LearnedSkin, PlacesBy};
+use super::{ErrorsByWay, LearnedForce, LearnedSkin, PlacesBy, StrengthBy};
 use crate::error::SkinError;
 use crate::scene::read_file_of;
 use eit_inverse::learn::{ForceCurve, PlaceRegressionSettings, Pose, Presses, ResponseMapSettings};
@@ -80,7 +80,7 @@ struct RegressionRecord {
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ForceRecord {
-    strength_by: PlacesBy,
+    strength_by: StrengthBy,
     coefficients: Vec<f64>,
     covariance: Vec<f64>,
     middle_m: [f64; 3],

@@ -4,7 +4,7 @@ use super::earlier::Joined;
 use super::model::{middle_m, radius_m, ratios, responses};
 use super::presses::{PressTouch, errors_of_detected, strongest};
 use super::{
-    CANDIDATES, ErrorsByWay, Frame, LearnedForce, LearnedSkin, PlaceErrors, PlacesBy, PressFrames,
+    CANDIDATES, ErrorsByWay, Frame, LearnedForce, LearnedSkin, PlaceErrors, PressFrames, StrengthBy,
 };
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
@@ -22,6 +22,10 @@ const BELL_PART: f64 = 0.15;
 
 /// Smallest number of presses with a force and a touch.
 const LEAST_FORCES: usize = 3;
+
+/// Another strength must lower the error of the presses to less than this fraction: the errors of twelve presses
+/// tell no smaller difference.
+const FAR_SMALLER: f64 = 0.6;
 
 /// A press is unlike the others if a touch at any place leaves more than this fraction of it unexplained, ...
 const UNLIKE_REST: f64 = 0.5;
@@ -215,8 +219,8 @@ impl<'a> Forces<'a> {
         stated.filter(|&k| !self.has_touch(k))
     }
 
-    /// Learns curves from the strengths of the model and of the map, and keeps the one with the smaller error
-    /// on the same presses.
+    /// Learns curves from both strengths together, that of the map and that of the model, and keeps the first
+    /// unless a later one has a far smaller error on the same presses.
     fn learn(
         &self,
         presses: &Presses,
@@ -224,20 +228,23 @@ impl<'a> Forces<'a> {
         radius_m: f64,
     ) -> Result<Option<LearnedForce>, SkinError> {
         let mut best: Option<LearnedForce> = None;
-        let ways = [(PlacesBy::Model, self.by_model.as_ref()), (PlacesBy::Map, Some(&self.by_map))];
-        for (strength_by, strengths) in ways {
-            let Some(strengths) = strengths else { continue };
+        for strength_by in [StrengthBy::Both, StrengthBy::Map, StrengthBy::Model] {
+            if self.by_model.is_none() && strength_by != StrengthBy::Map {
+                continue;
+            }
             let sample = |k: usize| {
-                let (strength, force_n) = (strengths[k]?, self.forces_n[k]?);
+                let by_model = self.by_model.as_ref().and_then(|all| all[k]);
+                let strength = strength_by.strength(by_model, self.by_map[k]);
+                let force_n = self.forces_n[k]?;
                 Some(ForceSample { strength, place_m: presses.places_m[k], force_n })
             };
-            let touched = (0..strengths.len()).filter(|&k| self.has_touch(k));
+            let touched = (0..self.by_map.len()).filter(|&k| self.has_touch(k));
             let samples: Vec<ForceSample> = touched.filter_map(sample).collect();
             if samples.len() < LEAST_FORCES {
                 return Ok(None);
             }
             let curve = ForceCurve::learn(&samples, middle_m, radius_m)?;
-            if best.as_ref().is_none_or(|old| curve.error_ln < old.curve.error_ln) {
+            if best.as_ref().is_none_or(|old| curve.error_ln < FAR_SMALLER * old.curve.error_ln) {
                 best = Some(LearnedForce { strength_by, curve });
             }
         }

@@ -192,10 +192,8 @@ impl LearnedTouches {
             }
         }
         let force_n = self.force.as_ref().map(|LearnedForce { strength_by, curve }| {
-            let strength = match strength_by {
-                PlacesBy::Model => touch.strength_s_m2.abs() / self.local.ratio_at(model_m),
-                PlacesBy::Map | PlacesBy::Regression => located.strength_s_m2,
-            };
+            let by_model = touch.strength_s_m2.abs() / self.local.ratio_at(model_m);
+            let strength = strength_by.strength(Some(by_model), Some(located.strength_s_m2));
             let relative = (touch.strength_std_s_m2 / touch.strength_s_m2).abs();
             let relative = if relative.is_finite() { relative } else { 1.0 };
             let force = curve.force(strength, touch.position_m, relative);
