@@ -256,6 +256,44 @@ impl Evaluation {
                 self.balance_by_links(problem, part, range);
             }
         }
+        self.balance_by_bounds(problem, frames);
+    }
+
+    /// Balances with the bound duals what `y` and `q_t` could not, since a frame has fewer channels than parts.
+    /// A frame whose bounds do not allow that proves nothing: its duals are set to zero.
+    fn balance_by_bounds(&mut self, problem: &Problem<'_>, frames: usize) {
+        let Some([lower, upper]) = problem.bounds else { return };
+        if self.bound_dual.is_empty() || !self.unbalanced(problem, 0..frames) {
+            return;
+        }
+        let (parts, stride) = (problem.parts.sizes.len(), self.stride);
+        for frame in 0..frames {
+            for (part, size) in problem.parts.sizes.iter().enumerate() {
+                let sum = self.sums[frame * parts + part];
+                let label = || problem.parts.label.iter().enumerate();
+                let members =
+                    || label().filter(|l| *l.1 as usize == part).map(|l| l.0 * stride + frame);
+                // a dual of this sign can always be reduced; one of the other sign needs a finite bound
+                let duals = members().map(|p| self.bound_dual[p]);
+                let held: f64 = duals.filter(|dual| dual * sum > 0.0).sum();
+                let reduced = if held == 0.0 { 0.0 } else { (sum / held).min(1.0) };
+                let bound = if sum > 0.0 { lower } else { upper };
+                let rest = sum - reduced * held;
+                let added = if bound.is_finite() { rest / size } else { 0.0 };
+                for p in members() {
+                    let dual = &mut self.bound_dual[p];
+                    *dual -= added + if *dual * sum > 0.0 { reduced * *dual } else { 0.0 };
+                }
+                self.sums[frame * parts + part] = rest - added * size;
+            }
+            let alone = !self.linked[frame] && (frame == 0 || !self.linked[frame - 1]);
+            if alone && self.unbalanced(problem, frame..frame + 1) {
+                self.data_dual[frame * problem.ops.rank..][..problem.ops.rank].fill(0.0);
+                self.dual.iter_mut().skip(frame).step_by(stride).for_each(|q| *q = 0.0);
+                self.bound_dual.iter_mut().skip(frame).step_by(stride).for_each(|p| *p = 0.0);
+                self.sums[frame * parts..][..parts].fill(0.0);
+            }
+        }
     }
 
     /// Balances the error sum of each part over linked frames by changing `y`.
@@ -404,7 +442,7 @@ impl Evaluation {
 
     /// Returns the bound at the best feasible scale.
     fn scaled_value(&self, arch: Arch, problem: &Problem<'_>, frames: usize) -> f64 {
-        let unbalanced = self.unbalanced(problem, frames);
+        let unbalanced = self.unbalanced(problem, 0..frames);
         let excess = arch.dispatch(Excess {
             ops: problem.ops,
             stride: self.stride,
@@ -449,15 +487,15 @@ impl Evaluation {
         }
     }
 
-    /// Returns whether the sum of any part exceeds rounding error.
-    fn unbalanced(&self, problem: &Problem<'_>, frames: usize) -> bool {
+    /// Returns whether the sum of any part exceeds rounding error in one of the frames.
+    fn unbalanced(&self, problem: &Problem<'_>, frames: std::ops::Range<usize>) -> bool {
         let parts = problem.parts.sizes.len();
         (0..parts).any(|part| {
             let sensitivity: f64 =
                 problem.parts.sensitivity[part].iter().map(|v| v.abs()).fold(0.0, f64::max);
             let dual = self.data_dual.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
             let scale = sensitivity * dual;
-            (0..frames).any(|f| self.sums[f * parts + part].abs() > 1e-12 * scale)
+            frames.clone().any(|f| self.sums[f * parts + part].abs() > 1e-12 * scale)
         })
     }
 

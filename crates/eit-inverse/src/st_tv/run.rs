@@ -95,6 +95,8 @@ pub(crate) struct Run<'a, T> {
     share: f64,
     next_map: usize,
     smoothing: f64,
+    /// Whether the last image that was evaluated met all constraints.
+    is_feasible: bool,
     target_gap: f64,
     done: usize,
     progress: Progress,
@@ -191,6 +193,7 @@ impl<'a, T: Float> Run<'a, T> {
             share: IMAGE_SHARE,
             next_map: MAP_AT[0],
             smoothing: 0.0,
+            is_feasible: true,
             done: 0,
             progress,
         }
@@ -364,7 +367,8 @@ impl<'a, T: Float> Run<'a, T> {
             let size = self.state.image.iter().fold(0.0_f64, |most, x| most.max(x.to_f64().abs()));
             let fading = (SMOOTH / self.done as f64).powi(2).min(1.0);
             self.smoothing = SMOOTHING * self.target_gap * size * fading;
-            self.data.fading = fading;
+            // an infeasible image's error still exceeds the margin
+            self.data.fading = if self.is_feasible { fading } else { 1.0 };
             self.set_data()?;
         }
         Ok(())
@@ -414,6 +418,7 @@ impl<'a, T: Float> Run<'a, T> {
     fn keep_image(&mut self) -> f64 {
         let problem = self.task.problem();
         let primal = self.evaluation.primal(self.task.solver.arch, &problem, &self.state);
+        self.is_feasible = primal.is_finite();
         self.progress.best.take(primal, &self.evaluation);
         primal
     }

@@ -2,10 +2,14 @@
 
 use super::Run;
 use crate::st_tv::float::Float;
+use crate::st_tv::problem::DataTerm;
 
 /// Largest objective of images of one value a frame, relative to that of one value for all frames, from which
 /// the iteration starts. One row of the reference problem: 0.02, three rows 0.4, all rows 1.
 const CONSTANTS_EXPLAIN: f64 = 0.2;
+
+/// Most trials of frame weights, so that one constant meets the constraints of all frames if one can.
+const WEIGHTINGS: usize = 50;
 
 impl<T: Float> Run<'_, T> {
     /// Evaluates the best constant image, which is optimal if the weights are large, and computes a
@@ -16,11 +20,20 @@ impl<T: Float> Run<'_, T> {
         // one constant for all frames if they are linked, otherwise one per frame
         let count = if task.linked() { task.frames } else { 1 };
         let mut values = Vec::new();
+        let mut weights = vec![1.0; task.frames];
         for first in (0..task.frames).step_by(count) {
-            let own = self.constant_values(first..first + count);
+            let own = self.constant_values(first..first + count, &weights);
             values.extend(std::iter::repeat_n(own, count));
         }
         self.keep_constants(&values);
+        for _ in 0..WEIGHTINGS {
+            if count == 1 || !self.weigh(&mut weights) {
+                break;
+            }
+            let own = self.constant_values(0..count, &weights);
+            values.fill(own);
+            self.keep_constants(&values);
+        }
         let rank = task.solver.rank();
         let [rotated, column] = &mut self.columns;
         for (frame, values) in values.iter().enumerate() {
@@ -44,12 +57,38 @@ impl<T: Float> Run<'_, T> {
         }
     }
 
+    /// Multiplies the weight of each frame by the square of its residual relative to its constraint. Repeated,
+    /// this minimises the largest of these ratios (Lawson, *Contributions to the theory of linear least maximum
+    /// approximations*, 1961). Returns false if all constraints hold, if there are none, and if no constant
+    /// can meet them all: usually at once, since the weighted residuals are then above the weighted constraints.
+    fn weigh(&self, weights: &mut [f64]) -> bool {
+        let DataTerm::Constrained(delta) = self.task.problem().data_term else { return false };
+        let ratio = |frame: usize| self.evaluation.residual[frame] / delta[frame];
+        let largest = (0..weights.len()).map(ratio).fold(0.0, f64::max);
+        if !(largest > 1.0 && largest.is_finite()) {
+            return false;
+        }
+        let [mut residual, mut allowed] = [0.0; 2];
+        for (frame, weight) in weights.iter().enumerate() {
+            residual += weight * self.evaluation.residual[frame].powi(2);
+            allowed += weight * delta[frame].powi(2);
+        }
+        if residual > allowed {
+            return false;
+        }
+        let weighted = weights.iter_mut().enumerate();
+        weighted.for_each(|(frame, weight)| *weight *= (ratio(frame) / largest).powi(2));
+        let most = weights.iter().copied().fold(0.0, f64::max);
+        weights.iter_mut().for_each(|weight| *weight /= most);
+        true
+    }
+
     /// Starts linked frames from a constant each, if that explains far more of the data than one constant for
     /// all: only with few channels, where the optimum is close to such images and far from zero.
     fn start_from_constants(&mut self) {
         let common = self.progress.best.primal;
         let frames = self.task.frames;
-        let values: Vec<_> = (0..frames).map(|f| self.constant_values(f..f + 1)).collect();
+        let values: Vec<_> = (0..frames).map(|f| self.constant_values(f..f + 1, &[1.0])).collect();
         if self.keep_constants(&values) < CONSTANTS_EXPLAIN * common {
             self.state.image.copy_from_slice(&self.state.candidate);
             self.state.is_centred = true;
@@ -68,9 +107,9 @@ impl<T: Float> Run<'_, T> {
         self.keep_image()
     }
 
-    /// Returns the least-squares value of each connected part, by sweeps over the parts; a single part,
-    /// the usual case, needs one sweep.
-    fn constant_values(&mut self, range: std::ops::Range<usize>) -> Vec<f64> {
+    /// Returns the least-squares value of each connected part with a weight for each frame, by sweeps over the
+    /// parts; a single part, the usual case, needs one sweep.
+    fn constant_values(&mut self, range: std::ops::Range<usize>, weights: &[f64]) -> Vec<f64> {
         let task = self.task;
         let parts = &task.solver.parts;
         let mut values = vec![0.0; parts.sizes.len()];
@@ -79,7 +118,8 @@ impl<T: Float> Run<'_, T> {
             for part in 0..values.len() {
                 let (mut along, mut power) = (0.0, 0.0);
                 let targets = &task.data.targets[range.clone()];
-                for (target, &mode) in targets.iter().zip(&task.data.mode_of[range.clone()]) {
+                let modes = &task.data.mode_of[range.clone()];
+                for ((target, &mode), weight) in targets.iter().zip(modes).zip(weights) {
                     let mode = &task.data.modes[mode];
                     let [own, all] = &mut self.columns;
                     own.fill(0.0);
@@ -89,8 +129,8 @@ impl<T: Float> Run<'_, T> {
                     mode.apply(own, all);
                     mode.apply(&parts.sensitivity[part], own);
                     for ((own, all), b) in own.iter().zip(all.iter()).zip(&target.values) {
-                        along += own * (b - all);
-                        power += own.powi(2);
+                        along += weight * own * (b - all);
+                        power += weight * own.powi(2);
                     }
                 }
                 values[part] += if power > 0.0 { along / power } else { 0.0 };
