@@ -326,7 +326,7 @@ fn a_silent_instrument_is_told() {
     let start = Instant::now();
     loop {
         assert!(start.elapsed() < LIMIT);
-        if let Some(Event::Silent { for_s }) = session.next_event(WAIT).unwrap() {
+        if let Some(Event::Silent { for_s, .. }) = session.next_event(WAIT).unwrap() {
             assert!(for_s >= 0.3);
             break;
         }

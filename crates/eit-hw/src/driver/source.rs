@@ -57,6 +57,8 @@ pub enum Event {
     Silent {
         /// Length of the silence so far, in seconds.
         for_s: f64,
+        /// Number of bytes received meanwhile; if not 0, the instrument sends something that is no frame.
+        bytes: u64,
     },
     /// The instrument is lost; the session tries to reconnect.
     Disconnected {

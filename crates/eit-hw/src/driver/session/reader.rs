@@ -79,6 +79,7 @@ impl Reader {
     /// Reads until the connection ends.
     fn follow(&mut self, link: &mut Link) -> End {
         let mut buffer = [0; 8192];
+        let mut bytes = 0; // since the last frame
         self.silence.start(Instant::now());
         while !self.quits() {
             let received = match self.driver.idle(link).and_then(|()| link.read(&mut buffer)) {
@@ -88,6 +89,7 @@ impl Reader {
             };
             let (mut frames, mut end) = (0, None);
             let (queue, stream) = (&self.queue, &mut self.stream);
+            bytes += received as u64;
             if received > 0 {
                 queue.count(|statistics| statistics.bytes += received as u64);
                 self.driver.receive(&buffer[..received], &mut |decoded| {
@@ -110,17 +112,22 @@ impl Reader {
             }
             let now = Instant::now();
             if frames > 0 {
+                bytes = 0;
                 let told_s = self.silence.frame(now);
                 self.count_silence(told_s);
                 self.count_disconnected(now);
             } else if let Some(for_s) = self.silence.begins(&self.settings, now) {
                 event!(WARN, "the instrument is silent", for_s = for_s);
-                self.queue.push(Event::Silent { for_s });
+                self.queue.push(Event::Silent { for_s, bytes });
             } else if self.settings.reconnect.is_some()
                 && self.silence.is_stall(&self.settings, now)
             {
                 let for_s = self.silence.for_s(now);
-                let reason = format!("no frame for {for_s:.1} s: setting it up again");
+                let although = match bytes {
+                    0 => String::new(),
+                    bytes => format!(", although {bytes} bytes came"),
+                };
+                let reason = format!("no frame for {for_s:.1} s{although}: setting it up again");
                 let told_s = self.silence.end(now);
                 self.count_silence(told_s);
                 let source = std::io::Error::new(std::io::ErrorKind::TimedOut, reason.clone());
@@ -151,6 +158,7 @@ impl Reader {
     fn find_again(&mut self, mut error: HwError) -> Result<Option<Link>, HwError> {
         let Some(backoff) = self.settings.reconnect else { return Err(error) };
         let (start, mut wait_s) = (Instant::now(), backoff.initial_s);
+        let mut told = String::new();
         loop {
             let until =
                 Instant::now() + Duration::from_secs_f64(wait_s.min(backoff.max_s).min(3600.0));
@@ -174,7 +182,19 @@ impl Reader {
                 }
                 Err(_) if self.quits() => return Ok(None),
                 Err(fatal @ HwError::Identity { .. }) => return Err(fatal),
-                Err(other) => error = other,
+                Err(other) => {
+                    // it is there, but not as it was: the user must know why it is not used
+                    let reason = other.to_string();
+                    let is_away = matches!(
+                        other,
+                        HwError::Open { .. } | HwError::Lost { .. } | HwError::NoReply { .. }
+                    );
+                    if !is_away && reason != told {
+                        self.queue.push(Event::Disconnected { reason: reason.clone() });
+                        told = reason;
+                    }
+                    error = other;
+                }
             }
             if start.elapsed().as_secs_f64() > backoff.give_up_s {
                 return Err(error);
