@@ -273,6 +273,15 @@ fn refused_shortly(file: &Path, out: &Path) {
 
 #[test]
 fn devices_without_an_end_are_no_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let [endless, pipe] = ["zero.toml", "pipe.toml"].map(|name| folder.path().join(name));
+    std::os::unix::fs::symlink("/dev/zero", &endless).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for script in [&endless, &pipe] {
+        let arguments = ["simulate", "paper-disc", "--script", text(script), "--out", "never"];
+        let said = common::refuse(&arguments);
+        assert!(said.contains(text(script)) && said.contains("not a file of at most"), "{said}");
+    }
     for arguments in [
         vec!["plan", "/dev/zero"],
         vec!["convert", "/dev/zero", "--out", "never.csv"],
