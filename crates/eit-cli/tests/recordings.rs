@@ -239,6 +239,17 @@ fn a_conversion_that_fails_leaves_no_recording() {
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(stderr(&output).contains("a.mcap: cannot be written"), "{}", stderr(&output));
     assert!(!out.exists());
+    // a table is named, not its temporary file, and nothing of it is left
+    let out = folder.path().join("b.npy");
+    let line = line.replace("a.mcap", "b.npy");
+    let output = std::process::Command::new("sh").args(["-c", &line]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains(text(&out)) && !stderr(&output).contains(".eit-"),
+        "{}",
+        stderr(&output)
+    );
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
 /// Nested brackets in the header of images once took a minute, and were echoed in full.

@@ -70,7 +70,7 @@ impl OutFile {
     ) -> Result<(), ReportError> {
         let path = self.path;
         let mut writer = BufWriter::new(Self::temporary(&path)?);
-        content(&mut writer)?;
+        fill(&mut writer, &path, content)?;
         let temporary = writer.into_inner().map_err(|e| ReportError::at(&path, e.error()))?;
         temporary.persist(&path).map_err(|e| ReportError::at(&path, e.error))?;
         Ok(())
@@ -121,7 +121,7 @@ impl OutFolder {
         content: impl FnOnce(&mut dyn Write) -> Result<(), ReportError>,
     ) -> Result<(), ReportError> {
         let mut writer = self.begin(name)?;
-        content(&mut writer)?;
+        fill(&mut writer, &self.path.join(name), content)?;
         self.end(name, writer)
     }
 
@@ -184,6 +184,21 @@ impl OutFolder {
     pub fn names(&self) -> Vec<&'static str> {
         self.files.iter().map(|f| f.0).collect()
     }
+}
+
+/// Writes the content of a file; errors name the file, not the temporary one.
+fn fill(
+    writer: &mut BufWriter<NamedTempFile>,
+    path: &Path,
+    content: impl FnOnce(&mut dyn Write) -> Result<(), ReportError>,
+) -> Result<(), ReportError> {
+    let temporary = writer.get_ref().path().display().to_string();
+    content(writer).map_err(|error| match error {
+        ReportError::Failure(message) => {
+            ReportError::Failure(message.replace(&temporary, &path.display().to_string()))
+        }
+        other => other,
+    })
 }
 
 fn temporary_in(folder: &Path) -> std::io::Result<NamedTempFile> {
