@@ -13,7 +13,7 @@ use toml::{Table, Value};
 const FILE: &str = "eit.toml";
 
 /// Largest file that is read.
-const MOST_BYTES: u64 = 1 << 20;
+const MOST_BYTES: u64 = 1 << 16;
 
 /// Adds the options of the file beside the scene to the arguments, except those that were given; the arguments
 /// unchanged where there is no such file.

@@ -38,6 +38,7 @@ fn main() -> ExitCode {
     };
     terminal::set(&cli);
     events::show();
+    interrupt::end_tidily();
     let result: Result<Ended, CliError> = match &cli.command {
         Command::Demo(args) => commands::demo::run(args, cli.json).map(Ended::from),
         Command::Plan(args) => commands::plan::run(args).map(Ended::from),

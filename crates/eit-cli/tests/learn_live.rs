@@ -22,12 +22,14 @@ use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, LazyLock, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Frame rate, hertz.
 const RATE_HZ: f64 = 60.0;
 /// Radius of the finger, metres.
 const RADIUS_M: f64 = 0.012;
+/// Longest time that a session with the command may take: it takes 20 s on an idle computer.
+const LIMIT: Duration = Duration::from_secs(240);
 /// Volts of a step of the converter.
 const STEP_V: f64 = 1e-5;
 
@@ -77,9 +79,10 @@ fn frame(press: Option<([f64; 2], f64)>) -> Vec<f64> {
     skin.model.forward(&conductivity_s).unwrap().iter().map(|v| v / STEP_V).collect()
 }
 
-/// A board that prints the current frame, in converter steps.
+/// A board that prints the current frame, in converter steps; `noise` is in the same.
 struct Board {
     now: Arc<Mutex<Vec<f64>>>,
+    noise: Arc<Mutex<f64>>,
     sent: u64,
     random: Random,
 }
@@ -89,9 +92,12 @@ impl Device for Board {
 
     fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
         while (self.sent as f64) < now.as_secs_f64() * RATE_HZ {
-            let frame = self.now.lock().unwrap();
-            let steps = frame.iter().map(|value| (value + self.random.normal()).round() as i64);
-            let line: Vec<String> = steps.map(|value| value.to_string()).collect();
+            let (frame, noise) = (self.now.lock().unwrap(), *self.noise.lock().unwrap());
+            let mut cell = |value: &f64| match (value + noise * self.random.normal()).round() {
+                step if step.is_nan() => "nan".to_owned(),
+                step => (step as i64).to_string(),
+            };
+            let line: Vec<String> = frame.iter().map(&mut cell).collect();
             out.extend(format!("{}\r\n", line.join(",")).bytes());
             self.sent += 1;
         }
@@ -104,19 +110,22 @@ impl Device for Board {
 struct Bench {
     folder: tempfile::TempDir,
     now: Arc<Mutex<Vec<f64>>>,
+    noise: Arc<Mutex<f64>>,
     _emulator: Emulator,
 }
 
 impl Bench {
     fn new() -> Self {
         let now = Arc::new(Mutex::new(frame(None)));
-        let board = Board { now: Arc::clone(&now), sent: 0, random: Random::new(5) };
+        let noise = Arc::new(Mutex::new(1.0));
+        let (shown, level) = (Arc::clone(&now), Arc::clone(&noise));
+        let board = Board { now: shown, noise: level, sent: 0, random: Random::new(5) };
         let listen = Listen::Tcp("127.0.0.1:0".into());
         let emulator = Emulator::start(Box::new(board), &listen, FaultPlan::default()).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let scene = SCENE.replace("PORT", &emulator.endpoint().to_string());
         std::fs::write(folder.path().join("skin.toml"), scene).unwrap();
-        Self { folder, now, _emulator: emulator }
+        Self { folder, now, noise, _emulator: emulator }
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -145,7 +154,8 @@ impl Bench {
     }
 
     /// Presses where the command asks, until it ends or `at` says to stop; returns answer, exit code and all that it
-    /// said. `force_n` is the force of a press; with `ask`, it is typed when asked for.
+    /// said. `force_n` is the force of a press; with `ask`, it is typed when asked for. A press that is refused is
+    /// released. Fails if the command takes longer than [`LIMIT`].
     fn teach(
         &self,
         arguments: &[&str],
@@ -156,9 +166,19 @@ impl Bench {
         let mut child = self.start(arguments);
         let mut typed = child.stdin.take().unwrap();
         let (mut said, mut made) = (String::new(), 0);
-        let lines = BufReader::new(child.stderr.take().unwrap()).lines();
-        for line in lines {
-            let line = line.unwrap();
+        let (sender, lines) = std::sync::mpsc::channel();
+        let stderr = BufReader::new(child.stderr.take().unwrap());
+        std::thread::spawn(move || stderr.lines().try_for_each(|line| sender.send(line.unwrap())));
+        let end = Instant::now() + LIMIT;
+        loop {
+            let line = match lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+                Ok(line) => line,
+                Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => break,
+                Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {
+                    child.kill().unwrap();
+                    panic!("still waiting after {LIMIT:?}: {said}");
+                }
+            };
             println!("{line}");
             if let Some(rest) = line.strip_prefix("press ") {
                 let number: usize = rest.split(' ').next().unwrap().parse().unwrap();
@@ -170,6 +190,8 @@ impl Bench {
                     writeln!(typed, "{}", force_n(made)).unwrap();
                 }
                 made += 1;
+                *self.now.lock().unwrap() = frame(None);
+            } else if line.starts_with("this press cannot be used") {
                 *self.now.lock().unwrap() = frame(None);
             }
             said += &format!("{line}\n");
@@ -283,6 +305,92 @@ fn forces_that_are_typed() {
     let table = std::fs::read_to_string(bench.path("skin.presses.csv")).unwrap();
     assert!(table.lines().nth(2).unwrap().contains(",0.9,"), "{table}");
     assert!(!bench.path("skin.learned").exists());
+}
+
+/// A press with missing values is refused, with the reason, and asked for again once it is released.
+#[test]
+fn a_refused_press_is_asked_for_again() {
+    let bench = Bench::new();
+    let mut spoilt = 0;
+    let (_, code, said) = bench.teach(
+        &["--number", "4", "--all"],
+        |_| 1.0,
+        false,
+        |k, _| {
+            if k == 2 && spoilt < 2 {
+                spoilt += 1;
+                bench.now.lock().unwrap()[7] = f64::NAN;
+            }
+        },
+    );
+    assert!(code == 0 || code == 1, "{code}: {said}");
+    let count = |words: &str| said.lines().filter(|line| line.starts_with(words)).count();
+    assert_eq!(
+        [count("this press cannot be used"), count("press 3 of 4"), count("press 4 of 4")],
+        [2, 3, 1]
+    );
+    // the refused ones are not among those that are stored
+    assert_eq!(lines_of(&bench.path("skin.presses.csv")), 5, "{said}");
+}
+
+/// Something that looks like a touch and is never held is named, with what to do: nothing waits without a word.
+#[test]
+fn a_touch_that_is_never_held_is_named() {
+    let bench = Bench::new();
+    let mut is_asked = false;
+    let (_, code, said) = bench.teach(
+        &["--number", "4"],
+        |_| 1.0,
+        false,
+        |k, child| {
+            assert_eq!(k, 0);
+            *bench.now.lock().unwrap() = frame(None);
+            if std::mem::replace(&mut is_asked, true) {
+                // asked again after the touch was named
+                return interrupt(child);
+            }
+            // far above the noise of the untouched skin, and never the same
+            *bench.noise.lock().unwrap() = 2000.0;
+            let noise = Arc::clone(&bench.noise);
+            std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_secs(13));
+                *noise.lock().unwrap() = 1.0;
+            });
+        },
+    );
+    assert_eq!(code, 1, "{said}");
+    assert!(
+        said.contains("the touch has changed for 10 s: hold it still, or release it"),
+        "{said}"
+    );
+    assert!(said.contains("interrupted: 0 presses made now"), "{said}");
+}
+
+/// Ctrl-C while a force is to be typed ends the command, and keeps the press without its force.
+#[test]
+fn ctrl_c_ends_the_wait_for_a_force() {
+    let bench = Bench::new();
+    let mut child = bench.start(&["--number", "4", "--ask-force"]);
+    // held open: otherwise its end would answer
+    let typed = child.stdin.take().unwrap();
+    let (sender, lines) = std::sync::mpsc::channel();
+    let stderr = BufReader::new(child.stderr.take().unwrap());
+    std::thread::spawn(move || stderr.lines().try_for_each(|line| sender.send(line.unwrap())));
+    let end = Instant::now() + LIMIT;
+    while let Ok(line) = lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+        if line.starts_with("press ") {
+            *bench.now.lock().unwrap() = frame(Some((place_of(&line), 1.0)));
+        } else if line.starts_with("force of this press") {
+            interrupt(&child);
+        }
+    }
+    while child.try_wait().unwrap().is_none() {
+        assert!(Instant::now() < end, "it does not end");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    drop(typed);
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    assert_eq!(lines_of(&bench.path("skin.presses.csv")), 2);
 }
 
 /// Flags that belong together, and numbers out of range.

@@ -77,3 +77,46 @@ fn commands_that_read_take_little_memory() {
     assert_eq!(read("copy.csv"), read("array.csv"));
     assert_eq!(read("copy.csv"), read("recording.csv"));
 }
+
+/// Settings are refused beyond a size at which the most expensive content still fits the bound, and tables of presses
+/// beyond a number: at once.
+#[test]
+fn settings_and_tables_take_little_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let scene = common::SMALL;
+    let all = 1 << 19;
+    let filled = |unit: &str| {
+        format!("{scene}\n[x]\na = [{}]\n", unit.repeat((all - 40 - scene.len()) / unit.len()))
+    };
+    let contents = ["1,", "[],", "{},", "\"\","].map(filled);
+    for content in contents.iter().chain([&format!("{scene}{}", "\n".repeat(all - scene.len()))]) {
+        let file = path("scene.toml");
+        std::fs::write(&file, content).unwrap();
+        let (peak, _) = peak(&["plan", text(&file)]);
+        assert!(peak > 1_000_000 && peak <= MOST_BYTES + 2 * content.len() as u64, "{peak}");
+        let said = common::eit(&["plan", text(&file)]);
+        let said = String::from_utf8(said.stderr).unwrap();
+        assert!(!said.contains("kB"), "not read: {said}");
+        std::fs::write(&file, format!("{content}{}", " ".repeat(all))).unwrap();
+        let said = common::refuse(&["plan", text(&file)]);
+        assert!(said.contains("not a file of at most 512 kB"), "{said}");
+    }
+    let (presses, out) = (path("presses.csv"), path("a.learned"));
+    std::fs::write(&presses, format!("x_m,y_m\n{}", "0,0\n".repeat(5_000_000))).unwrap();
+    let learn = [
+        "learn",
+        "paper-disc",
+        "--presses",
+        text(&presses),
+        "--frames",
+        text(&presses),
+        "--out",
+        text(&out),
+    ];
+    let start = std::time::Instant::now();
+    let (peak, succeeded) = peak(&learn);
+    assert!(!succeeded && peak <= MOST_BYTES + 2 * 20_000_000, "{peak}");
+    assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
+    assert!(common::refuse(&learn).contains("more than 200000 presses"));
+}

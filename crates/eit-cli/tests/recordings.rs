@@ -38,6 +38,157 @@ fn recover_reports_what_is_missing() {
     assert_eq!(eit(&["recover", text(&damaged), text(&whole)]).status.code(), Some(2));
 }
 
+/// Messages that are no frames are told, not called damage-free, and so is a recording of two set-ups.
+#[test]
+fn recover_does_not_call_other_content_undamaged() {
+    let folder = tempfile::tempdir().unwrap();
+    let [from, to] = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    let frame = |values: &[f64]| eit_hw::Frame {
+        values: values.to_vec(),
+        imaginary: None,
+        quality: vec![eit_hw::Quality::GOOD; values.len()],
+        sequence: 0,
+        epoch: 0,
+        device_time_s: None,
+        host_time_s: None,
+    };
+    let session = eit_hw::capture::SessionRecord::default();
+    let mut writer =
+        eit_hw::capture::CaptureWriter::create(&from, &session, Default::default()).unwrap();
+    writer.frame(&frame(&[1.0, 2.0])).unwrap();
+    writer.frame(&frame(&[1.0])).unwrap();
+    writer.finish().unwrap();
+    let said = succeed(&["recover", text(&from), text(&to)]);
+    assert!(
+        said.contains("1 frame(s) or session(s) have other measurements")
+            && !said.contains("no damage"),
+        "{said}"
+    );
+    // a channel and a message of it, by hand
+    let record = |op: u8, parts: &[&[u8]]| {
+        let content = parts.concat();
+        [&[op][..], &(content.len() as u64).to_le_bytes(), &content].concat()
+    };
+    let text_of =
+        |words: &str| [&(words.len() as u32).to_le_bytes()[..], words.as_bytes()].concat();
+    let bytes = [
+        eit_hw::capture::MAGIC.to_vec(),
+        record(1, &[&text_of(""), &text_of("test")]),
+        record(4, &[&[1, 0, 0, 0], &text_of("/eit/frame"), &text_of("json"), &[0; 4]]),
+        record(5, &[&[1, 0], &[0; 20], b"{\"no\": 1}"]),
+    ]
+    .concat();
+    let [from, to] = ["c.mcap", "d.mcap"].map(|name| folder.path().join(name));
+    std::fs::write(&from, &bytes).unwrap();
+    let output = eit(&["recover", text(&from), text(&to), "--json"]);
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&found["frames"], &found["unreadable"]), (&0.into(), &1.into()), "{found}");
+    let said = succeed(&["recover", text(&from), text(&folder.path().join("e.mcap"))]);
+    assert!(
+        said.contains("1 message(s) are not what their topic holds") && !said.contains("no damage"),
+        "{said}"
+    );
+}
+
+/// Whoever ends a command that writes a file finds no half of it that could be taken for the whole, and no
+/// stray files; after SIGKILL the half has `.part` or a dot in its name.
+#[test]
+fn a_command_that_is_ended_leaves_no_half_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = folder.path().join("a.csv");
+    let mut random = fixtures::Random::new(2);
+    let row = |_| (0..208).map(|_| random.uniform().to_string()).collect::<Vec<_>>().join(",");
+    let rows: Vec<String> = (0..6000).map(row).collect();
+    std::fs::write(&table, rows.join("\n") + "\n").unwrap();
+    let whole = folder.path().join("whole.mcap");
+    succeed(&["convert", text(&table), "--out", text(&whole)]);
+    let names = || {
+        let entries = std::fs::read_dir(folder.path()).unwrap();
+        let mut names: Vec<String> =
+            entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.retain(|name| name != "a.csv" && name != "whole.mcap");
+        names
+    };
+    let (mut ended, mut seen) = (0, 0);
+    for (signal, name) in [
+        ("INT", "b.npy"),
+        ("TERM", "b.mcap"),
+        ("HUP", "b.mcap"),
+        ("KILL", "b.mcap"),
+        ("KILL", "r.mcap"),
+        ("INT", "r.mcap"),
+    ] {
+        let out = folder.path().join(name);
+        let arguments = match name {
+            "r.mcap" => vec!["recover", text(&whole), text(&out)],
+            _ => vec!["convert", text(&whole), "--out", text(&out)],
+        };
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_eit"))
+            .args(arguments)
+            .stdout(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        // until it writes
+        while names().is_empty() && child.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let kill = ["-s", signal, &child.id().to_string()];
+        assert!(std::process::Command::new("kill").args(kill).status().unwrap().success());
+        if child.wait().unwrap().success() {
+            // it was faster; then everything is there
+            assert_eq!(names(), [name], "{signal}");
+            std::fs::remove_file(&out).unwrap();
+            continue;
+        }
+        ended += 1;
+        let left = names();
+        seen += left.len();
+        assert!(!left.contains(&name.to_owned()), "{signal}: {left:?}");
+        assert!(signal == "KILL" || left.is_empty(), "{signal}: {left:?}");
+        assert!(left.iter().all(|name| name.ends_with(".part")), "{left:?}");
+        // the next run is not in the way of what was left
+        let again = match name {
+            "r.mcap" => succeed(&["recover", text(&whole), text(&out)]),
+            _ => succeed(&["convert", text(&whole), "--out", text(&out)]),
+        };
+        assert!(again.starts_with("6000 frames"), "{again}");
+        assert_eq!(names(), [name]);
+        std::fs::remove_file(&out).unwrap();
+    }
+    assert!(ended >= 3, "{ended} of 6 were ended while they wrote, {seen} files left");
+}
+
+/// A pipe or device is not replaced by a file, and a link stays one.
+#[test]
+fn an_output_that_is_no_file_is_refused() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let table = path("a.csv");
+    std::fs::write(&table, "1,2,3\n4,5,6\n").unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(path("pipe.csv")).status().unwrap().success());
+    symlink("/dev/null", path("null.csv")).unwrap();
+    symlink(path("nothing.csv"), path("dangling.csv")).unwrap();
+    std::fs::write(path("target.csv"), "old").unwrap();
+    symlink("target.csv", path("link.csv")).unwrap();
+    let convert = |out: &Path| -> Vec<String> {
+        ["convert", text(&table), "--out", text(out)].map(str::to_owned).to_vec()
+    };
+    for (name, wanted) in [
+        ("pipe.csv", "is a device, pipe or socket"),
+        ("null.csv", "is a device, pipe or socket"),
+        ("dangling.csv", "is a link to nothing"),
+    ] {
+        let arguments = convert(&path(name));
+        let said = common::refuse(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        assert!(said.contains(name) && said.contains(wanted), "{said}");
+    }
+    let arguments = convert(&path("link.csv"));
+    succeed(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    assert!(path("link.csv").is_symlink());
+    assert_eq!(std::fs::read_to_string(path("target.csv")).unwrap().lines().count(), 2);
+}
+
 /// Nothing intact is an error, and no empty recording is left that would look complete.
 #[test]
 fn nothing_whole_is_refused_and_leaves_no_file() {
@@ -88,6 +239,17 @@ fn a_conversion_that_fails_leaves_no_recording() {
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(stderr(&output).contains("a.mcap: cannot be written"), "{}", stderr(&output));
     assert!(!out.exists());
+    // a table is named, not its temporary file, and nothing of it is left
+    let out = folder.path().join("b.npy");
+    let line = line.replace("a.mcap", "b.npy");
+    let output = std::process::Command::new("sh").args(["-c", &line]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains(text(&out)) && !stderr(&output).contains(".eit-"),
+        "{}",
+        stderr(&output)
+    );
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
 /// Nested brackets in the header of images once took a minute, and were echoed in full.
@@ -122,6 +284,15 @@ fn refused_shortly(file: &Path, out: &Path) {
 
 #[test]
 fn devices_without_an_end_are_no_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let [endless, pipe] = ["zero.toml", "pipe.toml"].map(|name| folder.path().join(name));
+    std::os::unix::fs::symlink("/dev/zero", &endless).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for script in [&endless, &pipe] {
+        let arguments = ["simulate", "paper-disc", "--script", text(script), "--out", "never"];
+        let said = common::refuse(&arguments);
+        assert!(said.contains(text(script)) && said.contains("not a file of at most"), "{said}");
+    }
     for arguments in [
         vec!["plan", "/dev/zero"],
         vec!["convert", "/dev/zero", "--out", "never.csv"],

@@ -43,6 +43,45 @@ fn a_restart_that_nobody_heard_of_leads_to_a_new_set_up() {
     assert_eq!(capture.frames().last().unwrap().epoch, 1);
 }
 
+/// A board that begins to send other lines is not told to be without power: the bytes are counted, and the reason
+/// why it is not used again is given once.
+#[test]
+fn a_board_that_sends_other_lines_is_named() {
+    struct Board {
+        sent: u64,
+    }
+    impl Device for Board {
+        fn receive(&mut self, _: &[u8], _: Duration, _: &mut Vec<u8>) {}
+
+        fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
+            while (self.sent as f64) < 50.0 * now.as_secs_f64() {
+                let count = if self.sent < 150 { 40 } else { 20 };
+                let values = (0..count).map(|k| (self.sent * 7 + k).to_string());
+                out.extend(values.collect::<Vec<_>>().join(",").bytes().chain(*b"\r\n"));
+                self.sent += 1;
+            }
+        }
+
+        fn power_cycle(&mut self) {}
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let emulator = start(Box::new(Board { sent: 0 }));
+    let board = scene(folder.path());
+    let keys = std::fs::read_to_string(&board).unwrap();
+    let keys = keys.replace("\"eits1\"", "\"csv\"").replace("frame_rate_hz = 100.0", "");
+    std::fs::write(&board, keys).unwrap();
+    let (out, port) = (folder.path().join("out.mcap"), emulator.endpoint().to_string());
+    let base = ["record", text(&board), "--port", &port, "--out", text(&out)];
+    let output = eit(&[&base[..], &["--seconds", "16"]].concat());
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert!(said.contains("bytes came: it sends something else than before"), "{said}");
+    assert!(!said.contains("check its power"), "{said}");
+    let reason =
+        "received complete lines of 20 numbers, but the scene's protocol has 40 measurements";
+    assert_eq!(said.matches(reason).count(), 1, "{said}");
+}
+
 /// Frames of the time in which it was unplugged are estimated, and that time does not lower the rate.
 #[test]
 fn frames_of_an_unplugged_time_are_estimated() {

@@ -27,4 +27,4 @@ pub use read::{Capture, SameSetUp, parse, read};
 pub use record::{ReferenceRecord, SessionRecord, TouchRecord, TouchesRecord, UnitName};
 pub use recover::{Recovered, recover};
 pub use stream::{CaptureReader, Damage, MessageTimes};
-pub use write::{CaptureSettings, CaptureWriter, CutTail};
+pub use write::{CaptureSettings, CaptureWriter, CutTail, PartFile};

@@ -424,8 +424,8 @@ pub enum HwError {
     },
     /// A command was not answered.
     #[error(
-        "{endpoint}: no {wanted} within {waited_s:.1} s; check that the driver is `{driver}`, and the \
-         baud rate and power"
+        "{endpoint}: no {wanted} within {waited_s:.1} s; check that {}, and the baud rate and power",
+        driver_check(.driver)
     )]
     NoReply {
         /// The port or address.
@@ -631,4 +631,12 @@ pub(crate) fn shortened(text: &str) -> String {
         short.push_str("...");
     }
     short
+}
+
+/// What to check of a driver that got no answer; the boards that send text have names of their own.
+fn driver_check(driver: &str) -> String {
+    match driver {
+        "text" => "`[instrument] driver` names the right board".to_owned(),
+        other => format!("the driver is `{other}`"),
+    }
 }

@@ -287,6 +287,60 @@ fn recover_writes_all_that_is_whole_with_clocks_notes_and_attachments() {
     assert!(matches!(recover(&from, &to), Err(HwError::Exists { .. })));
 }
 
+/// Messages that are stored intact but are not what their topic holds, and frames of another instrument: all are
+/// copied, counted and never called frames.
+#[test]
+fn recover_tells_what_is_whole_but_no_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let [from, to] = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    let mut file = std::io::BufWriter::new(std::fs::File::create(&from).unwrap());
+    let mut writer = mcap::WriteOptions::new().create(&mut file).unwrap();
+    let channel = writer.add_channel(0, "/eit/frame", "json", &BTreeMap::new()).unwrap();
+    let content = |k: u32| -> Vec<u8> {
+        let frame = |values: &str| {
+            format!(
+                r#"{{"sequence":{k},"epoch":0,"device_time_s":null,"host_time_s":null,"values":[{values}]}}"#
+            )
+        };
+        match k {
+            3 => b"{\"hello\":1}".to_vec(),
+            5 => (0..=255).collect(),
+            7 => Vec::new(),
+            // longer than any reader takes
+            9 => [b"\"", &[b'x'; 9 << 20][..], b"\""].concat(),
+            20.. => frame("1,2").into_bytes(),
+            _ => frame("1,2,3").into_bytes(),
+        }
+    };
+    for sequence in 0..25 {
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence,
+            log_time: 1,
+            publish_time: 1,
+        };
+        writer.write_to_known_channel(&header, &content(sequence)).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    drop(file);
+    let found = recover(&from, &to).unwrap();
+    assert_eq!(
+        (found.frames, found.unreadable, found.other_set_ups, found.messages),
+        (21, 4, 5, 0)
+    );
+    assert!(!found.damage.is_any(), "{:?}", found.damage);
+    // as many frames as a reader finds in both, and every message bit for bit
+    let frames = |path: &Path| read(path).unwrap().frames().count() as u64;
+    assert_eq!((frames(&from), frames(&to)), (21, 21));
+    let whole = std::fs::read(&to).unwrap();
+    for (k, message) in mcap::MessageStream::new(&whole).unwrap().enumerate() {
+        assert!(*message.unwrap().data == content(k as u32)[..], "message {k}");
+    }
+    // nothing is left but both files
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
 /// The chunk that defines the topics is bad: messages are recognised by their content.
 #[test]
 fn messages_of_unnamed_topics_are_read_by_what_they_hold() {

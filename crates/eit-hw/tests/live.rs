@@ -229,6 +229,24 @@ fn another_instrument_on_the_same_port_is_refused() {
     assert_eq!(session.next_event(WAIT).unwrap(), None);
 }
 
+/// An instrument with fewer electrodes, or less room for measurements, than the scene needs.
+#[test]
+fn an_instrument_that_is_too_small_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (electrodes, max_measurements, wanted) in [
+        (8, 256, "the number of electrodes was set to 16, but the instrument reports at most 8"),
+        (16, 4, "the number of measurements was set to "),
+    ] {
+        let small = Information { electrodes, max_measurements, ..information("7", false) };
+        let device = Eits1Device::new(small, Box::new(|_, _, values| values.fill(1.0)));
+        let emulator =
+            Emulator::start(Box::new(device), &line(&folder), FaultPlan::default()).unwrap();
+        let refused = Session::open(eits1_driver(100.0), emulator.endpoint(), quick()).unwrap_err();
+        assert!(matches!(&refused, HwError::ReadBack { .. }), "{refused}");
+        assert!(refused.to_string().contains(wanted), "{refused}");
+    }
+}
+
 #[test]
 fn a_lost_instrument_ends_a_session_that_does_not_reconnect() {
     let listen = Listen::Tcp("127.0.0.1:0".into());
@@ -326,7 +344,7 @@ fn a_silent_instrument_is_told() {
     let start = Instant::now();
     loop {
         assert!(start.elapsed() < LIMIT);
-        if let Some(Event::Silent { for_s }) = session.next_event(WAIT).unwrap() {
+        if let Some(Event::Silent { for_s, .. }) = session.next_event(WAIT).unwrap() {
             assert!(for_s >= 0.3);
             break;
         }

@@ -309,7 +309,7 @@ impl Publisher {
                 line.frames = Some(frames);
                 "skipped"
             }
-            Event::Silent { for_s } => {
+            Event::Silent { for_s, .. } => {
                 line.for_s = Some(for_s);
                 "silent"
             }

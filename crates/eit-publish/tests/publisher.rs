@@ -51,7 +51,7 @@ fn speak(publisher: &mut Publisher) {
     publisher.event(&Event::Gap { frames: 3 }).unwrap();
     publisher.event(&Event::Skipped { frames: 5 }).unwrap();
     publisher.event(&Event::Notice("low battery".into())).unwrap();
-    publisher.event(&Event::Silent { for_s: 0.5 }).unwrap();
+    publisher.event(&Event::Silent { for_s: 0.5, bytes: 0 }).unwrap();
     publisher.event(&Event::Disconnected { reason: "unplugged".into() }).unwrap();
     publisher.event(&Event::Reconnected { epoch: 1 }).unwrap();
     publisher.end().unwrap();

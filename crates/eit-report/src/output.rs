@@ -3,8 +3,10 @@
 //! is checked before computing.
 
 mod stack;
+mod stray;
 
 pub use stack::ImageFile;
+pub use stray::{remember, remove_temporaries};
 
 use crate::error::ReportError;
 use std::io::{BufWriter, Write};
@@ -17,20 +19,32 @@ pub struct OutFile {
 }
 
 impl OutFile {
-    /// Reserves a path.
+    /// Reserves a path. Where it is a link, the file that it names is written.
     ///
     /// # Errors
     ///
-    /// A path that cannot be written, or that is a folder where a file is meant (and the other way round).
+    /// A path that cannot be written, or that is a folder where a file is meant (and the other way round); a
+    /// device or pipe, which would be replaced by a file; a link to nothing.
     pub fn new(path: impl AsRef<Path>) -> Result<Self, ReportError> {
         let path = path.as_ref();
-        if path.is_dir() {
-            let message = "is a folder, but --out must name a file here";
-            return Err(ReportError::input(format!("{}: {message}", path.display())));
-        }
+        let refused =
+            |message: &str| Err(ReportError::input(format!("{}: {message}", path.display())));
+        let path = match path.canonicalize() {
+            Ok(found) if found.is_dir() => {
+                return refused("is a folder, but --out must name a file here");
+            }
+            Ok(found) if !found.is_file() => {
+                return refused("is a device, pipe or socket, but --out must name a file here");
+            }
+            Ok(found) if path.is_symlink() => found,
+            Err(_) if path.is_symlink() => {
+                return refused("is a link to nothing: remove it, or name another file");
+            }
+            _ => path.to_path_buf(),
+        };
         // removed again at once: a program that is killed while it computes leaves nothing behind
-        drop(Self::temporary(path)?);
-        Ok(Self { path: path.to_path_buf() })
+        drop(Self::temporary(&path)?);
+        Ok(Self { path })
     }
 
     fn temporary(path: &Path) -> Result<NamedTempFile, ReportError> {
@@ -56,7 +70,7 @@ impl OutFile {
     ) -> Result<(), ReportError> {
         let path = self.path;
         let mut writer = BufWriter::new(Self::temporary(&path)?);
-        content(&mut writer)?;
+        fill(&mut writer, &path, content)?;
         let temporary = writer.into_inner().map_err(|e| ReportError::at(&path, e.error()))?;
         temporary.persist(&path).map_err(|e| ReportError::at(&path, e.error))?;
         Ok(())
@@ -107,7 +121,7 @@ impl OutFolder {
         content: impl FnOnce(&mut dyn Write) -> Result<(), ReportError>,
     ) -> Result<(), ReportError> {
         let mut writer = self.begin(name)?;
-        content(&mut writer)?;
+        fill(&mut writer, &self.path.join(name), content)?;
         self.end(name, writer)
     }
 
@@ -172,6 +186,21 @@ impl OutFolder {
     }
 }
 
+/// Writes the content of a file; errors name the file, not the temporary one.
+fn fill(
+    writer: &mut BufWriter<NamedTempFile>,
+    path: &Path,
+    content: impl FnOnce(&mut dyn Write) -> Result<(), ReportError>,
+) -> Result<(), ReportError> {
+    let temporary = writer.get_ref().path().display().to_string();
+    content(writer).map_err(|error| match error {
+        ReportError::Failure(message) => {
+            ReportError::Failure(message.replace(&temporary, &path.display().to_string()))
+        }
+        other => other,
+    })
+}
+
 fn temporary_in(folder: &Path) -> std::io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".eit-");
@@ -181,7 +210,9 @@ fn temporary_in(folder: &Path) -> std::io::Result<NamedTempFile> {
         // temporary files are private by default; these become ordinary user files
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    builder.tempfile_in(folder)
+    let file = builder.tempfile_in(folder)?;
+    stray::remember(file.path());
+    Ok(file)
 }
 
 /// Converts an I/O error of a writer to a failure.

@@ -91,8 +91,8 @@ pub fn run(args: &SimulateSettings, progress: &mut Progress) -> Result<Answer, R
 fn script_file(name: &str) -> Result<Option<TouchScript>, ReportError> {
     let path = Path::new(name);
     if ending(path) == "toml" {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| ReportError::input(format!("{name}: {e}")))?;
+        let text = eit_skin::scene::read_settings(path)
+            .map_err(|error| ReportError::input(error.to_string()))?;
         return Ok(Some(from_toml(&text, name)?));
     }
     if TouchScript::BUILT_IN.contains(&name) {

@@ -45,9 +45,13 @@ pub fn event_words(event: &Event) -> Option<String> {
         }
         // a single line, whatever it contains
         Event::Notice(text) => printable(text).replace('\n', "?"),
-        Event::Silent { for_s } => {
+        Event::Silent { for_s, bytes: 0 } => {
             format!("no frame for {for_s:.1} s: check its power and cable")
         }
+        Event::Silent { for_s, bytes } => format!(
+            "no frame for {for_s:.1} s, although {bytes} bytes came: it sends something else than before, or the \
+             line is disturbed"
+        ),
         Event::Disconnected { reason } => format!("disconnected: {reason}"),
         Event::Reconnected { epoch } => {
             format!("reconnected; epoch {epoch}: earlier reference frames are invalid")

@@ -8,7 +8,8 @@ use self::streamed::{Source, Streamed};
 use super::{Answer, check_ending};
 use crate::cli::ConvertArgs;
 use crate::error::CliError;
-use eit_hw::capture::{self, CaptureWriter};
+use eit_hw::capture::{self, CaptureWriter, PartFile};
+use eit_report::output;
 use eit_skin::scene::Scene;
 use serde_json::json;
 use std::path::Path;
@@ -18,6 +19,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     let ending = check_ending(&args.out, &["mcap", "csv", "npy"])?;
     if ending == "mcap" {
         capture::check_new(&args.out)?;
+        output::remember(PartFile::part_of(&args.out));
     }
     if is_same_file(&args.input, &args.out) {
         let message = "is the file to convert, and would be lost: name another file";
@@ -67,24 +69,10 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
     }
 }
 
-/// Finishes a new recording, or removes it after a failure, because it would look complete.
-fn whole_or_none(
-    writer: CaptureWriter,
-    written: Result<(), CliError>,
-    place: &Path,
-) -> Result<(), CliError> {
-    let ended = match written {
-        Ok(()) => writer.finish().map_err(CliError::from),
-        Err(error) => {
-            drop(writer);
-            Err(error)
-        }
-    };
-    if ended.is_err() {
-        // the file was created for this; the original error matters more
-        let _ = std::fs::remove_file(place);
-    }
-    ended
+/// Finishes a new recording, unless writing it failed: then it has no name yet, and is removed.
+fn whole_or_none(writer: CaptureWriter, written: Result<(), CliError>) -> Result<(), CliError> {
+    written?;
+    Ok(writer.finish()?)
 }
 
 /// What was converted.

@@ -65,6 +65,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
         notes: 0,
         rate: FrameRate::default(),
         silent_since: Some(Instant::now()),
+        is_told: false,
         electrodes,
     };
     let ended = progress.steps("recording; Ctrl-C stops it", 0, |bar| {
@@ -99,7 +100,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let mut answer = answer(place, bytes_before, &session, &taken, interrupted);
     answer.json["cut_tail"] =
         json!(cut.map(|cut| json!({ "bytes": cut.bytes, "file": cut.path.display().to_string() })));
-    let exit_code = if taken.silent_since.is_some() { SILENT } else { 0 };
+    let exit_code = if taken.is_silent() { SILENT } else { 0 };
     Ok(Ended { answer, exit_code })
 }
 
@@ -143,10 +144,16 @@ struct Taken {
     rate: FrameRate,
     /// Time since when no frame has arrived, once reported; also set before the first frame.
     silent_since: Option<Instant>,
+    /// Whether the session has reported that nothing comes.
+    is_told: bool,
     electrodes: ElectrodeWatch,
 }
 
 impl Taken {
+    fn is_silent(&self) -> bool {
+        is_silent(self.silent_since, self.is_told, Instant::now())
+    }
+
     /// Status shown during a recording.
     fn progress(&self, lost: u64, stated_hz: Option<f64>) -> String {
         let rate = match (self.rate.recent_hz(), stated_hz) {
@@ -176,7 +183,7 @@ impl Taken {
                     writer.note(&words)?;
                     self.notes += 1;
                 }
-                self.silent_since = None;
+                (self.silent_since, self.is_told) = (None, false);
                 let Self { electrodes, notes, .. } = self;
                 electrodes.push(&frame, |words| {
                     warn(words);
@@ -192,6 +199,7 @@ impl Taken {
                 if matches!(other, Event::Silent { .. } | Event::Disconnected { .. }) {
                     self.rate.interrupt();
                     self.silent_since.get_or_insert_with(Instant::now);
+                    self.is_told = true;
                 }
                 if let Some(words) = event_words(&other) {
                     if is_news(&other) {
@@ -220,6 +228,12 @@ pub(super) fn write_event(
         (_, Some(words)) => writer.note(&words),
         _ => Ok(()),
     }
+}
+
+/// Whether an instrument without a frame `since` some time is silent or unplugged: the session has reported it, or
+/// it had time to send its first frame.
+pub(super) fn is_silent(since: Option<Instant>, is_told: bool, now: Instant) -> bool {
+    since.is_some_and(|since| is_told || now.saturating_duration_since(since) > TOLD_SILENCE)
 }
 
 /// Whether to tell the user at once.
@@ -258,7 +272,7 @@ fn answer(
     let files = capture::files(place);
     let bytes = bytes(&files);
     let new_bytes = bytes.saturating_sub(bytes_before);
-    let is_silent = taken.silent_since.is_some();
+    let is_silent = taken.is_silent();
     let no_data = NoData::of(session.setup(), &statistics, taken.rate.mean_hz(), is_silent);
     let parts = match files.len() {
         1 => String::new(),
@@ -296,4 +310,21 @@ fn answer(
     });
     no_data.add_to(&mut json);
     Answer { text, json }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ended right after its start, an instrument is not told to be without power.
+    #[test]
+    fn the_first_half_second_is_no_silence() {
+        let (start, after) = (Instant::now(), |s| Instant::now() + Duration::from_secs_f64(s));
+        assert!(!is_silent(None, false, after(9.0)) && !is_silent(None, true, after(9.0)));
+        assert!(
+            !is_silent(Some(start), false, start)
+                && !is_silent(Some(start), false, start + TOLD_SILENCE)
+        );
+        assert!(is_silent(Some(start), false, after(0.6)) && is_silent(Some(start), true, start));
+    }
 }

@@ -4,7 +4,8 @@ use super::{Answer, check_ending};
 use crate::cli::RecoverArgs;
 use crate::error::CliError;
 use eit_hw::HwError;
-use eit_hw::capture::{Damage, Recovered, check_new, recover};
+use eit_hw::capture::{Damage, PartFile, Recovered, check_new, recover};
+use eit_report::output;
 use serde_json::json;
 use std::io::ErrorKind::StorageFull;
 
@@ -12,6 +13,7 @@ use std::io::ErrorKind::StorageFull;
 pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
     check_ending(&args.out, &["mcap"])?;
     check_new(&args.out)?;
+    output::remember(PartFile::part_of(&args.out));
     let recovered = recover(&args.input, &args.out).map_err(|error| match error {
         // a place where no file can be created is invalid input, unlike a full disk
         HwError::Write { ref source, .. } if source.kind() != StorageFull => {
@@ -23,7 +25,16 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         }
         _ => error.into(),
     })?;
-    let Recovered { frames, messages, attachments, bad_attachments, damage, .. } = recovered;
+    let Recovered {
+        frames,
+        messages,
+        unreadable,
+        other_set_ups,
+        attachments,
+        bad_attachments,
+        damage,
+        ..
+    } = recovered;
     let Damage {
         unfinished,
         truncated_bytes,
@@ -39,7 +50,16 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
     );
     for (count, what) in [
         (bad_chunks as u64, "damaged chunk(s) skipped"),
-        (bad_messages as u64, "unreadable message(s) skipped"),
+        (bad_messages as u64, "unreadable message(s), schema(s) or channel(s) skipped"),
+        (
+            unreadable,
+            "message(s) are not what their topic holds: copied unchanged, but every reader skips them",
+        ),
+        (
+            other_set_ups,
+            "frame(s) or session(s) have other measurements than the first: copied unchanged, but no \
+          command reads such a mix",
+        ),
         (bad_attachments, "damaged attachment(s) skipped"),
         (skipped_bytes, "byte(s) between complete records skipped"),
         (truncated_bytes, "byte(s) at the end skipped: not a complete record"),
@@ -50,7 +70,8 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
             text += &format!("\n{count} {what}");
         }
     }
-    text += match (damage.is_any() || bad_attachments > 0, unfinished) {
+    let is_sound = bad_attachments + unreadable + other_set_ups == 0 && !damage.is_any();
+    text += match (!is_sound, unfinished) {
         (false, false) => "\nno damage found",
         (false, true) => "\nthe recording was not finished; no other damage found",
         (true, _) => "",
@@ -59,6 +80,8 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         "file": place.to_string(),
         "frames": frames,
         "messages": messages,
+        "unreadable": unreadable,
+        "other_set_ups": other_set_ups,
         "attachments": attachments,
         "bad_attachments": bad_attachments,
         "bad_chunks": bad_chunks,

@@ -25,6 +25,8 @@ pub(super) struct Viewer<'a> {
     interrupt: StopFlag,
     /// Time since when no frame has arrived, once reported; also set before the first frame.
     silent_since: Option<Instant>,
+    /// Whether the session has reported that nothing comes.
+    is_told_silent: bool,
     terminal: Terminal,
     picture: Option<Picture>,
     writer: Option<CaptureWriter>,
@@ -50,6 +52,7 @@ impl<'a> Viewer<'a> {
             limit,
             interrupt: interrupt::listen()?,
             silent_since: Some(Instant::now()),
+            is_told_silent: false,
             // stdout is reserved for lines, and the view would overwrite the printed addresses
             terminal: Terminal::new(
                 is_shown
@@ -103,7 +106,7 @@ impl<'a> Viewer<'a> {
 
     /// Returns whether the instrument is silent or unplugged.
     pub fn is_silent(&self) -> bool {
-        self.silent_since.is_some()
+        record::is_silent(self.silent_since, self.is_told_silent, Instant::now())
     }
 
     /// Whether images are needed other than by the publisher; without any other output, the summary reports on
@@ -136,10 +139,11 @@ impl LiveObserver for Viewer<'_> {
             publisher.event(event)?;
         }
         match event {
-            Event::Frame(_) => self.silent_since = None,
+            Event::Frame(_) => (self.silent_since, self.is_told_silent) = (None, false),
             Event::Gap { frames } | Event::Skipped { frames } => self.terminal.lose(*frames),
             Event::Silent { .. } | Event::Disconnected { .. } => {
                 self.silent_since.get_or_insert_with(Instant::now);
+                self.is_told_silent = true;
             }
             _ => {}
         }

@@ -13,8 +13,10 @@ use super::container::container_error;
 use super::content::{Attachment, Channel, Message, Schema, named_map, text_map};
 use super::entry::{Entry, Topic};
 use super::parts::{Files, check_new};
+use super::read::SameSetUp;
 use super::records::{Damage, Records, op};
-use super::write::storage::create_new;
+use super::stream::MOST_MESSAGE_BYTES;
+use super::write::part_file::PartFile;
 use crate::error::{HwError, Place};
 
 /// What was copied to the new recording, and what was not.
@@ -26,6 +28,12 @@ pub struct Recovered {
     pub frames: u64,
     /// Number of other messages: sessions, references, touches, notes and those of other programs.
     pub messages: u64,
+    /// Number of messages that were stored intact but are not what their topic holds, such as a frame
+    /// without values. They are copied unchanged, and every reader skips them.
+    pub unreadable: u64,
+    /// Number of frames and sessions with other measurements than the first ones. They are copied
+    /// unchanged, but a reader of whole recordings rejects the mix.
+    pub other_set_ups: u64,
     /// Number of attachments and metadata records.
     pub attachments: u64,
     /// Number of attachments skipped because their checksum is wrong, and of unreadable metadata
@@ -38,24 +46,29 @@ pub struct Recovered {
 impl Recovered {
     /// Returns whether anything was copied.
     fn is_any(&self) -> bool {
-        self.frames + self.messages + self.attachments > 0
+        self.frames + self.messages + self.unreadable + self.attachments > 0
     }
 }
 
 /// Copies everything intact in a damaged recording, or in the parts of a split one, to a new one: messages of every topic with their
 /// times and sequence numbers, attachments and metadata, in their order.
 ///
+/// The new recording has `.part` behind its name until it is complete: a program that is killed
+/// leaves nothing that could be taken for all there is.
+///
 /// # Errors
 /// Those of [`read`](super::read): if the disk fails midway, the new recording keeps what was read
-/// before. [`HwError::Exists`] if the new file exists, [`HwError::Write`] if it cannot be written, and
-/// [`HwError::NothingWhole`] if nothing is intact; no new file is left then.
+/// before. [`HwError::Exists`] if the new file exists, [`HwError::Write`] if it cannot be written,
+/// [`HwError::Busy`] if another program is writing it, and [`HwError::NothingWhole`] if nothing is
+/// intact; no new file is left then.
 pub fn recover(from: impl AsRef<Path>, to: impl AsRef<Path>) -> Result<Recovered, HwError> {
     let from = from.as_ref();
     let to = to.as_ref();
     check_new(to)?;
     let mut files = Files::of(from);
     let first = files.first(from)?;
-    let mut copy = Copy::to(to)?;
+    let (part, file) = PartFile::create(to)?;
+    let mut copy = Copy::to(file, from).map_err(|failure| failure.at(to))?;
     let recovered = copy_all(first, &mut files, &mut copy);
     let finished = match &recovered {
         Err(Failure::Write(_)) => {
@@ -64,16 +77,15 @@ pub fn recover(from: impl AsRef<Path>, to: impl AsRef<Path>) -> Result<Recovered
         }
         _ => copy.finish(),
     };
-    let recovered = match (recovered, finished) {
+    match (recovered, finished) {
         // the new recording keeps what could be read
-        (Err(Failure::Read(error)), Ok(())) => return Err(error),
-        (Ok(recovered), Ok(())) if recovered.is_any() => return Ok(recovered),
-        (Err(failure), _) | (Ok(_), Err(failure)) => failure.at(to),
-        (Ok(_), Ok(())) => HwError::NothingWhole { place: Place::file(from), bytes: files.bytes },
-    };
-    // created above; an incomplete file could be taken for everything there is
-    let _ = std::fs::remove_file(to);
-    Err(recovered)
+        (Err(Failure::Read(error)), Ok(())) => part.keep().and(Err(error)),
+        (Ok(recovered), Ok(())) if recovered.is_any() => part.keep().map(|()| recovered),
+        (Err(failure), _) | (Ok(_), Err(failure)) => Err(failure.at(to)),
+        (Ok(_), Ok(())) => {
+            Err(HwError::NothingWhole { place: Place::file(from), bytes: files.bytes })
+        }
+    }
 }
 
 fn copy_all(
@@ -92,7 +104,7 @@ fn copy_all(
     }
     copy.recovered.damage = damage;
     copy.recovered.damage.missing_parts = files.missing;
-    copy.recovered.damage.bad_messages += copy.bad_messages;
+    copy.recovered.damage.bad_messages += copy.bad_records;
     Ok(copy.recovered)
 }
 
@@ -148,52 +160,76 @@ struct Copy {
     /// IDs of schemas and channels in the old recording, mapped to those in the new one.
     schemas: HashMap<u16, u16>,
     channels: HashMap<u16, (u16, Option<Topic>)>,
-    bad_messages: usize,
+    /// Messages, schemas and channels whose content is not one.
+    bad_records: usize,
+    same: SameSetUp,
     recovered: Recovered,
 }
 
 impl Copy {
-    fn to(path: &Path) -> Result<Self, HwError> {
-        let file = create_new(path)?;
+    /// Begins the new recording in a file; `from` is used in messages only.
+    fn to(file: File, from: &Path) -> Result<Self, Failure> {
         let writer = WriteOptions::new()
             .compression(Some(Compression::Lz4))
             .chunk_size(Some(1 << 20))
             .library(concat!("eit-hw ", env!("CARGO_PKG_VERSION"), " recover"))
-            .create(BufWriter::new(file))
-            .map_err(|error| Failure::Write(error).at(path))?;
-        let (schemas, channels) = (HashMap::new(), HashMap::new());
-        Ok(Self { writer, schemas, channels, bad_messages: 0, recovered: Recovered::default() })
+            .create(BufWriter::new(file))?;
+        Ok(Self {
+            writer,
+            schemas: HashMap::new(),
+            channels: HashMap::new(),
+            bad_records: 0,
+            same: SameSetUp::new(from),
+            recovered: Recovered::default(),
+        })
     }
 
     fn schema(&mut self, bytes: &[u8]) -> Result<(), Failure> {
-        let Some(Schema { id, name, encoding, data }) = Schema::parse(bytes) else { return Ok(()) };
+        let Some(Schema { id, name, encoding, data }) = Schema::parse(bytes) else {
+            self.bad_records += 1;
+            return Ok(());
+        };
         let new = self.writer.add_schema(name, encoding, data)?;
         self.schemas.insert(id, new);
         Ok(())
     }
 
     fn channel(&mut self, bytes: &[u8]) -> Result<(), Failure> {
-        let Some(channel) = Channel::parse(bytes) else { return Ok(()) };
+        let Some(channel) = Channel::parse(bytes) else {
+            self.bad_records += 1;
+            return Ok(());
+        };
         let topic = Topic::of(&channel);
         let schema = self.schemas.get(&channel.schema).copied().unwrap_or(0);
-        let metadata = text_map(channel.metadata).unwrap_or_default();
+        let metadata = text_map(channel.metadata).unwrap_or_else(|| {
+            self.bad_records += 1;
+            BTreeMap::new()
+        });
         let new = self.writer.add_channel(schema, channel.topic, channel.encoding, &metadata)?;
         self.channels.insert(channel.id, (new, topic));
         Ok(())
     }
 
     fn message(&mut self, bytes: &[u8]) -> Result<(), Failure> {
-        let Some(message) = Message::parse(bytes) else { return Ok(()) };
-        let (channel_id, topic) = match self.channels.get(&message.channel) {
-            Some(&found) => found,
+        let Some(message) = Message::parse(bytes) else {
+            self.bad_records += 1;
+            return Ok(());
+        };
+        let read = |topic| match message.data.len() {
+            0..=MOST_MESSAGE_BYTES => Entry::from_json(topic, message.data),
+            _ => None,
+        };
+        let known = self.channels.get(&message.channel).copied();
+        let (channel_id, is_own, entry) = match known {
+            Some((new, topic)) => (new, topic.is_some(), topic.and_then(read)),
             // its channel was defined in a damaged chunk
             None => {
-                let is_of = |topic: &Topic| Entry::from_json(*topic, message.data).is_some();
-                let Some(topic) = Topic::ALL.into_iter().find(is_of) else {
-                    self.bad_messages += 1;
+                let found = |topic: Topic| Some((topic, read(topic)?));
+                let Some((topic, entry)) = Topic::ALL.into_iter().find_map(found) else {
+                    self.bad_records += 1;
                     return Ok(());
                 };
-                (self.own_channel(topic)?, Some(topic))
+                (self.own_channel(topic)?, true, Some(entry))
             }
         };
         let header = MessageHeader {
@@ -203,11 +239,20 @@ impl Copy {
             publish_time: message.publish_time,
         };
         self.writer.write_to_known_channel(&header, message.data)?;
-        match topic {
-            Some(Topic::Frame) => self.recovered.frames += 1,
-            _ => self.recovered.messages += 1,
-        }
+        self.count(is_own, entry.as_ref());
         Ok(())
+    }
+
+    /// Counts a copied message of one of our topics, or of another program.
+    fn count(&mut self, is_own: bool, entry: Option<&Entry>) {
+        let recovered = &mut self.recovered;
+        match entry {
+            Some(Entry::Frame(_)) => recovered.frames += 1,
+            None if is_own => recovered.unreadable += 1,
+            _ => recovered.messages += 1,
+        }
+        let differs = entry.is_some_and(|entry| self.same.take(entry).is_err());
+        recovered.other_set_ups += u64::from(differs);
     }
 
     fn own_channel(&mut self, topic: Topic) -> Result<u16, Failure> {

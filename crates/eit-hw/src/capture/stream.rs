@@ -26,7 +26,7 @@ pub struct MessageTimes {
 }
 
 /// Longest message that is read, in bytes: enough for 262 144 values with all their digits.
-const MOST_MESSAGE_BYTES: usize = 8 << 20;
+pub(super) const MOST_MESSAGE_BYTES: usize = 8 << 20;
 
 /// Reads a recording message by message, even if its end is missing.
 ///

@@ -3,6 +3,7 @@
 //! One file, because creating, appending and every kind of message share one file, its position and
 //! its counts.
 
+pub(super) mod part_file;
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::print_stdout, reason = "a panic is a failed test")]
 mod power;
@@ -19,6 +20,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions, Writer};
 
+pub use self::part_file::PartFile;
 pub use self::storage::CutTail;
 
 use self::sink::Sink;
@@ -89,6 +91,8 @@ pub struct CaptureWriter {
     settings: CaptureSettings,
     /// The parts of a split recording.
     parts: Option<Parts>,
+    /// The name of a copy until it is finished.
+    part: Option<PartFile>,
     channels: [u16; Topic::ALL.len()],
     counts: [u32; Topic::ALL.len()],
     /// Log time of the last message; never decreases.
@@ -125,20 +129,33 @@ impl CaptureWriter {
         Self::begin(Self::new(path, session, settings)?, session)
     }
 
-    /// Creates a copy of another recording: like [`create`](Self::create), with `times` for the
-    /// session message.
+    /// Creates a copy of another recording, with `times` for the session message if it has some: like
+    /// [`create`](Self::create), but the file has its name only once [`finish`](Self::finish) returns,
+    /// and `.part` behind it until then. Dropped before, as after an error, it leaves no file: half a
+    /// copy could be taken for all there is. With a split, parts are written as `create` does.
     ///
     /// # Errors
-    /// Those of [`create`](Self::create).
-    pub fn create_at(
+    /// Those of [`create`](Self::create) and [`PartFile::create`].
+    pub fn create_copy(
         path: impl AsRef<Path>,
         session: &SessionRecord,
         settings: CaptureSettings,
-        times: MessageTimes,
+        times: Option<MessageTimes>,
     ) -> Result<Self, HwError> {
         let path = path.as_ref();
-        let mut capture = Self::new(path, session, settings)?;
-        capture.write_at(&Entry::Session(session.clone()), times)?;
+        let mut capture = if settings.is_split() {
+            Self::new(path, session, settings)?
+        } else {
+            check(settings)?;
+            let (part, file) = PartFile::create(path)?;
+            let mut capture = Self::on(Box::new(file), path, settings, 0)?;
+            capture.part = Some(part);
+            capture
+        };
+        match times {
+            None => capture.session(session)?,
+            Some(times) => capture.write_at(&Entry::Session(session.clone()), times)?,
+        }
         capture.flush()?;
         Ok(capture)
     }
@@ -309,6 +326,7 @@ impl CaptureWriter {
             cut: None,
             settings,
             parts: None,
+            part: None,
             channels,
             counts: [0; Topic::ALL.len()],
             log_time_ns: 0,
@@ -520,7 +538,8 @@ impl CaptureWriter {
         let packed = self.writer.finish();
         let finished = self.packed(packed).and_then(|_| self.sync());
         let previous = self.parts.as_mut().map_or(Ok(()), |parts| parts.ended(true));
-        finished.and(previous)
+        finished.and(previous)?;
+        self.part.take().map_or(Ok(()), PartFile::keep)
     }
 }
 

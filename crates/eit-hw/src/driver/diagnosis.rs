@@ -31,6 +31,8 @@ enum Source {
     Text {
         numbers: usize,
     },
+    /// Text without a single end of line.
+    Endless,
     Noise,
 }
 
@@ -60,6 +62,9 @@ impl Source {
         if (printed as f64) < TEXT_SHARE * bytes.len() as f64 {
             return Some(Self::Noise);
         }
+        if !bytes.iter().any(|byte| matches!(byte, b'\r' | b'\n')) {
+            return Some(Self::Endless);
+        }
         Some(Self::Text { numbers: numbers_of_lines(bytes) })
     }
 
@@ -68,7 +73,7 @@ impl Source {
         match self {
             Self::Eits1 => Some("eits1"),
             Self::Sciospec => Some("sciospec"),
-            Self::Text { .. } | Self::Noise => None,
+            Self::Text { .. } | Self::Endless | Self::Noise => None,
         }
     }
 
@@ -76,6 +81,7 @@ impl Source {
         match self {
             Self::Eits1 => "EITS-1 messages".into(),
             Self::Sciospec => "data of a Sciospec instrument".into(),
+            Self::Endless => "text without an end of line".into(),
             Self::Text { numbers } if driver == "text" => {
                 format!("lines of {numbers} numbers, which this board does not send")
             }
@@ -88,6 +94,10 @@ impl Source {
         match (self, endpoint) {
             (Self::Eits1, _) => "set `[instrument] driver = \"eits1\"`".into(),
             (Self::Sciospec, _) => "set `[instrument] driver = \"sciospec\"`".into(),
+            (Self::Endless, _) => {
+                "check that each frame ends with a line feed, and that the scene names the right board"
+                    .into()
+            },
             (Self::Text { .. }, _) if driver == "text" => {
                 "set `[instrument] driver` to the right board, or `\"csv\"`".into()
             }
@@ -130,6 +140,9 @@ mod tests {
         let lines = "0.25,1.5,-3\r\n".repeat(20);
         assert_eq!(Source::of(lines.as_bytes()), Some(Source::Text { numbers: 3 }));
         assert_eq!(Source::of(b"12,"), None);
+        let endless = Source::of("0.25,".repeat(40).as_bytes()).unwrap();
+        assert_eq!(endless, Source::Endless);
+        assert_eq!(endless.description("text"), "text without an end of line");
         let noise: Vec<u8> = (0..200_u32).map(|i| (i * i * 31 + 128) as u8).collect();
         assert_eq!(Source::of(&noise), Some(Source::Noise));
         let mut wire = vec![0x77, 0];

@@ -136,6 +136,23 @@ impl Eits1 {
         Err(HwError::Unanswered { endpoint, command: purpose, bytes, waited_s })
     }
 
+    /// Checks that the instrument has the electrodes and the room for the measurements.
+    fn fits(&self, link: &Link, information: &Information) -> Result<(), HwError> {
+        let quadruples = &self.configuration.quadruples;
+        let electrodes = quadruples.iter().flatten().max().map_or(0, |&last| usize::from(last) + 1);
+        for (setting, wanted, found) in [
+            ("the number of electrodes", electrodes, information.electrodes),
+            ("the number of measurements", quadruples.len(), information.max_measurements),
+        ] {
+            if wanted > usize::from(found) {
+                let (endpoint, wanted) = (link.endpoint().to_string(), wanted.to_string());
+                let found = format!("at most {found}");
+                return Err(HwError::ReadBack { endpoint, setting, wanted, found });
+            }
+        }
+        Ok(())
+    }
+
     fn read_back(&self, link: &Link, found: &Configuration) -> Result<(), HwError> {
         let wanted = &self.configuration;
         let differs = |setting, wanted: String, found: String| {
@@ -184,6 +201,7 @@ impl Driver for Eits1 {
         };
         let information =
             Information::from_bytes(&bytes).ok_or_else(|| not_read("identify itself"))?;
+        self.fits(link, &information)?;
         self.ask(link, &Command::without_payload(Kind::Stop, Kind::Acknowledgement, "stop"))?;
         let payload = self.configuration.to_bytes();
         let configure = Command {

@@ -18,15 +18,42 @@ pub enum Pace {
     /// Delivers each frame on request: as fast as the consumer, or step by step.
     #[default]
     OnDemand,
-    /// A multiple of the recorded speed; 1 is real time. Timed by the instrument's clock or,
-    /// without one, by the host's. Backward steps are ignored, and so are steps of the host's clock
-    /// above ten seconds, since somebody may have set it. Frames without a time are delivered on
+    /// A multiple of the recorded speed; 1 is real time. Timed by the instrument's clock or, without
+    /// one and where it goes back or ahead by more than a minute, by the host's. Backward steps of the
+    /// host's clock are ignored, and so are those above ten seconds, since somebody may have set it:
+    /// no wrong clock, and no long pause, makes a replay wait. Frames without a time are delivered on
     /// request.
     Speed(f64),
 }
 
+/// Longest step of the instrument's clock that counts as elapsed time, in seconds.
+const MOST_DEVICE_STEP_S: f64 = 60.0;
 /// Longest step of the host's clock that counts as elapsed time, in seconds; it was set if longer.
 const MOST_HOST_STEP_S: f64 = 10.0;
+
+/// Times of a frame by the instrument's and the host's clock, in seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Times {
+    device_s: Option<f64>,
+    host_s: Option<f64>,
+}
+
+impl Times {
+    fn of(frame: &Frame) -> Self {
+        let finite = |time_s: Option<f64>| time_s.filter(|time_s| time_s.is_finite());
+        Self { device_s: finite(frame.device_time_s), host_s: finite(frame.host_time_s) }
+    }
+
+    /// Returns the time elapsed since an earlier frame; 0 if no clock tells.
+    fn since(self, before: Self) -> f64 {
+        let step_s = |now: Option<f64>, before: Option<f64>, most_s| {
+            now.zip(before).map(|(now, before)| now - before).filter(|s| (0.0..=most_s).contains(s))
+        };
+        step_s(self.device_s, before.device_s, MOST_DEVICE_STEP_S)
+            .or_else(|| step_s(self.host_s, before.host_s, MOST_HOST_STEP_S))
+            .unwrap_or(0.0)
+    }
+}
 
 /// The events that a [`Replay`] plays.
 type Events = Box<dyn Iterator<Item = Result<Event, HwError>> + Send>;
@@ -38,9 +65,8 @@ pub struct Replay {
     events: Events,
     map: Option<FrameMap>,
     pace: Pace,
-    /// When the first frame was delivered, recorded seconds since then, and recorded time of the
-    /// last frame.
-    start: Option<(Instant, f64, f64)>,
+    /// When the first frame was delivered, recorded seconds since then, and times of the last frame.
+    start: Option<(Instant, f64, Times)>,
     /// An event that is not due yet.
     waiting: Option<Event>,
     last: Option<(u64, u32)>,
@@ -193,16 +219,13 @@ impl Replay {
         if self.last.is_some_and(|(_, epoch)| epoch != frame.epoch) {
             self.start = None;
         }
-        let most_s = if frame.device_time_s.is_some() { f64::INFINITY } else { MOST_HOST_STEP_S };
-        let time_s = frame.device_time_s.or(frame.host_time_s).filter(|time_s| time_s.is_finite());
-        let Some(time_s) = time_s else { return Duration::ZERO };
-        let (start, since_s, before_s) =
-            self.start.get_or_insert_with(|| (Instant::now(), 0.0, time_s));
-        let step_s = time_s - *before_s;
-        if (0.0..=most_s).contains(&step_s) {
-            *since_s += step_s;
+        let now = Times::of(frame);
+        if now == Times::default() {
+            return Duration::ZERO;
         }
-        *before_s = time_s;
+        let (start, since_s, before) = self.start.get_or_insert_with(|| (Instant::now(), 0.0, now));
+        *since_s += now.since(*before);
+        *before = now;
         let after = Duration::try_from_secs_f64(*since_s / times).unwrap_or_default();
         after.saturating_sub(start.elapsed())
     }
@@ -303,5 +326,38 @@ impl FrameSource for Replay {
 
     fn is_over(&self) -> bool {
         self.is_over
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Clocks that go back, jump to another century or stand still neither stop a replay nor let it run
+    /// ahead while the other clock tells.
+    #[test]
+    fn wrong_clocks_do_not_make_a_replay_wait() {
+        let times = |device_s, host_s| Times { device_s, host_s };
+        let both = |device_s: f64, host_s: f64| times(Some(device_s), Some(host_s));
+        for (before, now, wanted_s) in [
+            (both(5.0, 100.0), both(5.01, 100.02), 0.01),
+            // a pause of the instrument counts, also where the host's clock was set
+            (both(5.0, 100.0), both(45.0, 7.0), 40.0),
+            // the instrument's clock is wrong: the host's tells
+            (both(5.0, 100.0), both(1e9, 100.5), 0.5),
+            (both(5.0, 100.0), both(4.99, 100.5), 0.5),
+            (both(5.0, 100.0), both(1e308, 100.5), 0.5),
+            // both are
+            (both(5.0, 100.0), both(1e9, 1e9), 0.0),
+            (both(5.0, 100.0), both(-1e9, -1e9), 0.0),
+            // one of them is missing
+            (times(None, Some(100.0)), times(None, Some(100.5)), 0.5),
+            (times(None, Some(100.0)), times(None, Some(3700.0)), 0.0),
+            (times(Some(5.0), None), times(Some(5.5), None), 0.5),
+            (times(Some(5.0), None), times(None, Some(7.0)), 0.0),
+        ] {
+            let found_s = now.since(before);
+            assert!((found_s - wanted_s).abs() < 1e-9, "{before:?} {now:?}: {found_s}");
+        }
     }
 }

@@ -57,6 +57,9 @@ pub enum Event {
     Silent {
         /// Length of the silence so far, in seconds.
         for_s: f64,
+        /// Number of bytes received meanwhile, if they still come: the instrument sends something that is no
+        /// frame. 0 if nothing came for half of the silence.
+        bytes: u64,
     },
     /// The instrument is lost; the session tries to reconnect.
     Disconnected {

@@ -136,11 +136,23 @@ impl Text {
     }
 }
 
-/// Returns whether the complete lines received are pairs of whole numbers, as decimal commas make them.
+/// Returns whether the complete lines received are pairs of whole numbers, as decimal commas make them, or
+/// numbers with commas between semicolons.
 fn has_decimal_commas(received: &[u8]) -> bool {
     let text = String::from_utf8_lossy(received);
     // the first and the last line may be truncated
     let lines = text.trim_end_matches(|end| end != '\n').lines().skip(1);
+    let is_number = |field: &str| {
+        let is_comma = |c: char| c == ',' || c.is_ascii_digit() || "+-eE".contains(c);
+        !field.is_empty() && field.matches(',').count() == 1 && field.chars().all(is_comma)
+    };
+    let between = |line: &str| {
+        line.contains(';')
+            && line.trim().trim_end_matches(';').split(';').map(str::trim).all(is_number)
+    };
+    if lines.clone().next().is_some() && lines.clone().all(between) {
+        return true;
+    }
     let pairs = lines.map(|line| Pairs::of(line.trim().trim_end_matches(',')));
     pairs.fold(Pairs::Possible, |all, one| match (all, one) {
         (Pairs::No, _) | (_, Pairs::No) => Pairs::No,
@@ -246,6 +258,10 @@ mod tests {
     #[test]
     fn decimal_commas_of_a_board() {
         assert!(has_decimal_commas(b"12,0,51\r\n0,51,0,52\r\n1,02,0,50\r\n0,"));
+        assert!(has_decimal_commas(b"12;0,51\r\n0,512345;-0,52;\r\n1,02; 1,5e-3\r\n0,"));
+        for text in ["9\n0,51;0.52\n", "9\n1,2;3,4;5,6,7\n", "9\n0,51;a,52\n", "9\n1;2;3\n"] {
+            assert!(!has_decimal_commas(text.as_bytes()), "{text:?}");
+        }
         // whole numbers, a sign, points, nothing complete
         for text in ["9\n1,2,3,4\n", "9\n0,51,0,-52\n", "9\n0.51,0.52\n", "0,51,0,52\n", ""] {
             assert!(!has_decimal_commas(text.as_bytes()), "{text:?}");

@@ -58,8 +58,11 @@ pub fn measure_reference_frames(
             }
             Some(Event::Disconnected { reason }) => notices.push(reason),
             Some(Event::Notice(text)) => notices.push(text),
-            Some(Event::Silent { for_s }) => {
-                notices.push(format!("no frame came for {for_s:.1} s"));
+            Some(Event::Silent { for_s, bytes }) => {
+                notices.push(match bytes {
+                    0 => format!("no frame came for {for_s:.1} s"),
+                    _ => format!("no frame came for {for_s:.1} s, although {bytes} bytes came"),
+                });
             }
             _ => {}
         }

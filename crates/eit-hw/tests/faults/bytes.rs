@@ -1,5 +1,6 @@
 //! Rows 1 to 4, 14 and 15: how codecs handle damaged bytes.
 
+use eit_hw::Quality;
 use eit_hw::codec::{eits1, sciospec, text};
 use text::{Fault, Framing, Number, TextFormat};
 
@@ -242,8 +243,9 @@ fn row_14_damaged_text() {
         // a lost comma merges two values
         (b"12,3", values(2)),
         (b"1,2.3.4,5", Fault::NotANumber { field: 1 }),
-        (b"1,nan,3", Fault::NotANumber { field: 1 }),
-        (b"1,inf,3", Fault::NotANumber { field: 1 }),
+        (b"1,nano,3", Fault::NotANumber { field: 1 }),
+        (b"1,0x10,3", Fault::NotANumber { field: 1 }),
+        (b"1,1e999,3", Fault::NotANumber { field: 1 }),
         (b"1,FAILED Impedance Measurement,3", Fault::NotANumber { field: 1 }),
     ];
     for (line, fault) in cases {
@@ -260,6 +262,27 @@ fn row_14_damaged_text() {
     let wire = b"0,0,0\n1,2,3\r\n4,5,6\r7,8,9,\n\r\n\n1,2,3\n";
     let events = text_events(&format, &[wire]);
     assert_eq!(events.iter().filter(|e| e.starts_with("Frame")).count(), 4, "{events:?}");
+    // what boards print for a number that is not finite is a missing value, also the first of a line: the frame
+    // is neither lost nor taken for a banner
+    for word in ["nan", "NaN", "-nan", "inf", "-INF", "+Infinity", "ovf", "-ovf"] {
+        let wire = format!("0,0,0\n1,{word},3\n{word},2,3\n");
+        let events = text_events(&format, &[wire.as_bytes()]);
+        assert_eq!(events.len(), 3, "{word}: {events:?}");
+        assert!(events[1].contains("[1.0, NaN, 3.0]"), "{word}: {events:?}");
+        assert!(events[2].contains("[NaN, 2.0, 3.0]"), "{word}: {events:?}");
+        assert!(
+            events.iter().all(|event| event.starts_with("Frame") || event.starts_with("Skipped"))
+        );
+    }
+    let mut flags = Vec::new();
+    let mut decoder =
+        text::Decoder::new(TextFormat { open_up_to: Some(0.0), ..TextFormat::csv(3) }).unwrap();
+    decoder.push(b"0,0,0\n1,nan,0\n", &mut |event| {
+        if let text::Event::Frame { quality, .. } = event {
+            flags = quality.to_vec();
+        }
+    });
+    assert_eq!(flags, [Quality::GOOD, Quality::NON_FINITE, Quality::OPEN]);
     // hexadecimal without padding, and a line with the number of values of another board
     let hex = TextFormat { number: Number::HexInteger, ..TextFormat::csv(3) };
     let events = text_events(&hex, &[b"0,0,0\nff,f,ffffd8f1\n1,2,3,4\n"]);

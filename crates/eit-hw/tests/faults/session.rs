@@ -532,7 +532,7 @@ fn row_10_a_trickle_and_a_stall() {
                 check_eits1(&frame);
                 frames += 1;
             }
-            Some(Event::Silent { for_s }) => {
+            Some(Event::Silent { for_s, .. }) => {
                 assert!(for_s >= 0.4);
                 stalls += 1;
             }

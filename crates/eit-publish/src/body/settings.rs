@@ -98,7 +98,12 @@ impl BodySettings {
         let path = path.as_ref();
         let refuse =
             |message: String| PublishError::Body { path: path.display().to_string(), message };
-        let text = std::fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
+        // the error names the file, too
+        let begin = format!("{}: ", path.display());
+        let text = eit_skin::scene::read_settings(path).map_err(|error| {
+            let message = error.to_string();
+            refuse(message.strip_prefix(&begin).map_or(message.clone(), str::to_owned))
+        })?;
         let mut settings = Self::parse(&text).map_err(refuse)?;
         if let (Some(config), Some(folder)) = (&mut settings.session.config, path.parent()) {
             *config = folder.join(&*config);

@@ -8,6 +8,9 @@ use std::path::Path;
 /// Maximum size of the table; ten thousand presses take about a megabyte.
 const MOST_BYTES: u64 = 64 << 20;
 
+/// Maximum number of presses: a year of robot time, and 30 MB.
+const MOST_PRESSES: usize = 200_000;
+
 /// A line of the table.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -50,11 +53,26 @@ pub struct PressTable {
     lines: Vec<usize>,
 }
 
-/// Line, from 1, of a record that begins at a byte offset; empty lines before it belong to no record.
-fn line_of(bytes: &[u8], begin: usize) -> usize {
-    let is_end = |byte: &&u8| matches!(**byte, b'\n' | b'\r');
-    let empty = bytes.iter().skip(begin).take_while(is_end).count();
-    1 + bytes.iter().take(begin + empty).filter(|byte| **byte == b'\n').count()
+/// Counts the lines of a text, record by record.
+struct Lines<'a> {
+    bytes: &'a [u8],
+    /// Position up to which lines were counted, and the line there, from 1.
+    at: usize,
+    line: usize,
+}
+
+impl Lines<'_> {
+    /// Line of a record that begins at a byte offset, after those asked for before; empty lines before it belong
+    /// to no record.
+    fn of(&mut self, begin: usize) -> usize {
+        let is_end = |byte: &&u8| matches!(**byte, b'\n' | b'\r');
+        let rest = self.bytes.get(begin..).unwrap_or_default();
+        let end = begin + rest.iter().take_while(is_end).count();
+        let passed = self.bytes.get(self.at..end).unwrap_or_default();
+        self.line += passed.iter().filter(|byte| **byte == b'\n').count();
+        self.at = self.at.max(end);
+        self.line
+    }
 }
 
 impl PressTable {
@@ -62,7 +80,8 @@ impl PressTable {
     ///
     /// # Errors
     ///
-    /// A file that cannot be read; an unknown column; a value that is not a number, with its line.
+    /// A file that cannot be read; an unknown column; a value that is not a number, with its line; more than 200 000
+    /// presses.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SkinError> {
         let path = path.as_ref();
         let place = path.display().to_string();
@@ -76,9 +95,13 @@ impl PressTable {
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(&*bytes);
         let header = reader.headers().map_err(refused)?.clone();
         let (mut presses, mut lines) = (Vec::new(), Vec::new());
+        let mut counted = Lines { bytes: &bytes, at: 0, line: 1 };
         for record in reader.records() {
+            if presses.len() == MOST_PRESSES {
+                return Err(SkinError::input(format!("{place}: more than {MOST_PRESSES} presses")));
+            }
             let record = record.map_err(refused)?;
-            lines.push(line_of(&bytes, record.position().map_or(0, |at| at.byte() as usize)));
+            lines.push(counted.of(record.position().map_or(0, |at| at.byte() as usize)));
             presses.push(record.deserialize(Some(&header)).map_err(refused)?);
         }
         let table = Self { presses, place, lines };

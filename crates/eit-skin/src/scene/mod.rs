@@ -17,6 +17,7 @@ mod reactive;
 mod reconstruction;
 mod series;
 mod settings;
+mod settings_file;
 
 pub use builtin::NAMES as BUILT_IN;
 pub use eit_inverse::DifferenceKind;
@@ -29,6 +30,7 @@ pub use reconstruction::{
     Delta, DeltaRule, DifferenceKey, Hyperparameter, PriorKind, ReconstructionSettings, Rule,
 };
 pub use settings::{FrameSettings, StageSettings, Symmetry};
+pub use settings_file::read_settings;
 
 use crate::error::SkinError;
 use eit_fem::fabric::FabricSettings;
@@ -539,9 +541,6 @@ pub struct DenoiseSettings {
     pub any_skin: bool,
 }
 
-/// Maximum size of a scene file; the largest of this project has 3 kB.
-const MOST_SCENE_BYTES: u64 = 4 << 20;
-
 /// Reads a whole file; rejects devices and pipes, which may have no end.
 pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SkinError> {
     use std::io::Read as _;
@@ -623,17 +622,11 @@ impl Scene {
         };
         let path = Path::new(name_or_path);
         let data = std::fs::metadata(path).map_err(|e| refused(e.to_string()))?;
-        if !data.is_file() || data.len() > MOST_SCENE_BYTES {
-            let most_mb = MOST_SCENE_BYTES >> 20;
-            return Err(refused(format!("not a file of at most {most_mb} MB")));
+        if !data.is_file() || data.len() > settings_file::MOST_BYTES {
+            let most_kb = settings_file::MOST_BYTES >> 10;
+            return Err(refused(format!("not a file of at most {most_kb} kB")));
         }
-        let bytes = std::fs::read(path).map_err(|e| refused(e.to_string()))?;
-        String::from_utf8(bytes).map_err(|e| {
-            SkinError::input(format!(
-                "{name_or_path}: byte {}: not text; a scene file is TOML in UTF-8",
-                e.utf8_error().valid_up_to()
-            ))
-        })
+        read_settings(path)
     }
 
     /// Creates a scene in code; all other settings have their defaults until set.

@@ -143,8 +143,9 @@ impl<'a> Stored<'a> {
         let parts = if recording.is_complex() { 2 } else { 1 };
         CaptureWriter::check_frame(parts * self.columns())
             .map_err(|error| CliError::input(format!("{}: {error}", recording.path.display())))?;
-        let mut writer = CaptureWriter::create(out, &session, CaptureSettings::default())
-            .map_err(|error| CliError::input(error.to_string()))?;
+        let mut writer =
+            CaptureWriter::create_copy(out, &session, CaptureSettings::default(), None)
+                .map_err(|error| CliError::input(error.to_string()))?;
         let mut sequence = 0;
         let written = self.each(|frame| {
             let index = usize::try_from(sequence).ok();
@@ -161,7 +162,7 @@ impl<'a> Stored<'a> {
             sequence += 1;
             Ok::<_, CliError>(())
         });
-        whole_or_none(writer, written, out)
+        whole_or_none(writer, written)
     }
 
     /// Writes every frame whose values are all finite as a row of a table, or as two if complex.

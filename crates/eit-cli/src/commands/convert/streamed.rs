@@ -127,7 +127,7 @@ impl<'a> Source<'a> {
         let mut writer: Option<CaptureWriter> = None;
         let settings = CaptureSettings::default;
         let create = |session: &SessionRecord, times| {
-            CaptureWriter::create_at(out, session, settings(), times)
+            CaptureWriter::create_copy(out, session, settings(), Some(times))
                 .map_err(|error| CliError::input(error.to_string()))
         };
         let written = self.each(|entry, times| {
@@ -152,7 +152,7 @@ impl<'a> Source<'a> {
             Ok::<_, CliError>(())
         });
         match writer {
-            Some(writer) => super::whole_or_none(writer, written, out),
+            Some(writer) => super::whole_or_none(writer, written),
             None => written,
         }
     }

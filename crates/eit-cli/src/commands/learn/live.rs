@@ -21,12 +21,15 @@ use eit_skin::{LinearisedSkin, MeshOverride, Progress, Skin, StopFlag};
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
 
 /// How often to check for shutdown.
 const WAIT: Duration = Duration::from_millis(50);
 /// The error is shown after every so many presses.
 const SHOWN_EVERY: usize = 5;
+/// A touch that is neither held nor released for so long is named, again and again.
+const UNSTEADY: Duration = Duration::from_secs(10);
 /// Fewest presses from which anything is learnt.
 const LEAST_PRESSES: usize = 4;
 
@@ -50,9 +53,13 @@ pub(super) fn run(args: &LearnArgs) -> Result<Ended, CliError> {
     let (store, stored) = open(args, [&table, &recording], &record)?;
     stored.notes.iter().for_each(|note| say(&format!("note: {note}")));
     let begun = stored.presses.len();
+    let setup = session.setup();
+    let (unit, rate_hz) = (setup.unit, setup.frame_rate_hz);
+    let StoredPresses { presses: made, frames, .. } = stored;
+    let collector = PressCollector::new(&linearised, unit, rate_hz, settings, made, frames)?;
     let mut teacher =
-        Teacher::new(args, &linearised, &session, settings, store, stored, earlier.as_ref())?;
-    let ended = teacher.teach(&mut session, &interrupt);
+        Teacher::new(args, &linearised, collector, store, earlier.as_ref(), &interrupt);
+    let ended = teacher.teach(&mut session);
     session.stop();
     let Teacher { collector, store, .. } = teacher;
     let stored = store.finish();
@@ -162,9 +169,14 @@ struct Teacher<'a> {
     collector: PressCollector,
     store: PressStore,
     earlier: Option<&'a LearnedSkin>,
+    interrupt: &'a StopFlag,
+    /// Lines of standard input, once a force was asked for.
+    typed: Option<Receiver<std::io::Result<String>>>,
     falling: FallingError,
     /// State after the last frame.
     state: Option<Collecting>,
+    /// Since when something touches the skin without being held, or since that was last said.
+    unsteady_since: Option<Instant>,
     /// Number of the press that was asked for.
     asked: Option<usize>,
     /// Number of presses after which the error was last shown.
@@ -175,33 +187,31 @@ impl<'a> Teacher<'a> {
     fn new(
         args: &'a LearnArgs,
         skin: &Arc<LinearisedSkin>,
-        session: &Session,
-        settings: CollectSettings,
+        collector: PressCollector,
         store: PressStore,
-        stored: StoredPresses,
         earlier: Option<&'a LearnedSkin>,
-    ) -> Result<Self, CliError> {
-        let setup = session.setup();
-        let StoredPresses { presses, frames, .. } = stored;
-        let (unit, rate_hz) = (setup.unit, setup.frame_rate_hz);
-        let collector = PressCollector::new(skin, unit, rate_hz, settings, presses, frames)?;
-        Ok(Self {
+        interrupt: &'a StopFlag,
+    ) -> Self {
+        Self {
             args,
             skin: Arc::clone(skin),
             shown: collector.presses().len(),
             collector,
             store,
             earlier,
+            interrupt,
+            typed: None,
             falling: FallingError::default(),
             state: None,
+            unsteady_since: None,
             asked: None,
-        })
+        }
     }
 
     /// Collects until the end.
-    fn teach(&mut self, session: &mut Session, interrupt: &StopFlag) -> Result<Why, CliError> {
+    fn teach(&mut self, session: &mut Session) -> Result<Why, CliError> {
         loop {
-            if interrupt.is_set() {
+            if self.interrupt.is_set() {
                 return Ok(Why::Interrupted);
             }
             match session.next_event(WAIT)? {
@@ -244,12 +254,17 @@ impl<'a> Teacher<'a> {
                 say("measuring the untouched skin: do not touch it");
             }
             Collecting::Collected => self.collected()?,
-            Collecting::Refused => say(
-                "this press cannot be used: it began before it was asked for, or values are missing; release \
-                 it, and wait",
-            ),
+            Collecting::Refused => {
+                say(
+                    "this press cannot be used: it began before it was asked for, or values are missing; \
+                     release it, and wait",
+                );
+                // asked for once more when the skin is untouched
+                self.asked = None;
+            }
             _ => {}
         }
+        self.follow_unsteady(state);
         let is_held = |state| matches!(state, Collecting::Held | Collecting::Collected);
         let is_released = before.is_some_and(is_held) && !is_held(state);
         let presses = self.collector.presses().len();
@@ -269,6 +284,25 @@ impl<'a> Teacher<'a> {
             Some(_) => {}
         }
         Ok(None)
+    }
+
+    /// Says if something has touched the skin for long without being held: nothing is collected then.
+    fn follow_unsteady(&mut self, state: Collecting) {
+        if state != Collecting::Unsteady {
+            self.unsteady_since = None;
+            return;
+        }
+        let since = self.unsteady_since.get_or_insert_with(Instant::now);
+        if since.elapsed() >= UNSTEADY {
+            *since = Instant::now();
+            // the press that follows may be another try: it is asked for again
+            self.asked = None;
+            say(&format!(
+                "the touch has changed for {} s: hold it still, or release it; if nothing touches the skin, stop with \
+                 Ctrl-C and continue with --append, which measures the untouched skin anew",
+                UNSTEADY.as_secs()
+            ));
+        }
     }
 
     /// Asks for a press.
@@ -294,7 +328,7 @@ impl<'a> Teacher<'a> {
     fn collected(&mut self) -> Result<(), CliError> {
         say("detected; release it");
         if self.args.live.ask_force
-            && let Some(force_n) = read_force()?
+            && let Some(force_n) = self.read_force()?
         {
             self.collector.set_last_force(force_n)?;
         }
@@ -316,6 +350,46 @@ impl<'a> Teacher<'a> {
             Err(error) => say(&format!("not learnt yet: {error}")),
         }
     }
+
+    /// Reads a force from standard input; `None` for an empty line, at its end and after Ctrl-C.
+    fn read_force(&mut self) -> Result<Option<f64>, CliError> {
+        loop {
+            say("force of this press, N (empty line if unknown):");
+            let Some(line) = self.read_line()? else { return Ok(None) };
+            let text = line.trim().replace(',', ".");
+            if text.is_empty() {
+                return Ok(None);
+            }
+            match text.parse::<f64>() {
+                Ok(force_n) if force_n > 0.0 && force_n.is_finite() => return Ok(Some(force_n)),
+                _ => say(&format!("\"{text}\" is not a force above 0")),
+            }
+        }
+    }
+
+    /// Waits for a line of standard input, but not after Ctrl-C: the press must still be stored.
+    fn read_line(&mut self) -> Result<Option<String>, CliError> {
+        let typed = self.typed.get_or_insert_with(|| {
+            let (sender, receiver) = std::sync::mpsc::channel();
+            // reading cannot be interrupted; the thread ends with the program
+            std::thread::spawn(move || {
+                let mut lines = std::io::stdin().lines();
+                while lines.next().is_some_and(|line| sender.send(line).is_ok()) {}
+            });
+            receiver
+        });
+        while !self.interrupt.is_set() {
+            match typed.recv_timeout(WAIT) {
+                Ok(line) => {
+                    let failed = |e| CliError::Failure(format!("standard input: {e}"));
+                    return line.map(Some).map_err(failed);
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Ok(None),
+            }
+        }
+        Ok(None)
+    }
 }
 
 /// The error after some presses, and that before them.
@@ -335,22 +409,4 @@ fn error_words(now: &ErrorPoint, before: Option<&ErrorPoint>) -> String {
         mm(now.place.mean_m),
         now.places_by.words()
     )
-}
-
-/// Reads a force from standard input; `None` for an empty line or at its end.
-fn read_force() -> Result<Option<f64>, CliError> {
-    loop {
-        say("force of this press, N (empty line if unknown):");
-        let mut line = String::new();
-        let read = std::io::stdin().read_line(&mut line);
-        read.map_err(|e| CliError::Failure(format!("standard input: {e}")))?;
-        let text = line.trim().replace(',', ".");
-        if text.is_empty() {
-            return Ok(None);
-        }
-        match text.parse::<f64>() {
-            Ok(force_n) if force_n > 0.0 && force_n.is_finite() => return Ok(Some(force_n)),
-            _ => say(&format!("\"{text}\" is not a force above 0")),
-        }
-    }
 }

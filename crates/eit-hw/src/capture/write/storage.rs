@@ -107,7 +107,7 @@ pub(super) fn open(path: &Path) -> Result<File, HwError> {
     Ok(file)
 }
 
-fn lock(file: &File, path: &Path) -> Result<(), HwError> {
+pub(super) fn lock(file: &File, path: &Path) -> Result<(), HwError> {
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => Err(HwError::Busy { place: Place::file(path) }),
         // a file system without locks cannot reject anybody

@@ -1,6 +1,7 @@
 //! Decodes lines of text to frames.
 
 use super::format::{Framing, MAX_LINE_BYTES, TextFormat};
+use super::number::Number;
 use crate::error::HwError;
 use crate::frame::Quality;
 
@@ -13,7 +14,8 @@ pub enum Event<'a> {
         values: &'a [f64],
         /// Imaginary parts, scaled; empty for real values.
         imaginary: &'a [f64],
-        /// Flags set by the limits of the format.
+        /// Flags set by the limits of the format, and of values that the board printed as `nan`,
+        /// `inf` or `ovf`: these are NaN and [`Quality::NON_FINITE`].
         quality: &'a [Quality],
     },
     /// A line outside any frame, such as a banner; control characters are replaced by `?`.
@@ -212,7 +214,9 @@ impl Decoder {
         let (mut found, mut fault) = (0, cut);
         for field in line.split(separator).filter(|field| !field.is_empty()) {
             if fault.is_none() && found < self.format.values_per_line {
-                match self.format.number.parse(field) {
+                // the frame is whole: this value is missing
+                let missing = || Number::is_not_finite(field).then_some(f64::NAN);
+                match self.format.number.parse(field).or_else(missing) {
                     Some(number) if self.numbers.len() < self.format.numbers() => {
                         self.numbers.push(number);
                     }
@@ -260,6 +264,11 @@ impl Decoder {
             *value = parts[0] * self.format.scale;
             for part in parts {
                 size = size.max(part.abs());
+            }
+            if parts.iter().any(|part| part.is_nan()) {
+                *quality |= Quality::NON_FINITE;
+                // of a complex value with one part, neither limit can be known
+                size = f64::NAN;
             }
             if let (&[_, imaginary], Some(slot)) = (parts, self.imaginary.get_mut(index)) {
                 *slot = imaginary * self.format.scale;

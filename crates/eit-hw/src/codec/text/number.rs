@@ -34,6 +34,15 @@ impl Number {
         Some(f64::from(f32::from_bits(bits))).filter(|value| value.is_finite())
     }
 
+    /// Whether a field is what boards print for a number that is not finite: C prints `nan` and
+    /// `inf`, an Arduino also `ovf`, in either case and with a sign.
+    pub fn is_not_finite(field: &[u8]) -> bool {
+        let word = field.strip_prefix(b"-").or_else(|| field.strip_prefix(b"+")).unwrap_or(field);
+        ["nan", "inf", "infinity", "ovf"]
+            .iter()
+            .any(|name| word.eq_ignore_ascii_case(name.as_bytes()))
+    }
+
     /// Formats a number as a board would.
     pub fn write(self, value: f64) -> String {
         match self {

@@ -79,6 +79,7 @@ impl Reader {
     /// Reads until the connection ends.
     fn follow(&mut self, link: &mut Link) -> End {
         let mut buffer = [0; 8192];
+        let mut noise = Noise::default();
         self.silence.start(Instant::now());
         while !self.quits() {
             let received = match self.driver.idle(link).and_then(|()| link.read(&mut buffer)) {
@@ -89,6 +90,7 @@ impl Reader {
             let (mut frames, mut end) = (0, None);
             let (queue, stream) = (&self.queue, &mut self.stream);
             if received > 0 {
+                noise.add(received);
                 queue.count(|statistics| statistics.bytes += received as u64);
                 self.driver.receive(&buffer[..received], &mut |decoded| {
                     frames += u32::from(matches!(decoded, Decoded::Frame(_)));
@@ -110,17 +112,23 @@ impl Reader {
             }
             let now = Instant::now();
             if frames > 0 {
+                noise = Noise::default();
                 let told_s = self.silence.frame(now);
                 self.count_silence(told_s);
                 self.count_disconnected(now);
             } else if let Some(for_s) = self.silence.begins(&self.settings, now) {
                 event!(WARN, "the instrument is silent", for_s = for_s);
-                self.queue.push(Event::Silent { for_s });
+                let bytes = noise.bytes(for_s, now);
+                self.queue.push(Event::Silent { for_s, bytes });
             } else if self.settings.reconnect.is_some()
                 && self.silence.is_stall(&self.settings, now)
             {
                 let for_s = self.silence.for_s(now);
-                let reason = format!("no frame for {for_s:.1} s: setting it up again");
+                let although = match noise.bytes(for_s, now) {
+                    0 => String::new(),
+                    bytes => format!(", although {bytes} bytes came"),
+                };
+                let reason = format!("no frame for {for_s:.1} s{although}: setting it up again");
                 let told_s = self.silence.end(now);
                 self.count_silence(told_s);
                 let source = std::io::Error::new(std::io::ErrorKind::TimedOut, reason.clone());
@@ -151,6 +159,7 @@ impl Reader {
     fn find_again(&mut self, mut error: HwError) -> Result<Option<Link>, HwError> {
         let Some(backoff) = self.settings.reconnect else { return Err(error) };
         let (start, mut wait_s) = (Instant::now(), backoff.initial_s);
+        let mut told = String::new();
         loop {
             let until =
                 Instant::now() + Duration::from_secs_f64(wait_s.min(backoff.max_s).min(3600.0));
@@ -174,7 +183,19 @@ impl Reader {
                 }
                 Err(_) if self.quits() => return Ok(None),
                 Err(fatal @ HwError::Identity { .. }) => return Err(fatal),
-                Err(other) => error = other,
+                Err(other) => {
+                    // it is there, but not as it was: the user must know why it is not used
+                    let reason = other.to_string();
+                    let is_away = matches!(
+                        other,
+                        HwError::Open { .. } | HwError::Lost { .. } | HwError::NoReply { .. }
+                    );
+                    if !is_away && reason != told {
+                        self.queue.push(Event::Disconnected { reason: reason.clone() });
+                        told = reason;
+                    }
+                    error = other;
+                }
             }
             if start.elapsed().as_secs_f64() > backoff.give_up_s {
                 return Err(error);
@@ -196,6 +217,27 @@ impl Reader {
         self.driver.start(&mut link)?;
         self.stream.renew(&setup);
         Ok(link)
+    }
+}
+
+/// Bytes that came since the last frame.
+#[derive(Default)]
+struct Noise {
+    bytes: u64,
+    last: Option<Instant>,
+}
+
+impl Noise {
+    fn add(&mut self, bytes: usize) {
+        self.bytes += bytes as u64;
+        self.last = Some(Instant::now());
+    }
+
+    /// Returns their number if they came until now; 0 after the rest of a frame whose sender was unplugged.
+    fn bytes(&self, silent_s: f64, now: Instant) -> u64 {
+        let is_recent =
+            |last: Instant| now.saturating_duration_since(last).as_secs_f64() < 0.5 * silent_s;
+        if self.last.is_some_and(is_recent) { self.bytes } else { 0 }
     }
 }
 
