@@ -18,20 +18,34 @@ impl LocalSheet {
 
 /// Never constructed without feature `learn`.
 #[derive(Debug, Clone)]
-pub(crate) enum LearnedTouches {}
+pub(crate) enum LearnedSkin {}
 
-impl LearnedTouches {
-    pub fn load(
-        _: &Path,
-        skin: &LinearisedSkin,
-        _: &[bool],
-        _: &[f64],
-        _: &LocalSheet,
-    ) -> Result<Self, SkinError> {
+impl LearnedSkin {
+    pub fn read_for(_: &Path, skin: &LinearisedSkin) -> Result<Self, SkinError> {
         Err(SkinError::input(
             "touch.learned: this program was built without learning (feature `learn` of eit-skin)",
         )
         .within(&skin.skin.place))
+    }
+
+    pub fn model_is_right(&self) -> bool {
+        match *self {}
+    }
+}
+
+/// Never constructed without feature `learn`.
+#[derive(Debug, Clone)]
+pub(crate) enum LearnedTouches {}
+
+impl LearnedTouches {
+    pub fn new(
+        learned: &LearnedSkin,
+        _: &LinearisedSkin,
+        _: &[bool],
+        _: &[f64],
+        _: LocalSheet,
+    ) -> Result<Self, SkinError> {
+        match *learned {}
     }
 
     pub fn refine<'a>(

@@ -114,7 +114,7 @@ fn test(
     let regression = PlaceRegression::with_settings(&learned.presses, learned.regression)?;
     let by_model = learned.places_by == PlacesBy::Model
         || learned.force.as_ref().is_some_and(|force| force.strength_by != StrengthBy::Map);
-    let detected = if by_model { pressed.detect(fitted)? } else { None };
+    let detected = if by_model { pressed.detect(fitted, learned.places_by)? } else { None };
     let differences = pressed.differences(&learned.channels);
     let (mut errors_m, mut force_errors) = (Vec::new(), Vec::new());
     for (k, difference) in differences.rows().into_iter().enumerate() {

@@ -4,7 +4,8 @@ use super::earlier::Joined;
 use super::model::{middle_m, radius_m, ratios, responses};
 use super::presses::{PressTouch, errors_of_detected, strongest};
 use super::{
-    CANDIDATES, ErrorsByWay, Frame, LearnedForce, LearnedSkin, PlaceErrors, PressFrames, StrengthBy,
+    CANDIDATES, ErrorsByWay, Frame, LearnedForce, LearnedSkin, PlaceErrors, PlacesBy, PressFrames,
+    StrengthBy,
 };
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
@@ -107,9 +108,12 @@ impl LearnedSkin {
         let (regression, by_regression) = progress
             .stage("regression", || PlaceRegression::learn(&presses))
             .map_err(|e| joined.named(e))?;
-        let detected = match frame {
-            Frame::Scene => progress
-                .stage("model alone", || strongest(fitted, joined.pairs(fitted, pressed)))?,
+        let mut detect = |places_by: PlacesBy| {
+            let pairs = joined.pairs(fitted, pressed);
+            progress.stage("model alone", || strongest(fitted, pairs, places_by))
+        };
+        let mut detected = match frame {
+            Frame::Scene => detect(PlacesBy::Model)?,
             Frame::Fitted => None,
         };
         if let Some(detected) = &detected {
@@ -131,6 +135,9 @@ impl LearnedSkin {
             regression: latest(&by_regression.errors_m),
         };
         let places_by = by_latest.best(frame);
+        if detected.is_some() && places_by != PlacesBy::Model {
+            detected = detect(places_by)?;
+        }
         let unlike = unlike(&choice, joined.earlier);
         let forces = Forces::new(&joined, &presses, &choice.map, detected.as_deref())?;
         let force = forces.learn(&presses, middle_m(skin), radius_m(skin))?;

@@ -1,6 +1,6 @@
 //! Frames of the presses in a table.
 
-use super::{PlaceErrors, PressTable, touched};
+use super::{PlaceErrors, PlacesBy, PressTable, touched};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::frames::Frames;
@@ -135,7 +135,8 @@ impl PressFrames {
         pairs.map(|(values, reference)| [values.to_vec(), reference.to_vec()])
     }
 
-    /// Finds the strongest touch of each press with the model alone; `None` if the noise is unknown.
+    /// Finds the strongest touch of each press with the model alone, as touches are found on a skin whose places
+    /// are by the given method; `None` if the noise is unknown.
     ///
     /// # Errors
     ///
@@ -143,8 +144,9 @@ impl PressFrames {
     pub fn detect(
         &self,
         fitted: &FittedFrames,
+        places_by: PlacesBy,
     ) -> Result<Option<Vec<Option<PressTouch>>>, SkinError> {
-        strongest(fitted, self.pairs())
+        strongest(fitted, self.pairs(), places_by)
     }
 }
 
@@ -153,9 +155,11 @@ impl PressFrames {
 pub(super) fn strongest(
     fitted: &FittedFrames,
     pairs: impl Iterator<Item = [Vec<f64>; 2]>,
+    places_by: PlacesBy,
 ) -> Result<Option<Vec<Option<PressTouch>>>, SkinError> {
     let rate_hz = fitted.frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
-    let finder = TouchFinder::for_presses(fitted, rate_hz, &mut Progress::silent())?;
+    let is_right = places_by == PlacesBy::Model;
+    let finder = TouchFinder::for_presses(fitted, rate_hz, is_right, &mut Progress::silent())?;
     let Some(finder) = finder else { return Ok(None) };
     let found = pairs.map(|[values, reference]| finder.strongest(&values, &reference));
     Ok(Some(found.collect::<Result<_, _>>()?))

@@ -37,27 +37,26 @@ pub(crate) struct LearnedTouches {
     touches: Vec<DetectedTouch>,
 }
 
-impl LearnedTouches {
-    /// Loads the file of a scene, for frames in which these measurements count and have this noise, volts.
+impl LearnedSkin {
+    /// Reads the file that a scene names.
     ///
     /// # Errors
     ///
-    /// A file that cannot be read, or that was learnt on another skin, protocol or choice of measurements.
-    pub fn load(
-        file: impl AsRef<Path>,
-        skin: &LinearisedSkin,
-        used: &[bool],
-        noise_std_v: &[f64],
-        local: &LocalSheet,
-    ) -> Result<Self, SkinError> {
-        let file = file.as_ref();
-        let learned = LearnedSkin::read(file)?;
-        let place = file.display().to_string();
-        learned.check(skin).map_err(|e| e.within(&place))?;
-        Self::new(&learned, skin, used, noise_std_v, local.clone()).map_err(|e| e.within(&place))
+    /// A file that cannot be read, or that was learnt on another skin or protocol.
+    pub(crate) fn read_for(file: &Path, skin: &LinearisedSkin) -> Result<Self, SkinError> {
+        let learned = Self::read(file)?;
+        learned.check(skin).map_err(|e| e.within(&file.display().to_string()))?;
+        Ok(learned)
     }
 
-    /// Prepares what was learnt for frames in which these measurements count.
+    /// Whether the model alone was the best on the presses.
+    pub(crate) fn model_is_right(&self) -> bool {
+        self.places_by == PlacesBy::Model
+    }
+}
+
+impl LearnedTouches {
+    /// Prepares what was learnt for frames in which these measurements count and have this noise, volts.
     ///
     /// # Errors
     ///

@@ -8,7 +8,7 @@ use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
 #[cfg(feature = "learn")]
 use crate::learn::PressTouch;
-use crate::learn::{LearnedTouches, LocalSheet};
+use crate::learn::{LearnedSkin, LearnedTouches, LocalSheet};
 use crate::progress::Progress;
 use crate::scene::{TouchSettings, TouchSign};
 use eit_inverse::InverseError;
@@ -60,24 +60,29 @@ impl TouchFinder {
         rate_hz: f64,
         progress: &mut Progress,
     ) -> Result<Option<Self>, SkinError> {
-        let is_learned = fitted.skin.skin.settings.touch.learned.is_some();
-        Self::build(fitted, rate_hz, is_learned, progress)
+        let skin = &*fitted.skin;
+        let file = skin.skin.settings.touch.learned.as_ref();
+        let learned = file.map(|file| LearnedSkin::read_for(file, skin)).transpose()?;
+        let model_is_right = learned.as_ref().is_none_or(LearnedSkin::model_is_right);
+        Self::build(fitted, rate_hz, learned.as_ref(), model_is_right, progress)
     }
 
-    /// Creates a finder as it is used together with presses that have been or are to be learnt.
+    /// Creates a finder as it is used together with learnt presses on which the model alone was the best or not.
     #[cfg(feature = "learn")]
     pub(crate) fn for_presses(
         fitted: &FittedFrames,
         rate_hz: f64,
+        model_is_right: bool,
         progress: &mut Progress,
     ) -> Result<Option<Self>, SkinError> {
-        Self::build(fitted, rate_hz, true, progress)
+        Self::build(fitted, rate_hz, None, model_is_right, progress)
     }
 
     fn build(
         fitted: &FittedFrames,
         rate_hz: f64,
-        is_learned: bool,
+        learned: Option<&LearnedSkin>,
+        model_is_right: bool,
         progress: &mut Progress,
     ) -> Result<Option<Self>, SkinError> {
         let FittedFrames { skin, frames, .. } = fitted;
@@ -99,9 +104,12 @@ impl TouchFinder {
             Some(quiet) => quiet.values.clone(),
             None => Array2::zeros((0, frames.used.len())),
         };
-        // a learnt map contains what presses do to electrodes; what it does not contain is absorbed by the wide
-        // freedom that each electrode has if touches act on none
-        let kinds = if is_learned { Vec::new() } else { electrode_kinds(skin, unknowns.ncols())? };
+        // a learnt map that is better than the model contains what presses do to electrodes; what it does not
+        // contain is absorbed by the wide freedom that each electrode has if touches act on none
+        let kinds = match model_is_right {
+            true => electrode_kinds(skin, unknowns.ncols())?,
+            false => Vec::new(),
+        };
         let model = DetectorModel {
             surface: skin.skin.mesh.surface(),
             jacobian,
@@ -123,10 +131,12 @@ impl TouchFinder {
         let local = sheet.as_ref().map_or_else(LocalSheet::default, |sheet| {
             LocalSheet::new(skin.skin.mesh.surface(), &sheet.conductivity_s, &even_s)
         });
-        let learned = match &keys.learned {
-            Some(file) => Some(LearnedTouches::load(file, skin, &frames.used, &std_v, &local)?),
-            None => None,
+        let file = keys.learned.as_ref().map(|file| file.display().to_string()).unwrap_or_default();
+        let touches = |learned| {
+            LearnedTouches::new(learned, skin, &frames.used, &std_v, local.clone())
+                .map_err(|e| e.within(&file))
         };
+        let learned = learned.map(touches).transpose()?;
         let (places, seen) = detector.places();
         Ok(Some(Self {
             choices: Choices {
