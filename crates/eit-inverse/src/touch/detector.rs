@@ -81,8 +81,9 @@ pub struct DetectorModel<'a> {
     /// Other effects on the model's voltages, one column per unknown, volts per standard deviation of the
     /// unknown: `[measurement, unknown]`.
     pub unknowns: &'a ArrayRef2<f64>,
-    /// What each unknown is. The actions of touches on electrodes and contacts are unknowns of their own; what
-    /// these do alone is a small part of their standard deviation. Empty: touches act on none of them.
+    /// Kind of each unknown. Each touch has its own unknowns for the electrodes and contacts that it affects;
+    /// without a touch these vary by only a small part of their stated deviation. Empty: touches affect none of
+    /// them.
     pub kinds: &'a [UnknownKind],
     /// The reference frame, volts.
     pub reference_v: &'a [f64],
