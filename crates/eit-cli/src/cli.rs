@@ -123,12 +123,13 @@ pub(crate) enum Command {
     ///
     /// Example: eit calibrate my.toml --frames untouched.csv
     Calibrate(CalibrateArgs),
-    /// Learn position and force of touches from presses at known places.
+    /// Learn position and force of touches from presses at known places
     ///
     /// With --live, the program asks for presses at places of its choice, notices when they are held, stores them
-    /// and ends when the error no longer falls; --force-n tells the weight that is used. Or press the real skin at
-    /// known places (a robot, a grid on paper, known weights), record it, and write a table with one line per press. Three methods are compared on held-out presses: the model alone,
-    /// the model with a learnt correction of its responses, and regression from frames to positions. The
+    /// and ends when the error no longer falls; --force-n states the force of the weights you use. Or press the
+    /// skin at known places yourself (a robot, a grid on paper, known weights), record it, and write a table with
+    /// one line per press. Three methods are compared on held-out presses: the model alone, the model with a
+    /// learnt correction of its responses, and regression from frames to positions. The
     /// best one is used, and the output states all errors. 10 presses determine rotation, reflection and
     /// scale of a skin with unknown electrode order (--fit-frame); 25 to 100 give position maps. With
     /// force_n in the table (at least three presses, better a dozen) touches have a force in newtons. The
@@ -139,7 +140,7 @@ pub(crate) enum Command {
     /// unlike all presses that were learnt. The file only applies to the scene's skin, electrodes and
     /// protocol.
     ///
-    /// With --with, an earlier file is brought back: its presses count, and a few new ones tell what has drifted since.
+    /// --with adds the presses of an earlier file; a few new ones then show what has drifted since.
     ///
     /// Examples: eit learn my.toml --live --force-n 0.5,1,2 --out skin.learned
     /// eit learn my.toml --presses presses.csv --frames presses.mcap --reference 0..20 --out skin.learned
@@ -167,7 +168,7 @@ pub(crate) enum Command {
     /// movie.gif for a sequence, and report.json. Formats of frames: .npy, .csv, Sciospec .eit folders, GOE
     /// .get, LCT text, KHU Mark2.5 scan folders, raw serial logs.
     Reconstruct(ReconstructArgs),
-    /// Make a learning base for a U-net: simulated sequences with their raw and true images.
+    /// Make a learning base for a U-net: simulated sequences with their raw and true images
     ///
     /// Simulates touched fabrics on a finer mesh and reconstructs them as `eit reconstruct` would.
     /// Every sequence has its own random fingers (one to six, with tips of 4 to 25 mm, up to 97 % of the
@@ -503,8 +504,8 @@ pub(crate) struct TrainArgs {
     /// How often the net halves rows and columns.
     #[arg(long, value_name = "N", default_value_t = 3)]
     pub depth: usize,
-    /// Largest number of epochs. 0 with --from: keep the net, and only measure the limit by which its images are
-    /// judged.
+    /// Largest number of epochs. 0 (only with --from) keeps the net and only measures the limit beyond which
+    /// its images are rejected.
     #[arg(long, value_name = "N", default_value_t = 12)]
     pub epochs: usize,
     /// Examples per step.

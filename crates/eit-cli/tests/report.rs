@@ -48,14 +48,17 @@ fn the_report_of_a_scene_is_whole() {
     check_forward(&report["forward"][0], "single-frame");
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     // the result in a sentence and a picture; the other pictures lie beside the page
-    assert!(page.contains("single-frame: relative error ") && !page.contains("<script"));
+    let result = "single-frame (one frame, nothing in time): relative error of the best images ";
+    assert!(page.contains(result) && page.contains("an empty image has 100 %"), "{page}");
+    assert!(!page.contains("<script"));
     assert_eq!(page.matches("data:image/png;base64").count(), 1);
     assert!(page.len() < 1_000_000, "{} bytes", page.len());
     assert!(page.contains("src=\"forward_single_frame.png\""));
     for name in ["report.md", "inverse.csv", "forward.csv", "plan.csv"] {
         assert!(std::fs::metadata(out.join(name)).unwrap().len() > 100, "{name}");
     }
-    for name in ["error_single_frame.png", "forward_single_frame.png"] {
+    let images = ["images_single_frame_bell.png", "images_single_frame_pad.png"];
+    for name in ["error_single_frame.png", "forward_single_frame.png"].into_iter().chain(images) {
         assert!(std::fs::metadata(out.join(name)).unwrap().len() > 10_000, "{name}");
     }
     assert!(!out.join("incomplete.txt").exists());

@@ -266,6 +266,9 @@ impl LearningBase {
     }
 
     /// Returns a checksum of settings and shards: bases with equal checksums hold equal pairs.
+    ///
+    /// # Errors
+    /// [`DenoiseError::Format`] if the settings cannot be encoded.
     pub fn checksum(&self) -> Result<String, DenoiseError> {
         Ok(format!("{:08x}", crc32fast::hash(&self.merged().to_bytes()?)))
     }

@@ -10,6 +10,7 @@
 //! # Example
 //! ```
 //! use eit_mesh::{MeshSettings, Quality, RimElectrodes, SkinShape, generate};
+#![deny(clippy::missing_errors_doc)]
 //!
 //! let skin = SkinShape::Disc { radius_m: 0.1 };
 //! let mesh = generate(&skin, &RimElectrodes::equally_spaced(16, 0.0196), &MeshSettings::default())?;

@@ -144,7 +144,9 @@ impl fmt::Display for Quality {
         )?;
         let counts = &self.elements_per_electrode;
         if let (Some(least), Some(most)) = (counts.iter().min(), counts.iter().max()) {
-            write!(f, "\nelectrodes  {} with {least} to {most} elements each", counts.len())?;
+            let range =
+                if least == most { least.to_string() } else { format!("{least} to {most}") };
+            write!(f, "\nelectrodes  {} with {range} elements each", counts.len())?;
         }
         Ok(())
     }

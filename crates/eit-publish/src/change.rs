@@ -4,8 +4,8 @@ use crate::outbox::FrameCopy;
 use eit_skin::{Touch, TouchState};
 use std::time::{Duration, Instant};
 
-/// How much a touch must change to be published before the next heartbeat. Touches that begin or end, electrodes
-/// that fail or recover, and changes of `valid` and `whole` are always published.
+/// How much a touch must change to be published before the next heartbeat. Touches that begin or end,
+/// electrodes that fail or recover, and changes of `valid` and `whole` are always published.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChangeThreshold {
     /// Movement since it was last published, metres.
@@ -54,7 +54,7 @@ impl ChangeFilter {
         Self { threshold, heartbeat, last: None }
     }
 
-    /// Whether this frame is published, which arrived now; then the next one is compared with it.
+    /// Decides whether to publish this frame, which arrived at `now`; if so, later frames are compared with it.
     pub fn wants(&mut self, frame: &FrameCopy, now: Instant) -> bool {
         let Some(threshold) = self.threshold else { return true };
         let is_wanted = self.last.as_ref().is_none_or(|(at, last)| {

@@ -90,7 +90,7 @@ pub enum PublishError {
 }
 
 impl PublishError {
-    /// Whether the caller's input is at fault.
+    /// Returns whether the caller's input is at fault.
     pub fn is_input(&self) -> bool {
         match self {
             Self::Address { .. } => true,

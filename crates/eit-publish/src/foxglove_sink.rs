@@ -29,11 +29,11 @@ const SCENE_EVERY: Duration = Duration::from_millis(15);
 /// How a skin is shown in Foxglove.
 #[derive(Debug, Clone)]
 pub struct FoxgloveSettings {
-    /// HOST:PORT of the server, port 0 for any that is free; `None` for no server.
+    /// HOST:PORT of the server (port 0: any free port); `None` for no server.
     pub server: Option<String>,
-    /// A recording with the same messages, which must not exist yet.
+    /// File to record the same messages to; it must not exist yet.
     pub recording: Option<PathBuf>,
-    /// Topics begin with this: `/scene`, `/image` and `/log` follow.
+    /// Prefix of the topics, followed by `/scene`, `/image` and `/log`.
     pub topic: String,
     /// Name of the skin's coordinate frame.
     pub frame_id: String,
@@ -71,7 +71,7 @@ impl FoxgloveSink {
     ///
     /// # Errors
     ///
-    /// An address that cannot be used, a recording that exists.
+    /// An address that cannot be used, or a recording that exists.
     pub fn new(settings: &FoxgloveSettings) -> Result<Self, PublishError> {
         let context = Context::new();
         let mut address = None;
@@ -127,12 +127,12 @@ impl FoxgloveSink {
         self.address
     }
 
-    /// Frames offered, and dropped because showing was slower.
+    /// Returns the numbers of frames offered, and of those dropped because sending could not keep up.
     pub fn statistics(&self) -> SinkStatistics {
         self.outbox.statistics()
     }
 
-    /// Whether a client is connected or a recording is made.
+    /// Returns whether images are needed: a client is connected, or a recording is made.
     pub fn wants_images(&self) -> bool {
         self.is_recording || self.clients.load(Ordering::Relaxed) > 0
     }

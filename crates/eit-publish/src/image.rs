@@ -7,9 +7,9 @@ use eit_skin::ndarray::ArrayView2;
 pub struct SkinImage<'a> {
     /// Change of conductivity.
     pub change_s: ArrayView2<'a, f64>,
-    /// The same before the net, if there is one.
+    /// Image before the U-net, if there is one, siemens.
     pub before_net_s: Option<ArrayView2<'a, f64>>,
-    /// Change of the faintest touch; 0 if unknown. Images weaker than that show noise.
+    /// Conductivity change of the faintest detectable touch, siemens; 0 if unknown. Weaker images show noise.
     pub faintest_s: f64,
     /// Certified bound on the relative distance of the image to its optimum, if known.
     pub gap: Option<f64>,

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 #![cfg_attr(docsrs, feature(doc_cfg))]
+#![deny(clippy::missing_errors_doc)]
 
 #[cfg(feature = "zenoh")]
 pub mod body;

@@ -100,15 +100,15 @@ pub(crate) enum Next {
     Over,
 }
 
-/// Messages that a sink was offered and those that it could not take.
+/// Numbers of messages offered to a sink and dropped by it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct SinkStatistics {
     /// Frames offered.
     pub frames: u64,
-    /// Frames dropped because the sink was slower than the skin.
+    /// Number of frames dropped because the sink could not keep up.
     pub dropped_frames: u64,
-    /// Other messages dropped for that reason.
+    /// Number of other messages dropped for the same reason.
     pub dropped_events: u64,
 }
 

@@ -27,7 +27,7 @@ pub struct Start<'a> {
     pub electrodes: usize,
     /// Number of frames in a reference.
     pub reference_frames: usize,
-    /// Whether frames arrive now; then events carry the time of this computer's clock.
+    /// Whether frames are live; events then carry the time of this computer's clock.
     pub is_live: bool,
 }
 
@@ -112,7 +112,7 @@ impl Publisher {
         self
     }
 
-    /// Whether there is a page (feature `web`).
+    /// Returns whether there is a page (feature `web`).
     #[cfg(feature = "web")]
     pub fn has_web(&self) -> bool {
         self.web.is_some()
@@ -135,7 +135,8 @@ impl Publisher {
         false
     }
 
-    /// Whether somebody looks at images now: a browser, a subscriber of the image topic, Foxglove or its recording.
+    /// Returns whether images are needed now: by a browser, a subscriber of the image topic, Foxglove or its
+    /// recording.
     pub fn has_viewer(&self) -> bool {
         #[cfg(feature = "web")]
         if self.web.as_ref().is_some_and(crate::web::WebServer::has_browser) {
@@ -196,8 +197,8 @@ impl Publisher {
         wanted
     }
 
-    /// What the page asked for since the last call: true to start a recording, false to stop it (feature `web`; only
-    /// with [`WebServer::with_recording`](crate::WebServer::with_recording)).
+    /// Returns what the page has requested since the last call: true to start a recording, false to stop it
+    /// (feature `web`; only with [`WebServer::with_recording`](crate::WebServer::with_recording)).
     #[cfg(feature = "web")]
     pub fn recording_request(&self) -> Option<bool> {
         self.web.as_ref()?.recording_request()
@@ -371,8 +372,8 @@ impl Publisher {
         said
     }
 
-    /// Whether the reader of the lines has closed its pipe, which is not an error but ends a program that writes
-    /// for it.
+    /// Returns whether the reader of the lines has closed its pipe. That is not an error, but a program that
+    /// writes only for this reader should end.
     pub fn is_closed(&self) -> bool {
         self.is_closed
     }
@@ -382,13 +383,13 @@ impl Publisher {
         &self.udp
     }
 
-    /// The zenoh sinks with their counts (feature `zenoh`).
+    /// Returns the zenoh sinks, with their counts (feature `zenoh`).
     #[cfg(feature = "zenoh")]
     pub fn zenoh(&self) -> &[crate::ZenohSink] {
         &self.zenoh
     }
 
-    /// The Foxglove sink with its counts (feature `foxglove`).
+    /// Returns the Foxglove sink, with its counts (feature `foxglove`).
     #[cfg(feature = "foxglove")]
     pub fn foxglove(&self) -> Option<&crate::FoxgloveSink> {
         self.foxglove.as_ref()

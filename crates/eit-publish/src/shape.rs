@@ -12,6 +12,6 @@ pub struct SkinShape {
     pub outlines_m: Vec<Vec<[f64; 2]>>,
     /// Points of each electrode, metres, in the order of their numbers.
     pub electrodes_m: Vec<Vec<[f64; 2]>>,
-    /// Borders of images: least x, largest x, least y, largest y, metres.
+    /// Extent of the images, metres: smallest and largest x, then smallest and largest y.
     pub extent_m: [f64; 4],
 }

@@ -46,7 +46,7 @@ pub(crate) struct ImageEvent {
 /// Values as bytes.
 #[derive(Serialize)]
 pub(crate) struct Pixels {
-    /// Conductivity change of the bytes 1 and 255, siemens; values beyond are cut off.
+    /// Conductivity changes that the bytes 1 and 255 represent, siemens; values beyond are clipped.
     pub range_s: f64,
     /// One byte per pixel in row-major order from the top: 0 outside the skin, else 1 to 255 with 128 for no change;
     /// base64.

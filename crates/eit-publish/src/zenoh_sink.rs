@@ -22,15 +22,15 @@ use std::time::{Duration, Instant};
 /// How a skin is published.
 #[derive(Debug, Clone)]
 pub struct ZenohSettings {
-    /// Topics begin with this, such as `skin/left_arm`: `/touches`, `/image` and `/pose` follow.
+    /// Prefix of the topics, such as `skin/left_arm`, followed by `/touches`, `/image` and `/pose`.
     pub topic: String,
     /// Name of the skin's coordinate frame.
     pub frame_id: String,
-    /// Domain of ROS 2 (`ROS_DOMAIN_ID`).
+    /// ROS 2 domain (`ROS_DOMAIN_ID`).
     pub domain: u32,
     /// Name of the parent frame and the pose of the skin in it, published every second.
     pub pose: Option<(String, Pose)>,
-    /// Publish only what has changed by more than this, and heartbeats; `None` for every frame.
+    /// Publish only changes above these thresholds, and heartbeats; `None` publishes every frame.
     pub change: Option<ChangeThreshold>,
     /// Longest time between two published frames while frames arrive.
     pub heartbeat: Duration,
@@ -39,8 +39,8 @@ pub struct ZenohSettings {
 }
 
 impl ZenohSettings {
-    /// Settings for a topic: frame `skin`, domain 0, no pose, every touch that changes, ten heartbeats a second,
-    /// and the session of [`SessionSettings::default`].
+    /// Creates settings for a topic: frame `skin`, domain 0, no pose, every touch that changes, ten heartbeats
+    /// a second, and the session of [`SessionSettings::default`].
     pub fn new(topic: impl Into<String>) -> Self {
         Self {
             topic: topic.into(),
@@ -73,7 +73,7 @@ impl ZenohSink {
     ///
     /// # Errors
     ///
-    /// Names that ROS 2 does not allow, endpoints that zenoh does not understand or cannot listen at.
+    /// Names that ROS 2 does not allow, or endpoints that zenoh cannot parse or listen at.
     pub fn new(settings: &ZenohSettings) -> Result<Self, PublishError> {
         ros::check_topic(&settings.topic)?;
         let topic = settings.topic.trim_start_matches('/').to_owned();
@@ -97,17 +97,17 @@ impl ZenohSink {
         &self.topic
     }
 
-    /// Frames offered, and dropped because sending was slower.
+    /// Returns the numbers of frames offered, and of those dropped because sending could not keep up.
     pub fn statistics(&self) -> SinkStatistics {
         self.outbox.statistics()
     }
 
-    /// Messages handed to zenoh, and those that it refused.
+    /// Returns the numbers of messages handed to zenoh, and of those that it rejected.
     pub fn sent(&self) -> (u64, u64) {
         (self.shared.sent.load(Ordering::Relaxed), self.shared.refused.load(Ordering::Relaxed))
     }
 
-    /// Whether a receiver subscribes to images.
+    /// Returns whether anybody subscribes to images.
     pub fn wants_images(&self) -> bool {
         self.shared.wants_images.load(Ordering::Relaxed)
     }

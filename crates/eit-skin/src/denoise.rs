@@ -28,33 +28,34 @@ pub struct Net {
     weights: Weights,
     source: String,
     skin: String,
-    /// -1 where touches lower the conductivity: nets know touches that raise it.
+    /// Sign by which images are multiplied: -1 if touches lower the conductivity, since nets are trained on
+    /// touches that raise it.
     sign: f64,
 }
 
-/// What weights are checked against.
+/// The skin and raster that weights must have been trained for.
 #[derive(Debug, Clone, Copy)]
 pub struct NetTarget<'a> {
     /// Checksum of shape, electrodes and protocol of the skin.
     pub fingerprint: &'a str,
     /// Pixels along the longer side of the images.
     pub pixels: usize,
-    /// Which changes are touches.
+    /// Sign of the conductivity change of a touch.
     pub sign: TouchSign,
 }
 
 impl Skin {
-    /// The net that the settings ask for; `None` where they ask for none.
+    /// Loads the net that the settings name; `None` if they name none.
     ///
     /// # Errors
     ///
-    /// Weights that cannot be read, or of another skin or other pixels.
+    /// Weights that cannot be read, or that were trained for another skin or number of pixels.
     pub fn net(&self) -> Result<Option<Net>, SkinError> {
         let Some(settings) = &self.settings.denoise else { return Ok(None) };
         Net::load(settings, &self.net_target()).map(Some)
     }
 
-    /// What weights for this skin are checked against.
+    /// Returns the skin and raster that weights for this skin must have been trained for.
     pub fn net_target(&self) -> NetTarget<'_> {
         NetTarget {
             fingerprint: &self.fingerprint,
@@ -65,11 +66,11 @@ impl Skin {
 }
 
 impl Net {
-    /// Reads weights, "default" or a file, and refuses those of another skin or other pixels.
+    /// Loads weights, "default" or a file, and rejects those trained for another skin or number of pixels.
     ///
     /// # Errors
     ///
-    /// As [`Skin::net`].
+    /// The errors of [`Skin::net`].
     pub fn load(settings: &DenoiseSettings, target: &NetTarget<'_>) -> Result<Self, SkinError> {
         let DenoiseSettings { weights: name, any_skin } = settings;
         let weights = match name.as_str() {
@@ -91,12 +92,12 @@ impl Net {
         Ok(Self { weights, source: name.clone(), skin: fingerprint.to_owned(), sign })
     }
 
-    /// Replaces images [frame, row, column] of a raster by what the net makes of them. With the
-    /// measurements at hand, images that do not explain them are replaced by the raw ones again.
+    /// Denoises images [frame, row, column] of a raster in place. If `check` has the measurements, a denoised
+    /// image that does not explain them is discarded and the raw one kept.
     ///
     /// # Errors
     ///
-    /// A net that sees measurements where there are none; those of the noise and the images.
+    /// A net that needs measurements, without `check`; the errors of the noise and the images.
     pub fn apply(
         &self,
         images: &mut Array3<f64>,
@@ -129,11 +130,11 @@ impl Net {
         })
     }
 
-    /// The same without judging the images.
+    /// Like [`Net::apply`], but keeps every denoised image, even one that does not explain its measurements.
     ///
     /// # Errors
     ///
-    /// Those of [`Net::apply`].
+    /// The errors of [`Net::apply`].
     pub fn apply_unchecked(
         &self,
         images: &mut Array3<f64>,
@@ -148,7 +149,7 @@ impl Net {
         })
     }
 
-    /// Images by a net that sees nothing else.
+    /// Denoises with a net whose only input is the image.
     fn of_images(&self, raw: &Array3<f64>, raster: &Raster) -> Result<Array3<f64>, SkinError> {
         if inputs::needs_data(self.weights.shape) {
             return Err(SkinError::input(format!(
@@ -163,7 +164,7 @@ impl Net {
         Ok(net.denoise(&raw)?.into_parts().0.mapv_into(turned))
     }
 
-    /// Images by a net that may see the measurements.
+    /// Denoises with a net whose inputs may include the measurements.
     fn of_frames(
         &self,
         raw: &Array3<f64>,
@@ -202,7 +203,7 @@ impl Net {
         self.weights.shape
     }
 
-    /// For people.
+    /// Describes it in words.
     pub fn words(&self) -> String {
         let shape = self.weights.shape;
         format!(
@@ -214,7 +215,7 @@ impl Net {
         )
     }
 
-    /// For programs.
+    /// Returns it as JSON.
     pub fn json(&self) -> Value {
         json!({
             "weights": self.source,
@@ -227,29 +228,28 @@ impl Net {
     }
 }
 
-/// How near images come to the truth.
+/// Errors of denoised images relative to the truth.
 #[derive(Debug, Clone, Copy)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct Scores {
-    /// Median over the frames of squared error over that of the raw image: net, and the paper's
-    /// threshold rule.
+    /// Squared error of the net's image divided by that of the raw image, median over the frames.
     pub net_over_raw: f64,
-    /// The same for the paper's threshold rule.
+    /// The same for the threshold rule of the paper.
     pub rule_over_raw: f64,
-    /// Parts of the frames in which the net is nearer than raw image and rule.
+    /// Fraction of the frames in which the net's image is closer to the truth than the raw image.
     pub nearer_than_raw: f64,
-    /// The same against the threshold rule.
+    /// Fraction of the frames in which the net's image is closer to the truth than that of the threshold rule.
     pub nearer_than_rule: f64,
-    /// Frames that were compared: those whose raw image is not zero.
+    /// Number of frames compared: those whose raw image is not zero.
     pub frames: usize,
 }
 
-/// Compares over the pixels that are finite in all.
+/// Compares images with the truth, over the pixels that are finite in all of them.
 ///
 /// # Errors
 ///
-/// Those of [`Threshold::apply_into`], but for a constant image, which counts as it is.
+/// The errors of [`Threshold::apply_into`], except for a constant image, of which the rule keeps nothing.
 pub fn scores(
     raw: ArrayView3<'_, f64>,
     made: ArrayView3<'_, f64>,
@@ -294,7 +294,7 @@ fn squared(image: ArrayView2<'_, f64>, truth: ArrayView2<'_, f64>) -> f64 {
 }
 
 impl Scores {
-    /// For people.
+    /// Describes it in words.
     pub fn words(&self) -> String {
         format!(
             "mean squared error against the truth, median of {} frames: {:.3} of the raw image's \
@@ -307,7 +307,7 @@ impl Scores {
         )
     }
 
-    /// For programs.
+    /// Returns it as JSON.
     pub fn json(&self) -> Value {
         json!({
             "frames": self.frames,

@@ -214,7 +214,7 @@ impl FirstScene {
         format!(
             "[protocol]\ndrive = \"{}\"\nmeasure = \"{}\"\n\
              driven_electrodes = \"{driven}\"      # \"keep\": current-carrying electrodes are measured, too\n\
-             order = \"{order}\"              # or \"rotated\", \"ascending\": docs/SCENE.md\n\
+             order = \"{order}\"              # \"rotated\" or \"ascending\": docs/SCENE.md\n\
              current_a = {:e}               # normalised differences do not depend on it\n\n",
             pattern(&self.protocol.drive),
             pattern(&self.protocol.measure),

@@ -91,7 +91,7 @@ pub enum Frame {
 pub struct PlaceErrors {
     /// Median.
     pub median_m: f64,
-    /// Mean.
+    /// Mean position error.
     pub mean_m: f64,
 }
 

@@ -44,7 +44,7 @@ impl Method {
         }
     }
 
-    /// Describes the method, for small print.
+    /// Describes the method in a few words, such as for a caption.
     pub fn words(self) -> &'static str {
         match self {
             Self::StTv => "spatio-temporal total variation",

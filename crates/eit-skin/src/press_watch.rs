@@ -5,6 +5,13 @@ use std::collections::VecDeque;
 
 /// A frame shows a press if its root mean square change exceeds this multiple of the noise.
 const PRESSED: f64 = 6.0;
+/// Least root mean square change of a press, relative to the median voltage. The simulated fabric drifts by
+/// 7e-5 per second, which the reference follows 20 frames late: 1.6e-4 at 8 frames per second. A press of 0.3 N in
+/// the middle of the paper's skin changes 3e-4, one of 1 N on 12 x 8 cm 3e-2.
+const LEAST: f64 = 2e-4;
+/// Coarsest step of a converter, relative to the median voltage. Without this limit, a press that is the first
+/// change of all would pass for rounding.
+const COARSEST_STEP: f64 = 1e-2;
 /// After a press, a change must also exceed this fraction of it: fabric relaxes for long.
 const MEMORY: f64 = 0.1;
 /// The press is released when the change falls below this fraction of it.
@@ -35,11 +42,18 @@ pub enum PressState {
 /// follows the untouched skin, and is taken anew after a release, so that what remains of a press in the
 /// fabric (its memory) does not count as a second press; nor does less than a tenth of the last press, by which the fabric
 /// may still relax. Channels have equal weight in units of their noise,
-/// which is at least a tenth of the median channel's.
+/// which is at least a tenth of the median channel's. A change below 2e-4 of the median
+/// voltage is no press, however quiet the board is.
 #[derive(Debug, Clone)]
 pub struct PressWatch {
     reference: Vec<f64>,
     noise: Vec<f64>,
+    /// Latest frame, and the smallest change of a value between two frames: the converter's step, infinite
+    /// until a value changes. A converter without noise may repeat its values for the whole untouched start.
+    latest: Vec<f64>,
+    step: f64,
+    /// [`COARSEST_STEP`] in the frames' unit.
+    coarsest_step: f64,
     window: VecDeque<Vec<f64>>,
     frames: usize,
     /// Size of the press that is being held.
@@ -83,16 +97,21 @@ impl PressWatch {
         if known.is_empty() {
             return Err(SkinError::input("no value of the untouched skin is finite in all frames"));
         }
-        let floor = floor_of(&known, &mean);
+        let voltage = median(mean.iter().map(|v| v.abs()).filter(|v| v.is_finite()));
+        let floor = floor_of(&known, voltage);
         // a channel with missing values has no reference: it never counts
         noise.iter_mut().for_each(|noise| {
             *noise = if noise.is_finite() { noise.max(floor) } else { f64::INFINITY };
         });
         let frames = window.max(4);
         let window = VecDeque::with_capacity(frames);
+        let steps = untouched.windows(2).map(|pair| smallest_change(&pair[0], &pair[1]));
         Ok(Self {
             reference: mean,
             noise,
+            latest: untouched[untouched.len() - 1].clone(),
+            step: steps.fold(f64::INFINITY, f64::min),
+            coarsest_step: COARSEST_STEP * voltage,
             window,
             frames,
             held: None,
@@ -113,12 +132,14 @@ impl PressWatch {
         if frame.len() != self.reference.len() {
             return PressState::Unsteady;
         }
+        self.step = self.step.min(smallest_change(&self.latest, frame));
+        self.latest.copy_from_slice(frame);
         let values = frame.iter().zip(&self.reference);
         let change: Vec<f64> = values
             .map(|(value, reference)| value - reference)
             .map(|change| if change.is_finite() { change } else { 0.0 })
             .collect();
-        let size = self.size(&change);
+        let (size, shows_press) = (self.size(&change), self.shows_press(&change));
         if self.window.len() == self.frames {
             self.window.pop_front();
         }
@@ -138,7 +159,7 @@ impl PressWatch {
             }
             return PressState::Unsteady;
         }
-        if size < self.pressed {
+        if !shows_press {
             let newest = self.window.back();
             let slots = self.reference.iter_mut().zip(newest.into_iter().flatten());
             slots.for_each(|(reference, change)| *reference += FOLLOW * change);
@@ -157,9 +178,16 @@ impl PressWatch {
 
     /// Root mean square of a change in units of the noise.
     fn size(&self, change: &[f64]) -> f64 {
-        let squares =
-            change.iter().zip(&self.noise).map(|(change, noise)| (change / noise).powi(2));
-        (squares.sum::<f64>() / change.len() as f64).sqrt()
+        rms(change.iter().zip(&self.noise).map(|(change, noise)| change / noise))
+    }
+
+    /// Whether a change shows a press: it exceeds noise and memory by far, and also what rounding to steps makes
+    /// of a slow drift.
+    fn shows_press(&self, change: &[f64]) -> bool {
+        let step = if self.step.is_finite() { self.step.min(self.coarsest_step) } else { 0.0 };
+        let counted = change.iter().zip(&self.noise).filter(|(_, noise)| noise.is_finite());
+        let rounding = PRESSED * step / 12.0_f64.sqrt();
+        self.size(change) >= self.pressed && rms(counted.map(|(change, _)| *change)) >= rounding
     }
 
     /// Makes the mean of the current window the reference.
@@ -181,7 +209,7 @@ impl PressWatch {
     /// The mean change, if a full window shows a press and its halves agree.
     fn steady(&self) -> Option<Vec<f64>> {
         if self.window.len() < self.frames
-            || self.window.iter().any(|change| self.size(change) < self.pressed)
+            || !self.window.iter().all(|change| self.shows_press(change))
         {
             return None;
         }
@@ -196,15 +224,35 @@ impl PressWatch {
     }
 }
 
-/// A tenth of the median channel's noise; if that is zero, the largest noise of any channel or, if none ever
-/// changes, a millionth of the largest voltage.
-fn floor_of(noise: &[f64], mean: &[f64]) -> f64 {
-    let mut sorted = noise.to_vec();
+/// Least noise of a channel: a tenth of the median channel's or, if most channels never change, the largest
+/// noise of any; in any case so much that a change of [`LEAST`] of the median voltage counts as [`PRESSED`]. The
+/// median, because voltages at driven electrodes may be a hundred times as large as all others.
+fn floor_of(noise: &[f64], median_voltage: f64) -> f64 {
+    let measured = match median(noise.iter().copied()) {
+        0.0 => noise.iter().copied().fold(0.0, f64::max),
+        middle => 0.1 * middle,
+    };
+    measured.max(LEAST / PRESSED * median_voltage).max(f64::MIN_POSITIVE)
+}
+
+/// Root mean square; 0 without values.
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (count, squares) =
+        values.fold((0.0, 0.0), |(n, sum), value| (n + 1.0, sum + value * value));
+    (squares / f64::max(count, 1.0)).sqrt()
+}
+
+/// Smallest change of a value from one frame to the next; infinite if none changes.
+fn smallest_change(before: &[f64], after: &[f64]) -> f64 {
+    let changes = before.iter().zip(after).map(|(before, after)| (after - before).abs());
+    changes.filter(|change| *change > 0.0).fold(f64::INFINITY, f64::min)
+}
+
+/// The upper median; 0 without values.
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
-    let median = sorted[sorted.len() / 2];
-    let largest = mean.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-    let quiet = sorted.iter().rev().find(|noise| **noise > 0.0).copied().unwrap_or(1e-6 * largest);
-    (if median > 0.0 { 0.1 * median } else { quiet }).max(f64::MIN_POSITIVE)
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]
@@ -258,6 +306,41 @@ mod tests {
         for after in [&states[40..130], &states[170..]] {
             assert!(after.iter().all(|state| *state == PressState::Untouched), "{after:?}");
         }
+    }
+
+    /// A board without noise, on a fabric that drifts by 5e-6 of its voltages per frame: nothing touches it. A
+    /// light touch of 5e-4 is a press all the same.
+    #[test]
+    fn the_drift_of_a_skin_without_noise_is_no_press() {
+        let frame =
+            |level: f64| (0..12).map(|i| 1.0 + level * f64::from(i % 3)).collect::<Vec<_>>();
+        let drift = |k: i32| 5e-6 * f64::from(k);
+        let untouched: Vec<_> = (0..20).map(|k| frame(drift(k))).collect();
+        let mut watch = PressWatch::new(&untouched, 8).unwrap();
+        for k in 20..400 {
+            assert_eq!(watch.push(&frame(drift(k))), PressState::Untouched, "frame {k}");
+        }
+        let states: Vec<_> = (400..420).map(|k| watch.push(&frame(5e-4 + drift(k)))).collect();
+        assert!(states.iter().any(|state| matches!(state, PressState::Held(_))), "{states:?}");
+    }
+
+    /// A converter of 12 bits without noise repeats its values until the drift of the fabric turns the last
+    /// digit of one of them: no press. A press of a few steps is one.
+    #[test]
+    fn a_turning_digit_is_no_press() {
+        let step = 1.0 / 4096.0;
+        let frame = |level: f64| -> Vec<f64> {
+            let values = (0..40).map(|i| 0.1 + 0.0177 * f64::from(i) + level);
+            values.map(|value| (value / step).round() * step).collect()
+        };
+        let drift = |k: i32| 2e-6 * f64::from(k);
+        let mut watch = PressWatch::new(&vec![frame(0.0); 20], 8).unwrap();
+        for k in 0..400 {
+            assert_eq!(watch.push(&frame(drift(k))), PressState::Untouched, "frame {k}");
+        }
+        let states: Vec<_> =
+            (400..420).map(|k| watch.push(&frame(5.0 * step + drift(k)))).collect();
+        assert!(states.iter().any(|state| matches!(state, PressState::Held(_))), "{states:?}");
     }
 
     #[test]

@@ -256,6 +256,8 @@ impl Skin {
 
     /// Returns the simulated fabric with other settings than the scene's.
     ///
+    /// # Errors
+    ///
     /// The errors of [`Fabric::new`].
     pub fn fabric_with(&self, settings: &FabricSettings) -> Result<Fabric, SkinError> {
         let (sheet_s, impedance) = (self.conductivity_s, &self.contact_impedance);

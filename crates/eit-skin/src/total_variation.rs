@@ -125,9 +125,9 @@ pub struct TvMovie {
     pub weights: Option<Weights>,
     /// Noise by which the data are weighted; `None` if all have equal noise of unknown size.
     pub noise: Option<DataNoise>,
-    /// Whether each frame does not differ from the reference beyond noise.
+    /// Whether each frame differs from the reference by noise only.
     pub quiet: Vec<bool>,
-    /// Whether the other frames do not differ from each other, so that one image represents all.
+    /// Whether the other frames differ from each other by noise only, so that one image represents them all.
     pub still: bool,
     /// Number of independent directions of the data.
     pub rank: usize,

@@ -23,49 +23,48 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
-/// One sequence of so many is held out.
+/// One in this many sequences is held out.
 const HELD_OUT: usize = 6;
 
-/// What the wanted images of a simulated sequence are.
+/// Training target of a simulated sequence.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Wanted {
     /// The true change of conductivity.
     #[default]
     Truth,
-    /// The raw images after [`eit_denoise::ThresholdRule`], as in the paper of Duan, Taurand and
+    /// The raw images filtered by [`eit_denoise::ThresholdRule`], as in the paper of Duan, Taurand and
     /// Soleimani.
     Rule,
 }
 
-/// What a learning base is made of.
+/// Settings of a learning base.
 #[derive(Debug, Clone, Default)]
 pub struct BaseRequest {
-    /// Method of the raw images; `None`: the scene's.
+    /// Method of the raw images; `None` for the scene's.
     pub method: Option<String>,
-    /// Frames of a simulated sequence.
+    /// Number of frames of a simulated sequence.
     pub frames: usize,
-    /// Fingers of every simulated sequence; `None`: drawn.
+    /// Number of fingers in every simulated sequence; `None` for a random number.
     pub fingers: Option<usize>,
-    /// Built-in script on the skin's own fabric for every simulated sequence; `None`: drawn touches on
-    /// drawn fabrics.
+    /// Built-in script, simulated on the skin's own fabric; `None` for random touches on random fabrics.
     pub script: Option<String>,
-    /// Wanted images of simulated sequences.
+    /// Training target of simulated sequences.
     pub wanted: Wanted,
     /// Recordings to learn from instead of simulated touches.
     pub recording: Vec<PathBuf>,
-    /// Sequences, one in six of them held out.
+    /// Number of sequences, one in six of which is held out.
     pub sequences: usize,
-    /// Seed of everything drawn.
+    /// Seed of all random quantities.
     pub seed: u64,
 }
 
 impl BaseRequest {
-    /// Rejects settings that no base can be made with, before any work.
+    /// Rejects invalid settings, before any work.
     ///
     /// # Errors
     ///
-    /// Settings that exclude each other, and fewer than two sequences.
+    /// Settings that exclude each other, or fewer than two sequences.
     pub fn validate(&self) -> Result<(), SkinError> {
         if !self.recording.is_empty() && self.fingers.is_some() {
             return Err(SkinError::input("--fingers: a recording has the fingers that it has"));
@@ -82,12 +81,12 @@ impl BaseRequest {
     }
 }
 
-/// The learning base in a folder, complete, or one part of it: makes the sequences that are missing,
-/// on so many threads.
+/// Completes the learning base in a folder, or one part of it: makes the missing sequences, on `threads`
+/// threads.
 ///
 /// # Errors
 ///
-/// A folder with another base; those of the sequences; an interruption.
+/// A folder with another base; the errors of making the sequences; an interruption.
 pub fn base(
     request: &BaseRequest,
     sequences: &Sequences,
@@ -147,16 +146,16 @@ pub fn base(
     })
 }
 
-/// Whether a sequence of so many is held out; the last one where there are few.
+/// Returns whether sequence `index` of `count` is held out; of a few, it is the last.
 fn is_held_out(index: usize, count: usize) -> bool {
     index % HELD_OUT == HELD_OUT - 1 || (count < HELD_OUT && index == count - 1)
 }
 
-/// Shards to learn from, and those held out.
+/// Reads the shards to train on, and those held out.
 ///
 /// # Errors
 ///
-/// A base that is not complete, or whose files are damaged.
+/// A base that is incomplete or damaged.
 pub fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), SkinError> {
     let (mut train, mut held_out) = (Vec::new(), Vec::new());
     let count = base.settings().shards;

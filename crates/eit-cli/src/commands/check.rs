@@ -84,13 +84,15 @@ fn text(
     let mut lines = vec![
         format!("{name}: {}", verdict(report)),
         format!(
-            "{} frames at {} Hz, {} lost, {} bytes damaged; signal to noise {} dB, reciprocity \
+            "{} frames at {} Hz, {} lost, {} bytes damaged; signal-to-noise ratio {}, reciprocity \
              error {}",
             quiet.frames.values.nrows(),
             number(report.frame_rate_hz, 2),
             quiet.facts.lost_frames,
             statistics.damaged_bytes,
-            number(report.signal_to_noise_db, 1),
+            report
+                .signal_to_noise_db
+                .map_or_else(|| "unknown".to_owned(), |db| format!("{db:.1} dB")),
             number(report.reciprocity, 3),
         ),
     ];

@@ -269,6 +269,24 @@ impl<'a> Fit<'a> {
             Some(given) => given.clone(),
             None => vec![variance.sqrt(); self.frame_v.len()],
         };
+        let residual_after = self.relative(&estimated);
+        if status == CalibrationStatus::Converged {
+            event!(
+                DEBUG,
+                "calibration converged",
+                iterations = iterations,
+                residual = residual_after
+            );
+        } else {
+            event!(
+                WARN,
+                "calibration stopped before it converged",
+                stalled = status == CalibrationStatus::Stalled,
+                iterations = iterations,
+                max_iterations = self.settings.max_iterations,
+                residual = residual_after,
+            );
+        }
         Ok(Calibration {
             status,
             iterations,
@@ -278,7 +296,7 @@ impl<'a> Fit<'a> {
             covariance,
             determined,
             residual_before,
-            residual_after: self.relative(&estimated),
+            residual_after,
             noise_std_v,
             reduced_chi_square: if self.known { sum / variance / free } else { 1.0 },
             voltages_v: estimated.voltages_v,

@@ -15,7 +15,8 @@ pub(super) struct ClockOffset {
 }
 
 impl ClockOffset {
-    /// Takes the times of a message: sent by the other clock, arrived by this one, seconds.
+    /// Takes the times of a message, seconds: when it was sent by the other clock, and when it arrived by this
+    /// one.
     pub fn observe(&mut self, sent_s: f64, arrived_s: f64) {
         let delay = arrived_s - sent_s;
         let is_step = self.offset_s().is_some_and(|least| (delay - least).abs() > STEP_S);
@@ -30,7 +31,7 @@ impl ClockOffset {
         self.least[0] = Some(least);
     }
 
-    /// What to add to the other clock's time; `None` before the first message.
+    /// Returns the offset to add to the other clock's times, seconds; `None` before the first message.
     pub fn offset_s(&self) -> Option<f64> {
         match self.least {
             [Some(now), Some(before)] => Some(now.min(before)),

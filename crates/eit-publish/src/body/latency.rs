@@ -5,7 +5,7 @@ const BUCKETS: usize = 342;
 const RATIO: f64 = 1.05;
 const FIRST_S: f64 = 1e-6;
 
-/// Distribution of latencies, to 5 %.
+/// Distribution of latencies, accurate to 5 %.
 #[derive(Debug, Clone)]
 pub struct Latency {
     counts: Vec<u64>,
@@ -20,7 +20,7 @@ impl Default for Latency {
 }
 
 impl Latency {
-    /// Adds one latency, seconds; a negative one counts as none, since clocks differ.
+    /// Adds a latency, seconds; a negative one, possible because clocks differ, counts as zero.
     pub fn add(&mut self, latency_s: f64) {
         let bucket = ((latency_s / FIRST_S).max(1.0).ln() / RATIO.ln()) as usize;
         self.counts[bucket.min(BUCKETS - 1)] += 1;
@@ -38,8 +38,8 @@ impl Latency {
         self.largest_s
     }
 
-    /// The latency that a share `share` (0 to 1) of messages does not exceed, seconds, rounded up to the end of its
-    /// bucket; `None` without messages.
+    /// Returns the latency that the fraction `share` (0 to 1) of messages does not exceed, seconds, rounded up
+    /// to the end of its bucket; `None` without messages.
     pub fn quantile_s(&self, share: f64) -> Option<f64> {
         let wanted = (share * self.count as f64).ceil().max(1.0) as u64;
         let mut sum = 0;

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 const VERSION: u32 = 1;
 
 impl Body {
-    /// The first line.
+    /// Returns the line that starts the stream.
     pub fn start_line(&self, settings: &BodySettings) -> Value {
         let patches: Vec<&str> = settings.patches.iter().map(|patch| patch.name.as_str()).collect();
         json!({
@@ -18,7 +18,7 @@ impl Body {
         })
     }
 
-    /// A line for news.
+    /// Returns the line for an event.
     pub fn line(&self, news: &BodyNews) -> Value {
         match news {
             BodyNews::Touches(list) => {
@@ -41,7 +41,7 @@ impl Body {
         }
     }
 
-    /// The last line.
+    /// Returns the line that ends the stream.
     pub fn end_line(&self, lists: u64) -> Value {
         json!({ "type": "event", "event": "ended", "lists": lists, "time_s": clock_s() })
     }

@@ -100,7 +100,7 @@ impl Body {
         })
     }
 
-    /// Waits for news, no longer than `timeout`.
+    /// Waits for the next change or event, for at most `timeout`.
     pub fn next(&mut self, timeout: Duration) -> Option<BodyNews> {
         let end = Instant::now() + timeout;
         loop {
@@ -145,7 +145,7 @@ impl Body {
         self.state.states(Instant::now())
     }
 
-    /// How late messages were ([`BodyState::latency`]).
+    /// Returns the latencies of messages ([`BodyState::latency`]).
     pub fn latency(&self) -> &Latency {
         self.state.latency()
     }
@@ -155,7 +155,8 @@ impl Body {
         self.state.reset_latency();
     }
 
-    /// Messages dropped because they came faster than they were joined, and lists that zenoh did not take.
+    /// Number of messages dropped because they arrived faster than they could be joined, and of lists that
+    /// zenoh rejected.
     pub fn dropped(&self) -> [u64; 2] {
         [self.overflowed.load(Ordering::Relaxed), self.refused]
     }

@@ -20,7 +20,8 @@ impl Default for Placement {
 }
 
 impl Placement {
-    /// From an origin and a quaternion `[x, y, z, w]` of any length but zero.
+    /// Creates a pose from an origin, metres, and a quaternion `[x, y, z, w]`, which need not be
+    /// normalised but must not be zero.
     pub fn new(position_m: [f64; 3], quaternion: [f64; 4]) -> Self {
         let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
         let quaternion = quaternion.map(|part| part / length);
@@ -33,8 +34,8 @@ impl Placement {
         Self { position_m, rotation, quaternion }
     }
 
-    /// From an origin and angles in radians about the fixed axes x, y and z, applied in this order, as URDF has
-    /// them (`rpy`).
+    /// Creates a pose from an origin, metres, and angles, radians, about the fixed axes x, y and z, applied in
+    /// this order, as in URDF (`rpy`).
     pub fn from_angles(position_m: [f64; 3], roll_pitch_yaw: [f64; 3]) -> Self {
         let [r, p, y] = roll_pitch_yaw.map(|angle| (angle / 2.0).sin_cos());
         let quaternion = [
@@ -56,7 +57,7 @@ impl Placement {
         self.rotation.map(|row| (0..3).map(|axis| row[axis] * vector[axis]).sum())
     }
 
-    /// A touch in robot coordinates: position, its covariance and velocity.
+    /// Transforms a touch to robot coordinates: position, its covariance, and velocity.
     pub fn place(&self, touch: &TouchMessage) -> TouchMessage {
         let mut position = self.rotate(touch.position.into());
         for (coordinate, origin) in position.iter_mut().zip(self.position_m) {

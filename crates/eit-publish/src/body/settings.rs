@@ -9,16 +9,16 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// A robot's patches and how they are reached.
+/// The patches of a robot, and how to reach them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodySettings {
     /// Name of the robot's frame, in which touches are given.
     pub frame_id: String,
-    /// The joined list is published as this topic and `/touches`; `None` for not at all.
+    /// The joined list is published under this topic followed by `/touches`; `None` publishes nothing.
     pub topic: Option<String>,
     /// Domain of ROS 2.
     pub domain: u32,
-    /// A patch without a message for longer is silent.
+    /// Time without a message after which a patch counts as silent.
     pub silent_after: Duration,
     /// Shortest time between two lists.
     pub period: Duration,
@@ -33,7 +33,7 @@ pub struct BodySettings {
 pub struct PatchSettings {
     /// Name in the joined list.
     pub name: String,
-    /// Topic that it publishes under, such as `skin/left_arm`.
+    /// Topic of the patch, such as `skin/left_arm`.
     pub topic: String,
     /// Where it is on the robot.
     pub placement: Placement,
@@ -93,7 +93,7 @@ impl BodySettings {
     ///
     /// # Errors
     ///
-    /// [`PublishError::Body`] with the line, the key or the patch that is wrong.
+    /// [`PublishError::Body`], which names the wrong line, key or patch.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, PublishError> {
         let path = path.as_ref();
         let refuse =
@@ -111,11 +111,11 @@ impl BodySettings {
         Ok(settings)
     }
 
-    /// Reads the text of a file; the error says what is wrong.
+    /// Parses the text of such a file.
     ///
     /// # Errors
     ///
-    /// What is wrong, in words.
+    /// A sentence that names the wrong line, key or patch.
     pub fn parse(text: &str) -> Result<Self, String> {
         let file: File = toml::from_str(text).map_err(|error| error.to_string())?;
         let in_range = |name: &str, value: f64, least: f64, most: f64| {

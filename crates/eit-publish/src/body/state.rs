@@ -47,7 +47,7 @@ pub enum BodyNews {
 #[derive(Debug, Clone, PartialEq, Default)]
 #[non_exhaustive]
 pub struct BodyTouches {
-    /// Seconds since 1970 by the clock of this computer.
+    /// Time by this computer's clock, seconds since 1970.
     pub time_s: f64,
     /// Touches in the robot's frame.
     pub touches: Vec<PlacedTouch>,
@@ -61,7 +61,7 @@ pub struct PlacedTouch {
     pub patch: usize,
     /// Number of the patch's connection to its instrument.
     pub epoch: u32,
-    /// Time of its frame on the clock of this computer, seconds since 1970.
+    /// Time of its frame, converted to this computer's clock, seconds since 1970.
     pub time_s: f64,
     /// The touch.
     pub touch: TouchMessage,
@@ -74,7 +74,7 @@ pub struct Origin {
     pub attachment: Attachment,
     /// When it arrived.
     pub arrived: Instant,
-    /// The same by the clock of this computer, seconds since 1970.
+    /// Arrival by this computer's clock, seconds since 1970.
     pub arrived_s: f64,
 }
 
@@ -110,7 +110,7 @@ pub struct BodyState {
 }
 
 impl BodyState {
-    /// Nothing has been heard; silence counts from `now`.
+    /// Creates the state before any message; silence is measured from `now`.
     pub fn new(settings: &BodySettings, now: Instant) -> Self {
         let patch = |(number, patch): (usize, &super::PatchSettings)| Patch {
             number,
@@ -136,7 +136,7 @@ impl BodyState {
         }
     }
 
-    /// Takes a message of a patch; reports a patch that was silent.
+    /// Takes a message of a patch; reports the patch if it had been silent.
     pub fn receive(
         &mut self,
         number: usize,
@@ -170,14 +170,14 @@ impl BodyState {
         was_silent.then_some(BodyNews::Back { patch: number, after_s: silence.as_secs_f64() })
     }
 
-    /// Reports a message that cannot be read, the first time.
+    /// Reports the first unreadable message of each patch.
     pub fn unreadable(&mut self, number: usize, reason: String) -> Option<BodyNews> {
         let patch = self.patches.get_mut(number)?;
         let was_unreadable = std::mem::replace(&mut patch.is_unreadable, true);
         (!was_unreadable).then_some(BodyNews::Unreadable { patch: number, reason })
     }
 
-    /// Reports patches that have fallen silent; their touches are forgotten.
+    /// Reports patches that have fallen silent, and forgets their touches.
     pub fn silences(&mut self, now: Instant, news: &mut impl Extend<BodyNews>) {
         for (number, patch) in self.patches.iter_mut().enumerate() {
             let silence = now.saturating_duration_since(patch.heard);
@@ -192,12 +192,12 @@ impl BodyState {
         }
     }
 
-    /// Whether there is something that the last list did not hold.
+    /// Returns whether anything has changed since the last list.
     pub fn has_changed(&self) -> bool {
         self.has_changed
     }
 
-    /// The list. Touches that have ended are in it once.
+    /// Builds the list of touches. A touch that has ended is listed once more.
     pub fn list(&mut self, now_s: f64) -> BodyTouches {
         self.has_changed = false;
         self.listed(now_s);
@@ -245,8 +245,8 @@ impl BodyState {
         self.patches.get(number).map_or("", |patch| &patch.name)
     }
 
-    /// From sending by the patch to the list that holds it (heartbeats: to being read), by the two computers'
-    /// clocks: only meaningful where those agree.
+    /// Returns the latencies from sending by the patch to the list with the message (for heartbeats, to being
+    /// read). They compare the clocks of two computers, so they mean little unless those agree.
     pub fn latency(&self) -> &Latency {
         &self.latency
     }

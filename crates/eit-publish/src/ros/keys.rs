@@ -8,12 +8,12 @@ use twox_hash::XxHash3_128;
 /// written out: what an empty one means has changed between versions of `rmw_zenoh`.
 const QUALITY: &str = "1:2:1,10:,:,:,,";
 
-/// A publisher of one topic as ROS 2 sees it.
+/// Identity of a ROS 2 publisher of one topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Endpoint {
     /// Zenoh key of its messages.
     pub key: String,
-    /// Zenoh key of the liveliness token that announces it.
+    /// Zenoh key of the liveliness token that announces the publisher.
     pub token: String,
     /// Identity of the publisher: the 128 bits of XXH3 of its token, least significant byte first.
     pub gid: [u8; 16],
@@ -54,7 +54,7 @@ impl Endpoint {
         Ok(Self { key, token, gid })
     }
 
-    /// The liveliness token of a node, which its publishers belong to.
+    /// Returns the liveliness token of a node, to which its publishers belong.
     pub fn node_token(domain: u32, session: &str, node: &str) -> String {
         format!("@ros2_lv/{domain}/{session}/0/0/NN/%/%/{node}")
     }
@@ -94,8 +94,8 @@ impl Attachment {
     /// Length of its encoding.
     pub const BYTES: usize = 33;
 
-    /// Encodes as zenoh serialises it: two numbers, least significant byte first, the length of the
-    /// identity, and the identity.
+    /// Encodes it as zenoh does: two numbers, least significant byte first, then the length of the identity and
+    /// the identity.
     pub fn to_bytes(self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
         bytes[..8].copy_from_slice(&self.sequence.to_le_bytes());

@@ -75,7 +75,8 @@ impl Access {
 }
 
 impl Request {
-    /// Whether the request carries the token; takes the same time however much of a wrong token is right.
+    /// Returns whether the request carries the token, in a time that does not depend on how much of a wrong
+    /// token is right.
     pub fn has_token(&self, token: &str) -> bool {
         let given = self.token.as_deref().unwrap_or("").as_bytes();
         let differ = given.iter().zip(token.as_bytes()).fold(0, |all, (a, b)| all | (a ^ b));

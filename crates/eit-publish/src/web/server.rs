@@ -114,7 +114,8 @@ impl Shared {
         Some(Place { shared: self, number, lines })
     }
 
-    /// What a browser hears first: the skin, what is recorded, and what is waited for, as far as known.
+    /// Returns the first messages for a browser: the skin, the state of the recording, and what is being waited
+    /// for, as far as known.
     pub fn greeting(&self) -> impl Iterator<Item = Line> {
         let recording = self.recorder.as_ref().and_then(Recorder::state);
         [lock(&self.skin).clone(), recording, lock(&self.event).clone()].into_iter().flatten()

@@ -95,7 +95,7 @@ pub struct RosPublisher<M> {
 }
 
 impl<M: RosMessage> RosPublisher<M> {
-    /// Publishes a message. Waits a millisecond at most where a receiver is slow, which then misses it.
+    /// Publishes a message. Waits at most a millisecond for a slow receiver, which then misses it.
     ///
     /// # Errors
     ///
@@ -117,7 +117,7 @@ impl<M: RosMessage> RosPublisher<M> {
         self.sequence
     }
 
-    /// Whether anybody subscribes; `false` where zenoh cannot tell.
+    /// Returns whether anybody subscribes; `false` if zenoh cannot tell.
     pub fn has_subscriber(&self) -> bool {
         self.publisher.matching_status().wait().is_ok_and(|status| status.matching())
     }

@@ -9,10 +9,10 @@ const ROUTER: &str = "tcp/localhost:7447";
 /// Any free port of this computer.
 const ANY_PORT: &str = "tcp/127.0.0.1:0";
 
-/// How a session is opened.
+/// How to open a zenoh session.
 ///
-/// Without anything it connects to the router that `rmw_zenoh` uses, `tcp/localhost:7447`, listens on the loopback
-/// interface only, and keeps trying until the router is there. Nothing is searched by multicast.
+/// By default it connects to the router that `rmw_zenoh` uses, `tcp/localhost:7447`, retrying until it is
+/// there, and listens on the loopback interface only. Multicast discovery is off.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SessionSettings {
     /// Endpoints to connect to, such as `tcp/192.168.1.2:7447`.
@@ -21,8 +21,8 @@ pub struct SessionSettings {
     pub listen: Vec<String>,
     /// A configuration file of zenoh (JSON5) to begin with. Endpoints given here replace its own.
     pub config: Option<PathBuf>,
-    /// Does not tell the peers that connect here about each other. Otherwise they connect to each other, too, as
-    /// nodes of ROS 2 do: a thousand patches would make half a million connections.
+    /// Whether to keep the peers that connect here unaware of each other. Otherwise they also connect to each
+    /// other, as ROS 2 nodes do: a thousand patches would make half a million connections.
     pub is_hub: bool,
 }
 

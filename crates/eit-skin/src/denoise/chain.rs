@@ -11,42 +11,42 @@ use crate::skin::Skin;
 use ndarray::{Array2, Array3};
 use std::sync::Arc;
 
-/// What turns frames of a skin into images.
+/// Reconstructs images from frames of a skin, as input of a net.
 #[derive(Debug, Clone)]
 pub struct Chain {
-    /// How.
+    /// Reconstruction method.
     pub method: Method,
-    /// The skin; for a simulated sequence with its quiet frames.
+    /// The skin, with the quiet frames of a simulated sequence in its settings.
     pub linearised: Arc<LinearisedSkin>,
 }
 
-/// Frames of a simulated sequence, and how many of the first are quiet: reference and noise.
+/// Length of a simulated sequence, and of its quiet start, which gives reference and noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Lengths {
-    /// All of them.
+    /// Number of frames.
     pub frames: usize,
-    /// The first ones, during which nothing touches the skin.
+    /// Number of frames at the start in which nothing touches the skin.
     pub quiet: usize,
 }
 
-/// A sequence through the chain.
+/// A reconstructed sequence.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Chained {
-    /// [frame, row, column], siemens.
+    /// Images [frame, row, column], siemens.
     pub images: Array3<f64>,
-    /// The frames behind them.
+    /// The frames that they were made from.
     pub fitted: FittedFrames,
 }
 
 impl Chain {
-    /// With lengths: for simulated sequences. Without: for recordings as the skin's settings describe
-    /// them.
+    /// Sets up the chain for simulated sequences of these lengths or, with `None`, for recordings as the skin's
+    /// settings describe them.
     ///
     /// # Errors
     ///
-    /// A method that a net does not learn from, or a skin that cannot be linearised.
+    /// A method whose images nets are not trained on, or a skin that cannot be linearised.
     pub fn new(
         mut skin: Skin,
         method: Option<&str>,
@@ -74,20 +74,20 @@ impl Chain {
         Ok(Self { method, linearised: Arc::new(linearised) })
     }
 
-    /// Images of frames [frame, measurement].
+    /// Reconstructs frames [frame, measurement].
     ///
     /// # Errors
     ///
-    /// Those of the frames and of the method.
+    /// The errors of the frames and of the method.
     pub fn reconstruct(&self, values: &Array2<f64>) -> Result<Chained, SkinError> {
         self.reconstruct_frames(self.linearised.skin.frames_of_values(values)?)
     }
 
-    /// Images of frames that were loaded.
+    /// Reconstructs loaded frames.
     ///
     /// # Errors
     ///
-    /// Those of the method.
+    /// The errors of the method.
     pub fn reconstruct_frames(&self, frames: Frames) -> Result<Chained, SkinError> {
         let fitted = self.linearised.fit(frames)?;
         let mut silent = Progress::silent();

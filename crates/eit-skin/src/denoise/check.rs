@@ -10,15 +10,15 @@ use ndarray::{Array2, ArrayView2};
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// The measurements behind a sequence of images.
+/// The measurements that a sequence of images was made from.
 #[derive(Debug, Clone)]
 pub struct Check {
     fitted: FittedFrames,
-    /// NaN where a value is missing.
+    /// Differences [frame, measurement], NaN where a value is missing.
     differences: Array2<f64>,
 }
 
-/// A judge of the images of a sequence by one net.
+/// Judges one net's images of a sequence.
 #[derive(Debug)]
 pub(super) struct SequenceJudge<'a> {
     check: &'a Check,
@@ -26,12 +26,12 @@ pub(super) struct SequenceJudge<'a> {
 }
 
 impl Check {
-    /// The measurements of these frames.
+    /// Takes the measurements of these frames.
     pub fn new(fitted: &FittedFrames) -> Self {
         Self { fitted: fitted.clone(), differences: fitted.differences_or_nan() }
     }
 
-    /// The model behind the frames.
+    /// Returns the model of the frames.
     pub(super) fn skin(&self) -> &Arc<LinearisedSkin> {
         &self.fitted.skin
     }
@@ -46,11 +46,11 @@ impl SequenceJudge<'_> {
         &self.judge
     }
 
-    /// Differences of a frame, NaN where a value is missing, and their energy in units of the noise.
+    /// Returns a frame's differences, NaN where a value is missing, and their energy in units of the noise.
     ///
     /// # Errors
     ///
-    /// An unknown frame.
+    /// A frame beyond the last.
     pub fn frame(&self, frame: usize) -> Result<(Vec<f64>, DataMisfit), SkinError> {
         let row = self.check.differences.row(frame).to_vec();
         let energy = self.judge.energy(&row)?;
@@ -68,7 +68,7 @@ impl SequenceJudge<'_> {
     }
 }
 
-/// Judges images by these frames' model and noise.
+/// Creates a judge with the model and noise of these frames.
 pub(super) fn judge(weights: &Weights, fitted: &FittedFrames) -> Result<Judge, SkinError> {
     let FittedFrames { skin, frames, .. } = fitted;
     let noise = match fitted.noise()? {
@@ -82,14 +82,14 @@ pub(super) fn judge(weights: &Weights, fitted: &FittedFrames) -> Result<Judge, S
     Ok(Judge::new(weights, jacobian.view(), &std, raster.mask().view())?)
 }
 
-/// How the images of a net were judged.
+/// Verdicts on a net's images, frame by frame.
 #[derive(Debug, Clone)]
 pub struct Checked {
-    /// Part of the data's energy that a correct image may leave.
+    /// Fraction of the data's energy that a correct image may leave unexplained.
     pub limit: f64,
-    /// The rule in words.
+    /// Description of the rule.
     rule: String,
-    /// One per frame.
+    /// Verdict on each frame.
     pub judgements: Vec<Judgement>,
 }
 
@@ -103,17 +103,17 @@ impl Checked {
         all.filter(|(_, judgement)| wanted(judgement.verdict)).map(|(frame, _)| frame).collect()
     }
 
-    /// Frames that keep their raw image.
+    /// Number of frames that keep their raw image.
     pub fn put_aside(&self) -> Vec<usize> {
         self.frames(|verdict| verdict != Verdict::Net)
     }
 
-    /// Frames that keep their raw image although it does not explain the measurements either.
+    /// Number of frames that keep their raw image although it does not explain the measurements either.
     pub fn unexplained(&self) -> Vec<usize> {
         self.frames(|verdict| verdict == Verdict::Neither)
     }
 
-    /// For people.
+    /// Describes the verdicts in words.
     pub fn words(&self) -> String {
         let (aside, unexplained) = (self.put_aside(), self.unexplained());
         let count = self.judgements.len();
@@ -134,7 +134,7 @@ impl Checked {
         }
     }
 
-    /// For programs.
+    /// Returns the verdicts as JSON.
     pub fn json(&self) -> Value {
         let scores: Vec<f64> = self.judgements.iter().map(|judgement| judgement.net).collect();
         json!({

@@ -16,10 +16,10 @@ use ndarray::{Array3, Axis};
 /// first is about that of noise figure 1 on the paper's skin; the second resolves more where the data is
 /// good; the third is as smooth as data at 20 dB allow.
 const HYPERPARAMETERS: [f64; 3] = [0.1, 0.01, 1.0];
-/// Decades of the signal-to-noise ratio that a net tells apart.
+/// Decades of the signal-to-noise ratio that a net distinguishes.
 const DECADES: f64 = 3.0;
 
-/// Makes the inputs of nets that see more than the raw image.
+/// Computes the inputs of nets that take more than the raw image.
 ///
 /// Further images are one-step Gauss-Newton images of the same differences, unweighted, with the
 /// scene's prior and hyperparameters that are the same for every skin and noise. The condition is
@@ -29,9 +29,9 @@ pub struct NetInputs {
     shape: UnetShape,
     makers: Vec<(Reconstructor, Workspace)>,
     raster: Raster,
-    /// Protocol indices of the measurements that the makers use.
+    /// Protocol indices of the measurements that the reconstructions use.
     used: Vec<usize>,
-    /// Measurements of the frame at hand, those that are missing zero.
+    /// Measurements of the current frame, zero where one is missing.
     differences: Vec<f64>,
     missing: Vec<usize>,
     pixels: Vec<f64>,
@@ -44,7 +44,7 @@ impl NetInputs {
     ///
     /// # Errors
     ///
-    /// A net that wants more inputs than this program makes; those of the reconstruction.
+    /// A net that takes more inputs than this program computes; the errors of the reconstruction.
     pub fn new(linearised: &LinearisedSkin, shape: UnetShape) -> Result<Self, SkinError> {
         let UnetShape { images, conditions, .. } = shape;
         if images > 1 + HYPERPARAMETERS.len() || conditions > 1 {
@@ -88,7 +88,7 @@ impl NetInputs {
         })
     }
 
-    /// Whether the net sees measurements, not only an image.
+    /// Returns whether the net takes measurements, not only an image.
     pub fn needs_data(&self) -> bool {
         needs_data(self.shape)
     }
@@ -98,7 +98,7 @@ impl NetInputs {
     ///
     /// # Errors
     ///
-    /// Those of the reconstruction.
+    /// The errors of the reconstruction.
     pub fn push(
         &mut self,
         raw: ArrayView2<'_, f64>,
@@ -146,11 +146,11 @@ impl NetInputs {
         work(NetFrame { images: &views[..self.images.len()], conditions: &self.conditions })
     }
 
-    /// Fills in what a net sees beside the raw images of a sequence of a learning base.
+    /// Computes the further inputs of a net for a shard of a learning base.
     ///
     /// # Errors
     ///
-    /// A sequence without its measurements; those of the reconstruction.
+    /// A shard without its measurements; the errors of the reconstruction.
     #[cfg(feature = "base")]
     pub fn complete(&mut self, shard: &mut Shard) -> Result<(), SkinError> {
         if !self.needs_data() {
@@ -188,7 +188,7 @@ impl NetInputs {
     }
 }
 
-/// Whether nets of this shape see measurements, not only an image.
+/// Returns whether nets of this shape take measurements, not only an image.
 pub(crate) fn needs_data(shape: UnetShape) -> bool {
     shape.images > 1 || shape.conditions > 0
 }

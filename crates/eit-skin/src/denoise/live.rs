@@ -8,7 +8,7 @@ use eit_denoise::{DenoiseError, Denoiser, Judge, Verdict};
 use eit_mesh::Raster;
 use ndarray::Array2;
 
-/// The same images and the same verdicts as [`Net::apply`] for a recording.
+/// Denoises live images one by one, with the same images and verdicts as [`Net::apply`] for a recording.
 #[derive(Debug, Clone)]
 pub struct LiveNet {
     net: Denoiser,
@@ -20,11 +20,11 @@ pub struct LiveNet {
 }
 
 impl LiveNet {
-    /// For images of frames like these.
+    /// Prepares a net for frames like these.
     ///
     /// # Errors
     ///
-    /// Those of the noise and of the weights.
+    /// The errors of the noise and of the weights.
     pub fn new(net: &Net, fitted: &FittedFrames) -> Result<Self, SkinError> {
         let mask = fitted.skin.raster(&mut Progress::silent())?.mask().view();
         let inputs = NetInputs::new(&fitted.skin, net.weights.shape)?;
@@ -38,17 +38,17 @@ impl LiveNet {
         })
     }
 
-    /// Forgets the images before.
+    /// Discards the earlier images of the sequence.
     pub fn restart(&mut self) {
         self.net.reset();
     }
 
-    /// Makes the next image of a raw one, both one value per pixel of the skin, and says which is in
-    /// `pixels`. `differences` are NaN where a value is missing.
+    /// Denoises the next raw image and returns which image is now in `pixels`; both have one value per pixel of
+    /// the skin. `differences` are NaN where a value is missing.
     ///
     /// # Errors
     ///
-    /// Those of the net and its inputs.
+    /// The errors of the net and its inputs.
     pub fn push(
         &mut self,
         raster: &Raster,

@@ -36,13 +36,11 @@ pub struct CurvePoint {
 /// Learns from the first presses, together with those of an earlier file, and tests on all later ones. With
 /// an earlier file the first point is that file alone, tested on the whole table.
 ///
-/// The errors of [`LearnedSkin::learn`].
-///
-/// Those of [`LearnedSkin::learn`].
+/// Too few presses give an empty curve.
 ///
 /// # Errors
 ///
-/// An earlier file of another skin, frames without a change and duplicate frames; too few presses give an empty curve.
+/// Those of [`LearnedSkin::learn`], except for too few presses.
 pub fn learning_curve(
     fitted: &FittedFrames,
     pressed: &PressFrames,

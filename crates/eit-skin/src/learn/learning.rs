@@ -38,7 +38,7 @@ const UNLIKE_FACTOR: f64 = 3.0;
 pub struct Learning {
     /// What was learnt from all presses.
     pub skin: LearnedSkin,
-    /// Presses that fit none of the others: was the skin touched there?
+    /// Presses that contradict all others, perhaps because the skin was touched elsewhere.
     pub unlike: Vec<UnlikePress>,
     /// Presses with a force in whose frames no touch was found; their force is not learnt.
     pub without_touch: Vec<usize>,

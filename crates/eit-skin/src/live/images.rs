@@ -208,7 +208,7 @@ impl LiveImages {
         &self.raster
     }
 
-    /// Describes how the images are made, for small print.
+    /// Returns a line that describes how the images are made, such as for a caption.
     pub fn words(&self) -> &str {
         &self.words
     }

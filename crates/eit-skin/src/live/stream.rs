@@ -252,7 +252,8 @@ impl LiveStream {
         })
     }
 
-    /// Describes how images are made, for small print; empty if there are none (yet).
+    /// Returns a line that describes how the images are made, such as for a caption; empty if there are none
+    /// yet.
     pub fn image_words(&self) -> &str {
         self.epoch.as_ref().and_then(|epoch| epoch.images.as_ref()).map_or("", LiveImages::words)
     }

@@ -31,7 +31,8 @@ pub struct Summary {
     pub unexplained: u64,
     /// Number of frames that no image explains within `delta`.
     pub interpolated: u64,
-    /// Number of frames with bad values and therefore, because electrodes may move, without an image.
+    /// Number of frames without an image, because movement of electrodes cannot be removed from a frame with
+    /// bad values.
     pub lost: u64,
     /// Number of frames whose image was skipped because further frames were waiting.
     pub skipped_images: u64,
@@ -46,7 +47,7 @@ pub struct Summary {
     /// Time from the first frame shown to the last by this computer's clock, seconds, without the times in
     /// which the source was silent or took new references.
     pub span_s: f64,
-    /// Number of intervals between frames in that time.
+    /// Number of intervals between frames within [`span_s`](Self::span_s).
     pub intervals: u64,
     /// The first notices of the source.
     pub notices: Vec<String>,

@@ -44,7 +44,7 @@ pub struct InstrumentSettings {
     pub polarity: Option<PolarityKind>,
 }
 
-/// `instrument.pair_width`
+/// Bytes per electrode number (`instrument.pair_width`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PairWidthKind {

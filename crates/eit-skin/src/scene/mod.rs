@@ -185,7 +185,7 @@ impl ElectrodeSettings {
     }
 }
 
-/// `skin.shape`
+/// Shape of the skin (`skin.shape`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shape {
@@ -225,7 +225,7 @@ pub struct ElectrodeSettings {
     pub positions_m: Option<Vec<Position>>,
 }
 
-/// `electrodes.direction`
+/// Direction in which electrodes are counted (`electrodes.direction`).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Direction {
@@ -331,7 +331,7 @@ pub struct ProtocolSettings {
     pub check_order: Option<bool>,
 }
 
-/// `protocol.driven_electrodes`
+/// Whether driven electrodes are measured (`protocol.driven_electrodes`).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Driven {
@@ -342,7 +342,7 @@ pub enum Driven {
     Keep,
 }
 
-/// `protocol.order`
+/// Order of the measurements (`protocol.order`).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
@@ -391,7 +391,7 @@ pub enum AccuracyRule {
     Noise,
 }
 
-/// `mesh.elements`
+/// Kind of finite elements (`mesh.elements`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ElementKind {
@@ -610,7 +610,8 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// Neither a file that can be read nor a built-in name; the nearest name is suggested.
+    /// Text that is neither the path of a readable file nor the name of a built-in scene; the message suggests
+    /// the nearest name.
     pub fn text(name_or_path: &str) -> Result<String, SkinError> {
         if let Some(text) = builtin::text(name_or_path) {
             return Ok(text.to_owned());

@@ -100,7 +100,7 @@ pub enum DeltaRule {
     Noise,
 }
 
-/// `reconstruction.prior`
+/// Kind of prior (`reconstruction.prior`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PriorKind {
@@ -136,7 +136,7 @@ pub enum Rule {
     Gcv,
 }
 
-/// `reconstruction.difference`
+/// Kind of difference (`reconstruction.difference`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DifferenceKey {

@@ -84,7 +84,7 @@ impl TvStream {
         }
     }
 
-    /// Describes the weights, for small print.
+    /// Describes the weights in a few words, such as for a caption.
     pub fn words(&self) -> String {
         let Weights { lambda_space, lambda_time, rule, .. } = &self.weights;
         format!("λ {lambda_space:.2e}, {lambda_time:.2e} ({rule})")

@@ -22,8 +22,8 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    /// Values while the skin is in use; by default a touch moves electrodes by the order of 0.2 mm. What they do
-    /// by themselves is a small part of that, see [`UnknownKind`].
+    /// Values while the skin is in use. By default a touch moves electrodes by about 0.2 mm; without a touch
+    /// they move by a small part of that, see [`UnknownKind`].
     pub fn in_use(skin: &LinearisedSkin) -> Self {
         let movement_m = skin.skin.settings.reconstruction.electrode_movement_m.unwrap_or(2e-4);
         Self { movement_m, contact: 0.05, sheet: 1e-3 }

@@ -10,42 +10,42 @@ use eit_denoise::{
 use ndarray::{Array2, Array3, ArrayView1, ArrayView2, Axis, concatenate};
 use serde_json::{Value, json};
 
-/// Rejected images that are worse than the raw ones, for each that is better.
+/// Required number of rejected images that are worse than the raw ones, for each that is better.
 const RIGHT_TO_WRONG: usize = 6;
-/// Part of the held-out images better than the raw ones that the judge may reject where it cannot keep
-/// [`RIGHT_TO_WRONG`]. Data of the wrong sign leaves 0.28 and more of its energy to the shipped net's images;
-/// with a fifth of this part the limit was 0.31.
+/// Fraction of the better held-out images that the judge may reject if it cannot meet [`RIGHT_TO_WRONG`]. With
+/// data of the wrong sign, the shipped net's images leave 0.28 and more of the energy unexplained; with a fifth
+/// of this fraction the limit was 0.31.
 const NOT_BELIEVED: f64 = 0.01;
-/// Least and largest limit: an empty image, which leaves everything, is above the largest.
+/// Range of the limit: an empty image, which explains nothing, is above it.
 const LIMITS: [f64; 2] = [0.05, 0.6];
-/// Frames whose truth has less than this part of the largest energy of their sequence are not counted.
+/// Frames whose truth has less than this fraction of the largest energy in their sequence are not counted.
 const TOUCHED: f64 = 0.01;
 
-/// A judge of a net's images, and what it did to held-out frames.
+/// A judge of a net's images, with its record on held-out frames.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct MeasuredJudge {
     /// Model error of the skin's data, and the limit.
     pub error: ModelError,
-    /// Each half of the held-out sequences by the limit of the other.
+    /// Cross-validated counts: each half of the held-out sequences, judged with the limit of the other half.
     pub counts: JudgeCounts,
-    /// The older rule of the same weights, where they have one.
+    /// Counts for the older rule, if the weights have one.
     pub older: Option<JudgeCounts>,
 }
 
-/// Touched frames of held-out sequences by what a judge did to the net's image.
+/// Number of touched held-out frames by the judge's decision.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct JudgeCounts {
     /// All frames.
     pub frames: usize,
-    /// Rejected, and worse than the raw image.
+    /// The net's image was rejected, and is worse than the raw one.
     pub rightly: usize,
-    /// Rejected, and better.
+    /// The net's image was rejected, but is better.
     pub wrongly: usize,
-    /// Shown, and worse.
+    /// The net's image was shown, but is worse.
     pub let_through: usize,
 }
 
@@ -57,7 +57,7 @@ impl JudgeCounts {
         self.let_through += usize::from(!is_rejected && is_worse);
     }
 
-    /// For people.
+    /// Describes the counts in words.
     pub fn words(&self) -> String {
         format!(
             "of {} touched frames it rejects {} rightly and {} wrongly, and shows {} that are worse than \
@@ -66,7 +66,7 @@ impl JudgeCounts {
         )
     }
 
-    /// For programs.
+    /// Returns the counts as JSON.
     pub fn json(&self) -> Value {
         json!({
             "frames": self.frames,
@@ -79,7 +79,7 @@ impl JudgeCounts {
 
 /// A held-out frame.
 struct Known {
-    /// Part of the data's energy that the net's image leaves outside noise and model error.
+    /// Fraction of the data's energy that neither the net's image nor noise and model error explain.
     left: f64,
     /// Whether the net's image is worse than the raw one.
     is_worse: bool,
@@ -88,11 +88,11 @@ struct Known {
     half: usize,
 }
 
-/// Net and threshold rule against the raw images of the held-out sequences.
+/// Compares the net and the threshold rule with the raw images of the held-out sequences.
 ///
 /// # Errors
 ///
-/// No held-out sequence, and weights of another number of pixels.
+/// No held-out sequence, or weights for another number of pixels.
 pub fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, SkinError> {
     let Some(first) = held_out.first() else {
         return Err(SkinError::Failure("no sequence was held out".to_owned()));
@@ -115,13 +115,13 @@ pub fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, 
     scores(join(&raw)?.view(), join(&made)?.view(), join(&wanted)?.view(), &mut rule)
 }
 
-/// The model error of a skin's data: what true images of the sequences to learn from leave of it, with
-/// the limit by which the judge rejects the net's images of held-out sequences mostly rightly. `None` where
-/// the measurements are unknown.
+/// Measures the model error of a skin's data, which is what the true images of the training sequences leave
+/// unexplained, and chooses the judge's limit on the held-out sequences. `None` if the base has no
+/// measurements.
 ///
 /// # Errors
 ///
-/// Those of the model and the net.
+/// The errors of the model and the net.
 pub fn judge(
     weights: &Weights,
     learnt: &[Shard],
@@ -165,7 +165,7 @@ pub fn judge(
     Ok(Some(MeasuredJudge { error, counts, older }))
 }
 
-/// The frames of a held-out sequence that have a raw image.
+/// Judges the frames of a held-out sequence that have a raw image.
 fn frames(
     weights: &Weights,
     shard: &Shard,
@@ -208,8 +208,9 @@ fn limit_of_half(known: &[Known], half: usize) -> Option<f64> {
     limit(known.iter().filter(|frame| frame.half == half))
 }
 
-/// The least limit at which at least [`RIGHT_TO_WRONG`] times as many images are rejected rightly as
-/// wrongly; without one, that at which [`NOT_BELIEVED`] of the better images are rejected.
+/// The smallest limit at which at least [`RIGHT_TO_WRONG`] times as many images are rejected rightly as
+/// wrongly; if there is none, the limit at which the fraction [`NOT_BELIEVED`] of the better images is
+/// rejected.
 fn limit<'a>(known: impl Iterator<Item = &'a Known>) -> Option<f64> {
     let mut known: Vec<&Known> = known.collect();
     known.sort_by(|a, b| b.left.total_cmp(&a.left));
@@ -242,7 +243,7 @@ impl<'a> DataModel<'a> {
         Ok(Self { consistency, data, noise_std })
     }
 
-    /// Writes what an image leaves of a frame's differences, and returns those.
+    /// Writes the residual of an image, and returns the frame's differences.
     fn left_into(
         &mut self,
         frame: usize,

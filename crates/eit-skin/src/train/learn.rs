@@ -16,27 +16,28 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
-/// How a net is trained: a [`eit_denoise::Unet`], or one of your own.
+/// Settings for training an [`eit_denoise::Unet`] or a net of your own.
 #[derive(Debug, Clone, Copy)]
 pub struct Training<'a> {
-    /// Steps and rates.
+    /// Epochs, batches and learning rate.
     pub settings: &'a TrainSettings,
     /// Checksum of the learning base.
     pub base: &'a str,
-    /// Written after every epoch; training goes on from it where it is there.
+    /// File written after every epoch; if it exists, training resumes from it.
     pub checkpoint: &'a Path,
-    /// Threads; the result does not depend on them.
+    /// Number of threads; the result does not depend on it.
     pub threads: usize,
-    /// Set from outside to end it.
+    /// Stops the training when set.
     pub stop: &'a StopFlag,
 }
 
-/// Trains a net from the start, or from the checkpoint, on the device that it stands on
+/// Trains a net from the start, or resumes from the checkpoint, on the net's own device
 /// ([`eit_denoise::TrainDevice::open`]).
 ///
 /// # Errors
 ///
-/// A checkpoint of another training, rates at which weights are lost, an end in the first epoch.
+/// A checkpoint of another training, a learning rate at which the training diverges, or a stop during the first
+/// epoch.
 pub fn learn<N: ImageNet>(
     net: N,
     training: &Training<'_>,
@@ -103,38 +104,38 @@ fn step_s<N: ImageNet>(
     Ok(start.elapsed().as_secs_f64())
 }
 
-/// What a trained net is worth on sequences that it did not learn from.
+/// Quality of a trained net on held-out sequences.
 #[derive(Debug, Clone)]
 pub struct Worth {
-    /// Error beside that of the raw images.
+    /// Error relative to the raw images.
     pub scores: Scores,
     /// Judge of the net's images.
     pub judge: Option<MeasuredJudge>,
 }
 
-/// Which program wrote a file of weights.
+/// The program that wrote a weights file.
 #[derive(Debug, Clone, Copy)]
 pub struct MadeBy<'a> {
     /// Name and version.
     pub program: &'a str,
     /// Commit that it was built from.
     pub commit: &'a str,
-    /// [`parameter_checksum`] of the weights that the training started from; `None`: random ones.
+    /// [`parameter_checksum`] of the weights that the training started from; `None` for random ones.
     pub from: Option<&'a str>,
 }
 
-/// CRC-32 of the parameters of weights, without what their file says about them.
+/// CRC-32 of the parameters, ignoring the metadata of their file.
 pub fn parameter_checksum(weights: &Weights) -> String {
     let mut hasher = crc32fast::Hasher::new();
     weights.parameters.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
     format!("{:08x}", hasher.finalize())
 }
 
-/// The trained weights with what their file says of them; `program` and `commit` made them.
+/// Returns the trained weights with the metadata of their file.
 ///
 /// # Errors
 ///
-/// A net with parameters that are not finite, and a base whose manifest cannot be read.
+/// A net with parameters that are not finite, or a base whose manifest cannot be read.
 pub fn weights(
     skin: &Skin,
     base: &LearningBase,
@@ -169,12 +170,12 @@ pub fn weights(
     Ok(Weights { model_error: judge.as_ref().map(|judge| judge.error.clone()), ..weights })
 }
 
-/// Weights that were not trained any further, with a judge measured on this base; their file says what it
-/// said, and of which base the judge is.
+/// Returns existing weights with a judge measured on this base. Their metadata are kept, and the base of the
+/// judge is added.
 ///
 /// # Errors
 ///
-/// A base without measurements, or with too few to measure a judge.
+/// A base without measurements, or with too few of them to measure a judge.
 pub fn judged_weights(
     weights: Weights,
     base: &LearningBase,

@@ -9,9 +9,9 @@ use std::f64::consts::TAU;
 const RATE_HZ: f64 = 10.0;
 /// Frames before the first touch: reference and noise.
 pub const QUIET: usize = 20;
-/// Part of the radius up to which fingers press.
+/// Fraction of the radius within which fingers press.
 const REACH: f64 = 0.97;
-/// Radius of a tip over that of a usual fingertip (10 mm on the paper's skin).
+/// Radius of a tip divided by that of a usual fingertip (10 mm on the paper's skin).
 const TIPS: [f64; 2] = [0.4, 2.5];
 /// Force of a press, newton.
 const FORCES_N: [f64; 2] = [0.2, 2.5];
@@ -21,7 +21,7 @@ const MOST_PA: f64 = 2e4;
 /// Time to press and to lift, seconds.
 const PRESS_S: f64 = 0.3;
 
-/// Random numbers of one sequence and attempt.
+/// Random numbers of one attempt at a sequence.
 pub fn random(seed: u64, sequence: usize, attempt: usize) -> Random {
     Random::stream(seed, (sequence as u128) << 16 | attempt as u128)
 }
@@ -30,22 +30,22 @@ pub fn random(seed: u64, sequence: usize, attempt: usize) -> Random {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Fingers {
-    /// Always so many, 1 to [`MOST`].
+    /// Always this many, 1 to [`MOST`].
     Always(usize),
-    /// One to six, drawn with [`SHARES`].
+    /// One to six, with the probabilities of [`SHARES`].
     Any,
 }
 
-/// Largest number of fingers of a script.
+/// Largest number of fingers in a script.
 pub const MOST: usize = 6;
-/// Parts of the scripts with up to one, two, ... fingers.
+/// Fraction of the scripts with up to one, two, ... fingers.
 const SHARES: [f64; MOST - 1] = [0.28, 0.56, 0.72, 0.84, 0.93];
-/// Part of the scripts with several fingers in which the second stays beside the first.
+/// Fraction of the scripts with several fingers in which the second stays beside the first.
 const PAIRS: f64 = 0.4;
 /// Least distance of two fingers in radii of the larger tip, from centre to centre: fingertips that
 /// nearly touch.
 const APART: f64 = 2.2;
-/// Fingers that are drawn before a script goes without one that finds no room.
+/// Number of attempts to place a further finger before the script does without it.
 const TRIES: usize = 40;
 
 impl Fingers {
@@ -58,9 +58,9 @@ impl Fingers {
     }
 }
 
-/// Fingers anywhere up to 97 % of the radius that tap, press, rest, slide from place to place and
-/// lift, each at times of its own, all with tips of about one size. They never overlap; often two stay
-/// side by side.
+/// Draws a script of fingers anywhere within 97 % of the radius that tap, press, rest, slide from place to
+/// place and lift, each at its own times, all with tips of about the same size. They never overlap; often two
+/// stay side by side.
 pub fn script(
     random: &mut Random,
     circle: &PlayCircle,
@@ -93,7 +93,7 @@ pub fn script(
     script
 }
 
-/// Whether no two fingers come nearer to each other than fingers can.
+/// Whether all fingers keep the distance that real ones must keep.
 fn are_apart(script: &TouchScript) -> bool {
     (0..script.frames).all(|frame| {
         let touches = script.touches(frame);
@@ -106,7 +106,7 @@ fn are_apart(script: &TouchScript) -> bool {
     })
 }
 
-/// A finger that follows another at its side.
+/// Draws a finger that stays beside another.
 fn beside(random: &mut Random, circle: &PlayCircle, first: &Finger) -> Finger {
     // large tips find room near each other only
     let most =
@@ -187,23 +187,24 @@ fn finger(
     Finger { id: id as u32, tip: Tip::Round, interpolation, keys }
 }
 
-/// Part of the fabrics whose rim does not give way at all.
+/// Fraction of the fabrics whose rim does not move at all.
 const RIGID: f64 = 0.15;
-/// Part of the fabrics with the scene's foundation, within 25 %.
+/// Fraction of the fabrics with the scene's foundation, within 25 %.
 const SAME_FOUNDATION: f64 = 0.4;
-/// Other foundations, over the scene's: from next to nothing beneath the fabric to a dense foam.
+/// Stiffness of other foundations relative to the scene's: from almost nothing beneath the fabric to dense
+/// foam.
 const FOUNDATIONS: [f64; 2] = [1.0, 40.0];
-/// Part of the sequences with about the scene's noise.
+/// Fraction of the sequences with about the scene's noise.
 const SAME_NOISE: f64 = 0.5;
 /// Other noise, decibel below the root mean square of the voltages.
 const NOISE_DB: [f64; 2] = [48.0, 88.0];
-/// Part of the sequences that lack measurements, half of them all of one electrode.
+/// Fraction of the sequences that lack measurements, half of them all those of one electrode.
 const LACKING: f64 = 0.12;
-/// Most single measurements that such a sequence lacks, as a part of all.
+/// Largest fraction of single measurements that such a sequence lacks.
 const MOST_LACKING: f64 = 0.06;
 
-/// The scene's fabric with electrodes that give way more, less or not at all, and another foundation,
-/// weave, gain, noise and drift. `rms_v` is the root mean square of the untouched skin's voltages.
+/// Draws a variation of the scene's fabric: electrodes that move more, less or not at all, and another
+/// foundation, weave, gain, noise and drift. `rms_v` is the root mean square of the untouched skin's voltages.
 pub fn fabric(random: &mut Random, scene: &FabricSettings, rms_v: f64) -> FabricSettings {
     let mut fabric = scene.clone();
     match random.uniform() < RIGID {
@@ -238,8 +239,8 @@ pub fn fabric(random: &mut Random, scene: &FabricSettings, rms_v: f64) -> Fabric
     fabric
 }
 
-/// The measurements that a sequence lacks from its first touch on, as indices of the protocol: none,
-/// all that use one electrode, or some. `electrodes` says which electrodes each measurement uses.
+/// Draws the measurements that a sequence lacks from its first touch on, as indices of the protocol: none, all
+/// that use one electrode, or some. `electrodes` are those that each measurement uses.
 pub fn lacking(random: &mut Random, electrodes: &[Vec<u32>], count: usize) -> Vec<usize> {
     if random.uniform() >= LACKING {
         return Vec::new();
@@ -253,5 +254,5 @@ pub fn lacking(random: &mut Random, electrodes: &[Vec<u32>], count: usize) -> Ve
     all.filter(|_| random.uniform() < part).collect()
 }
 
-/// Version of the numbers above in the recipe of a base: changes when they change.
+/// Version of the constants above, recorded in the recipe of a base; increase it when they change.
 pub const RECIPE: &str = "scripts 3, fabrics 2";

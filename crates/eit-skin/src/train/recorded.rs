@@ -12,24 +12,24 @@ use eit_denoise::{ImageStack, MeasurementOrder, Shard, ThresholdRule};
 use ndarray::{Array2, Axis};
 use std::path::PathBuf;
 
-/// Recordings, each against the reference of the scene.
+/// Training sequences from recordings, each with the scene's reference.
 #[derive(Debug)]
 pub struct Recorded {
     names: Vec<String>,
     recordings: Vec<Frames>,
-    /// Sequences that will be asked for.
+    /// Number of sequences to make.
     count: usize,
 }
 
-/// Fewest frames of a recording that stands alone: one in [`HELD_OUT`] of them is held out.
+/// Smallest number of frames of a single recording, of which one in [`HELD_OUT`] is held out.
 const LEAST_FRAMES: usize = 2 * HELD_OUT;
 
 impl Recorded {
-    /// Reads all of them, before any work.
+    /// Reads all recordings, before any work.
     ///
     /// # Errors
     ///
-    /// Files that cannot be read, and recordings that do not fit the skin.
+    /// Files that cannot be read, or recordings of another skin.
     pub fn new(
         shared: &Shared,
         files: &[PathBuf],
@@ -54,7 +54,7 @@ impl Recorded {
         Ok(Self { names, recordings, count })
     }
 
-    /// What the pairs depend on beside the chain.
+    /// Describes everything besides the chain that the training pairs depend on.
     pub fn recipe(&self, skin: &Skin) -> String {
         let frames = |(name, frames): (&String, &Frames)| {
             let mut bytes = Vec::new();
@@ -75,8 +75,8 @@ impl Recorded {
         )
     }
 
-    /// The frames of a sequence. What is held out is never learnt from, turned or not: the last
-    /// recordings, or the last frames of a recording that stands alone.
+    /// The frames of a sequence. Held-out frames, which are the last recordings or the last frames of a single
+    /// one, are never trained on, not even rotated.
     fn frames(&self, index: usize) -> Frames {
         let is_held_out = is_held_out(index, self.count);
         let [alone] = &self.recordings[..] else {
@@ -95,11 +95,11 @@ impl Recorded {
         }
     }
 
-    /// A sequence by its number: recordings as they are, then turned again and again.
+    /// Makes a sequence by its number: first the recordings as they are, then rotated and reflected copies.
     ///
     /// # Errors
     ///
-    /// Those of reconstructing the images.
+    /// The errors of the reconstruction.
     pub fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
         let recording = self.frames(index);
         let mut random = motion::random(shared.seed, index, 0);
@@ -129,7 +129,7 @@ impl Recorded {
     }
 }
 
-/// How the turned skin would have measured.
+/// Measurements of the rotated or reflected skin.
 fn turned(frames: &Frames, order: &MeasurementOrder) -> Result<Frames, SkinError> {
     let row = |values: &[f64]| {
         let mut out = vec![0.0; values.len()];

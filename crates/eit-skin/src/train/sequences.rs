@@ -11,14 +11,14 @@ use crate::skin::Skin;
 use eit_denoise::{RasterSymmetry, Shard, UnetShape};
 use ndarray::Array2;
 
-/// Where touches come from.
+/// Source of the touches.
 #[derive(Debug)]
 enum Source {
     Simulated(Box<Simulated>),
     Recorded(Recorded),
 }
 
-/// Makes the sequences of a learning base: pairs of raw and wanted images.
+/// Makes the sequences of a learning base: pairs of raw images and targets.
 #[derive(Debug)]
 pub struct Sequences {
     shared: Shared,
@@ -26,11 +26,11 @@ pub struct Sequences {
 }
 
 impl Sequences {
-    /// Meshes the skin, twice to simulate on it.
+    /// Meshes the skin, and a second time for simulation.
     ///
     /// # Errors
     ///
-    /// Settings that no base can be made with, or recordings that cannot be read.
+    /// Invalid settings, or recordings that cannot be read.
     pub fn new(
         skin: &Skin,
         request: &BaseRequest,
@@ -59,23 +59,23 @@ impl Sequences {
         [self.skin().pixels(); 2]
     }
 
-    /// The skin that reconstructs.
+    /// The skin on which images are reconstructed.
     pub fn skin(&self) -> &Skin {
         &self.shared.chain.linearised.skin
     }
 
-    /// The symmetries that take pixels to pixels.
+    /// Returns the symmetries that map pixels to pixels.
     pub fn turns(&self) -> Vec<RasterSymmetry> {
         let shared = &self.shared;
         let matrices = shared.symmetries.iter().map(|turned| shared.matrix(turned.symmetry));
         matrices.filter_map(RasterSymmetry::of_matrix).collect()
     }
 
-    /// Fills in what a net of this shape sees beside the raw images of shards, on so many threads.
+    /// Computes the further inputs of a net of this shape for shards, on `threads` threads.
     ///
     /// # Errors
     ///
-    /// Those of [`NetInputs::new`] and [`NetInputs::complete`].
+    /// The errors of [`NetInputs::new`] and [`NetInputs::complete`].
     pub fn complete(
         &self,
         shards: &mut [Shard],
@@ -99,18 +99,18 @@ impl Sequences {
         })
     }
 
-    /// The model behind the images, [measurement, masked pixel].
+    /// Returns the Jacobian of the images, [measurement, masked pixel].
     ///
     /// # Errors
     ///
-    /// Those of the raster.
+    /// The errors of the raster.
     pub fn pixel_jacobian(&self) -> Result<Array2<f64>, SkinError> {
         let linearised = &self.shared.chain.linearised;
         let all = vec![true; linearised.skin.protocol.measurements()];
         linearised.pixel_jacobian(linearised.raster(&mut Progress::silent())?, &all)
     }
 
-    /// Everything that the pairs depend on and that is not the skin, the seed or a count.
+    /// Describes everything that the pairs depend on besides the skin, the seed and the counts.
     pub fn recipe(&self) -> String {
         let (shared, skin) = (&self.shared, self.skin());
         let source = match &self.source {
@@ -126,11 +126,11 @@ impl Sequences {
         )
     }
 
-    /// A sequence by its number: the same bytes whenever it is made.
+    /// Makes a sequence by its number; the same number always gives the same bytes.
     ///
     /// # Errors
     ///
-    /// Those of simulating and reconstructing it.
+    /// The errors of the simulation and the reconstruction.
     pub fn sequence(&self, index: usize) -> Result<Shard, SkinError> {
         match &self.source {
             Source::Simulated(simulated) => simulated.sequence(&self.shared, index),

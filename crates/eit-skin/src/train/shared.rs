@@ -6,17 +6,17 @@ use crate::skin::Skin;
 use eit_denoise::{DiscSymmetry, MeasurementOrder, ShardData};
 use ndarray::Array1;
 
-/// What all sequences share: the skin that reconstructs them, and its symmetries.
+/// Shared by all sequences: the skin on which they are reconstructed, and its symmetries.
 #[derive(Debug)]
 pub(crate) struct Shared {
-    /// Reconstructs.
+    /// Reconstructs the images.
     pub chain: Chain,
     pub seed: u64,
-    /// Ways to turn and mirror the skin; none where only the identity is known.
+    /// Symmetries of the skin; empty if only the identity is known.
     pub symmetries: Vec<TurnedOrder>,
 }
 
-/// A symmetry of the skin, and the order of measurements that it makes.
+/// A symmetry of the skin, with its permutation of the measurements.
 #[derive(Debug)]
 pub(crate) struct TurnedOrder {
     pub symmetry: DiscSymmetry,
@@ -24,7 +24,7 @@ pub(crate) struct TurnedOrder {
 }
 
 impl Shared {
-    /// How a symmetry moves places.
+    /// Returns the linear map of a symmetry.
     pub fn matrix(&self, symmetry: DiscSymmetry) -> [[f64; 2]; 2] {
         let skin = &self.chain.linearised.skin;
         let count = skin.mesh.electrodes().len() as u32;
@@ -33,7 +33,8 @@ impl Shared {
         symmetry.matrix(count, first, clockwise)
     }
 
-    /// DifferenceFrames of frames from their reference, and their noise; `None` where that is unknown.
+    /// Returns the differences of frames from their reference, with their noise; `None` if the noise is
+    /// unknown.
     pub fn data(&self, made: &Chained) -> Result<Option<ShardData>, SkinError> {
         let fitted = &made.fitted;
         let frames = &fitted.frames;
@@ -51,7 +52,7 @@ impl Shared {
     }
 }
 
-/// Turns and mirror images that skin and protocol share; none where only the identity is known.
+/// Rotations and reflections that skin and protocol share; empty if only the identity is known.
 pub(super) fn symmetries(skin: &Skin) -> Result<Vec<TurnedOrder>, SkinError> {
     let (Some(quadruples), Some(_)) = (skin.protocol.quadruples(), skin.symmetry) else {
         return Ok(Vec::new());

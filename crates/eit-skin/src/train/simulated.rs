@@ -13,14 +13,14 @@ use eit_fem::{FemError, Protocol};
 use eit_mesh::Raster;
 use ndarray::{Array3, ArrayView2, Axis};
 
-/// Nodes of the mesh that simulates: twice those that reconstruct.
+/// Number of nodes of the simulation mesh: twice that of the reconstruction mesh.
 const NODES: usize = 4000;
-/// Pixels of the truth for each of an image's, along a side: it is turned before it is averaged.
+/// Pixels of the truth per pixel of an image, along a side: the truth is rotated before it is averaged.
 const FINE: usize = 2;
-/// Scripts that are drawn before giving up on one that no fabric bears.
+/// Number of scripts drawn before giving up because no fabric bears them.
 const ATTEMPTS: usize = 8;
 
-/// What simulates, and what is simulated.
+/// Makes simulated training sequences.
 #[derive(Debug)]
 pub struct Simulated {
     frames: usize,
@@ -36,11 +36,12 @@ pub struct Simulated {
 }
 
 impl Simulated {
-    /// Checks what was asked for, before any work; frames of a sequence and quiet ones among them.
+    /// Checks the settings, before any work; returns the number of frames of a sequence and of its quiet start.
     ///
     /// # Errors
     ///
-    /// A script that does not exist, too few frames, a number of fingers out of range, and a skin from a mesh file.
+    /// A script that does not exist, too few frames, a number of fingers out of range, or a skin from a mesh
+    /// file.
     pub fn lengths(args: &BaseRequest, skin: &Skin) -> Result<Lengths, SkinError> {
         if let Some(name) = &args.script {
             let circle = PlayCircle { centre_m: [0.0; 2], radius_m: 1.0 };
@@ -65,11 +66,11 @@ impl Simulated {
         Ok(Lengths { frames: args.frames, quiet: QUIET })
     }
 
-    /// Meshes the skin a second time.
+    /// Meshes the skin a second time, for simulation.
     ///
     /// # Errors
     ///
-    /// Those of meshing and of the forward solution.
+    /// The errors of meshing and of the forward solution.
     pub fn new(
         skin: &Skin,
         args: &BaseRequest,
@@ -96,7 +97,7 @@ impl Simulated {
         })
     }
 
-    /// What the pairs depend on beside the chain.
+    /// Describes everything besides the chain that the training pairs depend on.
     pub fn recipe(&self, skin: &Skin) -> String {
         let scripts = match &self.script {
             Some(name) => format!("script {name}"),
@@ -108,11 +109,11 @@ impl Simulated {
         )
     }
 
-    /// A sequence by its number.
+    /// Makes a sequence by its number.
     ///
     /// # Errors
     ///
-    /// Those of simulating and reconstructing it.
+    /// The errors of the simulation and the reconstruction.
     pub fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
         let mut last = SkinError::Failure("no script was tried".to_owned());
         for attempt in 0..ATTEMPTS {
@@ -125,7 +126,7 @@ impl Simulated {
         Err(last)
     }
 
-    /// Simulates a drawn script on a drawn fabric; the inner error is one that another draw mends.
+    /// Simulates a random script on a random fabric; after an inner error, another draw may succeed.
     fn simulate(
         &self,
         shared: &Shared,
@@ -167,7 +168,7 @@ impl Simulated {
         }
     }
 
-    /// Raw images of the frames and the truth, both turned by a symmetry of the skin.
+    /// Returns the raw images and the truth, both transformed by a symmetry of the skin.
     fn pairs(
         &self,
         shared: &Shared,
@@ -216,7 +217,7 @@ impl Simulated {
         Ok(Shard { data, ..shard })
     }
 
-    /// Mean of the truth over a pixel, whose places `to_old` takes to where they were simulated.
+    /// Mean of the truth over a pixel; `to_old` maps its places to those of the simulation.
     fn true_mean(
         &self,
         fine: ArrayView2<'_, f64>,

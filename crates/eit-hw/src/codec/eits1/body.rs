@@ -13,7 +13,7 @@ pub struct Information {
     pub electrodes: u16,
     /// Maximum number of measurements per frame.
     pub max_measurements: u16,
-    /// Highest frame rate in its own default configuration.
+    /// Highest frame rate of the device's default configuration, hertz.
     pub max_frame_rate_hz: f32,
     /// Magnitude of the largest value, in its unit; infinite if unspecified.
     #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::infinite_f32"))]

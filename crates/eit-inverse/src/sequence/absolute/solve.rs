@@ -23,6 +23,32 @@ impl AbsoluteGaussNewton<'_> {
         whiten(&self.channels, t, |i| values[i], good, &mut whitened, &mut masked)?;
         Ok((whitened, masked))
     }
+
+    /// One event per sequence: a warning if any frame did not converge.
+    fn report_events(&self, report: &SequenceReport) {
+        let frames = self.reports.len();
+        let mut failed =
+            self.reports.iter().filter(|report| report.status != SequenceStatus::Converged);
+        let Some(first) = failed.next() else {
+            event!(
+                DEBUG,
+                "absolute Gauss-Newton converged",
+                frames = frames,
+                iterations = report.iterations,
+            );
+            return;
+        };
+        event!(
+            WARN,
+            "absolute Gauss-Newton stopped before it converged",
+            unconverged_frames = 1 + failed.count(),
+            frames = frames,
+            iterations = report.iterations,
+            predicted_decrease = first.predicted_decrease,
+            wanted_decrease = self.settings.relative_decrease,
+            seconds = report.seconds,
+        );
+    }
 }
 
 impl SequenceSolver for AbsoluteGaussNewton<'_> {
@@ -71,6 +97,7 @@ impl SequenceSolver for AbsoluteGaussNewton<'_> {
             certificate: None,
             trace: Vec::new(),
         };
+        self.report_events(&report);
         Ok(ImageSequence { images, report })
     }
 }

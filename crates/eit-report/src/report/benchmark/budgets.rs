@@ -29,7 +29,7 @@ pub(super) fn best_of(rows: &[Measured], is_live: bool) -> Option<&Measured> {
 }
 
 pub(super) const HEAD: [&str; 8] =
-    ["ms a frame", "for", "solver", "pixels", "gap", "error", "takes, ms", "of it the solver"];
+    ["budget, ms", "for", "solver", "pixels", "gap", "error", "cost, ms", "solver alone, ms"];
 
 /// Returns the cells of the choices for a scene, with headings [`HEAD`].
 pub(super) fn cells(rows: &[Measured]) -> Vec<Vec<String>> {

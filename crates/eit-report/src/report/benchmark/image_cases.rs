@@ -24,8 +24,8 @@ pub(super) struct ImageCase {
     /// Whether it is the paper's experiments on the simulated fabric, which determines noise and
     /// change.
     pub is_fabric: bool,
-    /// File names of its plots: curves, and one frame by every solver.
-    pub files: [&'static str; 2],
+    /// File names of its plots: curves, and one frame of each recording by every solver.
+    pub files: [&'static str; 3],
 }
 
 /// All cases, starting with the paper's.
@@ -38,7 +38,11 @@ pub(super) const IMAGE_CASES: [ImageCase; 7] = [
         change: 0.5,
         is_still: false,
         is_fabric: false,
-        files: ["error_paper_disc_60.png", "images_paper_disc_60.png"],
+        files: [
+            "error_paper_disc_60.png",
+            "images_paper_disc_60_bell.png",
+            "images_paper_disc_60_pad.png",
+        ],
     },
     ImageCase {
         name: "paper-disc-40",
@@ -48,7 +52,11 @@ pub(super) const IMAGE_CASES: [ImageCase; 7] = [
         change: 0.5,
         is_still: false,
         is_fabric: false,
-        files: ["error_paper_disc_40.png", "images_paper_disc_40.png"],
+        files: [
+            "error_paper_disc_40.png",
+            "images_paper_disc_40_bell.png",
+            "images_paper_disc_40_pad.png",
+        ],
     },
     ImageCase {
         name: "paper-fabric",
@@ -58,7 +66,11 @@ pub(super) const IMAGE_CASES: [ImageCase; 7] = [
         change: f64::NAN,
         is_still: false,
         is_fabric: true,
-        files: ["error_paper_fabric.png", "images_paper_fabric.png"],
+        files: [
+            "error_paper_fabric.png",
+            "images_paper_fabric_one.png",
+            "images_paper_fabric_two.png",
+        ],
     },
     ImageCase {
         name: "stiff-contact",
@@ -68,7 +80,11 @@ pub(super) const IMAGE_CASES: [ImageCase; 7] = [
         change: 0.5,
         is_still: false,
         is_fabric: false,
-        files: ["error_stiff_contact.png", "images_stiff_contact.png"],
+        files: [
+            "error_stiff_contact.png",
+            "images_stiff_contact_bell.png",
+            "images_stiff_contact_pad.png",
+        ],
     },
     ImageCase {
         name: "high-contrast",
@@ -78,7 +94,11 @@ pub(super) const IMAGE_CASES: [ImageCase; 7] = [
         change: 10.0,
         is_still: false,
         is_fabric: false,
-        files: ["error_high_contrast.png", "images_high_contrast.png"],
+        files: [
+            "error_high_contrast.png",
+            "images_high_contrast_bell.png",
+            "images_high_contrast_pad.png",
+        ],
     },
     ImageCase {
         name: "general-32",
@@ -88,7 +108,7 @@ pub(super) const IMAGE_CASES: [ImageCase; 7] = [
         change: 0.5,
         is_still: false,
         is_fabric: false,
-        files: ["error_general_32.png", "images_general_32.png"],
+        files: ["error_general_32.png", "images_general_32_bell.png", "images_general_32_pad.png"],
     },
     ImageCase {
         name: "single-frame",
@@ -98,7 +118,11 @@ pub(super) const IMAGE_CASES: [ImageCase; 7] = [
         change: 0.5,
         is_still: true,
         is_fabric: false,
-        files: ["error_single_frame.png", "images_single_frame.png"],
+        files: [
+            "error_single_frame.png",
+            "images_single_frame_bell.png",
+            "images_single_frame_pad.png",
+        ],
     },
 ];
 

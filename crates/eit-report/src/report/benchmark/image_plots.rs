@@ -1,4 +1,4 @@
-//! Plots of a scene's images: error against time, and one frame by every solver.
+//! Plots of a scene's images: error against time, and one frame of each recording by every solver.
 
 use super::super::reconstruction_model::ReconstructionModel;
 use super::image_cases::ImageCase;
@@ -31,7 +31,7 @@ pub(super) fn draw(
     if rows.is_empty() {
         return Ok(Vec::new());
     }
-    let [curves, images] = case.files;
+    let [curves, images @ ..] = case.files;
     let finest = model.raster.pixels();
     let plot = draw_plot(&Plot {
         title: format!("Error of the movie against run time: {}", case.name),
@@ -46,8 +46,11 @@ pub(super) fn draw(
         series: series(rows, finest),
         zoom: 2,
     })?;
-    let sheet = sheet(model, recordings, note)?;
-    Ok(vec![Picture::new(curves, &plot)?, Picture::new(images, &sheet)?])
+    let mut pictures = vec![Picture::new(curves, &plot)?];
+    for (file, recording) in images.into_iter().zip(recordings) {
+        pictures.push(Picture::new(file, &sheet(model, recording, note)?)?);
+    }
+    Ok(pictures)
 }
 
 /// Returns one curve per solver: over the gap at the finest raster, and at every raster for methods
@@ -85,38 +88,45 @@ fn series(rows: &[Measured], finest: usize) -> Vec<Series> {
     all
 }
 
-/// Draws the truth and every solver's image of the last frame that all have, one recording after
-/// the other, at the finest raster.
+/// Draws the truth and every solver's image of a recording, at the finest raster: the last frame that all
+/// have.
 fn sheet(
     model: &ReconstructionModel,
-    recordings: &[RecordingResults],
+    recording: &RecordingResults,
     note: &str,
 ) -> Result<Canvas, ReportError> {
+    let RecordingResults { recording, curves } = recording;
     let shown = |curve: &&WorkPrecisionCurve| {
         let fine = curve.solver.pixels.is_none_or(|pixels| pixels == model.raster.pixels());
         fine && curve.images.nrows() > 0
     };
-    let all = recordings.iter().flat_map(|recording| &recording.curves);
-    let least = all.filter(shown).map(|curve| curve.images.nrows()).min();
+    let least = curves.iter().filter(shown).map(|curve| curve.images.nrows()).min();
     let frame = least.unwrap_or(1) - 1;
-    let (mut labels, mut rows) = (Vec::new(), Vec::new());
-    for RecordingResults { recording, curves } in recordings {
-        labels.push(format!("{}: truth", recording.shape));
-        rows.push(recording.truth.row(frame));
-        for curve in curves.iter().filter(shown) {
-            labels.push(curve.solver.label());
-            rows.push(curve.images.row(frame));
-        }
+    let (mut labels, mut rows) = (vec!["truth".to_owned()], vec![recording.truth.row(frame)]);
+    for curve in curves.iter().filter(shown) {
+        labels.push(curve.solver.label());
+        rows.push(curve.images.row(frame));
     }
     let stacked =
         ndarray::stack(Axis(0), &rows).map_err(|e| ReportError::Failure(e.to_string()))?;
     let images = model.raster.images_from_pixels(stacked.view())?;
     let skin = eit_picture::SkinDrawing::from_raster(&model.skin().mesh, &model.raster);
     let settings = PictureSettings {
-        title: format!("Frame {frame} by every solver"),
+        title: format!("{}: frame {frame} by every solver", fingers(recording.shape)),
         footnote: note.to_owned(),
         labels: FrameLabels::Text(labels),
         ..Default::default()
     };
     Ok(draw_sheet(images.view(), &skin, &settings)?)
+}
+
+/// The fingers of a recording in words, from the shape or number by which tables name it.
+fn fingers(shape: &str) -> &str {
+    match shape {
+        "bell" => "Soft fingers",
+        "pad" => "Hard fingers",
+        "one" => "One finger",
+        "two" => "Two fingers",
+        other => other,
+    }
 }

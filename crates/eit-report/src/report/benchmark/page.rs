@@ -57,7 +57,7 @@ pub(super) fn write(
         _ => format!("Incomplete, without {}. ", missing.join(", ")),
     };
     let tables = Tables::of(results);
-    let mut document = Document::new(&lead(results, settings, &incomplete));
+    let mut document = Document::new(&lead(results, settings, &incomplete), machine);
     document.add_results(results, &tables);
     let Document { mut page, text } = document;
     page.sections.push(about(settings.size, machine));
@@ -86,15 +86,16 @@ pub(super) fn write(
 /// Describes what was run, and on which machine.
 fn lead(results: &BenchmarkResults, settings: &BenchmarkSettings<'_>, incomplete: &str) -> String {
     let subject = match results.images.is_empty() {
-        true => "Forward problems, one thread; times are medians over the runs",
-        false => "Simulated touches, one thread; times per frame are medians over the runs",
+        true => "Forward problems; times are medians over the runs",
+        false => "Simulated touches; times per frame are medians over the runs",
     };
     let quick = match settings.report.quick {
-        true => ". Quick: fewer frames, pixels, gaps and meshes",
+        true => " Quick: fewer frames, pixels, gaps and meshes.",
         false => "",
     };
     let result = measured(results).next().and_then(result).unwrap_or_default();
-    format!("{incomplete}{result}{subject}. {}{quick}.", settings.roofline.machine.words())
+    let processor = &settings.roofline.machine.processor;
+    format!("{incomplete}{result}{subject}, on one thread of {processor}.{quick}")
 }
 
 /// The result of a scene in a sentence: the smallest errors within the largest budget.
@@ -102,12 +103,17 @@ fn result(scene: &ImageResults) -> Option<String> {
     let of = |(is_live, kind): (bool, &str)| {
         let best = budgets::best_of(&scene.rows, is_live)?;
         let (percent, ms) = (100.0 * best.relative_error, best.cost_ms_a_frame);
-        Some(format!("{percent:.0} % {kind} by {} in {ms:.1} ms a frame", best.label()))
+        Some(format!("{percent:.0} % {kind} ({}, {ms:.1} ms a frame)", best.label()))
     };
     let found: Vec<String> =
-        [(true, "live"), (false, "for recordings")].into_iter().filter_map(of).collect();
-    let name = scene.case.name;
-    (!found.is_empty()).then(|| format!("{name}: relative error {}. ", found.join(", ")))
+        [(true, "live"), (false, "for a recording")].into_iter().filter_map(of).collect();
+    let (name, what) = (scene.case.name, scene.case.what);
+    (!found.is_empty()).then(|| {
+        format!(
+            "{name} ({what}): relative error of the best images {}; an empty image has 100 %. ",
+            found.join(", ")
+        )
+    })
 }
 
 /// The same sections as a page and as Markdown.
@@ -117,9 +123,10 @@ struct Document {
 }
 
 impl Document {
-    fn new(lead: &str) -> Self {
+    /// The page names the machine at its end, and Markdown, from which documents copy, at its start.
+    fn new(lead: &str, machine: &Machine) -> Self {
         let (title, lead) = (TITLE.to_owned(), lead.to_owned());
-        let text = format!("# {TITLE}\n\n{lead}\n");
+        let text = format!("# {TITLE}\n\n{lead} Machine: {}.\n", machine.words());
         Self { page: Page { title, lead, sections: Vec::new() }, text }
     }
 
@@ -139,17 +146,15 @@ impl Document {
                 caption: caption.to_owned(),
             };
             let mut blocks: Vec<Block> = first.map(embed).into_iter().collect();
+            let images = measured(results).next().and_then(|scene| scene.pictures.get(1));
+            blocks.extend(images.map(|images| block(images, "One frame of it by every solver")));
             blocks.push(choices.block());
             self.add("Which solver for which time", blocks, choices);
-        }
-        if !results.images.is_empty() {
-            self.add("What the plan promised", vec![plans.block()], plans);
         }
         if !results.forward.is_empty() {
             let mut blocks = vec![chosen_meshes.block()];
             blocks.extend(results.forward.iter().filter_map(forward_picture));
             self.add("Forward problem", blocks, chosen_meshes);
-            self.add("Forward problem, mesh by mesh", vec![meshes.block()], meshes);
         }
         for scene in measured(results) {
             let table = image_tables::solvers(scene);
@@ -157,6 +162,13 @@ impl Document {
                 scene.pictures.iter().map(|picture| block(picture, &scene.note)).collect();
             blocks.push(table.block());
             self.add(scene.case.name, blocks, &table);
+        }
+        // long tables come after all pictures
+        if !results.images.is_empty() {
+            self.add("What the plan promised", vec![plans.block()], plans);
+        }
+        if !results.forward.is_empty() {
+            self.add("Forward problem, mesh by mesh", vec![meshes.block()], meshes);
         }
     }
 }
@@ -213,6 +225,19 @@ fn about(size: &Size, machine: &Machine) -> Section {
         pair("machine", machine.words()),
         pair("made by", format!("eit report, version {}", env!("CARGO_PKG_VERSION"))),
         pair(
+            "solver",
+            "as `eit reconstruct --method` names it. \"≥ 0\": a touch can only raise the conductivity; \
+             \"stream\": frame by frame, as in live use; \"gcv\": hyperparameter by generalised \
+             cross-validation instead of the noise figure"
+                .to_owned(),
+        ),
+        pair(
+            "cost",
+            "time per frame that counts against the budget: that of the solver alone and its share of \
+             choosing weights or, if live, the time that 95 % of the frames do not exceed"
+                .to_owned(),
+        ),
+        pair(
             "error",
             "area-weighted norm of the difference between movie and truth, divided by the norm of \
              the truth; pixels of coarser rasters appear as squares on the finest"
@@ -223,9 +248,10 @@ fn about(size: &Size, machine: &Machine) -> Section {
             format!(
                 "per frame, excluding set-up and the choice of weights; for recordings the median, \
                  minimum and maximum of up to {} runs ({} for direct methods); for live solvers \
-                 those of single frames in {} runs ({} for direct ones), including frames that \
-                 fill a window",
-                size.runs, size.direct_runs, size.stream_runs, size.direct_runs
+                 those of single frames in up to {} runs, including frames that fill a window",
+                size.runs,
+                size.direct_runs,
+                size.stream_runs.max(size.direct_runs)
             ),
         ),
         pair(
