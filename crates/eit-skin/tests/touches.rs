@@ -126,6 +126,29 @@ fn open_electrode() {
     check("open electrode", &counts.score(), &ONE);
 }
 
+/// The contact of an electrode gets better or worse by 1 % a second, from untouched frames on or under a finger: it is
+/// named, no other one is, and neither a phantom nor a lost finger lasts. Worse contacts looked like four fingers
+/// around the electrode for as long as they lasted.
+#[test]
+fn drifting_electrode() {
+    let mut counts = Counts::default();
+    for (seed, from, per_s) in
+        [(71, 100, -0.01), (81, 100, -0.01), (81, 100, 0.01), (71, 125, -0.01), (91, 125, 0.01)]
+    {
+        let mut recording = bench(seed, 6);
+        recording.drift(BROKEN, from, per_s);
+        let touches = recording.touches();
+        let [fault] = touches.faults[..] else { panic!("{:?}", touches.faults) };
+        assert_eq!((fault.electrode, fault.kind), (BROKEN, FaultKind::Drifts));
+        let late = (fault.since_s * RATE_HZ).round() as usize - from;
+        println!("{per_s} from frame {from} on: named after {late} frames");
+        // a finger hides it for longer
+        assert!(late <= if from == 100 { 5 } else { 20 }, "seed {seed}: {late}");
+        counts.add(&recording, &touches, QUIET_FRAMES);
+    }
+    check("drifting electrode", &counts.score(), &ONE);
+}
+
 /// The electrode recovers before the second press: within 2 s it is used again, and no touch is shown for
 /// that.
 #[test]

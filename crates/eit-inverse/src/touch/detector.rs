@@ -81,8 +81,9 @@ pub struct DetectorModel<'a> {
     /// Other effects on the model's voltages, one column per unknown, volts per standard deviation of the
     /// unknown: `[measurement, unknown]`.
     pub unknowns: &'a ArrayRef2<f64>,
-    /// What each unknown is. The actions of touches on electrodes and contacts are unknowns of their own; what
-    /// these do alone is a small part of their standard deviation. Empty: touches act on none of them.
+    /// Kind of each unknown. Each touch has its own unknowns for the electrodes and contacts that it affects;
+    /// without a touch these vary by only a small part of their stated deviation. Empty: touches affect none of
+    /// them.
     pub kinds: &'a [UnknownKind],
     /// The reference frame, volts.
     pub reference_v: &'a [f64],
@@ -172,11 +173,13 @@ macro_rules! scene {
     };
 }
 
-/// Fraction of the residual that one electrode's gain must explain for the electrode to be reported.
-const BLAME: f64 = 0.9;
+/// Largest part of the residual that one electrode's gain may leave for the electrode to be reported: of a frame
+/// without touches, of what touches leave, and of what the frame has without its touches. On three fresh seeds of
+/// ten scripts with sound electrodes the best gain left 0.18 and more of the first, 0.33 and more of the second.
+const BLAME: [f64; 3] = [0.13, 0.2, 0.1];
 
 /// Residual chi^2 per row above which electrodes are checked.
-const BLAME_FROM: f64 = 10.0;
+const BLAME_FROM: f64 = 5.0;
 
 /// Distance within which hysteresis left by a touch can show, metres.
 const LATE_M: f64 = 20e-3;
@@ -458,13 +461,16 @@ impl TouchDetector {
     /// Finds the electrode whose gain explains the frame, before or after touches, far better than they do.
     fn blamed(&mut self) -> Option<usize> {
         let left = self.search.best.rest;
-        let without = dot(&self.search.residual_without, &self.search.residual_without);
-        if left <= BLAME_FROM * self.whitening.present() as f64 || left <= 0.1 * without {
+        if left <= BLAME_FROM * self.whitening.present() as f64 {
             return None;
         }
-        let (mut blamed, mut least) = (None, f64::INFINITY);
-        for residual in [&self.search.residual_without, &self.search.residual] {
-            let bar = (0.5 * left).min((1.0 - BLAME) * dot(residual, residual)).min(least);
+        let [of_untouched, of_rest, of_whole] = BLAME;
+        let of_rest = if self.search.best.spots.is_empty() { of_untouched } else { of_rest };
+        let (mut blamed, mut least) = (None, 0.5 * left);
+        for (residual, part) in
+            [(&self.search.residual_without, of_whole), (&self.search.residual, of_rest)]
+        {
+            let bar = least.min(part * dot(residual, residual));
             let found = best_gain(&self.gains, &self.whitening, &mut self.gain_of, residual);
             if let Some((electrode, rest)) = found.filter(|(_, rest)| *rest < bar) {
                 (least, blamed) = (rest, Some(electrode));

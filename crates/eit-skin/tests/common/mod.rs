@@ -84,6 +84,15 @@ impl Recording {
             }
         }
     }
+
+    /// From this frame on the voltages of an electrode change steadily, by this part each second.
+    pub fn drift(&mut self, electrode: usize, from: usize, per_s: f64) {
+        let measurements = measurements_of(electrode);
+        for frame in from..self.values.nrows() {
+            let gain = 1.0 + per_s * (frame - from) as f64 / script::RATE_HZ;
+            measurements.iter().for_each(|&i| self.values[[frame, i]] *= gain);
+        }
+    }
 }
 
 /// Measurements that an electrode drives or measures.

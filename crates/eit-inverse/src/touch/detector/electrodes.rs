@@ -13,7 +13,7 @@
 use super::places::{Places, Spot};
 use crate::geometry::distance_m;
 
-/// What an unknown of a [`DetectorModel`](super::DetectorModel) is.
+/// Kind of an unknown of a [`DetectorModel`](super::DetectorModel).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum UnknownKind {
     /// Displacement of an electrode at a position, metres, along a unit vector.
