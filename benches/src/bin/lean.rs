@@ -76,10 +76,14 @@ const CHOICES: [Choice; 16] = [
         others: &[],
     },
     Choice { crates: &[("eit-hw", &["serial"])], example: "eit-hw/examples/load.rs", others: &[] },
-    Choice { crates: &[("eit-hw", &["mcap"])], example: "eit-hw/examples/stream.rs", others: &[] },
+    Choice {
+        crates: &[("eit-hw", &["mcap"])],
+        example: "eit-hw/examples/instrument.rs",
+        others: &[],
+    },
     Choice {
         crates: &[("eit-hw", &["serial", "mcap"])],
-        example: "eit-hw/examples/stream.rs",
+        example: "eit-hw/examples/instrument.rs",
         others: &[],
     },
     Choice {

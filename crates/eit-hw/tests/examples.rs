@@ -8,14 +8,14 @@
     reason = "a test file: a panic is a failed test"
 )]
 
+#[path = "../examples/instrument.rs"]
+mod instrument;
 #[path = "../examples/load.rs"]
 mod load;
 #[path = "../examples/read_recording.rs"]
 mod read_recording;
 #[path = "../examples/soak.rs"]
 mod soak;
-#[path = "../examples/stream.rs"]
-mod stream;
 
 use std::time::Duration;
 
@@ -70,7 +70,7 @@ fn read_recording_names_the_right_order() {
 #[test]
 fn stream_flags_what_the_instrument_could_not_measure_and_records_all() {
     let folder = tempfile::tempdir().unwrap();
-    let outcome = stream::run(&folder.path().join("skin.mcap"), 60).unwrap();
+    let outcome = instrument::run(&folder.path().join("skin.mcap"), 60).unwrap();
     assert_eq!((outcome.frames, outcome.recorded, outcome.same), (60, 60, true));
     let saturated = outcome.flagged.get("saturated").copied().unwrap_or_default();
     assert_eq!(outcome.flagged.len(), 1, "{:?}", outcome.flagged);

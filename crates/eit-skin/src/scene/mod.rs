@@ -672,8 +672,11 @@ impl Scene {
         {
             return Ok(text.clone());
         }
-        toml::to_string(self)
-            .map_err(|e| SkinError::Failure(format!("{}: not writable as TOML: {e}", self.place)))
+        toml::to_string(self).map_err(|e| self.not_writable(&e))
+    }
+
+    fn not_writable(&self, error: &toml::ser::Error) -> SkinError {
+        SkinError::Failure(format!("{}: not writable as TOML: {error}", self.place))
     }
 
     /// Whether the settings equal those of another scene, regardless of its origin.
@@ -682,19 +685,23 @@ impl Scene {
         *self == Self { name, place, folder, source, ..other.clone() }
     }
 
-    /// Returns the fingerprint to which a trained net belongs: a checksum of skin, electrodes and protocol as
-    /// written, with the content of the files that they name.
+    /// Returns the fingerprint to which a trained net belongs: a checksum of the settings of skin, electrodes and
+    /// protocol, however they are written, with the content of the files that they name.
     ///
     /// # Errors
     ///
     /// A file that cannot be read.
     pub fn skin_fingerprint(&self) -> Result<String, SkinError> {
-        let table: toml::Table = from_toml(&self.to_toml()?, &self.place)?;
+        let table = toml::Table::try_from(self).map_err(|e| self.not_writable(&e))?;
         let mut hash = crc32fast::Hasher::new();
         for section in ["skin", "electrodes", "protocol"] {
             let Some(toml::Value::Table(keys)) = table.get(section) else { continue };
             // tables are sorted by key
             for (key, value) in keys {
+                // a list without entries is as good as none
+                if value.as_array().is_some_and(Vec::is_empty) {
+                    continue;
+                }
                 let file = key == "file" || key.ends_with("_file");
                 let (toml::Value::String(name), true) = (value, file) else {
                     hash.update(format!("{section}.{key} = {value}\n").as_bytes());

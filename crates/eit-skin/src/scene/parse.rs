@@ -126,9 +126,15 @@ mod tests {
             assert_eq!(again.skin, scene.skin, "{text}");
             assert_eq!(again.electrodes, scene.electrodes, "{text}");
             assert_eq!(again.protocol, scene.protocol, "{text}");
-            // the fingerprint does not depend on other sections
-            assert_eq!(scene.skin_fingerprint().unwrap().len(), 8);
+            // the fingerprint does not depend on other sections, nor on how the scene is written
+            let fingerprint = scene.skin_fingerprint().unwrap();
+            assert_eq!(fingerprint.len(), 8);
+            assert_eq!(changed.skin_fingerprint().unwrap(), fingerprint);
+            assert_eq!(again.skin_fingerprint().unwrap(), fingerprint);
         }
+        // that of the shipped net
+        let scene = Scene::load("paper-disc").unwrap();
+        assert_eq!(scene.skin_fingerprint().unwrap(), "6d1b102e");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Opens an instrument, streams frames, counts their flags, records them and reads them back.
 //!
-//! Run with `cargo run --release -p eit-hw --features mcap --example stream [FILE.mcap]`. The
+//! Run with `cargo run --release -p eit-hw --features mcap --example instrument [FILE.mcap]`. The
 //! instrument is emulated behind a TCP connection; one electrode comes off after a while.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
