@@ -498,7 +498,7 @@ fn report_compares_every_method() {
     let live = rows.iter().filter(|r| r["live"] == true).count();
     // one-step images and two streams on each of two rasters
     assert_eq!(live, 2 * 3);
-    let files = ["error_paper_disc_60.png", "images_paper_disc_60.png", "report.md"];
+    let files = ["error_paper_disc_60.png", "images_paper_disc_60_bell.png", "report.md"];
     for name in files {
         assert!(std::fs::metadata(out.join(name)).unwrap().len() > 1000, "{name}");
     }
