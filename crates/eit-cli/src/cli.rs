@@ -490,9 +490,10 @@ pub(crate) struct TrainArgs {
     /// Number of frames that the net takes, including the current one.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub history: usize,
-    /// Images per frame that the net takes: the raw one, then one-step images of the same measurements. With 1
-    /// it runs on images alone (`eit denoise`); with more it also takes the signal-to-noise ratio.
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    /// Images per frame that the net takes. 2: the touches that were detected, drawn as bells, and the raw image,
+    /// with the signal-to-noise ratio and the strength of the touches; 3 and 4: one-step images as well. With 1 it
+    /// takes the raw image alone (`eit denoise`), and is much less accurate.
+    #[arg(long, value_name = "N", default_value_t = 2)]
     pub images: usize,
     /// Side of the blocks of pixels that become channels, 1 or 2: with 2 the net runs on a quarter of the
     /// pixels.

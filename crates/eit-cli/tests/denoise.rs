@@ -259,7 +259,7 @@ fn a_net_that_sees_measurements_is_trained_and_runs() {
     arguments.extend(&FEW[..15]);
     succeed(&arguments);
     let net = eit_denoise::Weights::from_bytes(&std::fs::read(&weights).unwrap()).unwrap();
-    assert_eq!((net.shape.images, net.shape.conditions, net.shape.fold), (3, 1, 2));
+    assert_eq!((net.shape.images, net.shape.conditions, net.shape.fold), (3, 2, 2));
     let touched = folder.path().join("touched");
     let few = ["--frames", "40", "--nodes", "900", "--out"];
     succeed(&[&["simulate", text(&scene)], &few[..], &[text(&touched)]].concat());

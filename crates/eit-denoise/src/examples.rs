@@ -68,11 +68,13 @@ struct Known {
 impl Examples {
     /// Examples from shards of one skin, for a net that sees `history` frames. Every frame becomes an
     /// example, with the frames before it in its shard (zero before the first), all divided by the
-    /// largest magnitude among their raw images; other images are clamped to twice that. Frames whose raw images are all zero are left out.
+    /// largest magnitude among their first images; other images are clamped to twice that. Frames whose first
+    /// images are all zero are left out.
     ///
     /// The mean squared error `e` of an example counts as `e / (r + 0.05 R)`. Its reference error `r` is
     /// the mean squared error of its raw image or of an empty one, whichever is smaller, and `R` the
-    /// mean of `r` over the sequence. A faint touch thus counts nearly as much as a strong one, also
+    /// mean of `r` over the sequence. For a net that corrects another image than the raw one, `r` is at least the mean
+    /// squared error of that image. A faint touch thus counts nearly as much as a strong one, also
     /// where a whole sequence is faint. Frames with `r` below a thousandth of `R`, in which nothing
     /// touches, are left out.
     ///
@@ -178,11 +180,11 @@ impl Examples {
             let before = self.history.saturating_sub(frame + 1);
             self.frames.extend(std::iter::repeat_n(0.0, before * images * pixels));
             for frame in (frame + 1).saturating_sub(self.history)..=frame {
-                let raw = shard.raw.index_axis(Axis(0), frame);
-                let is_zero = raw.iter().all(|v| *v == 0.0);
-                self.frames.extend(&raw);
-                for other in &shard.beside.images {
-                    let other = other.index_axis(Axis(0), frame);
+                let mut images = shard.images().map(|images| images.index_axis(Axis(0), frame));
+                let Some(first) = images.next() else { continue };
+                let is_zero = first.iter().all(|v| *v == 0.0);
+                self.frames.extend(&first);
+                for other in images {
                     self.frames.extend(other.iter().map(|v| if is_zero { 0.0 } else { *v }));
                 }
             }
@@ -210,6 +212,13 @@ impl Examples {
             let of_empty = mean(&mut wanted.iter().copied());
             // a frame without a touch is as right as its raw image
             let error = if of_empty > 0.0 { of_raw.min(of_empty) } else { of_raw };
+            // the image that a net corrects may be far off, where touches were overlooked or invented: such a
+            // frame must not outweigh hundreds of others
+            let first = shard.images().next().map_or(0.0, |images| {
+                let first = images.index_axis(Axis(0), frame);
+                mean(&mut first.iter().zip(&wanted).map(|(r, w)| r - w))
+            });
+            let error = if images > 1 { error.max(first) } else { error };
             known.push(Known { scale: f64::from(scale), error, shard: index });
         }
         Ok(())

@@ -135,6 +135,22 @@ impl Judge {
         Ok(Judgement { verdict, net: of_net, raw: Some(of_raw) })
     }
 
+    /// Judges a frame of which it is known that no touches explain it: the net's image is not shown, whatever its
+    /// score.
+    ///
+    /// # Errors
+    /// Those of [`DataConsistency::misfit`].
+    pub fn reject(
+        &mut self,
+        net: ArrayView2<'_, f64>,
+        raw: ArrayView2<'_, f64>,
+        differences: &[f64],
+    ) -> Result<Judgement, DenoiseError> {
+        let (net, of_raw) = (self.score(net, differences)?, self.score(raw, differences)?);
+        let verdict = if of_raw <= 1.0 { Verdict::Raw } else { Verdict::Neither };
+        Ok(Judgement { verdict, net, raw: Some(of_raw) })
+    }
+
     /// Score of an image: up to 1 it explains the frame.
     ///
     /// # Errors

@@ -12,7 +12,7 @@
 
 mod shard;
 
-pub use shard::{Beside, Shard, ShardData};
+pub use shard::{Beside, Shard, ShardData, ShardTouches};
 
 use crate::DenoiseError;
 use serde::{Deserialize, Serialize};

@@ -46,7 +46,7 @@ pub use image_stack::ImageStack;
 #[cfg(feature = "unet")]
 pub use judge::{Judge, Judgement, Verdict};
 #[cfg(feature = "base")]
-pub use learning_base::{BaseSettings, Beside, LearningBase, Part, Shard, ShardData};
+pub use learning_base::{BaseSettings, Beside, LearningBase, Part, Shard, ShardData, ShardTouches};
 #[cfg(feature = "unet")]
 pub use model_error::{ModelError, ModelErrorNorm, ModelErrorSum};
 #[cfg(all(feature = "burn", feature = "base"))]

@@ -71,8 +71,11 @@ fn makes_the_images_of_the_denoiser_from_several_inputs() {
         let weights = weights(shape, [pixels; 2]);
         let mut shard = common::shard(4, pixels);
         let conditions = ndarray::Array2::from_shape_fn((4, 1), |(f, _)| 0.2 * f as f32);
-        let images = vec![shard.raw.mapv(|v| 3.0 * v.abs())];
-        shard.beside = Beside { images, conditions: Some(conditions) };
+        let other = shard.raw.mapv(|v| 3.0 * v.abs());
+        // before the raw images, where it sets the scale, or behind them
+        let (first, images) =
+            if pixels == 32 { (Some(other), vec![]) } else { (None, vec![other]) };
+        shard.beside = Beside { first, images, conditions: Some(conditions) };
         let mut net = Denoiser::new(&weights, shard.mask.view()).unwrap();
         let wanted = shard.denoise(&mut net).unwrap();
         let net = Unet::from_weights(&weights, &TrainDevice::Flex.open().unwrap()).unwrap();

@@ -155,6 +155,27 @@ fn a_base_refuses_other_settings_and_empty_pairs() {
     assert!(matches!(refused(&stack(2, 1.0), &stack(3, 1.0)), DenoiseError::WrongLength { .. }));
 }
 
+/// The touches of a sequence come back from its file; those of another number of frames are damage.
+#[test]
+fn touches_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut made = shard(5, 16);
+    let mut touches = Array3::from_elem((5, 2, 3), f32::NAN);
+    for (f, mut frame) in touches.outer_iter_mut().enumerate() {
+        frame.row_mut(0).assign(&ndarray::arr1(&[0.01 * f as f32, -0.02, 3e-10]));
+    }
+    made.touches = Some(touches.clone());
+    let settings = BaseSettings { shards: 2, ..base_settings() };
+    let mut base = LearningBase::create(folder.path(), &settings).unwrap();
+    base.write(0, &made).unwrap();
+    let read = base.read(0).unwrap().touches.unwrap();
+    assert!(read.iter().zip(&touches).all(|(a, b)| a.to_bits() == b.to_bits()));
+    made.touches = Some(Array3::zeros((4, 2, 3)));
+    base.write(1, &made).unwrap();
+    let refused = base.read(1).unwrap_err().to_string();
+    assert!(refused.contains("images and touches of different sizes"), "{refused}");
+}
+
 /// Frames in which nothing touches are no examples.
 #[test]
 fn quiet_frames_are_passed_over() {

@@ -130,17 +130,26 @@ fn inputs_are_counted_and_zero_gives_zero() {
     assert!(net.push_frame_into(frame, out.view_mut()).is_err());
 }
 
-/// The shipped file of nets of one image says version 1, all others version 2, and both come back.
+/// Files of nets of one image say version 1, with conditions or folding version 2, those of several images version 3,
+/// and all come back. A net of several images in version 2 expects other images and is rejected.
 #[test]
-fn both_versions_of_files_are_read() {
-    let old = weights(UnetShape::ONE_IMAGE, [16, 16]);
-    let new = weights(UnetShape { images: 3, conditions: 1, fold: 2, ..old.shape }, [16, 16]);
-    for (weights, version) in [(old, "\"1\""), (new, "\"2\"")] {
+fn all_versions_of_files_are_read() {
+    let of = |images, conditions, fold| {
+        weights(UnetShape { images, conditions, fold, ..UnetShape::ONE_IMAGE }, [16, 16])
+    };
+    let version = |version: u8| format!("\"format_version\":\"{version}\"");
+    for (weights, number) in [(of(1, 0, 1), 1), (of(1, 1, 2), 2), (of(3, 1, 2), 3)] {
         let bytes = weights.to_bytes().unwrap();
         let header = String::from_utf8_lossy(&bytes[8..2000]).into_owned();
-        assert!(header.contains(&format!("\"format_version\":{version}")), "{header}");
+        assert!(header.contains(&version(number)), "{header}");
         assert_eq!(Weights::from_bytes(&bytes).unwrap(), weights);
     }
+    let mut bytes = of(2, 2, 1).to_bytes().unwrap();
+    let (now, before) = (version(3), version(2));
+    let at = bytes.windows(now.len()).position(|part| part == now.as_bytes()).unwrap();
+    bytes[at..at + now.len()].copy_from_slice(before.as_bytes());
+    let refused = Weights::from_bytes(&bytes).unwrap_err().to_string();
+    assert!(refused.contains("a net of 2 images in version 2 of the format"), "{refused}");
 }
 
 /// Rounding of `f32`: sums of at most 700 terms of about unit size in eleven layers, each off by

@@ -39,7 +39,7 @@ pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, Repo
     let settings = DenoiseSettings { weights: name, any_skin: args.any_skin || allowed };
     let fingerprint = &scene.skin_fingerprint()?;
     let target = NetTarget { fingerprint, pixels: rows, sign: scene.touch.sign };
-    let net = Net::load(&settings, &target)?;
+    let net = Net::load(&settings, &target)?.for_images();
     let truth = args.truth.as_deref().map(read_images).transpose()?;
     if let Some(truth) = truth.as_ref().filter(|truth| truth.dim() != raw.dim()) {
         return Err(ReportError::input(format!(

@@ -103,7 +103,12 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
         out.write("raw.npy", |w| write_npy(&made.images, w))?;
         // an image is compared with the data that it was made from
         let of_images = without.as_ref().map_or(&fitted, |without| &without.fitted);
-        denoise(net, of_images, &mut made, progress)?;
+        let check = Check::new(of_images);
+        let check = match &found {
+            Some(found) => check.with_touches(found),
+            None => check,
+        };
+        denoise(net, &check, &mut made, progress)?;
     }
     let FittedFrames { skin: linearised, frames, .. } = &fitted;
     let mut notes = frames.notes.clone();
@@ -138,12 +143,11 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
 /// Applies the network to the images; those that do not explain their measurements stay raw.
 fn denoise(
     net: &Net,
-    fitted: &FittedFrames,
+    check: &Check,
     made: &mut Made,
     progress: &mut Progress,
 ) -> Result<(), ReportError> {
-    let check = Check::new(fitted);
-    let checked = net.apply(&mut made.images, &made.raster, Some(&check), progress)?;
+    let checked = net.apply(&mut made.images, &made.raster, Some(check), progress)?;
     made.footnote += ", U-net";
     made.lines.push(net.words());
     made.report["denoise"] = net.json();

@@ -2,17 +2,18 @@
 
 mod chain;
 mod check;
+mod drawn;
 mod inputs;
 mod live;
 
 pub use chain::{Chain, Chained, Lengths};
 pub use check::{Check, Checked};
+pub use drawn::{DrawnTouch, DrawnTouches};
 pub use eit_denoise::Verdict;
 pub use inputs::NetInputs;
 pub use live::LiveNet;
 
 use crate::error::SkinError;
-use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
 use crate::scene::{DenoiseSettings, TouchSign};
 use crate::skin::Skin;
@@ -26,6 +27,8 @@ use serde_json::{Value, json};
 #[derive(Debug, Clone)]
 pub struct Net {
     weights: Weights,
+    /// For images whose touches are unknown, if `weights` need touches.
+    of_images: Option<Weights>,
     source: String,
     skin: String,
     /// Sign by which images are multiplied: -1 if touches lower the conductivity, since nets are trained on
@@ -73,14 +76,17 @@ impl Net {
     /// The errors of [`Skin::net`].
     pub fn load(settings: &DenoiseSettings, target: &NetTarget<'_>) -> Result<Self, SkinError> {
         let DenoiseSettings { weights: name, any_skin } = settings;
-        let weights = match name.as_str() {
-            "default" => Weights::paper_disc(),
+        let within = |e: DenoiseError| SkinError::from(e).within(name);
+        let (weights, of_images) = match name.as_str() {
+            "default" => {
+                let of_images = Weights::paper_disc().map_err(within)?;
+                (Weights::paper_disc_with_touches().map_err(within)?, Some(of_images))
+            }
             file => {
                 let bytes = crate::scene::read_file(std::path::Path::new(file))?;
-                Weights::from_bytes(&bytes)
+                (Weights::from_bytes(&bytes).map_err(within)?, None)
             }
         };
-        let weights = weights.map_err(|e| SkinError::from(e).within(name))?;
         let NetTarget { fingerprint, pixels, sign } = *target;
         if !any_skin {
             weights.check_skin(fingerprint, [pixels, pixels]).map_err(|e| {
@@ -89,7 +95,15 @@ impl Net {
             })?;
         }
         let sign = if sign == TouchSign::Decrease { -1.0 } else { 1.0 };
-        Ok(Self { weights, source: name.clone(), skin: fingerprint.to_owned(), sign })
+        Ok(Self { weights, of_images, source: name.clone(), skin: fingerprint.to_owned(), sign })
+    }
+
+    /// Returns the net for images without their measurements: of the shipped weights those that see the image alone.
+    pub fn for_images(self) -> Self {
+        match self.of_images {
+            Some(weights) => Self { weights, of_images: None, ..self },
+            None => self,
+        }
     }
 
     /// Denoises images [frame, row, column] of a raster in place. If `check` has the measurements, a denoised
@@ -110,8 +124,7 @@ impl Net {
                 *images = self.of_images(images, raster)?;
                 return Ok(None);
             };
-            let mut judge = check.judge(&self.weights)?;
-            let made = self.of_frames(images, raster, check.skin(), &judge)?;
+            let (made, mut judge) = self.of_frames(images, raster, check)?;
             let raw = std::mem::replace(images, made);
             if !judge.rule().has_rule() {
                 return Ok(None);
@@ -143,15 +156,24 @@ impl Net {
         progress: &mut Progress,
     ) -> Result<(), SkinError> {
         progress.stage("U-net", || {
-            let judge = check.judge(&self.weights)?;
-            *images = self.of_frames(images, raster, check.skin(), &judge)?;
+            *images = self.of_frames(images, raster, check)?.0;
             Ok(())
         })
     }
 
+    /// Returns the weights for frames whose touches are known or not: the shipped ones for images alone where they are
+    /// not.
+    fn weights_for(&self, has_touches: bool) -> &Weights {
+        match &self.of_images {
+            Some(of_images) if !has_touches => of_images,
+            _ => &self.weights,
+        }
+    }
+
     /// Denoises with a net whose only input is the image.
     fn of_images(&self, raw: &Array3<f64>, raster: &Raster) -> Result<Array3<f64>, SkinError> {
-        if inputs::needs_data(self.weights.shape) {
+        let weights = self.weights_for(false);
+        if inputs::needs_data(weights.shape) {
             return Err(SkinError::input(format!(
                 "{}: this net sees the measurements too, and there are images alone; eit reconstruct \
                  with [denoise] has both",
@@ -159,29 +181,46 @@ impl Net {
             )));
         }
         let turned = |v: f64| self.sign * v;
-        let mut net = Denoiser::new(&self.weights, raster.mask().view())?;
+        let mut net = Denoiser::new(weights, raster.mask().view())?;
         let raw = ImageStack::new(raw.mapv(turned), raster.mask().clone())?;
         Ok(net.denoise(&raw)?.into_parts().0.mapv_into(turned))
     }
 
-    /// Denoises with a net whose inputs may include the measurements.
-    fn of_frames(
+    /// Denoises with a net whose inputs may include the measurements and touches; returns the judge of its images
+    /// too.
+    fn of_frames<'a>(
         &self,
         raw: &Array3<f64>,
         raster: &Raster,
-        skin: &LinearisedSkin,
-        judge: &SequenceJudge<'_>,
-    ) -> Result<Array3<f64>, SkinError> {
-        if !inputs::needs_data(self.weights.shape) {
-            return self.of_images(raw, raster);
+        check: &'a Check,
+    ) -> Result<(Array3<f64>, SequenceJudge<'a>), SkinError> {
+        let touches = match inputs::needs_touches(self.weights.shape) {
+            true => check.touches()?,
+            false => None,
+        };
+        let weights = self.weights_for(touches.is_some());
+        let judge = check.judge(weights)?;
+        if !inputs::needs_data(weights.shape) {
+            return Ok((self.of_images(raw, raster)?, judge));
         }
-        let mut net = Denoiser::new(&self.weights, raster.mask().view())?;
-        let mut inputs = NetInputs::new(skin, self.weights.shape)?;
+        if inputs::needs_touches(weights.shape) && touches.is_none() {
+            return Err(SkinError::input(format!(
+                "{}: this net sees the touches of each frame, and without the noise of the data none can be \
+                 sought: set [noise]",
+                self.source
+            )));
+        }
+        let touches = touches.unwrap_or_default();
+        let judge = judge.with_explained(&touches);
+        let mut net = Denoiser::new(weights, raster.mask().view())?;
+        let mut inputs = NetInputs::new(check.skin(), weights.shape)?;
         let mut made = raw.clone();
         for (frame, mut out) in made.outer_iter_mut().enumerate() {
             let (differences, energy) = judge.frame(frame)?;
             let raw = raw.index_axis(Axis(0), frame);
-            inputs.push(raw, &differences, Some(energy), self.sign)?;
+            let touches =
+                touches.get(frame).map_or(&[][..], |frame| &frame.touches).iter().copied();
+            inputs.push(raw, &differences, touches, Some(energy), self.sign)?;
             match inputs.with_frame(|seen| net.push_frame_into(seen, out.view_mut())) {
                 // total variation may leave one value of a noisy frame: the raw image stays
                 Err(DenoiseError::InFrame { error, .. })
@@ -195,7 +234,7 @@ impl Net {
             }
             out.mapv_inplace(|value| self.sign * value);
         }
-        Ok(made)
+        Ok((made, judge))
     }
 
     /// Size of the net.

@@ -3,6 +3,7 @@
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::skin::Skin;
+use eit_inverse::touch::Touch;
 use eit_mesh::Raster;
 
 /// No weights.
@@ -46,6 +47,8 @@ impl LiveNet {
         _: &Raster,
         _: &[f64],
         _: &[f64],
+        _: &[Touch],
+        _: bool,
         _: &mut [f64],
     ) -> Result<Verdict, SkinError> {
         match *self {}

@@ -14,7 +14,7 @@ use crate::faults::ElectrodeFault;
 use crate::fitted::FittedFrames;
 use crate::frames::Frames;
 use crate::progress::Progress;
-use eit_inverse::touch::{Touch, TouchState};
+use eit_inverse::touch::{DetectorStep, Touch, TouchState};
 use ndarray::Array2;
 
 /// Default frame rate, hertz.
@@ -48,6 +48,8 @@ pub struct Touches {
     pub choices: Choices,
     /// Faults of electrodes, in the order in which they were found.
     pub faults: Vec<ElectrodeFault>,
+    /// How each frame was explained.
+    pub steps: Vec<DetectorStep>,
     /// Values that were excluded, [frame, measurement]: bad ones, and those of faulty electrodes.
     pub is_missing: Array2<bool>,
 }
@@ -72,6 +74,15 @@ impl Touches {
         let frames = self.rows.chunk_by(|a, b| a.frame == b.frame);
         let acted_on = |row: &TouchRow| row.touch.valid && row.touch.state != TouchState::End;
         frames.filter(|rows| rows.iter().any(acted_on)).count()
+    }
+
+    /// Returns the touches of each frame.
+    pub fn by_frame(&self) -> Vec<Vec<Touch>> {
+        let mut frames = vec![Vec::new(); self.frames];
+        for row in &self.rows {
+            frames[row.frame].push(row.touch);
+        }
+        frames
     }
 
     /// Marks excluded values as not good, so that images ignore them too. Frames in which nothing would
@@ -116,6 +127,7 @@ pub fn touches(
             rate_hz,
             choices: finder.choices.clone(),
             faults: Vec::new(),
+            steps: Vec::with_capacity(count),
             is_missing: Array2::from_elem(frames.values.dim(), false),
         };
         for frame in 0..count {
@@ -126,6 +138,7 @@ pub fn touches(
                 .push(&values, |i| good[i], time_s)
                 .map_err(|e| e.within(&format!("frame {frame}")))?;
             found.rows.extend(touches.iter().map(|&touch| TouchRow { frame, time_s, touch }));
+            found.steps.extend(finder.step());
             for (i, missing) in found.is_missing.row_mut(frame).iter_mut().enumerate() {
                 *missing = finder.is_missing(i);
             }

@@ -112,10 +112,18 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         "stages": progress.times(),
         "out": args.out.display().to_string(),
     });
+    let or_denoise = match shape.images {
+        // a net that sees touches needs the measurements
+        1 => {
+            let out = args.out.display();
+            format!(", or eit denoise {} --weights {out} --images F.npy --out DIR", args.scene)
+        }
+        _ => String::new(),
+    };
     let text = format!(
         "{} frames of {} sequences in {}\n{} weights, {} epochs ({}), held-out error {:.4}\n\
          held-out sequences: {}{}\nwritten to {} ({} kB), learning curve beside it\nnext: \
-         [denoise] weights = \"{}\" in the scene, or eit denoise {} --weights {} --images F.npy --out DIR",
+         [denoise] weights = \"{}\" in the scene{}",
         base.frames(),
         args.pairs.sequences,
         folder.display(),
@@ -128,8 +136,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         args.out.display(),
         bytes.len() / 1000,
         args.out.display(),
-        args.scene,
-        args.out.display(),
+        or_denoise,
     );
     Ok(Answer { text, json })
 }
@@ -172,7 +179,7 @@ fn footnote(shape: UnetShape, seed: u64) -> String {
 /// Weights to start from: a file, or "default" for the shipped ones.
 fn first_weights(name: &str) -> Result<Weights, CliError> {
     let weights = match name {
-        "default" => Weights::paper_disc(),
+        "default" => Weights::paper_disc_with_touches(),
         file => {
             let bytes =
                 std::fs::read(file).map_err(|e| CliError::input(format!("--from {file}: {e}")))?;
@@ -188,7 +195,7 @@ fn settings(
     first: Option<&Weights>,
 ) -> Result<(UnetShape, TrainSettings), CliError> {
     let TrainArgs { history, width, depth, images, fold, .. } = *args;
-    let conditions = usize::from(images > 1);
+    let conditions = if images > 1 { 2 } else { 0 };
     let asked = UnetShape { history, width, depth, images, conditions, fold };
     let shape = first.map_or(asked, |weights| weights.shape);
     let TrainArgs { epochs, batch, rate, patience, .. } = *args;

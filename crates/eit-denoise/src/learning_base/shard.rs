@@ -16,13 +16,22 @@ pub struct Shard {
     pub mask: Array2<bool>,
     /// The measurements behind the images, if known.
     pub data: Option<ShardData>,
+    /// Touches detected in the measurements, if they were sought.
+    pub touches: Option<ShardTouches>,
     /// Further inputs of a net; not written to files, because they follow from `data`.
     pub beside: Beside,
 }
 
+/// Touches detected in a sequence, without any image: `[frame, touch, number]`, each x and y in metres and
+/// the integral of the conductivity change in S m^2. Touches of a frame come first; the rest is NaN.
+pub type ShardTouches = Array3<f32>;
+
 /// Further inputs of a net, beside the raw images of a sequence.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Beside {
+    /// Images [frame, row, column] that come before the raw ones and set the scale in their place; `None`: there
+    /// are none.
+    pub first: Option<Array3<f32>>,
     /// Further reconstructions, each [frame, row, column], zero outside the mask.
     pub images: Vec<Array3<f32>>,
     /// Conditions [frame, condition]; `None`: there are none.
@@ -64,8 +73,15 @@ impl Shard {
         let inside =
             |stack: &ImageStack| stack.values().mapv(|v| if v.is_nan() { 0.0 } else { v as f32 });
         let mask = raw.mask().to_owned();
-        let (data, beside) = (None, Beside::default());
-        Ok(Self { raw: inside(raw), wanted: inside(wanted), mask, data, beside })
+        let beside = Beside::default();
+        Ok(Self {
+            raw: inside(raw),
+            wanted: inside(wanted),
+            mask,
+            data: None,
+            touches: None,
+            beside,
+        })
     }
 
     /// Denoises its raw images with a net that also takes the further inputs.
@@ -73,19 +89,27 @@ impl Shard {
     /// # Errors
     /// Those of [`Denoiser::denoise_with`] and of [`ImageStack::new`].
     pub fn denoise(&self, net: &mut Denoiser) -> Result<ImageStack, DenoiseError> {
-        let raw = ImageStack::new(self.raw.mapv(f64::from), self.mask.clone())?;
-        let others: Vec<_> = self.beside.images.iter().map(|o| o.mapv(f64::from)).collect();
+        let mut all = self.images().map(|images| images.mapv(f64::from));
+        let first = all.next().unwrap_or_default();
+        let first = ImageStack::new(first, self.mask.clone())?;
+        let others: Vec<_> = all.collect();
         let others: Vec<_> = others.iter().map(|images| images.view()).collect();
         let conditions = self.beside.conditions.as_ref().map(|c| c.mapv(f64::from));
-        net.denoise_with(&raw, &others, conditions.as_ref().map(|c| c.view()))
+        net.denoise_with(&first, &others, conditions.as_ref().map(|c| c.view()))
+    }
+
+    /// Images [frame, row, column] in the order in which a net takes them; the first sets the scale.
+    pub(crate) fn images(&self) -> impl Iterator<Item = &Array3<f32>> {
+        let Beside { first, images, .. } = &self.beside;
+        first.iter().chain([&self.raw]).chain(images)
     }
 
     /// Returns the number of images and of conditions per frame; an error if their lengths differ from
     /// the raw images'.
     pub(crate) fn inputs(&self) -> Result<[usize; 2], DenoiseError> {
         let wanted = self.raw.dim().0;
-        let Beside { images, conditions } = &self.beside;
-        if let Some(other) = images.iter().find(|other| other.dim() != self.raw.dim()) {
+        let conditions = &self.beside.conditions;
+        if let Some(other) = self.images().find(|other| other.dim() != self.raw.dim()) {
             let (what, found) = ("frames of other images", other.dim().0);
             return Err(DenoiseError::WrongLength { what, found, wanted });
         }
@@ -94,12 +118,12 @@ impl Shard {
                 let (what, found) = ("frames of conditions", all.nrows());
                 Err(DenoiseError::WrongLength { what, found, wanted })
             }
-            _ => Ok([1 + images.len(), conditions.as_ref().map_or(0, |all| all.ncols())]),
+            _ => Ok([self.images().count(), conditions.as_ref().map_or(0, |all| all.ncols())]),
         }
     }
 
     /// Returns the bytes of its file: `raw`, `wanted` [frame, row, column], `mask` [row, column], and, if
-    /// known, `differences` [frame, measurement] and `noise_std` [measurement].
+    /// known, `differences` [frame, measurement], `noise_std` [measurement] and `touches` [frame, touch, 3].
     pub(super) fn to_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
         let (frames, rows, columns) = self.raw.dim();
         let floats = |values: &mut dyn Iterator<Item = f32>| bytes_of(&values.collect::<Vec<_>>());
@@ -120,6 +144,11 @@ impl Shard {
         if let Some((shape, differences, noise_std)) = &data {
             tensors.push(("differences", view(Dtype::F32, shape.to_vec(), differences)?));
             tensors.push(("noise_std", view(Dtype::F32, vec![shape[1]], noise_std)?));
+        }
+        let touches = self.touches.as_ref();
+        let touches = touches.map(|all| (all.shape(), floats(&mut all.iter().copied())));
+        if let Some((shape, touches)) = &touches {
+            tensors.push(("touches", view(Dtype::F32, shape.to_vec(), touches)?));
         }
         safetensors::serialize(tensors, None).map_err(format_error)
     }
@@ -157,8 +186,30 @@ impl Shard {
             true => Some(ShardData::from_tensors(&tensors, frames)?),
             false => None,
         };
-        Ok(Self { raw, wanted, mask, data, beside: Beside::default() })
+        let touches = match tensors.names().contains(&"touches") {
+            true => Some(touches_of(&tensors, frames)?),
+            false => None,
+        };
+        Ok(Self { raw, wanted, mask, data, touches, beside: Beside::default() })
     }
+}
+
+/// Touches of `frames` frames.
+fn touches_of(tensors: &SafeTensors<'_>, frames: usize) -> Result<ShardTouches, DenoiseError> {
+    let wrong = |what: &str| DenoiseError::Format { what: what.to_owned() };
+    let tensor = tensors.tensor("touches").map_err(format_error)?;
+    let (Dtype::F32, &[found, most, 3]) = (tensor.dtype(), tensor.shape()) else {
+        return Err(wrong("touches that are not F32 [frame, touch, 3]"));
+    };
+    if found != frames {
+        return Err(wrong("images and touches of different sizes"));
+    }
+    let values: Vec<f32> = floats_of(tensor.data()).collect();
+    if values.iter().any(|v| v.is_infinite()) {
+        return Err(wrong("touches that are infinite"));
+    }
+    ShardTouches::from_shape_vec((frames, most, 3), values)
+        .map_err(|_| wrong("touches of another size"))
 }
 
 impl ShardData {

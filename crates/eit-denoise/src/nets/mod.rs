@@ -97,7 +97,7 @@ pub trait ImageNet: Module {
     /// each a plane of one value inside the mask and zero outside; the mask as zeros and ones.
     fn forward(&self, inputs: Tensor<4>) -> Tensor<4>;
 
-    /// Images per frame: the raw one, then those of [`crate::Beside`]. Default: 1.
+    /// Images per frame: the raw one among those of [`crate::Beside`]. Default: 1.
     fn images(&self) -> usize {
         1
     }

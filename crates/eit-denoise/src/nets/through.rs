@@ -32,8 +32,9 @@ pub fn shard_through<N: ImageNet>(
     net: &N,
     shard: &crate::Shard,
 ) -> Result<ImageStack, DenoiseError> {
-    let raw = ImageStack::new(shard.raw.mapv(f64::from), shard.mask.clone())?;
-    let others: Vec<_> = shard.beside.images.iter().map(|o| o.mapv(f64::from)).collect();
+    let mut all = shard.images().map(|images| images.mapv(f64::from));
+    let raw = ImageStack::new(all.next().unwrap_or_default(), shard.mask.clone())?;
+    let others: Vec<_> = all.collect();
     let others: Vec<_> = others.iter().map(|images| images.view()).collect();
     let conditions = shard.beside.conditions.as_ref().map(|c| c.mapv(f64::from));
     sequence_through(net, &raw, &others, conditions.as_ref().map(|c| c.view()))

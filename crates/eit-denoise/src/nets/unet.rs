@@ -63,9 +63,15 @@ impl UnetConfig {
         let shape = self.shape();
         shape.validate()?;
         let mut random = Pcg64::new(u128::from(self.seed), 0);
-        let mut made = shape.convolutions().into_iter().map(|c| {
-            let weights = first_weights(c, &mut random);
-            convolution(c, weights, vec![FIRST_BIAS; c.outputs], device)
+        let mut made = shape.convolutions().into_iter().map(|c| match c.side {
+            // a net that corrects an image starts with no correction
+            1 if shape.images > 1 => {
+                convolution(c, vec![0.0; c.weights()], vec![0.0; c.outputs], device)
+            }
+            _ => {
+                let weights = first_weights(c, &mut random);
+                convolution(c, weights, vec![FIRST_BIAS; c.outputs], device)
+            }
         });
         Unet::of_convolutions(shape, &mut made)
     }
@@ -187,6 +193,9 @@ fn unfolded(x: Tensor<4>, fold: usize) -> Tensor<4> {
 
 impl ImageNet for Unet {
     fn forward(&self, inputs: Tensor<4>) -> Tensor<4> {
+        let UnetShape { history, images, .. } = self.shape;
+        // a net of several images corrects the first of the last frame
+        let first = (images > 1).then(|| inputs.clone().narrow(1, (history - 1) * images, 1));
         let mut now = folded(inputs, self.shape.fold);
         let mut skips = Vec::with_capacity(self.down.len());
         for pair in &self.down {
@@ -200,7 +209,11 @@ impl ImageNet for Unet {
             let doubled = interpolate(now, twice.with_scale_factor([2.0, 2.0]));
             now = through(pair, Tensor::cat(vec![skip, doubled], 1));
         }
-        unfolded(self.head.forward(now), self.shape.fold)
+        let made = unfolded(self.head.forward(now), self.shape.fold);
+        match first {
+            Some(first) => made + first,
+            None => made,
+        }
     }
 
     fn images(&self) -> usize {

@@ -11,7 +11,8 @@ use std::ops::Range;
 /// A U-net ready for the images of one skin.
 ///
 /// `D(x, c) = s N(x / s, c, mask)` with the net `N`, the conditions `c`, and `s` the largest
-/// magnitude inside the mask over the first images of all frames that the net sees. Other images are clamped
+/// magnitude inside the mask over the first images of all frames that the net sees. A net of several images
+/// corrects the first: `D(x, c) = x_1 + s N(x / s, c, mask)`. Other images are clamped
 /// to `-2 s` and `2 s`: where noise ruins one of them, the first still has its scale. Scaling the images
 /// scales the result. If
 /// the first image of a frame is zero, its other images count as zero too. If all inputs of the net are zero,
@@ -177,6 +178,14 @@ impl Denoiser {
         self.arch.dispatch(Run(&mut self.net));
         let (plane, image) = (self.net.levels[0].plane, &self.net.image);
         out.fill(f64::NAN);
+        if images > 1 {
+            let first = &self.history[(frames - 1) * images * self.places.len()..];
+            let masked = out.iter_mut().zip(&self.mask).filter(|(_, inside)| **inside);
+            for ((out, _), (place, first)) in masked.zip(self.places.iter().zip(first)) {
+                *out = scale.mul_add(f64::from(image[*place]), *first);
+            }
+            return Ok(NetStatus::Computed);
+        }
         if fold == 1 {
             for ((row, mut out), mask) in out.outer_iter_mut().enumerate().zip(self.mask.rows()) {
                 let values = &image[plane.row(row)..];

@@ -25,8 +25,9 @@ pub struct UnetShape {
     pub width: usize,
     /// Number of times that rows and columns are halved: 1 to 6. The paper's net has 4.
     pub depth: usize,
-    /// Images per frame: 1 to 4. The first is the one to be denoised; the others are further
-    /// reconstructions of the same measurements.
+    /// Images per frame: 1 to 4. The first sets the scale. A net of one image takes the one to be denoised.
+    /// `eit-skin` gives nets of more images first the touches that it detected without any image, drawn as bells,
+    /// then the image to be denoised, then one-step reconstructions of the same measurements.
     pub images: usize,
     /// Numbers per frame that condition the net, such as its signal-to-noise ratio: 0 to 4.
     pub conditions: usize,

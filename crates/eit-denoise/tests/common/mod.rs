@@ -176,7 +176,10 @@ pub fn direct_f64(shape: UnetShape, parameters: &[f64], inputs: Planes) -> Array
     }
     let made = apply(&now, false);
     let (rows, columns) = made[0].dim();
-    Array2::from_shape_fn((fold * rows, fold * columns), |(r, c)| {
+    let made = Array2::from_shape_fn((fold * rows, fold * columns), |(r, c)| {
         made[(r % fold) * fold + c % fold][[r / fold, c / fold]]
-    })
+    });
+    // a net of several images corrects the first of the last frame
+    let UnetShape { history, images, .. } = shape;
+    if images > 1 { made + &inputs[(history - 1) * images] } else { made }
 }

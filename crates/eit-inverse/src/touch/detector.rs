@@ -153,6 +153,22 @@ pub struct DetectorStep {
     pub blamed: Option<usize>,
 }
 
+/// Largest residual of an explained frame, over its number of rows. Simulated fabrics leave up to 50 under the
+/// touches that were found and up to 7 without any; frames whose voltages change the other way leave 1 000 and more.
+const MOST_PER_ROW: f64 = 20.0;
+/// Largest part of a frame's squared length that an explained frame leaves: strong touches leave more per row, since
+/// the model is linear, but up to a quarter of their own frame.
+const MOST_OF_FRAME: f64 = 0.3;
+
+impl DetectorStep {
+    /// Returns whether touches, or the absence of any, explain the frame: little is left of it, or little per row.
+    /// Data of another kind, such as touches that change the conductivity the other way, is not explained.
+    pub fn is_explained(&self) -> bool {
+        self.chi_square_rest <= MOST_PER_ROW * self.rows.max(1) as f64
+            || self.chi_square_rest <= MOST_OF_FRAME * self.chi_square
+    }
+}
+
 /// Most searches of a frame, each with what the touches found before do to electrodes.
 const PASSES: usize = 3;
 
@@ -634,4 +650,26 @@ fn best_gain(
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A frame is explained by what little is left of it or of each of its rows; either is enough.
+    #[test]
+    fn explained_by_part_or_by_row() {
+        let step = |chi_square: f64, chi_square_rest: f64| DetectorStep {
+            rows: 100,
+            chi_square,
+            chi_square_without: chi_square,
+            chi_square_rest,
+            blamed: None,
+        };
+        // noise, memory, a strong touch whose model is off, a faint one; and touches of the other sign
+        for (all, rest) in [(50.0, 50.0), (2e3, 7e2), (1e6, 2e5), (2.5e3, 1.9e3)] {
+            assert!(step(all, rest).is_explained(), "{all} {rest}");
+        }
+        assert!(!step(4e5, 2e5).is_explained() && !step(3e4, 3e4).is_explained());
+    }
 }

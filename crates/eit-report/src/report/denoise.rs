@@ -15,7 +15,7 @@ use crate::settings::ReportSettings;
 use eit_skin::denoise::{Chain, Lengths, Net};
 use eit_skin::scene::DenoiseSettings;
 use eit_skin::{MeshOverride, Progress, Scene, Skin};
-use held_out::QUIET_FRAMES;
+use held_out::{QUIET_FRAMES, RATE_HZ};
 use scores::{Evaluation, Raw, VariantScores};
 use variants::{ImageVariant, ImagedSequence, variants};
 
@@ -31,7 +31,7 @@ pub(super) fn run(
         Ok(NamedNet { name: name.clone(), net: Net::load(&settings, &skin.net_target())? })
     };
     let nets = settings.weights.iter().map(load).collect::<Result<Vec<NamedNet>, ReportError>>()?;
-    let lengths = Some(Lengths { frames: 100, quiet: QUIET_FRAMES });
+    let lengths = Some(Lengths { frames: 100, quiet: QUIET_FRAMES, rate_hz: RATE_HZ });
     let chain = Chain::new(skin, settings.method.as_deref(), lengths, progress)?;
     let linearised = &chain.linearised;
     let raster = linearised.raster(progress)?;

@@ -21,13 +21,15 @@ pub struct Chain {
 }
 
 /// Length of a simulated sequence, and of its quiet start, which gives reference and noise.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Lengths {
     /// Number of frames.
     pub frames: usize,
     /// Number of frames at the start in which nothing touches the skin.
     pub quiet: usize,
+    /// Frames per second.
+    pub rate_hz: f64,
 }
 
 /// A reconstructed sequence.
@@ -53,10 +55,11 @@ impl Chain {
         lengths: Option<Lengths>,
         progress: &mut Progress,
     ) -> Result<Self, SkinError> {
-        if let Some(Lengths { quiet, .. }) = lengths {
+        if let Some(Lengths { quiet, rate_hz, .. }) = lengths {
             skin.settings.recording = FrameSettings {
                 reference: Some(Reference::Text(format!("0..{quiet}"))),
                 scale: 1.0,
+                frame_rate_hz: Some(rate_hz),
                 ..Default::default()
             };
             skin.settings.noise =

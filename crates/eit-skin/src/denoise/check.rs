@@ -1,10 +1,12 @@
 //! Whether a net's images explain the measurements behind them.
 
+use super::DrawnTouches;
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::linearised::LinearisedSkin;
 use crate::noise::DataNoise;
 use crate::progress::Progress;
+use crate::touches::{self, Touches};
 use eit_denoise::{DataMisfit, Judge, Judgement, Verdict, Weights};
 use ndarray::{Array2, ArrayView2};
 use serde_json::{Value, json};
@@ -16,6 +18,8 @@ pub struct Check {
     fitted: FittedFrames,
     /// Differences [frame, measurement], NaN where a value is missing.
     differences: Array2<f64>,
+    /// Touches of each frame; `None` if they have not been sought.
+    touches: Option<Vec<DrawnTouches>>,
 }
 
 /// Judges one net's images of a sequence.
@@ -23,12 +27,33 @@ pub struct Check {
 pub(super) struct SequenceJudge<'a> {
     check: &'a Check,
     judge: Judge,
+    /// Whether touches explain each frame; empty for nets that do not see them.
+    is_explained: Vec<bool>,
 }
 
 impl Check {
     /// Takes the measurements of these frames.
     pub fn new(fitted: &FittedFrames) -> Self {
-        Self { fitted: fitted.clone(), differences: fitted.differences_or_nan() }
+        let differences = fitted.differences_or_nan();
+        Self { fitted: fitted.clone(), differences, touches: None }
+    }
+
+    /// Takes the touches that were found in the frames, so that a net that sees them needs not seek them again.
+    pub fn with_touches(self, touches: &Touches) -> Self {
+        Self { touches: Some(DrawnTouches::of_frames(touches)), ..self }
+    }
+
+    /// Returns the touches of each frame; `None` if the noise of the data is unknown, so that none can be sought.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`touches::touches`].
+    pub(super) fn touches(&self) -> Result<Option<Vec<DrawnTouches>>, SkinError> {
+        if let Some(touches) = &self.touches {
+            return Ok(Some(touches.clone()));
+        }
+        let found = touches::touches(&self.fitted, &mut Progress::silent())?;
+        Ok(found.map(|found| DrawnTouches::of_frames(&found)))
     }
 
     /// Returns the model of the frames.
@@ -37,7 +62,8 @@ impl Check {
     }
 
     pub(super) fn judge(&self, weights: &Weights) -> Result<SequenceJudge<'_>, SkinError> {
-        Ok(SequenceJudge { check: self, judge: judge(weights, &self.fitted)? })
+        let judge = judge(weights, &self.fitted)?;
+        Ok(SequenceJudge { check: self, judge, is_explained: Vec::new() })
     }
 }
 
@@ -64,7 +90,15 @@ impl SequenceJudge<'_> {
         raw: ArrayView2<'_, f64>,
     ) -> Result<Judgement, SkinError> {
         let row = self.check.differences.row(frame).to_vec();
-        Ok(self.judge.judge(net, raw, &row)?)
+        match self.is_explained.get(frame) {
+            Some(false) => Ok(self.judge.reject(net, raw, &row)?),
+            _ => Ok(self.judge.judge(net, raw, &row)?),
+        }
+    }
+
+    /// Takes whether touches explain each frame.
+    pub fn with_explained(self, touches: &[DrawnTouches]) -> Self {
+        Self { is_explained: touches.iter().map(|frame| frame.is_explained).collect(), ..self }
     }
 }
 

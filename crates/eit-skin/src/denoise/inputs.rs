@@ -1,10 +1,12 @@
-//! What a net sees beside the raw image: one-step images and the signal-to-noise ratio.
+//! What a net sees beside the raw image: touches that were detected without an image, one-step images, the
+//! signal-to-noise ratio and the strength of the touches.
 
+use super::DrawnTouch;
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
 #[cfg(feature = "base")]
-use eit_denoise::{Beside, Shard};
+use eit_denoise::{Beside, Shard, ShardTouches};
 use eit_denoise::{DataMisfit, NetFrame, UnetShape};
 use eit_inverse::{InverseError, OneStepGaussNewton, OneStepSettings, Reconstructor, Workspace};
 use eit_mesh::Raster;
@@ -18,12 +20,22 @@ use ndarray::{Array3, Axis};
 const HYPERPARAMETERS: [f64; 3] = [0.1, 0.01, 1.0];
 /// Decades of the signal-to-noise ratio that a net distinguishes.
 const DECADES: f64 = 3.0;
+/// Decades of the strength of touches that a net distinguishes, the middle at one pixel of doubled conductivity: a
+/// finger of 1 N on the paper's fabric at 64 pixels.
+const STRENGTHS: f64 = 2.0;
+/// Number of conditions that a net may take.
+const CONDITIONS: usize = 2;
 
 /// Computes the inputs of nets that take more than the raw image.
 ///
-/// Further images are one-step Gauss-Newton images of the same differences, unweighted, with the
-/// scene's prior and hyperparameters that are the same for every skin and noise. The condition is
-/// `log10(rms) / 3`, clipped to 0 to 1, with the rms of the differences in units of their noise.
+/// A net of one image takes the raw one. Nets of more take first the touches of the frame, drawn as bells of
+/// their place and strength ([`DrawnTouch`]), second the raw image, then one-step Gauss-Newton images of the same
+/// differences, unweighted, with the scene's prior and hyperparameters that are the same for every skin and noise.
+/// The image of touches sets the scale: where none was detected the net's image is zero.
+///
+/// The first condition is `log10(rms) / 3`, clipped to 0 to 1, with the rms of the differences in units of their
+/// noise; the second `(1 + log10(s)) / 2`, clipped alike, with the strongest touch `s` as the area of doubled
+/// conductivity in pixels, which tells how wide it presses.
 #[derive(Debug, Clone)]
 pub struct NetInputs {
     shape: UnetShape,
@@ -31,6 +43,8 @@ pub struct NetInputs {
     raster: Raster,
     /// Protocol indices of the measurements that the reconstructions use.
     used: Vec<usize>,
+    /// Area of a pixel times the conductivity of the skin, S m^2.
+    pixel_s_m2: f64,
     /// Measurements of the current frame, zero where one is missing.
     differences: Vec<f64>,
     missing: Vec<usize>,
@@ -47,18 +61,18 @@ impl NetInputs {
     /// A net that takes more inputs than this program computes; the errors of the reconstruction.
     pub fn new(linearised: &LinearisedSkin, shape: UnetShape) -> Result<Self, SkinError> {
         let UnetShape { images, conditions, .. } = shape;
-        if images > 1 + HYPERPARAMETERS.len() || conditions > 1 {
+        let most = 2 + HYPERPARAMETERS.len();
+        if images > most || conditions > CONDITIONS {
             return Err(SkinError::input(format!(
                 "a net of {images} images and {conditions} conditions a frame, but this program makes \
-                 up to {} and 1",
-                1 + HYPERPARAMETERS.len()
+                 up to {most} and {CONDITIONS}"
             )));
         }
         let raster = linearised.raster(&mut Progress::silent())?.clone();
         let measurements = linearised.skin.protocol.measurements();
         let used = linearised.imaging_measurements();
         let mut makers = Vec::new();
-        if images > 1 {
+        if images > 2 {
             let settings = OneStepSettings {
                 data: linearised.difference_data(),
                 used: Some(used.clone()),
@@ -67,7 +81,7 @@ impl NetInputs {
             let prior = linearised.prior()?;
             let mut one_step =
                 OneStepGaussNewton::new(&linearised.jacobian, prior.as_ref(), settings)?;
-            for hyperparameter in HYPERPARAMETERS.into_iter().take(images - 1) {
+            for hyperparameter in HYPERPARAMETERS.into_iter().take(images - 2) {
                 one_step.set_hyperparameter(hyperparameter)?;
                 let maker = one_step.on_raster(raster.pixel_from_element())?;
                 let workspace = maker.workspace();
@@ -84,6 +98,7 @@ impl NetInputs {
             pixels: vec![0.0; raster.masked_pixels().len()],
             images: vec![Array2::zeros(raster.mask().dim()); images],
             conditions: vec![0.0; conditions],
+            pixel_s_m2: linearised.skin.conductivity_s * raster.pixel_m().powi(2),
             raster,
         })
     }
@@ -93,8 +108,13 @@ impl NetInputs {
         needs_data(self.shape)
     }
 
+    /// Returns whether the net takes the touches of a frame.
+    pub fn needs_touches(&self) -> bool {
+        needs_touches(self.shape)
+    }
+
     /// Takes the raw image [row, column] of a frame, its differences `[measurement]` (NaN where a
-    /// value is missing), and their energy in units of the noise; images are multiplied by `sign`.
+    /// value is missing), its touches, and its energy in units of the noise; images are multiplied by `sign`.
     ///
     /// # Errors
     ///
@@ -103,12 +123,27 @@ impl NetInputs {
         &mut self,
         raw: ArrayView2<'_, f64>,
         differences: &[f64],
+        touches: impl IntoIterator<Item = DrawnTouch>,
         energy: Option<DataMisfit>,
         sign: f64,
     ) -> Result<(), SkinError> {
-        self.images[0].zip_mut_with(&raw, |image, raw| *image = sign * raw);
+        let Self { images, raster, .. } = self;
+        let mut strongest_s_m2 = 0.0_f64;
+        if let [drawn, _, ..] = &mut images[..] {
+            drawn.fill(0.0);
+            for touch in touches {
+                strongest_s_m2 = strongest_s_m2.max(touch.intensity_s_m2.abs());
+                let intensity_s_m2 = sign * touch.intensity_s_m2;
+                DrawnTouch { intensity_s_m2, ..touch }.draw(raster, drawn);
+            }
+        }
+        let place = images.len().min(2) - 1;
+        images[place].zip_mut_with(&raw, |image, raw| *image = sign * raw);
         if let (Some(condition), Some(energy)) = (self.conditions.first_mut(), energy) {
             *condition = signal_to_noise(energy);
+        }
+        if let Some(condition) = self.conditions.get_mut(1) {
+            *condition = strength(strongest_s_m2 / self.pixel_s_m2);
         }
         if self.makers.is_empty() {
             return Ok(());
@@ -122,7 +157,7 @@ impl NetInputs {
             }
         }
         let Self { makers, images, pixels, differences, missing, .. } = self;
-        for ((maker, workspace), image) in makers.iter_mut().zip(&mut images[1..]) {
+        for ((maker, workspace), image) in makers.iter_mut().zip(&mut images[2..]) {
             match maker.reconstruct_masked_difference_into(differences, missing, workspace, pixels)
             {
                 // too little is left for an image
@@ -141,7 +176,7 @@ impl NetInputs {
 
     /// Passes the inputs of the last frame to a net.
     pub fn with_frame<T>(&self, work: impl FnOnce(NetFrame<'_>) -> T) -> T {
-        let views: [ArrayView2<'_, f64>; 1 + HYPERPARAMETERS.len()] =
+        let views: [ArrayView2<'_, f64>; 2 + HYPERPARAMETERS.len()] =
             std::array::from_fn(|k| self.images[k.min(self.images.len() - 1)].view());
         work(NetFrame { images: &views[..self.images.len()], conditions: &self.conditions })
     }
@@ -156,6 +191,16 @@ impl NetInputs {
         if !self.needs_data() {
             return Ok(());
         }
+        let touches = match (&shard.touches, self.needs_touches()) {
+            (Some(touches), _) => touches.clone(),
+            (None, false) => ShardTouches::zeros((shard.raw.dim().0, 0, 3)),
+            (None, true) => {
+                return Err(SkinError::input(
+                    "the learning base has no touches, and a net of several images sees them: make it \
+                     again, with [noise], or train with --images 1",
+                ));
+            }
+        };
         let Some(data) = &shard.data else {
             return Err(SkinError::input(
                 "the noise of the learning base's frames is unknown, and a net that sees measurements \
@@ -163,15 +208,20 @@ impl NetInputs {
             ));
         };
         let (frames, rows, columns) = shard.raw.dim();
-        let others = self.shape.images - 1;
-        let mut images = vec![Array3::zeros((frames, rows, columns)); others];
+        let mut images = vec![Array3::zeros((frames, rows, columns)); self.shape.images];
         let mut conditions = Array2::zeros((frames, self.shape.conditions));
         for (frame, differences) in data.differences.outer_iter().enumerate() {
             let raw = shard.raw.index_axis(Axis(0), frame).mapv(f64::from);
             let differences: Vec<f64> = differences.iter().map(|v| f64::from(*v)).collect();
             let energy = energy(&differences, data.noise_std.iter().map(|std| f64::from(*std)));
-            self.push(raw.view(), &differences, Some(energy), 1.0)?;
-            for (images, made) in images.iter_mut().zip(&self.images[1..]) {
+            let of_frame = touches.index_axis(Axis(0), frame);
+            let of_frame = of_frame.rows().into_iter().filter(|touch| touch[0].is_finite());
+            let drawn = of_frame.map(|touch| DrawnTouch {
+                position_m: [f64::from(touch[0]), f64::from(touch[1])],
+                intensity_s_m2: f64::from(touch[2]),
+            });
+            self.push(raw.view(), &differences, drawn, Some(energy), 1.0)?;
+            for (images, made) in images.iter_mut().zip(&self.images) {
                 let mut image = images.index_axis_mut(Axis(0), frame);
                 let values = made.iter().zip(&shard.mask);
                 for (value, (made, inside)) in image.iter_mut().zip(values) {
@@ -183,7 +233,10 @@ impl NetInputs {
             }
         }
         let conditions = (self.shape.conditions > 0).then_some(conditions);
-        shard.beside = Beside { images, conditions };
+        // the raw images are the shard's own
+        let mut images = images.into_iter();
+        let first = if self.needs_touches() { images.next() } else { None };
+        shard.beside = Beside { first, images: images.skip(1).collect(), conditions };
         Ok(())
     }
 }
@@ -191,6 +244,11 @@ impl NetInputs {
 /// Returns whether nets of this shape take measurements, not only an image.
 pub(crate) fn needs_data(shape: UnetShape) -> bool {
     shape.images > 1 || shape.conditions > 0
+}
+
+/// Returns whether nets of this shape take the touches of a frame.
+pub(crate) fn needs_touches(shape: UnetShape) -> bool {
+    shape.images > 1
 }
 
 /// Energy of differences in units of the noise; values that are not finite are missing.
@@ -211,4 +269,10 @@ fn signal_to_noise(energy: DataMisfit) -> f64 {
     let mean = energy.data / energy.measurements.max(1) as f64;
     // zero has no logarithm
     (0.5 * mean.max(1.0).log10() / DECADES).min(1.0)
+}
+
+/// The second condition of a net: 0 for a tenth of a pixel of doubled conductivity, 1 for ten.
+fn strength(pixels: f64) -> f64 {
+    // zero has no logarithm
+    (0.5 + pixels.max(1e-9).log10() / STRENGTHS).clamp(0.0, 1.0)
 }

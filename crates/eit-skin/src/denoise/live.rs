@@ -1,10 +1,13 @@
 //! A net that takes images one by one, as they come.
 
-use super::{Net, NetInputs, check};
+use super::{DrawnTouch, Net, NetInputs, check};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::progress::Progress;
 use eit_denoise::{DenoiseError, Denoiser, Judge, Verdict};
+#[cfg(doc)]
+use eit_inverse::touch::DetectorStep;
+use eit_inverse::touch::Touch;
 use eit_mesh::Raster;
 use ndarray::Array2;
 
@@ -27,11 +30,11 @@ impl LiveNet {
     /// The errors of the noise and of the weights.
     pub fn new(net: &Net, fitted: &FittedFrames) -> Result<Self, SkinError> {
         let mask = fitted.skin.raster(&mut Progress::silent())?.mask().view();
-        let inputs = NetInputs::new(&fitted.skin, net.weights.shape)?;
+        let weights = net.weights_for(fitted.noise()?.is_some());
         Ok(Self {
-            inputs,
-            judge: check::judge(&net.weights, fitted)?,
-            net: Denoiser::new(&net.weights, mask)?,
+            inputs: NetInputs::new(&fitted.skin, weights.shape)?,
+            judge: check::judge(weights, fitted)?,
+            net: Denoiser::new(weights, mask)?,
             sign: net.sign,
             raw: Array2::zeros(mask.dim()),
             made: Array2::zeros(mask.dim()),
@@ -44,7 +47,9 @@ impl LiveNet {
     }
 
     /// Denoises the next raw image and returns which image is now in `pixels`; both have one value per pixel of
-    /// the skin. `differences` are NaN where a value is missing.
+    /// the skin. `differences` are NaN where a value is missing; `touches` are those of the frame,
+    /// and `is_explained` tells whether they explain it ([`DetectorStep::is_explained`]); if not, the net's image is not
+    /// shown.
     ///
     /// # Errors
     ///
@@ -54,13 +59,16 @@ impl LiveNet {
         raster: &Raster,
         raw: &[f64],
         differences: &[f64],
+        touches: &[Touch],
+        is_explained: bool,
         pixels: &mut [f64],
     ) -> Result<Verdict, SkinError> {
         pixels.copy_from_slice(raw);
         raster.image_from_pixels_into(raw, self.raw.view_mut())?;
         let sign = self.sign;
         let energy = self.judge.energy(differences)?;
-        self.inputs.push(self.raw.view(), differences, Some(energy), sign)?;
+        let touches = touches.iter().filter_map(DrawnTouch::of);
+        self.inputs.push(self.raw.view(), differences, touches, Some(energy), sign)?;
         let Self { net, inputs, made, .. } = self;
         match inputs.with_frame(|seen| net.push_frame_into(seen, made.view_mut())) {
             Err(DenoiseError::InFrame { error, .. })
@@ -74,7 +82,11 @@ impl LiveNet {
             }
         }
         self.made.mapv_inplace(|value| sign * value);
-        let verdict = self.judge.judge(self.made.view(), self.raw.view(), differences)?.verdict;
+        let (made, raw) = (self.made.view(), self.raw.view());
+        let verdict = match is_explained || !self.inputs.needs_touches() {
+            true => self.judge.judge(made, raw, differences)?.verdict,
+            false => self.judge.reject(made, raw, differences)?.verdict,
+        };
         if verdict == Verdict::Net {
             raster.pixels_from_image_into(self.made.view(), pixels)?;
         }

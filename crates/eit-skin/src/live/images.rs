@@ -9,6 +9,7 @@ use crate::movement;
 use crate::progress::Progress;
 use crate::scene::DifferenceKind;
 use crate::total_variation::TvStream;
+use eit_inverse::touch::Touch;
 use eit_inverse::{InverseError, NuisanceParameters};
 use eit_mesh::Raster;
 
@@ -118,7 +119,8 @@ impl LiveImages {
         })
     }
 
-    /// Takes a frame `[measurement]`, volts, and its reference; `is_good` tells which values count.
+    /// Takes a frame `[measurement]`, volts, its reference, and its touches, which the U-net sees; `is_good` tells
+    /// which values count, `is_explained` whether the touches explain the frame.
     ///
     /// # Errors
     ///
@@ -128,6 +130,8 @@ impl LiveImages {
         values: &[f64],
         reference: &[f64],
         is_good: impl Fn(usize) -> bool,
+        touches: &[Touch],
+        is_explained: bool,
     ) -> Result<(), SkinError> {
         let measurements = self.used.len();
         if let Some(wrong) = [values, reference].iter().find(|v| v.len() != measurements) {
@@ -172,7 +176,8 @@ impl LiveImages {
             }
         }
         if let Some(net) = &mut self.net {
-            let verdict = net.push(&self.raster, &self.raw, &self.differences, &mut self.made)?;
+            let Self { raster, raw, differences, made, .. } = self;
+            let verdict = net.push(raster, raw, differences, touches, is_explained, made)?;
             self.state.is_aside = verdict != Verdict::Net;
             self.state.is_unexplained = verdict == Verdict::Neither;
         }

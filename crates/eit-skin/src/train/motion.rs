@@ -6,7 +6,7 @@ use eit_fem::fabric::{
 use std::f64::consts::TAU;
 
 /// Frames per second, as in the built-in scripts.
-const RATE_HZ: f64 = 10.0;
+pub const RATE_HZ: f64 = 10.0;
 /// Frames before the first touch: reference and noise.
 pub const QUIET: usize = 20;
 /// Fraction of the radius within which fingers press.

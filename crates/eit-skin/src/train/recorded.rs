@@ -1,7 +1,7 @@
 //! Sequences of a real skin, whose truth nobody knows: wanted images by the paper's rule.
 
 use super::motion;
-use super::shared::Shared;
+use super::shared::{Shared, touches_of};
 use super::{HELD_OUT, is_held_out};
 use crate::error::SkinError;
 use crate::frames::{Frames, QuietFrames};
@@ -116,6 +116,7 @@ impl Recorded {
         } else {
             1.0
         };
+        let touches = touches_of(&chained, sign)?;
         let raster = shared.chain.linearised.raster(&mut Progress::silent())?;
         let mask = raster.mask();
         let raw = ImageStack::new(chained.images.mapv(|v| sign * v), mask.clone())?;
@@ -125,7 +126,7 @@ impl Recorded {
             data.differences.mapv_inplace(|v| sign as f32 * v);
         }
         let shard = Shard::new(&raw, &wanted)?;
-        Ok(Shard { data, ..shard })
+        Ok(Shard { data, touches, ..shard })
     }
 }
 

@@ -1,9 +1,12 @@
 //! What the sequences of a learning base share.
 
+use crate::denoise::DrawnTouches;
 use crate::denoise::{Chain, Chained};
 use crate::error::SkinError;
+use crate::progress::Progress;
 use crate::skin::Skin;
-use eit_denoise::{DiscSymmetry, MeasurementOrder, ShardData};
+use crate::touches::touches;
+use eit_denoise::{DiscSymmetry, MeasurementOrder, ShardData, ShardTouches};
 use ndarray::Array1;
 
 /// Shared by all sequences: the skin on which they are reconstructed, and its symmetries.
@@ -50,6 +53,23 @@ impl Shared {
         });
         Ok(Some(ShardData { differences, noise_std }))
     }
+}
+
+/// Returns the touches that are detected in the frames of a sequence, their strengths multiplied by `sign`; `None` if
+/// the noise is unknown.
+pub(super) fn touches_of(made: &Chained, sign: f64) -> Result<Option<ShardTouches>, SkinError> {
+    let Some(found) = touches(&made.fitted, &mut Progress::silent())? else { return Ok(None) };
+    let frames = DrawnTouches::of_frames(&found);
+    let most = frames.iter().map(|frame| frame.touches.len()).max().unwrap_or(0);
+    let mut touches = ShardTouches::from_elem((frames.len(), most, 3), f32::NAN);
+    for (mut of_frame, drawn) in touches.outer_iter_mut().zip(&frames) {
+        for (mut row, touch) in of_frame.outer_iter_mut().zip(&drawn.touches) {
+            let [x, y] = touch.position_m;
+            let numbers = [x, y, sign * touch.intensity_s_m2];
+            row.iter_mut().zip(numbers).for_each(|(to, from)| *to = from as f32);
+        }
+    }
+    Ok(Some(touches))
 }
 
 /// Rotations and reflections that skin and protocol share; empty if only the identity is known.

@@ -1,7 +1,7 @@
 //! Sequences of simulated touches: simulate, turn, reconstruct, and the truth turned alike.
 
-use super::motion::{self, Fingers, MOST, QUIET, RECIPE, fabric, script};
-use super::shared::{Shared, TurnedOrder};
+use super::motion::{self, Fingers, MOST, QUIET, RATE_HZ, RECIPE, fabric, script};
+use super::shared::{Shared, TurnedOrder, touches_of};
 use super::{BaseRequest, Wanted};
 use crate::denoise::Lengths;
 use crate::error::SkinError;
@@ -63,7 +63,7 @@ impl Simulated {
                  of it (--recording)",
             ));
         }
-        Ok(Lengths { frames: args.frames, quiet: QUIET })
+        Ok(Lengths { frames: args.frames, quiet: QUIET, rate_hz: RATE_HZ })
     }
 
     /// Meshes the skin a second time, for simulation.
@@ -199,6 +199,7 @@ impl Simulated {
             to_old = [[a, c], [b, d]];
         }
         let chained = shared.chain.reconstruct(&values)?;
+        let touches = touches_of(&chained, 1.0)?;
         let (data, raw) = (shared.data(&chained)?, chained.images);
         let raster = shared.chain.linearised.raster(&mut Progress::silent())?;
         let fine = &made.truth.conductivity_change_s;
@@ -207,14 +208,14 @@ impl Simulated {
         if self.wanted == Wanted::Rule {
             let raw = stack(raw)?;
             let wanted = ThresholdRule::default().on(mask.view())?.apply(&raw)?;
-            return Ok(Shard { data, ..Shard::new(&raw, &wanted)? });
+            return Ok(Shard { data, touches, ..Shard::new(&raw, &wanted)? });
         }
         let wanted = Array3::from_shape_fn(raw.dim(), |(f, r, c)| match mask[[r, c]] {
             true => self.true_mean(fine.index_axis(Axis(0), f), raster, [r, c], to_old),
             false => f64::NAN,
         });
         let shard = Shard::new(&stack(raw)?, &stack(wanted)?)?;
-        Ok(Shard { data, ..shard })
+        Ok(Shard { data, touches, ..shard })
     }
 
     /// Mean of the truth over a pixel; `to_old` maps its places to those of the simulation.

@@ -16,7 +16,7 @@ pub(super) const QUIET_FRAMES: usize = 20;
 /// 000).
 pub(super) const NODES: usize = 7000;
 /// Frames per second.
-const RATE_HZ: f64 = 10.0;
+pub(super) const RATE_HZ: f64 = 10.0;
 
 /// A recording to denoise.
 pub(super) struct HeldOutSequence {

@@ -48,8 +48,8 @@ impl ScriptRecording {
     ) -> Result<Chain, ReportError> {
         let mut skin: Skin = disc.model.skin().clone();
         skin.settings.reconstruction.electrode_movement_m = movement_m;
-        let TouchScript { frames, quiet_frames: quiet, .. } = self.script;
-        let lengths = Some(Lengths { frames, quiet });
+        let TouchScript { frames, quiet_frames: quiet, frame_rate_hz: rate_hz, .. } = self.script;
+        let lengths = Some(Lengths { frames, quiet, rate_hz });
         Ok(Chain::new(skin, Some(method.name()), lengths, &mut Progress::silent())?)
     }
 

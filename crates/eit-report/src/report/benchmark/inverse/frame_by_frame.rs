@@ -12,6 +12,7 @@ use eit_inverse::{Reconstructor, SequenceStatus, Workspace};
 use eit_skin::denoise::LiveNet;
 use eit_skin::scene::{Hyperparameter, Rule};
 use eit_skin::total_variation::TvStream;
+use eit_skin::touches::touches;
 use eit_skin::{FittedFrames, Progress};
 use ndarray::Array2;
 use std::time::Instant;
@@ -173,17 +174,25 @@ fn frame_by_frame(
     let (mut raw, mut made) = (vec![0.0; pixels], vec![0.0; pixels]);
     let mut seconds = Vec::new();
     let mut convergence = Convergence::DIRECT;
+    // the chain finds touches in every frame, whatever is done with its image
+    let touches = match net {
+        Some(_) => {
+            touches(fitted, &mut Progress::silent())?.map_or_else(Vec::new, |t| t.by_frame())
+        }
+        None => Vec::new(),
+    };
     for mut solver in solvers {
         let mut net = net.map(|named| LiveNet::new(&named.net, fitted)).transpose()?;
-        for ((values, differences), mut row) in
-            values.iter().zip(&differences).zip(images.rows_mut())
+        for (k, ((values, differences), mut row)) in
+            values.iter().zip(&differences).zip(images.rows_mut()).enumerate()
         {
             let start = Instant::now();
             solver.next(values, differences, &mut raw)?;
             let shown = match &mut net {
                 None => &raw,
                 Some(net) => {
-                    net.push(&model.raster, &raw, differences, &mut made)?;
+                    let touches = touches.get(k).map_or(&[][..], Vec::as_slice);
+                    net.push(&model.raster, &raw, differences, touches, true, &mut made)?;
                     &made
                 }
             };

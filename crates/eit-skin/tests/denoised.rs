@@ -1,0 +1,107 @@
+//! The U-net frame by frame gives the images that it gives for a recording, and the one that sees detected touches is
+//! nearer to the truth than the one of images alone.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, reason = "tests")]
+
+mod common;
+
+use common::Recording;
+use eit_skin::denoise::{Check, LiveNet, Net, Verdict};
+use eit_skin::ndarray::{Array3, Axis};
+use eit_skin::scene::DenoiseSettings;
+use eit_skin::touches::{TouchFinder, touches};
+use eit_skin::{FittedFrames, Progress};
+use std::path::Path;
+
+/// Weights of images alone, as a user's file.
+fn of_images() -> String {
+    let weights = "../eit-denoise/weights/paper-disc.safetensors";
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(weights).to_str().unwrap().to_owned()
+}
+
+fn load(weights: &str, fitted: &FittedFrames) -> Net {
+    let settings = DenoiseSettings { weights: weights.to_owned(), any_skin: false };
+    Net::load(&settings, &fitted.skin.skin.net_target()).unwrap()
+}
+
+/// Raw images [frame, row, column] by one-step Gauss-Newton.
+fn raw_images(fitted: &FittedFrames) -> Array3<f64> {
+    let mut silent = Progress::silent();
+    let made = fitted.one_step(&mut silent).unwrap();
+    made.images(&fitted.frames, &mut silent).unwrap().into_parts().0
+}
+
+/// One by one, with the touches of a finder that sees frame after frame.
+fn live(net: &Net, fitted: &FittedFrames, raw: &Array3<f64>) -> (Array3<f64>, Vec<Verdict>) {
+    let mut silent = Progress::silent();
+    let raster = fitted.skin.raster(&mut silent).unwrap().clone();
+    let mut net = LiveNet::new(net, fitted).unwrap();
+    let mut finder =
+        TouchFinder::new(fitted, common::script::RATE_HZ, &mut silent).unwrap().unwrap();
+    let differences = fitted.differences_or_nan();
+    let (mut made, mut verdicts) = (raw.clone(), Vec::new());
+    let pixels = raster.masked_pixels().len();
+    let (mut before, mut after) = (vec![0.0; pixels], vec![0.0; pixels]);
+    for (frame, mut out) in made.outer_iter_mut().enumerate() {
+        let values = fitted.frames.values.row(frame).to_vec();
+        let time_s = frame as f64 / common::script::RATE_HZ;
+        let good = fitted.frames.good.row(frame);
+        let found = finder.push(&values, |i| good[i], time_s).unwrap().to_vec();
+        let explained = finder.step().unwrap().is_explained();
+        raster.pixels_from_image_into(raw.index_axis(Axis(0), frame), &mut before).unwrap();
+        let row = differences.row(frame).to_vec();
+        let verdict = net.push(&raster, &before, &row, &found, explained, &mut after).unwrap();
+        raster.image_from_pixels_into(&after, out.view_mut()).unwrap();
+        verdicts.push(verdict);
+    }
+    (made, verdicts)
+}
+
+/// The same bits and verdicts one by one as all at once, for both shipped nets; frames turned about their reference, in
+/// which touches lower the conductivity, are left as they are.
+#[test]
+fn one_by_one_as_all_at_once() {
+    let mut drawn = common::script::Drawn::new(31, 1);
+    let script = drawn.press(0.6..2.0).press(0.6..2.0).press(0.6..2.0).script();
+    let recording = Recording::simulate(&script, 31);
+    let quiet = recording.values.slice_axis(Axis(0), (..common::script::QUIET_FRAMES).into());
+    let quiet = quiet.mean_axis(Axis(0)).unwrap();
+    let turned = Recording { values: 2.0 * &quiet - &recording.values, truth: Vec::new() };
+    for weights in ["default".to_owned(), of_images()] {
+        for (recording, is_foreign) in [(&recording, false), (&turned, true)] {
+            let fitted = recording.fitted();
+            let (net, raw) = (load(&weights, &fitted), raw_images(&fitted));
+            let mut silent = Progress::silent();
+            let raster = fitted.skin.raster(&mut silent).unwrap();
+            let found = touches(&fitted, &mut silent).unwrap().unwrap();
+            let mut whole = raw.clone();
+            // with touches found before, and without
+            for check in [Check::new(&fitted), Check::new(&fitted).with_touches(&found)] {
+                whole = raw.clone();
+                let checked = net.apply(&mut whole, raster, Some(&check), &mut silent).unwrap();
+                let (made, verdicts) = live(&net, &fitted, &raw);
+                let of_whole = checked.unwrap().judgements;
+                let of_whole: Vec<Verdict> = of_whole.iter().map(|judged| judged.verdict).collect();
+                assert_eq!(verdicts, of_whole, "{weights}, foreign: {is_foreign}");
+                let same = made.iter().zip(&whole).all(|(a, b)| a == b || a.is_nan() && b.is_nan());
+                assert!(same, "{weights}, foreign: {is_foreign}");
+            }
+            let touched = || recording_frames(&script);
+            let kept = touched().filter(|f| {
+                let of = |images: &Array3<f64>| images.index_axis(Axis(0), *f).to_owned();
+                let (a, b) = (of(&whole), of(&raw));
+                a.iter().zip(&b).all(|(a, b)| a == b || a.is_nan() && b.is_nan())
+            });
+            let (kept, all) = (kept.count(), touched().count());
+            println!("{weights}, foreign {is_foreign}: raw in {kept} of {all} touched frames");
+            // a frame or two while a finger comes; a foreign one while it hardly presses
+            assert!(if is_foreign { 10 * kept >= 9 * all } else { 20 * kept <= all });
+        }
+    }
+}
+
+/// Frames in which a finger presses with at least 0.5 N.
+fn recording_frames(
+    script: &eit_skin::eit_fem::fabric::TouchScript,
+) -> impl Iterator<Item = usize> + '_ {
+    (0..script.frames).filter(|f| script.touches(*f).iter().any(|touch| touch.force_n >= 0.5))
+}
