@@ -5,7 +5,7 @@
 #![allow(missing_docs, reason = "an example is read, not linked against")]
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
-use eit_denoise::{DenoiseError, Denoiser, UnetShape, Weights};
+use eit_denoise::{DenoiseError, Denoiser, NetFrame, UnetShape, Weights};
 use ndarray::Array2;
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -28,13 +28,16 @@ pub fn run() -> Result<Vec<Cost>, DenoiseError> {
     let mut out = Array2::zeros((PIXELS, PIXELS));
     let mut costs = Vec::new();
     let widths = [2, 3, 4, 6, 8, 12];
-    let mut sizes: Vec<[usize; 3]> = Vec::new();
+    let one = |history, width, depth| UnetShape { history, width, depth, ..UnetShape::ONE_IMAGE };
+    let mut sizes: Vec<UnetShape> = Vec::new();
     for depth in [2, 3] {
-        sizes.extend(widths.map(|width| [1, width, depth]));
+        sizes.extend(widths.map(|width| one(1, width, depth)));
     }
-    sizes.extend([[3, 6, 3], [1, 16, 3]]);
-    for [history, width, depth] in sizes {
-        let shape = UnetShape { history, width, depth, ..UnetShape::ONE_IMAGE };
+    sizes.extend([one(3, 6, 3), one(1, 16, 3)]);
+    // that of the shipped weights that see detected touches
+    sizes.push(Weights::paper_disc_with_touches()?.shape);
+    for shape in sizes {
+        let UnetShape { history, width, depth, images, conditions, fold } = shape;
         // of about unit gain
         let weight = |k: usize| 0.1 * (0.7 * k as f32).sin();
         let parameters = (0..shape.parameters()).map(weight).collect();
@@ -45,13 +48,15 @@ pub fn run() -> Result<Vec<Cost>, DenoiseError> {
         let mut time_s = f64::INFINITY;
         for _ in 0..50 {
             let start = Instant::now();
-            net.push_into(image.view(), out.view_mut())?;
+            let views = vec![image.view(); images];
+            let frame = NetFrame { images: &views, conditions: &vec![0.5; conditions] };
+            net.push_frame_into(frame, out.view_mut())?;
             time_s = time_s.min(start.elapsed().as_secs_f64());
         }
         let (parameters, multiply_adds) = (shape.parameters(), shape.multiply_adds(PIXELS, PIXELS));
         println!(
-            "history {history}, width {width}, depth {depth}: {parameters} weights, {:.1} million \
-             multiply-adds, {:.2} ms",
+            "history {history}, width {width}, depth {depth}, images {images}, fold {fold}: {parameters} \
+             weights, {:.1} million multiply-adds, {:.2} ms",
             1e-6 * multiply_adds,
             1e3 * time_s
         );
