@@ -257,6 +257,14 @@ fn a_net_that_sees_measurements_is_trained_and_runs() {
     let mut arguments = vec!["train", text(&scene), "--out", text(&weights), "--seed", "3"];
     arguments.extend(["--images", "3", "--fold", "2"]);
     arguments.extend(&FEW[..15]);
+    // so few frames that no touch is detected in the one held out
+    let none = refuse(&arguments);
+    assert!(none.contains("no touch is detected in any of the 1 sequences"), "{none}");
+    std::fs::remove_dir_all(weights.with_extension("base")).unwrap();
+    for (option, value) in [("--sequences", "4"), ("--frames", "50")] {
+        let at = arguments.iter().position(|argument| *argument == option).unwrap();
+        arguments[at + 1] = value;
+    }
     succeed(&arguments);
     let net = eit_denoise::Weights::from_bytes(&std::fs::read(&weights).unwrap()).unwrap();
     assert_eq!((net.shape.images, net.shape.conditions, net.shape.fold), (3, 2, 2));

@@ -75,7 +75,8 @@ impl Sequences {
     ///
     /// # Errors
     ///
-    /// The errors of [`NetInputs::new`] and [`NetInputs::complete`].
+    /// The errors of [`NetInputs::new`] and [`NetInputs::complete`]; sequences without any touch, for a net that
+    /// corrects drawn touches.
     pub fn complete(
         &self,
         shards: &mut [Shard],
@@ -95,8 +96,20 @@ impl Sequences {
                 Ok(made) => made,
                 Err(panic) => std::panic::resume_unwind(panic),
             });
-            joined.collect()
-        })
+            joined.collect::<Result<(), SkinError>>()
+        })?;
+        let is_empty = |shard: &Shard| match &shard.beside.first {
+            Some(drawn) => drawn.iter().all(|value| *value == 0.0),
+            None => false,
+        };
+        if !shards.is_empty() && shards.iter().all(is_empty) {
+            return Err(SkinError::input(format!(
+                "no touch is detected in any of the {} sequences to train on or held out, and the net \
+                 corrects detected touches: make more or longer ones, or train with --images 1",
+                shards.len()
+            )));
+        }
+        Ok(())
     }
 
     /// Returns the Jacobian of the images, [measurement, masked pixel].
