@@ -18,6 +18,9 @@
 //!    than a new one, and a new one may collect it over two frames.
 //! 3. The reference follows what touches do not explain, so it never locks up.
 //!
+//! A finger that slides leaves a trail, and together with it looks like two touches about its place ([`slides`]). So
+//! two where one slid must explain the frame far better.
+//!
 //! What a touch does to electrodes and contacts is a covariance of its own ([`electrodes`]). The search starts with
 //! that of the previous frame's touches. Each further touch adds its own, and the search goes on from the touches
 //! found, at most three times in all. Touches much fainter than a recent one must also hold when every electrode may
@@ -46,6 +49,7 @@ mod quiet;
 mod rows;
 mod search;
 mod settings;
+mod slides;
 mod whitening;
 
 #[cfg(feature = "learn")]
@@ -67,6 +71,7 @@ use ndarray::{ArrayRef2, ArrayView2};
 use places::Spot;
 use rows::Rows;
 use search::{Scene, Search};
+use slides::Slides;
 use whitening::{Whitening, dot};
 
 /// Inputs of a [`TouchDetector`]. Rows `[measurement]` are in protocol order.
@@ -201,7 +206,7 @@ pub struct TouchDetector {
     /// Strongest recent touch near each position, S m^2, fading.
     late_here_s_m2: Vec<f64>,
     /// Touches of the last frame.
-    before: Vec<Spot>,
+    before: Slides,
     /// Positions with too little evidence in the last frame, metres, and its chi^2.
     weak: Vec<([f64; 3], f64)>,
     /// Whitened gain of each electrode, `[electrode][row]`.
@@ -279,7 +284,7 @@ impl TouchDetector {
             reference_v: model.reference_v.to_vec(),
             late_s_m2: 0.0,
             late_here_s_m2: vec![0.0; places.len()],
-            before: Vec::with_capacity(settings.max_touches),
+            before: Slides::new(settings.max_touches),
             weak: Vec::with_capacity(settings.max_touches),
             is_missing: vec![false; measurements],
             lost: Vec::with_capacity(n),
@@ -324,7 +329,7 @@ impl TouchDetector {
         if self.whitening.lose(&self.lost) {
             self.dictionary.update(&self.whitening);
         }
-        self.electrodes.start(&self.before, &self.places);
+        self.electrodes.start(&self.before.spots, &self.places);
         for pass in 0..PASSES {
             if self.whitening.set_free(&self.electrodes.actions) {
                 self.dictionary.update_free(&self.whitening);
@@ -544,7 +549,7 @@ impl TouchDetector {
         let touches = touches.map(|((spot, strength), error_m)| (*spot, *strength, *error_m));
         self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
         let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
-        self.before.clone_from(&best.spots);
+        self.before.take(&best.spots, dt_s);
         self.weak.clone_from(&self.search.weak);
         let fading = (-dt_s / self.settings.late_s).exp();
         self.late_s_m2 = strongest.max(self.late_s_m2 * fading);
