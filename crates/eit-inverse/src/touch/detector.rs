@@ -68,7 +68,6 @@ use electrodes::Electrodes;
 use faer::Mat;
 use memory::Memory;
 use ndarray::{ArrayRef2, ArrayView2};
-use places::Spot;
 use rows::Rows;
 use search::{Scene, Search};
 use slides::Slides;
@@ -186,6 +185,10 @@ const BLAME: [f64; 3] = [0.13, 0.2, 0.1];
 /// Residual chi^2 per row above which electrodes are checked.
 const BLAME_FROM: f64 = 5.0;
 
+/// Time for which the reference is kept at least while frames show touches or stay unexplained, seconds: longer than a
+/// fault stays unnoticed.
+const KEPT_S: f64 = 3.0;
+
 /// Distance within which hysteresis left by a touch can show, metres.
 const LATE_M: f64 = 20e-3;
 
@@ -201,6 +204,11 @@ pub struct TouchDetector {
     memory: Memory,
     search: Search,
     reference_v: Vec<f64>,
+    /// The reference of the last frame that no touch was needed to explain, or of three to six seconds ago, and a later
+    /// one.
+    earlier_v: [Vec<f64>; 2],
+    /// Time since the later one was taken, seconds.
+    earlier_s: f64,
     /// Strongest recent touch, S m^2, fading.
     late_s_m2: f64,
     /// Strongest recent touch near each position, S m^2, fading.
@@ -282,6 +290,8 @@ impl TouchDetector {
             search: Search::new(n, &settings),
             gains: gains(model, &rows, &whitening),
             reference_v: model.reference_v.to_vec(),
+            earlier_v: [model.reference_v.to_vec(), model.reference_v.to_vec()],
+            earlier_s: 0.0,
             late_s_m2: 0.0,
             late_here_s_m2: vec![0.0; places.len()],
             before: Slides::new(settings.max_touches),
@@ -412,7 +422,17 @@ impl TouchDetector {
     pub fn set_reference(&mut self, measurement: usize, value_v: f64) {
         if value_v.is_finite() && measurement < self.reference_v.len() {
             self.reference_v[measurement] = value_v;
+            self.earlier_v.iter_mut().for_each(|earlier_v| earlier_v[measurement] = value_v);
         }
+    }
+
+    /// Takes back what the reference followed in the last seconds under touches and in frames that nothing explained,
+    /// for when an electrode turns out to be faulty: until then the finger that was pressing may have become part of
+    /// the reference, which would show a touch elsewhere from its lift on.
+    pub fn take_back_reference(&mut self) {
+        self.reference_v.copy_from_slice(&self.earlier_v[0]);
+        self.earlier_v[1].copy_from_slice(&self.reference_v);
+        self.earlier_s = 0.0;
     }
 
     /// Returns the change of one measurement due to the last frame's touches, volts.
@@ -513,6 +533,22 @@ impl TouchDetector {
         });
     }
 
+    /// Keeps the reference for [`take_back_reference`](Self::take_back_reference).
+    fn keep_reference(&mut self, is_doubtful: bool, dt_s: f64) {
+        let Self { reference_v, earlier_v, earlier_s, .. } = self;
+        if !is_doubtful {
+            earlier_v.iter_mut().for_each(|earlier_v| earlier_v.copy_from_slice(reference_v));
+            *earlier_s = 0.0;
+            return;
+        }
+        *earlier_s += dt_s;
+        if *earlier_s >= KEPT_S {
+            earlier_v.swap(0, 1);
+            earlier_v[1].copy_from_slice(reference_v);
+            *earlier_s = 0.0;
+        }
+    }
+
     /// Updates the reference and the memory.
     fn follow(&mut self, dt_s: f64) {
         let best = &self.search.best;
@@ -544,6 +580,9 @@ impl TouchDetector {
                 }
             }
         }
+        let is_explained = best.rest <= BLAME_FROM * self.whitening.present() as f64;
+        self.keep_reference(is_touched || !is_explained, dt_s);
+        let best = &self.search.best;
         let fade = if is_touched { 0.0 } else { weight };
         let touches = best.spots.iter().zip(&best.strengths).zip(&self.errors_m);
         let touches = touches.map(|((spot, strength), error_m)| (*spot, *strength, *error_m));
