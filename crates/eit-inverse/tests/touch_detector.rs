@@ -99,6 +99,30 @@ fn turned_touches_have_turned_places() {
 /// Least strength of a skin in practical use.
 const LEAST: f64 = 2e-6;
 
+/// What no touch explains becomes part of the reference, and from its end on the opposite of it looks like a touch. It does
+/// not if the reference is taken back.
+#[test]
+fn a_reference_taken_back_shows_no_touch() {
+    let mut random = Random::new(12);
+    let mut detector = SKIN.detector(LEAST);
+    let mut noisy = |values: &[f64]| random.noisy(values, SKIN.noise_std_v[0]);
+    for _ in 0..20 {
+        push(&mut detector, &noisy(&SKIN.model_v));
+    }
+    let lessened = touched(&[([-0.03, 0.04], -4.0 * FINGER)]);
+    for _ in 0..5 {
+        push(&mut detector, &noisy(&lessened));
+    }
+    let mut as_it_is = detector.clone();
+    detector.take_back_reference();
+    for frame in 0..20 {
+        let values = noisy(&SKIN.model_v);
+        assert_eq!(push(&mut detector, &values), [], "frame {frame}");
+        push(&mut as_it_is, &values);
+    }
+    assert!(!as_it_is.touches().is_empty());
+}
+
 /// A touch held for ten minutes at 2 Hz is still present and in place at the end, and nothing is shown
 /// after it.
 #[test]

@@ -92,6 +92,27 @@ fn slide() {
     check_drawn("slide", 1, &bars, |drawn| (0..3).for_each(|_| _ = drawn.slide(1.5, 0.05)));
 }
 
+/// Slides through the centre, where one finger and its trail were shown as two fingers for three to five frames of each
+/// of these recordings (0.016 to 0.026 extra a frame, five changes of id in all).
+#[test]
+fn slide_through_the_centre() {
+    let mut counts = Counts::default();
+    for seed in [2, 7, 12] {
+        let mut drawn = Drawn::new(seed, 1);
+        for way in [
+            [[0.0, 0.07], [0.0, -0.07]],
+            [[-0.07, -0.02], [0.07, 0.02]],
+            [[0.05, -0.05], [-0.05, 0.05]],
+        ] {
+            drawn.slide_along(way, 1.5, 0.05);
+        }
+        let recording = Recording::simulate(&drawn.script(), seed);
+        counts.add(&recording, &recording.touches(), QUIET_FRAMES);
+    }
+    let bars = Bars { error_m: 8e-3, extra: 0.005, ..ONE };
+    check("slide through the centre", &counts.score(), &bars);
+}
+
 /// One finger that presses repeatedly, starting half a second after the electrode breaks.
 fn bench(seed: u64, presses: usize) -> Recording {
     let mut drawn = Drawn::new(seed, 1);

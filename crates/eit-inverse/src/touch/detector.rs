@@ -18,6 +18,9 @@
 //!    than a new one, and a new one may collect it over two frames.
 //! 3. The reference follows what touches do not explain, so it never locks up.
 //!
+//! A finger that slides leaves a trail, and together with it looks like two touches about its place ([`slides`]). So
+//! two where one slid must explain the frame far better.
+//!
 //! What a touch does to electrodes and contacts is a covariance of its own ([`electrodes`]). The search starts with
 //! that of the previous frame's touches. Each further touch adds its own, and the search goes on from the touches
 //! found, at most three times in all. Touches much fainter than a recent one must also hold when every electrode may
@@ -46,6 +49,7 @@ mod quiet;
 mod rows;
 mod search;
 mod settings;
+mod slides;
 mod whitening;
 
 #[cfg(feature = "learn")]
@@ -64,9 +68,9 @@ use electrodes::Electrodes;
 use faer::Mat;
 use memory::Memory;
 use ndarray::{ArrayRef2, ArrayView2};
-use places::Spot;
 use rows::Rows;
 use search::{Scene, Search};
+use slides::Slides;
 use whitening::{Whitening, dot};
 
 /// Inputs of a [`TouchDetector`]. Rows `[measurement]` are in protocol order.
@@ -197,6 +201,10 @@ const BLAME: [f64; 3] = [0.13, 0.2, 0.1];
 /// Residual chi^2 per row above which electrodes are checked.
 const BLAME_FROM: f64 = 5.0;
 
+/// Time for which the reference is kept at least while frames show touches or stay unexplained, seconds: longer than a
+/// fault stays unnoticed.
+const KEPT_S: f64 = 3.0;
+
 /// Distance within which hysteresis left by a touch can show, metres.
 const LATE_M: f64 = 20e-3;
 
@@ -212,12 +220,17 @@ pub struct TouchDetector {
     memory: Memory,
     search: Search,
     reference_v: Vec<f64>,
+    /// The reference of the last frame that no touch was needed to explain, or of three to six seconds ago, and a later
+    /// one.
+    earlier_v: [Vec<f64>; 2],
+    /// Time since the later one was taken, seconds.
+    earlier_s: f64,
     /// Strongest recent touch, S m^2, fading.
     late_s_m2: f64,
     /// Strongest recent touch near each position, S m^2, fading.
     late_here_s_m2: Vec<f64>,
     /// Touches of the last frame.
-    before: Vec<Spot>,
+    before: Slides,
     /// Positions with too little evidence in the last frame, metres, and its chi^2.
     weak: Vec<([f64; 3], f64)>,
     /// Whitened gain of each electrode, `[electrode][row]`.
@@ -293,9 +306,11 @@ impl TouchDetector {
             search: Search::new(n, &settings),
             gains: gains(model, &rows, &whitening),
             reference_v: model.reference_v.to_vec(),
+            earlier_v: [model.reference_v.to_vec(), model.reference_v.to_vec()],
+            earlier_s: 0.0,
             late_s_m2: 0.0,
             late_here_s_m2: vec![0.0; places.len()],
-            before: Vec::with_capacity(settings.max_touches),
+            before: Slides::new(settings.max_touches),
             weak: Vec::with_capacity(settings.max_touches),
             is_missing: vec![false; measurements],
             lost: Vec::with_capacity(n),
@@ -340,7 +355,7 @@ impl TouchDetector {
         if self.whitening.lose(&self.lost) {
             self.dictionary.update(&self.whitening);
         }
-        self.electrodes.start(&self.before, &self.places);
+        self.electrodes.start(&self.before.spots, &self.places);
         for pass in 0..PASSES {
             if self.whitening.set_free(&self.electrodes.actions) {
                 self.dictionary.update_free(&self.whitening);
@@ -423,7 +438,17 @@ impl TouchDetector {
     pub fn set_reference(&mut self, measurement: usize, value_v: f64) {
         if value_v.is_finite() && measurement < self.reference_v.len() {
             self.reference_v[measurement] = value_v;
+            self.earlier_v.iter_mut().for_each(|earlier_v| earlier_v[measurement] = value_v);
         }
+    }
+
+    /// Takes back what the reference followed in the last seconds under touches and in frames that nothing explained,
+    /// for when an electrode turns out to be faulty: until then the finger that was pressing may have become part of
+    /// the reference, which would show a touch elsewhere from its lift on.
+    pub fn take_back_reference(&mut self) {
+        self.reference_v.copy_from_slice(&self.earlier_v[0]);
+        self.earlier_v[1].copy_from_slice(&self.reference_v);
+        self.earlier_s = 0.0;
     }
 
     /// Returns the change of one measurement due to the last frame's touches, volts.
@@ -524,6 +549,22 @@ impl TouchDetector {
         });
     }
 
+    /// Keeps the reference for [`take_back_reference`](Self::take_back_reference).
+    fn keep_reference(&mut self, is_doubtful: bool, dt_s: f64) {
+        let Self { reference_v, earlier_v, earlier_s, .. } = self;
+        if !is_doubtful {
+            earlier_v.iter_mut().for_each(|earlier_v| earlier_v.copy_from_slice(reference_v));
+            *earlier_s = 0.0;
+            return;
+        }
+        *earlier_s += dt_s;
+        if *earlier_s >= KEPT_S {
+            earlier_v.swap(0, 1);
+            earlier_v[1].copy_from_slice(reference_v);
+            *earlier_s = 0.0;
+        }
+    }
+
     /// Updates the reference and the memory.
     fn follow(&mut self, dt_s: f64) {
         let best = &self.search.best;
@@ -555,12 +596,15 @@ impl TouchDetector {
                 }
             }
         }
+        let is_explained = best.rest <= BLAME_FROM * self.whitening.present() as f64;
+        self.keep_reference(is_touched || !is_explained, dt_s);
+        let best = &self.search.best;
         let fade = if is_touched { 0.0 } else { weight };
         let touches = best.spots.iter().zip(&best.strengths).zip(&self.errors_m);
         let touches = touches.map(|((spot, strength), error_m)| (*spot, *strength, *error_m));
         self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
         let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
-        self.before.clone_from(&best.spots);
+        self.before.take(&best.spots, dt_s);
         self.weak.clone_from(&self.search.weak);
         let fading = (-dt_s / self.settings.late_s).exp();
         self.late_s_m2 = strongest.max(self.late_s_m2 * fading);

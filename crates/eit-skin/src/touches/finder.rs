@@ -37,6 +37,8 @@ pub struct TouchFinder {
     detector: TouchDetector,
     tracker: TouchTracker,
     monitor: FaultMonitor,
+    /// Measurements that have recovered and wait for a frame without touches, to set their reference.
+    waiting: Vec<bool>,
     /// Positions and forces learnt from presses, if the settings name a file.
     learned: Option<LearnedTouches>,
     #[cfg(feature = "learn")]
@@ -156,6 +158,7 @@ impl TouchFinder {
             tracker: TouchTracker::new(tracker_settings(keys, conductivity_s))?,
             detector,
             monitor,
+            waiting: vec![false; frames.used.len()],
             learned,
             #[cfg(feature = "learn")]
             local,
@@ -187,22 +190,37 @@ impl TouchFinder {
             let (quantity, must) = ("time since the last frame", "finite and above zero");
             return Err(InverseError::OutOfRange { quantity, value: dt_s, must }.into());
         }
-        let Self { used, monitor, detector, reference, .. } = self;
+        let Self { used, monitor, waiting, detector, reference, .. } = self;
+        let faults = monitor.faults().len();
         monitor.push(values, detector.reference_v(), is_good, time_s)?;
-        for &i in monitor.healed() {
-            // the reference of a recovered measurement is unknown
-            detector.set_reference(i, values[i] - detector.touch_of(i));
+        if monitor.faults().len() > faults {
+            detector.take_back_reference();
         }
+        monitor.healed().iter().for_each(|&i| waiting[i] = true);
+        if detector.touches().is_empty() {
+            // the reference of a recovered measurement is unknown; under a finger it would take on the error of the fit
+            for i in (0..measurements).filter(|&i| !monitor.is_missing(i)) {
+                if std::mem::take(&mut waiting[i]) {
+                    detector.set_reference(i, values[i]);
+                }
+            }
+        }
+        let is_missing = |i: usize| monitor.is_missing(i) || waiting[i];
         reference.copy_from_slice(detector.reference_v());
-        let is_whole = (0..measurements).all(|i| !used[i] || !monitor.is_missing(i));
-        let step = detector.push(values, |i| monitor.is_missing(i), dt_s)?;
+        let is_whole = (0..measurements).all(|i| !used[i] || !is_missing(i));
+        let step = detector.push(values, is_missing, dt_s)?;
+        let faults = monitor.faults().len();
         monitor.blame(step.blamed, time_s)?;
+        if monitor.faults().len() > faults {
+            // the next frame is the first one without it
+            detector.take_back_reference();
+        }
         (self.before_s, self.step) = (Some(time_s), Some(step));
         let found = self.detector.touches();
         let found = match &mut self.learned {
             Some(learned) => {
-                let monitor = &self.monitor;
-                let is_missing = |i: usize| !self.used[i] || monitor.is_missing(i);
+                let (monitor, waiting) = (&self.monitor, &self.waiting);
+                let is_missing = |i: usize| !self.used[i] || monitor.is_missing(i) || waiting[i];
                 learned.refine(values, &self.reference, is_missing, found)
             }
             None => found,
@@ -247,10 +265,11 @@ impl TouchFinder {
         self.monitor.faults()
     }
 
-    /// Returns whether a measurement of the current frame is excluded, because it is bad or its electrode is
-    /// faulty.
+    /// Returns whether a measurement of the current frame is excluded, because it is bad, its electrode is faulty, or
+    /// its electrode has recovered under a touch that has not ended yet.
     pub fn is_missing(&self, measurement: usize) -> bool {
-        self.monitor.is_missing(measurement)
+        let is_waiting = self.waiting.get(measurement).copied().unwrap_or(false);
+        self.monitor.is_missing(measurement) || is_waiting
     }
 
     /// Returns how the last frame was explained.

@@ -69,8 +69,13 @@ impl Drawn {
         while distance_m(from, to) < 0.06 {
             to = self.place(&[]);
         }
-        let time_s = distance_m(from, to) / speed_m_s;
-        self.add(0, [from, to], force_n, time_s);
+        self.slide_along([from, to], force_n, speed_m_s)
+    }
+
+    /// The first finger moves from one place to another.
+    pub fn slide_along(&mut self, way: [Place; 2], force_n: f64, speed_m_s: f64) -> &mut Self {
+        let time_s = distance_m(way[0], way[1]) / speed_m_s;
+        self.add(0, way, force_n, time_s);
         self.next_s += time_s + 2.0 * RAMP_S + GAP_S;
         self
     }

@@ -1,7 +1,7 @@
 //! Tables of image results.
 
 use super::budgets;
-use super::images::{ImageResults, RecordingFailure};
+use super::images::{ImageResults, LeftOutNet, RecordingFailure};
 use super::plan_check::StageCheck;
 use super::table::Table;
 use eit_skin::plan::measured::Measured;
@@ -92,6 +92,9 @@ pub(super) fn solvers(result: &ImageResults) -> Table {
     let mut note = result.note.clone();
     for RecordingFailure { solver, shape, why } in &result.failures {
         note += &format!(". Failed on {shape}: {solver}: {why}");
+    }
+    for LeftOutNet { net, why } in &result.left_out {
+        note += &format!(". Left out: {net}: {why}");
     }
     Table::new(
         &[

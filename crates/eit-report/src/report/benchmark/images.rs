@@ -24,6 +24,7 @@ pub(super) struct ImageResults {
     pub case: ImageCase,
     pub rows: Vec<Measured>,
     pub failures: Vec<RecordingFailure>,
+    pub left_out: Vec<LeftOutNet>,
     pub plans: Vec<PlanCheck>,
     pub pictures: Vec<Picture>,
     /// Description of noise, meshes and pixels.
@@ -35,6 +36,12 @@ pub(super) struct RecordingFailure {
     pub solver: String,
     /// Shape or number of the fingers in the recording.
     pub shape: &'static str,
+    pub why: String,
+}
+
+/// A network that was asked for, but not for this skin and raster.
+pub(super) struct LeftOutNet {
+    pub net: String,
     pub why: String,
 }
 
@@ -53,7 +60,10 @@ pub(super) fn run(
         .collect::<Result<_, _>>()?;
     let finest = &models[models.len() - 1];
     // networks are trained on the fabric; --denoise evaluates them on other fingers
-    let nets = if case.is_fabric { nets(finest, &report.weights)? } else { Vec::new() };
+    let (nets, left_out) = match case.is_fabric {
+        true => nets(finest, &report.weights)?,
+        false => (Vec::new(), Vec::new()),
+    };
     let (mut recordings, mut failures) = (Vec::new(), Vec::new());
     let recorded_now = match report.plans {
         true => Vec::new(),
@@ -96,7 +106,7 @@ pub(super) fn run(
         progress.stage("the plan", || plan_check::of(finest, case.is_fabric, &others, roofline))?;
     let note = note(case, shown, finest);
     let pictures = image_plots::draw(case, &rows, &note, finest, &recordings)?;
-    Ok(Some(ImageResults { case: *case, rows, failures, plans, pictures, note }))
+    Ok(Some(ImageResults { case: *case, rows, failures, left_out, plans, pictures, note }))
 }
 
 /// Describes noise, meshes and pixels.
@@ -145,10 +155,13 @@ fn recorded(
     FingerShape::ALL.into_iter().map(of).collect()
 }
 
-/// Loads the networks among `names` that were trained for this skin and raster. A network for
-/// another skin is skipped; only a missing file is an error.
-fn nets(model: &ReconstructionModel, names: &[String]) -> Result<Vec<NamedNet>, ReportError> {
-    let mut nets = Vec::new();
+/// Loads the networks among `names` that were trained for this skin and raster, and says why it left out the others;
+/// only a missing file is an error.
+fn nets(
+    model: &ReconstructionModel,
+    names: &[String],
+) -> Result<(Vec<NamedNet>, Vec<LeftOutNet>), ReportError> {
+    let (mut nets, mut left_out) = (Vec::new(), Vec::new());
     for name in names {
         let settings = DenoiseSettings { weights: name.clone(), any_skin: false };
         match Net::load(&settings, &model.skin().net_target()) {
@@ -156,10 +169,12 @@ fn nets(model: &ReconstructionModel, names: &[String]) -> Result<Vec<NamedNet>, 
             Err(error) if name != "default" && !std::path::Path::new(name).exists() => {
                 return Err(error.into());
             }
-            Err(_) => {}
+            Err(error) => {
+                left_out.push(LeftOutNet { net: net_name(name), why: error.to_string() });
+            }
         }
     }
-    Ok(nets)
+    Ok((nets, left_out))
 }
 
 /// Returns "U-net", with the name of its file if it has one.
@@ -168,5 +183,44 @@ fn net_name(name: &str) -> String {
     match stem {
         Some(stem) if name != "default" => format!("U-net {stem}"),
         _ => "U-net".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of_default(pixels: usize) -> (Vec<NamedNet>, Vec<LeftOutNet>) {
+        let model = ReconstructionModel::paper_disc(pixels, &mut Progress::silent()).unwrap();
+        nets(&model, &["default".to_owned()]).unwrap()
+    }
+
+    /// The shipped network fits the skin and the raster of the full report, so its rows cannot vanish from it.
+    #[test]
+    fn the_default_net_is_for_the_papers_disc_at_64_pixels() {
+        let (nets, left_out) = of_default(64);
+        let whys: Vec<&str> = left_out.iter().map(|net| net.why.as_str()).collect();
+        assert_eq!(whys, [""; 0]);
+        assert_eq!(nets.iter().map(|net| net.name.as_str()).collect::<Vec<_>>(), ["U-net"]);
+    }
+
+    /// On the raster of the quick report it cannot run; the report says so, with both sizes.
+    #[test]
+    fn a_net_for_another_raster_is_left_out_with_the_reason() {
+        let (nets, left_out) = of_default(32);
+        assert!(nets.is_empty());
+        let [LeftOutNet { net, why }] = &left_out[..] else {
+            panic!("{} left out", left_out.len())
+        };
+        assert_eq!(net, "U-net");
+        assert!(why.contains("32") && why.contains("64"), "{why}");
+    }
+
+    /// A file that does not exist is an error, not a network left out.
+    #[test]
+    fn a_missing_file_is_an_error() {
+        let model = ReconstructionModel::paper_disc(32, &mut Progress::silent()).unwrap();
+        let error = nets(&model, &["no/such/net.safetensors".to_owned()]).err().unwrap();
+        assert!(error.to_string().contains("no/such/net.safetensors"), "{error}");
     }
 }

@@ -4,7 +4,7 @@ use super::budgets;
 use super::forward::results::ForwardResults;
 use super::forward::tables as forward_tables;
 use super::image_tables;
-use super::images::{ImageResults, RecordingFailure};
+use super::images::{ImageResults, LeftOutNet, RecordingFailure};
 use super::picture::Picture;
 use super::results::BenchmarkResults;
 use super::settings::{BenchmarkSettings, Size};
@@ -302,6 +302,9 @@ fn json(
                 .map(|RecordingFailure { solver, shape, why }| {
                     json!({"solver": solver, "shape": shape, "why": why})
                 })
+                .collect::<Vec<_>>(),
+            "left_out": result.left_out.iter()
+                .map(|LeftOutNet { net, why }| json!({"solver": net, "why": why}))
                 .collect::<Vec<_>>(),
             "plans": result.plans.iter().map(|plan| json!({
                 "method": plan.method.name(),
