@@ -31,6 +31,7 @@ mod laplacian;
 mod operators;
 mod passes;
 mod problem;
+mod products;
 mod quiet;
 mod run;
 mod settings;

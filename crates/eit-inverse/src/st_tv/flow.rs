@@ -15,7 +15,7 @@
 //! into one function.
 
 use super::float::Float;
-use super::kernel::{LANES, PANEL, add_row, add_scaled, lanes, row, row_mut, synthesise};
+use super::kernel::{LANES, PANEL, add_blocks, add_row, lanes, row, row_mut, synthesise};
 use super::operators::{BLOCK, Operators};
 use super::state::{PAD, State};
 use super::sweep::differences;
@@ -106,8 +106,8 @@ impl<T: Float> WithSimd for Seek<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) {
-        self.begin();
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        self.begin(simd);
         let mut t = 1.0_f64;
         for _ in 0..self.how.steps {
             let next = 0.5 * (1.0 + (1.0 + 4.0 * t * t).sqrt());
@@ -130,7 +130,7 @@ impl<T: Float> WithSimd for Seek<'_, T> {
 impl<T: Float> Seek<'_, T> {
     /// Computes the force and projects the duals onto their balls.
     #[inline(always)]
-    fn begin(&mut self) {
+    fn begin<S: Simd>(&mut self, simd: S) {
         let Self { flow, ops, how } = self;
         let stride = flow.stride;
         let rank = ops.padded_rank;
@@ -138,7 +138,7 @@ impl<T: Float> Seek<'_, T> {
         for block in 0..ops.ready.len() {
             let own = &mut flow.force[block * BLOCK * stride..][..BLOCK * stride];
             let basis = &ops.basis[block * BLOCK / PANEL * rank..][..BLOCK / PANEL * rank];
-            synthesise(basis, rank, 0..rank, &flow.coefficients, stride, own);
+            synthesise(simd, basis, rank, 0..rank, &flow.coefficients, stride, own);
         }
         let space = T::from_f64(how.lambda_space);
         for (index, rows) in flow.dual.chunks_exact_mut(ops.components * stride).enumerate() {
@@ -185,33 +185,47 @@ impl<T: Float> Seek<'_, T> {
     /// absorb.
     #[inline(always)]
     fn pull(&mut self, block: usize, soft: bool) {
-        let Self { flow, ops, how } = self;
-        let stride = flow.stride;
-        let one = T::from_f64(1.0);
-        for p in block * BLOCK..((block + 1) * BLOCK).min(ops.unknowns) {
-            let at = p * stride;
-            let error = &mut flow.error[at..at + stride];
-            error.copy_from_slice(&flow.force[at..at + stride]);
-            for (r, value) in ops.divergence.row(p) {
-                add_scaled(value, &flow.ahead[r * stride..][..stride], error);
-            }
-            if !flow.time_ahead.is_empty() {
-                add_scaled(T::default() - one, &flow.time_ahead[PAD + at..][..stride], error);
-                add_scaled(one, &flow.time_ahead[PAD + at - 1..][..stride], error);
-            }
-            if let (Some(bounds), true) = (how.bounds, soft) {
-                let [lower, upper] = bounds.map(T::from_f64);
-                let (per_image, zero) = (T::from_f64(how.per_image), T::default());
-                let images = row(&flow.image, at, stride);
-                for (e, x) in error.as_chunks_mut::<LANES>().0.iter_mut().zip(images) {
-                    *e = lanes(|l| {
-                        let most = per_image * (x[l] - lower).max(zero);
-                        let least = per_image * (x[l] - upper).min(zero);
-                        e[l].min(most).max(least)
-                    });
-                }
+        let stride = self.flow.stride;
+        for p in block * BLOCK..((block + 1) * BLOCK).min(self.ops.unknowns) {
+            let mut offset = 0;
+            while offset < stride {
+                offset += match stride - offset {
+                    24.. => self.pull_blocks::<3>(p, offset, soft),
+                    16.. => self.pull_blocks::<2>(p, offset, soft),
+                    _ => self.pull_blocks::<1>(p, offset, soft),
+                };
             }
         }
+    }
+
+    /// [`Seek::pull`] of an unknown on `B` blocks of frames, which stay in registers; returns their number of
+    /// frames.
+    #[inline(always)]
+    fn pull_blocks<const B: usize>(&mut self, unknown: usize, offset: usize, soft: bool) -> usize {
+        let Self { flow, ops, how } = self;
+        let (at, one) = (unknown * flow.stride + offset, T::from_f64(1.0));
+        let mut sums = [[T::default(); LANES]; B];
+        sums.copy_from_slice(row(&flow.force, at, B * LANES));
+        for (r, value) in ops.divergence.row(unknown) {
+            add_blocks(value, &flow.ahead, r * flow.stride + offset, &mut sums);
+        }
+        if !flow.time_ahead.is_empty() {
+            add_blocks(T::default() - one, &flow.time_ahead, PAD + at, &mut sums);
+            add_blocks(one, &flow.time_ahead, PAD + at - 1, &mut sums);
+        }
+        if let (Some(bounds), true) = (how.bounds, soft) {
+            let [lower, upper] = bounds.map(T::from_f64);
+            let (per_image, zero) = (T::from_f64(how.per_image), T::default());
+            for (e, x) in sums.iter_mut().zip(row(&flow.image, at, B * LANES)) {
+                *e = lanes(|l| {
+                    let most = per_image * (x[l] - lower).max(zero);
+                    let least = per_image * (x[l] - upper).min(zero);
+                    e[l].min(most).max(least)
+                });
+            }
+        }
+        row_mut(&mut flow.error, at, B * LANES).copy_from_slice(&sums);
+        B * LANES
     }
 
     #[inline(always)]

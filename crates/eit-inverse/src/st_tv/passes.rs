@@ -17,13 +17,13 @@ impl WithSimd for Analyse<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Self { ops, x, stride, coefficients } = self;
         coefficients.fill(0.0);
         let rank = ops.padded_rank;
         let blocks = ops.basis.chunks_exact(BLOCK / PANEL * rank);
         for (basis, block) in blocks.zip(x.chunks_exact(BLOCK * stride)) {
-            analyse(basis, rank, 0..rank, block, stride, coefficients);
+            analyse(simd, basis, rank, 0..rank, block, stride, coefficients);
         }
     }
 }
@@ -82,11 +82,11 @@ impl WithSimd for Error<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Self { ops, stride, error, .. } = self;
         error.fill(0.0);
         let rank = ops.padded_rank;
-        synthesise(&ops.basis, rank, 0..rank, self.coefficients, stride, error);
+        synthesise(simd, &ops.basis, rank, 0..rank, self.coefficients, stride, error);
         for (p, row) in error.chunks_exact_mut(stride).take(ops.unknowns).enumerate() {
             for (r, value) in ops.divergence.row(p) {
                 add_scaled(value, &self.dual[r * stride..][..stride], row);

@@ -4,7 +4,7 @@
 
 use super::chain::Chain;
 use super::float::Float;
-use super::kernel::{LANES, PANEL, add_row, add_scaled, analyse, lanes, row, row_mut, synthesise};
+use super::kernel::{LANES, PANEL, add_blocks, add_row, analyse, lanes, row, row_mut, synthesise};
 use super::operators::{BLOCK, Group, Operators};
 use super::state::{PAD, RHO, State, Weights};
 use pulp::{Simd, WithSimd};
@@ -43,13 +43,13 @@ impl<T: Float> WithSimd for Analyse<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Self { state, ops } = self;
         let (rank, stride) = (ops.padded_rank, state.stride);
         state.next.fill(T::default());
         let blocks = ops.basis.chunks_exact(BLOCK / PANEL * rank);
         for (basis, image) in blocks.zip(state.image.chunks_exact(BLOCK * stride)) {
-            analyse(basis, rank, state.head..rank, image, stride, &mut state.next);
+            analyse(simd, basis, rank, state.head..rank, image, stride, &mut state.next);
         }
     }
 }
@@ -64,12 +64,12 @@ impl<T: Float> WithSimd for Pull<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Self { state, ops } = self;
         let rank = ops.padded_rank;
         state.tail.fill(T::default());
         let range = state.head..rank;
-        synthesise(&ops.basis, rank, range, &state.next, state.stride, &mut state.tail);
+        synthesise(simd, &ops.basis, rank, range, &state.next, state.stride, &mut state.tail);
     }
 }
 
@@ -83,11 +83,11 @@ impl<T: Float> WithSimd for Descend<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Self { state, ops } = self;
         state.next.fill(T::default());
         for block in 0..ops.ready.len() {
-            descend(state, ops, block);
+            descend(simd, state, ops, block);
         }
         std::mem::swap(&mut state.coefficients, &mut state.next);
     }
@@ -95,7 +95,7 @@ impl<T: Float> WithSimd for Descend<'_, T> {
 
 /// Computes the force of the duals on a block and adds the contribution of its `w` to the coefficients.
 #[inline(always)]
-fn descend<T: Float>(state: &mut State<T>, ops: &Operators<T>, block: usize) {
+fn descend<T: Float, S: Simd>(simd: S, state: &mut State<T>, ops: &Operators<T>, block: usize) {
     let (stride, blocks) = (state.stride, state.stride / LANES);
     let first = block * BLOCK;
     for p in first..(first + BLOCK).min(ops.unknowns) {
@@ -110,42 +110,26 @@ fn descend<T: Float>(state: &mut State<T>, ops: &Operators<T>, block: usize) {
     }
     let basis = &ops.basis[first / PANEL * ops.padded_rank..];
     let basis = &basis[..BLOCK / PANEL * ops.padded_rank];
-    analyse(basis, ops.padded_rank, 0..state.head, &state.block, stride, &mut state.next);
+    analyse(simd, basis, ops.padded_rank, 0..state.head, &state.block, stride, &mut state.next);
 }
 
 /// Computes `D' q + D_t' q_t + p + tail` of an unknown.
 #[inline(always)]
 fn gather_force<T: Float>(state: &mut State<T>, ops: &Operators<T>, unknown: usize) {
     let stride = state.stride;
-    let at = unknown * stride;
-    let one = T::from_f64(1.0);
-    let minus = T::default() - one;
     let mut offset = 0;
     while offset < stride {
         offset += match stride - offset {
-            24.. => divergence::<T, 3>(state, ops, unknown, offset),
-            16.. => divergence::<T, 2>(state, ops, unknown, offset),
-            _ => divergence::<T, 1>(state, ops, unknown, offset),
+            24.. => force::<T, 3>(state, ops, unknown, offset),
+            16.. => force::<T, 2>(state, ops, unknown, offset),
+            _ => force::<T, 1>(state, ops, unknown, offset),
         };
-    }
-    let work = &mut state.work[at..at + stride];
-    if !state.time_dual.is_empty() {
-        // The value before the first frame is the zero at the end of the previous row. Two separate
-        // additions, because the compiler would combine overlapping loads with shuffles.
-        add_scaled(minus, &state.time_dual[PAD + at..][..stride], work);
-        add_scaled(one, &state.time_dual[PAD + at - 1..][..stride], work);
-    }
-    if !state.bound_dual.is_empty() {
-        add_scaled(one, &state.bound_dual[at..][..stride], work);
-    }
-    if state.head < ops.padded_rank {
-        add_scaled(one, &state.tail[at..][..stride], work);
     }
 }
 
-/// Computes `D' q` of `B` blocks of frames; returns their number of frames.
+/// Computes the force on `B` blocks of frames, which stay in registers; returns their number of frames.
 #[inline(always)]
-fn divergence<T: Float, const B: usize>(
+fn force<T: Float, const B: usize>(
     state: &mut State<T>,
     ops: &Operators<T>,
     unknown: usize,
@@ -153,12 +137,22 @@ fn divergence<T: Float, const B: usize>(
 ) -> usize {
     let mut sums = [[T::default(); LANES]; B];
     for (r, value) in ops.divergence.row(unknown) {
-        let duals = row(&state.dual, r * state.stride + offset, B * LANES);
-        for b in 0..B {
-            sums[b] = add_row(value, &duals[b], sums[b]);
-        }
+        add_blocks(value, &state.dual, r * state.stride + offset, &mut sums);
     }
     let at = unknown * state.stride + offset;
+    let one = T::from_f64(1.0);
+    if !state.time_dual.is_empty() {
+        // The value before the first frame is the zero at the end of the previous row. Two separate
+        // additions, because the compiler would combine overlapping loads with shuffles.
+        add_blocks(T::default() - one, &state.time_dual, PAD + at, &mut sums);
+        add_blocks(one, &state.time_dual, PAD + at - 1, &mut sums);
+    }
+    if !state.bound_dual.is_empty() {
+        add_blocks(one, &state.bound_dual, at, &mut sums);
+    }
+    if state.head < ops.padded_rank {
+        add_blocks(one, &state.tail, at, &mut sums);
+    }
     row_mut(&mut state.work, at, B * LANES).copy_from_slice(&sums);
     B * LANES
 }
@@ -175,12 +169,12 @@ impl<T: Float> WithSimd for Sweep<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Self { state, ops, steps, keep } = self;
         state.next.fill(T::default());
         let (mut groups, mut blocks) = (0, 0);
         for (block, ready) in ops.ready.iter().enumerate() {
-            ascend(state, ops, steps, block, keep);
+            ascend(simd, state, ops, steps, block, keep);
             for group in groups..ready.groups {
                 if ops.components == 2 {
                     pair_step(state, ops, steps, group);
@@ -189,7 +183,7 @@ impl<T: Float> WithSimd for Sweep<'_, T> {
                 }
             }
             for block in blocks..ready.blocks {
-                descend(state, ops, block);
+                descend(simd, state, ops, block);
             }
             (groups, blocks) = (ready.groups, ready.blocks);
         }
@@ -198,7 +192,8 @@ impl<T: Float> WithSimd for Sweep<'_, T> {
 
 /// Updates the image of a block and its duals of time and bounds.
 #[inline(always)]
-fn ascend<T: Float>(
+fn ascend<T: Float, S: Simd>(
+    simd: S,
     state: &mut State<T>,
     ops: &Operators<T>,
     steps: &Scaled<T>,
@@ -210,7 +205,7 @@ fn ascend<T: Float>(
     let basis = &ops.basis[first / PANEL * ops.padded_rank..];
     let basis = &basis[..BLOCK / PANEL * ops.padded_rank];
     let work = &mut state.work[own.clone()];
-    synthesise(basis, ops.padded_rank, 0..state.head, &state.coefficients, stride, work);
+    synthesise(simd, basis, ops.padded_rank, 0..state.head, &state.coefficients, stride, work);
     let blocks = stride / LANES;
     let taus = state.tau[first * blocks..].chunks_exact(blocks);
     let rows = work.chunks_exact_mut(stride).zip(state.image[own.clone()].chunks_exact_mut(stride));
