@@ -9,6 +9,8 @@
 //! in a manifest of its own, `manifest.3-of-64.json`. Opening the folder combines all lists;
 //! [`LearningBase::create`] without a part writes them as one `manifest.json`, byte for byte the one of a
 //! base that was made by one process.
+//!
+//! Over 300 lines because parts, manifests and shards on disk are one format.
 
 mod shard;
 

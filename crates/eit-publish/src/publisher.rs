@@ -1,4 +1,6 @@
 //! Encodes frames and events as lines, and hands them to every sink.
+//!
+//! Over 300 lines because every kind of line goes through one publisher to every sink.
 
 use crate::VERSION;
 use crate::error::PublishError;

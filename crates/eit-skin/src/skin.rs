@@ -1,4 +1,6 @@
 //! A skin: mesh, protocol and forward model, with the settings of all later stages.
+//!
+//! Over 300 lines because a set-up skin and the checks of its size that every stage asks for are one place.
 
 use crate::error::SkinError;
 use crate::progress::Progress;

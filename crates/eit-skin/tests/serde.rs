@@ -51,11 +51,15 @@ fn touches_of_a_recording_survive() {
             "least_s_m2": 1e-10
         },
         "faults": [{"electrode": 2, "kind": "Stuck", "since_s": 0.1}],
+        "steps": [{
+            "rows": 104, "chi_square": 5e3, "chi_square_without": 4.9e3, "chi_square_rest": 110.0, "blamed": null
+        }],
         "is_missing": {"v": 1, "dim": [1, 2], "data": [true, false]}
     });
     let read: Touches = serde_json::from_value(text).unwrap();
     let again = again(&read);
     assert_eq!(format!("{read:?}"), format!("{again:?}"));
+    assert!(again.steps[0].is_explained());
     assert_eq!(
         again.faults,
         [ElectrodeFault { electrode: 2, kind: FaultKind::Stuck, since_s: 0.1 }]

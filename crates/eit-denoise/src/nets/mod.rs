@@ -1,5 +1,6 @@
 //! Nets as burn modules: the trait for custom nets, and the U-net of this crate.
 
+#[cfg(feature = "base")]
 mod device;
 mod exchange;
 mod through;

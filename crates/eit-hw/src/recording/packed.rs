@@ -4,6 +4,8 @@
 //! takes no more memory than its file, each value is stored by itself in the shortest of a few exact
 //! forms: a small whole number in one byte, a decimal number by its digits and exponent, anything
 //! else in nine bytes. Values equal to those of the previous row are stored as their count.
+//!
+//! Over 300 lines because the forms of a number, how they are written and how they are read belong together.
 
 use std::fmt::Write;
 use std::iter::FusedIterator;

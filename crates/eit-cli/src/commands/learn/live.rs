@@ -1,4 +1,6 @@
 //! `eit learn --live`: asks for presses, collects them, and learns.
+//!
+//! Over 300 lines because one dialogue with a person asks, waits, answers and ends in many ways.
 
 use super::outputs::Outputs;
 use super::{Parts, finish};

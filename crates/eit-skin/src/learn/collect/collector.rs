@@ -1,4 +1,6 @@
 //! From frames to presses at the places that are asked for.
+//!
+//! Over 300 lines because one state machine has its settings, its answers and its arithmetic here.
 
 use super::places::press_places;
 use crate::error::SkinError;
