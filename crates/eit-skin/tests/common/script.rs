@@ -80,6 +80,31 @@ impl Drawn {
         self
     }
 
+    /// The first two fingers press at the ends of a line through the middle of the disc, move towards each other at
+    /// 50 mm/s, wait half a second and part again.
+    pub fn close_in(&mut self, angle: f64, force_n: f64, far_m: f64, near_m: f64) -> &mut Self {
+        let time_s = 0.5 * (far_m - near_m) / 0.05;
+        let begin_s = self.next_s;
+        for (finger, turn) in self.fingers.iter_mut().zip([0.0, std::f64::consts::PI]) {
+            let mut time_s_of = begin_s;
+            let mut key = |wait_s: f64, apart_m: f64, force_n: f64| {
+                time_s_of += wait_s;
+                let (sin, cos) = (angle + turn).sin_cos();
+                let position_m = [0.5 * apart_m * cos, 0.5 * apart_m * sin];
+                finger.keys.push(Key { time_s: time_s_of, position_m, force_n, radius_m: TIP_M });
+            };
+            key(0.0, far_m, 0.0);
+            key(RAMP_S, far_m, force_n);
+            key(time_s, near_m, force_n);
+            key(0.5, near_m, force_n);
+            key(time_s, far_m, force_n);
+            key(RAMP_S, far_m, 0.0);
+        }
+        self.end_s = begin_s + 2.0 * (RAMP_S + time_s) + 0.5;
+        self.next_s = self.end_s + GAP_S;
+        self
+    }
+
     /// The script, followed by a second without touches.
     pub fn script(&self) -> TouchScript {
         TouchScript {

@@ -8,7 +8,7 @@ use super::least_squares::SmallSystem;
 use super::memory::Memory;
 use super::places::{Places, Spot};
 use super::settings::DetectorSettings;
-use super::slides::Slides;
+use super::slides::{SAME_M, Slides};
 use super::whitening::{Whitening, dot, widest};
 use crate::geometry::distance_m;
 
@@ -74,9 +74,6 @@ const BESIDE: f64 = 1.2;
 /// ... and fainter than this fraction of its strength belongs to it.
 const BESIDE_SHARE: f64 = 0.35;
 
-/// A touch within this distance of a touch of the previous frame is the same one, metres.
-const SAME_M: f64 = 15e-3;
-
 /// Touches that together explain a frame.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Fit {
@@ -133,21 +130,24 @@ impl Scene<'_> {
         (0..spots.len()).map(of).sum()
     }
 
-    /// Whether a touch is beside the one that continues a sliding touch of the previous frame, and itself continues
-    /// none.
+    /// Whether a touch is beside one that continues a touch of the previous frame, closer than two touches are sought or
+    /// a sliding one, and itself continues none.
     fn is_split_off(&self, spots: &[Spot], k: usize) -> bool {
         let way_m = |a: &Spot, b: &Spot| distance_m(a.position_m, b.position_m);
-        let near = self.before.sliding().filter(|slid| way_m(slid, &spots[k]) < SPLIT_M);
-        let mut is_beside = false;
-        for slid in near {
-            let goes_on = (0..spots.len())
-                .min_by(|&a, &b| way_m(&spots[a], slid).total_cmp(&way_m(&spots[b], slid)));
-            if goes_on == Some(k) {
-                return false;
-            }
-            is_beside |= goes_on.is_some_and(|at| way_m(&spots[at], &spots[k]) < SPLIT_M);
+        let goes_on = |before: &Spot| {
+            (0..spots.len())
+                .min_by(|&a, &b| way_m(&spots[a], before).total_cmp(&way_m(&spots[b], before)))
+        };
+        let is_near = |before: &&Spot| way_m(before, &spots[k]) < SPLIT_M;
+        if self.before.spots.iter().filter(is_near).any(|before| goes_on(before) == Some(k)) {
+            return false;
         }
-        is_beside
+        let is_beside = |before: &Spot, near_m: f64| {
+            goes_on(before).is_some_and(|at| way_m(&spots[at], &spots[k]) < near_m)
+        };
+        let near = || self.before.spots.iter().filter(is_near);
+        near().any(|before| is_beside(before, self.settings.apart_m))
+            || self.before.sliding().filter(is_near).any(|slid| is_beside(slid, SPLIT_M))
     }
 
     /// Evidence of the previous frame for a touch here that was too weak then, chi^2.
@@ -175,6 +175,8 @@ pub(super) struct Search {
     began: Vec<Spot>,
     trial: Fit,
     path: Fit,
+    /// The touches that were known before a search, fitted to its frame.
+    known: Fit,
     pub(super) best: Fit,
     /// Positions with too little evidence for a touch, and its chi^2.
     pub(super) weak: Vec<([f64; 3], f64)>,
@@ -194,6 +196,7 @@ impl Search {
             began: Vec::with_capacity(most),
             trial: Fit::default(),
             path: Fit::default(),
+            known: Fit::default(),
             best: Fit::default(),
             weak: Vec::with_capacity(most),
         }
@@ -202,8 +205,9 @@ impl Search {
     /// Finds the touches of whitened data `y` without lost rows and stores them in [`best`](Self::best).
     pub(super) fn run(&mut self, scene: &Scene<'_>, y: &[f64]) {
         let evidence = Evidence::new(scene.whitening.expected(), scene.whitening.present());
+        self.known.spots.clear();
         self.forward(scene, y, evidence);
-        self.backward(scene, y, evidence);
+        self.choose(scene, y, evidence);
     }
 
     /// Searches again from the touches found on, after the covariance has changed.
@@ -218,6 +222,7 @@ impl Search {
         let mut least_cost = evidence.cost(path.rest);
         path.spots.clone_from(&self.trial.spots);
         self.fit(scene, y, &mut path);
+        self.known.copy_from(&path);
         let cost = evidence.cost(path.rest) + scene.price(&path.spots);
         if cost < least_cost {
             least_cost = cost;
@@ -225,7 +230,25 @@ impl Search {
         }
         self.grow(scene, y, evidence, &mut path, &mut least_cost);
         self.path = path;
+        self.choose(scene, y, evidence);
+    }
+
+    /// Prunes the best touches, and takes those that were known before the search instead if they, pruned too,
+    /// explain the frame better: of touches beside the right places, pruning can leave fewer than there are.
+    fn choose(&mut self, scene: &Scene<'_>, y: &[f64], evidence: Evidence) {
         self.backward(scene, y, evidence);
+        let cost = |fit: &Fit| evidence.cost(fit.rest) + scene.price(&fit.spots);
+        if self.known.spots.is_empty() || cost(&self.known) >= cost(&self.best) {
+            return;
+        }
+        std::mem::swap(&mut self.known, &mut self.best);
+        self.backward(scene, y, evidence);
+        if cost(&self.known) < cost(&self.best) {
+            std::mem::swap(&mut self.known, &mut self.best);
+            let mut best = std::mem::take(&mut self.best);
+            self.fit_strengths(scene, y, &mut best);
+            self.best = best;
+        }
     }
 
     /// Searches from the touches of the previous frame on, and from nothing: wrong touches must not keep the
@@ -246,6 +269,7 @@ impl Search {
             path.spots.clear();
             path.spots.extend_from_slice(&scene.before.spots);
             self.fit(scene, y, &mut path);
+            self.known.copy_from(&path);
             let cost = evidence.cost(path.rest) + scene.price(&path.spots);
             if cost < least_cost {
                 least_cost = cost;
@@ -366,7 +390,8 @@ impl Search {
                 is_weak(k)
                     || is_faint(k)
                     || is_beside(&best, k, MERGE * settings.apart_m, 1.0)
-                    || is_beside(&best, k, BESIDE * settings.apart_m, BESIDE_SHARE)
+                    || (is_beside(&best, k, BESIDE * settings.apart_m, BESIDE_SHARE)
+                        && !scene.before.began_alone(best.spots[k].position_m))
             };
             let worth = |k: &usize| best.worth[*k];
             let dropped =

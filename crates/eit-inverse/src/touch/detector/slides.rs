@@ -1,4 +1,4 @@
-//! How far each touch has slid of late.
+//! How far each touch has slid of late, and which ones began alone.
 
 use super::places::Spot;
 use crate::geometry::distance_m;
@@ -11,7 +11,11 @@ const BEGAN_S: f64 = 0.5;
 const SLIDES_M: f64 = 5e-3;
 
 /// A touch within this distance of a touch of the previous frame is the same one, metres.
-const SAME_M: f64 = 15e-3;
+pub(super) const SAME_M: f64 = 15e-3;
+
+/// A touch that begins with no other one within this distance is a finger of its own and not a part of another's
+/// print, metres.
+const ALONE_M: f64 = 35e-3;
 
 /// The touches of the previous frame, and where each of them was half a second ago.
 #[derive(Debug, Clone)]
@@ -19,7 +23,10 @@ pub(super) struct Slides {
     pub(super) spots: Vec<Spot>,
     /// Mean places, with exponentially falling weights of the past.
     began_m: Vec<[f64; 3]>,
+    /// Whether no other touch was near when it began.
+    began_alone: Vec<bool>,
     next_m: Vec<[f64; 3]>,
+    next_alone: Vec<bool>,
 }
 
 impl Slides {
@@ -27,7 +34,9 @@ impl Slides {
         Self {
             spots: Vec::with_capacity(most_touches),
             began_m: Vec::with_capacity(most_touches),
+            began_alone: Vec::with_capacity(most_touches),
             next_m: Vec::with_capacity(most_touches),
+            next_alone: Vec::with_capacity(most_touches),
         }
     }
 
@@ -35,22 +44,40 @@ impl Slides {
     pub(super) fn take(&mut self, spots: &[Spot], dt_s: f64) {
         let weight = -(-dt_s / BEGAN_S).exp_m1();
         self.next_m.clear();
-        for spot in spots {
+        self.next_alone.clear();
+        for (own, spot) in spots.iter().enumerate() {
             let way =
                 |(k, before): (usize, &Spot)| (k, distance_m(before.position_m, spot.position_m));
             let ways = self.spots.iter().enumerate().map(way);
-            let mut began_m = match ways.min_by(|a, b| a.1.total_cmp(&b.1)) {
-                Some((k, way_m)) if way_m < SAME_M => self.began_m[k],
-                _ => spot.position_m,
+            let others = || spots.iter().enumerate().filter(|(k, _)| *k != own);
+            let is_far = |(_, other): (usize, &Spot)| {
+                distance_m(other.position_m, spot.position_m) >= ALONE_M
+            };
+            let (mut began_m, alone) = match ways.min_by(|a, b| a.1.total_cmp(&b.1)) {
+                Some((k, way_m)) if way_m < SAME_M => (self.began_m[k], self.began_alone[k]),
+                _ => (spot.position_m, others().all(is_far)),
             };
             for (began, now) in began_m.iter_mut().zip(spot.position_m) {
                 *began += weight * (now - *began);
             }
             self.next_m.push(began_m);
+            self.next_alone.push(alone);
         }
         std::mem::swap(&mut self.began_m, &mut self.next_m);
+        std::mem::swap(&mut self.began_alone, &mut self.next_alone);
         self.spots.clear();
         self.spots.extend_from_slice(spots);
+    }
+
+    /// Whether a touch of the previous frame that began alone may continue here.
+    pub(super) fn began_alone(&self, at_m: [f64; 3]) -> bool {
+        let known = self.spots.iter().zip(&self.began_alone);
+        known
+            .filter(|(spot, _)| distance_m(spot.position_m, at_m) < SAME_M)
+            .min_by(|a, b| {
+                distance_m(a.0.position_m, at_m).total_cmp(&distance_m(b.0.position_m, at_m))
+            })
+            .is_some_and(|(_, alone)| *alone)
     }
 
     /// Touches of the previous frame that were sliding.
@@ -89,5 +116,21 @@ mod tests {
         assert_eq!(count(&slides), 0);
         slides.take(&[at(0.2)], DT_S);
         assert_eq!(count(&slides), 0);
+    }
+
+    /// A touch that began alone stays so beside another one; one that began beside it does not.
+    #[test]
+    fn who_began_alone() {
+        let mut slides = Slides::new(3);
+        slides.take(&[at(0.0)], DT_S);
+        slides.take(&[at(0.0), at(0.03)], DT_S);
+        assert!(slides.began_alone([0.0; 3]) && !slides.began_alone([0.03, 0.0, 0.0]));
+        slides.take(&[at(0.0), at(0.03), at(0.07)], DT_S);
+        for x in [0.062, 0.054, 0.046] {
+            slides.take(&[at(0.0), at(0.03), at(x)], DT_S);
+        }
+        let alone = [0.0, 0.03, 0.046].map(|x| slides.began_alone([x, 0.0, 0.0]));
+        assert_eq!(alone, [true, false, true]);
+        assert!(!slides.began_alone([0.1, 0.0, 0.0]));
     }
 }
