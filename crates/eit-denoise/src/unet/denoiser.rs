@@ -1,4 +1,6 @@
 //! Denoises images with a trained net, frame by frame, in memory allocated once.
+//!
+//! Over 300 lines because the checks of a frame, its inputs and its output share one set of planes.
 
 use super::kernel::Plane;
 use super::net::{Net, Run};

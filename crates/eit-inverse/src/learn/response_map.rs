@@ -16,6 +16,8 @@
 //!
 //! Source: Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sections 2.2 and 2.7 (a
 //! process with an explicit mean).
+//!
+//! Over 300 lines because geometry, gains and the process are fitted together.
 
 use super::presses::{ModelResponses, Presses};
 use crate::InverseError;

@@ -1,4 +1,6 @@
 //! Choice of the weights from the noise level.
+//!
+//! Over 300 lines because start, search and refinement share the path of trial solves.
 
 use super::kernel::LANES;
 use super::run::Run;
