@@ -20,9 +20,9 @@ use crate::progress::Progress;
 use crate::scene::{DenoiseSettings, TouchSign};
 use crate::skin::Skin;
 use check::SequenceJudge;
-use eit_denoise::{DenoiseError, Denoiser, ImageStack, Threshold, UnetShape, Weights};
+use eit_denoise::{DenoiseError, Denoiser, ImageStack, UnetShape, Weights};
 use eit_mesh::Raster;
-use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
+use ndarray::{Array3, Axis};
 use serde_json::{Value, json};
 
 /// Weights for a skin.

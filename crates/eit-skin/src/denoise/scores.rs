@@ -101,7 +101,7 @@ mod tests {
     #![allow(clippy::unwrap_used, reason = "tests")]
     use super::*;
     use eit_denoise::ThresholdRule;
-    use ndarray::Array2;
+    use ndarray::{Array2, Array3};
 
     /// Images of total variation whose inner pixels are equal are compared like others: the rule keeps
     /// nothing of them.
