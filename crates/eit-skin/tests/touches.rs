@@ -113,6 +113,22 @@ fn slide_through_the_centre() {
     check("slide through the centre", &counts.score(), &bars);
 }
 
+/// Six fingers in regular hexagons: of such a frame one touch alone explains nothing (the first frames showed none), and
+/// what the fingers do to each other looks like a seventh in the middle (up to 0.29 extra touches a frame).
+#[test]
+fn hexagon() {
+    let mut counts = Counts::default();
+    for seed in SEEDS {
+        let mut drawn = Drawn::new(seed, 6);
+        for (radius_m, angle) in [(0.06, 0.0), (0.06, 0.2), (0.05, 0.4), (0.07, 0.1)] {
+            drawn.ring(radius_m, angle, 1.5);
+        }
+        let recording = Recording::simulate(&drawn.script(), seed);
+        counts.add(&recording, &recording.touches(), QUIET_FRAMES);
+    }
+    check("hexagon", &counts.score(), &Bars { found: 0.99, extra: 0.01, ..ONE });
+}
+
 /// Two fingers close in to 26 mm and part again. Each stays one finger, though one bell between them fits nearly as well
 /// there: two touches became one in one of these recordings (found 0.98, two changes of id) and in six of eight of
 /// `docs/validation/touches.md` before the known touches were asked.

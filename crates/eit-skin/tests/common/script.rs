@@ -80,6 +80,18 @@ impl Drawn {
         self
     }
 
+    /// All fingers press at once, at the corners of a regular polygon about the middle of the disc.
+    pub fn ring(&mut self, radius_m: f64, first_angle: f64, force_n: f64) -> &mut Self {
+        let count = self.fingers.len();
+        for finger in 0..count {
+            let angle = first_angle + std::f64::consts::TAU * finger as f64 / count as f64;
+            let at = [radius_m * angle.cos(), radius_m * angle.sin()];
+            self.add(finger, [at, at], force_n, HOLD_S);
+        }
+        self.next_s += 2.0 * RAMP_S + HOLD_S + GAP_S;
+        self
+    }
+
     /// The first two fingers press at the ends of a line through the middle of the disc, move towards each other at
     /// 50 mm/s, wait half a second and part again.
     pub fn close_in(&mut self, angle: f64, force_n: f64, far_m: f64, near_m: f64) -> &mut Self {

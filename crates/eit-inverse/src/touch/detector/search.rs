@@ -24,8 +24,12 @@ const DAMPING: f64 = 1e-3;
 /// ... and its growth when a step fits worse and is undone.
 const MORE_DAMPING: f64 = 100.0;
 
-/// Least fraction of the residual that a further touch must remove for the search to go on.
+/// Least fraction of the residual that a further touch must remove for the search to go on, ...
 const EXPLAINS: f64 = 0.04;
+
+/// ... unless no touches explain the frame yet, which leaves more than this per row: of six fingers in a regular
+/// hexagon, one alone explains nothing.
+const UNEXPLAINED: f64 = 20.0;
 
 /// Factor by which the residual's excess must fall for each added touch.
 const PRICE: f64 = 1.6;
@@ -64,6 +68,9 @@ const REMEMBERED: f64 = 14.0;
 
 /// ... and is a touch if both frames together lower it by this much.
 const TWICE: f64 = 40.0;
+
+/// Number of other touches from which on the least share of a new one grows with their number.
+const CROWD: f64 = 3.0;
 
 /// Touches closer than this fraction of the least distance are merged: the weaker one is dropped.
 const MERGE: f64 = 0.7;
@@ -295,7 +302,9 @@ impl Search {
             trial.copy_from(path);
             trial.spots.push(scene.places.spot(place));
             self.fit(scene, y, &mut trial);
-            if path.rest - trial.rest < EXPLAINS * evidence.unit(path.rest) {
+            let is_unexplained = self.best.spots.is_empty()
+                && trial.rest > UNEXPLAINED * scene.whitening.present() as f64;
+            if !is_unexplained && path.rest - trial.rest < EXPLAINS * evidence.unit(path.rest) {
                 break;
             }
             std::mem::swap(path, &mut trial);
@@ -343,16 +352,21 @@ impl Search {
         loop {
             self.weigh(scene, y, &mut best, evidence);
             let settings = scene.settings;
+            let goes_on = |k: usize| scene.is_known(best.spots[k].position_m);
             // compare with touches that explain more; in a poorly sensed corner strengths are arbitrary
             let faint = |k: usize| {
                 let more = (0..best.spots.len()).filter(|&i| best.worth[i] >= best.worth[k]);
                 let strongest = more.map(|i| best.strengths[i]).fold(0.0, f64::max);
+                // what several fingers do to each other looks like a faint one between them
+                let crowd = match goes_on(k) {
+                    true => 1.0,
+                    false => (best.spots.len() as f64 - 1.0) / CROWD,
+                };
                 settings
                     .least_s_m2
-                    .max(settings.least_share * strongest)
+                    .max(settings.least_share * crowd.max(1.0) * strongest)
                     .max(settings.least_share_of_late * scene.late_s_m2)
             };
-            let goes_on = |k: usize| scene.is_known(best.spots[k].position_m);
             let here = |k: usize| match goes_on(k) {
                 true => 0.0,
                 false => scene.late_here_s_m2[best.spots[k].place],
