@@ -43,6 +43,9 @@ const PRICE_OF_KNOWN: f64 = 1.25;
 const PRICE_OF_SPLIT: f64 = 4.0;
 const SPLIT_M: f64 = 35e-3;
 
+/// Or off any touch, closer to it than this fraction of the least distance: parts of one finger's print.
+const CLOSE: f64 = 0.88;
+
 /// If one electrode's gain leaves less than this fraction of what touches leave, it replaces the touches.
 /// On simulated fabrics with sound electrodes the ratio was 1.05 and more; with a contact that got worse it
 /// was 0.87 and less.
@@ -69,8 +72,8 @@ const REMEMBERED: f64 = 14.0;
 /// ... and is a touch if both frames together lower it by this much.
 const TWICE: f64 = 40.0;
 
-/// Number of other touches from which on the least share of a new one grows with their number.
-const CROWD: f64 = 3.0;
+/// Number of other touches beyond which the least share of a new touch grows, by half with each.
+const CROWD: f64 = 4.0;
 
 /// Touches closer than this fraction of the least distance are merged: the weaker one is dropped.
 const MERGE: f64 = 0.7;
@@ -153,7 +156,7 @@ impl Scene<'_> {
             goes_on(before).is_some_and(|at| way_m(&spots[at], &spots[k]) < near_m)
         };
         let near = || self.before.spots.iter().filter(is_near);
-        near().any(|before| is_beside(before, self.settings.apart_m))
+        near().any(|before| is_beside(before, CLOSE * self.settings.apart_m))
             || self.before.sliding().filter(is_near).any(|slid| is_beside(slid, SPLIT_M))
     }
 
@@ -360,7 +363,7 @@ impl Search {
                 // what several fingers do to each other looks like a faint one between them
                 let crowd = match goes_on(k) {
                     true => 1.0,
-                    false => (best.spots.len() as f64 - 1.0) / CROWD,
+                    false => 1.0 + 0.5 * (best.spots.len() as f64 - 1.0 - CROWD),
                 };
                 settings
                     .least_s_m2
