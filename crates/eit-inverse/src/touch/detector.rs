@@ -15,7 +15,9 @@
 //!    minimises the cost of the residual ([`evidence`]) plus `ln(1.6)` for each new one.
 //! 2. Backward elimination. A touch stays if its evidence is enough, if it is not too faint beside the others
 //!    and not too close to a stronger one. A touch that was there in the previous frame needs less evidence
-//!    than a new one, and a new one may collect it over two frames.
+//!    than a new one, and a new one may collect it over two frames. One that began alone is not a part of its
+//!    neighbour's print; a new one beside five or more others must be stronger. If what is left explains the frame
+//!    worse than the touches of the previous frame, fitted to this one, those are taken.
 //! 3. The reference follows what touches do not explain, so it never locks up.
 //!
 //! A finger that slides leaves a trail, and together with it looks like two touches about its place ([`slides`]). So
