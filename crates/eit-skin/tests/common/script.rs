@@ -98,12 +98,12 @@ impl Drawn {
         let time_s = 0.5 * (far_m - near_m) / 0.05;
         let begin_s = self.next_s;
         for (finger, turn) in self.fingers.iter_mut().zip([0.0, std::f64::consts::PI]) {
-            let mut time_s_of = begin_s;
+            let mut now_s = begin_s;
             let mut key = |wait_s: f64, apart_m: f64, force_n: f64| {
-                time_s_of += wait_s;
+                now_s += wait_s;
                 let (sin, cos) = (angle + turn).sin_cos();
                 let position_m = [0.5 * apart_m * cos, 0.5 * apart_m * sin];
-                finger.keys.push(Key { time_s: time_s_of, position_m, force_n, radius_m: TIP_M });
+                finger.keys.push(Key { time_s: now_s, position_m, force_n, radius_m: TIP_M });
             };
             key(0.0, far_m, 0.0);
             key(RAMP_S, far_m, force_n);
