@@ -608,8 +608,11 @@ impl TouchDetector {
         let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
         self.before.take(&best.spots, dt_s);
         self.weak.clone_from(&self.search.weak);
-        let fading = (-dt_s / self.settings.late_s).exp();
-        self.late_s_m2 = strongest.max(self.late_s_m2 * fading);
+        // what a touch leaves behind enters the reference, more slowly while something touches the skin
+        let late_s = self.settings.late_s;
+        let late_here_s = if is_touched { late_s.max(self.settings.touched_s) } else { late_s };
+        self.late_s_m2 = strongest.max(self.late_s_m2 * (-dt_s / late_s).exp());
+        let fading = (-dt_s / late_here_s).exp();
         self.late_here_s_m2.iter_mut().for_each(|late| *late *= fading);
         for (spot, strength) in best.spots.iter().zip(&best.strengths) {
             for (late, place) in self.late_here_s_m2.iter_mut().zip(&self.places.at) {
