@@ -11,6 +11,46 @@ pub(super) struct Rows {
     pub(super) ratio: Vec<f64>,
 }
 
+/// Why a reference differs from the model's voltages: `v_ref / g = v (1 + gain) + error`.
+///
+/// A gain of a channel scales the change by a touch as well; an error of the model, due to the mesh, contacts or the
+/// sheet, does not, and on a small voltage it looks like a large gain. Both standard deviations are those of greatest
+/// likelihood on a grid.
+#[derive(Debug, Clone, Copy)]
+struct Mismatch {
+    gain: f64,
+    error_v: f64,
+}
+
+impl Mismatch {
+    /// `pairs`: voltages of the model and of the reference.
+    fn of(pairs: impl Iterator<Item = [f64; 2]>) -> Self {
+        let pairs: Vec<[f64; 2]> = pairs.collect();
+        let mut sizes: Vec<f64> = pairs.iter().map(|[v, _]| v.abs()).collect();
+        sizes.sort_unstable_by(f64::total_cmp);
+        let median_v = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+        // a factor of two from one to the next, down to 1e-5
+        let steps = || (0..17).map(|k| 0.5_f64.powi(k));
+        let grid = steps().flat_map(|gain| steps().map(move |error| (gain, error * median_v)));
+        let cost = |&(gain, error_v): &(f64, f64)| {
+            let of = |[v, of_reference]: &[f64; 2]| {
+                let variance = (gain * v).powi(2) + error_v * error_v;
+                variance.ln() + (of_reference - v).powi(2) / variance
+            };
+            pairs.iter().map(of).sum::<f64>()
+        };
+        let best = grid.min_by(|a, b| cost(a).total_cmp(&cost(b)));
+        let (gain, error_v) = best.unwrap_or((1.0, 0.0));
+        Self { gain, error_v }
+    }
+
+    /// Expected part of a mismatch that is due to the gain.
+    fn share_of_gain(&self, voltage_v: f64) -> f64 {
+        let [of_gain, of_error] = [self.gain * voltage_v, self.error_v].map(|s| s * s);
+        of_gain / (of_gain + of_error).max(f64::MIN_POSITIVE)
+    }
+}
+
 /// Ratios that differ from the median by more than this factor are replaced by the median: the voltage is
 /// too small to tell.
 const RATIO_RANGE: f64 = 3.0;
@@ -45,10 +85,13 @@ impl Rows {
         known.sort_unstable_by(f64::total_cmp);
         let median = known.get(known.len() / 2).copied().unwrap_or(1.0);
         let within = |r: f64| (RATIO_RANGE.recip()..=RATIO_RANGE).contains(&(r / median));
-        let ratio = (0..used.len())
-            .map(|i| Some(ratio_of(i)).filter(|r| used[i] && within(*r)).unwrap_or(median))
-            .collect();
-        Ok(Self { of, ratio })
+        let pairs = of.iter().flatten().filter(|&&i| within(ratio_of(i)));
+        let mismatch = Mismatch::of(pairs.map(|&i| [model_v[i], reference_v[i] / median]));
+        let ratio = (0..used.len()).map(|i| match used[i] && within(ratio_of(i)) {
+            true => median + mismatch.share_of_gain(model_v[i]) * (ratio_of(i) - median),
+            false => median,
+        });
+        Ok(Self { ratio: ratio.collect(), of })
     }
 
     /// Median of the ratios of measured to modelled voltage.
