@@ -189,6 +189,48 @@ fn taylor_nodes_and_electrodes() {
     assert!(error <= 1e-14 * largest(&one), "{error:e}");
 }
 
+/// A dent `w(r)` lengthens the sheet along its slope by `w'^2 / 2`. Only the part of this strain without a trace changes
+/// the voltages of a sheet, and a displacement in the plane has the same part:
+///
+/// ```text
+/// u(r) = -r / 2 integral from r of w'^2 / s ds      w = h exp(-r^2 / 2 s^2):  u = -r h^2 / (4 s^2) exp(-r^2 / s^2)
+/// ```
+///
+/// So touches may be modelled by displacements in the plane (`eit_skin::touches`).
+#[test]
+fn a_dent_is_a_displacement_in_the_plane() {
+    let disc = Disc::paper(1e3, DrivenElectrodes::Drop);
+    let mesh = disc.mesh(3e-3);
+    let (height, width, centre) = (1e-3, 0.012, [0.045, 0.02]);
+    let from_centre = |node: &[f64; 3]| [node[0] - centre[0], node[1] - centre[1]];
+    let bell = |[x, y]: [f64; 2]| (-(x * x + y * y) / (2.0 * width * width)).exp();
+    let dented: Vec<[f64; 3]> = mesh
+        .surface()
+        .nodes()
+        .iter()
+        .map(|node| [node[0], node[1], height * bell(from_centre(node))])
+        .collect();
+    let pulled = |node: &[f64; 3]| {
+        let way = from_centre(node);
+        let factor = -(height / (2.0 * width) * bell(way)).powi(2);
+        [factor * way[0], factor * way[1], 0.0]
+    };
+    let field: Vec<[f64; 3]> = mesh.surface().nodes().iter().map(pulled).collect();
+    let model = disc.model(&mesh);
+    let sigma = vec![SIGMA_S; mesh.surface().triangles().len()];
+    let mut workspace = model.workspace().unwrap();
+    let mut solution = model.solve(&sigma, &mut workspace).unwrap();
+    let before = solution.measurements();
+    let of_plane = solution.movement_jacobian(&[Displacement::of_field(&field)]).unwrap();
+    let geometry = model.deform(&dented).unwrap();
+    let of_dent = model.solve_deformed(&geometry, &sigma, &mut workspace).unwrap().measurements();
+    let of_dent = of_dent - before;
+    let error = relative(&of_plane.column(0).to_owned(), &of_dent);
+    println!("dent of {height} against its displacement: {error:.2e}");
+    // edges of a quarter of the dent's width resolve its curvature to a few per cent; (h / s)^2 = 7e-3
+    assert!(error < 0.04, "{error:e}");
+}
+
 /// The same on a non-planar skin, bent into a bowl.
 #[test]
 fn taylor_on_a_curved_skin() {

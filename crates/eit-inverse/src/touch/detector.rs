@@ -41,6 +41,7 @@
 //!
 //! One file over 300 lines: the detector is one state, and its steps share most of its fields.
 
+mod dents;
 mod dictionary;
 mod electrodes;
 mod evidence;
@@ -64,6 +65,7 @@ use super::fit::in_space;
 use crate::InverseError;
 use crate::check::{check_length, check_positive};
 use crate::geometry::distance_m;
+use dents::Dents;
 use dictionary::Dictionary;
 use eit_mesh::Surface;
 use electrodes::Electrodes;
@@ -245,6 +247,7 @@ pub struct TouchDetector {
     /// The same with no row lost and no action on electrodes.
     white: Vec<f64>,
     electrodes: Electrodes,
+    dents: Dents,
     touch_v: Vec<f64>,
     memory_v: Vec<f64>,
     /// What touches do to rows through electrodes and contacts, volts.
@@ -324,6 +327,7 @@ impl TouchDetector {
                 acted.iter().map(|&k| kind_of(k)).collect(),
                 settings.max_touches,
             ),
+            dents: Dents::new(&places),
             touch_v: vec![0.0; n],
             memory_v: vec![0.0; n],
             acted_v: vec![0.0; n],
@@ -336,6 +340,32 @@ impl TouchDetector {
             whitening,
             dictionary,
         })
+    }
+
+    /// Positions at which the effect of a dent has to be known, see [`with_dents`](Self::with_dents), metres.
+    pub fn dent_positions_m(&self) -> Vec<[f64; 3]> {
+        self.dents.at.iter().map(|&place| self.places.at[place].position_m).collect()
+    }
+
+    /// Lets each touch pull the skin towards itself, as well as electrodes alone.
+    ///
+    /// `dents_v`: effect of a pull towards each of [`dent_positions_m`](Self::dent_positions_m) on the model's
+    /// voltages, volts per standard deviation, `[measurement, position]`.
+    ///
+    /// # Errors
+    /// Wrong lengths, values of used measurements that are not finite.
+    pub fn with_dents(mut self, dents_v: &ArrayRef2<f64>) -> Result<Self, InverseError> {
+        check_length("rows of the dents", dents_v.nrows(), self.is_missing.len())?;
+        check_length("columns of the dents", dents_v.ncols(), self.dents.at.len())?;
+        check_length("columns of the dents", dents_v.ncols(), self.dents.at.len())?;
+        for &measurement in self.rows.of.iter().flatten() {
+            if let Some(element) = dents_v.row(measurement).iter().position(|v| !v.is_finite()) {
+                let value = dents_v[(measurement, element)];
+                return Err(InverseError::NonFiniteJacobian { measurement, element, value });
+            }
+        }
+        self.dents.set(dents_v, &self.rows, &self.whitening, &self.dictionary);
+        Ok(self)
     }
 
     /// Takes a frame `[measurement]`, volts, recorded `dt_s` seconds after the previous one; its touches
@@ -357,9 +387,9 @@ impl TouchDetector {
         if self.whitening.lose(&self.lost) {
             self.dictionary.update(&self.whitening);
         }
-        self.electrodes.start(&self.before.spots, &self.places);
+        self.electrodes.start(&self.before.spots, &self.places, &self.dents);
         for pass in 0..PASSES {
-            if self.whitening.set_free(&self.electrodes.actions) {
+            if self.whitening.set_free(&self.electrodes.actions, &self.electrodes.dented) {
                 self.dictionary.update_free(&self.whitening);
             } else if pass > 0 {
                 break;
@@ -373,11 +403,12 @@ impl TouchDetector {
                 _ => self.search.go_on(&scene, &self.whitened),
             }
             // what the touches found do to electrodes may explain others away
-            self.electrodes.add(&self.search.best.spots, &self.places);
+            self.electrodes.add(&self.search.best.spots, &self.places, &self.dents);
         }
         if self.search.may_be_left_behind(&scene!(self)) {
             // electrodes and contacts come back from a slide in ways of their own
-            self.whitening.set_free(self.electrodes.with_each_alone());
+            let [actions, dented] = self.electrodes.with_each_alone();
+            self.whitening.set_free(actions, dented);
             self.whitened.copy_from_slice(&self.white);
             self.whitening.project(&mut self.whitened);
             self.memory.prepare(&self.rows, &self.whitening, &self.settings);

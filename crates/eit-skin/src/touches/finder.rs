@@ -2,7 +2,7 @@
 
 use super::background;
 use super::choices::{Choices, FoundSheet};
-use super::model::{Spread, VoltageNoise, electrode_kinds, unknowns};
+use super::model::{Spread, VoltageNoise, dents, electrode_kinds, unknowns};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
@@ -130,6 +130,16 @@ impl TouchFinder {
         let level_s = settings.least_s_m2 / (std::f64::consts::PI * settings.radius_m.powi(2));
         let detector =
             progress.stage("detector of touches", || TouchDetector::new(&model, settings))?;
+        let detector = match kinds.is_empty() || unknowns.ncols() == 1 {
+            true => detector,
+            false => {
+                let movement_m = Spread::in_use(skin).movement_m;
+                let at_m = detector.dent_positions_m();
+                let dents_v = progress
+                    .stage("dents of touches", || dents(skin, background_s, &at_m, movement_m))?;
+                detector.with_dents(&dents_v)?
+            }
+        };
         let local = sheet.as_ref().map_or_else(LocalSheet::default, |sheet| {
             LocalSheet::new(skin.skin.mesh.surface(), &sheet.conductivity_s, &even_s)
         });

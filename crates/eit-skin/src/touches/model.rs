@@ -5,7 +5,7 @@ use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
-use eit_fem::ElementOrder;
+use eit_fem::{Displacement, ElementOrder};
 use eit_inverse::touch::UnknownKind;
 use eit_inverse::{noise_std_of_quiet_frames, smallest_step};
 use ndarray::{Array2, Axis, concatenate};
@@ -99,6 +99,43 @@ pub(super) fn unknowns(
         .insert(0, displacement::jacobian(background_s, &skin.skin, progress)? * spread.movement_m);
     let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
     concatenate(Axis(1), &views).map_err(|e| SkinError::Failure(format!("unknowns: {e}")))
+}
+
+/// Radius of the strongest strain around a touch, metres: between a fingertip's contact and the width of its dent.
+const DENT_M: f64 = 15e-3;
+/// Distance at which a pull moves the skin by [`PULL`] times the displacement of electrodes, metres, if the dent is small.
+const PULL_M: f64 = 30e-3;
+const PULL: f64 = 1.5;
+/// Dents whose strains are held in memory at a time.
+const AT_ONCE: usize = 32;
+
+/// Effect of a touch's pull on the voltages of a sheet, for one standard deviation at each position: `u(r) = K r / (r^2 +
+/// r_0^2)` towards it, `[measurement, position]`, volts.
+pub(super) fn dents(
+    skin: &LinearisedSkin,
+    background_s: &[f64],
+    positions_m: &[[f64; 3]],
+    movement_m: f64,
+) -> Result<Array2<f64>, SkinError> {
+    let mut workspace = skin.skin.model.workspace()?;
+    let mut solution = skin.skin.solve(background_s, &mut workspace)?;
+    let nodes_m = skin.skin.mesh.surface().nodes();
+    let strength_m2 = PULL * movement_m * PULL_M;
+    let dent = |at_m: &[f64; 3]| {
+        let pull = |node_m: &[f64; 3]| {
+            let way: [f64; 3] = std::array::from_fn(|k| at_m[k] - node_m[k]);
+            let squared: f64 = way.iter().map(|w| w * w).sum();
+            way.map(|w| strength_m2 * w / (squared + DENT_M * DENT_M))
+        };
+        Displacement::of_field(&nodes_m.iter().map(pull).collect::<Vec<_>>())
+    };
+    let mut parts = Vec::new();
+    for positions_m in positions_m.chunks(AT_ONCE) {
+        let dents: Vec<Displacement> = positions_m.iter().map(dent).collect();
+        parts.push(solution.movement_jacobian(&dents)?);
+    }
+    let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
+    concatenate(Axis(1), &views).map_err(|e| SkinError::Failure(format!("dents: {e}")))
 }
 
 /// What each column of [`unknowns`] is.

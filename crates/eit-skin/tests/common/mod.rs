@@ -21,28 +21,52 @@ const NODES: usize = 3000;
 /// Pixels of the truth's images, which no test uses.
 const PIXELS: usize = 8;
 
-/// The paper's skin twice: for simulation, and for finding touches.
-struct Bench {
+/// A skin twice: for simulation, and for finding touches.
+pub struct Bench {
     simulated: Skin,
     raster: Raster,
     linearised: Arc<LinearisedSkin>,
 }
 
-static BENCH: LazyLock<Bench> = LazyLock::new(|| {
-    let mut progress = Progress::silent();
-    let scene = Scene::load("paper-disc").unwrap();
-    let mesh = MeshOverride { nodes: Some(NODES), ..Default::default() };
-    let simulated = Skin::set_up(&scene, &mesh, &mut progress).unwrap();
-    let raster = Raster::new(simulated.mesh.surface(), PIXELS).unwrap();
-    // what `eit simulate` writes into its scene
-    let mut skin = Skin::from_scene(scene).unwrap();
-    let quiet = format!("0..{QUIET_FRAMES}");
-    skin.settings.recording.frame_rate_hz = Some(RATE_HZ);
-    skin.settings.noise.quiet_frames = Some(quiet.parse().unwrap());
-    skin.settings.recording.reference = Some(Reference::Text(quiet));
-    let linearised = Arc::new(skin.linearise(&mut progress).unwrap());
-    Bench { simulated, raster, linearised }
-});
+static BENCH: LazyLock<Bench> = LazyLock::new(|| Bench::of("paper-disc"));
+
+impl Bench {
+    /// A built-in scene.
+    pub fn of(name: &str) -> Self {
+        let mut progress = Progress::silent();
+        let scene = Scene::load(name).unwrap();
+        let mesh = MeshOverride { nodes: Some(NODES), ..Default::default() };
+        let simulated = Skin::set_up(&scene, &mesh, &mut progress).unwrap();
+        let raster = Raster::new(simulated.mesh.surface(), PIXELS).unwrap();
+        // what `eit simulate` writes into its scene
+        let mut skin = Skin::from_scene(scene).unwrap();
+        let quiet = format!("0..{QUIET_FRAMES}");
+        skin.settings.recording.frame_rate_hz = Some(RATE_HZ);
+        skin.settings.noise.quiet_frames = Some(quiet.parse().unwrap());
+        skin.settings.recording.reference = Some(Reference::Text(quiet));
+        let linearised = Arc::new(skin.linearise(&mut progress).unwrap());
+        Self { simulated, raster, linearised }
+    }
+
+    /// One thread, because tests run in parallel.
+    pub fn simulate(&self, script: &TouchScript, seed: u64) -> Recording {
+        let how = SimulationSettings { seed, ..Default::default() };
+        let fabric = self.simulated.simulated_fabric().unwrap();
+        let made = fabric.simulate(script, &self.raster, &how, &mut |_| {}).unwrap();
+        Recording { values: made.frames_v, truth: made.truth.touches }
+    }
+
+    /// Frames fitted to the model, with default settings.
+    pub fn fit(&self, recording: &Recording) -> FittedFrames {
+        let frames = self.linearised.skin.frames_of_values(&recording.values).unwrap();
+        self.linearised.fit(frames).unwrap()
+    }
+
+    /// Touches as returned to every user of the library.
+    pub fn touches(&self, recording: &Recording) -> Touches {
+        touches(&self.fit(recording), &mut Progress::silent()).unwrap().unwrap()
+    }
+}
 
 /// Frames of a script with its truth.
 pub struct Recording {
@@ -52,25 +76,19 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// One thread, because tests run in parallel.
+    /// On the paper's skin.
     pub fn simulate(script: &TouchScript, seed: u64) -> Self {
-        let Bench { simulated, raster, .. } = &*BENCH;
-        let how = SimulationSettings { seed, ..Default::default() };
-        let fabric = simulated.simulated_fabric().unwrap();
-        let made = fabric.simulate(script, raster, &how, &mut |_| {}).unwrap();
-        Self { values: made.frames_v, truth: made.truth.touches }
+        BENCH.simulate(script, seed)
     }
 
-    /// Fitted to the model, with default settings.
+    /// Fitted to the paper's skin.
     pub fn fitted(&self) -> FittedFrames {
-        let linearised = &BENCH.linearised;
-        let frames = linearised.skin.frames_of_values(&self.values).unwrap();
-        linearised.fit(frames).unwrap()
+        BENCH.fit(self)
     }
 
-    /// Touches as returned to every user of the library.
+    /// On the paper's skin.
     pub fn touches(&self) -> Touches {
-        touches(&self.fitted(), &mut Progress::silent()).unwrap().unwrap()
+        BENCH.touches(self)
     }
 
     /// Opens an electrode in these frames: no current flows through it and its inputs float, so what it

@@ -62,6 +62,16 @@ impl Drawn {
         self
     }
 
+    /// All fingers press at once, at these places.
+    pub fn press_at(&mut self, places: &[Place], force_n: Range<f64>) -> &mut Self {
+        for (finger, &at) in places.iter().enumerate() {
+            let force_n = self.random.between(force_n.start, force_n.end);
+            self.add(finger, [at, at], force_n, HOLD_S);
+        }
+        self.next_s += 2.0 * RAMP_S + HOLD_S + GAP_S;
+        self
+    }
+
     /// The first finger moves along a chord of 60 mm or more.
     pub fn slide(&mut self, force_n: f64, speed_m_s: f64) -> &mut Self {
         let from = self.place(&[]);

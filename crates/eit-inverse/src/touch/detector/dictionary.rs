@@ -223,6 +223,13 @@ impl Dictionary {
         }
     }
 
+    /// Whitened response at a position and its derivatives, as if no row were lost.
+    pub(super) fn own(&self, place: usize) -> [&[f64]; 3] {
+        let n = self.rows;
+        let slope = |k: usize| &self.slopes[(2 * place + k) * n..(2 * place + k + 1) * n];
+        [&self.values[place * n..(place + 1) * n], slope(0), slope(1)]
+    }
+
     /// Peak of a touch of 1 S m^2 at a position, 1 / m^2.
     pub(super) fn top(&self, place: usize) -> f64 {
         self.tops[place]

@@ -10,6 +10,7 @@
 //! What an electrode does on its own is much less. With that much freedom for each electrode by itself, a finger beyond the outer electrodes
 //! looks as one that has moved; with little freedom and no pull, a finger beside an electrode looks as two.
 
+use super::dents::Dents;
 use super::places::{Places, Spot};
 use crate::geometry::distance_m;
 
@@ -61,7 +62,7 @@ impl UnknownKind {
 }
 
 /// Standard deviation of the pull on electrodes up to [`NEAR_M`] away, in those of their displacement, ...
-const PULL: f64 = 1.5;
+const PULL: f64 = 0.5;
 /// ... and of the drag.
 const DRAG: f64 = 0.5;
 /// Standard deviation of the pressure on a contact under a touch, in those of the contact, ...
@@ -83,8 +84,11 @@ const SAME_M: f64 = 7e-3;
 #[derive(Debug, Clone)]
 pub(super) struct Electrodes {
     kinds: Vec<UnknownKind>,
-    /// Where touches act.
+    /// Where touches act, and the nearest candidate positions.
     at_m: Vec<[f64; 3]>,
+    places: Vec<usize>,
+    /// Whitened effects of the touches' dents, `[touch][row]`.
+    pub(super) dented: Vec<f64>,
     /// Standard deviations of each unknown for one of each action: `[action][unknown]`.
     pub(super) actions: Vec<f64>,
     /// The same, and each unknown by itself.
@@ -100,48 +104,55 @@ impl Electrodes {
             actions: Vec::with_capacity(most * ACTIONS * kinds.len()),
             all: Vec::with_capacity((most * ACTIONS + kinds.len()) * kinds.len()),
             at_m: Vec::with_capacity(most),
+            places: Vec::with_capacity(most),
+            dented: Vec::new(),
             kinds,
         }
     }
 
     /// Starts a frame with the touches of the previous one. A touch that has hardly moved acts from where it did
     /// before, which changes nothing.
-    pub(super) fn start(&mut self, spots: &[Spot], places: &Places) {
+    pub(super) fn start(&mut self, spots: &[Spot], places: &Places, dents: &Dents) {
         let count = self.at_m.len();
         let near = |at_m: [f64; 3], spot: &Spot| distance_m(spot.position_m, at_m) < SAME_M;
         self.at_m.retain(|at_m| spots.iter().any(|spot| near(*at_m, spot)));
         if self.at_m.len() < count {
+            let at_m = &self.at_m;
+            self.places.retain(|place| at_m.contains(&places.at[*place].position_m));
             self.actions.clear();
-            (0..self.at_m.len()).for_each(|k| self.act(self.at_m[k]));
+            self.dented.clear();
+            (0..self.at_m.len()).for_each(|k| self.act(self.at_m[k], self.places[k], dents));
         }
-        self.add(spots, places);
+        self.add(spots, places, dents);
     }
 
     /// Adds touches, each at the nearest of the candidate positions.
-    pub(super) fn add(&mut self, spots: &[Spot], places: &Places) {
+    pub(super) fn add(&mut self, spots: &[Spot], places: &Places, dents: &Dents) {
         for spot in spots {
             let is_there = self.at_m.iter().any(|at_m| distance_m(*at_m, spot.position_m) < SAME_M);
             if !is_there && self.at_m.len() < self.at_m.capacity() {
                 let at_m = places.at[spot.place].position_m;
                 self.at_m.push(at_m);
-                self.act(at_m);
+                self.places.push(spot.place);
+                self.act(at_m, spot.place, dents);
             }
         }
     }
 
     /// Returns the actions, and each unknown by itself with as much more freedom as makes its full standard
     /// deviation.
-    pub(super) fn with_each_alone(&mut self) -> &[f64] {
+    pub(super) fn with_each_alone(&mut self) -> [&[f64]; 2] {
         self.all.clone_from(&self.actions);
         for (k, kind) in self.kinds.iter().enumerate() {
             let more = (1.0 - kind.share_alone().powi(2)).max(0.0).sqrt();
             self.all.extend((0..self.kinds.len()).map(|i| if i == k { more } else { 0.0 }));
         }
-        &self.all
+        [&self.all, &self.dented]
     }
 
     /// Adds the actions of a touch; those without effect are left out.
-    fn act(&mut self, touch_m: [f64; 3]) {
+    fn act(&mut self, touch_m: [f64; 3], place: usize, dents: &Dents) {
+        self.dented.extend_from_slice(dents.of(place));
         for action in 0..ACTIONS {
             let from = self.actions.len();
             self.actions.extend(self.kinds.iter().map(|kind| kind.share(action, touch_m)));

@@ -39,6 +39,8 @@ pub(super) struct Whitening {
     free: Vec<f64>,
     /// ... and their whitened columns without the lost rows.
     free_columns: Vec<f64>,
+    /// Further whitened columns that are free, as if no row were lost: `[column][row]`.
+    further: Vec<f64>,
     /// Unit vectors, one after the other, by which data are mapped in this order: each keeps a part of what
     /// lies along it. Nothing is kept of lost rows, whose directions come first.
     directions: Vec<f64>,
@@ -78,6 +80,7 @@ impl Whitening {
             local_left: Vec::new(),
             free: Vec::new(),
             free_columns: Vec::new(),
+            further: Vec::new(),
             directions: Vec::new(),
             kept: Vec::new(),
             work: vec![0.0; rows],
@@ -239,6 +242,7 @@ impl Whitening {
         self.lost.extend_from_slice(lost);
         self.free.clear();
         self.free_columns.clear();
+        self.further.clear();
         self.directions.clear();
         self.kept.clear();
         for &row in lost {
@@ -273,12 +277,14 @@ impl Whitening {
         true
     }
 
-    /// Sets the combinations of local unknowns that are free, `[combination][unknown]`, each normal with
-    /// variance 1, and returns whether they have changed.
-    pub(super) fn set_free(&mut self, free: &[f64]) -> bool {
-        if self.free == free {
+    /// Sets the combinations of local unknowns that are free, `[combination][unknown]`, and further whitened columns,
+    /// `[column][row]`, each normal with variance 1, and returns whether they have changed.
+    pub(super) fn set_free(&mut self, free: &[f64], further: &[f64]) -> bool {
+        if self.free == free && self.further == further {
             return false;
         }
+        self.further.clear();
+        self.further.extend_from_slice(further);
         self.free.clear();
         self.free.extend_from_slice(free);
         let lost = self.kept.iter().take_while(|kept| **kept == 0.0).count();
@@ -295,17 +301,26 @@ impl Whitening {
                 }
             }
             self.free_columns.extend_from_slice(&column);
-            // whitened by the combinations before
-            self.project(&mut column);
-            let length = norm(&column);
-            if length > FAINT {
-                self.directions.extend(column.iter().map(|c| c / length));
-                self.kept.push((1.0 + length * length).sqrt().recip());
-            }
+            self.free_along(&mut column);
+        }
+        for more in further.chunks_exact(self.rows) {
+            column.copy_from_slice(more);
+            self.free_along(&mut column);
         }
         self.work = column;
         self.expect();
         true
+    }
+
+    /// Frees one more whitened column.
+    fn free_along(&mut self, column: &mut [f64]) {
+        // whitened by those before
+        self.project(column);
+        let length = norm(column);
+        if length > FAINT {
+            self.directions.extend(column.iter().map(|c| c / length));
+            self.kept.push((1.0 + length * length).sqrt().recip());
+        }
     }
 
     /// Updates the expected squared length of noise.
@@ -405,8 +420,8 @@ mod tests {
         let mut whitening =
             Whitening::new(&variances, unknowns.as_ref()).unwrap().with_local(local.as_ref());
         assert!(whitening.lose(&[4]));
-        assert!(whitening.set_free(&shares));
-        assert!(!whitening.set_free(&shares));
+        assert!(whitening.set_free(&shares, &[]));
+        assert!(!whitening.set_free(&shares, &[]));
         let kept: Vec<usize> = (0..n).filter(|i| *i != 4).collect();
         let of_kept = |v: &[f64]| -> Vec<f64> { kept.iter().map(|&i| v[i]).collect() };
         let all = Mat::from_fn(n - 1, 5, |i, k| match k.checked_sub(3) {
@@ -432,7 +447,7 @@ mod tests {
         whitening.project_back(&mut b);
         assert!((dot(&raw, &b) - product).abs() < 1e-11);
         // back at no free unknowns, nothing of them is left
-        assert!(whitening.set_free(&[]));
+        assert!(whitening.set_free(&[], &[]));
         assert_eq!(whitening.kept, [0.0]);
     }
 
@@ -445,7 +460,7 @@ mod tests {
         let (unknowns, local) = (drawn(&mut random, n, 2), drawn(&mut random, n, 2));
         let mut whitening =
             Whitening::new(&variances, unknowns.as_ref()).unwrap().with_local(local.as_ref());
-        assert!(whitening.set_free(&[1.0, 0.0, 0.0, 1.0]));
+        assert!(whitening.set_free(&[1.0, 0.0, 0.0, 1.0], &[]));
         let covariance = |i: usize, j: usize| -> f64 {
             let of = |m: &Mat<f64>| (0..2).map(|k| m[(i, k)] * m[(j, k)]).sum::<f64>();
             of(&unknowns) + of(&local) + if i == j { 0.7 } else { 0.0 }

@@ -1,0 +1,95 @@
+//! How the dent of a touch deforms the skin around it.
+//!
+//! A press pulls the fabric towards itself and stretches it in between. Only the part of the strain without a trace
+//! changes the conductance of a sheet, and that part is the same as of a displacement in the plane, towards the touch,
+//!
+//! ```text
+//! u(r) = K r / (r^2 + r_0^2)
+//! ```
+//!
+//! whose far field is that of plane elasticity. Where the current is uneven, beside snaps and between electrodes, its
+//! effect is a tenth of the touch's own.
+
+use super::dictionary::Dictionary;
+use super::places::Places;
+use super::rows::Rows;
+use super::whitening::{Whitening, dot};
+use crate::geometry::distance_m;
+use ndarray::ArrayRef2;
+
+/// Spacing of the positions in those of the candidate positions: a dent is much wider than a bell.
+const SPARSER: f64 = 2.0;
+
+/// Effect on the rows of a dent at each of some positions.
+#[derive(Debug, Clone)]
+pub(super) struct Dents {
+    rows: usize,
+    /// Candidate position of each position.
+    pub(super) at: Vec<usize>,
+    /// Position that is nearest to each candidate position.
+    nearest: Vec<usize>,
+    /// Whitened, for one standard deviation, as if no row were lost: `[position][row]`; empty before they are known.
+    columns: Vec<f64>,
+}
+
+impl Dents {
+    pub(super) fn new(places: &Places) -> Self {
+        let apart_m = SPARSER * places.spacing_m;
+        let mut at: Vec<usize> = Vec::new();
+        let way = |a: usize, b: usize| distance_m(places.at[a].position_m, places.at[b].position_m);
+        for place in 0..places.len() {
+            if at.iter().all(|&other| way(place, other) >= apart_m) {
+                at.push(place);
+            }
+        }
+        let nearest = (0..places.len()).map(|place| {
+            let ways = at.iter().enumerate().map(|(k, &other)| (k, way(place, other)));
+            ways.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(k, _)| k)
+        });
+        Self { rows: 0, nearest: nearest.collect(), at, columns: Vec::new() }
+    }
+
+    /// Takes the effects of the dents, `[measurement, position]`, volts of the model per standard deviation.
+    pub(super) fn set(
+        &mut self,
+        dents: &ArrayRef2<f64>,
+        rows: &Rows,
+        whitening: &Whitening,
+        dictionary: &Dictionary,
+    ) {
+        let n = rows.of.len();
+        let (mut folded, mut whitened) = (vec![0.0; n], vec![0.0; n]);
+        self.rows = n;
+        self.columns.clear();
+        for (k, &place) in self.at.iter().enumerate() {
+            for (row, folded) in folded.iter_mut().enumerate() {
+                let [i, j] = rows.of[row];
+                *folded = 0.5 * (rows.ratio[i] * dents[(i, k)] + rows.ratio[j] * dents[(j, k)]);
+            }
+            whitening.apply(&folded, &mut whitened);
+            // a strength and a position that are a little off are no dent
+            let mut own = dictionary.own(place).map(<[f64]>::to_vec);
+            for part in 0..own.len() {
+                let (before, rest) = own.split_at_mut(part);
+                let unit = &mut rest[0];
+                before.iter().for_each(|other| remove(unit, other));
+                let length = dot(unit, unit).sqrt().max(f64::MIN_POSITIVE);
+                unit.iter_mut().for_each(|u| *u /= length);
+                remove(&mut whitened, unit);
+            }
+            self.columns.extend_from_slice(&whitened);
+        }
+    }
+
+    /// Effect of a dent at a candidate position; empty if dents are not known.
+    pub(super) fn of(&self, place: usize) -> &[f64] {
+        let from = self.nearest[place] * self.rows;
+        self.columns.get(from..from + self.rows).unwrap_or_default()
+    }
+}
+
+/// Removes what lies along a unit vector.
+fn remove(y: &mut [f64], unit: &[f64]) {
+    let part = dot(unit, y);
+    y.iter_mut().zip(unit).for_each(|(y, u)| *y -= part * u);
+}
