@@ -19,7 +19,7 @@ const SAMPLE: usize = LANES;
 /// long before the objective, but near the noise level it changes by only a tenth for a factor of e in the
 /// weight: a gap of 0.1 in all trials gave weights up to 1.4 times too small.
 const FIRST_GAP: f64 = 1e-1;
-const TRIAL_GAP: f64 = 3e-2;
+const TRIAL_GAP: f64 = 1e-2;
 /// Model of the residual at weights that explain the data, `residual^2 = floor + (scale lambda)^power`. The
 /// power is that of the reference problems (1.29 over a factor of 60), the floor is a first guess: the share of
 /// the noise that images do not fit.
