@@ -11,6 +11,8 @@
 //! where `p` is the part of the error that bounds absorb: the entire error of one sign if the image is
 //! at its bound, otherwise the excess over a multiple of the distance to the bound.
 //!
+//! The caller may change `f` between steps ([`Flow::push`]), which keep their momentum.
+//!
 //! Over 300 lines because the steps on pairs, single rows and time share one layout and are inlined
 //! into one function.
 
