@@ -398,4 +398,30 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn a_change_of_the_dual_never_absorbs_more_than_the_error() {
+        let (_, compression) = graded();
+        let rank = compression.rank();
+        let mut random = Random::new(5);
+        let mut seen = Seen::new(&compression);
+        for masked in [vec![], vec![0], vec![3, 4, 11], (0..11).collect(), (0..12).collect()] {
+            seen.set(&compression, |i| !masked.contains(&i));
+            let mut c: Vec<f64> = (0..rank).map(|_| random.normal()).collect();
+            let mut dual = vec![0.0; rank];
+            for _ in 0..100 {
+                seen.absorb(&c, 1e-12, &mut dual);
+                let mut absorbed = vec![0.0; rank];
+                seen.apply_transposed(&dual, &mut absorbed);
+                let norm = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
+                let (size, before) = (norm(&absorbed), norm(&c));
+                // the largest eigenvalue is at least this ratio; rounding of sums over 12 terms
+                assert!(size <= (1.0 + 1e-14 * 12.0) * before, "{masked:?}: {size} of {before}");
+                if size == 0.0 {
+                    break;
+                }
+                c = absorbed.iter().map(|a| a / size).collect();
+            }
+        }
+    }
 }
