@@ -61,6 +61,9 @@ const SLACK: f64 = 0.2;
 const LEAN: f64 = 0.4;
 /// Steps of the flow for a bound that keeps the data dual.
 const PLAIN_FLOW_STEPS: usize = 100;
+/// Iterations from which every second bound keeps the data dual: on one of 6 000 random problems (a pixel, five frames,
+/// masked channels, data constraints) the others had not reached a gap of 3e-2 after 20 000 iterations.
+const ALTERNATE_FROM: usize = 2000;
 /// Iterations between two checks of the clock.
 const CLOCK: usize = 4;
 /// Largest force of changes in time, relative to that of differences in space, from which on the duals in
@@ -103,7 +106,7 @@ pub(crate) struct Run<'a, T> {
     boost: f64,
     /// Whether a bound was computed from an iterate.
     proved: bool,
-    /// Whether the next bound keeps the data dual: changes after each bound that was no better than the best.
+    /// Whether the next bound keeps the data dual: changes after a bound no better than the best, and in long runs.
     is_plain: bool,
     next_map: usize,
     smoothing: f64,
@@ -432,7 +435,7 @@ impl<'a, T: Float> Run<'a, T> {
         let old = progress.best.lower_bound;
         progress.best.lower_bound = old.max(bound);
         let raised = progress.best.lower_bound - old;
-        if raised <= 0.0 {
+        if raised <= 0.0 || self.done >= ALTERNATE_FROM {
             self.is_plain = !self.is_plain;
         }
         std::mem::replace(&mut self.proved, true).then_some(raised)
