@@ -14,8 +14,24 @@
 //! ```
 //!
 //! The duals of an iterate satisfy the ball constraints, but the equation only approximately. A search
-//! from these duals, with `y` fixed, reduces the error `e` (see [`super::flow`]). The remainder is
-//! removed exactly by the smallest flow `D z` with `D' D z = e`, after `y` and `q_t` have absorbed the
+//! from these duals reduces the error `e`: a few steps on the flows with `y` fixed (see [`super::flow`]), then a
+//! change of `y` that absorbs a part of what is left, in turn. Flows alone are not enough: where `A' y` exceeds
+//! what the balls of an unknown allow, at the edge of an electrode or over a whole region, only `y` can help.
+//!
+//! ```text
+//! y -= factor D A e,     D = 1 / (S^2 + STIFF) without masked channels     (see Seen::absorb)
+//! ```
+//!
+//! In the first rounds the flows make `e - lean x` small instead of `e`. For duals that satisfy the equation,
+//!
+//! ```text
+//! objective(x) - bound = sum_g (radius |D x|_g - q_g . (D x)_g) + the same in time + |y - (A x - b)|^2 / 2
+//! ```
+//!
+//! so the flows should be aligned with the gradients of the image `x`, and this is a step of the proximal method of
+//! multipliers, which does that.
+//!
+//! The remainder is removed exactly by the smallest flow `D z` with `D' D z = e`, after `y` and `q_t` have absorbed the
 //! sum of `e` over each connected part of the skin. If `q - D z` then leaves a ball, all of `(y, q,
 //! q_t, p)` are scaled down, which preserves the equation; the best scale has a closed form. The bound
 //! therefore does not depend on the iteration, its step sizes or `f32`: it is valid for any input, up
@@ -24,6 +40,7 @@
 use super::fit::DataSteps;
 use super::float::Float;
 use super::flow::{Boxes, Flow};
+use super::kernel::RANKS;
 use super::operators::{BLOCK, Operators};
 use super::passes::{Analyse, Error, Excess, Subtract, Variation};
 use super::problem::{DataTerm, Parts, Problem};
@@ -44,9 +61,38 @@ pub(crate) struct Iterate<'a, T> {
 /// Settings of the search for a flow.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Effort {
+    /// Number of changes of `y`.
+    pub(crate) rounds: usize,
+    /// Steps of the flow before each; all steps without a change.
     pub(crate) steps: usize,
+    /// Relative size of the force towards which the error is moved in the first rounds.
+    pub(crate) lean: f64,
     /// Relative enlargement of the balls during the search; the result is scaled down to fit.
     pub(crate) slack: f64,
+}
+
+impl Effort {
+    /// Returns a search for a flow alone, without changes of `y`.
+    pub(crate) fn plain(steps: usize, target_gap: f64) -> Self {
+        Self { rounds: 0, steps, lean: 0.0, slack: 0.5 * target_gap }
+    }
+}
+
+/// Factor on all changes of `y` but the last. With 1.8 and changes after every step the search diverges; 1.3 and 1.7
+/// take as many iterations to 1e-3.
+const OVER: f64 = 1.5;
+/// Squared singular value, relative to the largest, below which `y` hardly changes. 1e-7 takes as many iterations to
+/// 1e-3 and a tenth more to 1e-2, 1e-5 up to a twentieth more to 1e-3.
+const STIFF: f64 = 1e-6;
+
+/// Returns the number of ranks in which `y` can absorb a part of the error.
+fn absorbing(problem: &Problem<'_>) -> usize {
+    let padded = problem.ops.padded_rank;
+    if !problem.mode_of.iter().all(|&mode| problem.modes[mode].is_whole) {
+        return padded;
+    }
+    let able = problem.singular.iter().take_while(|&s| s * s > 0.1 * STIFF).count();
+    able.next_multiple_of(RANKS).min(padded)
 }
 
 /// Memory for an evaluation.
@@ -61,15 +107,18 @@ pub(crate) struct Evaluation {
     error: Vec<f64>,
     work: Vec<f64>,
     coefficients: Vec<f64>,
+    /// Coefficients before a change.
+    before: Vec<f64>,
     /// Dual variable of the data in each frame's mode, `[frame][rank]`.
     pub(crate) data_dual: Vec<f64>,
     /// `|A x_t - b_t|` of each frame.
     pub(crate) residual: Vec<f64>,
     columns: [Vec<f64>; 2],
     sums: Vec<f64>,
-    /// Linear system that balances the parts, `[part][part + 1]`, and its rows, `[part][rank]`.
+    /// Linear system that balances the parts, `[part][part + 1]`.
     gram: Vec<f64>,
-    forces: Vec<f64>,
+    /// `A 1` of each part, `[frame][part][rank]`.
+    ones: Vec<f64>,
     /// Sums of the error and of the bound duals, `[part]`.
     shares: Vec<[f64; 2]>,
     /// Whether a frame is linked to the next one, `[frame]`.
@@ -89,12 +138,13 @@ impl Evaluation {
             error: vec![0.0; values],
             work: vec![0.0; values],
             coefficients: vec![0.0; ops.padded_rank * stride],
+            before: vec![0.0; ops.padded_rank * stride],
             data_dual: vec![0.0; frames * ops.rank],
             residual: vec![0.0; frames],
             columns: std::array::from_fn(|_| vec![0.0; ops.rank]),
             sums: vec![0.0; frames * parts.sizes.len()],
             gram: vec![0.0; parts.sizes.len() * (parts.sizes.len() + 1)],
-            forces: vec![0.0; parts.sizes.len() * ops.rank],
+            ones: vec![0.0; frames * parts.sizes.len() * ops.rank],
             shares: vec![[0.0; 2]; parts.sizes.len()],
             linked: vec![false; frames],
         }
@@ -155,8 +205,8 @@ impl Evaluation {
         linked.for_each(|(frame, linked)| *linked = state.is_linked(frame));
     }
 
-    /// Computes a lower bound on the optimum from the state's duals, its data dual and a flow search
-    /// that starts from them.
+    /// Computes a lower bound on the optimum from the state's duals, its data dual and a search that starts
+    /// from them.
     pub(crate) fn lower_bound<T: Float>(
         &mut self,
         arch: Arch,
@@ -167,31 +217,76 @@ impl Evaluation {
     ) -> f64 {
         let Iterate { ops, state, data } = iterate;
         self.take_links(state);
+        self.take_ones(problem, state.frames);
         for (frame, own) in self.data_dual.chunks_exact_mut(problem.ops.rank).enumerate() {
             data.dual(frame, state.stride, own);
         }
-        if problem.bounds.is_none() {
-            self.time_dual.fill(0.0);
-            self.balance_by_data_twice(problem, state.frames);
-        }
+        self.balance_alone(problem, state.frames);
         self.set_force(problem, state.frames);
         for (to, from) in flow.coefficients.iter_mut().zip(&self.coefficients) {
             *to = T::from_f64(*from);
         }
         let size = self.image.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
         let larger = 1.0 + effort.slack;
+        let per_size = |force: f64| if size > 0.0 { force / size } else { 1.0 };
         let how = Boxes {
             steps: effort.steps,
+            ranks: absorbing(problem),
+            lean: 0.0,
             lambda_space: larger * problem.lambda_space.min(LARGEST_WEIGHT),
             lambda_time: larger * problem.lambda_time.min(LARGEST_WEIGHT),
             bounds: problem.bounds,
-            per_image: if size > 0.0 { problem.lambda_space / size } else { 1.0 },
+            per_image: per_size(problem.lambda_space),
         };
-        flow.seek(arch, ops, state, &self.image, how);
+        let radius =
+            problem.ops.radius.iter().sum::<f64>() / problem.ops.radius.len().max(1) as f64;
+        let lean = effort.lean * per_size(how.lambda_space * radius);
+        flow.start(arch, ops, state, &self.image, how);
+        if effort.rounds == 0 {
+            flow.advance(arch, ops, Boxes { ranks: 0, ..how });
+        }
+        for round in 0..effort.rounds {
+            let last = round + 1 == effort.rounds;
+            let leans = round < effort.rounds * 3 / 4;
+            flow.advance(arch, ops, Boxes { lean: if leans { lean } else { 0.0 }, ..how });
+            self.absorb(problem, state.frames, flow, if last { 1.0 } else { OVER });
+            flow.push(arch, ops, how.ranks);
+        }
+        if how.bounds.is_some() {
+            flow.finish(arch, ops, how);
+        }
         self.take_flow(problem, flow, how);
         self.balance_parts(problem, state.frames);
         self.repair(arch, problem, state.frames);
         self.scaled_value(arch, problem, state.frames)
+    }
+
+    /// Changes `y` such that its force balances a part of the error of a flow, whose coefficients are replaced by
+    /// the change of the force.
+    fn absorb<T: Float>(
+        &mut self,
+        problem: &Problem<'_>,
+        frames: usize,
+        flow: &mut Flow<T>,
+        factor: f64,
+    ) {
+        let (rank, stride) = (problem.ops.rank, self.stride);
+        self.before.copy_from_slice(&self.coefficients);
+        for frame in 0..frames {
+            let [column, rotated] = &mut self.columns;
+            for (k, c) in column.iter_mut().enumerate() {
+                *c = factor * flow.coefficients[k * stride + frame].to_f64();
+            }
+            problem.modes[problem.mode_of[frame]].absorb(column, STIFF, rotated);
+            let own = self.data_dual[frame * rank..][..rank].iter_mut();
+            own.zip(&*rotated).for_each(|(y, change)| *y -= change);
+        }
+        self.balance_alone(problem, frames);
+        self.set_force(problem, frames);
+        let changes = self.coefficients.iter().zip(&self.before);
+        for (c, (after, before)) in flow.coefficients.iter_mut().zip(changes) {
+            *c = T::from_f64(after - before);
+        }
     }
 
     /// Computes a lower bound from the data duals in `data_dual` alone, for a constant image.
@@ -202,6 +297,7 @@ impl Evaluation {
         state: &State<T>,
     ) -> f64 {
         self.take_links(state);
+        self.take_ones(problem, state.frames);
         self.dual.fill(0.0);
         self.time_dual.fill(0.0);
         self.bound_dual.fill(0.0);
@@ -296,6 +392,20 @@ impl Evaluation {
         }
     }
 
+    /// Balances the force of `y` alone over linked frames; not with bounds, which may carry a part of it.
+    fn balance_alone(&mut self, problem: &Problem<'_>, frames: usize) {
+        if problem.bounds.is_some() {
+            return;
+        }
+        self.data_sums(problem, frames);
+        let mut first = 0;
+        while first < frames {
+            let range = self.run_from(first, frames);
+            first = range.end;
+            self.balance_by_data(problem, range);
+        }
+    }
+
     /// Balances the error sum of each part over linked frames by changing `y`.
     fn balance_by_data_twice(&mut self, problem: &Problem<'_>, frames: usize) {
         self.part_sums(problem, frames);
@@ -346,50 +456,54 @@ impl Evaluation {
     fn balance_by_data(&mut self, problem: &Problem<'_>, range: std::ops::Range<usize>) {
         let parts = problem.parts.sizes.len();
         let rank = problem.ops.rank;
-        let mut gram = std::mem::take(&mut self.gram);
-        let mut forces = std::mem::take(&mut self.forces);
+        let Self { gram, ones, data_dual, sums, .. } = self;
         gram.fill(0.0);
-        let fill = |forces: &mut [f64], frame: usize| {
-            let mode = &problem.modes[problem.mode_of[frame]];
-            let rows = forces.chunks_exact_mut(rank).zip(&problem.parts.sensitivity);
-            rows.for_each(|(row, sensitivity)| mode.apply(sensitivity, row));
-        };
         for frame in range.clone() {
-            fill(&mut forces, frame);
-            for (p, (row, force)) in
-                gram.chunks_exact_mut(parts + 1).zip(forces.chunks_exact(rank)).enumerate()
-            {
-                row[parts] += self.sums[frame * parts + p];
-                for (entry, other) in row.iter_mut().zip(forces.chunks_exact(rank)) {
+            let own = &ones[frame * parts * rank..][..parts * rank];
+            let rows = gram.chunks_exact_mut(parts + 1).zip(own.chunks_exact(rank));
+            for (p, (row, force)) in rows.enumerate() {
+                row[parts] += sums[frame * parts + p];
+                for (entry, other) in row.iter_mut().zip(own.chunks_exact(rank)) {
                     *entry += force.iter().zip(other).map(|(a, b)| a * b).sum::<f64>();
                 }
             }
         }
-        solve_semidefinite(&mut gram, parts);
+        solve_semidefinite(gram, parts);
         for frame in range {
-            fill(&mut forces, frame);
-            let own = &mut self.data_dual[frame * rank..][..rank];
-            for (force, theta) in forces.chunks_exact(rank).zip(gram.chunks_exact(parts + 1)) {
+            let forces = ones[frame * parts * rank..][..parts * rank].chunks_exact(rank);
+            let own = &mut data_dual[frame * rank..][..rank];
+            for (force, theta) in forces.zip(gram.chunks_exact(parts + 1)) {
                 own.iter_mut().zip(force).for_each(|(y, a)| *y -= theta[parts] * a);
             }
         }
-        (self.gram, self.forces) = (gram, forces);
+    }
+
+    /// Sums the force of `y` over each part, `[frame][part]`.
+    fn data_sums(&mut self, problem: &Problem<'_>, frames: usize) {
+        let (parts, rank) = (problem.parts.sizes.len(), problem.ops.rank);
+        self.sums.fill(0.0);
+        let rows = self.ones.chunks_exact(parts * rank).zip(self.data_dual.chunks_exact(rank));
+        for (sums, (ones, own)) in self.sums.chunks_exact_mut(parts).zip(rows).take(frames) {
+            for (sum, row) in sums.iter_mut().zip(ones.chunks_exact(rank)) {
+                *sum = row.iter().zip(own).map(|(u, y)| u * y).sum();
+            }
+        }
+    }
+
+    /// Computes the measurements of an image of 1 on each part.
+    fn take_ones(&mut self, problem: &Problem<'_>, frames: usize) {
+        let (parts, rank) = (problem.parts.sizes.len(), problem.ops.rank);
+        for (frame, own) in self.ones.chunks_exact_mut(parts * rank).enumerate().take(frames) {
+            let mode = &problem.modes[problem.mode_of[frame]];
+            let rows = own.chunks_exact_mut(rank).zip(&problem.parts.sensitivity);
+            rows.for_each(|(row, sensitivity)| mode.apply(sensitivity, row));
+        }
     }
 
     /// Sums the error over each part, `[frame][part]`; `D' q` sums to zero on each.
     fn part_sums(&mut self, problem: &Problem<'_>, frames: usize) {
-        let (parts, stride, rank) = (problem.parts.sizes.len(), self.stride, problem.ops.rank);
-        self.sums.fill(0.0);
-        for frame in 0..frames {
-            let mode = &problem.modes[problem.mode_of[frame]];
-            for part in 0..parts {
-                let rotated = &mut self.columns[0];
-                mode.apply(&problem.parts.sensitivity[part], rotated);
-                let own = &self.data_dual[frame * rank..][..rank];
-                let terms = rotated.iter().zip(own);
-                self.sums[frame * parts + part] = terms.map(|(u, y)| u * y).sum();
-            }
-        }
+        self.data_sums(problem, frames);
+        let (parts, stride) = (problem.parts.sizes.len(), self.stride);
         for (p, &label) in problem.parts.label.iter().enumerate() {
             let row = p * stride;
             for frame in 0..frames {

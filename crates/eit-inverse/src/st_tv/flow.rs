@@ -11,11 +11,13 @@
 //! where `p` is the part of the error that bounds absorb: the entire error of one sign if the image is
 //! at its bound, otherwise the excess over a multiple of the distance to the bound.
 //!
+//! The caller may change `f` between steps ([`Flow::push`]), which keep their momentum.
+//!
 //! Over 300 lines because the steps on pairs, single rows and time share one layout and are inlined
 //! into one function.
 
 use super::float::Float;
-use super::kernel::{LANES, PANEL, add_blocks, add_row, lanes, row, row_mut, synthesise};
+use super::kernel::{LANES, PANEL, add_blocks, add_row, analyse, lanes, row, row_mut, synthesise};
 use super::operators::{BLOCK, Operators};
 use super::state::{PAD, State};
 use super::sweep::differences;
@@ -25,7 +27,7 @@ use pulp::{Arch, Simd, WithSimd};
 #[derive(Debug, Clone)]
 pub(crate) struct Flow<T> {
     stride: usize,
-    /// `V F y`.
+    /// Coefficients of the force, of its change, or of the error.
     pub(crate) coefficients: Vec<T>,
     force: Vec<T>,
     /// `e`, followed by [`PAD`] values.
@@ -36,14 +38,20 @@ pub(crate) struct Flow<T> {
     pub(crate) time_dual: Vec<T>,
     time_ahead: Vec<T>,
     links: Vec<T>,
-    /// The current image; empty without bounds.
+    /// The current image.
     image: Vec<T>,
+    /// Number from which the next extrapolation is computed.
+    momentum: f64,
 }
 
 /// Radii, bounds and number of steps.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Boxes {
     pub(crate) steps: usize,
+    /// Number of ranks of the error that are computed; 0 for none.
+    pub(crate) ranks: usize,
+    /// Force per image towards which the error is moved, see [`super::certificate`].
+    pub(crate) lean: f64,
     pub(crate) lambda_space: f64,
     pub(crate) lambda_time: f64,
     pub(crate) bounds: Option<[f64; 2]>,
@@ -75,12 +83,14 @@ impl<T: Float> Flow<T> {
             time_dual: zeros(state.time_dual.len()),
             time_ahead: zeros(state.time_dual.len()),
             links: zeros(state.stride),
-            image: zeros(state.bound_dual.len()),
+            image: zeros(values),
+            momentum: 1.0,
         }
     }
 
-    /// Searches from the duals of an iterate; `image` is clipped to the bounds.
-    pub(crate) fn seek(
+    /// Starts from the duals of an iterate and the force `V F y` of `coefficients`; `image` is clipped to the
+    /// bounds.
+    pub(crate) fn start(
         &mut self,
         arch: Arch,
         ops: &Operators<T>,
@@ -92,7 +102,54 @@ impl<T: Float> Flow<T> {
         self.links.copy_from_slice(&state.links);
         self.dual.copy_from_slice(&state.dual);
         self.time_dual.copy_from_slice(&state.time_dual);
+        self.momentum = 1.0;
+        self.force.fill(T::default());
+        arch.dispatch(Push { flow: self, ops, ranks: ops.padded_rank });
+        arch.dispatch(Begin(Seek { flow: self, ops, how }));
+    }
+
+    /// Takes the steps of `how` and computes the coefficients `V' e` of the error that bounds do not absorb.
+    pub(crate) fn advance(&mut self, arch: Arch, ops: &Operators<T>, how: Boxes) {
         arch.dispatch(Seek { flow: self, ops, how });
+    }
+
+    /// Adds `V c` to the force, with the first `ranks` of `coefficients`.
+    pub(crate) fn push(&mut self, arch: Arch, ops: &Operators<T>, ranks: usize) {
+        arch.dispatch(Push { flow: self, ops, ranks });
+    }
+
+    /// Computes the error of the duals, without extrapolation.
+    pub(crate) fn finish(&mut self, arch: Arch, ops: &Operators<T>, how: Boxes) {
+        self.swap_ahead();
+        arch.dispatch(Finish(Seek { flow: self, ops, how }));
+        self.swap_ahead();
+    }
+
+    fn swap_ahead(&mut self) {
+        std::mem::swap(&mut self.ahead, &mut self.dual);
+        std::mem::swap(&mut self.time_ahead, &mut self.time_dual);
+    }
+}
+
+/// Adds the force of the coefficients.
+struct Push<'a, T> {
+    flow: &'a mut Flow<T>,
+    ops: &'a Operators<T>,
+    ranks: usize,
+}
+
+impl<T: Float> WithSimd for Push<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { flow, ops, ranks } = self;
+        let (stride, rank) = (flow.stride, ops.padded_rank);
+        for block in 0..ops.ready.len() {
+            let own = &mut flow.force[block * BLOCK * stride..][..BLOCK * stride];
+            let basis = &ops.basis[block * BLOCK / PANEL * rank..][..BLOCK / PANEL * rank];
+            synthesise(simd, basis, rank, 0..ranks, &flow.coefficients, stride, own);
+        }
     }
 }
 
@@ -107,39 +164,49 @@ impl<T: Float> WithSimd for Seek<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        self.begin(simd);
-        let mut t = 1.0_f64;
         for _ in 0..self.how.steps {
+            let t = self.flow.momentum;
             let next = 0.5 * (1.0 + (1.0 + 4.0 * t * t).sqrt());
             self.step(T::from_f64((t - 1.0) / next));
-            t = next;
+            self.flow.momentum = next;
         }
-        let flow = &mut *self.flow;
-        std::mem::swap(&mut flow.ahead, &mut flow.dual);
-        std::mem::swap(&mut flow.time_ahead, &mut flow.time_dual);
-        // the error of the last duals, not of the extrapolated ones
-        for block in 0..self.ops.ready.len() {
-            self.pull(block, false);
+        if self.how.ranks > 0 {
+            self.analyse_error(simd);
         }
-        let flow = &mut *self.flow;
-        std::mem::swap(&mut flow.ahead, &mut flow.dual);
-        std::mem::swap(&mut flow.time_ahead, &mut flow.time_dual);
+    }
+}
+
+/// Projects the first duals onto their balls.
+struct Begin<'a, T>(Seek<'a, T>);
+
+impl<T: Float> WithSimd for Begin<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) {
+        self.0.begin();
+    }
+}
+
+/// Computes the error of the last duals.
+struct Finish<'a, T>(Seek<'a, T>);
+
+impl<T: Float> WithSimd for Finish<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) {
+        for block in 0..self.0.ops.ready.len() {
+            self.0.pull(block, false, T::default());
+        }
     }
 }
 
 impl<T: Float> Seek<'_, T> {
-    /// Computes the force and projects the duals onto their balls.
     #[inline(always)]
-    fn begin<S: Simd>(&mut self, simd: S) {
+    fn begin(&mut self) {
         let Self { flow, ops, how } = self;
         let stride = flow.stride;
-        let rank = ops.padded_rank;
-        flow.force.fill(T::default());
-        for block in 0..ops.ready.len() {
-            let own = &mut flow.force[block * BLOCK * stride..][..BLOCK * stride];
-            let basis = &ops.basis[block * BLOCK / PANEL * rank..][..BLOCK / PANEL * rank];
-            synthesise(simd, basis, rank, 0..rank, &flow.coefficients, stride, own);
-        }
         let space = T::from_f64(how.lambda_space);
         for (index, rows) in flow.dual.chunks_exact_mut(ops.components * stride).enumerate() {
             let radius = space * ops.radius[index];
@@ -160,11 +227,28 @@ impl<T: Float> Seek<'_, T> {
         flow.time_ahead.copy_from_slice(&flow.time_dual);
     }
 
+    /// Computes `V' e` of the extrapolated duals.
+    #[inline(always)]
+    fn analyse_error<S: Simd>(&mut self, simd: S) {
+        let (stride, ops) = (self.flow.stride, self.ops);
+        let rank = ops.padded_rank;
+        self.flow.coefficients.fill(T::default());
+        for block in 0..ops.ready.len() {
+            self.pull(block, true, T::default());
+            let flow = &mut *self.flow;
+            let own = &flow.error[block * BLOCK * stride..][..BLOCK * stride];
+            let basis = &ops.basis[block * BLOCK / PANEL * rank..][..BLOCK / PANEL * rank];
+            let ranks = 0..self.how.ranks;
+            analyse(simd, basis, rank, ranks, own, stride, &mut flow.coefficients);
+        }
+    }
+
     #[inline(always)]
     fn step(&mut self, momentum: T) {
         let (mut groups, ops) = (0, self.ops);
+        let lean = T::from_f64(self.how.lean);
         for (block, ready) in ops.ready.iter().enumerate() {
-            self.pull(block, true);
+            self.pull(block, true, lean);
             for group in groups..ready.groups {
                 if ops.components == 2 {
                     self.pair(group, momentum);
@@ -181,18 +265,18 @@ impl<T: Float> Seek<'_, T> {
         }
     }
 
-    /// Computes the error of the extrapolated duals on a block; with `soft`, the part that bounds do not
-    /// absorb.
+    /// Computes the error of the extrapolated duals on a block, less `lean` times the image; with `soft`, the
+    /// part that bounds do not absorb.
     #[inline(always)]
-    fn pull(&mut self, block: usize, soft: bool) {
+    fn pull(&mut self, block: usize, soft: bool, lean: T) {
         let stride = self.flow.stride;
         for p in block * BLOCK..((block + 1) * BLOCK).min(self.ops.unknowns) {
             let mut offset = 0;
             while offset < stride {
                 offset += match stride - offset {
-                    24.. => self.pull_blocks::<3>(p, offset, soft),
-                    16.. => self.pull_blocks::<2>(p, offset, soft),
-                    _ => self.pull_blocks::<1>(p, offset, soft),
+                    24.. => self.pull_blocks::<3>(p, offset, soft, lean),
+                    16.. => self.pull_blocks::<2>(p, offset, soft, lean),
+                    _ => self.pull_blocks::<1>(p, offset, soft, lean),
                 };
             }
         }
@@ -201,7 +285,13 @@ impl<T: Float> Seek<'_, T> {
     /// [`Seek::pull`] of an unknown on `B` blocks of frames, which stay in registers; returns their number of
     /// frames.
     #[inline(always)]
-    fn pull_blocks<const B: usize>(&mut self, unknown: usize, offset: usize, soft: bool) -> usize {
+    fn pull_blocks<const B: usize>(
+        &mut self,
+        unknown: usize,
+        offset: usize,
+        soft: bool,
+        lean: T,
+    ) -> usize {
         let Self { flow, ops, how } = self;
         let (at, one) = (unknown * flow.stride + offset, T::from_f64(1.0));
         let mut sums = [[T::default(); LANES]; B];
@@ -223,6 +313,9 @@ impl<T: Float> Seek<'_, T> {
                     e[l].min(most).max(least)
                 });
             }
+        }
+        if lean > T::default() {
+            add_blocks(T::default() - lean, &flow.image, at, &mut sums);
         }
         row_mut(&mut flow.error, at, B * LANES).copy_from_slice(&sums);
         B * LANES

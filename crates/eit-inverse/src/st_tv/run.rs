@@ -22,15 +22,9 @@ const MEASURE_AT: [usize; 2] = [8, 16];
 /// Iterations at which a step map is computed, and the factor between later ones.
 const MAP_AT: [usize; 3] = [24, 64, 150];
 const MAP_GROWTH: f64 = 2.0;
-/// Steps of the map relative to balanced ones. Small steps make the image converge; larger ones, from
-/// the last of [`MAP_AT`] on, make the lower bound converge. A factor of two either way costs a fifth of
-/// the iterations, for both.
-const IMAGE_SHARE: f64 = 0.15;
-const PROOF_SHARE: f64 = 0.55;
-/// Smallest target gap for which the larger steps pay. Below it, the image takes longer than the bound:
-/// the reference problems need 2 207 and 2 687 iterations to 1e-4 with the larger steps, 666 and 1 305
-/// without.
-const PROOF_GAP: f64 = 3e-4;
+/// Steps of the map relative to balanced ones. Smaller ones favour the image, larger ones the bound; a factor of
+/// 1.7 either way costs a tenth of the iterations.
+const SHARE: f64 = 0.2;
 /// Number of iterations after which the least step of the map grows in proportion to the iterations:
 /// errors where the image is flat are the last to vanish, and small steps keep them.
 const FLAT_FROM: f64 = 300.0;
@@ -38,31 +32,44 @@ const FLAT_FROM: f64 = 300.0;
 /// iterations after which it decreases, so that it vanishes if the gap takes long to reach.
 const SMOOTHING: f64 = 0.04;
 const SMOOTH: f64 = 400.0;
-/// Iterations before the first evaluation, and growth of the interval between evaluations; an evaluation
-/// costs as much as a few iterations.
+/// Iterations before the first evaluation, and largest growth of the iterations from one to the next; an
+/// evaluation costs as much as three iterations.
 const FIRST_LOOK: usize = 32;
-const GROWTH: f64 = 1.5;
-/// A bound is computed when the relative decrease of the objective between evaluations is below this
-/// multiple of the target gap.
-const NEAR: f64 = 1.5;
+const GROWTH: f64 = 1.35;
+/// Expected gap, relative to the decrease of the objective while the iterations grow by a factor of e, both
+/// relative to the objective. On the reference problems it is 0.3 to 0.5 before 1e-2, 1e-3 and 1e-4.
+const REMAINS: f64 = 0.4;
+/// A bound is computed when the expected gap is below this multiple of the target gap; a bound costs as much as
+/// some 25 iterations, and one that is too early is lost.
+const NEAR: f64 = 0.9;
 /// Iterations after which a bound is computed at every evaluation.
 const PROVE_FROM: usize = 300;
 /// Assumed decay of the gap: at least this power of the iterations. The next evaluation is scheduled
 /// where the target gap would be reached.
 const POWER: f64 = 3.0;
-/// Smallest growth from one evaluation to the next, and smallest number of iterations between them: a
-/// bound costs as much as some 15 iterations.
+/// Smallest growth from one evaluation to the next, and smallest number of iterations between them.
 const LEAST_GROWTH: f64 = 1.06;
 const LEAST_BETWEEN: usize = 16;
-/// Steps of the flow search for a bound. With half as many the reference problem of 64 x 64 takes a
-/// quarter more iterations to a gap of 1e-3.
-const FLOW_STEPS: usize = 100;
+/// Effort of a bound: changes of the data dual, steps of the flow before each (more with exact steps in time, where
+/// forces travel over all frames: 100 times the weight in time to 1e-2 takes 209 iterations with 5 and 191 with 7),
+/// slack of the balls, and force towards the image, both relative to the target gap. Half or twice the slack or the
+/// force cost at most a fiftieth of the iterations to 1e-3; 20 rounds save as little.
+const ROUNDS: usize = 12;
+const FLOW_STEPS: usize = 5;
+const CHAIN_FLOW_STEPS: usize = 7;
+const SLACK: f64 = 0.2;
+const LEAN: f64 = 0.4;
+/// Steps of the flow for a bound that keeps the data dual.
+const PLAIN_FLOW_STEPS: usize = 100;
+/// Iterations from which every second bound keeps the data dual: on one of 6 000 random problems (a pixel, five frames,
+/// masked channels, data constraints) the others had not reached a gap of 3e-2 after 20 000 iterations.
+const ALTERNATE_FROM: usize = 2000;
 /// Iterations between two checks of the clock.
 const CLOCK: usize = 4;
 /// Largest force of changes in time, relative to that of differences in space, from which on the duals in
 /// time take exact steps (see [`super::chain`]). These need 2 to 4 times fewer iterations (reference problem
-/// of 32 x 32 to 1e-3: 259 and 674 with 10 times the weight in time, 329 and 1 161 with 30, 398 and 1 497 with
-/// 100), which cost up to twice as much; with equal weights they save a twentieth.
+/// of 32 x 32 to 1e-3, with the bounds of then: 259 and 674 with 10 times the weight in time, 329 and 1 161 with
+/// 30, 398 and 1 497 with 100), which cost up to twice as much; with equal weights they save a twentieth.
 const EXACT_FROM: f64 = 8.0;
 /// Largest number of ranks for which they always do: with data of a few channels most pixels follow each
 /// other in time (one row of the reference problem of 32 x 32 to 1e-2: 436 iterations instead of 4 388).
@@ -78,6 +85,11 @@ fn in_time<T: Float>(task: &Task<'_>, ops: &Operators<T>) -> f64 {
     task.lambda_time * mean(&ops.time_radius) / space.max(f64::MIN_POSITIVE)
 }
 
+/// Returns the factor on the iterations after which the gap would be smaller by `factor`.
+fn growth_for(factor: f64) -> f64 {
+    factor.powf(1.0 / POWER).clamp(LEAST_GROWTH, GROWTH)
+}
+
 /// State of a solve.
 pub(crate) struct Run<'a, T> {
     task: &'a Task<'a>,
@@ -90,9 +102,12 @@ pub(crate) struct Run<'a, T> {
     columns: [Vec<f64>; 2],
     /// Whether a step map is in use instead of a uniform step.
     mapped: bool,
-    /// Factor on the scheduled steps, and the current share of the schedule.
+    /// Factor on the steps of the map.
     boost: f64,
-    share: f64,
+    /// Whether a bound was computed from an iterate.
+    proved: bool,
+    /// Whether the next bound keeps the data dual: changes after a bound no better than the best, and in long runs.
+    is_plain: bool,
     next_map: usize,
     smoothing: f64,
     /// Whether the last image that was evaluated met all constraints.
@@ -190,7 +205,8 @@ impl<'a, T: Float> Run<'a, T> {
             columns: [vec![0.0; rank], vec![0.0; rank]],
             mapped: false,
             boost: 1.0,
-            share: IMAGE_SHARE,
+            proved: false,
+            is_plain: false,
             next_map: MAP_AT[0],
             smoothing: 0.0,
             is_feasible: true,
@@ -207,8 +223,9 @@ impl<'a, T: Float> Run<'a, T> {
         let state = self.state.converted(ops);
         let goal = (self.progress, self.target_gap);
         let mut new = Run::with(self.task, ops, state, self.evaluation, goal);
-        (new.mapped, new.boost, new.share) = (self.mapped, self.boost, self.share);
-        (new.next_map, new.done, new.smoothing) = (self.next_map, self.done, self.smoothing);
+        (new.mapped, new.boost, new.next_map) = (self.mapped, self.boost, self.next_map);
+        (new.done, new.smoothing, new.proved) = (self.done, self.smoothing, self.proved);
+        new.is_plain = self.is_plain;
         new.set_data()?;
         Ok(new)
     }
@@ -226,7 +243,7 @@ impl<'a, T: Float> Run<'a, T> {
         for (to, from) in duals {
             to.iter_mut().zip(from).for_each(|(to, from)| *to = factor * *from);
         }
-        let steps = MapSize { share: IMAGE_SHARE, floor: step::FLOOR };
+        let steps = MapSize { share: SHARE, floor: step::FLOOR };
         if step::set_map(self.ops, &mut self.state, &mut self.map, steps) {
             self.mapped = true;
         }
@@ -246,7 +263,7 @@ impl<'a, T: Float> Run<'a, T> {
         let deadline = stop.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
         let limits = Limits { iterations: stop.max_iterations, seconds: deadline };
         let mut look = self.next_look(self.growth(stop.target_gap)).max(FIRST_LOOK);
-        let mut last = f64::INFINITY;
+        let (mut last, mut last_at) = (f64::INFINITY, self.done.max(1));
         // the time of the first evaluation, of a constant image, estimates the cost of later ones
         let mut evaluation_s = self.progress.start.elapsed().as_secs_f64();
         loop {
@@ -268,18 +285,20 @@ impl<'a, T: Float> Run<'a, T> {
             let ended = self.improve(look.min(most), inner)?;
             let before = Instant::now();
             let primal = self.keep_image();
-            let falling = (last - primal) / primal.abs();
-            let progress = (last - primal).max(0.0);
-            last = primal;
-            let mut growth = GROWTH;
+            let e_folds = (self.done as f64 / last_at as f64).ln();
+            let fallen = last - primal;
+            let expected = REMAINS * fallen / (e_folds * primal.abs());
+            (last, last_at) = (primal, self.done);
             let due = ended || self.done >= PROVE_FROM.min(most);
-            if due || falling < NEAR * stop.target_gap {
+            let growth = if due || expected < NEAR * stop.target_gap {
                 let raised = self.prove();
-                growth = self.growth(stop.target_gap);
-                if self.done > MAP_AT[2] {
-                    self.adapt(raised, progress);
+                if let Some(raised) = raised.filter(|_| self.done > MAP_AT[2]) {
+                    self.adapt(raised, fallen.max(0.0));
                 }
-            }
+                self.growth(stop.target_gap)
+            } else {
+                growth_for(expected / (NEAR * stop.target_gap))
+            };
             self.note();
             evaluation_s = before.elapsed().as_secs_f64();
             look = self.next_look(growth);
@@ -293,7 +312,7 @@ impl<'a, T: Float> Run<'a, T> {
         if !gap.is_finite() {
             return GROWTH;
         }
-        (gap / target_gap).powf(1.0 / POWER).clamp(LEAST_GROWTH, GROWTH)
+        growth_for(gap / target_gap)
     }
 
     fn next_look(&self, growth: f64) -> usize {
@@ -356,10 +375,8 @@ impl<'a, T: Float> Run<'a, T> {
         }
         let later = MAP_AT.iter().find(|&&at| at > self.done);
         self.next_map = later.map_or((self.done as f64 * MAP_GROWTH) as usize, |&at| at);
-        let proves = later.is_none() && self.target_gap >= PROOF_GAP;
-        self.share = if proves { PROOF_SHARE } else { IMAGE_SHARE };
         let steps = MapSize {
-            share: self.share * self.boost,
+            share: SHARE * self.boost,
             floor: step::FLOOR * (self.done as f64 / FLAT_FROM).max(1.0),
         };
         if step::set_map(self.ops, &mut self.state, &mut self.map, steps) {
@@ -402,16 +419,26 @@ impl<'a, T: Float> Run<'a, T> {
         }
     }
 
-    /// Computes a lower bound on the optimum; returns the increase of the best bound.
-    fn prove(&mut self) -> f64 {
-        let effort = Effort { steps: FLOW_STEPS, slack: 0.5 * self.target_gap };
+    /// Computes a lower bound on the optimum; returns the increase of the best bound since the previous one, which
+    /// the first has not.
+    fn prove(&mut self) -> Option<f64> {
+        let steps = if self.state.chain.is_some() { CHAIN_FLOW_STEPS } else { FLOW_STEPS };
+        let (slack, lean) = (SLACK * self.target_gap, LEAN * self.target_gap);
+        let effort = match self.is_plain {
+            true => Effort::plain(PLAIN_FLOW_STEPS, self.target_gap),
+            false => Effort { rounds: ROUNDS, steps, slack, lean },
+        };
         let Self { task, ops, state, data, evaluation, flow, progress, .. } = self;
         let problem = task.problem();
         let iterate = Iterate { ops, state, data };
         let bound = evaluation.lower_bound(task.solver.arch, &problem, iterate, flow, effort);
         let old = progress.best.lower_bound;
         progress.best.lower_bound = old.max(bound);
-        progress.best.lower_bound - old
+        let raised = progress.best.lower_bound - old;
+        if raised <= 0.0 || self.done >= ALTERNATE_FROM {
+            self.is_plain = !self.is_plain;
+        }
+        std::mem::replace(&mut self.proved, true).then_some(raised)
     }
 
     /// Evaluates the candidate and stores it if it is the best; returns its objective.
