@@ -199,36 +199,39 @@ fn taylor_nodes_and_electrodes() {
 /// So touches may be modelled by displacements in the plane (`eit_skin::touches`).
 #[test]
 fn a_dent_is_a_displacement_in_the_plane() {
+    let errors = [3e-3, 1.5e-3, 0.75e-3].map(error_of_dent);
+    println!("a dent against its displacement: {errors:.3?}");
+    // in an even field the effect is zero, so that what is left of it needs fine elements; of first order at least
+    assert!(errors[1] < 0.6 * errors[0] && errors[2] < 0.6 * errors[1], "{errors:?}");
+    assert!(errors[2] < 0.12, "{errors:?}");
+}
+
+/// Relative error of the voltages' change by a displacement in the plane, against the dented mesh.
+fn error_of_dent(edge_m: f64) -> f64 {
     let disc = Disc::paper(1e3, DrivenElectrodes::Drop);
-    let mesh = disc.mesh(3e-3);
-    let (height, width, centre) = (1e-3, 0.012, [0.045, 0.02]);
+    let mesh = disc.mesh(edge_m);
+    let (height, width, centre) = (1e-3, 0.02, [0.045, 0.02]);
     let from_centre = |node: &[f64; 3]| [node[0] - centre[0], node[1] - centre[1]];
     let bell = |[x, y]: [f64; 2]| (-(x * x + y * y) / (2.0 * width * width)).exp();
-    let dented: Vec<[f64; 3]> = mesh
-        .surface()
-        .nodes()
-        .iter()
-        .map(|node| [node[0], node[1], height * bell(from_centre(node))])
-        .collect();
+    let nodes = mesh.surface().nodes();
+    let dented = |node: &[f64; 3]| [node[0], node[1], height * bell(from_centre(node))];
+    let dented: Vec<[f64; 3]> = nodes.iter().map(dented).collect();
     let pulled = |node: &[f64; 3]| {
         let way = from_centre(node);
         let factor = -(height / (2.0 * width) * bell(way)).powi(2);
         [factor * way[0], factor * way[1], 0.0]
     };
-    let field: Vec<[f64; 3]> = mesh.surface().nodes().iter().map(pulled).collect();
+    let field: Vec<[f64; 3]> = nodes.iter().map(pulled).collect();
     let model = disc.model(&mesh);
-    let sigma = vec![SIGMA_S; mesh.surface().triangles().len()];
+    let sigma = vec![SIGMA_S; model.elements()];
     let mut workspace = model.workspace().unwrap();
     let mut solution = model.solve(&sigma, &mut workspace).unwrap();
     let before = solution.measurements();
     let of_plane = solution.movement_jacobian(&[Displacement::of_field(&field)]).unwrap();
-    let geometry = model.deform(&dented).unwrap();
+    let mut geometry = model.geometry();
+    model.deform(&dented, &[1e3; 16], &mut geometry).unwrap();
     let of_dent = model.solve_deformed(&geometry, &sigma, &mut workspace).unwrap().measurements();
-    let of_dent = of_dent - before;
-    let error = relative(&of_plane.column(0).to_owned(), &of_dent);
-    println!("dent of {height} against its displacement: {error:.2e}");
-    // edges of a quarter of the dent's width resolve its curvature to a few per cent; (h / s)^2 = 7e-3
-    assert!(error < 0.04, "{error:e}");
+    relative(&of_plane.column(0).to_owned(), &(of_dent - before))
 }
 
 /// The same on a non-planar skin, bent into a bowl.
