@@ -23,7 +23,8 @@
 //! A finger that slides leaves a trail, and together with it looks like two touches about its place ([`slides`]). So
 //! two where one slid must explain the frame far better.
 //!
-//! What a touch does to electrodes and contacts is a covariance of its own ([`electrodes`]). The search starts with
+//! What a touch does to electrodes, contacts and the fabric around it ([`dents`]) is a covariance of its own
+//! ([`electrodes`]). The search starts with
 //! that of the previous frame's touches. Each further touch adds its own, and the search goes on from the touches
 //! found, at most three times in all. Touches much fainter than a recent one must also hold when every electrode may
 //! move by itself. What the covariance explains does not enter the reference, since it ends with the touch.
