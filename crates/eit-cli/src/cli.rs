@@ -554,6 +554,10 @@ pub(crate) struct PairsArgs {
     /// Fingers of every sequence, 1 to 6 [default: one to six, fewer more often].
     #[arg(long, value_name = "N")]
     pub fingers: Option<usize>,
+    /// Share of the sequences, 0 to 1, whose tips are within 25 % of a usual fingertip's, 10 mm on the paper's
+    /// skin; tips of the others are anything from 4 to 25 mm.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub usual_tips: f64,
     /// Method of the raw images: st-tv, tv or gauss-newton [default: the scene's, or st-tv].
     #[arg(long, value_name = "METHOD")]
     pub method: Option<String>,

@@ -518,6 +518,10 @@ fn a_net_learns_from_a_recording() {
     with_fingers.extend(["--fingers".to_owned(), "2".to_owned()]);
     let with_fingers: Vec<&str> = with_fingers.iter().map(String::as_str).collect();
     assert!(refuse(&with_fingers).contains("--fingers: a recording has the fingers that it has"));
+    let mut with_tips = train(&frames).to_vec();
+    with_tips.extend(["--usual-tips".to_owned(), "0.5".to_owned()]);
+    let with_tips: Vec<&str> = with_tips.iter().map(String::as_str).collect();
+    assert!(refuse(&with_tips).contains("--usual-tips: a built-in script and a recording have"));
     let absent = train(&folder.path().join("absent.npy"));
     let absent: Vec<&str> = absent.iter().map(String::as_str).collect();
     assert!(refuse(&absent).contains("absent.npy"));

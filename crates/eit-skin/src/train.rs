@@ -47,6 +47,9 @@ pub struct BaseRequest {
     pub frames: usize,
     /// Number of fingers in every simulated sequence; `None` for a random number.
     pub fingers: Option<usize>,
+    /// Share of simulated sequences, 0 to 1, that certainly have tips of about usual size; the others have tips of
+    /// any size.
+    pub usual_tips: f64,
     /// Built-in script, simulated on the skin's own fabric; `None` for random touches on random fabrics.
     pub script: Option<String>,
     /// Training target of simulated sequences.
@@ -72,6 +75,14 @@ impl BaseRequest {
         if self.script.is_some() && self.fingers.is_some() {
             return Err(SkinError::input(
                 "--fingers: a built-in script has the fingers that it has",
+            ));
+        }
+        if !(0.0..=1.0).contains(&self.usual_tips) {
+            return Err(SkinError::input(format!("--usual-tips {}: 0 to 1", self.usual_tips)));
+        }
+        if self.usual_tips > 0.0 && (self.script.is_some() || !self.recording.is_empty()) {
+            return Err(SkinError::input(
+                "--usual-tips: a built-in script and a recording have the tips that they have",
             ));
         }
         if self.sequences < 2 {

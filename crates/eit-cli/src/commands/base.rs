@@ -53,6 +53,7 @@ pub(super) fn request(args: &PairsArgs) -> Result<BaseRequest, CliError> {
         method: args.method.clone(),
         frames: args.frames,
         fingers: args.fingers,
+        usual_tips: args.usual_tips,
         script: args.script.clone(),
         wanted: if args.wanted == "rule" { Wanted::Rule } else { Wanted::Truth },
         recording: args.recording.clone(),

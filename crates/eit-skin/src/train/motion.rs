@@ -13,6 +13,8 @@ pub const QUIET: usize = 20;
 const REACH: f64 = 0.97;
 /// Radius of a tip divided by that of a usual fingertip (10 mm on the paper's skin).
 const TIPS: [f64; 2] = [0.4, 2.5];
+/// The same of tips that count as usual ones.
+const USUAL_TIPS: [f64; 2] = [0.8, 1.25];
 /// Force of a press, newton.
 const FORCES_N: [f64; 2] = [0.2, 2.5];
 /// Largest force over a tip's cross-section, pascal: 1 N on a tip of 4 mm. The contact model ends where a
@@ -58,17 +60,31 @@ impl Fingers {
     }
 }
 
+/// Who presses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hand {
+    /// Number of fingers.
+    pub fingers: Fingers,
+    /// Share of the scripts that certainly have usual tips, 0 to 1; the others have tips of any size.
+    pub usual_tips: f64,
+}
+
+impl Hand {
+    /// Draws the radius of the tips of a script, metres.
+    fn tip_m(self, random: &mut Random, circle: &PlayCircle) -> f64 {
+        // without the share nothing is drawn for it: bases made before it was known stay the same
+        let is_usual = self.usual_tips > 0.0 && random.between(0.0, 1.0) < self.usual_tips;
+        let [least, most] = if is_usual { USUAL_TIPS } else { TIPS };
+        0.01_f64.min(0.15 * circle.radius_m) * random.log_between(least, most)
+    }
+}
+
 /// Draws a script of fingers anywhere within 97 % of the radius that tap, press, rest, slide from place to
 /// place and lift, each at its own times, all with tips of about the same size. They never overlap; often two
 /// stay side by side.
-pub fn script(
-    random: &mut Random,
-    circle: &PlayCircle,
-    frames: usize,
-    fingers: Fingers,
-) -> TouchScript {
-    let tip_m = 0.01_f64.min(0.15 * circle.radius_m) * random.log_between(TIPS[0], TIPS[1]);
-    let count = fingers.draw(random);
+pub fn script(random: &mut Random, circle: &PlayCircle, frames: usize, hand: Hand) -> TouchScript {
+    let tip_m = hand.tip_m(random, circle);
+    let count = hand.fingers.draw(random);
     let mut script = TouchScript {
         name: "training".to_owned(),
         frame_rate_hz: RATE_HZ,
@@ -256,3 +272,30 @@ pub fn lacking(random: &mut Random, electrodes: &[Vec<u32>], count: usize) -> Ve
 
 /// Version of the constants above, recorded in the recipe of a base; increase it when they change.
 pub const RECIPE: &str = "scripts 3, fabrics 2";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// How many of 200 scripts have a tip that is not within 25 % of 10 mm, and 15 % more from press to press.
+    fn unusual(usual_tips: f64) -> usize {
+        let circle = PlayCircle { centre_m: [0.0; 2], radius_m: 0.1 };
+        let hand = Hand { fingers: Fingers::Any, usual_tips };
+        let range = 0.01 * 0.85 * USUAL_TIPS[0]..=0.01 * 1.15 * USUAL_TIPS[1];
+        let is_unusual = |seed: &u64| {
+            let fingers = script(&mut random(*seed, 0, 0), &circle, 60, hand).fingers;
+            let mut keys = fingers.iter().flat_map(|finger| &finger.keys);
+            keys.any(|key| !range.contains(&key.radius_m))
+        };
+        (0..200).filter(is_unusual).count()
+    }
+
+    /// All tips are usual with a share of one; with a half there are about half as many others as without.
+    #[test]
+    fn the_share_of_usual_tips_is_kept() {
+        let [all, half, none] = [1.0, 0.5, 0.0].map(unusual);
+        assert_eq!(all, 0);
+        // four standard deviations of 200 draws: 28
+        assert!(none > 100 && half.abs_diff(none / 2) < 28, "{half} of {none}");
+    }
+}

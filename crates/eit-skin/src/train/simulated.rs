@@ -1,6 +1,6 @@
 //! Sequences of simulated touches: simulate, turn, reconstruct, and the truth turned alike.
 
-use super::motion::{self, Fingers, MOST, QUIET, RATE_HZ, RECIPE, fabric, script};
+use super::motion::{self, Fingers, Hand, MOST, QUIET, RATE_HZ, RECIPE, fabric, script};
 use super::shared::{Shared, TurnedOrder, touches_of};
 use super::{BaseRequest, Wanted};
 use crate::denoise::Lengths;
@@ -24,7 +24,7 @@ const ATTEMPTS: usize = 8;
 #[derive(Debug)]
 pub struct Simulated {
     frames: usize,
-    fingers: Fingers,
+    hand: Hand,
     script: Option<String>,
     wanted: Wanted,
     simulating: Skin,
@@ -78,6 +78,7 @@ impl Simulated {
         progress: &mut Progress,
     ) -> Result<Self, SkinError> {
         let fingers = args.fingers.map_or(Fingers::Any, Fingers::Always);
+        let hand = Hand { fingers, usual_tips: args.usual_tips };
         let simulating = skin.with_nodes(NODES, progress)?;
         let fine = Raster::new(simulating.mesh.surface(), FINE * pixels)?;
         let voltages = simulating.linearise(progress)?.voltages;
@@ -85,23 +86,21 @@ impl Simulated {
         let rms_v = (squares / voltages.len().max(1) as f64).sqrt();
         let electrodes = electrodes_of(&simulating.protocol);
         let (script, wanted) = (args.script.clone(), args.wanted);
-        Ok(Self {
-            frames: args.frames,
-            fingers,
-            script,
-            wanted,
-            simulating,
-            fine,
-            rms_v,
-            electrodes,
-        })
+        Ok(Self { frames: args.frames, hand, script, wanted, simulating, fine, rms_v, electrodes })
     }
 
     /// Describes everything besides the chain that the training pairs depend on.
     pub fn recipe(&self, skin: &Skin) -> String {
         let scripts = match &self.script {
             Some(name) => format!("script {name}"),
-            None => format!("{RECIPE}, fingers {:?}", self.fingers),
+            None => {
+                let Hand { fingers, usual_tips } = self.hand;
+                let tips = match usual_tips > 0.0 {
+                    true => format!(", usual tips {usual_tips}"),
+                    false => String::new(),
+                };
+                format!("{RECIPE}, fingers {fingers:?}{tips}")
+            }
         };
         format!(
             "{} frames, simulated on {NODES} nodes, {scripts}, wanted {:?}, {:?}",
@@ -138,7 +137,7 @@ impl Simulated {
         let (settings, script) = match &self.script {
             None => {
                 let settings = fabric(random, &self.simulating.fabric, self.rms_v);
-                (settings, script(random, &circle, self.frames, self.fingers))
+                (settings, script(random, &circle, self.frames, self.hand))
             }
             Some(name) => {
                 let mut script = TouchScript::built_in(name, &circle, index as u64)?;
