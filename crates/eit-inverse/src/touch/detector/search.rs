@@ -41,7 +41,11 @@ const PRICE_OF_KNOWN: f64 = 1.25;
 const PRICE_OF_SPLIT: f64 = 4.0;
 const SPLIT_M: f64 = 35e-3;
 
-/// Or off any touch, closer to it than this fraction of the least distance: parts of one finger's print. Without it, one
+/// The same for one touch in place of two that began as fingers of their own. While the dents of both are free, one bell
+/// fits two fingers nearly as well.
+const PRICE_OF_MERGING: f64 = 1.6;
+
+/// Closer to any touch than this fraction of the least distance: parts of one finger's print. Without it, one
 /// of six recordings of closing fingers shows a third for 16 frames.
 const CLOSE: f64 = 0.88;
 
@@ -137,7 +141,23 @@ impl Scene<'_> {
             true => PRICE_OF_KNOWN.ln(),
             false => PRICE.ln(),
         };
-        (0..spots.len()).map(of).sum()
+        (0..spots.len()).map(of).sum::<f64>() + self.merged(spots) as f64 * PRICE_OF_MERGING.ln()
+    }
+
+    /// Number of touches of the previous frame that began as fingers of their own and whose nearest touch is also that
+    /// of an earlier one of them.
+    fn merged(&self, spots: &[Spot]) -> usize {
+        let nearest = |before: &Spot| {
+            let way_m = |spot: &Spot| distance_m(spot.position_m, before.position_m);
+            let ways = spots.iter().map(way_m).enumerate().filter(|(_, way_m)| *way_m < SPLIT_M);
+            ways.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
+        };
+        let alone = || self.before.alone().enumerate();
+        let is_merged = |&(k, before): &(usize, &Spot)| {
+            let own = nearest(before);
+            own.is_some() && alone().take(k).any(|(_, other)| nearest(other) == own)
+        };
+        alone().filter(is_merged).count()
     }
 
     /// Whether a touch is beside one that continues a touch of the previous frame, closer than two touches are sought or

@@ -80,6 +80,12 @@ impl Slides {
             .is_some_and(|(_, alone)| *alone)
     }
 
+    /// Touches of the previous frame that began alone.
+    pub(super) fn alone(&self) -> impl Iterator<Item = &Spot> {
+        let spots = self.spots.iter().zip(&self.began_alone);
+        spots.filter(|(_, alone)| **alone).map(|(spot, _)| spot)
+    }
+
     /// Touches of the previous frame that were sliding.
     pub(super) fn sliding(&self) -> impl Iterator<Item = &Spot> {
         let spots = self.spots.iter().zip(&self.began_m);
