@@ -105,7 +105,7 @@ pub(super) fn unknowns(
 const DENT_M: f64 = 15e-3;
 /// Distance at which a pull moves the skin by [`PULL`] times the displacement of electrodes, metres, if the dent is small.
 const PULL_M: f64 = 30e-3;
-const PULL: f64 = 1.5;
+const PULL: f64 = 1.0;
 /// Dents whose strains are held in memory at a time.
 const AT_ONCE: usize = 32;
 
