@@ -120,8 +120,13 @@ impl LearnedTouches {
         self.sweep();
         let by_regression = is_whole && self.touches.len() == 1;
         for k in 0..self.touches.len() {
-            let Some(located) = self.located[k] else { continue };
-            self.apply(k, &located, by_regression);
+            match self.located[k] {
+                Some(located) => self.apply(k, &located, by_regression),
+                // no press explains any part of it
+                None => {
+                    self.touches[k].learnt = Some(LearntTouch { force_n: None, is_unlike: true });
+                }
+            }
         }
         &self.touches
     }
