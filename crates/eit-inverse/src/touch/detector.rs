@@ -210,6 +210,11 @@ const BLAME_FROM: f64 = 5.0;
 /// fault stays unnoticed.
 const KEPT_S: f64 = 3.0;
 
+/// Time constant with which recent strengths near a position fade while something touches the skin, seconds: what
+/// memory explains then does not enter the reference, and fabric settles in some 10 s. With 5 s, one of 45 recordings of
+/// slides shows a trail as a touch after the next two slides.
+const KEPT_HERE_S: f64 = 20.0;
+
 /// Distance within which hysteresis left by a touch can show, metres.
 const LATE_M: f64 = 20e-3;
 
@@ -640,9 +645,9 @@ impl TouchDetector {
         let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
         self.before.take(&best.spots, dt_s);
         self.weak.clone_from(&self.search.weak);
-        // what a touch leaves behind enters the reference, more slowly while something touches the skin
+        // what a touch leaves behind enters the reference, but hardly while something touches the skin
         let late_s = self.settings.late_s;
-        let late_here_s = if is_touched { late_s.max(self.settings.touched_s) } else { late_s };
+        let late_here_s = if is_touched { late_s.max(KEPT_HERE_S) } else { late_s };
         self.late_s_m2 = strongest.max(self.late_s_m2 * (-dt_s / late_s).exp());
         let fading = (-dt_s / late_here_s).exp();
         self.late_here_s_m2.iter_mut().for_each(|late| *late *= fading);
