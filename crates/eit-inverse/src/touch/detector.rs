@@ -24,8 +24,7 @@
 //! two where one slid must explain the frame far better.
 //!
 //! What a touch does to electrodes, contacts and the fabric around it ([`dents`]) is a covariance of its own
-//! ([`electrodes`]). The search starts with
-//! that of the previous frame's touches. Each further touch adds its own, and the search goes on from the touches
+//! ([`electrodes`]). The search starts with that of the previous frame's touches. Each further touch adds its own, and the search goes on from the touches
 //! found, at most three times in all. Touches much fainter than a recent one must also hold when every electrode may
 //! move by itself. What the covariance explains does not enter the reference, since it ends with the touch.
 //!
@@ -362,7 +361,6 @@ impl TouchDetector {
     /// Wrong lengths, values of used measurements that are not finite.
     pub fn with_dents(mut self, dents_v: &ArrayRef2<f64>) -> Result<Self, InverseError> {
         check_length("rows of the dents", dents_v.nrows(), self.is_missing.len())?;
-        check_length("columns of the dents", dents_v.ncols(), self.dents.at.len())?;
         check_length("columns of the dents", dents_v.ncols(), self.dents.at.len())?;
         for &measurement in self.rows.of.iter().flatten() {
             if let Some(element) = dents_v.row(measurement).iter().position(|v| !v.is_finite()) {

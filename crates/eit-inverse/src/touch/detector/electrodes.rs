@@ -61,7 +61,8 @@ impl UnknownKind {
     }
 }
 
-/// Standard deviation of the pull on electrodes up to [`NEAR_M`] away, in those of their displacement, ...
+/// Standard deviation of the pull on electrodes alone, besides what a dent moves, up to [`NEAR_M`] away, in those of
+/// their displacement, ...
 const PULL: f64 = 0.5;
 /// ... and of the drag.
 const DRAG: f64 = 0.5;

@@ -170,7 +170,7 @@ mod tests {
         assert!(error(0.2, 0.0) < 1e-3);
         // the median of 200 ratios
         assert!(error(0.0, 3e-3) < 2e-2);
-        // a gain of 5 % known to half of itself at worst, where the error hides it
+        // where the error hides it, a gain is not taken over: the largest of 200 with a deviation of 5 % is some 15 %
         assert!(error(0.05, 1e-3) < 0.2);
     }
 }
