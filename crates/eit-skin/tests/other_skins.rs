@@ -31,8 +31,7 @@ fn places(random: &mut Random) -> Vec<[f64; 2]> {
 
 /// Four fingers are explained to their noise, and most are found.
 ///
-/// Gains read off small voltages and dents that only moved electrodes left 5 times as much per row (1.7 with such dents
-/// alone), which hid fingers and was shown as others.
+/// Without dents 5.5 of the noise is left per row, which hides fingers or is shown as others.
 #[test]
 fn four_on_the_plate() {
     let bench = Bench::of("plate-with-hole");
