@@ -41,14 +41,33 @@
 //!
 //! One file over 300 lines: the detector is one state, and its steps share most of its fields.
 
+/// What the search of a frame needs to know.
+macro_rules! scene {
+    ($detector:expr) => {
+        Scene {
+            places: &$detector.places,
+            dictionary: &$detector.dictionary,
+            whitening: &$detector.whitening,
+            memory: &$detector.memory,
+            settings: &$detector.settings,
+            late_s_m2: $detector.late_s_m2,
+            late_here_s_m2: &$detector.late_here_s_m2,
+            before: &$detector.before,
+            weak: &$detector.weak,
+        }
+    };
+}
+
 mod dents;
 mod dictionary;
 mod electrodes;
 mod evidence;
+mod joint;
 mod least_squares;
 mod memory;
 mod places;
 mod quiet;
+mod reconsider;
 mod rows;
 mod search;
 mod settings;
@@ -70,10 +89,12 @@ use dictionary::Dictionary;
 use eit_mesh::Surface;
 use electrodes::Electrodes;
 use faer::Mat;
+use joint::Joint;
 use memory::Memory;
 use ndarray::{ArrayRef2, ArrayView2};
+use places::Spot;
 use rows::Rows;
-use search::{Scene, Search};
+use search::{Fit, Scene, Search};
 use slides::Slides;
 use whitening::{Whitening, dot};
 
@@ -180,23 +201,6 @@ impl DetectorStep {
 /// Most searches of a frame, each with what the touches found before do to electrodes.
 const PASSES: usize = 3;
 
-/// What the search of a frame needs to know.
-macro_rules! scene {
-    ($detector:expr) => {
-        Scene {
-            places: &$detector.places,
-            dictionary: &$detector.dictionary,
-            whitening: &$detector.whitening,
-            memory: &$detector.memory,
-            settings: &$detector.settings,
-            late_s_m2: $detector.late_s_m2,
-            late_here_s_m2: &$detector.late_here_s_m2,
-            before: &$detector.before,
-            weak: &$detector.weak,
-        }
-    };
-}
-
 /// Largest part of the residual that one electrode's gain may leave for the electrode to be reported: of a frame
 /// without touches, of what touches leave, and of what the frame has without its touches. On three fresh seeds of
 /// ten scripts with sound electrodes the best gain left 0.18 and more of the first, 0.33 and more of the second.
@@ -253,6 +257,21 @@ pub struct TouchDetector {
     white: Vec<f64>,
     electrodes: Electrodes,
     dents: Dents,
+    /// Touches together with their actions; `None` before dents are known.
+    joint: Option<Joint>,
+    /// Places where the first search or the previous frame has touches.
+    candidates: Vec<Spot>,
+    /// Touches that are reconsidered, and others in their place.
+    held: Fit,
+    other: Fit,
+    third: Fit,
+    /// Touches of the first search.
+    first: Fit,
+    basis: Vec<f64>,
+    /// Whether a touch was found together with its actions.
+    is_joint: bool,
+    /// Whether the dictionary knows which unknowns are free.
+    is_updated: bool,
     touch_v: Vec<f64>,
     memory_v: Vec<f64>,
     /// What touches do to rows through electrodes and contacts, volts.
@@ -333,6 +352,15 @@ impl TouchDetector {
                 settings.max_touches,
             ),
             dents: Dents::new(&places),
+            joint: None,
+            candidates: Vec::with_capacity(4 * settings.max_touches),
+            held: Fit::default(),
+            other: Fit::default(),
+            third: Fit::default(),
+            first: Fit::default(),
+            basis: Vec::new(),
+            is_joint: false,
+            is_updated: true,
             touch_v: vec![0.0; n],
             memory_v: vec![0.0; n],
             acted_v: vec![0.0; n],
@@ -369,6 +397,8 @@ impl TouchDetector {
             }
         }
         self.dents.set(dents_v, &self.rows, &self.whitening, &self.dictionary);
+        let Self { dents, electrodes, places, dictionary, whitening, .. } = &self;
+        self.joint = Some(Joint::new(dents, electrodes, places, dictionary, whitening));
         Ok(self)
     }
 
@@ -391,31 +421,40 @@ impl TouchDetector {
         if self.whitening.lose(&self.lost) {
             self.dictionary.update(&self.whitening);
         }
+        self.memory.whiten(&self.rows, &self.whitening, &self.settings);
         self.electrodes.start(&self.before.spots, &self.places, &self.dents);
         for pass in 0..PASSES {
-            if self.whitening.set_free(&self.electrodes.actions, &self.electrodes.dented) {
+            let is_changed =
+                self.whitening.set_free(&self.electrodes.actions, &self.electrodes.dented);
+            if is_changed || !self.is_updated {
                 self.dictionary.update_free(&self.whitening);
+                self.is_updated = true;
             } else if pass > 0 {
                 break;
             }
             self.whitened.copy_from_slice(&self.white);
             self.whitening.project(&mut self.whitened);
-            self.memory.prepare(&self.rows, &self.whitening, &self.settings);
+            self.memory.prepare(&self.whitening);
             let scene = scene!(self);
             match pass {
-                0 => self.search.run(&scene, &self.whitened),
+                0 => {
+                    self.search.run(&scene, &self.whitened);
+                    self.collect();
+                }
                 _ => self.search.go_on(&scene, &self.whitened),
             }
             // what the touches found do to electrodes may explain others away
             self.electrodes.add(&self.search.best.spots, &self.places, &self.dents);
         }
+        self.reconsider();
         if self.search.may_be_left_behind(&scene!(self)) {
+            self.is_updated = false;
             // electrodes and contacts come back from a slide in ways of their own
             let [actions, dented] = self.electrodes.with_each_alone();
             self.whitening.set_free(actions, dented);
             self.whitened.copy_from_slice(&self.white);
             self.whitening.project(&mut self.whitened);
-            self.memory.prepare(&self.rows, &self.whitening, &self.settings);
+            self.memory.prepare(&self.whitening);
             self.search.prune(&scene!(self), &self.whitened);
         }
         let scene = scene!(self);
@@ -427,7 +466,9 @@ impl TouchDetector {
         );
         let blamed = match alone {
             // not a touch but a contact that got worse
-            Some((electrode, rest)) if self.search.is_beaten_by_gain(&scene, rest) => {
+            Some((electrode, rest))
+                if !self.is_joint && self.search.is_beaten_by_gain(&scene, rest) =>
+            {
                 self.search.take_back(&scene, &self.whitened);
                 Some(electrode)
             }
@@ -562,7 +603,7 @@ impl TouchDetector {
         let Self { search, places, dictionary, touches, errors_m, .. } = self;
         touches.clear();
         errors_m.clear();
-        let best = &search.best;
+        let best = std::mem::take(&mut search.best);
         for (k, spot) in best.spots.iter().enumerate() {
             touches.push(DetectedTouch {
                 position_m: spot.position_m,
@@ -578,12 +619,16 @@ impl TouchDetector {
         let excess = (best.rest / gain).max(1.0);
         let homes: [usize; 16] =
             std::array::from_fn(|k| best.spots.get(k).map_or(0, |spot| spot.place));
-        search.covariances(|k, strength, [a, b, c, d]| {
-            errors_m.push((a + d).sqrt());
+        let spreads: [_; 16] = std::array::from_fn(|k| best.spots.get(k)?.spread_m2);
+        search.covariances(&best, |k, strength, [a, b, c, d]| {
             let plane = [[excess * a, excess * b], [excess * c, excess * d]];
-            touches[k].position_covariance_m2 = in_space(plane, places.at[homes[k]].tangents);
+            let own = in_space(plane, places.at[homes[k]].tangents);
+            touches[k].position_covariance_m2 = spreads[k].unwrap_or(own);
+            let square = |m: [[f64; 3]; 3]| (0..3).map(|i| m[i][i]).sum::<f64>();
+            errors_m.push(spreads[k].map_or(a + d, square).sqrt());
             touches[k].strength_std_s_m2 = (excess * strength).sqrt();
         });
+        search.best = best;
     }
 
     /// Keeps the reference for [`take_back_reference`](Self::take_back_reference).

@@ -125,7 +125,7 @@ impl Dictionary {
     /// Updates sensitivities after other combinations of local unknowns became free: `d' d` becomes
     /// `d' (I + U U')^-1 d = d' d - |L^-1 U' d|^2` with `L L' = I + U' U`.
     pub(super) fn update_free(&mut self, whitening: &Whitening) {
-        let (free, n, unknowns) = (whitening.free(), self.rows, whitening.local().count());
+        let (free, n, unknowns) = (whitening.combinations(), self.rows, whitening.local().count());
         let columns = whitening.free_columns();
         let count = columns.len() / n;
         self.factorise(columns, count);

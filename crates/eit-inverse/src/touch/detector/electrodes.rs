@@ -12,6 +12,7 @@
 
 use super::dents::Dents;
 use super::places::{Places, Spot};
+use super::whitening::Whitening;
 use crate::geometry::distance_m;
 
 /// Kind of an unknown of a [`DetectorModel`](super::DetectorModel).
@@ -55,7 +56,9 @@ impl UnknownKind {
                 let far = (FAR_M / distance_m(touch_m, at_m)).ln() / (FAR_M / NEAR_M).ln();
                 DRAG * along[action - 1] * far.clamp(0.0, 1.0)
             }
-            (Self::Contact { at_m }, 4) => PRESS * (-distance_m(touch_m, at_m) / PRESS_M).exp(),
+            (Self::Contact { at_m }, PRESSURE) => {
+                PRESS * (-distance_m(touch_m, at_m) / PRESS_M).exp()
+            }
             _ => 0.0,
         }
     }
@@ -77,6 +80,9 @@ const FAR_M: f64 = 100e-3;
 
 /// Kinds of actions: a pull, a drag along each axis, a pressure on contacts.
 const ACTIONS: usize = 5;
+
+/// The pressure among them.
+const PRESSURE: usize = 4;
 
 /// Touches closer than this act as one, metres.
 const SAME_M: f64 = 7e-3;
@@ -102,13 +108,48 @@ impl Electrodes {
         // touches of the previous frame, and twice as many of this one
         let most = 3 * most_touches;
         Self {
-            actions: Vec::with_capacity(most * ACTIONS * kinds.len()),
+            actions: Vec::with_capacity((most * ACTIONS + 1) * kinds.len()),
             all: Vec::with_capacity((most * ACTIONS + kinds.len()) * kinds.len()),
             at_m: Vec::with_capacity(most),
             places: Vec::with_capacity(most),
             dented: Vec::new(),
             kinds,
         }
+    }
+
+    /// Forgets all touches.
+    pub(super) fn clear(&mut self) {
+        self.at_m.clear();
+        self.places.clear();
+        self.actions.clear();
+        self.dented.clear();
+    }
+
+    /// Adds pressure on contacts alone.
+    pub(super) fn press(&mut self, touch_m: [f64; 3]) {
+        self.actions.extend(self.kinds.iter().map(|kind| kind.share(PRESSURE, touch_m)));
+    }
+
+    /// Whitened columns of what a touch at a candidate position does, the pressure on contacts first, then pull and
+    /// drags, then the dent: `[action][row]`, as if no row were lost.
+    pub(super) fn columns_of(
+        &self,
+        place: usize,
+        places: &Places,
+        dents: &Dents,
+        whitening: &Whitening,
+        out: &mut Vec<f64>,
+    ) {
+        let touch_m = places.at[place].position_m;
+        for action in [PRESSURE, 0, 1, 2, 3] {
+            let from = out.len();
+            out.resize(from + whitening.rows(), 0.0);
+            for (kind, column) in self.kinds.iter().zip(whitening.local_of_all()) {
+                let share = kind.share(action, touch_m);
+                out[from..].iter_mut().zip(column).for_each(|(o, c)| *o += share * c);
+            }
+        }
+        out.extend_from_slice(dents.of(place));
     }
 
     /// Starts a frame with the touches of the previous one. A touch that has hardly moved acts from where it did

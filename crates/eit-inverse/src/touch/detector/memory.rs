@@ -42,6 +42,9 @@ pub(super) struct Memory {
     /// Where each touch was last laid down, and with what strength.
     pressed: Vec<(Spot, f64)>,
     next: Vec<(Spot, f64)>,
+    /// Whitened columns as if no row were lost and nothing free, and the memory and bounds of each.
+    all: Vec<f64>,
+    known: Vec<(usize, [f64; 2])>,
     /// Whitened columns that are not faint, without lost rows.
     pub(super) whitened: Vec<f64>,
     /// Bounds of their shares.
@@ -63,6 +66,8 @@ impl Memory {
             current: 0,
             pressed: Vec::with_capacity(settings.max_touches),
             next: Vec::with_capacity(settings.max_touches),
+            all: Vec::with_capacity(most * rows),
+            known: Vec::with_capacity(most),
             whitened: Vec::with_capacity(most * rows),
             bounds: Vec::with_capacity(most),
             kept: Vec::with_capacity(most),
@@ -75,15 +80,14 @@ impl Memory {
     }
 
     /// Whitens the memories that may explain part of the next frame.
-    pub(super) fn prepare(
+    pub(super) fn whiten(
         &mut self,
         rows: &Rows,
         whitening: &Whitening,
         settings: &DetectorSettings,
     ) {
-        self.whitened.clear();
-        self.bounds.clear();
-        self.kept.clear();
+        self.all.clear();
+        self.known.clear();
         for k in 0..2 + self.trails.len() {
             let (column, bounds) = match k {
                 0 | 1 if settings.settling_share == 0.0 => continue,
@@ -94,14 +98,26 @@ impl Memory {
             for (row, scaled) in self.scaled.iter_mut().enumerate() {
                 *scaled = rows.ratio_of_row(row) * column[row];
             }
+            let from = self.all.len();
+            self.all.resize(from + self.rows, 0.0);
+            whitening.apply(&self.scaled, &mut self.all[from..]);
+            self.known.push((k, bounds));
+        }
+    }
+
+    /// Maps the whitened memories; those that are faint then are left out.
+    pub(super) fn prepare(&mut self, whitening: &Whitening) {
+        self.whitened.clear();
+        self.bounds.clear();
+        self.kept.clear();
+        for ((k, bounds), column) in self.known.iter().zip(self.all.chunks_exact(self.rows)) {
             let from = self.whitened.len();
-            self.whitened.resize(from + self.rows, 0.0);
+            self.whitened.extend_from_slice(column);
             let target = &mut self.whitened[from..];
-            whitening.apply(&self.scaled, target);
             whitening.project(target);
             if dot(target, target) > FAINT {
-                self.kept.push(k);
-                self.bounds.push(bounds);
+                self.kept.push(*k);
+                self.bounds.push(*bounds);
             } else {
                 self.whitened.truncate(from);
             }

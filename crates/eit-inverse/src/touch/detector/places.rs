@@ -35,6 +35,8 @@ pub(super) struct Spot {
     /// Step along the place's tangents, metres.
     pub(super) step_m: [f64; 2],
     pub(super) position_m: Point,
+    /// Covariance of the position, square metres, if it comes from what the touch does to electrodes; fits then keep it.
+    pub(super) spread_m2: Option<[[f64; 3]; 3]>,
 }
 
 impl Places {
@@ -89,7 +91,7 @@ impl Places {
 
     /// The position itself, without a step.
     pub(super) fn spot(&self, place: usize) -> Spot {
-        Spot { place, step_m: [0.0; 2], position_m: self.at[place].position_m }
+        Spot { place, step_m: [0.0; 2], position_m: self.at[place].position_m, spread_m2: None }
     }
 
     /// Returns the point of the skin nearest to a step along the tangents from a spot.
@@ -151,7 +153,8 @@ impl Places {
         let position_m = nearest_of(triangles.iter().map(|c| nearest_in(*c, point_m)), point_m);
         let Place { position_m: home, tangents, .. } = &self.at[place];
         let along = |t: &Point| (0..3).map(|i| t[i] * (position_m[i] - home[i])).sum();
-        Spot { place, step_m: [along(&tangents[0]), along(&tangents[1])], position_m }
+        let step_m = [along(&tangents[0]), along(&tangents[1])];
+        Spot { place, step_m, position_m, spread_m2: None }
     }
 }
 

@@ -5,6 +5,7 @@
 use super::MOST_PER_ROW;
 use super::dictionary::Dictionary;
 use super::evidence::Evidence;
+use super::joint::remove_all;
 use super::least_squares::SmallSystem;
 use super::memory::Memory;
 use super::places::{Places, Spot};
@@ -80,7 +81,7 @@ const TWICE: f64 = 40.0;
 const CROWD: f64 = 4.0;
 
 /// Touches closer than this fraction of the least distance are merged: the weaker one is dropped.
-const MERGE: f64 = 0.7;
+pub(super) const MERGE: f64 = 0.7;
 
 /// No press is exactly a bell. A touch closer to a stronger one than this fraction of the least distance ...
 const BESIDE: f64 = 1.2;
@@ -102,7 +103,7 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    fn copy_from(&mut self, other: &Self) {
+    pub(super) fn copy_from(&mut self, other: &Self) {
         self.spots.clone_from(&other.spots);
         self.strengths.clone_from(&other.strengths);
         self.shares.clone_from(&other.shares);
@@ -130,12 +131,12 @@ pub(super) struct Scene<'a> {
 
 impl Scene<'_> {
     /// Whether a touch of the previous frame may continue here.
-    fn is_known(&self, at_m: [f64; 3]) -> bool {
+    pub(super) fn is_known(&self, at_m: [f64; 3]) -> bool {
         self.before.spots.iter().any(|before| distance_m(before.position_m, at_m) < SAME_M)
     }
 
     /// Logarithm of the factor by which the residual's excess must fall for these touches.
-    fn price(&self, spots: &[Spot]) -> f64 {
+    pub(super) fn price(&self, spots: &[Spot]) -> f64 {
         let of = |k: usize| match self.is_known(spots[k].position_m) {
             _ if self.is_split_off(spots, k) => PRICE_OF_SPLIT.ln(),
             true => PRICE_OF_KNOWN.ln(),
@@ -178,6 +179,28 @@ impl Scene<'_> {
         let near = || self.before.spots.iter().filter(is_near);
         near().any(|before| is_beside(before, CLOSE * self.settings.apart_m))
             || self.before.sliding().filter(is_near).any(|slid| is_beside(slid, SPLIT_M))
+    }
+
+    /// Least strength of a touch beside the others of a fit.
+    pub(super) fn least_strength(&self, fit: &Fit, k: usize) -> f64 {
+        let settings = self.settings;
+        let goes_on = self.is_known(fit.spots[k].position_m);
+        // compare with touches that explain more; in a poorly sensed corner strengths are arbitrary
+        let more = (0..fit.spots.len()).filter(|&i| fit.worth[i] >= fit.worth[k]);
+        let strongest = more.map(|i| fit.strengths[i]).fold(0.0, f64::max);
+        // what several fingers do to each other looks like a faint one between them
+        let (crowd, here) = match goes_on {
+            true => (1.0, 0.0),
+            false => {
+                let crowd = 1.0 + 0.5 * (fit.spots.len() as f64 - 1.0 - CROWD);
+                (crowd.max(1.0), self.late_here_s_m2[fit.spots[k].place])
+            }
+        };
+        settings
+            .least_s_m2
+            .max(settings.least_share * crowd * strongest)
+            .max(settings.least_share_of_late * self.late_s_m2)
+            .max(settings.least_share_of_here * here)
     }
 
     /// Evidence of the previous frame for a touch here that was too weak then, chi^2.
@@ -376,24 +399,6 @@ impl Search {
             self.weigh(scene, y, &mut best, evidence);
             let settings = scene.settings;
             let goes_on = |k: usize| scene.is_known(best.spots[k].position_m);
-            // compare with touches that explain more; in a poorly sensed corner strengths are arbitrary
-            let faint = |k: usize| {
-                let more = (0..best.spots.len()).filter(|&i| best.worth[i] >= best.worth[k]);
-                let strongest = more.map(|i| best.strengths[i]).fold(0.0, f64::max);
-                // what several fingers do to each other looks like a faint one between them
-                let crowd = match goes_on(k) {
-                    true => 1.0,
-                    false => 1.0 + 0.5 * (best.spots.len() as f64 - 1.0 - CROWD),
-                };
-                settings
-                    .least_s_m2
-                    .max(settings.least_share * crowd.max(1.0) * strongest)
-                    .max(settings.least_share_of_late * scene.late_s_m2)
-            };
-            let here = |k: usize| match goes_on(k) {
-                true => 0.0,
-                false => scene.late_here_s_m2[best.spots[k].place],
-            };
             let gain_of = |k: usize| (best.worth[k] - 1.0) * evidence.unit(best.rest);
             // what presses and slides leave behind is a small part of them
             let is_doubtful = |k: usize| {
@@ -419,10 +424,7 @@ impl Search {
                     earlier > 0.0 && gain + earlier >= TWICE && mean_worth >= settings.least_ratio;
                 !(is_enough || are_enough)
             };
-            let is_faint = |k: usize| {
-                best.strengths[k] < faint(k)
-                    || best.strengths[k] < settings.least_share_of_here * here(k)
-            };
+            let is_faint = |k: usize| best.strengths[k] < scene.least_strength(&best, k);
             let wrong = |&k: &usize| {
                 is_weak(k)
                     || is_faint(k)
@@ -489,7 +491,13 @@ impl Search {
     }
 
     /// Computes the factor by which the residual grows without each touch, with positions fixed.
-    fn weigh(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit, evidence: Evidence) {
+    pub(super) fn weigh(
+        &mut self,
+        scene: &Scene<'_>,
+        y: &[f64],
+        fit: &mut Fit,
+        evidence: Evidence,
+    ) {
         let (touches, size) = (fit.spots.len(), fit.spots.len() + scene.memory.columns());
         self.set_linear(scene, y, touches);
         let whole = dot(y, y);
@@ -497,6 +505,26 @@ impl Search {
         for k in 0..touches {
             let fall = self.system.solve_bounded(size, touches, &scene.memory.bounds, Some(k));
             fit.worth.push(evidence.worth(whole - fall, fit.rest));
+        }
+    }
+
+    /// Orthonormal vectors that span the responses of the last fit's touches and their derivatives.
+    pub(super) fn span(&self, touches: usize, basis: &mut Vec<f64>) {
+        basis.clear();
+        let n = self.rows;
+        for column in self.columns.chunks_exact(n).take(3 * touches) {
+            let from = basis.len();
+            basis.extend_from_slice(column);
+            let (before, new) = basis.split_at_mut(from);
+            for _ in 0..2 {
+                remove_all(new, before);
+            }
+            let length = dot(new, new).sqrt();
+            if length > 1e-6 * dot(column, column).sqrt() {
+                new.iter_mut().for_each(|v| *v /= length);
+            } else {
+                basis.truncate(from);
+            }
         }
     }
 
@@ -516,7 +544,7 @@ impl Search {
     ///
     /// If full steps end in a worse fit than they began with, they are undone and replaced by damped steps,
     /// none of which may make the fit worse.
-    fn fit(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
+    pub(super) fn fit(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
         self.fit_strengths(scene, y, fit);
         if fit.spots.is_empty() {
             return;
@@ -553,7 +581,7 @@ impl Search {
     }
 
     /// Fits strengths with positions fixed and the shares of memories, and updates the residual.
-    fn fit_strengths(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
+    pub(super) fn fit_strengths(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
         let (n, touches) = (self.rows, fit.spots.len());
         for (spot, columns) in fit.spots.iter().zip(self.columns.chunks_exact_mut(3 * n)) {
             scene.dictionary.whitened(spot, scene.whitening, columns);
@@ -592,7 +620,7 @@ impl Search {
         self.set_all(fit);
         let step = self.system.solve_damped(3 * touches, damping);
         let mut longest_m: f64 = 0.0;
-        for (k, spot) in fit.spots.iter_mut().enumerate() {
+        for (k, spot) in fit.spots.iter_mut().enumerate().filter(|(_, s)| s.spread_m2.is_none()) {
             let along = [step[touches + 2 * k], step[touches + 2 * k + 1]];
             let length = along[0].hypot(along[1]);
             let part = (scene.places.spacing_m / length.max(f64::MIN_POSITIVE)).min(1.0);
@@ -621,17 +649,15 @@ impl Search {
 
     /// Computes the variance of each touch's strength and the covariance of its two steps along the skin,
     /// passed as `(index, strength, [11, 12, 21, 22])`, in units of the noise with all nuisance parameters.
-    pub(super) fn covariances(&mut self, mut each: impl FnMut(usize, f64, [f64; 4])) {
-        let best = std::mem::take(&mut self.best);
+    pub(super) fn covariances(&mut self, best: &Fit, mut each: impl FnMut(usize, f64, [f64; 4])) {
         let touches = best.spots.len();
-        self.set_all(&best);
+        self.set_all(best);
         for k in 0..touches {
             let (mut strength, mut place) = ([0.0], [0.0; 4]);
             self.system.inverse_block(3 * touches, k, 1, &mut strength);
             self.system.inverse_block(3 * touches, touches + 2 * k, 2, &mut place);
             each(k, strength[0], place);
         }
-        self.best = best;
     }
 }
 

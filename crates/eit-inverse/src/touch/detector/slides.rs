@@ -66,7 +66,7 @@ impl Slides {
         std::mem::swap(&mut self.began_m, &mut self.next_m);
         std::mem::swap(&mut self.began_alone, &mut self.next_alone);
         self.spots.clear();
-        self.spots.extend_from_slice(spots);
+        self.spots.extend(spots.iter().map(|spot| Spot { spread_m2: None, ..*spot }));
     }
 
     /// Whether a touch of the previous frame that began alone may continue here.
@@ -102,7 +102,7 @@ mod tests {
     const DT_S: f64 = 0.05;
 
     fn at(x: f64) -> Spot {
-        Spot { place: 0, step_m: [0.0; 2], position_m: [x, 0.0, 0.0] }
+        Spot { place: 0, step_m: [0.0; 2], position_m: [x, 0.0, 0.0], spread_m2: None }
     }
 
     /// A touch of 15 mm/s slides after half a second and no longer does half a second after it stopped; one that

@@ -28,6 +28,7 @@ pub(super) struct Whitening {
     /// ones.
     expected_of_all: f64,
     expected: f64,
+    is_expected: bool,
     /// Lower triangle of `W`, row by row.
     packed: Vec<f64>,
     lost: Vec<usize>,
@@ -74,6 +75,7 @@ impl Whitening {
             variances,
             expected_of_all,
             expected,
+            is_expected: true,
             packed,
             lost: Vec::new(),
             local: Vec::new(),
@@ -100,6 +102,16 @@ impl Whitening {
     /// Number of rows present.
     pub(super) fn present(&self) -> usize {
         self.rows - self.kept.iter().filter(|kept| **kept == 0.0).count()
+    }
+
+    /// Logarithm of the determinant by which the free unknowns enlarge the covariance of the rows present.
+    pub(super) fn log_determinant(&self) -> f64 {
+        self.kept.iter().filter(|kept| **kept > 0.0).map(|kept| -2.0 * kept.ln()).sum()
+    }
+
+    /// Whitened columns of the local unknowns, as if no row were lost.
+    pub(super) fn local_of_all(&self) -> impl Iterator<Item = &[f64]> {
+        self.local.chunks_exact(self.rows)
     }
 
     /// Computes `W x` in `n^2` flops.
@@ -207,7 +219,7 @@ impl Whitening {
     }
 
     /// Combinations of local unknowns that are free, `[combination][unknown]`.
-    pub(super) fn free(&self) -> &[f64] {
+    pub(super) fn combinations(&self) -> &[f64] {
         &self.free
     }
 
@@ -273,6 +285,7 @@ impl Whitening {
         let mut local = std::mem::take(&mut self.local_left);
         local.chunks_exact_mut(self.rows).for_each(|column| self.project(column));
         self.local_left = local;
+        self.is_expected = false;
         self.expect();
         true
     }
@@ -280,6 +293,13 @@ impl Whitening {
     /// Sets the combinations of local unknowns that are free, `[combination][unknown]`, and further whitened columns,
     /// `[column][row]`, each normal with variance 1, and returns whether they have changed.
     pub(super) fn set_free(&mut self, free: &[f64], further: &[f64]) -> bool {
+        let is_changed = self.free(free, further);
+        self.expect();
+        is_changed
+    }
+
+    /// The same without the expected squared length of noise, for which [`expect`](Self::expect) is needed.
+    pub(super) fn free(&mut self, free: &[f64], further: &[f64]) -> bool {
         if self.free == free && self.further == further {
             return false;
         }
@@ -308,7 +328,7 @@ impl Whitening {
             self.free_along(&mut column);
         }
         self.work = column;
-        self.expect();
+        self.is_expected = false;
         true
     }
 
@@ -324,7 +344,10 @@ impl Whitening {
     }
 
     /// Updates the expected squared length of noise.
-    fn expect(&mut self) {
+    pub(super) fn expect(&mut self) {
+        if std::mem::replace(&mut self.is_expected, true) {
+            return;
+        }
         let mut along = std::mem::take(&mut self.work);
         let mut back = std::mem::take(&mut self.back);
         self.expected = self.expected_of_all;

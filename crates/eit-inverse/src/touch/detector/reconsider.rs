@@ -1,0 +1,333 @@
+//! Second look at touches of little worth, together with what they do to electrodes ([`super::joint`]).
+//!
+//! The search weighs a touch against the same frame without it in which the fabric may still move as if it were there.
+//! Beyond the outer electrodes that movement is most of what a touch changes, so touches there are dropped, or sought
+//! where their own small part fits best. Here a touch and its movement are one hypothesis: whichever of the first and
+//! the last search's touches explain the frame best are taken, those of little worth are moved to where they and their
+//! actions explain most, and what was dropped is tried again against pressure on contacts or a gain of one electrode,
+//! either of which can happen without a touch.
+//!
+//! **Cost.** None for frames whose touches are all worth much, and for frames without any. Each touch that is moved or
+//! tried takes a scan of some 75 positions, of `7 n` numbers and `28 n` flops for each vector projected out, and up to
+//! three fits.
+
+use super::evidence::Evidence;
+use super::joint::{Found, remove_all};
+use super::places::Spot;
+use super::search::{Fit, MERGE, Scene};
+use super::whitening::dot;
+use super::{TouchDetector, best_gain};
+use crate::geometry::distance_m;
+
+/// Reach of the search around a touch, metres: from where a finger beyond the outer electrodes looks to be without its
+/// actions to where it is.
+const REACH_M: f64 = 50e-3;
+
+/// Touches of more worth are left where they are.
+const SURE: f64 = 4.0;
+
+/// ... and those placed better than this without their actions, metres, root mean square.
+const VAGUE_M: f64 = 3e-3;
+
+/// Most by which the cost may rise at the mean of the places where a touch may be, in units of evidence.
+const BETTER: f64 = 0.2;
+
+/// Least worth without its actions of a touch beside others: what a sliding finger does to electrodes far away is not
+/// known well.
+const OWN_WORTH: f64 = 1.25;
+
+/// Positions known better than this are refined by fits, metres, ...
+const SHARP_M: f64 = 4e-3;
+
+/// ... and error of others for the distance between the positions scanned.
+const GRID_M: f64 = 3e-3;
+
+impl TouchDetector {
+    /// Collects the places at which a touch may be.
+    pub(super) fn collect(&mut self) {
+        let Self { candidates, search, before, first, .. } = self;
+        first.copy_from(&search.best);
+        candidates.clear();
+        candidates.extend_from_slice(&search.best.spots);
+        candidates.extend_from_slice(&before.spots);
+    }
+
+    /// Moves touches of little worth to where they explain more together with their actions, and takes back those that
+    /// were dropped only because their actions alone explain as much.
+    pub(super) fn reconsider(&mut self) {
+        self.is_joint = false;
+        let is_sure = self.search.best.worth.iter().all(|worth| *worth >= SURE);
+        if self.joint.is_none() || (is_sure && self.missing().next().is_none()) {
+            return;
+        }
+        let mut fit = std::mem::take(&mut self.held);
+        self.start_from_better(&mut fit);
+        let mut is_vague = [false; 16];
+        self.search.covariances(&fit, |k, _, [a, _, _, d]| is_vague[k] = a + d > VAGUE_M.powi(2));
+        for (k, is_vague) in is_vague.into_iter().enumerate().take(fit.spots.len()) {
+            if fit.worth[k] < SURE && is_vague {
+                self.relocate(&mut fit, k);
+            }
+        }
+        self.drop_weak(&mut fit);
+        for candidate in 0..self.candidates.len() {
+            self.try_again(&mut fit, candidate);
+        }
+        self.drop_weak(&mut fit);
+        self.finish(&mut fit);
+        self.held = fit;
+    }
+
+    /// Copies those of the first and the last search's touches which explain the frame better.
+    fn start_from_better(&mut self, fit: &mut Fit) {
+        fit.copy_from(&self.search.best);
+        let cost = self.cost(fit);
+        if self.missing().next().is_some() {
+            let mut first = std::mem::take(&mut self.first);
+            if self.cost(&mut first) < cost {
+                fit.copy_from(&first);
+            }
+            self.first = first;
+        }
+        self.assess(fit, None);
+        self.weigh(fit);
+    }
+
+    /// Makes these the frame's touches.
+    fn finish(&mut self, fit: &mut Fit) {
+        self.assess(fit, None);
+        self.search.best.copy_from(fit);
+        let mut none = std::mem::take(&mut self.other);
+        none.spots.clear();
+        self.strengths(&mut none);
+        self.other = none;
+        self.search.residual_without.copy_from_slice(&self.search.residual);
+        self.strengths(fit);
+        self.is_updated = false;
+    }
+
+    /// Fits touches with their own actions and returns their cost.
+    fn cost(&mut self, fit: &mut Fit) -> f64 {
+        let rest = self.assess(fit, None);
+        let evidence = self.evidence();
+        evidence.cost(rest) + self.scene().price(&fit.spots)
+    }
+
+    /// Drops touches which explain too little even together with their actions.
+    fn drop_weak(&mut self, fit: &mut Fit) {
+        loop {
+            let with = self.assess(fit, None);
+            let unit = self.evidence().unit(fit.rest);
+            self.weigh(fit);
+            let mut worst: Option<(usize, f64)> = None;
+            for k in 0..fit.spots.len() {
+                let (least_gain, least_ratio) = self.least_of(fit.spots[k].position_m);
+                let is_weak = |worth: f64| (worth - 1.0) * unit < least_gain || worth < least_ratio;
+                let is_faint = fit.strengths[k] < self.scene().least_strength(fit, k);
+                let is_own = fit.spots.len() == 1 || fit.worth[k] >= self.least_own();
+                if is_weak(fit.worth[k]) && !is_faint && is_own {
+                    let joint = 1.0 + self.gain_of_touch(fit, k, with) / unit;
+                    fit.worth[k] = fit.worth[k].max(joint);
+                    self.is_joint |= !is_weak(joint);
+                }
+                let is_wrong = is_weak(fit.worth[k]) || is_faint;
+                if is_wrong && worst.is_none_or(|(_, least)| fit.worth[k] < least) {
+                    worst = Some((k, fit.worth[k]));
+                }
+            }
+            let Some((worst, _)) = worst else { return };
+            fit.spots.remove(worst);
+            fit.worth.remove(worst);
+        }
+    }
+
+    /// Least worth of a touch beside others without its actions.
+    fn least_own(&self) -> f64 {
+        if self.before.sliding().next().is_some() { OWN_WORTH } else { 1.0 }
+    }
+
+    /// Least fall of chi^2 and least worth of a touch.
+    fn least_of(&self, at_m: [f64; 3]) -> (f64, f64) {
+        match self.scene().is_known(at_m) {
+            true => (self.settings.least_gain_of_known, self.settings.least_ratio_of_known),
+            false => (self.settings.least_gain, self.settings.least_ratio),
+        }
+    }
+
+    /// Fall of the cost `with` a touch and its actions from what pressure on contacts or a gain of one electrode leave in
+    /// its place.
+    fn gain_of_touch(&mut self, fit: &Fit, k: usize, with: f64) -> f64 {
+        let mut without = std::mem::take(&mut self.third);
+        without.copy_from(fit);
+        let at_m = without.spots.remove(k).position_m;
+        let mut cost = self.assess(&mut without, Some(at_m));
+        let gain =
+            best_gain(&self.gains, &self.whitening, &mut self.gain_of, &self.search.residual);
+        if let Some((_, rest)) = gain {
+            cost += rest - dot(&self.search.residual, &self.search.residual);
+        }
+        self.third = without;
+        cost - with
+    }
+
+    /// Candidates at which no touch is.
+    fn missing(&self) -> impl Iterator<Item = usize> {
+        let near_m = MERGE * self.settings.apart_m;
+        let best = &self.search.best.spots;
+        let is_free = move |&k: &usize| {
+            let at_m = self.candidates[k].position_m;
+            best.iter().all(|spot| distance_m(spot.position_m, at_m) >= near_m)
+        };
+        (0..self.candidates.len()).filter(is_free)
+    }
+
+    fn scene(&self) -> Scene<'_> {
+        scene!(self)
+    }
+
+    /// Fits touches with their own actions free, and pressure on contacts at one more place if asked for; returns the
+    /// residual and the logarithm of the determinant.
+    fn assess(&mut self, fit: &mut Fit, pressed: Option<[f64; 3]>) -> f64 {
+        self.free(fit, pressed);
+        let scene = scene!(self);
+        self.search.fit(&scene, &self.whitened, fit);
+        fit.rest + self.whitening.log_determinant()
+    }
+
+    /// Frees the actions of touches, and pressure on contacts at one more place if asked for.
+    fn free(&mut self, fit: &Fit, pressed: Option<[f64; 3]>) {
+        let Self { electrodes, places, dents, .. } = self;
+        electrodes.clear();
+        electrodes.add(&fit.spots, places, dents);
+        let own = electrodes.actions.len();
+        if let Some(at_m) = pressed {
+            electrodes.press(at_m);
+        }
+        self.whitening.free(&electrodes.actions, &electrodes.dented);
+        electrodes.actions.truncate(own);
+        self.whitened.copy_from_slice(&self.white);
+        self.whitening.project(&mut self.whitened);
+        self.memory.prepare(&self.whitening);
+    }
+
+    fn strengths(&mut self, fit: &mut Fit) {
+        let scene = scene!(self);
+        self.search.fit_strengths(&scene, &self.whitened, fit);
+    }
+
+    fn evidence(&mut self) -> Evidence {
+        self.whitening.expect();
+        Evidence::new(self.whitening.expected(), self.whitening.present())
+    }
+
+    fn weigh(&mut self, fit: &mut Fit) {
+        let evidence = self.evidence();
+        let scene = scene!(self);
+        self.search.weigh(&scene, &self.whitened, fit, evidence);
+    }
+
+    /// Moves a touch to where it and its actions explain most.
+    fn relocate(&mut self, fit: &mut Fit, k: usize) {
+        let cost = self.assess(fit, None);
+        let unit = self.evidence().unit(fit.rest);
+        let mut other = std::mem::take(&mut self.other);
+        other.copy_from(fit);
+        other.spots.remove(k);
+        self.free(&other, None);
+        self.strengths(&mut other);
+        let near_m = MERGE * self.settings.apart_m;
+        let is_allowed = |at_m: [f64; 3]| {
+            let others = fit.spots.iter().enumerate().filter(|(i, _)| *i != k);
+            others.map(|(_, spot)| distance_m(spot.position_m, at_m)).all(|way_m| way_m >= near_m)
+        };
+        let found = self.scan(other.spots.len(), fit.rest, fit.spots[k].position_m, is_allowed);
+        if let Some(found) = found {
+            other.copy_from(fit);
+            other.spots[k] = self.spot_of(&found);
+            let moved = self.assess(&mut other, None);
+            // a mean position fits a little worse than the best one
+            let slack = if other.spots[k].spread_m2.is_some() { BETTER * unit } else { 0.0 };
+            if other.strengths[k] > 0.0 && moved < cost + slack {
+                self.weigh(&mut other);
+                fit.copy_from(&other);
+            }
+        }
+        self.other = other;
+    }
+
+    /// Scans the residual of the last fit, of some touches.
+    fn scan(
+        &mut self,
+        touches: usize,
+        rest: f64,
+        from_m: [f64; 3],
+        is_allowed: impl Fn([f64; 3]) -> bool,
+    ) -> Option<Found> {
+        let excess = (rest / self.whitening.present().max(1) as f64).max(1.0);
+        let Self { joint, whitening, places, search, basis, .. } = self;
+        search.span(touches, basis);
+        remove_all(&mut search.residual, basis);
+        joint.as_mut()?.scan(
+            whitening,
+            places,
+            (&search.residual, excess),
+            basis,
+            (from_m, REACH_M),
+            is_allowed,
+        )
+    }
+
+    /// Where a touch is: at its mean position if what it does to electrodes hardly says where, else at the best one, from
+    /// which fits go on.
+    fn spot_of(&self, found: &Found) -> Spot {
+        if found.std_m() < SHARP_M {
+            return self.places.spot(found.place);
+        }
+        let mut spread_m2 = found.covariance_m2;
+        (0..3).for_each(|i| spread_m2[i][i] += GRID_M.powi(2));
+        Spot { spread_m2: Some(spread_m2), ..self.places.nearest(found.mean_m) }
+    }
+
+    /// Adds a touch near a candidate if it and its actions explain enough.
+    fn try_again(&mut self, fit: &mut Fit, candidate: usize) {
+        let (near_m, apart_m) = (MERGE * self.settings.apart_m, self.settings.apart_m);
+        let from_m = self.candidates[candidate].position_m;
+        let is_free = |at_m: [f64; 3], near_m: f64| {
+            fit.spots.iter().all(|spot| distance_m(spot.position_m, at_m) >= near_m)
+        };
+        if fit.spots.len() >= self.settings.max_touches || !is_free(from_m, near_m) {
+            return;
+        }
+        self.free(fit, None);
+        let mut other = std::mem::take(&mut self.other);
+        other.copy_from(fit);
+        self.strengths(&mut other);
+        let found = self.scan(fit.spots.len(), 0.0, from_m, |at_m| is_free(at_m, apart_m));
+        let found = found.filter(|found| found.evidence >= self.settings.least_gain_of_known);
+        if let Some(found) = found {
+            other.spots.push(self.spot_of(&found));
+            let new = fit.spots.len();
+            if self.is_enough(&mut other, new) && is_free(other.spots[new].position_m, near_m) {
+                fit.copy_from(&other);
+                self.is_joint = true;
+            }
+        }
+        self.other = other;
+    }
+
+    /// Whether a further touch and its actions explain enough; sets its worth.
+    fn is_enough(&mut self, fit: &mut Fit, new: usize) -> bool {
+        let with = self.assess(fit, None);
+        let unit = self.evidence().unit(fit.rest);
+        self.weigh(fit);
+        if new > 0 && fit.worth[new] < self.least_own() {
+            return false;
+        }
+        let gain = self.gain_of_touch(fit, new, with);
+        fit.worth[new] = 1.0 + gain / unit;
+        let (least_gain, least_ratio) = self.least_of(fit.spots[new].position_m);
+        gain >= least_gain
+            && fit.worth[new] >= least_ratio
+            && fit.strengths[new] >= self.scene().least_strength(fit, new)
+    }
+}
