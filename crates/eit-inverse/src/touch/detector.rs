@@ -24,9 +24,10 @@
 //! two where one slid must explain the frame far better.
 //!
 //! What a touch does to electrodes, contacts and the fabric around it ([`dents`]) is a covariance of its own
-//! ([`electrodes`]). The search starts with that of the previous frame's touches. Each further touch adds its own, and the search goes on from the touches
-//! found, at most three times in all. Touches much fainter than a recent one must also hold when every electrode may
-//! move by itself. What the covariance explains does not enter the reference, since it ends with the touch.
+//! ([`electrodes`]). The search starts with that of the previous frame's touches. Each further touch adds its own, and
+//! the search goes on from the touches found, at most three times in all. Touches of little worth are then weighed as one
+//! with what they do ([`reconsider`]). Touches much fainter than a recent one must also hold when every electrode may move
+//! by itself. What the covariance explains does not enter the reference, since it ends with the touch.
 //!
 //! Measurements that are missing from a frame are projected out ([`whitening`]).
 //!

@@ -39,6 +39,9 @@ const OWN_WORTH: f64 = 1.25;
 /// Positions known better than this are refined by fits, metres, ...
 const SHARP_M: f64 = 4e-3;
 
+/// ... unless fits move them farther than this, metres, ...
+const AWAY_M: f64 = 10e-3;
+
 /// ... and error of others for the distance between the positions scanned.
 const GRID_M: f64 = 3e-3;
 
@@ -71,7 +74,7 @@ impl TouchDetector {
         }
         self.drop_weak(&mut fit);
         for candidate in 0..self.candidates.len() {
-            self.try_again(&mut fit, candidate);
+            self.try_again(&mut fit, self.candidates[candidate].position_m);
         }
         self.drop_weak(&mut fit);
         self.finish(&mut fit);
@@ -240,11 +243,12 @@ impl TouchDetector {
             let others = fit.spots.iter().enumerate().filter(|(i, _)| *i != k);
             others.map(|(_, spot)| distance_m(spot.position_m, at_m)).all(|way_m| way_m >= near_m)
         };
-        let found = self.scan(other.spots.len(), fit.rest, fit.spots[k].position_m, is_allowed);
+        let around = (fit.spots[k].position_m, REACH_M);
+        let found = self.scan(other.spots.len(), fit.rest, around, is_allowed);
         if let Some(found) = found {
             other.copy_from(fit);
             other.spots[k] = self.spot_of(&found);
-            let moved = self.assess(&mut other, None);
+            let moved = self.assess_near(&mut other, k, &found);
             // a mean position fits a little worse than the best one
             let slack = if other.spots[k].spread_m2.is_some() { BETTER * unit } else { 0.0 };
             if other.strengths[k] > 0.0 && moved < cost + slack {
@@ -260,7 +264,7 @@ impl TouchDetector {
         &mut self,
         touches: usize,
         rest: f64,
-        from_m: [f64; 3],
+        around: ([f64; 3], f64),
         is_allowed: impl Fn([f64; 3]) -> bool,
     ) -> Option<Found> {
         let excess = (rest / self.whitening.present().max(1) as f64).max(1.0);
@@ -272,7 +276,7 @@ impl TouchDetector {
             places,
             (&search.residual, excess),
             basis,
-            (from_m, REACH_M),
+            around,
             is_allowed,
         )
     }
@@ -280,18 +284,33 @@ impl TouchDetector {
     /// Where a touch is: at its mean position if what it does to electrodes hardly says where, else at the best one, from
     /// which fits go on.
     fn spot_of(&self, found: &Found) -> Spot {
-        if found.std_m() < SHARP_M {
-            return self.places.spot(found.place);
+        match found.std_m() < SHARP_M {
+            true => self.places.spot(found.place),
+            false => self.mean_spot(found),
         }
+    }
+
+    fn mean_spot(&self, found: &Found) -> Spot {
         let mut spread_m2 = found.covariance_m2;
         (0..3).for_each(|i| spread_m2[i][i] += GRID_M.powi(2));
         Spot { spread_m2: Some(spread_m2), ..self.places.nearest(found.mean_m) }
     }
 
-    /// Adds a touch near a candidate if it and its actions explain enough.
-    fn try_again(&mut self, fit: &mut Fit, candidate: usize) {
+    /// The same as [`assess`](Self::assess); a touch that its own response alone would pull away stays where it was found.
+    fn assess_near(&mut self, fit: &mut Fit, k: usize, found: &Found) -> f64 {
+        let cost = self.assess(fit, None);
+        let from_m = self.places.at[found.place].position_m;
+        if fit.spots[k].spread_m2.is_some() || distance_m(fit.spots[k].position_m, from_m) < AWAY_M
+        {
+            return cost;
+        }
+        fit.spots[k] = self.mean_spot(found);
+        self.assess(fit, None)
+    }
+
+    /// Adds a touch within reach of a place if it and its actions explain enough.
+    fn try_again(&mut self, fit: &mut Fit, from_m: [f64; 3]) {
         let (near_m, apart_m) = (MERGE * self.settings.apart_m, self.settings.apart_m);
-        let from_m = self.candidates[candidate].position_m;
         let is_free = |at_m: [f64; 3], near_m: f64| {
             fit.spots.iter().all(|spot| distance_m(spot.position_m, at_m) >= near_m)
         };
@@ -302,12 +321,15 @@ impl TouchDetector {
         let mut other = std::mem::take(&mut self.other);
         other.copy_from(fit);
         self.strengths(&mut other);
-        let found = self.scan(fit.spots.len(), 0.0, from_m, |at_m| is_free(at_m, apart_m));
+        let around = (from_m, REACH_M);
+        let found = self.scan(fit.spots.len(), 0.0, around, |at_m| is_free(at_m, apart_m));
         let found = found.filter(|found| found.evidence >= self.settings.least_gain_of_known);
         if let Some(found) = found {
             other.spots.push(self.spot_of(&found));
             let new = fit.spots.len();
-            if self.is_enough(&mut other, new) && is_free(other.spots[new].position_m, near_m) {
+            if self.is_enough(&mut other, new, &found)
+                && is_free(other.spots[new].position_m, near_m)
+            {
                 fit.copy_from(&other);
                 self.is_joint = true;
             }
@@ -316,8 +338,8 @@ impl TouchDetector {
     }
 
     /// Whether a further touch and its actions explain enough; sets its worth.
-    fn is_enough(&mut self, fit: &mut Fit, new: usize) -> bool {
-        let with = self.assess(fit, None);
+    fn is_enough(&mut self, fit: &mut Fit, new: usize, found: &Found) -> bool {
+        let with = self.assess_near(fit, new, found);
         let unit = self.evidence().unit(fit.rest);
         self.weigh(fit);
         if new > 0 && fit.worth[new] < self.least_own() {
