@@ -7,6 +7,7 @@ use eit_denoise::{DenoiseError, ThresholdRule};
 use eit_mesh::Raster;
 use eit_skin::Progress;
 use eit_skin::denoise::{Chained, Check};
+use eit_skin::touches::touches;
 use ndarray::{Array3, Axis};
 
 /// Images of a sequence, computed in one way.
@@ -54,7 +55,11 @@ pub(super) fn variants(
     let plain =
         |name: &str, images| ImageVariant { name: name.to_owned(), images, put_aside: None };
     let mut variants = vec![plain("raw", raw.clone()), plain("rule", kept)];
-    let check = Check::new(&made.fitted);
+    // once for all nets
+    let check = match touches(&made.fitted, &mut Progress::silent())? {
+        Some(found) => Check::new(&made.fitted).with_touches(&found),
+        None => Check::new(&made.fitted),
+    };
     for NamedNet { name, net } in nets {
         let mut silent = Progress::silent();
         let mut images = raw.clone();
