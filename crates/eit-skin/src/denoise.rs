@@ -234,6 +234,7 @@ impl Net {
                     made?;
                 }
             }
+            inputs.fade(out.view_mut());
             out.mapv_inplace(|value| self.sign * value);
         }
         Ok((made, judge))

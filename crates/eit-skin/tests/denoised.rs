@@ -6,10 +6,11 @@ mod common;
 
 use common::Recording;
 use eit_skin::denoise::{Check, LiveNet, Net, Verdict};
+use eit_skin::eit_mesh::Raster;
 use eit_skin::ndarray::{Array3, Axis};
 use eit_skin::scene::DenoiseSettings;
-use eit_skin::touches::{TouchFinder, touches};
-use eit_skin::{FittedFrames, Progress};
+use eit_skin::touches::{TouchFinder, Touches, touches};
+use eit_skin::{FittedFrames, Progress, Touch, TouchState};
 use std::path::Path;
 
 /// Weights of images alone, as a user's file.
@@ -84,6 +85,9 @@ fn one_by_one_as_all_at_once() {
                 assert_eq!(verdicts, of_whole, "{weights}, foreign: {is_foreign}");
                 let same = made.iter().zip(&whole).all(|(a, b)| a == b || a.is_nan() && b.is_nan());
                 assert!(same, "{weights}, foreign: {is_foreign}");
+                if weights == "default" {
+                    nothing_far_from_touches(&whole, &verdicts, raster, &found);
+                }
             }
             let touched = || recording_frames(&script);
             let kept = touched().filter(|f| {
@@ -95,6 +99,26 @@ fn one_by_one_as_all_at_once() {
             println!("{weights}, foreign {is_foreign}: raw in {kept} of {all} touched frames");
             // a frame or two while a finger comes; a foreign one while it hardly presses
             assert!(if is_foreign { 10 * kept >= 9 * all } else { 20 * kept <= all });
+        }
+    }
+}
+
+/// The net that sees touches shows nothing farther than 11 pixels from each of them.
+fn nothing_far_from_touches(
+    images: &Array3<f64>,
+    verdicts: &[Verdict],
+    raster: &Raster,
+    found: &Touches,
+) {
+    let far_m = 11.0 * raster.pixel_m();
+    for ((image, touches), verdict) in images.outer_iter().zip(found.by_frame()).zip(verdicts) {
+        let is_net = *verdict == Verdict::Net;
+        for ((row, column), value) in image.indexed_iter().filter(|_| is_net) {
+            let [x, y] = raster.centre_m(row, column);
+            let off = |touch: &Touch| (x - touch.position_m[0]).hypot(y - touch.position_m[1]);
+            let mut present = touches.iter().filter(|touch| touch.state != TouchState::End);
+            let is_far = present.all(|touch| off(touch) > far_m);
+            assert!(!is_far || value.is_nan() || *value == 0.0, "{row} {column} {value}");
         }
     }
 }

@@ -2,6 +2,7 @@
 //! signal-to-noise ratio and the strength of the touches.
 
 use super::DrawnTouch;
+use super::drawn::Surroundings;
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
@@ -10,7 +11,7 @@ use eit_denoise::{Beside, Shard, ShardTouches};
 use eit_denoise::{DataMisfit, NetFrame, UnetShape};
 use eit_inverse::{InverseError, OneStepGaussNewton, OneStepSettings, Reconstructor, Workspace};
 use eit_mesh::Raster;
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, ArrayViewMut2};
 #[cfg(feature = "base")]
 use ndarray::{Array3, Axis};
 
@@ -50,6 +51,8 @@ pub struct NetInputs {
     missing: Vec<usize>,
     pixels: Vec<f64>,
     images: Vec<Array2<f64>>,
+    /// Of the touches of the current frame.
+    surroundings: Surroundings,
     conditions: Vec<f64>,
 }
 
@@ -97,6 +100,7 @@ impl NetInputs {
             used,
             pixels: vec![0.0; raster.masked_pixels().len()],
             images: vec![Array2::zeros(raster.mask().dim()); images],
+            surroundings: Surroundings::new(raster.mask().dim()),
             conditions: vec![0.0; conditions],
             pixel_s_m2: linearised.skin.conductivity_s * raster.pixel_m().powi(2),
             raster,
@@ -127,11 +131,13 @@ impl NetInputs {
         energy: Option<DataMisfit>,
         sign: f64,
     ) -> Result<(), SkinError> {
-        let Self { images, raster, .. } = self;
+        let Self { images, raster, surroundings, .. } = self;
         let mut strongest_s_m2 = 0.0_f64;
         if let [drawn, _, ..] = &mut images[..] {
             drawn.fill(0.0);
+            surroundings.clear();
             for touch in touches {
+                surroundings.add(&touch, raster);
                 strongest_s_m2 = strongest_s_m2.max(touch.intensity_s_m2.abs());
                 let intensity_s_m2 = sign * touch.intensity_s_m2;
                 DrawnTouch { intensity_s_m2, ..touch }.draw(raster, drawn);
@@ -172,6 +178,14 @@ impl NetInputs {
             image.mapv_inplace(|value| sign * value);
         }
         Ok(())
+    }
+
+    /// Fades the image [row, column] that a net made of the last frame away from the touches of that frame: the net
+    /// corrects their drawing, and shows none where none was detected. Changes nothing for nets that see no touches.
+    pub fn fade(&self, image: ArrayViewMut2<'_, f64>) {
+        if self.needs_touches() {
+            self.surroundings.fade(image);
+        }
     }
 
     /// Passes the inputs of the last frame to a net.

@@ -81,7 +81,8 @@ impl LiveNet {
                 made?;
             }
         }
-        self.made.mapv_inplace(|value| sign * value);
+        inputs.fade(made.view_mut());
+        made.mapv_inplace(|value| sign * value);
         let (made, raw) = (self.made.view(), self.raw.view());
         let verdict = match is_explained || !self.inputs.needs_touches() {
             true => self.judge.judge(made, raw, differences)?.verdict,
