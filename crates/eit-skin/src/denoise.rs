@@ -33,6 +33,8 @@ pub struct Net {
     of_images: Option<Weights>,
     source: String,
     skin: String,
+    /// Whether it was trained for this skin and number of pixels.
+    is_of_this_skin: bool,
     /// Sign by which images are multiplied: -1 if touches lower the conductivity, since nets are trained on
     /// touches that raise it.
     sign: f64,
@@ -90,14 +92,17 @@ impl Net {
             }
         };
         let NetTarget { fingerprint, pixels, sign } = *target;
+        let fits = weights.check_skin(fingerprint, [pixels, pixels]);
+        let is_of_this_skin = fits.is_ok();
         if !any_skin {
-            weights.check_skin(fingerprint, [pixels, pixels]).map_err(|e| {
+            fits.map_err(|e| {
                 let how = "with --any-skin, or any_skin = true in [denoise]";
                 SkinError::input(format!("{name}: {e} {how}"))
             })?;
         }
         let sign = if sign == TouchSign::Decrease { -1.0 } else { 1.0 };
-        Ok(Self { weights, of_images, source: name.clone(), skin: fingerprint.to_owned(), sign })
+        let (source, skin) = (name.clone(), fingerprint.to_owned());
+        Ok(Self { weights, of_images, source, skin, is_of_this_skin, sign })
     }
 
     /// Returns the net for images without their measurements: of the shipped weights those that see the image alone.
@@ -141,7 +146,7 @@ impl Net {
                 }
                 judgements.push(judgement);
             }
-            Ok(Checked::new(judge.rule(), judgements))
+            Ok(Checked::new(&judge, judgements))
         })
     }
 
@@ -170,6 +175,13 @@ impl Net {
             Some(of_images) if !has_touches => of_images,
             _ => &self.weights,
         }
+    }
+
+    /// Returns whether "default" has only the net of images alone for these frames, on a skin that it was not trained
+    /// for. It is no better there than the raw images, which are shown instead: of a ball in the middle of a tank it
+    /// made two (`golf_ball_b`).
+    fn is_of_no_use(&self, has_touches: bool) -> bool {
+        self.of_images.is_some() && !has_touches && !self.is_of_this_skin
     }
 
     /// Denoises with a net whose only input is the image.
@@ -201,7 +213,7 @@ impl Net {
             false => None,
         };
         let weights = self.weights_for(touches.is_some());
-        let judge = check.judge(weights)?;
+        let judge = check.judge(weights)?.rejecting(self.is_of_no_use(touches.is_some()));
         if !inputs::needs_data(weights.shape) {
             return Ok((self.of_images(raw, raster)?, judge));
         }

@@ -5,7 +5,7 @@
 mod common;
 
 use common::Recording;
-use eit_skin::denoise::{Check, LiveNet, Net, Verdict};
+use eit_skin::denoise::{Check, LiveNet, Net, NetTarget, Verdict};
 use eit_skin::eit_mesh::Raster;
 use eit_skin::ndarray::{Array3, Axis};
 use eit_skin::scene::DenoiseSettings;
@@ -100,6 +100,36 @@ fn one_by_one_as_all_at_once() {
             // a frame or two while a finger comes; a foreign one while it hardly presses
             assert!(if is_foreign { 10 * kept >= 9 * all } else { 20 * kept <= all });
         }
+    }
+}
+
+/// Without noise no touches can be sought, and "default" has only the net of images alone: on its own skin it is used,
+/// on another one the raw images stay, one by one too.
+#[test]
+fn without_touches_another_skin_keeps_its_raw_images() {
+    let script = common::script::Drawn::new(32, 1).press(0.6..2.0).script();
+    let mut fitted = Recording::simulate(&script, 32).fitted();
+    fitted.frames.quiet = None;
+    let raw = raw_images(&fitted);
+    let raster = fitted.skin.raster(&mut Progress::silent()).unwrap();
+    let settings = DenoiseSettings { weights: "default".to_owned(), any_skin: true };
+    let own = fitted.skin.skin.net_target();
+    let touched = recording_frames(&script).next().unwrap();
+    for (fingerprint, stays) in [("another", true), (own.fingerprint, false)] {
+        let net = Net::load(&settings, &NetTarget { fingerprint, ..own }).unwrap();
+        let mut images = raw.clone();
+        let check = Check::new(&fitted);
+        let checked = net.apply(&mut images, raster, Some(&check), &mut Progress::silent());
+        let words = checked.unwrap().unwrap().words();
+        let is_same = images.iter().zip(&raw).all(|(a, b)| a == b || a.is_nan() && b.is_nan());
+        assert_eq!((is_same, words.starts_with("the raw images stay")), (stays, stays), "{words}");
+        let mut live = LiveNet::new(&net, &fitted).unwrap();
+        let mut before = vec![0.0; raster.masked_pixels().len()];
+        let mut after = before.clone();
+        raster.pixels_from_image_into(raw.index_axis(Axis(0), touched), &mut before).unwrap();
+        let row = fitted.differences_or_nan().row(touched).to_vec();
+        let verdict = live.push(raster, &before, &row, &[], true, &mut after).unwrap();
+        assert_eq!((verdict != Verdict::Net, after == before), (stays, stays));
     }
 }
 

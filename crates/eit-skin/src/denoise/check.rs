@@ -29,6 +29,8 @@ pub(super) struct SequenceJudge<'a> {
     judge: Judge,
     /// Whether touches explain each frame; empty for nets that do not see them.
     is_explained: Vec<bool>,
+    /// Whether the net was not trained for such images, so that none of its own is shown.
+    rejects_all: bool,
 }
 
 impl Check {
@@ -63,7 +65,7 @@ impl Check {
 
     pub(super) fn judge(&self, weights: &Weights) -> Result<SequenceJudge<'_>, SkinError> {
         let judge = judge(weights, &self.fitted)?;
-        Ok(SequenceJudge { check: self, judge, is_explained: Vec::new() })
+        Ok(SequenceJudge { check: self, judge, is_explained: Vec::new(), rejects_all: false })
     }
 }
 
@@ -90,10 +92,15 @@ impl SequenceJudge<'_> {
         raw: ArrayView2<'_, f64>,
     ) -> Result<Judgement, SkinError> {
         let row = self.check.differences.row(frame).to_vec();
-        match self.is_explained.get(frame) {
-            Some(false) => Ok(self.judge.reject(net, raw, &row)?),
-            _ => Ok(self.judge.judge(net, raw, &row)?),
+        match self.rejects_all || self.is_explained.get(frame) == Some(&false) {
+            true => Ok(self.judge.reject(net, raw, &row)?),
+            false => Ok(self.judge.judge(net, raw, &row)?),
         }
+    }
+
+    /// Rejects every image of the net, or not.
+    pub fn rejecting(self, rejects_all: bool) -> Self {
+        Self { rejects_all, ..self }
     }
 
     /// Takes whether touches explain each frame.
@@ -123,13 +130,17 @@ pub struct Checked {
     pub limit: f64,
     /// Description of the rule.
     rule: String,
+    /// Whether the net was not trained for such images.
+    rejects_all: bool,
     /// Verdict on each frame.
     pub judgements: Vec<Judgement>,
 }
 
 impl Checked {
-    pub(super) fn new(rule: &Judge, judgements: Vec<Judgement>) -> Option<Self> {
-        rule.limit().map(|limit| Self { limit, rule: rule.words(), judgements })
+    pub(super) fn new(judge: &SequenceJudge<'_>, judgements: Vec<Judgement>) -> Option<Self> {
+        let SequenceJudge { judge: rule, rejects_all, .. } = judge;
+        let rejects_all = *rejects_all;
+        rule.limit().map(|limit| Self { limit, rule: rule.words(), rejects_all, judgements })
     }
 
     fn frames(&self, wanted: impl Fn(Verdict) -> bool) -> Vec<usize> {
@@ -151,6 +162,11 @@ impl Checked {
     pub fn words(&self) -> String {
         let (aside, unexplained) = (self.put_aside(), self.unexplained());
         let count = self.judgements.len();
+        if self.rejects_all {
+            return "the raw images stay: the shipped net of images alone was trained on another skin, and the \
+                    noise is unknown, without which no touches can be sought for the other one ([noise])"
+                .to_owned();
+        }
         match aside.as_slice() {
             [] => format!("every one of its {count} images explains its measurements"),
             [first, ..] => {

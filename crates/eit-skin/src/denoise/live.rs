@@ -17,6 +17,8 @@ pub struct LiveNet {
     net: Denoiser,
     inputs: NetInputs,
     sign: f64,
+    /// Whether the net was not trained for such images, so that none of its own is shown.
+    rejects_all: bool,
     judge: Judge,
     raw: Array2<f64>,
     made: Array2<f64>,
@@ -30,12 +32,14 @@ impl LiveNet {
     /// The errors of the noise and of the weights.
     pub fn new(net: &Net, fitted: &FittedFrames) -> Result<Self, SkinError> {
         let mask = fitted.skin.raster(&mut Progress::silent())?.mask().view();
-        let weights = net.weights_for(fitted.noise()?.is_some());
+        let has_touches = fitted.noise()?.is_some();
+        let weights = net.weights_for(has_touches);
         Ok(Self {
             inputs: NetInputs::new(&fitted.skin, weights.shape)?,
             judge: check::judge(weights, fitted)?,
             net: Denoiser::new(weights, mask)?,
             sign: net.sign,
+            rejects_all: net.is_of_no_use(has_touches),
             raw: Array2::zeros(mask.dim()),
             made: Array2::zeros(mask.dim()),
         })
@@ -84,9 +88,10 @@ impl LiveNet {
         inputs.fade(made.view_mut());
         made.mapv_inplace(|value| sign * value);
         let (made, raw) = (self.made.view(), self.raw.view());
-        let verdict = match is_explained || !self.inputs.needs_touches() {
-            true => self.judge.judge(made, raw, differences)?.verdict,
-            false => self.judge.reject(made, raw, differences)?.verdict,
+        let is_foreign = self.inputs.needs_touches() && !is_explained;
+        let verdict = match self.rejects_all || is_foreign {
+            true => self.judge.reject(made, raw, differences)?.verdict,
+            false => self.judge.judge(made, raw, differences)?.verdict,
         };
         if verdict == Verdict::Net {
             raster.pixels_from_image_into(self.made.view(), pixels)?;
