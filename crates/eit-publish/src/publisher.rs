@@ -286,6 +286,18 @@ impl Publisher {
         })
     }
 
+    /// Publishes a notice, such as what a reference says about the scene.
+    ///
+    /// # Errors
+    ///
+    /// A line that cannot be written.
+    pub fn notice(&mut self, text: &str) -> Result<(), PublishError> {
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        self.incident(Severity::Warning, text);
+        let host_time_s = self.now_s();
+        self.say(&EventLine { event: "notice", text, host_time_s, ..Default::default() })
+    }
+
     /// Publishes an event of the instrument; does nothing for a frame.
     ///
     /// # Errors

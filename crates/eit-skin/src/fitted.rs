@@ -4,6 +4,7 @@ use crate::error::SkinError;
 use crate::frames::{Frames, ModelFit, QuietFrames};
 use crate::linearised::LinearisedSkin;
 use crate::noise::DataNoise;
+use crate::scene::DifferenceKind;
 use eit_inverse::{DifferenceData, noise_std_of_quiet_frames};
 use ndarray::{Array2, ArrayView1};
 use std::sync::Arc;
@@ -34,6 +35,32 @@ pub struct FittedFrames {
 }
 
 impl FittedFrames {
+    /// Returns the median size of the ratio `g` of measured to modelled voltage over the used measurements; 1 if none is
+    /// known.
+    ///
+    /// Voltages of `g` times the model's are those of a sheet with `1 / g` of the scene's conductivity, and the strengths
+    /// of touches are changes of that sheet. Another unit of the frames, or another current, looks the same.
+    pub fn level(&self) -> f64 {
+        let Self { skin, frames, .. } = self;
+        let ratios =
+            frames.reference.iter().zip(&skin.voltages).map(|(v, model)| (v / model).abs());
+        let known = |(ratio, used): (f64, &bool)| {
+            (*used && ratio.is_finite() && ratio > 0.0).then_some(ratio)
+        };
+        let mut known: Vec<f64> = ratios.zip(&frames.used).filter_map(known).collect();
+        known.sort_unstable_by(f64::total_cmp);
+        known.get(known.len() / 2).copied().unwrap_or(1.0)
+    }
+
+    /// Returns the factor from the strength of a touch to the integral of its image. Normalised images are relative to
+    /// the scene's conductivity, those of plain differences to the model's voltages.
+    pub fn image_per_strength(&self) -> f64 {
+        match self.skin.difference_kind() {
+            DifferenceKind::Normalised => self.level(),
+            DifferenceKind::Plain => self.level().powi(2),
+        }
+    }
+
     /// Returns difference data [frame, measurement], zero where a value is not used: in volt, or relative to
     /// the reference.
     pub fn differences(&self) -> Array2<f64> {

@@ -4,6 +4,7 @@
 use crate::error::SkinError;
 use crate::faults::{self, FaultKind};
 use crate::scene::Instrument;
+use crate::skin::Skin;
 use eit_hw::{Finding, HealthReport, Quadruple, Quality, ReferenceFrames, Severity, Trouble};
 
 /// An electrode is noisy if its measurements without faulty electrodes have more than this multiple of the
@@ -49,6 +50,44 @@ pub fn check(quiet: &ReferenceFrames, instrument: &Instrument) -> Result<HealthR
     }
     report.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     Ok(report)
+}
+
+/// Correlation below which the voltages are not those of the scene's skin.
+const ALIKE: f64 = 0.9;
+
+/// Compares the mean frame with the model of the untouched skin: an order that is wrong as a whole, such as electrodes
+/// counted from another one, does not violate reciprocity. Nothing is compared if an electrode is faulty. Magnitudes are
+/// compared with magnitudes.
+///
+/// # Errors
+///
+/// A skin that cannot be solved; frames with the wrong length.
+pub fn check_model(
+    report: &mut HealthReport,
+    quiet: &ReferenceFrames,
+    skin: &Skin,
+) -> Result<(), SkinError> {
+    if report.findings.iter().any(|finding| finding.severity == Severity::Fault) {
+        return Ok(());
+    }
+    let mut workspace = skin.model.workspace()?;
+    let model = skin.solve(&skin.background_s(), &mut workspace)?.measurements().to_vec();
+    let mean = quiet.frames.mean_frame();
+    SkinError::check_measurements("the frames", mean.len(), model.len())?;
+    let (mean, model): (Vec<f64>, Vec<f64>) =
+        mean.into_iter().zip(model).filter(|(v, _)| v.is_finite()).unzip();
+    let sizes = |values: &[f64]| -> Vec<f64> { values.iter().map(|v| v.abs()).collect() };
+    let of_values = eit_hw::model_correlation(&mean, &model).map(f64::abs);
+    let of_sizes = match mean.iter().all(|v| *v >= 0.0) {
+        true => eit_hw::model_correlation(&mean, &sizes(&model)),
+        false => None,
+    };
+    let correlation = of_values.into_iter().chain(of_sizes).reduce(f64::max);
+    if let Some(correlation) = correlation.filter(|correlation| *correlation < ALIKE) {
+        report.findings.push(Finding::of_whole(Trouble::Model { correlation }));
+        report.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+    }
+    Ok(())
 }
 
 /// The measurements without faulty electrodes: those against a faulty electrode are noisy, too.

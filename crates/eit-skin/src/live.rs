@@ -83,6 +83,15 @@ pub trait LiveObserver {
         Ok(())
     }
 
+    /// Called when a reference has been taken, with what it says about the scene ([`LiveStream::notes`]).
+    ///
+    /// # Errors
+    ///
+    /// Any error ends the loop.
+    fn reference(&mut self, _notes: &[String]) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
     /// Called with a frame's touches before its image is made, so that acting on touches need not wait for
     /// it.
     ///
@@ -236,6 +245,8 @@ impl LiveModel {
                     if left == 0 {
                         summary.references += 1;
                         summary.images = stream.image_words().to_owned();
+                        stream.notes().iter().for_each(|note| summary.say(note.clone()));
+                        observer.reference(stream.notes())?;
                     }
                 }
                 Pushed::Shown(shown) => {

@@ -8,6 +8,7 @@ use eit_hw::driver::Statistics;
 use eit_hw::{
     HealthReport, ReferenceFrames, Resolution, Severity, Verdict, measure_reference_frames,
 };
+use eit_skin::Skin;
 use eit_skin::connect::{self, Backlog};
 use eit_skin::health;
 use eit_skin::scene::Scene;
@@ -43,12 +44,16 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
             args.seconds, statistics.bytes
         )));
     }
-    let report = health::check(&quiet, &instrument).map_err(|error| {
+    let mut report = health::check(&quiet, &instrument).map_err(|error| {
         CliError::Failure(format!(
             "{found} frames within {} s, {} bytes in total: {error}",
             args.seconds, statistics.bytes
         ))
     })?;
+    // a scene whose skin cannot be modelled here, such as one that stores charge, can be checked nevertheless
+    if let Ok(skin) = Skin::set_up(&scene, &Default::default(), &mut progress) {
+        health::check_model(&mut report, &quiet, &skin)?;
+    }
     let answer = Answer {
         text: text(&name, &report, &quiet, &statistics),
         json: to_json(&name, &report, &quiet, &statistics),

@@ -182,6 +182,16 @@ impl LiveObserver for Viewer<'_> {
         }
     }
 
+    fn reference(&mut self, notes: &[String]) -> Result<(), CliError> {
+        for note in notes {
+            self.terminal.news(note);
+            if let Some(publisher) = &mut self.publisher {
+                publisher.notice(note)?;
+            }
+        }
+        Ok(())
+    }
+
     fn touches(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
         if let Some(publisher) = &mut self.publisher {
             publisher.touches(&(*shown).into())?;

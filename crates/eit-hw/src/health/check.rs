@@ -216,7 +216,12 @@ fn findings(
     if limit > LOST_SHARE && at_fault.is_empty() {
         findings.push(Finding::of_whole(Trouble::Saturation { share: limit }));
     }
-    let missing = share_of(Quality::MISSING);
+    let is_missing = |quality: &&Quality| {
+        let is_no_number = quality.contains(Quality::NON_FINITE) && at_fault.is_empty();
+        quality.contains(Quality::MISSING) || is_no_number
+    };
+    let missing = frames.quality.iter().filter(is_missing).count() as f64
+        / frames.quality.len().max(1) as f64;
     let lost = report.lost_share + missing;
     if lost > LOST_SHARE {
         findings.push(Finding::of_whole(Trouble::Loss { share: lost }));
@@ -249,6 +254,8 @@ fn findings(
     }
     if frames.values.iter().all(|value| *value == 0.0 || !value.is_finite()) {
         findings.push(Finding::of_whole(Trouble::Silent));
+    } else if frames.are_equal() {
+        findings.push(Finding::of_whole(Trouble::Frozen { frames: frames.values.nrows() }));
     }
     findings
 }

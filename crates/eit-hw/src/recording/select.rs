@@ -77,6 +77,15 @@ impl MeasuredFrames {
         )
     }
 
+    /// Returns whether there are three frames or more, and all have the same values to the last digit: a source that
+    /// repeats an old frame, or a converter too coarse to show its noise.
+    pub fn are_equal(&self) -> bool {
+        let mut rows = self.values.rows().into_iter();
+        let Some(first) = rows.next().filter(|_| self.values.nrows() >= 3) else { return false };
+        let is_same = |(a, b): (&f64, &f64)| a == b || (a.is_nan() && b.is_nan());
+        rows.all(|row| row.iter().zip(first).all(is_same))
+    }
+
     /// Returns the mean of the good values of each measurement over these frames, and whether there
     /// are any; NaN if not. Frames are counted from 0; those beyond the last are ignored.
     pub fn mean_of(&self, frames: Range<usize>) -> (Vec<f64>, Vec<bool>) {

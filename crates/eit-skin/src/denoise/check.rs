@@ -42,7 +42,8 @@ impl Check {
 
     /// Takes the touches that were found in the frames, so that a net that sees them needs not seek them again.
     pub fn with_touches(self, touches: &Touches) -> Self {
-        Self { touches: Some(DrawnTouches::of_frames(touches)), ..self }
+        let touches = DrawnTouches::of_frames(touches, self.fitted.image_per_strength());
+        Self { touches: Some(touches), ..self }
     }
 
     /// Returns the touches of each frame; `None` if the noise of the data is unknown, so that none can be sought.
@@ -55,7 +56,8 @@ impl Check {
             return Ok(Some(touches.clone()));
         }
         let found = touches::touches(&self.fitted, &mut Progress::silent())?;
-        Ok(found.map(|found| DrawnTouches::of_frames(&found)))
+        let factor = self.fitted.image_per_strength();
+        Ok(found.map(|found| DrawnTouches::of_frames(&found, factor)))
     }
 
     /// Returns the model of the frames.

@@ -1,5 +1,7 @@
 //! Touches that were detected without an image, drawn as an image: what a net sharpens.
 
+#[cfg(doc)]
+use crate::fitted::FittedFrames;
 use crate::touches::Touches;
 use eit_inverse::touch::{DetectorStep, Touch, TouchState};
 use eit_mesh::Raster;
@@ -27,11 +29,14 @@ pub struct DrawnTouches {
 }
 
 impl DrawnTouches {
-    /// Returns those of each frame of a recording.
-    pub fn of_frames(touches: &Touches) -> Vec<Self> {
+    /// Returns those of each frame of a recording; `image_per_strength`: see [`FittedFrames::image_per_strength`].
+    pub fn of_frames(touches: &Touches, image_per_strength: f64) -> Vec<Self> {
         let all = touches.by_frame().into_iter().zip(&touches.steps);
         let of = |(touches, step): (Vec<Touch>, &DetectorStep)| Self {
-            touches: touches.iter().filter_map(DrawnTouch::of).collect(),
+            touches: touches
+                .iter()
+                .filter_map(|touch| DrawnTouch::of(touch, image_per_strength))
+                .collect(),
             is_explained: step.is_explained(),
         };
         all.map(of).collect()
@@ -43,16 +48,17 @@ impl DrawnTouches {
 pub struct DrawnTouch {
     /// Position as seen from +z, metres.
     pub position_m: [f64; 2],
-    /// Integral of the conductivity change, S m^2, with its sign.
+    /// Integral of the change in the image, S m^2, with its sign.
     pub intensity_s_m2: f64,
 }
 
 impl DrawnTouch {
-    /// Returns how a touch is drawn; `None` for one that has ended.
-    pub fn of(touch: &Touch) -> Option<Self> {
+    /// Returns how a touch is drawn in images of the skin; `None` for one that has ended. `image_per_strength`: see
+    /// [`FittedFrames::image_per_strength`].
+    pub fn of(touch: &Touch, image_per_strength: f64) -> Option<Self> {
         let [x, y, _] = touch.position_m;
-        (touch.state != TouchState::End)
-            .then_some(Self { position_m: [x, y], intensity_s_m2: touch.intensity_s_m2 })
+        let intensity_s_m2 = image_per_strength * touch.intensity_s_m2;
+        (touch.state != TouchState::End).then_some(Self { position_m: [x, y], intensity_s_m2 })
     }
 
     /// Row and column of its position, in pixels.

@@ -19,6 +19,7 @@ pub struct LiveNet {
     sign: f64,
     /// Whether the net was not trained for such images, so that none of its own is shown.
     rejects_all: bool,
+    image_per_strength: f64,
     judge: Judge,
     raw: Array2<f64>,
     made: Array2<f64>,
@@ -40,6 +41,7 @@ impl LiveNet {
             net: Denoiser::new(weights, mask)?,
             sign: net.sign,
             rejects_all: net.is_of_no_use(has_touches),
+            image_per_strength: fitted.image_per_strength(),
             raw: Array2::zeros(mask.dim()),
             made: Array2::zeros(mask.dim()),
         })
@@ -69,9 +71,9 @@ impl LiveNet {
     ) -> Result<Verdict, SkinError> {
         pixels.copy_from_slice(raw);
         raster.image_from_pixels_into(raw, self.raw.view_mut())?;
-        let sign = self.sign;
+        let (sign, factor) = (self.sign, self.image_per_strength);
         let energy = self.judge.energy(differences)?;
-        let touches = touches.iter().filter_map(DrawnTouch::of);
+        let touches = touches.iter().filter_map(|touch| DrawnTouch::of(touch, factor));
         self.inputs.push(self.raw.view(), differences, touches, Some(energy), sign)?;
         let Self { net, inputs, made, .. } = self;
         match inputs.with_frame(|seen| net.push_frame_into(seen, made.view_mut())) {

@@ -76,6 +76,14 @@ impl Frames {
                  [skin] conductivity_s = {:.3e}, or [recording] scale",
                 conductivity_s / gain
             ));
+        } else if !(0.5..=2.0).contains(&gain.abs()) {
+            self.notes.push(format!(
+                "voltages are {:.3e} times the model's: another conductivity, current or unit. Places of touches and \
+                 their least strength allow for it; strengths are those of a sheet of {:.3e} S per square. Set [skin] \
+                 conductivity_s, or [recording] scale if the unit or the current is another",
+                gain.abs(),
+                conductivity_s / gain.abs()
+            ));
         }
         Ok(ModelFit { gain, correlation, level_scatter })
     }

@@ -169,6 +169,12 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
             notes.push(format!("{count} measurements left out: {why}"));
         }
     }
+    if loaded.frames.are_equal() {
+        notes.push(format!(
+            "all {count} frames are equal to the last digit: the instrument repeats an old frame, or its converter is \
+             too coarse to show its noise"
+        ));
+    }
     let quiet = quiet::find(skin, &loaded.frames, &taken, &used, &mut notes)?;
     let faults = leave_out_floating(skin, &taken, quiet.as_ref(), &mut used, &mut notes)?;
     if !used.contains(&true) {

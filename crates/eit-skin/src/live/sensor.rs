@@ -220,6 +220,12 @@ impl Sensor {
         self.shown().filter(|_| is_fresh).map(|shown| shown.touches)
     }
 
+    /// Returns what the reference says about the scene, such as voltages that are not those of its electrodes: touches
+    /// may then be elsewhere. Empty while the reference is taken.
+    pub fn notes(&self) -> &[String] {
+        self.stream.notes()
+    }
+
     /// Returns the number of initial frames that form the reference.
     pub fn reference_frames(&self) -> usize {
         self.reference_frames

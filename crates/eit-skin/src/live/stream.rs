@@ -45,6 +45,8 @@ pub struct LiveStream {
 /// Objects that process the frames of an epoch.
 #[derive(Debug, Clone)]
 struct Epoch {
+    /// What its reference says about the scene.
+    notes: Vec<String>,
     finder: TouchFinder,
     images: Option<LiveImages>,
     clock: Clock,
@@ -260,6 +262,12 @@ impl LiveStream {
         self.epoch.as_ref().and_then(|epoch| epoch.images.as_ref()).map_or("", LiveImages::words)
     }
 
+    /// Returns what the reference of this epoch says about the scene, such as voltages that are not those of its
+    /// electrodes; empty while the reference is taken.
+    pub fn notes(&self) -> &[String] {
+        self.epoch.as_ref().map_or(&[], |epoch| &epoch.notes)
+    }
+
     /// Begins an epoch with these reference frames.
     fn begin(&self, reference: &[Frame]) -> Result<Epoch, SkinError> {
         let clock = Clock::new(self.frame_rate_hz, reference);
@@ -277,7 +285,7 @@ impl LiveStream {
             true => Some(LiveImages::new(&self.model, &fitted)?),
             false => None,
         };
-        Ok(Epoch { finder, images, clock })
+        Ok(Epoch { notes: fitted.frames.notes, finder, images, clock })
     }
 }
 

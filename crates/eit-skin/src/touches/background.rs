@@ -19,6 +19,8 @@ const FLOOR: f64 = 1e-4;
 const PLACES: Spread = Spread { movement_m: 5e-4, contact: 0.5, sheet: 0.05 };
 /// Logarithm of the evidence above which an uneven sheet is accepted.
 const BELIEVED: f64 = 10.0;
+/// Largest change of a conductivity that is believed, logarithm: a factor of 150 is no fabric.
+const LARGEST: f64 = 5.0;
 /// Number of Gauss-Newton steps.
 const STEPS: usize = 2;
 
@@ -74,6 +76,10 @@ pub(super) fn of_reference(
         }
         let uneven_s: Vec<f64> =
             even_s.iter().zip(&found.log_change).map(|(s, change)| s * change.exp()).collect();
+        // steps diverge if the scene does not describe the skin; the frames then have a note
+        if found.log_change.iter().any(|change| !(change.abs() < LARGEST)) {
+            return Ok(None);
+        }
         let mut workspace = skin.skin.model.workspace()?;
         let mut solution = skin.skin.solve(&uneven_s, &mut workspace)?;
         let (voltages, jacobian) = (solution.measurements(), solution.jacobian());

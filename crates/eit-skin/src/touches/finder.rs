@@ -125,9 +125,13 @@ impl TouchFinder {
             reciprocal: monitor.reciprocal(),
             of_electrode: monitor.of_electrode(),
         };
-        let conductivity_s = skin.skin.conductivity_s;
+        // the detector takes voltages of g times the model's for a sheet of 1 / g of its conductivity
+        let gain = fitted.level();
+        let conductivity_s = skin.skin.conductivity_s / gain;
         let settings = detector_settings(keys, conductivity_s);
-        let level_s = settings.least_s_m2 / (std::f64::consts::PI * settings.radius_m.powi(2));
+        // images are relative to the scene's conductivity
+        let level_s =
+            gain * settings.least_s_m2 / (std::f64::consts::PI * settings.radius_m.powi(2));
         let detector =
             progress.stage("detector of touches", || TouchDetector::new(&model, settings))?;
         let detector = match kinds.is_empty() || unknowns.ncols() == 1 {

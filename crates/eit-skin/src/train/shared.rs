@@ -59,7 +59,7 @@ impl Shared {
 /// the noise is unknown.
 pub(super) fn touches_of(made: &Chained, sign: f64) -> Result<Option<ShardTouches>, SkinError> {
     let Some(found) = touches(&made.fitted, &mut Progress::silent())? else { return Ok(None) };
-    let frames = DrawnTouches::of_frames(&found);
+    let frames = DrawnTouches::of_frames(&found, made.fitted.image_per_strength());
     let most = frames.iter().map(|frame| frame.touches.len()).max().unwrap_or(0);
     let mut touches = ShardTouches::from_elem((frames.len(), most, 3), f32::NAN);
     for (mut of_frame, drawn) in touches.outer_iter_mut().zip(&frames) {

@@ -104,6 +104,16 @@ pub enum Trouble {
     },
     /// All values are 0.
     Silent,
+    /// Every frame has the same values.
+    Frozen {
+        /// Number of frames.
+        frames: usize,
+    },
+    /// The model of the untouched skin has other voltages.
+    Model {
+        /// Cosine of the angle between measured and modelled voltages.
+        correlation: f64,
+    },
 }
 
 /// A problem and what to try.
@@ -129,7 +139,8 @@ impl Finding {
         Self { severity, electrode: Some(electrode), trouble }
     }
 
-    pub(super) fn of_whole(trouble: Trouble) -> Self {
+    /// Creates the finding of a problem that is not that of one electrode.
+    pub fn of_whole(trouble: Trouble) -> Self {
         let severity = match trouble {
             Trouble::Reciprocity { .. } | Trouble::Silent => Severity::Fault,
             Trouble::Coarse { steps_per_touch, .. } if steps_per_touch < LEAST_STEPS => {
@@ -166,6 +177,13 @@ impl Finding {
             Trouble::Rate { .. } => "request a rate that the instrument can sustain",
             Trouble::Drift { .. } => "let it warm up, and check that nothing rests on the skin",
             Trouble::Silent => "check the current source and the cable of the skin",
+            Trouble::Frozen { .. } => {
+                "press the skin and see whether anything changes: the board repeats an old frame, or its converter \
+                 is too coarse for its noise"
+            }
+            Trouble::Model { .. } => {
+                "check `[protocol]`, and the number, order and places of the electrodes"
+            }
         }
     }
 }
@@ -219,6 +237,11 @@ impl fmt::Display for Finding {
                 write!(f, "values drift by {over_noise:.0} times their noise")
             }
             Trouble::Silent => f.write_str("all values are 0"),
+            Trouble::Frozen { frames } => write!(f, "all {frames} frames are equal"),
+            Trouble::Model { correlation } => write!(
+                f,
+                "the voltages are not those of this skin's electrodes (correlation {correlation:.2})"
+            ),
         }?;
         write!(f, "; {}", self.advice())
     }
