@@ -164,6 +164,54 @@ fn troubles_of_the_whole_are_told_with_what_to_try() {
     assert!(report.findings.iter().any(|finding| finding.trouble == Trouble::Silent));
 }
 
+/// A board that repeats an old frame has no noise, no drift and no loss.
+#[test]
+fn frames_that_are_all_equal_are_named() {
+    let is_frozen = |report: &HealthReport| {
+        report.findings.iter().any(|finding| finding.trouble == Trouble::Frozen { frames: FRAMES })
+    };
+    let mut frozen = healthy();
+    let first = frozen.values.row(0).to_owned();
+    frozen.values.rows_mut().into_iter().for_each(|mut row| row.assign(&first));
+    let report = check(&frozen);
+    assert!(is_frozen(&report), "{:?}", report.findings);
+    assert!(report.findings.iter().any(|f| f.to_string().starts_with("all 60 frames are equal;")));
+    // the last digit of one value
+    let mut moving = frozen;
+    moving.values[[FRAMES - 1, 207]] *= 1.0 + 2.0 * f64::EPSILON;
+    assert!(!is_frozen(&check(&moving)));
+    assert!(!is_frozen(&check(&healthy())));
+}
+
+/// Frames without numbers are lost; those of an electrode without contact are its fault alone.
+#[test]
+fn frames_without_numbers_are_lost() {
+    let lost = |report: &HealthReport| {
+        report.findings.iter().find_map(|finding| match finding.trouble {
+            Trouble::Loss { share } => Some(share),
+            _ => None,
+        })
+    };
+    let mut broken = healthy();
+    for frame in [7, 20, 41] {
+        broken.values.row_mut(frame).fill(f64::NAN);
+        broken.quality.row_mut(frame).fill(Quality::NON_FINITE);
+    }
+    let report = check(&broken);
+    assert_eq!(lost(&report), Some(3.0 / 60.0), "{:?}", report.findings);
+    assert!(faults(&report).is_empty(), "{:?}", report.findings);
+
+    let mut open = healthy();
+    for (m, quadruple) in rotated(16).iter().enumerate() {
+        if quadruple.contains(&9) {
+            open.values.column_mut(m).fill(f64::NAN);
+            open.quality.column_mut(m).fill(Quality::NON_FINITE);
+        }
+    }
+    let report = check(&open);
+    assert_eq!((lost(&report), faults(&report)), (None, vec![9]), "{:?}", report.findings);
+}
+
 #[test]
 fn bad_input_is_refused() {
     let frames = healthy();

@@ -105,6 +105,23 @@ fn an_image_after_a_gap_shows_nothing_of_an_old_touch() {
     }
 }
 
+/// Users of a live stream are told when the voltages are not those of the scene.
+#[test]
+fn a_reference_of_another_level_is_told() {
+    let model = model();
+    for (factor, is_told) in [(1.0, false), (3.0, true)] {
+        let mut stream = LiveStream::of_unit(Arc::clone(&model), Unit::Volt, Some(20.0));
+        for mut frame in frames(&model, 0.05).into_iter().take(REFERENCE) {
+            assert!(stream.notes().is_empty(), "{:?}", stream.notes());
+            frame.values.iter_mut().for_each(|v| *v *= factor);
+            stream.push_touches(&frame, false).unwrap();
+        }
+        let notes = stream.notes();
+        let tells = notes.iter().any(|note| note.starts_with("voltages are 3.0"));
+        assert_eq!(tells, is_told, "{notes:?}");
+    }
+}
+
 /// An instrument whose frames have all arrived: the consumer is behind until the last one.
 struct Backlog {
     setup: Setup,

@@ -14,10 +14,10 @@ mod common;
 use common::score::{Counts, Score, acted_on};
 use common::script::{Drawn, FIRST_S, QUIET_FRAMES, RATE_HZ};
 use common::{Recording, measurements_of};
-use eit_skin::TouchState;
 use eit_skin::eit_fem::fabric::Random;
 use eit_skin::faults::FaultKind;
 use eit_skin::touches::Touches;
+use eit_skin::{FittedFrames, Touch, TouchState};
 
 /// Seeds of scripts and fabrics: every script is drawn three times.
 const SEEDS: [u64; 3] = [71, 81, 91];
@@ -75,6 +75,37 @@ fn quiet() {
 #[test]
 fn one() {
     check_drawn("one", 1, &ONE, |drawn| (0..6).for_each(|_| _ = drawn.press(PRESS_N)));
+}
+
+/// Voltages of another unit, current or conductivity: the same touches, light ones too, at the same places, and drawn
+/// alike in the images, which are relative to the scene.
+///
+/// With the least strength of the scene's conductivity, light touches of three times the voltages were not found.
+#[test]
+fn another_level_of_voltages() {
+    let mut drawn = Drawn::new(SEEDS[0], 2);
+    (0..4).for_each(|_| _ = drawn.press(0.1..0.4));
+    let recording = Recording::simulate(&drawn.script(), SEEDS[0]);
+    let (fitted, found) = (recording.fitted(), recording.touches());
+    assert!(found.rows.len() > 50, "{}", found.rows.len());
+    for factor in [3.0, 1.0 / 3.0] {
+        let values = &recording.values * factor;
+        let other = Recording { values, truth: Vec::new() };
+        let (other_fitted, other_found) = (other.fitted(), other.touches());
+        let level = other_fitted.level() / fitted.level();
+        assert!((level / factor - 1.0).abs() < 1e-9, "{level}");
+        assert_eq!(found.rows.len(), other_found.rows.len(), "{factor} times the voltages");
+        let drawn = |fitted: &FittedFrames, touch: &Touch| {
+            fitted.image_per_strength() * touch.intensity_s_m2
+        };
+        for (row, other) in found.rows.iter().zip(&other_found.rows) {
+            assert_eq!((row.frame, row.touch.id), (other.frame, other.touch.id));
+            let (a, b) = (row.touch.position_m, other.touch.position_m);
+            assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-6, "{a:?} {b:?}");
+            let ratio = drawn(&other_fitted, &other.touch) / drawn(&fitted, &row.touch);
+            assert!((ratio - 1.0).abs() < 1e-3, "{ratio}");
+        }
+    }
 }
 
 /// Four fingers, at least 40 mm apart.

@@ -74,12 +74,12 @@ pub(super) fn of_reference(
         if found.log_evidence < BELIEVED {
             return Ok(None);
         }
-        let uneven_s: Vec<f64> =
-            even_s.iter().zip(&found.log_change).map(|(s, change)| s * change.exp()).collect();
         // steps diverge if the scene does not describe the skin; the frames then have a note
-        if found.log_change.iter().any(|change| !(change.abs() < LARGEST)) {
+        if !found.log_change.iter().all(|change| change.abs() < LARGEST) {
             return Ok(None);
         }
+        let uneven_s: Vec<f64> =
+            even_s.iter().zip(&found.log_change).map(|(s, change)| s * change.exp()).collect();
         let mut workspace = skin.skin.model.workspace()?;
         let mut solution = skin.skin.solve(&uneven_s, &mut workspace)?;
         let (voltages, jacobian) = (solution.measurements(), solution.jacobian());
