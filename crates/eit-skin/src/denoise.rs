@@ -246,7 +246,7 @@ impl Net {
                     made?;
                 }
             }
-            inputs.fade(out.view_mut());
+            inputs.limit(out.view_mut());
             out.mapv_inplace(|value| self.sign * value);
         }
         Ok((made, judge))

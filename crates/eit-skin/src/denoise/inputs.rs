@@ -180,11 +180,11 @@ impl NetInputs {
         Ok(())
     }
 
-    /// Fades the image [row, column] that a net made of the last frame away from the touches of that frame: the net
-    /// corrects their drawing, and shows none where none was detected. Changes nothing for nets that see no touches.
-    pub fn fade(&self, image: ArrayViewMut2<'_, f64>) {
+    /// Limits the image [row, column] that a net made of the last frame far from the touches of that frame: the net
+    /// corrects their drawing, and shows no other touch. Changes nothing for nets that see no touches.
+    pub fn limit(&self, image: ArrayViewMut2<'_, f64>) {
         if self.needs_touches() {
-            self.surroundings.fade(image);
+            self.surroundings.limit(image);
         }
     }
 

@@ -87,7 +87,7 @@ impl LiveNet {
                 made?;
             }
         }
-        inputs.fade(made.view_mut());
+        inputs.limit(made.view_mut());
         made.mapv_inplace(|value| sign * value);
         let (made, raw) = (self.made.view(), self.raw.view());
         let is_foreign = self.inputs.needs_touches() && !is_explained;
