@@ -23,6 +23,10 @@ use crate::geometry::distance_m;
 /// actions to where it is.
 const REACH_M: f64 = 50e-3;
 
+/// Most touches of a frame that are reconsidered, for its time: six fingers on the paper's disc gain nothing by it, and the
+/// slowest frames would take twice as long.
+const MOST_TOUCHES: usize = 4;
+
 /// Touches of more worth are left where they are.
 const SURE: f64 = 4.0;
 
@@ -60,7 +64,8 @@ impl TouchDetector {
     pub(super) fn reconsider(&mut self) {
         self.is_joint = false;
         let is_sure = self.search.best.worth.iter().all(|worth| *worth >= SURE);
-        if self.joint.is_none() || (is_sure && self.missing().next().is_none()) {
+        let are_many = self.search.best.spots.len() > MOST_TOUCHES;
+        if self.joint.is_none() || are_many || (is_sure && self.missing().next().is_none()) {
             return;
         }
         let mut fit = std::mem::take(&mut self.held);
