@@ -166,3 +166,46 @@ fn evidence(columns: &[f64], y: &[f64]) -> f64 {
     }
     found
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use faer::{Mat, Side};
+    use fixtures::Random;
+
+    /// The evidence is that of the covariance `I + A A'`, factorised as a whole; a touch of negative strength has none of
+    /// its own.
+    #[test]
+    fn evidence_is_that_of_the_whole_covariance() {
+        let mut random = Random::new(8);
+        let n = 20;
+        let mut signs = [0; 2];
+        for _ in 0..20 {
+            let columns: Vec<f64> = (0..COLUMNS * n).map(|_| 0.7 * random.normal()).collect();
+            let y: Vec<f64> = (0..n).map(|_| 3.0 * random.normal()).collect();
+            let action = |i: usize, k: usize| columns[k * n + i];
+            let covariance = Mat::from_fn(n, n, |i, j| {
+                let of_actions: f64 = (0..COLUMNS - 1).map(|k| action(i, k) * action(j, k)).sum();
+                of_actions + if i == j { 1.0 } else { 0.0 }
+            });
+            let factor = covariance.llt(Side::Lower).unwrap();
+            let log_determinant: f64 = (0..n).map(|i| 2.0 * factor.L()[(i, i)].ln()).sum();
+            let mut whitened = Mat::from_fn(n, 2, |i, k| [y[i], action(i, COLUMNS - 1)][k]);
+            faer::linalg::triangular_solve::solve_lower_triangular_in_place(
+                factor.L(),
+                whitened.as_mut(),
+                faer::Par::Seq,
+            );
+            let product = |a: usize, b: usize| -> f64 {
+                (0..n).map(|i| whitened[(i, a)] * whitened[(i, b)]).sum()
+            };
+            let own = product(0, 1).max(0.0).powi(2) / product(1, 1);
+            signs[usize::from(own > 0.0)] += 1;
+            let wanted = dot(&y, &y) - product(0, 0) - log_determinant + own;
+            let found = evidence(&columns, &y);
+            // rounding of two factorisations
+            assert!((found - wanted).abs() < 1e-9 * dot(&y, &y), "{found} {wanted}");
+        }
+        assert!(signs.iter().all(|count| *count > 3), "{signs:?}");
+    }
+}

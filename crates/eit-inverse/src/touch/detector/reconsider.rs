@@ -10,6 +10,8 @@
 //! **Cost.** None for frames whose touches are all worth much, and for frames without any. Each touch that is moved or
 //! tried takes a scan of some 75 positions, of `7 n` numbers and `28 n` flops for each vector projected out, and up to
 //! three fits.
+//!
+//! Over 300 lines: the steps share one detector, whose free unknowns each of them changes.
 
 use super::evidence::Evidence;
 use super::joint::{Found, remove_all};
@@ -34,7 +36,7 @@ const SURE: f64 = 4.0;
 const VAGUE_M: f64 = 3e-3;
 
 /// Most by which the cost may rise at the mean of the places where a touch may be, in units of evidence.
-const BETTER: f64 = 0.2;
+const SLACK: f64 = 0.2;
 
 /// Least worth without its actions of a touch beside others: what a sliding finger does to electrodes far away is not
 /// known well.
@@ -255,7 +257,7 @@ impl TouchDetector {
             other.spots[k] = self.spot_of(&found);
             let moved = self.assess_near(&mut other, k, &found);
             // a mean position fits a little worse than the best one
-            let slack = if other.spots[k].spread_m2.is_some() { BETTER * unit } else { 0.0 };
+            let slack = if other.spots[k].spread_m2.is_some() { SLACK * unit } else { 0.0 };
             if other.strengths[k] > 0.0 && moved < cost + slack {
                 self.weigh(&mut other);
                 fit.copy_from(&other);
