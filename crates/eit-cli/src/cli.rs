@@ -164,9 +164,10 @@ pub(crate) enum Command {
     /// If the scene states the noise (noise.additive_v or noise.quiet_frames), the default method is total
     /// variation in space and time, otherwise one-step Gauss-Newton. `eit plan` shows which, and why.
     ///
-    /// Writes images.npy [frame, row, column] in siemens (row 0 at the top, NaN outside the skin), sheet.png,
-    /// movie.gif for a sequence, and report.json. Formats of frames: .npy, .csv, Sciospec .eit folders, GOE
-    /// .get, LCT text, KHU Mark2.5 scan folders, raw serial logs.
+    /// Writes images.npy [frame, row, column] in siemens (row 0 at the top, NaN outside the skin), touches.csv
+    /// (a row for each touch in each frame; docs/METHODS.md), sheet.png, movie.gif for a sequence, and
+    /// report.json. Formats of frames: recordings (.mcap), .npy, .csv, Sciospec .eit folders, GOE .get, LCT
+    /// text, KHU Mark2.5 scan folders, raw serial logs.
     Reconstruct(ReconstructArgs),
     /// Make a learning base for a U-net: simulated sequences with their raw and true images
     ///

@@ -3,6 +3,7 @@
 
 use crate::error::SkinError;
 use crate::faults::{self, FaultKind};
+use crate::frames::ALIKE;
 use crate::scene::Instrument;
 use crate::skin::Skin;
 use eit_hw::{Finding, HealthReport, Quadruple, Quality, ReferenceFrames, Severity, Trouble};
@@ -51,9 +52,6 @@ pub fn check(quiet: &ReferenceFrames, instrument: &Instrument) -> Result<HealthR
     report.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     Ok(report)
 }
-
-/// Correlation below which the voltages are not those of the scene's skin.
-const ALIKE: f64 = 0.9;
 
 /// Compares the mean frame with the model of the untouched skin: an order that is wrong as a whole, such as electrodes
 /// counted from another one, does not violate reciprocity. Nothing is compared if an electrode is faulty. Magnitudes are

@@ -39,7 +39,11 @@ fn is_hostile(character: char) -> bool {
 pub fn event_words(event: &Event) -> Option<String> {
     Some(match event {
         Event::Frame(_) => return None,
+        Event::Gap { frames: 1 } => "1 frame was lost".to_owned(),
         Event::Gap { frames } => format!("{frames} frames were lost"),
+        Event::Skipped { frames: 1 } => {
+            "1 frame was skipped: it came faster than it was taken".to_owned()
+        }
         Event::Skipped { frames } => {
             format!("{frames} frames were skipped: they came faster than they were taken")
         }

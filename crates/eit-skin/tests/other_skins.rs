@@ -15,7 +15,8 @@ use common::score::Counts;
 use common::script::{Drawn, QUIET_FRAMES, RATE_HZ};
 use eit_skin::Progress;
 use eit_skin::eit_fem::fabric::Random;
-use eit_skin::touches::TouchFinder;
+use eit_skin::scene::Scene;
+use eit_skin::touches::{TouchFinder, Touches};
 
 /// Places of four fingers on the plate with a hole, 40 mm apart and 8 mm from every edge.
 fn places(random: &mut Random) -> Vec<[f64; 2]> {
@@ -91,4 +92,32 @@ fn one_beyond_the_corner_snaps() {
     assert_eq!(score.ghosts, 0, "{score:?}");
     // measured 0.61, 0.09 and 16 mm: the least sensed places there are; another draw has 0.52
     assert!(score.found >= 0.5 && score.extra <= 0.14 && score.error_m <= 22e-3, "{score:?}");
+}
+
+/// With two electrodes exchanged, touches do not explain the frames: none is valid, and no electrode is blamed.
+#[test]
+fn a_wrong_order_has_no_valid_touch() {
+    let plate = || Scene::load("plate-with-hole").unwrap();
+    let [one, other] = ["[0.1, -0.1]", "[0.0, 0.1]"];
+    let text = Scene::text("plate-with-hole").unwrap();
+    let text = text.replace(one, "?").replace(other, one).replace('?', other);
+    let benches = [plate(), Scene::parse(&text, "exchanged").unwrap()]
+        .map(|scene| Bench::believing(plate(), scene));
+    let valid = |touches: &Touches| touches.rows.iter().filter(|row| row.touch.valid).count();
+    let mut counts = [0; 3];
+    for seed in [81, 82, 83] {
+        let mut drawn = Drawn::new(seed, 1);
+        let mut random = Random::named(seed, "places on the plate", 0);
+        (0..6).for_each(|_| _ = drawn.press_at(&places(&mut random)[..1], 0.7..2.0));
+        let recording = benches[0].simulate(&drawn.script(), seed);
+        counts[0] += valid(&benches[0].touches(&recording));
+        assert!(!benches[1].fit(&recording).fit.is_alike());
+        let wrong = benches[1].touches(&recording);
+        counts[1] += wrong.rows.len();
+        counts[2] += valid(&wrong);
+        assert!(wrong.faults.is_empty(), "{:?}", wrong.faults);
+    }
+    println!("valid with the right order, shown and valid with the wrong one: {counts:?}");
+    assert!(counts[0] > 200 && counts[1] > 0, "{counts:?}");
+    assert_eq!(counts[2], 0, "{counts:?}");
 }

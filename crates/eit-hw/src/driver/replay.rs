@@ -133,11 +133,17 @@ impl Replay {
         let mut reader = CaptureReader::open(path)?;
         // each run of an appended recording begins at epoch 0
         let (mut first_epoch, mut epoch, mut is_begun) = (0_u32, 0_u32, false);
+        let mut is_read = false;
         let events = std::iter::from_fn(move || {
             loop {
                 let event = match reader.next_entry() {
                     Err(error) => return Some(Err(error)),
-                    Ok(None) => return None,
+                    // what is missing or damaged is known at the end only
+                    Ok(None) if std::mem::replace(&mut is_read, true) => return None,
+                    Ok(None) => match reader.damage().note() {
+                        Some(note) => Event::Notice(note.to_string()),
+                        None => return None,
+                    },
                     Ok(Some(Entry::Frame(mut frame))) => {
                         frame.epoch = first_epoch.saturating_add(frame.epoch);
                         (epoch, is_begun) = (frame.epoch, true);

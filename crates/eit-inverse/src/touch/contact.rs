@@ -60,8 +60,9 @@ pub struct Touch {
     /// Time since [`TouchState::Begin`], seconds.
     pub age_s: f64,
     /// Whether position and strength may be acted on: the current frame showed the touch, separate from all
-    /// others, and the standard deviation of its position is within the tracker's limit
-    /// ([`max_position_std_m`](crate::touch::TouchStreamSettings::max_position_std_m)).
+    /// others, the standard deviation of its position is within the tracker's limit
+    /// ([`max_position_std_m`](crate::touch::TouchStreamSettings::max_position_std_m)), and touches explain the frame
+    /// ([`DetectorStep::is_explained`](crate::touch::DetectorStep::is_explained)), if that is known.
     pub valid: bool,
     /// Whether the frame was complete. False if faulty electrodes or bad values were left out, so that less
     /// is known than usual.

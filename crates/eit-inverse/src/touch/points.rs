@@ -197,6 +197,13 @@ impl TouchTracker {
         &self.touches
     }
 
+    /// Marks the touches of the last frame as not valid, and returns them, for example because they do not
+    /// [explain](crate::touch::DetectorStep::is_explained) it.
+    pub fn invalidate(&mut self) -> &[Touch] {
+        self.touches.iter_mut().for_each(|touch| touch.valid = false);
+        &self.touches
+    }
+
     /// Pairs tracks and touches with the least sum of squared distances; tracks with an id come first.
     fn pair(&mut self, found: &[DetectedTouch]) {
         let Self { tracks, assignment, settings, taken, .. } = self;

@@ -20,7 +20,15 @@ pub struct ModelFit {
 /// Scatter of the levels above which the smallest of them carry no information.
 const SCATTERED: f64 = 0.7;
 
+/// Size of the correlation below which the voltages are not those of the scene's skin.
+pub(crate) const ALIKE: f64 = 0.9;
+
 impl ModelFit {
+    /// Returns whether the reference frame resembles the model, as it does not if the electrodes are in another order.
+    pub fn is_alike(&self) -> bool {
+        self.correlation.abs() >= ALIKE
+    }
+
     /// Returns whether the reference frame has other levels than the model: a signal path that the model does not
     /// describe, or channels of very different gain.
     pub fn is_scattered(&self) -> bool {
@@ -65,7 +73,8 @@ impl Frames {
                 level_scatter.exp()
             ));
         }
-        if correlation.abs() < 0.9 {
+        let fit = ModelFit { gain, correlation, level_scatter };
+        if !fit.is_alike() {
             self.notes.push(format!(
                 "the homogeneous model explains the reference poorly (correlation \
                  {correlation:.3}): check the protocol and the number and order of electrodes"
@@ -85,7 +94,7 @@ impl Frames {
                 conductivity_s / gain.abs()
             ));
         }
-        Ok(ModelFit { gain, correlation, level_scatter })
+        Ok(fit)
     }
 }
 

@@ -5,6 +5,7 @@ mod order;
 mod quiet;
 mod reference;
 
+pub(crate) use fit::ALIKE;
 pub use fit::ModelFit;
 pub use quiet::QuietFrames;
 

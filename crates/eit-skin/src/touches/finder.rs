@@ -37,6 +37,8 @@ pub struct TouchFinder {
     detector: TouchDetector,
     tracker: TouchTracker,
     monitor: FaultMonitor,
+    /// Whether the reference frame resembles the model; else touches, and gains of electrodes, explain frames by chance.
+    is_alike: bool,
     /// Measurements that have recovered and wait for a frame without touches, to set their reference.
     waiting: Vec<bool>,
     /// Positions and forces learnt from presses, if the settings name a file.
@@ -172,6 +174,7 @@ impl TouchFinder {
             tracker: TouchTracker::new(tracker_settings(keys, conductivity_s))?,
             detector,
             monitor,
+            is_alike: fitted.fit.is_alike(),
             waiting: vec![false; frames.used.len()],
             learned,
             #[cfg(feature = "learn")]
@@ -224,7 +227,7 @@ impl TouchFinder {
         let is_whole = (0..measurements).all(|i| !used[i] || !is_missing(i));
         let step = detector.push(values, is_missing, dt_s)?;
         let faults = monitor.faults().len();
-        monitor.blame(step.blamed, time_s)?;
+        monitor.blame(step.blamed.filter(|_| self.is_alike), time_s)?;
         if monitor.faults().len() > faults {
             // the next frame is the first one without it
             detector.take_back_reference();
@@ -239,7 +242,13 @@ impl TouchFinder {
             }
             None => found,
         };
-        Ok(self.tracker.push(found, time_s, is_whole)?)
+        self.tracker.push(found, time_s, is_whole)?;
+        // a learnt map judges frames itself
+        let is_valid = self.learned.is_some() || self.is_alike && step.is_explained();
+        Ok(match is_valid {
+            true => self.tracker.touches(),
+            false => self.tracker.invalidate(),
+        })
     }
 
     /// Returns the strongest touch of a frame relative to a given reference, by the model alone and without

@@ -33,10 +33,14 @@ static BENCH: LazyLock<Bench> = LazyLock::new(|| Bench::of("paper-disc"));
 impl Bench {
     /// A built-in scene.
     pub fn of(name: &str) -> Self {
+        Self::believing(Scene::load(name).unwrap(), Scene::load(name).unwrap())
+    }
+
+    /// One scene is measured, the frames are taken for those of another.
+    pub fn believing(measured: Scene, scene: Scene) -> Self {
         let mut progress = Progress::silent();
-        let scene = Scene::load(name).unwrap();
         let mesh = MeshOverride { nodes: Some(NODES), ..Default::default() };
-        let simulated = Skin::set_up(&scene, &mesh, &mut progress).unwrap();
+        let simulated = Skin::set_up(&measured, &mesh, &mut progress).unwrap();
         let raster = Raster::new(simulated.mesh.surface(), PIXELS).unwrap();
         // what `eit simulate` writes into its scene
         let mut skin = Skin::from_scene(scene).unwrap();
