@@ -69,6 +69,7 @@ mod memory;
 mod places;
 mod quiet;
 mod reconsider;
+mod responses;
 mod rows;
 mod search;
 mod settings;

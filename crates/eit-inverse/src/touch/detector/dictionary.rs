@@ -199,20 +199,6 @@ impl Dictionary {
         if product > 0.0 { product * product / self.squared[place] } else { 0.0 }
     }
 
-    /// Writes the whitened response at a spot and its two derivatives, one after the other, without lost
-    /// rows.
-    pub(super) fn whitened(&self, spot: &Spot, whitening: &Whitening, out: &mut [f64]) {
-        let n = self.rows;
-        let slopes = &self.slopes[2 * spot.place * n..2 * (spot.place + 1) * n];
-        let value = &self.values[spot.place * n..(spot.place + 1) * n];
-        let [a, b] = spot.step_m;
-        for i in 0..n {
-            out[i] = value[i] + a * slopes[i] + b * slopes[n + i];
-        }
-        out[n..3 * n].copy_from_slice(slopes);
-        whitening.project_all(out);
-    }
-
     /// Adds the response of the rows to a touch at a spot, in volts of the model: without the rows' ratios.
     pub(super) fn add_volts(&self, spot: &Spot, strength_s_m2: f64, out: &mut [f64]) {
         let n = self.rows;

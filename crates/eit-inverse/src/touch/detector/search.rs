@@ -9,6 +9,7 @@ use super::joint::remove_all;
 use super::least_squares::SmallSystem;
 use super::memory::Memory;
 use super::places::{Places, Spot};
+use super::responses::Responses;
 use super::settings::DetectorSettings;
 use super::slides::{SAME_M, Slides};
 use super::whitening::{Whitening, dot, widest};
@@ -214,6 +215,7 @@ impl Scene<'_> {
 #[derive(Debug, Clone)]
 pub(super) struct Search {
     rows: usize,
+    responses: Responses,
     /// `[touch][value, along 1, along 2][row]`.
     columns: Vec<f64>,
     /// Slopes times strengths, `[touch][along 1, along 2][row]`.
@@ -240,6 +242,7 @@ impl Search {
         let most = settings.max_touches;
         Self {
             rows,
+            responses: Responses::new(rows),
             columns: vec![0.0; 3 * most * rows],
             slopes: vec![0.0; 2 * most * rows],
             residual: vec![0.0; rows],
@@ -584,7 +587,7 @@ impl Search {
     pub(super) fn fit_strengths(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
         let (n, touches) = (self.rows, fit.spots.len());
         for (spot, columns) in fit.spots.iter().zip(self.columns.chunks_exact_mut(3 * n)) {
-            scene.dictionary.whitened(spot, scene.whitening, columns);
+            self.responses.write(scene.dictionary, scene.whitening, spot, columns);
         }
         self.set_linear(scene, y, touches);
         let size = touches + scene.memory.columns();

@@ -48,6 +48,8 @@ pub(super) struct Whitening {
     /// lies along it. Nothing is kept of lost rows, whose directions come first.
     directions: Vec<f64>,
     kept: Vec<f64>,
+    /// Number of changes of the directions.
+    state: u64,
     work: Vec<f64>,
     back: Vec<f64>,
 }
@@ -87,6 +89,7 @@ impl Whitening {
             further: Vec::new(),
             directions: Vec::new(),
             kept: Vec::new(),
+            state: 0,
             work: vec![0.0; rows],
             back: vec![0.0; rows],
         })
@@ -94,6 +97,11 @@ impl Whitening {
 
     pub(super) fn rows(&self) -> usize {
         self.rows
+    }
+
+    /// Names what is lost and free: another number after each change.
+    pub(super) fn state(&self) -> u64 {
+        self.state
     }
 
     /// Expected squared length of whitened noise without lost rows if the unknowns are zero.
@@ -252,6 +260,7 @@ impl Whitening {
         if self.lost == lost {
             return false;
         }
+        self.state += 1;
         self.lost.clear();
         self.lost.extend_from_slice(lost);
         self.free.clear();
@@ -305,6 +314,7 @@ impl Whitening {
         if self.free == free && self.further == further {
             return false;
         }
+        self.state += 1;
         self.further.clear();
         self.further.extend_from_slice(further);
         self.free.clear();
