@@ -94,7 +94,8 @@ fn one_beyond_the_corner_snaps() {
     assert!(score.found >= 0.5 && score.extra <= 0.14 && score.error_m <= 22e-3, "{score:?}");
 }
 
-/// With two electrodes exchanged, touches do not explain the frames: none is valid, and no electrode is blamed.
+/// With two electrodes exchanged the model does not explain the reference frame: no touch is valid, and no electrode is
+/// blamed.
 #[test]
 fn a_wrong_order_has_no_valid_touch() {
     let plate = || Scene::load("plate-with-hole").unwrap();

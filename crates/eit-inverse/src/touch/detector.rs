@@ -215,6 +215,10 @@ const BLAME_FROM: f64 = 5.0;
 /// fault stays unnoticed.
 const KEPT_S: f64 = 3.0;
 
+/// Most by which the strongest touch counts as stronger than the next one. In a poorly sensed corner strengths are arbitrary,
+/// up to twenty times too large, and touches of the next seconds were taken for what such a one had left behind.
+const BELIEVED: f64 = 4.0;
+
 /// Time constant with which recent strengths near a position fade while something touches the skin, seconds: what
 /// memory explains then does not enter the reference, and fabric settles in some 10 s. With 5 s, one of 45 recordings of
 /// slides shows a trail as a touch after the next two slides.
@@ -222,6 +226,16 @@ const KEPT_HERE_S: f64 = 20.0;
 
 /// Distance within which hysteresis left by a touch can show, metres.
 const LATE_M: f64 = 20e-3;
+
+/// Strength of the strongest touch of a frame, as far as others make it likely.
+fn strongest_believed(strengths: &[f64]) -> f64 {
+    let [first, second] =
+        strengths.iter().fold([0.0_f64; 2], |[first, second], &s| match s > first {
+            true => [s, first],
+            false => [first, second.max(s)],
+        });
+    if second > 0.0 { first.min(BELIEVED * second) } else { first }
+}
 
 /// Finds touches in frames: bells on the linearised model, fitted together with all other effects on the
 /// frame.
@@ -687,7 +701,7 @@ impl TouchDetector {
         let touches = best.spots.iter().zip(&best.strengths).zip(&self.errors_m);
         let touches = touches.map(|((spot, strength), error_m)| (*spot, *strength, *error_m));
         self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
-        let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
+        let strongest = strongest_believed(&best.strengths);
         self.before.take(&best.spots, dt_s);
         self.weak.clone_from(&self.search.weak);
         // what a touch leaves behind enters the reference, but hardly while something touches the skin
@@ -802,5 +816,20 @@ mod tests {
             assert!(step(all, rest).is_explained(), "{all} {rest}");
         }
         assert!(!step(4e5, 2e5).is_explained() && !step(3e4, 3e4).is_explained());
+    }
+
+    /// One touch alone is believed, and one that is far stronger than all others only in part.
+    #[test]
+    fn the_strength_of_an_outlier_is_not_believed() {
+        for (strengths, wanted) in [
+            (&[][..], 0.0),
+            (&[7.0], 7.0),
+            (&[1.0, 3.0, 2.0], 3.0),
+            (&[20.0, 1.0, 1.5], 6.0),
+            (&[0.5, 20.0], 2.0),
+            (&[20.0, 0.0], 20.0),
+        ] {
+            assert_eq!(strongest_believed(strengths), wanted, "{strengths:?}");
+        }
     }
 }

@@ -197,8 +197,7 @@ impl TouchTracker {
         &self.touches
     }
 
-    /// Marks the touches of the last frame as not valid, and returns them, for example because they do not
-    /// [explain](crate::touch::DetectorStep::is_explained) it.
+    /// Marks the touches of the last frame as not valid, and returns them: the model that found them is known to be wrong.
     pub fn invalidate(&mut self) -> &[Touch] {
         self.touches.iter_mut().for_each(|touch| touch.valid = false);
         &self.touches

@@ -244,7 +244,7 @@ impl TouchFinder {
         };
         self.tracker.push(found, time_s, is_whole)?;
         // a learnt map judges frames itself
-        let is_valid = self.learned.is_some() || self.is_alike && step.is_explained();
+        let is_valid = self.learned.is_some() || self.is_alike;
         Ok(match is_valid {
             true => self.tracker.touches(),
             false => self.tracker.invalidate(),
