@@ -13,10 +13,12 @@ mod common;
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::time::Duration;
 
 use common::recordings::{container, frame, session};
 use eit_hw::HwError;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, Entry, parse, read, recover};
+use eit_hw::driver::{Event, FrameSource, Pace, Replay};
 
 const PER_CHUNK: u64 = 5;
 
@@ -49,6 +51,32 @@ fn chunks(bytes: &[u8]) -> Vec<(usize, usize)> {
 
 fn sequences(bytes: &[u8]) -> Vec<u64> {
     parse(bytes, Path::new("damaged.mcap")).unwrap().frames().map(|frame| frame.sequence).collect()
+}
+
+/// A replay says at its end, once, what a damaged recording lacks; of an intact one it says nothing.
+#[test]
+fn a_replay_tells_what_is_damaged() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let bytes = recording(&path, 4);
+    let third = chunks(&bytes)[3];
+    let mut bad = bytes.clone();
+    bad[third.0 + third.1 / 2] ^= 4;
+    let cut = bytes[..third.0 + third.1 / 2].to_vec();
+    for (bytes, frames, told) in [(bytes, 20, 0), (bad, 15, 1), (cut, 10, 1)] {
+        std::fs::write(&path, bytes).unwrap();
+        let mut replay = Replay::open(&path, None, Pace::OnDemand).unwrap();
+        let (mut found, mut notices) = (0, Vec::new());
+        while !replay.is_over() {
+            match replay.next_event(Duration::ZERO).unwrap() {
+                Some(Event::Frame(_)) => found += 1,
+                Some(Event::Notice(text)) => notices.push((found, text)),
+                _ => {}
+            }
+        }
+        assert_eq!((found, notices.len()), (frames, told), "{notices:?}");
+        assert!(notices.iter().all(|(at, text)| *at == frames && text.contains("damaged")));
+    }
 }
 
 /// Flips every bit of every byte before the content of a chunk: the content shows what the header

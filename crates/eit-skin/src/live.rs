@@ -216,8 +216,8 @@ impl LiveModel {
         } else {
             stream = stream.without_images();
         }
-        // the previous frame, unless the source was interrupted since
-        let mut before: Option<Instant> = None;
+        // when the previous frame was shown and when it arrived, unless the source was interrupted since
+        let mut before: Option<(Instant, Option<f64>)> = None;
         let mut last_image = Instant::now();
         while observer.goes_on(&summary) && !source.is_over() {
             let Some(event) = source.next_event(WAIT).map_err(SkinError::from)? else {
@@ -265,9 +265,16 @@ impl LiveModel {
                         summary.take_frame(&shown);
                         observer.frame(&shown)?;
                     }
-                    let now = Instant::now();
+                    // frames that waited while a reference was taken are shown at once, but arrived in their time
+                    let now = (Instant::now(), frame.host_time_s.filter(|_| is_live));
                     if let Some(before) = before.replace(now) {
-                        summary.span_s += now.duration_since(before).as_secs_f64();
+                        let arrived_s =
+                            now.1.zip(before.1).map(|(now_s, before_s)| now_s - before_s);
+                        let shown_s = now.0.duration_since(before.0).as_secs_f64();
+                        // a clock that was set says nothing
+                        summary.span_s += arrived_s
+                            .filter(|s| (0.0..=MOST_STEP_S).contains(s))
+                            .unwrap_or(shown_s);
                         summary.intervals += 1;
                     }
                 }
@@ -277,6 +284,9 @@ impl LiveModel {
         Ok(summary)
     }
 }
+
+/// Longest time between the arrivals of two frames that is believed, seconds: after a longer one the source is silent.
+const MOST_STEP_S: f64 = 60.0;
 
 /// Maximum number of measurements times pixels for live images by total variation, each of whose iterations
 /// passes twice over as many values: 134 MB, some tens of milliseconds. 208 measurements: 284 x 284 pixels.

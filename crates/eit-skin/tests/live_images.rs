@@ -191,7 +191,11 @@ fn images_are_skipped_while_frames_wait_and_touches_never() {
     let model = model();
     let all: Vec<u64> = (0..ALL as u64).collect();
     for (is_live, wants_every_image) in [(true, false), (true, true), (false, false)] {
-        let frames: VecDeque<Frame> = frames(&model, 0.05).into();
+        let mut frames: VecDeque<Frame> = frames(&model, 0.05).into();
+        // they arrived in their time, also where they waited
+        for (k, frame) in frames.iter_mut().enumerate() {
+            frame.host_time_s = Some(1.8e9 + 0.05 * k as f64);
+        }
         let name = || "backlog".to_owned();
         let setup = Setup {
             identity: Identity { driver: "test", name: name(), serial: name() },
@@ -206,6 +210,9 @@ fn images_are_skipped_while_frames_wait_and_touches_never() {
         let mut source = Backlog { setup, frames };
         let summary = model.watch(&mut source, is_live, &mut seen).unwrap();
         assert_eq!(seen.touches, all);
+        let rate_hz = summary.frame_rate_hz().unwrap();
+        // a time in f64 is known to 2e-7 s; a replay has its own pace
+        assert_eq!((rate_hz - 20.0).abs() < 1e-3, is_live, "{rate_hz}");
         let skipped = summary.skipped_images as usize;
         assert_eq!(seen.images.len() + skipped, ALL);
         // the last frame has none behind it
