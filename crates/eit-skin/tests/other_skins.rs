@@ -122,3 +122,29 @@ fn a_wrong_order_has_no_valid_touch() {
     assert!(counts[0] > 200 && counts[1] > 0, "{counts:?}");
     assert_eq!(counts[2], 0, "{counts:?}");
 }
+
+/// An instrument that gives magnitudes of voltages of both signs: the fit and the touches are those of the voltages.
+#[test]
+fn magnitudes_are_as_good_as_voltages() {
+    let text = Scene::text("paper-disc").unwrap();
+    let text = text.replace("drive = \"adjacent\"", "drive = \"opposite\"");
+    let scene = || Scene::parse(&text, "opposite").unwrap();
+    let bench = Bench::believing(scene(), scene());
+    let mut drawn = Drawn::new(91, 1);
+    (0..4).for_each(|_| _ = drawn.press(0.7..2.0));
+    let mut recording = bench.simulate(&drawn.script(), 91);
+    assert!(recording.values.row(0).iter().any(|v| *v < 0.0));
+    let of_voltages = bench.touches(&recording);
+    recording.values.mapv_inplace(f64::abs);
+    let fit = bench.fit(&recording).fit;
+    assert!(fit.is_alike() && fit.gain > 0.5, "{fit:?}");
+    let of_sizes = bench.touches(&recording);
+    let valid = |touches: &Touches| touches.rows.iter().filter(|row| row.touch.valid).count();
+    println!(
+        "{} valid touches of voltages, {} of magnitudes",
+        valid(&of_voltages),
+        valid(&of_sizes)
+    );
+    // measured 84 and 84
+    assert!(valid(&of_voltages) > 60 && valid(&of_sizes).abs_diff(valid(&of_voltages)) <= 2);
+}

@@ -37,8 +37,8 @@ impl ModelFit {
 }
 
 impl Frames {
-    /// Compares the reference with the model's voltages. A wrong sign inverts plain differences, which
-    /// reciprocity cannot detect.
+    /// Compares the reference with the model's voltages, magnitudes with magnitudes if differences are normalised. A wrong
+    /// sign inverts plain differences, which reciprocity cannot detect.
     ///
     /// # Errors
     ///
@@ -52,7 +52,11 @@ impl Frames {
         let usable = |values: &[f64]| -> Vec<f64> {
             values.iter().zip(&self.used).filter(|(_, used)| **used).map(|(v, _)| *v).collect()
         };
-        let (model, reference) = (usable(model_voltages), usable(&self.reference));
+        let (mut model, reference) = (usable(model_voltages), usable(&self.reference));
+        // normalised differences of magnitudes are those of the voltages
+        if kind == DifferenceKind::Normalised && are_magnitudes(&reference) {
+            model.iter_mut().for_each(|v| *v = v.abs());
+        }
         let Some(correlation) = eit_hw::model_correlation(&reference, &model) else {
             return Err(SkinError::input("the reference frame is zero in every used measurement"));
         };
@@ -96,6 +100,11 @@ impl Frames {
         }
         Ok(fit)
     }
+}
+
+/// Whether a frame holds magnitudes, which say nothing of signs.
+pub(crate) fn are_magnitudes(frame: &[f64]) -> bool {
+    frame.iter().all(|v| *v >= 0.0)
 }
 
 /// Standard deviation of the logarithm of the ratios; 0 if fewer than two are known.

@@ -5,8 +5,8 @@ mod order;
 mod quiet;
 mod reference;
 
-pub(crate) use fit::ALIKE;
 pub use fit::ModelFit;
+pub(crate) use fit::{ALIKE, are_magnitudes};
 pub use quiet::QuietFrames;
 
 use crate::error::SkinError;

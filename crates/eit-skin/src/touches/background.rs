@@ -4,6 +4,7 @@
 use super::model::{Spread, VoltageNoise, unknowns};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
+use crate::frames::are_magnitudes;
 use crate::progress::Progress;
 use eit_inverse::{ReferenceModel, UnevenSheet, Unevenness};
 use ndarray::{Array1, Array2, ArrayView1};
@@ -47,7 +48,12 @@ pub(super) fn of_reference(
     let [low, high] = surface.bounds_m();
     let side_m = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
     let sheet = UnevenSheet::new(surface, LENGTH * side_m)?;
-    let reference_v: Vec<f64> = frames.reference.iter().map(|v| v / fit.gain).collect();
+    let mut reference_v: Vec<f64> = frames.reference.iter().map(|v| v / fit.gain).collect();
+    let of_used = frames.reference.iter().zip(&frames.used).filter(|(_, used)| **used);
+    if are_magnitudes(&of_used.map(|(v, _)| *v).collect::<Vec<f64>>()) {
+        let signed = reference_v.iter_mut().zip(&skin.voltages);
+        signed.for_each(|(v, of_model)| *v = v.abs().copysign(*of_model));
+    }
     let mut sizes: Vec<f64> = skin.voltages.iter().map(|v| v.abs()).collect();
     sizes.sort_unstable_by(f64::total_cmp);
     let floor_v = FLOOR * sizes[sizes.len() / 2];

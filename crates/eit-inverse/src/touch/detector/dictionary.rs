@@ -66,7 +66,7 @@ impl Dictionary {
         let (mut volts, tops) = columns(surface, jacobian, places, rows, radius_m);
         // If voltages are g times the model's, the sheet has 1 / g of the model's conductivity, and its
         // derivatives are g^2 times the model's: one factor is in the ratios, one here.
-        let factor = settings.sign.factor() * rows.gain().abs();
+        let factor = settings.sign.factor() * rows.gain();
         volts.iter_mut().for_each(|v| *v *= factor);
         let (mut values, mut slopes) =
             (vec![0.0; places.len() * n], vec![0.0; 2 * places.len() * n]);

@@ -7,7 +7,8 @@ use crate::InverseError;
 pub(super) struct Rows {
     /// Measurements of each row; the same index twice if there is no reciprocal.
     pub(super) of: Vec<[usize; 2]>,
-    /// Measured over modelled voltage of each measurement, which scales its derivatives.
+    /// Measured over modelled voltage of each measurement, which scales its derivatives; where magnitudes are measured,
+    /// with the sign of the model's voltage.
     pub(super) ratio: Vec<f64>,
 }
 
@@ -79,24 +80,32 @@ impl Rows {
         if of.is_empty() {
             return Err(InverseError::NothingUsed { measurements: used.len() });
         }
-        let ratio_of = |i: usize| reference_v[i] / model_v[i];
+        // an instrument that gives magnitudes: each changes with the sign of its voltage
+        let are_sizes = of.iter().flatten().all(|&i| reference_v[i] >= 0.0);
+        let sign_of = |i: usize| if are_sizes { 1.0_f64.copysign(model_v[i]) } else { 1.0 };
+        let ratio_of = |i: usize| sign_of(i) * reference_v[i] / model_v[i];
         let mut known: Vec<f64> =
             of.iter().flatten().map(|&i| ratio_of(i)).filter(|r| r.is_finite()).collect();
         known.sort_unstable_by(f64::total_cmp);
         let median = known.get(known.len() / 2).copied().unwrap_or(1.0);
         let within = |r: f64| (RATIO_RANGE.recip()..=RATIO_RANGE).contains(&(r / median));
         let pairs = of.iter().flatten().filter(|&&i| within(ratio_of(i)));
-        let mismatch = Mismatch::of(pairs.map(|&i| [model_v[i], reference_v[i] / median]));
+        let mismatch =
+            Mismatch::of(pairs.map(|&i| [model_v[i], sign_of(i) * reference_v[i] / median]));
         let ratio = (0..used.len()).map(|i| match used[i] && within(ratio_of(i)) {
-            true => median + mismatch.share_of_gain(model_v[i]) * (ratio_of(i) - median),
+            true => {
+                let share = mismatch.share_of_gain(model_v[i]);
+                sign_of(i) * (median + share * (ratio_of(i) - median))
+            }
+            false if used[i] => sign_of(i) * median,
             false => median,
         });
         Ok(Self { ratio: ratio.collect(), of })
     }
 
-    /// Median of the ratios of measured to modelled voltage.
+    /// Median size of the ratios of measured to modelled voltage.
     pub(super) fn gain(&self) -> f64 {
-        let mut sorted = self.ratio.clone();
+        let mut sorted: Vec<f64> = self.ratio.iter().map(|ratio| ratio.abs()).collect();
         sorted.sort_unstable_by(f64::total_cmp);
         sorted[sorted.len() / 2]
     }
