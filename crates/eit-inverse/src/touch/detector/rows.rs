@@ -52,6 +52,20 @@ impl Mismatch {
     }
 }
 
+/// Part of the median voltage from which on the model's sign is certain.
+const CLEAR: f64 = 0.1;
+
+/// Whether a reference holds magnitudes of voltages of both signs. `pairs`: voltages of the model and of the reference.
+fn are_sizes(pairs: impl Iterator<Item = [f64; 2]> + Clone) -> bool {
+    let mut sizes: Vec<f64> = pairs.clone().map(|[v, _]| v.abs()).collect();
+    sizes.sort_unstable_by(f64::total_cmp);
+    let clear_v = CLEAR * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+    pairs.clone().all(|[_, of_reference]| of_reference >= 0.0) && {
+        let (mut above, mut below) = (pairs.clone(), pairs);
+        above.any(|[v, _]| v > clear_v) && below.any(|[v, _]| v < -clear_v)
+    }
+}
+
 /// Ratios that differ from the median by more than this factor are replaced by the median: the voltage is
 /// too small to tell.
 const RATIO_RANGE: f64 = 3.0;
@@ -81,7 +95,7 @@ impl Rows {
             return Err(InverseError::NothingUsed { measurements: used.len() });
         }
         // an instrument that gives magnitudes: each changes with the sign of its voltage
-        let are_sizes = of.iter().flatten().all(|&i| reference_v[i] >= 0.0);
+        let are_sizes = are_sizes(of.iter().flatten().map(|&i| [model_v[i], reference_v[i]]));
         let sign_of = |i: usize| if are_sizes { 1.0_f64.copysign(model_v[i]) } else { 1.0 };
         let ratio_of = |i: usize| sign_of(i) * reference_v[i] / model_v[i];
         let mut known: Vec<f64> =
@@ -181,5 +195,25 @@ mod tests {
         assert!(error(0.0, 3e-3) < 2e-2);
         // where the error hides it, a gain is not taken over: the largest of 200 with a deviation of 5 % is some 15 %
         assert!(error(0.05, 1e-3) < 0.2);
+    }
+
+    /// Magnitudes have the gains of the voltages, with the signs of the model. One small voltage of another sign than the
+    /// model's does not make magnitudes of the others.
+    #[test]
+    fn magnitudes_take_the_signs_of_the_model() {
+        let alone: Vec<usize> = (0..40).collect();
+        let size = |i: usize| 1.0 + 0.01 * i as f64;
+        let signed: Vec<f64> =
+            (0..40).map(|i| if i % 3 == 0 { -size(i) } else { size(i) }).collect();
+        let measured: Vec<f64> = (0..40).map(|i| 2.0 * size(i)).collect();
+        let rows = Rows::new(&alone, &[true; 40], &measured, &signed).unwrap();
+        // rounding
+        let is_right = |(ratio, v): (&f64, &f64)| (ratio - 2.0 * v.signum()).abs() < 1e-12;
+        assert!(rows.ratio.iter().zip(&signed).all(is_right), "{:?}", rows.ratio);
+        assert!((rows.gain() - 2.0).abs() < 1e-12);
+        let mut nearly: Vec<f64> = (0..40).map(size).collect();
+        nearly[7] = -0.05;
+        let rows = Rows::new(&alone, &[true; 40], &measured, &nearly).unwrap();
+        assert!(rows.ratio.iter().all(|ratio| (ratio - 2.0).abs() < 1e-12), "{:?}", rows.ratio);
     }
 }
