@@ -294,6 +294,25 @@ fn values_become_volts() {
     assert_eq!(frames(Unit::Arbitrary, Some(0.25)), unchanged);
 }
 
+/// A measurement that is recorded in both directions is taken from its own: the other one has the opposite sign, which
+/// magnitudes do not show, and faults of its own.
+#[test]
+fn each_direction_of_a_measurement_is_its_own() {
+    let both = [[0, 2, 1, 3], [2, 0, 1, 3], [0, 2, 3, 1]];
+    let layout = Layout::Quadruples(both.to_vec());
+    let map = FrameMap::new(&layout, 3, Some(&both), 3, "both").unwrap();
+    let (mut values, mut quality) = ([0.0; 3], [Quality::GOOD; 3]);
+    let recorded = [Quality::GOOD, Quality::OPEN, Quality::GOOD];
+    let real = Projection::Real;
+    map.apply_into(&[1.0, 2.0, 3.0], None, &recorded, real, &mut values, &mut quality).unwrap();
+    assert_eq!((values, quality), ([1.0, 2.0, 3.0], recorded));
+    // one that is recorded the other way only is turned
+    let map = FrameMap::new(&layout, 3, Some(&[[2, 0, 3, 1]]), 1, "both").unwrap();
+    let (values, quality) = (&mut [0.0], &mut [Quality::GOOD]);
+    map.apply_into(&[1.0, 2.0, 3.0], None, &recorded, real, values, quality).unwrap();
+    assert_eq!(*values, [1.0]);
+}
+
 /// A stream selects the same measurements as `frames_for` does from a file.
 #[test]
 fn frames_one_by_one_are_those_of_the_recording() {

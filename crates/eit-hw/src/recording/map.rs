@@ -229,9 +229,12 @@ fn by_quadruple(
     wanted: &[Quadruple],
     source: &Path,
 ) -> Result<Vec<Pick>, HwError> {
+    // patterns such as opposite drive contain a measurement in both directions: each is its own
+    let mut exact = HashMap::with_capacity(recorded.len());
     let mut place_of = HashMap::with_capacity(recorded.len());
     for (index, &quadruple) in recorded.iter().enumerate() {
         let (key, sign) = unsigned(quadruple);
+        exact.entry(quadruple).or_insert(index);
         place_of.entry(key).or_insert((index, sign));
     }
     let missing = |quadruple: Quadruple| {
@@ -250,6 +253,9 @@ fn by_quadruple(
     wanted
         .iter()
         .map(|&quadruple| {
+            if let Some(&plus) = exact.get(&quadruple) {
+                return Ok(Pick { plus, minus: None, sign: 1.0 });
+            }
             let (key, sign) = unsigned(quadruple);
             let (plus, recorded_sign) = *place_of.get(&key).ok_or_else(|| missing(quadruple))?;
             Ok(Pick { plus, minus: None, sign: sign * recorded_sign })
