@@ -208,6 +208,13 @@ const PASSES: usize = 3;
 /// ten scripts with sound electrodes the best gain left 0.18 and more of the first, 0.33 and more of the second.
 const BLAME: [f64; 3] = [0.13, 0.2, 0.1];
 
+/// The same for a frame without touches that the gain explains, to the second number times what noise leaves: a drift that
+/// begins as a finger lands is to be found before the finger hides it.
+const EXPLAINED_BY: [f64; 2] = [0.35, 3.0];
+
+/// Residual chi^2 per row above which such frames are checked.
+const EXPLAINED_FROM: f64 = 3.0;
+
 /// Residual chi^2 per row above which electrodes are checked.
 const BLAME_FROM: f64 = 5.0;
 
@@ -595,12 +602,22 @@ impl TouchDetector {
 
     /// Finds the electrode whose gain explains the frame, before or after touches, far better than they do.
     fn blamed(&mut self) -> Option<usize> {
-        let left = self.search.best.rest;
-        if left <= BLAME_FROM * self.whitening.present() as f64 {
+        let (left, rows) = (self.search.best.rest, self.whitening.present() as f64);
+        let is_touched = !self.search.best.spots.is_empty();
+        if !is_touched && left > EXPLAINED_FROM * rows {
+            let residual = &self.search.residual;
+            let found = best_gain(&self.gains, &self.whitening, &mut self.gain_of, residual);
+            let [part, times] = EXPLAINED_BY;
+            let bar = (part * left).min(times * self.whitening.expected());
+            if let Some((electrode, _)) = found.filter(|(_, rest)| *rest < bar) {
+                return Some(electrode);
+            }
+        }
+        if left <= BLAME_FROM * rows {
             return None;
         }
         let [of_untouched, of_rest, of_whole] = BLAME;
-        let of_rest = if self.search.best.spots.is_empty() { of_untouched } else { of_rest };
+        let of_rest = if is_touched { of_rest } else { of_untouched };
         let (mut blamed, mut least) = (None, 0.5 * left);
         for (residual, part) in
             [(&self.search.residual_without, of_whole), (&self.search.residual, of_rest)]

@@ -61,6 +61,9 @@ const INSTEAD: f64 = 0.95;
 /// electrode. On simulated fabrics two fingers left less than a hundredth of what the best gain did, six a
 /// thousandth.
 const MOSTLY: f64 = 0.25;
+/// ... of a frame that it explains: to this fraction, or to little per row. A finger whose touches explain a frame 55 times
+/// better was taken for the gain of the electrode beside one that drifts.
+const EXPLAINED: f64 = 0.05;
 const PRICE_BESIDE_GAIN: f64 = 4.0;
 /// Most touches that are paid for in this way.
 const MOST_PAID: usize = 3;
@@ -474,7 +477,9 @@ impl Search {
             1 => rest < INSTEAD * self.best.rest,
             touches => {
                 let without = dot(&self.residual_without, &self.residual_without);
-                let price = match rest < MOSTLY * without {
+                let is_explained = rest < MOST_PER_ROW * scene.whitening.present() as f64
+                    || rest < EXPLAINED * without;
+                let price = match is_explained && rest < MOSTLY * without {
                     true => (touches - 1).min(MOST_PAID) as f64 * PRICE_BESIDE_GAIN.ln(),
                     false => (touches - 1) as f64 * PRICE_OF_KNOWN.ln(),
                 };
