@@ -94,11 +94,7 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     let mut fitted = Arc::new(linearised).fit(frames)?;
     if !fitted.fit.is_alike() {
         // before work that may be for nothing, and is long where the model cannot explain the frames
-        progress.note(&format!(
-            "the homogeneous model explains the reference poorly (correlation {:.3}): check the protocol and the number \
-             and order of electrodes (`eit check`)",
-            fitted.fit.correlation
-        ));
+        fitted.frames.notes.iter().for_each(|note| progress.note(note));
     }
     let found = eit_skin::touches::touches(&fitted, progress)?;
     if let Some(found) = &found {

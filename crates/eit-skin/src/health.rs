@@ -3,7 +3,7 @@
 
 use crate::error::SkinError;
 use crate::faults::{self, FaultKind};
-use crate::frames::ALIKE;
+use crate::frames::{ALIKE, are_magnitudes};
 use crate::scene::Instrument;
 use crate::skin::Skin;
 use eit_hw::{Finding, HealthReport, Quadruple, Quality, ReferenceFrames, Severity, Trouble};
@@ -76,7 +76,7 @@ pub fn check_model(
         mean.into_iter().zip(model).filter(|(v, _)| v.is_finite()).unzip();
     let sizes = |values: &[f64]| -> Vec<f64> { values.iter().map(|v| v.abs()).collect() };
     let of_values = eit_hw::model_correlation(&mean, &model).map(f64::abs);
-    let of_sizes = match mean.iter().all(|v| *v >= 0.0) {
+    let of_sizes = match are_magnitudes(&mean) {
         true => eit_hw::model_correlation(&mean, &sizes(&model)),
         false => None,
     };

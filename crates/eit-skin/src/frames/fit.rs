@@ -102,9 +102,9 @@ impl Frames {
     }
 }
 
-/// Whether a frame holds magnitudes, which say nothing of signs.
-pub(crate) fn are_magnitudes(frame: &[f64]) -> bool {
-    frame.iter().all(|v| *v >= 0.0)
+/// Whether values are magnitudes, which say nothing of signs.
+pub(crate) fn are_magnitudes<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
+    values.into_iter().all(|v| *v >= 0.0)
 }
 
 /// Standard deviation of the logarithm of the ratios; 0 if fewer than two are known.

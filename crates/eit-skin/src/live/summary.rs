@@ -45,7 +45,7 @@ pub struct Summary {
     /// Latest latencies of images, seconds, unordered.
     pub image_latencies_s: Vec<f64>,
     /// Time from the first frame shown to the last by this computer's clock, seconds, without the times in
-    /// which the source was silent or took new references.
+    /// which the source was silent or took new references; of live frames by when they arrived.
     pub span_s: f64,
     /// Number of intervals between frames within [`span_s`](Self::span_s).
     pub intervals: u64,

@@ -50,7 +50,7 @@ pub(super) fn of_reference(
     let sheet = UnevenSheet::new(surface, LENGTH * side_m)?;
     let mut reference_v: Vec<f64> = frames.reference.iter().map(|v| v / fit.gain).collect();
     let of_used = frames.reference.iter().zip(&frames.used).filter(|(_, used)| **used);
-    if are_magnitudes(&of_used.map(|(v, _)| *v).collect::<Vec<f64>>()) {
+    if are_magnitudes(of_used.map(|(v, _)| v)) {
         let signed = reference_v.iter_mut().zip(&skin.voltages);
         signed.for_each(|(v, of_model)| *v = v.abs().copysign(*of_model));
     }

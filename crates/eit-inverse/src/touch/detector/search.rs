@@ -593,7 +593,8 @@ impl Search {
     pub(super) fn fit_strengths(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
         let (n, touches) = (self.rows, fit.spots.len());
         for (spot, columns) in fit.spots.iter().zip(self.columns.chunks_exact_mut(3 * n)) {
-            self.responses.write(scene.dictionary, scene.whitening, spot, columns);
+            let own = scene.dictionary.own(spot.place);
+            self.responses.write(own, scene.whitening, spot, columns);
         }
         self.set_linear(scene, y, touches);
         let size = touches + scene.memory.columns();
