@@ -37,7 +37,7 @@ pub struct TouchFinder {
     detector: TouchDetector,
     tracker: TouchTracker,
     monitor: FaultMonitor,
-    /// Whether the reference frame resembles the model; else touches, and gains of electrodes, explain frames by chance.
+    /// Whether the reference frame resembles the model; else touches explain frames by chance.
     is_alike: bool,
     /// Measurements that have recovered and wait for a frame without touches, to set their reference.
     waiting: Vec<bool>,
@@ -227,7 +227,7 @@ impl TouchFinder {
         let is_whole = (0..measurements).all(|i| !used[i] || !is_missing(i));
         let step = detector.push(values, is_missing, dt_s)?;
         let faults = monitor.faults().len();
-        monitor.blame(step.blamed.filter(|_| self.is_alike), time_s)?;
+        monitor.blame(step.blamed, time_s)?;
         if monitor.faults().len() > faults {
             // the next frame is the first one without it
             detector.take_back_reference();
