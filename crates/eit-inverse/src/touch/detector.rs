@@ -51,8 +51,7 @@ macro_rules! scene {
             whitening: &$detector.whitening,
             memory: &$detector.memory,
             settings: &$detector.settings,
-            late_s_m2: $detector.late_s_m2,
-            late_here_s_m2: &$detector.late_here_s_m2,
+            late: &$detector.late,
             before: &$detector.before,
             weak: &$detector.weak,
         }
@@ -61,9 +60,12 @@ macro_rules! scene {
 
 mod dents;
 mod dictionary;
+mod earlier;
 mod electrodes;
 mod evidence;
+mod gains;
 mod joint;
+mod late;
 mod least_squares;
 mod memory;
 mod places;
@@ -74,6 +76,7 @@ mod rows;
 mod search;
 mod settings;
 mod slides;
+mod step;
 mod whitening;
 
 #[cfg(feature = "learn")]
@@ -81,17 +84,20 @@ pub(crate) use dictionary::bell_at;
 pub use electrodes::UnknownKind;
 pub(crate) use places::Places;
 pub use settings::DetectorSettings;
+pub use step::{DetectedTouch, DetectorStep, LearntTouch};
 
 use super::fit::in_space;
 use crate::InverseError;
 use crate::check::{check_length, check_positive};
-use crate::geometry::distance_m;
 use dents::Dents;
 use dictionary::Dictionary;
+use earlier::EarlierReferences;
 use eit_mesh::Surface;
 use electrodes::Electrodes;
 use faer::Mat;
+use gains::{BLAME_FROM, Gains};
 use joint::Joint;
+use late::Late;
 use memory::Memory;
 use ndarray::{ArrayRef2, ArrayView2};
 use places::Spot;
@@ -131,119 +137,8 @@ pub struct DetectorModel<'a> {
     pub of_electrode: &'a [Vec<usize>],
 }
 
-/// A touch found in one frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct DetectedTouch {
-    /// Position on the skin, metres.
-    pub position_m: [f64; 3],
-    /// Unit normal of the mesh at that position, on the side from which the corners of its triangles run
-    /// counter-clockwise; +z on a flat skin.
-    pub normal: [f64; 3],
-    /// Covariance of the position, square metres, from noise and nuisance parameters, scaled by the
-    /// residual chi^2 per row if that exceeds 1.
-    pub position_covariance_m2: [[f64; 3]; 3],
-    /// Integral of the conductivity change, S m^2, with its sign.
-    pub strength_s_m2: f64,
-    /// Standard deviation of the strength, S m^2, computed like the covariance of the position.
-    pub strength_std_s_m2: f64,
-    /// Peak of the conductivity change, siemens, with its sign.
-    pub peak_s: f64,
-    /// 1 plus the chi^2 that this touch removes over what the residual has beyond the noise (but at least 0.3
-    /// per row): the factor by which the residual grows without it, where the model's error dominates.
-    pub worth: f64,
-    /// Result of the map learnt from presses at known positions and forces, if there is one.
-    pub learnt: Option<LearntTouch>,
-}
-
-/// What a map learnt from presses says about a touch.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct LearntTouch {
-    /// Force and its standard deviation, newtons, if forces were learnt.
-    pub force_n: Option<[f64; 2]>,
-    /// Whether the frame is unlike every learnt press. Position and strength then do not come from the map,
-    /// and no force is given.
-    pub is_unlike: bool,
-}
-
-/// How a frame was explained.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[non_exhaustive]
-pub struct DetectorStep {
-    /// Number of rows present.
-    pub rows: usize,
-    /// Squared length of the whitened frame; without a touch, the expectation of each row is below 1.
-    pub chi_square: f64,
-    /// Squared length after subtracting what the fabric's memory explains.
-    pub chi_square_without: f64,
-    /// Squared length of the residual after fitting touches.
-    pub chi_square_rest: f64,
-    /// The electrode whose gain alone explains the frame far better than touches do.
-    pub blamed: Option<usize>,
-}
-
-/// Largest residual of an explained frame, over its number of rows. Simulated fabrics leave up to 50 under the
-/// touches that were found and up to 7 without any; frames whose voltages change the other way leave 1 000 and more.
-const MOST_PER_ROW: f64 = 20.0;
-/// Largest part of a frame's squared length that an explained frame leaves: strong touches leave more per row, since
-/// the model is linear, but up to a quarter of their own frame.
-const MOST_OF_FRAME: f64 = 0.3;
-
-impl DetectorStep {
-    /// Returns whether touches, or the absence of any, explain the frame: little is left of it, or little per row.
-    /// Data of another kind, such as touches that change the conductivity the other way, is not explained.
-    pub fn is_explained(&self) -> bool {
-        self.chi_square_rest <= MOST_PER_ROW * self.rows.max(1) as f64
-            || self.chi_square_rest <= MOST_OF_FRAME * self.chi_square
-    }
-}
-
 /// Most searches of a frame, each with what the touches found before do to electrodes.
 const PASSES: usize = 3;
-
-/// Largest part of the residual that one electrode's gain may leave for the electrode to be reported: of a frame
-/// without touches, of what touches leave, and of what the frame has without its touches. On three fresh seeds of
-/// ten scripts with sound electrodes the best gain left 0.18 and more of the first, 0.33 and more of the second.
-const BLAME: [f64; 3] = [0.13, 0.2, 0.1];
-
-/// Largest part of the residual of a frame without touches, and of what noise leaves, that a gain may leave which explains
-/// the frame: a drift that begins as a finger lands is to be found before the finger hides it. One of 1 % a second left 0.21
-/// and 0.26, 2.1 and 1.8 in its first two frames; in 50 recordings with sound electrodes none was named.
-const EXPLAINED_BY: [f64; 2] = [0.35, 3.0];
-
-/// Residual chi^2 per row above which such frames are checked; noise leaves up to 0.7.
-const EXPLAINED_FROM: f64 = 3.0;
-
-/// Residual chi^2 per row above which electrodes are checked.
-const BLAME_FROM: f64 = 5.0;
-
-/// Time for which the reference is kept at least while frames show touches or stay unexplained, seconds: longer than a
-/// fault stays unnoticed.
-const KEPT_S: f64 = 3.0;
-
-/// Most by which the strongest touch counts as stronger than the next one. In a poorly sensed corner strengths are arbitrary,
-/// up to twenty times too large, and touches of the next seconds were taken for what such a one had left behind.
-const BELIEVED: f64 = 4.0;
-
-/// Time constant with which recent strengths near a position fade while something touches the skin, seconds: what
-/// memory explains then does not enter the reference, and fabric settles in some 10 s. With 5 s, one of 45 recordings of
-/// slides shows a trail as a touch after the next two slides.
-const KEPT_HERE_S: f64 = 20.0;
-
-/// Distance within which hysteresis left by a touch can show, metres.
-const LATE_M: f64 = 20e-3;
-
-/// Strength of the strongest touch of a frame, as far as others make it likely.
-fn strongest_believed(strengths: &[f64]) -> f64 {
-    let [first, second] =
-        strengths.iter().fold([0.0_f64; 2], |[first, second], &s| match s > first {
-            true => [s, first],
-            false => [first, second.max(s)],
-        });
-    if second > 0.0 { first.min(BELIEVED * second) } else { first }
-}
 
 /// Finds touches in frames: bells on the linearised model, fitted together with all other effects on the
 /// frame.
@@ -257,21 +152,13 @@ pub struct TouchDetector {
     memory: Memory,
     search: Search,
     reference_v: Vec<f64>,
-    /// The reference of the last frame that no touch was needed to explain, or of three to six seconds ago, and a later
-    /// one.
-    earlier_v: [Vec<f64>; 2],
-    /// Time since the later one was taken, seconds.
-    earlier_s: f64,
-    /// Strongest recent touch, S m^2, fading.
-    late_s_m2: f64,
-    /// Strongest recent touch near each position, S m^2, fading.
-    late_here_s_m2: Vec<f64>,
+    earlier: EarlierReferences,
+    late: Late,
     /// Touches of the last frame.
     before: Slides,
     /// Positions with too little evidence in the last frame, metres, and its chi^2.
     weak: Vec<([f64; 3], f64)>,
-    /// Whitened gain of each electrode, `[electrode][row]`.
-    gains: Vec<f64>,
+    gains: Gains,
     is_missing: Vec<bool>,
     lost: Vec<usize>,
     difference: Vec<f64>,
@@ -300,7 +187,8 @@ pub struct TouchDetector {
     memory_v: Vec<f64>,
     /// What touches do to rows through electrodes and contacts, volts.
     acted_v: Vec<f64>,
-    gain_of: Vec<f64>,
+    /// Workspace, `[row]`.
+    work: Vec<f64>,
     touches: Vec<DetectedTouch>,
     /// Root mean square position error of each touch from noise and nuisance parameters, metres.
     errors_m: Vec<f64>,
@@ -357,12 +245,10 @@ impl TouchDetector {
         Ok(Self {
             memory: Memory::new(n, &settings),
             search: Search::new(n, &settings),
-            gains: gains(model, &rows, &whitening),
+            gains: Gains::new(model, &rows, &whitening),
             reference_v: model.reference_v.to_vec(),
-            earlier_v: [model.reference_v.to_vec(), model.reference_v.to_vec()],
-            earlier_s: 0.0,
-            late_s_m2: 0.0,
-            late_here_s_m2: vec![0.0; places.len()],
+            earlier: EarlierReferences::new(model.reference_v),
+            late: Late::new(&places),
             before: Slides::new(settings.max_touches),
             weak: Vec::with_capacity(settings.max_touches),
             is_missing: vec![false; measurements],
@@ -388,7 +274,7 @@ impl TouchDetector {
             touch_v: vec![0.0; n],
             memory_v: vec![0.0; n],
             acted_v: vec![0.0; n],
-            gain_of: vec![0.0; n],
+            work: vec![0.0; n],
             touches: Vec::with_capacity(settings.max_touches),
             errors_m: Vec::with_capacity(settings.max_touches),
             settings,
@@ -481,13 +367,8 @@ impl TouchDetector {
             self.memory.prepare(&self.whitening);
             self.search.prune(&scene!(self), &self.whitened);
         }
+        let alone = self.gains.best(&self.whitening, &self.search.residual_without);
         let scene = scene!(self);
-        let alone = best_gain(
-            &self.gains,
-            &self.whitening,
-            &mut self.gain_of,
-            &self.search.residual_without,
-        );
         let blamed = match alone {
             // not a touch but a contact that got worse
             Some((electrode, rest))
@@ -496,7 +377,7 @@ impl TouchDetector {
                 self.search.take_back(&scene, &self.whitened);
                 Some(electrode)
             }
-            _ => self.blamed(),
+            _ => self.gains.blamed(&self.search, &self.whitening),
         };
         self.report();
         self.follow(dt_s);
@@ -540,7 +421,7 @@ impl TouchDetector {
     pub fn set_reference(&mut self, measurement: usize, value_v: f64) {
         if value_v.is_finite() && measurement < self.reference_v.len() {
             self.reference_v[measurement] = value_v;
-            self.earlier_v.iter_mut().for_each(|earlier_v| earlier_v[measurement] = value_v);
+            self.earlier.set(measurement, value_v);
         }
     }
 
@@ -548,9 +429,7 @@ impl TouchDetector {
     /// for when an electrode turns out to be faulty: until then the finger that was pressing may have become part of
     /// the reference, which would show a touch elsewhere from its lift on.
     pub fn take_back_reference(&mut self) {
-        self.reference_v.copy_from_slice(&self.earlier_v[0]);
-        self.earlier_v[1].copy_from_slice(&self.reference_v);
-        self.earlier_s = 0.0;
+        self.earlier.restore(&mut self.reference_v);
     }
 
     /// Returns the change of one measurement due to the last frame's touches, volts.
@@ -601,37 +480,6 @@ impl TouchDetector {
         Ok(())
     }
 
-    /// Finds the electrode whose gain explains the frame, before or after touches, far better than they do.
-    fn blamed(&mut self) -> Option<usize> {
-        let (left, rows) = (self.search.best.rest, self.whitening.present() as f64);
-        let is_touched = !self.search.best.spots.is_empty();
-        if !is_touched && left > EXPLAINED_FROM * rows {
-            let residual = &self.search.residual;
-            let found = best_gain(&self.gains, &self.whitening, &mut self.gain_of, residual);
-            let [part, times] = EXPLAINED_BY;
-            let bar = (part * left).min(times * self.whitening.expected());
-            if let Some((electrode, _)) = found.filter(|(_, rest)| *rest < bar) {
-                return Some(electrode);
-            }
-        }
-        if left <= BLAME_FROM * rows {
-            return None;
-        }
-        let [of_untouched, of_rest, of_whole] = BLAME;
-        let of_rest = if is_touched { of_rest } else { of_untouched };
-        let (mut blamed, mut least) = (None, 0.5 * left);
-        for (residual, part) in
-            [(&self.search.residual_without, of_whole), (&self.search.residual, of_rest)]
-        {
-            let bar = least.min(part * dot(residual, residual));
-            let found = best_gain(&self.gains, &self.whitening, &mut self.gain_of, residual);
-            if let Some((electrode, rest)) = found.filter(|(_, rest)| *rest < bar) {
-                (least, blamed) = (rest, Some(electrode));
-            }
-        }
-        blamed
-    }
-
     fn report(&mut self) {
         let (sign, gain) = (self.settings.sign.factor(), self.whitening.present().max(1) as f64);
         let Self { search, places, dictionary, touches, errors_m, .. } = self;
@@ -665,22 +513,6 @@ impl TouchDetector {
         search.best = best;
     }
 
-    /// Keeps the reference for [`take_back_reference`](Self::take_back_reference).
-    fn keep_reference(&mut self, is_doubtful: bool, dt_s: f64) {
-        let Self { reference_v, earlier_v, earlier_s, .. } = self;
-        if !is_doubtful {
-            earlier_v.iter_mut().for_each(|earlier_v| earlier_v.copy_from_slice(reference_v));
-            *earlier_s = 0.0;
-            return;
-        }
-        *earlier_s += dt_s;
-        if *earlier_s >= KEPT_S {
-            earlier_v.swap(0, 1);
-            earlier_v[1].copy_from_slice(reference_v);
-            *earlier_s = 0.0;
-        }
-    }
-
     /// Updates the reference and the memory.
     fn follow(&mut self, dt_s: f64) {
         let best = &self.search.best;
@@ -697,7 +529,7 @@ impl TouchDetector {
         self.acted_v.fill(0.0);
         if is_touched {
             // ends with the touches, and must not stay in the reference
-            self.whitening.explained(&self.search.residual, &mut self.gain_of, &mut self.acted_v);
+            self.whitening.explained(&self.search.residual, &mut self.work, &mut self.acted_v);
         }
         let time_s = if is_touched { self.settings.touched_s } else { self.settings.idle_s };
         let weight = -(-dt_s / time_s).exp_m1();
@@ -713,28 +545,15 @@ impl TouchDetector {
             }
         }
         let is_explained = best.rest <= BLAME_FROM * self.whitening.present() as f64;
-        self.keep_reference(is_touched || !is_explained, dt_s);
+        self.earlier.keep(&self.reference_v, is_touched || !is_explained, dt_s);
         let best = &self.search.best;
         let fade = if is_touched { 0.0 } else { weight };
         let touches = best.spots.iter().zip(&best.strengths).zip(&self.errors_m);
         let touches = touches.map(|((spot, strength), error_m)| (*spot, *strength, *error_m));
         self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
-        let strongest = strongest_believed(&best.strengths);
+        self.late.take(&best.spots, &best.strengths, &self.places, &self.settings, dt_s);
         self.before.take(&best.spots, dt_s);
         self.weak.clone_from(&self.search.weak);
-        // what a touch leaves behind enters the reference, but hardly while something touches the skin
-        let late_s = self.settings.late_s;
-        let late_here_s = if is_touched { late_s.max(KEPT_HERE_S) } else { late_s };
-        self.late_s_m2 = strongest.max(self.late_s_m2 * (-dt_s / late_s).exp());
-        let fading = (-dt_s / late_here_s).exp();
-        self.late_here_s_m2.iter_mut().for_each(|late| *late *= fading);
-        for (spot, strength) in best.spots.iter().zip(&best.strengths) {
-            for (late, place) in self.late_here_s_m2.iter_mut().zip(&self.places.at) {
-                if distance_m(place.position_m, spot.position_m) < LATE_M {
-                    *late = late.max(*strength);
-                }
-            }
-        }
     }
 }
 
@@ -769,85 +588,5 @@ fn check(model: &DetectorModel<'_>) -> Result<(), InverseError> {
     match stray {
         Some(&measurement) => Err(InverseError::UnknownMeasurement { measurement, measurements }),
         None => Ok(()),
-    }
-}
-
-/// Returns the effect of each electrode's gain: the reference values of its measurements, whitened and
-/// scaled to length 1.
-fn gains(model: &DetectorModel<'_>, rows: &Rows, whitening: &Whitening) -> Vec<f64> {
-    let n = rows.of.len();
-    let mut gains = vec![0.0; model.of_electrode.len() * n];
-    let mut values = vec![0.0; model.used.len()];
-    let mut folded = vec![0.0; n];
-    for (measurements, gain) in model.of_electrode.iter().zip(gains.chunks_exact_mut(n)) {
-        values.fill(0.0);
-        let used = measurements.iter().filter(|&&i| model.used[i]);
-        used.for_each(|&i| values[i] = model.reference_v[i]);
-        rows.fold(&values, &mut folded);
-        whitening.apply(&folded, gain);
-        let length = dot(gain, gain).sqrt().max(f64::MIN_POSITIVE);
-        gain.iter_mut().for_each(|g| *g /= length);
-    }
-    gains
-}
-
-/// Returns the electrode whose gain explains most of a residual, and the chi^2 that it leaves.
-fn best_gain(
-    gains: &[f64],
-    whitening: &Whitening,
-    gain_of: &mut [f64],
-    residual: &[f64],
-) -> Option<(usize, f64)> {
-    let whole = dot(residual, residual);
-    let mut best = None;
-    for (electrode, gain) in gains.chunks_exact(residual.len().max(1)).enumerate() {
-        gain_of.copy_from_slice(gain);
-        whitening.project(gain_of);
-        let square = dot(gain_of, gain_of);
-        if square < 1e-6 {
-            continue;
-        }
-        let rest = whole - dot(gain_of, residual).powi(2) / square;
-        if best.is_none_or(|(_, least)| rest < least) {
-            best = Some((electrode, rest));
-        }
-    }
-    best
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A frame is explained by what little is left of it or of each of its rows; either is enough.
-    #[test]
-    fn explained_by_part_or_by_row() {
-        let step = |chi_square: f64, chi_square_rest: f64| DetectorStep {
-            rows: 100,
-            chi_square,
-            chi_square_without: chi_square,
-            chi_square_rest,
-            blamed: None,
-        };
-        // noise, memory, a strong touch whose model is off, a faint one; and touches of the other sign
-        for (all, rest) in [(50.0, 50.0), (2e3, 7e2), (1e6, 2e5), (2.5e3, 1.9e3)] {
-            assert!(step(all, rest).is_explained(), "{all} {rest}");
-        }
-        assert!(!step(4e5, 2e5).is_explained() && !step(3e4, 3e4).is_explained());
-    }
-
-    /// One touch alone is believed, and one that is far stronger than all others only in part.
-    #[test]
-    fn the_strength_of_an_outlier_is_not_believed() {
-        for (strengths, wanted) in [
-            (&[][..], 0.0),
-            (&[7.0], 7.0),
-            (&[1.0, 3.0, 2.0], 3.0),
-            (&[20.0, 1.0, 1.5], 6.0),
-            (&[0.5, 20.0], 2.0),
-            (&[20.0, 0.0], 20.0),
-        ] {
-            assert_eq!(strongest_believed(strengths), wanted, "{strengths:?}");
-        }
     }
 }

@@ -13,12 +13,12 @@
 //!
 //! Over 300 lines: the steps share one detector, whose free unknowns each of them changes.
 
+use super::TouchDetector;
 use super::evidence::Evidence;
 use super::joint::{Found, remove_all};
 use super::places::Spot;
 use super::search::{Fit, MERGE, Scene};
 use super::whitening::dot;
-use super::{TouchDetector, best_gain};
 use crate::geometry::distance_m;
 
 /// Reach of the search around a touch, metres: from where a finger beyond the outer electrodes looks to be without its
@@ -171,8 +171,7 @@ impl TouchDetector {
         without.copy_from(fit);
         let at_m = without.spots.remove(k).position_m;
         let mut cost = self.assess(&mut without, Some(at_m));
-        let gain =
-            best_gain(&self.gains, &self.whitening, &mut self.gain_of, &self.search.residual);
+        let gain = self.gains.best(&self.whitening, &self.search.residual);
         if let Some((_, rest)) = gain {
             cost += rest - dot(&self.search.residual, &self.search.residual);
         }

@@ -2,16 +2,17 @@
 //!
 //! One file over 300 lines: both directions of the search share one workspace and one fit.
 
-use super::MOST_PER_ROW;
 use super::dictionary::Dictionary;
 use super::evidence::Evidence;
 use super::joint::remove_all;
+use super::late::Late;
 use super::least_squares::SmallSystem;
 use super::memory::Memory;
 use super::places::{Places, Spot};
 use super::responses::Responses;
 use super::settings::DetectorSettings;
 use super::slides::{SAME_M, Slides};
+use super::step::MOST_PER_ROW;
 use super::whitening::{Whitening, dot, widest};
 use crate::geometry::distance_m;
 
@@ -125,9 +126,7 @@ pub(super) struct Scene<'a> {
     pub(super) whitening: &'a Whitening,
     pub(super) memory: &'a Memory,
     pub(super) settings: &'a DetectorSettings,
-    /// Strongest recent touch, S m^2, anywhere and near each position.
-    pub(super) late_s_m2: f64,
-    pub(super) late_here_s_m2: &'a [f64],
+    pub(super) late: &'a Late,
     /// Touches of the previous frame.
     pub(super) before: &'a Slides,
     /// Positions with too little evidence in the previous frame, and its chi^2.
@@ -198,13 +197,13 @@ impl Scene<'_> {
             true => (1.0, 0.0),
             false => {
                 let crowd = 1.0 + 0.5 * (fit.spots.len() as f64 - 1.0 - CROWD);
-                (crowd.max(1.0), self.late_here_s_m2[fit.spots[k].place])
+                (crowd.max(1.0), self.late.here_s_m2[fit.spots[k].place])
             }
         };
         settings
             .least_s_m2
             .max(settings.least_share * crowd * strongest)
-            .max(settings.least_share_of_late * self.late_s_m2)
+            .max(settings.least_share_of_late * self.late.strongest_s_m2)
             .max(settings.least_share_of_here * here)
     }
 
@@ -410,8 +409,8 @@ impl Search {
             // what presses and slides leave behind is a small part of them
             let is_doubtful = |k: usize| {
                 let late = match goes_on(k) {
-                    true => scene.late_here_s_m2[best.spots[k].place],
-                    false => scene.late_s_m2,
+                    true => scene.late.here_s_m2[best.spots[k].place],
+                    false => scene.late.strongest_s_m2,
                 };
                 best.strengths[k] < settings.least_share_of_here * late
             };
@@ -454,7 +453,7 @@ impl Search {
 
     /// Whether the best touches are all so faint beside a recent one that they may be what it left behind.
     pub(super) fn may_be_left_behind(&self, scene: &Scene<'_>) -> bool {
-        let least = scene.settings.least_share_of_here * scene.late_s_m2;
+        let least = scene.settings.least_share_of_here * scene.late.strongest_s_m2;
         !self.best.spots.is_empty() && self.best.strengths.iter().all(|s| *s < least)
     }
 
