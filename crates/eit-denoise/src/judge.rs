@@ -68,15 +68,39 @@ impl Judge {
         noise_std: &[f64],
         mask: ArrayView2<'_, bool>,
     ) -> Result<Self, DenoiseError> {
-        let consistency = DataConsistency::new(jacobian, noise_std, mask)?;
         let error = weights.model_error.as_ref();
-        let rule = match error.filter(|error| error.directions.ncols() == noise_std.len()) {
-            Some(error) => Rule::ModelError(Box::new(ModelErrorNorm::new(error)?)),
-            None => {
-                let other = error.map(|_| SHARE_OF_OTHER_SKINS);
-                weights.misfit_limit().or(other).map_or(Rule::None, Rule::Share)
+        match error.filter(|error| error.directions.ncols() == noise_std.len()) {
+            Some(error) => {
+                let rule = Rule::ModelError(Box::new(ModelErrorNorm::new(error)?));
+                Self::with_rule(rule, jacobian, noise_std, mask)
             }
-        };
+            None => Self::on_another_skin(weights, jacobian, noise_std, mask),
+        }
+    }
+
+    /// Prepares these weights for another skin than that of their training, whose model error is not theirs: a
+    /// share of the data's energy takes its place. See [`new`](Self::new) for the arguments.
+    ///
+    /// # Errors
+    /// Those of [`DataConsistency::new`].
+    pub fn on_another_skin(
+        weights: &Weights,
+        jacobian: ArrayView2<'_, f64>,
+        noise_std: &[f64],
+        mask: ArrayView2<'_, bool>,
+    ) -> Result<Self, DenoiseError> {
+        let other = weights.model_error.as_ref().map(|_| SHARE_OF_OTHER_SKINS);
+        let rule = weights.misfit_limit().or(other).map_or(Rule::None, Rule::Share);
+        Self::with_rule(rule, jacobian, noise_std, mask)
+    }
+
+    fn with_rule(
+        rule: Rule,
+        jacobian: ArrayView2<'_, f64>,
+        noise_std: &[f64],
+        mask: ArrayView2<'_, bool>,
+    ) -> Result<Self, DenoiseError> {
+        let consistency = DataConsistency::new(jacobian, noise_std, mask)?;
         let (noise_std, left) = (noise_std.to_vec(), vec![0.0; noise_std.len()]);
         Ok(Self { consistency, rule, noise_std, left })
     }
@@ -133,6 +157,19 @@ impl Judge {
         let of_raw = self.score(raw, differences)?;
         let verdict = if of_raw <= 1.0 { Verdict::Raw } else { Verdict::Neither };
         Ok(Judgement { verdict, net: of_net, raw: Some(of_raw) })
+    }
+
+    /// Judges a frame of which it is known that the touches in the net's image explain it: that image is shown, whatever
+    /// its score.
+    ///
+    /// # Errors
+    /// Those of [`DataConsistency::misfit`].
+    pub fn accept(
+        &mut self,
+        net: ArrayView2<'_, f64>,
+        differences: &[f64],
+    ) -> Result<Judgement, DenoiseError> {
+        Ok(Judgement { verdict: Verdict::Net, net: self.score(net, differences)?, raw: None })
     }
 
     /// Judges a frame of which it is known that no touches explain it: the net's image is not shown, whatever its

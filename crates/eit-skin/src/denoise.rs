@@ -6,6 +6,7 @@ mod drawn;
 mod inputs;
 mod live;
 mod scores;
+mod trust;
 
 pub use chain::{Chain, Chained, Lengths};
 pub use check::{Check, Checked};
@@ -177,13 +178,6 @@ impl Net {
         }
     }
 
-    /// Returns whether "default" has only the net of images alone for these frames, on a skin that it was not trained
-    /// for. It is no better there than the raw images, which are shown instead: of a ball in the middle of a tank it
-    /// made two (`golf_ball_b`).
-    fn is_of_no_use(&self, has_touches: bool) -> bool {
-        self.of_images.is_some() && !has_touches && !self.is_of_this_skin
-    }
-
     /// Denoises with a net whose only input is the image.
     fn of_images(&self, raw: &Array3<f64>, raster: &Raster) -> Result<Array3<f64>, SkinError> {
         let weights = self.weights_for(false);
@@ -213,7 +207,7 @@ impl Net {
             false => None,
         };
         let weights = self.weights_for(touches.is_some());
-        let judge = check.judge(weights)?.rejecting(self.is_of_no_use(touches.is_some()));
+        let judge = check.judge(self, touches.is_some())?;
         if !inputs::needs_data(weights.shape) {
             return Ok((self.of_images(raw, raster)?, judge));
         }

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::Recording;
+use common::{Bench, Recording};
 use eit_skin::denoise::{Check, LiveNet, Net, NetTarget, Verdict};
 use eit_skin::eit_mesh::Raster;
 use eit_skin::ndarray::{Array3, Axis};
@@ -130,6 +130,47 @@ fn without_touches_another_skin_keeps_its_raw_images() {
         let row = fitted.differences_or_nan().row(touched).to_vec();
         let verdict = live.push(raster, &before, &row, &[], true, &mut after).unwrap();
         assert_eq!((verdict != Verdict::Net, after == before), (stays, stays));
+    }
+}
+
+/// On another skin the net that sees touches is shown where these explain the frame: what its images leave of the data
+/// depends on how much electrodes move there. Frames turned about their reference, and those of a wrong order of the
+/// electrodes, stay raw.
+#[test]
+fn another_skin_shows_what_touches_explain() {
+    let bench = Bench::of("patches");
+    let mut drawn = common::script::Drawn::new(34, 1);
+    let script = [[0.03, 0.02], [-0.04, 0.03], [0.02, -0.05]]
+        .iter()
+        .fold(&mut drawn, |drawn, place| drawn.press_at(&[*place], 0.7..2.0))
+        .script();
+    let recording = bench.simulate(&script, 34);
+    let quiet = recording.values.slice_axis(Axis(0), (..common::script::QUIET_FRAMES).into());
+    let quiet = quiet.mean_axis(Axis(0)).unwrap();
+    let turned = Recording { values: 2.0 * &quiet - &recording.values, truth: Vec::new() };
+    let settings = DenoiseSettings { weights: "default".to_owned(), any_skin: true };
+    for (recording, is_foreign) in [(&recording, false), (&turned, true)] {
+        let fitted = bench.fit(recording);
+        let raw = raw_images(&fitted);
+        let raster = fitted.skin.raster(&mut Progress::silent()).unwrap();
+        let net = Net::load(&settings, &fitted.skin.skin.net_target()).unwrap();
+        let mut images = raw.clone();
+        let check = Check::new(&fitted);
+        let checked = net.apply(&mut images, raster, Some(&check), &mut Progress::silent());
+        let checked = checked.unwrap().unwrap();
+        let (made, verdicts) = live(&net, &fitted, &raw);
+        let of_whole: Vec<Verdict> = checked.judgements.iter().map(|j| j.verdict).collect();
+        assert_eq!(verdicts, of_whole, "foreign: {is_foreign}");
+        let same = made.iter().zip(&images).all(|(a, b)| a == b || a.is_nan() && b.is_nan());
+        assert!(same, "foreign: {is_foreign}");
+        let touched = recording_frames(&script).collect::<Vec<_>>();
+        let shown = touched.iter().filter(|f| verdicts[**f] == Verdict::Net).count();
+        println!("foreign {is_foreign}: {shown} of {} frames; {}", touched.len(), checked.words());
+        assert!(if is_foreign {
+            10 * shown <= touched.len()
+        } else {
+            20 * shown >= 19 * touched.len()
+        });
     }
 }
 

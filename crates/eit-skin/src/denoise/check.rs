@@ -1,13 +1,14 @@
 //! Whether a net's images explain the measurements behind them.
 
-use super::DrawnTouches;
+use super::trust::Trust;
+use super::{DrawnTouches, Net};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::linearised::LinearisedSkin;
 use crate::noise::DataNoise;
 use crate::progress::Progress;
 use crate::touches::{self, Touches};
-use eit_denoise::{DataMisfit, Judge, Judgement, Verdict, Weights};
+use eit_denoise::{DataMisfit, Judge, Judgement, Verdict};
 use ndarray::{Array2, ArrayView2};
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -29,8 +30,7 @@ pub(super) struct SequenceJudge<'a> {
     judge: Judge,
     /// Whether touches explain each frame; empty for nets that do not see them.
     is_explained: Vec<bool>,
-    /// Whether the net was not trained for such images, so that none of its own is shown.
-    rejects_all: bool,
+    trust: Trust,
 }
 
 impl Check {
@@ -65,9 +65,14 @@ impl Check {
         &self.fitted.skin
     }
 
-    pub(super) fn judge(&self, weights: &Weights) -> Result<SequenceJudge<'_>, SkinError> {
-        let judge = judge(weights, &self.fitted)?;
-        Ok(SequenceJudge { check: self, judge, is_explained: Vec::new(), rejects_all: false })
+    pub(super) fn judge(
+        &self,
+        net: &Net,
+        has_touches: bool,
+    ) -> Result<SequenceJudge<'_>, SkinError> {
+        let judge = judge(net, has_touches, &self.fitted)?;
+        let trust = net.trust(has_touches, &self.fitted);
+        Ok(SequenceJudge { check: self, judge, is_explained: Vec::new(), trust })
     }
 }
 
@@ -94,15 +99,8 @@ impl SequenceJudge<'_> {
         raw: ArrayView2<'_, f64>,
     ) -> Result<Judgement, SkinError> {
         let row = self.check.differences.row(frame).to_vec();
-        match self.rejects_all || self.is_explained.get(frame) == Some(&false) {
-            true => Ok(self.judge.reject(net, raw, &row)?),
-            false => Ok(self.judge.judge(net, raw, &row)?),
-        }
-    }
-
-    /// Rejects every image of the net, or not.
-    pub fn rejecting(self, rejects_all: bool) -> Self {
-        Self { rejects_all, ..self }
+        let is_explained = self.is_explained.get(frame) != Some(&false);
+        Ok(self.trust.verdict(&mut self.judge, is_explained, net, raw, &row)?)
     }
 
     /// Takes whether touches explain each frame.
@@ -112,7 +110,11 @@ impl SequenceJudge<'_> {
 }
 
 /// Creates a judge with the model and noise of these frames.
-pub(super) fn judge(weights: &Weights, fitted: &FittedFrames) -> Result<Judge, SkinError> {
+pub(super) fn judge(
+    net: &Net,
+    has_touches: bool,
+    fitted: &FittedFrames,
+) -> Result<Judge, SkinError> {
     let FittedFrames { skin, frames, .. } = fitted;
     let noise = match fitted.noise()? {
         Some(noise) => noise,
@@ -122,7 +124,9 @@ pub(super) fn judge(weights: &Weights, fitted: &FittedFrames) -> Result<Judge, S
     let std: Vec<f64> = used.map(|(std, used)| if *used { *std } else { f64::INFINITY }).collect();
     let raster = skin.raster(&mut Progress::silent())?;
     let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
-    Ok(Judge::new(weights, jacobian.view(), &std, raster.mask().view())?)
+    let weights = net.weights_for(has_touches);
+    let new = if net.is_of_this_skin { Judge::new } else { Judge::on_another_skin };
+    Ok(new(weights, jacobian.view(), &std, raster.mask().view())?)
 }
 
 /// Verdicts on a net's images, frame by frame.
@@ -132,17 +136,15 @@ pub struct Checked {
     pub limit: f64,
     /// Description of the rule.
     rule: String,
-    /// Whether the net was not trained for such images.
-    rejects_all: bool,
+    trust: Trust,
     /// Verdict on each frame.
     pub judgements: Vec<Judgement>,
 }
 
 impl Checked {
     pub(super) fn new(judge: &SequenceJudge<'_>, judgements: Vec<Judgement>) -> Option<Self> {
-        let SequenceJudge { judge: rule, rejects_all, .. } = judge;
-        let rejects_all = *rejects_all;
-        rule.limit().map(|limit| Self { limit, rule: rule.words(), rejects_all, judgements })
+        let SequenceJudge { judge: rule, trust, .. } = judge;
+        rule.limit().map(|limit| Self { limit, rule: rule.words(), trust: *trust, judgements })
     }
 
     fn frames(&self, wanted: impl Fn(Verdict) -> bool) -> Vec<usize> {
@@ -164,25 +166,29 @@ impl Checked {
     pub fn words(&self) -> String {
         let (aside, unexplained) = (self.put_aside(), self.unexplained());
         let count = self.judgements.len();
-        if self.rejects_all {
-            return "the raw images stay: the shipped net of images alone was trained on another skin, and the \
-                    noise is unknown, without which no touches can be sought for the other one ([noise])"
-                .to_owned();
-        }
-        match aside.as_slice() {
-            [] => format!("every one of its {count} images explains its measurements"),
-            [first, ..] => {
-                let also = match unexplained.len() {
-                    0 => String::new(),
-                    n => format!("; in {n} of them it explains the measurements no better"),
-                };
-                format!(
-                    "{} of its {count} images, the first in frame {first}, do not explain their \
-                     measurements ({}): there the raw image stays{also}",
-                    aside.len(),
-                    self.rule,
-                )
+        let also = match unexplained.len() {
+            0 => String::new(),
+            n => format!("; in {n} of them it explains the measurements no better"),
+        };
+        match (self.trust, aside.as_slice()) {
+            (Trust::None(why), _) => format!("the raw images stay: {why}"),
+            (Trust::Touches, []) => {
+                format!("trained on another skin; touches explain every one of {count} frames")
             }
+            (Trust::Touches, [first, ..]) => format!(
+                "trained on another skin: the raw image stays in {} of {count} frames, the first of them {first}, which \
+                 the touches found do not explain{also}",
+                aside.len()
+            ),
+            (Trust::Data, []) => {
+                format!("every one of its {count} images explains its measurements")
+            }
+            (Trust::Data, [first, ..]) => format!(
+                "{} of its {count} images, the first in frame {first}, do not explain their measurements ({}): there \
+                 the raw image stays{also}",
+                aside.len(),
+                self.rule,
+            ),
         }
     }
 
@@ -190,6 +196,7 @@ impl Checked {
     pub fn json(&self) -> Value {
         let scores: Vec<f64> = self.judgements.iter().map(|judgement| judgement.net).collect();
         json!({
+            "judged_by": self.trust.words(),
             "misfit_limit": self.limit,
             "scores": scores,
             "raw_frames": self.put_aside(),

@@ -1,5 +1,6 @@
 //! A net that takes images one by one, as they come.
 
+use super::trust::Trust;
 use super::{DrawnTouch, Net, NetInputs, check};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
@@ -17,8 +18,7 @@ pub struct LiveNet {
     net: Denoiser,
     inputs: NetInputs,
     sign: f64,
-    /// Whether the net was not trained for such images, so that none of its own is shown.
-    rejects_all: bool,
+    trust: Trust,
     image_per_strength: f64,
     judge: Judge,
     raw: Array2<f64>,
@@ -37,10 +37,10 @@ impl LiveNet {
         let weights = net.weights_for(has_touches);
         Ok(Self {
             inputs: NetInputs::new(&fitted.skin, weights.shape)?,
-            judge: check::judge(weights, fitted)?,
+            judge: check::judge(net, has_touches, fitted)?,
             net: Denoiser::new(weights, mask)?,
             sign: net.sign,
-            rejects_all: net.is_of_no_use(has_touches),
+            trust: net.trust(has_touches, fitted),
             image_per_strength: fitted.image_per_strength(),
             raw: Array2::zeros(mask.dim()),
             made: Array2::zeros(mask.dim()),
@@ -90,11 +90,9 @@ impl LiveNet {
         inputs.limit(made.view_mut());
         made.mapv_inplace(|value| sign * value);
         let (made, raw) = (self.made.view(), self.raw.view());
-        let is_foreign = self.inputs.needs_touches() && !is_explained;
-        let verdict = match self.rejects_all || is_foreign {
-            true => self.judge.reject(made, raw, differences)?.verdict,
-            false => self.judge.judge(made, raw, differences)?.verdict,
-        };
+        let is_explained = is_explained || !self.inputs.needs_touches();
+        let verdict =
+            self.trust.verdict(&mut self.judge, is_explained, made, raw, differences)?.verdict;
         if verdict == Verdict::Net {
             raster.pixels_from_image_into(self.made.view(), pixels)?;
         }
