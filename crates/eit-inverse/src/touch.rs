@@ -45,8 +45,8 @@ pub use bell::Bell;
 pub use bound::{BellBound, Nuisance, cramer_rao};
 pub use contact::{Touch, TouchState};
 pub use detector::{
-    DetectedTouch, DetectorModel, DetectorSettings, DetectorStep, LearntTouch, TouchDetector,
-    UnknownKind,
+    DentPlace, DetectedTouch, DetectorModel, DetectorSettings, DetectorStep, LearntTouch,
+    TouchDetector, UnknownKind,
 };
 #[cfg(feature = "learn")]
 pub(crate) use detector::{Places, bell_at};

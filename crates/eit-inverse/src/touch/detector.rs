@@ -87,6 +87,7 @@ pub use settings::DetectorSettings;
 pub use step::{DetectedTouch, DetectorStep, LearntTouch};
 
 use super::fit::in_space;
+use super::skin::Place;
 use crate::InverseError;
 use crate::check::{check_length, check_positive};
 use dents::Dents;
@@ -135,6 +136,15 @@ pub struct DetectorModel<'a> {
     pub reciprocal: &'a [usize],
     /// Measurements that involve each electrode; empty to turn off the search for faulty electrodes.
     pub of_electrode: &'a [Vec<usize>],
+}
+
+/// Where the effects of a touch on the fabric around it have to be known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DentPlace {
+    /// Position on the skin, metres.
+    pub position_m: [f64; 3],
+    /// Orthonormal vectors along the skin.
+    pub tangents: [[f64; 3]; 2],
 }
 
 /// Most searches of a frame, each with what the touches found before do to electrodes.
@@ -285,21 +295,29 @@ impl TouchDetector {
         })
     }
 
-    /// Positions at which the effect of a dent has to be known, see [`with_dents`](Self::with_dents), metres.
-    pub fn dent_positions_m(&self) -> Vec<[f64; 3]> {
-        self.dents.at.iter().map(|&place| self.places.at[place].position_m).collect()
+    /// Where the effects of a touch on the fabric around it have to be known, see [`with_dents`](Self::with_dents).
+    pub fn dent_places(&self) -> Vec<DentPlace> {
+        let of = |&place: &usize| {
+            let Place { position_m, tangents, .. } = self.places.at[place];
+            DentPlace { position_m, tangents }
+        };
+        self.dents.at.iter().map(of).collect()
     }
 
-    /// Lets each touch pull the skin towards itself, as well as electrodes alone.
+    /// Lets each touch pull the skin towards itself, and drag it along if it slides, as well as electrodes alone.
     ///
-    /// `dents_v`: effect of a pull towards each of [`dent_positions_m`](Self::dent_positions_m) on the model's
-    /// voltages, volts per standard deviation, `[measurement, position]`.
+    /// `dents_v`: effects on the model's voltages, volts per standard deviation, `[measurement, effect]`, three for each of
+    /// [`dent_places`](Self::dent_places) in turn: a pull towards its position, a drag along each of its tangents.
     ///
     /// # Errors
     /// Wrong lengths, values of used measurements that are not finite.
     pub fn with_dents(mut self, dents_v: &ArrayRef2<f64>) -> Result<Self, InverseError> {
         check_length("rows of the dents", dents_v.nrows(), self.is_missing.len())?;
-        check_length("columns of the dents", dents_v.ncols(), self.dents.at.len())?;
+        check_length(
+            "columns of the dents",
+            dents_v.ncols(),
+            dents::EFFECTS * self.dents.at.len(),
+        )?;
         for &measurement in self.rows.of.iter().flatten() {
             if let Some(element) = dents_v.row(measurement).iter().position(|v| !v.is_finite()) {
                 let value = dents_v[(measurement, element)];
@@ -332,7 +350,7 @@ impl TouchDetector {
             self.dictionary.update(&self.whitening);
         }
         self.memory.whiten(&self.rows, &self.whitening, &self.settings);
-        self.electrodes.start(&self.before.spots, &self.places, &self.dents);
+        self.electrodes.start(&self.before, &self.places, &self.dents);
         for pass in 0..PASSES {
             let is_changed =
                 self.whitening.set_free(&self.electrodes.actions, &self.electrodes.dented);
@@ -354,7 +372,7 @@ impl TouchDetector {
                 _ => self.search.go_on(&scene, &self.whitened),
             }
             // what the touches found do to electrodes may explain others away
-            self.electrodes.add(&self.search.best.spots, &self.places, &self.dents);
+            self.electrodes.add(&self.search.best.spots, &self.before, &self.places, &self.dents);
         }
         self.reconsider();
         if self.search.may_be_left_behind(&scene!(self)) {
@@ -552,7 +570,7 @@ impl TouchDetector {
         let touches = touches.map(|((spot, strength), error_m)| (*spot, *strength, *error_m));
         self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
         self.late.take(&best.spots, &best.strengths, &self.places, &self.settings, dt_s);
-        self.before.take(&best.spots, dt_s);
+        self.before.take(&best.spots, &self.errors_m, dt_s);
         self.weak.clone_from(&self.search.weak);
     }
 }

@@ -140,9 +140,9 @@ impl TouchFinder {
             true => detector,
             false => {
                 let movement_m = Spread::in_use(skin).movement_m;
-                let at_m = detector.dent_positions_m();
+                let places = detector.dent_places();
                 let dents_v = progress
-                    .stage("dents of touches", || dents(skin, background_s, &at_m, movement_m))?;
+                    .stage("dents of touches", || dents(skin, background_s, &places, movement_m))?;
                 detector.with_dents(&dents_v)?
             }
         };

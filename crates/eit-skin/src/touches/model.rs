@@ -6,7 +6,7 @@ use crate::fitted::FittedFrames;
 use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
 use eit_fem::{Displacement, ElementOrder};
-use eit_inverse::touch::UnknownKind;
+use eit_inverse::touch::{DentPlace, UnknownKind};
 use eit_inverse::{noise_std_of_quiet_frames, smallest_step};
 use ndarray::{Array2, Axis, concatenate};
 
@@ -106,32 +106,54 @@ const DENT_M: f64 = 15e-3;
 /// Distance at which a pull moves the skin by [`PULL`] times the displacement of electrodes, metres, if the dent is small.
 const PULL_M: f64 = 30e-3;
 const PULL: f64 = 1.0;
-/// Dents whose strains are held in memory at a time.
-const AT_ONCE: usize = 32;
+/// Distance at which a drag moves the skin by [`DRAG`] times the displacement of electrodes, metres, ...
+const DRAG_M: f64 = 30e-3;
+const DRAG: f64 = 1.0;
+/// ... and up to which it moves it as far as at the finger: half of a contact.
+const CONTACT_M: f64 = 7e-3;
+/// Places whose strains are held in memory at a time.
+const AT_ONCE: usize = 12;
 
-/// Effect of a touch's pull on the voltages of a sheet, for one standard deviation at each position: `u(r) = K r / (r^2 +
-/// r_0^2)` towards it, `[measurement, position]`, volts.
+/// Effects of a touch on the voltages of a sheet through the fabric around it, for one standard deviation at each place: a
+/// pull `u(r) = K r / (r^2 + r_0^2)` towards it, and a drag `u(r) = K ln(L / max(r, r_0))` along each of its tangents up to
+/// half of the skin's longer side `L` away; `[measurement, (place, effect)]`, volts.
 pub(super) fn dents(
     skin: &LinearisedSkin,
     background_s: &[f64],
-    positions_m: &[[f64; 3]],
+    places: &[DentPlace],
     movement_m: f64,
 ) -> Result<Array2<f64>, SkinError> {
     let mut workspace = skin.skin.model.workspace()?;
     let mut solution = skin.skin.solve(background_s, &mut workspace)?;
-    let nodes_m = skin.skin.mesh.surface().nodes();
+    let surface = skin.skin.mesh.surface();
+    let nodes_m = surface.nodes();
+    let [low, high] = surface.bounds_m();
+    let held_m = 0.5 * (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+    let drag_m = DRAG * movement_m / (held_m / DRAG_M).ln().max(1.0);
     let strength_m2 = PULL * movement_m * PULL_M;
-    let dent = |at_m: &[f64; 3]| {
+    let effects = |place: &DentPlace| {
+        let DentPlace { position_m, tangents } = *place;
+        let way = |node_m: &[f64; 3]| -> ([f64; 3], f64) {
+            let way: [f64; 3] = std::array::from_fn(|k| position_m[k] - node_m[k]);
+            (way, way.iter().map(|w| w * w).sum())
+        };
         let pull = |node_m: &[f64; 3]| {
-            let way: [f64; 3] = std::array::from_fn(|k| at_m[k] - node_m[k]);
-            let squared: f64 = way.iter().map(|w| w * w).sum();
+            let (way, squared) = way(node_m);
             way.map(|w| strength_m2 * w / (squared + DENT_M * DENT_M))
         };
-        Displacement::of_field(&nodes_m.iter().map(pull).collect::<Vec<_>>())
+        let drag = |tangent: [f64; 3]| {
+            let dragged = move |node_m: &[f64; 3]| {
+                let far = held_m / way(node_m).1.sqrt().max(CONTACT_M);
+                tangent.map(|t| drag_m * far.ln().max(0.0) * t)
+            };
+            Displacement::of_field(&nodes_m.iter().map(dragged).collect::<Vec<_>>())
+        };
+        let pull = Displacement::of_field(&nodes_m.iter().map(pull).collect::<Vec<_>>());
+        [pull, drag(tangents[0]), drag(tangents[1])]
     };
     let mut parts = Vec::new();
-    for positions_m in positions_m.chunks(AT_ONCE) {
-        let dents: Vec<Displacement> = positions_m.iter().map(dent).collect();
+    for places in places.chunks(AT_ONCE) {
+        let dents: Vec<Displacement> = places.iter().flat_map(effects).collect();
         parts.push(solution.movement_jacobian(&dents)?);
     }
     let views: Vec<_> = parts.iter().map(|part| part.view()).collect();

@@ -6,7 +6,7 @@
 pub mod score;
 pub mod script;
 
-use eit_skin::eit_fem::fabric::{Random, SimulationSettings, TouchScript, TrueTouch};
+use eit_skin::eit_fem::fabric::{PlayCircle, Random, SimulationSettings, TouchScript, TrueTouch};
 use eit_skin::eit_mesh::Raster;
 use eit_skin::ndarray::Array2;
 use eit_skin::scene::{Reference, Scene};
@@ -58,6 +58,15 @@ impl Bench {
         let fabric = self.simulated.simulated_fabric().unwrap();
         let made = fabric.simulate(script, &self.raster, &how, &mut |_| {}).unwrap();
         Recording { values: made.frames_v, truth: made.truth.touches }
+    }
+
+    /// A built-in script on this skin.
+    pub fn script(&self, name: &str, seed: u64) -> TouchScript {
+        let circle = PlayCircle::of(&self.simulated.mesh);
+        let mut script = TouchScript::built_in(name, &circle, seed).unwrap();
+        script.frames = (script.frames as f64 * RATE_HZ / script.frame_rate_hz) as usize;
+        (script.frame_rate_hz, script.quiet_frames) = (RATE_HZ, QUIET_FRAMES);
+        script
     }
 
     /// Frames fitted to the model, with default settings.

@@ -1,4 +1,4 @@
-//! How the dent of a touch deforms the skin around it.
+//! How a touch deforms the skin around it.
 //!
 //! A press pulls the fabric towards itself and stretches it in between. Only the part of the strain without a trace
 //! changes the conductance of a sheet, and that part is the same as of a displacement in the plane, towards the touch,
@@ -8,7 +8,8 @@
 //! ```
 //!
 //! whose far field is that of plane elasticity. Where the current is uneven, beside snaps and between electrodes, its
-//! effect is a tenth of the touch's own.
+//! effect is a tenth of the touch's own. A finger that slides also drags the fabric along, by a distance that falls with
+//! the logarithm (Kelvin's solution; Love, *A Treatise on the Mathematical Theory of Elasticity*, section 148).
 
 use super::dictionary::Dictionary;
 use super::places::Places;
@@ -20,7 +21,10 @@ use ndarray::ArrayRef2;
 /// Spacing of the positions in those of the candidate positions: a dent is much wider than a bell.
 const SPARSER: f64 = 2.0;
 
-/// Effect on the rows of a dent at each of some positions.
+/// Effects of a touch on the fabric around it: a dent, and a drag along each axis of the skin.
+pub(super) const EFFECTS: usize = 3;
+
+/// Effect on the rows of a dent, and of a drag, at each of some positions.
 #[derive(Debug, Clone)]
 pub(super) struct Dents {
     rows: usize,
@@ -28,7 +32,7 @@ pub(super) struct Dents {
     pub(super) at: Vec<usize>,
     /// Position that is nearest to each candidate position.
     nearest: Vec<usize>,
-    /// Whitened, for one standard deviation, as if no row were lost: `[position][row]`; empty before they are known.
+    /// Whitened, for one standard deviation, as if no row were lost: `[position][effect][row]`; empty before they are known.
     columns: Vec<f64>,
 }
 
@@ -49,7 +53,7 @@ impl Dents {
         Self { rows: 0, nearest: nearest.collect(), at, columns: Vec::new() }
     }
 
-    /// Takes the effects of the dents, `[measurement, position]`, volts of the model per standard deviation.
+    /// Takes the effects, `[measurement, (position, effect)]`, volts of the model per standard deviation.
     pub(super) fn set(
         &mut self,
         dents: &ArrayRef2<f64>,
@@ -62,12 +66,7 @@ impl Dents {
         self.rows = n;
         self.columns.clear();
         for (k, &place) in self.at.iter().enumerate() {
-            for (row, folded) in folded.iter_mut().enumerate() {
-                let [i, j] = rows.of[row];
-                *folded = 0.5 * (rows.ratio[i] * dents[(i, k)] + rows.ratio[j] * dents[(j, k)]);
-            }
-            whitening.apply(&folded, &mut whitened);
-            // a strength and a position that are a little off are no dent
+            // a strength and a position that are a little off are no deformation
             let mut own = dictionary.own(place).map(<[f64]>::to_vec);
             for part in 0..own.len() {
                 let (before, rest) = own.split_at_mut(part);
@@ -75,16 +74,34 @@ impl Dents {
                 before.iter().for_each(|other| remove(unit, other));
                 let length = dot(unit, unit).sqrt().max(f64::MIN_POSITIVE);
                 unit.iter_mut().for_each(|u| *u /= length);
-                remove(&mut whitened, unit);
             }
-            self.columns.extend_from_slice(&whitened);
+            for column in EFFECTS * k..EFFECTS * (k + 1) {
+                for (row, folded) in folded.iter_mut().enumerate() {
+                    let of = |i: usize| rows.ratio[i] * dents[(i, column)];
+                    let [i, j] = rows.of[row];
+                    *folded = 0.5 * (of(i) + of(j));
+                }
+                whitening.apply(&folded, &mut whitened);
+                own.iter().for_each(|unit| remove(&mut whitened, unit));
+                self.columns.extend_from_slice(&whitened);
+            }
         }
     }
 
     /// Effect of a dent at a candidate position; empty if dents are not known.
     pub(super) fn of(&self, place: usize) -> &[f64] {
-        let from = self.nearest[place] * self.rows;
-        self.columns.get(from..from + self.rows).unwrap_or_default()
+        self.effects(place, 0..1)
+    }
+
+    /// Effects of a drag along each axis; empty if they are not known.
+    pub(super) fn drags_of(&self, place: usize) -> &[f64] {
+        self.effects(place, 1..EFFECTS)
+    }
+
+    fn effects(&self, place: usize, which: std::ops::Range<usize>) -> &[f64] {
+        let first = EFFECTS * self.nearest[place];
+        let range = (first + which.start) * self.rows..(first + which.end) * self.rows;
+        self.columns.get(range).unwrap_or_default()
     }
 }
 

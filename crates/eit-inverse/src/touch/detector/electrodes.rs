@@ -12,6 +12,7 @@
 
 use super::dents::Dents;
 use super::places::{Places, Spot};
+use super::slides::Slides;
 use super::whitening::Whitening;
 use crate::geometry::distance_m;
 
@@ -94,7 +95,9 @@ pub(super) struct Electrodes {
     /// Where touches act, and the nearest candidate positions.
     at_m: Vec<[f64; 3]>,
     places: Vec<usize>,
-    /// Whitened effects of the touches' dents, `[touch][row]`.
+    /// Whether they drag the fabric along.
+    dragged: Vec<bool>,
+    /// Whitened effects of the touches on the fabric around them, `[effect][row]`.
     pub(super) dented: Vec<f64>,
     /// Standard deviations of each unknown for one of each action: `[action][unknown]`.
     pub(super) actions: Vec<f64>,
@@ -112,6 +115,7 @@ impl Electrodes {
             all: Vec::with_capacity((most * ACTIONS + kinds.len()) * kinds.len()),
             at_m: Vec::with_capacity(most),
             places: Vec::with_capacity(most),
+            dragged: Vec::with_capacity(most),
             dented: Vec::new(),
             kinds,
         }
@@ -121,6 +125,7 @@ impl Electrodes {
     pub(super) fn clear(&mut self) {
         self.at_m.clear();
         self.places.clear();
+        self.dragged.clear();
         self.actions.clear();
         self.dented.clear();
     }
@@ -154,29 +159,35 @@ impl Electrodes {
 
     /// Starts a frame with the touches of the previous one. A touch that has hardly moved acts from where it did
     /// before, which changes nothing.
-    pub(super) fn start(&mut self, spots: &[Spot], places: &Places, dents: &Dents) {
-        let count = self.at_m.len();
+    pub(super) fn start(&mut self, before: &Slides, places: &Places, dents: &Dents) {
         let near = |at_m: [f64; 3], spot: &Spot| distance_m(spot.position_m, at_m) < SAME_M;
-        self.at_m.retain(|at_m| spots.iter().any(|spot| near(*at_m, spot)));
-        if self.at_m.len() < count {
+        let is_as_before = |k: usize| {
+            let at_m = self.at_m[k];
+            before.spots.iter().any(|spot| near(at_m, spot))
+                && self.dragged[k] == before.has_slid(at_m)
+        };
+        if !(0..self.at_m.len()).all(is_as_before) {
+            self.at_m.retain(|at_m| before.spots.iter().any(|spot| near(*at_m, spot)));
             let at_m = &self.at_m;
             self.places.retain(|place| at_m.contains(&places.at[*place].position_m));
+            self.dragged.clear();
+            self.dragged.extend(at_m.iter().map(|at_m| before.has_slid(*at_m)));
             self.actions.clear();
             self.dented.clear();
-            (0..self.at_m.len()).for_each(|k| self.act(self.at_m[k], self.places[k], dents));
+            (0..self.at_m.len()).for_each(|k| self.act(k, dents));
         }
-        self.add(spots, places, dents);
+        self.add(&before.spots, before, places, dents);
     }
 
-    /// Adds touches, each at the nearest of the candidate positions.
-    pub(super) fn add(&mut self, spots: &[Spot], places: &Places, dents: &Dents) {
+    /// Adds touches, each at the nearest of the candidate positions; `before`: those of the previous frame.
+    pub(super) fn add(&mut self, spots: &[Spot], before: &Slides, places: &Places, dents: &Dents) {
         for spot in spots {
             let is_there = self.at_m.iter().any(|at_m| distance_m(*at_m, spot.position_m) < SAME_M);
             if !is_there && self.at_m.len() < self.at_m.capacity() {
-                let at_m = places.at[spot.place].position_m;
-                self.at_m.push(at_m);
+                self.at_m.push(places.at[spot.place].position_m);
                 self.places.push(spot.place);
-                self.act(at_m, spot.place, dents);
+                self.dragged.push(before.has_slid(spot.position_m));
+                self.act(self.at_m.len() - 1, dents);
             }
         }
     }
@@ -193,8 +204,12 @@ impl Electrodes {
     }
 
     /// Adds the actions of a touch; those without effect are left out.
-    fn act(&mut self, touch_m: [f64; 3], place: usize, dents: &Dents) {
+    fn act(&mut self, k: usize, dents: &Dents) {
+        let (touch_m, place) = (self.at_m[k], self.places[k]);
         self.dented.extend_from_slice(dents.of(place));
+        if self.dragged[k] {
+            self.dented.extend_from_slice(dents.drags_of(place));
+        }
         for action in 0..ACTIONS {
             let from = self.actions.len();
             self.actions.extend(self.kinds.iter().map(|kind| kind.share(action, touch_m)));

@@ -205,9 +205,9 @@ impl TouchDetector {
 
     /// Frees the actions of touches, and pressure on contacts at one more place if asked for.
     fn free(&mut self, fit: &Fit, pressed: Option<[f64; 3]>) {
-        let Self { electrodes, places, dents, .. } = self;
+        let Self { electrodes, places, dents, before, .. } = self;
         electrodes.clear();
-        electrodes.add(&fit.spots, places, dents);
+        electrodes.add(&fit.spots, before, places, dents);
         let own = electrodes.actions.len();
         if let Some(at_m) = pressed {
             electrodes.press(at_m);
