@@ -41,6 +41,8 @@ pub(crate) struct FrameLine<'a> {
     host_time_s: Option<f64>,
     latency_s: Option<f64>,
     whole: bool,
+    explained: bool,
+    frozen: bool,
     faulty_electrodes: Faults<'a>,
     touches: Touches<'a>,
 }
@@ -54,6 +56,8 @@ impl<'a> From<&TouchFrame<'a>> for FrameLine<'a> {
             host_time_s: frame.host_time_s,
             latency_s: frame.latency_s,
             whole: frame.whole,
+            explained: frame.explained,
+            frozen: frame.frozen,
             faulty_electrodes: Faults(frame.faults),
             touches: Touches(frame.touches),
         }

@@ -37,6 +37,8 @@ pub(crate) struct FrameCopy {
     pub host_time_s: Option<f64>,
     pub latency_s: Option<f64>,
     pub whole: bool,
+    pub explained: bool,
+    pub frozen: bool,
     pub faults: Vec<ElectrodeFault>,
     pub touches: Vec<Touch>,
 }
@@ -52,6 +54,8 @@ impl FrameCopy {
             host_time_s: frame.host_time_s,
             latency_s: frame.latency_s,
             whole: frame.whole,
+            explained: frame.explained,
+            frozen: frame.frozen,
             faults,
             touches,
         };
@@ -315,6 +319,8 @@ mod tests {
             touches: &[],
             faults: &[],
             whole: true,
+            explained: true,
+            frozen: false,
             latency_s: None,
         }
     }

@@ -101,7 +101,7 @@ fn every_line_fits_the_schema_and_says_what_happened() {
     });
     let wanted = json!({
         "type": "frame", "sequence": 100, "epoch": 1, "time_s": 2.0, "host_time_s": 1_700_000_000.25,
-        "latency_s": 2e-3, "whole": false,
+        "latency_s": 2e-3, "whole": false, "explained": true, "frozen": false,
         "faulty_electrodes": [{ "electrode": 5, "fault": "stuck", "since_s": 1.5 }],
         "touches": [wanted, wanted],
     });

@@ -53,6 +53,8 @@ fn frame(sequence: u64) -> TouchFrame<'static> {
         touches: &[],
         faults: &[],
         whole: true,
+        explained: true,
+        frozen: false,
         latency_s: None,
     }
 }

@@ -8,6 +8,7 @@
 mod clock;
 mod images;
 mod one_step;
+mod reference;
 mod sensor;
 mod stream;
 mod summary;
@@ -32,7 +33,7 @@ use std::time::{Duration, Instant};
 /// Default number of reference frames.
 pub const REFERENCE_FRAMES: usize = 40;
 /// Fewer frames do not show the noise.
-const LEAST_REFERENCE_FRAMES: usize = 8;
+pub(crate) const LEAST_REFERENCE_FRAMES: usize = 8;
 /// How often to check for shutdown.
 const WAIT: Duration = Duration::from_millis(50);
 
@@ -297,6 +298,6 @@ fn check_reference_frames(count: usize) -> Result<(), SkinError> {
         return Ok(());
     }
     Err(SkinError::input(format!(
-        "--reference-frames {count}: it must be {LEAST_REFERENCE_FRAMES} or more"
+        "{count} reference frames: there must be {LEAST_REFERENCE_FRAMES} or more"
     )))
 }

@@ -1,7 +1,6 @@
 //! Arguments of the commands for live instruments.
 
 use clap::Args;
-use eit_skin::live::REFERENCE_FRAMES;
 use std::path::PathBuf;
 
 /// `eit devices`
@@ -33,9 +32,11 @@ pub(crate) struct CheckArgs {
 /// Arguments of `eit live` shared with `eit replay`.
 #[derive(Debug, Args)]
 pub(crate) struct WatchArgs {
-    /// Number of frames at the start of each epoch that form the reference and show the noise.
-    #[arg(long, value_name = "N", default_value_t = REFERENCE_FRAMES)]
-    pub reference_frames: usize,
+    /// Number of frames at the start of each epoch that form the reference and show the noise [default: 40; of a replay
+    /// as many as "0..N" in [recording] reference says]. While they change as if something touched the skin, further
+    /// ones are taken.
+    #[arg(long, value_name = "N")]
+    pub reference_frames: Option<usize>,
     /// Stop after N frames, not counting the reference.
     #[arg(long, value_name = "N")]
     pub frames: Option<u64>,

@@ -11,7 +11,7 @@ use eit_hw::capture::CaptureWriter;
 use eit_hw::driver::FrameSource;
 use eit_report::watched::answer;
 use eit_skin::connect::{self, Backlog};
-use eit_skin::live::LiveModel;
+use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
 use eit_skin::scene::Scene;
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
     let mut progress = progress::terminal();
-    let frames = args.watch.reference_frames;
+    let frames = args.watch.reference_frames.unwrap_or(REFERENCE_FRAMES);
     let model = Arc::new(LiveModel::from_scene(&scene, frames, &mut progress)?);
     let mut viewer = Viewer::new(&model, &args.watch, limit, !is_json)?;
     let backlog = match args.record {

@@ -9,8 +9,8 @@ use eit_hw::Frame;
 use eit_hw::HwError;
 use eit_hw::driver::{Event, FrameSource, Pace, Replay, Setup, Statistics};
 use eit_report::watched::answer;
-use eit_skin::live::LiveModel;
-use eit_skin::scene::Scene;
+use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
+use eit_skin::scene::{Reference, Scene};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -20,14 +20,16 @@ pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> 
     let publisher = publish::open(&args.watch.publish, is_json, false)?;
     let scene = Scene::load(&args.scene)?;
     let mut progress = progress::terminal();
-    let frames = args.watch.reference_frames;
+    let of_scene = scene.recording.reference.as_ref().and_then(Reference::first_frames);
+    let frames = args.watch.reference_frames.or(of_scene).unwrap_or(REFERENCE_FRAMES);
     let model = Arc::new(LiveModel::from_scene(&scene, frames, &mut progress)?);
     let protocol = &model.skin().protocol;
     let quadruples = protocol.quadruples().ok_or_else(|| {
         CliError::input("[protocol] has general current patterns, which recordings do not support")
     })?;
     let pace = args.speed.map_or(Pace::OnDemand, Pace::Speed);
-    let mut replay = Replay::open(&args.from, Some(quadruples), pace)?;
+    let mut replay = Replay::open(&args.from, Some(quadruples), pace)?
+        .with_frame_rate(scene.recording.frame_rate_hz);
     let mut viewer = Viewer::new(&model, &args.watch, None, !is_json)?;
     let name = replay.setup().identity.to_string();
     viewer.publish(publisher, &name, false)?;

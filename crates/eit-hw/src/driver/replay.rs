@@ -218,6 +218,12 @@ impl Replay {
         })
     }
 
+    /// States the frame rate, hertz, if the recording does not: frames without times are then as far apart.
+    pub fn with_frame_rate(mut self, frame_rate_hz: Option<f64>) -> Self {
+        self.setup.frame_rate_hz = self.setup.frame_rate_hz.or(frame_rate_hz);
+        self
+    }
+
     /// Returns how long until a frame is due; zero if it is due now.
     fn due_in(&mut self, frame: &Frame) -> Duration {
         let Pace::Speed(times) = self.pace else { return Duration::ZERO };
@@ -225,9 +231,11 @@ impl Replay {
         if self.last.is_some_and(|(_, epoch)| epoch != frame.epoch) {
             self.start = None;
         }
-        let now = Times::of(frame);
+        let mut now = Times::of(frame);
         if now == Times::default() {
-            return Duration::ZERO;
+            let rate_hz = self.setup.frame_rate_hz.filter(|hz| *hz > 0.0 && hz.is_finite());
+            let Some(rate_hz) = rate_hz else { return Duration::ZERO };
+            now.device_s = Some(frame.sequence as f64 / rate_hz);
         }
         let (start, since_s, before) = self.start.get_or_insert_with(|| (Instant::now(), 0.0, now));
         *since_s += now.since(*before);

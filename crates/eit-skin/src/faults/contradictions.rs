@@ -13,6 +13,10 @@ const WRONG_STD: f64 = 10.0;
 const WRONG_PART: f64 = 0.25;
 /// ... plus this fraction of their reference, because real channels drift apart.
 const WRONG_DRIFT: f64 = 1e-3;
+/// A measurement has jumped if it has changed by more than this fraction of its reference, ...
+const JUMPED: f64 = 0.2;
+/// ... and of the root mean square reference.
+const JUMPED_OF_ALL: f64 = 0.02;
 /// A measurement below this fraction of its reference is dead.
 const DEAD: f64 = 0.02;
 /// An electrode with fewer remaining measurements is not judged.
@@ -75,6 +79,27 @@ impl Contradictions {
                 wrong |= (a - b).abs() > allowed || is_dead(twin);
             }
             self.is_wrong[i] = wrong;
+        }
+    }
+
+    /// Marks measurements that have changed by more than touches change them. `counts` as in
+    /// [`compare`](Self::compare).
+    pub fn compare_jumps(
+        &mut self,
+        std_v: &[f64],
+        [values, reference]: [&[f64]; 2],
+        counts: impl Fn(usize) -> bool,
+    ) {
+        let (mut squares, mut all) = (0.0, 0.0_f64);
+        for (_, v) in reference.iter().enumerate().filter(|(i, _)| counts(*i)) {
+            squares += v * v;
+            all += 1.0;
+        }
+        let typical = (squares / all.max(1.0)).sqrt();
+        for (i, wrong) in self.is_wrong.iter_mut().enumerate() {
+            let allowed =
+                JUMPED * reference[i].abs() + JUMPED_OF_ALL * typical + WRONG_STD * std_v[i];
+            *wrong = counts(i) && (values[i] - reference[i]).abs() > allowed;
         }
     }
 

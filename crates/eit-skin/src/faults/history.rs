@@ -59,6 +59,12 @@ impl History {
         }
     }
 
+    /// Returns whether all used measurements repeat exactly.
+    pub fn repeats(&self, used: &[bool]) -> bool {
+        let mut used = (0..self.measurements).filter(|&i| used[i]).peekable();
+        self.frames >= STUCK_FRAMES && used.peek().is_some() && used.all(|i| self.span(i) == 0.0)
+    }
+
     /// Returns whether an electrode was stuck at the last search.
     pub fn is_stuck(&self, electrode: usize) -> bool {
         self.is_stuck[electrode]

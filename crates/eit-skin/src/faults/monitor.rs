@@ -1,6 +1,7 @@
 //! Detects electrode faults frame by frame.
 
 mod healing;
+mod jumps;
 
 use super::contradictions::Contradictions;
 use super::flagged::Flagged;
@@ -15,6 +16,13 @@ const GARBAGE_FRAMES: usize = 5;
 /// Number of consecutive frames that must blame an electrode's gain: one is no proof, each more costs a
 /// frame.
 const BLAMED_FRAMES: usize = 2;
+
+/// Frames that repeat one before them, ...
+const REPEATED_FRAMES: f64 = 4.0;
+/// ... and largest probability of that by chance.
+const CHANCE: f64 = 1e-9;
+/// Density of a difference of two normal values at zero is one over this and the standard deviation of each.
+const SQRT_4_PI: f64 = 3.544_907_701_811_032;
 
 /// Fault state of an electrode.
 #[derive(Debug, Clone, Copy, Default)]
@@ -45,6 +53,13 @@ pub struct FaultMonitor {
     history: History,
     flagged: Flagged,
     contradictions: Contradictions,
+    /// Measurements that have changed by more than touches change them.
+    jumps: Contradictions,
+    /// Number of consecutive unexplained frames in which each electrode's measurements have.
+    jumped_frames: Vec<usize>,
+    /// Whether frames that repeat exactly are no new ones.
+    must_change: bool,
+    is_frozen: bool,
     is_missing: Vec<bool>,
     healed: Vec<usize>,
     faults: Vec<ElectrodeFault>,
@@ -85,6 +100,10 @@ impl FaultMonitor {
             history: History::new(measurements, electrodes),
             flagged: Flagged::new(electrodes),
             contradictions: Contradictions::new(measurements, electrodes),
+            jumps: Contradictions::new(measurements, electrodes),
+            jumped_frames: vec![0; electrodes],
+            must_change: false,
+            is_frozen: false,
             is_missing: vec![false; measurements],
             healed: Vec::with_capacity(measurements),
             faults: Vec::with_capacity(electrodes),
@@ -106,6 +125,16 @@ impl FaultMonitor {
         self.faults.reserve(faults.len());
         self.leave_out();
         Ok(self)
+    }
+
+    /// The noise was measured: frames that repeat exactly, which that noise does not allow, are an old frame sent again.
+    pub fn with_measured_noise(mut self) -> Self {
+        // probability that a measurement repeats by chance: a step over the width of the noise
+        let repeats = |std_v: &f64| (self.step_v / (SQRT_4_PI * std_v)).clamp(1e-3, 1.0).ln();
+        let used = self.std_v.iter().zip(&self.used).filter(|(_, used)| **used);
+        let all: f64 = used.map(|(std_v, _)| repeats(std_v)).sum();
+        self.must_change = REPEATED_FRAMES * all < CHANCE.ln();
+        self
     }
 
     /// Sets the fraction of their reference by which reciprocal halves may differ.
@@ -143,16 +172,20 @@ impl FaultMonitor {
         for (i, missing) in self.is_missing.iter_mut().enumerate() {
             *missing = self.used[i] && !(is_good(i) && values[i].is_finite());
         }
-        let Self { contradictions, wiring, std_v, used, is_missing, .. } = self;
+        let Self { contradictions, jumps, history, wiring, std_v, used, is_missing, .. } = self;
         let counts = |i: usize| used[i] && !is_missing[i];
         contradictions.compare(&wiring.reciprocal, std_v, [values, reference], counts);
+        jumps.compare_jumps(std_v, [values, reference], counts);
+        history.push(values);
         self.healed.clear();
-        self.is_bad =
-            !(0..self.used.len()).any(|i| self.used[i] && !self.is_missing[i]) || self.is_garbage();
+        self.is_frozen = self.must_change && self.history.repeats(&self.used);
+        self.is_bad = self.is_frozen
+            || !(0..self.used.len()).any(|i| self.used[i] && !self.is_missing[i])
+            || self.is_garbage();
         if self.is_bad {
             self.pass_over(time_s);
         } else {
-            self.condemn_all(values, time_s);
+            self.condemn_all(time_s);
             self.heal(values, reference, time_s);
         }
         self.before_s = Some(time_s);
@@ -160,11 +193,17 @@ impl FaultMonitor {
         Ok(())
     }
 
-    /// Returns whether the current frame is discarded whole: it has no valid value, or more violations than
-    /// faults of a third of the electrodes explain, which is more likely a damaged packet than that many
-    /// simultaneous faults.
+    /// Returns whether the current frame is discarded whole: it has no valid value, it repeats those before it
+    /// ([`is_frozen`](Self::is_frozen)), or it has more violations than faults of a third of the electrodes explain, which is
+    /// more likely a damaged packet than that many simultaneous faults.
     pub fn is_bad(&self) -> bool {
         self.is_bad
+    }
+
+    /// Returns whether the last frames repeat exactly, which their noise does not allow: the instrument sends an old frame
+    /// again. Never true unless the noise was measured ([`with_measured_noise`](Self::with_measured_noise)).
+    pub fn is_frozen(&self) -> bool {
+        self.is_frozen
     }
 
     /// Reports the electrode, if any, whose gain explains the frame far better than touches do, as found by
@@ -231,9 +270,8 @@ impl FaultMonitor {
     }
 
     /// Looks for new faults in a frame that is not bad.
-    fn condemn_all(&mut self, values: &[f64], time_s: f64) {
+    fn condemn_all(&mut self, time_s: f64) {
         let Self { wiring, used, is_missing, history, flagged, .. } = self;
-        history.push(values);
         flagged.push(wiring, used, is_missing);
         history.look_for_stuck(wiring, used, self.step_v);
         for e in 0..self.suspects.len() {

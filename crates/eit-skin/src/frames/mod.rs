@@ -4,6 +4,7 @@ mod fit;
 mod order;
 mod quiet;
 mod reference;
+pub(crate) mod steady;
 
 pub use fit::ModelFit;
 pub(crate) use fit::{ALIKE, are_magnitudes};
@@ -175,6 +176,11 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
             "all {count} frames are equal to the last digit: the instrument repeats an old frame, or its converter is \
              too coarse to show its noise"
         ));
+    }
+    if !taken.touched {
+        let reference::Measured { values, quality } = &taken.frames;
+        let is_good = |f: usize, i: usize| used[i] && quality[(f, i)].is_good();
+        notes.extend(steady::unrest(values.view(), is_good).map(steady::words));
     }
     let quiet = quiet::find(skin, &loaded.frames, &taken, &used, &mut notes)?;
     let faults = leave_out_floating(skin, &taken, quiet.as_ref(), &mut used, &mut notes)?;

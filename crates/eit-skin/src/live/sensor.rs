@@ -4,6 +4,8 @@ use super::{LiveFrame, LiveModel, LiveStream, Pushed, REFERENCE_FRAMES};
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;
 use crate::progress::Progress;
+#[cfg(any(doc, feature = "recording"))]
+use crate::scene::Reference;
 use crate::skin::Skin;
 use eit_hw::driver::{Event, FrameSource, Statistics};
 use eit_hw::{Frame, Unit};
@@ -28,12 +30,17 @@ pub struct TouchFrame<'a> {
     pub time_s: f64,
     /// Time when its last byte arrived by this computer's clock, seconds since 1970.
     pub host_time_s: Option<f64>,
-    /// Touches; empty if nothing touches the skin.
+    /// Touches. Empty if nothing touches the skin, and if nothing is known of it: see `explained`, `whole`, `frozen`.
     pub touches: &'a [Touch],
     /// Electrodes excluded from the frame: open, shorted, noisy, stuck or drifting.
     pub faults: &'a [ElectrodeFault],
     /// Whether every used measurement counted: no faulty electrode or bad value was excluded.
     pub whole: bool,
+    /// Whether the touches, or the absence of any, explain the frame. If not, it is something else, such as a fault that is
+    /// not known yet, and none of the touches is valid.
+    pub explained: bool,
+    /// Whether the instrument repeats an old frame.
+    pub frozen: bool,
     /// Time from the last byte of a live frame to its touches, seconds.
     pub latency_s: Option<f64>,
 }
@@ -51,6 +58,8 @@ impl<'a> From<LiveFrame<'a>> for TouchFrame<'a> {
             touches: shown.touches,
             faults: shown.faults,
             whole: used.all(|(i, used)| !used || !finder.is_missing(i)),
+            explained: finder.step().is_none_or(|step| step.is_explained()),
+            frozen: finder.is_frozen(),
             latency_s: shown.latency_s,
         }
     }
@@ -114,7 +123,8 @@ impl Skin {
         self.sensor_of(Box::new(session), true)
     }
 
-    /// Plays a recording as if it were live (feature `recording`), as fast as touches are requested.
+    /// Plays a recording as if it were live (feature `recording`), as fast as touches are requested. Its reference is as
+    /// long as that of the scene's recording ([`Reference::first_frames`]).
     ///
     /// # Errors
     ///
@@ -127,8 +137,12 @@ impl Skin {
             )
         })?;
         let pace = eit_hw::driver::Pace::OnDemand;
-        let replay = eit_hw::driver::Replay::open(recording.as_ref(), Some(quadruples), pace)?;
-        self.sensor_of(Box::new(replay), false)
+        let settings = &self.settings.recording;
+        let replay = eit_hw::driver::Replay::open(recording.as_ref(), Some(quadruples), pace)?
+            .with_frame_rate(settings.frame_rate_hz);
+        let reference = settings.reference.as_ref();
+        let frames = reference.and_then(Reference::first_frames).unwrap_or(REFERENCE_FRAMES);
+        self.sensor_of_frames(Box::new(replay), false, frames)
     }
 
     /// Creates a sensor whose frames the caller pushes, in volt and protocol order.
@@ -155,10 +169,19 @@ impl Skin {
         frames: Box<dyn FrameSource + Send>,
         is_live: bool,
     ) -> Result<Sensor, SkinError> {
-        let model = Arc::new(LiveModel::new(self, REFERENCE_FRAMES, &mut Progress::silent())?);
+        self.sensor_of_frames(frames, is_live, REFERENCE_FRAMES)
+    }
+
+    fn sensor_of_frames(
+        &self,
+        frames: Box<dyn FrameSource + Send>,
+        is_live: bool,
+        reference_frames: usize,
+    ) -> Result<Sensor, SkinError> {
+        let model = Arc::new(LiveModel::new(self, reference_frames, &mut Progress::silent())?);
         let stream = LiveStream::new(model, frames.setup()).without_images();
         let source = Source::Stream { frames, is_live };
-        Ok(Sensor { stream, source, reference_frames: REFERENCE_FRAMES, last: None, taken: None })
+        Ok(Sensor { stream, source, reference_frames, last: None, taken: None })
     }
 }
 

@@ -1,6 +1,7 @@
 //! From frames to touches, one frame at a time, whatever their source.
 
 use super::clock::Clock;
+use super::reference::ReferenceFrames;
 use super::{LiveImages, LiveModel};
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;
@@ -25,7 +26,9 @@ pub struct LiveStream {
     with_images: bool,
     /// Factor for the frame's values.
     factor: f64,
-    reference: Vec<Frame>,
+    reference: ReferenceFrames,
+    /// [`Frame::epoch`] of the last frame.
+    connection: Option<u32>,
     epoch: Option<Epoch>,
     /// Number of frames since the start that were searched for touches.
     frames: u64,
@@ -98,11 +101,12 @@ impl LiveStream {
     pub fn of_unit(model: Arc<LiveModel>, unit: Unit, frame_rate_hz: Option<f64>) -> Self {
         Self {
             factor: model.skin().live_factor(unit),
-            model,
             unit,
             frame_rate_hz,
             with_images: true,
-            reference: Vec::new(),
+            reference: ReferenceFrames::new(model.reference_frames),
+            connection: None,
+            model,
             epoch: None,
             frames: 0,
             values: Vec::new(),
@@ -130,7 +134,7 @@ impl LiveStream {
     /// Begins a new epoch: the next frames are its reference.
     pub fn restart(&mut self) {
         self.epoch = None;
-        self.reference.clear();
+        self.reference = ReferenceFrames::new(self.model.reference_frames);
     }
 
     /// Takes a frame, finds its touches and makes its image. `is_live` means that the frame arrives now, so
@@ -211,16 +215,20 @@ impl LiveStream {
                 measurements: wanted,
             });
         }
+        // a reference of another connection, gain or set-up does not hold any more
+        if self.connection.replace(frame.epoch).is_some_and(|before| before != frame.epoch) {
+            self.restart();
+        }
         let Some(Epoch { finder, clock, .. }) = &mut self.epoch else {
-            self.reference.push(frame.clone());
-            let left = self.model.reference_frames.saturating_sub(self.reference.len());
-            if left == 0 {
-                let reference = std::mem::take(&mut self.reference);
-                self.epoch = Some(self.begin(&reference)?);
+            if self.reference.take(frame) {
+                let (reference, notes) = self.reference.finish();
+                let mut epoch = self.begin(&reference)?;
+                epoch.notes.splice(0..0, notes);
+                self.epoch = Some(epoch);
                 // reference frames have no touches, so there is no image to make
                 (self.has_image, self.image_time_s) = (true, None);
             }
-            return Ok(Some(left));
+            return Ok(Some(self.reference.left()));
         };
         let factor = self.factor;
         self.values.clear();
@@ -294,7 +302,7 @@ fn now_s() -> f64 {
 }
 
 /// Converts frames to those of a recording.
-fn measured(frames: &[Frame], unit: Unit) -> MeasuredFrames {
+pub(super) fn measured(frames: &[Frame], unit: Unit) -> MeasuredFrames {
     let shape = (frames.len(), frames.first().map_or(0, |frame| frame.values.len()));
     MeasuredFrames {
         values: Array2::from_shape_fn(shape, |(row, column)| frames[row].values[column]),

@@ -477,6 +477,14 @@ pub enum Reference {
 }
 
 impl Reference {
+    /// Number of frames if they are the first ones of the recording and enough for a reference of live frames.
+    pub fn first_frames(&self) -> Option<usize> {
+        let Self::Text(text) = self else { return None };
+        let range: FrameRange = text.parse().ok()?;
+        let is_enough = range.start == 0 && range.end >= crate::live::LEAST_REFERENCE_FRAMES;
+        is_enough.then_some(range.end)
+    }
+
     /// Returns whether a text names a file rather than frames.
     pub(crate) fn is_file(text: &str) -> bool {
         let is_range = text.parse::<FrameRange>().is_ok();

@@ -95,6 +95,7 @@ impl TouchFinder {
         let protocol = &skin.skin.protocol;
         let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)?
             .with_lasting(&frames.faults)?;
+        let monitor = if noise.is_measured { monitor.with_measured_noise() } else { monitor };
         let sheet = progress.stage("background", || background::of_reference(fitted, &noise))?;
         let even_s = skin.skin.background_s();
         let (background_s, jacobian, voltages) = match &sheet {
@@ -213,7 +214,9 @@ impl TouchFinder {
         if monitor.faults().len() > faults {
             detector.take_back_reference();
         }
-        monitor.healed().iter().for_each(|&i| waiting[i] = true);
+        // after an outage of the instrument old references hold
+        let is_outage = 2 * monitor.healed().len() > measurements;
+        monitor.healed().iter().for_each(|&i| waiting[i] = !is_outage);
         if detector.touches().is_empty() {
             // the reference of a recovered measurement is unknown; under a finger it would take on the error of the fit
             for i in (0..measurements).filter(|&i| !monitor.is_missing(i)) {
@@ -228,6 +231,7 @@ impl TouchFinder {
         let step = detector.push(values, is_missing, dt_s)?;
         let faults = monitor.faults().len();
         monitor.blame(step.blamed, time_s)?;
+        monitor.doubt(step.is_explained(), time_s)?;
         if monitor.faults().len() > faults {
             // the next frame is the first one without it
             detector.take_back_reference();
@@ -243,8 +247,8 @@ impl TouchFinder {
             None => found,
         };
         self.tracker.push(found, time_s, is_whole)?;
-        // a learnt map judges frames itself
-        let is_valid = self.learned.is_some() || self.is_alike;
+        // a learnt map judges frames itself; what touches do not explain may be anything
+        let is_valid = self.learned.is_some() || (self.is_alike && step.is_explained());
         Ok(match is_valid {
             true => self.tracker.touches(),
             false => self.tracker.invalidate(),
@@ -293,6 +297,11 @@ impl TouchFinder {
     pub fn is_missing(&self, measurement: usize) -> bool {
         let is_waiting = self.waiting.get(measurement).copied().unwrap_or(false);
         self.monitor.is_missing(measurement) || is_waiting
+    }
+
+    /// Returns whether the instrument repeats an old frame, so that nothing is known of the skin.
+    pub fn is_frozen(&self) -> bool {
+        self.monitor.is_frozen()
     }
 
     /// Returns how the last frame was explained.

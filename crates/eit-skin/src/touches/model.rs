@@ -41,6 +41,8 @@ pub(super) struct VoltageNoise {
     pub with_reference: f64,
     /// Source of the noise, in words.
     pub source: String,
+    /// Whether it was measured on frames of the untouched skin.
+    pub is_measured: bool,
 }
 
 impl VoltageNoise {
@@ -54,13 +56,14 @@ impl VoltageNoise {
             let std_v = additive_v.max(step_v / 12.0_f64.sqrt());
             let source = format!("{additive_v:e} V in a voltage, from the scene");
             let std_v = vec![std_v; frames.used.len()];
-            return Ok(Some(Self { std_v, step_v, with_reference, source }));
+            let is_measured = false;
+            return Ok(Some(Self { std_v, step_v, with_reference, source, is_measured }));
         }
         let Some(quiet) = &frames.quiet else { return Ok(None) };
         match noise_std_of_quiet_frames(quiet.values.view()) {
             Ok(std_v) => {
                 let source = format!("measured on {}", quiet.source);
-                Ok(Some(Self { std_v, step_v, with_reference, source }))
+                Ok(Some(Self { std_v, step_v, with_reference, source, is_measured: true }))
             }
             Err(error) if keys.quiet_frames.is_some() => {
                 Err(SkinError::from(error).within("noise.quiet_frames"))

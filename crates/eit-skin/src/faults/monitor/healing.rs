@@ -2,6 +2,7 @@
 
 use super::{FaultMonitor, Suspect};
 use crate::faults::FaultKind;
+use crate::faults::contradictions::Contradictions;
 
 /// Time for which a faulty electrode must behave normally before it is used again, seconds.
 const HEALED_S: f64 = 1.0;
@@ -17,7 +18,9 @@ impl FaultMonitor {
             let before = self.suspects[e].gain;
             let mut of_e = self.wiring.of_electrode[e].iter();
             let behaves = match fault.kind {
-                FaultKind::Contradicts => self.wrong_part(e).is_some_and(|part| part < 0.1),
+                FaultKind::Contradicts => [&self.contradictions, &self.jumps]
+                    .iter()
+                    .all(|wrong| self.wrong_part(wrong, e).is_some_and(|part| part < 0.1)),
                 FaultKind::Stuck => of_e.any(|&i| self.history.span(i) > 0.0),
                 FaultKind::Flagged => of_e.any(|&i| !self.is_missing[i]),
                 FaultKind::Drifts => (gain - before).abs() < STILL,
@@ -39,11 +42,11 @@ impl FaultMonitor {
 
     /// Fraction of a faulty electrode's measurements that are wrong: of those without another faulty
     /// electrode, else of all. `None` if too few remain; the electrode then does not recover.
-    fn wrong_part(&self, electrode: usize) -> Option<f64> {
+    fn wrong_part(&self, wrong: &Contradictions, electrode: usize) -> Option<f64> {
         let is_out = |e: usize| self.suspects[e].fault.is_some();
-        let Self { contradictions, wiring, is_missing, .. } = self;
-        let alone = contradictions.wrong_part(wiring, electrode, is_missing, is_out);
-        alone.or_else(|| contradictions.wrong_part(wiring, electrode, is_missing, |_| false))
+        let Self { wiring, is_missing, .. } = self;
+        let alone = wrong.wrong_part(wiring, electrode, is_missing, is_out);
+        alone.or_else(|| wrong.wrong_part(wiring, electrode, is_missing, |_| false))
     }
 
     /// Median ratio of an electrode's measurements to their reference.

@@ -1,0 +1,84 @@
+//! The first frames of an epoch, which become its reference.
+
+use super::stream::measured;
+use crate::frames::steady;
+use eit_hw::{Frame, Unit};
+
+/// While frames change as if the skin were touched, the reference waits up to this many times its length.
+const PATIENCE: usize = 10;
+
+/// Collects frames until there are enough of the untouched skin.
+#[derive(Debug, Clone)]
+pub(super) struct ReferenceFrames {
+    wanted: usize,
+    frames: Vec<Frame>,
+    /// Number of frames that came, ...
+    came: usize,
+    /// ... and of those that were of another kind than most.
+    others: usize,
+    /// Largest change seen, as a part of the voltages, if the skin did not rest.
+    unrest: Option<f64>,
+}
+
+impl ReferenceFrames {
+    pub fn new(wanted: usize) -> Self {
+        Self { wanted, frames: Vec::with_capacity(wanted), came: 0, others: 0, unrest: None }
+    }
+
+    /// Takes a frame; returns whether there are enough.
+    ///
+    /// Frames of another kind than most (damaged ones, those before a gain was set) are left out. While the others change
+    /// as if something touched the skin, the older half of them is dropped.
+    pub fn take(&mut self, frame: &Frame) -> bool {
+        self.frames.push(frame.clone());
+        self.came += 1;
+        if self.frames.len() < self.wanted {
+            return false;
+        }
+        let is_patient = self.came < PATIENCE * self.wanted;
+        let all = measured(&self.frames, Unit::Volt);
+        let is_good = |f: usize, i: usize| all.quality[(f, i)].is_good();
+        let others = steady::others(all.values.view(), is_good);
+        if is_patient && !others.is_empty() && 2 * others.len() < self.wanted {
+            self.others += others.len();
+            let mut frame = 0..;
+            self.frames.retain(|_| !frame.next().is_some_and(|f| others.contains(&f)));
+            return false;
+        }
+        let unrest = steady::unrest(all.values.view(), is_good);
+        if let (true, Some(change)) = (is_patient, unrest) {
+            self.unrest = Some(self.unrest.unwrap_or(0.0).max(change));
+            self.frames.drain(..self.wanted.div_ceil(2));
+            return false;
+        }
+        true
+    }
+
+    /// Number of frames still needed.
+    pub fn left(&self) -> usize {
+        self.wanted - self.frames.len()
+    }
+
+    /// Returns the frames and what there is to say about them, and begins again.
+    pub fn finish(&mut self) -> (Vec<Frame>, Vec<String>) {
+        let Self { wanted, frames, came, others, unrest } =
+            std::mem::replace(self, Self::new(self.wanted));
+        let mut notes = Vec::new();
+        if others > 0 {
+            let frames = if others == 1 { "frame" } else { "frames" };
+            notes.push(format!(
+                "{others} {frames} left out of the reference: damaged, or of another level than the others"
+            ));
+        }
+        if let Some(change) = unrest.filter(|_| came < PATIENCE * wanted) {
+            notes.push(format!(
+                "the reference was taken {} frames later: until then frames changed by {:.1} % of the voltages, as if \
+                 the skin were touched or let go",
+                came - wanted - others,
+                100.0 * change
+            ));
+        }
+        // the frames themselves are looked at again with the measurements that are used
+        (frames, notes)
+    }
+}
