@@ -138,6 +138,10 @@ pub struct DetectorModel<'a> {
     pub of_electrode: &'a [Vec<usize>],
 }
 
+/// Squared length per row up to which a frame is an earlier reference, and from which it is not today's; noise leaves up
+/// to 0.7.
+const AS_BEFORE: [f64; 2] = [1.5, 10.0];
+
 /// Where the effects of a touch on the fabric around it have to be known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DentPlace {
@@ -172,6 +176,7 @@ pub struct TouchDetector {
     is_missing: Vec<bool>,
     lost: Vec<usize>,
     difference: Vec<f64>,
+    since_earlier: Vec<f64>,
     folded: Vec<f64>,
     whitened: Vec<f64>,
     /// The same with no row lost and no action on electrodes.
@@ -264,6 +269,7 @@ impl TouchDetector {
             is_missing: vec![false; measurements],
             lost: Vec::with_capacity(n),
             difference: vec![0.0; measurements],
+            since_earlier: vec![0.0; measurements],
             folded: vec![0.0; n],
             whitened: vec![0.0; n],
             white: vec![0.0; n],
@@ -345,9 +351,14 @@ impl TouchDetector {
         dt_s: f64,
     ) -> Result<DetectorStep, InverseError> {
         self.take(frame, is_missing, dt_s)?;
-        self.whitening.apply(&self.folded, &mut self.white);
         if self.whitening.lose(&self.lost) {
             self.dictionary.update(&self.whitening);
+        }
+        self.whitening.apply(&self.folded, &mut self.white);
+        if let Some(which) = self.came_back() {
+            self.earlier.come_back(which, &mut self.reference_v);
+            self.subtract_reference(frame);
+            self.whitening.apply(&self.folded, &mut self.white);
         }
         self.memory.whiten(&self.rows, &self.whitening, &self.settings);
         self.electrodes.start(&self.before, &self.places, &self.dents);
@@ -491,11 +502,40 @@ impl TouchDetector {
         }
         for (i, missing) in self.is_missing.iter_mut().enumerate() {
             *missing = is_missing(i) || !frame[i].is_finite();
-            self.difference[i] = if *missing { 0.0 } else { frame[i] - self.reference_v[i] };
         }
-        let Self { rows, difference, is_missing, folded, lost, .. } = self;
-        rows.fold_present(difference, is_missing, folded, lost);
+        self.subtract_reference(frame);
         Ok(())
+    }
+
+    /// Folds the differences from the reference into rows.
+    fn subtract_reference(&mut self, frame: &[f64]) {
+        let Self { rows, reference_v, difference, is_missing, folded, lost, .. } = self;
+        for (i, difference) in difference.iter_mut().enumerate() {
+            *difference = if is_missing[i] { 0.0 } else { frame[i] - reference_v[i] };
+        }
+        rows.fold_present(difference, is_missing, folded, lost);
+    }
+
+    /// Which earlier reference the frame is, but for noise, if it is far from today's: what has come back to it was neither
+    /// touch nor drift, such as a loose contact, and has been in the reference for a while.
+    fn came_back(&mut self) -> Option<usize> {
+        let Self { whitening, rows, earlier, reference_v, difference, is_missing, .. } = self;
+        let [least, most] = AS_BEFORE.map(|part| part * whitening.present() as f64);
+        self.work.copy_from_slice(&self.white);
+        whitening.project(&mut self.work);
+        if dot(&self.work, &self.work) < most {
+            return None;
+        }
+        earlier.others().position(|other_v| {
+            for (i, own) in self.since_earlier.iter_mut().enumerate() {
+                let since = if is_missing[i] { 0.0 } else { reference_v[i] - other_v[i] };
+                *own = difference[i] + since;
+            }
+            rows.fold_present(&self.since_earlier, is_missing, &mut self.touch_v, &mut self.lost);
+            whitening.apply(&self.touch_v, &mut self.work);
+            whitening.project(&mut self.work);
+            dot(&self.work, &self.work) < least
+        })
     }
 
     fn report(&mut self) {
@@ -563,7 +603,7 @@ impl TouchDetector {
             }
         }
         let is_explained = best.rest <= BLAME_FROM * self.whitening.present() as f64;
-        self.earlier.keep(&self.reference_v, is_touched || !is_explained, dt_s);
+        self.earlier.keep(&self.reference_v, is_touched, is_explained, dt_s);
         let best = &self.search.best;
         let fade = if is_touched { 0.0 } else { weight };
         let touches = best.spots.iter().zip(&best.strengths).zip(&self.errors_m);
