@@ -191,6 +191,8 @@ pub struct TouchDetector {
     held: Fit,
     other: Fit,
     third: Fit,
+    /// Touches of the last frame that was explained.
+    known: Vec<Spot>,
     /// Touches of the first search.
     first: Fit,
     basis: Vec<f64>,
@@ -283,6 +285,7 @@ impl TouchDetector {
             held: Fit::default(),
             other: Fit::default(),
             third: Fit::default(),
+            known: Vec::with_capacity(settings.max_touches),
             first: Fit::default(),
             basis: Vec::new(),
             is_joint: false,
@@ -408,6 +411,7 @@ impl TouchDetector {
             }
             _ => self.gains.blamed(&self.search, &self.whitening),
         };
+        let blamed = blamed.or_else(|| self.blamed_beside_known());
         self.report();
         self.follow(dt_s);
         let of = |v: &[f64]| dot(v, v);
@@ -536,6 +540,34 @@ impl TouchDetector {
             whitening.project(&mut self.work);
             dot(&self.work, &self.work) < least
         })
+    }
+
+    /// Finds an electrode whose gain and the touches of the last frame that was explained explain this one together, which
+    /// nothing else does: a contact that changes under a finger.
+    fn blamed_beside_known(&mut self) -> Option<usize> {
+        if self.search.best.rest <= BLAME_FROM * self.whitening.present() as f64 {
+            self.known.clone_from(&self.search.best.spots);
+            return None;
+        }
+        if self.known.is_empty() {
+            return None;
+        }
+        self.work.copy_from_slice(&self.whitened);
+        let Self { search, gains, whitening, known, basis, work, .. } = self;
+        let scene = Scene {
+            places: &self.places,
+            dictionary: &self.dictionary,
+            whitening,
+            memory: &self.memory,
+            settings: &self.settings,
+            late: &self.late,
+            before: &self.before,
+            weak: &self.weak,
+        };
+        search.without(&scene, known, work, basis);
+        let blamed = gains.beside_known(whitening, work, basis);
+        search.fit_best_again(&scene, &self.whitened);
+        blamed
     }
 
     fn report(&mut self) {

@@ -1,8 +1,10 @@
 //! Gains of electrodes: a contact that gets better or worse is not a touch.
 
 use super::DetectorModel;
+use super::joint::remove_all;
 use super::rows::Rows;
 use super::search::Search;
+use super::step::MOST_PER_ROW;
 use super::whitening::{Whitening, dot};
 
 /// Largest part of the residual that one electrode's gain may leave for the electrode to be reported: of a frame
@@ -17,6 +19,10 @@ const EXPLAINED_BY: [f64; 2] = [0.35, 3.0];
 
 /// Residual chi^2 per row above which such frames are checked; noise leaves up to 0.7.
 const EXPLAINED_FROM: f64 = 3.0;
+
+/// Largest part that a gain may leave of what the touches of an earlier frame leave of one that nothing explains. A step of
+/// 1 to 2.5 % under a finger leaves 0.001 to 0.02.
+const BESIDE_KNOWN: f64 = 0.1;
 
 /// Residual chi^2 per row above which electrodes are checked.
 pub(super) const BLAME_FROM: f64 = 5.0;
@@ -50,12 +56,23 @@ impl Gains {
 
     /// Returns the electrode whose gain explains most of a residual, and the chi^2 that it leaves.
     pub(super) fn best(&mut self, whitening: &Whitening, residual: &[f64]) -> Option<(usize, f64)> {
+        self.best_beside(whitening, residual, &[])
+    }
+
+    /// The same, for a residual without what lies along orthonormal vectors.
+    fn best_beside(
+        &mut self,
+        whitening: &Whitening,
+        residual: &[f64],
+        basis: &[f64],
+    ) -> Option<(usize, f64)> {
         let Self { columns, projected } = self;
         let whole = dot(residual, residual);
         let mut best = None;
         for (electrode, gain) in columns.chunks_exact(residual.len().max(1)).enumerate() {
             projected.copy_from_slice(gain);
             whitening.project(projected);
+            remove_all(projected, basis);
             let square = dot(projected, projected);
             if square < 1e-6 {
                 continue;
@@ -66,6 +83,20 @@ impl Gains {
             }
         }
         best
+    }
+
+    /// Returns the electrode whose gain explains a frame together with touches that were there before, whatever their
+    /// strengths are now. `residual`: what is left of the frame without the span of these touches, `basis`.
+    pub(super) fn beside_known(
+        &mut self,
+        whitening: &Whitening,
+        residual: &[f64],
+        basis: &[f64],
+    ) -> Option<usize> {
+        let bar = BESIDE_KNOWN * dot(residual, residual);
+        let bar = bar.min(MOST_PER_ROW * whitening.present() as f64);
+        let found = self.best_beside(whitening, residual, basis);
+        found.filter(|(_, rest)| *rest < bar).map(|(electrode, _)| electrode)
     }
 
     /// Returns the electrode whose gain explains the frame, before or after touches, far better than they do.

@@ -516,6 +516,31 @@ impl Search {
         }
     }
 
+    /// Takes what lies in the span of these touches' responses and their derivatives, `basis`, out of whitened data. The
+    /// best touches have to be fitted again afterwards.
+    pub(super) fn without(
+        &mut self,
+        scene: &Scene<'_>,
+        spots: &[Spot],
+        y: &mut [f64],
+        basis: &mut Vec<f64>,
+    ) {
+        let mut fit = std::mem::take(&mut self.trial);
+        fit.spots.clear();
+        fit.spots.extend_from_slice(spots);
+        self.fit_strengths(scene, y, &mut fit);
+        self.span(fit.spots.len(), basis);
+        remove_all(y, basis);
+        self.trial = fit;
+    }
+
+    /// Fits the strengths of the best touches again.
+    pub(super) fn fit_best_again(&mut self, scene: &Scene<'_>, y: &[f64]) {
+        let mut best = std::mem::take(&mut self.best);
+        self.fit_strengths(scene, y, &mut best);
+        self.best = best;
+    }
+
     /// Orthonormal vectors that span the responses of the last fit's touches and their derivatives.
     pub(super) fn span(&self, touches: usize, basis: &mut Vec<f64>) {
         basis.clear();
