@@ -17,6 +17,8 @@ pub(super) struct History {
     measurements: usize,
     /// Number of frames so far.
     frames: usize,
+    /// Number of the last ones that repeat the one before.
+    repeated: usize,
     is_moving: Vec<bool>,
     /// Whether each electrode is stuck.
     is_stuck: Vec<bool>,
@@ -28,13 +30,19 @@ impl History {
             values: vec![0.0; STUCK_FRAMES * measurements],
             measurements,
             frames: 0,
+            repeated: 0,
             is_moving: vec![false; measurements],
             is_stuck: vec![false; electrodes],
         }
     }
 
     /// Stores a frame, which has one value per measurement.
-    pub fn push(&mut self, values: &[f64]) {
+    pub fn push(&mut self, values: &[f64], used: &[bool]) {
+        let before = (self.frames + STUCK_FRAMES - 1) % STUCK_FRAMES * self.measurements;
+        let before = &self.values[before..before + self.measurements];
+        let mut pairs = values.iter().zip(before).zip(used).filter(|(_, used)| **used).peekable();
+        let repeats = self.frames > 0 && pairs.peek().is_some() && pairs.all(|((a, b), _)| a == b);
+        self.repeated = if repeats { self.repeated + 1 } else { 0 };
         let from = self.frames % STUCK_FRAMES * self.measurements;
         self.values[from..from + self.measurements].copy_from_slice(values);
         self.frames += 1;
@@ -59,10 +67,9 @@ impl History {
         }
     }
 
-    /// Returns whether all used measurements repeat exactly.
-    pub fn repeats(&self, used: &[bool]) -> bool {
-        let mut used = (0..self.measurements).filter(|&i| used[i]).peekable();
-        self.frames >= STUCK_FRAMES && used.peek().is_some() && used.all(|i| self.span(i) == 0.0)
+    /// Returns the number of frames in a row that repeat the one before exactly, up to the last one.
+    pub fn repeated(&self) -> usize {
+        self.repeated
     }
 
     /// Returns whether an electrode was stuck at the last search.

@@ -10,6 +10,7 @@ use super::protocol::Wiring;
 use super::{ElectrodeFault, FaultKind};
 use crate::error::SkinError;
 use eit_fem::Protocol;
+use ndarray::ArrayView2;
 
 /// Number of consecutive bad frames after which electrodes are blamed nevertheless.
 const GARBAGE_FRAMES: usize = 5;
@@ -17,12 +18,12 @@ const GARBAGE_FRAMES: usize = 5;
 /// frame.
 const BLAMED_FRAMES: usize = 2;
 
-/// Frames that repeat one before them, ...
-const REPEATED_FRAMES: f64 = 4.0;
-/// ... and largest probability of that by chance.
-const CHANCE: f64 = 1e-9;
-/// Density of a difference of two normal values at zero is one over this and the standard deviation of each.
-const SQRT_4_PI: f64 = 3.544_907_701_811_032;
+/// Fewest frames of the untouched skin that show how often frames repeat.
+const LEAST_QUIET: usize = 8;
+/// Repeated frames in a row from which an instrument is frozen, ...
+const REPEATED: usize = 4;
+/// ... and as many more for each in the longest row of the untouched skin: 16 bits hide most of the noise.
+const REPEATED_TIMES: usize = 4;
 
 /// Fault state of an electrode.
 #[derive(Debug, Clone, Copy, Default)]
@@ -30,6 +31,8 @@ struct Suspect {
     fault: Option<ElectrodeFault>,
     /// Number of consecutive frames that blame its gain.
     votes: usize,
+    /// Whether it is faulty because its measurements have jumped.
+    has_jumped: bool,
     /// Time since when it behaves normally, seconds.
     good_since_s: Option<f64>,
     /// Median ratio of its measurements to their reference at that time.
@@ -57,8 +60,8 @@ pub struct FaultMonitor {
     jumps: Contradictions,
     /// Number of consecutive unexplained frames in which each electrode's measurements have.
     jumped_frames: Vec<usize>,
-    /// Whether frames that repeat exactly are no new ones.
-    must_change: bool,
+    /// Number of repeated frames in a row from which the instrument is frozen, if that is known.
+    frozen_from: Option<usize>,
     is_frozen: bool,
     is_missing: Vec<bool>,
     healed: Vec<usize>,
@@ -102,7 +105,7 @@ impl FaultMonitor {
             contradictions: Contradictions::new(measurements, electrodes),
             jumps: Contradictions::new(measurements, electrodes),
             jumped_frames: vec![0; electrodes],
-            must_change: false,
+            frozen_from: None,
             is_frozen: false,
             is_missing: vec![false; measurements],
             healed: Vec::with_capacity(measurements),
@@ -127,13 +130,21 @@ impl FaultMonitor {
         Ok(self)
     }
 
-    /// The noise was measured: frames that repeat exactly, which that noise does not allow, are an old frame sent again.
-    pub fn with_measured_noise(mut self) -> Self {
-        // probability that a measurement repeats by chance: a step over the width of the noise
-        let repeats = |std_v: &f64| (self.step_v / (SQRT_4_PI * std_v)).clamp(1e-3, 1.0).ln();
-        let used = self.std_v.iter().zip(&self.used).filter(|(_, used)| **used);
-        let all: f64 = used.map(|(std_v, _)| repeats(std_v)).sum();
-        self.must_change = REPEATED_FRAMES * all < CHANCE.ln();
+    /// Takes frames of the untouched skin, `[frame, measurement]`, with the instrument's own noise: if later ones repeat for
+    /// much longer than these do, the instrument sends an old frame again. Fewer than eight say nothing.
+    pub fn with_quiet_frames(mut self, quiet_v: ArrayView2<'_, f64>) -> Self {
+        if quiet_v.nrows() >= LEAST_QUIET {
+            let is_same = |f: usize| {
+                (0..self.used.len())
+                    .all(|i| !self.used[i] || quiet_v[(f, i)] == quiet_v[(f - 1, i)])
+            };
+            let mut longest = [0, 0];
+            for f in 1..quiet_v.nrows() {
+                longest[1] = if is_same(f) { longest[1] + 1 } else { 0 };
+                longest[0] = longest[0].max(longest[1]);
+            }
+            self.frozen_from = Some(REPEATED + REPEATED_TIMES * longest[0]);
+        }
         self
     }
 
@@ -176,9 +187,9 @@ impl FaultMonitor {
         let counts = |i: usize| used[i] && !is_missing[i];
         contradictions.compare(&wiring.reciprocal, std_v, [values, reference], counts);
         jumps.compare_jumps(std_v, [values, reference], counts);
-        history.push(values);
+        history.push(values, used);
         self.healed.clear();
-        self.is_frozen = self.must_change && self.history.repeats(&self.used);
+        self.is_frozen = self.frozen_from.is_some_and(|from| self.history.repeated() >= from);
         self.is_bad = self.is_frozen
             || !(0..self.used.len()).any(|i| self.used[i] && !self.is_missing[i])
             || self.is_garbage();
@@ -200,8 +211,8 @@ impl FaultMonitor {
         self.is_bad
     }
 
-    /// Returns whether the last frames repeat exactly, which their noise does not allow: the instrument sends an old frame
-    /// again. Never true unless the noise was measured ([`with_measured_noise`](Self::with_measured_noise)).
+    /// Returns whether the last frames repeat exactly, which frames of the untouched skin do not: the instrument sends an old
+    /// frame again. Never true unless these were given ([`with_quiet_frames`](Self::with_quiet_frames)).
     pub fn is_frozen(&self) -> bool {
         self.is_frozen
     }

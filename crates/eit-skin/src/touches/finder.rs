@@ -95,7 +95,10 @@ impl TouchFinder {
         let protocol = &skin.skin.protocol;
         let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)?
             .with_lasting(&frames.faults)?;
-        let monitor = if noise.is_measured { monitor.with_measured_noise() } else { monitor };
+        let monitor = match frames.quiet.as_ref().filter(|_| noise.is_measured) {
+            Some(quiet) => monitor.with_quiet_frames(quiet.values.view()),
+            None => monitor,
+        };
         let sheet = progress.stage("background", || background::of_reference(fitted, &noise))?;
         let even_s = skin.skin.background_s();
         let (background_s, jacobian, voltages) = match &sheet {
@@ -217,7 +220,9 @@ impl TouchFinder {
         // after an outage of the instrument old references hold
         let is_outage = 2 * monitor.healed().len() > measurements;
         monitor.healed().iter().for_each(|&i| waiting[i] = !is_outage);
-        if detector.touches().is_empty() {
+        // a frame that nothing was seen in, or that nothing explains, is not one without a finger
+        let is_seen = self.step.is_none_or(|step| step.rows > 0 && step.is_explained());
+        if is_seen && detector.touches().is_empty() {
             // the reference of a recovered measurement is unknown; under a finger it would take on the error of the fit
             for i in (0..measurements).filter(|&i| !monitor.is_missing(i)) {
                 if std::mem::take(&mut waiting[i]) {

@@ -18,9 +18,11 @@ impl FaultMonitor {
             let before = self.suspects[e].gain;
             let mut of_e = self.wiring.of_electrode[e].iter();
             let behaves = match fault.kind {
-                FaultKind::Contradicts => [&self.contradictions, &self.jumps]
-                    .iter()
-                    .all(|wrong| self.wrong_part(wrong, e).is_some_and(|part| part < 0.1)),
+                FaultKind::Contradicts => {
+                    let is_right = |wrong| self.wrong_part(wrong, e).is_some_and(|part| part < 0.1);
+                    let has_jumped = self.suspects[e].has_jumped;
+                    is_right(&self.contradictions) && (!has_jumped || is_right(&self.jumps))
+                }
                 FaultKind::Stuck => of_e.any(|&i| self.history.span(i) > 0.0),
                 FaultKind::Flagged => of_e.any(|&i| !self.is_missing[i]),
                 FaultKind::Drifts => (gain - before).abs() < STILL,

@@ -31,7 +31,8 @@ impl FaultMonitor {
             *votes = if is_theirs && jumps.accused().contains(&e) { *votes + 1 } else { 0 };
         }
         for e in 0..self.suspects.len() {
-            if self.jumped_frames[e] >= FRAMES {
+            if self.jumped_frames[e] >= FRAMES && self.suspects[e].fault.is_none() {
+                self.suspects[e].has_jumped = true;
                 self.condemn(e, FaultKind::Contradicts, time_s);
             }
         }
