@@ -77,6 +77,14 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     scene.check_stages()?;
     // reject an unknown method before doing any work
     method::choose(&scene.stage_settings(), args.method.as_deref(), None)?;
+    // those of a simulation are the truth
+    if args.out.join("truth_conductivity.npy").exists() {
+        return Err(ReportError::input(format!(
+            "{}: this folder holds a simulation, whose touches.csv and report.json would be replaced; give another one \
+             with --out",
+            args.out.display()
+        )));
+    }
     let mut out = OutFolder::new(&args.out)?;
     let skin = Skin::set_up(&scene, &MeshOverride::default(), progress)?;
     let reference = args.reference.clone().map(Reference::Text);

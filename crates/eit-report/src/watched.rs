@@ -124,6 +124,18 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
         statistics.dropped,
         summary.references
     );
+    if summary.references == 0 && statistics.frames > 0 {
+        text += &format!(
+            "\n{} frames came, fewer than the reference needs (--reference-frames), so that none was searched for touches",
+            statistics.frames
+        );
+    }
+    if summary.strange > 0 {
+        text += &format!(
+            "\n{} frames are not explained by touches, which are not valid there: a fault, or something else",
+            summary.strange
+        );
+    }
     for (what, latency_s) in [("touches", touches_s), ("image", images_s)] {
         if let [Some(median), Some(high), Some(worst)] = latency_s.map(|s| s.map(|s| 1e3 * s)) {
             text += &format!(
@@ -147,6 +159,7 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
         "frame_rate_hz": rate_hz,
         "touches": summary.touches,
         "most_at_once": summary.most_at_once,
+        "not_explained": summary.strange,
         "lost": statistics.lost,
         "dropped": statistics.dropped,
         "reconnections": statistics.reconnections,

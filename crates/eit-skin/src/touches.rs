@@ -57,14 +57,16 @@ pub struct Touches {
 impl Touches {
     /// Returns the number of distinct touches.
     pub fn count(&self) -> usize {
-        self.rows.iter().filter(|row| row.touch.state == TouchState::Begin).count()
+        let valid = self.rows.iter().filter(|row| row.touch.valid);
+        valid.map(|row| row.touch.id).collect::<std::collections::BTreeSet<_>>().len()
     }
 
     /// Returns the largest number of simultaneous touches.
     pub fn most(&self) -> usize {
         let frames = self.rows.chunk_by(|a, b| a.frame == b.frame);
         let alive = |rows: &[TouchRow]| {
-            rows.iter().filter(|row| row.touch.state != TouchState::End).count()
+            let is_there = |row: &&TouchRow| row.touch.valid && row.touch.state != TouchState::End;
+            rows.iter().filter(is_there).count()
         };
         frames.map(alive).max().unwrap_or(0)
     }

@@ -2,7 +2,7 @@
 //!
 //! Fields are separated by semicolons, commas, tabs or spaces: the first of these, in this order,
 //! that the first line of numbers contains. Everything after `#` is a comment. Blank lines are
-//! skipped, and so is the first line if none of its fields starts as a number (a header); one
+//! skipped, and so is the first line if none of its fields starts as a number or they number the columns (a header); one
 //! separator may end a line. Every row must have as many values as the first.
 //!
 //! A comma is never a decimal one. Where every line is a pair of whole numbers as in `1,5`, a note says
@@ -111,7 +111,8 @@ impl Rows {
         }
         let separator = self.separator.unwrap_or_else(|| separator_of(line));
         let first = self.count == 0;
-        if first && self.header.is_none() && !fields(line, separator).any(is_numeric) {
+        let is_header = || !fields(line, separator).any(is_numeric) || is_index(line, separator);
+        if first && self.header.is_none() && is_header() {
             self.header = Some(number);
             // which names several columns
             self.unpaired = fields(line, separator).nth(1).is_some();
@@ -201,6 +202,21 @@ fn is_numeric(field: &str) -> bool {
     let digits = field.trim_start_matches(['+', '-', '.']);
     digits.starts_with(|first: char| first.is_ascii_digit()) || field.parse::<f64>().is_ok()
 }
+
+/// Returns whether a line numbers its columns from 0 or 1, as tables without names of their own do.
+fn is_index(line: &str, separator: Separator) -> bool {
+    let first = match fields(line, separator).next() {
+        Some("0") => 0,
+        Some("1") => 1,
+        _ => return false,
+    };
+    let is_next = |(k, field): (usize, &str)| field.parse() == Ok(first + k);
+    fields(line, separator).count() >= LEAST_INDEX
+        && fields(line, separator).enumerate().all(is_next)
+}
+
+/// Fewest columns whose numbers are no values.
+const LEAST_INDEX: usize = 4;
 
 /// Returns the first of semicolon, comma and tab that the line contains, otherwise spaces.
 fn separator_of(line: &str) -> Separator {

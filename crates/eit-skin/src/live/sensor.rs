@@ -13,6 +13,8 @@ use eit_inverse::touch::Touch;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+/// Most notices that are kept.
+const MOST_NOTICES: usize = 100;
 /// How long to wait for an event before checking again.
 const WAIT: Duration = Duration::from_millis(50);
 
@@ -79,6 +81,7 @@ pub struct Sensor {
     last: Option<Frame>,
     /// When they were returned.
     taken: Option<Instant>,
+    notices: Vec<String>,
 }
 
 /// Where frames come from.
@@ -155,7 +158,14 @@ impl Skin {
         let rate_hz = self.settings.recording.frame_rate_hz;
         let stream = LiveStream::of_unit(model, Unit::Volt, rate_hz).without_images();
         let reference_frames = REFERENCE_FRAMES;
-        Ok(Sensor { stream, source: Source::Pushed, reference_frames, last: None, taken: None })
+        Ok(Sensor {
+            stream,
+            source: Source::Pushed,
+            reference_frames,
+            last: None,
+            taken: None,
+            notices: Vec::new(),
+        })
     }
 
     /// Creates a sensor for any source of frames. `is_live` means that they arrive now, so that latency is
@@ -181,7 +191,14 @@ impl Skin {
         let model = Arc::new(LiveModel::new(self, reference_frames, &mut Progress::silent())?);
         let stream = LiveStream::new(model, frames.setup()).without_images();
         let source = Source::Stream { frames, is_live };
-        Ok(Sensor { stream, source, reference_frames, last: None, taken: None })
+        Ok(Sensor {
+            stream,
+            source,
+            reference_frames,
+            last: None,
+            taken: None,
+            notices: Vec::new(),
+        })
     }
 }
 
@@ -249,6 +266,11 @@ impl Sensor {
         self.stream.notes()
     }
 
+    /// Returns the first things that the source itself had to say, such as damage of a recording.
+    pub fn notices(&self) -> &[String] {
+        &self.notices
+    }
+
     /// Returns the number of initial frames that form the reference.
     pub fn reference_frames(&self) -> usize {
         self.reference_frames
@@ -293,6 +315,12 @@ impl Sensor {
             }
             Some(Event::Reconnected { .. }) => {
                 self.restart();
+                Ok(Polled::Nothing)
+            }
+            Some(Event::Notice(notice)) => {
+                if self.notices.len() < MOST_NOTICES {
+                    self.notices.push(notice);
+                }
                 Ok(Polled::Nothing)
             }
             _ => Ok(Polled::Nothing),

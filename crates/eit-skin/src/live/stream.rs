@@ -227,6 +227,7 @@ impl LiveStream {
                 self.epoch = Some(epoch);
                 // reference frames have no touches, so there is no image to make
                 (self.has_image, self.image_time_s) = (true, None);
+                return Ok(Some(0));
             }
             return Ok(Some(self.reference.left()));
         };

@@ -142,7 +142,9 @@ impl Finding {
     /// Creates the finding of a problem that is not that of one electrode.
     pub fn of_whole(trouble: Trouble) -> Self {
         let severity = match trouble {
-            Trouble::Reciprocity { .. } | Trouble::Silent => Severity::Fault,
+            Trouble::Reciprocity { .. } | Trouble::Silent | Trouble::Model { .. } => {
+                Severity::Fault
+            }
             Trouble::Coarse { steps_per_touch, .. } if steps_per_touch < LEAST_STEPS => {
                 Severity::Fault
             }
