@@ -147,7 +147,7 @@ fn a_wrong_order_is_found() {
             let (report, correlation) = bench.check(&bench.counted_from(first));
             println!("{name} from electrode {}: {correlation:?}", first + 1);
             assert!(correlation.is_some_and(|c| c < 0.9), "{name}, {first}: {:?}", report.findings);
-            assert_eq!(report.verdict(), Verdict::Usable);
+            assert_eq!(report.verdict(), Verdict::Faulty);
             let line = report.findings[0].to_string();
             assert!(line.starts_with("the voltages are not those of this skin's"), "{line}");
         }

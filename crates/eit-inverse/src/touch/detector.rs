@@ -287,7 +287,7 @@ impl TouchDetector {
             third: Fit::default(),
             known: Vec::with_capacity(settings.max_touches),
             first: Fit::default(),
-            basis: Vec::new(),
+            basis: Vec::with_capacity(3 * settings.max_touches * n),
             is_joint: false,
             is_updated: true,
             touch_v: vec![0.0; n],

@@ -8,7 +8,7 @@ const OFF: f64 = 0.2;
 const OFF_OF_ALL: f64 = 0.02;
 /// ... plus this many times the median distance from it: floating measurements are always off.
 const OFF_TYPICAL: f64 = 8.0;
-/// A frame is of another kind if more than this fraction of its values is, or none can be read.
+/// A frame is of another kind if more than this fraction of its values is, or half of them cannot be read.
 const OTHER: f64 = 0.2;
 
 /// The frames are compared in this many parts.
@@ -38,8 +38,8 @@ pub(crate) fn others(
         spreads.push(median(good.iter().map(|v| (v - middle).abs()).collect()));
         medians.push(middle);
     }
-    let seen = medians.iter().filter(|v| v.is_finite());
-    let typical = root_mean_square(seen.copied());
+    let seen: Vec<f64> = medians.iter().copied().filter(|v| v.is_finite()).collect();
+    let typical = root_mean_square(seen.iter().copied());
     let is_other = |&f: &usize| {
         let (mut all, mut off) = (0, 0);
         for i in (0..measurements).filter(|&i| is_good(f, i) && values[(f, i)].is_finite()) {
@@ -47,7 +47,7 @@ pub(crate) fn others(
             all += 1;
             off += usize::from((values[(f, i)] - medians[i]).abs() > allowed);
         }
-        all == 0 || off as f64 > OTHER * all as f64
+        2 * all < seen.len() || off as f64 > OTHER * all as f64
     };
     (0..frames).filter(is_other).collect()
 }

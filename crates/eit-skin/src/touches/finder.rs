@@ -236,7 +236,8 @@ impl TouchFinder {
         let step = detector.push(values, is_missing, dt_s)?;
         let faults = monitor.faults().len();
         monitor.blame(step.blamed, time_s)?;
-        monitor.doubt(step.is_explained(), time_s)?;
+        // a model that does not explain the reference explains no frame
+        monitor.doubt(step.is_explained() || !self.is_alike, time_s)?;
         if monitor.faults().len() > faults {
             // the next frame is the first one without it
             detector.take_back_reference();
