@@ -26,10 +26,10 @@ fn held(bench: &Bench, seed: u64) -> Array2<f64> {
     let mut script = drawn.script();
     let keys = &mut script.fingers[0].keys;
     // down once, up once
-    let (first, last) = (keys[0].clone(), keys[keys.len() - 1].clone());
+    let (first, last) = (keys[0], keys[keys.len() - 1]);
     let force_n = keys.iter().map(|key| key.force_n).fold(0.0, f64::max);
     let at = |time_s: f64, force_n: f64| {
-        let mut key = first.clone();
+        let mut key = first;
         (key.time_s, key.force_n) = (time_s, force_n);
         key
     };
