@@ -32,9 +32,9 @@ pub(crate) struct CheckArgs {
 /// Arguments of `eit live` shared with `eit replay`.
 #[derive(Debug, Args)]
 pub(crate) struct WatchArgs {
-    /// Number of frames at the start of each epoch that form the reference and show the noise [default: 40; of a replay
-    /// as many as "0..N" in [recording] reference says]. While they change as if something touched the skin, further
-    /// ones are taken.
+    /// Number of frames at the start of each epoch that form the reference and show the noise. While they change as if
+    /// something touched the skin, further ones are taken. Default: 40; in a replay as many as reference = "0..N" of the
+    /// scene's recording says.
     #[arg(long, value_name = "N")]
     pub reference_frames: Option<usize>,
     /// Stop after N frames, not counting the reference.
