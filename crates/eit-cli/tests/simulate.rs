@@ -193,3 +193,42 @@ fn random_touches_fit_every_skin() {
         }
     }
 }
+
+/// A simulation is replayed with the reference and the frame rate of its scene, and its truth is not replaced.
+#[test]
+fn a_simulation_is_replayed_as_its_scene_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, recording) = (folder.path().join("held"), folder.path().join("held.mcap"));
+    let fixed = ["simulate", "paper-disc", "--script", "press-and-hold", "--nodes", "1500"];
+    succeed(&[&fixed[..], &["--frames", "80", "--out", text(&out)]].concat());
+    let scene = out.join("scene.toml");
+    let frames = out.join("frames.npy");
+    succeed(&["convert", text(&frames), "--scene", text(&scene), "--out", text(&recording)]);
+
+    // the finger lands before frame 40, the usual length of a reference
+    let replay = ["replay", text(&scene), "--from", text(&recording)];
+    let lines = succeed(&[&replay[..], &["--json-lines"]].concat());
+    let lines: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines[0]["reference_frames"], 20);
+    let shown: Vec<&Value> = lines.iter().filter(|line| line["type"] == "frame").collect();
+    assert_eq!(shown.len(), 60);
+    for pair in shown.windows(2) {
+        let step = pair[1]["time_s"].as_f64().unwrap() - pair[0]["time_s"].as_f64().unwrap();
+        assert!((step - 0.1).abs() < 1e-9, "{step}");
+    }
+    let touched = shown.iter().filter(|frame| !frame["touches"].as_array().unwrap().is_empty());
+    assert!(touched.count() > 40, "{:?}", shown.last());
+    assert!(shown.iter().all(|frame| frame["explained"] == true && frame["frozen"] == false));
+
+    let short = succeed(&[&replay[..], &["--reference-frames", "90"]].concat());
+    assert!(short.contains("80 frames came, fewer than the reference needs"), "{short}");
+    let begun = std::time::Instant::now();
+    succeed(&[&replay[..], &["--speed", "20", "--json"]].concat());
+    // 80 frames of 0.1 s, twenty times as fast; only at least this long, whatever the machine does
+    assert!(begun.elapsed().as_secs_f64() > 0.39, "{:?}", begun.elapsed());
+
+    let before = std::fs::read(out.join("touches.csv")).unwrap();
+    let refused = refuse(&["reconstruct", text(&scene), "--out", text(&out)]);
+    assert!(refused.contains("holds a simulation"), "{refused}");
+    assert_eq!(std::fs::read(out.join("touches.csv")).unwrap(), before);
+}

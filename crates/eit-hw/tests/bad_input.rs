@@ -56,6 +56,13 @@ fn csv_layouts_that_are_read() {
     assert_eq!(csv_of("1\n2").unwrap().notes, [Note::NoLineEnd { line: 2 }]);
     let header = csv_of("\nfirst,second\n1,2\n").unwrap();
     assert_eq!(header.notes, [Note::HeaderLine { line: 2 }]);
+    // column numbers, as tables without names of their own have; not in a table of four columns, such as of quadruples
+    let numbered = csv_of("0,1,2,3,4,5,6,7\n9,8,7,6,5,4,3,2\n").unwrap();
+    assert_eq!(numbered.notes, [Note::HeaderLine { line: 1 }]);
+    assert_eq!(numbered.real().nrows(), 1);
+    for rows in ["0,1,2,3\n1,2,3,4\n", "0,1,2,3,4,5,6,8\n9,8,7,6,5,4,3,2\n"] {
+        assert_eq!(csv_of(rows).unwrap().real().nrows(), 2, "{rows}");
+    }
     let columns = CsvOptions { orientation: FrameOrientation::Columns, complex: false };
     assert_eq!(csv_with("1,4\n-2.5,5\n3e-6,6\n", columns).unwrap().real(), wanted);
     let alternate = CsvOptions { complex: true, ..CsvOptions::default() };

@@ -130,10 +130,10 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
             statistics.frames
         );
     }
-    if summary.strange > 0 {
+    if summary.not_explained > 0 {
         text += &format!(
             "\n{} frames are not explained by touches, which are not valid there: a fault, or something else",
-            summary.strange
+            summary.not_explained
         );
     }
     for (what, latency_s) in [("touches", touches_s), ("image", images_s)] {
@@ -159,7 +159,7 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
         "frame_rate_hz": rate_hz,
         "touches": summary.touches,
         "most_at_once": summary.most_at_once,
-        "not_explained": summary.strange,
+        "not_explained": summary.not_explained,
         "lost": statistics.lost,
         "dropped": statistics.dropped,
         "reconnections": statistics.reconnections,

@@ -391,6 +391,14 @@ fn wrong_lengths_and_electrodes_are_refused() {
             "{refused}"
         );
     }
+    let monitor = FaultMonitor::new(&protocol, &used[..all], &std_v[..all], 0.0).unwrap();
+    for width in [0, all - 1, all + 1] {
+        let quiet_v = eit_skin::ndarray::Array2::zeros((10, width));
+        let refused = monitor.clone().with_quiet_frames(quiet_v.view());
+        assert!(
+            matches!(refused, Err(SkinError::MeasurementCount { found, .. }) if found == width)
+        );
+    }
     for step_v in [-1.0, f64::NAN, f64::INFINITY] {
         let refused = FaultMonitor::new(&protocol, &used[..all], &std_v[..all], step_v);
         assert!(matches!(refused, Err(SkinError::OutOfRange { key: "step_v", .. })));

@@ -2,7 +2,7 @@
 //!
 //! Fields are separated by semicolons, commas, tabs or spaces: the first of these, in this order,
 //! that the first line of numbers contains. Everything after `#` is a comment. Blank lines are
-//! skipped, and so is the first line if none of its fields starts as a number or they number the columns (a header); one
+//! skipped, and so is the first line if none of its fields starts as a number or they number eight or more columns (a header); one
 //! separator may end a line. Every row must have as many values as the first.
 //!
 //! A comma is never a decimal one. Where every line is a pair of whole numbers as in `1,5`, a note says
@@ -215,8 +215,8 @@ fn is_index(line: &str, separator: Separator) -> bool {
         && fields(line, separator).enumerate().all(is_next)
 }
 
-/// Fewest columns whose numbers are no values.
-const LEAST_INDEX: usize = 4;
+/// Fewest columns whose numbers are no values: a row of a table of quadruples may well be 0, 1, 2, 3.
+const LEAST_INDEX: usize = 8;
 
 /// Returns the first of semicolon, comma and tab that the line contains, otherwise spaces.
 fn separator_of(line: &str) -> Separator {

@@ -553,19 +553,10 @@ impl TouchDetector {
             return None;
         }
         self.work.copy_from_slice(&self.whitened);
-        let Self { search, gains, whitening, known, basis, work, .. } = self;
-        let scene = Scene {
-            places: &self.places,
-            dictionary: &self.dictionary,
-            whitening,
-            memory: &self.memory,
-            settings: &self.settings,
-            late: &self.late,
-            before: &self.before,
-            weak: &self.weak,
-        };
+        let Self { search, gains, known, basis, work, .. } = self;
+        let scene = scene!(self);
         search.without(&scene, known, work, basis);
-        let blamed = gains.beside_known(whitening, work, basis);
+        let blamed = gains.beside_known(&self.whitening, work, basis);
         search.fit_best_again(&scene, &self.whitened);
         blamed
     }

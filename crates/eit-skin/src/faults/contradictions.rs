@@ -13,7 +13,8 @@ const WRONG_STD: f64 = 10.0;
 const WRONG_PART: f64 = 0.25;
 /// ... plus this fraction of their reference, because real channels drift apart.
 const WRONG_DRIFT: f64 = 1e-3;
-/// A measurement has jumped if it has changed by more than this fraction of its reference, ...
+/// A measurement has jumped if it has changed by more than this fraction of its reference, ... In nine recordings of four and
+/// six fingers on three skins, which change single voltages by up to a quarter of the root mean square, none has.
 const JUMPED: f64 = 0.2;
 /// ... and of the root mean square reference.
 const JUMPED_OF_ALL: f64 = 0.02;

@@ -22,7 +22,8 @@ const BLAMED_FRAMES: usize = 2;
 const LEAST_QUIET: usize = 8;
 /// Repeated frames in a row from which an instrument is frozen, ...
 const REPEATED: usize = 4;
-/// ... and as many more for each in the longest row of the untouched skin: 16 bits hide most of the noise.
+/// ... and as many more for each in the longest row of the untouched skin: 16 bits hide most of the noise, and of 900 frames
+/// of a held finger several rows of five were equal.
 const REPEATED_TIMES: usize = 4;
 
 /// Fault state of an electrode.
@@ -132,7 +133,12 @@ impl FaultMonitor {
 
     /// Takes frames of the untouched skin, `[frame, measurement]`, with the instrument's own noise: if later ones repeat for
     /// much longer than these do, the instrument sends an old frame again. Fewer than eight say nothing.
-    pub fn with_quiet_frames(mut self, quiet_v: ArrayView2<'_, f64>) -> Self {
+    ///
+    /// # Errors
+    ///
+    /// Frames with another number of measurements.
+    pub fn with_quiet_frames(mut self, quiet_v: ArrayView2<'_, f64>) -> Result<Self, SkinError> {
+        SkinError::check_measurements("quiet_v", quiet_v.ncols(), self.used.len())?;
         if quiet_v.nrows() >= LEAST_QUIET {
             let is_same = |f: usize| {
                 (0..self.used.len())
@@ -145,7 +151,7 @@ impl FaultMonitor {
             }
             self.frozen_from = Some(REPEATED + REPEATED_TIMES * longest[0]);
         }
-        self
+        Ok(self)
     }
 
     /// Sets the fraction of their reference by which reciprocal halves may differ.

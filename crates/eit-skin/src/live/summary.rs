@@ -24,7 +24,7 @@ pub struct Summary {
     /// Largest number of simultaneous touches.
     pub most_at_once: usize,
     /// Number of frames that touches do not explain ([`TouchFrame::explained`](super::TouchFrame)).
-    pub strange: u64,
+    pub not_explained: u64,
     /// How the images are made, with the weights of the last epoch.
     pub images: String,
     /// Number of frames whose U-net image did not explain the measurements, so that its input was shown.
@@ -136,8 +136,8 @@ impl Summary {
     pub(crate) fn take_frame(&mut self, shown: &LiveFrame<'_>) {
         let state = shown.images.map(LiveImages::state).unwrap_or_default();
         self.take(shown.touches, state, shown.latency_s);
-        let is_strange = shown.finder.step().is_some_and(|step| !step.is_explained());
-        self.strange += u64::from(is_strange);
+        let is_unexplained = shown.finder.step().is_some_and(|step| !step.is_explained());
+        self.not_explained += u64::from(is_unexplained);
         self.take_faults(shown.faults);
         remember(&mut self.image_latencies_s, self.frames, shown.image_latency_s);
     }

@@ -96,7 +96,7 @@ impl TouchFinder {
         let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)?
             .with_lasting(&frames.faults)?;
         let monitor = match frames.quiet.as_ref().filter(|_| noise.is_measured) {
-            Some(quiet) => monitor.with_quiet_frames(quiet.values.view()),
+            Some(quiet) => monitor.with_quiet_frames(quiet.values.view())?,
             None => monitor,
         };
         let sheet = progress.stage("background", || background::of_reference(fitted, &noise))?;

@@ -109,7 +109,8 @@ const DENT_M: f64 = 15e-3;
 /// Distance at which a pull moves the skin by [`PULL`] times the displacement of electrodes, metres, if the dent is small.
 const PULL_M: f64 = 30e-3;
 const PULL: f64 = 1.0;
-/// Distance at which a drag moves the skin by [`DRAG`] times the displacement of electrodes, metres, ...
+/// Distance at which a drag moves the skin by [`DRAG`] times the displacement of electrodes, metres (twice and four times find no
+/// more fingers that slide slowly on the plate), ...
 const DRAG_M: f64 = 30e-3;
 const DRAG: f64 = 1.0;
 /// ... and up to which it moves it as far as at the finger: half of a contact.

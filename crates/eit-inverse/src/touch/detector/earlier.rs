@@ -13,6 +13,7 @@ pub(super) struct EarlierReferences {
     kept_v: [Vec<f64>; 2],
     /// Time since the later one was taken, seconds.
     age_s: f64,
+    /// Whether the earlier one differs from today's reference.
     is_other: bool,
     /// The reference before frames began that no touch explains, while it may come back; empty if there is none.
     jump_v: Vec<f64>,

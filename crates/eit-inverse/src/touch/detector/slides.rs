@@ -13,7 +13,8 @@ const SLIDES_M: f64 = 5e-3;
 /// Way of late from which on a touch drags the fabric along until it ends, metres: a finger that slides by 10 mm/s has this
 /// way after half a second. Fabric that a finger has dragged along stays so until it lifts.
 const DRAGS_M: f64 = 3e-3;
-/// ... unless its place is not known that well: the same in its errors.
+/// ... unless its place is not known that well: the same in its errors. Without it, trembling touches beyond corner snaps may
+/// drag, and one of three recordings of them shows a touch in 16 untouched frames.
 const DRAGS_ERRORS: f64 = 3.0;
 
 /// A touch within this distance of a touch of the previous frame is the same one, metres.
