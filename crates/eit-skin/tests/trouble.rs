@@ -140,12 +140,18 @@ fn an_outage_does_not_swallow_a_finger() {
     assert_eq!(others(&told), 0);
 }
 
-/// With opposite drive no measurement has a reciprocal. An electrode that does not conduct any more is named all the same,
-/// and the finger goes on.
+/// With opposite drive, and with three electrodes between those driven, no measurement has a reciprocal. An electrode that does
+/// not conduct any more is named all the same, and the finger goes on.
 #[test]
 fn a_lost_electrode_is_named_without_reciprocity() {
+    for drive in ["opposite", "skip-3"] {
+        lost_electrode_is_named(drive);
+    }
+}
+
+fn lost_electrode_is_named(drive: &str) {
     let text = Scene::text("paper-disc").unwrap();
-    let text = text.replace("drive = \"adjacent\"", "drive = \"opposite\"");
+    let text = text.replace("drive = \"adjacent\"", &format!("drive = \"{drive}\""));
     let (skin, bench) = self::skin(&text);
     let lost = Bench::believing(
         Scene::parse(&format!("{text}\n[fabric.instrument]\nlost = [5]\n"), "lost").unwrap(),
@@ -158,7 +164,7 @@ fn a_lost_electrode_is_named_without_reciprocity() {
         sent[..from].clone_from_slice(&sound[..from]);
         let told = told(&mut skin.sensor().unwrap(), &sent);
         let named = told.iter().find(|told| !told.faults.is_empty()).unwrap();
-        println!("lost from frame {from}: named in frame {}", named.frame);
+        println!("{drive}, lost from frame {from}: named in frame {}", named.frame);
         assert!(named.frame <= from + 4 && named.faults == [4], "{named:?}");
         let held = told.iter().filter(|told| (75..100).contains(&told.frame));
         assert!(held.clone().all(|told| told.touches[0] == 1 && !told.whole), "{told:?}");
