@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{SMALL, refuse, succeed, text, write_scene};
+use common::{SMALL, eit, refuse, succeed, text, write_scene};
 use ndarray::{Array2, Array3};
 use serde_json::Value;
 
@@ -207,7 +207,10 @@ fn a_simulation_is_replayed_as_its_scene_says() {
 
     // the finger lands before frame 40, the usual length of a reference
     let replay = ["replay", text(&scene), "--from", text(&recording)];
-    let lines = succeed(&[&replay[..], &["--json-lines"]].concat());
+    // the summary of such a run is on stderr
+    let output = eit(&[&replay[..], &["--json-lines"]].concat());
+    assert!(output.status.success(), "{output:?}");
+    let lines = String::from_utf8(output.stdout).unwrap();
     let lines: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(lines[0]["reference_frames"], 20);
     let shown: Vec<&Value> = lines.iter().filter(|line| line["type"] == "frame").collect();

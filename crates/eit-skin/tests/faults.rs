@@ -435,3 +435,31 @@ fn wrong_lengths_and_electrodes_are_refused() {
         Err(SkinError::NoSuchElectrode { electrode: 99, electrodes: ELECTRODES })
     ));
 }
+
+/// Equal frames are an old one sent again only where those of the untouched skin are never equal: a coarse converter repeats
+/// them by itself.
+#[test]
+fn repeated_frames_are_frozen_unless_quiet_ones_repeat() {
+    let protocol = PairProtocol::default().protocol().unwrap();
+    let (used, std_v) = ([true; MEASUREMENTS], [NOISE_V; MEASUREMENTS]);
+    let quiet_v = |repeated: usize| {
+        let value = |(f, i): (usize, usize)| 1.0 + (f.max(repeated) * 7 + i) as f64 * NOISE_V;
+        eit_skin::ndarray::Array2::from_shape_fn((20, MEASUREMENTS), value)
+    };
+    for (repeated, rows, wanted) in [(0, 20, Some(9)), (1, 20, None), (0, 15, None)] {
+        let quiet_v = quiet_v(repeated);
+        let quiet_v = quiet_v.slice_axis(eit_skin::ndarray::Axis(0), (..rows).into());
+        let monitor = FaultMonitor::new(&protocol, &used, &std_v, 0.0).unwrap();
+        let mut monitor = monitor.with_quiet_frames(quiet_v).unwrap();
+        let reference = quiet_v.row(0).to_vec();
+        let frozen = (0..40).find(|k| {
+            monitor.push(&reference, &reference, |_| true, 0.05 * f64::from(*k)).unwrap();
+            monitor.is_frozen()
+        });
+        assert_eq!(frozen, wanted, "{repeated} {rows}");
+        // another frame says something again
+        let other: Vec<f64> = reference.iter().map(|v| v + NOISE_V).collect();
+        monitor.push(&other, &reference, |_| true, 3.0).unwrap();
+        assert!(!monitor.is_frozen() && !monitor.is_bad());
+    }
+}

@@ -120,11 +120,11 @@ fn a_frozen_instrument_is_told() {
     sent[frozen].iter_mut().for_each(|frame| frame.values.clone_from(&old));
     let told = told(&mut skin.sensor().unwrap(), &sent);
     let first = told.iter().find(|told| told.frozen).unwrap().frame;
-    // five equal frames
-    assert_eq!(first, 74);
+    // ten equal frames
+    assert_eq!(first, 79);
     assert!(told.iter().all(|told| told.frozen == (told.frame >= first)));
     assert!(told.iter().filter(|told| told.frozen).all(|told| !told.whole));
-    assert!(found(&told).last().is_some_and(|last| (73..80).contains(last)), "{:?}", found(&told));
+    assert!(found(&told).last().is_some_and(|last| (78..80).contains(last)), "{:?}", found(&told));
 }
 
 /// Zeros of an instrument that starts again are neither faulty electrodes for long nor the end of a finger's touch.

@@ -18,13 +18,11 @@ const GARBAGE_FRAMES: usize = 5;
 /// frame.
 const BLAMED_FRAMES: usize = 2;
 
-/// Fewest frames of the untouched skin that show how often frames repeat.
-const LEAST_QUIET: usize = 8;
-/// Repeated frames in a row from which an instrument is frozen, ...
-const REPEATED: usize = 4;
-/// ... and as many more for each in the longest row of the untouched skin: 16 bits hide most of the noise, and of 900 frames
-/// of a held finger several rows of five were equal.
-const REPEATED_TIMES: usize = 4;
+/// Fewest frames of the untouched skin that show whether frames repeat.
+const LEAST_QUIET: usize = 16;
+/// Repeated frames in a row from which an instrument is frozen. Where 16 bits show the noise, three of 2 786 simulated
+/// frames repeated the one before, none two in a row; where they hide it, twelve in a row were, and two in the quiet ones before them.
+const REPEATED: usize = 9;
 
 /// Fault state of an electrode.
 #[derive(Debug, Clone, Copy, Default)]
@@ -61,8 +59,8 @@ pub struct FaultMonitor {
     jumps: Contradictions,
     /// Number of consecutive unexplained frames in which each electrode's measurements have.
     jumped_frames: Vec<usize>,
-    /// Number of repeated frames in a row from which the instrument is frozen, if that is known.
-    frozen_from: Option<usize>,
+    /// Whether frames do not repeat by themselves.
+    can_freeze: bool,
     is_frozen: bool,
     is_missing: Vec<bool>,
     healed: Vec<usize>,
@@ -106,7 +104,7 @@ impl FaultMonitor {
             contradictions: Contradictions::new(measurements, electrodes),
             jumps: Contradictions::new(measurements, electrodes),
             jumped_frames: vec![0; electrodes],
-            frozen_from: None,
+            can_freeze: false,
             is_frozen: false,
             is_missing: vec![false; measurements],
             healed: Vec::with_capacity(measurements),
@@ -131,26 +129,18 @@ impl FaultMonitor {
         Ok(self)
     }
 
-    /// Takes frames of the untouched skin, `[frame, measurement]`, with the instrument's own noise: if later ones repeat for
-    /// much longer than these do, the instrument sends an old frame again. Fewer than eight say nothing.
+    /// Takes frames of the untouched skin, `[frame, measurement]`, with the instrument's own noise: if none of them repeats the
+    /// one before, later ones that do for long are an old frame sent again. Fewer than sixteen say nothing.
     ///
     /// # Errors
     ///
     /// Frames with another number of measurements.
     pub fn with_quiet_frames(mut self, quiet_v: ArrayView2<'_, f64>) -> Result<Self, SkinError> {
         SkinError::check_measurements("quiet_v", quiet_v.ncols(), self.used.len())?;
-        if quiet_v.nrows() >= LEAST_QUIET {
-            let is_same = |f: usize| {
-                (0..self.used.len())
-                    .all(|i| !self.used[i] || quiet_v[(f, i)] == quiet_v[(f - 1, i)])
-            };
-            let mut longest = [0, 0];
-            for f in 1..quiet_v.nrows() {
-                longest[1] = if is_same(f) { longest[1] + 1 } else { 0 };
-                longest[0] = longest[0].max(longest[1]);
-            }
-            self.frozen_from = Some(REPEATED + REPEATED_TIMES * longest[0]);
-        }
+        let repeats = |f: usize| {
+            (0..self.used.len()).all(|i| !self.used[i] || quiet_v[(f, i)] == quiet_v[(f - 1, i)])
+        };
+        self.can_freeze = quiet_v.nrows() >= LEAST_QUIET && !(1..quiet_v.nrows()).any(repeats);
         Ok(self)
     }
 
@@ -195,7 +185,7 @@ impl FaultMonitor {
         jumps.compare_jumps(std_v, [values, reference], counts);
         history.push(values, used);
         self.healed.clear();
-        self.is_frozen = self.frozen_from.is_some_and(|from| self.history.repeated() >= from);
+        self.is_frozen = self.can_freeze && self.history.repeated() >= REPEATED;
         self.is_bad = self.is_frozen
             || !(0..self.used.len()).any(|i| self.used[i] && !self.is_missing[i])
             || self.is_garbage();

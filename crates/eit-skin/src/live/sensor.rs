@@ -60,7 +60,7 @@ impl<'a> From<LiveFrame<'a>> for TouchFrame<'a> {
             touches: shown.touches,
             faults: shown.faults,
             whole: used.all(|(i, used)| !used || !finder.is_missing(i)),
-            explained: finder.step().is_none_or(|step| step.is_explained()),
+            explained: finder.is_explained(),
             frozen: finder.is_frozen(),
             latency_s: shown.latency_s,
         }

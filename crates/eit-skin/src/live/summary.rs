@@ -136,8 +136,7 @@ impl Summary {
     pub(crate) fn take_frame(&mut self, shown: &LiveFrame<'_>) {
         let state = shown.images.map(LiveImages::state).unwrap_or_default();
         self.take(shown.touches, state, shown.latency_s);
-        let is_unexplained = shown.finder.step().is_some_and(|step| !step.is_explained());
-        self.not_explained += u64::from(is_unexplained);
+        self.not_explained += u64::from(!shown.finder.is_explained());
         self.take_faults(shown.faults);
         remember(&mut self.image_latencies_s, self.frames, shown.image_latency_s);
     }

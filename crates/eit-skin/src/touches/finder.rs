@@ -254,7 +254,7 @@ impl TouchFinder {
         };
         self.tracker.push(found, time_s, is_whole)?;
         // a learnt map judges frames itself; what touches do not explain may be anything
-        let is_valid = self.learned.is_some() || (self.is_alike && step.is_explained());
+        let is_valid = self.learned.is_some() || (self.is_alike && self.is_explained());
         Ok(match is_valid {
             true => self.tracker.touches(),
             false => self.tracker.invalidate(),
@@ -308,6 +308,12 @@ impl TouchFinder {
     /// Returns whether the instrument repeats an old frame, so that nothing is known of the skin.
     pub fn is_frozen(&self) -> bool {
         self.monitor.is_frozen()
+    }
+
+    /// Returns whether touches, or the absence of any, explain the last frame, and no electrode's gain does so better: a
+    /// contact that gets worse looks like touches around its electrode until it is named.
+    pub fn is_explained(&self) -> bool {
+        self.step.is_none_or(|step| step.is_explained() && step.blamed.is_none())
     }
 
     /// Returns how the last frame was explained.
