@@ -114,8 +114,10 @@ fn usage(error: &clap::Error) -> ExitCode {
         return ExitCode::from(2);
     }
     let text = error.render().to_string();
-    // lines before the usage: the error and tips
-    let lines = text.lines().take_while(|l| !l.starts_with("Usage:")).map(str::trim);
+    // lines before the usage, or before the pointer to --help where there is none: the error and tips
+    let is_end =
+        |line: &str| line.starts_with("Usage:") || line.starts_with("For more information");
+    let lines = text.lines().take_while(|line| !is_end(line)).map(str::trim);
     let words: Vec<&str> = lines.filter(|l| !l.is_empty()).collect();
     let words = words.join(" ");
     let name = terminal::error_name();

@@ -422,7 +422,14 @@ fn bad_scripts_are_refused() {
         "finger 7, key 1: time_s is 0.6: it must be after the quiet frames, since the finger presses",
     );
     says(&|s| s.frame_rate_hz = 0.0, "frame_rate_hz is 0: it must be finite and above zero");
-    says(&|s| s.frames = 0, "frames is 0: it must be more than quiet_frames");
+    says(
+        &|s| s.frames = 0,
+        "frames is 0: it must be more than quiet_frames, and at most 10 million",
+    );
+    says(
+        &|s| s.frames = 1_000_000_000_000,
+        "frames is 1000000000000: it must be more than quiet_frames, and at most 10 million",
+    );
 }
 
 #[test]

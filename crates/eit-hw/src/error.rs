@@ -79,8 +79,8 @@ pub enum HwError {
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A device, pipe or socket instead of a file.
-    #[error("{place}: is not a regular file but a device, pipe or socket; name a file")]
+    /// A folder, device, pipe or socket instead of a file.
+    #[error("{place}: is not a regular file but a folder, device, pipe or socket; name a file")]
     NotAFile {
         /// The path given.
         place: Place,

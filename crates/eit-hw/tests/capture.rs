@@ -137,6 +137,29 @@ fn every_entry_is_read_back_to_the_bit() {
 
 /// Truncates the file at the end of every chunk and at 1 000 other places: every chunk before the
 /// cut is read.
+/// Written, it would make the whole recording unreadable.
+#[test]
+fn a_frame_of_another_length_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let mut writer = CaptureWriter::create(&path, &session(), CaptureSettings::default()).unwrap();
+    writer.frame(&frame(0)).unwrap();
+    let (mut short, mut bare) = (frame(1), frame(1));
+    short.values.pop();
+    bare.quality.clear();
+    let wanted = session().quadruples.len();
+    for (wrong, name, length) in [(short, "values", wanted - 1), (bare, "quality", 0)] {
+        let refused = writer.frame(&wrong).unwrap_err();
+        let HwError::Inconsistent { field, found, wanted: expected, .. } = refused else {
+            panic!("{refused}")
+        };
+        assert_eq!((field, found, expected), (name, length, wanted));
+    }
+    writer.frame(&frame(1)).unwrap();
+    writer.finish().unwrap();
+    assert_eq!(read(&path).unwrap().frames().count(), 2);
+}
+
 #[test]
 fn a_cut_recording_keeps_every_whole_chunk() {
     let folder = tempfile::tempdir().unwrap();

@@ -67,7 +67,14 @@ pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, Repo
     let drawing = eit_picture::SkinDrawing::from_raster(&skin.mesh, &raster);
     let rate_hz = scene.recording.frame_rate_hz;
     let settings = reconstruct::picture_settings(&scene.name, "U-net".to_owned(), rate_hz);
-    reconstruct::write_pictures(&mut out, images.view(), &drawing, &settings, rate_hz, progress)?;
+    reconstruct::write_pictures(
+        &mut out,
+        images.view(),
+        &drawing,
+        &settings,
+        (rate_hz, 0.0),
+        progress,
+    )?;
     let mut files = out.names();
     files.push("report.json");
     let json = json!({

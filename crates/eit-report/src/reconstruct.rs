@@ -27,6 +27,8 @@ use std::sync::Arc;
 
 /// Frames per second of a movie whose rate is unknown.
 const MOVIE_RATE_HZ: f64 = 10.0;
+/// Least colour range of frames without touch, in conductivity changes of the faintest one: noise stays pale.
+const RANGE_IN_LEVELS: f64 = 2.0;
 
 /// Result of a method.
 struct Made {
@@ -137,7 +139,9 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
         settings.marks_m = found.marks(frames.values.nrows());
     }
     let images = made.images.view();
-    write_pictures(&mut out, images, &drawing, &settings, frames.rate_hz, progress)?;
+    let untouched = found.as_ref().filter(|found| found.count() == 0);
+    let least_s = untouched.map_or(0.0, |found| RANGE_IN_LEVELS * found.level_s);
+    write_pictures(&mut out, images, &drawing, &settings, (frames.rate_hz, least_s), progress)?;
     if let Some(curve) = &made.curve {
         out.write("hyperparameter.png", |w| Ok(curve.write_png(w)?))?;
     }
@@ -224,8 +228,8 @@ pub fn picture_settings(name: &str, footnote: String, rate_hz: Option<f64>) -> P
 
 /// Colour range of a sequence: all values, unless a few frames are much larger than the rest. In
 /// that case it is the largest value of 95 % of the frames, but at least a quarter of the overall
-/// maximum, so that noise stays faint; the footnote says what was clipped.
-fn common_range(images: ArrayView3<'_, f64>) -> Option<[f64; 2]> {
+/// maximum, so that noise stays faint; the footnote says what was clipped. At least `least`.
+fn common_range(images: ArrayView3<'_, f64>, least: f64) -> Option<[f64; 2]> {
     let finite = |v: &&f64| v.is_finite();
     let mut largest: Vec<f64> = images
         .outer_iter()
@@ -233,12 +237,15 @@ fn common_range(images: ArrayView3<'_, f64>) -> Option<[f64; 2]> {
         .collect();
     largest.sort_by(f64::total_cmp);
     let most = *largest.last()?;
+    if most < least {
+        return Some([-least, least]);
+    }
     let usual = largest[(largest.len() - 1) * 95 / 100];
     let range = usual.max(0.25 * most);
     (largest.len() >= 20 && range < 0.5 * most).then_some([-range, range])
 }
 
-/// Writes `sheet.png`, and `movie.gif` for a sequence.
+/// Writes `sheet.png`, and `movie.gif` for a sequence of a frame rate, with colours for at least the given value.
 ///
 /// # Errors
 ///
@@ -248,10 +255,10 @@ pub fn write_pictures(
     images: ArrayView3<'_, f64>,
     skin: &SkinDrawing,
     settings: &PictureSettings,
-    rate_hz: Option<f64>,
+    (rate_hz, least): (Option<f64>, f64),
     progress: &mut Progress,
 ) -> Result<(), ReportError> {
-    let settings = &PictureSettings { range: common_range(images), ..settings.clone() };
+    let settings = &PictureSettings { range: common_range(images, least), ..settings.clone() };
     let sheet = progress.stage("sheet", || draw_sheet(images, skin, settings))?;
     out.write("sheet.png", |w| Ok(sheet.write_png(w)?))?;
     let count = images.shape()[0];
@@ -359,4 +366,18 @@ pub fn solve_json(report: &SolveReport) -> Value {
         "expected_loss": report.expected_loss,
         "time_s": report.time_s,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::common_range;
+    use ndarray::Array3;
+
+    #[test]
+    fn noise_does_not_fill_the_colours() {
+        let noise = Array3::from_elem((3, 2, 2), 1e-9);
+        assert_eq!(common_range(noise.view(), 2e-8), Some([-2e-8, 2e-8]));
+        let touched = Array3::from_elem((3, 2, 2), 1e-7);
+        assert_eq!(common_range(touched.view(), 2e-8), None);
+    }
 }

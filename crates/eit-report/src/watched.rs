@@ -8,6 +8,7 @@ use eit_hw::capture::{TouchRecord, TouchesRecord};
 use eit_hw::driver::Statistics;
 use eit_inverse::touch::TouchState;
 use eit_skin::live::{LiveFrame, LiveImages, Summary};
+use eit_skin::words::counted;
 use serde_json::json;
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
@@ -113,16 +114,16 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
     let touches_s = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));
     let images_s = [0.5, 0.95, 1.0].map(|share| summary.image_latency_s(share));
     let mut text = format!(
-        "{name}: {} frames{}{}, {} touches, at most {} at once; {} frames lost, {} \
-         skipped, {} references taken",
-        summary.frames,
+        "{name}: {}{}{}, {}, at most {} at once; {} frames lost, {} \
+         skipped, {} taken",
+        counted(summary.frames, "frame", "frames"),
         if summary.images.is_empty() { "" } else { " with images" },
         rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} per second")),
-        summary.touches,
+        counted(summary.touches, "touch", "touches"),
         summary.most_at_once,
         statistics.lost,
         statistics.dropped,
-        summary.references
+        counted(summary.references, "reference", "references"),
     );
     if summary.references == 0 && statistics.frames > 0 {
         text += &format!(

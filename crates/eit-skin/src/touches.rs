@@ -50,6 +50,8 @@ pub struct Touches {
     pub faults: Vec<ElectrodeFault>,
     /// How each frame was explained.
     pub steps: Vec<DetectorStep>,
+    /// Conductivity change of the faintest touch, siemens.
+    pub level_s: f64,
     /// Values that were excluded, [frame, measurement]: bad ones, and those of faulty electrodes.
     pub is_missing: Array2<bool>,
 }
@@ -130,6 +132,7 @@ pub fn touches(
             choices: finder.choices.clone(),
             faults: Vec::new(),
             steps: Vec::with_capacity(count),
+            level_s: finder.level_s(),
             is_missing: Array2::from_elem(frames.values.dim(), false),
         };
         for frame in 0..count {

@@ -2,6 +2,7 @@
 
 use eit_hw::driver::Event;
 use std::borrow::Cow;
+use std::fmt;
 
 /// Makes text safe for a terminal or a page: devices, recordings, scenes and file names may contain
 /// characters that move the cursor, change the window title or reverse the text direction. Line ends and tabs
@@ -33,6 +34,11 @@ pub fn printable_json(json: &str) -> Cow<'_, str> {
 fn is_hostile(character: char) -> bool {
     let turns = matches!(character, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     turns || character.is_control() && !matches!(character, '\n' | '\t')
+}
+
+/// Returns a number of things: `counted(1, "touch", "touches")` is "1 touch".
+pub fn counted<N: fmt::Display + PartialEq + From<u8>>(count: N, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == N::from(1) { one } else { many })
 }
 
 /// Describes an event; `None` for a frame.

@@ -57,17 +57,19 @@ struct Found {
 
 /// Rejects invalid numbers before asking anything.
 fn check(args: &InitArgs) -> Result<(), CliError> {
-    let sizes = [
-        ("--radius-mm", args.radius_mm),
-        ("--width-mm", args.width_mm),
-        ("--height-mm", args.height_mm),
-        ("--electrode-width-mm", args.electrode_width_mm),
-        ("--listen-s", Some(args.listen_s)),
-        ("--press-wait-s", Some(args.press_wait_s)),
+    // a smaller skin is a slip of unit; anything is possible in a scene file
+    let ranges = [
+        ("--radius-mm", args.radius_mm, 1.0),
+        ("--width-mm", args.width_mm, 1.0),
+        ("--height-mm", args.height_mm, 1.0),
+        ("--electrode-width-mm", args.electrode_width_mm, 0.01),
+        ("--listen-s", Some(args.listen_s), 0.1),
+        ("--press-wait-s", Some(args.press_wait_s), 0.1),
     ];
-    for (name, value) in sizes {
-        if let Some(value) = value.filter(|value| !(*value > 0.0 && *value <= 1e5)) {
-            return Err(CliError::input(format!("{name} {value}: it must be above 0, to 100000")));
+    for (name, value, least) in ranges {
+        if let Some(value) = value.filter(|value| !(least..=1e5).contains(value)) {
+            let message = format!("{name} {value}: it must be from {least} to 100000");
+            return Err(CliError::input(message));
         }
     }
     if !args.electrode_at_deg.is_finite() {

@@ -5,6 +5,9 @@ use super::seat::Seat;
 use crate::error::FemError;
 use eit_mesh::{Mesh, Surface};
 
+/// Largest number of frames: six days at 20 Hz. A simulation holds all of them, 34 kB each with 64 x 64 pixels.
+const MOST_FRAMES: usize = 10_000_000;
+
 /// Script of fingers that touch a skin over time.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -149,8 +152,8 @@ impl TouchScript {
             let (quantity, must) = ("frame_rate_hz", "finite and above zero");
             return Err(FemError::OutOfRange { quantity, value: rate, must });
         }
-        if self.frames == 0 || self.frames <= self.quiet_frames {
-            let (quantity, must) = ("frames", "more than quiet_frames");
+        if self.frames <= self.quiet_frames || self.frames > MOST_FRAMES {
+            let (quantity, must) = ("frames", "more than quiet_frames, and at most 10 million");
             return Err(FemError::OutOfRange { quantity, value: self.frames as f64, must });
         }
         for finger in &self.fingers {

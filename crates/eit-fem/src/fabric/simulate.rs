@@ -48,7 +48,7 @@ impl Fabric {
         let dents = self.check(script, raster, settings)?;
         let plan = self.plan(script, raster, settings.seed);
         let mut workers: Vec<Worker> =
-            (0..settings.threads).map(|_| self.worker()).collect::<Result<_, _>>()?;
+            (0..settings.threads.min(CHUNK)).map(|_| self.worker()).collect::<Result<_, _>>()?;
         let (reference_v, untouched) = self.untouched(&plan, &mut workers[0])?;
         let protocol = self.model.protocol();
         let instrument = &self.settings.instrument;

@@ -100,6 +100,8 @@ pub struct CaptureWriter {
     /// Start of the open chunk.
     open_since: Option<Instant>,
     json: Vec<u8>,
+    /// Number of values of a frame of the current session; `None` if it does not name them.
+    width: Option<usize>,
     /// Whether nothing more is written: finished, or failed to write.
     finished: bool,
 }
@@ -332,6 +334,7 @@ impl CaptureWriter {
             log_time_ns: 0,
             open_since: None,
             json: Vec::new(),
+            width: None,
             finished: false,
         })
     }
@@ -352,9 +355,24 @@ impl CaptureWriter {
     /// chunk.
     ///
     /// # Errors
-    /// [`HwError::Write`] if the file cannot be written, and [`HwError::LongFrame`].
+    /// [`HwError::Write`] if the file cannot be written, [`HwError::LongFrame`], and
+    /// [`HwError::Inconsistent`] if a field's length is not the session's number of measurements.
     pub fn frame(&mut self, frame: &Frame) -> Result<(), HwError> {
         Self::check_frame(frame.values.len() + frame.imaginary.as_ref().map_or(0, Vec::len))?;
+        let wanted = self.width.unwrap_or(frame.values.len());
+        let fields = [
+            ("values", frame.values.len()),
+            ("imaginary", frame.imaginary.as_ref().map_or(wanted, Vec::len)),
+            ("quality", frame.quality.len()),
+        ];
+        if let Some((field, found)) = fields.into_iter().find(|field| field.1 != wanted) {
+            return Err(HwError::Inconsistent {
+                place: Place::file(&self.path),
+                field,
+                found,
+                wanted,
+            });
+        }
         let log_time = match frame.host_time_s {
             // time of arrival, not of writing
             Some(time_s) => Duration::try_from_secs_f64(time_s).unwrap_or_else(|_| now()),
@@ -368,9 +386,7 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`] if the file cannot be written.
     pub fn session(&mut self, session: &SessionRecord) -> Result<(), HwError> {
-        if let Some(parts) = &mut self.parts {
-            parts.set_session(session);
-        }
+        self.take_session(session);
         self.add(Topic::Session, now(), |json| serde_json::to_writer(json, session))
     }
 
@@ -419,9 +435,7 @@ impl CaptureWriter {
     pub fn write_at(&mut self, entry: &Entry, times: MessageTimes) -> Result<(), HwError> {
         match entry {
             Entry::Session(session) => {
-                if let Some(parts) = &mut self.parts {
-                    parts.set_session(session);
-                }
+                self.take_session(session);
                 self.add_at(Topic::Session, times, |json| serde_json::to_writer(json, session))
             }
             Entry::Frame(frame) => self
@@ -434,6 +448,14 @@ impl CaptureWriter {
             }
             Entry::Note(text) => self
                 .add_at(Topic::Note, times, |json| serde_json::to_writer(json, &NoteJson { text })),
+        }
+    }
+
+    /// Remembers the session of the frames that follow.
+    fn take_session(&mut self, session: &SessionRecord) {
+        self.width = Some(session.quadruples.len()).filter(|&count| count > 0);
+        if let Some(parts) = &mut self.parts {
+            parts.set_session(session);
         }
     }
 

@@ -5,6 +5,7 @@ use crate::output::io;
 use eit_inverse::touch::{Touch, TouchState};
 use eit_skin::faults::ElectrodeFault;
 use eit_skin::touches::{TouchRow, Touches};
+use eit_skin::words::counted;
 use serde_json::{Value, json};
 use std::io::Write;
 
@@ -80,8 +81,8 @@ pub(super) fn line(touches: Option<&Touches>) -> String {
         return "touches are not detected: the noise is unknown ([noise])".to_owned();
     };
     let mut text = format!(
-        "{} touches, at most {} at once, in {} of {} frames",
-        touches.count(),
+        "{}, at most {} at once, in {} of {} frames",
+        counted(touches.count(), "touch", "touches"),
         touches.most(),
         touches.frames_with_touch(),
         touches.frames

@@ -14,6 +14,7 @@ use crate::error::SkinError;
 use crate::faults::{self, ElectrodeFault};
 use crate::scene::{Component, DifferenceKind, FrameSettings, FramesAre, Reference};
 use crate::skin::Skin;
+use crate::words::counted;
 use eit_fem::Protocol;
 use eit_hw::{FrameOrientation, Layout, MeasuredFrames, Quality, ReadOptions, Recording};
 use eit_inverse::noise_std_of_quiet_frames;
@@ -168,7 +169,8 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
     for why in [DRIVEN, ZERO, BAD_REFERENCE, MOSTLY_BAD] {
         let count = reasons.iter().flatten().filter(|reason| **reason == why).count();
         if count > 0 {
-            notes.push(format!("{count} measurements left out: {why}"));
+            notes
+                .push(format!("{} left out: {why}", counted(count, "measurement", "measurements")));
         }
     }
     if loaded.frames.are_equal() {

@@ -96,21 +96,43 @@ impl Scene {
             ("reconstruction.noise_figure", image.noise_figure),
             ("noise.additive_v", self.noise.additive_v),
             ("touch.least_strength_m2", self.touch.least_strength_m2),
-            ("touch.radius_m", self.touch.radius_m),
-            ("touch.apart_m", self.touch.apart_m),
             ("reconstruction.lambda_space", image.lambda_space),
             ("reconstruction.target_gap", image.target_gap),
             ("reconstruction.deadline_s", image.deadline_s),
             ("reconstruction.frame_time_s", image.frame_time_s),
             ("reconstruction.electrode_movement_m", image.electrode_movement_m),
-            ("recording.frame_rate_hz", self.recording.frame_rate_hz),
-            ("protocol.current_a", self.protocol.current_a),
         ];
         for (key, value) in positive {
             if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
                 let must = "finite and above zero";
                 return Err(SkinError::OutOfRange { key, value, must });
             }
+        }
+        // beyond what any skin has: a slip of unit
+        let plausible = [
+            ("touch.radius_m", self.touch.radius_m, 1e-5..=1.0, "from 0.00001 to 1 (metres)"),
+            ("touch.apart_m", self.touch.apart_m, 1e-5..=10.0, "from 0.00001 to 10 (metres)"),
+            (
+                "recording.frame_rate_hz",
+                self.recording.frame_rate_hz,
+                1e-4..=1e6,
+                "from 0.0001 to 1000000 (frames a second)",
+            ),
+            (
+                "protocol.current_a",
+                self.protocol.current_a,
+                1e-9..=10.0,
+                "from 1e-9 to 10 (ampere)",
+            ),
+        ];
+        for (key, value, range, must) in plausible {
+            if let Some(value) = value.filter(|v| !range.contains(v)) {
+                return Err(SkinError::OutOfRange { key, value, must });
+            }
+        }
+        if let Some(value) = self.touch.drift_time_s.filter(|s| !(s.is_finite() && *s >= 0.0)) {
+            let (key, must) = ("touch.drift_time_s", "finite and above zero, or 0 for no drift");
+            return Err(SkinError::OutOfRange { key, value, must });
         }
         if let Some(scale) = self.recording.scale.filter(|s| !s.is_finite() || *s == 0.0) {
             let (key, must) = ("recording.scale", "finite and not zero");

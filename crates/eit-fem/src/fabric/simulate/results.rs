@@ -1,5 +1,6 @@
 //! Assembly of results and ground truth.
 
+use super::CHUNK;
 use super::frame::Frame;
 use super::plan::Plan;
 use super::settings::SimulationSettings;
@@ -39,7 +40,7 @@ impl Fabric {
         };
         let report = SimulationReport {
             frames,
-            threads: settings.threads,
+            threads: settings.threads.min(CHUNK),
             untouched,
             least_area_ratio: 1.0,
             range_v: None,

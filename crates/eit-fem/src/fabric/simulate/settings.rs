@@ -10,7 +10,8 @@
 pub struct SimulationSettings {
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Number of threads, at least 1. The result does not depend on it.
+    /// Number of threads, at least 1; more than 64 count as 64, the frames that are processed together. The result does
+    /// not depend on it.
     pub threads: usize,
     /// Whether to keep the conductivity change of every element, 8 bytes per element and frame.
     pub keep_elements: bool,
