@@ -25,7 +25,7 @@ use eit_hw::driver::{
     Statistics,
 };
 use eit_hw::emulator::{Eits1Device, Emulator, FaultPlan, Listen};
-use eit_hw::{Frame, Quadruple, Quality, Unit};
+use eit_hw::{Frame, Quadruple, Unit};
 
 const RATE_HZ: f32 = 1000.0;
 const MEASUREMENTS: usize = 208;
@@ -219,13 +219,8 @@ pub fn day_through_replay(count: u64) -> (u64, f64, [f64; 2]) {
         limits: Default::default(),
     };
     let frames = (0..count).map(|sequence| Frame {
-        values: (0..MEASUREMENTS).map(|index| value(sequence, index)).collect(),
-        imaginary: None,
-        quality: vec![Quality::GOOD; MEASUREMENTS],
-        sequence,
-        epoch: 0,
         device_time_s: Some(sequence as f64 / 25.0),
-        host_time_s: None,
+        ..Frame::new(sequence, (0..MEASUREMENTS).map(|index| value(sequence, index)).collect())
     });
     let mut wanted = emulated;
     wanted.reverse();

@@ -18,16 +18,9 @@ pub(crate) fn unsigned([a, b, m, n]: Quadruple) -> (Quadruple, f64) {
 /// ```
 /// use eit_hw::{Frame, Quality};
 ///
-/// let frame = Frame {
-///     values: vec![1.2e-3, 0.0],
-///     imaginary: None,
-///     quality: vec![Quality::GOOD, Quality::OPEN],
-///     sequence: 0,
-///     epoch: 0,
-///     device_time_s: None,
-///     host_time_s: None,
-/// };
-/// assert_eq!(frame.quality.iter().filter(|quality| quality.is_good()).count(), 1);
+/// let mut frame = Frame::new(0, vec![1.2e-3, 0.0, f64::NAN]);
+/// frame.quality[1] = Quality::OPEN;
+/// assert_eq!(frame.quality, [Quality::GOOD, Quality::OPEN, Quality::MISSING]);
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -53,6 +46,24 @@ pub struct Frame {
     /// byte of the frame had arrived. The origin is common to all instruments; the f64 resolution
     /// is 0.24 us there.
     pub host_time_s: Option<f64>,
+}
+
+impl Frame {
+    /// Creates a real frame of the first connection, without times. A value that is not finite is
+    /// [missing](Quality::MISSING), any other good.
+    pub fn new(sequence: u64, values: Vec<f64>) -> Self {
+        let quality =
+            |value: &f64| if value.is_finite() { Quality::GOOD } else { Quality::MISSING };
+        Self {
+            quality: values.iter().map(quality).collect(),
+            values,
+            imaginary: None,
+            sequence,
+            epoch: 0,
+            device_time_s: None,
+            host_time_s: None,
+        }
+    }
 }
 
 /// Flags that describe what is wrong with one measurement; no flag means good.

@@ -409,7 +409,10 @@ impl TouchDetector {
                 self.search.take_back(&scene, &self.whitened);
                 Some(electrode)
             }
-            _ => self.gains.blamed(&self.search, &self.whitening),
+            _ => {
+                let whole = dot(&self.whitened, &self.whitened);
+                self.gains.blamed(&self.search, &self.whitening, whole)
+            }
         };
         let blamed = blamed.or_else(|| self.blamed_beside_known());
         self.report();

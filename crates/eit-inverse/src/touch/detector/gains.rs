@@ -20,6 +20,10 @@ const EXPLAINED_BY: [f64; 2] = [0.35, 3.0];
 /// Residual chi^2 per row above which such frames are checked; noise leaves up to 0.7.
 const EXPLAINED_FROM: f64 = 3.0;
 
+/// Least part of the frame that the fabric's memory must have left: what it leaves of a large settling, as after a slide
+/// to the rim, is its own error. A sound electrode was named where it left 0.10.
+const LEFT_BY_MEMORY: f64 = 0.2;
+
 /// Largest part that a gain may leave of what the touches of an earlier frame leave of one that nothing explains. A step of
 /// 1 to 2.5 % under a finger leaves 0.001 to 0.02.
 const BESIDE_KNOWN: f64 = 0.1;
@@ -100,10 +104,16 @@ impl Gains {
     }
 
     /// Returns the electrode whose gain explains the frame, before or after touches, far better than they do.
-    pub(super) fn blamed(&mut self, search: &Search, whitening: &Whitening) -> Option<usize> {
+    /// `whole`: squared length of the whitened frame.
+    pub(super) fn blamed(
+        &mut self,
+        search: &Search,
+        whitening: &Whitening,
+        whole: f64,
+    ) -> Option<usize> {
         let (left, rows) = (search.best.rest, whitening.present() as f64);
         let is_touched = !search.best.spots.is_empty();
-        if !is_touched && left > EXPLAINED_FROM * rows {
+        if !is_touched && left > (EXPLAINED_FROM * rows).max(LEFT_BY_MEMORY * whole) {
             let [part, times] = EXPLAINED_BY;
             let bar = (part * left).min(times * whitening.expected());
             let found = self.best(whitening, &search.residual);
