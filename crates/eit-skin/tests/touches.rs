@@ -77,6 +77,34 @@ fn one() {
     check_drawn("one", 1, &ONE, |drawn| (0..6).for_each(|_| _ = drawn.press(PRESS_N)));
 }
 
+/// Nine strokes over the same fabric: what slides leave behind is neither a touch that stays after the last lift nor,
+/// after the one to the rim, a contact that got worse. (Both were told before detectors knew it.)
+#[test]
+fn what_slides_leave_behind() {
+    let strokes = [
+        [[0.038098, -0.016589], [0.005786, 0.048674]],
+        [[0.024392, -0.030199], [-0.064698, 0.039181]],
+        [[0.056019, 0.006405], [-0.082509, -0.030300]],
+        [[-0.063036, 0.037963], [0.048067, -0.070624]],
+        [[-0.008402, 0.076902], [0.066876, 0.059034]],
+        [[-0.014313, -0.085903], [-0.002441, 0.081608]],
+        [[-0.048291, -0.052698], [0.081769, 0.011604]],
+        [[0.029833, 0.011935], [-0.051892, 0.052711]],
+        [[0.022064, -0.074650], [-0.017700, 0.031780]],
+    ];
+    let mut drawn = Drawn::new(18101, 1);
+    for way in strokes {
+        drawn.slide_along(way, 1.5, 0.05).next_s += 0.1;
+    }
+    let recording = Recording::simulate(&drawn.script(), 18101);
+    let touches = recording.touches();
+    let score = Counts::of(&recording, &touches, QUIET_FRAMES).score();
+    println!("{score:?}, {:?}", touches.faults);
+    assert_eq!(touches.faults, []);
+    assert_eq!(score.ghosts, 0, "{score:?}");
+    assert!(score.found > 0.98, "{score:?}");
+}
+
 /// Voltages of another unit, current or conductivity: the same touches, light ones too, at the same places, and drawn
 /// alike in the images, which are relative to the scene.
 ///
