@@ -33,11 +33,13 @@ pub(super) struct Late {
     pub(super) strongest_s_m2: f64,
     /// Near each position, S m^2.
     pub(super) here_s_m2: Vec<f64>,
+    /// Whether the previous frame had touches, all so faint that they may be what stronger ones left behind.
+    pub(super) was_faint: bool,
 }
 
 impl Late {
     pub(super) fn new(places: &Places) -> Self {
-        Self { strongest_s_m2: 0.0, here_s_m2: vec![0.0; places.len()] }
+        Self { strongest_s_m2: 0.0, here_s_m2: vec![0.0; places.len()], was_faint: false }
     }
 
     /// Takes the touches of a frame, recorded `dt_s` seconds after the previous one.
@@ -54,6 +56,8 @@ impl Late {
         let here_s = if spots.is_empty() { late_s } else { late_s.max(KEPT_HERE_S) };
         let strongest = strongest_believed(strengths);
         self.strongest_s_m2 = strongest.max(self.strongest_s_m2 * (-dt_s / late_s).exp());
+        let faint = settings.least_share_of_here * self.strongest_s_m2;
+        self.was_faint = !strengths.is_empty() && strengths.iter().all(|s| *s < faint);
         let fading = (-dt_s / here_s).exp();
         self.here_s_m2.iter_mut().for_each(|late| *late *= fading);
         for (spot, strength) in spots.iter().zip(strengths) {

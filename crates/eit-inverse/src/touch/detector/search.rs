@@ -45,8 +45,8 @@ const PRICE_OF_SPLIT: f64 = 4.0;
 const SPLIT_M: f64 = 35e-3;
 
 /// Factor by which the residual must grow without a touch that has slid and goes on at less than an eighth of its
-/// strength of late. A finger that light removes ten times the rest and more; what memory leaves of a slide that has
-/// ended, 2.1 to 3.3.
+/// strength of late, after a frame with nothing stronger. A finger that light removes ten times the rest and more; what
+/// memory leaves of a slide that has ended, 2.1 to 3.3.
 const LEFT_RATIO: f64 = 4.0;
 
 /// The same for one touch in place of two that began as fingers of their own. While the dents of both are free, one bell
@@ -421,8 +421,9 @@ impl Search {
             };
             let is_weak = |k: usize| {
                 let (gain, worth) = (gain_of(k), best.worth[k]);
-                let has_slid = scene.before.has_slid(best.spots[k].position_m);
-                let ratio = if has_slid { LEFT_RATIO } else { settings.least_ratio };
+                let is_left =
+                    scene.late.was_faint && scene.before.has_slid(best.spots[k].position_m);
+                let ratio = if is_left { LEFT_RATIO } else { settings.least_ratio };
                 if is_doubtful(k) && gain < (ratio - 1.0) * best.rest {
                     return true;
                 }
