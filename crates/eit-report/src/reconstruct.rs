@@ -241,7 +241,7 @@ fn common_range(images: ArrayView3<'_, f64>, least: f64) -> Option<[f64; 2]> {
         return Some([-least, least]);
     }
     let usual = largest[(largest.len() - 1) * 95 / 100];
-    let range = usual.max(0.25 * most);
+    let range = usual.max(0.25 * most).max(least);
     (largest.len() >= 20 && range < 0.5 * most).then_some([-range, range])
 }
 

@@ -45,8 +45,9 @@ const PRICE_OF_SPLIT: f64 = 4.0;
 const SPLIT_M: f64 = 35e-3;
 
 /// Factor by which the residual must grow without a touch that has slid and goes on at less than an eighth of its
-/// strength of late, after a frame with nothing stronger. A finger that light removes ten times the rest and more; what
-/// memory leaves of a slide that has ended, 2.1 to 3.3.
+/// strength of late, after a frame with nothing stronger. What memory leaves of a slide that has ended made it grow 2.1 to
+/// 3.3 times; a finger as strong, by what the same one did at full strength, would have made it grow 8 to 12 times. Fingers
+/// that lift may do less for one frame.
 const LEFT_RATIO: f64 = 4.0;
 
 /// The same for one touch in place of two that began as fingers of their own. While the dents of both are free, one bell
