@@ -209,6 +209,15 @@ fn images_beyond_memory_are_refused_before_work() {
     assert!(said.contains("208 measurements on 4096 x 4096 pixels take 28 GB"), "{said}");
 }
 
+/// One line, which points to the help once, with or without a usage line.
+#[test]
+fn unknown_commands_and_options() {
+    let said = refuse(&["nonsense"]);
+    assert!(said.contains("unrecognized subcommand 'nonsense'; see --help"), "{said}");
+    let said = refuse(&["plan", "paper-disc", "--bogus"]);
+    assert!(said.contains("'--bogus'") && said.matches("--help").count() == 1, "{said}");
+}
+
 /// The limits themselves are accepted.
 #[test]
 fn limits_of_electrodes_and_nodes() {

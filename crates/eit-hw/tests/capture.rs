@@ -137,19 +137,21 @@ fn every_entry_is_read_back_to_the_bit() {
 
 /// Truncates the file at the end of every chunk and at 1 000 other places: every chunk before the
 /// cut is read.
-/// Written, it would make the whole recording unreadable.
+/// All frames of a session have its number of measurements.
 #[test]
 fn a_frame_of_another_length_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let mut writer = CaptureWriter::create(&path, &session(), CaptureSettings::default()).unwrap();
     writer.frame(&frame(0)).unwrap();
-    let (mut short, mut bare) = (frame(1), frame(1));
+    let [mut short, mut bare, mut half] = [frame(1), frame(1), frame(1)];
     short.values.pop();
     bare.quality.clear();
+    half.imaginary = Some(vec![0.0]);
     let wanted = session().quadruples.len();
-    for (wrong, name, length) in [(short, "values", wanted - 1), (bare, "quality", 0)] {
-        let refused = writer.frame(&wrong).unwrap_err();
+    let cases = [(&short, "values", wanted - 1), (&bare, "quality", 0), (&half, "imaginary", 1)];
+    for (wrong, name, length) in cases {
+        let refused = writer.frame(wrong).unwrap_err();
         let HwError::Inconsistent { field, found, wanted: expected, .. } = refused else {
             panic!("{refused}")
         };

@@ -36,7 +36,14 @@ fn is_hostile(character: char) -> bool {
     turns || character.is_control() && !matches!(character, '\n' | '\t')
 }
 
-/// Returns a number of things: `counted(1, "touch", "touches")` is "1 touch".
+/// Returns a number of things.
+///
+/// ```
+/// use eit_skin::words::counted;
+///
+/// assert_eq!(counted(1, "touch", "touches"), "1 touch");
+/// assert_eq!(counted(2_u64, "touch", "touches"), "2 touches");
+/// ```
 pub fn counted<N: fmt::Display + PartialEq + From<u8>>(count: N, one: &str, many: &str) -> String {
     format!("{count} {}", if count == N::from(1) { one } else { many })
 }

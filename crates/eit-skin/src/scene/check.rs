@@ -19,6 +19,7 @@ impl Scene {
     /// Rejects invalid settings, and settings that would silently have no effect.
     pub(crate) fn check(&self) -> Result<(), SkinError> {
         self.check_numbers()
+            .and_then(|()| self.touch.validate())
             .and_then(|()| self.check_tv())
             .and_then(|()| self.check_reactive())
             .and_then(|()| self.check_company())
@@ -110,8 +111,6 @@ impl Scene {
         }
         // beyond what any skin has: a slip of unit
         let plausible = [
-            ("touch.radius_m", self.touch.radius_m, 1e-5..=1.0, "from 0.00001 to 1 (metres)"),
-            ("touch.apart_m", self.touch.apart_m, 1e-5..=10.0, "from 0.00001 to 10 (metres)"),
             (
                 "recording.frame_rate_hz",
                 self.recording.frame_rate_hz,
@@ -129,10 +128,6 @@ impl Scene {
             if let Some(value) = value.filter(|v| !range.contains(v)) {
                 return Err(SkinError::OutOfRange { key, value, must });
             }
-        }
-        if let Some(value) = self.touch.drift_time_s.filter(|s| !(s.is_finite() && *s >= 0.0)) {
-            let (key, must) = ("touch.drift_time_s", "finite and above zero, or 0 for no drift");
-            return Err(SkinError::OutOfRange { key, value, must });
         }
         if let Some(scale) = self.recording.scale.filter(|s| !s.is_finite() || *s == 0.0) {
             let (key, must) = ("recording.scale", "finite and not zero");

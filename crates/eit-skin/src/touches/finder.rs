@@ -344,6 +344,22 @@ impl TouchSettings {
     ///
     /// An invalid setting; the message names it.
     pub fn validate(&self) -> Result<(), SkinError> {
+        // beyond what any skin has: a slip of unit
+        let plausible = [
+            ("touch.radius_m", self.radius_m, 1e-5..=1.0, "from 0.00001 to 1 (metres)"),
+            ("touch.apart_m", self.apart_m, 1e-5..=10.0, "from 0.00001 to 10 (metres)"),
+            (
+                "touch.drift_time_s",
+                self.drift_time_s,
+                0.0..=f64::MAX,
+                "above zero, or 0 for no drift",
+            ),
+        ];
+        for (key, value, range, must) in plausible {
+            if let Some(value) = value.filter(|value| !range.contains(value)) {
+                return Err(SkinError::OutOfRange { key, value, must });
+            }
+        }
         let refuse = |e| SkinError::input(format!("touch: {e}"));
         detector_settings(self, 1.0).validate().map_err(refuse)?;
         tracker_settings(self, 1.0).validate().map_err(refuse)
