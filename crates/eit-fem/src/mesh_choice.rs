@@ -19,7 +19,7 @@
 //! trial has an error estimate. So the finest mesh that is solved has at most `FINER` times (linear
 //! elements alone: `FINER^2` times) the nodes of the chosen mesh, or of a mesh that costs as much.
 //! The error is an estimate: meshes are irregular, and a difference can be small by chance
-//! (`tests/mesh_choice.rs` measures it against the mesh-free series).
+//! (`tests/all/mesh_choice.rs` measures it against the mesh-free series).
 //!
 //! The file is long because it documents the request, the result and the search in one place.
 

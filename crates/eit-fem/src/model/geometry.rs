@@ -6,7 +6,7 @@
 //! and the symbolic factorisation. Updating it takes 60 flops per triangle and frame in addition to
 //! the solve.
 //!
-//! Results are bit-identical to those of a model built on the moved mesh (`tests/geometry.rs`).
+//! Results are bit-identical to those of a model built on the moved mesh (`tests/all/geometry.rs`).
 
 use super::assembly::Assembly;
 use super::dof_map::DofMap;

@@ -34,7 +34,7 @@ pub struct SolveReport {
     /// largest: `1000 eps max(a_ii) / min(a_ii)` over the diagonal.
     ///
     /// The estimate comes from the spread of conductances, which the backward error does not show.
-    /// It exceeds the true error in every reference case of `tests/reference.rs`, often by far.
+    /// It exceeds the true error in every reference case of `tests/all/reference.rs`, often by far.
     /// Near 1, no digit is certain. With electrodes eliminated it equals `error_bound`.
     pub expected_loss: f64,
     /// Largest error of any voltage, as a fraction of the largest voltage. With electrodes

@@ -5,7 +5,7 @@ use crate::fitted::FittedFrames;
 use crate::touches::Touches;
 use eit_inverse::touch::{DetectorStep, Touch, TouchState};
 use eit_mesh::Raster;
-use ndarray::{Array2, ArrayViewMut2};
+use ndarray::{Array2, ArrayView2, ArrayViewMut2};
 use std::f64::consts::TAU;
 
 /// Standard deviation of a drawn bell in pixels. On the paper's skin at 64 pixels it is 4 mm, about that of the
@@ -21,6 +21,11 @@ const KEPT: [f64; 2] = [8.0, 11.0];
 /// left still differs by some percent, and the net draws that. Squared error on the paper's script, of the raw image's: with
 /// zero 0.064 instead of 0.059 without a limit (seed 6411), with this 0.061 as without (seed 6601).
 const MOST_FAR: f64 = 0.05;
+/// A touch's blob has its largest value within this distance, in pixels; on the paper's skin at 64 pixels 12 mm.
+const OWN: f64 = 4.0;
+/// Limit of a blob that is no touch's, as a part of the largest value near touches: less than the half that makes a blob
+/// in figures of merit and for eyes.
+const MOST_OTHER: f64 = 0.4;
 
 /// The touches of a frame as a net sees them.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,43 +97,98 @@ impl DrawnTouch {
     }
 }
 
-/// Squared distance of each pixel from the nearest touch of a frame, in pixels.
+/// What is near the touches of a frame.
 #[derive(Debug, Clone)]
-pub(super) struct Surroundings(Array2<f64>);
+pub(super) struct Surroundings {
+    /// Row and column of each touch, in pixels.
+    touches: Vec<[f64; 2]>,
+    /// Squared distance of each pixel from the nearest touch, in pixels.
+    d2: Array2<f64>,
+    /// Pixels of the touches' blobs.
+    own: Array2<bool>,
+    /// Those whose neighbours are still to be looked at; never longer than the image.
+    open: Vec<[usize; 2]>,
+}
 
 impl Surroundings {
     /// Of no touch, for images of this size.
     pub fn new(size: (usize, usize)) -> Self {
-        Self(Array2::from_elem(size, f64::INFINITY))
+        let (d2, own) = (Array2::from_elem(size, f64::INFINITY), Array2::from_elem(size, false));
+        Self { touches: Vec::new(), d2, own, open: Vec::with_capacity(size.0 * size.1) }
     }
 
     /// Forgets the touches of the last frame.
     pub fn clear(&mut self) {
-        self.0.fill(f64::INFINITY);
+        self.touches.clear();
+        self.d2.fill(f64::INFINITY);
     }
 
     /// Takes a touch of the frame.
     pub fn add(&mut self, touch: &DrawnTouch, raster: &Raster) {
         let [row, column] = touch.pixel(raster);
-        for ((r, c), nearest) in self.0.indexed_iter_mut() {
+        self.touches.push([row, column]);
+        for ((r, c), nearest) in self.d2.indexed_iter_mut() {
             let d2 = (r as f64 - row).powi(2) + (c as f64 - column).powi(2);
             *nearest = nearest.min(d2);
         }
     }
 
-    /// Limits an image [row, column] far from the touches ([`KEPT`], [`MOST_FAR`]), and sets it to zero if there are none.
-    pub fn limit(&self, mut image: ArrayViewMut2<'_, f64>) {
+    /// Limits an image [row, column] far from the touches ([`KEPT`], [`MOST_FAR`]) and in blobs that are no touch's
+    /// ([`OWN`], [`MOST_OTHER`]), and sets it to zero if there are no touches.
+    pub fn limit(&mut self, mut image: ArrayViewMut2<'_, f64>) {
         let [near, far] = KEPT;
-        let near_values = image.iter().zip(&self.0).filter(|(_, d2)| **d2 <= near * near);
+        let near_values = image.indexed_iter().filter(|(at, _)| self.d2[*at] <= near * near);
         // NaN outside the skin is not larger
-        let peak = near_values.fold(0.0_f64, |peak, (value, _)| peak.max(value.abs()));
-        image.zip_mut_with(&self.0, |value, d2| {
+        let (top, peak) = near_values.fold(((0, 0), 0.0_f64), |(top, peak), (at, value)| {
+            if value.abs() > peak { (at, value.abs()) } else { (top, peak) }
+        });
+        image.zip_mut_with(&self.d2, |value, d2| {
             if *d2 > near * near {
                 let nearness = ((far - d2.sqrt()) / (far - near)).max(0.0);
                 let most = peak * (MOST_FAR + (1.0 - MOST_FAR) * nearness);
                 *value = value.clamp(-most, most);
             }
         });
+        let most = MOST_OTHER * peak;
+        self.find_own(image.view(), top, most);
+        image.zip_mut_with(&self.own, |value, own| {
+            if !own {
+                *value = value.clamp(-most, most);
+            }
+        });
+    }
+
+    /// Finds the pixels above `level` that are connected, across sides, with the largest near a touch or of all.
+    fn find_own(&mut self, image: ArrayView2<'_, f64>, top: (usize, usize), level: f64) {
+        let Self { touches, own, open, .. } = self;
+        let is_high = |at: [usize; 2]| image.get(at).is_some_and(|value| value.abs() > level);
+        own.fill(false);
+        let mut add = |open: &mut Vec<[usize; 2]>, at: [usize; 2]| {
+            if is_high(at) && !own[at] {
+                own[at] = true;
+                open.push(at);
+            }
+        };
+        add(open, [top.0, top.1]);
+        for touch in touches.iter() {
+            let is_near = |(row, column): (usize, usize)| {
+                (row as f64 - touch[0]).powi(2) + (column as f64 - touch[1]).powi(2) <= OWN * OWN
+            };
+            let near = image.indexed_iter().filter(|(at, value)| is_near(*at) && value.is_finite());
+            let largest = near.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+            largest.into_iter().for_each(|((row, column), _)| add(open, [row, column]));
+        }
+        while let Some([row, column]) = open.pop() {
+            // one before the first row or column is far outside
+            let before = |k: usize| k.wrapping_sub(1);
+            let around = [
+                [before(row), column],
+                [row + 1, column],
+                [row, before(column)],
+                [row, column + 1],
+            ];
+            around.into_iter().for_each(|at| add(open, at));
+        }
     }
 }
 
@@ -197,5 +257,46 @@ mod tests {
         // rounding of places and roots
         let is_off = kept.iter().zip(wanted).any(|(a, b)| (a - b).abs() > 1e-9);
         assert!(!is_off, "{kept:?} {wanted:?}");
+    }
+
+    /// Beside a touch at (10, 10) of the largest value: its own blob, which reaches 7 pixels from it, stays as it is;
+    /// another one 2 or 6 pixels from it, apart or joined by a low bridge, is limited, and so is one of the other
+    /// sign; that of a second touch stays. If no blob is near a touch, the largest value's stays.
+    #[test]
+    fn a_blob_that_is_no_touchs_is_limited() {
+        let raster = raster();
+        let touch = |row: usize, column: usize| {
+            let [x, y] = raster.centre_m(row, column);
+            DrawnTouch { position_m: [x, y], intensity_s_m2: 1e-10 }
+        };
+        let mut near = Surroundings::new(raster.mask().dim());
+        near.add(&touch(10, 10), &raster);
+        near.add(&touch(30, 30), &raster);
+        let mut image = Array2::zeros(raster.mask().dim());
+        let mut line = |row: usize, columns: std::ops::Range<usize>, value: f64| {
+            columns.for_each(|column| image[[row, column]] = value);
+        };
+        line(10, 10..18, 1.0);
+        line(16, 10..13, 0.9);
+        line(8, 4..5, -0.8);
+        line(11, 3..5, 0.7);
+        line(11, 5..11, 0.3);
+        line(12, 10..11, 0.8);
+        line(30, 30..31, 0.5);
+        // by a corner only
+        line(11, 18..19, 0.6);
+        let before = image.clone();
+        near.limit(image.view_mut());
+        let places = [(10, 17), (12, 10), (16, 10), (8, 4), (11, 3), (11, 6), (30, 30), (11, 18)];
+        let kept = places.map(|(row, column)| image[[row, column]]);
+        assert_eq!(kept, [1.0, 0.4, 0.4, -0.4, 0.4, 0.3, 0.5, 0.4]);
+        // the second frame is independent of the first
+        image.assign(&before);
+        near.limit(image.view_mut());
+        assert_eq!(image[[10, 17]], 1.0);
+        image.fill(0.0);
+        (image[[10, 16]], image[[16, 10]]) = (1.0, 0.9);
+        near.limit(image.view_mut());
+        assert_eq!([image[[10, 16]], image[[16, 10]]], [1.0, 0.4]);
     }
 }

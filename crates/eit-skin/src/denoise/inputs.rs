@@ -180,9 +180,9 @@ impl NetInputs {
         Ok(())
     }
 
-    /// Limits the image [row, column] that a net made of the last frame far from the touches of that frame: the net
+    /// Limits the image [row, column] that a net made of the last frame where it is no touch's of that frame: the net
     /// corrects their drawing, and shows no other touch. Changes nothing for nets that see no touches.
-    pub fn limit(&self, image: ArrayViewMut2<'_, f64>) {
+    pub fn limit(&mut self, image: ArrayViewMut2<'_, f64>) {
         if self.needs_touches() {
             self.surroundings.limit(image);
         }

@@ -15,7 +15,7 @@
 //! current source), need no special treatment. The remaining sources of error are the contrast of
 //! the skin and the shape of its triangles. If the error bound in `f64` is too large for them, the
 //! solve is repeated with 32 digits. (The bound is 1e5 times the error in the cases of
-//! `tests/accurate.rs`.)
+//! `tests/all/accurate.rs`.)
 //!
 //! **Bound.** Let `x_k` be the fields of unit currents and `r_l = e_l - A x_l` their residuals. The
 //! transfer value `mu_k` under current `l` is `e_k^T x_l + x_k^T r_l + (A^-1 r_k)^T r_l`. The

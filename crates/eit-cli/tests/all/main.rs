@@ -1,0 +1,35 @@
+//! Tests of the crate, in one program: linking one is faster than linking 30. Those of one file:
+//! `cargo test --release -p eit-cli --test all FILE::`.
+
+mod common;
+
+mod accuracy;
+mod bad_input;
+mod body;
+mod calibrate;
+mod check;
+mod commands;
+mod conventions;
+mod demo;
+mod denoise;
+mod electrode_movement;
+mod events;
+mod geometry;
+mod hydrogel;
+mod init;
+mod instruments;
+mod learn;
+mod learn_live;
+mod memory;
+mod methods;
+mod missing_values;
+mod publish;
+mod reactive;
+mod readme;
+mod real_data;
+mod recordings;
+mod report;
+mod shell;
+mod silence;
+mod simulate;
+mod touches;

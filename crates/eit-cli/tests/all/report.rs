@@ -1,0 +1,247 @@
+//! `eit report`, and how `eit plan` uses it.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
+
+use crate::common::{refuse, succeed, text};
+use serde_json::Value;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+fn json(answer: &str) -> Value {
+    serde_json::from_str(answer).unwrap()
+}
+
+/// The quick report of a scene: page, tables and pictures; meaningful errors; choices that are the best of
+/// their table.
+#[test]
+fn the_report_of_a_scene_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let arguments =
+        ["report", "--quick", "--scenes", "single-frame", "--out", text(&out), "--json"];
+    let report = json(&succeed(&arguments));
+    let scene = &report["scenes"][0];
+    let solvers = scene["solvers"].as_array().unwrap();
+    // two rasters: two rules of one-step images, two kinds of total variation at two gaps; and the
+    // absolute method by two rules
+    assert_eq!(solvers.len(), 2 * (2 + 2 * 2) + 2, "{}", scene["failures"]);
+    for row in solvers {
+        let number = |key: &str| row[key].as_f64().unwrap();
+        assert!(number("relative_error") > 0.0, "{row}");
+        let [least, median, most] =
+            ["ms_a_frame_least", "ms_a_frame", "ms_a_frame_most"].map(number);
+        assert!(0.0 < least && least <= median && median <= most, "{row}");
+        assert!(number("floor_ms_a_frame") > 0.0, "{row}");
+        assert!(number("cost_ms_a_frame") >= median, "{row}");
+        if row["status"] == "converged" && row["target_gap"].is_number() {
+            assert!(number("proven_gap") <= number("target_gap"), "{row}");
+        }
+    }
+    let choices = scene["choices"].as_array().unwrap();
+    assert_eq!(choices.len(), 6, "three times, recorded and live");
+    for choice in choices.iter().filter(|choice| !choice["choice"].is_null()) {
+        let cost_ms = choice["choice"]["cost_ms_a_frame"].as_f64().unwrap();
+        assert!(cost_ms <= 1e3 * choice["budget_s"].as_f64().unwrap(), "{choice}");
+        assert!(choice["live"] == false || choice["choice"]["live"] == true, "{choice}");
+    }
+    check_forward(&report["forward"][0], "single-frame");
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    // the result in a sentence and a picture; the other pictures lie beside the page
+    let result = "single-frame (one frame, nothing in time): relative error of the best images ";
+    assert!(page.contains(result) && page.contains("an empty image has 100 %"), "{page}");
+    assert!(!page.contains("<script"));
+    assert_eq!(page.matches("data:image/png;base64").count(), 1);
+    assert!(page.len() < 1_000_000, "{} bytes", page.len());
+    assert!(page.contains("src=\"forward_single_frame.png\""));
+    for name in ["report.md", "inverse.csv", "forward.csv", "plan.csv"] {
+        assert!(std::fs::metadata(out.join(name)).unwrap().len() > 100, "{name}");
+    }
+    let images = ["images_single_frame_bell.png", "images_single_frame_pad.png"];
+    for name in ["error_single_frame.png", "forward_single_frame.png"].into_iter().chain(images) {
+        assert!(std::fs::metadata(out.join(name)).unwrap().len() > 10_000, "{name}");
+    }
+    assert!(!out.join("incomplete.txt").exists());
+}
+
+/// Errors of the forward problem are meaningful: quadratic elements are better on every mesh, finer meshes
+/// are better, no error is stated that the reference cannot resolve, and the chosen meshes meet their errors.
+fn check_forward(skin: &Value, name: &str) {
+    assert_eq!(skin["scene"], name);
+    let meshes = skin["meshes"].as_array().unwrap();
+    let number = |mesh: &Value, key: &str| mesh[key].as_f64().unwrap();
+    let median = |mesh: &Value, key: &str| mesh[key]["median_s"].as_f64().unwrap();
+    for mesh in meshes {
+        assert!(
+            number(mesh, "error") >= 10.0 * skin["reference_error"].as_f64().unwrap(),
+            "{mesh}"
+        );
+        assert!(median(mesh, "voltages_time") < median(mesh, "time"), "{mesh}");
+        assert!(number(mesh, "voltages_floor_s") <= number(mesh, "floor_s"), "{mesh}");
+    }
+    let of = |kind: &str, elements: &str| -> Vec<&Value> {
+        meshes.iter().filter(|m| m["mesh"] == kind && m["elements"] == elements).collect()
+    };
+    for kind in ["even", "graded"] {
+        let (linear, quadratic) = (of(kind, "linear"), of(kind, "quadratic"));
+        assert_eq!(linear.len(), 2, "{name}, {kind}: {skin}");
+        for better in quadratic {
+            let on_it = linear.iter().find(|linear| linear["nodes"] == better["nodes"]).unwrap();
+            // measured: 5 to 70 times
+            assert!(number(better, "error") < 0.5 * number(on_it, "error"), "{better} {on_it}");
+        }
+    }
+    let even = of("even", "linear");
+    // round patches have twelve corners on both
+    let most = if name == "patches" { 1.2 } else { 1.0 };
+    assert!(
+        number(even[1], "error") < most * number(even[0], "error"),
+        "finer is better: {even:?}"
+    );
+    for choice in skin["choices"].as_array().unwrap() {
+        if let Some(error) = choice["choice"]["error"].as_f64() {
+            assert!(error <= choice["error"].as_f64().unwrap(), "{choice}");
+        }
+    }
+}
+
+/// Skins without images: one compared with the series, one with a finer mesh, one with patches.
+#[test]
+fn forward_problems_of_other_skins_are_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let names = ["hemisphere", "plate-with-hole", "patches"];
+    let scenes = names.join(",");
+    let arguments = ["report", "--quick", "--scenes", &scenes, "--out", text(&out), "--json"];
+    let report = json(&succeed(&arguments));
+    assert!(report["scenes"].as_array().unwrap().is_empty());
+    for (skin, name) in report["forward"].as_array().unwrap().iter().zip(names) {
+        check_forward(skin, name);
+        let is_series = skin["reference"] == "the mesh-free series";
+        assert_eq!(is_series, name == "hemisphere", "{skin}");
+    }
+    let table = std::fs::read_to_string(out.join("forward.csv")).unwrap();
+    assert!(names.iter().all(|name| table.contains(name)), "{table}");
+    let words = std::fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(words.contains("\n## Forward problem\n") && !words.contains("Incomplete"), "{words}");
+    assert!(!out.join("inverse.csv").exists() && !out.join("plan.csv").exists());
+    let refused = refuse(&["report", "--plans", "--scenes", "patches", "--out", text(&out)]);
+    assert!(refused.contains("patches"), "{refused}");
+    let refused = refuse(&["report", "--images", "--scenes", "patches", "--out", text(&out)]);
+    assert!(refused.contains("--images: the report has no images of patches"), "{refused}");
+}
+
+/// Images alone: every solver in the table that plans read, and no forward problem.
+#[test]
+fn images_are_measured_without_forward_problems() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let scenes = ["--scenes", "single-frame"];
+    let report =
+        ["report", "--quick", "--images", scenes[0], scenes[1], "--out", text(&out), "--json"];
+    let report = json(&succeed(&report));
+    assert!(report["forward"].as_array().unwrap().is_empty(), "{report}");
+    let table = std::fs::read_to_string(out.join("inverse.csv")).unwrap();
+    for solver in ["gauss-newton,", "gauss-newton-absolute,", "tv,", "tv ≥ 0,"] {
+        let row = format!("single-frame,{solver}");
+        assert!(table.lines().any(|line| line.starts_with(&row)), "{solver}: {table}");
+    }
+    let words = std::fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(words.contains("\n## What the plan promised\n"), "{words}");
+    assert!(!words.contains("\n## Forward problem\n"), "{words}");
+    assert!(!out.join("forward.csv").exists());
+}
+
+/// Ctrl-C keeps the finished scenes, and they say so.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_report_keeps_what_it_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let child = Command::new(env!("CARGO_BIN_EXE_eit"))
+        .args(["report", "--quick", "--scenes", "hemisphere,paper-disc-60", "--out", text(&out)])
+        .stderr(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // the last file of a set to be renamed into place
+    while !out.join("report.json").exists() {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let output = child.wait_with_output().unwrap();
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(error.contains("1 of 2 scenes"), "{error}");
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("Incomplete, without paper-disc-60"));
+    let words = std::fs::read_to_string(out.join("incomplete.txt")).unwrap();
+    assert!(words.contains("paper-disc-60"), "{words}");
+    let report = json(&std::fs::read_to_string(out.join("report.json")).unwrap());
+    assert_eq!(report["missing"], serde_json::json!(["paper-disc-60"]));
+    check_forward(&report["forward"][0], "hemisphere");
+    let left: Vec<_> = std::fs::read_dir(&out).unwrap().map(|f| f.unwrap().file_name()).collect();
+    assert!(left.iter().all(|name| !name.to_string_lossy().starts_with(".eit-")), "{left:?}");
+}
+
+#[test]
+fn unknown_scenes_and_interpreters_are_refused_before_any_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let error = refuse(&["report", "--scenes", "paper-disk", "--out", text(&out)]);
+    assert!(error.contains("paper-disk") && error.contains("stiff-contact"), "{error}");
+    let error = refuse(&["report", "--peers", "./no-python", "--out", text(&out)]);
+    assert!(error.contains("no-python"), "{error}");
+}
+
+/// A plan states the expected error, if it was measured, and what would be better in less time.
+#[test]
+fn a_plan_expects_what_was_measured_on_the_nearest_scene() {
+    for (scene, like) in [
+        ("paper-disc", "paper-disc-60"),
+        ("stiff-contact", "stiff-contact"),
+        ("high-contrast", "high-contrast"),
+        ("general-32", "general-32"),
+        ("single-frame", "single-frame"),
+    ] {
+        let plan = json(&succeed(&["plan", scene, "--json"]));
+        let expected = &plan["expected_images"];
+        assert_eq!(expected["measured_on"], like);
+        let error = expected["relative_error"].as_f64().unwrap();
+        // a method worse than twice an empty image is not worth planning with
+        assert!((0.01..2.0).contains(&error), "{scene}: {error}");
+        let best = expected["best"].as_array().unwrap();
+        assert_eq!(best.len(), 6, "three times, recorded and live");
+        for stage in plan["stages"].as_array().unwrap() {
+            assert!(stage["expected_time_s"].as_f64().unwrap() > 0.0, "{stage}");
+        }
+    }
+}
+
+/// Every built-in scene is a template for a scene file.
+#[test]
+fn built_in_scenes_print_and_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = ["paper-disc", "stiff-contact", "high-contrast", "general-32", "single-frame"];
+    for scene in scenes {
+        let file = folder.path().join(format!("{scene}.toml"));
+        std::fs::write(&file, succeed(&["plan", scene, "--print-scene"])).unwrap();
+        let voltages = |scene: &str, name: &str| {
+            let out = folder.path().join(name);
+            succeed(&["forward", scene, "--out", text(&out)]);
+            std::fs::read_to_string(out).unwrap()
+        };
+        assert_eq!(voltages(scene, "a.csv"), voltages(text(&file), "b.csv"), "{scene}");
+    }
+}
+
+/// Currents on all electrodes at once leave none undriven: the scene must say so.
+#[test]
+fn trigonometric_currents_keep_driven_electrodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let text_of = succeed(&["plan", "general-32", "--print-scene"]);
+    let file = folder.path().join("scene.toml");
+    let without = text_of.replace("driven_electrodes = \"keep\"", "driven_electrodes = \"drop\"");
+    std::fs::write(&file, without).unwrap();
+    let error = refuse(&["plan", text(&file)]);
+    assert!(error.contains("trigonometric") && error.contains("keep"), "{error}");
+}

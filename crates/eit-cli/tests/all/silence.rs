@@ -1,0 +1,277 @@
+//! Instruments that fall silent, restart, report wrong numbers or send hostile text, as a user of the
+//! commands meets them. The instrument is our own emulated device behind TCP, with interference in between.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+use crate::common;
+use crate::common::emulated::{Meddled, device, record, scene, start, stderr};
+use crate::common::{eit, text};
+use eit_hw::emulator::{Device, Emulator, FaultPlan, Listen};
+use std::time::Duration;
+
+const HOSTILE: &str = "sk\u{1b}]0;OWNED\u{7}\u{1b}[31min\n\rFAKE LINE\u{9b}2J";
+
+/// It loses its set-up without telling the host, which configures it again.
+#[test]
+fn a_restart_that_nobody_heard_of_leads_to_a_new_set_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut frames, mut is_done) = (0, false);
+    let emulator = start(Box::new(Meddled {
+        device: device("skin"),
+        meddle: move |_, device: &mut Box<dyn Device>, sent: &mut Vec<u8>| {
+            frames += usize::from(!sent.is_empty());
+            if frames == 60 && !is_done {
+                is_done = true;
+                device.power_cycle();
+                // the announcement is lost on the way
+                device.poll(Duration::ZERO, &mut Vec::new());
+                sent.clear();
+            }
+        },
+    }));
+    let (output, json, out) = record(folder.path(), &emulator, "6");
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(json["reconnections"], 1, "{json}");
+    assert_eq!(json["ended_silent"], false);
+    // set-up, 2 s of silence, set-up again: more than two seconds of frames remain
+    assert!(json["frames"].as_u64().unwrap() > 200, "{json}");
+    // it is configured again after two seconds
+    assert!(json["silent_s"].as_f64().unwrap() >= 2.0, "{json}");
+    assert!(stderr(&output).contains("no frame for 0.5 s"), "{}", stderr(&output));
+    let capture = eit_hw::capture::read(&out).unwrap();
+    assert_eq!(capture.frames().last().unwrap().epoch, 1);
+}
+
+/// A board that begins to send other lines is not told to be without power: the bytes are counted, and the reason
+/// why it is not used again is given once.
+#[test]
+fn a_board_that_sends_other_lines_is_named() {
+    struct Board {
+        sent: u64,
+    }
+    impl Device for Board {
+        fn receive(&mut self, _: &[u8], _: Duration, _: &mut Vec<u8>) {}
+
+        fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
+            while (self.sent as f64) < 50.0 * now.as_secs_f64() {
+                let count = if self.sent < 150 { 40 } else { 20 };
+                let values = (0..count).map(|k| (self.sent * 7 + k).to_string());
+                out.extend(values.collect::<Vec<_>>().join(",").bytes().chain(*b"\r\n"));
+                self.sent += 1;
+            }
+        }
+
+        fn power_cycle(&mut self) {}
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let emulator = start(Box::new(Board { sent: 0 }));
+    let board = scene(folder.path());
+    let keys = std::fs::read_to_string(&board).unwrap();
+    let keys = keys.replace("\"eits1\"", "\"csv\"").replace("frame_rate_hz = 100.0", "");
+    std::fs::write(&board, keys).unwrap();
+    let (out, port) = (folder.path().join("out.mcap"), emulator.endpoint().to_string());
+    let base = ["record", text(&board), "--port", &port, "--out", text(&out)];
+    let output = eit(&[&base[..], &["--seconds", "16"]].concat());
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert!(said.contains("bytes came: it sends something else than before"), "{said}");
+    assert!(!said.contains("check its power"), "{said}");
+    let reason =
+        "received complete lines of 20 numbers, but the scene's protocol has 40 measurements";
+    assert_eq!(said.matches(reason).count(), 1, "{said}");
+}
+
+/// Frames of the time in which it was unplugged are estimated, and that time does not lower the rate.
+#[test]
+fn frames_of_an_unplugged_time_are_estimated() {
+    let folder = tempfile::tempdir().unwrap();
+    // some 100 frames
+    let plan =
+        FaultPlan { unplug_after_bytes: vec![20_000], unplugged_s: 1.5, ..FaultPlan::default() };
+    let emulator =
+        Emulator::start(device("skin"), &Listen::Tcp("127.0.0.1:0".into()), plan).unwrap();
+    let (output, json, out) = record(folder.path(), &emulator, "6");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let number = |key: &str| json[key].as_f64().unwrap();
+    assert_eq!((number("reconnections"), number("lost")), (1.0, 0.0), "{json}");
+    // attempts to reconnect come at growing intervals, and take longer on a busy computer
+    assert!((1.5..4.5).contains(&number("disconnected_s")), "{json}");
+    assert_eq!(number("silent_s"), 0.0, "{json}");
+    let estimate = (100.0 * number("disconnected_s")).round();
+    assert_eq!(number("no_data_frames_estimate"), estimate, "{json}");
+    // 6 s at 100 Hz, of which the first set-up takes some
+    let all = number("frames") + estimate;
+    assert!((450.0..=620.0).contains(&all), "{json}");
+    // with the time without data it would be at most 75 per second
+    assert!((80.0..=110.0).contains(&number("frame_rate_hz")), "{json}");
+    let epochs: Vec<u32> =
+        eit_hw::capture::read(&out).unwrap().frames().map(|frame| frame.epoch).collect();
+    assert!(epochs.is_sorted() && epochs.last() == Some(&1));
+    // the same in words
+    let (scene, port) = (scene(folder.path()), emulator.endpoint().to_string());
+    let other = folder.path().join("other.mcap");
+    let seconds = ["--seconds", "1", "--out", text(&other)];
+    let said =
+        common::succeed(&[&["record", text(&scene), "--port", &port], &seconds[..]].concat());
+    assert!(!said.contains("no data"), "{said}");
+}
+
+#[test]
+fn silence_at_the_end_is_exit_code_3() {
+    let folder = tempfile::tempdir().unwrap();
+    let emulator = start(Box::new(Meddled {
+        device: device("skin"),
+        meddle: |now: Duration, _: &mut Box<dyn Device>, sent: &mut Vec<u8>| {
+            if now > Duration::from_millis(1500) {
+                sent.clear();
+            }
+        },
+    }));
+    let (output, json, _) = record(folder.path(), &emulator, "3");
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    assert_eq!(json["ended_silent"], true, "{json}");
+    // up to 1.5 s after its start at 100 Hz, some of which the set-up takes
+    assert!((20..150).contains(&json["frames"].as_u64().unwrap()), "{json}");
+    // the same while watching, and if nothing arrives at all
+    let (scene, port) = (scene(folder.path()), emulator.endpoint().to_string());
+    let output = eit(&["live", text(&scene), "--port", &port, "--seconds", "2"]);
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("silent or unplugged at the end"));
+    assert!(stderr(&output).contains("no frame for"), "{}", stderr(&output));
+    let output = eit(&["check", text(&scene), "--port", &port, "--seconds", "1"]);
+    assert_eq!(output.status.code(), Some(3));
+    assert!(stderr(&output).contains("no frame within 1 s"), "{}", stderr(&output));
+}
+
+/// The frame counter restarts or has one impossible value: hardly a frame is lost.
+#[test]
+fn a_count_that_begins_anew_or_jumps_loses_few_frames() {
+    for (name, epochs) in [("anew", 1), ("jump", 0)] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut frames = 0_u32;
+        let emulator = start(Box::new(Meddled {
+            device: device("skin"),
+            meddle: move |_, _: &mut Box<dyn Device>, sent: &mut Vec<u8>| {
+                let mut out = Vec::new();
+                eit_hw::codec::eits1::Decoder::new().push(sent, &mut |event| {
+                    let eit_hw::codec::eits1::Event::Message(mut message) = event else { return };
+                    if message.kind == eit_hw::codec::eits1::Kind::Frame {
+                        frames += 1;
+                        match name {
+                            "anew" if frames > 100 => message.sequence = frames - 101,
+                            "jump" if frames == 100 => message.sequence += 1_000_000_000,
+                            _ => {}
+                        }
+                    }
+                    eit_hw::codec::eits1::encode(&message, &mut out).unwrap();
+                });
+                *sent = out;
+            },
+        }));
+        let (output, json, out) = record(folder.path(), &emulator, "3");
+        assert!(output.status.success(), "{}", stderr(&output));
+        let (found, lost) = (json["frames"].as_u64().unwrap(), json["lost"].as_u64().unwrap());
+        // 3 s at 100 Hz, of which a third may pass while others occupy the processor; lost are the frame with
+        // the impossible number, and one that it hides
+        assert!(found > 200 && lost <= 2, "{name}: {json}");
+        assert_eq!(json["reconnections"], 0, "{name}: {json}");
+        let capture = eit_hw::capture::read(&out).unwrap();
+        assert_eq!(capture.frames().last().unwrap().epoch, epochs, "{name}");
+    }
+}
+
+/// Names, notes and files from elsewhere cannot move the cursor or fake a line.
+#[test]
+fn nothing_of_others_reaches_the_terminal_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let emulator = start(device(HOSTILE));
+    let (scene, port) = (scene(folder.path()), emulator.endpoint().to_string());
+    let out = folder.path().join("out.mcap");
+    let note = "a\u{1b}[2Jb";
+    let runs = [
+        vec!["devices", text(&scene), "--port", &port],
+        vec!["devices", text(&scene), "--port", &port, "--json"],
+        vec!["check", text(&scene), "--port", &port, "--frames", "20"],
+        vec![
+            "record",
+            text(&scene),
+            "--port",
+            &port,
+            "--out",
+            text(&out),
+            "--seconds",
+            "1",
+            "--note",
+            note,
+        ],
+        vec!["replay", text(&scene), "--from", text(&out)],
+        vec!["replay", text(&scene), "--from", text(&out), "--json"],
+        vec!["plan", "no\u{1b}[31mscene.toml"],
+    ];
+    for run in &runs {
+        let output = eit(run);
+        // the text is printed, not dropped; `eit replay` names a recording, not its instrument
+        let (code, name) = match run[0] {
+            "plan" => (2, "scene.toml"),
+            "replay" => (0, ""),
+            _ => (0, "OWNED"),
+        };
+        assert_eq!(output.status.code(), Some(code), "eit {run:?}: {}", stderr(&output));
+        let mut all = String::new();
+        for bytes in [&output.stdout, &output.stderr] {
+            let said = String::from_utf8(bytes.clone()).unwrap();
+            assert!(!said.contains(|c: char| c.is_control() && c != '\n'), "eit {run:?}: {said:?}");
+            // nor start a line within the name
+            assert!(!said.lines().any(|line| line.trim_start().starts_with("FAKE")), "{said:?}");
+            all += &said;
+        }
+        assert!(all.contains(name), "eit {run:?}: {all}");
+    }
+}
+
+/// Two programs cannot record to one file, nor two hosts use one instrument.
+#[test]
+fn a_second_recorder_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, second) = (start(device("one")), start(device("two")));
+    let scene = scene(folder.path());
+    let out = folder.path().join("out.mcap");
+    let arguments = |port: &str, seconds: &str, more: &[&str]| {
+        let base = ["record", text(&scene), "--port", port, "--out", text(&out)];
+        let all = [&base[..], &["--seconds", seconds], more].concat();
+        all.iter().map(|&argument| argument.to_owned()).collect::<Vec<String>>()
+    };
+    let ports = [first.endpoint().to_string(), second.endpoint().to_string()];
+    let mut running = std::process::Command::new(env!("CARGO_BIN_EXE_eit"))
+        .args(arguments(&ports[0], "4", &[]))
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    while !out.exists() {
+        assert!(running.try_wait().unwrap().is_none());
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let run =
+        |arguments: &[String]| eit(&arguments.iter().map(String::as_str).collect::<Vec<&str>>());
+    let refused = run(&arguments(&ports[1], "1", &["--append"]));
+    assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("out.mcap: another program is recording to it"));
+    // the instrument has one host
+    let other = folder.path().join("other.mcap");
+    let refused = eit(&[
+        "record",
+        text(&scene),
+        "--port",
+        &ports[0],
+        "--out",
+        text(&other),
+        "--seconds",
+        "1",
+    ]);
+    assert!(!refused.status.success());
+    assert!(running.wait().unwrap().success());
+    let capture = eit_hw::capture::read(&out).unwrap();
+    // 4 s at 100 Hz, of which half may pass while others occupy the processor
+    assert!(!capture.damage.is_any() && capture.frames().count() > 200);
+    assert!(capture.frames().all(|frame| frame.epoch == 0));
+}

@@ -1,0 +1,235 @@
+//! `eit simulate`: its files, and that they reconstruct.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, reason = "tests")]
+
+use crate::common::{SMALL, eit, refuse, succeed, text, write_scene};
+use ndarray::{Array2, Array3};
+use serde_json::Value;
+
+const FAST: [&str; 4] = ["--nodes", "1500", "--frames", "40"];
+
+/// Simulates, then reconstructs from the files alone: the finger is found at its true place. The rim is
+/// rigid, because the artefacts of moving electrodes are brighter than the finger.
+#[test]
+fn simulated_frames_reconstruct_from_their_own_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("touched");
+    let scene = succeed(&["plan", "paper-disc", "--print-scene"]);
+    let rigid = "\n[fabric.rim]\ncompliance = 0.0\ncontact_gain = 0.0\n";
+    let scene = write_scene(folder.path(), &format!("{scene}{rigid}"));
+    let arguments = ["simulate", text(&scene), "--out", text(&out), "--json"];
+    let answer = succeed(&[&arguments[..], &FAST[..]].concat());
+    let json: Value = serde_json::from_str(&answer).unwrap();
+    assert_eq!(json["frames"], 40);
+    for name in json["files"].as_array().unwrap() {
+        assert!(out.join(name.as_str().unwrap()).metadata().unwrap().len() > 0, "{name}");
+    }
+    let frames: Array2<f64> = ndarray_npy::read_npy(out.join("frames.npy")).unwrap();
+    assert_eq!(frames.dim(), (40, 208));
+    let truth: Array3<f64> = ndarray_npy::read_npy(out.join("truth_conductivity.npy")).unwrap();
+    assert_eq!(truth.dim(), (40, 64, 64));
+
+    let images = folder.path().join("images");
+    let scene = out.join("scene.toml");
+    succeed(&["reconstruct", text(&scene), "--method", "gauss-newton", "--out", text(&images)]);
+    let images: Array3<f64> = ndarray_npy::read_npy(images.join("images.npy")).unwrap();
+    let brightest = |images: &Array3<f64>| {
+        let image = images.index_axis(ndarray::Axis(0), 35);
+        let values = image.indexed_iter().filter(|(_, v)| v.is_finite());
+        let ((row, column), _) = values.max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
+        [row as f64, column as f64]
+    };
+    let ([r, c], [i, j]) = (brightest(&truth), brightest(&images));
+    // one-step images place a finger near the rim up to a tenth of the radius, three pixels, too far out
+    assert!((r - i).hypot(c - j) < 5.0, "truth ({r}, {c}), image ({i}, {j})");
+}
+
+/// Fraction of frame 50's squared image that is at its fingers. Three fingers, none near the rim; pixels are
+/// 3 mm, and fingers of 5 mm appear 10 mm wide, a pixel or two from their place.
+fn part_at_fingers(truth: &Array3<f64>, images: &Array3<f64>) -> f64 {
+    let bright = truth.index_axis(ndarray::Axis(0), 50);
+    let peak = bright.iter().filter(|v| v.is_finite()).fold(0.0_f64, |m, v| m.max(*v));
+    let near = |row: usize, column: usize| {
+        let mut cells = bright.indexed_iter().filter(|(_, v)| **v > 0.2 * peak);
+        cells.any(|((r, c), _)| (r as f64 - row as f64).hypot(c as f64 - column as f64) < 5.0)
+    };
+    let image = images.index_axis(ndarray::Axis(0), 50);
+    let (mut inside, mut all) = (0.0, 0.0);
+    for ((row, column), value) in image.indexed_iter().filter(|(_, v)| v.is_finite()) {
+        let square = value.max(0.0).powi(2);
+        all += square;
+        inside += if near(row, column) { square } else { 0.0 };
+    }
+    inside / all
+}
+
+/// Moving electrodes are not noise: weights that explained them, too, would fill the skin with blobs. The
+/// fingers must dominate the image, with the noise of the quiet frames and with a stated one of a twentieth
+/// of the rounding, which no residual reaches: then the corner of the L-curve is taken.
+#[test]
+fn total_variation_does_not_explain_moving_electrodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("random");
+    let arguments = ["simulate", "paper-disc", "--script", "random", "--out", text(&out)];
+    succeed(&[&arguments[..], &["--nodes", "2500", "--frames", "60"]].concat());
+    let truth: Array3<f64> = ndarray_npy::read_npy(out.join("truth_conductivity.npy")).unwrap();
+    let measured = std::fs::read_to_string(out.join("scene.toml")).unwrap();
+    let quiet = "quiet_frames = \"0..20\"";
+    assert!(measured.contains(quiet), "{measured}");
+    for (noise, rule) in [(quiet, "discrepancy"), ("additive_v = 5e-7", "corner")] {
+        std::fs::write(out.join("scene.toml"), measured.replace(quiet, noise)).unwrap();
+        let (scene, images) = (out.join("scene.toml"), folder.path().join(rule));
+        let run = ["reconstruct", text(&scene), "--method", "st-tv", "--out", text(&images)];
+        let answer = succeed(&[&run[..], &["--json"]].concat());
+        let json: Value = serde_json::from_str(&answer).unwrap();
+        let weights = &json["weights"];
+        assert!(weights["rule"].as_str().unwrap().starts_with(rule), "{noise}: {weights}");
+        let images: Array3<f64> = ndarray_npy::read_npy(images.join("images.npy")).unwrap();
+        let part = part_at_fingers(&truth, &images);
+        println!("{rule}: {part:.3} of the image is at the fingers");
+        assert!(part > 0.7, "{noise}: only {part:.2} is at the fingers: {weights}");
+    }
+}
+
+/// The script that was run, run again from its file, gives the same frames.
+#[test]
+fn scripts_round_trip_through_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = write_scene(folder.path(), &format!("{SMALL}\n[fabric.weave]\namplitude = 0.1\n"));
+    let run = |script: &str, name: &str| {
+        let out = folder.path().join(name);
+        let arguments =
+            ["simulate", text(&scene), "--script", script, "--seed", "7", "--out", text(&out)];
+        succeed(&[&arguments[..], &FAST[..]].concat());
+        out
+    };
+    let first = run("random", "first");
+    let again = run(text(&first.join("script.toml")), "again");
+    for name in ["frames.npy", "touches.csv", "script.toml"] {
+        let [a, b] = [&first, &again].map(|f| std::fs::read(f.join(name)).unwrap());
+        assert!(a == b, "{name}");
+    }
+    let threads = folder.path().join("two.npy");
+    let script = first.join("script.toml");
+    let arguments = ["simulate", text(&scene), "--script", text(&script), "--seed", "7"];
+    let more = ["--threads", "2", "--out", text(&threads)];
+    succeed(&[&arguments[..], &FAST[..], &more[..]].concat());
+    assert!(std::fs::read(&threads).unwrap() == std::fs::read(first.join("frames.npy")).unwrap());
+}
+
+#[test]
+fn bad_scripts_and_settings_are_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let run = |scene: &str, script: &str| {
+        refuse(&["simulate", scene, "--script", script, "--nodes", "1200", "--out", text(&out)])
+    };
+    assert!(run("paper-disc", "dance").contains("known scripts are paper-one-finger"));
+    let script = |text: &str| {
+        let path = folder.path().join("s.toml");
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    let head = "frame_rate_hz = 10.0\nframes = 30\n[[finger]]\nid = 1\n";
+    let key = |time: f64, x: f64, force: f64| {
+        format!(
+            "[[finger.key]]\ntime_s = {time:?}\nposition_m = [{x:?}, 0.0]\nforce_n = {force:?}\n\
+             radius_m = 0.01\n"
+        )
+    };
+    let bad = script(&format!("{head}{}", key(1.0, 0.3, 1.0)));
+    assert!(run("paper-disc", text(&bad)).contains("finger 1, at key 0, 1 s: (0.3, 0) m"));
+    let bad = script(&format!("{head}{}", key(1.0, 0.0, -1.0)));
+    assert!(run("paper-disc", text(&bad)).contains("key 0: force_n is -1"));
+    let bad = script(&format!("{head}{}{}", key(1.0, 0.0, 1.0), key(1.0, 0.0, 1.0)));
+    assert!(run("paper-disc", text(&bad)).contains("is not after"));
+    let bad = script(&format!("{head}speed = 3\n{}", key(1.0, 0.0, 1.0)));
+    assert!(run("paper-disc", text(&bad)).contains("unknown key \"speed\""));
+    let scene = write_scene(folder.path(), &format!("{SMALL}\n[fabric.rim]\ncompliance = 2.0\n"));
+    assert!(run(text(&scene), "random").contains("fabric.rim.compliance is 2"));
+    let scene = write_scene(folder.path(), &format!("{SMALL}\n[fabric.rim]\ncomplianc = 0.2\n"));
+    assert!(run(text(&scene), "random").contains("did you mean \"compliance\""));
+}
+
+/// The script "random" keeps its fingers on the skin, whatever its shape: also where the centroid lies in a hole or off
+/// the skin, or where the skin is curved.
+#[test]
+fn random_touches_fit_every_skin() {
+    let folder = tempfile::tempdir().unwrap();
+    let shape = |name: &str, shape: &str, electrodes: &str| {
+        let rest = format!(
+            "[electrodes]\n{electrodes}\nwidth_m = 0.01\ncontact_impedance_ohm_m = 1e3\n\
+             [protocol]\ncurrent_a = 1e-4\n"
+        );
+        let path = folder.path().join(name);
+        std::fs::write(&path, format!("[skin]\n{shape}\nconductivity_s = 1e-5\n{rest}")).unwrap();
+        text(&path).to_owned()
+    };
+    // narrow: a fingertip of 20 mm would not fit
+    let rectangle =
+        shape("flat.toml", "shape = \"rectangle\"\nwidth_m = 0.2\nheight_m = 0.05", "count = 8");
+    // an L, whose centroid is off the skin
+    let outline = "[[0.0, 0.0], [0.2, 0.0], [0.2, 0.03], [0.03, 0.03], [0.03, 0.2], [0.0, 0.2]]";
+    let places = "[[0.05, 0.0], [0.1, 0.0], [0.15, 0.0], [0.2, 0.015], [0.1, 0.03], [0.03, 0.1], \
+                  [0.015, 0.2], [0.0, 0.1]]";
+    let angle = shape(
+        "angle.toml",
+        &format!("shape = \"polygon\"\noutline = {outline}"),
+        &format!("positions_m = {places}"),
+    );
+    let out = folder.path().join("frames.npy");
+    for (scene, nodes) in [
+        (rectangle.as_str(), "1500"),
+        (&angle, "2500"),
+        ("plate-with-hole", "4000"),
+        ("patches", "7000"),
+        ("hemisphere", "2500"),
+    ] {
+        for seed in ["1", "2"] {
+            let fixed =
+                ["simulate", scene, "--script", "random", "--frames", "60", "--nodes", nodes];
+            succeed(&[&fixed[..], &["--seed", seed, "--out", text(&out)]].concat());
+        }
+    }
+}
+
+/// A simulation is replayed with the reference and the frame rate of its scene, and its truth is not replaced.
+#[test]
+fn a_simulation_is_replayed_as_its_scene_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, recording) = (folder.path().join("held"), folder.path().join("held.mcap"));
+    let fixed = ["simulate", "paper-disc", "--script", "press-and-hold", "--nodes", "1500"];
+    succeed(&[&fixed[..], &["--frames", "80", "--out", text(&out)]].concat());
+    let scene = out.join("scene.toml");
+    let frames = out.join("frames.npy");
+    succeed(&["convert", text(&frames), "--scene", text(&scene), "--out", text(&recording)]);
+
+    // the finger lands before frame 40, the usual length of a reference
+    let replay = ["replay", text(&scene), "--from", text(&recording)];
+    // the summary of such a run is on stderr
+    let output = eit(&[&replay[..], &["--json-lines"]].concat());
+    assert!(output.status.success(), "{output:?}");
+    let lines = String::from_utf8(output.stdout).unwrap();
+    let lines: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines[0]["reference_frames"], 20);
+    let shown: Vec<&Value> = lines.iter().filter(|line| line["type"] == "frame").collect();
+    assert_eq!(shown.len(), 60);
+    for pair in shown.windows(2) {
+        let step = pair[1]["time_s"].as_f64().unwrap() - pair[0]["time_s"].as_f64().unwrap();
+        assert!((step - 0.1).abs() < 1e-9, "{step}");
+    }
+    let touched = shown.iter().filter(|frame| !frame["touches"].as_array().unwrap().is_empty());
+    assert!(touched.count() > 40, "{:?}", shown.last());
+    assert!(shown.iter().all(|frame| frame["explained"] == true && frame["frozen"] == false));
+
+    let short = succeed(&[&replay[..], &["--reference-frames", "90"]].concat());
+    assert!(short.contains("80 frames came, fewer than the reference needs"), "{short}");
+    let begun = std::time::Instant::now();
+    succeed(&[&replay[..], &["--speed", "20", "--json"]].concat());
+    // 80 frames of 0.1 s, twenty times as fast; only at least this long, whatever the machine does
+    assert!(begun.elapsed().as_secs_f64() > 0.39, "{:?}", begun.elapsed());
+
+    let before = std::fs::read(out.join("touches.csv")).unwrap();
+    let refused = refuse(&["reconstruct", text(&scene), "--out", text(&out)]);
+    assert!(refused.contains("holds a simulation"), "{refused}");
+    assert_eq!(std::fs::read(out.join("touches.csv")).unwrap(), before);
+}

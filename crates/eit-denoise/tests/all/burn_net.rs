@@ -1,0 +1,167 @@
+//! The U-net as a module of burn against the one that runs on frames, and their common file.
+#![cfg(feature = "burn")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
+
+use crate::common;
+use crate::common::{disc, names, touched, weights};
+use eit_denoise::burn::config::Config as _;
+use eit_denoise::burn::module::Module as _;
+use eit_denoise::burn::store::{ModuleSnapshot as _, SafetensorsStore};
+use eit_denoise::{
+    DenoiseError, Denoiser, ImageStack, TrainDevice, Unet, UnetConfig, UnetShape, Weights,
+    images_through,
+};
+use std::collections::BTreeMap;
+
+/// Sizes that halving divides, and sizes that it does not.
+const CASES: [(UnetShape, [usize; 2]); 4] = [
+    (UnetShape { history: 1, width: 6, depth: 3, ..UnetShape::ONE_IMAGE }, [64, 64]),
+    (UnetShape { history: 3, width: 4, depth: 2, ..UnetShape::ONE_IMAGE }, [20, 33]),
+    (UnetShape { history: 2, width: 5, depth: 1, ..UnetShape::ONE_IMAGE }, [17, 9]),
+    (UnetShape { history: 1, width: 3, depth: 4, ..UnetShape::ONE_IMAGE }, [32, 48]),
+];
+
+/// Largest difference of the images of both, as a part of the largest value.
+fn difference(weights: &Weights, size: [usize; 2]) -> f64 {
+    let mask = disc(size[0], size[1]);
+    let mut images = touched(5, &mask);
+    // the frame in between is an untouched skin
+    images.index_axis_mut(ndarray::Axis(0), 2).zip_mut_with(&mask, |v, inside| {
+        *v = if *inside { 0.0 } else { f64::NAN };
+    });
+    let raw = ImageStack::new(images, mask.clone()).unwrap();
+    let wanted = Denoiser::new(weights, mask.view()).unwrap().denoise(&raw).unwrap();
+    let net = Unet::from_weights(weights, &TrainDevice::Flex.open().unwrap()).unwrap();
+    let made = images_through(&net, &raw).unwrap();
+    assert!(made.max_abs() > 0.0);
+    let both = made.values().into_iter().zip(wanted.values());
+    let inside = both.filter(|(a, _)| a.is_finite());
+    inside.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) / wanted.max_abs()
+}
+
+/// Rounding of `f32`, added up in another order through eleven layers: as for the definition
+/// (`unet.rs`).
+#[test]
+fn makes_the_images_of_the_denoiser() {
+    for (shape, size) in CASES {
+        let off = difference(&weights(shape, size), size);
+        assert!(off < 1e-5, "{shape:?}: {off}");
+    }
+    let shipped = Weights::paper_disc().unwrap();
+    assert!(difference(&shipped, shipped.pixels) < 1e-5);
+    // and the comparison tells nets apart
+    let mut other = shipped.clone();
+    other.parameters[0] += 0.1;
+    let mask = disc(64, 64);
+    let raw = ImageStack::new(touched(2, &mask), mask.clone()).unwrap();
+    let of = |weights: &Weights| {
+        Denoiser::new(weights, mask.view()).unwrap().denoise(&raw).unwrap().max_abs()
+    };
+    assert!((of(&other) / of(&shipped) - 1.0).abs() > 1e-4);
+}
+
+/// Nets of several images and conditions, folded and not, on sizes that folding does not divide.
+#[cfg(feature = "base")]
+#[test]
+fn makes_the_images_of_the_denoiser_from_several_inputs() {
+    use eit_denoise::{Beside, shard_through};
+    for (fold, pixels) in [(1, 20), (2, 32), (2, 21)] {
+        let shape = UnetShape { history: 2, width: 4, depth: 2, images: 2, conditions: 1, fold };
+        let weights = weights(shape, [pixels; 2]);
+        let mut shard = common::shard(4, pixels);
+        let conditions = ndarray::Array2::from_shape_fn((4, 1), |(f, _)| 0.2 * f as f32);
+        let other = shard.raw.mapv(|v| 3.0 * v.abs());
+        // before the raw images, where it sets the scale, or behind them
+        let (first, images) =
+            if pixels == 32 { (Some(other), vec![]) } else { (None, vec![other]) };
+        shard.beside = Beside { first, images, conditions: Some(conditions) };
+        let mut net = Denoiser::new(&weights, shard.mask.view()).unwrap();
+        let wanted = shard.denoise(&mut net).unwrap();
+        let net = Unet::from_weights(&weights, &TrainDevice::Flex.open().unwrap()).unwrap();
+        let made = shard_through(&net, &shard).unwrap();
+        let both = made.values().into_iter().zip(wanted.values()).filter(|(a, _)| a.is_finite());
+        let off = both.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) / wanted.max_abs();
+        assert!(off < 1e-5, "fold {fold}, {pixels} pixels: {off}");
+        let raw = ImageStack::new(shard.raw.mapv(f64::from), shard.mask.clone()).unwrap();
+        assert!(images_through(&net, &raw).is_err(), "one image where the net wants two");
+    }
+}
+
+/// The shipped file through burn's store and back: the same bits, names, metadata. The model error is not the
+/// net's and stays behind.
+#[test]
+fn both_read_and_write_one_file() {
+    let device = TrainDevice::Flex.open().unwrap();
+    let shipped = Weights::paper_disc().unwrap();
+    let net = Unet::from_bytes(&shipped.to_bytes().unwrap(), &device).unwrap();
+    assert_eq!(net.shape(), shipped.shape);
+    assert_eq!(net.num_params(), shipped.parameters.len());
+    let back = net.to_weights(&shipped.skin, shipped.pixels, &shipped.about).unwrap();
+    assert!(back.model_error.is_none());
+    assert!(Weights { model_error: shipped.model_error.clone(), ..back } == shipped);
+    for (shape, size) in CASES {
+        let mut weights = weights(shape, size);
+        weights.about.insert("seed".to_owned(), "7".to_owned());
+        let net = Unet::from_weights(&weights, &device).unwrap();
+        let bytes = net.to_bytes(&weights.skin, size, &weights.about).unwrap();
+        assert_eq!(Weights::from_bytes(&bytes).unwrap(), weights);
+        assert_eq!(bytes.len(), weights.to_bytes().unwrap().len());
+    }
+    // another program of burn, which knows our file only by its tensors
+    let mut net = UnetConfig::from(shipped.shape).init(&device).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("w.safetensors");
+    std::fs::write(&path, shipped.to_bytes().unwrap()).unwrap();
+    let applied = net.load_from(&mut SafetensorsStore::from_file(&path)).unwrap();
+    let mut found = applied.applied.clone();
+    let mut wanted = names(shipped.shape);
+    found.sort();
+    wanted.sort();
+    assert_eq!(found, wanted);
+    assert_eq!(
+        net.to_weights("", [1, 1], &BTreeMap::new()).unwrap().parameters,
+        shipped.parameters
+    );
+}
+
+#[test]
+fn bad_files_and_sizes_are_refused() {
+    let device = TrainDevice::Flex.open().unwrap();
+    let good =
+        weights(UnetShape { history: 1, width: 2, depth: 1, ..UnetShape::ONE_IMAGE }, [16, 16]);
+    let bytes = good.to_bytes().unwrap();
+    for end in [0, 8, 100, bytes.len() / 2, bytes.len() - 1] {
+        let error = Unet::from_bytes(&bytes[..end], &device).unwrap_err();
+        assert!(matches!(error, DenoiseError::Format { .. }), "{end}: {error}");
+    }
+    let mut lost = good.clone();
+    lost.parameters[3] = f32::NAN;
+    let error = Unet::from_weights(&lost, &device).unwrap_err();
+    assert!(matches!(error, DenoiseError::NonFiniteWeight { index: 3, .. }));
+    let net = Unet::from_weights(&good, &device).unwrap();
+    let about = BTreeMap::from([("width".to_owned(), "3".to_owned())]);
+    let error = net.to_bytes("s", [16, 16], &about).unwrap_err().to_string();
+    assert!(error.contains("\"width\" belongs to the format"), "{error}");
+    for (config, text) in [
+        (UnetConfig::new(0, 4, 3), "history is 0"),
+        (UnetConfig::new(1, 200, 3), "width is 200"),
+        (UnetConfig::new(1, 4, 7), "depth is 7"),
+    ] {
+        let error = config.init(&device).unwrap_err().to_string();
+        assert!(error.contains(text), "{error}");
+    }
+}
+
+/// A configuration is one line of JSON, and the seed alone says the first weights.
+#[test]
+fn a_configuration_gives_the_same_net_again() {
+    let device = TrainDevice::Flex.open().unwrap();
+    let config = UnetConfig::new(2, 3, 2).with_seed(5);
+    let again = UnetConfig::load_binary(config.to_string().as_bytes()).unwrap();
+    let of = |config: &UnetConfig| {
+        config.init(&device).unwrap().to_weights("", [1, 1], &BTreeMap::new()).unwrap()
+    };
+    assert_eq!(of(&config), of(&again));
+    assert_ne!(of(&config), of(&UnetConfig::new(2, 3, 2).with_seed(6)));
+    assert_eq!(of(&config).shape, config.shape());
+}

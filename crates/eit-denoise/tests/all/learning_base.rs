@@ -1,0 +1,217 @@
+//! Learning bases that are killed, damaged, of other settings; and what becomes an example.
+#![cfg(feature = "base")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
+
+use crate::common;
+use crate::common::{direct, disc, shard, weights};
+use eit_denoise::{
+    BaseSettings, DenoiseError, Examples, ImageStack, LearningBase, Part, Shard, TrainDevice,
+    TrainSettings, UnetShape,
+};
+use ndarray::{Array2, Array3};
+use std::path::Path;
+
+fn base_settings() -> BaseSettings {
+    let (skin, recipe) = ("a skin".to_owned(), "bells".to_owned());
+    BaseSettings { skin, pixels: [16, 16], seed: 3, shards: 3, recipe }
+}
+
+fn filled(folder: &Path) -> LearningBase {
+    let mut base = LearningBase::create(folder, &base_settings()).unwrap();
+    for index in base.missing() {
+        base.write(index, &shard(2 + index, 16)).unwrap();
+    }
+    base
+}
+
+/// A program that is killed while it writes leaves one file, which the next one replaces; what another
+/// program is writing is left alone.
+#[test]
+fn what_a_killed_program_was_writing_is_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let hidden = || {
+        let entries = std::fs::read_dir(folder.path()).unwrap();
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| name.starts_with('.')).collect::<Vec<_>>()
+    };
+    let left = folder.path().join(".eit-shard-00001.safetensors");
+    std::fs::write(&left, b"half of a shard").unwrap();
+    filled(folder.path());
+    assert!(hidden().is_empty(), "{:?}", hidden());
+
+    std::fs::write(&left, b"half of a shard").unwrap();
+    let other = std::fs::File::open(&left).unwrap();
+    other.try_lock().unwrap();
+    std::fs::remove_file(folder.path().join("shard-00001.safetensors")).unwrap();
+    let whole = filled(folder.path());
+    assert!(whole.missing().is_empty());
+    assert_eq!(std::fs::read(&left).unwrap(), b"half of a shard");
+    assert_eq!(hidden().len(), 1);
+}
+
+#[test]
+fn a_base_goes_on_where_it_was_killed() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut base = LearningBase::create(folder.path(), &base_settings()).unwrap();
+    assert_eq!(base.missing(), [0, 1, 2]);
+    base.write(1, &shard(3, 16)).unwrap();
+    // killed after a shard was in its place, before the manifest was: it is made again
+    std::fs::write(folder.path().join("shard-00002.safetensors"), b"half").unwrap();
+    let base = LearningBase::create(folder.path(), &base_settings()).unwrap();
+    assert_eq!(base.missing(), [0, 2]);
+    assert!(base.read(2).unwrap_err().to_string().contains("not made yet"));
+    let base = filled(folder.path());
+    assert!(base.missing().is_empty());
+    assert_eq!(base.frames(), 2 + 3 + 4);
+    assert_eq!(base.read(1).unwrap(), shard(3, 16));
+    let whole = tempfile::tempdir().unwrap();
+    assert_eq!(filled(whole.path()).checksum().unwrap(), base.checksum().unwrap());
+
+    // a shard that lost its end, and one that lost a bit
+    let path = folder.path().join("shard-00001.safetensors");
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &bytes[..bytes.len() - 5]).unwrap();
+    let message = base.read(1).unwrap_err().to_string();
+    assert!(message.contains(&format!("{} bytes with checksum", bytes.len() - 5)), "{message}");
+    let mut changed = bytes.clone();
+    changed[500] ^= 1;
+    std::fs::write(&path, &changed).unwrap();
+    assert_eq!(base.missing(), [1]);
+    assert!(filled(folder.path()).missing().is_empty());
+    assert_eq!(std::fs::read(&path).unwrap(), bytes);
+}
+
+/// Two parts in one folder, made at the same time, and one part in a folder of its own whose files are
+/// copied: each becomes, byte for byte, the base that one process makes.
+#[test]
+fn parts_merge_into_the_base_of_one_process() {
+    let whole = tempfile::tempdir().unwrap();
+    let wanted = filled(whole.path());
+    let fill = |base: &mut LearningBase| {
+        for index in base.missing() {
+            base.write(index, &shard(2 + index, 16)).unwrap();
+        }
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let part = |text: &str| text.parse::<Part>().unwrap();
+    let create = |folder: &Path, text: &str| {
+        LearningBase::create_part(folder, &base_settings(), part(text)).unwrap()
+    };
+    let mut first = create(folder.path(), "1/2");
+    let mut second = create(folder.path(), "2/2");
+    assert_eq!((first.missing(), second.missing()), (vec![0, 2], vec![1]));
+    fill(&mut second);
+    fill(&mut first);
+    // a part sees what others made when it is started again
+    assert_eq!(create(folder.path(), "1/2").checksum().unwrap(), wanted.checksum().unwrap());
+    assert_eq!(LearningBase::open(folder.path()).unwrap().frames(), 2 + 3 + 4);
+    let merged = LearningBase::create(folder.path(), &base_settings()).unwrap();
+    assert!(merged.missing().is_empty());
+    for name in ["manifest.json", "shard-00000.safetensors", "shard-00002.safetensors"] {
+        let bytes = |folder: &Path| std::fs::read(folder.join(name)).unwrap();
+        assert_eq!(bytes(folder.path()), bytes(whole.path()), "{name}");
+    }
+    let copied = tempfile::tempdir().unwrap();
+    fill(&mut create(copied.path(), "3/3"));
+    let other = tempfile::tempdir().unwrap();
+    fill(&mut create(other.path(), "1/3"));
+    fill(&mut create(other.path(), "2/3"));
+    for entry in std::fs::read_dir(other.path()).unwrap() {
+        let path = entry.unwrap().path();
+        std::fs::copy(&path, copied.path().join(path.file_name().unwrap())).unwrap();
+    }
+    let merged = LearningBase::create(copied.path(), &base_settings()).unwrap();
+    assert_eq!(merged.checksum().unwrap(), wanted.checksum().unwrap());
+    // a part of another base is refused
+    let other = BaseSettings { seed: 4, ..base_settings() };
+    assert!(LearningBase::create_part(copied.path(), &other, part("1/2")).is_err());
+    for text in ["0/2", "3/2", "1", "a/2", "1/0"] {
+        assert!(text.parse::<Part>().is_err(), "{text}");
+    }
+}
+
+#[test]
+fn a_base_refuses_other_settings_and_empty_pairs() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut base = filled(folder.path());
+    let other = BaseSettings { seed: 4, ..base_settings() };
+    let message = LearningBase::create(folder.path(), &other).unwrap_err().to_string();
+    assert!(message.contains("the seed is 3 there, but 4 here"), "{message}");
+    let none = BaseSettings { shards: 0, ..base_settings() };
+    assert!(LearningBase::create(folder.path(), &none).is_err());
+    assert!(base.write(3, &shard(2, 16)).is_err());
+    assert!(matches!(base.write(0, &shard(2, 20)), Err(DenoiseError::ShapeMismatch { .. })));
+    std::fs::write(folder.path().join("manifest.json"), b"{ \"version\": 1").unwrap();
+    let message = LearningBase::open(folder.path()).unwrap_err().to_string();
+    assert!(message.contains("manifest.json: damaged"), "{message}");
+    assert!(LearningBase::open(&folder.path().join("nowhere")).is_err());
+
+    let stack = |frames: usize, value: f64| {
+        ImageStack::new(Array3::from_elem((frames, 16, 16), value), disc(16, 16)).unwrap()
+    };
+    let refused = |raw: &ImageStack, wanted: &ImageStack| Shard::new(raw, wanted).unwrap_err();
+    assert!(matches!(refused(&stack(2, 0.0), &stack(2, 1.0)), DenoiseError::NothingToLearn { .. }));
+    assert!(matches!(refused(&stack(2, 1.0), &stack(3, 1.0)), DenoiseError::WrongLength { .. }));
+}
+
+/// The touches of a sequence come back from its file; those of another number of frames are damage.
+#[test]
+fn touches_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut made = shard(5, 16);
+    let mut touches = Array3::from_elem((5, 2, 3), f32::NAN);
+    for (f, mut frame) in touches.outer_iter_mut().enumerate() {
+        frame.row_mut(0).assign(&ndarray::arr1(&[0.01 * f as f32, -0.02, 3e-10]));
+    }
+    made.touches = Some(touches.clone());
+    let settings = BaseSettings { shards: 2, ..base_settings() };
+    let mut base = LearningBase::create(folder.path(), &settings).unwrap();
+    base.write(0, &made).unwrap();
+    let read = base.read(0).unwrap().touches.unwrap();
+    assert!(read.iter().zip(&touches).all(|(a, b)| a.to_bits() == b.to_bits()));
+    made.touches = Some(Array3::zeros((4, 2, 3)));
+    base.write(1, &made).unwrap();
+    let refused = base.read(1).unwrap_err().to_string();
+    assert!(refused.contains("images and touches of different sizes"), "{refused}");
+}
+
+/// Frames in which nothing touches are no examples.
+#[test]
+fn quiet_frames_are_passed_over() {
+    let touched = shard(6, 16);
+    let alone = Examples::new(std::slice::from_ref(&touched), 1).unwrap();
+    let mut quiet = touched.clone();
+    for images in [&mut quiet.raw, &mut quiet.wanted] {
+        images.mapv_inplace(|v| 1e-3 * v);
+    }
+    let both = Examples::new(&[touched, quiet], 1).unwrap();
+    assert_eq!((alone.len(), both.len()), (6, 6));
+    assert!(matches!(Examples::new(&[], 1), Err(DenoiseError::NothingToLearn { .. })));
+}
+
+#[test]
+fn settings_and_devices_that_cannot_be_are_refused() {
+    let refused = |settings: TrainSettings, text: &str| {
+        let message = settings.validate().unwrap_err().to_string();
+        assert!(message.contains(text), "{message}");
+    };
+    refused(TrainSettings { rate: f64::NAN, ..Default::default() }, "rate is NaN");
+    refused(TrainSettings { batch: 0, ..Default::default() }, "batch is 0");
+    refused(TrainSettings { epochs: 0, ..Default::default() }, "epochs is 0");
+    for device in TrainDevice::ALL {
+        assert_eq!(device.to_string().parse::<TrainDevice>().unwrap(), device);
+    }
+    let message = "torch".parse::<TrainDevice>().unwrap_err().to_string();
+    let wanted = "no device is called \"torch\": there are flex (the processor), cuda and wgpu";
+    assert_eq!(message, wanted);
+}
+
+/// `direct` for weights in files, so that both forms of the definition are one.
+#[test]
+fn the_definition_takes_both_kinds_of_weights() {
+    let shape = UnetShape { history: 1, width: 1, depth: 1, ..UnetShape::ONE_IMAGE };
+    let net = weights(shape, [4, 4]);
+    let planes = vec![Array2::eye(4), Array2::ones((4, 4))];
+    let exact: Vec<f64> = net.parameters.iter().map(|p| f64::from(*p)).collect();
+    assert_eq!(direct(&net, planes.clone()), common::direct_f64(shape, &exact, planes));
+}

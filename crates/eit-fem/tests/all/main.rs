@@ -1,0 +1,36 @@
+//! Tests of the crate, in one program: linking one is faster than linking 24. Those of one file:
+//! `cargo test --release -p eit-fem --test all FILE::`.
+
+mod common;
+
+mod accurate;
+#[cfg(feature = "complex")]
+mod admittivity;
+mod allocations;
+mod bad_input;
+mod convergence;
+mod curved;
+mod derivatives;
+mod determinism;
+mod examples;
+#[cfg(feature = "fabric")]
+mod fabric;
+#[cfg(feature = "fabric")]
+mod fabric_curved;
+#[cfg(feature = "fabric")]
+mod fabric_linear;
+#[cfg(feature = "fabric")]
+mod fabric_parts;
+#[cfg(feature = "fabric")]
+mod fabric_paths;
+mod geometry;
+mod jacobian;
+mod mesh_choice;
+mod properties;
+mod protocol;
+mod quadratic;
+mod quadratic_rates;
+mod reference;
+#[cfg(feature = "serde")]
+mod serde;
+mod sparse;

@@ -1,0 +1,580 @@
+//! Reads small files of each format with one error each: the message says on one line where and
+//! what it is, and how to fix it. One file, because all formats share the same helpers.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test file: a panic is a failed test"
+)]
+
+use crate::common;
+use std::fs;
+
+use crate::common::name;
+use eit_hw::csv::{CsvOptions, FrameOrientation};
+use eit_hw::npy::NpyOptions;
+use eit_hw::sciospec::SciospecOptions;
+use eit_hw::serial_log::SerialLogOptions;
+use eit_hw::{
+    Format, HwError, Note, Quality, ReadOptions, Recording, csv, goe, khu, lct, npy,
+    read_recording, sciospec, serial_log,
+};
+
+/// Asserts that the error message is one line and contains all of `parts`.
+#[track_caller]
+fn refused(result: Result<impl Sized, HwError>, parts: &[&str]) {
+    let message = result.err().expect("refused").to_string();
+    assert!(!message.contains('\n'), "{message}");
+    for part in parts {
+        assert!(message.contains(part), "`{part}` is not in: {message}");
+    }
+}
+
+fn csv_with(text: &str, options: CsvOptions) -> Result<Recording, HwError> {
+    csv::parse(text.as_bytes(), &name("f.csv"), &options)
+}
+
+fn csv_of(text: &str) -> Result<Recording, HwError> {
+    csv_with(text, CsvOptions::default())
+}
+
+#[test]
+fn csv_layouts_that_are_read() {
+    let wanted = ndarray::array![[1.0, -2.5, 3e-6], [4.0, 5.0, 6.0]];
+    for text in [
+        "1,-2.5,3e-6\n4,5,6\n",
+        "1;-2.5;3e-6\r\n4;5;6",
+        "1\t-2.5\t3e-6\r4\t5\t6\r",
+        "  1   -2.5 3e-6\n\n4 5\t6  \n",
+        "\u{FEFF}a, b, c\n1, -2.5, 3e-6,\n# comment\n4, 5, 6, # more\n",
+    ] {
+        assert_eq!(csv_of(text).unwrap().real(), wanted, "{text:?}");
+    }
+    assert_eq!(csv_of("1\n2").unwrap().notes, [Note::NoLineEnd { line: 2 }]);
+    let header = csv_of("\nfirst,second\n1,2\n").unwrap();
+    assert_eq!(header.notes, [Note::HeaderLine { line: 2 }]);
+    // column numbers, as tables without names of their own have; not in a table of four columns, such as of quadruples
+    let numbered = csv_of("0,1,2,3,4,5,6,7\n9,8,7,6,5,4,3,2\n").unwrap();
+    assert_eq!(numbered.notes, [Note::HeaderLine { line: 1 }]);
+    assert_eq!(numbered.real().nrows(), 1);
+    for rows in ["0,1,2,3\n1,2,3,4\n", "0,1,2,3,4,5,6,8\n9,8,7,6,5,4,3,2\n"] {
+        assert_eq!(csv_of(rows).unwrap().real().nrows(), 2, "{rows}");
+    }
+    let columns = CsvOptions { orientation: FrameOrientation::Columns, complex: false };
+    assert_eq!(csv_with("1,4\n-2.5,5\n3e-6,6\n", columns).unwrap().real(), wanted);
+    let alternate = CsvOptions { complex: true, ..CsvOptions::default() };
+    let complex = csv_with("1,2\n3,4\n5,6\n7,8\n", alternate).unwrap();
+    assert_eq!(complex.real(), ndarray::array![[1.0, 2.0], [5.0, 6.0]]);
+    assert_eq!(complex.imaginary(), Some(ndarray::array![[3.0, 4.0], [7.0, 8.0]]));
+}
+
+#[test]
+fn csv_faults() {
+    refused(csv_of(""), &["f.csv", "empty (0 bytes)", "again"]);
+    refused(csv_of("# only a comment\n\n"), &["f.csv", "no complete frame"]);
+    for text in ["1,5;2,5\n", "1,5 2,5 3,5\n"] {
+        refused(csv_of(text), &["f.csv", "line 1", "write a decimal point, not a comma"]);
+    }
+    refused(csv_of("a,b\n"), &["no complete frame"]);
+    refused(csv_of("1,2\n3,4,5\n"), &["f.csv, line 2", "3 values", "expected 2", "complete"]);
+    refused(csv_of("1,2\n3\n"), &["line 2", "1 values", "expected 2"]);
+    refused(csv_of("1,2\n3,x4\n"), &["line 2", "value 2", "\"x4\"", "1234.5e-6"]);
+    refused(csv_of("a,b\nc,d\n"), &["line 2", "value 1", "\"c\""]);
+    refused(csv_of("1,,2\n"), &["line 1", "value 2", "\"\""]);
+    refused(csv_of("0,5;1,5\n"), &["\"0,5\"", "1234.5e-6"]);
+    let columns = CsvOptions { orientation: FrameOrientation::Columns, complex: true };
+    refused(csv_with("1,2,3\n", columns), &["3 columns", "complex = false"]);
+    let long = format!("1,{}\n", "y".repeat(500));
+    refused(csv_of(&long), &["yyy..."]);
+    let binary = b"1,2\n\x00\x01";
+    refused(
+        csv::parse(binary, &name("f.csv"), &CsvOptions::default()),
+        &["f.csv, byte 4", "0x00", "not text"],
+    );
+    let latin = b"1,2\xE9\n";
+    refused(csv::parse(latin, &name("f.csv"), &CsvOptions::default()), &["byte 3", "0xE9"]);
+    refused(csv::parse(b"1,z\n", &name("a\nb.csv"), &CsvOptions::default()), &["a?b.csv"]);
+}
+
+/// Returns an NPY file of version 1.
+fn npy_bytes(header: &str, data: &[u8]) -> Vec<u8> {
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend(u16::try_from(header.len()).unwrap().to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(data);
+    bytes
+}
+
+fn npy_of(bytes: &[u8]) -> Result<Recording, HwError> {
+    npy::parse(bytes, &name("f.npy"), &NpyOptions::default())
+}
+
+fn npy_with(descr: &str, shape: &str, data: &[u8]) -> Result<Recording, HwError> {
+    let header = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}");
+    npy_of(&npy_bytes(&header, data))
+}
+
+/// A comma is a separator; where all of them may be decimal ones, a note or the error says so.
+#[test]
+fn decimal_commas_that_read_as_two_numbers_are_named() {
+    let comma = |text: &str| {
+        let recording = csv_of(text).unwrap();
+        let pairs = recording.notes.contains(&eit_hw::Note::DecimalComma);
+        let count = recording.value_count();
+        let error = recording.frames_for(None, count / 2, eit_hw::Component::Real).unwrap_err();
+        (pairs, error.to_string().contains("the commas seem to be decimal ones, as in 1,5"))
+    };
+    for text in ["1,5\n0,25\n-3,0\n", "volt\n0,5\n2,5\n", "1,5 # a comment\n+2,07\n"] {
+        assert_eq!(comma(text), (true, true), "{text:?}");
+    }
+    // a table of whole numbers is as likely
+    for text in ["1,5\n", "1,5\n2,3\n"] {
+        assert_eq!(comma(text), (true, false), "{text:?}");
+    }
+    for text in ["0,5,2,5\n", "1,05,-2,5\n3,0,4,25\n"] {
+        assert_eq!(comma(text), (false, true), "{text:?}");
+    }
+    // two numbers: a sign, a point, an exponent or a space after the comma, names of two columns
+    for text in
+        ["0,-5\n", "0,5\n2,-5\n", "0.1,5\n", "0,5\n1,5.0\n", "0, 5\n", "0,2e3\n", "a,b\n0,5\n"]
+    {
+        assert_eq!(comma(text), (false, false), "{text:?}");
+    }
+    let note = csv_of("1,5\n").unwrap().notes[0].to_string();
+    assert!(note.contains("write 1.5"), "{note}");
+    // as many frames as measurements, in columns: not taken for swapped rows
+    let column = csv_of(&"0,5\n".repeat(208)).unwrap();
+    let error = column.frames_for(None, 208, eit_hw::Component::Real).unwrap_err().to_string();
+    assert!(error.contains("decimal ones") && !error.contains("swapped"), "{error}");
+}
+
+#[test]
+fn npy_types_that_are_read() {
+    let wanted = ndarray::array![[1.0, 2.0]];
+    let bytes = |parts: &[&[u8]]| parts.concat();
+    let floats = bytes(&[&1_f32.to_le_bytes(), &2_f32.to_le_bytes()]);
+    for (descr, data) in [
+        ("'<f4'", floats.clone()),
+        ("'>f4'", bytes(&[&1_f32.to_be_bytes(), &2_f32.to_be_bytes()])),
+        ("'<f8'", bytes(&[&1_f64.to_le_bytes(), &2_f64.to_le_bytes()])),
+        ("'>f8'", bytes(&[&1_f64.to_be_bytes(), &2_f64.to_be_bytes()])),
+        ("'|i1'", vec![1, 2]),
+        ("'|u1'", vec![1, 2]),
+        ("'<u2'", vec![1, 0, 2, 0]),
+        ("'>i2'", vec![0, 1, 0, 2]),
+        ("\"<i4\"", vec![1, 0, 0, 0, 2, 0, 0, 0]),
+        ("'<i8'", vec![1, 0, 0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]),
+    ] {
+        for shape in ["(2,)", "(1, 2)", "(2, 1)"] {
+            assert_eq!(npy_with(descr, shape, &data).unwrap().real(), wanted, "{descr} {shape}");
+        }
+    }
+    let complex = npy_with("'<c8'", "(1, 1)", &floats).unwrap();
+    assert_eq!((complex.real()[[0, 0]], complex.imaginary().unwrap()[[0, 0]]), (1.0, 2.0));
+    let signed = npy_with("'<i2'", "(2,)", &[0xFF, 0xFF, 0, 0x80]).unwrap();
+    assert_eq!(signed.real(), ndarray::array![[-1.0, -32768.0]]);
+    let fortran = "{'descr': '|u1', 'fortran_order': True, 'shape': (2, 3), }";
+    let recording = npy_of(&npy_bytes(fortran, &[1, 2, 3, 4, 5, 6])).unwrap();
+    assert_eq!(recording.real(), ndarray::array![[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]);
+}
+
+#[test]
+fn npy_faults() {
+    refused(npy_of(b""), &["f.npy", "empty"]);
+    refused(npy_of(b"1,2,3\n"), &["its start", "1,2,3", "numpy.save"]);
+    refused(npy_of(b"\x93NUMPY\x09\x00aaaaaaa"), &["version", "1, 2 or 3"]);
+    refused(npy_of(b"\x93NUMPY\x01\x00\x76\x00{'descr'"), &["8 bytes of header", "expected 118"]);
+    refused(npy_of(b"\x93NUMPY\x02\x00\xFF\xFF\xFF\xFF{"), &["bytes of header", "4294967295"]);
+    refused(npy_of(&npy_bytes("{}", &[])), &["type is \"\""]);
+    refused(npy_with("'|O'", "(2,)", &[]), &["type", "|O", "'<f8'"]);
+    refused(npy_with("[('a', '<f8')]", "(2,)", &[]), &["type", "[('a'"]);
+    refused(npy_with("'<f8'", "(2,)", &[0; 15]), &["15 bytes of data", "expected 16", "truncated"]);
+    refused(npy_with("'<f8'", "(2,)", &[0; 17]), &["17 bytes of data", "expected 16"]);
+    refused(npy_with("'<f8'", "()", &[0; 8]), &["shape []", "[frame, measurement]"]);
+    refused(npy_with("'<f8'", "(1, 1, 1)", &[0; 8]), &["shape [1, 1, 1]"]);
+    refused(npy_with("'<f8'", "(0, 4)", &[]), &["no complete frame"]);
+    refused(npy_with("'<f8'", "(4, 0)", &[]), &["no complete frame"]);
+    refused(npy_with("'<f8'", "(9999999999, 9999999999)", &[]), &["0 bytes of data"]);
+    refused(npy_with("'<f8'", "(-1,)", &[0; 8]), &["shape", "(-1,)"]);
+    let order = "{'descr': '<f8', 'fortran_order': 1, 'shape': (1,), }";
+    refused(npy_of(&npy_bytes(order, &[0; 8])), &["fortran_order", "True or False"]);
+}
+
+const EIT_HEADER: &str =
+    "11\n2\nt_1\n2020.07.08. 14:20:28.750\n100000.0\n100000.0\n0\n1\n0.01\n30.0\n0.0\n";
+
+fn eit_of(text: &str) -> Result<Recording, HwError> {
+    sciospec::parse(text.as_bytes(), &name("t_00001.eit"), &SciospecOptions::default())
+}
+
+#[test]
+fn sciospec_headers_that_are_read() {
+    let frame = eit_of(&format!("{EIT_HEADER}1 2\n0.5\t-0.25\t-0.5\t0.25\n2 1\n1\t2\t3\t4\n\n"));
+    let frame = frame.unwrap();
+    assert_eq!(frame.real(), ndarray::array![[0.5, -0.5, 1.0, 3.0]]);
+    assert_eq!(frame.imaginary(), Some(ndarray::array![[-0.25, 0.25, 2.0, 4.0]]));
+    assert_eq!((frame.frequency_hz, frame.current_a), (Some(1e5), Some(0.01)));
+    // 9 lines, two frequencies, all channels
+    let text = "9\nt\n2020.07.08. 14:20:28\n10\n20\n0\n2\n0.01\n30\n1 2\n1 2 3 4\n5 6 7 8\n";
+    let row = |frequency_row| {
+        sciospec::parse(text.as_bytes(), &name("t.eit"), &SciospecOptions { frequency_row })
+    };
+    assert_eq!(row(0).unwrap().real(), ndarray::array![[1.0, 3.0]]);
+    assert_eq!(row(1).unwrap().real(), ndarray::array![[5.0, 7.0]]);
+    assert_eq!(row(1).unwrap().frequency_hz, Some(20.0));
+    refused(row(2), &["t.eit", "2 frequency rows", "row 2", "frequency_row"]);
+    // channels 3 and 2 are electrodes 0 and 1
+    let text = EIT_HEADER.replacen("11", "12", 1) + "MeasurementChannels: 3,2\n";
+    let chosen = eit_of(&format!("{text}2 3\n1 0 2 0 3 0\n")).unwrap();
+    assert_eq!(chosen.real(), ndarray::array![[3.0, 2.0]]);
+    let frames = chosen.frames_for(Some(&[[1, 0, 0, 1]]), 1, eit_hw::Component::Real).unwrap();
+    assert_eq!(frames.values, ndarray::array![[1.0]]);
+    refused(eit_of(&format!("{text}1 2\n1 0 2 0 3 0\n")), &["line 13", "drive", "\"1 2\""]);
+    refused(eit_of(&format!("{text}2 3\n1 0 2 0\n")), &["line 14", "2 channels", "expected 3"]);
+    let repeated = eit_of(&format!("{EIT_HEADER}1 2\n1 0 2 0\n1 2\n1 0 2 0\n")).unwrap();
+    assert_eq!(repeated.notes, [Note::RepeatedDrive { a: 0, b: 1 }]);
+}
+
+#[test]
+fn sciospec_faults() {
+    refused(eit_of(""), &["t_00001.eit", "empty"]);
+    refused(eit_of("1,2,3\n"), &["line 1", "number of header lines", "\"1,2,3\""]);
+    refused(eit_of("40\n2\n"), &["line 1", "number of header lines"]);
+    refused(eit_of(EIT_HEADER), &["no complete frame"]);
+    let wrong = EIT_HEADER.replacen("0.01", "much", 1);
+    refused(eit_of(&wrong), &["line 9", "amplitude", "\"much\""]);
+    refused(eit_of(&format!("{EIT_HEADER}1 2\n")), &["line 12", "0 lines of potentials", "1"]);
+    refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3\n")), &["line 13", "3 real and imaginary"]);
+    refused(
+        eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 4\n2 1\n1 2 3")),
+        &["line 15", "3 real and imaginary", "expected 4"],
+    );
+    // truncated from -2.5E-6
+    refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 -2.5")), &["line 13", "no line end", "again"]);
+    refused(eit_of(&format!("{EIT_HEADER}1 3\n1 2 3 4\n")), &["drive is \"1 3\""]);
+    refused(eit_of(&format!("{EIT_HEADER}1 1\n1 2 3 4\n")), &["drive is \"1 1\"", "different"]);
+    refused(
+        eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 NaN\n")),
+        &["line 13", "frame 0, measurement 1", "NaN"],
+    );
+    let bytes = |bytes| sciospec::parse(bytes, &name("f.eit"), &SciospecOptions::default());
+    refused(bytes(b"---Draeger EIT-Software V1\r\n"), &["Draeger", "CSV or NPY"]);
+    refused(bytes(b"\xFF\xFE<\x00"), &["Carefusion"]);
+    refused(bytes(b"\x00\x00\x00\x03"), &["Swisstom"]);
+}
+
+#[test]
+fn sciospec_folders() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let write = |name: &str, text: &str| fs::write(path.join(name), text).unwrap();
+    let read = || read_recording(path, None, &ReadOptions::default());
+    let frame = |value: u32| format!("{EIT_HEADER}1 2\n{value} 0 2 0\n");
+    // numeric order, with a gap
+    write("t_9.eit", &frame(9));
+    write("t_10.eit", &frame(10));
+    write("t_13.EIT", &frame(13));
+    write("notes.md", "not a frame");
+    let recording = read().unwrap();
+    assert_eq!(recording.real().column(0).to_vec(), [9.0, 10.0, 13.0]);
+    assert_eq!(recording.notes, [Note::MissingFrameFiles { count: 2, first: 11 }]);
+    write("t_14.eit", &format!("{EIT_HEADER}2 1\n1 0 2 0\n"));
+    refused(read(), &["t_14.eit", "0 drives like those", "expected 1"]);
+    write("t_14.eit", &format!("{EIT_HEADER}1 2\n1 0 2 0 3 0\n"));
+    refused(read(), &["t_14.eit", "3 electrodes", "expected 2"]);
+    write("t_14.eit", "");
+    refused(read(), &["t_14.eit", "empty"]);
+    fs::remove_file(path.join("t_14.eit")).unwrap();
+    write("u_1.eit", &frame(1));
+    refused(read(), &["`t_`", "`u_`", "one recording"]);
+    fs::remove_file(path.join("u_1.eit")).unwrap();
+    write("last.eit", &frame(1));
+    refused(read(), &["last.eit", "frame number", "rename"]);
+}
+
+#[test]
+fn goe_faults() {
+    let goe = |bytes: &[u8]| goe::parse(bytes, &name("f.get"));
+    refused(goe(b""), &["f.get", "empty"]);
+    refused(goe(b"1,2,3\n"), &["is text", "`[recording] format`"]);
+    refused(goe(b"---Draeger EIT-Software---\r\n"), &["Draeger"]);
+    refused(goe(&[0; 1023]), &["no complete frame", "1 incomplete"]);
+    let mut frames = [0.25_f32; 512];
+    frames[256 + 3] = f32::INFINITY;
+    let bytes = |frames: &[f32]| frames.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>();
+    refused(goe(&bytes(&frames)), &["byte 1036", "frame 1, measurement 3", "inf"]);
+    frames[256 + 3] = -1e30;
+    refused(goe(&bytes(&frames)), &["byte 1036", "e30 is not a plausible voltage", "Goe-MF II"]);
+    // values after the voltages are ignored
+    frames[256 + 3] = 0.25;
+    frames[256 + 208] = f32::NAN;
+    assert_eq!(goe(&bytes(&frames)).unwrap().frame_count(), 2);
+}
+
+#[test]
+fn goe_fills_the_half_that_was_not_measured() {
+    let whole: Vec<_> = common::rotated(16);
+    // one value per unordered pair of drive and measured pair; the second half is 0
+    let frame: Vec<f32> = (0..256)
+        .map(|slot| match whole.get(slot) {
+            Some(&[drive, _, measured, _]) if measured > drive => (16 * drive + measured) as f32,
+            Some(_) => 0.0,
+            None => 1.0,
+        })
+        .collect();
+    let bytes: Vec<u8> = frame.iter().flat_map(|value| value.to_le_bytes()).collect();
+    let recording = goe::parse(&bytes, &name("f.get")).unwrap();
+    assert_eq!(recording.notes, [Note::FilledByReciprocity { values: 104 }]);
+    for (&[a, _, m, _], &value) in whole.iter().zip(recording.real().row(0)) {
+        assert_eq!(value, f64::from(16 * a.min(m) + a.max(m)));
+    }
+}
+
+fn lct_text(rows: &[&str]) -> String {
+    let header = "#MEAS  \n#Length, 4\n#Electrodes, 4 \n#Strategy, Adjacent , Partial Model\n\
+                  #Operating_Frequency 10 , KHz\n#Start\n";
+    header.to_owned() + &rows.join("\n") + "\n"
+}
+
+#[test]
+fn lct_rows_and_header() {
+    let lct = |text: &str| lct::parse(text.as_bytes(), &name("f.txt"));
+    let rows = ["1 2 2", "3 4 2", "5 6 2", "7 8 2"];
+    let recording = lct(&lct_text(&rows)).unwrap();
+    assert_eq!(recording.real(), ndarray::array![[0.5, 1.5, 2.5, 3.5]]);
+    assert_eq!(recording.imaginary(), Some(ndarray::array![[1.0, 2.0, 3.0, 4.0]]));
+    let five = |last| [rows[0], rows[1], rows[2], rows[3], last];
+    let repeated = lct(&lct_text(&five("7 8 2"))).unwrap();
+    assert_eq!(repeated.notes, [Note::RepeatedLastRow { line: 11 }]);
+    refused(lct(&lct_text(&five("7 8 3"))), &["5 rows", "expected 4", "Length"]);
+    refused(lct(&lct_text(&rows[..3])), &["3 rows", "expected 4"]);
+    refused(lct(&lct_text(&["1 2 2", "3 4 0", "5 6 2", "7 8 2"])), &["line 8", "current is 0"]);
+    refused(lct(&lct_text(&["1 2"])), &["line 7", "2 values", "expected 3"]);
+    refused(lct(&lct_text(&["1 2 2", "1 2 inf", "5 6 2", "7 8 2"])), &["line 8", "is inf"]);
+    refused(lct(&lct_text(&["1 2 x"])), &["line 7", "value 3", "\"x\""]);
+    refused(
+        lct(&lct_text(&["1 2 2", "nan 2 2", "5 6 2", "7 8 2"])),
+        &["line 8", "frame 0, measurement 1", "NaN"],
+    );
+    refused(lct(""), &["empty"]);
+    refused(lct("1 2 3\n"), &["line 1", "first line", "#MEAS"]);
+    refused(lct("#MEAS\n1 2 3\n"), &["Length", "missing"]);
+    refused(
+        lct(&lct_text(&rows).replace("Length, 4", "Length, x")),
+        &["line 2", "Length", "\"x\""],
+    );
+    let many = lct_text(&rows).replace("Electrodes, 4", "Electrodes, 16");
+    refused(lct(&many), &["line 3", "16 with Length 4", "n (n - 3)"]);
+    refused(lct(&lct_text(&rows).replace("KHz", "K")), &["line 5", "Operating_Frequency"]);
+    refused(lct(lct_text(&rows).trim_end()), &["line 10", "no line end"]);
+    let binary = lct_text(&rows) + "\u{1}";
+    refused(lct(&binary), &["byte ", "not text"]);
+}
+
+#[test]
+fn serial_log_cuts() {
+    let options =
+        SerialLogOptions { lines_per_frame: 2, values_per_line: 2, full_scale: Some(6.55) };
+    let log = |text: &str| serial_log::parse(text.as_bytes(), &name("f.txt"), &options);
+    let rows = |text: &str| {
+        let recording = log(text).unwrap();
+        (recording.real().outer_iter().map(|row| row[0]).collect::<Vec<_>>(), recording.skipped)
+    };
+    // complete frames, with all marks
+    let (values, skipped) = rows("ref:\n1 1\n1 1\ndata:\ns\n2 2 \r\n2 6.55\ns\n3 3 3 3\n");
+    assert_eq!(values, [1.0, 2.0, 3.0]);
+    // the `s` before the frame in one line has no lines of its own
+    assert_eq!(skipped.frames, 1);
+    let recording = log("s\n2 2\n2 6.55\n").unwrap();
+    assert_eq!(recording.quality()[[0, 3]], Quality::SATURATED);
+    assert!(recording.quality()[[0, 2]].is_good());
+    for (text, reason) in [
+        ("1 1\n1 1\ns\n2 2\n2 2\n", "line 1: its start is missing"),
+        ("s\n1 1\ns\n2 2\n2 2\n", "line 1: 1 lines instead of 2"),
+        ("s\n1 1\n1 1\n1 1\ns\n2 2\n2 2\n", "line 1: 3 lines instead of 2"),
+        ("s\n1 1\n1\ns\n2 2\n2 2\n", "line 3: 1 values in a line instead of 2"),
+        ("s\n1 1 1\n1 1\ns\n2 2\n2 2\n", "line 2: 3 values in a line instead of 2"),
+        ("s\n1 1\n1 1.2.3\ns\n2 2\n2 2\n", "line 3: a value is not a finite number"),
+        ("s\n1 1\n1 nan\ns\n2 2\n2 2\n", "line 3: a value is not a finite number"),
+        ("s\n2 2\n2 2\ns\n1 1\n1 1", "line 6: the file ends within a number"),
+        ("s\n2 2\n2 2\ns\n", "line 4: 0 lines instead of 2"),
+    ] {
+        let (values, skipped) = rows(text);
+        assert_eq!(values, [2.0], "{text:?}");
+        assert_eq!(skipped.first[0].to_string(), reason, "{text:?}");
+    }
+    // a lost `s` merges two frames, and neither is read
+    assert_eq!(rows("s\n1 1\n1 1\n1 1\n1 1\ns\n2 2\n2 2\n").1.frames, 2);
+    refused(log(""), &["f.txt", "empty"]);
+    refused(log("s\n1 1\n"), &["no complete frame", "1 incomplete"]);
+    refused(log("\u{0}\u{1}\n"), &["no complete frame"]);
+    let none = SerialLogOptions { lines_per_frame: 0, ..options };
+    refused(serial_log::parse(b"s\ns\n1 1\n", &name("f.txt"), &none), &["no complete frame"]);
+}
+
+/// Returns a table of 4 channels and 2 projections; roles are the column `ChInfo`.
+fn khu_table(roles: [[u32; 4]; 2]) -> String {
+    let mut text = "ProjIndex\tCh\tChIndex\tChInfo\tInj.Freq\tAmp1High\r\n".to_owned();
+    for (projection, roles) in roles.iter().enumerate() {
+        for (channel, role) in roles.iter().enumerate() {
+            let gain = if *role == 0 { 10 } else { 1 };
+            text +=
+                &format!("{projection}\t{channel}\t0\t{role}\t3\t1\t128\t1\t128\t{gain}\t1\r\n");
+        }
+    }
+    text
+}
+
+const ROLES: [[u32; 4]; 2] = [[2, 3, 0, 0], [0, 2, 0, 3]];
+
+#[test]
+fn khu_folders() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let write = |name: &str, text: &str| fs::write(path.join(name), text).unwrap();
+    let read = || read_recording(path, None, &ReadOptions::default());
+    let scan = |count: i32| {
+        (0..8).map(|row| format!("{} {} {count}.0 -3\r\n", row % 4, u32::from(row == 2))).collect()
+    };
+    let scan: &dyn Fn(i32) -> String = &scan;
+    write("2Scan.txt", &scan(2));
+    refused(read(), &["ProjectionTableSendLog.txt", "khu", "whole folder"]);
+    write("ProjectionTableSendLog.txt", &khu_table(ROLES));
+    write("10 Scan.txt", &scan(10));
+    let recording = read().unwrap();
+    // counts divided by 2^15 and by the gain of 0.2
+    assert_eq!(recording.real().column(0).to_vec(), [2.0, 10.0].map(|c| c / (32768.0 * 0.2)));
+    assert_eq!(recording.notes, [Note::MissingFrameFiles { count: 7, first: 3 }]);
+    assert_eq!(recording.quality()[[0, 2]], Quality::SATURATED);
+    assert!(recording.quality()[[0, 3]].is_good());
+    write("11Scan.txt", &(scan(1) + "0 0 1 1\r\n"));
+    refused(read(), &["11Scan.txt", "9 records", "expected 8"]);
+    write("11Scan.txt", &scan(1).replacen("1 0", "2 0", 1));
+    refused(read(), &["11Scan.txt, line 2", "2 instead of 1"]);
+    write("11Scan.txt", scan(1).trim_end());
+    refused(read(), &["11Scan.txt, line 8", "no line end"]);
+    write("11Scan.txt", "0 0 1\r\n");
+    refused(read(), &["line 1", "3 values", "expected 4"]);
+    write("11Scan.txt", &scan(1).replacen("1.0", "nan", 1));
+    assert_eq!(read().unwrap().quality()[[2, 0]], Quality::NON_FINITE);
+    refused(
+        khu::read(&path.join("2Scan.txt")),
+        &["2Scan.txt", "is a single file", "folder", "name the folder"],
+    );
+    refused(
+        read_recording(&path.join("2Scan.txt"), None, &ReadOptions::default()),
+        &["name the folder"],
+    );
+    refused(
+        read_recording(path, Some(Format::Csv), &ReadOptions::default()),
+        &["is a folder", "csv", "name the file"],
+    );
+    write("t_1.eit", "");
+    refused(read(), &["sciospec or khu", "[recording] format = \"sciospec\"", "or \"khu\""]);
+}
+
+#[test]
+fn keys_of_tables_are_for_tables() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let frames_are =
+        ReadOptions { frames_are: Some(FrameOrientation::Rows), ..ReadOptions::default() };
+    let complex = ReadOptions { complex: true, ..ReadOptions::default() };
+    let write = |name: &str, bytes: &[u8]| fs::write(path.join(name), bytes).unwrap();
+    write("t_1.eit", format!("{EIT_HEADER}1 2\n1 0 2 0\n").as_bytes());
+    write("f.get", &[0; 1024]);
+    write("f.lct", lct_text(&["1 1 1"; 4]).as_bytes());
+    write("f.log", format!("s\n{}", ("1 ".repeat(13) + "\n").repeat(16)).as_bytes());
+    let formats = ["sciospec", "goe", "lct", "serial-log"];
+    for (name, format) in ["t_1.eit", "f.get", "f.lct", "f.log"].into_iter().zip(formats) {
+        let read = |options: &ReadOptions| read_recording(&path.join(name), None, options);
+        assert!(read(&ReadOptions::default()).is_ok(), "{name}");
+        refused(read(&frames_are), &[name, "`[recording] frames_are`", "csv and npy", format]);
+        refused(read(&complex), &[name, "`[recording] complex`", "csv and npy", format, "remove"]);
+    }
+    refused(read_recording(path, None, &frames_are), &["`[recording] frames_are`", "sciospec"]);
+    let khu = tempfile::tempdir().unwrap();
+    fs::write(khu.path().join("1Scan.txt"), "").unwrap();
+    refused(read_recording(khu.path(), None, &complex), &["`[recording] complex`", "khu"]);
+
+    let floats = [1_f32, 2.0].map(f32::to_le_bytes).concat();
+    let header = "{'descr': '<c8', 'fortran_order': False, 'shape': (1, 1), }";
+    write("f.npy", &npy_bytes(header, &floats));
+    let npy = |options: &ReadOptions| read_recording(&path.join("f.npy"), None, options);
+    assert!(npy(&frames_are).is_ok());
+    refused(npy(&complex), &["f.npy", "`[recording] complex`", "complex npy", "real numbers"]);
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }";
+    write("f.npy", &npy_bytes(header, &floats));
+    refused(npy(&complex), &["1 rows", "expected 2", "`[recording] complex = false`"]);
+    let both = ReadOptions { frames_are: Some(FrameOrientation::Columns), ..complex.clone() };
+    let recording = npy(&both).unwrap();
+    assert_eq!((recording.real()[[0, 0]], recording.imaginary().unwrap()[[0, 0]]), (1.0, 2.0));
+    // the keys take precedence over the options of one reader
+    let mut options = ReadOptions { frames_are: both.frames_are, ..ReadOptions::default() };
+    options.npy.orientation = FrameOrientation::Matrix;
+    assert_eq!(npy(&options).unwrap().real().dim(), (2, 1));
+}
+
+#[test]
+fn vectors_are_one_frame() {
+    let with = |shape: &str, orientation| {
+        let header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}");
+        let options = NpyOptions { orientation, ..NpyOptions::default() };
+        npy::parse(&npy_bytes(&header, &[1, 2, 3]), &name("f.npy"), &options).unwrap()
+    };
+    let orientations =
+        [FrameOrientation::Rows, FrameOrientation::Columns, FrameOrientation::Matrix];
+    for shape in ["(3,)", "(3, 1)"] {
+        for orientation in orientations {
+            let recording = with(shape, orientation);
+            assert_eq!(recording.real(), ndarray::array![[1.0, 2.0, 3.0]], "{shape}");
+            // with rows, this is not what the key says
+            let noted = shape == "(3, 1)" && orientation == FrameOrientation::Rows;
+            assert_eq!(recording.notes.contains(&Note::OneColumn { rows: 3 }), noted);
+        }
+    }
+    assert_eq!(with("(1, 3)", FrameOrientation::Columns).real().dim(), (3, 1));
+}
+
+#[test]
+fn recognition() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let read = |name: &str, bytes: &[u8]| {
+        fs::write(path.join(name), bytes).unwrap();
+        read_recording(&path.join(name), None, &ReadOptions::default())
+    };
+    let format = |name: &str, bytes: &[u8]| read(name, bytes).unwrap().format;
+    assert_eq!(format("a.txt", b"1 2 3\n4 5 6\n"), Format::Csv);
+    assert_eq!(format("a.dat", b"# comment\nx y\n1 2\n"), Format::Csv);
+    assert_eq!(format("a.csv", lct_text(&["1 1 1"; 4]).as_bytes()), Format::Lct);
+    let npy = npy_bytes("{'descr': '|u1', 'fortran_order': False, 'shape': (1,), }", &[1]);
+    assert_eq!(format("a.txt", &npy), Format::Npy);
+    let line = "1 ".repeat(13) + "\n";
+    let frame = line.repeat(16);
+    assert_eq!(format("a.log", format!("s\n{frame}").as_bytes()), Format::SerialLog);
+    refused(
+        read("a.txt", frame.as_bytes()),
+        &["csv or serial-log", "[recording] format = \"csv\""],
+    );
+    refused(read("a.bin", &[1, 2, 3]), &["a.bin", "not recognised", "\"csv\"", "\"serial-log\""]);
+    refused(read("a.txt", b"some words\nand more\n"), &["not recognised"]);
+    refused(read("a.txt", b""), &["empty"]);
+    refused(read("a.npy", b"1,2\n"), &["NPY magic"]);
+    refused(read_recording(path, None, &ReadOptions::default()), &["not recognised"]);
+    let missing = path.join("there is none.csv");
+    refused(read_recording(&missing, None, &ReadOptions::default()), &["cannot be read", "path"]);
+    refused(csv::read(path, &CsvOptions::default()), &["is a folder", "csv"]);
+    refused(npy::read(path, &NpyOptions::default()), &["is a folder", "npy"]);
+    refused(lct::read(path), &["is a folder", "lct"]);
+    refused(goe::read(path), &["is a folder", "goe"]);
+    refused(serial_log::read(path, &SerialLogOptions::default()), &["is a folder"]);
+    refused(sciospec::read(path, &SciospecOptions::default()), &["NAME_00001.eit"]);
+    refused(khu::read(path), &["ProjectionTableSendLog.txt"]);
+    refused("elektro".parse::<Format>(), &["\"elektro\"", "[recording] format", "\"sciospec\""]);
+    for format in Format::ALL {
+        assert_eq!(format.name().parse::<Format>().unwrap(), format);
+    }
+}

@@ -1,0 +1,84 @@
+//! The fault matrix: what can go wrong between an instrument and its host, with one test or group
+//! of tests for each row, named after it. All tests require the same: no panic, no endless wait, no
+//! wrong frame reported as good, correct counters, and frames again after a bounded loss.
+//!
+//! | row | faults | file |
+//! |---|---|---|
+//! | 1 | reads split at every byte, single bytes, all at once | `bytes.rs` |
+//! | 2 | a byte dropped, inserted, flipped or doubled at each offset of a frame | `bytes.rs` |
+//! | 3 | wrong length, wrong end tag, truncated at the end of the stream | `bytes.rs` |
+//! | 4 | tags in the payload, a whole fake frame in it, start in the middle | `bytes.rs` |
+//! | 5 | leftover bytes on opening: an old stream, half a frame, boot text | `session.rs` |
+//! | 6 | acknowledgement lost, late, negative; data before it; hold-up; reset in the stream | `session.rs` |
+//! | 7 | channel groups and excitations missing, doubled, reordered, too many; changed row | `values.rs` |
+//! | 8 | unplugged before, in and after a frame, during a command; new path or instrument | `session.rs` |
+//! | 9 | slow consumer, consumer gone | `session.rs` |
+//! | 10 | no data; bytes arrive one by one; a command with a pause in it | `session.rs` |
+//! | 11 | NaN, infinity, subnormal, out of range, rail, zero, stuck, codes of OpenEIT | `values.rs` |
+//! | 12 | an electrode off: open input, its rows and columns, reciprocity | `values.rs` |
+//! | 13 | sequence and clock that wrap, a clock that goes back | `values.rs` |
+//! | 14 | text: value missing, comma too many, not ASCII, too long, line ends, wrong count | `bytes.rs` |
+//! | 15 | every bit of a message flipped; a million bytes of garbage | `bytes.rs` |
+//! | 16 | what no checksum reveals | `values.rs` |
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test file: a panic is a failed test"
+)]
+
+mod bytes;
+mod session;
+mod values;
+
+use std::time::Duration;
+
+use eit_hw::codec::{eits1, sciospec};
+use eit_hw::driver::{Backoff, SessionSettings};
+
+/// Time limit for anything that must arrive.
+const LIMIT: Duration = Duration::from_secs(30);
+const WAIT: Duration = Duration::from_millis(200);
+
+fn quick() -> SessionSettings {
+    let reconnect = Some(Backoff { initial_s: 0.01, max_s: 0.1, give_up_s: 25.0 });
+    // large enough that nothing is dropped while other tests use the processor
+    SessionSettings { capacity: 4096, reconnect, ..SessionSettings::default() }
+}
+
+/// Returns an EITS-1 frame as sent.
+fn eits1_frame(sequence: u32, time_us: u64, values: &[f32]) -> Vec<u8> {
+    let payload: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let mut wire = Vec::new();
+    let message = eits1::Message {
+        kind: eits1::Kind::Frame,
+        sequence,
+        device_time_us: time_us,
+        flags: 0,
+        count: u16::try_from(values.len()).unwrap(),
+        payload: &payload,
+    };
+    eits1::encode(&message, &mut wire).unwrap();
+    wire
+}
+
+/// Returns a data frame of 16 channels as sent, whose values encode its drive and time.
+fn sciospec_frame(group: u8, drive: [u8; 2], row: u16, time_ms: u32) -> Vec<u8> {
+    let mut potentials_v = [[0.0; 2]; 16];
+    for (k, potential) in potentials_v.iter_mut().enumerate() {
+        *potential = [(f32::from(drive[0]) + 16.0 * k as f32) / 1024.0, f32::from(group) / 8.0];
+    }
+    let (drive, frequency_row, time_ms) = (Some(drive), Some(row), Some(time_ms));
+    let data = sciospec::DataFrame { group, drive, frequency_row, time_ms, potentials_v };
+    let mut wire = Vec::new();
+    sciospec::encode_data(&data, &mut wire);
+    wire
+}
+
+/// Returns pseudo-random bytes.
+fn garbage(count: usize, seed: u64) -> Vec<u8> {
+    let mut random = fixtures::Random::new(seed);
+    (0..count).map(|_| random.below(256) as u8).collect()
+}

@@ -1,0 +1,164 @@
+//! Recordings of other programs, and files that only resemble recordings: read within limits, or
+//! rejected.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a test file: a panic is a failed test"
+)]
+
+use std::path::Path;
+
+use crate::common::recordings::{
+    channel, chunk, container, frame, frame_json, lz4, lz4_chunk, message, record, session, zeros,
+};
+use crate::common::rotated;
+use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord, parse, read};
+use eit_hw::{HwError, Note, ReadOptions, read_recording};
+
+/// Returns the channels of session and frames, and a session with this many measurements.
+fn start(quadruples: usize) -> Vec<u8> {
+    let session = SessionRecord { quadruples: rotated(16)[..quadruples].to_vec(), ..session() };
+    let json = serde_json::to_vec(&session).unwrap();
+    [channel(1, "/eit/session"), channel(2, "/eit/frame"), message(1, &json)].concat()
+}
+
+/// Zstandard is the default of the mcap package of PyPI.
+#[test]
+fn zstandard_is_read_and_gone_on_with_only_by_the_same_set_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let content = [start(4), message(2, &frame_json("1,2,3,4"))].concat();
+    let level = ruzstd::encoding::CompressionLevel::Fastest;
+    let packed = ruzstd::encoding::compress_to_vec(&content[..], level);
+    let bytes = container(&[
+        chunk(b"zstd", &packed, content.len() as u64, crc32fast_of(&content)),
+        // content that does not end where stated is bad
+        chunk(b"zstd", &packed, content.len() as u64 - 1, 0),
+    ]);
+    let path = folder.path().join("z.mcap");
+    std::fs::write(&path, &bytes).unwrap();
+    let capture = read(&path).unwrap();
+    assert_eq!(capture.frames().next().unwrap().values, [1.0, 2.0, 3.0, 4.0]);
+    assert_eq!((capture.entries.len(), capture.damage.bad_chunks), (2, 1));
+    let recording = read_recording(&path, None, &ReadOptions::default()).unwrap();
+    assert_eq!(recording.real().dim(), (1, 4));
+    assert!(matches!(recording.notes[..], [Note::Damaged { chunks: 1, .. }]));
+    let refused = CaptureWriter::append(&path, &session(), CaptureSettings::default());
+    assert!(refused.err().unwrap().to_string().contains("measurements"));
+    assert_eq!(std::fs::read(&path).unwrap(), bytes);
+}
+
+/// Returns the CRC-32 of the container, computed with the crate that the library uses for its other
+/// codes.
+fn crc32fast_of(bytes: &[u8]) -> u32 {
+    crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(bytes)
+}
+
+/// Wrong lengths allocate no memory, and content that unpacks endlessly is skipped.
+#[test]
+fn hostile_lengths_are_told_at_once() {
+    let path = Path::new("hostile.mcap");
+    // a text of 4 GiB in the first record
+    let long = [&0xFFFF_FFF0_u32.to_le_bytes()[..], b"abcd", &[b'x'; 64]].concat();
+    let bytes = container(&[record(1, &long)]);
+    assert_eq!(parse(&bytes, path).unwrap().entries, []);
+    // a record of 64 MiB in 18 bytes
+    let bytes = container(&[[&[1][..], &(64_u64 << 20).to_le_bytes(), b"x"].concat()]);
+    assert!(parse(&bytes, path).unwrap().damage.truncated_bytes > 0);
+    // 60 MB of values in 0.2 MB
+    let many = [start(4), message(2, &frame_json(&zeros(30_000_000)))].concat();
+    let packed = lz4(&many);
+    assert!(packed.len() < 300_000);
+    for stated in [many.len() as u64, 1000] {
+        let bytes = container(&[chunk(b"lz4", &packed, stated, 0)]);
+        let capture = parse(&bytes, path).unwrap();
+        assert!(capture.entries.is_empty() && capture.damage.is_any());
+    }
+    // more values than any instrument has, in a valid chunk
+    let many = [start(4), message(2, &frame_json(&zeros(300_000)))].concat();
+    let bytes = container(&[lz4_chunk(&many)]);
+    let capture = parse(&bytes, path).unwrap();
+    assert_eq!((capture.entries.len(), capture.damage.bad_messages), (1, 1));
+    // nested lists
+    let deep =
+        message(2, &[&br#"{"sequence":0,"epoch":0,"values":"#[..], &vec![b'['; 1 << 20]].concat());
+    let bytes = container(&[start(4), deep]);
+    assert_eq!(parse(&bytes, path).unwrap().damage.bad_messages, 1);
+    // frames that exhaust memory: 40 times 200 000 zeros, packed 200 times
+    let large = frame_json(&zeros(200_000));
+    let many = [start(0), message(2, &large).repeat(40)].concat();
+    let bytes = container(&[lz4_chunk(&many).repeat(12)]);
+    let refused = parse(&bytes, path).unwrap_err();
+    assert!(matches!(refused, HwError::TooLarge { .. }), "{refused}");
+}
+
+/// A file of chunk headers, each of which looks possible: time stays bounded.
+#[test]
+fn a_file_of_heads_takes_no_time() {
+    let packed = vec![0; 32];
+    let mut bytes = container(&[]);
+    while bytes.len() < 2 << 20 {
+        // a length that fits nothing, so that each position is tried
+        let mut one = chunk(b"", &packed, 1 << 20, 1);
+        one[1] ^= 1;
+        one[9 + 28 + 4..][..8].copy_from_slice(&(1_u64 << 20).to_le_bytes());
+        bytes.extend(one);
+    }
+    let start = std::time::Instant::now();
+    let capture = parse(&bytes, Path::new("heads.mcap")).unwrap();
+    assert_eq!(capture.entries, []);
+    let took_s = start.elapsed().as_secs_f64();
+    println!("{} kB of heads: {took_s:.2} s", bytes.len() / 1000);
+    assert!(took_s < 10.0, "{took_s}");
+}
+
+#[test]
+fn only_regular_files_are_read() {
+    if !cfg!(unix) {
+        return;
+    }
+    for path in ["/dev/zero", "/dev/null"] {
+        let refused = read_recording(Path::new(path), None, &ReadOptions::default()).unwrap_err();
+        assert!(matches!(refused, HwError::NotAFile { .. }), "{refused}");
+        assert!(matches!(read(Path::new(path)), Err(HwError::NotAFile { .. })));
+        let session = session();
+        let append = CaptureWriter::append(Path::new(path), &session, CaptureSettings::default());
+        assert!(matches!(append.err(), Some(HwError::NotAFile { .. })));
+    }
+}
+
+/// The host's clock was set back and forth during recording: the instrument's clock determines the
+/// pace, and without one a step of an hour is not waited for.
+#[test]
+fn a_replay_in_real_time_does_not_follow_a_clock_that_is_set() {
+    use eit_hw::driver::{Event, FrameSource as _, Pace, Replay};
+    let folder = tempfile::tempdir().unwrap();
+    for (step_s, has_device_clock) in
+        [(3600.0, true), (-3600.0, true), (3600.0, false), (-3600.0, false)]
+    {
+        let path = folder.path().join(format!("{step_s}{has_device_clock}.mcap"));
+        let settings = CaptureSettings::default();
+        let mut writer = CaptureWriter::create(&path, &session(), settings).unwrap();
+        for sequence in 0..10 {
+            let set_s = if sequence >= 5 { step_s } else { 0.0 };
+            let mut frame = frame(sequence);
+            frame.host_time_s = frame.host_time_s.map(|time_s| time_s + set_s);
+            frame.device_time_s = frame.device_time_s.filter(|_| has_device_clock);
+            writer.frame(&frame).unwrap();
+        }
+        writer.finish().unwrap();
+        let mut replay = Replay::open(&path, None, Pace::Speed(1.0)).unwrap();
+        let (start, mut told) = (std::time::Instant::now(), 0);
+        while !replay.is_over() {
+            let wait = std::time::Duration::from_secs(5);
+            told += usize::from(matches!(replay.next_event(wait).unwrap(), Some(Event::Frame(_))));
+        }
+        let took_s = start.elapsed().as_secs_f64();
+        assert_eq!(told, 10);
+        // nine steps of 0.04 s, one of which comes from the clock
+        assert!((0.3..5.0).contains(&took_s), "{step_s} s: {took_s:.2} s");
+    }
+}

@@ -1,0 +1,799 @@
+//! Drivers against emulated instruments, over a real serial line (a pseudo-terminal) and TCP, with
+//! and without faults. No frame may contain a value that the instrument did not measure. One file,
+//! because all drivers share the same instruments and checks.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test file: a panic is a failed test"
+)]
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::common::{ascending, rotated};
+use eit_hw::codec::eits1::Information;
+use eit_hw::driver::{
+    Backoff, Board, Driver, Eits1, Event, Overflow, Polarity, Sciospec, SciospecSettings, Session,
+    SessionSettings, identify,
+};
+use eit_hw::emulator::{
+    BoardDevice, Device, Eits1Device, Emulator, FaultPlan, Listen, SciospecDevice,
+};
+use eit_hw::{Endpoint, Frame, HwError, Quadruple, Quality, Unit};
+
+const WAIT: Duration = Duration::from_millis(500);
+/// Time limit for anything that must arrive.
+const LIMIT: Duration = Duration::from_secs(20);
+
+/// Returns a value that encodes frame and measurement; exact in 32 bits.
+fn value(sequence: u64, [a, b, m, n]: Quadruple) -> f64 {
+    let place = f64::from(((a * 16 + b) * 16 + m) * 16 + n) / 65_536.0;
+    // 5 bits for the frame, 16 for the measurement
+    place + (sequence % 32) as f64
+}
+
+fn information(serial: &str, complex: bool) -> Information {
+    Information {
+        electrodes: 16,
+        max_measurements: 256,
+        max_frame_rate_hz: 1000.0,
+        full_scale: 100.0,
+        unit: Unit::Volt,
+        complex,
+        name: "emulated skin".into(),
+        serial: serial.into(),
+    }
+}
+
+fn eits1_device(serial: &str) -> Box<dyn Device> {
+    let source = |sequence: u64, quadruples: &[Quadruple], values: &mut [f64]| {
+        for (slot, &quadruple) in values.iter_mut().zip(quadruples) {
+            *slot = value(sequence, quadruple);
+        }
+    };
+    Box::new(Eits1Device::new(information(serial, false), Box::new(source)))
+}
+
+fn eits1_driver(rate: f32) -> Box<dyn Driver> {
+    Box::new(Eits1::new(&rotated(16), rate, 1e-4, 0.0).unwrap())
+}
+
+/// Returns a pseudo-terminal in the folder where available, otherwise TCP.
+fn line(folder: &tempfile::TempDir) -> Listen {
+    if cfg!(unix) {
+        #[cfg(unix)]
+        return Listen::PseudoTerminal(folder.path().join("skin"));
+    }
+    let _ = folder;
+    Listen::Tcp("127.0.0.1:0".into())
+}
+
+fn quick() -> SessionSettings {
+    let reconnect = Some(Backoff { initial_s: 0.01, max_s: 0.1, give_up_s: 15.0 });
+    // large enough that nothing is dropped while other tests use the processor
+    SessionSettings { capacity: 4096, reconnect, ..SessionSettings::default() }
+}
+
+/// Checks a frame by itself: its values encode its sequence in the stream.
+fn check_frame(frame: &Frame, quadruples: &[Quadruple]) {
+    let first = (frame.values[0] - value(0, quadruples[0])).round() as u64;
+    for (found, &quadruple) in frame.values.iter().zip(quadruples) {
+        assert_eq!(*found, value(first, quadruple), "frame {}", frame.sequence);
+    }
+}
+
+fn frames(session: &Session, count: usize, quadruples: &[Quadruple]) -> Vec<Frame> {
+    let (start, mut frames) = (Instant::now(), Vec::new());
+    while frames.len() < count {
+        assert!(start.elapsed() < LIMIT, "{} of {count} frames", frames.len());
+        if let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() {
+            check_frame(&frame, quadruples);
+            frames.push(frame);
+        }
+    }
+    frames
+}
+
+#[test]
+fn eits1_over_a_serial_line_end_to_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let emulator =
+        Emulator::start(eits1_device("7"), &line(&folder), FaultPlan::default()).unwrap();
+    // the scene's order differs from the one that the driver measures
+    let wanted: Vec<Quadruple> = ascending(16);
+    let settings = SessionSettings { quadruples: Some(wanted.clone()), ..quick() };
+    let mut session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
+    let identity = &session.setup().identity;
+    assert_eq!((identity.name.as_str(), identity.serial.as_str()), ("emulated skin", "7"));
+    assert_eq!((session.setup().unit, session.setup().frame_rate_hz), (Unit::Volt, Some(200.0)));
+    let frames = frames(&session, 100, &wanted);
+    for (index, pair) in frames.windows(2).enumerate() {
+        assert_eq!(pair[1].sequence, pair[0].sequence + 1, "{index}");
+        assert!(pair[1].device_time_s > pair[0].device_time_s);
+        assert!(pair[1].host_time_s >= pair[0].host_time_s);
+        assert!(pair[0].epoch == 0 && pair[0].quality.iter().all(|quality| quality.is_good()));
+    }
+    session.stop();
+    let statistics = session.statistics();
+    assert_eq!((statistics.lost, statistics.damaged_bytes, statistics.dropped), (0, 0, 0));
+    // once stopped, it sends nothing more
+    while session.next_event(Duration::ZERO).unwrap().is_some() {}
+    std::thread::sleep(Duration::from_millis(50));
+    let sent = emulator.statistics().sent;
+    std::thread::sleep(Duration::from_millis(50));
+    assert_eq!(emulator.statistics().sent, sent);
+}
+
+/// Every accepted frame is right, and every lost frame is counted.
+#[test]
+fn eits1_on_a_bad_line_loses_frames_but_tells_no_wrong_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = FaultPlan {
+        seed: 5,
+        spared_bytes: 3000,
+        drop_byte: 1e-4,
+        flip_bit: 1e-4,
+        insert_byte: 1e-4,
+        ..FaultPlan::default()
+    };
+    let emulator = Emulator::start(eits1_device("7"), &line(&folder), plan).unwrap();
+    let session = Session::open(eits1_driver(400.0), emulator.endpoint(), quick()).unwrap();
+    let (start, mut seen, mut gaps, mut last) = (Instant::now(), 0, 0, None);
+    while seen < 500 {
+        assert!(start.elapsed() < LIMIT, "{seen} frames");
+        match session.next_event(WAIT).unwrap() {
+            Some(Event::Frame(frame)) => {
+                check_frame(&frame, &rotated(16));
+                // values distinguish 32 frames
+                let number = (frame.values[0] - value(0, rotated(16)[0])).round() as u64;
+                let (number_before, sequence_before) = last.unwrap_or((number, frame.sequence));
+                let steps = (frame.sequence - sequence_before) % 32;
+                assert_eq!((number_before + steps) % 32, number);
+                last = Some((number, frame.sequence));
+                seen += 1;
+            }
+            Some(Event::Gap { frames }) => gaps += frames,
+            _ => {}
+        }
+    }
+    let last = last.unwrap().1;
+    assert_eq!(seen + gaps, last + 1);
+    // 866 bytes per frame: one in four is hit; a tenth and a half are 5 deviations away
+    assert!((50..600).contains(&gaps), "{gaps}");
+    assert!(session.statistics().damaged_bytes > 10_000 && emulator.statistics().faults > 50);
+}
+
+#[test]
+fn an_unplugged_instrument_is_found_again_in_a_new_epoch() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = FaultPlan {
+        unplug_after_bytes: vec![20_000, 60_000],
+        unplugged_s: 0.15,
+        ..FaultPlan::default()
+    };
+    let emulator = Emulator::start(eits1_device("7"), &line(&folder), plan).unwrap();
+    let session = Session::open(eits1_driver(200.0), emulator.endpoint(), quick()).unwrap();
+    let (start, mut news, mut per_epoch, mut last) = (Instant::now(), Vec::new(), [0; 3], None);
+    while per_epoch[2] < 20 {
+        assert!(start.elapsed() < LIMIT, "{per_epoch:?} {news:?}");
+        match session.next_event(WAIT).unwrap() {
+            Some(Event::Frame(frame)) => {
+                check_frame(&frame, &rotated(16));
+                assert!(last.is_none_or(|last| frame.sequence > last));
+                last = Some(frame.sequence);
+                per_epoch[frame.epoch as usize] += 1;
+                // the clock restarts with the instrument
+                assert!(frame.device_time_s.unwrap() >= 0.0);
+            }
+            Some(Event::Disconnected { .. }) => news.push(0),
+            Some(Event::Reconnected { epoch }) => news.push(epoch),
+            _ => {}
+        }
+    }
+    assert_eq!(news, [0, 1, 0, 2]);
+    assert!(per_epoch.iter().all(|&frames| frames > 10), "{per_epoch:?}");
+    assert_eq!(session.statistics().reconnections, 2);
+}
+
+#[test]
+fn another_instrument_on_the_same_port_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let listen = line(&folder);
+    let mut first = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();
+    let endpoint = first.endpoint().clone();
+    let session = Session::open(eits1_driver(200.0), &endpoint, quick()).unwrap();
+    frames(&session, 5, &rotated(16));
+    first.stop();
+    let again = match &endpoint {
+        Endpoint::Tcp { address } => Listen::Tcp(address.clone()),
+        Endpoint::Serial { .. } => listen,
+    };
+    let _second = Emulator::start(eits1_device("8"), &again, FaultPlan::default()).unwrap();
+    let start = Instant::now();
+    let error = loop {
+        assert!(start.elapsed() < LIMIT);
+        match session.next_event(WAIT) {
+            Ok(_) => {}
+            Err(error) => break error,
+        }
+    };
+    let HwError::Identity { wanted, found, .. } = &error else { panic!("{error}") };
+    assert_eq!((wanted.as_str(), found.as_str()), ("emulated skin 7", "emulated skin 8"));
+    // reported once, then the session is over
+    assert_eq!(session.next_event(WAIT).unwrap(), None);
+}
+
+/// An instrument with fewer electrodes, or less room for measurements, than the scene needs.
+#[test]
+fn an_instrument_that_is_too_small_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (electrodes, max_measurements, wanted) in [
+        (8, 256, "the number of electrodes was set to 16, but the instrument reports at most 8"),
+        (16, 4, "the number of measurements was set to "),
+    ] {
+        let small = Information { electrodes, max_measurements, ..information("7", false) };
+        let device = Eits1Device::new(small, Box::new(|_, _, values| values.fill(1.0)));
+        let emulator =
+            Emulator::start(Box::new(device), &line(&folder), FaultPlan::default()).unwrap();
+        let refused = Session::open(eits1_driver(100.0), emulator.endpoint(), quick()).unwrap_err();
+        assert!(matches!(&refused, HwError::ReadBack { .. }), "{refused}");
+        assert!(refused.to_string().contains(wanted), "{refused}");
+    }
+}
+
+#[test]
+fn a_lost_instrument_ends_a_session_that_does_not_reconnect() {
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let mut emulator = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();
+    let settings = SessionSettings { reconnect: None, ..quick() };
+    let session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
+    emulator.stop();
+    let start = Instant::now();
+    loop {
+        assert!(start.elapsed() < LIMIT);
+        match session.next_event(WAIT) {
+            Ok(_) => {}
+            Err(HwError::Lost { .. }) => break,
+            Err(other) => panic!("{other}"),
+        }
+    }
+}
+
+#[test]
+fn a_slow_consumer_gets_the_latest_or_an_error() {
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let emulator = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();
+    let robot = SessionSettings { capacity: 3, ..quick() };
+    let session = Session::open(eits1_driver(500.0), emulator.endpoint(), robot).unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    let statistics = session.statistics();
+    assert!(statistics.dropped > 10, "{statistics:?}");
+    let first = frames(&session, 1, &rotated(16)).remove(0);
+    // of the earlier frames, all but those in the queue were dropped
+    assert!(first.sequence >= statistics.dropped, "{} {statistics:?}", first.sequence);
+    drop(session);
+    every_frame_is_taken_or_told_to_be_skipped(emulator.endpoint());
+
+    let recorder = SessionSettings { capacity: 3, overflow: Overflow::Fail, ..quick() };
+    let start = Instant::now();
+    let session = loop {
+        match Session::open(eits1_driver(500.0), emulator.endpoint(), recorder.clone()) {
+            Ok(session) => break session,
+            // the emulator rejects a second host until it has noticed that the first is gone
+            Err(error) => assert!(start.elapsed() < LIMIT, "{error}"),
+        }
+    };
+    std::thread::sleep(Duration::from_millis(200));
+    // what came before is complete
+    let kept = frames(&session, 3, &rotated(16));
+    assert_eq!(kept.iter().map(|frame| frame.sequence).collect::<Vec<_>>(), [0, 1, 2]);
+    let start = Instant::now();
+    let error = loop {
+        assert!(start.elapsed() < LIMIT);
+        if let Err(error) = session.next_event(WAIT) {
+            break error;
+        }
+    };
+    assert!(matches!(error, HwError::Overflow { capacity: 3, .. }), "{error}");
+}
+
+/// Frames taken and those reported as skipped are all frames, in order, for a consumer that stalls twice.
+fn every_frame_is_taken_or_told_to_be_skipped(endpoint: &Endpoint) {
+    let robot = SessionSettings { capacity: 3, ..quick() };
+    let start = Instant::now();
+    let session = loop {
+        match Session::open(eits1_driver(500.0), endpoint, robot.clone()) {
+            Ok(session) => break session,
+            Err(error) => assert!(start.elapsed() < LIMIT, "{error}"),
+        }
+    };
+    let (mut next, mut stalls) = (0, 0);
+    for taken in 0..40 {
+        if taken % 20 == 10 {
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        match session.next_event(LIMIT).unwrap() {
+            Some(Event::Frame(frame)) => {
+                assert_eq!(frame.sequence, next);
+                next += 1;
+            }
+            Some(Event::Skipped { frames }) => {
+                stalls += 1;
+                next += frames;
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    assert!(stalls >= 2, "{stalls}");
+    assert!(session.statistics().dropped > 60, "{:?}", session.statistics());
+}
+
+#[test]
+fn a_silent_instrument_is_told() {
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let plan = FaultPlan { spared_bytes: 30_000, pause: 1.0, pause_s: 0.6, ..FaultPlan::default() };
+    let emulator = Emulator::start(eits1_device("7"), &listen, plan).unwrap();
+    let settings = SessionSettings { silence_s: 0.3, ..quick() };
+    let session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
+    let start = Instant::now();
+    loop {
+        assert!(start.elapsed() < LIMIT);
+        if let Some(Event::Silent { for_s, .. }) = session.next_event(WAIT).unwrap() {
+            assert!(for_s >= 0.3);
+            break;
+        }
+    }
+}
+
+/// 2.5 s between frames, as for a slow text board: longer than what is silence or a stall at ten
+/// frames per second. On a computer so loaded that a thread waits for a second, frames do come late;
+/// such an attempt is repeated.
+#[test]
+fn a_slow_board_is_neither_silent_nor_set_up_anew() {
+    for attempt in 1.. {
+        let starved = Starved::watch();
+        let found = four_slow_frames();
+        let longest_s = starved.longest_s();
+        if found.is_ok() {
+            return;
+        }
+        assert!(longest_s > 1.0 && attempt < 6, "{found:?}; threads waited up to {longest_s} s");
+    }
+}
+
+/// Receives four frames of the slow board; returns what else was reported.
+fn four_slow_frames() -> Result<(), String> {
+    let board = Board::preset("serial-16").unwrap();
+    let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| {
+        values.iter_mut().enumerate().for_each(|(i, value)| *value = (sequence + i as u64) as f64);
+    };
+    let device = BoardDevice::new(board.clone(), 0.4, Box::new(source));
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
+    let settings = SessionSettings::default();
+    let session = Session::open(board.driver().unwrap(), emulator.endpoint(), settings).unwrap();
+    let (start, mut frames) = (Instant::now(), 0);
+    while frames < 4 {
+        assert!(start.elapsed() < LIMIT, "{frames} frames");
+        match session.next_event(WAIT).unwrap() {
+            Some(Event::Frame(frame)) => {
+                assert_eq!(frame.epoch, 0);
+                frames += 1;
+            }
+            Some(other @ (Event::Silent { .. } | Event::Disconnected { .. })) => {
+                return Err(format!("after {frames} frames: {other:?}"));
+            }
+            _ => {}
+        }
+    }
+    let statistics = session.statistics();
+    match (statistics.reconnections, statistics.silent_s) {
+        (0, 0.0) => Ok(()),
+        other => Err(format!("{other:?}")),
+    }
+}
+
+/// Measures by how much a thread that sleeps for 10 ms wakes too late.
+struct Starved {
+    quit: Arc<AtomicBool>,
+    thread: std::thread::JoinHandle<Duration>,
+}
+
+impl Starved {
+    fn watch() -> Self {
+        let quit = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&quit);
+        let thread = std::thread::spawn(move || {
+            let mut longest = Duration::ZERO;
+            while !ended.load(Ordering::Relaxed) {
+                let start = Instant::now();
+                std::thread::sleep(Duration::from_millis(10));
+                longest = longest.max(start.elapsed());
+            }
+            longest
+        });
+        Self { quit, thread }
+    }
+
+    fn longest_s(self) -> f64 {
+        self.quit.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap().as_secs_f64()
+    }
+}
+
+/// While a recording runs, more frames may wait for a slow consumer; after it, only the latest do.
+#[test]
+fn frames_wait_for_a_recording_that_begins_later() {
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| values.fill(sequence as f64);
+    let device = Eits1Device::new(information("7", false), Box::new(source));
+    let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
+    let settings = SessionSettings { capacity: 4, ..quick() };
+    let session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
+    let waiting = session.waiting();
+    let wait_for = |is_so: &dyn Fn() -> bool| {
+        let start = Instant::now();
+        while !is_so() {
+            assert!(start.elapsed() < LIMIT);
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    };
+    let take = |frames: usize| -> Vec<u64> {
+        let start = Instant::now();
+        let mut taken = Vec::new();
+        while taken.len() < frames {
+            assert!(start.elapsed() < LIMIT);
+            if let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() {
+                taken.push(frame.sequence);
+            }
+        }
+        taken
+    };
+    wait_for(&|| waiting.dropped() > 0);
+    assert_eq!(waiting.set_capacity(1000), 4);
+    let dropped = waiting.dropped();
+    wait_for(&|| session.frames_waiting() >= 60);
+    let taken = take(60);
+    assert!(taken.windows(2).all(|pair| pair[1] == pair[0] + 1), "{taken:?}");
+    assert_eq!(waiting.dropped(), dropped);
+    wait_for(&|| session.frames_waiting() >= 20);
+    assert_eq!(waiting.set_capacity(4), 1000);
+    wait_for(&|| session.frames_waiting() <= 4);
+    assert!(waiting.dropped() >= dropped + 16, "{}", waiting.dropped());
+    let latest = take(1)[0];
+    assert!(latest > taken[59] + 16, "{latest} after {}", taken[59]);
+}
+
+#[test]
+fn eits1_complex_values_and_flags_of_the_values_themselves() {
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| {
+        for (index, parts) in values.chunks_exact_mut(2).enumerate() {
+            parts.copy_from_slice(&[index as f64 / 4.0, sequence as f64 / 1024.0]);
+        }
+        values[0] = f64::NAN;
+        values[2] = 100.0;
+        values[4] = -101.0;
+    };
+    let device = Eits1Device::new(information("7", true), Box::new(source));
+    let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
+    let session = Session::open(eits1_driver(200.0), emulator.endpoint(), quick()).unwrap();
+    let start = Instant::now();
+    let frame = loop {
+        assert!(start.elapsed() < LIMIT);
+        if let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() {
+            break frame;
+        }
+    };
+    assert_eq!(frame.values[4], 1.0);
+    assert!(frame.imaginary.as_ref().is_some_and(|imaginary| imaginary.len() == 208));
+    let flags = [Quality::NON_FINITE, Quality::SATURATED, Quality::OVER_RANGE, Quality::GOOD];
+    assert_eq!(frame.quality[..4], flags);
+}
+
+#[test]
+fn every_board_over_a_line() {
+    for name in Board::PRESETS {
+        let board = Board::preset(name).unwrap();
+        let quadruples = match &board.layout {
+            eit_hw::Layout::Quadruples(quadruples) => quadruples.clone(),
+            other => panic!("{other:?}"),
+        };
+        let complex = board.format.complex;
+        let source = move |sequence: u64, quadruples: &[Quadruple], values: &mut [f64]| {
+            let step = if complex { 2 } else { 1 };
+            for (parts, [a, b, m, n]) in values.chunks_exact_mut(step).zip(quadruples) {
+                // whole numbers, since some boards send no others; below their saturation
+                let whole = (a * 37 + b * 11 + m * 5 + n) % 500 + (sequence % 32) as u32 * 500;
+                parts.fill(f64::from(whole + 1) / if name == "serial-16" { 4096.0 } else { 1.0 });
+            }
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let listen = line(&folder);
+        let device = BoardDevice::new(board.clone(), 50.0, Box::new(source));
+        let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
+        let driver = board.driver().unwrap();
+        let session = Session::open(driver, emulator.endpoint(), quick()).unwrap();
+        let start = Instant::now();
+        let mut seen = 0;
+        while seen < 10 {
+            assert!(start.elapsed() < LIMIT, "{name}: {seen} frames");
+            let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() else { continue };
+            let unit = if name == "serial-16" { 4096.0 } else { 1.0 };
+            let number = (frame.values[0] * unit) as u32 / 500;
+            for (found, [a, b, m, n]) in frame.values.iter().zip(&quadruples) {
+                let whole = (a * 37 + b * 11 + m * 5 + n) % 500 + number * 500;
+                assert_eq!(*found, f64::from(whole + 1) / unit, "{name}");
+            }
+            assert_eq!(frame.imaginary.as_ref(), complex.then_some(&frame.values), "{name}");
+            seen += 1;
+        }
+        assert_eq!(session.statistics().lost, 0, "{name}");
+    }
+}
+
+/// Returns potentials that encode drive, electrode and frame, with the current entering at `a`.
+fn potential(sequence: u64, [a, b]: [u32; 2], electrode: u32) -> [f64; 2] {
+    let driven = f64::from(u8::from(electrode == a)) - f64::from(u8::from(electrode == b));
+    let place = f64::from((a * 32 + b) * 32 + electrode + 1) / 131_072.0;
+    [0.25 * driven + place, (sequence % 16) as f64 / 64.0]
+}
+
+fn sciospec_emulator(
+    listen: &Listen,
+    electrodes: u32,
+    reversed: bool,
+    plan: FaultPlan,
+) -> Emulator {
+    let source = |sequence: u64, drive: [u32; 2], potentials: &mut [[f64; 2]]| {
+        for (electrode, slot) in (0..).zip(potentials) {
+            *slot = potential(sequence, drive, electrode);
+        }
+    };
+    let device = SciospecDevice::new(electrodes, 0x11F, reversed, Box::new(source));
+    Emulator::start(Box::new(device), listen, plan).unwrap()
+}
+
+fn sciospec_session(emulator: &Emulator, electrodes: u32, wanted: &[Quadruple]) -> Session {
+    let settings = SciospecSettings {
+        frame_rate_hz: 100.0,
+        ..SciospecSettings::for_quadruples(electrodes, wanted)
+    };
+    let driver = Box::new(Sciospec::new(settings).unwrap());
+    let settings = SessionSettings { quadruples: Some(wanted.to_vec()), ..quick() };
+    Session::open(driver, emulator.endpoint(), settings).unwrap()
+}
+
+fn check_sciospec(frame: &Frame, wanted: &[Quadruple]) {
+    for (index, &[a, b, m, n]) in wanted.iter().enumerate() {
+        if frame.quality[index].is_good() {
+            let difference = potential(0, [a, b], m)[0] - potential(0, [a, b], n)[0];
+            assert_eq!(frame.values[index], difference, "{index} of frame {}", frame.sequence);
+            assert_eq!(frame.imaginary.as_ref().unwrap()[index], 0.0);
+        }
+    }
+}
+
+#[test]
+fn sciospec_over_a_serial_line_with_either_polarity() {
+    for (electrodes, reversed) in [(16, false), (16, true), (32, true)] {
+        let folder = tempfile::tempdir().unwrap();
+        let emulator =
+            sciospec_emulator(&line(&folder), electrodes, reversed, FaultPlan::default());
+        let wanted = rotated(electrodes);
+        let session = sciospec_session(&emulator, electrodes, &wanted);
+        assert_eq!(session.setup().identity.to_string(), "Sciospec 0019 011F (2020-07)");
+        let (start, mut seen, mut polarity) = (Instant::now(), 0, Vec::new());
+        while seen < 20 {
+            assert!(start.elapsed() < LIMIT, "{seen} frames");
+            match session.next_event(WAIT).unwrap() {
+                Some(Event::Frame(frame)) => {
+                    assert!(frame.quality.iter().all(|q| q.is_good()), "frame {}", frame.sequence);
+                    check_sciospec(&frame, &wanted);
+                    seen += 1;
+                }
+                Some(Event::Notice(text)) => polarity.push(text),
+                _ => {}
+            }
+        }
+        assert_eq!(polarity.len(), 1, "{polarity:?}");
+        assert_eq!(polarity[0].contains("second"), reversed, "{polarity:?}");
+        assert_eq!(session.statistics().damaged_bytes, 0);
+    }
+}
+
+/// Lost bytes leave gaps, which are flagged; no value is wrong. (Changed bits within a value cannot
+/// be detected: this protocol has no checksum.)
+#[test]
+fn sciospec_on_a_line_that_loses_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = FaultPlan { seed: 3, spared_bytes: 4000, drop_byte: 2e-4, ..FaultPlan::default() };
+    let emulator = sciospec_emulator(&line(&folder), 16, false, plan);
+    let wanted = rotated(16);
+    let session = sciospec_session(&emulator, 16, &wanted);
+    let (start, mut seen, mut holes) = (Instant::now(), 0, 0);
+    while seen < 100 {
+        assert!(start.elapsed() < LIMIT, "{seen} frames");
+        let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() else { continue };
+        check_sciospec(&frame, &wanted);
+        let missing =
+            frame.quality.iter().filter(|quality| quality.contains(Quality::MISSING)).count();
+        // whole drives are missing
+        assert_eq!(missing % 13, 0);
+        holes += missing / 13;
+        seen += 1;
+    }
+    // 2240 bytes per frame and 2e-4: 45 losses in 100 frames, most of which cost one or two drives
+    assert!((10..200).contains(&holes), "{holes}");
+}
+
+#[test]
+fn sciospec_refuses_and_is_restarted() {
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let emulator = sciospec_emulator(&listen, 16, false, FaultPlan::default());
+    // an electrode that the instrument does not have
+    let settings = SciospecSettings::for_quadruples(32, &rotated(32));
+    let mut driver = Sciospec::new(settings).unwrap();
+    let error = identify(&mut driver, emulator.endpoint()).unwrap_err();
+    assert!(matches!(&error, HwError::Refused { command: "add a drive", .. }), "{error}");
+    assert!(error.to_string().contains("not executed (code 81)"), "{error}");
+
+    let plan =
+        FaultPlan { unplug_after_bytes: vec![50_000], unplugged_s: 0.05, ..FaultPlan::default() };
+    let emulator = sciospec_emulator(&listen, 16, false, plan);
+    let wanted = rotated(16);
+    let session = sciospec_session(&emulator, 16, &wanted);
+    let start = Instant::now();
+    loop {
+        assert!(start.elapsed() < LIMIT);
+        if let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() {
+            check_sciospec(&frame, &wanted);
+            if frame.epoch == 1 {
+                break;
+            }
+        }
+    }
+}
+
+#[test]
+fn settings_that_cannot_be_are_refused_by_name() {
+    let good = SciospecSettings::for_quadruples(16, &rotated(16));
+    for (bad, wanted) in [
+        (SciospecSettings { electrodes: 129, ..good.clone() }, "electrodes is 129"),
+        (SciospecSettings { drives: vec![], ..good.clone() }, "number of drives is 0"),
+        (SciospecSettings { drives: vec![[0, 16]], ..good.clone() }, "drive is (0, 16)"),
+        (SciospecSettings { drives: vec![[0, 1], [1, 0]], ..good.clone() }, "drive is (1, 0)"),
+        (SciospecSettings { current_a: f64::NAN, ..good.clone() }, "current_a is NaN"),
+        (SciospecSettings { current_a: 0.02, ..good.clone() }, "current_a is 0.02"),
+        (SciospecSettings { frequency_hz: 10.0, ..good.clone() }, "frequency_hz is 10"),
+        (
+            SciospecSettings { frame_rate_hz: 0.0, polarity: Polarity::AsListed, ..good },
+            "frame_rate_hz is 0",
+        ),
+    ] {
+        let message = Sciospec::new(bad).unwrap_err().to_string();
+        assert!(message.starts_with(wanted), "{message}");
+    }
+    assert!(Eits1::new(&rotated(16), -1.0, 1e-4, 0.0).is_err());
+    assert!(Eits1::new(&rotated(16), 10.0, f32::NAN, 0.0).is_err());
+    assert!(Board::preset("nothing").unwrap_err().to_string().contains("cn0565-16"));
+    let mut board = Board::preset("serial-16").unwrap();
+    board.format.values_per_line = 12;
+    assert!(board.driver().is_err());
+    for (settings, name) in [
+        (SessionSettings { capacity: 0, ..quick() }, "capacity"),
+        (SessionSettings { stall_s: f64::NAN, ..quick() }, "stall_s"),
+    ] {
+        assert!(settings.validate().unwrap_err().to_string().starts_with(name));
+    }
+    let negative = FaultPlan { drop_byte: -0.1, ..FaultPlan::default() };
+    assert!(negative.validate().unwrap_err().to_string().starts_with("drop_byte"));
+    for text in ["", "tcp:", "tcp:host", "tcp::5", "tcp:host:99999"] {
+        let message = Endpoint::parse(text, 9600).unwrap_err().to_string();
+        assert!(message.starts_with("port is"), "{message}");
+    }
+    assert!(Endpoint::parse("/dev/ttyACM0", 0).is_err());
+}
+
+#[test]
+fn ports_that_cannot_be_opened_and_instruments_that_do_not_answer() {
+    let nowhere = Endpoint::parse("/nowhere/ttyACM0", 9600).unwrap();
+    let error = identify(&mut *eits1_driver(10.0), &nowhere).unwrap_err();
+    let message = error.to_string();
+    assert!(message.contains("/nowhere/ttyACM0: cannot be opened"), "{message}");
+    assert!(message.contains("plug it in, or name another port"), "{message}");
+
+    // a text board does not speak EITS-1
+    let board = Board::preset("serial-16").unwrap();
+    let device = BoardDevice::new(board, 20.0, Box::new(|_, _, values| values.fill(1.0)));
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
+    let error = identify(&mut *eits1_driver(10.0), emulator.endpoint()).unwrap_err();
+    assert!(matches!(&error, HwError::NotUnderstood { .. }), "{error}");
+    assert!(error.to_string().contains("lines of text with 13 numbers"), "{error}");
+
+    // a measurement that the instrument cannot take
+    let emulator = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();
+    let settings = SessionSettings { quadruples: Some(vec![[0, 8, 2, 3]]), ..quick() };
+    let error = Session::open(eits1_driver(10.0), emulator.endpoint(), settings).unwrap_err();
+    assert!(matches!(error, HwError::MissingDrive { a: 0, b: 8, .. }), "{error}");
+    // an unsupported rate
+    let error = identify(&mut *eits1_driver(2000.0), emulator.endpoint()).unwrap_err();
+    assert!(error.to_string().contains("value cannot be set"), "{error}");
+}
+
+/// Instrument, serial line, driver, recording, reader; unplugged in between.
+#[test]
+fn a_live_instrument_is_recorded_and_read_like_a_file() {
+    use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
+    let folder = tempfile::tempdir().unwrap();
+    let plan =
+        FaultPlan { unplug_after_bytes: vec![40_000], unplugged_s: 0.05, ..FaultPlan::default() };
+    let emulator = sciospec_emulator(&line(&folder), 16, true, plan);
+    let wanted = rotated(16);
+    let session = sciospec_session(&emulator, 16, &wanted);
+    let path = folder.path().join("press.mcap");
+    let record = SessionRecord::of(session.setup(), &wanted);
+    let mut writer = CaptureWriter::create(&path, &record, CaptureSettings::default()).unwrap();
+    let (start, mut recorded) = (Instant::now(), Vec::new());
+    while recorded.last().is_none_or(|frame: &Frame| frame.epoch == 0) {
+        assert!(start.elapsed() < LIMIT);
+        match session.next_event(WAIT).unwrap() {
+            Some(Event::Frame(frame)) => {
+                writer.frame(&frame).unwrap();
+                recorded.push(frame);
+            }
+            Some(event) => writer.note(&format!("{event:?}")).unwrap(),
+            None => writer.tick().unwrap(),
+        }
+    }
+    writer.finish().unwrap();
+    let recording = eit_hw::read_recording(&path, None, &eit_hw::ReadOptions::default()).unwrap();
+    let frames = recording.frames_for(Some(&wanted), 208, eit_hw::Component::Real).unwrap();
+    assert_eq!(frames.values.nrows(), recorded.len());
+    for (found, frame) in frames.values.rows().into_iter().zip(&recorded) {
+        let same = |(a, b): (&f64, &f64)| a == b || a.is_nan() && b.is_nan();
+        assert!(found.iter().zip(&frame.values).all(same));
+    }
+    assert_eq!(frames.unit, Unit::Volt);
+}
+
+/// A host that disconnects in the middle of a frame leaves a terminal that nobody reads: writing to
+/// it blocks, and the emulator stops all the same.
+#[cfg(unix)]
+#[test]
+fn an_emulator_ends_although_nobody_reads_its_terminal() {
+    use std::io::{Read, Write};
+    struct Chatter;
+    impl eit_hw::emulator::Device for Chatter {
+        fn receive(&mut self, _: &[u8], _: Duration, _: &mut Vec<u8>) {}
+        fn poll(&mut self, _: Duration, out: &mut Vec<u8>) {
+            out.extend([0x55; 65_536]);
+        }
+        fn power_cycle(&mut self) {}
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("skin");
+    let listen = Listen::PseudoTerminal(path.clone());
+    let mut emulator = Emulator::start(Box::new(Chatter), &listen, FaultPlan::default()).unwrap();
+    let mut host = serialport::new(path.display().to_string(), 115_200)
+        .timeout(Duration::from_secs(5))
+        .open_native()
+        .unwrap();
+    host.write_all(b"hello").unwrap();
+    // it keeps sending, so its next write finds no room
+    host.read_exact(&mut [0; 100]).unwrap();
+    std::thread::sleep(Duration::from_millis(100));
+    drop(host);
+    let (done, ended) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        emulator.stop();
+        done.send(()).unwrap();
+    });
+    ended.recv_timeout(Duration::from_secs(20)).expect("blocked for ever");
+    assert!(!path.exists(), "its name stays");
+}

@@ -1,0 +1,23 @@
+//! Tests of the crate, in one program: linking one is faster than linking 17. Those of one file:
+//! `cargo test --release -p eit-hw --test all FILE::`.
+
+mod common;
+
+mod allocations;
+mod bad_input;
+mod capture;
+mod codec;
+mod damage;
+mod examples;
+mod faults;
+mod foreign;
+mod health;
+mod live;
+mod memory;
+mod parts;
+mod properties;
+mod real_data;
+mod selection;
+#[cfg(feature = "serde")]
+mod serde;
+mod shared;

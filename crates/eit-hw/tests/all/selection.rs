@@ -1,0 +1,543 @@
+//! Selection of a protocol's measurements from a recording, and reciprocity. One file, because all
+//! tests share the same recordings.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test file: a panic is a failed test"
+)]
+
+use crate::common::{ascending, name, opposite, rotated};
+use eit_hw::csv::{CsvOptions, parse};
+use eit_hw::{
+    Component, CountHint, FrameMap, FrameOrientation, HwError, Layout, OrderVerdict, Projection,
+    Quadruple, Quality, ReadOptions, Recording, Unit, read_recording, reciprocity_error,
+    recognise_order,
+};
+use ndarray::{Array2, array};
+use proptest::prelude::*;
+
+/// Changes the values of a recording.
+fn changed(
+    recording: &Recording,
+    change: impl FnOnce(&mut Array2<f64>, &mut Option<Array2<f64>>, &mut Array2<Quality>),
+) -> Recording {
+    let (mut real, mut imaginary) = (recording.real(), recording.imaginary());
+    let mut quality = recording.quality();
+    change(&mut real, &mut imaginary, &mut quality);
+    let parts = imaginary.as_ref().map(|parts| parts.view());
+    recording.clone().with_values(real.view(), parts, quality.view()).unwrap()
+}
+
+/// Sets the flags of one value.
+fn flagged(recording: &Recording, at: [usize; 2], flags: Quality) -> Recording {
+    changed(recording, |_, _, quality| quality[at] = flags)
+}
+
+/// Returns two complex frames of three values.
+fn complex() -> Recording {
+    let options = CsvOptions { complex: true, ..CsvOptions::default() };
+    parse(b"3,0,-6\n4,1,-8\n6,0,3\n8,2,4\n", &name("f.csv"), &options).unwrap()
+}
+
+#[test]
+fn components() {
+    let recording = complex();
+    let of = |component| recording.frames_for(None, 3, component).unwrap().values;
+    assert_eq!(of(Component::Real), array![[3.0, 0.0, -6.0], [6.0, 0.0, 3.0]]);
+    assert_eq!(of(Component::Imaginary), array![[4.0, 1.0, -8.0], [8.0, 2.0, 4.0]]);
+    assert_eq!(of(Component::Magnitude), array![[5.0, 1.0, 10.0], [10.0, 2.0, 5.0]]);
+}
+
+#[test]
+fn phased_turns_one_phase_to_the_real_axis() {
+    let mut recording = complex();
+    // all on the axis of 3 + 4i, with either sign: the projection is the signed magnitude
+    recording = changed(&recording, |real, parts, _| *parts = Some(&*real * (4.0 / 3.0)));
+    let phased = recording.frames_for(None, 3, Component::Phased).unwrap().values;
+    for (phased, real) in phased.iter().zip(&recording.real()) {
+        // a few roundings of numbers of order 10
+        assert!((phased - real * 5.0 / 3.0).abs() < 1e-14, "{phased} {real}");
+    }
+    // flagged values do not rotate it
+    recording = changed(&recording, |real, _, quality| {
+        real[[0, 1]] = f64::NAN;
+        quality[[0, 1]] = Quality::NON_FINITE;
+    });
+    let flagged = recording.frames_for(None, 3, Component::Phased).unwrap();
+    assert_eq!(flagged.values.row(1), phased.row(1));
+    assert_eq!(flagged.quality[[0, 1]], Quality::NON_FINITE);
+    assert_eq!(flagged.mean_frame()[1], 0.0);
+}
+
+#[test]
+fn real_recordings_have_no_imaginary_part() {
+    let recording = parse(b"1,-2\n", &name("f.csv"), &CsvOptions::default()).unwrap();
+    let of = |component| recording.frames_for(None, 2, component);
+    assert!(matches!(of(Component::Imaginary), Err(HwError::NoImaginaryPart { .. })));
+    assert_eq!(of(Component::Phased).unwrap().values, array![[1.0, -2.0]]);
+    assert_eq!(of(Component::Magnitude).unwrap().values, array![[1.0, 2.0]]);
+}
+
+#[test]
+fn quadruples_are_found_with_their_sign() {
+    let mut recording = complex();
+    recording.layout = Layout::Quadruples(vec![[0, 1, 2, 3], [0, 1, 3, 4], [1, 2, 3, 4]]);
+    recording = flagged(&recording, [1, 2], Quality::OPEN);
+    let wanted = [[1, 2, 3, 4], [1, 0, 2, 3], [0, 1, 3, 2], [1, 0, 3, 2]];
+    let frames = recording.frames_for(Some(&wanted), 4, Component::Real).unwrap();
+    assert_eq!(frames.values.row(0).to_vec(), [-6.0, -3.0, -3.0, 3.0]);
+    assert_eq!(frames.quality[[1, 0]], Quality::OPEN);
+    let of = |quadruple: Quadruple| recording.frames_for(Some(&[quadruple]), 1, Component::Real);
+    assert!(matches!(of([2, 3, 0, 1]), Err(HwError::MissingDrive { a: 2, b: 3, .. })));
+    assert!(matches!(
+        of([0, 1, 2, 4]),
+        Err(HwError::MissingMeasurement { quadruple: [0, 1, 2, 4], .. })
+    ));
+    let none = recording.frames_for(None, 3, Component::Real);
+    assert!(matches!(none, Err(HwError::NeedsQuadruples { .. })));
+    let short = recording.frames_for(Some(&wanted), 3, Component::Real);
+    assert!(matches!(short, Err(HwError::QuadrupleCount { quadruples: 4, count: 3 })));
+}
+
+#[test]
+fn potentials_are_subtracted() {
+    let mut recording = complex();
+    recording.layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
+    recording = flagged(&recording, [0, 2], Quality::OPEN);
+    let wanted = [[0, 1, 0, 2], [1, 0, 0, 2], [0, 1, 2, 0], [0, 1, 0, 1]];
+    let frames = recording.frames_for(Some(&wanted), 4, Component::Real).unwrap();
+    assert_eq!(frames.values.row(0).to_vec(), [9.0, -9.0, -9.0, 3.0]);
+    assert_eq!(
+        frames.quality.row(0).to_vec(),
+        [Quality::OPEN, Quality::OPEN, Quality::OPEN, Quality::GOOD]
+    );
+    // the magnitude is that of the difference
+    let frames = recording.frames_for(Some(&wanted), 4, Component::Magnitude).unwrap();
+    assert_eq!(frames.values[[0, 0]], 15.0);
+}
+
+#[test]
+fn fields_that_do_not_fit_are_refused() {
+    let refused = |change: fn(&mut Recording)| {
+        let mut recording = complex();
+        change(&mut recording);
+        let result = recording.frames_for(None, 3, Component::Real);
+        assert!(matches!(result, Err(HwError::Inconsistent { .. })), "{result:?}");
+    };
+    let recording = complex();
+    let (real, good) = (recording.real(), recording.quality());
+    let with = |real: &Array2<f64>, parts: Option<&Array2<f64>>, quality: &Array2<Quality>| {
+        let parts = parts.map(|parts| parts.view());
+        recording.clone().with_values(real.view(), parts, quality.view()).unwrap_err()
+    };
+    for error in [
+        with(&real, None, &Array2::default((2, 2))),
+        with(&real, None, &Array2::default((1, 3))),
+        with(&real, Some(&Array2::zeros((1, 3))), &good),
+        with(&real, Some(&Array2::zeros((2, 2))), &good),
+    ] {
+        assert!(matches!(error, HwError::Inconsistent { .. }), "{error:?}");
+    }
+    let none = with(&Array2::zeros((0, 3)), None, &Array2::default((0, 3)));
+    assert!(matches!(none, HwError::NoFrames { .. }), "{none:?}");
+    refused(|recording| recording.device_time_s = Some(vec![0.0]));
+    refused(|recording| recording.layout = Layout::Quadruples(Vec::new()));
+    refused(|recording| {
+        recording.layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: usize::MAX };
+    });
+}
+
+#[test]
+fn counts_that_differ_are_explained() {
+    let hint = |found: usize, frames: usize, wanted: usize| {
+        let text = vec![vec!["1"; found].join(","); frames].join("\n");
+        let recording = parse(text.as_bytes(), &name("f.csv"), &CsvOptions::default()).unwrap();
+        match recording.frames_for(None, wanted, Component::Real) {
+            Err(HwError::CountMismatch { found: f, frames: n, wanted: w, hint, .. }) => {
+                assert_eq!((f, n, w), (found, frames, wanted));
+                hint
+            }
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(hint(4, 208, 208), CountHint::Transposed);
+    assert_eq!(hint(13, 16, 208), CountHint::OneFrame);
+    assert_eq!(hint(416, 1, 208), CountHint::Complex);
+    assert_eq!(hint(256, 1, 208), CountHint::DrivenKept { electrodes: 16 });
+    assert_eq!(hint(256, 1, 192), CountHint::DrivenKept { electrodes: 16 });
+    assert_eq!(hint(208, 1, 256), CountHint::DrivenDropped { electrodes: 16 });
+    assert_eq!(hint(104, 1, 208), CountHint::ReciprocalOnly);
+    assert_eq!(hint(928, 1, 208), CountHint::Adjacent { electrodes: 32 });
+    assert_eq!(hint(192, 1, 208), CountHint::Opposite { electrodes: 16 });
+    assert_eq!(hint(207, 1, 208), CountHint::Unknown);
+}
+
+/// A table of 2 frames of 4 values in either file format, and options that read its columns as
+/// frames; following the message fixes it.
+#[test]
+fn a_swapped_table_is_mended_by_the_key_of_the_message() {
+    let folder = tempfile::tempdir().unwrap();
+    let columns = [[1_u8, 5], [2, 6], [3, 7], [4, 8]];
+    let text: String = columns.iter().map(|[a, b]| format!("{a},{b}\n")).collect();
+    let header = b"\x93NUMPY\x01\x00\x39\x00{'descr': '|u1', 'fortran_order': False, \
+        'shape': (4, 2)}";
+    let npy = [header.as_slice(), columns.as_flattened()].concat();
+    for (name, bytes) in [("f.csv", text.as_bytes()), ("f.npy", npy.as_slice())] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let frames = |frames_are, count| {
+            let options = ReadOptions { frames_are, ..ReadOptions::default() };
+            read_recording(&path, None, &options).unwrap().frames_for(None, count, Component::Real)
+        };
+        let refused = |frames_are, count, key: &str| {
+            let message = frames(frames_are, count).unwrap_err().to_string();
+            assert!(
+                message.contains(&format!("set `[recording] frames_are = \"{key}\"`")),
+                "{message}"
+            );
+        };
+        let by = |orientation, count| frames(Some(orientation), count).unwrap().values;
+        refused(None, 4, "columns");
+        refused(Some(FrameOrientation::Rows), 4, "columns");
+        let wanted = array![[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]];
+        assert_eq!(by(FrameOrientation::Columns, 4), wanted);
+        refused(Some(FrameOrientation::Columns), 2, "rows");
+        assert_eq!(by(FrameOrientation::Rows, 2), wanted.t());
+        refused(None, 8, "matrix");
+        refused(Some(FrameOrientation::Columns), 8, "matrix");
+        let matrix = array![[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]];
+        assert_eq!(by(FrameOrientation::Matrix, 8), matrix);
+    }
+}
+
+#[test]
+fn a_format_that_is_no_table_has_no_hint_about_tables() {
+    let mut recording = complex();
+    recording.frames_are = None;
+    for wanted in [2, 6] {
+        match recording.frames_for(None, wanted, Component::Real) {
+            Err(HwError::CountMismatch { frames: 2, hint, .. }) => {
+                assert_eq!(
+                    hint,
+                    if wanted == 2 { CountHint::Unknown } else { CountHint::ReciprocalOnly }
+                );
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
+fn frames_come_one_by_one() {
+    let mut recording = complex();
+    recording.device_time_s = Some(vec![0.0, 0.05]);
+    let frames = recording.frames_for(None, 3, Component::Real).unwrap();
+    let list: Vec<_> = frames.frames().collect();
+    assert_eq!(list.len(), 2);
+    assert_eq!(list[1].values, [6.0, 0.0, 3.0]);
+    assert_eq!((list[1].sequence, list[1].device_time_s), (1, Some(0.05)));
+    assert_eq!(frames.mean_frame(), [4.5, 0.0, -1.5]);
+}
+
+#[test]
+fn means_are_of_good_values_of_some_frames() {
+    let mut recording =
+        parse(b"1,2\n3,4\n5,6\n7,8\n", &name("f.csv"), &CsvOptions::default()).unwrap();
+    for frame in [1, 2] {
+        recording = changed(&recording, |real, _, quality| {
+            quality[[frame, 1]] = Quality::STUCK;
+            real[[frame, 1]] = f64::NAN;
+        });
+    }
+    let frames = recording.frames_for(None, 2, Component::Real).unwrap();
+    assert_eq!(frames.mean_of(0..2), (vec![2.0, 2.0], vec![true, true]));
+    assert_eq!(frames.mean_of(0..4), (vec![4.0, 5.0], vec![true, true]));
+    assert_eq!(frames.mean_of(3..usize::MAX), (vec![7.0, 8.0], vec![true, true]));
+    let (mean, good) = frames.mean_of(1..3);
+    assert_eq!((mean[0], good), (4.0, vec![true, false]));
+    assert!(mean[1].is_nan());
+    for none in [2..2, 9..12] {
+        assert_eq!(frames.mean_of(none).1, [false, false]);
+    }
+    assert_eq!(frames.mean_frame(), frames.mean_of(0..4).0);
+}
+
+#[test]
+fn values_become_volts() {
+    let frames = |unit, current_a| {
+        let mut recording = parse(b"1,-2\n", &name("f.csv"), &CsvOptions::default()).unwrap();
+        (recording.unit, recording.current_a) = (unit, current_a);
+        recording.frequency_hz = Some(1e3);
+        let mut frames = recording.frames_for(None, 2, Component::Real).unwrap();
+        assert_eq!((frames.current_a, frames.frequency_hz), (current_a, Some(1e3)));
+        frames.to_volts(0.5);
+        let once = frames.clone();
+        frames.to_volts(0.5);
+        assert_eq!(frames, once);
+        let Unit::Volt = frames.unit else {
+            assert_eq!((unit, current_a), (frames.unit, frames.current_a));
+            return frames.values;
+        };
+        assert_eq!(frames.current_a, Some(0.5));
+        frames.values
+    };
+    let unchanged = array![[1.0, -2.0]];
+    assert_eq!(frames(Unit::Ohm, None), array![[0.5, -1.0]]);
+    assert_eq!(frames(Unit::Volt, Some(0.25)), array![[2.0, -4.0]]);
+    assert_eq!(frames(Unit::Volt, None), unchanged);
+    assert_eq!(frames(Unit::Volt, Some(0.0)), unchanged);
+    assert_eq!(frames(Unit::Arbitrary, Some(0.25)), unchanged);
+}
+
+/// A measurement that is recorded in both directions is taken from its own: the other one has the opposite sign, which
+/// magnitudes do not show, and faults of its own.
+#[test]
+fn each_direction_of_a_measurement_is_its_own() {
+    let both = [[0, 2, 1, 3], [2, 0, 1, 3], [0, 2, 3, 1]];
+    let layout = Layout::Quadruples(both.to_vec());
+    let map = FrameMap::new(&layout, 3, Some(&both), 3, "both").unwrap();
+    let (mut values, mut quality) = ([0.0; 3], [Quality::GOOD; 3]);
+    let recorded = [Quality::GOOD, Quality::OPEN, Quality::GOOD];
+    let real = Projection::Real;
+    map.apply_into(&[1.0, 2.0, 3.0], None, &recorded, real, &mut values, &mut quality).unwrap();
+    assert_eq!((values, quality), ([1.0, 2.0, 3.0], recorded));
+    // one that is recorded the other way only is turned
+    let map = FrameMap::new(&layout, 3, Some(&[[2, 0, 3, 1]]), 1, "both").unwrap();
+    let (values, quality) = (&mut [0.0], &mut [Quality::GOOD]);
+    map.apply_into(&[1.0, 2.0, 3.0], None, &recorded, real, values, quality).unwrap();
+    assert_eq!(*values, [1.0]);
+}
+
+/// A stream selects the same measurements as `frames_for` does from a file.
+#[test]
+fn frames_one_by_one_are_those_of_the_recording() {
+    let mut recording = complex();
+    recording = flagged(&recording, [0, 2], Quality::OPEN);
+    let quadruples = [[1, 0, 0, 2], [0, 1, 2, 1]];
+    let potentials = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
+    let named = Layout::Quadruples(vec![[0, 1, 1, 2], [0, 1, 0, 2], [2, 0, 1, 2]]);
+    for (layout, quadruples, count) in [
+        (Layout::ProtocolOrder, None, 3),
+        (potentials, Some(&quadruples[..]), 2),
+        (named, Some(&quadruples), 2),
+    ] {
+        recording.layout = layout;
+        let map = FrameMap::new(&recording.layout, 3, quadruples, count, "stream").unwrap();
+        assert_eq!((map.measurements(), map.value_count()), (count, 3));
+        for component in
+            [Component::Real, Component::Imaginary, Component::Magnitude, Component::Phased]
+        {
+            let frames = recording.frames_for(quadruples, count, component).unwrap();
+            let projection = match component {
+                Component::Real => Projection::Real,
+                Component::Imaginary => Projection::Imaginary,
+                Component::Magnitude => Projection::Magnitude,
+                Component::Phased => Projection::Axis { angle_rad: frames.phase_rad.unwrap() },
+            };
+            let (real, imaginary) = (recording.real(), recording.imaginary().unwrap());
+            let good = recording.quality();
+            for mut frame in frames.frames() {
+                let (values, quality) = (frame.values.clone(), frame.quality.clone());
+                frame.values.fill(f64::NAN);
+                frame.quality.fill(Quality::MISSING);
+                let row = usize::try_from(frame.sequence).unwrap();
+                map.apply_into(
+                    real.row(row).as_slice().unwrap(),
+                    imaginary.row(row).as_slice(),
+                    good.row(row).as_slice().unwrap(),
+                    projection,
+                    &mut frame.values,
+                    &mut frame.quality,
+                )
+                .unwrap();
+                assert_eq!((frame.values, frame.quality), (values, quality));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_map_refuses_what_does_not_fit() {
+    let map = FrameMap::new(&Layout::ProtocolOrder, 2, None, 2, "stream").unwrap();
+    let good = [Quality::GOOD; 3];
+    let apply = |real: &[f64], imaginary, quality: &[Quality], values: usize, flags: usize| {
+        let (mut values, mut flags) = (vec![7.0; values], vec![Quality::OPEN; flags]);
+        let result =
+            map.apply_into(real, imaginary, quality, Projection::Real, &mut values, &mut flags);
+        if result.is_err() {
+            assert!(values.iter().all(|value| *value == 7.0));
+            assert!(flags.iter().all(|flags| *flags == Quality::OPEN));
+        }
+        result
+    };
+    assert!(apply(&[1.0, 2.0], None, &good[..2], 2, 2).is_ok());
+    let short: Option<&[f64]> = Some(&[1.0]);
+    for (result, wrong) in [
+        (apply(&[1.0], None, &good[..2], 2, 2), "real"),
+        (apply(&[1.0, 2.0], short, &good[..2], 2, 2), "imaginary"),
+        (apply(&[1.0, 2.0], None, &good, 2, 2), "quality"),
+        (apply(&[1.0, 2.0], None, &good[..2], 1, 2), "values"),
+        (apply(&[1.0, 2.0], None, &good[..2], 2, 3), "flags"),
+    ] {
+        match result {
+            Err(HwError::Inconsistent { field, wanted: 2, .. }) => assert_eq!(field, wrong),
+            other => panic!("{other:?}"),
+        }
+    }
+    let mut out = ([0.0; 2], [Quality::GOOD; 2]);
+    let refused = map
+        .apply_into(&[1.0, 2.0], None, &good[..2], Projection::Imaginary, &mut out.0, &mut out.1)
+        .unwrap_err();
+    assert!(matches!(refused, HwError::NoImaginaryPart { .. }));
+    let new = |layout, value_count, count| {
+        FrameMap::new(&layout, value_count, None, count, "stream").unwrap_err()
+    };
+    let message = new(Layout::ProtocolOrder, 256, 208).to_string();
+    assert!(message.starts_with("stream: 256 values") && message.contains("\"keep\""), "{message}");
+    let short = new(Layout::Quadruples(vec![[0, 1, 2, 3]]), 2, 2);
+    assert!(matches!(short, HwError::Inconsistent { field: "layout", found: 1, wanted: 2, .. }));
+}
+
+#[test]
+fn the_memory_order_of_a_recording_does_not_matter() {
+    let recording = complex();
+    let transposed =
+        |array: &Array2<f64>| array.t().as_standard_layout().into_owned().reversed_axes();
+    let other = changed(&recording, |real, parts, _| {
+        *real = transposed(real);
+        *parts = parts.as_ref().map(transposed);
+        assert!(!real.is_standard_layout());
+    });
+    assert_eq!(other, recording);
+    for component in [Component::Real, Component::Phased] {
+        assert_eq!(
+            other.frames_for(None, 3, component).unwrap(),
+            recording.frames_for(None, 3, component).unwrap()
+        );
+    }
+}
+
+#[test]
+fn flags_come_back_from_their_bits() {
+    let flags = [
+        Quality::SATURATED,
+        Quality::STUCK,
+        Quality::OPEN,
+        Quality::OVER_RANGE,
+        Quality::NON_FINITE,
+        Quality::MISSING,
+    ];
+    for bits in 0..=u16::MAX {
+        let some = flags.iter().filter(|flag| flag.bits() & bits != 0);
+        let quality = some.fold(Quality::GOOD, |all, &flag| all | flag);
+        // bits of no flag are rejected
+        assert_eq!(Quality::from_bits(bits), (quality.bits() == bits).then_some(quality));
+    }
+}
+
+/// Returns a reciprocal value for each quadruple: symmetric in drive and measured pair, odd in
+/// either.
+fn reciprocal([a, b, m, n]: Quadruple, seed: f64) -> f64 {
+    let g = |i: u32, j: u32| (seed + f64::from(i.min(j)) * 7.1 + f64::from(i.max(j)) * 3.3).sin();
+    g(a, m) - g(a, n) - g(b, m) + g(b, n)
+}
+
+proptest! {
+    #[test]
+    fn reciprocal_frames_have_no_error(
+        seed in 0.0..10.0_f64,
+        scale in prop::sample::select(vec![1e-200, 1e-6, 1.0, 1e200]),
+        flips in prop::collection::vec(0..4_u8, 208),
+    ) {
+        let mut order = rotated(16);
+        for (quadruple, flip) in order.iter_mut().zip(flips) {
+            let [a, b, m, n] = *quadruple;
+            *quadruple = match flip {
+                0 => [a, b, m, n],
+                1 => [b, a, m, n],
+                2 => [a, b, n, m],
+                _ => [b, a, n, m],
+            };
+        }
+        let frame: Vec<_> = order.iter().map(|&q| scale * reciprocal(q, seed)).collect();
+        // four rounded terms of order 1, relative to a root mean square of order 1
+        prop_assert!(reciprocity_error(&order, &frame).unwrap() < 1e-14);
+    }
+
+    #[test]
+    fn a_relative_difference_is_found(seed in 0.0..10.0_f64, relative in 1e-6..0.5_f64) {
+        let order = rotated(16);
+        let frame: Vec<_> = order
+            .iter()
+            .map(|&q| reciprocal(q, seed) * (1.0 + if q[0] < q[2] { relative } else { -relative }))
+            .collect();
+        // v (1 + r) compared with v (1 - r): 2 r / sqrt(1 + r^2), rounded to about 1e-16 / r
+        let expected = 2.0 * relative / (1.0 + relative * relative).sqrt();
+        let error = reciprocity_error(&order, &frame).unwrap();
+        prop_assert!((error / expected - 1.0).abs() < 1e-9, "{error} {expected}");
+    }
+
+    #[test]
+    fn orders_without_reciprocal_pairs_say_nothing(
+        frame in prop::collection::vec(-1.0..1.0_f64, 192),
+    ) {
+        prop_assert_eq!(reciprocity_error(&opposite(16), &frame), None);
+    }
+}
+
+#[test]
+fn errors_at_the_edges() {
+    let order = [[0, 1, 2, 3], [2, 3, 0, 1]];
+    assert_eq!(reciprocity_error(&order, &[1.0]), None);
+    assert_eq!(reciprocity_error(&order, &[0.0, 0.0]), None);
+    assert_eq!(reciprocity_error(&order, &[f64::NAN, 1.0]), None);
+    assert_eq!(reciprocity_error(&order, &[f64::INFINITY, 1.0]), None);
+    assert_eq!(reciprocity_error(&[], &[]), None);
+    // driven electrodes are ignored
+    assert_eq!(reciprocity_error(&[[0, 1, 1, 2], [1, 2, 0, 1]], &[1.0, 5.0]), None);
+}
+
+#[test]
+fn correlation_with_a_model() {
+    use eit_hw::model_correlation;
+    let model = [1.0, -2.0, 3.0];
+    let scaled = model.map(|value| -1e200 * value);
+    // squares, sum and root of numbers of order 1
+    assert!((model_correlation(&scaled, &model).unwrap() + 1.0).abs() < 1e-15);
+    assert!((model_correlation(&model, &model).unwrap() - 1.0).abs() < 1e-15);
+    assert_eq!(model_correlation(&[2.0, 1.0, 0.0], &model), Some(0.0));
+    assert_eq!(model_correlation(&[5.0, f64::NAN, 0.0], &[0.5, 1.0, f64::INFINITY]), Some(1.0));
+    assert_eq!(model_correlation(&[0.0; 3], &model), None);
+    assert_eq!(model_correlation(&model[..2], &model), None);
+}
+
+#[test]
+fn verdicts() {
+    let frame: Vec<_> = ascending(16).iter().map(|&q| reciprocal(q, 1.0)).collect();
+    let scene = rotated(16);
+    let alternatives = [
+        ("right", ascending(16)),
+        ("another length", ascending(8)),
+        ("right too", ascending(16).into_iter().map(|[a, b, m, n]| [m, n, a, b]).collect()),
+        ("no pairs", vec![[0, 1, 2, 3]; 208]),
+    ];
+    match recognise_order(&frame, &scene, &alternatives) {
+        OrderVerdict::Other { better, ours } => {
+            let settings: Vec<_> = better.iter().map(|other| other.setting.as_str()).collect();
+            assert_eq!(settings, ["right", "right too"]);
+            assert!(ours > 0.5, "{ours}");
+        }
+        other => panic!("{other:?}"),
+    }
+    assert!(matches!(
+        recognise_order(&frame, &ascending(16), &alternatives),
+        OrderVerdict::Consistent { .. }
+    ));
+    assert!(matches!(
+        recognise_order(&frame, &scene, &alternatives[1..2]),
+        OrderVerdict::Unclear { ours: Some(_), best: None }
+    ));
+}

@@ -1,0 +1,218 @@
+//! Calibration on simulated frames: exact ones, noisy ones from a finer mesh, and parameters that the data
+//! cannot determine.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "tests"
+)]
+
+use eit_fem::{DrivenElectrodes, ForwardModel, PairProtocol, Protocol};
+use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts, InverseError};
+use eit_mesh::{MeshSettings, RimElectrodes, SkinShape, generate};
+use fixtures::Random;
+
+const SIGMA_S: f64 = 1e-5;
+const CONTACT: f64 = 1e3;
+
+fn protocol(driven_electrodes: DrivenElectrodes) -> Protocol {
+    PairProtocol { driven_electrodes, ..Default::default() }.protocol().unwrap()
+}
+
+fn model(edge_m: f64, protocol: &Protocol, impedance: &[f64]) -> ForwardModel {
+    let skin = SkinShape::Disc { radius_m: 0.1 };
+    let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
+    let mesh = generate(&skin, &electrodes, &MeshSettings::with_edge(edge_m)).unwrap();
+    ForwardModel::new(&mesh, protocol, impedance).unwrap()
+}
+
+/// Fine at the ends of electrodes, to which measurements on driven electrodes are most sensitive.
+fn graded(edge_m: f64, electrode_edge_m: f64, protocol: &Protocol) -> ForwardModel {
+    let skin = SkinShape::Disc { radius_m: 0.1 };
+    let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
+    let settings = MeshSettings {
+        electrode_edge_m: Some(electrode_edge_m),
+        ..MeshSettings::with_edge(edge_m)
+    };
+    let mesh = generate(&skin, &electrodes, &settings).unwrap();
+    ForwardModel::new(&mesh, protocol, &[CONTACT; 16]).unwrap()
+}
+
+fn voltages(model: &ForwardModel, sigma_s: f64, impedance: &[f64]) -> Vec<f64> {
+    let mut geometry = model.geometry();
+    model.change_contacts(impedance, &mut geometry).unwrap();
+    let mut workspace = model.workspace().unwrap();
+    let sigma = vec![sigma_s; model.elements()];
+    model.solve_deformed(&geometry, &sigma, &mut workspace).unwrap().measurements().to_vec()
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+/// Without noise and on the same mesh, the truth is recovered from a start that is wrong by factors of
+/// forty and five.
+#[test]
+fn exact_frames_give_the_exact_skin() {
+    let protocol = protocol(DrivenElectrodes::Keep);
+    let model = model(0.01, &protocol, &[CONTACT; 16]);
+    let mut random = Random::new(5);
+    let truth: Vec<f64> = (0..16).map(|_| CONTACT * (1.5 * random.normal()).exp()).collect();
+    let frame = voltages(&model, SIGMA_S, &truth);
+    let settings = CalibrationSettings::starting_at(40.0 * SIGMA_S, &[5.0 * CONTACT; 16]);
+    let found = Calibration::of_frame(&model, &frame, &settings).unwrap();
+    println!(
+        "{:?}, {} steps, {} solves, residual {:.1e} -> {:.1e}",
+        found.status,
+        found.iterations,
+        found.forward_solves,
+        found.residual_before,
+        found.residual_after
+    );
+    assert_eq!(found.status, CalibrationStatus::Converged);
+    // the least residual is 1e-8 of the frame; the prior can pull within that
+    assert!((found.conductivity_s / SIGMA_S - 1.0).abs() < 1e-6);
+    for (z, truth) in found.contact_impedance.iter().zip(&truth) {
+        assert!((z / truth).ln().abs() < 1e-4, "{z} {truth}");
+    }
+    assert!(found.residual_before > 0.5 && found.residual_after < 1e-7);
+    assert!(found.undetermined().is_empty());
+}
+
+/// Truth drawn from the prior, and noisy frames from a mesh with four times as many nodes: the squared
+/// errors in units of the stated covariance are `p` on average.
+#[test]
+fn errors_are_those_of_the_covariance() {
+    let protocol = protocol(DrivenElectrodes::Keep);
+    let fine = graded(0.003, 0.00025, &protocol);
+    let model = graded(0.004, 0.0005, &protocol);
+    let (seeds, spread) = (40, 0.5);
+    // noise known, noise estimated, and noise known with frames of the same mesh
+    let mut squares = [0.0; 3];
+    for seed in 0..seeds {
+        let mut random = Random::new(1000 + seed);
+        let truth: Vec<f64> = (0..16).map(|_| CONTACT * (spread * random.normal()).exp()).collect();
+        let clean = [&fine, &model].map(|model| voltages(model, SIGMA_S, &truth));
+        // enough noise to hide most of the coarser mesh's error
+        let noise = 0.05 * rms(&clean[0]);
+        let frames = clean.map(|clean| -> Vec<f64> {
+            clean.iter().map(|v| v + noise * random.normal()).collect()
+        });
+        for (k, square) in squares.iter_mut().enumerate() {
+            let (known, frame) = (k != 1, &frames[k / 2]);
+            let settings = CalibrationSettings {
+                contact_spread: spread,
+                noise_std_v: known.then(|| vec![noise; frame.len()]),
+                ..CalibrationSettings::starting_at(3.0 * SIGMA_S, &[CONTACT; 16])
+            };
+            let found = Calibration::of_frame(&model, frame, &settings).unwrap();
+            assert_eq!(found.status, CalibrationStatus::Converged);
+            assert!((0.6..1.5).contains(&found.reduced_chi_square));
+            assert!((found.noise_std_v[0] / noise - 1.0).abs() < 0.2);
+            let mut error = vec![(found.conductivity_s / SIGMA_S).ln()];
+            error.extend(found.contact_impedance.iter().zip(&truth).map(|(z, t)| (z / t).ln()));
+            *square += mahalanobis(&found, &error) / (17.0 * seeds as f64);
+        }
+    }
+    println!(
+        "mean squared error in units of the covariance: {squares:.3?} (known, estimated, same mesh)"
+    );
+    // chi-square of 40 x 17 has a standard deviation of 0.054. Allowed are three of them, plus the
+    // curvature of the model over its covariance; another mesh adds its own difference (found: 0.17).
+    assert!((squares[2] - 1.0).abs() < 0.2, "{squares:?}");
+    assert!(squares.iter().all(|s| (s - 1.0).abs() < 0.3), "{squares:?}");
+}
+
+/// `e' C^-1 e`, by Gaussian elimination.
+fn mahalanobis(found: &Calibration, error: &[f64]) -> f64 {
+    let count = error.len();
+    let mut rows: Vec<Vec<f64>> = (0..count)
+        .map(|i| found.covariance.row(i).iter().copied().chain([error[i]]).collect())
+        .collect();
+    for k in 0..count {
+        for i in k + 1..count {
+            let factor = rows[i][k] / rows[k][k];
+            let pivot = rows[k].clone();
+            rows[i].iter_mut().zip(&pivot).for_each(|(x, p)| *x -= factor * p);
+        }
+    }
+    let mut solution = vec![0.0; count];
+    for k in (0..count).rev() {
+        let rest: f64 = (k + 1..count).map(|j| rows[k][j] * solution[j]).sum();
+        solution[k] = (rows[k][count] - rest) / rows[k][k];
+    }
+    solution.iter().zip(error).map(|(s, e)| s * e).sum()
+}
+
+/// Without measurements on driven electrodes, contacts have little effect. The result reports that the
+/// prior decides, the conductivity is right nevertheless, and a gain becomes part of it.
+#[test]
+fn what_data_do_not_tell_is_reported() {
+    let protocol = protocol(DrivenElectrodes::Drop);
+    let model = model(0.01, &protocol, &[CONTACT; 16]);
+    let mut random = Random::new(3);
+    let clean = voltages(&model, SIGMA_S, &[CONTACT; 16]);
+    let noise = 0.2 * rms(&clean);
+    let frame: Vec<f64> = clean.iter().map(|v| v + noise * random.normal()).collect();
+    let each = CalibrationSettings::starting_at(SIGMA_S, &[CONTACT; 16]);
+    let found = Calibration::of_frame(&model, &frame, &each).unwrap();
+    let std = found.std();
+    println!(
+        "undetermined {:?}; std of ln z {:.2}..{:.2}, of ln sigma {:.1e}",
+        found.undetermined(),
+        std[1..].iter().copied().fold(f64::INFINITY, f64::min),
+        std[1..].iter().copied().fold(0.0, f64::max),
+        std[0]
+    );
+    assert!(!found.undetermined().is_empty());
+    assert!(found.undetermined().iter().all(|&k| k > 0 && std[k] > 0.7 * std::f64::consts::LN_10));
+    assert!((found.conductivity_s / SIGMA_S).ln().abs() < 4.0 * std[0]);
+
+    let common = CalibrationSettings { contacts: Contacts::Common, ..each };
+    let one = Calibration::of_frame(&model, &frame, &common).unwrap();
+    assert_eq!(one.covariance.dim(), (2, 2));
+    assert!(one.contact_impedance.iter().all(|z| *z == one.contact_impedance[0]));
+    // A gain of 7 means a conductivity exactly 7 times lower and contacts 7 times higher. With the start
+    // scaled alike, nothing else changes.
+    let loud: Vec<f64> = frame.iter().map(|v| 7.0 * v).collect();
+    let moved = CalibrationSettings { contact_impedance: vec![7.0 * CONTACT; 16], ..common };
+    let two = Calibration::of_frame(&model, &loud, &moved).unwrap();
+    let ratios = [
+        7.0 * two.conductivity_s / one.conductivity_s,
+        two.contact_impedance[0] / (7.0 * one.contact_impedance[0]),
+    ];
+    // both stop within a thousandth of a standard deviation
+    assert!((ratios[0].ln() / std[0]).abs() < 1e-2 && ratios[1].ln().abs() < 1e-2, "{ratios:?}");
+}
+
+#[test]
+fn bad_input_is_refused() {
+    let protocol = protocol(DrivenElectrodes::Keep);
+    let model = model(0.02, &protocol, &[CONTACT; 16]);
+    let frame = voltages(&model, SIGMA_S, &[CONTACT; 16]);
+    let good = CalibrationSettings::starting_at(SIGMA_S, &[CONTACT; 16]);
+    let says = |frame: &[f64], settings: &CalibrationSettings, wanted: &str| {
+        let error = Calibration::of_frame(&model, frame, settings).unwrap_err().to_string();
+        assert!(error.contains(wanted), "{error}");
+    };
+    let minus: Vec<f64> = frame.iter().map(|v| -v).collect();
+    says(&minus, &good, "voltages is -1.000: check the sign");
+    says(&vec![0.0; frame.len()], &good, "voltages is NaN");
+    says(&frame[1..], &good, "frame: 255 values, but 256 are needed");
+    let mut broken = frame.clone();
+    broken[17] = f64::NAN;
+    says(&broken, &good, "measurement 17 is NaN");
+    let without = (0..256).map(|i| i != 17).collect();
+    let settings = CalibrationSettings { used: Some(without), ..good.clone() };
+    assert!(Calibration::of_frame(&model, &broken, &settings).is_ok());
+    let shunt = CalibrationSettings { contact_impedance: vec![0.0; 16], ..good.clone() };
+    says(&frame, &shunt, "starting contact_impedance is 0");
+    let few = CalibrationSettings { contact_impedance: vec![1.0; 3], ..good.clone() };
+    says(&frame, &few, "contact_impedance: 3 values, but 16 are needed");
+    let zero = CalibrationSettings { conductivity_s: 0.0, ..good.clone() };
+    says(&frame, &zero, "conductivity_s is 0");
+    let never = CalibrationSettings { max_iterations: 0, ..good };
+    let error = Calibration::of_frame(&model, &frame, &never).unwrap_err();
+    assert!(matches!(error, InverseError::OutOfRange { .. }));
+}

@@ -1,0 +1,95 @@
+//! Runs the examples and checks their results.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[path = "../../examples/difference.rs"]
+#[allow(dead_code, reason = "main of the example is not called here")]
+mod difference;
+
+#[cfg(feature = "st-tv")]
+#[path = "../../examples/stream.rs"]
+#[allow(dead_code, reason = "main of the example is not called here")]
+mod stream;
+
+/// Each image is within a tenth of the radius of the finger. Eight untouched frames bring the image to
+/// rest, and the remaining of the 16 cost nothing.
+#[cfg(feature = "st-tv")]
+#[test]
+fn stream_example() {
+    let outcome = stream::run().unwrap();
+    assert_eq!(outcome.errors_m.len(), 24);
+    assert!(outcome.errors_m.iter().all(|error_m| *error_m < 0.01), "{:?}", outcome.errors_m);
+    assert!(outcome.worst_gap <= 1e-2, "{}", outcome.worst_gap);
+    assert_eq!(outcome.quiet, 9);
+}
+
+/// The same frames through a window of 8 with its bound at zero, which becomes active when the finger
+/// leaves. Every gap is proven, and 8 untouched frames clear the finger from the window.
+#[cfg(feature = "st-tv")]
+#[test]
+fn window_of_the_stream_example() {
+    use eit_inverse::{StTvStream, StreamSettings};
+    let (differences, solver, _) = stream::set_up().unwrap();
+    let settings = StreamSettings { window: 8, lag: 2, target_gap: 1e-2, ..Default::default() };
+    let mut window = StTvStream::new(solver, settings).unwrap();
+    let untouched = vec![0.0; differences.ncols()];
+    let (mut quiet, mut iterations) = (0, Vec::new());
+    for frame in 0..differences.nrows() + 16 {
+        let row = differences.rows().into_iter().nth(frame).map(|row| row.to_vec());
+        let step = window.push(row.as_ref().unwrap_or(&untouched), None).unwrap();
+        iterations.push(step.iterations);
+        quiet += usize::from(step.quiet);
+        let gap = step.certificate.relative_gap();
+        assert!(step.quiet || gap <= 1e-2, "frame {frame}: {gap} after {iterations:?}");
+    }
+    println!("{iterations:?}");
+    assert_eq!(quiet, 9);
+}
+
+#[path = "../../examples/touches.rs"]
+#[allow(dead_code, reason = "main of the example is not called here")]
+mod touches;
+
+/// The README's table matches the example's results to one unit of its last digits.
+#[test]
+fn readme_table_of_the_example() {
+    let outcomes = difference::run().unwrap();
+    let readme = include_str!("../../README.md");
+    for name in ["Tikhonov", "NOSER", "Laplace", "Gaussian"] {
+        let row = readme.lines().find(|l| l.starts_with(&format!("| {name} |"))).unwrap();
+        let figures: Vec<f64> = row.split('|').filter_map(|c| c.trim().parse().ok()).collect();
+        let same = |o: &&difference::Outcome| o.prior == name.to_lowercase() && o.rule == "GCV";
+        let found = outcomes.iter().find(same).unwrap();
+        let measured = [found.hyperparameter, 1e3 * found.position_error_m, found.correlation];
+        println!("| {name} | {:.4} | {:.1} | {:.2} |", measured[0], measured[1], measured[2]);
+        assert_eq!(figures.len(), 3, "{row}");
+        for ((figure, measured), unit) in figures.iter().zip(measured).zip([1e-4, 0.1, 0.01]) {
+            assert!((figure - measured).abs() < unit, "{row}: {measured}");
+        }
+    }
+}
+
+/// Every prior and rule finds the finger within a tenth of the radius (the resolution of 16 electrodes at
+/// half the radius), with a positive correlation between image and truth.
+#[test]
+fn difference_example() {
+    let outcomes = difference::run().unwrap();
+    assert_eq!(outcomes.len(), 16);
+    for o in &outcomes {
+        let case = format!("{}, {}, lambda {}", o.prior, o.rule, o.hyperparameter);
+        assert!(o.position_error_m < 0.01, "{case}: {} m off", o.position_error_m);
+        assert!(o.correlation > 0.4, "{case}: correlation {}", o.correlation);
+    }
+}
+
+/// The fit is more accurate than the image; both find both fingers.
+#[test]
+fn touches_example() {
+    let outcome = touches::run().unwrap();
+    assert_eq!(outcome.image_errors_m.len(), 2);
+    for (image_m, fit_m) in outcome.image_errors_m.iter().zip(&outcome.fit_errors_m) {
+        // a one-step image of a finger may be off outward by a tenth of the radius
+        assert!(*image_m < 0.01, "{image_m}");
+        // the bound is 0.3 to 0.5 mm at 60 dB for each coordinate; three times that is allowed
+        assert!(*fit_m < 2e-3, "{fit_m}");
+    }
+}

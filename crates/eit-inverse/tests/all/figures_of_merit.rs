@@ -1,0 +1,540 @@
+//! Figures of merit on images whose figures follow from geometry or come from another program.
+//!
+//! One file over 300 lines: all figures share the skin and the helpers that draw images.
+
+#![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
+
+use crate::common;
+use crate::common::disc;
+use eit_inverse::InverseError;
+use eit_inverse::metrics::ChangeSign::{Decrease, Increase};
+use eit_inverse::metrics::{self, Cells, GreitFigures, GreitTarget, TouchSettings};
+use eit_mesh::{Raster, Surface};
+use ndarray::Array2;
+use proptest::prelude::*;
+use std::f64::consts::PI;
+
+const RADIUS_M: f64 = 0.1;
+
+/// Disc skin of 0.1 m under 128 pixels of 1.6 mm, and its cells.
+fn skin() -> (Surface, Raster, Cells<2>) {
+    let surface = disc(RADIUS_M, 40);
+    let raster = Raster::new(&surface, 128).unwrap();
+    let cells = Cells::of_raster(&raster);
+    (surface, raster, cells)
+}
+
+/// Values at the cells' centres.
+fn image<const D: usize>(cells: &Cells<D>, value: impl Fn(f64, f64) -> f64) -> Vec<f64> {
+    cells.positions_m().iter().map(|p| value(p[0], p[1])).collect()
+}
+
+fn bell(x: f64, y: f64, [cx, cy]: [f64; 2], sigma_m: f64) -> f64 {
+    (-0.5 * ((x - cx).powi(2) + (y - cy).powi(2)) / sigma_m.powi(2)).exp()
+}
+
+fn inside(x: f64, y: f64, [cx, cy]: [f64; 2], radius_m: f64) -> bool {
+    (x - cx).hypot(y - cy) <= radius_m
+}
+
+fn greit(values: &[f64], cells: &Cells<2>, position_m: [f64; 2], amount: f64) -> GreitFigures<2> {
+    let target = GreitTarget { position_m, amount_s_m2: amount };
+    let sign = if amount > 0.0 { Increase } else { Decrease };
+    metrics::greit_figures(values, cells, sign, &target).unwrap().unwrap()
+}
+
+#[test]
+fn relative_error_of_known_images() {
+    let areas = [1.0, 4.0];
+    let error = |x: &[f64], t: &[f64]| metrics::relative_error(x, t, &areas).unwrap();
+    // |x - t|^2 = 1 + 4 * 1, |t|^2 = 1 + 4 * 4
+    assert!((error(&[2.0, 1.0], &[1.0, 2.0]) - (5.0_f64 / 17.0).sqrt()).abs() < 1e-15);
+    assert_eq!(error(&[1.0, 2.0], &[1.0, 2.0]), 0.0);
+    assert_eq!(error(&[0.0; 2], &[1.0, 2.0]), 1.0);
+    assert_eq!(error(&[1.0, 0.0], &[0.0; 2]), f64::INFINITY);
+    assert!(error(&[0.0; 2], &[0.0; 2]).is_nan());
+    assert!(error(&[f64::NAN, 0.0], &[1.0; 2]).is_nan());
+    // squares of these are outside the range of doubles
+    for unit in [1e-300, 1e300] {
+        assert!((error(&[2.0 * unit, unit], &[unit, unit]) - 0.2_f64.sqrt()).abs() < 1e-15);
+    }
+    for (x, t, a) in [(1, 2, 2), (2, 1, 2), (2, 2, 1)] {
+        let wrong = metrics::relative_error(&vec![1.0; x], &vec![1.0; t], &vec![1.0; a]);
+        assert!(matches!(wrong, Err(InverseError::WrongLength { .. })));
+    }
+}
+
+/// The two images of [`similarity_is_that_of_scikit_image`].
+fn similarity_images() -> (Array2<f64>, Array2<f64>) {
+    let truth = Array2::from_shape_fn((24, 20), |(i, j)| {
+        let (i, j) = (i as f64, j as f64);
+        (-((i - 9.0).powi(2) + (j - 11.0).powi(2)) / 18.0).exp()
+    });
+    let image = Array2::from_shape_fn((24, 20), |(i, j)| {
+        let (i, j) = (i as f64, j as f64);
+        0.8 * (-((i - 11.0).powi(2) + (j - 9.0).powi(2)) / 24.0).exp()
+            + 0.05 * (0.9 * i).cos() * (0.7 * j).sin()
+    });
+    (image, truth)
+}
+
+/// Reference values of scikit-image 0.26.0 (NumPy 2.4.6) on the same two images `x` and `t`:
+///
+/// ```python
+/// m, S = structural_similarity(x, t, data_range=t.max() - t.min(), gaussian_weights=True,
+///                              sigma=1.5, use_sample_covariance=False, full=True)
+/// ```
+///
+/// Its mean covers pixels with whole windows, five from the rim, and so does this test's.
+#[test]
+fn similarity_is_that_of_scikit_image() {
+    let (image, truth) = similarity_images();
+    let mask = Array2::from_elem(image.raw_dim(), true);
+    let map = |range| {
+        metrics::structural_similarity_map(image.view(), truth.view(), mask.view(), range)
+            .unwrap()
+            .unwrap()
+    };
+    let mean = |map: &Array2<f64>| {
+        let whole = |i: usize, j: usize| (5..19).contains(&i) && (5..15).contains(&j);
+        let values = map.indexed_iter().filter(|((i, j), _)| whole(*i, *j)).map(|(_, x)| x);
+        values.sum::<f64>() / (14.0 * 10.0)
+    };
+    let own = map(None);
+    // both programs sum a window in their own order: a few dozen roundings (measured 1.3e-15)
+    let tolerance = 1e-13;
+    assert!((mean(&own) - 0.493_138_216_753_249_04).abs() < tolerance, "{}", mean(&own));
+    for (place, wanted) in [
+        ((5, 5), 0.813_919_001_076_963_2),
+        ((9, 11), 0.316_996_434_984_974),
+        ((11, 9), 0.168_795_599_823_872_6),
+        ((18, 14), 0.381_764_069_755_008_1),
+    ] {
+        assert!((own[place] - wanted).abs() < tolerance, "{place:?}: {}", own[place]);
+    }
+    let wide = map(Some(2.0));
+    assert!((mean(&wide) - 0.509_257_971_453_471_4).abs() < tolerance, "{}", mean(&wide));
+}
+
+#[test]
+fn similarity_looks_at_the_mask_only() {
+    let (mut image, mut truth) = similarity_images();
+    let inside = |i: usize, j: usize| (i as f64 - 12.0).hypot(j as f64 - 10.0) < 8.0;
+    let mask = Array2::from_shape_fn(image.raw_dim(), |(i, j)| inside(i, j));
+    let score = |image: &Array2<f64>, truth: &Array2<f64>, range| {
+        metrics::structural_similarity(image.view(), truth.view(), mask.view(), range)
+    };
+    let before = score(&image, &truth, None).unwrap().unwrap();
+    let outside = |a: &mut Array2<f64>, value| {
+        a.indexed_iter_mut().filter(|((i, j), _)| !inside(*i, *j)).for_each(|(_, x)| *x = value);
+    };
+    outside(&mut image, f64::NAN);
+    outside(&mut truth, 1e6);
+    assert_eq!(score(&image, &truth, None).unwrap().unwrap(), before);
+    let map = metrics::structural_similarity_map(image.view(), truth.view(), mask.view(), None);
+    let map = map.unwrap().unwrap();
+    assert!(map.iter().zip(&mask).all(|(x, inside)| x.is_nan() != *inside));
+    // constant images: no window, whole or cut, has a variance, so only the means matter
+    let (x, t) = (0.4, 0.7);
+    let flat = |value| Array2::from_elem(image.raw_dim(), value);
+    let wanted = (2.0 * x * t + 1e-4) / (x * x + t * t + 1e-4);
+    let found = score(&flat(x), &flat(t), Some(1.0)).unwrap().unwrap();
+    // weights of up to 121 pixels sum to one within their rounding
+    assert!((found - wanted).abs() < 1e-13, "{found} {wanted}");
+    assert_eq!(score(&flat(x), &flat(t), None).unwrap(), None);
+    let nothing = Array2::from_elem(image.raw_dim(), false);
+    for range in [None, Some(1.0)] {
+        let found =
+            metrics::structural_similarity(image.view(), truth.view(), nothing.view(), range);
+        assert_eq!(found.unwrap(), None);
+    }
+}
+
+#[test]
+fn similarity_refuses_what_it_cannot_measure() {
+    let (image, truth) = similarity_images();
+    let mask = Array2::from_elem(image.raw_dim(), true);
+    let score = |x: &Array2<f64>, t: &Array2<f64>, range| {
+        metrics::structural_similarity(x.view(), t.view(), mask.view(), range)
+    };
+    for range in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let wrong = score(&image, &truth, Some(range)).unwrap_err();
+        assert!(matches!(wrong, InverseError::OutOfRange { quantity: "data_range", .. }));
+    }
+    let mut bad = image.clone();
+    bad[(3, 4)] = f64::NAN;
+    assert!(matches!(score(&bad, &truth, None), Err(InverseError::OutOfRange { .. })));
+    assert!(matches!(score(&image, &bad, None), Err(InverseError::OutOfRange { .. })));
+    let small = Array2::zeros((24, 19));
+    let wrong = score(&small, &truth, None).unwrap_err();
+    assert_eq!(wrong, InverseError::WrongLength { what: "image", found: 19, wanted: 20 });
+}
+
+/// A disc of radius 30 mm and height 2, at the skin's centre and then off it.
+#[test]
+fn greit_figures_of_a_disc() {
+    let (_, _, cells) = skin();
+    for (centre, truth) in [([0.0, 0.0], [0.0, 0.0]), ([0.05, 0.02], [0.03, 0.06])] {
+        let values = image(&cells, |x, y| 2.0 * f64::from(inside(x, y, centre, 0.03)));
+        let found = greit(&values, &cells, truth, 4.0 * PI * 0.03_f64.powi(2));
+        // 120 of the 1160 pixels lie on the rim, randomly in or out: sqrt(120) / 2 pixels, 0.5 %
+        assert!((found.amplitude_response - 0.5).abs() < 0.005, "{found:?}");
+        assert!((found.resolution - 0.3).abs() < 0.003, "{found:?}");
+        // rim pixels with centres between the two circles, which differ by half a percent
+        assert!(found.shape_deformation < 0.02, "{found:?}");
+        assert_eq!(found.ringing, 0.0);
+        let place = (found.centre_m[0] - centre[0]).hypot(found.centre_m[1] - centre[1]);
+        assert!(place < 2e-4, "{found:?}");
+        let radial = truth[0].hypot(truth[1]) - centre[0].hypot(centre[1]);
+        assert!((found.position_error_m - radial).abs() < 2e-4, "{found:?}");
+        // a decrease gives the same figures with the sign reversed
+        let negative: Vec<f64> = values.iter().map(|x| -x).collect();
+        assert_eq!(greit(&negative, &cells, truth, -4.0 * PI * 0.03_f64.powi(2)), found);
+    }
+}
+
+/// Of an ellipse with semi-axes `a = t b`, the fraction `2 / pi (atan sqrt t - atan 1 / sqrt t)` lies
+/// outside the circle of equal area: the two curves meet at the polar angle `atan 1 / sqrt t`.
+#[test]
+fn greit_shape_deformation_of_ellipses() {
+    let (_, _, cells) = skin();
+    for ratio in [1.5, 2.0, 4.0_f64] {
+        let (a, b) = (0.03 * ratio.sqrt(), 0.03 / ratio.sqrt());
+        let within = |x: f64, y: f64| ((x - 0.02) / a).powi(2) + (y / b).powi(2) <= 1.0;
+        let values = image(&cells, |x, y| f64::from(within(x, y)));
+        let found = greit(&values, &cells, [0.02, 0.0], PI * a * b);
+        let wanted = 2.0 / PI * (ratio.sqrt().atan() - ratio.sqrt().recip().atan());
+        // rim pixels of 1.6 mm on either side, at random: 1 % of the set
+        assert!((found.shape_deformation - wanted).abs() < 0.01, "{ratio}: {found:?} {wanted}");
+        assert!((found.resolution - 0.3).abs() < 0.003, "{found:?}");
+    }
+}
+
+/// The quarter amplitude set of a bell of standard deviation s has the radius `s sqrt(2 ln 4)`. A ring of
+/// -v around it has the ringing `v ring area / integral of the bell over that circle`, and that integral is
+/// three quarters of the whole bell.
+#[test]
+fn greit_figures_of_a_bell_with_a_ring() {
+    let (_, _, cells) = skin();
+    // off the grid's symmetries, where all rim errors would have the same sign
+    let (sigma, v, place) = (0.012, 0.1, [0.0031, -0.0017]);
+    let ring = |x: f64, y: f64| {
+        let r = (x - place[0]).hypot(y - place[1]);
+        f64::from((0.05..0.06).contains(&r))
+    };
+    let values = image(&cells, |x, y| bell(x, y, place, sigma) - v * ring(x, y));
+    let bell_amount = 2.0 * PI * sigma * sigma;
+    let ring_m2 = PI * (0.06_f64.powi(2) - 0.05_f64.powi(2));
+    let found = greit(&values, &cells, place, bell_amount);
+    // 510 pixels in the set and 1400 in the ring, of which 80 and 420 lie on the rims
+    let resolution = sigma * (2.0 * 4.0_f64.ln()).sqrt() / RADIUS_M;
+    assert!((found.resolution / resolution - 1.0).abs() < 0.01, "{found:?} {resolution}");
+    // the tail of the bell under the ring compensates 1e-4 of it
+    let ringing = v * ring_m2 / (0.75 * bell_amount);
+    assert!((found.ringing / ringing - 1.0).abs() < 0.02, "{found:?} {ringing}");
+    let response = 1.0 - v * ring_m2 / bell_amount;
+    assert!((found.amplitude_response - response).abs() < 0.01, "{found:?} {response}");
+    assert!(found.shape_deformation < 0.02, "{found:?}");
+}
+
+#[test]
+fn greit_refuses_impossible_targets() {
+    let (_, _, cells) = skin();
+    let values = image(&cells, |_, _| 1.0);
+    let figures = |values: &[f64], place, amount, sign| {
+        let target = GreitTarget { position_m: place, amount_s_m2: amount };
+        metrics::greit_figures(values, &cells, sign, &target)
+    };
+    assert_eq!(figures(&values, [0.0; 2], 1.0, Decrease).unwrap(), None);
+    for amount in [0.0, f64::NAN, f64::INFINITY] {
+        let wrong = figures(&values, [0.0; 2], amount, Increase).unwrap_err();
+        assert!(matches!(wrong, InverseError::OutOfRange { .. }));
+    }
+    let wrong = figures(&values, [0.0, f64::NAN], 1.0, Increase).unwrap_err();
+    assert!(matches!(wrong, InverseError::OutOfRange { .. }));
+    let wrong = figures(&values[1..], [0.0; 2], 1.0, Increase).unwrap_err();
+    assert!(matches!(wrong, InverseError::WrongLength { .. }));
+    // two distant discs of equal size: nothing at their common centre
+    let two = |x, y| inside(x, y, [0.07, 0.0], 0.01) || inside(x, y, [-0.07, 0.0], 0.01);
+    let values = image(&cells, |x, y| f64::from(two(x, y)));
+    let found = figures(&values, [0.0; 2], 1.0, Increase).unwrap().unwrap();
+    assert_eq!((found.ringing, found.shape_deformation), (f64::INFINITY, 1.0));
+}
+
+/// Pixels that share a side are joined, in a row or a column; pixels on a diagonal are not.
+#[test]
+fn blobs_are_joined_across_sides() {
+    // four squares of 1 m, two triangles each
+    let surface = common::grid(2, |i, j| [i as f64, j as f64, 0.0]);
+    let raster = Raster::new(&surface, 2).unwrap();
+    let pixels = Cells::of_raster(&raster);
+    let count = |values: &[f64]| metrics::blobs(values, &pixels, Increase, 0.5).unwrap().len();
+    // row by row: a row, a column, a diagonal
+    assert_eq!(count(&[1.0, 1.0, 0.0, 0.0]), 1);
+    assert_eq!(count(&[1.0, 0.0, 1.0, 0.0]), 1);
+    assert_eq!(count(&[1.0, 0.0, 0.0, 1.0]), 2);
+    assert_eq!(count(&[1.0; 4]), 1);
+    assert_eq!(count(&[0.0; 4]), 0);
+    let elements = Cells::of_surface(&surface);
+    let values = [3.0, 1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0];
+    let found = metrics::blobs(&values, &elements, Increase, 0.5).unwrap();
+    let peaks: Vec<(f64, f64)> = found.iter().map(|b| (b.peak, b.area_m2)).collect();
+    assert_eq!(peaks, [(3.0, 1.0), (2.0, 0.5)]);
+    // (3 (1/3, 1/3) + 1.5 (2/3, 2/3)) / 4.5, each of half a square metre
+    let [x, y, z] = found[0].centre_m;
+    assert!((x - 4.0 / 9.0).abs() + (y - 4.0 / 9.0).abs() < 1e-15 && z == 0.0);
+}
+
+#[test]
+fn touches_are_paired_with_blobs() {
+    let (_, _, cells) = skin();
+    let truth = [[0.05, 0.0], [-0.03, 0.04], [-0.03, -0.05]];
+    let shift = [[0.004, 0.0], [0.0, -0.003], [-0.003, 0.004]];
+    let shown: Vec<[f64; 2]> =
+        truth.iter().zip(shift).map(|(t, s)| [t[0] + s[0], t[1] + s[1]]).collect();
+    let values = image(&cells, |x, y| shown.iter().map(|c| bell(x, y, *c, 0.01)).sum());
+    let errors = |truth: &[[f64; 2]], settings: &TouchSettings| {
+        metrics::touch_position_errors_m(&values, &cells, truth, settings).unwrap()
+    };
+    let settings = TouchSettings::default();
+    let found = errors(&truth, &settings);
+    assert_eq!((found.missed, found.extra), (0, 0));
+    for ((error, centre), (wanted, place)) in
+        found.errors_m.iter().zip(&found.centres_m).zip([0.004, 0.003, 0.005].iter().zip(&shown))
+    {
+        // pixels of 1.6 mm on a rim of 12 mm radius (measured: at most 0.08 mm)
+        assert!((error.unwrap() - wanted).abs() < 2e-4, "{found:?}");
+        let [x, y] = centre.unwrap();
+        assert!((x - place[0]).hypot(y - place[1]) < 2e-4, "{found:?}");
+    }
+    // one touch fewer is an extra blob, one more is missed, and so is one too far away
+    let found = errors(&truth[..2], &settings);
+    assert_eq!((found.missed, found.extra), (0, 1));
+    let found = errors(&[truth[0], truth[1], truth[2], [0.0, 0.09]], &settings);
+    assert_eq!((found.missed, found.extra, found.errors_m[3]), (1, 0, None));
+    let strict = TouchSettings { within_m: 0.0045, ..settings };
+    let found = errors(&truth, &strict);
+    assert_eq!((found.missed, found.extra), (1, 1));
+    assert_eq!((found.errors_m[2], found.centres_m[2]), (None, None));
+    let found = errors(&[], &settings);
+    assert_eq!((found.missed, found.extra), (0, 3));
+    let quiet = TouchSettings { sign: Decrease, ..settings };
+    let found = errors(&truth, &quiet);
+    assert_eq!((found.missed, found.extra), (3, 0));
+}
+
+/// The blob nearest to touch 0 is also the only one near touch 1: greedy pairing would miss one.
+#[test]
+fn pairing_is_not_greedy() {
+    let (_, _, cells) = skin();
+    let shown = [[0.0, 0.0], [-0.05, 0.0]];
+    let values = image(&cells, |x, y| shown.iter().map(|c| bell(x, y, *c, 0.008)).sum());
+    let truth = [[-0.02, 0.0], [0.025, 0.0]];
+    let settings = TouchSettings { within_m: 0.035, ..TouchSettings::default() };
+    let found = metrics::touch_position_errors_m(&values, &cells, &truth, &settings).unwrap();
+    assert_eq!((found.missed, found.extra), (0, 0));
+    for (error, wanted) in found.errors_m.iter().zip([0.03, 0.025]) {
+        assert!((error.unwrap() - wanted).abs() < 1e-4, "{found:?}");
+    }
+}
+
+#[test]
+fn touches_refuse_bad_settings() {
+    let (_, _, cells) = skin();
+    let values = image(&cells, |_, _| 1.0);
+    let errors = |truth: &[[f64; 2]], settings: TouchSettings| {
+        metrics::touch_position_errors_m(&values, &cells, truth, &settings).unwrap_err()
+    };
+    let out_of_range = |e: &InverseError| matches!(e, InverseError::OutOfRange { .. });
+    let default = TouchSettings::default();
+    for level in [0.0, -0.1, 1.1, f64::NAN] {
+        assert!(out_of_range(&errors(&[], TouchSettings { level, ..default })), "{level}");
+    }
+    for within_m in [-1.0, f64::NAN] {
+        assert!(out_of_range(&errors(&[], TouchSettings { within_m, ..default })), "{within_m}");
+    }
+    assert!(out_of_range(&errors(&[[0.0, f64::NAN]], default)));
+    assert!(out_of_range(&errors(&[[0.0; 2]; 11], default)));
+}
+
+#[test]
+fn smoothness_of_known_tracks() {
+    let rms = metrics::rms_second_difference_m::<2>;
+    let line: Vec<_> = (0..9).map(|k| Some([0.5 * f64::from(k), -0.25 * f64::from(k)])).collect();
+    assert_eq!(rms(&line), Some(0.0));
+    // p(k + 1) - 2 p(k) + p(k - 1) = 2 (cos angle - 1) p(k) on a circle
+    let (radius, angle) = (0.05, 0.2_f64);
+    let turn = |k: i32| (f64::from(k) * angle).sin_cos();
+    let circle: Vec<_> = (0..30).map(|k| Some([radius * turn(k).1, radius * turn(k).0])).collect();
+    let wanted = 2.0 * radius * (1.0 - angle.cos());
+    assert!((rms(&circle).unwrap() - wanted).abs() < 1e-15);
+    // a gap removes the three frames that need it
+    let mut broken = vec![Some([0.0, 0.0]); 7];
+    broken[3] = None;
+    broken[6] = Some([3.0, 4.0]);
+    assert_eq!(rms(&broken), Some((25.0_f64 / 2.0).sqrt()));
+    assert_eq!(rms(&circle[..2]), None);
+    assert_eq!(rms(&[Some([0.0; 2]), None, Some([0.0; 2]), Some([0.0; 2])]), None);
+}
+
+/// The fraction `exp(-d^2 / sigma^2)` of a bell's energy lies farther away than `d`.
+#[test]
+fn artefact_energy_of_a_bell() {
+    let (_, _, cells) = skin();
+    let (place, sigma) = ([0.02, -0.03], 0.012);
+    let values = image(&cells, |x, y| -1e-6 * bell(x, y, place, sigma));
+    let energy = |touches: &[[f64; 2]], d| {
+        metrics::artefact_energy(&values, &cells, touches, d).unwrap().unwrap()
+    };
+    for d in [0.006, 0.012, 0.02] {
+        let wanted = (-(d * d) / (sigma * sigma)).exp();
+        // pixels of 1.6 mm on the rim, at random (measured: at most 0.007)
+        assert!((energy(&[place], d) - wanted).abs() < 0.01, "{d}: {wanted}");
+    }
+    assert_eq!(energy(&[], 1.0), 1.0);
+    assert_eq!(energy(&[place, [0.0; 2]], f64::INFINITY), 0.0);
+    let zero = vec![0.0; values.len()];
+    assert_eq!(metrics::artefact_energy(&zero, &cells, &[], 0.0).unwrap(), None);
+    for (touch, d) in [([0.0; 2], -1.0), ([0.0; 2], f64::NAN), ([f64::INFINITY, 0.0], 1.0)] {
+        let wrong = metrics::artefact_energy(&values, &cells, &[touch], d);
+        assert!(matches!(wrong, Err(InverseError::OutOfRange { .. })));
+    }
+    let wrong = metrics::artefact_energy(&values[1..], &cells, &[], 1.0);
+    assert!(matches!(wrong, Err(InverseError::WrongLength { .. })));
+}
+
+/// The same touch has the same figures of merit on elements and on pixels.
+#[test]
+fn elements_and_pixels_agree() {
+    let (surface, raster, pixels) = skin();
+    let elements = Cells::of_surface(&surface);
+    let place = [0.03, -0.02];
+    let on_elements = image(&elements, |x, y| bell(x, y, place, 0.012));
+    let mut on_pixels = vec![0.0; raster.masked_pixels().len()];
+    raster.pixel_from_element().apply(&on_elements, &mut on_pixels).unwrap();
+    let amount = 2.0 * PI * 0.012_f64.powi(2);
+    let shown = greit(&on_pixels, &pixels, place, amount);
+    let target = GreitTarget { position_m: [place[0], place[1], 0.0], amount_s_m2: amount };
+    let own = metrics::greit_figures(&on_elements, &elements, Increase, &target).unwrap().unwrap();
+    // elements of 2.5 mm against pixels of 1.6 mm on a rim of 20 mm radius
+    assert!((shown.amplitude_response - 1.0).abs() < 0.01, "{shown:?}");
+    assert!((own.amplitude_response - 1.0).abs() < 0.01, "{own:?}");
+    assert!((shown.resolution - own.resolution).abs() < 0.005, "{shown:?} {own:?}");
+    let (a, b) = (shown.centre_m, own.centre_m);
+    assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 5e-4, "{shown:?} {own:?}");
+    let integral = elements.integral(&on_elements).unwrap();
+    assert!((integral / amount - 1.0).abs() < 0.01, "{integral} {amount}");
+}
+
+/// Sum of distances of the best pairing, by trying all orders of the touches.
+fn best_by_permutation(distances: &[Vec<f64>], touches: usize) -> f64 {
+    fn place(distances: &[Vec<f64>], blob: usize, left: &mut Vec<usize>, skips: usize) -> f64 {
+        if blob == distances.len() || left.is_empty() {
+            return if left.is_empty() || blob + left.len() == 0 { 0.0 } else { f64::INFINITY };
+        }
+        let mut best = f64::INFINITY;
+        if skips > 0 {
+            best = place(distances, blob + 1, left, skips - 1);
+        }
+        for i in 0..left.len() {
+            let touch = left.remove(i);
+            best = best.min(distances[blob][touch] + place(distances, blob + 1, left, skips));
+            left.insert(i, touch);
+        }
+        best
+    }
+    place(distances, 0, &mut (0..touches).collect(), distances.len() - touches)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 64,
+        failure_persistence: None,
+        ..Default::default()
+    })]
+
+    /// The similarity is 1 for equal images, always within -1 and 1, and independent of the unit.
+    #[test]
+    fn similarity_is_bounded(values in prop::collection::vec(-1.0..1.0_f64, 2 * 13 * 12),
+                             hole in prop::collection::vec(prop::bool::weighted(0.8), 13 * 12),
+                             unit in 1e-12..1e12_f64) {
+        let (x, t) = values.split_at(13 * 12);
+        let image = Array2::from_shape_vec((13, 12), x.to_vec()).unwrap();
+        let truth = Array2::from_shape_vec((13, 12), t.to_vec()).unwrap();
+        let mask = Array2::from_shape_vec((13, 12), hole).unwrap();
+        let score = |x: &Array2<f64>, t: &Array2<f64>| {
+            metrics::structural_similarity(x.view(), t.view(), mask.view(), None).unwrap()
+        };
+        prop_assume!(mask.iter().filter(|m| **m).count() > 1);
+        let found = score(&image, &truth).unwrap();
+        prop_assert!((-1.0..=1.0).contains(&found));
+        let same = score(&truth, &truth).unwrap();
+        prop_assert!((same - 1.0).abs() < 1e-12);
+        // rounding of the unit, which otherwise cancels
+        let scaled = score(&(&image * unit), &(&truth * unit)).unwrap();
+        prop_assert!((scaled - found).abs() < 1e-10);
+    }
+
+    /// Figures of any image stay within their ranges.
+    #[test]
+    fn figures_stay_in_range(values in prop::collection::vec(
+                                 prop_oneof![4 => -1.0..1.0_f64, 1 => Just(0.0),
+                                             1 => Just(f64::NAN), 1 => -1e300..1e300_f64],
+                                 6 * 8 * 8),
+                             place in [-0.1..0.1_f64, -0.1..0.1_f64],
+                             level in 0.01..1.0_f64) {
+        let surface = disc(RADIUS_M, 8);
+        let cells = Cells::of_surface(&surface);
+        let place = [place[0], place[1], 0.0];
+        let target = GreitTarget { position_m: place, amount_s_m2: 1e-3 };
+        if let Some(f) = metrics::greit_figures(&values, &cells, Increase, &target).unwrap() {
+            prop_assert!(f.resolution > 0.0 && f.resolution <= 1.0 + 1e-12);
+            prop_assert!((0.0..=1.0 + 1e-12).contains(&f.shape_deformation));
+            prop_assert!(f.ringing >= 0.0);
+            prop_assert!(f.position_error_m.abs() <= 0.2);
+        }
+        let energy = metrics::artefact_energy(&values, &cells, &[place], 0.03).unwrap();
+        prop_assert!(energy.is_none_or(|e| (0.0..=1.0).contains(&e)));
+        let blobs = metrics::blobs(&values, &cells, Increase, level).unwrap();
+        let area: f64 = blobs.iter().map(|b| b.area_m2).sum();
+        let largest = values.iter().filter(|x| x.is_finite()).fold(0.0_f64, |m, x| m.max(*x));
+        // every cell that reaches the level is in exactly one blob
+        let reached = values.iter().zip(surface.areas_m2()).filter(|(x, _)| **x / largest >= level);
+        let wanted: f64 = reached.map(|(_, a)| a).sum();
+        prop_assert!((area - wanted).abs() <= 1e-12 * wanted);
+        let settings = TouchSettings { level, ..TouchSettings::default() };
+        let found = metrics::touch_position_errors_m(&values, &cells, &[place; 3], &settings);
+        let found = found.unwrap();
+        prop_assert_eq!(found.missed, 3 - blobs.len().min(3));
+        prop_assert_eq!(found.extra, blobs.len().saturating_sub(3));
+    }
+
+    /// The pairing is the best of all permutations. Blobs are single elements that do not touch each other.
+    #[test]
+    fn pairing_is_the_best_of_all(chosen in prop::collection::vec(0..16_usize, 1..6),
+                                  truth in prop::collection::vec(
+                                      [-0.1..0.1_f64, -0.1..0.1_f64], 1..6)) {
+        // every second square of every second row, so that no two squares share a side
+        let surface = common::grid(8, |i, j| {
+            [0.02 * i as f64 - 0.08, 0.02 * j as f64 - 0.08, 0.0]
+        });
+        let cells = Cells::of_surface(&surface);
+        let mut values = vec![0.0; 128];
+        for c in &chosen {
+            values[2 * (16 * (c / 4) + 2 * (c % 4))] = 1.0;
+        }
+        let blobs = metrics::blobs(&values, &cells, Increase, 0.5).unwrap();
+        prop_assume!(blobs.len() >= truth.len());
+        let truth: Vec<[f64; 3]> = truth.iter().map(|t| [t[0], t[1], 0.0]).collect();
+        let distance = |b: &[f64; 3], t: &[f64; 3]| (b[0] - t[0]).hypot(b[1] - t[1]);
+        let distances: Vec<Vec<f64>> = blobs
+            .iter()
+            .map(|b| truth.iter().map(|t| distance(&b.centre_m, t)).collect())
+            .collect();
+        let settings = TouchSettings::default();
+        let found = metrics::touch_position_errors_m(&values, &cells, &truth, &settings).unwrap();
+        let sum: f64 = found.errors_m.iter().map(|e| e.unwrap()).sum();
+        let wanted = best_by_permutation(&distances, truth.len());
+        prop_assert!((sum - wanted).abs() < 1e-12, "{} {}", sum, wanted);
+    }
+}

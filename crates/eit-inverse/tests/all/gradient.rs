@@ -1,0 +1,355 @@
+//! Total variation of images with a known gradient, and the operator compared with other forms.
+//!
+//! Over 300 lines because all bases are tested with the same images.
+
+#![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
+
+use crate::common::{disc, equilateral, grid, solve};
+use eit_inverse::{Gradient, InverseError};
+use eit_mesh::Surface;
+use fixtures::Random;
+use ndarray::Array2;
+use proptest::prelude::*;
+use std::f64::consts::{PI, TAU};
+
+/// Rounding error of sums of up to a few thousand terms of one sign.
+const ROUNDING: f64 = 1e-12;
+
+fn assert_close(found: f64, wanted: f64, what: &str) {
+    let error = (found - wanted).abs();
+    assert!(error <= ROUNDING * wanted.abs().max(1e-300), "{what}: {found:e}, not {wanted:e}");
+}
+
+/// Values of `image(row, column)` at the pixels of the mask, in the order of the unknowns.
+fn on_mask(mask: &Array2<bool>, image: impl Fn(usize, usize) -> f64) -> Vec<f64> {
+    let inside = mask.indexed_iter().filter(|(_, inside)| **inside);
+    inside.map(|((i, j), _)| image(i, j)).collect()
+}
+
+fn on_nodes(surface: &Surface, image: impl Fn([f64; 3]) -> f64) -> Vec<f64> {
+    surface.nodes().iter().map(|&x| image(x)).collect()
+}
+
+/// The same triangles with every node moved.
+fn moved(surface: &Surface, place: impl Fn([f64; 3]) -> [f64; 3]) -> Surface {
+    let nodes = surface.nodes().iter().map(|&x| place(x)).collect();
+    Surface::new(nodes, surface.triangles().to_vec()).unwrap()
+}
+
+/// A rotation about the axis (1, 1, 1) by 40 degrees, and a shift.
+fn rotated(x: [f64; 3]) -> [f64; 3] {
+    let (sin, cos) = 40_f64.to_radians().sin_cos();
+    let axis = [1.0 / 3.0_f64.sqrt(); 3];
+    let along: f64 = (0..3).map(|k| axis[k] * x[k]).sum();
+    let cross = |k: usize| axis[(k + 1) % 3] * x[(k + 2) % 3] - axis[(k + 2) % 3] * x[(k + 1) % 3];
+    std::array::from_fn(|k| {
+        cos * x[k] + sin * cross(k) + (1.0 - cos) * along * axis[k] + [0.3, -2.0, 0.7][k]
+    })
+}
+
+fn total_area(surface: &Surface) -> f64 {
+    surface.areas_m2().iter().sum()
+}
+
+/// `D' diag(weight of each group) D`.
+fn normal_matrix(gradient: &Gradient, weight: impl Fn(usize) -> f64) -> Array2<f64> {
+    let mut matrix = Array2::zeros((gradient.unknowns(), gradient.unknowns()));
+    for row in 0..gradient.rows() {
+        let (columns, values) = gradient.row(row);
+        for (&p, a) in columns.iter().zip(values) {
+            for (&q, b) in columns.iter().zip(values) {
+                matrix[(p as usize, q as usize)] += weight(row / gradient.components()) * a * b;
+            }
+        }
+    }
+    matrix
+}
+
+#[test]
+fn straight_edges_of_pixels_have_their_length() {
+    let pixel_m = 0.25;
+    let mask = Array2::from_elem((7, 5), true);
+    let gradient = Gradient::pixels(&mask, pixel_m).unwrap();
+    let value = |image: Vec<f64>| gradient.total_variation(&image).unwrap();
+    assert_eq!(gradient.unknowns(), 35);
+    // a step of 3 S along 7 pixels, and along 5
+    assert_close(value(on_mask(&mask, |_, j| if j < 2 { 3.0 } else { 0.0 })), 21.0 * 0.25, "rows");
+    assert_close(
+        value(on_mask(&mask, |i, _| if i < 3 { 0.0 } else { 3.0 })),
+        15.0 * 0.25,
+        "columns",
+    );
+    // a corner: two straight edges, but the pixel with both counts with its diagonal
+    let corner = on_mask(&mask, |i, j| if i <= 3 && j <= 2 { 1.0 } else { 0.0 });
+    assert_close(value(corner), (3.0 + 2.0 + 2.0_f64.sqrt()) * pixel_m, "corner");
+    // a plane: the last row and column have one difference only, the last pixel none
+    let plane = on_mask(&mask, |i, j| 4.0 * i as f64 + 3.0 * j as f64);
+    let wanted = (6.0 * 4.0 * 5.0 + 6.0 * 4.0 + 4.0 * 3.0) * pixel_m;
+    assert_close(value(plane), wanted, "plane");
+}
+
+#[test]
+fn a_cone_on_a_disc_of_pixels_tends_to_its_slope_times_its_area() {
+    // x = max(0, 1 - r / R): integral |grad x| = pi R
+    let radius_m = 0.6;
+    for pixels in [32, 64, 128, 256] {
+        let pixel_m = 2.0 / pixels as f64;
+        let place = |k: usize| (k as f64 + 0.5) * pixel_m - 1.0;
+        let mask = Array2::from_shape_fn((pixels, pixels), |(i, j)| place(i).hypot(place(j)) < 1.0);
+        let gradient = Gradient::pixels(&mask, pixel_m).unwrap();
+        let image = on_mask(&mask, |i, j| (1.0 - place(i).hypot(place(j)) / radius_m).max(0.0));
+        let found = gradient.total_variation(&image).unwrap();
+        let error = (found / (PI * radius_m) - 1.0).abs();
+        // pixels at the foot are a fraction 2 h / R of the cone, and half of their difference lies
+        // outside: a first-order error, whereas |dx| + |dy| would have a constant error of 4 / pi - 1
+        assert!(error < pixel_m / radius_m, "{error:e} with {pixels} pixels");
+    }
+}
+
+#[test]
+fn a_linear_image_on_nodes_has_its_slope_times_the_area_anywhere_in_space() {
+    let slope = [3.0, -4.0];
+    for surface in [disc(0.1, 6), equilateral(5)] {
+        let image = on_nodes(&surface, |x| slope[0] * x[0] + slope[1] * x[1] + 7.0);
+        let wanted = 5.0 * total_area(&surface);
+        for place in [moved(&surface, |x| x), moved(&surface, rotated)] {
+            let gradient = Gradient::nodal(&place).unwrap();
+            let found = gradient.total_variation(&image).unwrap();
+            // nodes rotated and shifted by 2 m lose three digits of triangles of 0.02 m
+            assert!((found / wanted - 1.0).abs() < 1e-11, "{found:e}, not {wanted:e}");
+        }
+    }
+}
+
+#[test]
+fn a_bent_strip_has_the_variation_of_the_flat_one() {
+    let n = 9;
+    let (radius_m, height_m, angle) = (0.05, 0.12, TAU / 30.0);
+    let chord_m = 2.0 * radius_m * (0.5 * angle).sin();
+    let flat = grid(n, |i, j| [chord_m * i as f64, height_m * j as f64 / n as f64, 0.0]);
+    // columns of nodes on a cylinder: each strip stays plane, so lengths and areas are unchanged
+    let bent = grid(n, |i, j| {
+        let (sin, cos) = (angle * i as f64).sin_cos();
+        [radius_m * cos, height_m * j as f64 / n as f64, radius_m * sin]
+    });
+    let linear = on_nodes(&flat, |x| 6.0 * x[0] + 8.0 * x[1]);
+    let mut random = Random::new(5);
+    let rough: Vec<f64> = flat.nodes().iter().map(|_| random.normal()).collect();
+    let value = |surface: &Surface, image: &[f64]| {
+        Gradient::nodal(surface).unwrap().total_variation(image).unwrap()
+    };
+    assert_close(value(&flat, &linear), 10.0 * total_area(&flat), "flat");
+    assert_close(value(&bent, &linear), 10.0 * total_area(&flat), "bent");
+    assert_close(value(&bent, &rough), value(&flat, &rough), "bent, rough image");
+    let rough: Vec<f64> = flat.triangles().iter().map(|_| random.normal()).collect();
+    let value =
+        |surface: &Surface| Gradient::elements(surface).unwrap().total_variation(&rough).unwrap();
+    assert_close(value(&bent), value(&flat), "bent, jumps");
+}
+
+#[test]
+fn jumps_of_a_half_plane_are_its_border() {
+    let n = 8;
+    let height_m = 0.4;
+    let surface = grid(n, |i, j| [0.1 * i as f64, height_m * j as f64 / n as f64, 0.0]);
+    for surface in [moved(&surface, |x| x), moved(&surface, rotated)] {
+        let gradient = Gradient::elements(&surface).unwrap();
+        // triangles 2 i and 2 i + 1 of a row are those of its cell i
+        let cell = |t: usize| ((t / 2) % n, t / 2 / n);
+        let image = |inside: &dyn Fn(usize) -> bool| -> Vec<f64> {
+            (0..surface.triangles().len()).map(|t| if inside(t) { 2.5 } else { 0.0 }).collect()
+        };
+        let value = |image: Vec<f64>| gradient.total_variation(&image).unwrap();
+        let close = |found: f64, wanted: f64| {
+            // nodes rotated and shifted by 2 m lose two digits of cells of 0.05 m
+            assert!((found / wanted - 1.0).abs() < 1e-11, "{found:e}, not {wanted:e}");
+        };
+        close(value(image(&|t| cell(t).0 < 3)), 2.5 * height_m);
+        close(value(image(&|t| cell(t).1 >= 5)), 2.5 * 0.1 * n as f64);
+        // below the diagonal of cell (2, 2) alone: two sides and the diagonal
+        let one = value(image(&|t| t == 2 * (2 * n + 2)));
+        let (width, height) = (0.1, height_m / n as f64);
+        close(one, 2.5 * (width + height + f64::hypot(width, height)));
+    }
+}
+
+#[test]
+fn nodal_gradients_make_the_stiffness_matrix() {
+    // sum_g |D_g x|^2 / area_g = integral |grad x|^2, whose matrix has -cot / 2 of the opposite
+    // angles between two nodes (Pinkall, Polthier, Exp. Math. 2 (1993) 15)
+    let bumpy = grid(4, |i, j| {
+        let (x, y) = (i as f64, 1.3 * j as f64);
+        [x + 0.2 * (y * 1.7).sin(), y, 0.3 * (x * y).cos()]
+    });
+    for surface in [bumpy, disc(1.0, 3)] {
+        let gradient = Gradient::nodal(&surface).unwrap();
+        assert_eq!((gradient.groups(), gradient.components()), (surface.triangles().len(), 2));
+        let found = normal_matrix(&gradient, |g| 1.0 / surface.areas_m2()[g]);
+        let mut wanted = Array2::<f64>::zeros(found.dim());
+        for (t, nodes) in surface.triangles().iter().enumerate() {
+            let corners = surface.corners(t);
+            for k in 0..3 {
+                let side = |to: usize| -> [f64; 3] {
+                    std::array::from_fn(|c| corners[(k + to) % 3][c] - corners[k][c])
+                };
+                let (a, b) = (side(1), side(2));
+                let dot: f64 = (0..3).map(|c| a[c] * b[c]).sum();
+                let half_cotangent = 0.5 * dot / (2.0 * surface.areas_m2()[t]);
+                let (p, q) = (nodes[(k + 1) % 3] as usize, nodes[(k + 2) % 3] as usize);
+                for (row, column, sign) in [(p, q, -1.0), (q, p, -1.0), (p, p, 1.0), (q, q, 1.0)] {
+                    wanted[(row, column)] += sign * half_cotangent;
+                }
+            }
+        }
+        // entries of order 1
+        assert!(found.iter().zip(&wanted).all(|(f, w)| (f - w).abs() < 1e-13));
+    }
+}
+
+#[test]
+fn element_jumps_make_the_graph_of_inner_edges() {
+    let surface = disc(1.0, 3);
+    let gradient = Gradient::elements(&surface).unwrap();
+    let inner = (3 * surface.triangles().len() - surface.rim_edges().len()) / 2;
+    assert_eq!((gradient.groups(), gradient.components()), (inner, 1));
+    let found = normal_matrix(&gradient, |_| 1.0);
+    let count = surface.triangles().len();
+    let mut wanted = Array2::<f64>::zeros((count, count));
+    for t in 0..count {
+        for s in 0..count {
+            let shared: Vec<usize> = surface.triangles()[t]
+                .iter()
+                .filter(|n| surface.triangles()[s].contains(n))
+                .map(|&n| n as usize)
+                .collect();
+            if s != t
+                && let [a, b] = shared[..]
+            {
+                let nodes = surface.nodes();
+                let square: f64 = (0..3).map(|k| (nodes[a][k] - nodes[b][k]).powi(2)).sum();
+                wanted[(t, s)] -= square;
+                wanted[(t, t)] += square;
+            }
+        }
+    }
+    assert!(found.iter().zip(&wanted).all(|(f, w)| (f - w).abs() < 1e-14));
+}
+
+#[test]
+fn nothing_crosses_a_gap_or_wraps_around() {
+    // two parts that touch at a corner only, with different values
+    let mask = Array2::from_shape_fn((4, 4), |(i, j)| (i < 2) == (j < 2));
+    let gradient = Gradient::pixels(&mask, 1.0).unwrap();
+    let parts = on_mask(&mask, |i, _| if i < 2 { 1.0 } else { -5.0 });
+    assert_eq!(gradient.total_variation(&parts).unwrap(), 0.0);
+    // the end of a row and the start of the next are adjacent in memory
+    let mask = Array2::from_shape_fn((3, 4), |(i, j)| i == 0 || (i == 1 && j == 0));
+    let gradient = Gradient::pixels(&mask, 1.0).unwrap();
+    let last = on_mask(&mask, |i, j| if (i, j) == (0, 3) { 1.0 } else { 0.0 });
+    assert_eq!(gradient.total_variation(&last).unwrap(), 1.0);
+    // the last row and the first one
+    let mask = Array2::from_elem((3, 3), true);
+    let gradient = Gradient::pixels(&mask, 1.0).unwrap();
+    let last = on_mask(&mask, |i, _| if i == 2 { 1.0 } else { 0.0 });
+    assert_eq!(gradient.total_variation(&last).unwrap(), 3.0);
+    // a ring: no term across the hole
+    let mask = Array2::from_shape_fn((3, 3), |at| at != (1, 1));
+    let gradient = Gradient::pixels(&mask, 1.0).unwrap();
+    let left = on_mask(&mask, |_, j| if j == 0 { 1.0 } else { 0.0 });
+    assert_eq!(gradient.total_variation(&left).unwrap(), 2.0);
+}
+
+#[test]
+fn one_unknown_has_no_variation() {
+    let pixel = Gradient::pixels(&Array2::from_elem((1, 1), true), 0.5).unwrap();
+    assert_eq!((pixel.unknowns(), pixel.rows(), pixel.groups()), (1, 0, 0));
+    assert_eq!(pixel.areas_m2(), [0.25]);
+    assert_eq!(pixel.total_variation(&[7.0]).unwrap(), 0.0);
+    let corners = vec![[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0]];
+    let triangle = Surface::new(corners, vec![[0, 1, 2]]).unwrap();
+    let element = Gradient::elements(&triangle).unwrap();
+    assert_eq!((element.unknowns(), element.groups()), (1, 0));
+    assert_eq!(element.areas_m2(), [3.0]);
+    assert_eq!(element.total_variation(&[7.0]).unwrap(), 0.0);
+    // one triangle of nodes: |grad x| = |(1/2, 1/3)| for the values 0, 1, 1
+    let nodal = Gradient::nodal(&triangle).unwrap();
+    assert_close(nodal.total_variation(&[0.0, 1.0, 1.0]).unwrap(), 13.0_f64.sqrt() / 6.0 * 3.0, "");
+}
+
+#[test]
+fn areas_sum_to_the_skin() {
+    let surface = disc(0.1, 5);
+    let sum = |gradient: Gradient| gradient.areas_m2().iter().sum::<f64>();
+    assert_close(sum(Gradient::nodal(&surface).unwrap()), total_area(&surface), "nodes");
+    assert_close(sum(Gradient::elements(&surface).unwrap()), total_area(&surface), "elements");
+    let mask = Array2::from_shape_fn((5, 6), |(i, j)| (i + j) % 3 != 0);
+    let inside = mask.iter().filter(|m| **m).count() as f64;
+    assert_close(sum(Gradient::pixels(&mask, 0.2).unwrap()), inside * 0.04, "pixels");
+}
+
+#[test]
+fn a_constant_is_all_that_has_no_variation_on_one_part() {
+    // D' D + 1 1' is regular if only constant images have no differences
+    let mask = Array2::from_shape_fn((5, 5), |at| at != (2, 2) && at != (0, 4));
+    let surface = disc(1.0, 2);
+    for gradient in [
+        Gradient::pixels(&mask, 1.0).unwrap(),
+        Gradient::nodal(&surface).unwrap(),
+        Gradient::elements(&surface).unwrap(),
+    ] {
+        let matrix = normal_matrix(&gradient, |_| 1.0) + 1.0;
+        let n = gradient.unknowns();
+        let constant = solve(matrix, Array2::from_elem((n, 1), n as f64));
+        // condition below 1e4 times rounding
+        assert!(constant.iter().all(|x| (x - 1.0).abs() < 1e-11), "{constant}");
+        assert!(gradient.total_variation(&vec![3.0; n]).unwrap() < 1e-14);
+    }
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let empty = Gradient::pixels(&Array2::from_elem((3, 3), false), 1.0).unwrap_err();
+    assert!(matches!(empty, InverseError::WrongLength { found: 0, wanted: 1, .. }));
+    let mask = Array2::from_elem((2, 2), true);
+    for pixel_m in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let error = Gradient::pixels(&mask, pixel_m).unwrap_err();
+        assert!(matches!(error, InverseError::OutOfRange { quantity: "pixel_m", .. }));
+    }
+    let error = Gradient::pixels(&mask, 1.0).unwrap().total_variation(&[0.0; 3]).unwrap_err();
+    assert!(matches!(error, InverseError::WrongLength { found: 3, wanted: 4, .. }));
+}
+
+proptest! {
+    /// Any mask and any image against the sum written out pixel by pixel.
+    #[test]
+    fn pixels_equal_the_sum_over_pixels(
+        rows in 1_usize..7,
+        columns in 1_usize..7,
+        inside in 0.2..1.0_f64,
+        pixel_m in 1e-3..10.0_f64,
+        seed: u64,
+    ) {
+        let mut random = Random::new(seed);
+        let mut mask = Array2::from_shape_simple_fn((rows, columns), || random.uniform() < inside);
+        mask[(rows / 2, columns / 2)] = true;
+        let image = Array2::from_shape_simple_fn((rows, columns), || random.normal());
+        let gradient = Gradient::pixels(&mask, pixel_m).unwrap();
+        let mut wanted = 0.0;
+        for ((i, j), _) in mask.indexed_iter().filter(|(_, m)| **m) {
+            let difference = |i2: usize, j2: usize| match mask.get((i2, j2)) {
+                Some(true) => image[(i2, j2)] - image[(i, j)],
+                _ => 0.0,
+            };
+            wanted += pixel_m * difference(i, j + 1).hypot(difference(i + 1, j));
+        }
+        let found = gradient.total_variation(&on_mask(&mask, |i, j| image[(i, j)])).unwrap();
+        prop_assert!((found - wanted).abs() <= ROUNDING * wanted, "{} {}", found, wanted);
+        // pixels of the mask are unknowns, all others are not
+        prop_assert_eq!(gradient.unknowns(), mask.iter().filter(|m| **m).count());
+        for row in 0..gradient.rows() {
+            let (columns, values) = gradient.row(row);
+            prop_assert!(columns.iter().all(|&c| (c as usize) < gradient.unknowns()));
+            prop_assert_eq!(values.iter().sum::<f64>(), 0.0);
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! Tests of the crate, in one program: linking one is faster than linking 28. Those of one file:
+//! `cargo test --release -p eit-inverse --test all FILE::`.
+
+mod common;
+#[path = "common/problem.rs"]
+mod problem;
+
+mod calibration;
+mod data;
+mod difference;
+#[cfg(feature = "tracing")]
+mod events;
+mod examples;
+mod figures_of_merit;
+#[cfg(feature = "st-tv")]
+mod gradient;
+mod hyperparameter;
+#[cfg(feature = "learn")]
+mod learn;
+mod masked;
+mod metrics;
+mod noise_estimate;
+mod nuisance;
+mod prior;
+mod reference;
+mod sequence;
+#[cfg(all(feature = "serde", feature = "st-tv"))]
+mod serde;
+#[cfg(feature = "st-tv")]
+mod st_tv_batch;
+#[cfg(feature = "st-tv")]
+mod st_tv_causal;
+#[cfg(feature = "st-tv")]
+mod st_tv_certificate;
+#[cfg(feature = "st-tv")]
+mod st_tv_stability;
+#[cfg(feature = "st-tv")]
+mod st_tv_stream;
+mod touch;
+mod touch_detector;
+mod touch_detector_input;
+mod touch_fit;
+mod touch_tracker;
+mod unevenness;

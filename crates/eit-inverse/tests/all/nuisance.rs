@@ -1,0 +1,155 @@
+//! Nuisance parameters whitened away or solved with the image give the same image.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+use crate::common::disc;
+use eit_inverse::{
+    InverseError, NuisanceParameters, OneStepGaussNewton, OneStepSettings, Tikhonov,
+};
+use fixtures::Random;
+use ndarray::{Array2, Axis, aview1, concatenate};
+
+/// Small dense problem: measurements, image, nuisance parameters.
+struct Problem {
+    jacobian: Array2<f64>,
+    nuisance: Array2<f64>,
+    std: Vec<f64>,
+    noise: Vec<f64>,
+    data: Vec<f64>,
+}
+
+fn problem() -> Problem {
+    let mut random = Random::new(11);
+    Problem {
+        jacobian: random.normals(30, 12),
+        nuisance: random.normals(30, 5),
+        std: (0..5).map(|_| 3.0 * random.uniform() + 0.1).collect(),
+        noise: (0..30).map(|_| 0.2 * random.uniform() + 0.02).collect(),
+        data: (0..30).map(|_| random.normal()).collect(),
+    }
+}
+
+/// `argmin |W (d - A x)|^2 + |P x|^2` by normal equations and Gaussian elimination.
+fn solve(a: &Array2<f64>, d: &[f64], weights: &[f64], precisions: &[f64]) -> Vec<f64> {
+    let w = Array2::from_diag(&aview1(weights).mapv(|w| w * w));
+    let normal = a.t().dot(&w).dot(a) + Array2::from_diag(&aview1(precisions).mapv(|p| p * p));
+    let right = a.t().dot(&w).dot(&aview1(d));
+    let count = right.len();
+    let mut rows: Vec<Vec<f64>> =
+        (0..count).map(|i| normal.row(i).iter().copied().chain([right[i]]).collect()).collect();
+    for k in 0..count {
+        for i in (0..count).filter(|&i| i != k) {
+            let factor = rows[i][k] / rows[k][k];
+            let pivot = rows[k].clone();
+            rows[i].iter_mut().zip(&pivot).for_each(|(x, p)| *x -= factor * p);
+        }
+    }
+    (0..count).map(|k| rows[k][count] / rows[k][k]).collect()
+}
+
+#[test]
+fn taken_out_or_solved_jointly_is_the_same() {
+    let p = problem();
+    let weights: Vec<f64> = p.noise.iter().map(|e| 1.0 / e).collect();
+    let image_precision = [0.7; 12];
+    let joint = concatenate![Axis(1), p.jacobian, p.nuisance];
+    let precisions: Vec<f64> =
+        image_precision.iter().copied().chain(p.std.iter().map(|s| 1.0 / s)).collect();
+    let wanted = solve(&joint, &p.data, &weights, &precisions);
+
+    let nuisance = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, None).unwrap();
+    let jacobian = nuisance.whiten_jacobian(&p.jacobian).unwrap();
+    let mut data = p.data.clone();
+    nuisance.whiten(&mut data).unwrap();
+    let image = solve(&jacobian, &data, &[1.0; 30], &image_precision);
+    let left = &aview1(&p.data) - &p.jacobian.dot(&aview1(&image));
+    let unknowns = nuisance.map_estimate(left.as_slice().unwrap()).unwrap();
+    for (found, wanted) in image.iter().chain(&unknowns).zip(&wanted) {
+        // normal equations of condition 1e4
+        assert!((found - wanted).abs() < 1e-10 * wanted.abs().max(1.0), "{found} {wanted}");
+    }
+    assert!(nuisance.kept_variance().iter().all(|k| (0.0..0.1).contains(k)));
+}
+
+/// `T (N + K C K') T' = I`.
+#[test]
+fn whitened_data_are_white() {
+    let p = problem();
+    let nuisance = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, None).unwrap();
+    let scaled = &p.nuisance * &aview1(&p.std);
+    let covariance = Array2::from_diag(&aview1(&p.noise).mapv(|e| e * e)) + scaled.dot(&scaled.t());
+    let once = nuisance.whiten_jacobian(&covariance).unwrap();
+    let twice = nuisance.whiten_jacobian(&once.t().to_owned()).unwrap();
+    for ((i, k), value) in twice.indexed_iter() {
+        let wanted = if i == k { 1.0 } else { 0.0 };
+        // ratio of covariances to noise: 1e6 roundings
+        assert!((value - wanted).abs() < 1e-9, "{i} {k} {value}");
+    }
+}
+
+/// An unused measurement has no effect, whatever its value.
+#[test]
+fn unused_measurements_are_not_looked_at() {
+    let mut p = problem();
+    let used: Vec<bool> = (0..30).map(|i| i != 7).collect();
+    let fresh = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, Some(&used)).unwrap();
+    let mut clean = p.data.clone();
+    fresh.whiten(&mut clean).unwrap();
+    (p.noise[7], p.data[7]) = (f64::NAN, f64::INFINITY);
+    p.nuisance.row_mut(7).fill(f64::NAN);
+    let broken = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, Some(&used)).unwrap();
+    broken.whiten(&mut p.data).unwrap();
+    assert_eq!(clean, p.data);
+    assert_eq!(p.data[7], 0.0);
+    let error = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, None).unwrap_err();
+    assert!(matches!(error, InverseError::OutOfRange { .. }), "{error}");
+    let error =
+        NuisanceParameters::new(&p.nuisance, &p.std[1..], &p.noise, Some(&used)).unwrap_err();
+    assert!(error.to_string().contains("std of the unknowns: 4 values, but 5"), "{error}");
+    let none =
+        NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, Some(&[false; 30])).unwrap_err();
+    assert!(matches!(none, InverseError::NothingUsed { measurements: 30 }));
+}
+
+/// With the prior scaled by the original data, unknowns that hardly vary leave the image unchanged when
+/// whitened away, and unknowns that vary leave less of it. At the same lambda without `set_prior_of`, the
+/// prior would differ.
+#[test]
+fn the_prior_is_taken_over() {
+    let surface = disc(0.1, 2);
+    let mut random = Random::new(5);
+    let (jacobian, nuisance) =
+        (random.normals(30, surface.triangles().len()), random.normals(30, 5));
+    let noise: Vec<f64> = (0..30).map(|_| 0.2 * random.uniform() + 0.02).collect();
+    let frame: Vec<f64> = (0..30).map(|_| random.normal()).collect();
+    let reference = [0.0; 30];
+    let settings = OneStepSettings {
+        hyperparameter: 0.4,
+        noise_std: Some(noise.clone()),
+        ..Default::default()
+    };
+    let prior = Tikhonov::new(&surface);
+    let before = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
+    let image = before.reconstruct(&frame, &reference).unwrap();
+    let left = |std: f64, takes_over: bool| {
+        let nuisance = NuisanceParameters::new(&nuisance, &[std; 5], &noise, None).unwrap();
+        let jacobian = nuisance.whiten_jacobian(&jacobian).unwrap();
+        let mut white = frame.clone();
+        nuisance.whiten(&mut white).unwrap();
+        let settings = OneStepSettings { hyperparameter: 0.4, ..Default::default() };
+        let mut after = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
+        if takes_over {
+            after.set_prior_of(&before).unwrap();
+        }
+        after.reconstruct(&white, &reference).unwrap()
+    };
+    let off = |other: &ndarray::Array1<f64>| {
+        let square = |x: &ndarray::Array1<f64>| x.iter().map(|v| v * v).sum::<f64>();
+        (square(&(other - &image)) / square(&image)).sqrt()
+    };
+    // a deviation of 1e-9 of the noise leaves its square; the rest is rounding
+    assert!(off(&left(1e-9, true)) < 1e-10);
+    let [taken_over, same_lambda] = [true, false].map(|takes_over| off(&left(10.0, takes_over)));
+    // 5 of 30 directions are removed, a sixth of the image's energy
+    assert!((0.1..0.8).contains(&taken_over), "{taken_over}");
+    assert!((taken_over - same_lambda).abs() > 1e-3, "{taken_over} {same_lambda}");
+}

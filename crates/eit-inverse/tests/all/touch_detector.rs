@@ -1,0 +1,338 @@
+//! The touch detector on linear data of a disc: correct covariances, no false touches, held touches, drift.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a test file: a panic is a failed test"
+)]
+
+use crate::common::adjacent;
+use crate::common::detector::{
+    DT_S, ELECTRODES, FINGER, MEASUREMENTS, SKIN, TRUTH, distance_m, place, push, touched,
+};
+use eit_inverse::touch::{DetectedTouch, DetectorModel, DetectorSettings, TouchDetector};
+use fixtures::Random;
+use ndarray::{Array1, Array2};
+
+/// `(p - c)' C^-1 (p - c)` in the plane: mean 2, variance 4 if `C` is the covariance of `p`.
+fn normalised_squared(touch: &DetectedTouch, at: [f64; 2]) -> f64 {
+    let [x, y] = [0, 1].map(|k| touch.position_m[k] - at[k]);
+    let [[a, b, _], [_, d, _], _] = touch.position_covariance_m2;
+    (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b)
+}
+
+/// Positions and strengths err as their covariances state.
+#[test]
+fn covariances_are_honest() {
+    let mut random = Random::new(3);
+    let detector = SKIN.detector(1e-8);
+    let (mut squared, mut strengths, mut stds_m) = (0.0, 0.0, Vec::new());
+    let count = 300;
+    for _ in 0..count {
+        let at = place(&mut random, 0.8);
+        let frame = random.noisy(&touched(&[(at, FINGER)]), SKIN.noise_std_v[0]);
+        let [touch] = push(&mut detector.clone(), &frame)[..] else { panic!("at {at:?}") };
+        squared += normalised_squared(&touch, at) / f64::from(count);
+        let off = (touch.strength_s_m2 - FINGER) / touch.strength_std_s_m2;
+        strengths += off * off / f64::from(count);
+        stds_m.push(touch.position_covariance_m2[0][0].sqrt());
+    }
+    stds_m.sort_by(f64::total_cmp);
+    println!("mean square {squared:.2} and {strengths:.2}, median std {:.2e} m", stds_m[150]);
+    // means of 300: standard deviations 2 / sqrt 300 = 0.12 and sqrt(2 / 300) = 0.08; allowed are five of
+    // each, plus the difference between the meshes
+    assert!((squared - 2.0).abs() < 0.6, "{squared}");
+    assert!((strengths - 1.0).abs() < 0.4, "{strengths}");
+}
+
+/// A touch must lower a residual of about 104 by the factor 1.8, which is 46 of chi^2. A single position
+/// does so by chance with `P(|N| > 6.8) / 2 = 5e-12`; 20 000 frames with some hundred independent positions
+/// are expected to show 1e-5 touches. The least strength is set too low to help.
+#[test]
+fn white_noise_shows_nothing() {
+    let mut random = Random::new(4);
+    let mut detector = SKIN.detector(1e-15);
+    let mut rests = 0.0;
+    for frame in 0..20_000 {
+        let values = random.noisy(&SKIN.model_v, SKIN.noise_std_v[0]);
+        let step = detector.push(&values, |_| false, DT_S).unwrap();
+        rests += step.chi_square / step.rows as f64 / 20_000.0;
+        assert!(detector.touches().is_empty(), "frame {frame}: {:?}", detector.touches());
+    }
+    // 1 per row, less the sheet's; a reference that follows within 1 s adds 0.05 / 2. A mean of 2e6 squares
+    // is known to 0.1 %.
+    println!("mean square of a row {rests:.4}");
+    assert!((rests - 1.015).abs() < 0.015, "{rests}");
+}
+
+/// A touch rotated by one electrode is found at the rotated position.
+#[test]
+fn turned_touches_have_turned_places() {
+    let detector = SKIN.detector(1e-8);
+    let mut worst_m = 0.0_f64;
+    for (r, angle) in [(0.03, 0.3), (0.06, 1.1), (0.085, 2.0)] {
+        let found = (0..ELECTRODES).map(|turn| {
+            let turned = std::f64::consts::TAU * turn as f64 / ELECTRODES as f64;
+            let (sin, cos) = f64::sin_cos(angle + turned);
+            let frame = touched(&[([r * cos, r * sin], FINGER)]);
+            let [touch] = push(&mut detector.clone(), &frame)[..] else { panic!("{r} {turn}") };
+            let [x, y, _] = touch.position_m;
+            // rotated back
+            let (sin, cos) = turned.sin_cos();
+            [cos * x + sin * y, cos * y - sin * x]
+        });
+        let found: Vec<[f64; 2]> = found.collect();
+        let mean = [0, 1].map(|k| found.iter().map(|p| p[k]).sum::<f64>() / 16.0);
+        let off = found.iter().map(|p| (p[0] - mean[0]).hypot(p[1] - mean[1]));
+        worst_m = worst_m.max(off.fold(0.0, f64::max));
+        assert!((mean[0].hypot(mean[1]) - r).abs() < 0.5e-3, "{r} {mean:?}");
+    }
+    println!("places differ by {worst_m:.2e} m");
+    // a fifth of the mesh's edge of 5 mm, on which a bell of 7 mm is sampled
+    assert!(worst_m < 1e-3, "{worst_m}");
+}
+
+/// Least strength of a skin in practical use.
+const LEAST: f64 = 2e-6;
+
+/// What no touch explains becomes part of the reference, and from its end on the opposite of it looks like a touch. It does
+/// not if the reference is taken back.
+#[test]
+fn a_reference_taken_back_shows_no_touch() {
+    let mut random = Random::new(12);
+    let mut detector = SKIN.detector(LEAST);
+    let mut noisy = |values: &[f64]| random.noisy(values, SKIN.noise_std_v[0]);
+    for _ in 0..20 {
+        push(&mut detector, &noisy(&SKIN.model_v));
+    }
+    let lessened = touched(&[([-0.03, 0.04], -4.0 * FINGER)]);
+    for _ in 0..5 {
+        push(&mut detector, &noisy(&lessened));
+    }
+    let mut as_it_is = detector.clone();
+    detector.take_back_reference();
+    for frame in 0..20 {
+        let values = noisy(&SKIN.model_v);
+        assert_eq!(push(&mut detector, &values), [], "frame {frame}");
+        push(&mut as_it_is, &values);
+    }
+    assert!(!as_it_is.touches().is_empty());
+}
+
+/// A touch held for ten minutes at 2 Hz is still present and in place at the end, and nothing is shown
+/// after it.
+#[test]
+fn a_held_touch_stays_and_leaves_nothing() {
+    let mut random = Random::new(11);
+    let mut detector = SKIN.detector(LEAST);
+    let at = [-0.03, 0.04];
+    let held = touched(&[(at, FINGER)]);
+    let mut strengths = Vec::new();
+    for frame in 0..20 + 1200 + 120 {
+        let is_held = (20..1220).contains(&frame);
+        let values = random.noisy(if is_held { &held } else { &SKIN.model_v }, SKIN.noise_std_v[0]);
+        detector.push(&values, |_| false, 0.5).unwrap();
+        match detector.touches() {
+            [] if !is_held => {}
+            [touch] if is_held => {
+                // five standard deviations of the position
+                assert!(distance_m(touch, at) < 5e-3, "frame {frame}: {touch:?}");
+                strengths.push(touch.strength_s_m2 / FINGER);
+            }
+            touches => panic!("frame {frame}: {touches:?}"),
+        }
+    }
+    let last = strengths[1100..].iter().sum::<f64>() / 100.0;
+    println!("strength at the end {last:.3}");
+    assert!((last - 1.0).abs() < 0.1, "{last}");
+}
+
+/// The whole sheet gains 1 % of conductivity within a minute.
+#[test]
+fn a_slow_drift_shows_nothing() {
+    let mut random = Random::new(12);
+    let mut detector = SKIN.detector(LEAST);
+    for frame in 0..1200 {
+        let gain = 1.0 / (1.0 + 0.01 * f64::from(frame) * DT_S / 60.0);
+        let drifted: Vec<f64> = SKIN.model_v.iter().map(|v| gain * v).collect();
+        let values = random.noisy(&drifted, SKIN.noise_std_v[0]);
+        assert!(push(&mut detector, &values).is_empty(), "frame {frame}: {:?}", detector.touches());
+    }
+}
+
+/// Voltage change by a wave of the sheet: half a percent of its conductivity, 0.28 m long.
+fn wave_v() -> Array1<f64> {
+    let wave = |c: &[f64; 3]| 5e-3 * (20.0 * c[0] + 10.0 * c[1]).sin();
+    let change: Array1<f64> = TRUTH.surface.centroids().iter().map(wave).collect();
+    TRUTH.jacobian.dot(&change)
+}
+
+/// Quiet frames contain a wave of one shape and random amplitude. The same wave in later frames shows no
+/// touch, and a finger on it is found. A detector without quiet frames shows touches.
+#[test]
+fn what_quiet_frames_do_is_no_touch() {
+    let mut random = Random::new(13);
+    let wave_v = wave_v();
+    let on_wave = |values: &[f64], random: &mut Random| {
+        let amplitude = random.normal();
+        let waved: Vec<f64> =
+            values.iter().zip(&wave_v).map(|(v, wave)| v + amplitude * wave).collect();
+        random.noisy(&waved, SKIN.noise_std_v[0])
+    };
+    let frames = 60;
+    let mut quiet_v = Array2::zeros((frames, MEASUREMENTS));
+    for mut row in quiet_v.rows_mut() {
+        row.assign(&Array1::from(on_wave(&SKIN.model_v, &mut random)));
+    }
+    let settings = DetectorSettings::with_least(LEAST);
+    let all = [true; MEASUREMENTS];
+    let model = DetectorModel { quiet_v: quiet_v.view(), ..SKIN.model(&all) };
+    let mut told = TouchDetector::new(&model, settings).unwrap();
+    let mut untold = SKIN.detector(LEAST);
+    let mut shown = [0; 2];
+    for _ in 0..1000 {
+        let frame = on_wave(&SKIN.model_v, &mut random);
+        for (shown, detector) in shown.iter_mut().zip([&mut told, &mut untold]) {
+            *shown += usize::from(!push(detector, &frame).is_empty());
+        }
+    }
+    println!("touches in {shown:?} of 1000 frames, told and untold");
+    assert_eq!(shown[0], 0);
+    assert!(shown[1] > 200, "{shown:?}");
+    let at = [0.03, -0.05];
+    let finger = touched(&[(at, FINGER)]);
+    for _ in 0..100 {
+        let [touch] = push(&mut told.clone(), &on_wave(&finger, &mut random))[..] else { panic!() };
+        // five standard deviations of the position, which the wave's direction hardly increases
+        assert!(distance_m(&touch, at) < 5e-3, "{touch:?}");
+    }
+}
+
+/// A contact that gets worse changes all measurements of its electrode by the same fraction. A bell near
+/// the electrode explains some of that, the gain explains all of it, and no touch is shown instead.
+#[test]
+fn a_gain_is_no_touch() {
+    let quadruples = adjacent(ELECTRODES);
+    let of = |e: usize| (0..MEASUREMENTS).filter(|&i| quadruples[i].contains(&e)).collect();
+    let of_electrode: Vec<Vec<usize>> = (0..ELECTRODES).map(of).collect();
+    let settings = DetectorSettings::with_least(1e-8);
+    let model = SKIN.model(&[true; MEASUREMENTS]);
+    let unaware = TouchDetector::new(&model, settings.clone()).unwrap();
+    let aware = DetectorModel { of_electrode: &of_electrode, ..model };
+    let aware = TouchDetector::new(&aware, settings).unwrap();
+    let (mut random, mut fooled) = (Random::new(12), 0);
+    for (electrode, lost) in of_electrode.iter().enumerate() {
+        let mut frame = SKIN.model_v.clone();
+        lost.iter().for_each(|&i| frame[i] *= 0.995);
+        let frame = random.noisy(&frame, SKIN.noise_std_v[0]);
+        fooled += usize::from(!push(&mut unaware.clone(), &frame).is_empty());
+        let mut detector = aware.clone();
+        let step = detector.push(&frame, |_| false, DT_S).unwrap();
+        assert!(detector.touches().is_empty(), "{electrode}: {:?}", detector.touches());
+        assert_eq!(step.blamed, Some(electrode));
+        // a real finger is still found
+        let at = place(&mut random, 0.8);
+        let frame = random.noisy(&touched(&[(at, FINGER)]), SKIN.noise_std_v[0]);
+        let step = aware.clone().push(&frame, |_| false, DT_S).unwrap();
+        assert_eq!((push(&mut aware.clone(), &frame).len(), step.blamed), (1, None), "{at:?}");
+    }
+    // otherwise the gain would prove nothing
+    assert!(fooled > ELECTRODES / 2, "{fooled}");
+}
+
+/// Touches so faint that they lower chi^2 by 25 without noise. Where the previous frame showed a touch of four
+/// times their strength, they are kept; elsewhere the first frame rarely shows them, and the
+/// second twice as often.
+/// Without memory of the fabric, which would explain a part.
+#[test]
+fn a_touch_that_goes_on_needs_less_evidence() {
+    let settings = DetectorSettings {
+        settling_share: 0.0,
+        trail_share: 0.0,
+        ..DetectorSettings::with_least(1e-15)
+    };
+    let all = [true; MEASUREMENTS];
+    let detector = TouchDetector::new(&SKIN.model(&all), settings).unwrap();
+    let mut random = Random::new(16);
+    let (mut kept, mut first, mut second, mut evidence, count) = (0, 0, 0, 0.0, 200);
+    for _ in 0..count {
+        let at = place(&mut random, 0.8);
+        let at_m = [at[0], at[1], 0.0];
+        let mut known = detector.clone();
+        push(&mut known, &touched(&[(at, FINGER)]));
+        let [gain] = known.evidence_at(&[at_m])[..] else { panic!("{at:?}") };
+        let faint = FINGER * (25.0 / gain).sqrt();
+        let mut noisy =
+            |strength: f64| random.noisy(&touched(&[(at, strength)]), SKIN.noise_std_v[0]);
+        let [firm, weak, again] = [4.0 * faint, faint, faint].map(&mut noisy);
+        let is_here = |touches: &[DetectedTouch]| touches.iter().any(|t| distance_m(t, at) < 0.025);
+        let mut known = detector.clone();
+        assert!(is_here(&push(&mut known, &firm)), "{at:?}");
+        kept += i32::from(is_here(&push(&mut known, &weak)));
+        let mut new = detector.clone();
+        first += i32::from(is_here(&push(&mut new, &weak)));
+        evidence += new.evidence_at(&[at_m])[0] / f64::from(count);
+        second += i32::from(is_here(&push(&mut new, &again)));
+    }
+    println!(
+        "of {count}: kept {kept}, first {first}, second {second}; mean evidence {evidence:.1}"
+    );
+    // chi^2 is (5 + z)^2 with standard normal z: 9 is exceeded by 98 %, 36 by 16 %, a sum of 40 by about 80 %,
+    // but where the residual happens to exceed its expectation, more is required. Counted: 186, 43, 83
+    assert!(kept >= 175 && first <= 60 && second >= first + 25, "{kept} {first} {second}");
+    // mean 26, and up to 2 more for the fitted position, known to sqrt(102 / 200) = 0.7
+    assert!((23.0..31.0).contains(&evidence), "{evidence}");
+}
+
+/// A light touch near the rim changes more voltages than a hard one in the middle, which is hardly sensed.
+/// It cannot be an artefact of the hard one, although it has only an eighth of its strength. A light touch
+/// in the middle beside a hard one at the rim could be, and is not shown.
+#[test]
+fn a_touch_is_faint_beside_what_explains_more() {
+    let mut random = Random::new(21);
+    let mut shown = [0; 2];
+    for turn in 0..20 {
+        let (sin, cos) = f64::from(turn).sin_cos();
+        let rim = [0.09 * cos, 0.09 * sin];
+        for (shown, [at_rim, in_middle]) in shown.iter_mut().zip([[1.0, 8.0], [8.0, 1.0]]) {
+            let frame = touched(&[(rim, at_rim * FINGER), ([0.0, 0.0], in_middle * FINGER)]);
+            let frame = random.noisy(&frame, SKIN.noise_std_v[0]);
+            *shown += push(&mut SKIN.detector(LEAST), &frame).len();
+        }
+    }
+    println!("touches in 20 frames each {shown:?}");
+    assert_eq!(shown, [40, 20]);
+}
+
+/// Six fingers at random, 40 mm apart, each frame on its own. Full Gauss-Newton steps may diverge; when
+/// they were not undone, frame 165 showed no touch at all.
+#[test]
+fn six_fingers_are_found_from_one_frame() {
+    let mut random = Random::new(22);
+    let (mut found, mut shown, frames) = (0, 0, 200);
+    let detector = SKIN.detector(LEAST);
+    for frame in 0..frames {
+        let mut places: Vec<[f64; 2]> = Vec::new();
+        while places.len() < 6 {
+            let at = place(&mut random, 0.92);
+            let is_apart = |p: &[f64; 2]| (p[0] - at[0]).hypot(p[1] - at[1]) > 0.04;
+            if places.iter().all(is_apart) {
+                places.push(at);
+            }
+        }
+        let touches: Vec<_> =
+            places.iter().map(|at| (*at, random.between(0.5, 2.0) * FINGER)).collect();
+        let values = random.noisy(&touched(&touches), SKIN.noise_std_v[0]);
+        let touches = push(&mut detector.clone(), &values);
+        let is_found = |at: &&[f64; 2]| touches.iter().any(|t| distance_m(t, **at) < 0.02);
+        let here = places.iter().filter(is_found).count();
+        // measured: 4 once, otherwise 5 and 6
+        assert!(here >= 3, "frame {frame}: {here} of {places:?}");
+        found += here;
+        shown += touches.len();
+    }
+    println!("{found} of {} fingers, {shown} touches", 6 * frames);
+    assert!(found >= 1116 && shown <= found + 24, "93 % and 2 %: {found} and {shown}");
+}

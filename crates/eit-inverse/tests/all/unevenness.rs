@@ -1,0 +1,138 @@
+//! The uneven sheet estimated from a reference frame, on linear data of a disc from a separate mesh: its
+//! amplitude and map, and an even sheet when the truth is even.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a test file: a panic is a failed test"
+)]
+
+use crate::common::detector::{Disc, MEASUREMENTS, SKIN, TRUTH};
+use eit_inverse::{InverseError, ReferenceModel, UnevenSheet, Unevenness};
+use fixtures::Random;
+use ndarray::Array1;
+
+/// Correlation length of truth and fit.
+const LENGTH_M: f64 = 0.02;
+
+/// A Gaussian field of covariance `amplitude^2 exp(-r^2 / (2 L^2))` as a sum of waves (Shinozuka and
+/// Deodatis 1991), independent of the fit's bells. Returns its value at any point.
+fn field(random: &mut Random, amplitude: f64) -> impl Fn(&[f64; 3]) -> f64 + use<> {
+    let count = 400;
+    let waves: Vec<[f64; 3]> = (0..count)
+        .map(|_| {
+            let wave = [0, 1].map(|_| random.normal() / LENGTH_M);
+            [wave[0], wave[1], random.uniform() * std::f64::consts::TAU]
+        })
+        .collect();
+    let scale = amplitude * (2.0 / f64::from(count)).sqrt();
+    move |p| {
+        scale * waves.iter().map(|[x, y, phase]| (x * p[0] + y * p[1] + phase).cos()).sum::<f64>()
+    }
+}
+
+/// Reference voltages of a sheet `exp(field)`, to first order, each with an error of 0.1 %.
+fn reference(random: &mut Random, disc: &Disc, field: &impl Fn(&[f64; 3]) -> f64) -> Vec<f64> {
+    let change: Array1<f64> = disc.surface.centroids().iter().map(field).collect();
+    let voltages = Array1::from(SKIN.model_v.clone()) + disc.jacobian.dot(&change);
+    voltages.iter().map(|v| v * (1.0 + 1e-3 * random.normal())).collect()
+}
+
+fn fit(reference_v: &[f64], used: &[bool]) -> Result<Unevenness, InverseError> {
+    let error_v: Vec<f64> = SKIN.model_v.iter().map(|v| 2e-3 * v.abs()).collect();
+    let model = ReferenceModel {
+        jacobian: &SKIN.jacobian,
+        conductivity_s: &vec![1.0; SKIN.surface.triangles().len()],
+        model_v: &SKIN.model_v,
+        reference_v,
+        error_v: &error_v,
+        // the gain to 5 %
+        unknowns: &(50.0 * &SKIN.unknowns),
+        used,
+    };
+    UnevenSheet::new(&SKIN.surface, LENGTH_M)?.fit(&model, None)
+}
+
+const ALL: [bool; MEASUREMENTS] = [true; MEASUREMENTS];
+
+/// The amplitude is found on its grid (a factor of 2 apart), the factor of the errors is the true one (the
+/// fit is told twice the true error), and the map matches the truth where currents reach: a correlation of
+/// 0.7 over the whole disc, whose middle 104 voltages hardly sense at 2 cm.
+#[test]
+fn an_uneven_sheet_is_found() {
+    for (seed, amplitude) in [(1, 0.05), (2, 0.05), (3, 0.1), (4, 0.2)] {
+        let mut random = Random::new(seed);
+        let field = field(&mut random, amplitude);
+        let found = fit(&reference(&mut random, &TRUTH, &field), &ALL).unwrap();
+        let truth: Vec<f64> = SKIN.surface.centroids().iter().map(&field).collect();
+        let areas = SKIN.surface.areas_m2();
+        let mean = |values: &[f64]| {
+            let all: f64 = values.iter().zip(areas).map(|(v, a)| v * a).sum();
+            all / areas.iter().sum::<f64>()
+        };
+        let [a, b] = [&truth, &found.log_change].map(|values| {
+            let middle = mean(values);
+            values.iter().map(|v| v - middle).collect::<Vec<f64>>()
+        });
+        let product =
+            |a: &[f64], b: &[f64]| mean(&a.iter().zip(b).map(|(a, b)| a * b).collect::<Vec<f64>>());
+        let alike = product(&a, &b) / (product(&a, &a) * product(&b, &b)).sqrt();
+        println!(
+            "{amplitude}: found {}, errors {}, evidence {:.0}, correlation {alike:.2}",
+            found.amplitude, found.error_scale, found.log_evidence
+        );
+        assert!((found.amplitude / amplitude).log2().abs() < 0.51, "{}", found.amplitude);
+        assert_eq!(found.error_scale, 0.5);
+        assert!(alike > 0.7, "{alike}");
+    }
+}
+
+/// An even sheet stays even: the evidence stays far below 10, the level at which the touch finder accepts
+/// an uneven sheet. Chance alone gives `ln` of the number of choices tried, 3 or 4.
+#[test]
+fn an_even_sheet_stays_even() {
+    for seed in 0..20 {
+        let mut random = Random::new(100 + seed);
+        let found = fit(&reference(&mut random, &TRUTH, &|_: &[f64; 3]| 0.0), &ALL).unwrap();
+        assert!(found.log_evidence < 5.0, "{seed}: {} {}", found.amplitude, found.log_evidence);
+    }
+}
+
+/// The gain is an unknown: a reference 3 % higher does not count as unevenness.
+#[test]
+fn gain_is_no_unevenness() {
+    let reference_v: Vec<f64> = SKIN.model_v.iter().map(|v| 1.03 * v).collect();
+    let found = fit(&reference_v, &ALL).unwrap();
+    let most = found.log_change.iter().fold(0.0_f64, |most, change| most.max(change.abs()));
+    assert!(found.log_evidence < 5.0 && most < 1e-3, "{} {most}", found.log_evidence);
+}
+
+/// Unused measurements have no effect, whatever their values.
+#[test]
+fn unused_measurements_are_left_out() {
+    let mut random = Random::new(7);
+    let field = field(&mut random, 0.05);
+    let mut reference_v = reference(&mut random, &TRUTH, &field);
+    let mut used = ALL;
+    (0..MEASUREMENTS).step_by(7).for_each(|i| used[i] = false);
+    let clean = fit(&reference_v, &used).unwrap();
+    (0..MEASUREMENTS).step_by(7).for_each(|i| reference_v[i] = f64::NAN);
+    let found = fit(&reference_v, &used).unwrap();
+    assert_eq!(clean.log_change, found.log_change);
+    assert_eq!(found.amplitude, 0.05);
+}
+
+#[test]
+fn bad_input_is_refused() {
+    let mut reference_v = SKIN.model_v.clone();
+    reference_v[17] = f64::NAN;
+    let refused = fit(&reference_v, &ALL).unwrap_err();
+    assert!(matches!(refused, InverseError::NonFiniteData { measurement: 17, .. }), "{refused}");
+    let refused = fit(&SKIN.model_v[1..], &ALL).unwrap_err();
+    assert!(matches!(refused, InverseError::WrongLength { found: 207, wanted: 208, .. }));
+    let refused = fit(&SKIN.model_v, &[false; MEASUREMENTS]).unwrap_err();
+    assert!(matches!(refused, InverseError::NothingUsed { measurements: 208 }), "{refused}");
+    assert!(UnevenSheet::new(&SKIN.surface, 0.0).is_err());
+}

@@ -1,0 +1,18 @@
+//! The examples run and give the documented results.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[path = "../../examples/disc.rs"]
+#[allow(dead_code, reason = "main of the example is not called here")]
+mod disc;
+
+/// Finer edges give more nodes; every mesh has angles above 30 degrees (refinement alone guarantees
+/// 28, smoothing improves it) and a mean quality above 0.96.
+#[test]
+fn disc_example() {
+    let figures = disc::run().unwrap();
+    assert!(figures.windows(2).all(|pair| pair[1].nodes > 2 * pair[0].nodes));
+    for quality in &figures {
+        assert!(quality.smallest_angle_deg > 30.0, "{quality}");
+        assert!(quality.mean_quality > 0.96, "{quality}");
+    }
+}

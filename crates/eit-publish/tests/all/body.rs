@@ -1,0 +1,372 @@
+//! Patches joined into a body: by messages with times that the test sets, and over zenoh.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+use crate::common::{endpoint, frame, touch};
+use eit_publish::body::{Body, BodyNews, BodySettings, BodyState, Origin, Placement};
+use eit_publish::ros::{
+    Attachment, BodyTouchArray, Header, PoseStamped, Time, TouchArray, TouchMessage, from_cdr,
+    touch_state,
+};
+use eit_publish::{Publisher, SessionSettings, ZenohSettings, ZenohSink};
+use eit_skin::Touch;
+use std::time::{Duration, Instant};
+use zenoh::Wait as _;
+
+const LIMIT: Duration = Duration::from_secs(20);
+
+const FILE: &str = r#"
+    frame = "torso"
+    topic = "body"
+    silent_after_s = 0.4
+    [[patch]]
+    name = "left"
+    topic = "/skin/left"
+    position_m = [1.0, 0.0, 0.0]
+    rpy_deg = [0.0, 0.0, 90.0]
+    [[patch]]
+    name = "right"
+    topic = "skin/right"
+    position_m = [0.0, -2.0, 0.5]
+"#;
+
+fn near(a: [f64; 3], b: [f64; 3]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12)
+}
+
+/// A body whose time the test sets.
+struct Bench {
+    state: BodyState,
+    start: Instant,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let start = Instant::now();
+        Self { state: BodyState::new(&BodySettings::parse(FILE).unwrap(), start), start }
+    }
+
+    fn at(&self, seconds: f64) -> Instant {
+        self.start + Duration::from_secs_f64(seconds)
+    }
+
+    /// A message of a patch, sent at once; its publisher is known by a number.
+    fn hear(
+        &mut self,
+        patch: usize,
+        publisher: u8,
+        sequence: i64,
+        seconds: f64,
+        touches: &[(u64, u8)],
+    ) -> Option<BodyNews> {
+        let touch = |&(id, state): &(u64, u8)| TouchMessage {
+            id,
+            state,
+            position: [0.1, 0.0, 0.0].into(),
+            velocity: [0.0, 0.2, 0.0].into(),
+            position_covariance: [4.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 9.0],
+            ..Default::default()
+        };
+        let message = TouchArray {
+            header: Header {
+                stamp: Time::from_seconds(1e9 + seconds - 0.01),
+                ..Default::default()
+            },
+            touches: touches.iter().map(touch).collect(),
+            ..Default::default()
+        };
+        let time_ns = ((1e9 + seconds) * 1e9) as i64;
+        let origin = Origin {
+            attachment: Attachment { sequence, time_ns, gid: [publisher; 16] },
+            arrived: self.at(seconds),
+            arrived_s: 1e9 + seconds,
+        };
+        self.state.receive(patch, &message, &origin)
+    }
+
+    fn silences(&mut self, seconds: f64) -> Vec<BodyNews> {
+        let mut news = Vec::new();
+        let now = self.at(seconds);
+        self.state.silences(now, &mut news);
+        news
+    }
+
+    /// Patch, touch and state of the list.
+    fn list(&mut self, seconds: f64) -> Vec<(usize, u64, u8)> {
+        let list = self.state.list(1e9 + seconds);
+        list.touches.iter().map(|t| (t.patch, t.touch.id, t.touch.state)).collect()
+    }
+}
+
+/// Position, velocity and covariance turn with the patch; times are on one clock.
+#[test]
+fn touches_are_placed_on_the_robot() {
+    let mut bench = Bench::new();
+    bench.hear(0, 1, 1, 0.1, &[(5, touch_state::HOLD)]);
+    bench.hear(1, 2, 1, 0.1, &[(5, touch_state::HOLD)]);
+    let list = bench.state.list(1e9 + 0.2);
+    let [left, right] = [0, 1].map(|index| list.touches[index]);
+    assert!(near(left.touch.position.into(), [1.0, 0.1, 0.0]), "{left:?}");
+    assert!(near(left.touch.velocity.into(), [-0.2, 0.0, 0.0]), "{left:?}");
+    let covariance = left.touch.position_covariance;
+    assert!(near([covariance[0], covariance[4], covariance[8]], [1.0, 4.0, 9.0]), "{left:?}");
+    assert!(near(right.touch.position.into(), [0.1, -2.0, 0.5]), "{right:?}");
+    assert!((left.time_s - (1e9 + 0.09)).abs() < 1e-6, "{}", left.time_s - 1e9);
+    let message = bench.state.message(&list, bench.at(0.2));
+    assert_eq!(message.header.frame_id, "torso");
+    assert_eq!(
+        (message.touches[0].patch.as_str(), message.patches[1].name.as_str()),
+        ("left", "right")
+    );
+}
+
+/// Angles as in URDF: a quarter about x, then one about z, takes x to y, y to z and z to x.
+#[test]
+fn angles_are_those_of_urdf() {
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let placement = Placement::from_angles([0.0; 3], [quarter, 0.0, quarter]);
+    let place = |position: [f64; 3]| -> [f64; 3] {
+        placement
+            .place(&TouchMessage { position: position.into(), ..Default::default() })
+            .position
+            .into()
+    };
+    assert!(near(place([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));
+    assert!(near(place([0.0, 1.0, 0.0]), [0.0, 0.0, 1.0]));
+    assert!(near(place([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]));
+    let pitch = Placement::from_angles([0.0; 3], [0.0, 0.3, 0.0]);
+    let turned: [f64; 3] = pitch
+        .place(&TouchMessage { position: [1.0, 0.0, 0.0].into(), ..Default::default() })
+        .position
+        .into();
+    assert!(near(turned, [0.3_f64.cos(), 0.0, -(0.3_f64.sin())]), "{turned:?}");
+    let half = Placement::new([0.0; 3], [0.0, 0.0, 2.0, 0.0]);
+    assert_eq!(half.pose().orientation.z, 1.0, "of length 1");
+}
+
+/// Silent patches are named once, with their touches forgotten, and named again when they are back.
+#[test]
+fn silence_is_named_and_so_is_its_end() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.hear(0, 1, 1, 0.1, &[(5, touch_state::HOLD)]), None);
+    assert_eq!(bench.list(0.1), [(0, 5, touch_state::HOLD)]);
+    assert_eq!(bench.silences(0.39), []);
+    // the right patch was never heard
+    let BodyNews::Silent { patch: 1, for_s, was_heard: false } = bench.silences(0.41)[0] else {
+        panic!("the right patch is silent")
+    };
+    assert!((for_s - 0.41).abs() < 1e-9);
+    let news = bench.silences(0.51);
+    assert!(matches!(news[..], [BodyNews::Silent { patch: 0, was_heard: true, .. }]), "{news:?}");
+    assert!(bench.state.has_changed(), "its touches have gone");
+    assert_eq!(bench.list(0.51), []);
+    assert_eq!(bench.silences(5.0), [], "named once");
+    let Some(BodyNews::Back { patch: 0, after_s }) = bench.hear(0, 1, 2, 6.1, &[]) else {
+        panic!("it is back")
+    };
+    assert!((after_s - 6.0).abs() < 1e-6, "{after_s}");
+    let states = bench.state.states(bench.at(6.2));
+    assert_eq!((states[0].silent, states[1].silent), (false, true));
+    assert!((states[0].age - 0.1).abs() < 1e-6 && states[1].age.is_nan());
+}
+
+/// Gaps in a publisher's numbers are losses; a patch that is started anew begins anew; messages that come late
+/// or twice change nothing.
+#[test]
+fn losses_are_counted() {
+    let mut bench = Bench::new();
+    for (publisher, sequence) in [(1, 5), (1, 6), (1, 9), (1, 9), (1, 8), (1, 10), (2, 1), (2, 3)] {
+        bench.hear(0, publisher, sequence, 0.1, &[]);
+    }
+    let state = &bench.state.states(bench.at(0.1))[0];
+    assert_eq!((state.received, state.lost), (6, 3));
+}
+
+/// The end of a touch is listed once, also where the next message came before the list.
+#[test]
+fn every_end_is_listed_once() {
+    let mut bench = Bench::new();
+    bench.hear(0, 1, 1, 0.1, &[(5, touch_state::BEGIN), (6, touch_state::HOLD)]);
+    bench.hear(0, 1, 2, 0.11, &[(5, touch_state::END), (6, touch_state::HOLD)]);
+    bench.hear(0, 1, 3, 0.12, &[(6, touch_state::HOLD)]);
+    let mut list = bench.list(0.13);
+    list.sort_unstable();
+    assert_eq!(list, [(0, 5, touch_state::END), (0, 6, touch_state::HOLD)]);
+    assert_eq!(bench.list(0.14), [(0, 6, touch_state::HOLD)]);
+    assert!(!bench.state.has_changed());
+    bench.hear(0, 1, 4, 0.15, &[(6, touch_state::END)]);
+    assert!(bench.state.has_changed());
+    assert_eq!(bench.list(0.16), [(0, 6, touch_state::END)]);
+    assert_eq!(bench.list(0.17), []);
+}
+
+#[test]
+fn files_that_cannot_be_are_refused() {
+    let settings = BodySettings::parse(FILE).unwrap();
+    assert_eq!(
+        (settings.patches[0].topic.as_str(), settings.frame_id.as_str()),
+        ("skin/left", "torso")
+    );
+    let patch = |keys: &str| format!("[[patch]]\nname = \"a\"\ntopic = \"skin/a\"\n{keys}");
+    for (text, wanted) in [
+        (String::new(), "patch"),
+        ("patch = []".to_owned(), "no patch"),
+        (patch("colour = 3"), "colour"),
+        (patch("") + &patch(""), "two patches are named a"),
+        (patch("") + &patch("").replace("\"a\"", "\"b\""), "share the topic skin/a"),
+        (patch("").replace("skin/a", "skin/2"), "patch a: topic"),
+        (patch("quaternion = [0.0, 0.0, 0.0, 2.0]"), "length 2"),
+        (patch("quaternion = [0.0, 0.0, 0.0, 1.0]\nrpy_deg = [0.0, 0.0, 0.0]"), "not both"),
+        (patch("position_m = [nan, 0.0, 0.0]"), "finite"),
+        (patch("position_m = [0.0, 0.0]"), "position_m"),
+        (format!("silent_after_s = 0.0\n{}", patch("")), "silent_after_s = 0"),
+        (format!("max_rate_hz = inf\n{}", patch("")), "max_rate_hz = inf"),
+        (format!("topic = \"a b\"\n{}", patch("")), "topic: a b"),
+        (format!("[zenoh]\nport = 3\n{}", patch("")), "port"),
+    ] {
+        let error = BodySettings::parse(&text).unwrap_err();
+        assert!(error.contains(wanted), "{text}: {error}");
+    }
+    let error = BodySettings::load(std::path::Path::new("never.toml")).unwrap_err();
+    assert!(error.is_input() && error.to_string().starts_with("never.toml: "), "{error}");
+}
+
+fn patch(topic: &str, address: &str) -> Publisher {
+    let mut settings = ZenohSettings::new(topic);
+    settings.session = SessionSettings { connect: vec![address.to_owned()], ..Default::default() };
+    Publisher::new().with_zenoh(ZenohSink::new(&settings).unwrap())
+}
+
+/// Waits for news that are wanted; the others are passed over.
+fn wait(body: &mut Body, wanted: impl Fn(&BodyNews) -> bool) -> BodyNews {
+    let begun = Instant::now();
+    loop {
+        if let Some(news) = body.next(Duration::from_millis(100))
+            && wanted(&news)
+        {
+            return news;
+        }
+        assert!(begun.elapsed() < LIMIT, "no such news");
+    }
+}
+
+/// Two patches over zenoh: their touches in one list, a patch that ends named within half a second, and what a
+/// node of ROS 2 hears of it.
+#[test]
+fn two_patches_by_zenoh() {
+    let address = endpoint();
+    let mut settings = BodySettings::parse(&FILE.replace("silent_after_s = 0.4", "")).unwrap();
+    settings.session.listen = vec![address.clone()];
+    let mut body = Body::open(&settings).unwrap();
+    let (sender, heard) = std::sync::mpsc::channel();
+    let node = SessionSettings { connect: vec![address.clone()], ..Default::default() };
+    let node = node.open().unwrap();
+    let _all = node
+        .declare_subscriber("0/**")
+        .callback(move |sample| {
+            let _ =
+                sender.send((sample.key_expr().to_string(), sample.payload().to_bytes().to_vec()));
+        })
+        .wait()
+        .unwrap();
+    let never = wait(&mut body, |news| matches!(news, BodyNews::Silent { .. }));
+    assert!(matches!(never, BodyNews::Silent { was_heard: false, .. }));
+
+    let (over, is_over) = std::sync::mpsc::channel::<()>();
+    let (end, ended) = std::sync::mpsc::channel();
+    let place = address.clone();
+    let right = std::thread::spawn(move || {
+        let mut publisher = patch("skin/right", &place);
+        let mut sequence = 0;
+        while is_over.try_recv().is_err() {
+            sequence += 1;
+            publisher.touches(&frame(sequence, &[touch()], &[])).unwrap();
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        end.send(Instant::now()).unwrap();
+    });
+    let mut left = patch("skin/left", &address);
+    let begun = Instant::now();
+    let list = loop {
+        left.touches(&frame(1, &[Touch { id: 3, ..touch() }], &[])).unwrap();
+        if let Some(BodyNews::Touches(list)) = body.next(Duration::from_millis(10))
+            && list.touches.len() == 2
+        {
+            break list;
+        }
+        assert!(begun.elapsed() < LIMIT, "no two touches");
+    };
+    let [a, b] = [0, 1].map(|patch| {
+        let position = list.touches[patch].touch.position;
+        (list.touches[patch].touch.id, <[f64; 3]>::from(position))
+    });
+    assert!(a.0 == 3 && near(a.1, [1.01, 0.03, 0.0]), "{a:?}");
+    assert!(b.0 == 7 && near(b.1, [0.03, -2.01, 0.5]), "{b:?}");
+    // stamps of 2023 are those of a recording: the time of sending counts
+    assert!((list.time_s - list.touches[0].time_s).abs() < 1.0);
+
+    over.send(()).unwrap();
+    let ended = ended.recv().unwrap();
+    let news =
+        wait(&mut body, |news| matches!(news, BodyNews::Silent { patch: 1, was_heard: true, .. }));
+    let told = ended.elapsed();
+    assert!(told < Duration::from_millis(500), "{news:?} after {told:?}");
+    assert_eq!(body.name(1), "right");
+    right.join().unwrap();
+    let mut right = patch("skin/right", &address);
+    let begun = Instant::now();
+    loop {
+        right.touches(&frame(1, &[], &[])).unwrap();
+        match body.next(Duration::from_millis(20)) {
+            Some(BodyNews::Back { patch: 1, .. }) => break,
+            _ => assert!(begun.elapsed() < LIMIT, "it is not heard again"),
+        }
+    }
+    let states = body.patches();
+    assert!(states.iter().all(|state| state.lost == 0 && state.received > 0), "{states:?}");
+    assert_eq!(body.dropped(), [0, 0]);
+    assert!(body.latency().quantile_s(0.5).unwrap() < 0.5);
+
+    // poses are published every second
+    let mut lists = 0;
+    let mut poses = 0;
+    let begun = Instant::now();
+    while lists == 0 || poses == 0 {
+        assert!(begun.elapsed() < LIMIT, "{lists} lists with two touches, {poses} poses");
+        body.next(Duration::from_millis(20));
+        let Ok((key, payload)) = heard.try_recv() else { continue };
+        if key.starts_with("0/body/touches/eit_skin_msgs::msg::dds_::BodyTouchArray_/RIHS01_") {
+            let list: BodyTouchArray = from_cdr(&payload).unwrap();
+            assert_eq!((list.header.frame_id.as_str(), list.patches.len()), ("torso", 2));
+            lists += usize::from(list.touches.len() == 2);
+        } else if key.starts_with("0/skin/left/pose/") {
+            let pose: PoseStamped = from_cdr(&payload).unwrap();
+            assert_eq!((pose.header.frame_id.as_str(), pose.pose.position.x), ("torso", 1.0));
+            poses += 1;
+        }
+    }
+}
+
+/// A patch of another version is named, not taken for a silent one alone.
+#[test]
+fn messages_that_cannot_be_read_are_named() {
+    let address = endpoint();
+    let mut settings = BodySettings::parse(FILE).unwrap();
+    settings.session.listen = vec![address.clone()];
+    let mut body = Body::open(&settings).unwrap();
+    let other = SessionSettings { connect: vec![address], ..Default::default() }.open().unwrap();
+    let begun = Instant::now();
+    let type_name = "eit_skin_msgs::msg::dds_::TouchArray_";
+    let reason = loop {
+        other.put(format!("0/skin/left/touches/{type_name}/RIHS01_0"), vec![1, 2]).wait().unwrap();
+        let hash = eit_publish::ros::type_hash("eit_skin_msgs/msg/TouchArray").unwrap();
+        other.put(format!("0/skin/right/touches/{type_name}/{hash}"), vec![1, 2]).wait().unwrap();
+        match body.next(Duration::from_millis(20)) {
+            Some(BodyNews::Unreadable { patch: 0, reason }) => break reason,
+            Some(BodyNews::Unreadable { patch, reason }) => {
+                assert!(patch == 1 && reason.contains("attachment"), "{reason}");
+            }
+            _ => assert!(begun.elapsed() < LIMIT, "nothing is said"),
+        }
+    };
+    assert!(reason.contains("RIHS01_0"), "{reason}");
+}

@@ -1,0 +1,16 @@
+//! Tests of the crate, in one program: linking one is faster than linking 6. Those of one file:
+//! `cargo test --release -p eit-publish --test all FILE::`.
+
+mod common;
+
+#[cfg(feature = "zenoh")]
+mod body;
+#[cfg(feature = "foxglove")]
+mod foxglove_sink;
+mod publisher;
+#[cfg(feature = "zenoh")]
+mod ros;
+#[cfg(feature = "web")]
+mod web;
+#[cfg(feature = "zenoh")]
+mod zenoh_sink;

@@ -1,0 +1,279 @@
+//! Lines as their readers get them.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+use crate::common::{FAULTS, start, touch};
+use eit_publish::{PublishError, Publisher, SCHEMA, Start, UdpSink};
+use eit_skin::eit_hw::driver::Event;
+use eit_skin::faults::ElectrodeFault;
+use eit_skin::{LearntTouch, Touch, TouchFrame};
+use serde_json::{Value, json};
+use std::io::{self, Write};
+use std::net::UdpSocket;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// Memory that a publisher writes to and a test reads; counts flushes.
+#[derive(Clone, Default)]
+struct Shared(Arc<Mutex<(Vec<u8>, usize)>>);
+
+impl Write for Shared {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.lock().unwrap().0.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.lock().unwrap().1 += 1;
+        Ok(())
+    }
+}
+
+impl Shared {
+    fn lines(&self) -> Vec<Value> {
+        let text = String::from_utf8(self.0.lock().unwrap().0.clone()).unwrap();
+        assert!(text.ends_with('\n'));
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    }
+}
+
+fn frame<'a>(touches: &'a [Touch], faults: &'a [ElectrodeFault]) -> TouchFrame<'a> {
+    TouchFrame { number: 60, ..crate::common::frame(100, touches, faults) }
+}
+
+/// Every kind of line.
+fn speak(publisher: &mut Publisher) {
+    publisher.start(&start()).unwrap();
+    (0..40).rev().for_each(|left| publisher.waiting(left).unwrap());
+    publisher.touches(&frame(&[], &[])).unwrap();
+    publisher.touches(&frame(&[touch(), touch()], &FAULTS)).unwrap();
+    publisher.event(&Event::Gap { frames: 3 }).unwrap();
+    publisher.event(&Event::Skipped { frames: 5 }).unwrap();
+    publisher.event(&Event::Notice("low battery".into())).unwrap();
+    publisher.event(&Event::Silent { for_s: 0.5, bytes: 0 }).unwrap();
+    publisher.event(&Event::Disconnected { reason: "unplugged".into() }).unwrap();
+    publisher.event(&Event::Reconnected { epoch: 1 }).unwrap();
+    publisher.end().unwrap();
+}
+
+#[test]
+fn every_line_fits_the_schema_and_says_what_happened() {
+    let out = Shared::default();
+    let mut publisher = Publisher::new().with_lines(out.clone());
+    speak(&mut publisher);
+    let lines = out.lines();
+    let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
+    for line in &lines {
+        assert!(schema.is_valid(line), "{line}: {:?}", schema.validate(line).err());
+    }
+    let said: Vec<&str> = lines
+        .iter()
+        .map(|line| line["event"].as_str().or(line["type"].as_str()).unwrap())
+        .collect();
+    let wanted = [
+        "start",
+        "reference_started",
+        "reference_taken",
+        "frame",
+        "frame",
+        "gap",
+        "skipped",
+        "notice",
+        "silent",
+        "disconnected",
+        "reconnected",
+        "ended",
+    ];
+    assert_eq!(said, wanted);
+    assert_eq!(out.0.lock().unwrap().1, lines.len(), "a flush for each line");
+    assert_eq!(lines[0]["instrument"], "a \"board\"\nof 16");
+    assert_eq!(lines[1]["frames"], 39);
+    assert_eq!((&lines[5]["frames"], &lines[6]["frames"]), (&json!(3), &json!(5)));
+    assert_eq!(lines[8]["for_s"], 0.5);
+    assert_eq!((&lines[10]["epoch"], &lines[11]["frames"]), (&json!(1), &json!(2)));
+    let wanted = json!({
+        "id": 7, "state": "hold", "position_m": [0.03, -0.01, 0.0],
+        "position_std_m": [2e-3, 1e-3, 0.0], "normal": [0.6, 0.0, 0.8], "velocity_m_s": [0.1, 0.0, -0.0],
+        "intensity_s_m2": 2.5e-11, "intensity_std_s_m2": 1e-12, "confidence": 0.97, "valid": true,
+        "whole": false, "age_s": 0.12, "force_n": null, "force_std_n": null,
+        "unlike": null, "split_from": null, "merged_into": 3,
+    });
+    let wanted = json!({
+        "type": "frame", "sequence": 100, "epoch": 1, "time_s": 2.0, "host_time_s": 1_700_000_000.25,
+        "latency_s": 2e-3, "whole": false, "explained": true, "frozen": false,
+        "faulty_electrodes": [{ "electrode": 5, "fault": "stuck", "since_s": 1.5 }],
+        "touches": [wanted, wanted],
+    });
+    assert_eq!(lines[4], wanted);
+}
+
+/// A skin that has learnt says forces with their deviations, and which touches are unlike.
+#[test]
+fn learnt_touches_have_their_force_and_its_deviation() {
+    let out = Shared::default();
+    let mut publisher = Publisher::new().with_lines(out.clone());
+    let learnt =
+        |force_n, is_unlike| Touch { learnt: Some(LearntTouch { force_n, is_unlike }), ..touch() };
+    let touches = [
+        learnt(Some([1.5, 0.1]), false),
+        learnt(Some([0.0, f64::INFINITY]), false),
+        learnt(None, true),
+    ];
+    publisher.touches(&frame(&touches, &[])).unwrap();
+    let line = out.lines().remove(0);
+    let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
+    assert!(schema.is_valid(&line), "{line}");
+    let said =
+        |key: &str| line["touches"].as_array().unwrap().iter().map(|t| t[key].clone()).collect();
+    let said: [Vec<Value>; 3] = ["force_n", "force_std_n", "unlike"].map(said);
+    assert_eq!(said[0], [json!(1.5), json!(0.0), Value::Null]);
+    assert_eq!(said[1], [json!(0.1), Value::Null, Value::Null]);
+    assert_eq!(said[2], [json!(false), json!(false), json!(true)]);
+}
+
+/// Names and words of others do not reach a terminal as they are: control characters of C1 and those that turn the
+/// direction of text are escaped, and read as they were.
+#[test]
+fn what_moves_a_cursor_is_escaped() {
+    let out = Shared::default();
+    let mut publisher = Publisher::new().with_lines(out.clone());
+    let hostile = "sk\u{1b}[31m \u{9b}2J \u{85} \u{202e}x\u{2066}";
+    publisher.start(&Start { skin: hostile, instrument: hostile, ..start() }).unwrap();
+    let text = String::from_utf8(out.0.lock().unwrap().0.clone()).unwrap();
+    assert!(text.trim_end().is_ascii(), "{text:?}");
+    assert_eq!(
+        (&out.lines()[0]["skin"], &out.lines()[0]["instrument"]),
+        (&json!(hostile), &json!(hostile))
+    );
+}
+
+/// A schema that takes anything proves nothing.
+#[test]
+fn the_schema_refuses_lines_that_lack_or_twist_a_field() {
+    let out = Shared::default();
+    speak(&mut Publisher::new().with_lines(out.clone()));
+    let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
+    let mut refused = 0;
+    for line in out.lines() {
+        for key in line.as_object().unwrap().keys() {
+            let mut without = line.clone();
+            without.as_object_mut().unwrap().remove(key);
+            assert!(!schema.is_valid(&without), "without {key}: {without}");
+            let mut twisted = line.clone();
+            twisted[key] = json!({ "no": "value" });
+            assert!(!schema.is_valid(&twisted), "{twisted}");
+            refused += 2;
+        }
+        let mut more = line.clone();
+        more["more"] = json!(1);
+        assert!(!schema.is_valid(&more), "{more}");
+    }
+    assert!(refused > 90, "{refused}");
+    let mut frame = out.lines()[4].clone();
+    for key in frame["touches"][0].as_object().unwrap().clone().keys() {
+        let whole = frame.clone();
+        frame["touches"][0].as_object_mut().unwrap().remove(key);
+        assert!(!schema.is_valid(&frame), "a touch without {key}");
+        frame = whole;
+    }
+}
+
+/// JSON has no infinity: an error that is not known is null.
+#[test]
+fn an_error_that_is_not_finite_is_null() {
+    let mut unknown = touch();
+    unknown.position_covariance_m2[0][0] = f64::INFINITY;
+    let out = Shared::default();
+    Publisher::new().with_lines(out.clone()).touches(&frame(&[unknown], &[])).unwrap();
+    let line = &out.lines()[0];
+    assert_eq!(line["touches"][0]["position_std_m"], json!([null, 1e-3, 0.0]));
+    let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
+    assert!(schema.is_valid(line));
+}
+
+/// Without a clock of this computer a replay says the same every time.
+#[test]
+fn a_replay_stamps_no_event() {
+    let out = Shared::default();
+    let mut publisher = Publisher::new().with_lines(out.clone());
+    publisher.start(&Start { is_live: false, ..start() }).unwrap();
+    publisher.event(&Event::Gap { frames: 1 }).unwrap();
+    assert!(out.lines().iter().all(|line| line["host_time_s"].is_null()));
+}
+
+struct Failing(io::ErrorKind);
+
+impl Write for Failing {
+    fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+        Err(self.0.into())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_closed_pipe_is_an_end_and_a_full_disk_an_error() {
+    let mut publisher = Publisher::new().with_lines(Failing(io::ErrorKind::BrokenPipe));
+    assert!(!publisher.is_closed());
+    publisher.start(&start()).unwrap();
+    assert!(publisher.is_closed());
+    publisher.touches(&frame(&[], &[])).unwrap();
+    let mut publisher = Publisher::new().with_lines(Failing(io::ErrorKind::StorageFull));
+    let error = publisher.start(&start()).unwrap_err();
+    assert!(matches!(error, PublishError::Write(_)) && !error.is_input(), "{error}");
+}
+
+#[test]
+fn each_line_is_a_datagram_and_nobody_needs_to_listen() {
+    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+    receiver.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    let address = receiver.local_addr().unwrap();
+    let out = Shared::default();
+    let sink = UdpSink::new(&address.to_string()).unwrap();
+    let mut publisher = Publisher::new().with_lines(out.clone()).with_udp(sink);
+    speak(&mut publisher);
+    let mut datagram = [0; 65_536];
+    for line in out.lines() {
+        let size = receiver.recv(&mut datagram).unwrap();
+        assert_eq!(serde_json::from_slice::<Value>(&datagram[..size]).unwrap(), line);
+    }
+    assert_eq!((publisher.udp()[0].sent(), publisher.udp()[0].unsent()), (12, 0));
+    // the receiver goes: lines are lost, and the publisher goes on
+    drop(receiver);
+    (0..20).for_each(|_| publisher.touches(&frame(&[], &[])).unwrap());
+    // and another comes: it hears of everything from then on
+    let receiver = UdpSocket::bind(address).unwrap();
+    receiver.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    for sequence in 0..20 {
+        publisher.touches(&TouchFrame { sequence, ..frame(&[], &[]) }).unwrap();
+        let size = receiver.recv(&mut datagram).unwrap();
+        let line: Value = serde_json::from_slice(&datagram[..size]).unwrap();
+        assert_eq!(line["sequence"], sequence);
+    }
+}
+
+#[test]
+fn addresses_that_are_none_are_named() {
+    for address in ["", "9000", "127.0.0.1", "127.0.0.1:0", "127.0.0.1:99999", "a b:1"] {
+        let error = UdpSink::new(address).unwrap_err();
+        assert!(error.is_input(), "{error}");
+        assert!(error.to_string().starts_with(&format!("{address}: ")), "{error}");
+    }
+}
+
+/// From the longest line on, a frame costs no allocation.
+#[test]
+fn nothing_is_allocated_for_a_frame() {
+    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let sink = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+    let mut publisher = Publisher::new().with_lines(io::sink()).with_udp(sink);
+    let touches = [touch(); 5];
+    publisher.touches(&frame(&touches, &FAULTS)).unwrap();
+    let counted = allocation_counter::measure(|| {
+        for count in [0, 1, 5, 3].into_iter().cycle().take(100) {
+            publisher.touches(&frame(&touches[..count], &FAULTS)).unwrap();
+        }
+    });
+    assert_eq!(counted.count_total, 0);
+}

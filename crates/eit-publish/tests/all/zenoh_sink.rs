@@ -1,0 +1,354 @@
+//! A skin by zenoh on the loopback interface, as a subscriber gets it.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+use crate::common::{FAULTS, endpoint, frame, start, touch};
+use eit_publish::ros::{
+    Attachment, DiagnosticArray, Image, PoseStamped, TouchArray, from_cdr, type_hash,
+};
+use eit_publish::{PublishError, Publisher, SessionSettings, ZenohSettings, ZenohSink};
+use eit_skin::eit_hw::driver::Event;
+use eit_skin::ndarray::array;
+use eit_skin::{Touch, TouchState};
+use serde::de::DeserializeOwned;
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+use zenoh::Wait as _;
+use zenoh::sample::{Sample, SampleKind};
+
+const LIMIT: Duration = Duration::from_secs(20);
+
+/// A program that listens at an address and hears of everything below a key.
+struct Listener {
+    _session: zenoh::Session,
+    samples: Receiver<Sample>,
+    _subscriber: zenoh::pubsub::Subscriber<()>,
+}
+
+impl Listener {
+    fn new(address: &str, key: &str) -> Self {
+        let session = settings(&[], &[address]).open().unwrap();
+        Self::within(session, key)
+    }
+
+    fn within(session: zenoh::Session, key: &str) -> Self {
+        let (sender, samples) = channel();
+        let keep = move |sample| {
+            // the end of the test
+            let _ = sender.send(sample);
+        };
+        let subscriber = session.declare_subscriber(key.to_owned()).callback(keep).wait().unwrap();
+        Self { _session: session, samples, _subscriber: subscriber }
+    }
+
+    fn next(&self) -> Sample {
+        self.samples.recv_timeout(LIMIT).expect("a message")
+    }
+}
+
+fn settings(connect: &[&str], listen: &[&str]) -> SessionSettings {
+    let own = |endpoints: &[&str]| endpoints.iter().map(|&text| text.to_owned()).collect();
+    SessionSettings { connect: own(connect), listen: own(listen), ..Default::default() }
+}
+
+/// A sink that connects to an address.
+fn sink(address: &str, change: impl FnOnce(&mut ZenohSettings)) -> ZenohSink {
+    let mut wanted = ZenohSettings::new("/skin/arm");
+    wanted.frame_id = "left_arm".to_owned();
+    wanted.session = settings(&[address], &[]);
+    change(&mut wanted);
+    ZenohSink::new(&wanted).unwrap()
+}
+
+fn message<M: DeserializeOwned>(sample: &Sample) -> M {
+    from_cdr(&sample.payload().to_bytes()).unwrap()
+}
+
+fn attachment(sample: &Sample) -> Attachment {
+    Attachment::from_bytes(&sample.attachment().unwrap().to_bytes()).unwrap()
+}
+
+/// Publishes an untouched frame until it is heard: sessions find each other in their own time.
+fn until_heard(publisher: &mut Publisher, listener: &Listener) -> Sample {
+    let begun = Instant::now();
+    loop {
+        publisher.touches(&frame(0, &[], &[])).unwrap();
+        if let Ok(sample) = listener.samples.recv_timeout(Duration::from_millis(50)) {
+            return sample;
+        }
+        assert!(begun.elapsed() < LIMIT, "nothing is heard");
+    }
+}
+
+fn key(topic: &str, package: &str, name: &str) -> String {
+    let hash = type_hash(&format!("{package}/msg/{name}")).unwrap();
+    format!("3/{topic}/{package}::msg::dds_::{name}_/{hash}")
+}
+
+/// Every frame arrives once, in order, with the key, payload and attachment that ROS 2 expects.
+#[test]
+fn a_subscriber_gets_every_frame() {
+    let address = endpoint();
+    let listener = Listener::new(&address, "3/skin/arm/touches/**");
+    let sink = sink(&address, |settings| {
+        settings.domain = 3;
+        settings.change = None;
+    });
+    let mut publisher = Publisher::new().with_zenoh(sink);
+    publisher.start(&start()).unwrap();
+    let first = until_heard(&mut publisher, &listener);
+    assert_eq!(first.key_expr().as_str(), key("skin/arm/touches", "eit_skin_msgs", "TouchArray"));
+    // those that were sent before it was known that one is heard
+    std::thread::sleep(Duration::from_millis(200));
+    let mut last = listener.samples.try_iter().last().unwrap_or(first);
+    let touches = [touch(), Touch { id: 8, state: TouchState::Begin, ..touch() }];
+    for sequence in 1..=200 {
+        publisher.touches(&frame(sequence, &touches, &FAULTS)).unwrap();
+        // 1 000 a second
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    for sequence in 1..=200 {
+        let sample = listener.next();
+        let (before, now) = (attachment(&last), attachment(&sample));
+        assert_eq!((now.sequence, now.gid), (before.sequence + 1, before.gid));
+        assert!(now.time_ns >= before.time_ns && now.time_ns > 1_700_000_000_000_000_000);
+        let message: TouchArray = message(&sample);
+        assert_eq!((message.sequence, message.epoch, message.whole), (sequence, 1, false));
+        assert_eq!(message.header.frame_id, "left_arm");
+        assert_eq!(message.header.stamp.seconds(), 1.7e9 + 0.25);
+        assert_eq!((message.time, message.latency), (2.0, 2e-3));
+        let fault = message.faulty_electrodes[0];
+        assert_eq!((fault.electrode, fault.kind, fault.since), (5, 1, 1.5));
+        let [hold, begin] = [0, 1].map(|index| message.touches[index]);
+        assert_eq!((hold.id, hold.state, begin.id, begin.state), (7, 1, 8, 0));
+        assert_eq!(<[f64; 3]>::from(hold.position), [0.03, -0.01, 0.0]);
+        assert_eq!((hold.position_covariance[0], hold.position_covariance[4]), (4e-6, 1e-6));
+        assert!(hold.force.is_nan() && hold.force_std.is_nan() && hold.likeness == 0);
+        assert_eq!((hold.intensity, hold.intensity_std), (2.5e-11, 1e-12));
+        assert_eq!((hold.valid, hold.whole, hold.merged_into), (true, false, 3));
+        last = sample;
+    }
+    publisher.end().unwrap();
+    let statistics = publisher.zenoh()[0].statistics();
+    assert_eq!((statistics.dropped_frames, publisher.zenoh()[0].sent().1), (0, 0));
+    assert!(listener.samples.try_recv().is_err(), "nothing twice");
+}
+
+/// Images are made and sent once somebody subscribes to them; NaN outside the skin stays NaN.
+#[test]
+fn images_are_sent_to_who_subscribes() {
+    let address = endpoint();
+    let images = Listener::new(&address, &key("skin/arm/image", "sensor_msgs", "Image"));
+    let sink = sink(&address, |settings| settings.domain = 3);
+    let mut publisher = Publisher::new().with_zenoh(sink);
+    publisher.start(&start()).unwrap();
+    let begun = Instant::now();
+    while !publisher.wants_image() {
+        assert!(begun.elapsed() < LIMIT, "a subscriber of images is not seen");
+        publisher.touches(&frame(1, &[], &FAULTS)).unwrap();
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert!(publisher.takes_images() && publisher.has_viewer());
+    assert!(!publisher.wants_image(), "the last one is not old enough");
+    publisher.image(array![[1e-6, f64::NAN, 0.0], [-2e-6, 0.5e-6, 0.0]].view()).unwrap();
+    let sample = images.next();
+    assert_eq!(sample.key_expr().as_str(), key("skin/arm/image", "sensor_msgs", "Image"));
+    let image: Image = message(&sample);
+    assert_eq!((image.height, image.width, image.step), (2, 3, 12));
+    assert_eq!((image.encoding.as_str(), image.header.frame_id.as_str()), ("32FC1", "left_arm"));
+    let values: Vec<f32> =
+        image.data.chunks(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect();
+    assert!(values[1].is_nan());
+    assert_eq!((values[0], values[3], values[4]), (1e-6, -2e-6, 0.5e-6));
+    publisher.end().unwrap();
+}
+
+/// Diagnostics say what is wrong, and the pose where the skin is.
+#[test]
+fn diagnostics_name_faults_and_silence() {
+    let address = endpoint();
+    let listener = Listener::new(&address, "3/**");
+    let sink = sink(&address, |settings| {
+        settings.domain = 3;
+        settings.pose = Some(("base_link".to_owned(), Default::default()));
+    });
+    let mut publisher = Publisher::new().with_zenoh(sink);
+    publisher.start(&start()).unwrap();
+    until_heard(&mut publisher, &listener);
+    let wanted = |name: &str| {
+        let begun = Instant::now();
+        loop {
+            let sample = listener.next();
+            if sample.key_expr().as_str().contains(name) {
+                return sample;
+            }
+            assert!(begun.elapsed() < LIMIT, "no {name}");
+        }
+    };
+    let pose: PoseStamped = message(&wanted(&key("skin/arm/pose", "geometry_msgs", "PoseStamped")));
+    assert_eq!((pose.header.frame_id.as_str(), pose.pose.orientation.w), ("base_link", 1.0));
+    let begun = Instant::now();
+    let mut levels = Vec::new();
+    // faulty electrodes first; then no frame for more than a second
+    while levels.last() != Some(&3) {
+        if begun.elapsed() < Duration::from_millis(2500) {
+            publisher.touches(&frame(1, &[], &FAULTS)).unwrap();
+        } else if begun.elapsed() < Duration::from_millis(2600) {
+            publisher.event(&Event::Disconnected { reason: "unplugged".into() }).unwrap();
+        }
+        std::thread::sleep(Duration::from_millis(20));
+        for sample in listener.samples.try_iter() {
+            if sample.key_expr().as_str()
+                != key("diagnostics", "diagnostic_msgs", "DiagnosticArray")
+            {
+                continue;
+            }
+            let message: DiagnosticArray = message(&sample);
+            let status = &message.status[0];
+            assert_eq!(status.name, "skin/arm: EIT skin arm");
+            assert_eq!(status.hardware_id, "a \"board\"\nof 16");
+            match status.level {
+                1 => assert_eq!(status.message, "faulty electrodes: 5"),
+                3 => assert!(
+                    status.message.contains("no frame for 1.")
+                        && status.message.contains("unplugged"),
+                    "{}",
+                    status.message
+                ),
+                level => assert_eq!(level, 0),
+            }
+            levels.push(status.level);
+        }
+        assert!(begun.elapsed() < LIMIT, "{levels:?}");
+    }
+    assert!(levels.contains(&1), "{levels:?}");
+}
+
+/// An untouched skin sends ten messages a second instead of two hundred; a touch is sent at once, and one that
+/// does not change waits for the heartbeat.
+#[test]
+fn only_changes_and_heartbeats_are_published() {
+    let address = endpoint();
+    let listener = Listener::new(&address, "0/skin/arm/touches/**");
+    let mut publisher = Publisher::new().with_zenoh(sink(&address, |_| {}));
+    until_heard(&mut publisher, &listener);
+    std::thread::sleep(Duration::from_millis(200));
+    listener.samples.try_iter().for_each(drop);
+    let still = [Touch { state: TouchState::Hold, ..touch() }];
+    let mut run = |touches: &[Touch], frames: u64| {
+        let begun = Instant::now();
+        for sequence in 1..=frames {
+            publisher.touches(&frame(sequence, touches, &[])).unwrap();
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let seconds = begun.elapsed().as_secs_f64();
+        std::thread::sleep(Duration::from_millis(200));
+        let messages: Vec<TouchArray> = listener.samples.try_iter().map(|s| message(&s)).collect();
+        (messages, seconds)
+    };
+    // heartbeats are at most ten a second, and fewer where this computer is busy
+    let (messages, seconds) = run(&[], 200);
+    let most = (seconds / 0.0995).ceil() as usize + 1;
+    assert!((5..=most).contains(&messages.len()), "{} in {seconds} s", messages.len());
+    let (messages, seconds) = run(&still, 200);
+    let most = (seconds / 0.0995).ceil() as usize + 2;
+    assert_eq!(messages[0].sequence, 1, "a touch is sent at once");
+    assert!((5..=most).contains(&messages.len()), "{} in {seconds} s", messages.len());
+    // half a millimetre at most stays unsaid
+    let mut moving = still;
+    let begun = Instant::now();
+    let mut sequence = 0;
+    while begun.elapsed() < Duration::from_millis(500) {
+        sequence += 1;
+        moving[0].position_m[0] += 1e-3;
+        publisher.touches(&frame(sequence, &moving, &[])).unwrap();
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    publisher.end().unwrap();
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(listener.samples.try_iter().count() as u64, sequence, "each of them moved");
+}
+
+/// Through a router, as nodes of ROS 2 reach each other; the tokens are what `ros2 topic list` shows.
+#[test]
+fn a_router_forwards_messages_and_tokens() {
+    let address = endpoint();
+    let mut config = zenoh::Config::default();
+    for (place, value) in [
+        ("mode", "\"router\"".to_owned()),
+        ("listen/endpoints", format!("[\"{address}\"]")),
+        ("scouting/multicast/enabled", "false".to_owned()),
+    ] {
+        config.insert_json5(place, &value).unwrap();
+    }
+    let router = zenoh::open(config).wait().unwrap();
+    let session = settings(&[&address], &[]).open().unwrap();
+    let (sender, tokens) = channel();
+    let _graph = session
+        .liveliness()
+        .declare_subscriber("@ros2_lv/3/**")
+        .callback(move |sample| {
+            let _ = sender.send((sample.kind(), sample.key_expr().as_str().to_owned()));
+        })
+        .wait()
+        .unwrap();
+    let listener = Listener::within(session, "3/skin/arm/touches/**");
+    let sink = sink(&address, |settings| settings.domain = 3);
+    let mut publisher = Publisher::new().with_zenoh(sink);
+    let sample = until_heard(&mut publisher, &listener);
+    assert_eq!(message::<TouchArray>(&sample).header.frame_id, "left_arm");
+    let mut announced = Vec::new();
+    while announced.len() < 4 {
+        let (kind, token) = tokens.recv_timeout(LIMIT).expect("a token");
+        assert_eq!(kind, SampleKind::Put);
+        announced.push(token);
+    }
+    announced.sort_by_key(|token| token.split('/').nth(4).unwrap().parse::<u32>().unwrap());
+    let said: Vec<(&str, &str)> = announced
+        .iter()
+        .map(|token| (token.split('/').nth(5).unwrap(), token.split('/').nth(9).unwrap_or("")))
+        .collect();
+    let topics = ["%skin%arm%touches", "%skin%arm%image", "%diagnostics"];
+    assert_eq!(said, [("NN", ""), ("MP", topics[0]), ("MP", topics[1]), ("MP", topics[2])]);
+    assert!(announced.iter().all(|token| token.contains("/%/%/eit_skin_arm")));
+    // the end of the program takes them back
+    drop(publisher);
+    let (kind, _) = tokens.recv_timeout(LIMIT).expect("an end");
+    assert_eq!(kind, SampleKind::Delete);
+    router.close().wait().unwrap();
+}
+
+/// Nobody listens, or nobody is there: frames cost no time, and the end comes soon.
+#[test]
+fn frames_do_not_wait_for_the_network() {
+    let mut publisher = Publisher::new().with_zenoh(sink(&endpoint(), |settings| {
+        settings.change = None;
+    }));
+    let begun = Instant::now();
+    let touches = [touch(); 5];
+    for sequence in 0..20_000 {
+        publisher.touches(&frame(sequence, &touches, &FAULTS)).unwrap();
+    }
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    let begun = Instant::now();
+    publisher.end().unwrap();
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    let statistics = publisher.zenoh()[0].statistics();
+    let (sent, refused) = publisher.zenoh()[0].sent();
+    assert_eq!(statistics.frames, 20_000);
+    // diagnostics are messages, too
+    assert!(sent + refused + statistics.dropped_frames >= 20_000, "{sent} {statistics:?}");
+}
+
+#[test]
+fn names_and_endpoints_that_are_none_are_refused() {
+    let error = ZenohSink::new(&ZenohSettings::new("skin/2 arms")).unwrap_err();
+    assert!(matches!(error, PublishError::Topic { .. }) && error.is_input(), "{error}");
+    let mut wanted = ZenohSettings::new("skin");
+    for endpoint in ["127.0.0.1:7447", "carrier-pigeon/127.0.0.1:1", "tls/127.0.0.1:1"] {
+        wanted.session = settings(&[], &[endpoint]);
+        let error = ZenohSink::new(&wanted).unwrap_err();
+        assert!(matches!(error, PublishError::Zenoh { .. }) && error.is_input(), "{error}");
+    }
+    wanted.session = SessionSettings { config: Some("never.json5".into()), ..Default::default() };
+    assert!(ZenohSink::new(&wanted).unwrap_err().is_input());
+}

@@ -1,0 +1,24 @@
+//! Tests of the crate, in one program: linking one is faster than linking 15. Those of one file:
+//! `cargo test --release -p eit-skin --test all FILE::`.
+
+mod common;
+#[path = "common/voltages.rs"]
+mod voltages;
+
+#[cfg(feature = "denoise")]
+mod denoised;
+mod faults;
+mod health;
+mod hemisphere;
+mod images_without_electrodes;
+mod learn;
+mod learned_touches;
+mod live_images;
+mod noise_figure;
+mod other_skins;
+#[cfg(all(feature = "serde", feature = "mint"))]
+mod serde;
+mod shared;
+mod stream_faults;
+mod touches;
+mod trouble;
