@@ -1,5 +1,4 @@
 //! Runs the program as a user does.
-#![allow(dead_code, reason = "each test file uses its own part")]
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 #[cfg(unix)]
@@ -34,6 +33,7 @@ pub fn refuse(arguments: &[&str]) -> String {
 }
 
 /// Runs `eit` and expects a failure with exit code 1 and one line; returns the line.
+#[cfg(feature = "train")]
 pub fn fail(arguments: &[&str]) -> String {
     let output = eit(arguments);
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -1,5 +1,5 @@
 //! A U-net written down as its definition, in `f64` and without any cleverness.
-#![allow(dead_code, reason = "each test binary takes what it needs")]
+#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
 use eit_denoise::{ImageStack, UnetShape, Weights};
 use fixtures::Random;
@@ -80,6 +80,7 @@ pub fn convolutions(shape: UnetShape) -> Vec<[usize; 3]> {
 }
 
 /// Names of the tensors in files, in the order of the parameters.
+#[cfg(feature = "burn")]
 pub fn names(shape: UnetShape) -> Vec<String> {
     let down = (0..shape.depth).map(|level| format!("down.{level}"));
     let up = (0..shape.depth).rev().map(|level| format!("up.{level}"));

@@ -1,5 +1,4 @@
 //! Meshes for tests.
-#![allow(dead_code, reason = "each test file uses its own part")]
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 use eit_mesh::{Electrode, Mesh, Surface};

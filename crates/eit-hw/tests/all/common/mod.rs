@@ -1,6 +1,5 @@
 //! Orders of measurements, and helpers shared by several test files.
 
-#![allow(dead_code, reason = "each test file uses its own part")]
 #![allow(clippy::expect_used, reason = "tests")]
 
 pub mod recordings;

@@ -2,7 +2,7 @@
 //!
 //! The data come from a mesh of their own, which shares no position or integral with the detector's.
 
-#![allow(dead_code, missing_docs, reason = "each test file uses its part")]
+#![allow(missing_docs, reason = "tests")]
 #![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
 use super::{adjacent, disc, jacobian};

@@ -1,6 +1,6 @@
 //! Small skins and analytic Jacobians built by hand, independent of the mesher and the solver.
 
-#![allow(dead_code, missing_docs, reason = "each test file uses its part")]
+#![allow(missing_docs, reason = "tests")]
 #![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
 pub mod detector;

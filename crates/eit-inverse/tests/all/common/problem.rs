@@ -1,6 +1,6 @@
 //! Small sequence problems with an explicit evaluation of their objective.
 
-#![allow(dead_code, missing_docs, reason = "each test file uses its part")]
+#![allow(missing_docs, reason = "tests")]
 #![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
 use eit_inverse::{

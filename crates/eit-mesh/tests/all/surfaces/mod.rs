@@ -1,6 +1,5 @@
 //! Surfaces built by hand, independent of the mesh generator.
-#![allow(dead_code)]
-// each test file uses some of these
+#![allow(clippy::unwrap_used, reason = "tests")]
 
 use eit_mesh::{Electrode, Mesh, Surface};
 use std::f64::consts::TAU;

@@ -1,5 +1,5 @@
 //! Frames for the tests of sinks.
-#![allow(dead_code, reason = "each test file uses its own part")]
+#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
 use eit_publish::Start;
 use eit_skin::faults::{ElectrodeFault, FaultKind};
@@ -66,6 +66,7 @@ pub fn start() -> Start<'static> {
 }
 
 /// A zenoh endpoint of this computer at a port that is free now.
+#[cfg(feature = "zenoh")]
 pub fn endpoint() -> String {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     format!("tcp/127.0.0.1:{}", listener.local_addr().unwrap().port())

@@ -1,6 +1,6 @@
 //! Touches on a simulated fabric, from a seeded script to their score.
 
-#![allow(dead_code, missing_docs, reason = "each test file uses its part")]
+#![allow(missing_docs, reason = "tests")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is a failed test")]
 
 pub mod score;

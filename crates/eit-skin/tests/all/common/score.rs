@@ -32,6 +32,13 @@ pub struct Score {
     pub id_changes: usize,
 }
 
+impl Score {
+    /// Fails if a frame without a finger shows a touch, or if there are too few of those to tell.
+    pub fn check_ghosts(&self) {
+        assert!(self.ghosts == 0 && self.bare >= 10, "{self:?}");
+    }
+}
+
 /// Counts from which scores are computed, of one recording or several.
 #[derive(Default)]
 pub struct Counts {

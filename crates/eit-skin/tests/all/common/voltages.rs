@@ -1,6 +1,6 @@
 //! Reciprocal voltages without underlying physics, for tests of the fault monitor.
 
-#![allow(dead_code, missing_docs, reason = "each test file uses its part")]
+#![allow(missing_docs, reason = "tests")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is a failed test")]
 
 use eit_skin::eit_fem::fabric::Random;
