@@ -1,6 +1,7 @@
 //! Tests of the crate, in one program: linking one is faster than linking 9. Those of one file:
 //! `cargo test --release -p eit-denoise --test all FILE::`.
 
+#[cfg(feature = "unet")]
 mod common;
 
 mod burn_net;
