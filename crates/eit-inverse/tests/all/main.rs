@@ -2,6 +2,7 @@
 //! `cargo test --release -p eit-inverse --test all FILE::`.
 
 mod common;
+#[cfg(feature = "st-tv")]
 #[path = "common/problem.rs"]
 mod problem;
 

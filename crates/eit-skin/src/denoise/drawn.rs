@@ -82,19 +82,43 @@ impl DrawnTouch {
     pub(super) fn draw(&self, raster: &Raster, image: &mut Array2<f64>) {
         let pixel_m = raster.pixel_m();
         let centre = self.pixel(raster);
-        let range = |centre: f64, count: usize| {
-            let most = (centre + REACH * WIDTH + 1.0).clamp(0.0, count as f64) as usize;
-            (((centre - REACH * WIDTH).ceil().max(0.0) as usize).min(most))..most
-        };
         let height_s = self.intensity_s_m2 / (TAU * WIDTH * WIDTH * pixel_m * pixel_m);
-        let (rows, columns) = image.dim();
-        for row in range(centre[0], rows) {
-            for column in range(centre[1], columns) {
-                let d2 = (row as f64 - centre[0]).powi(2) + (column as f64 - centre[1]).powi(2);
-                image[[row, column]] += height_s * (-0.5 * d2 / (WIDTH * WIDTH)).exp();
-            }
+        for (at, d2) in square(centre, REACH * WIDTH, image.dim()) {
+            image[at] += height_s * (-0.5 * d2 / (WIDTH * WIDTH)).exp();
         }
     }
+}
+
+/// Pixels of an image of this size that are at most `reach` rows and columns from a place, row by row, with their
+/// squared distance from it in pixels.
+fn square(
+    centre: [f64; 2],
+    reach: f64,
+    (rows, columns): (usize, usize),
+) -> impl Iterator<Item = ([usize; 2], f64)> {
+    let range = move |centre: f64, count: usize| {
+        let most = (centre + reach + 1.0).clamp(0.0, count as f64) as usize;
+        (((centre - reach).ceil().max(0.0) as usize).min(most))..most
+    };
+    let pixels = range(centre[0], rows)
+        .flat_map(move |row| range(centre[1], columns).map(move |column| [row, column]));
+    pixels.map(move |at| (at, d2(at, centre)))
+}
+
+/// Squared distance of a pixel from a place, in pixels.
+fn d2([row, column]: [usize; 2], centre: [f64; 2]) -> f64 {
+    (row as f64 - centre[0]).powi(2) + (column as f64 - centre[1]).powi(2)
+}
+
+/// The pixel of largest value, of either sign, and that value's size; `None` where all are zero or NaN (outside the skin).
+fn largest(
+    image: ArrayView2<'_, f64>,
+    pixels: impl Iterator<Item = [usize; 2]>,
+) -> Option<([usize; 2], f64)> {
+    pixels.fold(None, |top, at| {
+        let size = image[at].abs();
+        if size > top.map_or(0.0, |(_, most)| most) { Some((at, size)) } else { top }
+    })
 }
 
 /// What is near the touches of a frame.
@@ -125,11 +149,10 @@ impl Surroundings {
 
     /// Takes a touch of the frame.
     pub fn add(&mut self, touch: &DrawnTouch, raster: &Raster) {
-        let [row, column] = touch.pixel(raster);
-        self.touches.push([row, column]);
-        for ((r, c), nearest) in self.d2.indexed_iter_mut() {
-            let d2 = (r as f64 - row).powi(2) + (c as f64 - column).powi(2);
-            *nearest = nearest.min(d2);
+        let place = touch.pixel(raster);
+        self.touches.push(place);
+        for ((row, column), nearest) in self.d2.indexed_iter_mut() {
+            *nearest = nearest.min(d2([row, column], place));
         }
     }
 
@@ -137,11 +160,9 @@ impl Surroundings {
     /// ([`OWN`], [`MOST_OTHER`]), and sets it to zero if there are no touches.
     pub fn limit(&mut self, mut image: ArrayViewMut2<'_, f64>) {
         let [near, far] = KEPT;
-        let near_values = image.indexed_iter().filter(|(at, _)| self.d2[*at] <= near * near);
-        // NaN outside the skin is not larger
-        let (top, peak) = near_values.fold(((0, 0), 0.0_f64), |(top, peak), (at, value)| {
-            if value.abs() > peak { (at, value.abs()) } else { (top, peak) }
-        });
+        let near_touches = self.d2.indexed_iter().filter(|(_, d2)| **d2 <= near * near);
+        let top = largest(image.view(), near_touches.map(|((row, column), _)| [row, column]));
+        let peak = top.map_or(0.0, |(_, peak)| peak);
         image.zip_mut_with(&self.d2, |value, d2| {
             if *d2 > near * near {
                 let nearness = ((far - d2.sqrt()) / (far - near)).max(0.0);
@@ -150,7 +171,7 @@ impl Surroundings {
             }
         });
         let most = MOST_OTHER * peak;
-        self.find_own(image.view(), top, most);
+        self.find_own(image.view(), top.map(|(at, _)| at), most);
         image.zip_mut_with(&self.own, |value, own| {
             if !own {
                 *value = value.clamp(-most, most);
@@ -159,7 +180,7 @@ impl Surroundings {
     }
 
     /// Finds the pixels above `level` that are connected, across sides, with the largest near a touch or of all.
-    fn find_own(&mut self, image: ArrayView2<'_, f64>, top: (usize, usize), level: f64) {
+    fn find_own(&mut self, image: ArrayView2<'_, f64>, top: Option<[usize; 2]>, level: f64) {
         let Self { touches, own, open, .. } = self;
         let is_high = |at: [usize; 2]| image.get(at).is_some_and(|value| value.abs() > level);
         own.fill(false);
@@ -169,14 +190,11 @@ impl Surroundings {
                 open.push(at);
             }
         };
-        add(open, [top.0, top.1]);
+        top.into_iter().for_each(|at| add(open, at));
         for touch in touches.iter() {
-            let is_near = |(row, column): (usize, usize)| {
-                (row as f64 - touch[0]).powi(2) + (column as f64 - touch[1]).powi(2) <= OWN * OWN
-            };
-            let near = image.indexed_iter().filter(|(at, value)| is_near(*at) && value.is_finite());
-            let largest = near.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
-            largest.into_iter().for_each(|((row, column), _)| add(open, [row, column]));
+            let near = square(*touch, OWN, image.dim()).filter(|(_, d2)| *d2 <= OWN * OWN);
+            let own_top = largest(image, near.map(|(at, _)| at));
+            own_top.into_iter().for_each(|(at, _)| add(open, at));
         }
         while let Some([row, column]) = open.pop() {
             // one before the first row or column is far outside
@@ -298,5 +316,13 @@ mod tests {
         (image[[10, 16]], image[[16, 10]]) = (1.0, 0.9);
         near.limit(image.view_mut());
         assert_eq!([image[[10, 16]], image[[16, 10]]], [1.0, 0.4]);
+        // a touch without a blob of its own keeps none elsewhere, as in the first corner
+        near.clear();
+        near.add(&touch(3, 3), &raster);
+        near.add(&touch(30, 30), &raster);
+        image.fill(0.0);
+        (image[[0, 0]], image[[30, 30]]) = (0.9, 1.0);
+        near.limit(image.view_mut());
+        assert_eq!([image[[0, 0]], image[[30, 30]]], [0.4, 1.0]);
     }
 }
