@@ -1,0 +1,2 @@
+//! Nothing: with it, Cargo compiles the dependencies of builds.
+fn main() {}
