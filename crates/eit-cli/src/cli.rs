@@ -542,7 +542,7 @@ pub(crate) struct PairsArgs {
     /// image is unknown: wanted images are the raw ones after the rule of Duan, Taurand
     /// and Soleimani (2019), which removes the ring along the rim, values below 55 % of the
     /// largest, and blobs of fewer than 15 pixels. Reference and noise as in the scene. The
-    /// last of every six recordings is held out, or the last sixth of a single one.
+    /// last sixth of the recordings is held out, at least one, or the last sixth of a single one.
     #[arg(long, value_name = "F")]
     pub recording: Vec<PathBuf>,
     /// Simulate this built-in script on the scene's own fabric, with another seed for each sequence,

@@ -68,8 +68,8 @@ pub enum DenoiseError {
         /// The right length.
         wanted: usize,
     },
-    /// Every pixel of the image has the same non-zero value, which no reconstruction produces.
-    #[error("the image is {value} everywhere on the skin, which no reconstruction gives")]
+    /// Every pixel of the image has the same non-zero value, which no touch produces.
+    #[error("the image is {value} everywhere on the skin, which no touch gives")]
     ConstantImage {
         /// The value.
         value: f64,

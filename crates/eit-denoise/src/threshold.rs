@@ -26,7 +26,11 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Axis};
 /// # Ok::<(), eit_denoise::DenoiseError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct ThresholdRule {
     /// Width of the removed ring in steps to one of eight neighbours. The paper states none; 4 of 64
     /// pixels matches its figures.
@@ -155,14 +159,17 @@ impl Threshold {
         Ok(())
     }
 
-    /// Returns the wanted images of a stack.
+    /// Returns the wanted images of a stack; that of an image of one value, which no touch gives, is zero.
     ///
     /// # Errors
-    /// Those of [`Threshold::apply_into`], within [`DenoiseError::InFrame`].
+    /// Those of [`Threshold::apply_into`] but [`DenoiseError::ConstantImage`], within [`DenoiseError::InFrame`].
     pub fn apply(&mut self, raw: &ImageStack) -> Result<ImageStack, DenoiseError> {
         let mut values = raw.values().to_owned();
         for (frame, (image, out)) in raw.iter().zip(values.axis_iter_mut(Axis(0))).enumerate() {
-            self.apply_into(image, out).map_err(|e| e.in_frame(frame))?;
+            match self.apply_into(image, out) {
+                Err(DenoiseError::ConstantImage { .. }) => {}
+                applied => applied.map_err(|e| e.in_frame(frame))?,
+            }
         }
         ImageStack::new(values, raw.mask().to_owned())
     }

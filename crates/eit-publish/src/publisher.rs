@@ -81,7 +81,7 @@ impl Publisher {
         Self::default()
     }
 
-    /// Adds a writer of lines. A slow reader makes the publisher wait.
+    /// Sets the writer of lines, in place of one set before. A slow reader makes the publisher wait.
     pub fn with_lines(mut self, out: impl Write + Send + 'static) -> Self {
         self.out = Some(Box::new(out));
         self

@@ -23,7 +23,7 @@ use crate::skin::Skin;
 use check::SequenceJudge;
 use eit_denoise::{DenoiseError, Denoiser, ImageStack, UnetShape, Weights};
 use eit_mesh::Raster;
-use ndarray::{Array3, Axis};
+use ndarray::{Array3, ArrayView2, Axis};
 use serde_json::{Value, json};
 
 /// Weights for a skin.
@@ -134,9 +134,6 @@ impl Net {
             };
             let (made, mut judge) = self.of_frames(images, raster, check)?;
             let raw = std::mem::replace(images, made);
-            if !judge.rule().has_rule() {
-                return Ok(None);
-            }
             let mut judgements = Vec::with_capacity(raw.dim().0);
             for (frame, (mut made, raw)) in
                 images.outer_iter_mut().zip(raw.outer_iter()).enumerate()
@@ -209,6 +206,12 @@ impl Net {
         let weights = self.weights_for(touches.is_some());
         let judge = check.judge(self, touches.is_some())?;
         if !inputs::needs_data(weights.shape) {
+            let mut judge = judge;
+            for (frame, image) in raw.outer_iter().enumerate() {
+                if is_constant(image) {
+                    judge.set_constant(frame);
+                }
+            }
             return Ok((self.of_images(raw, raster)?, judge));
         }
         if inputs::needs_touches(weights.shape) && touches.is_none() {
@@ -219,7 +222,7 @@ impl Net {
             )));
         }
         let touches = touches.unwrap_or_default();
-        let judge = judge.with_explained(&touches);
+        let mut judge = judge.with_explained(&touches);
         let mut net = Denoiser::new(weights, raster.mask().view())?;
         let mut inputs = NetInputs::new(check.skin(), weights.shape)?;
         let mut made = raw.clone();
@@ -234,6 +237,7 @@ impl Net {
                 Err(DenoiseError::InFrame { error, .. })
                     if matches!(*error, DenoiseError::ConstantImage { .. }) =>
                 {
+                    judge.set_constant(frame);
                     continue;
                 }
                 made => {
@@ -274,4 +278,11 @@ impl Net {
             "about": self.weights.about,
         })
     }
+}
+
+/// Whether an image has the same value, other than zero, everywhere on the skin.
+fn is_constant(image: ArrayView2<'_, f64>) -> bool {
+    let mut values = image.iter().filter(|value| value.is_finite());
+    let first = values.next().copied().unwrap_or(0.0);
+    first != 0.0 && values.all(|value| *value == first)
 }

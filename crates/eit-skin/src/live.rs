@@ -168,9 +168,10 @@ impl LiveModel {
             _ => Method::GaussNewton,
         };
         let net = linearised.skin.net()?;
-        // quiet frame numbers refer to a recording
-        let noise = &mut linearised.skin.settings.noise;
-        *noise = NoiseSettings { quiet_frames: None, ..noise.clone() };
+        // quiet frames and the first frame are counted in a recording
+        let settings = &mut linearised.skin.settings;
+        settings.noise = NoiseSettings { quiet_frames: None, ..settings.noise.clone() };
+        settings.recording.first_frame = 0;
         Ok(Self { linearised: Arc::new(linearised), method, net, reference_frames })
     }
 
@@ -293,11 +294,14 @@ const MOST_STEP_S: f64 = 60.0;
 /// passes twice over as many values: 134 MB, some tens of milliseconds. 208 measurements: 284 x 284 pixels.
 const MOST_TV_VALUES: f64 = (1 << 24) as f64;
 
+/// Largest number of reference frames: an hour at 28 frames a second, some hundred megabytes.
+const MOST_REFERENCE_FRAMES: usize = 100_000;
+
 fn check_reference_frames(count: usize) -> Result<(), SkinError> {
-    if count >= LEAST_REFERENCE_FRAMES {
+    if (LEAST_REFERENCE_FRAMES..=MOST_REFERENCE_FRAMES).contains(&count) {
         return Ok(());
     }
     Err(SkinError::input(format!(
-        "{count} reference frames: there must be {LEAST_REFERENCE_FRAMES} or more"
+        "{count} reference frames: there must be {LEAST_REFERENCE_FRAMES} to {MOST_REFERENCE_FRAMES}"
     )))
 }

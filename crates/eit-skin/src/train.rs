@@ -162,6 +162,32 @@ fn is_held_out(index: usize, count: usize) -> bool {
     index % HELD_OUT == HELD_OUT - 1 || (count < HELD_OUT && index == count - 1)
 }
 
+/// Number of a sequence among the held-out ones, or among the others.
+fn number_within(index: usize, count: usize) -> usize {
+    let before = index / HELD_OUT;
+    match is_held_out(index, count) {
+        true => before,
+        false => index - before,
+    }
+}
+
+#[cfg(test)]
+mod numbers {
+    use super::*;
+
+    /// Held-out sequences and the others are counted one after the other, so that every recording is used.
+    #[test]
+    fn sequences_are_counted_within_their_kind() {
+        for count in [1, 5, 6, 24, 25] {
+            for held_out in [false, true] {
+                let own = (0..count).filter(|&index| is_held_out(index, count) == held_out);
+                let numbers: Vec<usize> = own.map(|index| number_within(index, count)).collect();
+                assert_eq!(numbers, (0..numbers.len()).collect::<Vec<_>>(), "{count}, {held_out}");
+            }
+        }
+    }
+}
+
 /// Reads the shards to train on, and those held out.
 ///
 /// # Errors

@@ -65,11 +65,9 @@ fn the_rule_refuses_what_it_cannot_judge() {
     assert_eq!(out.sum(), 0.0);
     let mut frames = Array3::zeros((2, 16, 16));
     frames.index_axis_mut(Axis(0), 1).fill(1.0);
-    let error = ready.apply(&ImageStack::new(frames, mask.clone()).unwrap()).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "frame 1: the image is 1 everywhere on the skin, which no reconstruction gives"
-    );
+    // in a stack, as total variation may make one of a noisy frame, it is an image without touches
+    let wanted = ready.apply(&ImageStack::new(frames, mask.clone()).unwrap()).unwrap();
+    assert!(wanted.values().iter().all(|value| *value == 0.0 || value.is_nan()));
 }
 
 /// Adjacent drive and measurement of `count` electrodes, driven ones left out.

@@ -25,7 +25,11 @@ const KNOWN: f64 = 4.0;
 
 /// Settings of a [`TouchTracker`].
 #[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields)
+)]
 pub struct TrackerSettings {
     /// Largest number of simultaneous touches.
     pub max_touches: usize,
@@ -108,6 +112,8 @@ struct Track {
     id: Option<u64>,
     motion: Motion,
     seen: DetectedTouch,
+    /// Filtered position in the last frame that showed it.
+    last_m: [f64; 3],
     shown: usize,
     missed: usize,
     frames: u64,
@@ -192,6 +198,16 @@ impl TouchTracker {
         Ok(&self.touches)
     }
 
+    /// Continues the ids of another tracker: the next new touch has the id `first`, or 1 for 0.
+    pub fn with_first_id(self, first: u64) -> Self {
+        Self { next_id: first.max(1), ..self }
+    }
+
+    /// Returns the id of the next new touch.
+    pub fn next_id(&self) -> u64 {
+        self.next_id
+    }
+
     /// Returns the touches of the last frame.
     pub fn touches(&self) -> &[Touch] {
         &self.touches
@@ -229,6 +245,7 @@ impl TouchTracker {
             taken[column] = true;
             track.motion.update(touch.position_m, &measured(touch, settings), touch.normal);
             (track.seen, track.matched, track.missed) = (*touch, true, 0);
+            track.last_m = track.motion.state().position_m;
             track.shown += 1;
         }
     }
@@ -251,6 +268,7 @@ impl TouchTracker {
                 id: None,
                 motion: Motion::new(touch.position_m, covariance, self.settings.pace()),
                 seen: *touch,
+                last_m: touch.position_m,
                 shown: 1,
                 missed: 0,
                 frames: 0,
@@ -304,7 +322,7 @@ impl TouchTracker {
             self.touches.push(Touch {
                 id,
                 state: stage,
-                position_m: state.position_m,
+                position_m: if track.ended { track.last_m } else { state.position_m },
                 normal: Some(track.seen.normal),
                 position_covariance_m2: covariance_m2,
                 velocity_m_s: state.velocity_m_s,

@@ -197,6 +197,30 @@ fn forgiven_frames_then_the_end() {
     }
 }
 
+/// A touch that is missed while it moves is followed on; its end is where it was seen last.
+#[test]
+fn the_end_is_where_it_was_seen() {
+    let mut bench = Bench::new(|settings| settings.forgiven_frames = 3);
+    let seen = (0..20).map(|k| only(&bench.push(&[touch(2e-3 * f64::from(k), 0.0, STRONG)])));
+    let seen = seen.last().unwrap();
+    for _ in 0..3 {
+        let held = only(&bench.push(&[]));
+        assert!(!held.valid && held.position_m[0] > seen.position_m[0] + 1e-3, "{held:?}");
+    }
+    let end = only(&bench.push(&[]));
+    assert_eq!((end.state, end.position_m), (TouchState::End, seen.position_m));
+}
+
+/// A tracker that continues another's ids uses none of them again.
+#[test]
+fn ids_are_continued() {
+    let mut first = Bench::new(|_| ());
+    first.push(&[touch(0.02, 0.0, STRONG)]);
+    let mut second = Bench::new(|_| ());
+    second.tracker = second.tracker.with_first_id(first.tracker.next_id());
+    assert_eq!(only(&second.push(&[touch(0.02, 0.0, STRONG)])).id, 2);
+}
+
 /// A gap of forgiven frames changes neither id nor age, for a touch at rest and for a moving one that
 /// reappears where it would have been.
 #[test]

@@ -113,7 +113,8 @@ impl Body {
             let now = Instant::now();
             self.state.silences(now, &mut self.news);
             let since = self.listed.map(|listed| now.duration_since(listed));
-            let least = if self.state.has_changed() { self.period } else { HEARTBEAT };
+            let rest = self.period.max(HEARTBEAT);
+            let least = if self.state.has_changed() { self.period } else { rest };
             if since.is_none_or(|since| since >= least) {
                 self.list(now);
                 continue;

@@ -270,6 +270,10 @@ pub struct TouchArray {
     pub latency: f64,
     /// Whether no measurement was left out.
     pub whole: bool,
+    /// Whether touches, or the absence of any, explain the frame.
+    pub explained: bool,
+    /// Whether the instrument repeats an old frame.
+    pub frozen: bool,
     /// Electrodes that were left out.
     pub faulty_electrodes: Vec<ElectrodeFaultMessage>,
     /// The touches.

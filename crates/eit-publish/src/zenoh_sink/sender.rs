@@ -101,7 +101,8 @@ impl Sender {
             topic: topic.to_owned(),
             filter: ChangeFilter::new(settings.change, settings.heartbeat),
             shared,
-            message: TouchArray::default(),
+            // no frame yet, and nothing wrong
+            message: TouchArray { explained: true, ..TouchArray::default() },
             period: Period::default(),
             period_began: Instant::now(),
             dropped_before: 0,
@@ -160,6 +161,8 @@ impl Sender {
         message.time = frame.time_s;
         message.latency = frame.latency_s.unwrap_or(f64::NAN);
         message.whole = frame.whole;
+        message.explained = frame.explained;
+        message.frozen = frame.frozen;
         message.faulty_electrodes.clear();
         message.faulty_electrodes.extend(frame.faults.iter().map(ElectrodeFaultMessage::from));
         message.touches.clear();
@@ -219,6 +222,10 @@ impl Sender {
             (3, format!("no frame for {:.1} s{words}", silence.as_secs_f64()))
         } else if !self.faulty.is_empty() {
             (1, format!("faulty electrodes: {}", self.faulty))
+        } else if self.message.frozen {
+            (1, "the instrument repeats an old frame".to_owned())
+        } else if !self.message.explained {
+            (1, "touches do not explain the last frame".to_owned())
         } else if dropped > 0 {
             (1, format!("{dropped} frames dropped before sending"))
         } else {

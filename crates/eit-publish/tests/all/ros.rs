@@ -59,6 +59,8 @@ fn touches(
         time: 2.0,
         latency: 0.002,
         whole: faulty_electrodes.is_empty(),
+        explained: true,
+        frozen: !faulty_electrodes.is_empty(),
         faulty_electrodes,
         touches,
     }

@@ -6,7 +6,7 @@ use crate::frames::Frames;
 use crate::linearised::LinearisedSkin;
 use crate::method::{self, Method};
 use crate::progress::Progress;
-use crate::scene::{FrameSettings, NoiseSettings, Reference};
+use crate::scene::{FrameSettings, NoiseSettings, Reference, TouchSign};
 use crate::skin::Skin;
 use ndarray::{Array2, Array3};
 use std::sync::Arc;
@@ -64,6 +64,12 @@ impl Chain {
             };
             skin.settings.noise =
                 NoiseSettings { quiet_frames: Some((0..quiet).into()), additive_v: None };
+            // simulated fingers raise the conductivity, and nets learn increases
+            if std::mem::take(&mut skin.settings.touch.sign) == TouchSign::Decrease {
+                let image = &mut skin.settings.reconstruction;
+                (image.lower_s, image.upper_s) =
+                    (image.upper_s.map(|s| -s), image.lower_s.map(|s| -s));
+            }
         }
         let method = method::choose(&skin.settings, method, lengths.map(|l| l.frames))?.method;
         if !(method.is_tv() || method == Method::GaussNewton) {
@@ -109,5 +115,30 @@ impl Chain {
             raster.images_from_pixels(made.pixels.view())?
         };
         Ok(Chained { images, fitted })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+    use super::*;
+    use crate::scene::Scene;
+
+    /// Simulated fingers raise the conductivity: a scene whose touches lower it is turned, its bounds too.
+    #[test]
+    fn simulated_sequences_of_a_falling_conductivity_are_turned() {
+        let mut skin = Skin::from_scene(Scene::load("paper-disc").unwrap()).unwrap();
+        skin.settings.touch.sign = TouchSign::Decrease;
+        skin.settings.reconstruction.lower_s = Some(-2e-4);
+        let lengths = Lengths { frames: 40, quiet: 20, rate_hz: 20.0 };
+        let mut silent = Progress::silent();
+        let chain = Chain::new(skin.clone(), Some("gauss-newton"), Some(lengths), &mut silent);
+        let settings = chain.unwrap().linearised.skin.settings.clone();
+        assert_eq!(settings.touch.sign, TouchSign::Increase);
+        let image = &settings.reconstruction;
+        assert_eq!((image.lower_s, image.upper_s), (None, Some(2e-4)));
+        // recordings are what they are
+        let chain = Chain::new(skin, Some("gauss-newton"), None, &mut silent).unwrap();
+        assert_eq!(chain.linearised.skin.settings.touch.sign, TouchSign::Decrease);
     }
 }

@@ -30,6 +30,8 @@ pub(super) struct SequenceJudge<'a> {
     judge: Judge,
     /// Whether touches explain each frame; empty for nets that do not see them.
     is_explained: Vec<bool>,
+    /// Frames whose raw image is constant, so that there is no other.
+    constant: Vec<usize>,
     trust: Trust,
 }
 
@@ -60,6 +62,16 @@ impl Check {
         Ok(found.map(|found| DrawnTouches::of_frames(&found, factor)))
     }
 
+    /// Returns the differences of a frame.
+    fn row(&self, frame: usize) -> Result<Vec<f64>, SkinError> {
+        let frames = self.differences.nrows();
+        if frame >= frames {
+            let message = format!("image {frame}, but the measurements have {frames} frames");
+            return Err(SkinError::input(message));
+        }
+        Ok(self.differences.row(frame).to_vec())
+    }
+
     /// Returns the model of the frames.
     pub(super) fn skin(&self) -> &Arc<LinearisedSkin> {
         &self.fitted.skin
@@ -72,22 +84,19 @@ impl Check {
     ) -> Result<SequenceJudge<'_>, SkinError> {
         let judge = judge(net, has_touches, &self.fitted)?;
         let trust = net.trust(has_touches, &self.fitted);
-        Ok(SequenceJudge { check: self, judge, is_explained: Vec::new(), trust })
+        let (is_explained, constant) = (Vec::new(), Vec::new());
+        Ok(SequenceJudge { check: self, judge, is_explained, constant, trust })
     }
 }
 
 impl SequenceJudge<'_> {
-    pub fn rule(&self) -> &Judge {
-        &self.judge
-    }
-
     /// Returns a frame's differences, NaN where a value is missing, and their energy in units of the noise.
     ///
     /// # Errors
     ///
     /// A frame beyond the last.
     pub fn frame(&self, frame: usize) -> Result<(Vec<f64>, DataMisfit), SkinError> {
-        let row = self.check.differences.row(frame).to_vec();
+        let row = self.check.row(frame)?;
         let energy = self.judge.energy(&row)?;
         Ok((row, energy))
     }
@@ -98,9 +107,17 @@ impl SequenceJudge<'_> {
         net: ArrayView2<'_, f64>,
         raw: ArrayView2<'_, f64>,
     ) -> Result<Judgement, SkinError> {
-        let row = self.check.differences.row(frame).to_vec();
+        let row = self.check.row(frame)?;
+        if self.constant.contains(&frame) {
+            return Ok(self.judge.reject(net, raw, &row)?);
+        }
         let is_explained = self.is_explained.get(frame) != Some(&false);
         Ok(self.trust.verdict(&mut self.judge, is_explained, net, raw, &row)?)
+    }
+
+    /// Takes a frame for one whose image is the raw one.
+    pub fn set_constant(&mut self, frame: usize) {
+        self.constant.push(frame);
     }
 
     /// Takes whether touches explain each frame.

@@ -81,7 +81,8 @@ impl LiveNet {
                 if matches!(*error, DenoiseError::ConstantImage { .. }) =>
             {
                 // no touch raises the whole skin by the same amount
-                return Ok(Verdict::Neither);
+                let raw = self.raw.view();
+                return Ok(self.judge.reject(raw, raw, differences)?.verdict);
             }
             made => {
                 made?;

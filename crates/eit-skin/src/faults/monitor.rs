@@ -330,7 +330,7 @@ impl FaultMonitor {
     }
 }
 
-fn check_time(time_s: f64) -> Result<(), SkinError> {
+pub(super) fn check_time(time_s: f64) -> Result<(), SkinError> {
     match time_s.is_finite() {
         true => Ok(()),
         false => Err(SkinError::OutOfRange { key: "time_s", value: time_s, must: "finite" }),

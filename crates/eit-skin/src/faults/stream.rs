@@ -1,6 +1,6 @@
 //! Detects faulty electrodes in an instrument's frames without a model of the skin.
 
-use super::monitor::FaultMonitor;
+use super::monitor::{FaultMonitor, check_time};
 use super::protocol::Wiring;
 use super::reference::{median, of_start};
 use super::{ElectrodeFault, FaultKind};
@@ -88,6 +88,7 @@ impl StreamMonitor {
         time_s: f64,
     ) -> Result<(), SkinError> {
         SkinError::check_measurements("the frame", values.len(), self.used.len())?;
+        check_time(time_s)?;
         let Some(monitor) = &mut self.monitor else {
             for (i, slot) in self.first.row_mut(self.frames).iter_mut().enumerate() {
                 *slot = if is_good(i) { values[i] } else { f64::NAN };

@@ -47,6 +47,10 @@ impl Clock {
     /// still, goes back or jumps out of all measure.
     pub fn next_s(&mut self, frame: &Frame) -> f64 {
         let read_s = self.time_s(frame);
+        // the clock may make sense again by itself
+        if self.offset_s != 0.0 && (0.0..=MOST_STEP_S).contains(&(read_s - self.last_s)) {
+            self.offset_s = 0.0;
+        }
         let time_s = read_s + self.offset_s;
         let is_first = self.last_s == f64::NEG_INFINITY;
         let before_s = if is_first { 0.0 } else { self.last_s };
@@ -99,6 +103,13 @@ mod tests {
             }
             // 190 frames; a jump of 5 s that might be a pause is believed
             assert!(last_s < 10.0, "{wrong_s}: {last_s}");
+        }
+        // one wrong stamp, then frames at half the rate: the clock is followed
+        let mut clock = Clock::new(None, &quiet);
+        for k in 10..100_u64 {
+            let time_s = if k == 50 { 3e6 } else { 0.02 * k as f64 };
+            let next_s = clock.next_s(&frame(k, time_s));
+            assert!(k == 50 || (next_s - time_s).abs() < 1e-9, "{k}: {next_s}");
         }
         // a jump within the first frames does not make the rate
         let jump = [frame(0, 0.0), frame(1, 1e308)];

@@ -228,15 +228,20 @@ impl Sensor {
         }
     }
 
-    /// Like [`Sensor::next`], but also returns `None` if no frame arrives within `timeout`.
+    /// Like [`Sensor::next`], but also returns `None` if no frame with touches or without any comes within
+    /// `timeout`, such as while the reference is taken.
     ///
     /// # Errors
     ///
     /// The errors of [`Sensor::next`].
     pub fn next_within(&mut self, timeout: Duration) -> Result<Option<TouchFrame<'_>>, SkinError> {
-        match self.poll(timeout)? {
-            Polled::Touches => Ok(self.current()),
-            Polled::Over | Polled::Nothing => Ok(None),
+        let end = Instant::now() + timeout;
+        loop {
+            match self.poll(end.saturating_duration_since(Instant::now()))? {
+                Polled::Touches => return Ok(self.current()),
+                Polled::Nothing if Instant::now() < end => {}
+                Polled::Over | Polled::Nothing => return Ok(None),
+            }
         }
     }
 

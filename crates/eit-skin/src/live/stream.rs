@@ -30,6 +30,10 @@ pub struct LiveStream {
     /// [`Frame::epoch`] of the last frame.
     connection: Option<u32>,
     epoch: Option<Epoch>,
+    /// Id of the next epoch's first touch: ids are never used again.
+    first_id: u64,
+    /// Whether a frame of this epoch was searched for touches.
+    has_found: bool,
     /// Number of frames since the start that were searched for touches.
     frames: u64,
     values: Vec<f64>,
@@ -108,6 +112,8 @@ impl LiveStream {
             connection: None,
             model,
             epoch: None,
+            first_id: 1,
+            has_found: false,
             frames: 0,
             values: Vec::new(),
             touches: Vec::new(),
@@ -133,7 +139,11 @@ impl LiveStream {
 
     /// Begins a new epoch: the next frames are its reference.
     pub fn restart(&mut self) {
-        self.epoch = None;
+        if let Some(epoch) = self.epoch.take() {
+            self.first_id = epoch.finder.next_id();
+        }
+        self.has_found = false;
+        self.touches.clear();
         self.reference = ReferenceFrames::new(self.model.reference_frames);
     }
 
@@ -240,6 +250,7 @@ impl LiveStream {
         self.has_image = true;
         self.touches.extend_from_slice(finder.push(&self.values, is_good, time_s)?);
         self.has_image = false;
+        self.has_found = true;
         self.time_s = time_s;
         self.came_s = frame.host_time_s.filter(|_| is_live);
         self.latency_s = self.came_s.map(|came_s| now_s() - came_s);
@@ -251,7 +262,7 @@ impl LiveStream {
     /// Returns the results for the frame that was pushed last, which must be `frame`; `None` while the
     /// reference is taken.
     pub fn shown<'a>(&'a self, frame: &'a Frame) -> Option<LiveFrame<'a>> {
-        let Epoch { finder, images, .. } = self.epoch.as_ref()?;
+        let Epoch { finder, images, .. } = self.epoch.as_ref().filter(|_| self.has_found)?;
         Some(LiveFrame {
             number: self.frames.checked_sub(1)?,
             frame,
@@ -284,7 +295,8 @@ impl LiveStream {
         let frames = skin.frames_of_quiet(measured(reference, self.unit))?;
         let fitted = self.model.linearised.fit(frames)?;
         let mut progress = Progress::silent();
-        let finder = TouchFinder::new(&fitted, clock.rate_hz, &mut progress)?.ok_or_else(|| {
+        let finder = TouchFinder::new(&fitted, clock.rate_hz, &mut progress)?;
+        let finder = finder.map(|finder| finder.with_first_id(self.first_id)).ok_or_else(|| {
             SkinError::input(
                 "the reference frames show no noise, from which touches are distinguished: set \
                  [noise] additive_v",

@@ -19,10 +19,13 @@ pub struct Summary {
     pub frames: u64,
     /// Number of references taken.
     pub references: u64,
-    /// Number of touches that began.
+    /// Number of touches that were valid in a frame at least.
     pub touches: u64,
-    /// Largest number of simultaneous touches.
+    /// Largest number of simultaneous valid touches.
     pub most_at_once: usize,
+    /// Ids of those that have not ended.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    counted: Vec<u64>,
     /// Number of frames that touches do not explain ([`TouchFrame::explained`](super::TouchFrame)).
     pub not_explained: u64,
     /// How the images are made, with the weights of the last epoch.
@@ -119,9 +122,19 @@ impl Summary {
 
     fn take(&mut self, touches: &[Touch], state: ImageState, latency_s: Option<f64>) {
         self.frames += 1;
-        let of = |state| touches.iter().filter(|touch| touch.state == state).count();
-        self.touches += of(TouchState::Begin) as u64;
-        self.most_at_once = self.most_at_once.max(touches.len() - of(TouchState::End));
+        for touch in touches {
+            let place = self.counted.iter().position(|id| *id == touch.id);
+            match (place, touch.state == TouchState::End) {
+                (Some(place), true) => drop(self.counted.swap_remove(place)),
+                (None, false) if touch.valid => {
+                    self.counted.push(touch.id);
+                    self.touches += 1;
+                }
+                _ => {}
+            }
+        }
+        let counts = |touch: &&Touch| touch.valid && touch.state != TouchState::End;
+        self.most_at_once = self.most_at_once.max(touches.iter().filter(counts).count());
         self.aside += u64::from(state.is_aside);
         self.unexplained += u64::from(state.is_unexplained);
         self.interpolated += u64::from(state.is_interpolated);
@@ -184,6 +197,47 @@ fn quantile(values: &[f64], share: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Touches count from the first frame on in which they are valid; those that never are do not.
+    #[test]
+    fn valid_touches_are_counted_once() {
+        let touch = |id, valid, state| Touch {
+            id,
+            state,
+            position_m: [0.0; 3],
+            normal: None,
+            position_covariance_m2: [[1e-6; 3]; 3],
+            velocity_m_s: [0.0; 3],
+            area_m2: None,
+            intensity_s_m2: 1e-11,
+            intensity_std_s_m2: None,
+            peak_s: 1e-6,
+            learnt: None,
+            confidence: 0.9,
+            age_frames: 0,
+            age_s: 0.0,
+            valid,
+            whole: true,
+            split_from: None,
+            merged_into: None,
+        };
+        use TouchState::{Begin, End, Hold};
+        let mut summary = Summary::default();
+        let never = [Begin, Hold, End].map(|state| touch(1, false, state));
+        let later = [
+            touch(2, false, Begin),
+            touch(2, true, Hold),
+            touch(2, true, Hold),
+            touch(2, true, End),
+        ];
+        for touch in never.into_iter().chain(later) {
+            summary.take(&[touch], ImageState::default(), None);
+        }
+        assert_eq!((summary.touches, summary.most_at_once), (1, 1));
+        let two = [touch(3, true, Begin), touch(4, true, Begin), touch(5, false, Begin)];
+        summary.take(&two, ImageState::default(), None);
+        assert_eq!((summary.touches, summary.most_at_once), (3, 2));
+    }
 
     /// A source that complains forever does not fill the memory.
     #[test]

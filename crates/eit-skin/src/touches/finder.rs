@@ -191,6 +191,16 @@ impl TouchFinder {
         }))
     }
 
+    /// Continues the ids of another finder ([`TouchFinder::next_id`]), so that none is used twice.
+    pub fn with_first_id(self, first: u64) -> Self {
+        Self { tracker: self.tracker.with_first_id(first), ..self }
+    }
+
+    /// Returns the id of the next new touch.
+    pub fn next_id(&self) -> u64 {
+        self.tracker.next_id()
+    }
+
     /// Takes a frame `[measurement]`, volts, and returns its touches. Faulty electrodes are excluded; the
     /// rest is compared with the reference, which follows what touches do not explain.
     ///

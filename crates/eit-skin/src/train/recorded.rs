@@ -2,7 +2,7 @@
 
 use super::motion;
 use super::shared::{Shared, touches_of};
-use super::{HELD_OUT, is_held_out};
+use super::{HELD_OUT, is_held_out, number_within};
 use crate::error::SkinError;
 use crate::frames::{Frames, QuietFrames};
 use crate::progress::Progress;
@@ -83,7 +83,7 @@ impl Recorded {
             let learnt = self.recordings.len() - self.recordings.len().div_ceil(HELD_OUT);
             let (learnt, held_out) = self.recordings.split_at(learnt);
             let list = if is_held_out { held_out } else { learnt };
-            return list[index % list.len()].clone();
+            return list[number_within(index, self.count) % list.len()].clone();
         };
         let count = alone.values.nrows();
         let learnt = count - count / HELD_OUT;

@@ -10,9 +10,10 @@
 use crate::common::Bench;
 use crate::common::script::{Drawn, QUIET_FRAMES, RATE_HZ};
 use eit_skin::eit_hw::{Frame, Quality};
+use eit_skin::live::LiveModel;
 use eit_skin::ndarray::Array2;
 use eit_skin::scene::Scene;
-use eit_skin::{Sensor, Skin, TouchState};
+use eit_skin::{Progress, Sensor, Skin, TouchState};
 
 /// Where the finger of [`held`] presses.
 const AT: [f64; 2] = [0.04, 0.02];
@@ -269,4 +270,31 @@ fn another_connection_takes_a_reference() {
     let [first, second] = [0..count, count..2 * count]
         .map(|range| found(&told).iter().filter(|frame| range.contains(frame)).count());
     assert!(first > 40 && first.abs_diff(second) <= 2 && others(&told) == 0, "{first} {second}");
+}
+
+/// With a new reference nothing from before is shown, and no id is used twice. The first frame of a recording that the
+/// scene states, and which live frames do not have, is no obstacle.
+#[test]
+fn a_new_reference_forgets_touches_and_continues_their_ids() {
+    let (mut skin, bench) = disc();
+    skin.settings.recording.first_frame = 30;
+    let sent = frames(&held(&bench, 56));
+    let mut sensor = skin.sensor().unwrap();
+    let mut last = 0;
+    for round in 0..2 {
+        let mut ids = Vec::new();
+        for frame in &sent {
+            let touches = sensor.push(frame).unwrap().map(|shown| shown.touches.to_vec());
+            assert_eq!(sensor.shown().is_some(), touches.is_some(), "round {round}");
+            ids.extend(touches.iter().flatten().map(|touch| touch.id));
+        }
+        let (first, most) = (ids.iter().min().unwrap(), ids.iter().max().unwrap());
+        assert!(*first > last, "round {round}: {first} after {last}");
+        last = *most;
+        sensor.restart();
+        assert!(sensor.shown().is_none());
+    }
+    let mut silent = Progress::silent();
+    let error = LiveModel::new(&skin, 1 << 60, &mut silent).unwrap_err().to_string();
+    assert!(error.contains("there must be"), "{error}");
 }

@@ -10,7 +10,11 @@ use crate::metrics::ChangeSign;
 /// faults (`docs/validation/touches.md`). A strength is the integral of the conductivity change over the
 /// touch, S m^2.
 #[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields)
+)]
 pub struct DetectorSettings {
     /// Which sign of change is a touch. Default: increase.
     pub sign: ChangeSign,

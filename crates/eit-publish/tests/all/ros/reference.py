@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore, get_types_from_msg
 from zenoh.ext import Int64, z_serialize
 
 store = get_typestore(Stores.ROS2_JAZZY)
-folder = Path(__file__).parent / "../../ros/eit_skin_msgs/msg"
+folder = Path(__file__).parent / "../../../ros/eit_skin_msgs/msg"
 own = {}
 for path in sorted(folder.glob("*.msg")):
     own.update(get_types_from_msg(path.read_text(), f"eit_skin_msgs/msg/{path.stem}"))
@@ -72,6 +72,8 @@ def touches(frame, faults, found):
         time=2.0,
         latency=0.002,
         whole=not faults,
+        explained=True,
+        frozen=bool(faults),
         faulty_electrodes=faults,
         touches=found,
     )

@@ -37,7 +37,12 @@ impl FaultMonitor {
             };
             if time_s - since >= HEALED_S {
                 *suspect = Suspect::default();
-                self.healed.extend_from_slice(&self.wiring.of_electrode[e]);
+                // two of its neighbours may have healed at the same time
+                for &i in &self.wiring.of_electrode[e] {
+                    if !self.healed.contains(&i) {
+                        self.healed.push(i);
+                    }
+                }
             }
         }
     }
