@@ -77,7 +77,7 @@ pub fn run(args: &SimulateSettings, progress: &mut Progress) -> Result<Answer, R
             folder.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
             folder.commit(&OPTIONAL)?;
             let scene = args.out.join("scene.toml");
-            text += &format!("\nnext: eit reconstruct {} --out images", scene.display());
+            text += &format!("\nnext: eit reconstruct {} --out images", pasted(&scene));
         }
         Out::Frames(file, format) => file.write(|w| match format.as_str() {
             "npy" => write_npy(&made.frames_v, w),
@@ -85,6 +85,16 @@ pub fn run(args: &SimulateSettings, progress: &mut Progress) -> Result<Answer, R
         })?,
     }
     Ok(Answer { text: crate::with_warning(text, note.as_ref()), json })
+}
+
+/// A path as it can be pasted into a shell.
+fn pasted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+:\\".contains(c);
+    match text.chars().all(is_plain) {
+        true => text,
+        false => format!("'{}'", text.replace('\'', r"'\''")),
+    }
 }
 
 /// Reads the script from a file; `None` for the name of a built-in one, which needs the mesh.
@@ -301,5 +311,17 @@ impl Made<'_> {
             1e3 * self.largest_shift_m(),
             out.display()
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_quoted_where_a_shell_needs_it() {
+        assert_eq!(pasted(Path::new("out/scene.toml")), "out/scene.toml");
+        assert_eq!(pasted(Path::new("six \u{fc}/scene.toml")), "'six \u{fc}/scene.toml'");
+        assert_eq!(pasted(Path::new("it's")), r"'it'\''s'");
     }
 }

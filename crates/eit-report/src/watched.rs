@@ -7,6 +7,7 @@ use crate::reconstruct::touches::{HEADER, write_row};
 use eit_hw::capture::{TouchRecord, TouchesRecord};
 use eit_hw::driver::Statistics;
 use eit_inverse::touch::TouchState;
+use eit_skin::faults::fault_lines;
 use eit_skin::live::{LiveFrame, LiveImages, Summary};
 use eit_skin::words::counted;
 use serde_json::json;
@@ -125,11 +126,20 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
         statistics.dropped,
         counted(summary.references, "reference", "references"),
     );
+    if let Some(change) = summary.unrest {
+        text += &format!("\n{}", eit_skin::live::unrest_words(change));
+    }
     if summary.references == 0 && statistics.frames > 0 {
-        text += &format!(
-            "\n{} frames came, fewer than the reference needs (--reference-frames), so that none was searched for touches",
-            statistics.frames
-        );
+        let why = match summary.unrest {
+            Some(_) => "",
+            None => ", fewer than the reference needs (--reference-frames)",
+        };
+        text +=
+            &format!("\n{} frames came{why}, and none was searched for touches", statistics.frames);
+    }
+    if summary.frozen > 0 {
+        let count = counted(summary.frozen, "frame", "frames");
+        text += &format!("\n{count} repeat an old one: nothing is known of the skin there");
     }
     if summary.not_explained > 0 {
         text += &format!(
@@ -145,8 +155,8 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
             );
         }
     }
-    for fault in &summary.faults {
-        text += &format!("\n{}", fault.words());
+    for line in fault_lines(&summary.faults) {
+        text += &format!("\n{line}");
     }
     if !summary.images.is_empty() {
         text += &format!("\nimages: {}", summary.images_words());
@@ -161,6 +171,7 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
         "touches": summary.touches,
         "most_at_once": summary.most_at_once,
         "not_explained": summary.not_explained,
+        "frozen": summary.frozen,
         "lost": statistics.lost,
         "dropped": statistics.dropped,
         "reconnections": statistics.reconnections,

@@ -24,7 +24,13 @@ pub use monitor::FaultMonitor;
 pub(crate) use reference::of_reference;
 pub use stream::{StreamMonitor, of_frames};
 
+use eit_fem::Protocol;
 use serde_json::{Value, json};
+
+/// Returns the measurements of each electrode among those given.
+pub(crate) fn of_electrode(protocol: &Protocol, measured: &[bool]) -> Vec<Vec<usize>> {
+    protocol::Wiring::new(protocol, measured).of_electrode
+}
 
 /// Kind of electrode fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -64,6 +70,26 @@ pub struct ElectrodeFault {
     pub since_s: f64,
 }
 
+/// Describes faults for people, one line for each electrode and kind.
+pub fn fault_lines(faults: &[ElectrodeFault]) -> Vec<String> {
+    let is_same =
+        |a: &ElectrodeFault, b: &ElectrodeFault| (a.electrode, a.kind) == (b.electrode, b.kind);
+    let is_first = |k: &usize| !faults[..*k].iter().any(|fault| is_same(fault, &faults[*k]));
+    let line = |k: usize| {
+        let again: Vec<_> =
+            faults[k + 1..].iter().filter(|fault| is_same(fault, &faults[k])).collect();
+        let more = match again[..] {
+            [] => String::new(),
+            [once] => format!(", and again from {:.2} s on", once.since_s),
+            [first, ..] => {
+                format!(", and {} times again, first from {:.2} s on", again.len(), first.since_s)
+            }
+        };
+        faults[k].words() + &more
+    };
+    (0..faults.len()).filter(is_first).map(line).collect()
+}
+
 impl ElectrodeFault {
     /// Describes the fault for people; electrodes are numbered from 1.
     pub fn words(&self) -> String {
@@ -78,5 +104,27 @@ impl ElectrodeFault {
             "fault": self.kind.words(),
             "since_s": self.since_s,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_are_listed_once_an_electrode() {
+        let fault =
+            |electrode, since_s| ElectrodeFault { electrode, kind: FaultKind::Drifts, since_s };
+        let lines = fault_lines(&[fault(6, 2.5), fault(2, 3.0), fault(6, 4.0), fault(6, 5.0)]);
+        assert_eq!(
+            lines,
+            [
+                "electrode 7 drifts: its contact gets worse; excluded from 2.50 s on, and 2 times again, first from 4.00 s on",
+                "electrode 3 drifts: its contact gets worse; excluded from 3.00 s on"
+            ]
+        );
+        assert!(
+            fault_lines(&[fault(6, 2.5), fault(6, 4.0)])[0].ends_with("and again from 4.00 s on")
+        );
     }
 }

@@ -221,6 +221,7 @@ impl LiveModel {
         // when the previous frame was shown and when it arrived, unless the source was interrupted since
         let mut before: Option<(Instant, Option<f64>)> = None;
         let mut last_image = Instant::now();
+        let mut is_restless = false;
         while observer.goes_on(&summary) && !source.is_over() {
             let Some(event) = source.next_event(WAIT).map_err(SkinError::from)? else {
                 observer.idle()?;
@@ -244,6 +245,11 @@ impl LiveModel {
             match stream.push_touches(&frame, is_live)? {
                 Pushed::Waiting { left } => {
                     observer.waiting(left)?;
+                    summary.unrest = stream.unrest();
+                    if let (Some(change), false) = (summary.unrest, is_restless) {
+                        observer.event(&Event::Notice(unrest_words(change)))?;
+                    }
+                    is_restless = summary.unrest.is_some();
                     if left == 0 {
                         summary.references += 1;
                         summary.images = stream.image_words().to_owned();
@@ -285,6 +291,15 @@ impl LiveModel {
         }
         Ok(summary)
     }
+}
+
+/// Describes why the reference waits, by what part of the voltages frames change.
+pub fn unrest_words(change: f64) -> String {
+    format!(
+        "frames change by {:.1} % of the voltages, as if the skin were touched or let go: the reference waits until they \
+         rest",
+        100.0 * change
+    )
 }
 
 /// Longest time between the arrivals of two frames that is believed, seconds: after a longer one the source is silent.

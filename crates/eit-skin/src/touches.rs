@@ -50,6 +50,11 @@ pub struct Touches {
     pub faults: Vec<ElectrodeFault>,
     /// How each frame was explained.
     pub steps: Vec<DetectorStep>,
+    /// Frames that neither touches nor their absence explain: no touch is valid there, and that there is none does not mean
+    /// that nothing touches the skin.
+    pub not_explained: Vec<usize>,
+    /// Frames in which the instrument repeated an old frame, so that nothing is known of the skin.
+    pub frozen: Vec<usize>,
     /// Conductivity change of the faintest touch, siemens.
     pub level_s: f64,
     /// Values that were excluded, [frame, measurement]: bad ones, and those of faulty electrodes.
@@ -132,6 +137,8 @@ pub fn touches(
             choices: finder.choices.clone(),
             faults: Vec::new(),
             steps: Vec::with_capacity(count),
+            not_explained: Vec::new(),
+            frozen: Vec::new(),
             level_s: finder.level_s(),
             is_missing: Array2::from_elem(frames.values.dim(), false),
         };
@@ -144,6 +151,12 @@ pub fn touches(
                 .map_err(|e| e.within(&format!("frame {frame}")))?;
             found.rows.extend(touches.iter().map(|&touch| TouchRow { frame, time_s, touch }));
             found.steps.extend(finder.step());
+            if finder.is_frozen() {
+                found.frozen.push(frame);
+            }
+            if !finder.is_explained() {
+                found.not_explained.push(frame);
+            }
             for (i, missing) in found.is_missing.row_mut(frame).iter_mut().enumerate() {
                 *missing = finder.is_missing(i);
             }

@@ -107,14 +107,19 @@ fn text(frames: &Frames, found: &Calibration, notes: &[String]) -> String {
     let weak = undetermined(found);
     if !weak.is_empty() {
         lines.push(format!(
-            "the data hardly determine the contacts of electrodes {weak:?}, which stay near the scene's \
-             (measurements on driven electrodes would: --use-driven-electrodes)"
+            "the data hardly determine the contacts of electrodes {weak:?}: their values say little \
+             (measurements on driven electrodes would tell: --use-driven-electrodes)"
         ));
     }
     lines.extend(notes.iter().map(|note| format!("note: {note}")));
     let contacts: Vec<String> =
         found.contact_impedance.iter().map(|z| format!("{z:.4e}")).collect();
-    lines.push("for the scene:".to_owned());
+    lines.push(match found.status {
+        CalibrationStatus::IterationCap => {
+            "not converged, so not for a scene as they are:".to_owned()
+        }
+        _ => "for the scene:".to_owned(),
+    });
     lines.push(format!("  [skin] conductivity_s = {:.5e}", found.conductivity_s));
     lines.push(format!("  [electrodes] contact_impedance_ohm_m = [{}]", contacts.join(", ")));
     lines.join("\n")

@@ -51,8 +51,8 @@ pub struct ElectrodeHealth {
     pub measurements: usize,
     /// Fraction of their values with a flag.
     pub flagged_share: f64,
-    /// Median noise of the measurements that sense at the electrode, relative to that of all; NaN
-    /// without noise.
+    /// Median noise of the measurements that sense at the electrode, relative to that of all, each at least that of
+    /// rounding; NaN without noise.
     #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::absent::nan"))]
     pub noise_ratio: f64,
     /// Reciprocity error of the measurements without this electrode; `None` if none of them are
@@ -135,13 +135,18 @@ pub fn check_health(
         let steps = (times.len() - 1) as f64 + facts.lost_frames as f64;
         (span > 0.0).then_some(steps / span)
     });
+    let resolution = Resolution::of(frames, &mean);
+    // rounding hides noise below a step, of which a channel that stands still says nothing
+    let floor = resolution.map_or(0.0, |resolution| resolution.step / 12.0_f64.sqrt());
+    let rounded: Vec<f64> =
+        noise_std.iter().map(|n| if n.is_finite() { n.max(floor) } else { *n }).collect();
     let mut report = HealthReport {
         reciprocity: reciprocity_error(quadruples, &mean),
-        electrodes: electrodes(frames, quadruples, &mean, &noise_std),
+        electrodes: electrodes(frames, quadruples, &mean, &rounded),
         noise_std,
         drift,
         signal_to_noise_db,
-        resolution: Resolution::of(frames, &mean),
+        resolution,
         frame_rate_hz: rate,
         lost_share: facts.lost_frames as f64 / (facts.lost_frames as f64 + found as f64),
         findings: Vec::new(),

@@ -114,6 +114,23 @@ fn a_noisy_electrode_is_a_warning() {
     assert!(report.findings[0].to_string().contains("times as noisy"));
 }
 
+/// Where a converter hides the noise of most channels, those that change by a step are not noisier than it.
+#[test]
+fn a_coarse_converter_makes_no_electrode_noisy() {
+    let mut frames = healthy();
+    let quadruples = rotated(16);
+    let mean = frames.values.row(0).to_owned();
+    for (frame, mut row) in frames.values.rows_mut().into_iter().enumerate() {
+        for ((value, quadruple), mean) in row.iter_mut().zip(&quadruples).zip(&mean) {
+            let senses = quadruple[2..].contains(&3);
+            *value = mean + if senses && frame % 3 == 0 { NOISE } else { 0.0 };
+        }
+    }
+    let report = check(&frames);
+    assert!(report.electrodes.iter().all(|electrode| electrode.noise_ratio < 5.0));
+    assert!(faults(&report).is_empty(), "{:?}", report.findings);
+}
+
 #[test]
 fn troubles_of_the_whole_are_told_with_what_to_try() {
     let only = |report: &HealthReport, start: &str| {

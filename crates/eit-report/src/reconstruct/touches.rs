@@ -3,7 +3,7 @@
 use crate::error::ReportError;
 use crate::output::io;
 use eit_inverse::touch::{Touch, TouchState};
-use eit_skin::faults::ElectrodeFault;
+use eit_skin::faults::{ElectrodeFault, fault_lines};
 use eit_skin::touches::{TouchRow, Touches};
 use eit_skin::words::counted;
 use serde_json::{Value, json};
@@ -68,6 +68,8 @@ pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
             "count": touches.count(),
             "most_at_once": touches.most(),
             "rows": touches.rows.len(),
+            "not_explained_frames": touches.not_explained,
+            "frozen_frames": touches.frozen,
             "frame_rate_hz": touches.rate_hz,
             "choices": touches.choices.json(),
             "faulty_electrodes": touches.faults.iter().map(ElectrodeFault::json).collect::<Vec<_>>(),
@@ -90,8 +92,21 @@ pub(super) fn line(touches: Option<&Touches>) -> String {
     for line in touches.choices.lines() {
         text += &format!("\n{line}");
     }
-    for fault in &touches.faults {
-        text += &format!("\n{}", fault.words());
+    if let [first, ..] = touches.frozen[..] {
+        let count = counted(touches.frozen.len() as u64, "frame", "frames");
+        text += &format!(
+            "\n{count} repeat an old one, the first {first}: nothing is known of the skin there"
+        );
+    }
+    if let [first, ..] = touches.not_explained[..] {
+        let count = counted(touches.not_explained.len() as u64, "frame", "frames");
+        text += &format!(
+            "\n{count} not explained by touches, the first {first}: none is valid there, and none does not mean that \
+             nothing touches the skin"
+        );
+    }
+    for line in fault_lines(&touches.faults) {
+        text += &format!("\n{line}");
     }
     text
 }

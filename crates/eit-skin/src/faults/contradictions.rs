@@ -104,6 +104,16 @@ impl Contradictions {
         }
     }
 
+    /// Returns the fraction of the measurements that count which are wrong; 0 if none counts.
+    pub fn part_wrong(&self, counts: impl Fn(usize) -> bool) -> f64 {
+        let (mut wrong, mut all) = (0_u32, 0_u32);
+        for (_, is_wrong) in self.is_wrong.iter().enumerate().filter(|(i, _)| counts(*i)) {
+            all += 1;
+            wrong += u32::from(*is_wrong);
+        }
+        f64::from(wrong) / f64::from(all.max(1))
+    }
+
     /// Finds the [`accused`](Self::accused) electrodes: repeatedly takes the one with the largest fraction of
     /// wrong measurements, until none has half of its own wrong or, after the first, a quarter. Electrodes
     /// that are already excluded, and their measurements, are ignored.

@@ -14,6 +14,9 @@ use ndarray::ArrayView2;
 
 /// Number of consecutive bad frames after which electrodes are blamed nevertheless.
 const GARBAGE_FRAMES: usize = 5;
+/// Fraction of the measurements that touches do not change so far in one frame: more have jumped in a damaged one, such as
+/// with all values equal, at full scale or too large by a factor, although it is reciprocal.
+const JUMPED_AT_ONCE: f64 = 0.5;
 /// Number of consecutive frames that must blame an electrode's gain: one is no proof, each more costs a
 /// frame.
 const BLAMED_FRAMES: usize = 2;
@@ -23,6 +26,8 @@ const LEAST_QUIET: usize = 16;
 /// Repeated frames in a row from which an instrument is frozen. Where 16 bits show the noise, three of 2 786 simulated
 /// frames repeated the one before, none two in a row; where they hide it, twelve in a row were, and two in the quiet ones before them.
 const REPEATED: usize = 9;
+/// The same where one quiet frame repeats the one before.
+const REPEATED_AGAIN: usize = 2 * REPEATED;
 
 /// Fault state of an electrode.
 #[derive(Debug, Clone, Copy, Default)]
@@ -59,8 +64,8 @@ pub struct FaultMonitor {
     jumps: Contradictions,
     /// Number of consecutive unexplained frames in which each electrode's measurements have.
     jumped_frames: Vec<usize>,
-    /// Whether frames do not repeat by themselves.
-    can_freeze: bool,
+    /// Number of repeated frames in a row that frames do not reach by themselves; `None` if unknown.
+    frozen_from: Option<usize>,
     is_frozen: bool,
     is_missing: Vec<bool>,
     healed: Vec<usize>,
@@ -104,7 +109,7 @@ impl FaultMonitor {
             contradictions: Contradictions::new(measurements, electrodes),
             jumps: Contradictions::new(measurements, electrodes),
             jumped_frames: vec![0; electrodes],
-            can_freeze: false,
+            frozen_from: None,
             is_frozen: false,
             is_missing: vec![false; measurements],
             healed: Vec::with_capacity(measurements),
@@ -129,8 +134,8 @@ impl FaultMonitor {
         Ok(self)
     }
 
-    /// Takes frames of the untouched skin, `[frame, measurement]`, with the instrument's own noise: if none of them repeats the
-    /// one before, later ones that do for long are an old frame sent again. Fewer than sixteen say nothing.
+    /// Takes frames of the untouched skin, `[frame, measurement]`, with the instrument's own noise: if at most one of them
+    /// repeats the one before, later ones that do for long are an old frame sent again. Fewer than sixteen say nothing.
     ///
     /// # Errors
     ///
@@ -140,7 +145,12 @@ impl FaultMonitor {
         let repeats = |f: usize| {
             (0..self.used.len()).all(|i| !self.used[i] || quiet_v[(f, i)] == quiet_v[(f - 1, i)])
         };
-        self.can_freeze = quiet_v.nrows() >= LEAST_QUIET && !(1..quiet_v.nrows()).any(repeats);
+        let repeated = (1..quiet_v.nrows()).filter(|&f| repeats(f)).count();
+        self.frozen_from = match (quiet_v.nrows() >= LEAST_QUIET, repeated) {
+            (true, 0) => Some(REPEATED),
+            (true, 1) => Some(REPEATED_AGAIN),
+            _ => None,
+        };
         Ok(self)
     }
 
@@ -185,7 +195,7 @@ impl FaultMonitor {
         jumps.compare_jumps(std_v, [values, reference], counts);
         history.push(values, used);
         self.healed.clear();
-        self.is_frozen = self.can_freeze && self.history.repeated() >= REPEATED;
+        self.is_frozen = self.frozen_from.is_some_and(|from| self.history.repeated() >= from);
         self.is_bad = self.is_frozen
             || !(0..self.used.len()).any(|i| self.used[i] && !self.is_missing[i])
             || self.is_garbage();
@@ -268,10 +278,13 @@ impl FaultMonitor {
     /// few frames in a row.
     fn is_garbage(&mut self) -> bool {
         self.accuse();
-        let Self { wiring, suspects, contradictions, is_missing, used, .. } = self;
+        let Self { wiring, suspects, contradictions, jumps, is_missing, used, .. } = self;
         let counts = |i: usize| used[i] && !is_missing[i];
         let is_out = |e: usize| suspects[e].fault.is_some();
-        let is_garbage = !contradictions.is_explained(wiring, counts, is_out);
+        // four open electrodes change as many, but are told by reciprocity
+        let has_jumped =
+            contradictions.accused().is_empty() && jumps.part_wrong(counts) > JUMPED_AT_ONCE;
+        let is_garbage = has_jumped || !contradictions.is_explained(wiring, counts, is_out);
         self.garbage_frames = if is_garbage { self.garbage_frames + 1 } else { 0 };
         is_garbage && self.garbage_frames < GARBAGE_FRAMES
     }

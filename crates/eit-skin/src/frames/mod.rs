@@ -9,9 +9,10 @@ pub(crate) mod steady;
 pub use fit::ModelFit;
 pub(crate) use fit::{ALIKE, are_magnitudes};
 pub use quiet::QuietFrames;
+pub(crate) use reference::left_out;
 
 use crate::error::SkinError;
-use crate::faults::{self, ElectrodeFault};
+use crate::faults::{self, ElectrodeFault, FaultKind};
 use crate::scene::{Component, DifferenceKind, FrameSettings, FramesAre, Reference};
 use crate::skin::Skin;
 use crate::words::counted;
@@ -179,13 +180,17 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
              too coarse to show its noise"
         ));
     }
+    if taken.left_out > 0 {
+        notes.push(reference::left_out(taken.left_out));
+    }
     if !taken.touched {
         let reference::Measured { values, quality } = &taken.frames;
         let is_good = |f: usize, i: usize| used[i] && quality[(f, i)].is_good();
         notes.extend(steady::unrest(values.view(), is_good).map(steady::words));
     }
     let quiet = quiet::find(skin, &loaded.frames, &taken, &used, &mut notes)?;
-    let faults = leave_out_floating(skin, &taken, quiet.as_ref(), &mut used, &mut notes)?;
+    let mut faults = leave_out_lost(skin, &reasons, &taken.values, &mut used, &mut notes);
+    faults.extend(leave_out_floating(skin, &taken, quiet.as_ref(), &mut used, &mut notes)?);
     if !used.contains(&true) {
         return Err(SkinError::input(format!("no measurement is usable: {}", notes.join("; "))));
     }
@@ -233,6 +238,47 @@ fn leave_out_floating(
     left_out.into_iter().for_each(|i| used[i] = false);
     Ok(found)
 }
+
+/// Leaves out electrodes of which nothing can be used from the start, and names them: those whose measurements are all
+/// zero or bad, and those whose measurements all have the same value, as at full scale.
+fn leave_out_lost(
+    skin: &Skin,
+    reasons: &[Option<&'static str>],
+    reference: &[f64],
+    used: &mut [bool],
+    notes: &mut Vec<String>,
+) -> Vec<ElectrodeFault> {
+    let measured: Vec<bool> = reasons.iter().map(|reason| *reason != Some(DRIVEN)).collect();
+    let of_electrode = faults::of_electrode(&skin.protocol, &measured);
+    let kind_of = |of_e: &Vec<usize>| {
+        if of_e.len() < LEAST_OF_ELECTRODE {
+            return None;
+        }
+        if of_e.iter().all(|&i| reasons[i].is_some()) {
+            let is_flagged = of_e.iter().any(|&i| reasons[i] != Some(ZERO));
+            return Some(if is_flagged { FaultKind::Flagged } else { FaultKind::Contradicts });
+        }
+        let size = reference[of_e[0]].abs();
+        let is_same = of_e.iter().all(|&i| reasons[i].is_none() && reference[i].abs() == size);
+        (size > 0.0 && is_same).then_some(FaultKind::Stuck)
+    };
+    let kinds: Vec<Option<FaultKind>> = of_electrode.iter().map(kind_of).collect();
+    let found = kinds.iter().flatten().count();
+    // more than that is another kind of file
+    if 3 * found > of_electrode.len() {
+        return Vec::new();
+    }
+    let lost = kinds.iter().enumerate().filter_map(|(e, kind)| Some((e, (*kind)?)));
+    lost.map(|(electrode, kind)| {
+        notes.push(format!("electrode {} {}", electrode + 1, kind.words()));
+        of_electrode[electrode].iter().for_each(|&i| used[i] = false);
+        ElectrodeFault { electrode, kind, since_s: 0.0 }
+    })
+    .collect()
+}
+
+/// An electrode with fewer measurements is not judged.
+const LEAST_OF_ELECTRODE: usize = 4;
 
 const DRIVEN: &str = "on current-carrying electrodes";
 const ZERO: &str = "zero, or almost, in the reference frame";

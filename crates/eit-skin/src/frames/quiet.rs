@@ -1,6 +1,7 @@
 //! Frames of the untouched skin, from which the noise is measured.
 
 use super::reference::Taken;
+use super::steady;
 use crate::error::SkinError;
 use crate::skin::Skin;
 use eit_hw::{MeasuredFrames, Quality};
@@ -54,6 +55,12 @@ pub fn find(
     if left_out > 0 {
         notes.push(format!("{left_out} quiet frames with bad values skipped"));
     }
+    let others = steady::others(values.view(), |_, _| true);
+    let kept: Vec<usize> = (0..found).filter(|f| !others.contains(f)).collect();
+    let values = match 2 * others.len() < found && kept.len() >= LEAST_FRAMES {
+        true => values.select(Axis(0), &kept),
+        false => values,
+    };
     Ok(Some(QuietFrames {
         values,
         source: format!("quiet frames {} to {}", range.start, range.end - 1),

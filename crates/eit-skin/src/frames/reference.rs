@@ -1,6 +1,6 @@
 //! The reference frame, which is subtracted: a frame, a mean, or another file.
 
-use super::{Loaded, name_of, read};
+use super::{Loaded, name_of, read, steady};
 use crate::error::SkinError;
 use crate::scene::Reference;
 use crate::skin::Skin;
@@ -22,6 +22,8 @@ pub struct Taken {
     pub frames: Measured,
     /// Whether it is the mean of the whole recording, touches included.
     pub touched: bool,
+    /// Number of frames that were not averaged, because they are of another kind than the others.
+    pub left_out: usize,
 }
 
 /// Values and their flags, both [frame, measurement].
@@ -59,12 +61,38 @@ pub fn take(skin: &Skin, loaded: &Loaded, given: Option<&Reference>) -> Result<T
         return Err(SkinError::NoSuchFrame { what: format!("reference {words}"), last });
     }
     let touched = range == (0..count);
-    let (values, good) = loaded.frames.mean_of(range.clone());
-    let frames = Measured {
-        values: loaded.frames.values.slice_axis(Axis(0), range.clone().into()).to_owned(),
-        quality: loaded.frames.quality.slice_axis(Axis(0), range.into()).to_owned(),
+    let wanted = range.len();
+    let rows = if touched { range.collect() } else { of_one_kind(&loaded.frames, range) };
+    let frames = MeasuredFrames {
+        values: loaded.frames.values.select(Axis(0), &rows),
+        quality: loaded.frames.quality.select(Axis(0), &rows),
+        unit: loaded.frames.unit,
+        device_time_s: None,
+        frequency_hz: None,
+        current_a: None,
+        phase_rad: None,
     };
-    Ok(Taken { values, good, source: words, frames, touched })
+    let (values, good) = frames.mean_of(0..rows.len());
+    let frames = Measured { values: frames.values, quality: frames.quality };
+    Ok(Taken { values, good, source: words, frames, touched, left_out: wanted - rows.len() })
+}
+
+/// Returns the frames of a range but damaged ones and those of another level, as for live frames; all of them if these are
+/// not few.
+fn of_one_kind(frames: &MeasuredFrames, range: Range<usize>) -> Vec<usize> {
+    let values = frames.values.slice_axis(Axis(0), range.clone().into());
+    let is_good = |f: usize, i: usize| frames.quality[(range.start + f, i)].is_good();
+    let others = steady::others(values, is_good);
+    let is_few = 2 * others.len() < range.len();
+    range.clone().filter(|f| !is_few || !others.contains(&(f - range.start))).collect()
+}
+
+/// Says how many frames were left out of a reference.
+pub(crate) fn left_out(count: usize) -> String {
+    let frames = if count == 1 { "frame" } else { "frames" };
+    format!(
+        "{count} {frames} left out of the reference: damaged, or of another level than the others"
+    )
 }
 
 /// Averages frames of the untouched skin.
@@ -73,7 +101,7 @@ pub fn of_quiet(frames: &MeasuredFrames) -> Taken {
     let (values, good) = frames.mean_of(0..count);
     let source = format!("the first {count} frames");
     let frames = Measured { values: frames.values.clone(), quality: frames.quality.clone() };
-    Taken { values, good, source, frames, touched: false }
+    Taken { values, good, source, frames, touched: false, left_out: 0 }
 }
 
 fn from_file(skin: &Skin, path: &Path) -> Result<Taken, SkinError> {
@@ -83,7 +111,7 @@ fn from_file(skin: &Skin, path: &Path) -> Result<Taken, SkinError> {
     let frames = if count == 1 { "1 frame".to_owned() } else { format!("mean of {count} frames") };
     let source = format!("{} ({frames})", name_of(path));
     let frames = Measured { values: other.frames.values, quality: other.frames.quality };
-    Ok(Taken { values, good, source, frames, touched: false })
+    Ok(Taken { values, good, source, frames, touched: false, left_out: 0 })
 }
 
 fn single(frame: usize) -> (Range<usize>, String) {

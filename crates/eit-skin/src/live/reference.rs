@@ -1,7 +1,7 @@
 //! The first frames of an epoch, which become its reference.
 
 use super::stream::measured;
-use crate::frames::steady;
+use crate::frames::{left_out, steady};
 use eit_hw::{Frame, Unit};
 
 /// While frames change as if the skin were touched, the reference waits up to this many times its length.
@@ -54,6 +54,11 @@ impl ReferenceFrames {
         true
     }
 
+    /// By what part of the voltages frames have changed, if the skin did not rest.
+    pub fn unrest(&self) -> Option<f64> {
+        self.unrest
+    }
+
     /// Number of frames still needed.
     pub fn left(&self) -> usize {
         self.wanted - self.frames.len()
@@ -65,10 +70,7 @@ impl ReferenceFrames {
             std::mem::replace(self, Self::new(self.wanted));
         let mut notes = Vec::new();
         if others > 0 {
-            let frames = if others == 1 { "frame" } else { "frames" };
-            notes.push(format!(
-                "{others} {frames} left out of the reference: damaged, or of another level than the others"
-            ));
+            notes.push(left_out(others));
         }
         if let Some(change) = unrest.filter(|_| came < PATIENCE * wanted) {
             notes.push(format!(

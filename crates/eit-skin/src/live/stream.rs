@@ -147,6 +147,12 @@ impl LiveStream {
         self.reference = ReferenceFrames::new(self.model.reference_frames);
     }
 
+    /// Returns by what part of the voltages frames change, if the reference waits for that reason
+    /// ([`unrest_words`](super::unrest_words)); `None` once it is taken.
+    pub fn unrest(&self) -> Option<f64> {
+        self.reference.unrest().filter(|_| self.epoch.is_none())
+    }
+
     /// Takes a frame, finds its touches and makes its image. `is_live` means that the frame arrives now, so
     /// that latency is measured.
     ///

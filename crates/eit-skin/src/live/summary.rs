@@ -26,8 +26,12 @@ pub struct Summary {
     /// Ids of those that have not ended.
     #[cfg_attr(feature = "serde", serde(skip))]
     counted: Vec<u64>,
+    /// By what part of the voltages frames changed while the reference waited, if it was still waiting at the end.
+    pub unrest: Option<f64>,
     /// Number of frames that touches do not explain ([`TouchFrame::explained`](super::TouchFrame)).
     pub not_explained: u64,
+    /// Number of frames in which the instrument repeated an old frame.
+    pub frozen: u64,
     /// How the images are made, with the weights of the last epoch.
     pub images: String,
     /// Number of frames whose U-net image did not explain the measurements, so that its input was shown.
@@ -150,6 +154,7 @@ impl Summary {
         let state = shown.images.map(LiveImages::state).unwrap_or_default();
         self.take(shown.touches, state, shown.latency_s);
         self.not_explained += u64::from(!shown.finder.is_explained());
+        self.frozen += u64::from(shown.finder.is_frozen());
         self.take_faults(shown.faults);
         remember(&mut self.image_latencies_s, self.frames, shown.image_latency_s);
     }

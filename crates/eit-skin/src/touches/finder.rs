@@ -242,7 +242,8 @@ impl TouchFinder {
         }
         let is_missing = |i: usize| monitor.is_missing(i) || waiting[i];
         reference.copy_from_slice(detector.reference_v());
-        let is_whole = (0..measurements).all(|i| !used[i] || !is_missing(i));
+        let is_whole =
+            monitor.faults().is_empty() && (0..measurements).all(|i| !used[i] || !is_missing(i));
         let step = detector.push(values, is_missing, dt_s)?;
         let faults = monitor.faults().len();
         monitor.blame(step.blamed, time_s)?;

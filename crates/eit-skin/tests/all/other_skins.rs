@@ -109,8 +109,8 @@ fn slow_slides_on_the_plate() {
     assert!(score.found >= 0.74 && score.extra <= 0.15, "{score:?}");
 }
 
-/// With two electrodes exchanged the model does not explain the reference frame: no touch is valid, and no electrode is
-/// blamed.
+/// With two electrodes exchanged the model does not explain the reference frame: no touch is valid, frames with a finger are
+/// not explained, and no electrode is blamed.
 #[test]
 fn a_wrong_order_has_no_valid_touch() {
     let plate = || Scene::load("plate-with-hole").unwrap();
@@ -132,9 +132,11 @@ fn a_wrong_order_has_no_valid_touch() {
         counts[1] += wrong.rows.len();
         counts[2] += valid(&wrong);
         assert!(wrong.faults.is_empty(), "{:?}", wrong.faults);
+        // what is not shown is told: a finger presses in half of the frames
+        assert!(wrong.not_explained.len() > 60, "{}", wrong.not_explained.len());
     }
     println!("valid with the right order, shown and valid with the wrong one: {counts:?}");
-    assert!(counts[0] > 200 && counts[1] > 0, "{counts:?}");
+    assert!(counts[0] > 200, "{counts:?}");
     assert_eq!(counts[2], 0, "{counts:?}");
 }
 

@@ -54,6 +54,7 @@ fn touches_of_a_recording_survive() {
         "steps": [{
             "rows": 104, "chi_square": 5e3, "chi_square_without": 4.9e3, "chi_square_rest": 110.0, "blamed": null
         }],
+        "not_explained": [3], "frozen": [],
         "is_missing": {"v": 1, "dim": [1, 2], "data": [true, false]}
     });
     let read: Touches = serde_json::from_value(text).unwrap();

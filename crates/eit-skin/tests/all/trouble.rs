@@ -9,11 +9,12 @@
 
 use crate::common::Bench;
 use crate::common::script::{Drawn, QUIET_FRAMES, RATE_HZ};
-use eit_skin::eit_hw::{Frame, Quality};
-use eit_skin::live::LiveModel;
+use eit_skin::eit_hw::{Frame, Quality, Unit};
+use eit_skin::live::{LiveModel, LiveStream};
 use eit_skin::ndarray::Array2;
 use eit_skin::scene::Scene;
 use eit_skin::{Progress, Sensor, Skin, TouchState};
+use std::sync::Arc;
 
 /// Where the finger of [`held`] presses.
 const AT: [f64; 2] = [0.04, 0.02];
@@ -297,4 +298,131 @@ fn a_new_reference_forgets_touches_and_continues_their_ids() {
     let mut silent = Progress::silent();
     let error = LiveModel::new(&skin, 1 << 60, &mut silent).unwrap_err().to_string();
     assert!(error.contains("there must be"), "{error}");
+}
+
+/// A frame at full scale, or too large by a factor, is reciprocal; it costs itself and nothing after it. A small factor that
+/// touches might explain is not believed either.
+#[test]
+fn a_damaged_frame_costs_itself_only() {
+    let (skin, bench) = disc();
+    let sent = frames(&held(&bench, 57));
+    let sound = found(&told(&mut skin.sensor().unwrap(), &sent));
+    let largest = sent[0].values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+    for (what, at) in
+        [("full scale", 60), ("full scale", 115), ("10", 80), ("1.3", 115), ("1.1", 115)]
+    {
+        let mut sent = sent.clone();
+        for value in &mut sent[at].values {
+            *value = match what.parse::<f64>() {
+                Ok(factor) => factor * *value,
+                Err(_) => 1.25 * largest,
+            };
+        }
+        let told = told(&mut skin.sensor().unwrap(), &sent);
+        let left: Vec<usize> = found(&told).into_iter().filter(|frame| *frame != at).collect();
+        let missing = sound.iter().filter(|frame| **frame != at && !left.contains(frame)).count();
+        assert!(missing <= 1 && others(&told) == 0, "{what} at {at}: {missing}, {}", others(&told));
+        assert!(told.iter().all(|told| told.faults.is_empty()), "{what} at {at}");
+    }
+}
+
+/// One quiet frame that repeats the one before does not hide a frozen instrument; it is told after twice the time.
+#[test]
+fn a_frozen_instrument_is_told_after_a_repeated_frame() {
+    let (skin, bench) = disc();
+    let mut sent = frames(&held(&bench, 58));
+    sent[7].values = sent[6].values.clone();
+    let old = sent[70].values.clone();
+    sent[70..].iter_mut().for_each(|frame| frame.values.clone_from(&old));
+    let told = told(&mut skin.sensor().unwrap(), &sent);
+    assert_eq!(told.iter().find(|told| told.frozen).unwrap().frame, 88);
+}
+
+/// Eight electrodes on a long skin: so few measurements that a gain fits much of any touch. No electrode is blamed for one,
+/// and nothing is shown elsewhere.
+#[test]
+fn eight_electrodes_on_a_long_skin() {
+    let text = r#"
+        [skin]
+        shape = "rectangle"
+        width_m = 0.3
+        height_m = 0.06
+        conductivity_s = 1e-5
+        [electrodes]
+        count = 8
+        width_m = 0.01
+        contact_impedance_ohm_m = 1000
+        [protocol]
+        drive = "adjacent"
+        measure = "adjacent"
+        driven_electrodes = "drop"
+        order = "rotated"
+        current_a = 1e-4
+    "#;
+    let (skin, bench) = skin(text);
+    for seed in [2, 3] {
+        let script = bench.script("tapping", seed);
+        let recording = bench.simulate(&script, seed);
+        let mut sensor = skin.sensor().unwrap();
+        let (mut seen, mut far, mut blamed) = (0, 0, 0);
+        for frame in frames(&recording.values) {
+            let Some(shown) = sensor.push(&frame).unwrap() else { continue };
+            blamed += shown.faults.len();
+            let fingers = recording.truth.iter().filter(|t| t.frame == frame.sequence as usize);
+            let places: Vec<[f64; 2]> = fingers.map(|finger| finger.position_m).collect();
+            for touch in shown.touches.iter().filter(|t| t.valid && t.state != TouchState::End) {
+                let [x, y, _] = touch.position_m;
+                let is_there = places.iter().any(|[a, b]| (x - a).hypot(y - b) < 0.03);
+                (seen, far) = (seen + usize::from(is_there), far + usize::from(!is_there));
+            }
+        }
+        println!("seed {seed}: {seen} there, {far} elsewhere, {blamed} blamed");
+        assert!(seen >= 10 && far == 0 && blamed == 0, "seed {seed}: {seen}, {far}, {blamed}");
+    }
+}
+
+/// Electrodes of which nothing comes from the start are named, and touches go on; a damaged frame does not enter the
+/// reference of a recording.
+#[test]
+fn what_is_wrong_from_the_start_is_named() {
+    let (skin, bench) = disc();
+    let recording = bench.simulate(&Drawn::new(59, 1).press(0.8..1.2).script(), 59);
+    let quadruples = skin.protocol.quadruples().unwrap().to_vec();
+    let sound = bench.touches(&recording);
+    for value in [0.0, f64::NAN, 1.25] {
+        let mut broken = recording.clone();
+        for mut row in broken.values.rows_mut() {
+            for (v, quadruple) in row.iter_mut().zip(&quadruples) {
+                if quadruple.contains(&5) {
+                    *v = value;
+                }
+            }
+        }
+        let touches = bench.touches(&broken);
+        let faulty: Vec<usize> = touches.faults.iter().map(|fault| fault.electrode).collect();
+        assert_eq!(faulty, [5], "{value}");
+        assert!(touches.rows.iter().all(|row| !row.touch.whole), "{value}");
+        assert!(touches.frames_with_touch() + 3 >= sound.frames_with_touch(), "{value}");
+    }
+    let mut damaged = recording.clone();
+    damaged.values.row_mut(3).fill(0.0);
+    let fitted = bench.fit(&damaged);
+    assert!(fitted.frames.notes.iter().any(|note| note.starts_with("1 frame left out")));
+    assert_eq!(bench.touches(&damaged).frames_with_touch(), sound.frames_with_touch());
+    assert!(sound.not_explained.is_empty() && sound.frozen.is_empty());
+}
+
+/// While the reference waits for the skin to rest, the stream says so.
+#[test]
+fn a_reference_that_waits_says_why() {
+    let (skin, bench) = disc();
+    let sent = frames(&held(&bench, 60));
+    let model = LiveModel::new(&skin, 40, &mut Progress::silent()).unwrap();
+    let mut stream =
+        LiveStream::of_unit(Arc::new(model), Unit::Volt, Some(RATE_HZ)).without_images();
+    // the finger comes within the first forty frames
+    for frame in &sent[20..62] {
+        stream.push(frame, false).unwrap();
+    }
+    assert!(stream.unrest().is_some_and(|change| change > 1e-3));
 }

@@ -31,6 +31,15 @@ const BESIDE_KNOWN: f64 = 0.1;
 /// Residual chi^2 per row above which electrodes are checked.
 pub(super) const BLAME_FROM: f64 = 5.0;
 
+/// What noise leaves of a frame (chi^2) from which on the parts above hold; below, they are smaller with its square: with
+/// few electrodes a gain fits much of anything.
+const ENOUGH: f64 = 30.0;
+
+/// Returns the factor on these parts.
+pub(super) fn share(whitening: &Whitening) -> f64 {
+    (whitening.expected() / ENOUGH).min(1.0).powi(2)
+}
+
 /// The effect of a gain of each electrode.
 #[derive(Debug, Clone)]
 pub(super) struct Gains {
@@ -97,7 +106,7 @@ impl Gains {
         residual: &[f64],
         basis: &[f64],
     ) -> Option<usize> {
-        let bar = BESIDE_KNOWN * dot(residual, residual);
+        let bar = share(whitening) * BESIDE_KNOWN * dot(residual, residual);
         let bar = bar.min(MOST_PER_ROW * whitening.present() as f64);
         let found = self.best_beside(whitening, residual, basis);
         found.filter(|(_, rest)| *rest < bar).map(|(electrode, _)| electrode)
@@ -112,10 +121,11 @@ impl Gains {
         whole: f64,
     ) -> Option<usize> {
         let (left, rows) = (search.best.rest, whitening.present() as f64);
+        let share = share(whitening);
         let is_touched = !search.best.spots.is_empty();
         if !is_touched && left > (EXPLAINED_FROM * rows).max(LEFT_BY_MEMORY * whole) {
             let [part, times] = EXPLAINED_BY;
-            let bar = (part * left).min(times * whitening.expected());
+            let bar = (share * part * left).min(times * whitening.expected());
             let found = self.best(whitening, &search.residual);
             if let Some((electrode, _)) = found.filter(|(_, rest)| *rest < bar) {
                 return Some(electrode);
@@ -129,7 +139,7 @@ impl Gains {
         let (mut blamed, mut least) = (None, 0.5 * left);
         for (residual, part) in [(&search.residual_without, of_whole), (&search.residual, of_rest)]
         {
-            let bar = least.min(part * dot(residual, residual));
+            let bar = least.min(share * part * dot(residual, residual));
             let found = self.best(whitening, residual);
             if let Some((electrode, rest)) = found.filter(|(_, rest)| *rest < bar) {
                 (least, blamed) = (rest, Some(electrode));

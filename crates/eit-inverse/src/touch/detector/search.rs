@@ -4,6 +4,7 @@
 
 use super::dictionary::Dictionary;
 use super::evidence::Evidence;
+use super::gains;
 use super::joint::remove_all;
 use super::late::Late;
 use super::least_squares::SmallSystem;
@@ -481,11 +482,15 @@ impl Search {
     /// touches. Several touches can imitate a gain, so each beyond the first must be worth its price.
     pub(super) fn is_beaten_by_gain(&self, scene: &Scene<'_>, rest: f64) -> bool {
         let evidence = Evidence::new(scene.whitening.expected(), scene.whitening.present());
+        let share = gains::share(scene.whitening);
         match self.best.spots.len() {
             0 => false,
-            1 => rest < INSTEAD * self.best.rest,
+            1 => rest < share * INSTEAD * self.best.rest,
             touches => {
                 let without = dot(&self.residual_without, &self.residual_without);
+                if share < 1.0 {
+                    return rest < share * INSTEAD * self.best.rest;
+                }
                 let is_explained = rest < MOST_PER_ROW * scene.whitening.present() as f64
                     || rest < EXPLAINED * without;
                 let price = match is_explained && rest < MOSTLY * without {

@@ -82,6 +82,7 @@ impl Bench {
 }
 
 /// Frames of a script with its truth.
+#[derive(Clone)]
 pub struct Recording {
     /// Volts, `[frame, measurement]`.
     pub values: Array2<f64>,
