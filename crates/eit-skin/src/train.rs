@@ -171,23 +171,6 @@ fn number_within(index: usize, count: usize) -> usize {
     }
 }
 
-#[cfg(test)]
-mod numbers {
-    use super::*;
-
-    /// Held-out sequences and the others are counted one after the other, so that every recording is used.
-    #[test]
-    fn sequences_are_counted_within_their_kind() {
-        for count in [1, 5, 6, 24, 25] {
-            for held_out in [false, true] {
-                let own = (0..count).filter(|&index| is_held_out(index, count) == held_out);
-                let numbers: Vec<usize> = own.map(|index| number_within(index, count)).collect();
-                assert_eq!(numbers, (0..numbers.len()).collect::<Vec<_>>(), "{count}, {held_out}");
-            }
-        }
-    }
-}
-
 /// Reads the shards to train on, and those held out.
 ///
 /// # Errors
@@ -201,4 +184,21 @@ pub fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), SkinError
         list.push(base.read(index)?);
     }
     Ok((train, held_out))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Held-out sequences and the others are counted one after the other, so that every recording is used.
+    #[test]
+    fn sequences_are_counted_within_their_kind() {
+        for count in [1, 5, 6, 24, 25] {
+            for held_out in [false, true] {
+                let own = (0..count).filter(|&index| is_held_out(index, count) == held_out);
+                let numbers: Vec<usize> = own.map(|index| number_within(index, count)).collect();
+                assert_eq!(numbers, (0..numbers.len()).collect::<Vec<_>>(), "{count}, {held_out}");
+            }
+        }
+    }
 }
