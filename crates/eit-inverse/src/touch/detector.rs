@@ -153,8 +153,6 @@ pub struct DentPlace {
 
 /// Most searches of a frame, each with what the touches found before do to electrodes.
 const PASSES: usize = 3;
-/// Frames in a row that nothing explains which reference and memory do not follow.
-const STRAY_FRAMES: usize = 3;
 
 /// Finds touches in frames: bells on the linearised model, fitted together with all other effects on the
 /// frame.
@@ -195,8 +193,6 @@ pub struct TouchDetector {
     third: Fit,
     /// Touches of the last frame that was explained.
     known: Vec<Spot>,
-    /// Number of frames in a row that nothing explained, up to the last one.
-    unexplained: usize,
     /// Touches of the first search.
     first: Fit,
     basis: Vec<f64>,
@@ -290,7 +286,6 @@ impl TouchDetector {
             other: Fit::default(),
             third: Fit::default(),
             known: Vec::with_capacity(settings.max_touches),
-            unexplained: 0,
             first: Fit::default(),
             basis: Vec::with_capacity(3 * settings.max_touches * n),
             is_joint: false,
@@ -421,17 +416,15 @@ impl TouchDetector {
         };
         let blamed = blamed.or_else(|| self.blamed_beside_known());
         self.report();
+        self.follow(dt_s);
         let of = |v: &[f64]| dot(v, v);
-        let step = DetectorStep {
+        Ok(DetectorStep {
             rows: self.whitening.present(),
             chi_square: of(&self.whitened),
             chi_square_without: of(&self.search.residual_without),
             chi_square_rest: self.search.best.rest,
             blamed,
-        };
-        self.unexplained = if step.is_explained() { 0 } else { self.unexplained + 1 };
-        self.follow(dt_s);
-        Ok(step)
+        })
     }
 
     /// Returns how much a touch at each of the given positions lowers the chi^2 of the last frame, all fitted
@@ -606,8 +599,6 @@ impl TouchDetector {
 
     /// Updates the reference and the memory.
     fn follow(&mut self, dt_s: f64) {
-        // a damaged frame must not enter reference and memory; what stays unexplained is something new
-        let is_stray = (1..=STRAY_FRAMES).contains(&self.unexplained);
         let best = &self.search.best;
         let is_touched = !best.spots.is_empty();
         self.touch_v.fill(0.0);
@@ -625,7 +616,7 @@ impl TouchDetector {
             self.whitening.explained(&self.search.residual, &mut self.work, &mut self.acted_v);
         }
         let time_s = if is_touched { self.settings.touched_s } else { self.settings.idle_s };
-        let weight = if is_stray { 0.0 } else { -(-dt_s / time_s).exp_m1() };
+        let weight = -(-dt_s / time_s).exp_m1();
         for (row, pair) in self.rows.of.iter().enumerate() {
             let explained = self.touch_v[row] + self.memory_v[row];
             let [first, second] = *pair;
@@ -641,11 +632,7 @@ impl TouchDetector {
         self.earlier.keep(&self.reference_v, is_touched, is_explained, dt_s);
         let best = &self.search.best;
         let fade = if is_touched { 0.0 } else { weight };
-        if is_stray {
-            self.touch_v.fill(0.0);
-        }
-        let spots = if is_stray { &[][..] } else { &best.spots[..] };
-        let touches = spots.iter().zip(&best.strengths).zip(&self.errors_m);
+        let touches = best.spots.iter().zip(&best.strengths).zip(&self.errors_m);
         let touches = touches.map(|((spot, strength), error_m)| (*spot, *strength, *error_m));
         self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
         self.late.take(&best.spots, &best.strengths, &self.places, &self.settings, dt_s);

@@ -58,7 +58,12 @@ pub fn find(
     let others = steady::others(values.view(), |_, _| true);
     let kept: Vec<usize> = (0..found).filter(|f| !others.contains(f)).collect();
     let values = match 2 * others.len() < found && kept.len() >= LEAST_FRAMES {
-        true => values.select(Axis(0), &kept),
+        true => {
+            if !others.is_empty() {
+                notes.push(format!("{} quiet frames of another level skipped", others.len()));
+            }
+            values.select(Axis(0), &kept)
+        }
         false => values,
     };
     Ok(Some(QuietFrames {

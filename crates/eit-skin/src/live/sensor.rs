@@ -59,7 +59,8 @@ impl<'a> From<LiveFrame<'a>> for TouchFrame<'a> {
             host_time_s: frame.host_time_s,
             touches: shown.touches,
             faults: shown.faults,
-            whole: used.all(|(i, used)| !used || !finder.is_missing(i)),
+            whole: finder.faults().is_empty()
+                && used.all(|(i, used)| !used || !finder.is_missing(i)),
             explained: finder.is_explained(),
             frozen: finder.is_frozen(),
             latency_s: shown.latency_s,
@@ -235,11 +236,12 @@ impl Sensor {
     ///
     /// The errors of [`Sensor::next`].
     pub fn next_within(&mut self, timeout: Duration) -> Result<Option<TouchFrame<'_>>, SkinError> {
-        let end = Instant::now() + timeout;
+        // not an end, which a long time would put beyond what a clock holds
+        let start = Instant::now();
         loop {
-            match self.poll(end.saturating_duration_since(Instant::now()))? {
+            match self.poll(timeout.saturating_sub(start.elapsed()))? {
                 Polled::Touches => return Ok(self.current()),
-                Polled::Nothing if Instant::now() < end => {}
+                Polled::Nothing if start.elapsed() < timeout => {}
                 Polled::Over | Polled::Nothing => return Ok(None),
             }
         }

@@ -15,6 +15,7 @@ use eit_skin::ndarray::Array2;
 use eit_skin::scene::Scene;
 use eit_skin::{Progress, Sensor, Skin, TouchState};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Where the finger of [`held`] presses.
 const AT: [f64; 2] = [0.04, 0.02];
@@ -402,6 +403,8 @@ fn what_is_wrong_from_the_start_is_named() {
         let faulty: Vec<usize> = touches.faults.iter().map(|fault| fault.electrode).collect();
         assert_eq!(faulty, [5], "{value}");
         assert!(touches.rows.iter().all(|row| !row.touch.whole), "{value}");
+        let told = told(&mut skin.sensor().unwrap(), &frames(&broken.values));
+        assert!(told.iter().all(|told| !told.whole && told.faults == [5]), "{value}");
         assert!(touches.frames_with_touch() + 3 >= sound.frames_with_touch(), "{value}");
     }
     let mut damaged = recording.clone();
@@ -425,4 +428,6 @@ fn a_reference_that_waits_says_why() {
         stream.push(frame, false).unwrap();
     }
     assert!(stream.unrest().is_some_and(|change| change > 1e-3));
+    // a sensor that frames are pushed to has no next one, however long it may wait
+    assert!(skin.sensor().unwrap().next_within(Duration::MAX).unwrap().is_none());
 }

@@ -479,18 +479,16 @@ impl Search {
     }
 
     /// Whether one electrode's gain, which leaves the residual `rest`, explains the frame better than the best
-    /// touches. Several touches can imitate a gain, so each beyond the first must be worth its price.
+    /// touches. Several touches can imitate a gain, so each beyond the first must be worth its price; with few electrodes
+    /// ([`gains::share`]) a gain imitates touches as well, and none has a price.
     pub(super) fn is_beaten_by_gain(&self, scene: &Scene<'_>, rest: f64) -> bool {
         let evidence = Evidence::new(scene.whitening.expected(), scene.whitening.present());
         let share = gains::share(scene.whitening);
         match self.best.spots.len() {
             0 => false,
-            1 => rest < share * INSTEAD * self.best.rest,
+            touches if touches == 1 || share < 1.0 => rest < share * INSTEAD * self.best.rest,
             touches => {
                 let without = dot(&self.residual_without, &self.residual_without);
-                if share < 1.0 {
-                    return rest < share * INSTEAD * self.best.rest;
-                }
                 let is_explained = rest < MOST_PER_ROW * scene.whitening.present() as f64
                     || rest < EXPLAINED * without;
                 let price = match is_explained && rest < MOSTLY * without {
