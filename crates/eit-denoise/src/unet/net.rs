@@ -74,19 +74,19 @@ impl WithSimd for Run<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Net { shape, convolutions, head, head_biases, levels, image } = self.0;
         let mut next = convolutions.chunks_exact(2);
         for level in 0..=shape.depth {
             let Some([first, second]) = next.next() else { return };
             let (above, below) = levels.split_at_mut(level + 1);
             let here = &mut above[level];
-            first.run(here.plane, &here.input, &mut here.middle);
+            first.run(simd, here.plane, &here.input, &mut here.middle);
             if let Some(below) = below.first_mut() {
-                second.run(here.plane, &here.middle, &mut here.joined);
+                second.run(simd, here.plane, &here.middle, &mut here.joined);
                 halve(here.plane, &here.joined, below.plane, &mut below.input);
             } else {
-                second.run(here.plane, &here.middle, &mut here.output);
+                second.run(simd, here.plane, &here.middle, &mut here.output);
             }
         }
         for level in (0..shape.depth).rev() {
@@ -95,8 +95,8 @@ impl WithSimd for Run<'_> {
             let (here, below) = (&mut above[level], &below[0]);
             let own = shape.channels(level) * here.plane.len();
             double(below.plane, &below.output, here.plane, &mut here.joined[own..]);
-            first.run(here.plane, &here.joined, &mut here.middle);
-            second.run(here.plane, &here.middle, &mut here.output);
+            first.run(simd, here.plane, &here.joined, &mut here.middle);
+            second.run(simd, here.plane, &here.middle, &mut here.output);
         }
         let top = &levels[0];
         let outputs = image.chunks_exact_mut(top.plane.len());
