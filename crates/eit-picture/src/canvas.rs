@@ -2,10 +2,6 @@
 
 use std::io::Write;
 
-use image::{
-    ExtendedColorType, ImageEncoder, RgbImage,
-    codecs::png::{CompressionType, FilterType, PngEncoder},
-};
 use plotters::style::text_anchor::HPos;
 
 use crate::{
@@ -27,7 +23,9 @@ pub(crate) const PALE: Rgb = [196; 3];
 /// A white page to draw on. Positions are in points from the top left, x to the right and y down.
 #[derive(Clone, Debug)]
 pub struct Canvas {
-    pixels: RgbImage,
+    size_px: [usize; 2],
+    /// Row-major from the top.
+    pixels: Vec<Rgb>,
     zoom: usize,
     font: Font,
 }
@@ -35,18 +33,18 @@ pub struct Canvas {
 impl Canvas {
     /// Creates an empty page of `width` by `height` points with `zoom` pixels per point.
     pub(crate) fn new(width: f64, height: f64, zoom: usize, font: Font) -> Self {
-        let [width, height] = [width, height].map(|s| s.ceil().max(1.0) as u32 * zoom as u32);
-        Self { pixels: RgbImage::from_pixel(width, height, image::Rgb(WHITE)), zoom, font }
+        let size_px = [width, height].map(|s| s.ceil().max(1.0) as usize * zoom);
+        Self { size_px, pixels: vec![WHITE; size_px[0] * size_px[1]], zoom, font }
     }
 
     /// Width and height in pixels.
     pub fn size_px(&self) -> [usize; 2] {
-        [self.pixels.width() as usize, self.pixels.height() as usize]
+        self.size_px
     }
 
     /// Pixels in row-major order from the top, three bytes each.
     pub fn rgb(&self) -> &[u8] {
-        self.pixels.as_raw()
+        self.pixels.as_flattened()
     }
 
     /// Pixels per point.
@@ -64,17 +62,25 @@ impl Canvas {
     /// # Errors
     /// [`PictureError::Png`] if writing to `out` fails.
     pub fn write_png(&self, out: impl Write) -> Result<(), PictureError> {
-        let (width, height) = self.pixels.dimensions();
-        PngEncoder::new_with_quality(out, CompressionType::Default, FilterType::Adaptive)
-            .write_image(self.rgb(), width, height, ExtendedColorType::Rgb8)?;
+        let [width, height] = self.size_px.map(|size| size as u32);
+        let mut encoder = png::Encoder::new(out, width, height);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_filter(png::Filter::Adaptive);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(self.rgb())?;
+        writer.finish()?;
         Ok(())
     }
 
     /// Blends `color` into a pixel with `opacity` from 0 to 1; does nothing outside the page.
     pub(crate) fn blend(&mut self, x: i64, y: i64, color: Rgb, opacity: f64) {
-        let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else { return };
-        let Some(pixel) = self.pixels.get_pixel_mut_checked(x, y) else { return };
-        for (old, new) in pixel.0.iter_mut().zip(color) {
+        let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
+        let [width, height] = self.size_px;
+        if x >= width || y >= height {
+            return;
+        }
+        for (old, new) in self.pixels[y * width + x].iter_mut().zip(color) {
             let mixed = f64::from(*old) + opacity * (f64::from(new) - f64::from(*old));
             *old = mixed.round() as u8;
         }

@@ -119,7 +119,7 @@ pub enum PictureError {
     Font,
     /// The PNG could not be written.
     #[error("cannot write the PNG: {0}")]
-    Png(#[from] image::ImageError),
+    Png(#[from] png::EncodingError),
     /// The GIF could not be written.
     #[error("cannot write the GIF: {0}")]
     Gif(#[from] gif::EncodingError),
