@@ -16,7 +16,7 @@ use std::time::Duration;
 
 /// Watches until the end of the recording, Ctrl-C or enough frames.
 pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> {
-    super::check_frames(args.watch.frames)?;
+    super::check_watch(&args.watch)?;
     let publisher = publish::open(&args.watch.publish, is_json, false)?;
     let scene = Scene::load(&args.scene)?;
     let mut progress = progress::terminal();
