@@ -29,6 +29,19 @@ pub enum SkinError {
         /// Allowed values.
         must: &'static str,
     },
+    /// A length that no skin has, most likely one in millimetres.
+    #[error(
+        "{key} is {value_m}: lengths are in metres, of which a skin has at most {most_m}; {value_m} looks like \
+         millimetres, which are {} metres", value_m / 1e3
+    )]
+    NotMetres {
+        /// Key of the scene, with the place in a list.
+        key: String,
+        /// Its value.
+        value_m: f64,
+        /// Largest length of a skin, metres.
+        most_m: f64,
+    },
     /// Two settings that exclude each other.
     #[error("{one} and {other} exclude each other: keep one")]
     Exclusive {

@@ -1,5 +1,6 @@
 //! Where a skin's mesh comes from.
 
+use super::check::check_length;
 use crate::error::SkinError;
 use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, RimElectrodes, SkinShape};
 use std::path::{Path, PathBuf};
@@ -151,6 +152,9 @@ impl MeshSource {
         // a file that cannot be read is invalid input, unlike one that cannot be written
         let (mesh, repairs) =
             eit_mesh::read_mesh(path, scale_m).map_err(|e| SkinError::input(e.to_string()))?;
+        let key = || format!("{}: a coordinate times skin.scale_m", path.display());
+        let coordinates_m = mesh.surface().nodes().iter().flatten();
+        check_length(key, coordinates_m.fold(0.0, |most: f64, part| most.max(part.abs())))?;
         let notes = repairs.notes().into_iter().map(|n| format!("{}: {n}", path.display()));
         let notes = notes.collect();
         if electrodes.is_empty() {
