@@ -90,7 +90,7 @@ impl MeshSource {
     /// A mesh file, whose nodes are fixed; electrodes that do not fit their rim.
     pub fn with_nodes(&self, nodes: usize) -> Result<Self, SkinError> {
         let Self::Generated { shape, electrodes, base, .. } = self else {
-            return Err(SkinError::input("--nodes is for generated meshes, not for files"));
+            return Err(SkinError::argument("nodes", "a mesh file has the nodes that it has"));
         };
         let settings = match electrodes {
             ElectrodeSource::Rim(rim) => base.for_nodes(shape, rim, nodes)?,

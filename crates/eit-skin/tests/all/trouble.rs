@@ -415,6 +415,22 @@ fn what_is_wrong_from_the_start_is_named() {
     assert!(sound.not_explained.is_empty() && sound.frozen.is_empty());
 }
 
+/// A program without a command line reads of arguments and settings, not of options that it does not have; one with options
+/// can name them.
+#[test]
+fn errors_name_arguments_and_no_options() {
+    let (skin, _) = disc();
+    let error = skin.read_frames(&[], None).unwrap_err();
+    let problem = "no frames: give their files, or set [recording] file in the scene";
+    assert_eq!(error.as_argument(), Some(("frames", problem)));
+    assert_eq!(error.to_string(), format!("frames: {problem}"));
+    let error = eit_skin::method::choose(&skin.settings, Some("best"), None).unwrap_err();
+    assert!(error.to_string().starts_with("method: \"best\": the methods are"), "{error}");
+    let error = error.within("a.toml");
+    assert_eq!(error.as_argument().map(|(name, _)| name), Some("method"));
+    assert_eq!(eit_skin::SkinError::input("x").as_argument(), None);
+}
+
 /// While the reference waits for the skin to rest, the stream says so.
 #[test]
 fn a_reference_that_waits_says_why() {
