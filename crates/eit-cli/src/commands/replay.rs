@@ -39,8 +39,8 @@ pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> 
     } else {
         (model.watch(&mut replay, false, &mut viewer), replay.statistics())
     };
-    let files = viewer.finish()?;
-    let answer = answer(&name, &summary?, &statistics, &files);
+    let (files, told) = viewer.finish()?;
+    let answer = answer(&name, &summary?, &statistics, &files, &told);
     Ok(publish::told(&args.watch.publish, answer))
 }
 
