@@ -134,6 +134,7 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     let of_frames = notes.len();
     notes.extend(frames.notes.iter().cloned());
     let told = if is_told { notes.len() } else { of_frames };
+    notes.extend(found.as_ref().and_then(|_| frames.rate_note()));
     notes.extend(linearised.warning.clone());
     notes.extend(made.notes.clone());
 

@@ -219,12 +219,16 @@ fn convert_does_not_write_over_what_it_reads() {
     assert_eq!(std::fs::read(&table).unwrap(), b"1,2,3\n4,5,6\n");
 }
 
-/// A table is no recording: the command that makes one of it is named, and works.
+/// A table is no recording: the command that makes one of it is named, and works. Where its frames have no times, the
+/// assumed rate is told once, by whatever command reads it, and not where it is stated.
 #[test]
 fn a_table_is_replayed_after_the_command_that_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let plain = common::write_scene(folder.path(), common::SMALL);
+    let stated = path("stated.toml");
+    let rate = "[recording]\nframe_rate_hz = 50.0\n[mesh]";
+    std::fs::write(&stated, common::SMALL.replace("[mesh]", rate)).unwrap();
     let (array, _) = common::touched_frames(folder.path(), &plain);
     let [table, recording] = ["press.csv", "press.mcap"].map(path);
     succeed(&["convert", text(&array), "--out", text(&table)]);
@@ -253,6 +257,17 @@ fn a_table_is_replayed_after_the_command_that_is_named() {
     for arguments in [words(&reconstruct(&plain, &timed)), words(&convert.map(str::to_owned))] {
         let said = common::refuse(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
         assert!(said.contains("remove that column"), "{said}");
+    }
+
+    for (scene, told) in [(&plain, 1), (&stated, 0)] {
+        let replay = ["replay", text(scene), "--from", text(&recording)].map(str::to_owned);
+        for arguments in [words(&reconstruct(scene, &table)), words(&replay)] {
+            let output = eit(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+            let said = String::from_utf8(output.stdout.clone()).unwrap() + &stderr(&output);
+            assert!(output.status.success(), "{arguments:?}: {said}");
+            let notes = said.matches("20 frames a second; if it is another one").count();
+            assert_eq!(notes, told, "{arguments:?}: {said}");
+        }
     }
 }
 

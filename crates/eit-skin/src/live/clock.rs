@@ -1,9 +1,8 @@
 //! Time stamps of frames.
 
+use crate::touches::DEFAULT_RATE_HZ;
 use eit_hw::Frame;
 
-/// Assumed frame rate if neither the instrument nor a clock tells, hertz.
-const DEFAULT_RATE_HZ: f64 = 20.0;
 /// Range of measured frame rates that are believed, hertz: a clock that jumps gives others.
 const RATES_HZ: std::ops::RangeInclusive<f64> = 1e-4..=1e6;
 /// Longest time between two frames that is believed, seconds: 11 days.
@@ -16,6 +15,8 @@ const MAX_S: f64 = 1e12;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clock {
     pub rate_hz: f64,
+    /// Whether that rate is assumed, as neither the instrument nor a clock tells.
+    pub is_assumed: bool,
     first_host_s: Option<f64>,
     /// Added to each time since a clock jumped ahead.
     offset_s: f64,
@@ -30,6 +31,7 @@ impl Clock {
         let first_host_s = quiet.first().and_then(|frame| frame.host_time_s);
         let mut clock = Self {
             rate_hz: DEFAULT_RATE_HZ,
+            is_assumed: true,
             first_host_s,
             offset_s: 0.0,
             last_s: f64::NEG_INFINITY,
@@ -62,7 +64,8 @@ impl Clock {
 
     /// Takes the stated frame rate, else that of these frames.
     fn set_rate(&mut self, stated_hz: Option<f64>, quiet: &[Frame]) {
-        self.rate_hz = stated_hz.unwrap_or(DEFAULT_RATE_HZ);
+        (self.rate_hz, self.is_assumed) =
+            (stated_hz.unwrap_or(DEFAULT_RATE_HZ), stated_hz.is_none());
         if let (None, [first, .., last]) = (stated_hz, quiet)
             && let (Some(first_s), Some(last_s)) = (self.read_s(first), self.read_s(last))
         {
@@ -70,7 +73,7 @@ impl Clock {
             let steps = last.sequence.saturating_sub(first.sequence) as f64;
             let rate_hz = steps / span_s;
             if RATES_HZ.contains(&rate_hz) {
-                self.rate_hz = rate_hz;
+                (self.rate_hz, self.is_assumed) = (rate_hz, false);
             }
         }
     }
@@ -147,6 +150,7 @@ mod tests {
             let next_s = clock.next_s(&frame(k, time_s));
             assert!(k == 50 || (next_s - time_s).abs() < 1e-9, "{k}: {next_s}");
         }
+        assert!(!Clock::new(None, &quiet).is_assumed && !Clock::new(Some(20.0), &[]).is_assumed);
         // a jump within the first frames does not make the rate
         let jump = [frame(0, 0.0), frame(1, 1e308)];
         assert!(RATES_HZ.contains(&Clock::new(None, &jump).rate_hz));
@@ -191,6 +195,9 @@ mod tests {
         near(by([Some(3.0), Some(8.19)], host, [0, 0]), 5.0);
         near(by([Some(3.0), Some(0.0)], host, [0, 0]), 5.0);
         near(by([Some(3.0), Some(0.0)], none, [0, 0]), 0.01);
+        // numbers are no clock
+        let numbered = [at(0, None, None), at(1, None, None)];
+        assert!(Clock::new(None, &numbered).is_assumed);
         near(by(none, none, [7, 0]), 1.0 / DEFAULT_RATE_HZ);
         near(by(none, none, [0, 40]), 21.0 / DEFAULT_RATE_HZ);
         // this computer's clock was set back meanwhile

@@ -6,7 +6,7 @@ use super::{LiveImages, LiveModel};
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;
 use crate::progress::Progress;
-use crate::touches::TouchFinder;
+use crate::touches::{TouchFinder, assumed_rate_words};
 use eit_hw::driver::Setup;
 use eit_hw::{Frame, MeasuredFrames, Unit};
 use eit_inverse::touch::Touch;
@@ -319,7 +319,12 @@ impl LiveStream {
             true => Some(LiveImages::new(&self.model, &fitted)?),
             false => None,
         };
-        Ok(Epoch { notes: fitted.frames.notes, finder, images, clock })
+        let mut notes = fitted.frames.notes;
+        // later epochs have the rate of the first
+        if clock.is_assumed && self.clock.is_none() {
+            notes.push(assumed_rate_words());
+        }
+        Ok(Epoch { notes, finder, images, clock })
     }
 }
 
