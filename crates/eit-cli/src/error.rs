@@ -50,10 +50,21 @@ impl CliError {
 impl From<ReportError> for CliError {
     fn from(error: ReportError) -> Self {
         match error.is_input() {
-            true => Self::Input(error.to_string()),
+            true => Self::Input(with_option(&error)),
             false => Self::Failure(error.to_string()),
         }
     }
+}
+
+/// Words of an error, in which an argument of a function is the option that it comes from: `usual_tips` is
+/// `--usual-tips`.
+fn with_option(error: &ReportError) -> String {
+    let words = error.to_string();
+    let ReportError::Skin(skin) = error else { return words };
+    let Some((name, problem)) = skin.as_argument() else { return words };
+    // the place comes first
+    let place = words.strip_suffix(&format!("{name}: {problem}")).unwrap_or_default();
+    format!("{place}--{}: {problem}", name.replace('_', "-"))
 }
 
 impl From<eit_publish::PublishError> for CliError {

@@ -88,8 +88,8 @@ pub fn run(args: &SimulateSettings, progress: &mut Progress) -> Result<Answer, R
 }
 
 /// A path as it can be pasted into a shell.
-fn pasted(path: &Path) -> String {
-    let text = path.display().to_string();
+pub fn pasted(path: impl AsRef<Path>) -> String {
+    let text = path.as_ref().display().to_string();
     let is_plain = |c: char| c.is_alphanumeric() || "/._-+:\\".contains(c);
     match text.chars().all(is_plain) {
         true => text,

@@ -109,8 +109,14 @@ pub fn record_of(shown: &LiveFrame<'_>) -> TouchesRecord {
     }
 }
 
-/// Summarises a run as text and JSON.
-pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&str]) -> Answer {
+/// Summarises a run as text and JSON. Notices that the user was told already (`told`) are left out of the text.
+pub fn answer(
+    name: &str,
+    summary: &Summary,
+    statistics: &Statistics,
+    files: &[&str],
+    told: &[String],
+) -> Answer {
     let rate_hz = summary.frame_rate_hz();
     let touches_s = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));
     let images_s = [0.5, 0.95, 1.0].map(|share| summary.image_latency_s(share));
@@ -161,7 +167,7 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
     if !summary.images.is_empty() {
         text += &format!("\nimages: {}", summary.images_words());
     }
-    for notice in summary.notices.iter().take(20) {
+    for notice in summary.notices.iter().filter(|notice| !told.contains(notice)).take(20) {
         text += &format!("\nnotice: {notice}");
     }
     let json = json!({

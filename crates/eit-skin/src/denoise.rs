@@ -97,7 +97,7 @@ impl Net {
         let is_of_this_skin = fits.is_ok();
         if !any_skin {
             fits.map_err(|e| {
-                let how = "with --any-skin, or any_skin = true in [denoise]";
+                let how = "with any_skin (any_skin = true in [denoise])";
                 SkinError::input(format!("{name}: {e} {how}"))
             })?;
         }

@@ -231,7 +231,7 @@ fn sciospec(
     mut played: Played,
 ) -> Result<Box<dyn Device>, SkinError> {
     let number = serial.parse().map_err(|_| {
-        SkinError::input(format!("--serial {serial}: a Sciospec serial number is 0 to 65535"))
+        SkinError::argument("serial", format!("{serial}: a Sciospec serial number is 0 to 65535"))
     })?;
     let DriverKind::Sciospec(settings) = &instrument.kind else {
         return Err(SkinError::Failure("no settings of a Sciospec instrument".to_owned()));

@@ -29,6 +29,27 @@ pub enum SkinError {
         /// Allowed values.
         must: &'static str,
     },
+    /// A length that no skin has, most likely one in millimetres.
+    #[error(
+        "{key} is {value_m}: lengths are in metres, of which a skin has at most {most_m}; {value_m} looks like \
+         millimetres, which are {} metres", value_m / 1e3
+    )]
+    NotMetres {
+        /// Key of the scene, with the place in a list.
+        key: String,
+        /// Its value.
+        value_m: f64,
+        /// Largest length of a skin, metres.
+        most_m: f64,
+    },
+    /// An argument of the caller, or a field of its settings, that is missing or invalid.
+    #[error("{name}: {problem}")]
+    Argument {
+        /// Its name in the function or the settings; an option of a command line has the same, with dashes.
+        name: &'static str,
+        /// What is wrong with it, and how to fix it.
+        problem: String,
+    },
     /// Two settings that exclude each other.
     #[error("{one} and {other} exclude each other: keep one")]
     Exclusive {
@@ -171,6 +192,21 @@ impl SkinError {
     /// Creates an error for invalid input.
     pub fn input(message: impl Into<String>) -> Self {
         Self::Input(message.into())
+    }
+
+    /// Creates an error for an argument of the caller.
+    pub(crate) fn argument(name: &'static str, problem: impl Into<String>) -> Self {
+        Self::Argument { name, problem: problem.into() }
+    }
+
+    /// Returns the argument of the caller that is at fault, if it is one, and what is wrong with it, so that a program can
+    /// name its own option.
+    pub fn as_argument(&self) -> Option<(&'static str, &str)> {
+        match self {
+            Self::Argument { name, problem } => Some((name, problem)),
+            Self::Within { source, .. } => source.as_argument(),
+            _ => None,
+        }
     }
 
     /// Rejects a list that does not have one value per measurement.

@@ -68,9 +68,13 @@ impl Method {
     /// An unknown name, with the known ones.
     pub fn parse(key: &str, name: &str) -> Result<Self, SkinError> {
         Self::ALL.into_iter().find(|m| m.name() == name).ok_or_else(|| {
-            let names = Self::ALL.map(|m| format!("\"{}\"", m.name())).join(", ");
-            SkinError::input(format!("{key} = \"{name}\": the methods are {names}"))
+            SkinError::input(format!("{key} = \"{name}\": the methods are {}", Self::names()))
         })
+    }
+
+    /// The known names, for messages.
+    fn names() -> String {
+        Self::ALL.map(|m| format!("\"{}\"", m.name())).join(", ")
     }
 }
 
@@ -105,7 +109,14 @@ pub fn choose(
         Ok(MethodChoice { method, why })
     };
     if let Some(name) = flag {
-        return taken(Method::parse("--method", name)?, "requested");
+        let method = Method::ALL.into_iter().find(|method| method.name() == name);
+        let method = method.ok_or_else(|| {
+            SkinError::argument(
+                "method",
+                format!("\"{name}\": the methods are {}", Method::names()),
+            )
+        })?;
+        return taken(method, "requested");
     }
     if let Some(name) = &keys.method {
         let why = match keys.is_chosen_in_time {

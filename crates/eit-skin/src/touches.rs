@@ -17,8 +17,16 @@ use crate::progress::Progress;
 use eit_inverse::touch::{DetectorStep, Touch, TouchState};
 use ndarray::Array2;
 
-/// Default frame rate, hertz.
+/// Frame rate that is assumed where none is known, hertz.
 pub(crate) const DEFAULT_RATE_HZ: f64 = 20.0;
+
+/// Says that a frame rate is assumed: times and velocities of touches depend on it.
+pub(crate) fn assumed_rate_words() -> String {
+    format!(
+        "neither the scene nor the recording states the frame rate: times and velocities of touches are those of \
+         {DEFAULT_RATE_HZ} frames a second; if it is another one, set [recording] frame_rate_hz"
+    )
+}
 
 /// A touch in a frame.
 #[derive(Debug, Clone, Copy)]
@@ -112,6 +120,13 @@ impl Touches {
             marks[*frame].push([touch.position_m[0], touch.position_m[1]]);
         }
         marks
+    }
+}
+
+impl Frames {
+    /// Returns a note for the user if touches of these frames rest on an assumed frame rate ([`Touches::rate_hz`]).
+    pub fn rate_note(&self) -> Option<String> {
+        (self.rate_hz.is_none() && self.values.nrows() > 1).then(assumed_rate_words)
     }
 }
 

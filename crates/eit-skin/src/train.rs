@@ -70,23 +70,25 @@ impl BaseRequest {
     /// Settings that exclude each other, or fewer than two sequences.
     pub fn validate(&self) -> Result<(), SkinError> {
         if !self.recording.is_empty() && self.fingers.is_some() {
-            return Err(SkinError::input("--fingers: a recording has the fingers that it has"));
+            return Err(SkinError::argument("fingers", "a recording has the fingers that it has"));
         }
         if self.script.is_some() && self.fingers.is_some() {
-            return Err(SkinError::input(
-                "--fingers: a built-in script has the fingers that it has",
+            return Err(SkinError::argument(
+                "fingers",
+                "a built-in script has the fingers that it has",
             ));
         }
         if !(0.0..=1.0).contains(&self.usual_tips) {
-            return Err(SkinError::input(format!("--usual-tips {}: 0 to 1", self.usual_tips)));
+            return Err(SkinError::argument("usual_tips", format!("{}: 0 to 1", self.usual_tips)));
         }
         if self.usual_tips > 0.0 && (self.script.is_some() || !self.recording.is_empty()) {
-            return Err(SkinError::input(
-                "--usual-tips: a built-in script and a recording have the tips that they have",
+            return Err(SkinError::argument(
+                "usual_tips",
+                "a built-in script and a recording have the tips that they have",
             ));
         }
         if self.sequences < 2 {
-            return Err(SkinError::input("--sequences: at least 2, as one is held out"));
+            return Err(SkinError::argument("sequences", "at least 2, as one is held out"));
         }
         Ok(())
     }

@@ -218,7 +218,7 @@ pub(crate) struct RecordArgs {
 pub(crate) struct ReplayArgs {
     /// Scene file or built-in scene.
     pub scene: String,
-    /// Recording to play: F.mcap.
+    /// Recording to play: F.mcap; `eit convert` makes one of other formats.
     #[arg(long, value_name = "F.mcap")]
     pub from: PathBuf,
     /// How the skin is watched.

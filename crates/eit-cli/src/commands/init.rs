@@ -57,18 +57,18 @@ struct Found {
 
 /// Rejects invalid numbers before asking anything.
 fn check(args: &InitArgs) -> Result<(), CliError> {
-    // a smaller skin is a slip of unit; anything is possible in a scene file
+    // a smaller skin is a slip of unit, though possible in a scene file; a larger one is none of a scene file either
     let ranges = [
-        ("--radius-mm", args.radius_mm, 1.0),
-        ("--width-mm", args.width_mm, 1.0),
-        ("--height-mm", args.height_mm, 1.0),
-        ("--electrode-width-mm", args.electrode_width_mm, 0.01),
-        ("--listen-s", Some(args.listen_s), 0.1),
-        ("--press-wait-s", Some(args.press_wait_s), 0.1),
+        ("--radius-mm", args.radius_mm, 1.0, 1e4),
+        ("--width-mm", args.width_mm, 1.0, 1e4),
+        ("--height-mm", args.height_mm, 1.0, 1e4),
+        ("--electrode-width-mm", args.electrode_width_mm, 0.01, 1e4),
+        ("--listen-s", Some(args.listen_s), 0.1, 1e5),
+        ("--press-wait-s", Some(args.press_wait_s), 0.1, 1e5),
     ];
-    for (name, value, least) in ranges {
-        if let Some(value) = value.filter(|value| !(least..=1e5).contains(value)) {
-            let message = format!("{name} {value}: it must be from {least} to 100000");
+    for (name, value, least, most) in ranges {
+        if let Some(value) = value.filter(|value| !(least..=most).contains(value)) {
+            let message = format!("{name} {value}: it must be from {least} to {most}");
             return Err(CliError::input(message));
         }
     }

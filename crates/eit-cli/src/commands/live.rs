@@ -22,7 +22,10 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     if recorded.is_split() && args.record.is_none() {
         return Err(CliError::input("--split-mb and --split-s need --record F.mcap"));
     }
-    super::check_frames(args.watch.frames)?;
+    super::check_watch(&args.watch)?;
+    if let Some(place) = &args.record {
+        super::check_ending_of("--record", place, &["mcap"])?;
+    }
     let publisher = publish::open(&args.watch.publish, is_json, true)?;
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
@@ -55,7 +58,8 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     // report first what stopped the view: a writer that failed fails again
     let files = viewer.finish();
     let summary = summary?;
-    let mut answer = answer(&name, &summary, &statistics, &files?);
+    let (files, told) = files?;
+    let mut answer = answer(&name, &summary, &statistics, &files, &told);
     let no_data = NoData::of(session.setup(), &statistics, summary.frame_rate_hz(), ended_silent);
     answer.text += &no_data.words().replacen("; ", "\n", 1);
     no_data.add_to(&mut answer.json);

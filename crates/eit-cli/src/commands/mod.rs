@@ -42,6 +42,7 @@ pub(crate) mod train;
 mod view;
 mod viewer;
 
+use crate::cli::WatchArgs;
 use crate::error::CliError;
 use std::path::Path;
 
@@ -77,12 +78,26 @@ fn check_frames(frames: Option<u64>) -> Result<(), CliError> {
     }
 }
 
-/// Rejects a file name extension that the command does not write.
+/// Rejects a file name extension of `--out` that the command does not write.
 fn check_ending(path: &Path, known: &[&str]) -> Result<String, CliError> {
+    check_ending_of("--out", path, known)
+}
+
+/// Rejects a file name extension of an option that the command does not write.
+fn check_ending_of(option: &str, path: &Path, known: &[&str]) -> Result<String, CliError> {
     let found = ending(path);
     if known.contains(&found.as_str()) {
         return Ok(found);
     }
-    let message = format!("{}: --out must end in .{}", path.display(), known.join(" or ."));
+    let message = format!("{}: {option} must end in .{}", path.display(), known.join(" or ."));
     Err(CliError::input(message))
+}
+
+/// Rejects arguments of `eit live` and `eit replay` that need no scene, before any work.
+fn check_watch(args: &WatchArgs) -> Result<(), CliError> {
+    check_frames(args.frames)?;
+    // the picture is always PNG, which another name would hide
+    args.picture
+        .iter()
+        .try_for_each(|picture| check_ending_of("--picture", picture, &["png"]).map(|_format| ()))
 }

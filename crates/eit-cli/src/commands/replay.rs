@@ -7,7 +7,10 @@ use crate::error::CliError;
 use crate::progress;
 use eit_hw::Frame;
 use eit_hw::HwError;
+use eit_hw::capture;
 use eit_hw::driver::{Event, FrameSource, Pace, Replay, Setup, Statistics};
+use eit_report::output::ending;
+use eit_report::simulated::pasted;
 use eit_report::watched::answer;
 use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
 use eit_skin::scene::{Reference, Scene};
@@ -16,7 +19,8 @@ use std::time::Duration;
 
 /// Watches until the end of the recording, Ctrl-C or enough frames.
 pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> {
-    super::check_frames(args.watch.frames)?;
+    super::check_watch(&args.watch)?;
+    check_recording(args)?;
     let publisher = publish::open(&args.watch.publish, is_json, false)?;
     let scene = Scene::load(&args.scene)?;
     let mut progress = progress::terminal();
@@ -39,9 +43,29 @@ pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> 
     } else {
         (model.watch(&mut replay, false, &mut viewer), replay.statistics())
     };
-    let files = viewer.finish()?;
-    let answer = answer(&name, &summary?, &statistics, &files);
+    let (files, told) = viewer.finish()?;
+    let answer = answer(&name, &summary?, &statistics, &files, &told);
     Ok(publish::told(&args.watch.publish, answer))
+}
+
+/// Rejects files of other formats, and names the command that makes a recording of them. A file that is missing, empty or
+/// cannot be read is told when it is opened.
+fn check_recording(args: &ReplayArgs) -> Result<(), CliError> {
+    let place = &args.from;
+    let is_table = || {
+        let has_content = place.metadata().is_ok_and(|data| data.len() > 0);
+        has_content && ending(place) != "mcap" && matches!(capture::is_recording(place), Ok(false))
+    };
+    if !place.is_dir() && !is_table() {
+        return Ok(());
+    }
+    let (from, scene) = (pasted(place), pasted(&args.scene));
+    let to = pasted(place.with_extension("mcap"));
+    Err(CliError::input(format!(
+        "{}: `eit replay` plays recordings, F.mcap, and this is none: make one with `eit convert {from} --scene {scene} \
+         --out {to}`, and if its frames have no times, state [recording] frame_rate_hz in the scene",
+        place.display()
+    )))
 }
 
 /// A replay that waits for a line on stdin before each frame, until stdin ends.

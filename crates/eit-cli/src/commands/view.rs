@@ -22,6 +22,8 @@ const TERMINAL_EVERY: Duration = Duration::from_millis(100);
 const TOLD_SILENCE: Duration = Duration::from_millis(500);
 /// Width of the image on a terminal, in characters; a line shows two image rows.
 const COLUMNS: usize = 44;
+/// Most notes that are remembered, as many as a summary has.
+const MOST_TOLD: usize = 100;
 /// The colour range: the largest value over this many frames, and at least this multiple of the weakest
 /// touch, so that noise stays pale.
 const RANGE_FRAMES: usize = 50;
@@ -109,6 +111,8 @@ pub(crate) struct Terminal {
     lost: u64,
     /// Text shown last.
     shown: String,
+    /// The first notes that were printed on stderr.
+    told: Vec<String>,
 }
 
 impl Terminal {
@@ -117,7 +121,7 @@ impl Terminal {
         use std::io::IsTerminal as _;
         let is_on = is_wanted && std::io::stdout().is_terminal();
         let (range, arrivals, shown) = (Range::default(), VecDeque::new(), String::new());
-        Self { is_on, range, last: None, arrivals, lost: 0, shown }
+        Self { is_on, range, last: None, arrivals, lost: 0, shown, told: Vec::new() }
     }
 
     /// Returns whether it shows anything.
@@ -137,11 +141,20 @@ impl Terminal {
         if !self.is_on {
             if !terminal::is_quiet() {
                 eprintln!("eit: note: {}", printable(words));
+                // a broken line repeats the same note all day, and the summary has the first ones only
+                if self.told.len() < MOST_TOLD && !self.told.iter().any(|told| told == words) {
+                    self.told.push(words.to_owned());
+                }
             }
             return;
         }
         let text = format!("{}{}\n", self.shown, printable(words));
         self.say(&text);
+    }
+
+    /// Returns the notes that were printed and stay: the summary need not repeat them.
+    pub fn told(&self) -> &[String] {
+        &self.told
     }
 
     /// Counts lost frames, which the view shows.

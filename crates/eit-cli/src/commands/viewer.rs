@@ -116,8 +116,9 @@ impl<'a> Viewer<'a> {
         self.terminal.is_on() || is_kept || self.publisher.is_none()
     }
 
-    /// Finishes the recording and writes what was stored; returns the names of the files.
-    pub fn finish(self) -> Result<Vec<&'static str>, CliError> {
+    /// Finishes the recording and writes what was stored; returns the names of the files, and the notes that were printed.
+    pub fn finish(self) -> Result<(Vec<&'static str>, Vec<String>), CliError> {
+        let told = self.terminal.told().to_vec();
         if let (Some(mut recorder), Some(publisher)) = (self.recorder, &self.publisher) {
             recorder.stop(publisher)?;
         }
@@ -127,7 +128,7 @@ impl<'a> Viewer<'a> {
         if let Some(writer) = self.writer {
             writer.finish()?;
         }
-        Ok(self.kept.map_or(Ok(Vec::new()), Kept::finish)?)
+        Ok((self.kept.map_or(Ok(Vec::new()), Kept::finish)?, told))
     }
 }
 

@@ -17,6 +17,19 @@ fn broken(from: &str, to: &str) -> String {
 fn scenes_that_cannot_be() {
     let cases = [
         ("radius_m = 0.1", "radius_m = 0.0", "radius"),
+        ("radius_m = 0.1", "radius_m = 100.0", "skin.radius_m is 100: lengths are in metres"),
+        (
+            "shape = \"disc\"\nradius_m = 0.1",
+            "shape = \"polygon\"\noutline = [[0, 0], [200, 0], [200, 100], [0, 100]]",
+            "skin.outline, corner 2 is 200: lengths are in metres, of which a skin has at most 10; 200 looks like \
+             millimetres, which are 0.2 metres",
+        ),
+        (
+            "shape = \"disc\"\nradius_m = 0.1",
+            "shape = \"polygon\"\noutline = [[0, 0], [0.2, 0], [0.2, 0.1], [0, 0.1]]\nholes = [[[50, 50], \
+             [60, 50], [60, 60]]]",
+            "skin.holes, hole 1, corner 1 is 50: lengths are in metres",
+        ),
         ("radius_m = 0.1", "radius_m = -1.0", "-1"),
         ("radius_m = 0.1", "radius_m = nan", "NaN"),
         ("radius_m = 0.1", "", "skin.radius_m is missing"),

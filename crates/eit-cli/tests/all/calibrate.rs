@@ -118,7 +118,10 @@ fn frames_that_do_not_fit_are_refused() {
     let scene = succeed(&["plan", "paper-disc", "--print-scene"]);
     let path = write_scene(folder.path(), &scene);
     let says = refuse(&["calibrate", text(&path)]);
-    assert!(says.contains("no frames: give --frames F"), "{says}");
+    assert!(
+        says.contains("--frames: no frames: give their files, or set [recording] file"),
+        "{says}"
+    );
     let short = folder.path().join("short.csv");
     std::fs::write(&short, "1.0,2.0,3.0\n").unwrap();
     let says = refuse(&["calibrate", text(&path), "--frames", text(&short)]);

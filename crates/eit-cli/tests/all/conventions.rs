@@ -59,6 +59,41 @@ fn stages_are_timed_or_nothing_is_said() {
     assert!(refuse(&["plan", "paper-disc", "-q", "-v"]).contains("cannot be used with"));
 }
 
+/// What was told on stderr while the work went on is not told again with the result: here that the electrodes are in
+/// another order. The report has every note.
+#[test]
+fn a_note_is_told_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let content = SMALL.replace("[protocol]", "[protocol]\ncheck_order = false");
+    let scene = write_scene(folder.path(), &content);
+    let (frames, out) = (folder.path().join("f.csv"), folder.path().join("out"));
+    let row = |r: usize| (0..40).map(|i| format!("{}", 1 + (7 * i + r) % 11)).collect::<Vec<_>>();
+    let rows: Vec<String> = (0..12).map(|r| row(r % 3).join(",")).collect();
+    std::fs::write(&frames, rows.join("\n") + "\n").unwrap();
+    let output = eit(&[
+        "reconstruct",
+        text(&scene),
+        "--frames",
+        text(&frames),
+        "--reference",
+        "0..10",
+        "--method",
+        "gauss-newton",
+        "--out",
+        text(&out),
+    ]);
+    let [said, noted] = [output.stdout, output.stderr].map(|b| String::from_utf8(b).unwrap());
+    assert!(output.status.success(), "{noted}");
+    let words = "explains the reference poorly";
+    assert_eq!(
+        (said.matches(words).count(), noted.matches(words).count()),
+        (0, 1),
+        "{said}{noted}"
+    );
+    let report = std::fs::read_to_string(out.join("report.json")).unwrap();
+    assert_eq!(report.matches(words).count(), 1, "{report}");
+}
+
 /// Options of eit.toml count for their command and only for scenes beside it; those given win; mistakes are named.
 #[test]
 fn options_stand_beside_the_scene() {

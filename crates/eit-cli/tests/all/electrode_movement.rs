@@ -149,7 +149,8 @@ fn a_stream_of_frames_loses_what_electrodes_leave() {
     let scene = succeed(&["plan", "paper-disc", "--print-scene"]);
     let replay = |keys: &str| {
         let (file, out) = (folder.path().join("live.toml"), folder.path().join("out"));
-        std::fs::write(&file, with(&scene, keys)).unwrap();
+        let rate = "[recording]\nframe_rate_hz = 20.0\n";
+        std::fs::write(&file, format!("{}\n{rate}", with(&scene, keys))).unwrap();
         let arguments = ["replay", text(&file), "--from", text(&recording), "--out", text(&out)];
         let answer = succeed(&[&arguments[..], &["--reference-frames", "20", "--json"]].concat());
         let images: Array3<f64> = ndarray_npy::read_npy(out.join("images.npy")).unwrap();

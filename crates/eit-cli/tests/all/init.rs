@@ -269,7 +269,7 @@ fn wrong_arguments_are_told_by_name() {
     refused(&["--radius-mm", "-1", "--electrodes", "16"], "--radius-mm -1");
     refused(
         &["--radius-mm", "0.1", "--electrodes", "16"],
-        "--radius-mm 0.1: it must be from 1 to 100000",
+        "--radius-mm 0.1: it must be from 1 to 10000",
     );
     refused(&["--radius-mm", "nan", "--electrodes", "16"], "--radius-mm NaN");
     refused(&["--radius-mm", "100", "--width-mm", "5", "--electrodes", "16"], "keep one shape");

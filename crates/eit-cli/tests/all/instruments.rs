@@ -491,6 +491,15 @@ fn bad_input_is_told_in_one_line() {
         let said = refuse(&[more, &["--frames", "0"]].concat());
         assert!(said.contains("--frames 0: it must be above 0"), "{more:?}: {said}");
     }
+    // a picture is PNG and a recording MCAP, whatever the name: no instrument is opened and no recording read
+    let (jpg, csv) = (folder.path().join("now.jpg"), folder.path().join("press.csv"));
+    for command in [&["live", text(&good)][..], &["replay", text(&good), "--from", "none.mcap"]] {
+        let said = refuse(&[command, &["--picture", text(&jpg)]].concat());
+        assert!(said.contains("now.jpg: --picture must end in .png"), "{command:?}: {said}");
+    }
+    let said = refuse(&["live", text(&good), "--record", text(&csv)]);
+    assert!(said.contains("press.csv: --record must end in .mcap"), "{said}");
+    assert!(!jpg.exists() && !csv.exists(), "refused before anything is made");
     let said = refuse(&["check", text(&good), "--frames", "0"]);
     assert!(said.contains("--frames 0: it must be above 0"), "{said}");
     let plain = folder.path().join("plain.toml");

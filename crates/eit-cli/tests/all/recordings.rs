@@ -219,6 +219,58 @@ fn convert_does_not_write_over_what_it_reads() {
     assert_eq!(std::fs::read(&table).unwrap(), b"1,2,3\n4,5,6\n");
 }
 
+/// A table is no recording: the command that makes one of it is named, and works. Where its frames have no times, the
+/// assumed rate is told once, by whatever command reads it, and not where it is stated.
+#[test]
+fn a_table_is_replayed_after_the_command_that_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let plain = common::write_scene(folder.path(), common::SMALL);
+    let stated = path("stated.toml");
+    let rate = "[recording]\nframe_rate_hz = 50.0\n[mesh]";
+    std::fs::write(&stated, common::SMALL.replace("[mesh]", rate)).unwrap();
+    let (array, _) = common::touched_frames(folder.path(), &plain);
+    let [table, recording] = ["press.csv", "press.mcap"].map(path);
+    succeed(&["convert", text(&array), "--out", text(&table)]);
+
+    let said = common::refuse(&["replay", text(&plain), "--from", text(&table)]);
+    let command =
+        format!("eit convert {} --scene {} --out {}", text(&table), text(&plain), text(&recording));
+    assert!(said.contains(&format!("`{command}`")), "{said}");
+    assert!(said.contains("[recording] frame_rate_hz"), "{said}");
+    succeed(&command.split(' ').skip(1).collect::<Vec<_>>());
+
+    // the column of times is named, whatever reads the table
+    let timed = path("timed.csv");
+    let rows = std::fs::read_to_string(&table).unwrap();
+    let rows = rows.lines().enumerate().map(|(k, row)| format!("{},{row}\n", 0.02 * k as f64));
+    std::fs::write(&timed, rows.collect::<String>()).unwrap();
+    let [out, other] = ["out", "other.mcap"].map(path);
+    let reconstruct = |scene: &Path, table: &Path| {
+        let (scene, table, out) =
+            (text(scene).to_owned(), text(table).to_owned(), text(&out).to_owned());
+        ["reconstruct", &scene, "--frames", &table, "--reference", "0..40", "--out", &out]
+            .map(str::to_owned)
+    };
+    let words = |arguments: &[String]| -> Vec<String> { arguments.to_vec() };
+    let convert = ["convert", text(&timed), "--scene", text(&plain), "--out", text(&other)];
+    for arguments in [words(&reconstruct(&plain, &timed)), words(&convert.map(str::to_owned))] {
+        let said = common::refuse(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        assert!(said.contains("remove that column"), "{said}");
+    }
+
+    for (scene, told) in [(&plain, 1), (&stated, 0)] {
+        let replay = ["replay", text(scene), "--from", text(&recording)].map(str::to_owned);
+        for arguments in [words(&reconstruct(scene, &table)), words(&replay)] {
+            let output = eit(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+            let said = String::from_utf8(output.stdout.clone()).unwrap() + &stderr(&output);
+            assert!(output.status.success(), "{arguments:?}: {said}");
+            let notes = said.matches("20 frames a second; if it is another one").count();
+            assert_eq!(notes, told, "{arguments:?}: {said}");
+        }
+    }
+}
+
 /// A disk that fills up during conversion leaves no recording that looks complete.
 #[test]
 fn a_conversion_that_fails_leaves_no_recording() {

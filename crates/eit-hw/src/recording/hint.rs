@@ -31,6 +31,8 @@ pub enum CountHint {
     },
     /// Half as many values: one of each reciprocal pair.
     ReciprocalOnly,
+    /// One value more: a column of times or of frame numbers beside the measurements.
+    OneMore,
     /// The count of adjacent drive and measurement, n (n - 3).
     Adjacent {
         /// Number of electrodes n.
@@ -83,6 +85,8 @@ impl CountHint {
             Self::DrivenDropped { electrodes: n }
         } else if found.checked_mul(2) == Some(wanted) {
             Self::ReciprocalOnly
+        } else if wanted.checked_add(1) == Some(found) && frames_are.is_some() {
+            Self::OneMore
         } else if let Some(n) = electrodes(found, 3) {
             Self::Adjacent { electrodes: n }
         } else if let Some(n) = electrodes(found, 4) {
@@ -126,6 +130,10 @@ impl fmt::Display for CountHint {
             Self::ReciprocalOnly => f.write_str(
                 "this looks like one of each reciprocal pair: list them in \
                  `[protocol] quadruples_file`",
+            ),
+            Self::OneMore => f.write_str(
+                "this is one value more than measurements, as with a column of times or frame numbers: remove \
+                 that column, and state the rate of recorded frames as `[recording] frame_rate_hz`",
             ),
             Self::Adjacent { electrodes } => write!(
                 f,

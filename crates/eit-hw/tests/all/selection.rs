@@ -172,6 +172,9 @@ fn counts_that_differ_are_explained() {
     assert_eq!(hint(104, 1, 208), CountHint::ReciprocalOnly);
     assert_eq!(hint(928, 1, 208), CountHint::Adjacent { electrodes: 32 });
     assert_eq!(hint(192, 1, 208), CountHint::Opposite { electrodes: 16 });
+    // a column of times or frame numbers
+    assert_eq!(hint(209, 1, 208), CountHint::OneMore);
+    assert!(CountHint::OneMore.to_string().contains("remove that column"));
     assert_eq!(hint(207, 1, 208), CountHint::Unknown);
 }
 

@@ -100,9 +100,10 @@ impl Body {
         })
     }
 
-    /// Waits for the next change or event, for at most `timeout`.
+    /// Waits for the next change or event, for at most `timeout`, which may be [`Duration::MAX`].
     pub fn next(&mut self, timeout: Duration) -> Option<BodyNews> {
-        let end = Instant::now() + timeout;
+        // not an end, which a long time would put beyond what a clock holds
+        let start = Instant::now();
         loop {
             if let Some(news) = self.news.pop_front() {
                 return Some(news);
@@ -122,11 +123,12 @@ impl Body {
             if !self.news.is_empty() {
                 continue;
             }
-            if now >= end {
+            let left = timeout.saturating_sub(now.duration_since(start));
+            if left.is_zero() {
                 return None;
             }
             let next_list = least.saturating_sub(since.unwrap_or_default());
-            let wait = TICK.min(end - now).min(next_list);
+            let wait = TICK.min(left).min(next_list);
             match self.arrivals.recv_timeout(wait) {
                 Ok(arrived) => self.take(&arrived),
                 Err(RecvTimeoutError::Timeout) => {}

@@ -346,6 +346,17 @@ fn two_patches_by_zenoh() {
     }
 }
 
+/// Whoever waits without a limit gets the next list, however long that limit is.
+#[test]
+fn a_body_is_waited_for_without_a_limit() {
+    let mut settings = BodySettings::parse(FILE).unwrap();
+    settings.session.listen = vec![endpoint()];
+    let mut body = Body::open(&settings).unwrap();
+    for _ in 0..3 {
+        assert!(body.next(Duration::MAX).is_some());
+    }
+}
+
 /// A patch of another version is named, not taken for a silent one alone.
 #[test]
 fn messages_that_cannot_be_read_are_named() {

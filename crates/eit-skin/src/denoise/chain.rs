@@ -73,10 +73,10 @@ impl Chain {
         }
         let method = method::choose(&skin.settings, method, lengths.map(|l| l.frames))?.method;
         if !(method.is_tv() || method == Method::GaussNewton) {
-            return Err(SkinError::input(format!(
-                "--method {}: a net learns from st-tv, tv or gauss-newton",
-                method.name()
-            )));
+            return Err(SkinError::argument(
+                "method",
+                format!("{}: a net learns from st-tv, tv or gauss-newton", method.name()),
+            ));
         }
         let linearised = skin.linearise(progress)?;
         linearised.raster(progress)?;

@@ -211,14 +211,14 @@ impl NetInputs {
             (None, true) => {
                 return Err(SkinError::input(
                     "the learning base has no touches, and a net of several images sees them: make it \
-                     again, with [noise], or train with --images 1",
+                     again, with [noise], or train with images = 1",
                 ));
             }
         };
         let Some(data) = &shard.data else {
             return Err(SkinError::input(
                 "the noise of the learning base's frames is unknown, and a net that sees measurements \
-                 needs it: set [noise], or train with --images 1",
+                 needs it: set [noise], or train with images = 1",
             ));
         };
         let (frames, rows, columns) = shard.raw.dim();

@@ -92,8 +92,9 @@ impl Frames {
         } else if !(0.5..=2.0).contains(&gain.abs()) {
             self.notes.push(format!(
                 "voltages are {:.3e} times the model's: another conductivity, current or unit. Places of touches and \
-                 their least strength allow for it; strengths are those of a sheet of {:.3e} S per square. Set [skin] \
-                 conductivity_s, or [recording] scale if the unit or the current is another",
+                 their least strength allow for it; strengths (intensity) are those of a sheet of {:.3e} S per square, \
+                 so compare them only with others of this skin and unit. Set [skin] conductivity_s, or [recording] \
+                 scale if the unit (1e-3 for millivolts) or the current is another",
                 gain.abs(),
                 conductivity_s / gain.abs()
             ));

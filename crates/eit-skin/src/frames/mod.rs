@@ -151,8 +151,8 @@ impl Skin {
             }
             ([], Some(files)) => Ok(files.clone()),
             ([], None) => {
-                let message = "no frames: give --frames F, or [recording] file in the scene";
-                Err(SkinError::input(message))
+                let problem = "no frames: give their files, or set [recording] file in the scene";
+                Err(SkinError::argument("frames", problem))
             }
             (given, _) => Ok(given.to_vec()),
         }

@@ -41,9 +41,10 @@ pub fn take(skin: &Skin, loaded: &Loaded, given: Option<&Reference>) -> Result<T
     let reference = given.or(skin.settings.recording.reference.as_ref()).or(marked.as_ref());
     let (range, words) = match reference {
         None => {
-            return Err(SkinError::input(
-                "no reference frame: give --reference with a frame number, \"mean\", \"N..M\" or \
-                 a file, or [recording] reference in the scene",
+            return Err(SkinError::argument(
+                "reference",
+                "no reference frame: give a frame number, \"mean\", \"N..M\" or a file, or set [recording] reference in \
+                 the scene",
             ));
         }
         Some(Reference::Frame(n)) => single(*n),

@@ -1,9 +1,8 @@
 //! Time stamps of frames.
 
+use crate::touches::DEFAULT_RATE_HZ;
 use eit_hw::Frame;
 
-/// Assumed frame rate if neither the instrument nor a clock tells, hertz.
-const DEFAULT_RATE_HZ: f64 = 20.0;
 /// Range of measured frame rates that are believed, hertz: a clock that jumps gives others.
 const RATES_HZ: std::ops::RangeInclusive<f64> = 1e-4..=1e6;
 /// Longest time between two frames that is believed, seconds: 11 days.
@@ -12,35 +11,71 @@ const MOST_STEP_S: f64 = 1e6;
 const MAX_S: f64 = 1e12;
 
 /// Time stamps of frames: the instrument's, else those of their arrival, else sequence number over frame
-/// rate.
+/// rate. They increase over a whole session, whatever is reconnected ([`Clock::next_epoch`]).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clock {
     pub rate_hz: f64,
+    /// Whether that rate is assumed, as neither the instrument nor a clock tells.
+    pub is_assumed: bool,
     first_host_s: Option<f64>,
     /// Added to each time since a clock jumped ahead.
     offset_s: f64,
     /// The last time returned.
     last_s: f64,
+    /// When that frame arrived.
+    last_host_s: Option<f64>,
 }
 
 impl Clock {
     pub fn new(stated_hz: Option<f64>, quiet: &[Frame]) -> Self {
         let first_host_s = quiet.first().and_then(|frame| frame.host_time_s);
         let mut clock = Self {
-            rate_hz: stated_hz.unwrap_or(DEFAULT_RATE_HZ),
+            rate_hz: DEFAULT_RATE_HZ,
+            is_assumed: true,
             first_host_s,
             offset_s: 0.0,
             last_s: f64::NEG_INFINITY,
+            last_host_s: None,
         };
-        if let (None, [first, .., last]) = (stated_hz, quiet) {
-            let span_s = clock.time_s(last) - clock.time_s(first);
+        clock.set_rate(stated_hz, quiet);
+        clock
+    }
+
+    /// Goes on in the next epoch, whose first frames are given. Its frames are later than those before: where the time
+    /// that they tell is not, because the instrument's clock or numbers began again, the time that passed is that between
+    /// the arrivals, else one frame.
+    pub fn next_epoch(mut self, stated_hz: Option<f64>, quiet: &[Frame]) -> Self {
+        let Some(first) = quiet.first().filter(|_| self.last_s.is_finite()) else {
+            return Self::new(stated_hz, quiet);
+        };
+        self.set_rate(stated_hz, quiet);
+        let is_step = |step_s: &f64| (0.0..=MOST_STEP_S).contains(step_s);
+        let read_s = self.time_s(first);
+        if is_step(&(read_s - self.last_s)) {
+            self.offset_s = 0.0;
+        } else {
+            let arrivals = first.host_time_s.zip(self.last_host_s);
+            let passed_s = arrivals.map(|(first_s, last_s)| first_s - last_s).filter(is_step);
+            let next_s = self.last_s + passed_s.unwrap_or(1.0 / self.rate_hz);
+            self.offset_s = next_s - read_s;
+        }
+        self
+    }
+
+    /// Takes the stated frame rate, else that of these frames.
+    fn set_rate(&mut self, stated_hz: Option<f64>, quiet: &[Frame]) {
+        (self.rate_hz, self.is_assumed) =
+            (stated_hz.unwrap_or(DEFAULT_RATE_HZ), stated_hz.is_none());
+        if let (None, [first, .., last]) = (stated_hz, quiet)
+            && let (Some(first_s), Some(last_s)) = (self.read_s(first), self.read_s(last))
+        {
+            let span_s = last_s - first_s;
             let steps = last.sequence.saturating_sub(first.sequence) as f64;
             let rate_hz = steps / span_s;
             if RATES_HZ.contains(&rate_hz) {
-                clock.rate_hz = rate_hz;
+                (self.rate_hz, self.is_assumed) = (rate_hz, false);
             }
         }
-        clock
     }
 
     /// Returns the time of the next frame. It always increases, as a tracker requires, even if a clock stands
@@ -60,13 +95,17 @@ impl Clock {
             self.offset_s = next_s - read_s;
         }
         self.last_s = if is_sane && time_s > self.last_s { time_s } else { next_s };
+        self.last_host_s = frame.host_time_s;
         self.last_s
     }
 
     fn time_s(&self, frame: &Frame) -> f64 {
-        let host_s = || Some(frame.host_time_s? - self.first_host_s?);
-        let by_number = || frame.sequence as f64 / self.rate_hz;
-        frame.device_time_s.or_else(host_s).unwrap_or_else(by_number)
+        self.read_s(frame).unwrap_or_else(|| frame.sequence as f64 / self.rate_hz)
+    }
+
+    /// The time by the clock of the instrument, else that of this computer.
+    fn read_s(&self, frame: &Frame) -> Option<f64> {
+        frame.device_time_s.or_else(|| Some(frame.host_time_s? - self.first_host_s?))
     }
 }
 
@@ -111,10 +150,58 @@ mod tests {
             let next_s = clock.next_s(&frame(k, time_s));
             assert!(k == 50 || (next_s - time_s).abs() < 1e-9, "{k}: {next_s}");
         }
+        assert!(!Clock::new(None, &quiet).is_assumed && !Clock::new(Some(20.0), &[]).is_assumed);
         // a jump within the first frames does not make the rate
         let jump = [frame(0, 0.0), frame(1, 1e308)];
         assert!(RATES_HZ.contains(&Clock::new(None, &jump).rate_hz));
         let mut first = Clock::new(Some(100.0), &[]);
         assert!(first.next_s(&frame(0, 1e308)) < first.next_s(&frame(1, 0.0)));
+    }
+
+    /// An instrument that begins at 0 again after it was found goes on in the session's time: by the arrivals if these
+    /// are known, else by one frame. A clock that runs on is followed.
+    #[test]
+    fn time_goes_on_after_a_reconnection() {
+        let at = |sequence, device_time_s, host_time_s| Frame {
+            device_time_s,
+            host_time_s,
+            ..frame(sequence, 0.0)
+        };
+        let by = |device: [Option<f64>; 2], host: [Option<f64>; 2], sequence: [u64; 2]| {
+            let frames = |from: usize| -> Vec<Frame> {
+                let time_s = |start: Option<f64>, k: u64| start.map(|s| s + 0.01 * k as f64);
+                let one =
+                    |k| at(sequence[from] + k, time_s(device[from], k), time_s(host[from], k));
+                (0..20).map(one).collect()
+            };
+            let (before, after) = (frames(0), frames(1));
+            let mut clock = Clock::new(None, &before[..10]);
+            let last_s = before[10..].iter().map(|frame| clock.next_s(frame)).last().unwrap();
+            let mut clock = clock.next_epoch(None, &after[..10]);
+            let mut times = after[10..].iter().map(|frame| clock.next_s(frame));
+            let first_s = times.next().unwrap();
+            let steps: Vec<f64> =
+                times.scan(first_s, |b, t| Some(t - std::mem::replace(b, t))).collect();
+            let period_s = 1.0 / clock.rate_hz;
+            assert!(steps.iter().all(|step| (step - period_s).abs() < 1e-6), "{steps:?}");
+            // from the last frame before to the first reference frame after
+            first_s - last_s - 10.0 * period_s
+        };
+        let near = |found_s: f64, wanted_s: f64| {
+            assert!((found_s - wanted_s).abs() < 1e-6, "{found_s} instead of {wanted_s}");
+        };
+        let (none, host) = ([None; 2], [Some(1e9), Some(1e9 + 5.19)]);
+        near(by(none, host, [0, 0]), 5.0);
+        near(by([Some(3.0), Some(8.19)], host, [0, 0]), 5.0);
+        near(by([Some(3.0), Some(0.0)], host, [0, 0]), 5.0);
+        near(by([Some(3.0), Some(0.0)], none, [0, 0]), 0.01);
+        // numbers are no clock
+        let numbered = [at(0, None, None), at(1, None, None)];
+        assert!(Clock::new(None, &numbered).is_assumed);
+        near(by(none, none, [7, 0]), 1.0 / DEFAULT_RATE_HZ);
+        near(by(none, none, [0, 40]), 21.0 / DEFAULT_RATE_HZ);
+        // this computer's clock was set back meanwhile
+        near(by([Some(3.0), Some(0.0)], [Some(1e9), Some(9e8)], [0, 0]), 0.01);
+        near(by(none, [Some(1e9), Some(9e8)], [0, 0]), 0.01);
     }
 }

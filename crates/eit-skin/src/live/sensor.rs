@@ -28,7 +28,8 @@ pub struct TouchFrame<'a> {
     pub sequence: u64,
     /// Number of the connection, from 0; it increases when a lost instrument is found again.
     pub epoch: u32,
-    /// Time of the frame, seconds: the instrument's, else that of its arrival.
+    /// Time of the frame, seconds: the instrument's, else that of its arrival. It increases over the whole session, also
+    /// where an instrument that was found again begins at 0.
     pub time_s: f64,
     /// Time when its last byte arrived by this computer's clock, seconds since 1970.
     pub host_time_s: Option<f64>,

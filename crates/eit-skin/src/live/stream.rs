@@ -6,7 +6,7 @@ use super::{LiveImages, LiveModel};
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;
 use crate::progress::Progress;
-use crate::touches::TouchFinder;
+use crate::touches::{TouchFinder, assumed_rate_words};
 use eit_hw::driver::Setup;
 use eit_hw::{Frame, MeasuredFrames, Unit};
 use eit_inverse::touch::Touch;
@@ -30,6 +30,8 @@ pub struct LiveStream {
     /// [`Frame::epoch`] of the last frame.
     connection: Option<u32>,
     epoch: Option<Epoch>,
+    /// Clock of the epoch before, which the next one continues.
+    clock: Option<Clock>,
     /// Id of the next epoch's first touch: ids are never used again.
     first_id: u64,
     /// Whether a frame of this epoch was searched for touches.
@@ -83,7 +85,7 @@ pub struct LiveFrame<'a> {
     pub touches: &'a [Touch],
     /// Electrodes that were excluded from it.
     pub faults: &'a [ElectrodeFault],
-    /// Its time for the tracker, seconds.
+    /// Its time for the tracker, seconds; it increases over the whole session.
     pub time_s: f64,
     /// Touch finder of the epoch, with details such as how the frame was explained.
     pub finder: &'a TouchFinder,
@@ -112,6 +114,7 @@ impl LiveStream {
             connection: None,
             model,
             epoch: None,
+            clock: None,
             first_id: 1,
             has_found: false,
             frames: 0,
@@ -141,6 +144,7 @@ impl LiveStream {
     pub fn restart(&mut self) {
         if let Some(epoch) = self.epoch.take() {
             self.first_id = epoch.finder.next_id();
+            self.clock = Some(epoch.clock);
         }
         self.has_found = false;
         self.touches.clear();
@@ -296,7 +300,10 @@ impl LiveStream {
 
     /// Begins an epoch with these reference frames.
     fn begin(&self, reference: &[Frame]) -> Result<Epoch, SkinError> {
-        let clock = Clock::new(self.frame_rate_hz, reference);
+        let clock = match self.clock {
+            Some(before) => before.next_epoch(self.frame_rate_hz, reference),
+            None => Clock::new(self.frame_rate_hz, reference),
+        };
         let skin = self.model.skin();
         let frames = skin.frames_of_quiet(measured(reference, self.unit))?;
         let fitted = self.model.linearised.fit(frames)?;
@@ -312,7 +319,12 @@ impl LiveStream {
             true => Some(LiveImages::new(&self.model, &fitted)?),
             false => None,
         };
-        Ok(Epoch { notes: fitted.frames.notes, finder, images, clock })
+        let mut notes = fitted.frames.notes;
+        // later epochs have the rate of the first
+        if clock.is_assumed && self.clock.is_none() {
+            notes.push(assumed_rate_words());
+        }
+        Ok(Epoch { notes, finder, images, clock })
     }
 }
 

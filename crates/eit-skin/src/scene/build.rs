@@ -47,7 +47,8 @@ impl Scene {
         let base = self.mesh_settings()?;
         if let Shape::Mesh = self.skin.shape {
             if nodes.is_some() {
-                return Err(self.error("--nodes is for generated meshes, not for files".to_owned()));
+                let error = SkinError::argument("nodes", "a mesh file has the nodes that it has");
+                return Err(error.within(&self.place));
             }
             let file = self.needed(self.skin.file.as_deref(), "skin.file", "shape = \"mesh\"")?;
             let electrodes = match self.electrodes.positions_m {

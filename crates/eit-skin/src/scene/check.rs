@@ -8,6 +8,8 @@ use super::{
 use crate::error::SkinError;
 use crate::method::Method;
 
+/// Largest length of a skin, metres: a larger one is a slip of unit.
+pub(super) const MOST_LENGTH_M: f64 = 10.0;
 /// Maximum number of pixels along the longer side: 16 million pixels per image.
 const MOST_PIXELS: usize = 4096;
 /// Maximum number of electrodes: adjacent patterns then give 4.2 million measurements.
@@ -18,7 +20,8 @@ const MOST_NODES: usize = 20_000_000;
 impl Scene {
     /// Rejects invalid settings, and settings that would silently have no effect.
     pub(crate) fn check(&self) -> Result<(), SkinError> {
-        self.check_numbers()
+        self.check_lengths()
+            .and_then(|()| self.check_numbers())
             .and_then(|()| self.touch.validate())
             .and_then(|()| self.check_tv())
             .and_then(|()| self.check_reactive())
@@ -82,6 +85,31 @@ impl Scene {
              remove the artefacts of movement from images that have them): remove it from the scene"
         );
         Err(SkinError::input(message).within(&self.place))
+    }
+
+    /// Rejects sizes and corners that are not in metres, before a mesh of such a skin is attempted. Smaller skins than any
+    /// that was built are allowed: nothing tells them from a slip of unit.
+    fn check_lengths(&self) -> Result<(), SkinError> {
+        let skin = &self.skin;
+        let sizes = [
+            ("skin.radius_m", skin.radius_m),
+            ("skin.width_m", skin.width_m),
+            ("skin.height_m", skin.height_m),
+        ];
+        for (key, value_m) in sizes {
+            check_length(|| key.to_owned(), value_m.unwrap_or_default())?;
+        }
+        let outline = skin.outline.iter().map(|corners| ("skin.outline".to_owned(), corners));
+        let holes = skin.holes.iter().enumerate();
+        let holes = holes.map(|(h, corners)| (format!("skin.holes, hole {}", h + 1), corners));
+        for (key, corners) in outline.chain(holes) {
+            for (k, corner) in corners.iter().enumerate() {
+                for value_m in corner.0 {
+                    check_length(|| format!("{key}, corner {}", k + 1), value_m)?;
+                }
+            }
+        }
+        Ok(())
     }
 
     fn check_numbers(&self) -> Result<(), SkinError> {
@@ -330,5 +358,13 @@ impl Scene {
                 Err(SkinError::NoEffect { key: (*key).to_owned(), because })
             }
         }
+    }
+}
+
+/// Rejects a length or coordinate beyond any skin.
+pub(super) fn check_length(key: impl FnOnce() -> String, value_m: f64) -> Result<(), SkinError> {
+    match value_m.abs() > MOST_LENGTH_M {
+        true => Err(SkinError::NotMetres { key: key(), value_m, most_m: MOST_LENGTH_M }),
+        false => Ok(()),
     }
 }

@@ -317,9 +317,9 @@ impl Instrument {
     /// No port, and an address that is neither a port nor `tcp:host:port`.
     pub fn endpoint(&self, given: Option<&str>) -> Result<Endpoint, SkinError> {
         let port = given.or(self.port.as_deref()).ok_or_else(|| {
-            let message = "instrument.port is missing: set it, or give --port (`eit devices` lists \
-                           the ports)";
-            SkinError::input(message).within(&self.place)
+            let problem =
+                "instrument.port is missing: set it, or give a port (`eit devices` lists them)";
+            SkinError::argument("port", problem).within(&self.place)
         })?;
         Ok(match Endpoint::parse(port, self.baud)? {
             Endpoint::Serial { path, baud, .. } => Endpoint::Serial { path, baud, dtr: self.dtr },

@@ -1,5 +1,6 @@
 //! Where a skin's mesh comes from.
 
+use super::check::check_length;
 use crate::error::SkinError;
 use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, RimElectrodes, SkinShape};
 use std::path::{Path, PathBuf};
@@ -89,7 +90,7 @@ impl MeshSource {
     /// A mesh file, whose nodes are fixed; electrodes that do not fit their rim.
     pub fn with_nodes(&self, nodes: usize) -> Result<Self, SkinError> {
         let Self::Generated { shape, electrodes, base, .. } = self else {
-            return Err(SkinError::input("--nodes is for generated meshes, not for files"));
+            return Err(SkinError::argument("nodes", "a mesh file has the nodes that it has"));
         };
         let settings = match electrodes {
             ElectrodeSource::Rim(rim) => base.for_nodes(shape, rim, nodes)?,
@@ -151,6 +152,9 @@ impl MeshSource {
         // a file that cannot be read is invalid input, unlike one that cannot be written
         let (mesh, repairs) =
             eit_mesh::read_mesh(path, scale_m).map_err(|e| SkinError::input(e.to_string()))?;
+        let key = || format!("{}: a coordinate times skin.scale_m", path.display());
+        let coordinates_m = mesh.surface().nodes().iter().flatten();
+        check_length(key, coordinates_m.fold(0.0, |most: f64, part| most.max(part.abs())))?;
         let notes = repairs.notes().into_iter().map(|n| format!("{}: {n}", path.display()));
         let notes = notes.collect();
         if electrodes.is_empty() {

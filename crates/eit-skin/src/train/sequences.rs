@@ -105,7 +105,7 @@ impl Sequences {
         if !shards.is_empty() && shards.iter().all(is_empty) {
             return Err(SkinError::input(format!(
                 "no touch is detected in any of the {} sequences to train on or held out, and the net \
-                 corrects detected touches: make more or longer ones, or train with --images 1",
+                 corrects detected touches: make more or longer ones, or train with images = 1",
                 shards.len()
             )));
         }

@@ -48,19 +48,18 @@ impl Simulated {
             TouchScript::built_in(name, &circle, 1)?;
         }
         if args.frames < QUIET + 10 {
-            return Err(SkinError::input(format!(
-                "--frames {}: at least {}, of which {QUIET} are quiet",
-                args.frames,
-                QUIET + 10
-            )));
+            return Err(SkinError::argument(
+                "frames",
+                format!("{}: at least {}, of which {QUIET} are quiet", args.frames, QUIET + 10),
+            ));
         }
         if let Some(count) = args.fingers.filter(|count| !(1..=MOST).contains(count)) {
-            return Err(SkinError::input(format!("--fingers {count}: 1 to {MOST}")));
+            return Err(SkinError::argument("fingers", format!("{count}: 1 to {MOST}")));
         }
         if skin.source.is_file() {
             return Err(SkinError::input(
                 "a skin from a mesh file has no second mesh to simulate on: learn from recordings \
-                 of it (--recording)",
+                 of it (recording)",
             ));
         }
         Ok(Lengths { frames: args.frames, quiet: QUIET, rate_hz: RATE_HZ })

@@ -119,6 +119,12 @@ fn a_reference_of_another_level_is_told() {
         let notes = stream.notes();
         let tells = notes.iter().any(|note| note.starts_with("voltages are 3.0"));
         assert_eq!(tells, is_told, "{notes:?}");
+        let names = |words: &str| notes.iter().any(|note| note.contains(words));
+        assert_eq!(
+            names("strengths (intensity)") && names("1e-3 for millivolts"),
+            is_told,
+            "{notes:?}"
+        );
     }
 }
 

@@ -114,7 +114,8 @@ fn another_level_of_voltages() {
     let recording = Recording::simulate(&drawn.script(), SEEDS[0]);
     let (fitted, found) = (recording.fitted(), recording.touches());
     assert!(found.rows.len() > 50, "{}", found.rows.len());
-    for factor in [3.0, 1.0 / 3.0] {
+    // the last one: millivolts
+    for factor in [3.0, 1.0 / 3.0, 1e3] {
         let values = &recording.values * factor;
         let other = Recording { values, truth: Vec::new() };
         let (other_fitted, other_found) = (other.fitted(), other.touches());
@@ -130,6 +131,9 @@ fn another_level_of_voltages() {
             assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-6, "{a:?} {b:?}");
             let ratio = drawn(&other_fitted, &other.touch) / drawn(&fitted, &row.touch);
             assert!((ratio - 1.0).abs() < 1e-3, "{ratio}");
+            // as docs/METHODS.md says of `intensity`
+            let strength = factor * other.touch.intensity_s_m2 / row.touch.intensity_s_m2;
+            assert!((strength - 1.0).abs() < 1e-3, "{strength}");
         }
     }
 }

@@ -415,6 +415,43 @@ fn what_is_wrong_from_the_start_is_named() {
     assert!(sound.not_explained.is_empty() && sound.frozen.is_empty());
 }
 
+/// An instrument that was unplugged and begins at 0 again, both its clock and its frames: the time of the session goes on.
+#[test]
+fn time_goes_on_when_the_instrument_is_found_again() {
+    let (skin, bench) = disc();
+    let sent = frames(&held(&bench, 61));
+    let mut sensor = skin.sensor().unwrap();
+    let mut times = Vec::new();
+    for epoch in 0..3 {
+        for frame in &sent[..QUIET_FRAMES + 20] {
+            let shown = sensor.push(&Frame { epoch, ..frame.clone() }).unwrap();
+            times.extend(shown.map(|shown| (shown.epoch, shown.time_s)));
+        }
+    }
+    let epochs: Vec<u32> = times.iter().map(|(epoch, _)| *epoch).collect();
+    assert!(epochs.contains(&0) && epochs.contains(&2), "{epochs:?}");
+    for pair in times.windows(2) {
+        let [(before, from_s), (after, to_s)] = [pair[0], pair[1]];
+        assert!(to_s > from_s, "epoch {before} at {from_s} s, then {after} at {to_s} s");
+    }
+}
+
+/// A program without a command line reads of arguments and settings, not of options that it does not have; one with options
+/// can name them.
+#[test]
+fn errors_name_arguments_and_no_options() {
+    let (skin, _) = disc();
+    let error = skin.read_frames(&[], None).unwrap_err();
+    let problem = "no frames: give their files, or set [recording] file in the scene";
+    assert_eq!(error.as_argument(), Some(("frames", problem)));
+    assert_eq!(error.to_string(), format!("frames: {problem}"));
+    let error = eit_skin::method::choose(&skin.settings, Some("best"), None).unwrap_err();
+    assert!(error.to_string().starts_with("method: \"best\": the methods are"), "{error}");
+    let error = error.within("a.toml");
+    assert_eq!(error.as_argument().map(|(name, _)| name), Some("method"));
+    assert_eq!(eit_skin::SkinError::input("x").as_argument(), None);
+}
+
 /// While the reference waits for the skin to rest, the stream says so.
 #[test]
 fn a_reference_that_waits_says_why() {

@@ -40,8 +40,8 @@ impl Questions {
         loop {
             let text = self.ask(flag, question)?;
             match text.replace(',', ".").parse::<f64>() {
-                Ok(number) if (1.0..=1e5).contains(&number) => return Ok(number),
-                _ => eprintln!("\"{text}\" is not a number from 1 to 100000"),
+                Ok(number) if (1.0..=1e4).contains(&number) => return Ok(number),
+                _ => eprintln!("\"{text}\" is not a number from 1 to 10000"),
             }
         }
     }
