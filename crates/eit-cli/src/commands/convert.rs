@@ -29,8 +29,11 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     if !args.input.is_dir() && capture::is_recording(&args.input)? {
         return stream(args, &ending, scene.as_ref());
     }
-    let options = eit_hw::ReadOptions { complex: args.complex, ..Default::default() };
-    let recording = eit_hw::read_recording(&args.input, None, &options)?;
+    // the scene says how its tables are arranged, as for `eit reconstruct`
+    let stated = scene.as_ref().map(|scene| scene.stage_settings().recording.reading());
+    let (format, mut options) = stated.transpose()?.unwrap_or_default();
+    options.complex |= args.complex;
+    let recording = eit_hw::read_recording(&args.input, format, &options)?;
     let stored = Stored::new(&recording, scene.as_ref())?;
     let found = stored.look()?;
     let mut notes: Vec<String> = recording.notes.iter().map(ToString::to_string).collect();

@@ -259,6 +259,17 @@ fn a_table_is_replayed_after_the_command_that_is_named() {
         assert!(said.contains("remove that column"), "{said}");
     }
 
+    // the arrangement that the scene states is that of the table
+    let [turned, scene, back] = ["turned.csv", "turned.toml", "back.csv"].map(path);
+    let content = std::fs::read_to_string(&table).unwrap();
+    let rows: Vec<Vec<&str>> = content.lines().map(|row| row.split(',').collect()).collect();
+    let column = |k: usize| rows.iter().map(|row| row[k]).collect::<Vec<_>>().join(",") + "\n";
+    std::fs::write(&turned, (0..rows[0].len()).map(column).collect::<String>()).unwrap();
+    let columns = "[recording]\nframes_are = \"columns\"\n[mesh]";
+    std::fs::write(&scene, common::SMALL.replace("[mesh]", columns)).unwrap();
+    succeed(&["convert", text(&turned), "--scene", text(&scene), "--out", text(&back)]);
+    assert_eq!(std::fs::read_to_string(&back).unwrap(), content);
+
     for (scene, told) in [(&plain, 1), (&stated, 0)] {
         let replay = ["replay", text(scene), "--from", text(&recording)].map(str::to_owned);
         for arguments in [words(&reconstruct(scene, &table)), words(&replay)] {

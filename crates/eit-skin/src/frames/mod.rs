@@ -13,11 +13,11 @@ pub(crate) use reference::left_out;
 
 use crate::error::SkinError;
 use crate::faults::{self, ElectrodeFault, FaultKind};
-use crate::scene::{Component, DifferenceKind, FrameSettings, FramesAre, Reference};
+use crate::scene::{Component, DifferenceKind, FrameSettings, Reference};
 use crate::skin::Skin;
 use crate::words::counted;
 use eit_fem::Protocol;
-use eit_hw::{FrameOrientation, Layout, MeasuredFrames, Quality, ReadOptions, Recording};
+use eit_hw::{Layout, MeasuredFrames, Quality, Recording};
 use eit_inverse::noise_std_of_quiet_frames;
 use ndarray::{Array2, Axis, concatenate};
 use std::path::{Path, PathBuf};
@@ -317,21 +317,8 @@ fn reasons_to_leave_out(
 fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> {
     let keys: &FrameSettings = &skin.settings.recording;
     let protocol = &skin.protocol;
-    let orientation = |frames_are| match frames_are {
-        FramesAre::Rows => FrameOrientation::Rows,
-        FramesAre::Columns => FrameOrientation::Columns,
-        FramesAre::Matrix => FrameOrientation::Matrix,
-    };
-    let mut options = ReadOptions {
-        complex: keys.complex,
-        frames_are: keys.frames_are.map(orientation),
-        ..Default::default()
-    };
-    if let Some(row) = keys.frequency_row {
-        options.sciospec.frequency_row = row;
-    }
+    let (format, options) = keys.reading()?;
     let scale = keys.scale;
-    let format = keys.format.as_deref().map(str::parse).transpose()?;
     let component = match keys.component {
         Component::Real => eit_hw::Component::Real,
         Component::Imaginary => eit_hw::Component::Imaginary,

@@ -4,6 +4,8 @@ use super::{
     Component, DenoiseSettings, Direction, FramesAre, NoiseSettings, OneOrMany, OneOrManyFiles,
     ReconstructionSettings, RecordingSettings, Reference, Scene, Shape, TouchSettings,
 };
+use crate::error::SkinError;
+use eit_hw::{Format, FrameOrientation, ReadOptions};
 use std::path::PathBuf;
 
 /// Settings of the stages after the model: frames, noise, images, touches.
@@ -54,6 +56,29 @@ pub struct FrameSettings {
     pub frame_rate_hz: Option<f64>,
     /// Factor for every value.
     pub scale: f64,
+}
+
+impl FrameSettings {
+    /// Returns the format, where it is stated, and how a file of it is read.
+    ///
+    /// # Errors
+    /// An unknown format.
+    pub fn reading(&self) -> Result<(Option<Format>, ReadOptions), SkinError> {
+        let orientation = |frames_are| match frames_are {
+            FramesAre::Rows => FrameOrientation::Rows,
+            FramesAre::Columns => FrameOrientation::Columns,
+            FramesAre::Matrix => FrameOrientation::Matrix,
+        };
+        let mut options = ReadOptions {
+            complex: self.complex,
+            frames_are: self.frames_are.map(orientation),
+            ..Default::default()
+        };
+        if let Some(row) = self.frequency_row {
+            options.sciospec.frequency_row = row;
+        }
+        Ok((self.format.as_deref().map(str::parse).transpose()?, options))
+    }
 }
 
 /// Rotations and reflections that map a disc with its electrodes onto itself.
