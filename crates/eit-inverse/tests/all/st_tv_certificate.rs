@@ -342,9 +342,7 @@ proptest! {
         }
     }
 
-    /// For realistic weights, noise, masks and radii. One of some ten thousand constrained problems, where noise leaves
-    /// hardly anything to image, needs more than the default 20 000 iterations, and one of some twenty thousand is not
-    /// solved by 200 000 either (status `IterationCap`): not mended.
+    /// For realistic weights, noise and masks, the default settings converge.
     #[test]
     fn the_asked_gap_is_reached_on_any_basis_with_any_bounds(
         recipe in recipes(),
@@ -358,14 +356,14 @@ proptest! {
             noise_level: 0.3,
             measurements: recipe.measurements.max(6),
             masked: 0.4 * recipe.masked,
-            radius: recipe.radius.map(|factor| factor.clamp(1.05, 1.5)),
+            radius: recipe.radius.map(|factor| factor.max(1.05)),
             ..recipe
         };
         let problem = recipe.problem();
         let Some(optimum) = optimum(&problem) else {
             return Err(TestCaseError::reject("no reference"));
         };
-        let stop = Stop { target_gap: gap, max_iterations: 200_000, ..Default::default() };
+        let stop = Stop { target_gap: gap, ..Default::default() };
         let sequence = problem.solve(&stop);
         let held = holds_the_optimum(&sequence, optimum);
         prop_assert!(held.is_ok(), "{}; {:?}", held.unwrap_err(), sequence.report);
