@@ -250,7 +250,7 @@ pub(crate) struct ConvertArgs {
     /// Output file: F.mcap, F.csv or F.npy; one frame per row.
     #[arg(long, value_name = "F")]
     pub out: PathBuf,
-    /// Reorder the values to this scene's protocol; tables are read as its [recording] says.
+    /// Reorder the values to this scene's protocol; tables are read as its section "recording" says.
     #[arg(long, value_name = "SCENE")]
     pub scene: Option<String>,
     /// Rows of the table alternate real and imaginary parts.
