@@ -8,7 +8,8 @@
 //! | `weights`, `quiet` | weights from the noise level; frames that contain only noise |
 //! | `settings`, `gradient` | user input: settings and spatial differences |
 //! | `task`, `problem`, `run` | a sequence in internal units; the problem; first iterate to certificate |
-//! | `state`, `engine`, `sweep`, `fit`, `step` | iterate; iteration; its passes; data step; step sizes |
+//! | `state`, `engine`, `sweep`, `fit` | iterate; iteration; its passes; data step |
+//! | `step`, `travel` | step sizes; how far images and duals travel, from which long runs balance them |
 //! | `chain` | exact step in time, for large `lambda_time` |
 //! | `certificate`, `flow`, `passes` | primal value and lower bound; search for nearly feasible duals |
 //! | `data`, `operators`, `laplacian` | precomputed: compressed data, packed operators, a sparse factor |
@@ -41,6 +42,7 @@ mod step;
 mod stream;
 mod sweep;
 mod task;
+mod travel;
 mod weights;
 mod window;
 

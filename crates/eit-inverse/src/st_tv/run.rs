@@ -14,6 +14,7 @@ use super::settings::Stop;
 use super::state::{State, Weights};
 use super::step::{self, MapScratch, MapSize};
 use super::task::Task;
+use super::travel::Travel;
 use crate::{ImageSequence, InverseError, SequenceStatus, TracePoint};
 use std::time::Instant;
 
@@ -25,6 +26,17 @@ const MAP_GROWTH: f64 = 2.0;
 /// Steps of the map relative to balanced ones. Smaller ones favour the image, larger ones the bound; a factor of
 /// 1.7 either way costs a tenth of the iterations.
 const SHARE: f64 = 0.2;
+/// Factors on the steps by which a long run follows the distances that images and duals travel: the square root
+/// of their ratio, not less than `LEAST_CHANGE` and not more than `MOST_CHANGE` at a time, and within these limits in
+/// all. Duals travel on where nothing depends on them, so that the lower limit is close: with 1/1024 the reference
+/// problem of 32 x 32 took 3 924 iterations to 1e-5 instead of some 1 400. Of 300 000 random problems 7 reach the limit
+/// of 20 000 iterations, without any of this 4 of 30 000. With bounds at 0 the reference problem takes 1 000 iterations
+/// to 1e-3 instead of 2 183, with three of its channels 1 350 to 1e-2 instead of more than 20 000.
+const MOST_CHANGE: f64 = 4.0;
+const LEAST_CHANGE: f64 = 1.5;
+const BOOSTS: [f64; 2] = [1.0 / 16.0, 1024.0];
+/// Step without any duals, times the largest squared singular value and the accuracy of a number.
+const ROUNDING: f64 = 1e-2;
 /// Number of iterations after which the least step of the map grows in proportion to the iterations:
 /// errors where the image is flat are the last to vanish, and small steps keep them.
 const FLAT_FROM: f64 = 300.0;
@@ -104,8 +116,8 @@ pub(crate) struct Run<'a, T> {
     mapped: bool,
     /// Factor on the steps of the map.
     boost: f64,
-    /// Whether a bound was computed from an iterate.
-    proved: bool,
+    /// The iterate at the last look at the balance of the steps.
+    travel: Option<Travel<T>>,
     /// Whether the next bound keeps the data dual: changes after a bound no better than the best, and in long runs.
     is_plain: bool,
     next_map: usize,
@@ -178,7 +190,8 @@ impl<'a, T: Float> Run<'a, T> {
         };
         let progress = Progress { best, trace: Vec::new(), start };
         let mut this = Self::with(task, ops, state, evaluation, (progress, target_gap));
-        let first = step::guess(&task.problem(), ops, &this.state).unwrap_or(1.0);
+        let first = || step::guess(&task.problem(), ops, &this.state).unwrap_or(1.0);
+        let first = this.free_step().unwrap_or_else(first);
         this.set_uniform(first)?;
         this.try_constant();
         this.note();
@@ -205,7 +218,7 @@ impl<'a, T: Float> Run<'a, T> {
             columns: [vec![0.0; rank], vec![0.0; rank]],
             mapped: false,
             boost: 1.0,
-            proved: false,
+            travel: None,
             is_plain: false,
             next_map: MAP_AT[0],
             smoothing: 0.0,
@@ -224,9 +237,11 @@ impl<'a, T: Float> Run<'a, T> {
         let goal = (self.progress, self.target_gap);
         let mut new = Run::with(self.task, ops, state, self.evaluation, goal);
         (new.mapped, new.boost, new.next_map) = (self.mapped, self.boost, self.next_map);
-        (new.done, new.smoothing, new.proved) = (self.done, self.smoothing, self.proved);
-        new.is_plain = self.is_plain;
-        new.set_data()?;
+        (new.done, new.smoothing, new.is_plain) = (self.done, self.smoothing, self.is_plain);
+        match new.free_step() {
+            Some(step) => new.set_uniform(step)?,
+            None => new.set_data()?,
+        }
         Ok(new)
     }
 
@@ -291,9 +306,9 @@ impl<'a, T: Float> Run<'a, T> {
             (last, last_at) = (primal, self.done);
             let due = ended || self.done >= PROVE_FROM.min(most);
             let growth = if due || expected < NEAR * stop.target_gap {
-                let raised = self.prove();
-                if let Some(raised) = raised.filter(|_| self.done > MAP_AT[2]) {
-                    self.adapt(raised, fallen.max(0.0));
+                self.prove();
+                if self.done > MAP_AT[2] {
+                    self.balance();
                 }
                 self.growth(stop.target_gap)
             } else {
@@ -391,6 +406,15 @@ impl<'a, T: Float> Run<'a, T> {
         Ok(())
     }
 
+    /// Returns the step of a problem without any duals: nothing but the rounding of the data step limits it.
+    fn free_step(&self) -> Option<f64> {
+        let state = &self.state;
+        let duals = [&state.dual, &state.time_dual, &state.bound_dual];
+        let strongest = self.task.problem().singular.first()?;
+        let is_free = duals.iter().all(|dual| dual.is_empty());
+        is_free.then_some(ROUNDING / T::EPSILON / strongest.powi(2))
+    }
+
     fn set_uniform(&mut self, tau: f64) -> Result<(), InverseError> {
         step::set_uniform(self.ops, &mut self.state, tau);
         self.set_data()
@@ -403,15 +427,18 @@ impl<'a, T: Float> Run<'a, T> {
         data.set_map(task.solver.arch, &task.problem(), ops, state)
     }
 
-    /// Increases the steps if the bound improves much faster than the objective, and decreases them in
-    /// the opposite case.
-    fn adapt(&mut self, raised: f64, fallen: f64) {
-        let factor = match (raised, fallen) {
-            (raised, fallen) if raised > 8.0 * fallen => 1.5,
-            (raised, fallen) if fallen > 8.0 * raised => 1.0 / 1.5,
-            _ => return,
+    /// Increases the steps if the image travels further than the duals, and decreases them in the opposite case.
+    fn balance(&mut self) {
+        let Some(travel) = &mut self.travel else {
+            self.travel = Some(Travel::from(&self.state));
+            return;
         };
-        let boost = (self.boost * factor).clamp(1.0 / 16.0, 16.0);
+        let ratio = travel.ratio(self.ops, &self.state);
+        let factor = ratio.sqrt().clamp(1.0 / MOST_CHANGE, MOST_CHANGE);
+        if (1.0 / LEAST_CHANGE..LEAST_CHANGE).contains(&factor) {
+            return;
+        }
+        let boost = (self.boost * factor).clamp(BOOSTS[0], BOOSTS[1]);
         if boost != self.boost {
             self.boost = boost;
             // takes effect with the next map, which is due now
@@ -419,9 +446,8 @@ impl<'a, T: Float> Run<'a, T> {
         }
     }
 
-    /// Computes a lower bound on the optimum; returns the increase of the best bound since the previous one, which
-    /// the first has not.
-    fn prove(&mut self) -> Option<f64> {
+    /// Computes a lower bound on the optimum.
+    fn prove(&mut self) {
         let steps = if self.state.chain.is_some() { CHAIN_FLOW_STEPS } else { FLOW_STEPS };
         let (slack, lean) = (SLACK * self.target_gap, LEAN * self.target_gap);
         let effort = match self.is_plain {
@@ -434,11 +460,9 @@ impl<'a, T: Float> Run<'a, T> {
         let bound = evaluation.lower_bound(task.solver.arch, &problem, iterate, flow, effort);
         let old = progress.best.lower_bound;
         progress.best.lower_bound = old.max(bound);
-        let raised = progress.best.lower_bound - old;
-        if raised <= 0.0 || self.done >= ALTERNATE_FROM {
+        if progress.best.lower_bound <= old || self.done >= ALTERNATE_FROM {
             self.is_plain = !self.is_plain;
         }
-        std::mem::replace(&mut self.proved, true).then_some(raised)
     }
 
     /// Evaluates the candidate and stores it if it is the best; returns its objective.

@@ -154,7 +154,12 @@ fn set_sigma<T: Float>(ops: &Operators<T>, state: &mut State<T>) {
     }
 }
 
-fn largest_tau<T: Float>(tau: &[T], unknowns: [u32; 3], blocks: usize, block: usize) -> f64 {
+pub(crate) fn largest_tau<T: Float>(
+    tau: &[T],
+    unknowns: [u32; 3],
+    blocks: usize,
+    block: usize,
+) -> f64 {
     let own = unknowns.map(|p| tau[p as usize * blocks + block].to_f64());
     own[0].max(own[1]).max(own[2])
 }

@@ -101,6 +101,18 @@ fn a_jacobian_of_one_row_is_certified_to_a_hundredth() {
     assert!(iterations <= 1200, "{iterations} iterations");
 }
 
+/// Three channels leave most of an image free, so that it has far to go under small forces. Measured: 1 350 iterations,
+/// and more than 20 000 with steps that do not follow the distances travelled.
+#[test]
+fn a_jacobian_of_three_rows_is_certified_to_a_hundredth() {
+    let Some(mut problem) = reference(32, 1.0) else { return };
+    problem.jacobian = problem.jacobian.select(Axis(0), &[0, 5, 9]);
+    problem.values = problem.values.select(Axis(1), &[0, 5, 9]);
+    let iterations = converged(&problem, &gap(1e-2)).report.iterations;
+    println!("three rows: {iterations} iterations");
+    assert!(iterations <= 4000, "{iterations} iterations");
+}
+
 /// The reference problem in units of its noise.
 fn with_noise(pixels: usize) -> Option<Problem> {
     let reference = fixtures::st_tv::load(pixels).unwrap()?;
