@@ -214,6 +214,23 @@ pub enum InverseError {
         /// Smallest residual norm of any image.
         least: f64,
     },
+    /// No image within the bounds can satisfy the data constraint.
+    #[error(
+        "frame {frame}: delta is {delta:.4e}, but the smallest residual of any image between {lower_s:e} and \
+         {upper_s:e} S is {least:.4e}: use a larger delta or wider bounds"
+    )]
+    DeltaTooSmallWithinBounds {
+        /// Frame index.
+        frame: usize,
+        /// Radius of the frame's data constraint.
+        delta: f64,
+        /// Smallest residual norm of any image within the bounds.
+        least: f64,
+        /// Lower bound of the conductivity change, siemens.
+        lower_s: f64,
+        /// Upper bound of the conductivity change, siemens.
+        upper_s: f64,
+    },
     /// A cell of an image is NaN or infinite.
     #[error("image {frame}, cell {cell} is {value}: it must be finite")]
     NonFiniteImage {

@@ -11,6 +11,7 @@
 //! | `state`, `engine`, `sweep`, `fit` | iterate; iteration; its passes; data step |
 //! | `step`, `travel` | step sizes; how far images and duals travel, from which long runs balance them |
 //! | `chain` | exact step in time, for large `lambda_time` |
+//! | `reach` | smallest residual of images within bounds, where no image meets the constraints |
 //! | `certificate`, `flow`, `passes` | primal value and lower bound; search for nearly feasible duals |
 //! | `data`, `operators`, `laplacian` | precomputed: compressed data, packed operators, a sparse factor |
 //! | `kernel`, `dense`, `ball`, `float` | inner loops, small matrices, prox of a ball, `f32` or `f64` |
@@ -34,6 +35,7 @@ mod passes;
 mod problem;
 mod products;
 mod quiet;
+mod reach;
 mod run;
 mod settings;
 mod solve;

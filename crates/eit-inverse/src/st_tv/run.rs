@@ -3,6 +3,7 @@
 //! Over 300 lines because the schedule of step maps, evaluations and limits acts on one state.
 
 mod constant;
+mod reachable;
 
 use super::certificate::{Effort, Evaluation, Iterate, LARGEST_WEIGHT};
 use super::chain::Chain;
@@ -121,6 +122,8 @@ pub(crate) struct Run<'a, T> {
     /// Whether the next bound keeps the data dual: changes after a bound no better than the best, and in long runs.
     is_plain: bool,
     next_map: usize,
+    /// Iterations from which the constraints are checked, if no image has met them.
+    next_check: usize,
     smoothing: f64,
     /// Whether the last image that was evaluated met all constraints.
     is_feasible: bool,
@@ -221,6 +224,7 @@ impl<'a, T: Float> Run<'a, T> {
             travel: None,
             is_plain: false,
             next_map: MAP_AT[0],
+            next_check: PROVE_FROM,
             smoothing: 0.0,
             is_feasible: true,
             done: 0,
@@ -300,6 +304,9 @@ impl<'a, T: Float> Run<'a, T> {
             let ended = self.improve(look.min(most), inner)?;
             let before = Instant::now();
             let primal = self.keep_image();
+            if self.progress.best.primal.is_infinite() && stop.deadline.is_none() {
+                self.check_reachable()?;
+            }
             let e_folds = (self.done as f64 / last_at as f64).ln();
             let fallen = last - primal;
             let expected = REMAINS * fallen / (e_folds * primal.abs());
@@ -334,11 +341,15 @@ impl<'a, T: Float> Run<'a, T> {
         ((self.done as f64 * growth).ceil() as usize).max(self.done + LEAST_BETWEEN)
     }
 
-    /// Returns the best result.
+    /// Returns the best result, or the last one if none met the data constraints.
     pub(crate) fn finish(self, status: SequenceStatus) -> ImageSequence {
         let Progress { best, trace, start } = self.progress;
         let stride = self.state.stride;
-        self.task.sequence(&best.images, stride, &best.residual, &trace, status, start)
+        let (images, residual) = match best.primal.is_finite() {
+            true => (&best.images, &best.residual),
+            false => (&self.evaluation.image, &self.evaluation.residual),
+        };
+        self.task.sequence(images, stride, residual, &trace, status, start)
     }
 
     /// Appends the current bounds to the trace.

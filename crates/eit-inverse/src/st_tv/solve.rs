@@ -22,7 +22,8 @@ impl StTv {
     ///
     /// # Errors
     /// Returns an error for wrong shapes, a sequence without frames, a non-finite value of a good
-    /// channel, a `delta` that no image can satisfy, and a target gap that is not positive.
+    /// channel, a `delta` that no image can satisfy, and a target gap that is not positive. That no image within
+    /// the bounds can satisfy it is found after 300 iterations without one that does, not with a deadline.
     pub fn solve(
         &self,
         frames: &DifferenceFrames<'_>,

@@ -332,6 +332,47 @@ fn a_delta_below_what_duplicates_disagree_by_is_an_error() {
 }
 
 #[test]
+fn a_delta_that_no_image_within_bounds_meets_is_an_error() {
+    let constrained = |delta: f64| {
+        // frame 1: its first value is 3 below what a change of 0 gives
+        let values = array![[1.0, 1.0], [-3.0, 1.0]];
+        let jacobian = array![[1.0, 0.0], [0.0, 1.0]];
+        let mut problem = Problem::new(jacobian, square(1, 2), values).constrained(delta);
+        problem.settings.lower_s = 0.0;
+        problem
+    };
+    for delta in [0.1, 2.0, 2.999] {
+        let error = constrained(delta).try_solve(&gap(1e-3)).unwrap_err();
+        let InverseError::DeltaTooSmallWithinBounds { frame: 1, delta: named, least, .. } = error
+        else {
+            panic!("{error}");
+        };
+        assert!((named - delta).abs() < 1e-12 && (least - 3.0).abs() < 1e-9, "{named} {least}");
+        let said = error.to_string();
+        assert!(
+            said.starts_with("frame 1: delta is") && said.contains("between 0e0 and"),
+            "{said}"
+        );
+    }
+    converged(&constrained(3.1), &gap(1e-3));
+}
+
+#[test]
+fn images_that_miss_their_constraints_are_returned_with_their_residuals() {
+    let mut problem = scene(3).constrained(0.5);
+    problem.settings.lower_s = 0.0;
+    let stop = Stop { max_iterations: 2, ..gap(1e-3) };
+    let sequence = problem.solve(&stop);
+    assert_eq!(sequence.report.status, SequenceStatus::IterationCap);
+    assert!(sequence.report.certificate.unwrap().primal.is_infinite());
+    let wanted = problem.residuals(&sequence.images);
+    for (found, wanted) in sequence.report.residual.iter().zip(&wanted) {
+        // the same norm from raw data
+        assert!((found / wanted - 1.0).abs() < 1e-9, "{found} {wanted}");
+    }
+}
+
+#[test]
 fn a_delta_above_the_data_needs_no_iteration() {
     let problem = scene(3);
     let norms = (0..3).map(|t| problem.whitened(t).mapv(|v| v * v).sum().sqrt());

@@ -146,13 +146,17 @@ fn weights_line(weights: &Weights) -> String {
 }
 
 fn solved_line(report: &SequenceReport) -> String {
-    let certificate = report.certificate.map_or_else(String::new, |c| {
-        format!(
+    let certificate = match report.certificate {
+        None => String::new(),
+        Some(c) if c.primal.is_infinite() => {
+            ", no images found whose residuals are all within delta".to_owned()
+        }
+        Some(c) => format!(
             ", objective {:.4e}, proven to be at most {:.2} % above the optimum",
             c.primal,
             percent(c)
-        )
-    });
+        ),
+    };
     format!(
         "{} after {} iterations, {:.2} s{certificate}",
         status_words(report.status),

@@ -55,6 +55,10 @@ impl Part {
             InverseError::DeltaTooSmall { frame, delta, least } => {
                 InverseError::DeltaTooSmall { frame: number(frame), delta, least }
             }
+            InverseError::DeltaTooSmallWithinBounds { frame, delta, least, lower_s, upper_s } => {
+                let frame = number(frame);
+                InverseError::DeltaTooSmallWithinBounds { frame, delta, least, lower_s, upper_s }
+            }
             InverseError::NonFiniteData { frame, measurement, value } => {
                 InverseError::NonFiniteData { frame: number(frame), measurement, value }
             }
