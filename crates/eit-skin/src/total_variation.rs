@@ -13,8 +13,8 @@ use crate::noise::DataNoise;
 use crate::progress::Progress;
 use crate::scene::{Delta, DeltaRule, ReconstructionSettings};
 use eit_inverse::{
-    ChosenWeights, DifferenceFrames, Fidelity, Gradient, ImageSequence, SequenceReport, StTv,
-    StTvSettings, Stop, WeightStatus,
+    ChosenWeights, DifferenceFrames, Fidelity, Gradient, ImageSequence, InverseError,
+    SequenceReport, StTv, StTvSettings, Stop, WeightStatus,
 };
 use eit_mesh::Raster;
 use ndarray::Array2;
@@ -127,6 +127,8 @@ pub struct TvMovie {
     pub noise: Option<DataNoise>,
     /// Whether each frame differs from the reference by noise only.
     pub quiet: Vec<bool>,
+    /// Number of the quiet frames that hold no usable value.
+    pub blank: usize,
     /// Whether the other frames differ from each other by noise only, so that one image represents them all.
     pub still: bool,
     /// Number of independent directions of the data.
@@ -198,6 +200,7 @@ fn reconstruct(
         weights: None,
         rank: 0,
         used: frames.used.iter().filter(|used| **used).count(),
+        blank: (0..quiet.len()).filter(|&f| quiet[f] && !good.row(f).iter().any(|g| *g)).count(),
         still: known.as_ref().is_some_and(|noise| part.is_still(noise)),
         noise: known,
         quiet,
@@ -217,19 +220,36 @@ fn reconstruct(
     movie.rank = solver.rank();
     let differences = DifferenceFrames { values: part.values.view(), good: Some(part.good.view()) };
     let length_m = time_length_m(raster);
-    let of_recording = |error| part.of_recording(error);
+    // numbers in the scene refer to the noise alone
+    let factor = movie.noise.as_ref().map_or(1.0, DataNoise::per_known);
+    let of_recording = |error| part.of_recording(in_known_noise(error, factor));
     let mut weights = progress
         .stage("weights", || weights(&mut solver, keys, &differences, length_m, movie.used))?;
     let found = progress
         .stage("total variation", || solver.solve(&differences, &stop(keys)))
         .map_err(of_recording)?;
     if weights.chosen.is_some() {
-        let factor = movie.noise.as_ref().map_or(1.0, DataNoise::per_known);
         weights.rescale(factor * factor);
     }
+    weights.delta = weights.delta.map(|delta| factor * delta);
     movie.weights = Some(weights);
     movie.take(found, &part.frames);
     Ok(movie)
+}
+
+/// Converts constraints in an error from noise with the model error to that of numbers in the scene, `factor` times
+/// smaller.
+fn in_known_noise(error: InverseError, factor: f64) -> InverseError {
+    match error {
+        InverseError::DeltaTooSmall { frame, delta, least } => {
+            InverseError::DeltaTooSmall { frame, delta: factor * delta, least: factor * least }
+        }
+        InverseError::DeltaTooSmallWithinBounds { frame, delta, least, lower_s, upper_s } => {
+            let (delta, least) = (factor * delta, factor * least);
+            InverseError::DeltaTooSmallWithinBounds { frame, delta, least, lower_s, upper_s }
+        }
+        other => other,
+    }
 }
 
 /// Returns the noise to weight by, including the model error if the weights are derived from it. Weights

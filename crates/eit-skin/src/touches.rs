@@ -41,6 +41,9 @@ pub struct TouchRow {
     pub touch: Touch,
 }
 
+/// Ratio of the largest difference of a damaged frame to that of frames that touches explain.
+const DAMAGED: f64 = 3.0;
+
 /// Touches of all frames, and how they were found.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -102,14 +105,40 @@ impl Touches {
         frames
     }
 
-    /// Marks excluded values as not good, so that images ignore them too. Frames in which nothing would
-    /// remain are unchanged.
+    /// Marks excluded values as not good, so that images ignore them too; and all values of damaged frames, which would
+    /// set the weights and spoil the images of the others. Notes which these are.
+    ///
+    /// A frame is damaged if none of its values counts, or if touches do not explain it and its largest difference is
+    /// more than three times that of any frame that they do explain.
     pub fn leave_out(&self, frames: &mut Frames) {
         for (mut good, missing) in frames.good.rows_mut().into_iter().zip(self.is_missing.rows()) {
-            let left = good.iter().zip(missing).zip(&frames.used);
-            if left.into_iter().any(|((good, missing), used)| *good && !missing && *used) {
-                good.zip_mut_with(&missing, |good, missing| *good &= !missing);
-            }
+            good.zip_mut_with(&missing, |good, missing| *good &= !missing);
+        }
+        let largest = |frame: usize| {
+            let values = frames.values.row(frame);
+            let counts = |i: &usize| frames.used[*i] && frames.good[[frame, *i]];
+            let differences =
+                (0..values.len()).filter(counts).map(|i| values[i] - frames.reference[i]);
+            differences.fold(0.0_f64, |most, d| most.max(d.abs()))
+        };
+        let is_explained = |frame: &usize| self.not_explained.binary_search(frame).is_err();
+        let explained = (0..self.frames).filter(is_explained).map(largest).fold(0.0, f64::max);
+        let had_values: Vec<usize> =
+            self.not_explained.iter().copied().filter(|&f| largest(f) > 0.0).collect();
+        let damaged: Vec<usize> = match explained {
+            // nothing to compare with
+            0.0 => Vec::new(),
+            most => had_values.into_iter().filter(|&f| largest(f) > DAMAGED * most).collect(),
+        };
+        for &frame in &damaged {
+            frames.good.row_mut(frame).fill(false);
+        }
+        if let (Some(first), Some(last)) = (damaged.first(), damaged.last()) {
+            frames.notes.push(format!(
+                "{} frame(s) from {first} to {last} left out of the images: touches do not explain them, and they differ from \
+                 the reference more than {DAMAGED} times as much as any frame that touches explain",
+                damaged.len()
+            ));
         }
     }
 

@@ -427,6 +427,11 @@ impl TouchDetector {
         })
     }
 
+    /// Returns the point of the skin nearest to a point, metres.
+    pub fn nearest_on_skin(&self, point_m: [f64; 3]) -> [f64; 3] {
+        self.places.nearest(point_m).position_m
+    }
+
     /// Returns how much a touch at each of the given positions lowers the chi^2 of the last frame, all fitted
     /// together with the frame's other effects, from these positions on.
     ///

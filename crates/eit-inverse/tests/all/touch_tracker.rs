@@ -178,6 +178,50 @@ fn strong_touches_that_are_hardly_known_must_be_shown_again() {
     }
 }
 
+/// A touch whose strength is below three quarters of its standard deviation is reported, but not to be acted on.
+#[test]
+fn touches_of_unknown_strength_are_not_valid() {
+    for (std, is_valid) in [(2.6 * STRONG, true), (2.7 * STRONG, false), (f64::NAN, false)] {
+        let mut bench = Bench::new(|_| ());
+        let found = DetectedTouch { strength_std_s_m2: std, ..touch(0.0, 0.1, 2.0 * STRONG) };
+        bench.push(&[found]);
+        assert_eq!(only(&bench.push(&[found])).valid, is_valid, "{std:e}");
+    }
+}
+
+/// Frames of which nothing is known neither end a touch nor keep it valid, for half a second.
+#[test]
+fn touches_are_held_while_nothing_is_known() {
+    let mut bench = Bench::new(|_| ());
+    bench.push(&[touch(0.02, 0.0, STRONG)]);
+    let unseen = |bench: &mut Bench| {
+        bench.frame += 1;
+        bench.tracker.push_unseen(DT_S * f64::from(bench.frame)).unwrap().to_vec()
+    };
+    for _ in 0..5 {
+        let held = only(&unseen(&mut bench));
+        assert_eq!((held.id, held.state, held.valid), (1, TouchState::Hold, false));
+    }
+    let back = only(&bench.push(&[touch(0.02, 0.0, STRONG)]));
+    assert_eq!((back.id, back.state, back.valid), (1, TouchState::Hold, true));
+    let states: Vec<_> = (0..2 + (0.5 / DT_S) as u32)
+        .filter_map(|_| unseen(&mut bench).first().map(|touch| touch.state))
+        .collect();
+    let (last, held) = states.split_last().unwrap();
+    assert_eq!(*last, TouchState::End);
+    assert!(held.iter().all(|state| *state == TouchState::Hold));
+    assert!(unseen(&mut bench).is_empty());
+}
+
+/// Reported positions are on the skin, wherever the filter is.
+#[test]
+fn touches_are_placed_on_the_skin() {
+    let mut bench = Bench::new(|_| ());
+    bench.push(&[touch(0.12, 0.0, STRONG)]);
+    bench.tracker.place(|[x, y, z]| [x.min(0.1), y, z]);
+    assert_eq!(only(bench.tracker.touches()).position_m, [0.1, 0.0, 0.0]);
+}
+
 /// A missing touch stays for the forgiven frames as not valid, ends once and is gone.
 #[test]
 fn forgiven_frames_then_the_end() {

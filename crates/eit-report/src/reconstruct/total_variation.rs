@@ -49,7 +49,10 @@ fn weight_words(status: WeightStatus) -> &'static str {
 
 /// Expected residual: the radius, or the norm of the noise.
 fn wanted(movie: &TvMovie) -> Option<f64> {
+    // residuals are in units of the noise with the model error, the stated delta in that of the noise alone
+    let factor = movie.noise.as_ref().map_or(1.0, |noise| noise.per_known());
     let delta = movie.weights.as_ref().and_then(|weights| weights.delta);
+    let delta = delta.map(|delta| delta / factor);
     delta.or_else(|| movie.noise.as_ref().map(|_| (movie.used as f64).sqrt()))
 }
 
@@ -89,7 +92,8 @@ fn report(task: &Task<'_>, movie: &TvMovie) -> Value {
             // infinite if no noise is known: written as null
             "model_error_factor": noise.model_error,
         })),
-        "quiet_frames": movie.quiet_count(),
+        "blank_frames": movie.blank,
+        "quiet_frames": movie.quiet_count() - movie.blank,
         "still": movie.still,
         "rank": movie.rank,
     })
@@ -107,7 +111,13 @@ fn lines(movie: &TvMovie) -> Vec<String> {
         Some(noise) => lines.push(format!("noise {}", noise.source)),
         None => lines.push("noise unknown: all data weighted equally".to_owned()),
     }
-    let (quiet, count) = (movie.quiet_count(), movie.quiet.len());
+    let (quiet, count) = (movie.quiet_count() - movie.blank, movie.quiet.len());
+    if movie.blank > 0 {
+        lines.push(format!(
+            "{} of {count} frames without a usable value: image set to zero",
+            movie.blank
+        ));
+    }
     if quiet > 0 {
         lines.push(format!(
             "{quiet} of {count} frames do not differ from the reference beyond noise: not solved, \

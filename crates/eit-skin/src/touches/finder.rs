@@ -263,7 +263,12 @@ impl TouchFinder {
             }
             None => found,
         };
-        self.tracker.push(found, time_s, is_whole)?;
+        match step.rows {
+            0 => self.tracker.push_unseen(time_s)?,
+            _ => self.tracker.push(found, time_s, is_whole)?,
+        };
+        let detector = &self.detector;
+        self.tracker.place(|point_m| detector.nearest_on_skin(point_m));
         // a learnt map judges frames itself; what touches do not explain may be anything
         let is_valid = self.learned.is_some() || (self.is_alike && self.is_explained());
         Ok(match is_valid {
@@ -322,9 +327,11 @@ impl TouchFinder {
     }
 
     /// Returns whether touches, or the absence of any, explain the last frame, and no electrode's gain does so better: a
-    /// contact that gets worse looks like touches around its electrode until it is named.
+    /// contact that gets worse looks like touches around its electrode until it is named. Nothing explains a frame of
+    /// which no value counts.
     pub fn is_explained(&self) -> bool {
-        self.step.is_none_or(|step| step.is_explained() && step.blamed.is_none())
+        let explains = |s: DetectorStep| s.rows > 0 && s.is_explained() && s.blamed.is_none();
+        self.step.is_none_or(explains)
     }
 
     /// Returns how the last frame was explained.

@@ -364,6 +364,12 @@ fn bad_frames() {
         let missing = touches.is_missing.row(frame).iter().filter(|missing| **missing).count();
         assert_eq!(missing, if bad.contains(&frame) { 208 } else { 0 }, "frame {frame}");
     }
+    // that there is no touch in them does not mean that nothing touches the skin
+    assert!(
+        bad.iter().all(|frame| touches.not_explained.contains(frame)),
+        "{:?}",
+        touches.not_explained
+    );
     for &frame in held.iter().filter(|frame| held.contains(&(**frame - 1))) {
         let [row] = touches.rows.iter().filter(|row| row.frame == frame).collect::<Vec<_>>()[..]
         else {
@@ -379,4 +385,47 @@ fn bad_frames() {
     score.check_ghosts();
     assert_eq!(score.id_changes, 0, "{score:?}");
     assert!(score.error_m < ONE.error_m, "{score:?}");
+}
+
+/// Three frames without one value while a finger presses: it is the same touch before and after, and not valid between.
+#[test]
+fn touches_are_held_while_nothing_is_measured() {
+    let seed = SEEDS[1];
+    let mut recording = bench(seed, 1);
+    let held: Vec<usize> = (0..recording.values.nrows())
+        .filter(|frame| recording.truth.iter().any(|t| t.frame == *frame && t.force_n > 0.7))
+        .collect();
+    let lost = held[3]..held[3] + 3;
+    for frame in lost.clone() {
+        recording.values.row_mut(frame).fill(f64::NAN);
+    }
+    let touches = recording.touches();
+    assert_eq!(touches.not_explained, lost.clone().collect::<Vec<_>>());
+    for frame in held[1]..=*held.last().unwrap() {
+        let rows: Vec<_> = touches.rows.iter().filter(|row| row.frame == frame).collect();
+        let [row] = rows[..] else { panic!("frame {frame}: {rows:?}") };
+        assert_eq!(row.touch.valid, !lost.contains(&frame), "frame {frame}");
+        assert_ne!(row.touch.state, TouchState::End, "frame {frame}");
+    }
+    assert_eq!(touches.count(), 1);
+}
+
+/// Damaged frames are left out of images, others and their touches are not; a strong press is none of them.
+#[test]
+fn damaged_frames_are_left_out_of_images() {
+    let recording = bench(SEEDS[2], 2);
+    let mut frames = recording.fitted().frames;
+    recording.touches().leave_out(&mut frames);
+    assert!(frames.good.iter().all(|good| *good), "{:?}", frames.notes);
+    let mut damaged = bench(SEEDS[2], 2);
+    let pressed = damaged.truth.iter().find(|t| t.force_n > 0.7).unwrap().frame;
+    let [zero, larger] = [pressed + 1, pressed + 3];
+    damaged.values.row_mut(zero).fill(0.0);
+    damaged.values.row_mut(larger).mapv_inplace(|v| 1.5 * v);
+    let mut frames = damaged.fitted().frames;
+    damaged.touches().leave_out(&mut frames);
+    for (frame, good) in frames.good.rows().into_iter().enumerate() {
+        let is_left = good.iter().any(|good| *good);
+        assert_eq!(is_left, ![zero, larger].contains(&frame), "frame {frame}: {:?}", frames.notes);
+    }
 }
