@@ -349,9 +349,8 @@ fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> {
 fn notes_of(recording: &Recording, file: &Path) -> Vec<String> {
     let name = name_of(file);
     let mut notes: Vec<String> = recording.notes.iter().map(|n| format!("{name}: {n}")).collect();
-    let skipped = &recording.skipped;
-    if let (count @ 1.., Some(first)) = (skipped.frames, skipped.first.first()) {
-        notes.push(format!("{name}: {count} cut frames skipped (first: {first})"));
+    if recording.skipped.frames > 0 {
+        notes.push(format!("{name}: {}", recording.skipped));
     }
     notes
 }
