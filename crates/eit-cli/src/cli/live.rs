@@ -21,7 +21,7 @@ pub(crate) struct CheckArgs {
     /// Port instead of the scene's.
     #[arg(long, value_name = "P")]
     pub port: Option<String>,
-    /// Number of frames to take.
+    /// Number of frames to take, at least 8.
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub frames: usize,
     /// Maximum waiting time, seconds; fewer frames suffice from 8 on.

@@ -382,6 +382,12 @@ pub(crate) fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
     protocol.data().iter().map(touches).collect()
 }
 
+/// Whether a protocol has measurements on current-carrying electrodes that could also be left out
+/// (`reconstruction.use_driven_electrodes`).
+pub fn has_driven_electrodes(protocol: &Protocol) -> bool {
+    on_driven_electrodes(protocol).contains(&true)
+}
+
 fn name_of(path: &Path) -> String {
     path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }
