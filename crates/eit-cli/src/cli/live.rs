@@ -44,7 +44,7 @@ pub(crate) struct WatchArgs {
     #[arg(long, value_name = "F.png")]
     pub picture: Option<PathBuf>,
     /// Folder for images.npy [frame, row, column] and touches.csv of all frames; with a U-net also raw.npy,
-    /// the images before it.
+    /// the images before it. Frames are numbered from 0 after the reference, whose time time_s counts, too.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Where else touches are published.
