@@ -138,13 +138,15 @@ fn driven_electrodes_are_advised_where_they_help() {
         [("drop", &[][..], false), ("keep", &[], true), ("keep", &[option], false)]
     {
         let keys = format!("drive = \"adjacent\"\ndriven_electrodes = \"{driven}\"");
-        let scene = write_scene(folder.path(), &SMALL.replace("drive = \"adjacent\"", &keys));
+        // so much noise that the data determine nothing
+        let noise = "\n[noise]\nadditive_v = 1e3\n";
+        let content = SMALL.replace("drive = \"adjacent\"", &keys) + noise;
+        let scene = write_scene(folder.path(), &content);
         succeed(&["forward", text(&scene), "--out", text(&frame)]);
         let arguments = ["calibrate", text(&scene), "--frames", text(&frame)];
         let said = succeed(&[&arguments[..], more].concat());
         assert!(said.contains("contact 1: ") && said.contains(" ohm m, to a factor of"), "{said}");
-        // with them, contacts are determined
-        assert_eq!(said.contains("hardly determine"), more.is_empty(), "{said}");
+        assert!(said.contains("hardly determine"), "{said}");
         assert_eq!(said.contains(option), is_advised, "{said}");
     }
 }
