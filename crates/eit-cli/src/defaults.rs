@@ -3,7 +3,7 @@
 use crate::cli::Cli;
 use crate::error::CliError;
 use clap::parser::ValueSource;
-use clap::{ArgAction, ArgMatches, CommandFactory as _, FromArgMatches as _};
+use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory as _, FromArgMatches as _};
 use std::ffi::OsString;
 use std::io::ErrorKind;
 use std::path::Path;
@@ -18,7 +18,7 @@ const MOST_BYTES: u64 = 1 << 16;
 /// Adds the options of the file beside the scene to the arguments, except those that were given; the arguments
 /// unchanged where there is no such file.
 pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Result<Cli, clap::Error>, CliError> {
-    let matches = match Cli::command().try_get_matches_from(&arguments) {
+    let matches = match command().try_get_matches_from(&arguments) {
         Ok(matches) => matches,
         Err(error) => return Ok(Err(error)),
     };
@@ -28,14 +28,32 @@ pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Result<Cli, clap::Er
         arguments.extend(more);
         // the arguments were valid without the file
         let refused = |error: clap::Error| {
-            let text = error.render().to_string();
+            let text = words_of(&error);
             let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
             CliError::input(format!("{place}: {first}"))
         };
-        let matches = Cli::command().try_get_matches_from(arguments).map_err(refused)?;
+        let matches = command().try_get_matches_from(arguments).map_err(refused)?;
         return Ok(Cli::from_arg_matches(&matches));
     }
     Ok(Cli::from_arg_matches(&matches))
+}
+
+/// The program, in which `-1` after an option is its value, to be rejected as such: clap would take it for another
+/// option and advise `-- -1`, which no command takes.
+fn command() -> Command {
+    let of_option = |arg: Arg| match !arg.is_positional() && arg.get_action().takes_values() {
+        true => arg.allow_negative_numbers(true),
+        false => arg,
+    };
+    Cli::command().mut_subcommands(|command| command.mut_args(of_option))
+}
+
+/// Words of an error of the arguments; those on numbers say which are taken.
+pub(crate) fn words_of(error: &clap::Error) -> String {
+    let text = error.render().to_string();
+    // all whole numbers of the program are unsigned
+    text.replace("invalid digit found in string", "give a whole number, 0 or above")
+        .replace("invalid float literal", "give a number")
 }
 
 /// The file beside a command's scene, and its options for that command.

@@ -113,7 +113,7 @@ fn usage(error: &clap::Error) -> ExitCode {
         eprintln!("{}", error.render());
         return ExitCode::from(2);
     }
-    let text = error.render().to_string();
+    let text = defaults::words_of(error);
     // lines before the usage, or before the pointer to --help where there is none: the error and tips
     let is_end =
         |line: &str| line.starts_with("Usage:") || line.starts_with("For more information");

@@ -619,6 +619,10 @@ fn number_hint(text: &str) -> &'static str {
     match parts.len() > 1 && parts.iter().all(|part| part.parse::<f64>().is_ok()) {
         // `1,5`, or `5 2` from `1,5 2,5`
         true => "write a decimal point, not a comma, as in 1234.5e-6",
+        // names of columns
+        false if text.starts_with(char::is_alphabetic) => {
+            "write numbers like 1234.5e-6, and if this line is a header, remove it"
+        }
         false => "write numbers like 1234.5e-6",
     }
 }

@@ -98,6 +98,10 @@ impl OutFolder {
     /// A path that cannot be written, or that is a folder where a file is meant (and the other way round).
     pub fn new(path: impl AsRef<Path>) -> Result<Self, ReportError> {
         let path = path.as_ref();
+        if path.exists() && !path.is_dir() {
+            let message = "is a file, but --out must name a folder here";
+            return Err(ReportError::input(format!("{}: {message}", path.display())));
+        }
         let refused = |e: std::io::Error| {
             ReportError::input(format!(
                 "{}: cannot write to this folder: {}; choose another with --out",

@@ -125,6 +125,13 @@ fn script(
         None => TouchScript::built_in(&args.script, &PlayCircle::of(mesh), args.seed)?,
     };
     if let Some(frames) = args.frames {
+        let quiet = script.quiet_frames;
+        if frames <= quiet && script.frames > quiet {
+            return Err(ReportError::input(format!(
+                "--frames {frames}: the script {} begins with {quiet} frames of the untouched skin: give more",
+                args.script
+            )));
+        }
         script.frames = script.frames.min(frames);
     }
     script.validate(mesh).map_err(|e| ReportError::from(e).within(&args.script))?;

@@ -135,13 +135,20 @@ pub fn answer(
     if let Some(change) = summary.unrest {
         text += &format!("\n{}", eit_skin::live::unrest_words(change));
     }
-    if summary.references == 0 && statistics.frames > 0 {
-        let why = match summary.unrest {
-            Some(_) => "",
-            None => ", fewer than the reference needs (--reference-frames)",
-        };
-        text +=
-            &format!("\n{} frames came{why}, and none was searched for touches", statistics.frames);
+    let unsearched = (summary.references == 0 && statistics.frames > 0).then(|| {
+        let came = counted(statistics.frames, "frame", "frames");
+        match summary.unrest {
+            Some(_) => format!(
+                "{came} came, and none was searched for touches: begin while nothing touches the skin, or take fewer \
+                 frames for the reference (--reference-frames; in a replay also [recording] reference = \"0..N\")"
+            ),
+            None => format!(
+                "{came} came, fewer than the reference needs (--reference-frames), and none was searched for touches"
+            ),
+        }
+    });
+    if let Some(words) = &unsearched {
+        text += &format!("\n{words}");
     }
     if summary.frozen > 0 {
         let count = counted(summary.frozen, "frame", "frames");
@@ -182,6 +189,8 @@ pub fn answer(
         "dropped": statistics.dropped,
         "reconnections": statistics.reconnections,
         "references": summary.references,
+        "unrest": summary.unrest,
+        "unsearched": unsearched.map(|why| json!({ "frames": statistics.frames, "why": why })),
         "latency_s": latency_json(touches_s),
         "image_latency_s": latency_json(images_s),
         "images": summary.images_json(),

@@ -97,8 +97,8 @@ impl Net {
         let is_of_this_skin = fits.is_ok();
         if !any_skin {
             fits.map_err(|e| {
-                let how = "with any_skin (any_skin = true in [denoise])";
-                SkinError::input(format!("{name}: {e} {how}"))
+                let how = "(`eit denoise --any-skin`, or both keys in the scene's [denoise]";
+                SkinError::input(format!("{name}: {e} {how}: weights = {name:?}, any_skin = true)"))
             })?;
         }
         let sign = if sign == TouchSign::Decrease { -1.0 } else { 1.0 };

@@ -21,7 +21,7 @@ pub(crate) struct CheckArgs {
     /// Port instead of the scene's.
     #[arg(long, value_name = "P")]
     pub port: Option<String>,
-    /// Number of frames to take.
+    /// Number of frames to take, at least 8.
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub frames: usize,
     /// Maximum waiting time, seconds; fewer frames suffice from 8 on.
@@ -44,7 +44,7 @@ pub(crate) struct WatchArgs {
     #[arg(long, value_name = "F.png")]
     pub picture: Option<PathBuf>,
     /// Folder for images.npy [frame, row, column] and touches.csv of all frames; with a U-net also raw.npy,
-    /// the images before it.
+    /// the images before it. Frames are numbered from 0 after the reference, whose time time_s counts, too.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Where else touches are published.

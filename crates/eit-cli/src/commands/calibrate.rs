@@ -5,7 +5,7 @@ use crate::cli::CalibrateArgs;
 use crate::error::CliError;
 use crate::progress;
 use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
-use eit_skin::frames::Frames;
+use eit_skin::frames::{Frames, has_driven_electrodes};
 use eit_skin::scene::{ElementKind, Reference, Scene};
 use eit_skin::{MeshOverride, Progress, Skin};
 use serde_json::{Value, json};
@@ -31,7 +31,9 @@ pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
     });
     let found = found.map_err(|error| error.within(&scene.place))?;
     let json = to_json(&skin.name, &frames, &found, &notes, &progress);
-    Ok(Answer { text: text(&frames, &found, &notes), json })
+    let may_use_driven =
+        !scene.reconstruction.use_driven_electrodes && has_driven_electrodes(&skin.protocol);
+    Ok(Answer { text: text(&frames, &found, &notes, may_use_driven), json })
 }
 
 fn settings(args: &CalibrateArgs, skin: &Skin, frames: &Frames) -> CalibrationSettings {
@@ -84,7 +86,7 @@ fn undetermined(found: &Calibration) -> Vec<usize> {
     all.filter(|l| weak.contains(if common { &1 } else { l })).collect()
 }
 
-fn text(frames: &Frames, found: &Calibration, notes: &[String]) -> String {
+fn text(frames: &Frames, found: &Calibration, notes: &[String], may_use_driven: bool) -> String {
     let std = found.std();
     let contact = |l: usize| std[(1 + l).min(std.len() - 1)];
     let used = frames.used.iter().filter(|used| **used).count();
@@ -102,13 +104,17 @@ fn text(frames: &Frames, found: &Calibration, notes: &[String]) -> String {
     ];
     for (l, z) in found.contact_impedance.iter().enumerate() {
         // exponential of the standard deviation of a logarithm
-        lines.push(format!("contact {}: {z:.3e}, to a factor of {:.2}", l + 1, contact(l).exp()));
+        let factor = contact(l).exp();
+        lines.push(format!("contact {}: {z:.3e} ohm m, to a factor of {factor:.2}", l + 1));
     }
     let weak = undetermined(found);
     if !weak.is_empty() {
+        let advice = match may_use_driven {
+            true => " (measurements on driven electrodes would tell: --use-driven-electrodes)",
+            false => "",
+        };
         lines.push(format!(
-            "the data hardly determine the contacts of electrodes {weak:?}: their values say little \
-             (measurements on driven electrodes would tell: --use-driven-electrodes)"
+            "the data hardly determine the contacts of electrodes {weak:?}: their values say little{advice}"
         ));
     }
     lines.extend(notes.iter().map(|note| format!("note: {note}")));

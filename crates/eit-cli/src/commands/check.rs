@@ -21,8 +21,10 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
         let message = format!("--seconds {}: it must be above 0, to 3600", args.seconds);
         return Err(CliError::input(message));
     }
-    if args.frames == 0 {
-        return Err(CliError::input("--frames 0: it must be above 0"));
+    if args.frames < HealthReport::LEAST_FRAMES {
+        let (frames, least) = (args.frames, HealthReport::LEAST_FRAMES);
+        let message = format!("--frames {frames}: it must be at least {least}, to tell the noise");
+        return Err(CliError::input(message));
     }
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;

@@ -11,6 +11,7 @@ use crate::error::CliError;
 use eit_hw::capture::{self, CaptureWriter, PartFile};
 use eit_report::output;
 use eit_skin::scene::Scene;
+use eit_skin::words::counted;
 use serde_json::json;
 use std::path::Path;
 
@@ -37,6 +38,11 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     let stored = Stored::new(&recording, scene.as_ref())?;
     let found = stored.look()?;
     let mut notes: Vec<String> = recording.notes.iter().map(ToString::to_string).collect();
+    // frames that the reader could not read whole
+    let cut = recording.skipped.frames;
+    if cut > 0 {
+        notes.push(recording.skipped.to_string());
+    }
     let (frames, finite, flagged) = (found.is_finite.len(), found.finite(), found.flagged);
     let complex = recording.is_complex();
     let written = match ending.as_str() {
@@ -49,18 +55,21 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
             finite
         }
     };
-    let skipped = frames - written;
+    let unfinished = frames - written;
     if ending != "mcap" {
-        notes.extend(table_notes(flagged, skipped, complex));
+        notes.extend(table_notes(flagged, unfinished, complex));
     }
-    let count = stored.columns();
+    let (count, skipped) = (stored.columns(), cut + unfinished);
     Ok(answer(args, &Counts { written, skipped, count, complex, flagged }, &notes))
 }
 
 /// What a table cannot hold.
 fn table_notes(flagged: usize, skipped: usize, complex: bool) -> impl Iterator<Item = String> {
-    let flagged = (flagged > 0).then(|| format!("{flagged} flagged values: a table has no flags"));
-    let skipped = (skipped > 0).then(|| format!("{skipped} frames skipped: a value is not finite"));
+    let flagged = (flagged > 0).then(|| {
+        format!("{}: a table has no flags", counted(flagged, "flagged value", "flagged values"))
+    });
+    let skipped = (skipped > 0)
+        .then(|| format!("{} skipped: a value is not finite", counted(skipped, "frame", "frames")));
     flagged.into_iter().chain(skipped).chain(complex.then(|| ALTERNATE.into()))
 }
 
@@ -89,7 +98,8 @@ struct Counts {
 
 fn answer(args: &ConvertArgs, counts: &Counts, notes: &[String]) -> Answer {
     let Counts { written, skipped, count, complex, flagged } = *counts;
-    let mut text = format!("{written} frames of {count} values in {}", args.out.display());
+    let frames = counted(written, "frame", "frames");
+    let mut text = format!("{frames} of {count} values in {}", args.out.display());
     for note in notes {
         text += &format!("\nnote: {note}");
     }

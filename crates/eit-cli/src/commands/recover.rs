@@ -25,6 +25,7 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         }
         _ => error.into(),
     })?;
+    check_any_frame(args, &recovered)?;
     let Recovered {
         frames,
         messages,
@@ -93,4 +94,22 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         "unfinished": unfinished,
     });
     Ok(Answer { text, json })
+}
+
+/// Fails for a recording of ours without an intact frame. Notes, attachments and the like are kept in the new
+/// recording; one with nothing but what instrument it was would only be taken for a success.
+fn check_any_frame(args: &RecoverArgs, recovered: &Recovered) -> Result<(), CliError> {
+    let &Recovered { frames, messages, sessions, unreadable, attachments, .. } = recovered;
+    if frames > 0 || sessions == 0 {
+        return Ok(());
+    }
+    let (from, to) = (args.input.display(), args.out.display());
+    if messages + unreadable + attachments == sessions {
+        std::fs::remove_file(&args.out).map_err(|error| CliError::at(&args.out, error))?;
+        return Err(CliError::Failure(format!("{from}: no frame is intact; {to} is not written")));
+    }
+    let rest = messages + unreadable;
+    Err(CliError::Failure(format!(
+        "{from}: no frame is intact; {to} holds the rest: {rest} other messages and {attachments} attachments"
+    )))
 }

@@ -168,7 +168,9 @@ fn frames_that_cannot_be() {
     let reference = ["--reference", "0"];
     type Case<'a> = (&'a str, Vec<u8>, &'a [&'a str], &'a [&'a str]);
     let all_missing = [vec!["nan"; 40].join(","), String::new()].join("\n").repeat(2).into_bytes();
-    let cases: [Case<'_>; 8] = [
+    let header = [b"a,b,3\n".to_vec(), csv(2, 40, None)].concat();
+    let cases: [Case<'_>; 9] = [
+        ("f.csv", header, &reference, &["line 1", "value 1 is \"a\"", "a header, remove it"]),
         ("f.csv", csv(2, 39, None), &reference, &["39", "40"]),
         // a few missing values are accepted: missing_values.rs
         ("f.csv", all_missing, &reference, &["no measurement is usable", "80 value(s) missing"]),
@@ -271,6 +273,40 @@ fn wrong_usage_is_one_line() {
     ] {
         let found = refuse(arguments);
         assert!(found.starts_with("eit: ") && found.contains("--help"), "{found}");
+    }
+}
+
+/// A number below zero is one that is not taken, and not another option.
+#[test]
+fn numbers_below_zero_are_refused_as_such() {
+    for (arguments, wanted) in [
+        (&["simulate", "paper-disc", "--seed", "-1", "--out", "never"][..], "'--seed <N>'"),
+        (&["mesh", "paper-disc", "--out", "never.png", "--nodes", "-1"], "'--nodes <N>'"),
+        (&["simulate", "paper-disc", "--seed", "one", "--out", "never"], "'--seed <N>'"),
+    ] {
+        let said = refuse(arguments);
+        assert!(said.contains(wanted) && said.contains("a whole number, 0 or above"), "{said}");
+        assert!(!said.contains("tip"), "{said}");
+    }
+    let said = refuse(&["replay", "paper-disc", "--from", "never.mcap", "--speed", "-1"]);
+    assert!(said.contains("--speed -1: it must be above 0"), "{said}");
+}
+
+/// A file stands where results would go.
+#[test]
+fn a_file_is_no_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("f.csv");
+    std::fs::write(&file, csv(2, 40, None)).unwrap();
+    let scene = write_scene(folder.path(), SMALL);
+    let [scene, file] = [text(&scene), text(&file)];
+    for arguments in [
+        &["reconstruct", scene, "--frames", file, "--reference", "0", "--out", file][..],
+        &["base", scene, "--out", file],
+        &["man", "--out", file],
+    ] {
+        let said = refuse(arguments);
+        assert!(said.contains("f.csv: is a file, but --out must name a folder here"), "{said}");
     }
 }
 

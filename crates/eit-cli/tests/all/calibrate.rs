@@ -9,7 +9,7 @@
     reason = "tests"
 )]
 
-use crate::common::{refuse, scene, succeed, text, write_scene};
+use crate::common::{SMALL, refuse, scene, succeed, text, write_scene};
 use serde_json::Value;
 
 fn calibrate(scene: &str, more: &[&str]) -> Value {
@@ -126,4 +126,27 @@ fn frames_that_do_not_fit_are_refused() {
     std::fs::write(&short, "1.0,2.0,3.0\n").unwrap();
     let says = refuse(&["calibrate", text(&path), "--frames", text(&short)]);
     assert!(says.contains("208"), "{says}");
+}
+
+/// The option is advised only where it adds measurements.
+#[test]
+fn driven_electrodes_are_advised_where_they_help() {
+    let folder = tempfile::tempdir().unwrap();
+    let frame = folder.path().join("v.csv");
+    let option = "--use-driven-electrodes";
+    for (driven, more, is_advised) in
+        [("drop", &[][..], false), ("keep", &[], true), ("keep", &[option], false)]
+    {
+        let keys = format!("drive = \"adjacent\"\ndriven_electrodes = \"{driven}\"");
+        // so much noise that the data determine nothing
+        let noise = "\n[noise]\nadditive_v = 1e3\n";
+        let content = SMALL.replace("drive = \"adjacent\"", &keys) + noise;
+        let scene = write_scene(folder.path(), &content);
+        succeed(&["forward", text(&scene), "--out", text(&frame)]);
+        let arguments = ["calibrate", text(&scene), "--frames", text(&frame)];
+        let said = succeed(&[&arguments[..], more].concat());
+        assert!(said.contains("contact 1: ") && said.contains(" ohm m, to a factor of"), "{said}");
+        assert!(said.contains("hardly determine"), "{said}");
+        assert_eq!(said.contains(option), is_advised, "{said}");
+    }
 }

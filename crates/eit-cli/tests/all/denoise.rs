@@ -42,6 +42,27 @@ fn train(scene: &Path, out: &Path) -> serde_json::Value {
     serde_json::from_str(&succeed(&arguments)).unwrap()
 }
 
+/// Weights of another skin: the option is named, and what would have to be in the scene.
+#[test]
+fn the_shipped_net_on_another_skin_says_how_to_allow_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let [images, out] = ["images.npy", "out"].map(|name| folder.path().join(name));
+    ndarray_npy::write_npy(&images, &Array3::<f64>::zeros((1, 24, 24))).unwrap();
+    let found = refuse(&[
+        "denoise",
+        text(&scene),
+        "--images",
+        text(&images),
+        "--weights",
+        "default",
+        "--out",
+        text(&out),
+    ]);
+    assert!(found.contains("--any-skin"), "{found}");
+    assert!(found.contains("weights = \"default\", any_skin = true"), "{found}");
+}
+
 /// Training is compiled in on demand.
 #[cfg(not(feature = "train"))]
 #[test]

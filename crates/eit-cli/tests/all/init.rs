@@ -215,6 +215,9 @@ fn exchanged_wires_are_named() {
         let place = folder.path().join("my.toml");
         let written = std::fs::read_to_string(&place).unwrap();
         assert!(all.contains(&words) && written.contains(&words), "{all}{written}");
+        // told before the presses, and with the answer
+        let times = if more.is_empty() { 2 } else { 1 };
+        assert_eq!(all.matches("The board prints").count(), times, "{all}");
         if more.is_empty() {
             let electrodes = Scene::load(text(&place)).unwrap().electrodes;
             assert_eq!(electrodes.first_angle_deg, Some(0.0), "{all}");

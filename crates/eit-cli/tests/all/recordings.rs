@@ -207,6 +207,71 @@ fn nothing_whole_is_refused_and_leaves_no_file() {
     assert!(said.contains("new.mcap: cannot be written"), "{said}");
 }
 
+/// A recording of ours without a frame is no success, and leaves no file that looks like one.
+#[test]
+fn recovering_no_frame_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let [table, whole, cut, new] =
+        ["a.csv", "whole.mcap", "cut.mcap", "new.mcap"].map(|name| folder.path().join(name));
+    std::fs::write(&table, "1,2,3\n4,5,6\n").unwrap();
+    succeed(&["convert", text(&table), "--out", text(&whole)]);
+    // the first chunk holds the session alone
+    let bytes = std::fs::read(&whole).unwrap();
+    let mut said = String::new();
+    for length in (0..bytes.len()).step_by(50) {
+        std::fs::write(&cut, &bytes[..length]).unwrap();
+        let output = eit(&["recover", text(&cut), text(&new)]);
+        if output.status.code() == Some(1) {
+            said = stderr(&output);
+            break;
+        }
+        assert_eq!((output.status.code(), new.exists()), (Some(2), false));
+    }
+    assert!(said.contains("cut.mcap: no frame is intact; "), "{said}");
+    assert!(said.contains("new.mcap is not written") && !new.exists(), "{said}");
+}
+
+/// A frame that the file's end cuts off is counted, and told in the singular.
+#[test]
+fn convert_tells_of_a_cut_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let [cut, table] = ["cut.get", "table.csv"].map(|name| folder.path().join(name));
+    // two frames of 256 values and a part of one
+    let bytes: Vec<u8> = (0..600).flat_map(|k| (0.1 + 0.001 * k as f32).to_le_bytes()).collect();
+    std::fs::write(&cut, bytes).unwrap();
+    let answer = succeed(&["convert", text(&cut), "--out", text(&table), "--json"]);
+    let answer: serde_json::Value = serde_json::from_str(&answer).unwrap();
+    assert_eq!((&answer["frames"], &answer["skipped_frames"]), (&2.into(), &1.into()), "{answer}");
+    let note = "1 cut frame skipped (byte 2048: 352 bytes instead of 1024)";
+    assert_eq!(answer["notes"], serde_json::json!([note]));
+}
+
+/// A skin that never rests: what to do, also for programs.
+#[test]
+fn a_replay_without_a_reference_says_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let plain = common::write_scene(folder.path(), common::SMALL);
+    let (array, _) = common::touched_frames(folder.path(), &plain);
+    let frames: ndarray::Array2<f64> = ndarray_npy::read_npy(&array).unwrap();
+    // each measurement swings by 5 %
+    let swings = ndarray::Array2::from_shape_fn((72, frames.ncols()), |(f, i)| {
+        frames[[0, i]] * (1.0 + 0.05 * (f as f64 / 3.0).sin() * (i as f64 / 20.0 - 1.0))
+    });
+    let [array, recording] = ["swings.npy", "swings.mcap"].map(path);
+    ndarray_npy::write_npy(&array, &swings).unwrap();
+    succeed(&["convert", text(&array), "--out", text(&recording), "--scene", text(&plain)]);
+    let replay = ["replay", text(&plain), "--from", text(&recording)];
+    let said = eit(&replay);
+    let said = String::from_utf8(said.stdout).unwrap();
+    assert!(said.contains("72 frames came, and none was searched for touches: begin"), "{said}");
+    assert!(said.contains("--reference-frames; in a replay also [recording] reference"), "{said}");
+    let answer = eit(&[&replay[..], &["--json"]].concat());
+    let answer: serde_json::Value = serde_json::from_slice(&answer.stdout).unwrap();
+    assert_eq!(answer["unsearched"]["frames"], 72, "{answer}");
+    assert!(answer["unrest"].as_f64().unwrap() > 0.01, "{answer}");
+}
+
 /// Values of a table are not replaced by those in another order.
 #[test]
 fn convert_does_not_write_over_what_it_reads() {

@@ -233,3 +233,14 @@ fn a_simulation_is_replayed_as_its_scene_says() {
     assert!(refused.contains("holds a simulation"), "{refused}");
     assert_eq!(std::fs::read(out.join("touches.csv")).unwrap(), before);
 }
+
+/// Frames that would all be quiet: the option is named, and how many there are.
+#[test]
+fn frames_of_the_untouched_skin_alone_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("never.npy");
+    let said = refuse(&["simulate", "paper-disc", "--frames", "20", "--out", text(&out)]);
+    let wanted =
+        "--frames 20: the script paper-one-finger begins with 20 frames of the untouched skin";
+    assert!(said.contains(wanted), "{said}");
+}

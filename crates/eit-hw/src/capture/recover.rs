@@ -28,6 +28,8 @@ pub struct Recovered {
     pub frames: u64,
     /// Number of other messages: sessions, references, touches, notes and those of other programs.
     pub messages: u64,
+    /// Number of those that are sessions, which every recording of ours begins with.
+    pub sessions: u64,
     /// Number of messages that were stored intact but are not what their topic holds, such as a frame
     /// without values. They are copied unchanged, and every reader skips them.
     pub unreadable: u64,
@@ -251,6 +253,7 @@ impl Copy {
             None if is_own => recovered.unreadable += 1,
             _ => recovered.messages += 1,
         }
+        recovered.sessions += u64::from(matches!(entry, Some(Entry::Session(_))));
         let differs = entry.is_some_and(|entry| self.same.take(entry).is_err());
         recovered.other_set_ups += u64::from(differs);
     }

@@ -29,8 +29,6 @@ const LOST_SHARE: f64 = 0.01;
 const RATE_ERROR: f64 = 0.05;
 /// Median drift, in multiples of the noise of one value, above which it is reported.
 const DRIFT_FACTOR: f64 = 5.0;
-/// Minimum number of frames for an estimate of the noise.
-const LEAST_FRAMES: usize = 8;
 
 /// What is known of the stream besides its values.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -87,6 +85,9 @@ pub struct HealthReport {
 }
 
 impl HealthReport {
+    /// Minimum number of frames, from which the noise is estimated.
+    pub const LEAST_FRAMES: usize = 8;
+
     /// Returns the verdict that follows from the worst finding.
     pub fn verdict(&self) -> Verdict {
         match self.findings.first().map(|finding| finding.severity) {
@@ -103,7 +104,7 @@ impl HealthReport {
 ///
 /// # Errors
 /// [`HwError::QuadrupleCount`] if their number differs from the values per frame, and
-/// [`HwError::Count`] for fewer than 8 frames.
+/// [`HwError::Count`] for fewer than [`HealthReport::LEAST_FRAMES`].
 pub fn check_health(
     frames: &MeasuredFrames,
     quadruples: &[Quadruple],
@@ -113,12 +114,12 @@ pub fn check_health(
     if quadruples.len() != count {
         return Err(HwError::QuadrupleCount { quadruples: quadruples.len(), count });
     }
-    if found < LEAST_FRAMES {
+    if found < HealthReport::LEAST_FRAMES {
         return Err(HwError::Count {
             place: Place::file("health check".as_ref()),
             what: "frames",
             found,
-            wanted: LEAST_FRAMES,
+            wanted: HealthReport::LEAST_FRAMES,
             mend: "record a second or more of the untouched skin",
         });
     }

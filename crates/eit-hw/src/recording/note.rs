@@ -71,6 +71,20 @@ impl Skipped {
     }
 }
 
+impl fmt::Display for Skipped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.frames {
+            1 => f.write_str("1 cut frame skipped")?,
+            frames => write!(f, "{frames} cut frames skipped")?,
+        }
+        match self.first.first() {
+            Some(first) if self.frames == 1 => write!(f, " ({first})"),
+            Some(first) => write!(f, " (first: {first})"),
+            None => Ok(()),
+        }
+    }
+}
+
 impl fmt::Display for SkipReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

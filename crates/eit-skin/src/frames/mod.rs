@@ -349,9 +349,8 @@ fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> {
 fn notes_of(recording: &Recording, file: &Path) -> Vec<String> {
     let name = name_of(file);
     let mut notes: Vec<String> = recording.notes.iter().map(|n| format!("{name}: {n}")).collect();
-    let skipped = &recording.skipped;
-    if let (count @ 1.., Some(first)) = (skipped.frames, skipped.first.first()) {
-        notes.push(format!("{name}: {count} cut frames skipped (first: {first})"));
+    if recording.skipped.frames > 0 {
+        notes.push(format!("{name}: {}", recording.skipped));
     }
     notes
 }
@@ -381,6 +380,12 @@ pub(crate) fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
         driven == 2 && drive.iter().zip(senses.row(m as usize)).any(|(i, w)| *i != 0.0 && *w != 0.0)
     };
     protocol.data().iter().map(touches).collect()
+}
+
+/// Whether a protocol has measurements on current-carrying electrodes that could also be left out
+/// (`reconstruction.use_driven_electrodes`).
+pub fn has_driven_electrodes(protocol: &Protocol) -> bool {
+    on_driven_electrodes(protocol).contains(&true)
 }
 
 fn name_of(path: &Path) -> String {

@@ -42,8 +42,9 @@ pub(super) fn find(
     } else {
         other_board(port, &heard, first, &mut found)?;
     }
-    found.lines.iter().for_each(|line| questions.say(line));
     if !args.no_presses {
+        // before the presses, which may take a while; the answer has them again, with what the presses tell
+        found.lines.iter().for_each(|line| questions.say(line));
         presses::find(args, first, &rivals, &mut found, questions)?;
     } else if let Some(rival) = rivals.first() {
         found.warnings.push(format!("equally likely is {}", words(rival)));
