@@ -21,7 +21,7 @@ use std::time::Duration;
 pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> {
     super::check_watch(&args.watch)?;
     if let Some(speed) = args.speed.filter(|speed| !(speed.is_finite() && *speed > 0.0)) {
-        return Err(CliError::input(format!("--speed {speed}: it must be above 0")));
+        return Err(CliError::input(format!("--speed is {speed}: it must be above 0")));
     }
     check_recording(args)?;
     let publisher = publish::open(&args.watch.publish, is_json, false)?;

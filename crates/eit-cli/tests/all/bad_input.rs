@@ -289,7 +289,7 @@ fn numbers_below_zero_are_refused_as_such() {
         assert!(!said.contains("tip"), "{said}");
     }
     let said = refuse(&["replay", "paper-disc", "--from", "never.mcap", "--speed", "-1"]);
-    assert!(said.contains("--speed -1: it must be above 0"), "{said}");
+    assert!(said.contains("--speed is -1: it must be above 0"), "{said}");
 }
 
 /// A file stands where results would go.
