@@ -90,6 +90,21 @@ pub struct OutFolder {
     files: Vec<(&'static str, NamedTempFile)>,
 }
 
+/// Rejects a file where `--out` names a folder.
+///
+/// # Errors
+///
+/// [`ReportError::Input`], before any work.
+pub fn check_folder(path: &Path) -> Result<(), ReportError> {
+    match path.exists() && !path.is_dir() {
+        true => {
+            let message = "is a file, but --out must name a folder here";
+            Err(ReportError::input(format!("{}: {message}", path.display())))
+        }
+        false => Ok(()),
+    }
+}
+
 impl OutFolder {
     /// Creates the folder if necessary and checks that it is writable.
     ///
@@ -98,10 +113,7 @@ impl OutFolder {
     /// A path that cannot be written, or that is a folder where a file is meant (and the other way round).
     pub fn new(path: impl AsRef<Path>) -> Result<Self, ReportError> {
         let path = path.as_ref();
-        if path.exists() && !path.is_dir() {
-            let message = "is a file, but --out must name a folder here";
-            return Err(ReportError::input(format!("{}: {message}", path.display())));
-        }
+        check_folder(path)?;
         let refused = |e: std::io::Error| {
             ReportError::input(format!(
                 "{}: cannot write to this folder: {}; choose another with --out",

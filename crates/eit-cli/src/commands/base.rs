@@ -11,7 +11,7 @@ use serde_json::json;
 
 /// Makes the sequences that are missing.
 pub(crate) fn run(args: &BaseArgs) -> Result<Answer, CliError> {
-    super::check_folder(&args.out)?;
+    eit_report::output::check_folder(&args.out)?;
     let scene = Scene::load(&args.scene)?;
     scene.refuse_movement("base")?;
     let request = request(&args.pairs)?;

@@ -78,17 +78,6 @@ fn check_frames(frames: Option<u64>) -> Result<(), CliError> {
     }
 }
 
-/// Rejects a file where `--out` names a folder.
-fn check_folder(path: &Path) -> Result<(), CliError> {
-    match path.exists() && !path.is_dir() {
-        true => {
-            let message = "is a file, but --out must name a folder here";
-            Err(CliError::input(format!("{}: {message}", path.display())))
-        }
-        false => Ok(()),
-    }
-}
-
 /// Rejects a file name extension of `--out` that the command does not write.
 fn check_ending(path: &Path, known: &[&str]) -> Result<String, CliError> {
     check_ending_of("--out", path, known)

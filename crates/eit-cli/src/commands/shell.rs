@@ -19,7 +19,7 @@ pub(crate) fn completions(args: &CompletionsArgs) -> Result<Answer, CliError> {
 /// Writes the manual pages of the program and its commands.
 pub(crate) fn man(args: &ManArgs) -> Result<Answer, CliError> {
     let failed = |error| CliError::at(&args.out, error);
-    super::check_folder(&args.out)?;
+    eit_report::output::check_folder(&args.out)?;
     std::fs::create_dir_all(&args.out).map_err(failed)?;
     // a page for each of our commands, but not for clap's own `help`
     let command = Cli::command().disable_help_subcommand(true);
