@@ -29,25 +29,13 @@ pub fn median(repeats: usize, mut run: impl FnMut() -> Result<()>) -> Result<Tim
         wall.push(wall_start.elapsed().as_secs_f64());
     }
     let least_cpu_s = cpu.iter().copied().fold(f64::INFINITY, f64::min);
-    Ok(Times { cpu_s: middle(&mut cpu), wall_s: middle(&mut wall), least_cpu_s })
-}
-
-/// Median of a non-empty list; for an even number of values, the mean of the middle two.
-fn middle(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let last = values.len() - 1;
-    0.5 * (values[last / 2] + values[last.div_ceil(2)])
+    let [cpu_s, wall_s] = [cpu, wall].map(|times_s| eit_core::median(times_s).unwrap_or(f64::NAN));
+    Ok(Times { cpu_s, wall_s, least_cpu_s })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_middle_of_odd_and_even_counts() {
-        assert_eq!(middle(&mut [3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(middle(&mut [4.0, 1.0, 2.0, 3.0]), 2.5);
-    }
 
     #[test]
     fn errors_end_the_timing() {

@@ -104,7 +104,5 @@ fn ratios(complex: &[f64], real: &[f64]) -> [f64; 3] {
 }
 
 fn middle(list: &[f64]) -> f64 {
-    let mut list = list.to_vec();
-    list.sort_by(f64::total_cmp);
-    list[list.len() / 2]
+    eit_core::median(list.iter().copied()).unwrap_or(f64::NAN)
 }

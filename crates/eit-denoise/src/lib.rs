@@ -3,10 +3,6 @@
 #![deny(clippy::missing_errors_doc)]
 
 #[cfg(feature = "unet")]
-#[macro_use]
-mod trace;
-
-#[cfg(feature = "unet")]
 mod data_consistency;
 mod error;
 #[cfg(feature = "base")]

@@ -17,8 +17,7 @@ use burn::grad_clipping::GradientClippingConfig;
 use burn::module::{ModuleVisitor, Param};
 use burn::optim::{AdamConfig, ModuleOptimizer};
 use burn::tensor::Tensor;
-use rand_distr::{Distribution as _, StandardUniform};
-use rand_pcg::Pcg64;
+use eit_core::Random;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::ControlFlow;
@@ -204,14 +203,10 @@ fn check_finite<N: ImageNet>(net: &N) -> Result<(), DenoiseError> {
 /// as indices of [`Examples::get`].
 fn shuffled(examples: &Examples, seed: u64, epoch: usize) -> Vec<usize> {
     let (count, turns) = (examples.len(), examples.turns());
-    let mut random = Pcg64::new(u128::from(seed), 1 + epoch as u128);
-    let mut below = |count: usize| {
-        let unit: f64 = StandardUniform.sample(&mut random);
-        (count as f64 * unit) as usize
-    };
-    let mut order: Vec<usize> = (0..count).map(|k| k + count * below(turns)).collect();
+    let mut random = Random::stream(seed, 1 + epoch as u128);
+    let mut order: Vec<usize> = (0..count).map(|k| k + count * random.below(turns)).collect();
     for last in (1..count).rev() {
-        order.swap(last, below(last + 1));
+        order.swap(last, random.below(last + 1));
     }
     order
 }

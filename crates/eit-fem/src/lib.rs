@@ -2,9 +2,6 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 #![deny(clippy::missing_errors_doc)]
 
-#[macro_use]
-mod trace;
-
 #[cfg(feature = "complex")]
 mod admittivity;
 pub mod analytic;
@@ -18,7 +15,6 @@ mod model;
 mod protocol;
 mod solve;
 pub mod sparse;
-mod vector;
 
 /// ndarray, in the version of this crate's interface.
 pub use ndarray;

@@ -2,9 +2,6 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 #![deny(clippy::missing_errors_doc)]
 
-#[macro_use]
-mod trace;
-
 #[cfg(feature = "serde")]
 mod absent;
 #[cfg(feature = "mcap")]

@@ -2,9 +2,6 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 #![deny(clippy::missing_errors_doc)]
 
-#[macro_use]
-mod trace;
-
 // Dependency order of the modules: error, check, geometry; then data, noise, prior; then one_step,
 // sequence and st_tv. touch uses metrics, noise and one_step; calibration uses data; learn uses touch.
 // No two files import each other.

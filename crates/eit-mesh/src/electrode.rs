@@ -1,7 +1,8 @@
 //! Electrodes on a surface, and the mesh that combines the two.
 
-use crate::surface::{middle, norm, sub};
+use crate::surface::middle;
 use crate::{MeshError, Surface};
+use eit_core::vector::{norm, sub};
 use std::collections::HashMap;
 
 /// The part of the skin that an electrode covers.

@@ -15,8 +15,9 @@ use crate::flat_electrodes::FlatElectrodes;
 use crate::geometry::{Disc, Outline};
 use crate::rim_electrodes::{RimElectrodes, RimInterval};
 use crate::settings::MeshSettings;
-use crate::surface::norm;
 use crate::{Electrode, Mesh, MeshError, PlacedElectrode, SkinShape, Surface, smooth};
+use eit_core::event;
+use eit_core::vector::norm;
 
 /// Meshes a flat skin (z = 0), or a hemisphere, with electrodes on its rim.
 ///

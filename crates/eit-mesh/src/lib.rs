@@ -23,9 +23,6 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-#[macro_use]
-mod trace;
-
 mod csr;
 mod electrode;
 mod error;

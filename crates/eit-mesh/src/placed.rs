@@ -11,8 +11,8 @@ mod refine;
 mod rim;
 
 use crate::rim_electrodes::{RimInterval, SMALLEST, check_gaps};
-use crate::surface::{norm, sub};
 use crate::{Electrode, Mesh, MeshError, MeshSettings, Surface};
+use eit_core::vector::{norm, sub};
 pub use electrode::{Contact, PlacedElectrode};
 use patch::Ball;
 use refine::refine;

@@ -1,7 +1,7 @@
 //! Measures how well shaped a mesh is.
 
-use crate::surface::{norm, sub};
 use crate::{Electrode, Mesh, Surface};
+use eit_core::vector::{norm, sub};
 use std::fmt;
 
 /// Shape statistics of a mesh.

@@ -8,8 +8,8 @@
 
 mod notes;
 
-use crate::surface::{norm, sub};
 use crate::{MeshError, Surface};
+use eit_core::vector::{norm, sub};
 pub use notes::Repairs;
 use std::collections::{HashMap, HashSet};
 

@@ -4,6 +4,7 @@
 //! traffic of `usize`, the bottleneck of assembly.
 
 use crate::MeshError;
+use eit_core::vector::{self, norm, sub};
 use std::collections::HashMap;
 
 /// Triangles with an area below this fraction of their longest edge squared count as degenerate.
@@ -120,16 +121,6 @@ impl Surface {
     }
 }
 
-/// Difference `b - a`.
-pub(crate) fn sub(b: [f64; 3], a: [f64; 3]) -> [f64; 3] {
-    [b[0] - a[0], b[1] - a[1], b[2] - a[2]]
-}
-
-/// Euclidean length.
-pub(crate) fn norm(a: [f64; 3]) -> f64 {
-    (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
-}
-
 /// Mean of some points.
 pub(crate) fn middle<const N: usize>(points: &[[f64; 3]; N]) -> [f64; 3] {
     std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / N as f64)
@@ -139,19 +130,8 @@ fn centroid(nodes: &[[f64; 3]], triangle: [u32; 3]) -> [f64; 3] {
     middle(&triangle.map(|n| nodes[n as usize]))
 }
 
-/// Scalar product.
-pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Cross product.
-pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
 fn normal(nodes: &[[f64; 3]], triangle: [u32; 3]) -> [f64; 3] {
-    let [a, b, c] = triangle.map(|n| nodes[n as usize]);
-    cross(sub(b, a), sub(c, a))
+    vector::normal(triangle.map(|n| nodes[n as usize]))
 }
 
 fn check_nodes_and_indices(nodes: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<(), MeshError> {

@@ -1,5 +1,6 @@
 //! The direction from which a mesh in space is drawn.
 
+use eit_core::vector::{cross, dot, norm, normal, unit};
 use eit_mesh::Surface;
 
 /// A parallel projection: unit axes to the right, upwards and towards the viewer.
@@ -31,7 +32,7 @@ impl View {
         }
         // each normal is twice as long as its triangle's area
         let area_m2: f64 = surface.areas_m2().iter().sum();
-        let eye = match length(mean) > 2.0 * LOOKS_NOWHERE * area_m2 {
+        let eye = match norm(mean) > 2.0 * LOOKS_NOWHERE * area_m2 {
             true => unit(mean),
             false => unit([1.0, -1.0, 1.0]),
         };
@@ -67,28 +68,6 @@ impl View {
         let [x, y, z] = self.eye;
         format!(", seen from [{x:.2}, {y:.2}, {z:.2}]")
     }
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn length(a: [f64; 3]) -> f64 {
-    dot(a, a).sqrt()
-}
-
-fn unit(a: [f64; 3]) -> [f64; 3] {
-    a.map(|x| x / length(a))
-}
-
-/// Normal of a triangle, with a length of twice its area.
-fn normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
-    let from_a = |p: [f64; 3]| [p[0] - a[0], p[1] - a[1], p[2] - a[2]];
-    cross(from_a(b), from_a(c))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::skin::Skin;
+use eit_core::vector::{self, cross, unit};
 use eit_fem::{Displacement, ElectrodeMotion};
 use eit_mesh::{Electrode, Mesh, Surface};
 use ndarray::Array2;
@@ -67,18 +68,9 @@ fn displacements(mesh: &Mesh) -> Result<Vec<Displacement>, SkinError> {
 
 /// Two unit vectors along the skin under a patch, perpendicular to each other and to its mean normal.
 fn tangents(surface: &Surface, triangles: &[u32]) -> [[f64; 3]; 2] {
-    let cross = |a: [f64; 3], b: [f64; 3]| {
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    };
-    let unit = |v: [f64; 3]| {
-        let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
-        v.map(|x| x / length)
-    };
     let mut normal = [0.0; 3];
     for &triangle in triangles {
-        let [a, b, c] = surface.corners(triangle as usize);
-        let side = |p: [f64; 3]| [p[0] - a[0], p[1] - a[1], p[2] - a[2]];
-        let twice_area = cross(side(b), side(c));
+        let twice_area = vector::normal(surface.corners(triangle as usize));
         (0..3).for_each(|k| normal[k] += twice_area[k]);
     }
     let normal = unit(normal);

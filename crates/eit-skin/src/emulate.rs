@@ -153,9 +153,7 @@ fn from_model(
         rounding_warning(&solution.report())?;
         Ok::<_, SkinError>(solution.measurements())
     })?;
-    let mut sizes: Vec<f64> = voltages.iter().map(|v| v.abs()).collect();
-    sizes.sort_by(f64::total_cmp);
-    let median = sizes.get(sizes.len() / 2).copied().unwrap_or_default();
+    let median = eit_core::median(voltages.iter().map(|v| v.abs())).unwrap_or_default();
     Ok(Played {
         real: voltages.insert_axis(ndarray::Axis(0)),
         imaginary: None,

@@ -47,9 +47,7 @@ impl FittedFrames {
         let known = |(ratio, used): (f64, &bool)| {
             (*used && ratio.is_finite() && ratio > 0.0).then_some(ratio)
         };
-        let mut known: Vec<f64> = ratios.zip(&frames.used).filter_map(known).collect();
-        known.sort_unstable_by(f64::total_cmp);
-        known.get(known.len() / 2).copied().unwrap_or(1.0)
+        eit_core::median(ratios.zip(&frames.used).filter_map(known)).unwrap_or(1.0)
     }
 
     /// Returns the factor from the strength of a touch to the integral of its image. Normalised images are relative to

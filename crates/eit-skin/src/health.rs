@@ -115,7 +115,7 @@ impl<'a> Explained<'a> {
         let stuck = columns.zip(quadruples).filter(|(column, q)| is_sound(q) && is_stuck(*column));
         Self {
             faulty,
-            noise: median(sound.iter().map(|(_, noise)| *noise)),
+            noise: finite_median(sound.iter().map(|(_, noise)| *noise)),
             stuck: stuck.map(|(_, quadruple)| *quadruple).collect(),
             sound,
         }
@@ -128,7 +128,7 @@ impl<'a> Explained<'a> {
             (Trouble::Noisy { ratio }, Some(electrode)) if !self.faulty.contains(&electrode) => {
                 let senses = |[_, _, m, n]: &Quadruple| *m == electrode || *n == electrode;
                 let own = self.sound.iter().filter(|(q, _)| senses(q)).map(|(_, noise)| *noise);
-                *ratio = median(own) / self.noise;
+                *ratio = finite_median(own) / self.noise;
                 *ratio > NOISY_TIMES
             }
             (Trouble::Stuck { measurements, first, second }, _) => {
@@ -144,8 +144,6 @@ impl<'a> Explained<'a> {
 }
 
 /// Median of the finite values; NaN if there are none.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+fn finite_median(values: impl Iterator<Item = f64>) -> f64 {
+    eit_core::median(values.filter(|value| value.is_finite())).unwrap_or(f64::NAN)
 }

@@ -2,9 +2,6 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 #![deny(clippy::missing_errors_doc)]
 
-#[macro_use]
-mod trace;
-
 #[cfg(feature = "hw")]
 pub mod connect;
 #[cfg(feature = "denoise")]

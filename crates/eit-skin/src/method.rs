@@ -2,6 +2,7 @@
 
 use crate::error::SkinError;
 use crate::scene::StageSettings;
+use eit_core::event;
 
 /// A reconstruction method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

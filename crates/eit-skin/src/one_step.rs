@@ -88,9 +88,7 @@ impl FittedFrames {
         let sizes: Vec<f64> = self.frames.reference.iter().map(|v| v.abs()).collect();
         let used =
             sizes.iter().zip(&self.frames.used).filter(|(size, used)| **used && **size > 0.0);
-        let mut sorted: Vec<f64> = used.map(|(size, _)| *size).collect();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let median = *sorted.get(sorted.len() / 2)?;
+        let median = eit_core::median(used.map(|(size, _)| *size))?;
         // measurements that are not used need some number
         Some(sizes.iter().map(|size| if *size > 0.0 { median / size } else { 1.0 }).collect())
     }

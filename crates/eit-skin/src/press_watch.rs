@@ -1,6 +1,7 @@
 //! Detects when a skin is pressed, held and released, without a model.
 
 use crate::error::SkinError;
+use eit_core::median;
 use std::collections::VecDeque;
 
 /// A frame shows a press if its root mean square change exceeds this multiple of the noise.
@@ -97,7 +98,7 @@ impl PressWatch {
         if known.is_empty() {
             return Err(SkinError::input("no value of the untouched skin is finite in all frames"));
         }
-        let voltage = median(mean.iter().map(|v| v.abs()).filter(|v| v.is_finite()));
+        let voltage = median(mean.iter().map(|v| v.abs()).filter(|v| v.is_finite())).unwrap_or(0.0);
         let floor = floor_of(&known, voltage);
         // a channel with missing values has no reference: it never counts
         noise.iter_mut().for_each(|noise| {
@@ -228,7 +229,7 @@ impl PressWatch {
 /// noise of any; in any case so much that a change of [`LEAST`] of the median voltage counts as [`PRESSED`]. The
 /// median, because voltages at driven electrodes may be a hundred times as large as all others.
 fn floor_of(noise: &[f64], median_voltage: f64) -> f64 {
-    let measured = match median(noise.iter().copied()) {
+    let measured = match median(noise.iter().copied()).unwrap_or(0.0) {
         0.0 => noise.iter().copied().fold(0.0, f64::max),
         middle => 0.1 * middle,
     };
@@ -246,13 +247,6 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 fn smallest_change(before: &[f64], after: &[f64]) -> f64 {
     let changes = before.iter().zip(after).map(|(before, after)| (after - before).abs());
     changes.filter(|change| *change > 0.0).fold(f64::INFINITY, f64::min)
-}
-
-/// The upper median; 0 without values.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Progress of long work: stages and their times, reported to an observer.
 
+use eit_core::event;
 use serde::Serialize;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -184,7 +185,7 @@ impl Progress {
     ) -> Result<T, E> {
         self.observer.begin(&self.group, stage, steps);
         #[cfg(feature = "tracing")]
-        let _in_span = tracing::debug_span!("stage", name = stage).entered();
+        let _in_span = eit_core::tracing::debug_span!("stage", name = stage).entered();
         let start = Instant::now();
         let result =
             work(&Steps(Mutex::new(Counted { done: 0, observer: self.observer.as_mut() })));

@@ -12,8 +12,7 @@ use burn::tensor::activation::relu;
 use burn::tensor::module::{interpolate, max_pool2d};
 use burn::tensor::ops::{InterpolateMode, InterpolateOptions, MaxPoolOptions};
 use burn::tensor::{Device, Tensor, TensorData};
-use rand_distr::{Distribution as _, StandardNormal};
-use rand_pcg::Pcg64;
+use eit_core::Random;
 
 /// Initial biases.
 const FIRST_BIAS: f32 = 0.05;
@@ -62,7 +61,7 @@ impl UnetConfig {
     pub fn init(&self, device: &Device) -> Result<Unet, DenoiseError> {
         let shape = self.shape();
         shape.validate()?;
-        let mut random = Pcg64::new(u128::from(self.seed), 0);
+        let mut random = Random::new(self.seed);
         let mut made = shape.convolutions().into_iter().map(|c| match c.side {
             // a net that corrects an image starts with no correction
             1 if shape.images > 1 => {
@@ -92,13 +91,12 @@ impl UnetConfig {
 /// channel come from ReLUs and have a positive mean: a channel that weighs the mean negatively would be zero on
 /// nearly the whole skin, where its gradient is zero, and with few channels soon all of them would be.
 /// Small positive biases serve the same purpose.
-fn first_weights(c: Convolution, random: &mut Pcg64) -> Vec<f32> {
+fn first_weights(c: Convolution, random: &mut Random) -> Vec<f32> {
     let of_channel = c.inputs * c.side * c.side;
     let std = (2.0 / of_channel as f64).sqrt();
     let mut weights = Vec::with_capacity(c.weights());
     for _ in 0..c.outputs {
-        let channel: Vec<f64> =
-            (0..of_channel).map(|_| StandardNormal.sample(&mut *random)).collect();
+        let channel: Vec<f64> = (0..of_channel).map(|_| random.normal()).collect();
         let mean = channel.iter().sum::<f64>() / of_channel as f64;
         weights.extend(channel.iter().map(|w| (std * (w - mean)) as f32));
     }

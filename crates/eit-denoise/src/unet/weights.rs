@@ -2,6 +2,7 @@
 
 use super::UnetShape;
 use crate::{DenoiseError, ModelError};
+use eit_core::event;
 use ndarray::Array2;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::collections::{BTreeMap, HashMap};

@@ -19,7 +19,7 @@
 
 use super::displacement::Displacement;
 use crate::error::FemError;
-use crate::vector::{Vector, along, cross, dot, norm, scaled, sub, unit};
+use eit_core::vector::{Vector, along, cross, dot, norm, scaled, sub};
 use eit_mesh::{Electrode, Mesh};
 use std::collections::HashMap;
 
@@ -420,4 +420,10 @@ fn nodes_of(mesh: &Mesh, electrode: &Electrode) -> Vec<u32> {
         Electrode::Rim(edges) => edges.iter().flatten().copied().collect(),
         Electrode::Patch(patch) => patch.iter().flat_map(|&t| triangles[t as usize]).collect(),
     }
+}
+
+/// Unit vector in the direction of `a`; `None` if `a` is zero.
+fn unit(a: Vector) -> Option<Vector> {
+    let length = norm(a);
+    (length > 0.0).then(|| scaled(1.0 / length, a))
 }

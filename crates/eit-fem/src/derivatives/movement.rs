@@ -16,7 +16,7 @@ use super::contact::{ContactFields, Under, mean_product};
 use super::displacement::Displacement;
 use super::solved_fields::SolvedFields;
 use crate::element::gradient::gradient;
-use crate::vector::{Vector, cross, dot, norm, scaled, sub};
+use eit_core::vector::{Vector, cross, dot, norm, scaled, sub};
 use ndarray::ArrayViewMut2;
 
 /// Elements per block: 16 fields x 2 components x 64 x 8 bytes = 16 KiB of gradients.

@@ -1,6 +1,6 @@
 //! Linear triangles; see [`crate::element`].
 
-use crate::vector::{cross, dot, norm, sub};
+use eit_core::vector::{cross, dot, norm, sub};
 
 /// Computes the dimensionless coefficients of a linear triangle: `alpha`, `-gamma`, `beta`.
 pub(crate) fn linear(corners: [[f64; 3]; 3]) -> [f64; 3] {

@@ -7,7 +7,7 @@
 //! and stretches with the skin when nodes move.
 
 use super::order::ElementOrder;
-use crate::vector::{cross, dot, norm, sub};
+use eit_core::vector::{cross, dot, norm, sub};
 use eit_mesh::Mesh;
 
 /// Midside nodes of a mesh; empty for linear elements.

@@ -14,7 +14,7 @@
 //! work per field and Jacobian entry.
 
 use super::gradient::pair;
-use crate::vector::{cross, dot, norm, sub};
+use eit_core::vector::{cross, dot, norm, sub};
 
 /// Number of nodes of a triangle.
 const NODES: usize = 6;

@@ -4,11 +4,11 @@
 //! limit of the current source applies before, in `simulate/frame.rs`.) Effects of zero amplitude
 //! are not computed.
 
-use super::random::Random;
 use super::settings::Instrument;
 use super::stream::Purpose;
 use super::truth::TrueQuality;
 use crate::protocol::Protocol;
+use eit_core::Random;
 
 /// Root mean square voltage of floating inputs, as a fraction of the largest voltage.
 const FLOATING: f64 = 0.1;

@@ -52,7 +52,6 @@ mod paths;
 mod piezo;
 mod pixels;
 mod play_circle;
-mod random;
 mod random_field;
 mod script;
 mod seat;
@@ -62,11 +61,11 @@ mod stream;
 mod truth;
 
 pub use contact::{Dent, Indentation, Tip};
+pub use eit_core::Random;
 pub use fabric_model::Fabric;
 pub use paths::RandomPaths;
 pub use piezo::PiezoLaw;
 pub use play_circle::PlayCircle;
-pub use random::Random;
 pub use script::{Finger, Interpolation, Key, Touch, TouchScript};
 pub use settings::{
     Drift, FabricSettings, Instrument, LinearResponse, Membrane, Piezoresistance, Rim, Weave,

@@ -25,6 +25,7 @@
 use super::contact::Indentation;
 use super::seat::Seat;
 use super::settings::{FabricSettings, Rim};
+use eit_core::vector::{along, dot, norm, sub};
 use eit_mesh::{Electrode, Mesh};
 
 /// A dent and its position, metres.
@@ -165,11 +166,8 @@ fn weights(mesh: &Mesh, electrode: &Electrode) -> Vec<(u32, f64)> {
 
 /// Distance from a point to a segment, metres.
 pub(super) fn segment_distance_m(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
-    let dot = |u: [f64; 3], v: [f64; 3]| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
-    let sub = |u: [f64; 3], v: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| u[k] - v[k]) };
-    let (along, to) = (sub(b, a), sub(p, a));
-    let square = dot(along, along);
-    let s = if square > 0.0 { (dot(to, along) / square).clamp(0.0, 1.0) } else { 0.0 };
-    let off: [f64; 3] = std::array::from_fn(|k| to[k] - s * along[k]);
-    dot(off, off).sqrt()
+    let (segment, to) = (sub(b, a), sub(p, a));
+    let square = dot(segment, segment);
+    let s = if square > 0.0 { (dot(to, segment) / square).clamp(0.0, 1.0) } else { 0.0 };
+    norm(along(to, -s, segment))
 }

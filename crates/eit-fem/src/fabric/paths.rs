@@ -16,9 +16,9 @@
 
 use super::contact::Tip;
 use super::play_circle::PlayCircle;
-use super::random::Random;
 use super::script::{Finger, Interpolation, Key, TouchScript};
 use crate::error::FemError;
+use eit_core::Random;
 use std::f64::consts::{PI, TAU};
 
 /// Fraction of the play circle's radius that fingers stay within. Nearer to the rim, the rim would

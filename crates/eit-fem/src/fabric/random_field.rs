@@ -1,6 +1,6 @@
 //! Random fields, for random variation of the fabric in space or time.
 
-use super::random::Random;
+use eit_core::Random;
 
 /// Stationary Gaussian process or field as a sum of waves with random directions. Averaged over
 /// seeds, its covariance is `exp(-|x|^2 / 2 L^2)` (spectral representation, Shinozuka and Deodatis,

@@ -4,6 +4,7 @@
 //! distances are straight lines through space, and the fabric moves along the tangent plane and against its normal. That
 //! holds for touches much smaller than the radius of curvature. On a flat skin it is exact.
 
+use eit_core::vector::{normal, unit};
 use eit_mesh::Surface;
 
 /// Least z of a unit normal. Steeper places are not seen from +z.
@@ -28,7 +29,7 @@ impl Seat {
             if !(0..3).all(is_left) {
                 return None;
             }
-            let normal = normal(corners);
+            let normal = unit(normal(corners));
             let [a, ..] = corners;
             let slope = normal[0] * (x - a[0]) + normal[1] * (y - a[1]);
             (normal[2] >= LEAST_NORMAL_Z)
@@ -64,20 +65,6 @@ impl Seat {
         let to: [f64; 3] = std::array::from_fn(|k| place_m[k] - self.place_m[k]);
         to[0].hypot(to[1]).hypot(to[2])
     }
-}
-
-/// Unit normal of a triangle.
-pub(super) fn normal(corners: [[f64; 3]; 3]) -> [f64; 3] {
-    let cross = cross(corners);
-    let long = cross.iter().map(|part| part * part).sum::<f64>().sqrt();
-    cross.map(|part| part / long)
-}
-
-/// Twice the area of a triangle times its unit normal.
-pub(super) fn cross([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
-    let (u, v): ([f64; 3], [f64; 3]) =
-        (std::array::from_fn(|k| b[k] - a[k]), std::array::from_fn(|k| c[k] - a[k]));
-    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Random number streams of the simulated fabric.
 
-use super::random::Random;
+use eit_core::Random;
 
 /// Purpose of a random number stream.
 #[derive(Debug, Clone, Copy)]

@@ -22,6 +22,7 @@ use crate::element::ElementOrder;
 use crate::error::FemError;
 use crate::protocol::{Fields, PatternEntries, Product, Protocol};
 use crate::sparse::{Cholesky, Pattern};
+use eit_core::event;
 use eit_mesh::Mesh;
 
 /// Forward model of a skin: mesh, electrodes, contact impedances and protocol, prepared for solves.

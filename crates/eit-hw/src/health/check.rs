@@ -8,7 +8,8 @@ pub use resolution::Resolution;
 
 pub use finding::{Finding, Severity, Trouble, Verdict};
 
-use self::measure::{drift, finite_median, flagged_shares, median, noise_std, open_electrodes};
+use self::measure::{drift, finite_median, flagged_shares, noise_std, open_electrodes};
+use eit_core::median;
 use ndarray::ArrayView1;
 
 use super::order::reciprocity_error;
@@ -129,7 +130,7 @@ pub fn check_health(
     let drift = drift(frames);
     let ratios =
         mean.iter().zip(&noise_std).map(|(mean, noise)| 20.0 * (mean.abs() / noise).log10());
-    let signal_to_noise_db = median(ratios.filter(|ratio| ratio.is_finite()).collect());
+    let signal_to_noise_db = median(ratios.filter(|ratio| ratio.is_finite()));
     let rate = frames.device_time_s.as_ref().and_then(|times| {
         let span = times.last()? - times.first()?;
         // lost frames took time, too

@@ -6,6 +6,7 @@ use super::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 use crate::check::check_length;
 use crate::data::Channels;
 use crate::{DifferenceData, InverseError};
+use eit_core::event;
 use eit_fem::{ForwardModel, Geometry, Workspace};
 use faer::prelude::Solve;
 use faer::{Mat, Side};

@@ -60,10 +60,7 @@ impl FoldErrors {
 
 /// Returns a quantile of finite values; 0 if there are none.
 pub(super) fn quantile(values: &[f64], part: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let last = sorted.len().saturating_sub(1);
-    sorted.get((part * last as f64).round() as usize).copied().unwrap_or(0.0)
+    eit_core::quantile(values, part).unwrap_or(0.0)
 }
 
 /// A learnt map and how it was chosen.

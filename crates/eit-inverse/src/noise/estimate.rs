@@ -1,6 +1,7 @@
 //! Noise of each channel, estimated from quiet frames.
 
 use crate::InverseError;
+use eit_core::median;
 use ndarray::{ArrayView1, ArrayView2, Axis};
 
 /// Estimates the standard deviation of each channel's noise, `[measurement]`, from frames
@@ -33,9 +34,7 @@ pub fn noise_std_of_quiet_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>
     // channels that are always zero are not measured
     let is_measured = |i: &usize| frames.column(*i).iter().any(|v| *v != 0.0);
     let measured = (0..noise.len()).filter(is_measured);
-    let mut sorted: Vec<f64> = measured.map(|i| noise[i].max(rounding)).collect();
-    sorted.sort_by(f64::total_cmp);
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(rounding);
+    let median = median(measured.map(|i| noise[i].max(rounding))).unwrap_or(rounding);
     Ok(noise.iter().map(|e| e.max(rounding).max(0.1 * median)).collect())
 }
 

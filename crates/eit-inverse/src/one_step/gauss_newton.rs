@@ -7,6 +7,7 @@ use super::whitened::{covariance_times, weighted_rows};
 use crate::check::check_positive;
 use crate::data::{Channels, FrameStatus};
 use crate::{InverseError, OneStepSettings, Prior, Reconstructor, Workspace};
+use eit_core::event;
 use eit_mesh::CsrMatrix;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, ColRef, Mat, MatMut, MatRef, Par};

@@ -1,6 +1,7 @@
 //! Sparse spatial difference operator of the total variation.
 
 use crate::InverseError;
+use eit_core::vector::{dot, norm, sub};
 use eit_mesh::Surface;
 use ndarray::ArrayRef2;
 
@@ -120,7 +121,7 @@ impl Gradient {
                 // each inner edge once, from its triangle of smaller index
                 let Some(other) = neighbour.filter(|&n| n as usize > t) else { continue };
                 // side k runs from corner k to the next
-                let length = norm(subtract(corners[(k + 1) % 3], corners[k]));
+                let length = norm(sub(corners[(k + 1) % 3], corners[k]));
                 this.push_row(&[t as u32, other], &[-length, length]);
             }
         }
@@ -235,26 +236,14 @@ fn check_unknowns(unknowns: usize) -> Result<(), InverseError> {
     }
 }
 
-fn subtract(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn norm(a: [f64; 3]) -> f64 {
-    dot(a, a).sqrt()
-}
-
 /// Returns the area times the gradient of each corner's hat function, `[component][corner]`, in an
 /// orthonormal frame of the triangle's plane. This is half the opposite edge, rotated by 90 degrees.
 fn nodal_gradient(corners: [[f64; 3]; 3]) -> [[f64; 3]; 2] {
-    let (first, second) = (subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
+    let (first, second) = (sub(corners[1], corners[0]), sub(corners[2], corners[0]));
     let length = norm(first);
     let along = first.map(|x| x / length);
     let projection = dot(second, along);
-    let rest = subtract(second, along.map(|x| x * projection));
+    let rest = sub(second, along.map(|x| x * projection));
     // plane coordinates of the corners: (0, 0), (length, 0), (projection, height)
     let flat = [[0.0, 0.0], [length, 0.0], [projection, norm(rest)]];
     let ends = [0, 1, 2].map(|k| [flat[(k + 1) % 3], flat[(k + 2) % 3]]);

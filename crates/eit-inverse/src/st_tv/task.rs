@@ -8,6 +8,7 @@ use crate::{
     Certificate, DifferenceFrames, ImageSequence, InverseError, SequenceReport, SequenceStatus,
     TracePoint,
 };
+use eit_core::event;
 use ndarray::Array2;
 use std::time::Instant;
 

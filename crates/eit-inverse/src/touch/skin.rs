@@ -1,9 +1,8 @@
 //! Points on a surface: the nearest one and the tangent plane there.
 
+use eit_core::vector::{Vector as Point, along, cross, dot, normal as area_normal, sub, unit};
 use eit_mesh::Surface;
 use std::array::from_fn;
-
-type Point = [f64; 3];
 
 /// A point on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,7 +19,7 @@ pub(super) fn nearest(surface: &Surface, point_m: Point) -> Place {
     let (mut best, mut least, mut at) = (point_m, f64::INFINITY, 0);
     for triangle in 0..surface.triangles().len() {
         let candidate = nearest_in(surface.corners(triangle), point_m);
-        let squared = dot(minus(candidate, point_m), minus(candidate, point_m));
+        let squared = dot(sub(candidate, point_m), sub(candidate, point_m));
         if squared < least {
             (best, least, at) = (candidate, squared, triangle);
         }
@@ -39,15 +38,15 @@ pub(super) fn tangents([a, b, c]: [Point; 3]) -> [Point; 2] {
 }
 
 /// Returns the unit normal of a triangle, on the side from which its corners run counter-clockwise.
-pub(super) fn normal([a, b, c]: [Point; 3]) -> Point {
-    unit(cross(minus(b, a), minus(c, a)))
+pub(super) fn normal(corners: [Point; 3]) -> Point {
+    unit(area_normal(corners))
 }
 
 /// Returns the candidate nearest to a point; the point itself if there are none.
 pub(super) fn nearest_of(candidates: impl Iterator<Item = Point>, p: Point) -> Point {
     let (mut best, mut least) = (p, f64::INFINITY);
     for candidate in candidates {
-        let squared = dot(minus(candidate, p), minus(candidate, p));
+        let squared = dot(sub(candidate, p), sub(candidate, p));
         if squared < least {
             (best, least) = (candidate, squared);
         }
@@ -57,56 +56,35 @@ pub(super) fn nearest_of(candidates: impl Iterator<Item = Point>, p: Point) -> P
 
 /// Returns the nearest point of a triangle (Ericson, *Real-Time Collision Detection* (2005), 5.1.5).
 pub(super) fn nearest_in([a, b, c]: [Point; 3], p: Point) -> Point {
-    let (ab, ac, ap) = (minus(b, a), minus(c, a), minus(p, a));
+    let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
     let (d1, d2) = (dot(ab, ap), dot(ac, ap));
     if d1 <= 0.0 && d2 <= 0.0 {
         return a;
     }
-    let bp = minus(p, b);
+    let bp = sub(p, b);
     let (d3, d4) = (dot(ab, bp), dot(ac, bp));
     if d3 >= 0.0 && d4 <= d3 {
         return b;
     }
     let vc = d1 * d4 - d3 * d2;
     if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        return along(a, ab, d1 / (d1 - d3));
+        return along(a, d1 / (d1 - d3), ab);
     }
-    let cp = minus(p, c);
+    let cp = sub(p, c);
     let (d5, d6) = (dot(ab, cp), dot(ac, cp));
     if d6 >= 0.0 && d5 <= d6 {
         return c;
     }
     let vb = d5 * d2 - d1 * d6;
     if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        return along(a, ac, d2 / (d2 - d6));
+        return along(a, d2 / (d2 - d6), ac);
     }
     let va = d3 * d6 - d5 * d4;
     if va <= 0.0 && d4 >= d3 && d5 >= d6 {
-        return along(b, minus(c, b), (d4 - d3) / ((d4 - d3) + (d5 - d6)));
+        return along(b, (d4 - d3) / ((d4 - d3) + (d5 - d6)), sub(c, b));
     }
     let total = va + vb + vc;
     from_fn(|i| a[i] + ab[i] * (vb / total) + ac[i] * (vc / total))
-}
-
-fn along(a: Point, direction: Point, t: f64) -> Point {
-    from_fn(|i| a[i] + t * direction[i])
-}
-
-fn minus(a: Point, b: Point) -> Point {
-    from_fn(|i| a[i] - b[i])
-}
-
-fn dot(a: Point, b: Point) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: Point, b: Point) -> Point {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn unit(a: Point) -> Point {
-    let length = dot(a, a).sqrt();
-    a.map(|x| x / length)
 }
 
 #[cfg(test)]
@@ -121,7 +99,7 @@ mod tests {
             let mut point = || -> Point { from_fn(|_| random.normal()) };
             let (corners, p) = ([point(), point(), point()], point());
             let found = nearest_in(corners, p);
-            let distance = |q: Point| dot(minus(q, p), minus(q, p)).sqrt();
+            let distance = |q: Point| dot(sub(q, p), sub(q, p)).sqrt();
             let mut least = f64::INFINITY;
             for i in 0..=100 {
                 for j in 0..=100 - i {

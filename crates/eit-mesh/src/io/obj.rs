@@ -11,7 +11,7 @@
 use super::Soup;
 use super::lines::{Fields, Lines};
 use crate::MeshError;
-use crate::surface::{cross, dot, sub};
+use eit_core::vector::{cross, dot, sub};
 
 /// Returns the vertices and triangles of a file, in file order.
 pub(super) fn triangles(bytes: &[u8], file: &str) -> Result<Soup, MeshError> {

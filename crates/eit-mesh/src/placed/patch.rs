@@ -2,8 +2,9 @@
 //! centre form the patch.
 
 use super::{Skin, between};
-use crate::surface::{cross, dot, middle, norm, sub};
+use crate::surface::middle;
 use crate::{MeshError, Surface};
+use eit_core::vector::{cross, dot, norm, sub};
 use std::collections::HashMap;
 
 /// A node within this fraction of an edge of the sphere counts as lying on it: a cut there would

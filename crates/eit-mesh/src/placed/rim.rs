@@ -1,7 +1,7 @@
 //! The rims of a surface as closed polygons, measured by arc length.
 
 use super::{Covered, Skin, between};
-use crate::surface::{dot, norm, sub};
+use eit_core::vector::{dot, norm, sub};
 use std::collections::HashMap;
 
 /// A rim node within this fraction of an edge of an electrode's end is used as the end: a triangle

@@ -1,6 +1,7 @@
 //! Compares the live results with the true images and touches.
 
 use super::live::Seen;
+use eit_core::median;
 use eit_fem::fabric::Simulation;
 use eit_inverse::touch::Touch;
 use ndarray::{Array2, ArrayView2, Axis};
@@ -127,21 +128,21 @@ impl Judged {
     pub fn errors_of_touched(&self) -> [f64; 3] {
         let touched = || self.errors.iter().filter(|error| error.is_touched);
         [
-            median(touched().map(|error| error.raw).collect()),
-            median(touched().map(|error| error.made).collect()),
-            median(touched().map(|error| error.made / error.raw).collect()),
+            median(touched().map(|error| error.raw)).unwrap_or(f64::NAN),
+            median(touched().map(|error| error.made)).unwrap_or(f64::NAN),
+            median(touched().map(|error| error.made / error.raw)).unwrap_or(f64::NAN),
         ]
     }
 
     /// Median relative errors of the images of frames with touches, before and after the network.
     pub fn relative_errors(&self) -> [f64; 2] {
         let touched = || self.errors.iter().filter(|error| error.is_touched);
-        [0, 1].map(|k| median(touched().map(|error| error.relative()[k]).collect()))
+        [0, 1].map(|k| median(touched().map(|error| error.relative()[k])).unwrap_or(f64::NAN))
     }
 
     /// Median distance of a touch from its finger, metres.
     pub fn distance_m(&self) -> f64 {
-        median(self.pairs.iter().map(|pair| pair.distance_m).collect())
+        median(self.pairs.iter().map(|pair| pair.distance_m)).unwrap_or(f64::NAN)
     }
 
     /// Largest distance of a touch from its finger, metres; `None` without touches.
@@ -179,10 +180,4 @@ fn squared_error(image: ArrayView2<'_, f64>, truth: ArrayView2<'_, f64>) -> f64 
         count += 1.0;
     }
     sum / f64::max(count, 1.0)
-}
-
-/// Returns the median, or NaN for no values.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

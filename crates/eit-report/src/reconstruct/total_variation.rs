@@ -2,6 +2,7 @@
 
 use super::{Made, Task, kind_words};
 use crate::error::ReportError;
+use eit_core::median;
 use eit_inverse::{Certificate, SequenceReport, SequenceStatus, WeightPoint, WeightStatus};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
 use eit_skin::Progress;
@@ -74,7 +75,7 @@ fn weights_json(weights: &Weights) -> Value {
 fn report(task: &Task<'_>, movie: &TvMovie) -> Value {
     let solved = movie.report.as_ref();
     let certificate = solved.and_then(|report| report.certificate);
-    let median = movie.noise.as_ref().map(|noise| median(noise.std.clone()));
+    let median = movie.noise.as_ref().and_then(|noise| median(noise.std.iter().copied()));
     json!({
         "status": solved.map_or("nothing to solve", |report| status_words(report.status)),
         "iterations": solved.map_or(0, |report| report.iterations),
@@ -190,14 +191,8 @@ fn residual_line(movie: &TvMovie) -> Option<String> {
         Some(_) => "delta",
         None => "the noise",
     };
-    let middle = median(ratios);
+    let middle = median(ratios).unwrap_or(f64::NAN);
     Some(format!("residual of a frame {middle:.2} of {what} ({least:.2} to {most:.2})"))
-}
-
-/// Returns the median, or NaN for no values.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 fn notes(movie: &TvMovie) -> Vec<String> {

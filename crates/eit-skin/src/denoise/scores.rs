@@ -47,11 +47,7 @@ pub fn scores(
         let of_raw = squared(raw, truth);
         ratios.push([squared(made, truth) / of_raw, squared(kept.view(), truth) / of_raw]);
     }
-    let median = |k: usize| {
-        let mut values: Vec<f64> = ratios.iter().map(|r| r[k]).collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-    };
+    let median = |k: usize| eit_core::median(ratios.iter().map(|r| r[k])).unwrap_or(f64::NAN);
     let part = |nearer: &dyn Fn(&[f64; 2]) -> bool| {
         ratios.iter().filter(|r| nearer(r)).count() as f64 / ratios.len() as f64
     };

@@ -9,6 +9,7 @@ use super::history::History;
 use super::protocol::Wiring;
 use super::{ElectrodeFault, FaultKind};
 use crate::error::SkinError;
+use eit_core::event;
 use eit_fem::Protocol;
 use ndarray::ArrayView2;
 

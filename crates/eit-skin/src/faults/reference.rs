@@ -91,10 +91,8 @@ fn noise_limit(std_v: &[f64], mean_v: &[f64], used: &[bool]) -> f64 {
 /// Median magnitude of the finite values that are used; 0 if there are none.
 pub(super) fn median(values: &[f64], used: &[bool]) -> f64 {
     let of_used = values.iter().zip(used).filter(|(_, used)| **used);
-    let mut sizes: Vec<f64> =
-        of_used.map(|(value, _)| value.abs()).filter(|value| value.is_finite()).collect();
-    sizes.sort_unstable_by(f64::total_cmp);
-    sizes.get(sizes.len() / 2).copied().unwrap_or(0.0)
+    let sizes = of_used.map(|(value, _)| value.abs()).filter(|value| value.is_finite());
+    eit_core::median(sizes).unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Whether reference frames show an untouched skin: no frame of another kind, and nothing that comes or goes.
 
+use eit_core::median;
 use ndarray::ArrayView2;
 
 /// A value is of another kind if it is off the median by more than this fraction of it, ...
@@ -34,8 +35,9 @@ pub(crate) fn others(
     for i in 0..measurements {
         let good = (0..frames).filter(|&f| is_good(f, i)).map(|f| values[(f, i)]);
         let good: Vec<f64> = good.filter(|v| v.is_finite()).collect();
-        let middle = median(good.clone());
-        spreads.push(median(good.iter().map(|v| (v - middle).abs()).collect()));
+        let middle = median(good.iter().copied()).unwrap_or(f64::NAN);
+        let offsets = good.iter().map(|v| (v - middle).abs());
+        spreads.push(median(offsets).unwrap_or(f64::NAN));
         medians.push(middle);
     }
     let seen: Vec<f64> = medians.iter().copied().filter(|v| v.is_finite()).collect();
@@ -72,7 +74,7 @@ pub(crate) fn unrest(
         let steps: Vec<f64> = column.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
         let step = steps.iter().copied().filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
         // the median of the absolute value of a normal value is 0.674 of its standard deviation
-        let noise = median(steps) / (0.674 * 2.0_f64.sqrt());
+        let noise = median(steps).unwrap_or(f64::NAN) / (0.674 * 2.0_f64.sqrt());
         let noise = noise.max(if step.is_finite() { step / 12.0_f64.sqrt() } else { 0.0 });
         let means =
             column.chunks_exact(length).map(|part| part.iter().sum::<f64>() / length as f64);
@@ -103,15 +105,6 @@ pub(crate) fn words(change: f64) -> String {
 fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
     let (count, squares) = values.fold((0.0_f64, 0.0), |(n, sum), v| (n + 1.0, sum + v * v));
     (squares / count.max(1.0)).sqrt()
-}
-
-/// Median; NaN of nothing.
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -79,11 +79,8 @@ fn point(
     };
     let time_s = start.elapsed().as_secs_f64();
     let tested = test(&learned, fitted, &rest)?;
-    let force = (!tested.force_errors.is_empty()).then(|| {
-        let mut errors = tested.force_errors;
-        errors.sort_unstable_by(f64::total_cmp);
-        [0.5, 0.9].map(|part| errors[(part * (errors.len() - 1) as f64).round() as usize])
-    });
+    let force = [0.5, 0.9].map(|part| eit_core::quantile(&tested.force_errors, part));
+    let force = force[0].zip(force[1]).map(|(half, most)| [half, most]);
     Ok(CurvePoint {
         learnt: learned.presses.places_m.len(),
         earlier: earlier.map_or(0, |earlier| earlier.presses.places_m.len()),
@@ -126,7 +123,7 @@ fn test(
         };
         let error_m = match place {
             Some(place) => {
-                super::presses::distance_m(learned.pose.to_table(place), pressed.places_m[k])
+                eit_core::vector::distance(learned.pose.to_table(place), pressed.places_m[k])
             }
             None => super::model::radius_m(skin) / learned.pose.scale,
         };

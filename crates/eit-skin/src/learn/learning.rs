@@ -177,9 +177,7 @@ fn of_latest(presses: &Presses, errors_m: &[f64]) -> PlaceErrors {
 
 /// New presses that the others do not explain.
 fn unlike(choice: &Choice, earlier: usize) -> Vec<UnlikePress> {
-    let mut sorted = choice.rests.clone();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let median = eit_core::median(choice.rests.iter().copied()).unwrap_or(0.0);
     let new = choice.rests.iter().skip(earlier).enumerate();
     new.filter(|(_, rest)| **rest > UNLIKE_REST.max(UNLIKE_FACTOR * median))
         .map(|(press, &rest)| UnlikePress { press, rest })

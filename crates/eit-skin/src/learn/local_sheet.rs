@@ -7,7 +7,7 @@
 //! sheets of 5 % unevenness, 160 presses) this lowers the 90 % quantile of the force's error from 11 to 9 %.
 
 use super::CANDIDATES;
-use super::presses::distance_m;
+use eit_core::vector::distance;
 use eit_inverse::learn::candidates;
 use eit_mesh::Surface;
 
@@ -34,7 +34,7 @@ impl LocalSheet {
         let ratio = |place: &[f64; 3]| {
             let (mut sum, mut whole) = (0.0, 0.0);
             for (k, centroid) in centroids.iter().enumerate() {
-                let part = distance_m(*centroid, *place) / width_m;
+                let part = distance(*centroid, *place) / width_m;
                 if part < REACH {
                     let weight = areas[k] * (-0.5 * part * part).exp();
                     sum += weight * (uneven_s[k] / even_s[k]).ln();
@@ -48,7 +48,7 @@ impl LocalSheet {
 
     /// Returns the conductivity at a place relative to that of an even sheet; 1 for an even one.
     pub fn ratio_at(&self, place_m: [f64; 3]) -> f64 {
-        let distances = self.places_m.iter().map(|place| distance_m(*place, place_m));
+        let distances = self.places_m.iter().map(|place| distance(*place, place_m));
         let nearest = distances.zip(&self.ratios).min_by(|a, b| a.0.total_cmp(&b.0));
         nearest.map_or(1.0, |(_, ratio)| *ratio)
     }

@@ -13,10 +13,8 @@ const RATIO_RANGE: f64 = 3.0;
 /// magnitudes change with the sign of the model's voltage.
 pub(super) fn ratios(fitted: &FittedFrames, channels: &[usize]) -> Vec<f64> {
     let ratio = |i: usize| fitted.frames.reference[i] / fitted.skin.voltages[i];
-    let mut sizes: Vec<f64> =
-        channels.iter().map(|&i| ratio(i).abs()).filter(|r| r.is_finite()).collect();
-    sizes.sort_unstable_by(f64::total_cmp);
-    let median = sizes.get(sizes.len() / 2).copied().filter(|m| *m > 0.0).unwrap_or(1.0);
+    let sizes = channels.iter().map(|&i| ratio(i).abs()).filter(|r| r.is_finite());
+    let median = eit_core::median(sizes).filter(|m| *m > 0.0).unwrap_or(1.0);
     let within = |r: f64| match r.is_finite() {
         true => r.signum() * r.abs().clamp(median / RATIO_RANGE, median * RATIO_RANGE),
         false => median,

@@ -6,6 +6,7 @@ use crate::fitted::FittedFrames;
 use crate::frames::Frames;
 use crate::progress::Progress;
 use crate::touches::{DEFAULT_RATE_HZ, TouchFinder};
+use eit_core::vector::distance;
 use eit_inverse::touch::DetectedTouch;
 use ndarray::Array2;
 use std::ops::RangeInclusive;
@@ -229,14 +230,10 @@ pub(super) fn errors_of_detected(
     missed_m: f64,
 ) -> Vec<f64> {
     let error = |(found, place): (&Option<PressTouch>, &[f64; 3])| match found {
-        Some(found) => distance_m(found.touch.position_m, *place),
+        Some(found) => distance(found.touch.position_m, *place),
         None => missed_m,
     };
     detected.iter().zip(places_m).map(error).collect()
-}
-
-pub(super) fn distance_m(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
 fn mean(frames: &Frames, range: &RangeInclusive<usize>, i: usize) -> Option<f64> {

@@ -164,7 +164,7 @@ impl LearnedTouches {
         let here = self.touches[k].position_m;
         let others = self.touches.iter().enumerate().filter(|(j, _)| *j != k);
         let nearest = others
-            .map(|(_, touch)| super::presses::distance_m(touch.position_m, here))
+            .map(|(_, touch)| eit_core::vector::distance(touch.position_m, here))
             .fold(f64::INFINITY, f64::min);
         if nearest.is_infinite() && self.places_by != PlacesBy::Model {
             return None;

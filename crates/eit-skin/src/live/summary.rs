@@ -2,6 +2,7 @@
 
 use super::{ImageState, LiveFrame, LiveImages};
 use crate::faults::ElectrodeFault;
+use eit_core::quantile;
 use eit_inverse::touch::{Touch, TouchState};
 use serde_json::{Value, json};
 
@@ -190,13 +191,6 @@ fn remember(latencies_s: &mut Vec<f64>, frame: u64, latency_s: Option<f64>) {
     } else {
         latencies_s.push(latency_s);
     }
-}
-
-fn quantile(values: &[f64], share: f64) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let index = (share * sorted.len() as f64) as usize;
-    sorted.get(index.min(sorted.len().saturating_sub(1))).copied()
 }
 
 #[cfg(test)]

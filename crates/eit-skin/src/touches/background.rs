@@ -54,9 +54,7 @@ pub(super) fn of_reference(
         let signed = reference_v.iter_mut().zip(&skin.voltages);
         signed.for_each(|(v, of_model)| *v = v.abs().copysign(*of_model));
     }
-    let mut sizes: Vec<f64> = skin.voltages.iter().map(|v| v.abs()).collect();
-    sizes.sort_unstable_by(f64::total_cmp);
-    let floor_v = FLOOR * sizes[sizes.len() / 2];
+    let floor_v = FLOOR * eit_core::median(skin.voltages.iter().map(|v| v.abs())).unwrap_or(0.0);
     let error_of = |(v, std): (&f64, &f64)| (ERROR * v).hypot(std / fit.gain).hypot(floor_v);
     let error_v: Vec<f64> = skin.voltages.iter().zip(&noise.std_v).map(error_of).collect();
     let even_s = skin.skin.background_s();

@@ -8,9 +8,9 @@ use crate::fabric::linear;
 use crate::fabric::motion::Placed;
 use crate::fabric::pixels::pixel_means_into;
 use crate::fabric::script::Touch;
-use crate::fabric::seat::{cross, normal};
 use crate::model::Geometry;
 use crate::solve::{SolveReport, Workspace};
+use eit_core::vector::{dot, normal, unit};
 use eit_mesh::Raster;
 use ndarray::{Array1, Array2};
 
@@ -121,10 +121,9 @@ impl Fabric {
         for (triangle, (corners, area_m2)) in
             surface.triangles().iter().zip(surface.areas_m2()).enumerate()
         {
-            let up = normal(surface.corners(triangle));
-            let moved = cross(corners.map(|n| nodes_m[n as usize]));
-            let double: f64 = (0..3).map(|k| moved[k] * up[k]).sum();
-            let ratio = 0.5 * double / area_m2;
+            let up = unit(normal(surface.corners(triangle)));
+            let moved = normal(corners.map(|n| nodes_m[n as usize]));
+            let ratio = 0.5 * dot(moved, up) / area_m2;
             if ratio.is_nan() || ratio <= 0.0 {
                 return Err(FemError::FoldedMesh { frame, triangle, area_ratio: ratio });
             }

@@ -7,6 +7,7 @@
 //! ones.
 
 use crate::sparse::graph::Adjacency;
+use eit_core::vector::dot;
 
 /// Largest set of nodes that is ordered by minimum degree.
 const LEAF: usize = 400;
@@ -158,8 +159,4 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
         }
         [principal, coordinate]
     }
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }

@@ -1,5 +1,6 @@
 //! The thread that reads an instrument and reconnects to it.
 
+use eit_core::event;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};

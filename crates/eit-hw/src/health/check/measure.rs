@@ -1,5 +1,6 @@
 //! Quantities behind the findings: noise, drift, flags.
 
+use eit_core::median;
 use ndarray::ArrayView1;
 
 use crate::frame::{Quadruple, Quality};
@@ -72,13 +73,5 @@ pub(super) fn flagged_shares(frames: &MeasuredFrames) -> Vec<f64> {
 
 /// Returns the median of the finite values; NaN if there are none.
 pub(super) fn finite_median(values: impl Iterator<Item = f64>) -> f64 {
-    median(values.filter(|value| value.is_finite()).collect()).unwrap_or(f64::NAN)
-}
-
-pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return None;
-    }
-    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+    median(values.filter(|value| value.is_finite())).unwrap_or(f64::NAN)
 }

@@ -1,7 +1,7 @@
 //! Step size of the converter compared with the size of a touch.
 
-use super::measure::median;
 use crate::recording::MeasuredFrames;
+use eit_core::median;
 
 /// Relative change of the median voltage by a touch. A finger on fabric changes measurements next
 /// to it by some per cent, those across the skin by a tenth of that.
@@ -43,8 +43,7 @@ impl Resolution {
             }
             still += usize::from(!changes);
         }
-        let sizes: Vec<f64> =
-            mean.iter().map(|value| value.abs()).filter(|value| value.is_finite()).collect();
+        let sizes = mean.iter().map(|value| value.abs()).filter(|value| value.is_finite());
         let touch = TOUCH * median(sizes)?;
         step.is_finite().then(|| Self { step, steps_per_touch: touch / step, still })
     }

@@ -6,6 +6,7 @@ use crate::sequence::modes::whiten;
 use crate::{
     DifferenceFrames, ImageSequence, InverseError, SequenceReport, SequenceSolver, SequenceStatus,
 };
+use eit_core::event;
 use ndarray::Array2;
 use std::time::Instant;
 

@@ -1,6 +1,7 @@
 //! Rows of the detector: a measurement and its reciprocal form one row.
 
 use crate::InverseError;
+use eit_core::median;
 
 /// Rows of the detector: each is the mean of a measurement and its reciprocal, or a single measurement.
 #[derive(Debug, Clone)]
@@ -27,9 +28,7 @@ impl Mismatch {
     /// `pairs`: voltages of the model and of the reference.
     fn of(pairs: impl Iterator<Item = [f64; 2]>) -> Self {
         let pairs: Vec<[f64; 2]> = pairs.collect();
-        let mut sizes: Vec<f64> = pairs.iter().map(|[v, _]| v.abs()).collect();
-        sizes.sort_unstable_by(f64::total_cmp);
-        let median_v = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+        let median_v = median(pairs.iter().map(|[v, _]| v.abs())).unwrap_or(0.0);
         // a factor of two from one to the next, down to 1e-5
         let steps = || (0..17).map(|k| 0.5_f64.powi(k));
         let grid = steps().flat_map(|gain| steps().map(move |error| (gain, error * median_v)));
@@ -57,9 +56,7 @@ const CLEAR: f64 = 0.1;
 
 /// Whether a reference holds magnitudes of voltages of both signs. `pairs`: voltages of the model and of the reference.
 fn are_sizes(pairs: impl Iterator<Item = [f64; 2]> + Clone) -> bool {
-    let mut sizes: Vec<f64> = pairs.clone().map(|[v, _]| v.abs()).collect();
-    sizes.sort_unstable_by(f64::total_cmp);
-    let clear_v = CLEAR * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+    let clear_v = CLEAR * median(pairs.clone().map(|[v, _]| v.abs())).unwrap_or(0.0);
     pairs.clone().all(|[_, of_reference]| of_reference >= 0.0) && {
         let (mut above, mut below) = (pairs.clone(), pairs);
         above.any(|[v, _]| v > clear_v) && below.any(|[v, _]| v < -clear_v)
@@ -98,10 +95,8 @@ impl Rows {
         let are_sizes = are_sizes(of.iter().flatten().map(|&i| [model_v[i], reference_v[i]]));
         let sign_of = |i: usize| if are_sizes { 1.0_f64.copysign(model_v[i]) } else { 1.0 };
         let ratio_of = |i: usize| sign_of(i) * reference_v[i] / model_v[i];
-        let mut known: Vec<f64> =
-            of.iter().flatten().map(|&i| ratio_of(i)).filter(|r| r.is_finite()).collect();
-        known.sort_unstable_by(f64::total_cmp);
-        let median = known.get(known.len() / 2).copied().unwrap_or(1.0);
+        let known = of.iter().flatten().map(|&i| ratio_of(i)).filter(|r| r.is_finite());
+        let median = median(known).unwrap_or(1.0);
         let within = |r: f64| (RATIO_RANGE.recip()..=RATIO_RANGE).contains(&(r / median));
         let pairs = of.iter().flatten().filter(|&&i| within(ratio_of(i)));
         let mismatch =
@@ -119,9 +114,7 @@ impl Rows {
 
     /// Median size of the ratios of measured to modelled voltage.
     pub(super) fn gain(&self) -> f64 {
-        let mut sorted: Vec<f64> = self.ratio.iter().map(|ratio| ratio.abs()).collect();
-        sorted.sort_unstable_by(f64::total_cmp);
-        sorted[sorted.len() / 2]
+        median(self.ratio.iter().map(|ratio| ratio.abs())).unwrap_or(f64::NAN)
     }
 
     /// Factor for the model's derivatives of one row.

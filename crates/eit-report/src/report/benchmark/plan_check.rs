@@ -6,6 +6,7 @@ use super::super::solver::{BoundedMethod, ImageSequence, Solver};
 use super::recording::SimulatedRecording;
 use super::roofline::Roofline;
 use crate::error::ReportError;
+use eit_core::median;
 use eit_inverse::DifferenceFrames;
 use eit_skin::method::{self, Method};
 use eit_skin::plan::expected::Expected;
@@ -172,8 +173,8 @@ impl PlannedSkin<'_> {
         let Timed { made, time_s } = timed(|| solver.run(&differences, &stop))?;
         let ImageSequence { pixels, report } = made;
         let times = vec![
-            StageTime { stage: "Jacobian of pixels", time_s: median(set_up) },
-            StageTime { stage: "weights", time_s: median(choice) },
+            StageTime { stage: "Jacobian of pixels", time_s: median(set_up).unwrap_or(f64::NAN) },
+            StageTime { stage: "weights", time_s: median(choice).unwrap_or(f64::NAN) },
             StageTime { stage: "iteration", time_s: time_s / report.iterations.max(1) as f64 },
             StageTime { stage: "solve", time_s },
         ];
@@ -237,11 +238,5 @@ fn timed<T>(mut run: impl FnMut() -> Result<T, ReportError>) -> Result<Timed<T>,
         seconds.push(start.elapsed().as_secs_f64());
     }
     let made = made.ok_or_else(|| ReportError::Failure("no run".to_owned()))?;
-    Ok(Timed { made, time_s: median(seconds) })
-}
-
-/// Returns the median of a non-empty list.
-fn median(mut seconds: Vec<f64>) -> f64 {
-    seconds.sort_by(f64::total_cmp);
-    seconds[seconds.len() / 2]
+    Ok(Timed { made, time_s: median(seconds).unwrap_or(f64::NAN) })
 }

@@ -2,6 +2,7 @@
 
 use crate::error::SkinError;
 use crate::learn::CANDIDATES;
+use eit_core::vector;
 use eit_inverse::learn::candidates;
 use eit_mesh::{Mesh, Raster};
 
@@ -31,14 +32,15 @@ pub fn press_places(mesh: &Mesh) -> Vec<[f64; 3]> {
         left = all;
     }
     let middle: [f64; 3] = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
-    let mut distances: Vec<f64> = left.iter().map(|place| -distance_m(place, &middle)).collect();
+    let mut distances: Vec<f64> =
+        left.iter().map(|place| -vector::distance(*place, middle)).collect();
     let mut chosen = Vec::with_capacity(left.len());
     while let Some(at) = (0..left.len()).max_by(|&a, &b| distances[a].total_cmp(&distances[b])) {
         let place = left.swap_remove(at);
         distances.swap_remove(at);
         let is_first = chosen.is_empty();
         for (distance, other) in distances.iter_mut().zip(&left) {
-            let here = distance_m(other, &place);
+            let here = vector::distance(*other, place);
             *distance = if is_first { here } else { distance.min(here) };
         }
         chosen.push(place);
@@ -63,7 +65,7 @@ pub fn place_words(mesh: &Mesh, place_m: [f64; 3]) -> String {
     };
     let centres = (0..mesh.electrodes().len()).filter_map(|k| mesh.electrode_centre_m(k));
     let mut electrodes: Vec<(f64, usize)> =
-        centres.enumerate().map(|(k, centre)| (distance_m(&centre, &place_m), k + 1)).collect();
+        centres.enumerate().map(|(k, centre)| (vector::distance(centre, place_m), k + 1)).collect();
     electrodes.sort_by(|a, b| a.0.total_cmp(&b.0));
     match electrodes[..] {
         [(one_m, one), (other_m, other), ..] => format!(
@@ -114,12 +116,8 @@ pub fn draw_places(
     Ok(lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n"))
 }
 
-fn distance_m(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-}
-
 fn nearest_m(places: &[[f64; 3]], place: &[f64; 3]) -> f64 {
-    places.iter().map(|other| distance_m(other, place)).fold(f64::INFINITY, f64::min)
+    places.iter().map(|other| vector::distance(*other, *place)).fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]

@@ -1,5 +1,4 @@
-//! Seeded random numbers in independent streams. The workspace's `fixtures` also compile this file,
-//! so it uses nothing else of this crate.
+//! Seeded random numbers in independent streams.
 
 use ndarray::Array2;
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
