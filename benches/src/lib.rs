@@ -8,7 +8,10 @@ pub mod document;
 pub mod faer_cholesky;
 pub mod limits;
 pub mod problem;
+pub mod recording;
 pub mod stopwatch;
+pub mod table;
+pub mod touches;
 
 /// Result of bench code, with errors of any crate, because nothing here handles them.
 pub type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;

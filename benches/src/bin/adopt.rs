@@ -1,15 +1,10 @@
-//! Copies the results of a full report into the project:
-//! `cargo run --release -p benches --bin adopt -- DIR [PEERS [PLANS]]`, with DIR from
-//! `eit report --out DIR` and PEERS from
-//! `eit report --scenes paper-disc-60 --peers PYTHON --out PEERS`. After rebuilding with the table
-//! copied from DIR, PLANS comes from `eit report --plans --out PLANS`. With DIR from
-//! `eit report --touches=electrodes --out DIR`, only the table of electrode movement is copied.
+//! Copies the results of `eit report --full --out DIR` into the project:
+//! `cargo run --release -p benches --bin adopt -- DIR`.
 //!
-//! The tables of choices, plans and best meshes of forward problems go to `docs/PERFORMANCE.md`,
-//! pictures to `docs/images`, and `inverse.csv`, without peers and networks that are not shipped,
-//! to `crates/eit-skin/src/plan/measured.csv`, which `eit plan` reads. With DIR from
-//! `eit report --forward`, only the forward problems are updated; with DIR from `eit report --images`, all but
-//! these.
+//! The tables of choices and of best meshes go to `docs/PERFORMANCE.md`, pictures to `docs/images`, and
+//! `inverse.csv`, without networks that are not shipped, to `crates/eit-skin/src/plan/measured.csv`, which
+//! `eit plan` reads. With DIR from `eit report --full --forward`, only the forward problems are updated;
+//! with DIR from `eit report --full --images`, all but these.
 #![allow(clippy::print_stdout, reason = "a program")]
 
 use benches::{Result, document};
@@ -17,11 +12,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Sections of `report.md`, and the parts of the document that they replace.
-const SECTIONS: [(&str, &str); 3] = [
-    ("Which solver for which time", "choices"),
-    ("What the plan promised", "plan"),
-    ("Forward problem", "forward"),
-];
+const SECTIONS: [(&str, &str); 2] =
+    [("Which solver for which time", "choices"), ("Forward problem", "forward")];
 /// Pictures used by the document.
 const PICTURES: [&str; 6] = [
     "error_paper_disc_60.png",
@@ -38,13 +30,6 @@ fn main() -> Result<()> {
     if folder.join("incomplete.txt").exists() {
         return Err("the report is incomplete: let it run to its end".into());
     }
-    if let Ok(touches) = fs::read_to_string(folder.join("touches.md")) {
-        let title = "Movement of electrodes inside the inverse";
-        let body = section(&touches, title).ok_or_else(|| format!("no section '{title}'"))?;
-        document::write("electrodes", &body)?;
-        println!("electrodes adopted");
-        return Ok(());
-    }
     let report = read(&folder.join("report.md"))?;
     let lead = report.lines().nth(2).unwrap_or_default();
     let is_whole = folder.join("inverse.csv").exists();
@@ -56,20 +41,6 @@ fn main() -> Result<()> {
             }
             None => {}
         }
-    }
-    if let Some(peers) = std::env::args().nth(2) {
-        let report = read(&Path::new(&peers).join("report.md"))?;
-        let lead = report.lines().nth(2).unwrap_or_default();
-        let part = |title: &str| section(&report, title).ok_or_else(|| format!("no '{title}'"));
-        let (forward, scene) = (part("Forward problem, mesh by mesh")?, part("paper-disc-60")?);
-        document::write("report-peers", &format!("{lead}\n\n{forward}\n\n{scene}"))?;
-    }
-    if let Some(plans) = std::env::args().nth(3) {
-        let report = read(&Path::new(&plans).join("report.md"))?;
-        let lead = report.lines().nth(2).unwrap_or_default();
-        let (title, part) = SECTIONS[1];
-        let body = section(&report, title).ok_or_else(|| format!("no section '{title}'"))?;
-        document::write(part, &format!("{lead}\n\n{body}"))?;
     }
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     for name in PICTURES {
@@ -101,20 +72,20 @@ fn section(report: &str, title: &str) -> Option<String> {
     Some(rest.split("\n## ").next()?.trim().to_owned())
 }
 
-/// Keeps the rows of solvers available to users: no peers and no networks from files.
+/// Keeps the rows of solvers available to users: no networks from files.
 fn shipped(table: &str) -> Result<String> {
     let mut reader = csv::Reader::from_reader(table.as_bytes());
     let head = reader.headers()?.clone();
     let column = |name: &str| {
         head.iter().position(|own| own == name).ok_or_else(|| format!("no column '{name}'"))
     };
-    let (solver, peer) = (column("solver")?, column("peer")?);
+    let solver = column("solver")?;
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(&head)?;
     for row in reader.records() {
         let row = row?;
         let net = row[solver].split_once("U-net").is_some_and(|(_, name)| !name.is_empty());
-        if &row[peer] == "false" && !net {
+        if !net {
             writer.write_record(&row)?;
         }
     }

@@ -8,12 +8,10 @@ use benches::stopwatch::median;
 use benches::{Result, document, problem};
 use eit_denoise::{Denoiser, NetStatus, Weights};
 use eit_fem::ForwardModel;
-use eit_inverse::metrics::Cells;
-use eit_inverse::touch::{NoiseFloor, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    AdaptiveReference, CausalSettings, CausalStream, DifferenceFrames, FrameStatus, Gradient,
-    HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, OneStepGaussNewton,
-    OneStepSettings, Reconstructor, ReferenceSettings, StTv, StTvSettings,
+    CausalSettings, CausalStream, DifferenceFrames, FrameStatus, Gradient, HyperparameterChoice,
+    Laplace, LaplaceSettings, NoiseTarget, OneStepGaussNewton, OneStepSettings, Reconstructor,
+    StTv, StTvSettings,
 };
 use eit_mesh::{Mesh, MeshSettings, Raster, generate};
 use ndarray::{Array2, Axis};
@@ -28,7 +26,6 @@ const REPEATS: usize = 31;
 const RUNS: usize = 1000;
 /// Noise of a voltage relative to the root mean square of all: 60 dB.
 const NOISE: f64 = 1e-3;
-const RATE_HZ: f64 = 20.0;
 
 /// A stage and its cost.
 struct Row {
@@ -56,11 +53,10 @@ fn main() -> Result<()> {
     let load = document::load();
     let scene = scene()?;
     let to_pixels = to_pixels(&scene)?;
-    let [reference, image] = [follow(&scene)?, image(&scene, &to_pixels)?];
-    let touches = touches(&scene, &to_pixels)?;
+    let image = image(&scene, &to_pixels)?;
     let net = net(&scene, &to_pixels)?;
     let total_variation = total_variation(&scene)?;
-    let rows = [reference, image, touches, net, total_variation];
+    let rows = [image, net, total_variation];
     let body = table(&rows, scene.raster.masked_pixels().len(), load);
     if dry_run {
         println!("{body}");
@@ -81,17 +77,7 @@ fn table(rows: &[Row], pixels: usize, load: Option<f64>) -> String {
         "| stage | full frame, µs | equal frame, µs | ratio |".to_owned(),
         "|---|---|---|---|".to_owned(),
     ];
-    let sum = |stage: &'static str, parts: &[&Row]| Row {
-        stage,
-        full_s: parts.iter().map(|row| row.full_s).sum(),
-        equal_s: parts.iter().map(|row| row.equal_s).sum(),
-    };
-    let [reference, image, touches, net, total_variation] = rows else { return String::new() };
-    let chains = [
-        sum("**one step to touches**", &[reference, image, touches]),
-        sum("**ST-TV and net**", &[total_variation, net]),
-    ];
-    for Row { stage, full_s, equal_s } in rows.iter().chain(&chains) {
+    for Row { stage, full_s, equal_s } in rows {
         let [full, equal] = [full_s, equal_s].map(|s| document::digits(1e6 * s));
         let ratio = document::digits(100.0 * equal_s / full_s);
         lines.push(format!("| {stage} | {full} | {equal} | {ratio} % |"));
@@ -157,23 +143,6 @@ fn to_pixels(scene: &Scene) -> Result<Reconstructor> {
     Ok(inverse.on_raster(scene.raster.pixel_from_element())?)
 }
 
-fn follow(scene: &Scene) -> Result<Row> {
-    let cost = |frames: &[Vec<f64>]| {
-        let settings = ReferenceSettings::default();
-        let mut reference =
-            AdaptiveReference::with_noise(&scene.reference, &scene.noise_std, settings)?;
-        let mut k = 0;
-        quick(|| {
-            k += 1;
-            let time_s = k as f64 / RATE_HZ;
-            black_box(reference.push(&frames[k % frames.len()], time_s, false)?);
-            Ok(())
-        })
-    };
-    let (full_s, equal_s) = (cost(&scene.frames)?, cost(std::slice::from_ref(&scene.reference))?);
-    Ok(Row { stage: "reference that follows drift", full_s, equal_s })
-}
-
 fn image(scene: &Scene, to_pixels: &Reconstructor) -> Result<Row> {
     let mut memory = to_pixels.workspace();
     let mut image = vec![0.0; to_pixels.image_len()];
@@ -188,33 +157,6 @@ fn image(scene: &Scene, to_pixels: &Reconstructor) -> Result<Row> {
     let full_s = cost(&scene.frames[0], FrameStatus::Computed)?;
     let equal_s = cost(&scene.reference, FrameStatus::Unchanged)?;
     Ok(Row { stage: "one-step image", full_s, equal_s })
-}
-
-fn touches(scene: &Scene, to_pixels: &Reconstructor) -> Result<Row> {
-    let images: Vec<Vec<f64>> = scene
-        .frames
-        .iter()
-        .map(|frame| Ok(to_pixels.reconstruct(frame, &scene.reference)?.to_vec()))
-        .collect::<Result<_>>()?;
-    let floor = NoiseFloor::of_reconstruction(to_pixels, &scene.noise_std)?;
-    let cells = Cells::of_raster_on(&scene.raster, scene.mesh.surface())?;
-    let settings = TouchStreamSettings { frame_rate_hz: RATE_HZ, ..Default::default() };
-    let mut stream = TouchStream::new(cells, floor, settings)?;
-    let (mut k, mut seen) = (0, 0);
-    let full_s = quick(|| {
-        k += 1;
-        seen = stream.push(&images[k % FRAMES], k as f64 / RATE_HZ)?.len();
-        Ok(())
-    })?;
-    if seen != 2 {
-        return Err(format!("{seen} touches where two fingers are").into());
-    }
-    let equal_s = quick(|| {
-        k += 1;
-        black_box(stream.push_unchanged(k as f64 / RATE_HZ)?);
-        Ok(())
-    })?;
-    Ok(Row { stage: "two touches", full_s, equal_s })
 }
 
 fn net(scene: &Scene, to_pixels: &Reconstructor) -> Result<Row> {

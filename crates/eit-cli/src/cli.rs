@@ -14,7 +14,7 @@ pub(crate) use live::{
     BodyArgs, CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, NetworkArgs, PageArgs,
     PublishArgs, RecordArgs, RecoverArgs, ReplayArgs, SplitArgs, WatchArgs,
 };
-pub(crate) use report::{ReportArgs, TouchPart};
+pub(crate) use report::ReportArgs;
 pub(crate) use shell::{CompletionsArgs, ManArgs};
 
 use clap::{Args, Parser, Subcommand};
@@ -38,7 +38,7 @@ use std::path::PathBuf;
         eit reconstruct my.toml --frames f.csv --reference 0 --out images\n  \
         eit simulate paper-disc --out touched  frames of a touched fabric, with ground truth\n  \
         eit train paper-disc --out w.safetensors   a U-net that removes artefacts\n  \
-        eit report --quick                     compare all methods on simulated touches\n\n\
+        eit report                             compare all methods on simulated touches\n\n\
         With an instrument ([instrument] in the scene; `eit emulate` replaces the hardware):\n  \
         eit init my.toml --port /dev/ttyACM0   a scene for your skin, from its size and two presses\n  \
         eit devices                            list the serial ports of this computer\n  \
@@ -209,16 +209,12 @@ pub(crate) enum Command {
     /// Measure error against run time of every solver on every built-in scene.
     ///
     /// Simulates soft and hard fingers with a finer mesh and noise; solves the forward problem on meshes of
-    /// many sizes and runs every inverse solver at many settings; compares the results with the predictions
-    /// of `eit plan`. Writes report.html (open it), report.md, report.json, tables (inverse.csv, forward.csv,
-    /// plan.csv) and pictures, again after every scene: until the last one the report says that it is
-    /// incomplete, and Ctrl-C keeps what exists. Takes two minutes with --quick (five on a busy
-    /// computer), and much longer without.
+    /// many sizes and runs every inverse solver at many settings. Writes report.html (open it), report.md,
+    /// report.json, tables (inverse.csv, forward.csv) and pictures, again after every scene: until the last
+    /// one the report says that it is incomplete, and Ctrl-C keeps what exists. Takes two minutes (five on a
+    /// busy computer), and half an hour with --full.
     ///
-    /// With --quality it writes quality.md and quality.csv instead (figures of merit against noise, speed and
-    /// number of touches), with --touches touches.md, and with --denoise denoise.md with its pictures.
-    ///
-    /// Example: `eit report --scenes paper-disc-60 --peers python3`
+    /// Example: `eit report --scenes paper-disc-60`
     Report(ReportArgs),
     /// Write the first scene of a new skin, from its measured size, the board's output and two presses.
     ///

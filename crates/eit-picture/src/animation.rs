@@ -15,10 +15,7 @@ use crate::{
 const MAX_FRAMES: usize = 300;
 /// Longer side of the skin's panel, in points and pixels: for a single image and for several per
 /// frame.
-const SIDE: f64 = 320.0;
-const SMALL_SIDE: f64 = 240.0;
-/// Maximum number of images per frame.
-const MOST_SIDE_BY_SIDE: usize = 8;
+const SIDES: [f64; 2] = [320.0, 240.0];
 /// Number of colours in a GIF's colour table.
 const TABLE: usize = 256;
 
@@ -44,8 +41,8 @@ pub fn write_gif(
         return Err(PictureError::FrameRate { rate_hz });
     }
     let delay = (100.0 / rate_hz).round().clamp(2.0, f64::from(u16::MAX)) as u16;
-    let group = settings.columns.unwrap_or(1).clamp(1, MOST_SIDE_BY_SIDE);
-    let side = if group > 1 { SMALL_SIDE } else { SIDE };
+    let group = settings.columns.unwrap_or(1).clamp(1, 8);
+    let side = SIDES[usize::from(group > 1)];
     let layout = SheetLayout { most: MAX_FRAMES, group, cells: group, side, zoom: 1 };
     let sheet = ImageSheet::new(images, skin, settings, layout)?;
     // a page with a few panels of 320 points, wrapped texts and a bar stays far below 65535 pixels
@@ -139,7 +136,7 @@ mod tests {
     use super::*;
     use crate::{
         ColorMap,
-        fixture::{disc, walk},
+        fixtures_for_tests::{disc, walk},
     };
 
     fn write(images: ArrayView3<'_, f64>, rate_hz: f64) -> Vec<u8> {
@@ -175,7 +172,7 @@ mod tests {
         let (pages, delays, width) = play(&write(images.view(), 10.0));
         assert_eq!(delays, [10; 4]);
         let settings = PictureSettings { title: "walk".into(), ..Default::default() };
-        let layout = SheetLayout { most: MAX_FRAMES, group: 1, cells: 1, side: SIDE, zoom: 1 };
+        let layout = SheetLayout { most: MAX_FRAMES, group: 1, cells: 1, side: SIDES[0], zoom: 1 };
         let sheet = ImageSheet::new(images.view(), &disc(16), &settings, layout).unwrap();
         let palette = Palette::new(sheet.scale.colors());
         for (k, page) in pages.iter().enumerate() {
@@ -224,7 +221,7 @@ mod tests {
         assert_eq!(last, (2, 2));
         let (pages, _, width) = play(&bytes);
         assert_eq!(pages.len(), 2);
-        assert!(width > 3 * SMALL_SIDE as usize, "{width}");
+        assert!(width > 3 * SIDES[1] as usize, "{width}");
     }
 
     #[test]

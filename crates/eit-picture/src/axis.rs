@@ -4,21 +4,11 @@ use std::ops::Range;
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
+use crate::plot::AREA;
 use crate::ticks::{Ticks, power_of_ten, round_number};
 
-/// Space between the extreme points and the axes, as a fraction of the range.
-const PADDING: f64 = 0.04;
 /// Maximum number of ticks along an axis, so that labels stay apart.
 const MOST_TICKS: usize = 8;
-/// Largest number of decades for which an axis has lines between the powers of ten.
-const MOST_MINOR: f64 = 6.0;
-/// Axes with fewer decades than this have labels within the decades: all of 1 to 9, or 1, 2 and 5,
-/// or at least one between two powers of ten.
-const WITHIN_DECADES: f64 = 2.5;
-/// Axis length and character width in points, for the distance between labels. The vertical axis is
-/// shorter, but its labels are stacked.
-const LENGTH: f64 = 400.0;
-const LETTER: f64 = 7.0;
 /// Multiples labelled within a decade: the first set whose labels fit is used.
 const WITHIN: [&[i32]; 3] = [&[1, 2, 3, 4, 5, 6, 7, 8, 9], &[1, 2, 5], &[1, 3]];
 
@@ -48,7 +38,8 @@ impl Axis {
         // a single value, or values that agree to six digits, still need an axis with ticks
         let least_span = if log { 0.02 } else { (1e-6 * least.abs().max(most.abs())).max(1e-300) };
         let missing = (least_span - (most - least)).max(0.0) / 2.0;
-        let padding = PADDING * (most - least + 2.0 * missing);
+        // space between the extreme points and the axes, as a fraction of the range
+        let padding = 0.04 * (most - least + 2.0 * missing);
         let mut axis = Self {
             log,
             low: least - missing - padding,
@@ -59,7 +50,8 @@ impl Axis {
             minor: Vec::new(),
         };
         match log {
-            true if axis.high - axis.low >= WITHIN_DECADES => axis.mark_decades(),
+            // shorter axes have labels within the decades: all of 1 to 9, or 1, 2 and 5, or one
+            true if axis.high - axis.low >= 2.5 => axis.mark_decades(),
             // at least two numbers, so that the step is apparent
             true if axis.within(WITHIN[0]).len() > 1 => axis.mark_within_decades(),
             _ => axis.mark_round_values(),
@@ -76,13 +68,14 @@ impl Axis {
             .collect()
     }
 
-    /// Whether labels at these positions are at least a character apart.
+    /// Whether labels at these positions are at least a character, 7 points wide, apart on an axis as
+    /// long as the horizontal one. The vertical axis is shorter, but its labels are stacked.
     fn stand_apart(&self, ticks: &[(i32, i32)]) -> bool {
         let letters = round_numbers(ticks).iter().map(|label| label.chars().count()).max();
-        let wanted = LETTER * (letters.unwrap_or(0) + 1) as f64;
+        let wanted = 7.0 * (letters.unwrap_or(0) + 1) as f64;
         let at = |(k, decade): (i32, i32)| f64::from(k).log10() + f64::from(decade);
         let apart =
-            |pair: &[(i32, i32)]| LENGTH * (at(pair[1]) - at(pair[0])) / (self.high - self.low);
+            |pair: &[(i32, i32)]| AREA[0] * (at(pair[1]) - at(pair[0])) / (self.high - self.low);
         ticks.windows(2).all(|pair| apart(pair) >= wanted)
     }
 
@@ -109,7 +102,8 @@ impl Axis {
             self.ticks.push(10f64.powi(decade));
             self.labels.push(power_of_ten(decade));
         }
-        if self.high - self.low <= MOST_MINOR {
+        // lines between the powers of ten would be too dense on a longer axis
+        if self.high - self.low <= 6.0 {
             let between = |decade: i32| (2..10).map(move |k| f64::from(k) * 10f64.powi(decade));
             let lines = (self.low.floor() as i32..=self.high.floor() as i32).flat_map(between);
             self.minor = lines.filter(|at| (self.low..=self.high).contains(&at.log10())).collect();

@@ -9,7 +9,7 @@ mod canvas;
 mod colormap;
 mod error;
 #[cfg(test)]
-mod fixture;
+mod fixtures_for_tests;
 #[cfg(feature = "mesh")]
 mod from_mesh;
 mod mesh;

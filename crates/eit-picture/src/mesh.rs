@@ -10,13 +10,6 @@ use crate::{
     text::Font,
 };
 
-/// Longer side of the panel, in points.
-const SIDE: f64 = 480.0;
-/// Width of an edge in points; edges shorter than `FULL_EDGE` points are paler, so that a fine mesh
-/// does not turn black.
-const EDGE_WIDTH: f64 = 0.6;
-const FULL_EDGE: f64 = 7.0;
-
 /// A triangulation in the plane.
 #[derive(Clone, Copy, Debug)]
 pub struct MeshDrawing<'a> {
@@ -45,7 +38,7 @@ pub fn draw_mesh(
     check(mesh)?;
     let zoom = settings.zoom.clamp(1, 4);
     let font = Font::load()?;
-    let panel = Panel::new(skin, SIDE, zoom, &font)?;
+    let panel = Panel::new(skin, 480.0, zoom, &font)?;
     let scale = mesh.values.map(|values| Scale::new(values.iter(), settings)).transpose()?;
     let mut notes =
         vec![settings.footnote.clone(), format!("{nodes} nodes, {triangles} triangles")];
@@ -108,7 +101,8 @@ fn draw_edges(canvas: &mut Canvas, triangles: &[[usize; 3]], at: impl Fn(usize) 
     for [a, b] in edges {
         let (a, b) = (at(a), at(b));
         let length = (b[0] - a[0]).hypot(b[1] - a[1]);
-        canvas.stroke(&[a, b], EDGE_WIDTH, LINE, (length / FULL_EDGE).clamp(0.15, 1.0));
+        // edges shorter than 7 points are paler, so that a fine mesh does not turn black
+        canvas.stroke(&[a, b], 0.6, LINE, (length / 7.0).clamp(0.15, 1.0));
     }
 }
 
@@ -140,7 +134,7 @@ fn fill_triangle(canvas: &mut Canvas, corners: [[f64; 2]; 3], color: Rgb) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{ColorMap, fixture::disc};
+    use crate::{ColorMap, fixtures_for_tests::disc};
 
     const NODES: [[f64; 2]; 4] = [[-0.1, 0.0], [0.1, 0.0], [0.0, 0.1], [0.0, -0.1]];
     const TRIANGLES: [[usize; 3]; 2] = [[0, 1, 2], [0, 1, 3]];

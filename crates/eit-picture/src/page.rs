@@ -16,10 +16,6 @@ pub(crate) const LABEL_EM: f64 = 11.0;
 pub(crate) const NOTE_EM: f64 = 10.0;
 /// Line height relative to the em.
 pub(crate) const LEADING: f64 = 1.5;
-/// Minimum width of the page in points, so that titles fit above narrow skins.
-const LEAST_WIDTH: f64 = 300.0;
-/// Target ratio of width to height of a grid of panels.
-const GRID_ASPECT: f64 = 1.5;
 /// Gap between panels, and between panels and bar, in points.
 const GAP: [f64; 2] = [8.0, 18.0];
 /// Height above the bar for its heading, and the shortest and longest bar, in points.
@@ -72,7 +68,8 @@ impl Page {
             }
             None => (0.0, 0.0),
         };
-        let width = (grid[0] + bar).max(LEAST_WIDTH) + 2.0 * MARGIN;
+        // titles fit above narrow skins
+        let width = (grid[0] + bar).max(300.0) + 2.0 * MARGIN;
         let title = font.wrap(settings.title, TITLE_EM, width - 2.0 * MARGIN);
         let note = font.wrap(settings.note, NOTE_EM, width - 2.0 * MARGIN);
         let top = MARGIN + block_height(&title, TITLE_EM);
@@ -112,10 +109,10 @@ impl Page {
     }
 }
 
-/// Number of columns that brings a grid close to the target shape, without empty columns.
+/// Number of columns that makes a grid about half again as wide as high, without empty columns.
 fn columns(cells: usize, step: [f64; 2]) -> usize {
     let cells = cells.max(1);
-    let wanted = (cells as f64 * GRID_ASPECT * step[1] / step[0]).sqrt().round();
+    let wanted = (cells as f64 * 1.5 * step[1] / step[0]).sqrt().round();
     let rows = cells.div_ceil((wanted as usize).clamp(1, cells));
     cells.div_ceil(rows)
 }

@@ -258,7 +258,7 @@ fn inside(outlines: &[Vec<[f64; 2]>], [columns, rows]: [usize; 2], zoom: f64) ->
 mod tests {
     use super::*;
     use crate::ElectrodeDrawing;
-    use crate::fixture::{disc, inner_box};
+    use crate::fixtures_for_tests::{disc, inner_box};
 
     #[test]
     fn numbers_stand_outside_a_disc_and_inside_its_panel() {

@@ -21,16 +21,14 @@ use crate::{
     backend::Backend,
     canvas::{Canvas, INK, LINE, Rgb, WHITE},
     page::{LABEL_EM, MARGIN, NOTE_EM, TITLE_EM, block_height, write_block},
+    scale::{LARGEST, SMALLEST},
     text::Font,
 };
 
 /// Size of the area between the axes, in points.
-const AREA: [f64; 2] = [400.0, 270.0];
-/// Width limit of names in the legend, in points; longer ones are shortened.
-const NAME_WIDTH: f64 = 200.0;
-/// Height of a label line, height of both lines below the axis, and length of a tick, in points.
+pub(crate) const AREA: [f64; 2] = [400.0, 270.0];
+/// Height of a label line, of which two are below the axis, and length of a tick, in points.
 const LINE_HEIGHT: f64 = 18.0;
-const LABELS: f64 = 2.0 * LINE_HEIGHT;
 const TICK: f64 = 3.0;
 /// Colours of grid lines at the labels and between them.
 const GRID: Rgb = [212; 3];
@@ -129,7 +127,7 @@ impl Plot {
     /// Whether the axes can show a point.
     fn shows(&self, point: &[f64; 2]) -> bool {
         let logs = [self.x_log, self.y_log];
-        point.iter().zip(logs).all(|(v, log)| v.abs() <= 1e300 && (!log || *v >= 1e-300))
+        point.iter().zip(logs).all(|(v, log)| v.abs() <= LARGEST && (!log || *v >= SMALLEST))
     }
 }
 
@@ -141,7 +139,7 @@ struct Layout {
     note_top: f64,
     /// Upper left corner of the area between the axes.
     corner: [f64; 2],
-    /// Names in the legend, shortened to its width; empty for a series that is not listed.
+    /// Names in the legend, shortened to 200 points; empty for a series that is not listed.
     names: Vec<String>,
 }
 
@@ -153,7 +151,7 @@ impl Layout {
         };
         // axis name, labels and ticks
         let left = (MARGIN + LINE_HEIGHT + widest(&y_axis.labels) + 3.0 * TICK).ceil();
-        let name = |series: &Series| font.shortened(&series.name, LABEL_EM, NAME_WIDTH);
+        let name = |series: &Series| font.shortened(&series.name, LABEL_EM, 200.0);
         let names: Vec<String> = plot.series.iter().map(name).collect();
         let legend = widest(&names);
         let legend = if legend > 0.0 { legend + 46.0 } else { 8.0 };
@@ -163,7 +161,7 @@ impl Layout {
         let top = (MARGIN + block_height(&title, TITLE_EM) + 8.0).floor();
         let named = names.iter().filter(|name| !name.is_empty()).count();
         let below_legend = 16.0 + LINE_HEIGHT * named as f64;
-        let note_top = top + (AREA[1] + LABELS + 8.0).max(below_legend);
+        let note_top = top + (AREA[1] + 2.0 * LINE_HEIGHT + 8.0).max(below_legend);
         let height = note_top + block_height(&note, NOTE_EM) + MARGIN;
         Self { size: [width, height], title, note, note_top, corner: [left, top], names }
     }
@@ -207,7 +205,7 @@ impl Pen {
     ) -> Result<(), PlotError> {
         let [left, top] = layout.corner.map(|at| self.px(at));
         let [width, height] = AREA.map(|length| self.px(length));
-        let (margin, below) = (self.px(MARGIN), self.px(LABELS));
+        let (margin, below) = (self.px(MARGIN), self.px(2.0 * LINE_HEIGHT));
         let area = (left + width - margin, height + below);
         let [x_name, y_name] = [&x_axis, &y_axis].map(|axis| axis.name.clone());
         let mut chart = ChartBuilder::on(&page.clone().shrink((margin, top), area))

@@ -12,9 +12,9 @@ use crate::{
 /// greys in the 256 colours of a GIF.
 pub(crate) const LEVELS: usize = 201;
 /// Values beyond this would overflow in differences, so they count as infinite.
-const LARGEST: f64 = 1e300;
+pub(crate) const LARGEST: f64 = 1e300;
 /// A largest magnitude below this counts as zero, because its ticks would underflow.
-const SMALLEST: f64 = 1e-300;
+pub(crate) const SMALLEST: f64 = 1e-300;
 /// Em of numbers, in points.
 const TICK_EM: f64 = 11.0;
 /// Width limit of the bar's heading, in points; a longer one is shortened.

@@ -7,17 +7,12 @@ use crate::{
     canvas::Canvas,
     page::{LABEL_EM, Page, PageSettings},
     panel::Panel,
-    scale::Scale,
+    scale::{LARGEST, SMALLEST, Scale},
     text::Font,
 };
 
 /// Maximum number of images on a sheet.
 const MAX_PANELS: usize = 24;
-/// Sides of the panels in points: for one image, up to four, and more.
-const PANEL_SIDES: [f64; 3] = [400.0, 280.0, 190.0];
-
-/// Width limit of labels, in points; longer ones are shortened.
-const LABEL_WIDTH: f64 = 300.0;
 
 /// Draws images [frame, row, column] on one page with a common scale.
 ///
@@ -33,7 +28,11 @@ pub fn draw_sheet(
     settings: &PictureSettings,
 ) -> Result<Canvas, PictureError> {
     let cells = images.len_of(Axis(0)).min(MAX_PANELS);
-    let side = PANEL_SIDES[usize::from(cells > 1) + usize::from(cells > 4)];
+    let side = match cells {
+        0..=1 => 400.0,
+        2..=4 => 280.0,
+        _ => 190.0,
+    };
     let zoom = settings.zoom.clamp(1, 4);
     let layout = SheetLayout { most: MAX_PANELS, group: 1, cells, side, zoom };
     let sheet = ImageSheet::new(images, skin, settings, layout)?;
@@ -91,7 +90,7 @@ impl<'a> ImageSheet<'a> {
         let labels = labels(&settings.labels, frames, &chosen)?;
         let font = Font::load()?;
         let labels: Vec<String> =
-            labels.iter().map(|label| font.shortened(label, LABEL_EM, LABEL_WIDTH)).collect();
+            labels.iter().map(|label| font.shortened(label, LABEL_EM, 300.0)).collect();
         let panel = Panel::new(skin, side, zoom, &font)?;
         let mut notes = vec![settings.footnote.clone()];
         if chosen.len() < frames {
@@ -127,11 +126,6 @@ impl<'a> ImageSheet<'a> {
     }
 }
 
-/// Share of an image's pixels that may lie beyond either end of the colour scale.
-const BEYOND: f64 = 0.002;
-/// Values beyond this have no colour of their own ([`Scale`]), as in the scale itself.
-const LARGEST: f64 = 1e300;
-
 /// Ends of the colours: of each image the smallest and largest value but for 0.2 % of its pixels, so that a hot pixel
 /// does not turn every touch pale; of these the outermost, so that a touch in a single image counts in full. `None`
 /// where the scale's own choice is the same or needed.
@@ -141,11 +135,11 @@ fn robust_range(images: ArrayView3<'_, f64>) -> Option<[f64; 2]> {
         let finite = image.iter().copied().filter(|value| value.abs() <= LARGEST);
         let mut values: Vec<f64> = finite.collect();
         let Some(last) = values.len().checked_sub(1) else { continue };
-        let beyond = (BEYOND * values.len() as f64) as usize;
+        let beyond = (0.002 * values.len() as f64) as usize;
         low = low.min(*values.select_nth_unstable_by(beyond, f64::total_cmp).1);
         high = high.max(*values.select_nth_unstable_by(last - beyond, f64::total_cmp).1);
     }
-    (low < high && low.abs().max(high.abs()) > 1e-300).then_some([low, high])
+    (low < high && low.abs().max(high.abs()) > SMALLEST).then_some([low, high])
 }
 
 /// Joins the notes that are not empty into one line.
@@ -187,7 +181,7 @@ mod tests {
     use crate::{
         ColorMap,
         canvas::PALE,
-        fixture::{disc, inner_box, walk},
+        fixtures_for_tests::{disc, inner_box, walk},
     };
 
     fn small() -> PictureSettings {

@@ -11,18 +11,11 @@ use crate::{
     text::Font,
 };
 
-/// Longer side of a skin, in points: alone, and beside others.
-const SIDES: [f64; 2] = [400.0, 300.0];
-/// Width of a true track, and of the dots of a detected one, in points.
-const WAY: f64 = 9.0;
-const PLACE: f64 = 4.6;
 /// Share of its colour that the first dot of a track has; the last one has all of it.
 const FIRST_SHADE: f64 = 0.25;
 /// Length of the legend's samples and line height of the legend, in points.
 const SAMPLE: f64 = 18.0;
 const LINE_HEIGHT: f64 = 16.0;
-/// Height of the ruler's ends, in points.
-const TICK: f64 = 5.0;
 /// Colour of true tracks.
 const TRUE: Rgb = [208; 3];
 
@@ -61,7 +54,7 @@ pub fn draw_tracks(
 ) -> Result<Canvas, PictureError> {
     let font = Font::load()?;
     let zoom = settings.zoom.clamp(1, 4);
-    let side = SIDES[usize::from(panels.len() > 1)];
+    let side = if panels.len() > 1 { 300.0 } else { 400.0 };
     let panel = Panel::new(skin, side, zoom, &font)?;
     let lines = panels.iter().map(|p| legend(p).count()).max().unwrap_or(0);
     let room = LINE_HEIGHT * (lines + 2) as f64;
@@ -110,6 +103,7 @@ fn legend(panel: &TracksPanel) -> impl Iterator<Item = &Track> {
 #[derive(Clone, Copy)]
 struct Look {
     color: Rgb,
+    /// Width of the line or of the dots, in points.
     size: f64,
     is_line: bool,
 }
@@ -139,8 +133,8 @@ fn shade(color: u8, share: f64) -> u8 {
 fn looks(panel: &TracksPanel) -> Vec<Look> {
     let mut next = COLORS.into_iter().cycle().skip(panel.first_color % COLORS.len());
     let of = |track: &Track| match track.is_truth {
-        true => Look { color: TRUE, size: WAY, is_line: true },
-        false => Look { color: next.next().unwrap_or(INK), size: PLACE, is_line: false },
+        true => Look { color: TRUE, size: 9.0, is_line: true },
+        false => Look { color: next.next().unwrap_or(INK), size: 4.6, is_line: false },
     };
     panel.tracks.iter().map(of).collect()
 }
@@ -156,17 +150,11 @@ fn draw_ruler(canvas: &mut Canvas, panel: &Panel, [left, y]: [f64; 2]) {
         return;
     };
     let right = left + length_m * points_per_m;
-    let up = y - TICK;
+    let up = y - 5.0;
     canvas.stroke(&[[left, up], [left, y], [right, y], [right, up]], 1.0, INK, 1.0);
     // twelve digits: 0.02 m are 20 mm, not 20.000000000000004
     let length_mm = (1e15 * length_m).round() / 1e12;
-    canvas.text(
-        &format!("{length_mm} mm"),
-        LABEL_EM,
-        [right + 8.0, y - TICK / 2.0],
-        HPos::Left,
-        INK,
-    );
+    canvas.text(&format!("{length_mm} mm"), LABEL_EM, [right + 8.0, y - 2.5], HPos::Left, INK);
 }
 
 /// Draws the legend below the skin, and returns the height of its last line.
@@ -187,7 +175,7 @@ fn draw_legend(canvas: &mut Canvas, panel: &TracksPanel, [left, top]: [f64; 2], 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::disc;
+    use crate::fixtures_for_tests::disc;
 
     fn panel(tracks: Vec<Track>) -> TracksPanel {
         TracksPanel { label: "one finger".into(), tracks, first_color: 0 }

@@ -11,12 +11,6 @@ pub struct View {
     eye: [f64; 3],
 }
 
-/// A surface whose mean normal is shorter than this is closed or nearly so, and faces no particular
-/// direction.
-const LOOKS_NOWHERE: f64 = 0.05;
-/// A mean normal this close to +z counts as +z, so that mesh and images of a flat skin coincide.
-const UPRIGHT: f64 = 1e-6;
-
 impl View {
     /// The view from +z, as in images.
     pub const TOP: Self =
@@ -32,11 +26,13 @@ impl View {
         }
         // each normal is twice as long as its triangle's area
         let area_m2: f64 = surface.areas_m2().iter().sum();
-        let eye = match norm(mean) > 2.0 * LOOKS_NOWHERE * area_m2 {
+        // a surface with a shorter mean normal is closed or nearly so, and faces no direction
+        let eye = match norm(mean) > 2.0 * 0.05 * area_m2 {
             true => unit(mean),
             false => unit([1.0, -1.0, 1.0]),
         };
-        if eye[0].hypot(eye[1]) < UPRIGHT && eye[2] > 0.0 {
+        // so that mesh and images of a flat skin coincide
+        if eye[0].hypot(eye[1]) < 1e-6 && eye[2] > 0.0 {
             return Self::TOP;
         }
         let upwards = if eye[2].abs() > 0.9 { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] };

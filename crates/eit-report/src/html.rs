@@ -31,23 +31,8 @@ pre { overflow-x: auto; padding: .6rem; border: 1px solid #8884; }
 ";
 
 /// A page.
-///
-/// ```
-/// use eit_report::html::{Block, Page, Section};
-///
-/// let text = Block::Text("One finger, 60 dB.".to_owned());
-/// let page = Page {
-///     title: "A measurement".to_owned(),
-///     lead: "What was measured.".to_owned(),
-///     sections: vec![Section { title: "Result".to_owned(), blocks: vec![text] }],
-/// };
-/// let mut html = Vec::new();
-/// page.write(&mut html)?;
-/// assert!(String::from_utf8_lossy(&html).contains("One finger, 60 dB."));
-/// # Ok::<(), eit_report::ReportError>(())
-/// ```
 #[derive(Debug, Clone, Default)]
-pub struct Page {
+pub(crate) struct Page {
     /// Title of the page and of the browser window.
     pub title: String,
     /// Introduction of a sentence or two.
@@ -58,7 +43,7 @@ pub struct Page {
 
 /// A section of a page.
 #[derive(Debug, Clone, Default)]
-pub struct Section {
+pub(crate) struct Section {
     /// Heading, also used in the table of contents.
     pub title: String,
     /// Contents, from top to bottom.
@@ -67,7 +52,7 @@ pub struct Section {
 
 /// A block of a section.
 #[derive(Debug, Clone)]
-pub enum Block {
+pub(crate) enum Block {
     /// A paragraph.
     Text(String),
     /// Preformatted lines, such as commands.
@@ -114,7 +99,7 @@ impl Page {
     /// # Errors
     ///
     /// A writer that fails, and a picture that cannot be encoded.
-    pub fn write(&self, out: &mut dyn Write) -> Result<(), ReportError> {
+    pub(crate) fn write(&self, out: &mut dyn Write) -> Result<(), ReportError> {
         let page = self.markup().into_string();
         out.write_all(eit_skin::words::printable(&page).as_bytes()).map_err(io)
     }

@@ -2,16 +2,16 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 #![deny(clippy::missing_errors_doc)]
 
+pub mod comparison;
 pub mod curve;
 pub mod demo;
 pub mod denoised;
 mod error;
-pub mod html;
+mod html;
 pub mod output;
 pub mod reconstruct;
 pub mod report;
 pub mod settings;
-mod simulate;
 pub mod simulated;
 pub mod watched;
 

@@ -5,7 +5,7 @@
 mod stack;
 mod stray;
 
-pub use stack::ImageFile;
+pub(crate) use stack::ImageFile;
 pub use stray::{remember, remove_temporaries};
 
 use crate::error::ReportError;
@@ -85,9 +85,9 @@ impl std::fmt::Debug for OutFile {
 
 /// An output folder whose files all appear together at the end, or not at all.
 #[derive(Debug)]
-pub struct OutFolder {
+pub(crate) struct OutFolder {
     path: PathBuf,
-    files: Vec<(&'static str, NamedTempFile)>,
+    files: Vec<(String, NamedTempFile)>,
 }
 
 /// Rejects a file where `--out` names a folder.
@@ -111,7 +111,7 @@ impl OutFolder {
     /// # Errors
     ///
     /// A path that cannot be written, or that is a folder where a file is meant (and the other way round).
-    pub fn new(path: impl AsRef<Path>) -> Result<Self, ReportError> {
+    pub(crate) fn new(path: impl AsRef<Path>) -> Result<Self, ReportError> {
         let path = path.as_ref();
         check_folder(path)?;
         let refused = |e: std::io::Error| {
@@ -131,9 +131,9 @@ impl OutFolder {
     /// # Errors
     ///
     /// Those of the content, and a disk that is full.
-    pub fn write(
+    pub(crate) fn write(
         &mut self,
-        name: &'static str,
+        name: &str,
         content: impl FnOnce(&mut dyn Write) -> Result<(), ReportError>,
     ) -> Result<(), ReportError> {
         let mut writer = self.begin(name)?;
@@ -146,7 +146,7 @@ impl OutFolder {
     /// # Errors
     ///
     /// A folder that cannot be written.
-    pub fn begin(&self, name: &'static str) -> Result<BufWriter<NamedTempFile>, ReportError> {
+    pub(crate) fn begin(&self, name: &str) -> Result<BufWriter<NamedTempFile>, ReportError> {
         let place = self.path.join(name);
         Ok(BufWriter::new(temporary_in(&self.path).map_err(|e| ReportError::at(&place, e))?))
     }
@@ -156,14 +156,14 @@ impl OutFolder {
     /// # Errors
     ///
     /// A disk that is full.
-    pub fn end(
+    pub(crate) fn end(
         &mut self,
-        name: &'static str,
+        name: &str,
         writer: BufWriter<NamedTempFile>,
     ) -> Result<(), ReportError> {
         let place = self.path.join(name);
         let temporary = writer.into_inner().map_err(|e| ReportError::at(&place, e.error()))?;
-        self.files.push((name, temporary));
+        self.files.push((name.to_owned(), temporary));
         Ok(())
     }
 
@@ -173,13 +173,14 @@ impl OutFolder {
     /// # Errors
     ///
     /// A file that cannot be renamed or removed.
-    pub fn commit(self, own: &[&str]) -> Result<(), ReportError> {
+    pub(crate) fn commit(self, own: &[&str]) -> Result<(), ReportError> {
         let names = self.names();
+        let old: Vec<&&str> = own.iter().filter(|name| !names.contains(name)).collect();
         for (name, temporary) in self.files {
             let place = self.path.join(name);
             temporary.persist(&place).map_err(|e| ReportError::at(&place, e.error))?;
         }
-        for old in own.iter().filter(|name| !names.contains(name)) {
+        for old in old {
             let old = self.path.join(old);
             match std::fs::remove_file(&old) {
                 Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
@@ -192,13 +193,13 @@ impl OutFolder {
     }
 
     /// Path of the folder.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
     /// Names written so far, in order.
-    pub fn names(&self) -> Vec<&'static str> {
-        self.files.iter().map(|f| f.0).collect()
+    pub(crate) fn names(&self) -> Vec<&str> {
+        self.files.iter().map(|(name, _)| name.as_str()).collect()
     }
 }
 
@@ -281,7 +282,7 @@ pub fn ending(path: impl AsRef<Path>) -> String {
 /// # Errors
 ///
 /// A file that cannot be read, or whose array is not [frame, row, column] of numbers.
-pub fn read_images(path: impl AsRef<Path>) -> Result<ndarray::Array3<f64>, ReportError> {
+pub(crate) fn read_images(path: impl AsRef<Path>) -> Result<ndarray::Array3<f64>, ReportError> {
     let path = path.as_ref();
     let array = eit_hw::npy::read_array(path)?;
     let shape = array.shape().to_vec();

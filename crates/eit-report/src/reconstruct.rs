@@ -5,7 +5,7 @@ mod gauss_newton;
 mod total_variation;
 pub(super) mod touches;
 
-pub use total_variation::status_words as movie_status_words;
+pub(crate) use total_variation::status_words as movie_status_words;
 
 use crate::Answer;
 use crate::error::ReportError;
@@ -222,7 +222,11 @@ impl Task<'_> {
 }
 
 /// Returns picture settings with title, footnote and labels.
-pub fn picture_settings(name: &str, footnote: String, rate_hz: Option<f64>) -> PictureSettings {
+pub(crate) fn picture_settings(
+    name: &str,
+    footnote: String,
+    rate_hz: Option<f64>,
+) -> PictureSettings {
     PictureSettings {
         title: name.to_owned(),
         footnote,
@@ -258,7 +262,7 @@ fn common_range(images: ArrayView3<'_, f64>, least: f64) -> Option<[f64; 2]> {
 /// # Errors
 ///
 /// A picture that cannot be encoded or written.
-pub fn write_pictures(
+pub(crate) fn write_pictures(
     out: &mut OutFolder,
     images: ArrayView3<'_, f64>,
     skin: &SkinDrawing,

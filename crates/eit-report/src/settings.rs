@@ -28,58 +28,21 @@ pub struct ReconstructSettings {
     pub out: PathBuf,
 }
 
-/// Selects a report and its extent.
+/// Settings of the report on error against run time.
 #[derive(Debug, Clone, Default)]
 pub struct ReportSettings {
     /// Output folder.
     pub out: PathBuf,
-    /// Whether to use fewer frames, pixels and movies.
-    pub quick: bool,
-    /// Report figures of merit against noise, speed and touches instead of error against time.
-    pub quality: bool,
-    /// Report these parts on touches instead of images.
-    pub touches: Vec<TouchPart>,
-    /// Report the effect of U-nets on images.
-    pub denoise: bool,
+    /// Whether to use all frames, pixels, gaps and meshes, which takes about half an hour.
+    pub full: bool,
     /// Scenes to include; if empty, all.
     pub scenes: Vec<String>,
-    /// Only compare the predictions of a plan with measurements, for each scene.
-    pub plans: bool,
     /// Only report the forward problem of each skin.
     pub forward: bool,
     /// Only report images: every solver on every scene, without the forward problem of the skins.
     pub images: bool,
-    /// Python interpreter that runs the peer programs.
-    pub peers: Option<PathBuf>,
     /// U-nets to compare: "default" or files.
     pub weights: Vec<String>,
-    /// Method of the raw images for U-nets.
-    pub method: Option<String>,
-    /// Added to the seed of every sequence that U-nets are compared on.
-    pub seed: u64,
-}
-
-/// Parts of the report on touches.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TouchPart {
-    /// Every part.
-    All,
-    /// False touches, and whether the confidence is calibrated.
-    Reliability,
-    /// Position error of one touch, compared with its bound.
-    Position,
-    /// Position error when electrodes move.
-    Movement,
-    /// Effect on images and touches of removing electrode movement from the data.
-    Electrodes,
-    /// Two-point discrimination.
-    Pairs,
-    /// Tracking fingers over time.
-    Tracks,
-    /// GREIT figures of merit.
-    Greit,
-    /// Time from a frame to its touches.
-    Latency,
 }
 
 /// Settings of a simulation on the fabric.

@@ -15,9 +15,6 @@ use std::io::{BufWriter, Write as _};
 use std::path::Path;
 use tempfile::NamedTempFile;
 
-/// Files in the output folder that a run may omit.
-pub const OPTIONAL: [&str; 2] = ["images.npy", "raw.npy"];
-
 /// Writes the output folder frame by frame, so memory does not grow with run time.
 #[derive(Debug)]
 pub struct Kept {
@@ -80,15 +77,17 @@ impl Kept {
     /// A file that cannot be renamed.
     pub fn finish(self) -> Result<Vec<&'static str>, ReportError> {
         let Self { mut folder, images, touches } = self;
+        let mut names = Vec::new();
         if let Some((images, raw)) = images {
-            images.finish(&mut folder)?;
-            if let Some(raw) = raw {
-                raw.finish(&mut folder)?;
+            for file in std::iter::once(images).chain(raw) {
+                names.push(file.name());
+                file.finish(&mut folder)?;
             }
         }
         folder.end("touches.csv", touches)?;
-        let names = folder.names();
-        folder.commit(&OPTIONAL)?;
+        names.push("touches.csv");
+        // images of an earlier run do not stay where this one has none
+        folder.commit(&["images.npy", "raw.npy"])?;
         Ok(names)
     }
 }

@@ -32,4 +32,3 @@ mod report;
 mod shell;
 mod silence;
 mod simulate;
-mod touches;

@@ -10,14 +10,13 @@ fn json(answer: &str) -> Value {
     serde_json::from_str(answer).unwrap()
 }
 
-/// The quick report of a scene: page, tables and pictures; meaningful errors; choices that are the best of
+/// The report of a scene: page, tables and pictures; meaningful errors; choices that are the best of
 /// their table.
 #[test]
 fn the_report_of_a_scene_is_whole() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report");
-    let arguments =
-        ["report", "--quick", "--scenes", "single-frame", "--out", text(&out), "--json"];
+    let arguments = ["report", "--scenes", "single-frame", "--out", text(&out), "--json"];
     let report = json(&succeed(&arguments));
     let scene = &report["scenes"][0];
     let solvers = scene["solvers"].as_array().unwrap();
@@ -52,7 +51,7 @@ fn the_report_of_a_scene_is_whole() {
     assert_eq!(page.matches("data:image/png;base64").count(), 1);
     assert!(page.len() < 1_000_000, "{} bytes", page.len());
     assert!(page.contains("src=\"forward_single_frame.png\""));
-    for name in ["report.md", "inverse.csv", "forward.csv", "plan.csv"] {
+    for name in ["report.md", "inverse.csv", "forward.csv"] {
         assert!(std::fs::metadata(out.join(name)).unwrap().len() > 100, "{name}");
     }
     let images = ["images_single_frame_bell.png", "images_single_frame_pad.png"];
@@ -110,7 +109,7 @@ fn forward_problems_of_other_skins_are_compared() {
     let out = folder.path().join("report");
     let names = ["hemisphere", "plate-with-hole", "patches"];
     let scenes = names.join(",");
-    let arguments = ["report", "--quick", "--scenes", &scenes, "--out", text(&out), "--json"];
+    let arguments = ["report", "--scenes", &scenes, "--out", text(&out), "--json"];
     let report = json(&succeed(&arguments));
     assert!(report["scenes"].as_array().unwrap().is_empty());
     for (skin, name) in report["forward"].as_array().unwrap().iter().zip(names) {
@@ -122,9 +121,7 @@ fn forward_problems_of_other_skins_are_compared() {
     assert!(names.iter().all(|name| table.contains(name)), "{table}");
     let words = std::fs::read_to_string(out.join("report.md")).unwrap();
     assert!(words.contains("\n## Forward problem\n") && !words.contains("Incomplete"), "{words}");
-    assert!(!out.join("inverse.csv").exists() && !out.join("plan.csv").exists());
-    let refused = refuse(&["report", "--plans", "--scenes", "patches", "--out", text(&out)]);
-    assert!(refused.contains("patches"), "{refused}");
+    assert!(!out.join("inverse.csv").exists());
     let refused = refuse(&["report", "--images", "--scenes", "patches", "--out", text(&out)]);
     assert!(refused.contains("--images: the report has no images of patches"), "{refused}");
 }
@@ -135,8 +132,7 @@ fn images_are_measured_without_forward_problems() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report");
     let scenes = ["--scenes", "single-frame"];
-    let report =
-        ["report", "--quick", "--images", scenes[0], scenes[1], "--out", text(&out), "--json"];
+    let report = ["report", "--images", scenes[0], scenes[1], "--out", text(&out), "--json"];
     let report = json(&succeed(&report));
     assert!(report["forward"].as_array().unwrap().is_empty(), "{report}");
     let table = std::fs::read_to_string(out.join("inverse.csv")).unwrap();
@@ -145,7 +141,6 @@ fn images_are_measured_without_forward_problems() {
         assert!(table.lines().any(|line| line.starts_with(&row)), "{solver}: {table}");
     }
     let words = std::fs::read_to_string(out.join("report.md")).unwrap();
-    assert!(words.contains("\n## What the plan promised\n"), "{words}");
     assert!(!words.contains("\n## Forward problem\n"), "{words}");
     assert!(!out.join("forward.csv").exists());
 }
@@ -157,7 +152,7 @@ fn an_interrupted_report_keeps_what_it_has() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report");
     let child = Command::new(env!("CARGO_BIN_EXE_eit"))
-        .args(["report", "--quick", "--scenes", "hemisphere,paper-disc-60", "--out", text(&out)])
+        .args(["report", "--scenes", "hemisphere,paper-disc-60", "--out", text(&out)])
         .stderr(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()
@@ -184,13 +179,11 @@ fn an_interrupted_report_keeps_what_it_has() {
 }
 
 #[test]
-fn unknown_scenes_and_interpreters_are_refused_before_any_work() {
+fn unknown_scenes_are_refused_before_any_work() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report");
     let error = refuse(&["report", "--scenes", "paper-disk", "--out", text(&out)]);
     assert!(error.contains("paper-disk") && error.contains("stiff-contact"), "{error}");
-    let error = refuse(&["report", "--peers", "./no-python", "--out", text(&out)]);
-    assert!(error.contains("no-python"), "{error}");
 }
 
 /// A plan states the expected error, if it was measured, and what would be better in less time.

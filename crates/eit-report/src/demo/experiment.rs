@@ -76,7 +76,11 @@ pub(super) struct TouchedFabric {
 
 impl TouchedFabric {
     /// Sets up the fabric on a finer mesh than that of the reconstruction.
-    pub fn new(scene: &Scene, quick: bool, progress: &mut Progress) -> Result<Self, ReportError> {
+    pub(crate) fn new(
+        scene: &Scene,
+        quick: bool,
+        progress: &mut Progress,
+    ) -> Result<Self, ReportError> {
         let mesh = MeshOverride { file: None, nodes: Some(NODES[usize::from(quick)]) };
         let skin = Skin::set_up(scene, &mesh, progress)?;
         let raster = skin.raster(progress)?;
@@ -85,12 +89,12 @@ impl TouchedFabric {
     }
 
     /// Number of nodes of its mesh.
-    pub fn nodes(&self) -> usize {
+    pub(crate) fn nodes(&self) -> usize {
         self.skin.mesh.surface().nodes().len()
     }
 
     /// Returns the script of an experiment, with more quiet frames at the start.
-    pub fn script(&self, experiment: &Experiment) -> Result<TouchScript, ReportError> {
+    pub(crate) fn script(&self, experiment: &Experiment) -> Result<TouchScript, ReportError> {
         let circle = PlayCircle::of(&self.skin.mesh);
         let mut script = TouchScript::built_in(experiment.script, &circle, SEED)?;
         let more = REFERENCE_FRAMES.saturating_sub(script.quiet_frames);
@@ -107,7 +111,7 @@ impl TouchedFabric {
     }
 
     /// Simulates touches of the fabric and writes the measurements of the instrument.
-    pub fn simulate(
+    pub(crate) fn simulate(
         &self,
         experiment: &Experiment,
         folder: impl AsRef<Path>,

@@ -24,7 +24,11 @@ impl DemoFolder {
     /// Claims a new or empty folder, or that of an earlier demo, whose results are removed. A
     /// folder with other content is accepted only with `force`, and then only files with names used
     /// by the demo are changed.
-    pub fn claim(path: impl AsRef<Path>, own: &[&str], force: bool) -> Result<Self, ReportError> {
+    pub(crate) fn claim(
+        path: impl AsRef<Path>,
+        own: &[&str],
+        force: bool,
+    ) -> Result<Self, ReportError> {
         let path = path.as_ref();
         let folder = Self { path: path.to_path_buf() };
         let strangers = folder.strangers(own)?;
@@ -95,7 +99,7 @@ impl DemoFolder {
     }
 
     /// Writes the scene that `eit replay` uses for the recordings.
-    pub fn write_scene(&self, quick: bool) -> Result<(), ReportError> {
+    pub(crate) fn write_scene(&self, quick: bool) -> Result<(), ReportError> {
         let (pixels, any_skin, rate_hz) = if quick { (32, true, 50.0) } else { (64, false, 10.0) };
         let skin = Scene::text("paper-disc")?;
         OutFile::new(&self.scene())?.write(|out| {
@@ -117,17 +121,17 @@ impl DemoFolder {
     }
 
     /// Path of the scene.
-    pub fn scene(&self) -> PathBuf {
+    pub(crate) fn scene(&self) -> PathBuf {
         self.path.join("scene.toml")
     }
 
     /// Path of an entry of the folder.
-    pub fn join(&self, name: &str) -> PathBuf {
+    pub(crate) fn join(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
     /// Path of the folder.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 }

@@ -51,7 +51,7 @@ pub(super) struct ImageError {
 
 impl ImageError {
     /// Root mean square errors before and after the network, relative to the root mean square of the truth.
-    pub fn relative(&self) -> [f64; 2] {
+    pub(crate) fn relative(&self) -> [f64; 2] {
         [self.raw, self.made].map(|error| (error / self.truth).sqrt())
     }
 }
@@ -125,7 +125,7 @@ impl Judged {
     }
 
     /// Median errors of the frames with touches: raw, after the network, and the ratio of the two.
-    pub fn errors_of_touched(&self) -> [f64; 3] {
+    pub(crate) fn errors_of_touched(&self) -> [f64; 3] {
         let touched = || self.errors.iter().filter(|error| error.is_touched);
         [
             median(touched().map(|error| error.raw)).unwrap_or(f64::NAN),
@@ -135,23 +135,23 @@ impl Judged {
     }
 
     /// Median relative errors of the images of frames with touches, before and after the network.
-    pub fn relative_errors(&self) -> [f64; 2] {
+    pub(crate) fn relative_errors(&self) -> [f64; 2] {
         let touched = || self.errors.iter().filter(|error| error.is_touched);
         [0, 1].map(|k| median(touched().map(|error| error.relative()[k])).unwrap_or(f64::NAN))
     }
 
     /// Median distance of a touch from its finger, metres.
-    pub fn distance_m(&self) -> f64 {
+    pub(crate) fn distance_m(&self) -> f64 {
         median(self.pairs.iter().map(|pair| pair.distance_m)).unwrap_or(f64::NAN)
     }
 
     /// Largest distance of a touch from its finger, metres; `None` without touches.
-    pub fn worst_distance_m(&self) -> Option<f64> {
+    pub(crate) fn worst_distance_m(&self) -> Option<f64> {
         self.pairs.iter().map(|pair| pair.distance_m).reduce(f64::max)
     }
 
     /// Returns the results as JSON.
-    pub fn json(&self) -> Value {
+    pub(crate) fn json(&self) -> Value {
         let [raw, made, quotient] = self.errors_of_touched();
         let [relative_raw, relative] = self.relative_errors();
         json!({

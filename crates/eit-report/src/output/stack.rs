@@ -10,7 +10,7 @@ const HEADER: usize = 128;
 
 /// A `.npy` stack of images [frame, row, column], written image by image.
 #[derive(Debug)]
-pub struct ImageFile {
+pub(crate) struct ImageFile {
     name: &'static str,
     file: BufWriter<NamedTempFile>,
     shape: [usize; 2],
@@ -23,7 +23,7 @@ impl ImageFile {
     /// # Errors
     ///
     /// A folder that cannot be written.
-    pub fn new(
+    pub(crate) fn new(
         folder: &OutFolder,
         name: &'static str,
         shape: [usize; 2],
@@ -33,12 +33,17 @@ impl ImageFile {
         Ok(Self { name, file, shape, count: 0 })
     }
 
+    /// Name of the file.
+    pub(crate) fn name(&self) -> &'static str {
+        self.name
+    }
+
     /// Appends an image in row-major order.
     ///
     /// # Errors
     ///
     /// An image of another shape, and a disk that is full.
-    pub fn push(&mut self, image: ndarray::ArrayView2<'_, f64>) -> Result<(), ReportError> {
+    pub(crate) fn push(&mut self, image: ndarray::ArrayView2<'_, f64>) -> Result<(), ReportError> {
         let (rows, columns) = image.dim();
         if [rows, columns] != self.shape {
             let [high, wide] = self.shape;
@@ -59,7 +64,7 @@ impl ImageFile {
     /// # Errors
     ///
     /// A disk that is full.
-    pub fn finish(self, folder: &mut OutFolder) -> Result<(), ReportError> {
+    pub(crate) fn finish(self, folder: &mut OutFolder) -> Result<(), ReportError> {
         let Self { name, mut file, shape, count } = self;
         file.seek(SeekFrom::Start(0)).map_err(io)?;
         file.write_all(&header(count, shape)).map_err(io)?;

@@ -109,7 +109,7 @@ fn images(
 }
 
 /// Returns the footnote of pictures.
-pub fn footnote(method: Method, kind: DifferenceKind, imaging: &Imaging) -> String {
+fn footnote(method: Method, kind: DifferenceKind, imaging: &Imaging) -> String {
     let report = imaging.difference.report();
     format!(
         "{}, {} prior, hyperparameter {:.3e} ({}), {} difference",

@@ -26,7 +26,7 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
 }
 
 /// Describes why a method stopped.
-pub fn status_words(status: SequenceStatus) -> &'static str {
+pub(crate) fn status_words(status: SequenceStatus) -> &'static str {
     match status {
         SequenceStatus::Direct => "direct",
         SequenceStatus::Converged => "converged",

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::io::Write;
 
 /// Columns of `touches.csv`.
-pub const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_std,confidence,\
+pub(crate) const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_std,confidence,\
                       std_x,std_y,vx,vy,valid,whole,force_n,force_std_n,unlike,nx,ny,nz";
 
 /// Writes one row per touch and frame.
@@ -18,7 +18,7 @@ pub const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_
 /// # Errors
 ///
 /// A writer that fails.
-pub fn write_csv(rows: &[TouchRow], out: &mut dyn Write) -> Result<(), ReportError> {
+pub(crate) fn write_csv(rows: &[TouchRow], out: &mut dyn Write) -> Result<(), ReportError> {
     writeln!(out, "{HEADER}").map_err(io)?;
     rows.iter().try_for_each(|row| write_row(row.frame as u64, row.time_s, &row.touch, out))
 }
@@ -28,7 +28,7 @@ pub fn write_csv(rows: &[TouchRow], out: &mut dyn Write) -> Result<(), ReportErr
 /// # Errors
 ///
 /// A writer that fails.
-pub fn write_row(
+pub(crate) fn write_row(
     frame: u64,
     time_s: f64,
     touch: &Touch,

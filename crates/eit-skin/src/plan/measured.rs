@@ -1,6 +1,6 @@
 //! Results of `eit report` on the built-in scenes, from which plans predict others.
 //!
-//! `measured.csv` is the `inverse.csv` of a full run of `eit report`, without peers and without nets that are
+//! `measured.csv` is the `inverse.csv` of `eit report --full`, without nets that are
 //! not shipped (written by `benches/src/bin/adopt.rs`, never by hand). A scene is predicted from the most
 //! similar built-in one, which the plan names.
 
