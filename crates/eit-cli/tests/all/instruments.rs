@@ -74,12 +74,15 @@ fn record_takes_what_each_instrument_sends() {
             succeed(&["record", text(&scene), "--out", text(&out), "--frames", "60", "--json"]);
         let answer = json(&answer);
         assert_eq!((&answer["frames"], &answer["lost"]), (&60.into(), &0.into()), "{answer}");
-        // other tests may occupy the processor for up to half of the 60 frames, and frames that waited arrive
-        // at once
+        // frames come late while others use the processor: what is told is the time that they took
+        let times_s: Vec<f64> =
+            eit_hw::capture::read(&out).unwrap().frames().map(|f| f.host_time_s.unwrap()).collect();
+        let took_hz = 59.0 / (times_s[59] - times_s[0]);
         let rate_hz = answer["frame_rate_hz"].as_f64().unwrap();
-        assert!((0.5..2.0).contains(&(rate_hz / sent_hz)), "{answer}");
+        assert!(took_hz < 2.0 * sent_hz, "{took_hz} {answer}");
+        assert!((0.5..2.0).contains(&(rate_hz / took_hz)), "{took_hz} {answer}");
         let wait_s = answer["longest_wait_s"].as_f64().unwrap();
-        assert!((0.5..60.0).contains(&(wait_s * sent_hz)), "{answer}");
+        assert!((0.999..59.1).contains(&(wait_s * rate_hz)), "{answer}");
         let table = folder.path().join("press.csv");
         succeed(&["convert", text(&out), "--out", text(&table), "--scene", text(&scene)]);
         let options =

@@ -88,8 +88,9 @@ fn frames_of_an_unplugged_time_are_estimated() {
     // some 100 frames
     let plan =
         FaultPlan { unplug_after_bytes: vec![20_000], unplugged_s: 1.5, ..FaultPlan::default() };
-    let emulator =
-        Emulator::start(device("skin"), &Listen::Tcp("127.0.0.1:0".into()), plan).unwrap();
+    // not TCP: another program could take its port meanwhile
+    let listen = Listen::PseudoTerminal(folder.path().join("port"));
+    let emulator = Emulator::start(device("skin"), &listen, plan).unwrap();
     let (output, json, out) = record(folder.path(), &emulator, "6");
     assert!(output.status.success(), "{}", stderr(&output));
     let number = |key: &str| json[key].as_f64().unwrap();

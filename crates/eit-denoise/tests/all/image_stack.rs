@@ -78,6 +78,8 @@ fn parts() -> impl Strategy<Value = (Array3<f64>, Array2<bool>)> {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     #[test]
     fn inside_is_kept_and_outside_is_nan((values, mask) in parts()) {
         let bad = values

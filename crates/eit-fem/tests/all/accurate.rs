@@ -336,7 +336,7 @@ fn rational_transfer(
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(fixtures::cases(24))]
 
     /// With contrast up to 1e8, contact impedances over 16 decades and triangles as flat as 1 :
     /// 16000, each value is accurate to its last digits and within its bound, compared with exact

@@ -217,6 +217,8 @@ fn disc_series_refuses_what_is_no_disc() {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     /// Any conductivities and impedances over hundreds of decades give finite voltages or an error.
     #[test]
     fn extreme_values_give_numbers_or_an_error(

@@ -196,6 +196,8 @@ fn virgin_curve() {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     /// Return-point memory (wiping out): an excursion that returns to its turning point leaves no
     /// trace.
     #[test]

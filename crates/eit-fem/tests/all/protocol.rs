@@ -302,6 +302,8 @@ fn expected(p: &PairProtocol) -> Option<Vec<[u32; 4]>> {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     #[test]
     fn any_settings_give_the_walk_around_the_skin_or_an_error(settings in settings()) {
         let Some(wanted) = expected(&settings) else {

@@ -489,6 +489,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(fixtures::cases(256))]
+
         #[test]
         fn numbers_are_read_back_bit_for_bit(
             values in prop::collection::vec(number(), 0..400),

@@ -10,8 +10,9 @@
 )]
 
 use std::collections::BTreeMap;
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use crate::common::recordings::{container, frame, session};
 use crate::common::rotated;
@@ -221,7 +222,7 @@ fn a_damaged_chunk_is_left_out_and_told() {
 
 const CHILD: &str = "EIT_HW_TEST_RECORDING";
 
-/// Not a test of its own: the program that the next test kills.
+/// Not a test of its own: the program that the next test kills. It prints the time of each frame that is written.
 #[test]
 fn killed_writer() {
     let Ok(path) = std::env::var(CHILD) else { return };
@@ -229,10 +230,11 @@ fn killed_writer() {
     let mut writer = CaptureWriter::create(Path::new(&path), &session(), settings).unwrap();
     let start = Instant::now();
     for sequence in 0.. {
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64();
-        writer.frame(&Frame { host_time_s: Some(now), ..frame(sequence) }).unwrap();
+        let now_s = start.elapsed().as_secs_f64();
+        writer.frame(&Frame { host_time_s: Some(now_s), ..frame(sequence) }).unwrap();
+        println!("\nwritten {now_s}");
         std::thread::sleep(Duration::from_millis(2));
-        assert!(start.elapsed() < Duration::from_secs(30), "nobody killed it");
+        assert!(now_s < 60.0, "nobody killed it");
     }
 }
 
@@ -241,25 +243,31 @@ fn a_killed_recorder_loses_the_last_moment_only() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("killed.mcap");
     let mut child = std::process::Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "capture::killed_writer"])
+        .args(["--exact", "--nocapture", "capture::killed_writer"])
         .env(CHILD, &path)
-        .stdout(std::process::Stdio::null())
+        .stdout(std::process::Stdio::piped())
         .spawn()
         .unwrap();
-    std::thread::sleep(Duration::from_millis(1500));
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let mut times = lines.filter_map(|line| line.unwrap().strip_prefix("written ")?.parse().ok());
+    let mut written: Vec<f64> = Vec::new();
+    while written.last().is_none_or(|time_s| *time_s < 0.7) {
+        written.push(times.next().unwrap());
+    }
     // SIGKILL on Unix
     child.kill().unwrap();
-    let killed = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64();
+    written.extend(times);
     child.wait().unwrap();
     let capture = read(&path).unwrap();
     assert!(capture.damage.unfinished && capture.damage.bad_chunks == 0);
     for (sequence, found) in (0..).zip(capture.frames()) {
         assert_eq!((found.sequence, &found.values), (sequence, &frame(sequence).values));
     }
-    let last = capture.frames().last().unwrap().host_time_s.unwrap();
-    // 0.2 s is set; the rest allows for a busy computer
-    assert!(killed - last < 1.0, "{}", killed - last);
-    println!("lost the last {:.3} s of {} frames", killed - last, capture.frames().count());
+    let frames = capture.frames().count();
+    let lost_s = written.get(frames).map_or(0.0, |first| written[written.len() - 1] - first);
+    // 0.2 s is set; in the program's own time, however often it waits for the processor
+    assert!(frames > 0 && lost_s < 0.5, "{lost_s} of {frames}");
+    println!("lost the last {lost_s:.3} s of {frames} frames");
 
     // it can be appended to
     CaptureWriter::append(&path, &session(), CaptureSettings::default()).unwrap().finish().unwrap();

@@ -480,6 +480,8 @@ fn stream() -> impl Strategy<Value = Vec<u8>> {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     /// No decoder panics, and the events do not depend on how the bytes are split.
     #[test]
     fn events_do_not_depend_on_the_pieces(bytes in stream(), sizes in prop::collection::vec(1_usize..40, 1..60)) {

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::common::{ascending, rotated};
+use crate::common::{ascending, own_port, rotated};
 use eit_hw::codec::eits1::Information;
 use eit_hw::driver::{
     Backoff, Board, Driver, Eits1, Event, Overflow, Polarity, Sciospec, SciospecSettings, Session,
@@ -122,10 +122,25 @@ fn eits1_over_a_serial_line_end_to_end() {
     assert_eq!((statistics.lost, statistics.damaged_bytes, statistics.dropped), (0, 0, 0));
     // once stopped, it sends nothing more
     while session.next_event(Duration::ZERO).unwrap().is_some() {}
-    std::thread::sleep(Duration::from_millis(50));
-    let sent = emulator.statistics().sent;
-    std::thread::sleep(Duration::from_millis(50));
-    assert_eq!(emulator.statistics().sent, sent);
+    falls_silent(&emulator);
+}
+
+/// Waits until an emulator has sent nothing for twenty frame periods.
+fn falls_silent(emulator: &Emulator) {
+    let (start, mut before) = (Instant::now(), None);
+    while before != Some(emulator.statistics().sent) {
+        assert!(start.elapsed() < LIMIT, "it still sends");
+        before = Some(emulator.statistics().sent);
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+fn wait_for(is_so: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < LIMIT);
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 /// Every accepted frame is right, and every lost frame is counted.
@@ -269,9 +284,8 @@ fn a_slow_consumer_gets_the_latest_or_an_error() {
     let emulator = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();
     let robot = SessionSettings { capacity: 3, ..quick() };
     let session = Session::open(eits1_driver(500.0), emulator.endpoint(), robot).unwrap();
-    std::thread::sleep(Duration::from_millis(300));
+    wait_for(|| session.statistics().dropped > 10);
     let statistics = session.statistics();
-    assert!(statistics.dropped > 10, "{statistics:?}");
     let first = frames(&session, 1, &rotated(16)).remove(0);
     // of the earlier frames, all but those in the queue were dropped
     assert!(first.sequence >= statistics.dropped, "{} {statistics:?}", first.sequence);
@@ -287,7 +301,7 @@ fn a_slow_consumer_gets_the_latest_or_an_error() {
             Err(error) => assert!(start.elapsed() < LIMIT, "{error}"),
         }
     };
-    std::thread::sleep(Duration::from_millis(200));
+    wait_for(|| session.statistics().frames > 3);
     // what came before is complete
     let kept = frames(&session, 3, &rotated(16));
     assert_eq!(kept.iter().map(|frame| frame.sequence).collect::<Vec<_>>(), [0, 1, 2]);
@@ -314,7 +328,8 @@ fn every_frame_is_taken_or_told_to_be_skipped(endpoint: &Endpoint) {
     let (mut next, mut stalls) = (0, 0);
     for taken in 0..40 {
         if taken % 20 == 10 {
-            std::thread::sleep(Duration::from_millis(100));
+            let dropped = session.statistics().dropped;
+            wait_for(|| session.statistics().dropped > dropped + 30);
         }
         match session.next_event(LIMIT).unwrap() {
             Some(Event::Frame(frame)) => {
@@ -435,13 +450,6 @@ fn frames_wait_for_a_recording_that_begins_later() {
     let settings = SessionSettings { capacity: 4, ..quick() };
     let session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
     let waiting = session.waiting();
-    let wait_for = |is_so: &dyn Fn() -> bool| {
-        let start = Instant::now();
-        while !is_so() {
-            assert!(start.elapsed() < LIMIT);
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    };
     let take = |frames: usize| -> Vec<u64> {
         let start = Instant::now();
         let mut taken = Vec::new();
@@ -453,16 +461,16 @@ fn frames_wait_for_a_recording_that_begins_later() {
         }
         taken
     };
-    wait_for(&|| waiting.dropped() > 0);
+    wait_for(|| waiting.dropped() > 0);
     assert_eq!(waiting.set_capacity(1000), 4);
     let dropped = waiting.dropped();
-    wait_for(&|| session.frames_waiting() >= 60);
+    wait_for(|| session.frames_waiting() >= 60);
     let taken = take(60);
     assert!(taken.windows(2).all(|pair| pair[1] == pair[0] + 1), "{taken:?}");
     assert_eq!(waiting.dropped(), dropped);
-    wait_for(&|| session.frames_waiting() >= 20);
+    wait_for(|| session.frames_waiting() >= 20);
     assert_eq!(waiting.set_capacity(4), 1000);
-    wait_for(&|| session.frames_waiting() <= 4);
+    wait_for(|| session.frames_waiting() <= 4);
     assert!(waiting.dropped() >= dropped + 16, "{}", waiting.dropped());
     let latest = take(1)[0];
     assert!(latest > taken[59] + 16, "{latest} after {}", taken[59]);
@@ -633,8 +641,7 @@ fn sciospec_on_a_line_that_loses_bytes() {
 
 #[test]
 fn sciospec_refuses_and_is_restarted() {
-    let listen = Listen::Tcp("127.0.0.1:0".into());
-    let emulator = sciospec_emulator(&listen, 16, false, FaultPlan::default());
+    let emulator = sciospec_emulator(&own_port(), 16, false, FaultPlan::default());
     // an electrode that the instrument does not have
     let settings = SciospecSettings::for_quadruples(32, &rotated(32));
     let mut driver = Sciospec::new(settings).unwrap();
@@ -644,7 +651,7 @@ fn sciospec_refuses_and_is_restarted() {
 
     let plan =
         FaultPlan { unplug_after_bytes: vec![50_000], unplugged_s: 0.05, ..FaultPlan::default() };
-    let emulator = sciospec_emulator(&listen, 16, false, plan);
+    let emulator = sciospec_emulator(&own_port(), 16, false, plan);
     let wanted = rotated(16);
     let session = sciospec_session(&emulator, 16, &wanted);
     let start = Instant::now();

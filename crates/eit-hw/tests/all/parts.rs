@@ -131,12 +131,13 @@ fn parts_end_by_time_too() {
     let path = folder.path().join("press.mcap");
     let settings = CaptureSettings { part_s: Some(1.0), ..CaptureSettings::default() };
     let mut writer = CaptureWriter::create(&path, &session(), settings).unwrap();
-    for sequence in 0..3 {
-        writer.frame(&frame(sequence)).unwrap();
-        // notes alone begin no part
-        writer.note("n").unwrap();
-        std::thread::sleep(Duration::from_millis(600));
-    }
+    writer.frame(&frame(0)).unwrap();
+    writer.frame(&frame(1)).unwrap();
+    std::thread::sleep(Duration::from_millis(1010));
+    // notes alone begin no part
+    writer.note("n").unwrap();
+    writer.frame(&frame(2)).unwrap();
+    std::thread::sleep(Duration::from_millis(1010));
     writer.note("end").unwrap();
     writer.finish().unwrap();
     let counts: Vec<usize> = files(&path).iter().map(|part| sequences(part).len()).collect();

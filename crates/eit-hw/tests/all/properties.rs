@@ -99,6 +99,8 @@ fn samples_are_read() {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     #[test]
     fn arbitrary_bytes_do_no_harm(bytes in prop::collection::vec(any::<u8>(), 0..3000)) {
         parse_all(&bytes);

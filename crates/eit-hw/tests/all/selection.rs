@@ -449,6 +449,8 @@ fn reciprocal([a, b, m, n]: Quadruple, seed: f64) -> f64 {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     #[test]
     fn reciprocal_frames_have_no_error(
         seed in 0.0..10.0_f64,

@@ -448,12 +448,7 @@ fn public_types_cross_threads() {
 }
 
 proptest! {
-    // no persistence file: the seed is printed with the failing values
-    #![proptest_config(ProptestConfig {
-        cases: 32,
-        failure_persistence: None,
-        ..Default::default()
-    })]
+    #![proptest_config(fixtures::cases(32))]
 
     /// Permuting the measurements and all their properties does not change the image.
     #[test]

@@ -447,11 +447,7 @@ fn best_by_permutation(distances: &[Vec<f64>], touches: usize) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig {
-        cases: 64,
-        failure_persistence: None,
-        ..Default::default()
-    })]
+    #![proptest_config(fixtures::cases(64))]
 
     /// The similarity is 1 for equal images, always within -1 and 1, and independent of the unit.
     #[test]

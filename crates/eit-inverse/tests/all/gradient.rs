@@ -320,6 +320,8 @@ fn what_makes_no_sense_is_refused() {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     /// Any mask and any image against the sum written out pixel by pixel.
     #[test]
     fn pixels_equal_the_sum_over_pixels(

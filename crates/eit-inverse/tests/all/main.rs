@@ -9,8 +9,6 @@ mod problem;
 mod calibration;
 mod data;
 mod difference;
-#[cfg(feature = "tracing")]
-mod events;
 mod examples;
 mod figures_of_merit;
 #[cfg(feature = "st-tv")]

@@ -128,12 +128,7 @@ fn a_frame_without_bad_values_is_as_if_they_were_never_measured() {
 }
 
 proptest! {
-    // no persistence file: the seed is printed with the failing values
-    #![proptest_config(ProptestConfig {
-        cases: 64,
-        failure_persistence: None,
-        ..Default::default()
-    })]
+    #![proptest_config(fixtures::cases(64))]
 
     /// For any size, rank, hyperparameter and set: the right image, or an error that states the expected
     /// loss of accuracy. Never a wrong image.

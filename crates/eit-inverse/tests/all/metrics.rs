@@ -92,11 +92,7 @@ fn elements_and_pixels_share_one_definition() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig {
-        cases: 64,
-        failure_persistence: None,
-        ..Default::default()
-    })]
+    #![proptest_config(fixtures::cases(64))]
 
     /// The correlation does not depend on contrast and offset, nor the position on the sign of the image.
     #[test]

@@ -187,7 +187,7 @@ fn images_are_the_dense_solution_of_the_whole_sequence() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, ..Default::default() })]
+    #![proptest_config(fixtures::cases(64))]
     #[test]
     fn any_mask_gives_the_dense_solution(
         seed in 0_u64..1000,

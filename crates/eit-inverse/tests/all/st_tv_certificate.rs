@@ -319,6 +319,8 @@ fn holds_the_optimum(sequence: &ImageSequence, optimum: f64) -> Result<(), Strin
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     /// For any problem, wherever the solver stops.
     #[test]
     fn the_optimum_always_lies_between_the_bounds(

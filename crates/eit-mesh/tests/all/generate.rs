@@ -504,7 +504,7 @@ fn smoothing_never_makes_it_worse() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(32))]
+    #![proptest_config(fixtures::cases(32))]
 
     /// Any layout that respects the gaps gives a mesh that fills the rim with good triangles and
     /// electrodes of the requested width.

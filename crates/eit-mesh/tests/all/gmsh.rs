@@ -358,6 +358,8 @@ fn repeated_parts_do_not_multiply() {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     // a mesh of any size and orientation in space is restored bit for bit
     #[test]
     fn round_trip_of_any_coordinates(

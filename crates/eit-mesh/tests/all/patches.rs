@@ -174,7 +174,7 @@ fn a_hemisphere_is_half_a_sphere() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(fixtures::cases(24))]
 
     /// Any patch that fits, down to the smallest gap to the rim, gives a valid mesh with exact
     /// area.

@@ -224,7 +224,7 @@ fn a_rim_through_one_node_twice_is_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(32))]
+    #![proptest_config(fixtures::cases(32))]
 
     /// Electrodes of any width and position: lengths and area are exact to rounding.
     #[test]

@@ -384,6 +384,8 @@ fn curved_surfaces_are_seen_from_above() {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     #[test]
     fn areas_and_rows_of_any_raster(
         cells in 1_u32..12,

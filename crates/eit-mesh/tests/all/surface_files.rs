@@ -316,7 +316,7 @@ fn electrodes_that_cover_nothing_are_refused_with_their_line() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(fixtures::cases(256))]
 
     /// The readers return a result for any bytes.
     #[test]

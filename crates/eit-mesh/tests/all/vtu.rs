@@ -123,6 +123,8 @@ fn refuses_fields_that_do_not_fit() {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     // every remainder of the base64 groups, every kind of number
     #[test]
     fn any_mesh_and_values(

@@ -188,11 +188,12 @@ fn diagnostics_name_faults_and_silence() {
     assert_eq!((pose.header.frame_id.as_str(), pose.pose.orientation.w), ("base_link", 1.0));
     let begun = Instant::now();
     let mut levels = Vec::new();
+    let mut is_unplugged = false;
     // faulty electrodes first; then no frame for more than a second
     while levels.last() != Some(&3) {
-        if begun.elapsed() < Duration::from_millis(2500) {
+        if !levels.contains(&1) {
             publisher.touches(&frame(1, &[], &FAULTS)).unwrap();
-        } else if begun.elapsed() < Duration::from_millis(2600) {
+        } else if !std::mem::replace(&mut is_unplugged, true) {
             publisher.event(&Event::Disconnected { reason: "unplugged".into() }).unwrap();
         }
         std::thread::sleep(Duration::from_millis(20));
@@ -208,12 +209,13 @@ fn diagnostics_name_faults_and_silence() {
             assert_eq!(status.hardware_id, "a \"board\"\nof 16");
             match status.level {
                 1 => assert_eq!(status.message, "faulty electrodes: 5"),
-                3 => assert!(
-                    status.message.contains("no frame for 1.")
-                        && status.message.contains("unplugged"),
-                    "{}",
-                    status.message
-                ),
+                3 => {
+                    let silence = status.message.strip_prefix("no frame for ").unwrap();
+                    // told before the reason was
+                    let Some((seconds, why)) = silence.split_once(" s: ") else { continue };
+                    assert!(seconds.parse::<f64>().unwrap() >= 1.0, "{seconds}");
+                    assert!(why.contains("unplugged"), "{why}");
+                }
                 level => assert_eq!(level, 0),
             }
             levels.push(status.level);
@@ -251,7 +253,8 @@ fn only_changes_and_heartbeats_are_published() {
     assert!((5..=most).contains(&messages.len()), "{} in {seconds} s", messages.len());
     let (messages, seconds) = run(&still, 200);
     let most = (seconds / 0.0995).ceil() as usize + 2;
-    assert_eq!(messages[0].sequence, 1, "a touch is sent at once");
+    let first = messages.iter().find(|message| !message.touches.is_empty()).unwrap();
+    assert_eq!(first.sequence, 1, "a touch is sent at once");
     assert!((5..=most).contains(&messages.len()), "{} in {seconds} s", messages.len());
     // half a millimetre at most stays unsaid
     let mut moving = still;
@@ -264,8 +267,13 @@ fn only_changes_and_heartbeats_are_published() {
         std::thread::sleep(Duration::from_millis(5));
     }
     publisher.end().unwrap();
-    std::thread::sleep(Duration::from_millis(200));
-    assert_eq!(listener.samples.try_iter().count() as u64, sequence, "each of them moved");
+    // each of them moved
+    let has_moved = |sample: &Sample| message::<TouchArray>(sample).touches[0].position.x > 0.0305;
+    let mut heard = 0;
+    while heard < sequence {
+        heard += u64::from(has_moved(&listener.next()));
+    }
+    assert!(listener.samples.try_recv().is_err(), "nothing twice");
 }
 
 /// Through a router, as nodes of ROS 2 reach each other; the tokens are what `ros2 topic list` shows.

@@ -159,8 +159,7 @@ fn assert_same(read: &LearnedSkin, written: &LearnedSkin) {
 
 #[test]
 fn twelve_presses_give_newtons() {
-    let folder = std::env::temp_dir().join(format!("eit-learn-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
+    let folder = tempfile::tempdir().unwrap();
     for seed in 1..=3 {
         let presses = Presses::new(seed);
         let recording = Recording::simulate(&presses.script, seed);
@@ -171,7 +170,7 @@ fn twelve_presses_give_newtons() {
             LearnedSkin::learn(&fitted, &pressed, Frame::Scene, None, &mut Progress::silent())
                 .unwrap()
                 .skin;
-        let file = folder.join(format!("{seed}.learned"));
+        let file = folder.path().join(format!("{seed}.learned"));
         std::fs::write(&file, learned.to_bytes().unwrap()).unwrap();
         assert_same(&LearnedSkin::read(&file).unwrap(), &learned);
         let (untrained, none, _) = errors(&presses, &recording.touches());
@@ -200,5 +199,4 @@ fn twelve_presses_give_newtons() {
         let [before, after] = [&untrained, &places].map(|of| quantile_of(of, 0.5));
         assert!(after <= 1.1 * before, "seed {seed}: {after} m learnt, {before} m untrained");
     }
-    std::fs::remove_dir_all(&folder).unwrap();
 }

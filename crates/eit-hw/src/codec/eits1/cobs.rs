@@ -71,6 +71,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(fixtures::cases(256))]
+
         #[test]
         fn round_trip(bytes in prop::collection::vec(prop_oneof![Just(0), any::<u8>()], 0..1200)) {
             let mut code = Vec::new();

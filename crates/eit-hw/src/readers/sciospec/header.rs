@@ -166,6 +166,8 @@ mod tests {
     }
 
     proptest::proptest! {
+        #![proptest_config(fixtures::cases(256))]
+
         // with overflow checks, no part of a date overflows
         #[test]
         fn any_date_is_a_time_or_none(

@@ -5,9 +5,21 @@
 pub mod recordings;
 
 use std::collections::HashSet;
+use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU8, Ordering};
 
 use eit_hw::Quadruple;
+use eit_hw::emulator::Listen;
+
+/// A free port, on Linux at a loopback address of its own: nobody else takes it while the instrument is unplugged.
+pub fn own_port() -> Listen {
+    static ADDRESSES: AtomicU8 = AtomicU8::new(2);
+    let [low, high, ..] = std::process::id().to_le_bytes();
+    let own = ADDRESSES.fetch_add(1, Ordering::Relaxed);
+    let host = if cfg!(target_os = "linux") { [127, high, low, own] } else { [127, 0, 0, 1] };
+    Listen::Tcp(format!("{}:0", Ipv4Addr::from(host)))
+}
 
 /// Adjacent drive (d, d+1), measured pairs (d+2+k, d+3+k) mod n.
 pub fn rotated(n: u32) -> Vec<Quadruple> {

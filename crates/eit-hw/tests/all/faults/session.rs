@@ -17,7 +17,7 @@ use eit_hw::emulator::{
 use eit_hw::{Endpoint, Frame, HwError, Quadruple, Unit};
 
 use super::{LIMIT, WAIT, quick};
-use crate::common::rotated;
+use crate::common::{own_port, rotated};
 
 const ELECTRODES: u32 = 8;
 
@@ -86,12 +86,8 @@ fn check_eits1(frame: &Frame) {
     }
 }
 
-fn tcp() -> Listen {
-    Listen::Tcp("127.0.0.1:0".into())
-}
-
 fn start(device: impl Device + 'static, faults: FaultPlan) -> Emulator {
-    Emulator::start(Box::new(device), &tcp(), faults).unwrap()
+    Emulator::start(Box::new(device), &own_port(), faults).unwrap()
 }
 
 fn open_sciospec(emulator: &Emulator) -> Session {
@@ -392,7 +388,7 @@ fn line(folder: &std::path::Path, index: usize) -> Listen {
     #[cfg(not(unix))]
     {
         let _ = (folder, index);
-        tcp()
+        own_port()
     }
 }
 

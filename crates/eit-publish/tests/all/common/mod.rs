@@ -65,9 +65,15 @@ pub fn start() -> Start<'static> {
     }
 }
 
-/// A zenoh endpoint of this computer at a port that is free now.
+/// A zenoh endpoint of this computer at a free port. On Linux each has a loopback address of its own, so that nobody
+/// takes the port before zenoh does.
 #[cfg(feature = "zenoh")]
 pub fn endpoint() -> String {
-    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    format!("tcp/127.0.0.1:{}", listener.local_addr().unwrap().port())
+    use std::sync::atomic::{AtomicU8, Ordering};
+    static ENDPOINTS: AtomicU8 = AtomicU8::new(2);
+    let [low, high, ..] = std::process::id().to_le_bytes();
+    let own = ENDPOINTS.fetch_add(1, Ordering::Relaxed);
+    let host = if cfg!(target_os = "linux") { [127, high, low, own] } else { [127, 0, 0, 1] };
+    let listener = std::net::TcpListener::bind((std::net::Ipv4Addr::from(host), 0)).unwrap();
+    format!("tcp/{}", listener.local_addr().unwrap())
 }

@@ -84,6 +84,8 @@ fn backward_error(matrix: &Matrix, nodes: usize, patterns: usize) -> f64 {
 }
 
 proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
     /// Any pattern, even without links, and any size of the last front.
     #[test]
     fn solves_random_patterns(

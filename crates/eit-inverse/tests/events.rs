@@ -1,5 +1,6 @@
-//! A solver that stops before it converges says so to a subscriber of `tracing`.
-#![allow(clippy::unwrap_used, reason = "tests")]
+//! A solver that stops before it converges says so to a subscriber of `tracing`. A program of its own: `tracing` decides
+//! once per process which events are wanted, so that the subscriber is set once, before any of them.
+#![allow(clippy::unwrap_used, missing_docs, reason = "tests")]
 
 use eit_fem::{ForwardModel, PairProtocol};
 use eit_inverse::prior::Tikhonov;
@@ -10,17 +11,21 @@ use eit_inverse::{
 };
 use eit_mesh::{Mesh, MeshSettings, RimElectrodes, SkinShape, generate};
 use ndarray::Array2;
+use std::cell::RefCell;
 use std::io::{self, Write};
-use std::sync::{Arc, Mutex};
+use std::sync::Once;
 use tracing_subscriber::filter::LevelFilter;
 
-/// Collects the lines of a subscriber.
-#[derive(Clone, Default)]
-struct Lines(Arc<Mutex<Vec<u8>>>);
+thread_local! {
+    /// Lines of the events of this thread, and so of one test.
+    static LINES: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
+}
+
+struct Lines;
 
 impl Write for Lines {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.lock().unwrap().write(bytes)
+        LINES.with_borrow_mut(|lines| lines.write(bytes))
     }
 
     fn flush(&mut self) -> io::Result<()> {
@@ -30,15 +35,17 @@ impl Write for Lines {
 
 /// Runs a task; returns its result and the events of this crate.
 fn events<T>(task: impl FnOnce() -> T) -> (T, String) {
-    let lines = Lines::default();
-    let writer = lines.clone();
-    let subscriber = tracing_subscriber::fmt()
-        .with_max_level(LevelFilter::DEBUG)
-        .with_ansi(false)
-        .with_writer(move || writer.clone())
-        .finish();
-    let result = tracing::subscriber::with_default(subscriber, task);
-    let text = String::from_utf8(lines.0.lock().unwrap().clone()).unwrap();
+    static SUBSCRIBER: Once = Once::new();
+    SUBSCRIBER.call_once(|| {
+        tracing_subscriber::fmt()
+            .with_max_level(LevelFilter::DEBUG)
+            .with_ansi(false)
+            .with_writer(|| Lines)
+            .init();
+    });
+    LINES.take();
+    let result = task();
+    let text = String::from_utf8(LINES.take()).unwrap();
     let ours = |line: &&str| line.contains("eit_inverse");
     (result, text.lines().filter(ours).collect::<Vec<_>>().join("\n"))
 }
