@@ -1,7 +1,7 @@
 //! The robot detects the touches, and its loop keeps its own rate.
 use eit_skin::Skin;
-use robot::robot_loop::{TICK, run};
 use robot::emulated;
+use robot::robot_loop::{TICK, run};
 use std::collections::BTreeSet;
 use std::time::Instant;
 

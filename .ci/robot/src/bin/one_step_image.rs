@@ -22,7 +22,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let fitted = Arc::new(skin.linearise(progress)?).fit(frames)?;
     let images = fitted.one_step(progress)?.images(&fitted.frames, progress)?;
     let image = images.frame(1)?;
-    let most = image.indexed_iter().filter(|(_, v)| v.is_finite()).max_by(|a, b| a.1.total_cmp(b.1));
+    let most =
+        image.indexed_iter().filter(|(_, v)| v.is_finite()).max_by(|a, b| a.1.total_cmp(b.1));
     let (row, column) = most.ok_or("an image of the skin")?.0;
     let [x, y] = fitted.skin.raster(progress)?.centre_m(row, column);
     println!("largest change at {x:.3}, {y:.3} m; the finger at 0.040, 0.000 m");

@@ -142,7 +142,10 @@ mod by_zenoh {
         assert!(left.0.try_wait().unwrap().is_none(), "it goes on");
         drop(right);
         let silent = line(&mut lines, |l| l["event"] == "silent" && l["patch"] == "right");
-        assert!(silent["for_s"].as_f64().unwrap() > 0.35 && silent["was_heard"] == true, "{silent}");
+        assert!(
+            silent["for_s"].as_f64().unwrap() > 0.35 && silent["was_heard"] == true,
+            "{silent}"
+        );
         let _again = live("right");
         let back = line(&mut lines, |l| l["event"] == "back" && l["patch"] == "right");
         assert!(back["after_s"].as_f64().unwrap() > 0.35, "{back}");
