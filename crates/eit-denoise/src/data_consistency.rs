@@ -204,11 +204,6 @@ impl DataMisfit {
         n + NOISE_DEVIATIONS * (2.0 * n).sqrt()
     }
 
-    /// Returns the unexplained share of the data's energy.
-    pub fn residual_share(&self) -> f64 {
-        self.residual / self.data
-    }
-
     /// Returns the residual over its bound, which is the share `limit` of the data's energy or the noise bound,
     /// whichever is larger. Up to 1 the image is consistent with its data. Infinite without a
     /// measurement.
@@ -217,17 +212,5 @@ impl DataMisfit {
             return f64::INFINITY;
         }
         self.residual / (limit * self.data).max(self.noise_bound())
-    }
-
-    /// Returns the residual share that all but `share` of known frames stay below: the limit for
-    /// [`DataMisfit::score`]. Frames within ten times the noise bound are ignored; `None` if fewer
-    /// than twenty others remain.
-    pub fn limit(known: &[Self], share: f64) -> Option<f64> {
-        let strong = known.iter().filter(|misfit| misfit.data > 10.0 * misfit.noise_bound());
-        let mut shares: Vec<f64> = strong.map(Self::residual_share).collect();
-        shares.sort_by(f64::total_cmp);
-        let last = shares.len().checked_sub(1).filter(|_| shares.len() >= 20)?;
-        let at = ((1.0 - share) * shares.len() as f64) as usize;
-        shares.get(at.min(last)).copied()
     }
 }

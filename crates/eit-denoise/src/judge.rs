@@ -89,8 +89,10 @@ impl Judge {
         noise_std: &[f64],
         mask: ArrayView2<'_, bool>,
     ) -> Result<Self, DenoiseError> {
-        let other = weights.model_error.as_ref().map(|_| SHARE_OF_OTHER_SKINS);
-        let rule = weights.misfit_limit().or(other).map_or(Rule::None, Rule::Share);
+        let rule = match weights.model_error {
+            Some(_) => Rule::Share(SHARE_OF_OTHER_SKINS),
+            None => Rule::None,
+        };
         Self::with_rule(rule, jacobian, noise_std, mask)
     }
 

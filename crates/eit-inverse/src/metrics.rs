@@ -79,10 +79,15 @@ pub fn correlation_coefficient(
 }
 
 /// Sign of the changes that are evaluated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum ChangeSign {
     /// More conductivity: positive values.
+    #[default]
     Increase,
     /// Less conductivity: negative values.
     Decrease,

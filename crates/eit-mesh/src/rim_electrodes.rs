@@ -5,7 +5,11 @@ use crate::geometry::Outline;
 
 /// The direction in which electrode numbers increase around the skin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum Direction {
     /// Counter-clockwise, seen from +z.
     #[default]

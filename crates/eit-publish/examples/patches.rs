@@ -56,6 +56,7 @@ fn patch(topic: &str, address: &str, seconds: f64, kind: &str) -> Result<(), Box
             explained: true,
             frozen: false,
             latency_s: Some(0.0),
+            ..Default::default()
         };
         let begun = Instant::now();
         publisher.touches(&frame)?;

@@ -322,6 +322,7 @@ mod tests {
             explained: true,
             frozen: false,
             latency_s: None,
+            ..Default::default()
         }
     }
 

@@ -23,7 +23,7 @@ use eit_fem::fabric::Simulation;
 use eit_picture::SkinDrawing;
 use eit_skin::Progress;
 use eit_skin::StopFlag;
-use eit_skin::live::{LiveFrame, LiveModel, REFERENCE_FRAMES};
+use eit_skin::live::{LiveModel, REFERENCE_FRAMES, TouchFrame};
 use eit_skin::scene::{Instrument, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -55,7 +55,7 @@ fn own() -> Vec<&'static str> {
 
 /// Called with every frame of an experiment while it runs live: its name, the model and the frame. The experiments
 /// run on threads of their own and may overlap.
-pub type FrameWatcher<'a> = dyn Fn(&str, &LiveModel, &LiveFrame<'_>) + Sync + 'a;
+pub type FrameWatcher<'a> = dyn Fn(&str, &LiveModel, &TouchFrame<'_>) + Sync + 'a;
 
 /// State shared by the threads.
 struct Stage<'a> {
@@ -235,7 +235,7 @@ fn numbers(shown: &Shown) -> Value {
         "name": shown.experiment.name,
         "frames": summary.frames,
         "line": shown.seen.line,
-        "images": summary.images_json(),
+        "images": summary.images,
         "touches": summary.touches,
         "latency_s": latency(&|share| summary.latency_s(share)),
         "image_latency_s": latency(&|share| summary.image_latency_s(share)),

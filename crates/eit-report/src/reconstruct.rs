@@ -14,9 +14,9 @@ use crate::settings::ReconstructSettings;
 use eit_fem::{SolvePath, SolveReport};
 use eit_mesh::Raster;
 use eit_picture::{Canvas, FrameLabels, PictureSettings, SkinDrawing, draw_sheet, write_gif};
+use eit_skin::WithoutMovement;
 use eit_skin::denoise::{Check, Net};
 use eit_skin::method::{self, Method};
-use eit_skin::movement::WithoutMovement;
 use eit_skin::scene::{DifferenceKind, Reference};
 use eit_skin::{
     FittedFrames, MeshOverride, Progress, Scene, Skin, check_images, check_pixel_jacobian,
@@ -178,7 +178,7 @@ fn denoise(
     match checked {
         Some(checked) => {
             made.lines.push(checked.words());
-            made.report["denoise"]["check"] = checked.json();
+            made.report["denoise"]["check"] = json!(checked);
         }
         None => made.notes.push(
             "these weights contain no misfit limit: denoised images are not checked against the \

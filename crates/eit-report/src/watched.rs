@@ -7,8 +7,8 @@ use crate::reconstruct::touches::{HEADER, write_row};
 use eit_hw::capture::{TouchRecord, TouchesRecord};
 use eit_hw::driver::Statistics;
 use eit_inverse::touch::TouchState;
-use eit_skin::faults::fault_lines;
-use eit_skin::live::{LiveFrame, LiveImages, Summary};
+use eit_skin::faults::{ElectrodeFault, fault_lines};
+use eit_skin::live::{LiveImages, Summary, TouchFrame};
 use eit_skin::words::counted;
 use serde_json::json;
 use std::io::{BufWriter, Write as _};
@@ -43,7 +43,7 @@ impl Kept {
     /// # Errors
     ///
     /// An image of another size, and a disk that is full.
-    pub fn take(&mut self, shown: &LiveFrame<'_>) -> Result<(), ReportError> {
+    pub fn take(&mut self, shown: &TouchFrame<'_>) -> Result<(), ReportError> {
         if let Some(made) = shown.images {
             self.take_image(made)?;
         }
@@ -93,10 +93,10 @@ impl Kept {
 }
 
 /// Converts touches to a recording's format.
-pub fn record_of(shown: &LiveFrame<'_>) -> TouchesRecord {
+pub fn record_of(shown: &TouchFrame<'_>) -> TouchesRecord {
     let touches = shown.touches.iter().filter(|touch| touch.state != TouchState::End);
     TouchesRecord {
-        sequence: shown.frame.sequence,
+        sequence: shown.sequence,
         touches: touches
             .map(|touch| TouchRecord {
                 id: touch.id,
@@ -171,7 +171,7 @@ pub fn answer(
         text += &format!("\n{line}");
     }
     if !summary.images.is_empty() {
-        text += &format!("\nimages: {}", summary.images_words());
+        text += &format!("\nimages: {}", summary.images.words());
     }
     for notice in summary.notices.iter().filter(|notice| !told.contains(notice)).take(20) {
         text += &format!("\nnotice: {notice}");
@@ -192,8 +192,8 @@ pub fn answer(
         "unsearched": unsearched.map(|why| json!({ "frames": statistics.frames, "why": why })),
         "latency_s": latency_json(touches_s),
         "image_latency_s": latency_json(images_s),
-        "images": summary.images_json(),
-        "faulty_electrodes": summary.faults_json(),
+        "images": summary.images,
+        "faulty_electrodes": summary.faults.iter().map(ElectrodeFault::json).collect::<Vec<_>>(),
         "notices": summary.notices,
         "notices_left_out": summary.more_notices,
         "files": files,

@@ -10,21 +10,23 @@ mod trust;
 
 pub use chain::{Chain, Chained, Lengths};
 pub use check::{Check, Checked};
-pub use drawn::{DrawnTouch, DrawnTouches};
+pub(crate) use drawn::{DrawnTouch, DrawnTouches};
 pub use eit_denoise::Verdict;
-pub use inputs::NetInputs;
+pub(crate) use inputs::NetInputs;
 pub use live::LiveNet;
 pub use scores::{Scores, scores};
 
 use crate::error::SkinError;
+use crate::fitted::FittedFrames;
+use crate::noise::DataNoise;
 use crate::progress::Progress;
-use crate::scene::{DenoiseSettings, TouchSign};
+use crate::scene::{ChangeSign, DenoiseSettings};
 use crate::skin::Skin;
-use check::SequenceJudge;
-use eit_denoise::{DenoiseError, Denoiser, ImageStack, UnetShape, Weights};
+use eit_denoise::{DenoiseError, Denoiser, ImageStack, Judge, UnetShape, Weights};
 use eit_mesh::Raster;
-use ndarray::{Array3, ArrayView2, Axis};
+use ndarray::Array3;
 use serde_json::{Value, json};
+use trust::Trust;
 
 /// Weights for a skin.
 #[derive(Debug, Clone)]
@@ -49,7 +51,7 @@ pub struct NetTarget<'a> {
     /// Pixels along the longer side of the images.
     pub pixels: usize,
     /// Sign of the conductivity change of a touch.
-    pub sign: TouchSign,
+    pub sign: ChangeSign,
 }
 
 impl Skin {
@@ -101,9 +103,8 @@ impl Net {
                 SkinError::input(format!("{name}: {e} {how}: weights = {name:?}, any_skin = true)"))
             })?;
         }
-        let sign = if sign == TouchSign::Decrease { -1.0 } else { 1.0 };
         let (source, skin) = (name.clone(), fingerprint.to_owned());
-        Ok(Self { weights, of_images, source, skin, is_of_this_skin, sign })
+        Ok(Self { weights, of_images, source, skin, is_of_this_skin, sign: sign.factor() })
     }
 
     /// Returns the net for images without their measurements: of the shipped weights those that see the image alone.
@@ -132,19 +133,17 @@ impl Net {
                 *images = self.of_images(images, raster)?;
                 return Ok(None);
             };
-            let (made, mut judge) = self.of_frames(images, raster, check)?;
-            let raw = std::mem::replace(images, made);
-            let mut judgements = Vec::with_capacity(raw.dim().0);
-            for (frame, (mut made, raw)) in
-                images.outer_iter_mut().zip(raw.outer_iter()).enumerate()
-            {
-                let judgement = judge.judge(frame, made.view(), raw)?;
-                if judgement.verdict != Verdict::Net {
-                    made.assign(&raw);
+            let (mut net, touches) = self.of_frames(check)?;
+            let mut judgements = Vec::with_capacity(images.dim().0);
+            for (frame, mut image) in images.outer_iter_mut().enumerate() {
+                let differences = check.row(frame)?;
+                let judgement = net.denoise(image.view(), &differences, touches.get(frame))?;
+                if judgement.verdict == Verdict::Net {
+                    image.assign(&net.made());
                 }
                 judgements.push(judgement);
             }
-            Ok(Checked::new(&judge, judgements))
+            Ok(net.checked(judgements))
         })
     }
 
@@ -156,12 +155,15 @@ impl Net {
     pub fn apply_unchecked(
         &self,
         images: &mut Array3<f64>,
-        raster: &Raster,
         check: &Check,
         progress: &mut Progress,
     ) -> Result<(), SkinError> {
         progress.stage("U-net", || {
-            *images = self.of_frames(images, raster, check)?.0;
+            let (mut net, touches) = self.of_frames(check)?;
+            for (frame, mut image) in images.outer_iter_mut().enumerate() {
+                net.denoise(image.view(), &check.row(frame)?, touches.get(frame))?;
+                image.assign(&net.made());
+            }
             Ok(())
         })
     }
@@ -191,29 +193,13 @@ impl Net {
         Ok(net.denoise(&raw)?.into_parts().0.mapv_into(turned))
     }
 
-    /// Denoises with a net whose inputs may include the measurements and touches; returns the judge of its images
-    /// too.
-    fn of_frames<'a>(
-        &self,
-        raw: &Array3<f64>,
-        raster: &Raster,
-        check: &'a Check,
-    ) -> Result<(Array3<f64>, SequenceJudge<'a>), SkinError> {
+    /// Prepares the net for the frames of a check, and finds their touches if it takes them.
+    fn of_frames(&self, check: &Check) -> Result<(LiveNet, Vec<DrawnTouches>), SkinError> {
         let touches = match inputs::needs_touches(self.weights.shape) {
             true => check.touches()?,
             false => None,
         };
         let weights = self.weights_for(touches.is_some());
-        let judge = check.judge(self, touches.is_some())?;
-        if !inputs::needs_data(weights.shape) {
-            let mut judge = judge;
-            for (frame, image) in raw.outer_iter().enumerate() {
-                if is_constant(image) {
-                    judge.set_constant(frame);
-                }
-            }
-            return Ok((self.of_images(raw, raster)?, judge));
-        }
         if inputs::needs_touches(weights.shape) && touches.is_none() {
             return Err(SkinError::input(format!(
                 "{}: this net sees the touches of each frame, and without the noise of the data none can be \
@@ -221,33 +207,44 @@ impl Net {
                 self.source
             )));
         }
-        let touches = touches.unwrap_or_default();
-        let mut judge = judge.with_explained(&touches);
-        let mut net = Denoiser::new(weights, raster.mask().view())?;
-        let mut inputs = NetInputs::new(check.skin(), weights.shape)?;
-        let mut made = raw.clone();
-        for (frame, mut out) in made.outer_iter_mut().enumerate() {
-            let (differences, energy) = judge.frame(frame)?;
-            let raw = raw.index_axis(Axis(0), frame);
-            let touches =
-                touches.get(frame).map_or(&[][..], |frame| &frame.touches).iter().copied();
-            inputs.push(raw, &differences, touches, Some(energy), self.sign)?;
-            match inputs.with_frame(|seen| net.push_frame_into(seen, out.view_mut())) {
-                // total variation may leave one value of a noisy frame: the raw image stays
-                Err(DenoiseError::InFrame { error, .. })
-                    if matches!(*error, DenoiseError::ConstantImage { .. }) =>
-                {
-                    judge.set_constant(frame);
-                    continue;
-                }
-                made => {
-                    made?;
-                }
-            }
-            inputs.limit(out.view_mut());
-            out.mapv_inplace(|value| self.sign * value);
+        let net = LiveNet::of(self, touches.is_some(), check.fitted())?;
+        Ok((net, touches.unwrap_or_default()))
+    }
+
+    /// Creates a judge with the model and noise of these frames.
+    fn judge(&self, has_touches: bool, fitted: &FittedFrames) -> Result<Judge, SkinError> {
+        let FittedFrames { skin, frames, .. } = fitted;
+        let noise = match fitted.noise()? {
+            Some(noise) => noise,
+            None => DataNoise::unknown(&fitted.differences(), &fitted.good()),
+        };
+        let used = noise.std.iter().zip(&frames.used);
+        let std: Vec<f64> =
+            used.map(|(std, used)| if *used { *std } else { f64::INFINITY }).collect();
+        let raster = skin.raster(&mut Progress::silent())?;
+        let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
+        let weights = self.weights_for(has_touches);
+        let new = if self.is_of_this_skin { Judge::new } else { Judge::on_another_skin };
+        Ok(new(weights, jacobian.view(), &std, raster.mask().view())?)
+    }
+
+    /// What decides about its images of these frames.
+    fn trust(&self, has_touches: bool, fitted: &FittedFrames) -> Trust {
+        let sees_touches = inputs::needs_touches(self.weights_for(has_touches).shape);
+        match (self.is_of_this_skin, sees_touches) {
+            (true, _) => Trust::Data,
+            // of a ball in the middle of a tank it made two (`golf_ball_b`)
+            (false, false) if self.of_images.is_some() => Trust::None(
+                "the shipped net of images alone was trained on another skin, and the noise is unknown, without which \
+                 no touches can be sought for the other one ([noise])",
+            ),
+            (false, false) => Trust::Data,
+            (false, true) if !fitted.fit.is_alike() => Trust::None(
+                "the net was trained on another skin, and the touches that it sees are not reliable, since the model \
+                 does not explain the reference",
+            ),
+            (false, true) => Trust::Touches,
         }
-        Ok((made, judge))
     }
 
     /// Size of the net.
@@ -278,11 +275,4 @@ impl Net {
             "about": self.weights.about,
         })
     }
-}
-
-/// Whether an image has the same value, other than zero, everywhere on the skin.
-fn is_constant(image: ArrayView2<'_, f64>) -> bool {
-    let mut values = image.iter().filter(|value| value.is_finite());
-    let first = values.next().copied().unwrap_or(0.0);
-    first != 0.0 && values.all(|value| *value == first)
 }

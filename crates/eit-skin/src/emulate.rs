@@ -4,10 +4,11 @@ mod arrange;
 
 use self::arrange::arranged;
 use crate::error::SkinError;
+use crate::limits::rounding_warning;
 use crate::progress::Progress;
 use crate::scene::{DriverKind, Instrument};
-use crate::skin::{Skin, rounding_warning};
-use eit_fem::fabric::Random;
+use crate::skin::Skin;
+use eit_core::Random;
 use eit_fem::{ForwardModel, Protocol};
 use eit_hw::codec::eits1::Information;
 use eit_hw::emulator::{BoardDevice, Device, Eits1Device, SciospecDevice};
@@ -97,7 +98,7 @@ pub fn device(
             let unit = match board.unit {
                 Unit::Volt => 1.0,
                 Unit::Ohm => instrument.current_a,
-                Unit::Arbitrary => skin.settings.recording.scale,
+                Unit::Arbitrary => skin.settings.recording.factor(),
             };
             Ok(text_board(board, instrument, unit, played))
         }
@@ -171,7 +172,7 @@ fn from_file(
 ) -> Result<Played, SkinError> {
     let recording = eit_hw::read_recording(file, None, &eit_hw::ReadOptions::default())?;
     let (own, count) = (Some(&instrument.quadruples[..]), instrument.quadruples.len());
-    let scale = skin.settings.recording.scale;
+    let scale = skin.settings.recording.factor();
     let part = |component| {
         let mut frames = recording.frames_for(own, count, component)?;
         frames.to_volts(instrument.current_a);

@@ -2,7 +2,7 @@
 
 use eit_denoise::DenoiseError;
 use eit_fem::FemError;
-use eit_hw::HwError;
+use eit_hw::{Frame, HwError};
 use eit_inverse::InverseError;
 use eit_mesh::MeshError;
 use std::path::Path;
@@ -190,7 +190,7 @@ pub enum SkinError {
 
 impl SkinError {
     /// Creates an error for invalid input.
-    pub fn input(message: impl Into<String>) -> Self {
+    pub(crate) fn input(message: impl Into<String>) -> Self {
         Self::Input(message.into())
     }
 
@@ -221,8 +221,17 @@ impl SkinError {
         }
     }
 
+    /// Rejects a frame that does not have one value and one flag per measurement.
+    pub(crate) fn check_frame(frame: &Frame, measurements: usize) -> Result<(), Self> {
+        let (values, flags) = (frame.values.len(), frame.quality.len());
+        match (values, flags) == (measurements, measurements) {
+            true => Ok(()),
+            false => Err(Self::FrameLength { values, flags, measurements }),
+        }
+    }
+
     /// Creates a failure at a path.
-    pub fn at(path: &Path, error: impl std::fmt::Display) -> Self {
+    pub(crate) fn at(path: &Path, error: impl std::fmt::Display) -> Self {
         Self::Failure(format!("{}: {error}", path.display()))
     }
 

@@ -22,7 +22,8 @@ mod stream;
 
 pub use monitor::FaultMonitor;
 pub(crate) use reference::of_reference;
-pub use stream::{StreamMonitor, of_frames};
+pub use stream::StreamMonitor;
+pub(crate) use stream::of_frames;
 
 use eit_fem::Protocol;
 use serde_json::{Value, json};
@@ -33,8 +34,7 @@ pub(crate) fn of_electrode(protocol: &Protocol, measured: &[bool]) -> Vec<Vec<us
 }
 
 /// Kind of electrode fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum FaultKind {
     /// Its measurements violate reciprocity or are dead: open, shorted or noisy.
     Contradicts,
@@ -59,8 +59,7 @@ impl FaultKind {
 }
 
 /// An electrode that is excluded because of a fault.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ElectrodeFault {
     /// Electrode index, from 0.
     pub electrode: usize,

@@ -26,7 +26,7 @@ pub use numbering::{KnownPress, Numbering, find_numbering};
 pub use protocols::{FittingProtocol, fitting_protocols};
 
 use crate::error::SkinError;
-use crate::scene::{Direction, Scene, TouchSign, from_toml};
+use crate::scene::{ChangeSign, Direction, Scene, from_toml};
 use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 
 /// Conductivity of the paper's fabric, siemens per square.
@@ -37,8 +37,7 @@ const CONTACT_IMPEDANCE_OHM_M: f64 = 1e3;
 const WIDEST_M: f64 = 0.01;
 
 /// Outline of a flat skin around the origin.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Outline {
     /// A disc.
     Disc {
@@ -56,7 +55,7 @@ pub enum Outline {
 
 impl Outline {
     /// Returns the length of the rim, metres.
-    pub fn rim_m(&self) -> f64 {
+    pub(crate) fn rim_m(&self) -> f64 {
         match *self {
             Self::Disc { radius_m } => std::f64::consts::TAU * radius_m,
             Self::Rectangle { width_m, height_m } => 2.0 * (width_m + height_m),
@@ -64,7 +63,7 @@ impl Outline {
     }
 
     /// Returns half of the extent along x and y, metres.
-    pub fn half_extent_m(&self) -> [f64; 2] {
+    pub(crate) fn half_extent_m(&self) -> [f64; 2] {
         match *self {
             Self::Disc { radius_m } => [radius_m, radius_m],
             Self::Rectangle { width_m, height_m } => [width_m / 2.0, height_m / 2.0],
@@ -80,8 +79,7 @@ impl Outline {
 }
 
 /// What is known about a new skin. Electrodes are equally spaced along the rim.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FirstScene {
     /// Outline.
     pub outline: Outline,
@@ -102,7 +100,7 @@ pub struct FirstScene {
     /// Baud rate of the serial line, if it is not the driver's default.
     pub baud: Option<u32>,
     /// Whether touches raise or lower the conductivity.
-    pub sign: TouchSign,
+    pub sign: ChangeSign,
 }
 
 impl FirstScene {
@@ -121,7 +119,7 @@ impl FirstScene {
             driver: "csv".to_owned(),
             port: None,
             baud: None,
-            sign: TouchSign::Increase,
+            sign: ChangeSign::Increase,
         }
     }
 
@@ -195,7 +193,7 @@ impl FirstScene {
         );
         text += &self.protocol_toml();
         text += &self.instrument_toml();
-        if self.sign == TouchSign::Decrease {
+        if self.sign == ChangeSign::Decrease {
             text +=
                 "\n[touch]\nsign = \"decrease\"             # a touch lowers the conductivity\n";
         }
@@ -268,13 +266,13 @@ mod tests {
             },
             port: Some("/dev/tty\"0".to_owned()),
             baud: Some(9600),
-            sign: TouchSign::Decrease,
+            sign: ChangeSign::Decrease,
             ..FirstScene::new(outline, 12)
         };
         let read = scene.scene().unwrap();
         assert_eq!(read.electrodes.first_angle_deg, Some(135.0));
         assert_eq!(read.electrodes.direction, Direction::Clockwise);
-        assert_eq!(read.touch.sign, TouchSign::Decrease);
+        assert_eq!(read.touch.sign, ChangeSign::Decrease);
         assert_eq!(read.instrument.as_ref().unwrap().port.as_deref(), Some("/dev/tty\"0"));
         let skin = Skin::from_scene(read).unwrap();
         assert_eq!(skin.protocol.quadruples().unwrap(), scene.protocol.quadruples().unwrap());

@@ -77,7 +77,7 @@ impl FittedFrames {
     }
 
     /// Returns whether each value is good and used, [frame, measurement].
-    pub fn good(&self) -> Array2<bool> {
+    pub(crate) fn good(&self) -> Array2<bool> {
         &self.frames.good & &ArrayView1::from(&self.frames.used)
     }
 

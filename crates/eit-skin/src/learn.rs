@@ -36,7 +36,7 @@ mod touched;
 pub use curve::{CurvePoint, learning_curve};
 pub use learning::{Learning, UnlikePress};
 pub(crate) use local_sheet::LocalSheet;
-pub use presses::{PressFrames, PressTouch};
+pub use presses::PressFrames;
 pub(crate) use refine::LearnedTouches;
 pub use table::{Press, PressTable};
 
@@ -75,8 +75,7 @@ impl PlacesBy {
 }
 
 /// How the coordinates of the table relate to the scene's skin.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub enum Frame {
     /// They are the scene's.
     #[default]
@@ -147,12 +146,12 @@ impl StrengthBy {
 }
 
 /// Force curve and the strength that it needs.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LearnedForce {
     /// Both, unless the error of another on the same presses is far smaller.
     pub strength_by: StrengthBy,
     /// Curve of force against strength.
+    #[serde(flatten)]
     pub curve: ForceCurve,
 }
 
@@ -217,7 +216,7 @@ impl LearnedSkin {
     /// # Errors
     ///
     /// A skin other than the one that this was learnt on.
-    pub fn response_map(&self, skin: &LinearisedSkin) -> Result<ResponseMap, SkinError> {
+    pub(crate) fn response_map(&self, skin: &LinearisedSkin) -> Result<ResponseMap, SkinError> {
         self.check(skin)?;
         let Self { channels, ratios, bell_m, sign, presses, .. } = self;
         let candidates_m = candidates(skin.skin.mesh.surface(), CANDIDATES);

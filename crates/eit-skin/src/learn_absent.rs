@@ -11,7 +11,7 @@ use std::path::Path;
 pub(crate) struct LocalSheet;
 
 impl LocalSheet {
-    pub fn new(_: &Surface, _: &[f64], _: &[f64]) -> Self {
+    pub(crate) fn new(_: &Surface, _: &[f64], _: &[f64]) -> Self {
         Self
     }
 }
@@ -21,14 +21,14 @@ impl LocalSheet {
 pub(crate) enum LearnedSkin {}
 
 impl LearnedSkin {
-    pub fn read_for(_: &Path, skin: &LinearisedSkin) -> Result<Self, SkinError> {
+    pub(crate) fn read_for(_: &Path, skin: &LinearisedSkin) -> Result<Self, SkinError> {
         Err(SkinError::input(
             "touch.learned: this program was built without learning (feature `learn` of eit-skin)",
         )
         .within(&skin.skin.place))
     }
 
-    pub fn model_is_right(&self) -> bool {
+    pub(crate) fn model_is_right(&self) -> bool {
         match *self {}
     }
 }
@@ -38,7 +38,7 @@ impl LearnedSkin {
 pub(crate) enum LearnedTouches {}
 
 impl LearnedTouches {
-    pub fn new(
+    pub(crate) fn new(
         learned: &LearnedSkin,
         _: &LinearisedSkin,
         _: &[bool],
@@ -48,7 +48,7 @@ impl LearnedTouches {
         match *learned {}
     }
 
-    pub fn refine<'a>(
+    pub(crate) fn refine<'a>(
         &'a mut self,
         _: &[f64],
         _: &[f64],

@@ -24,17 +24,19 @@ pub mod learn;
 #[cfg(not(feature = "learn"))]
 #[path = "learn_absent.rs"]
 mod learn;
+mod limits;
 mod linearised;
 pub mod live;
 pub mod method;
-pub mod movement;
-pub mod noise;
+mod movement;
+mod noise;
 pub mod one_step;
 #[cfg(feature = "plan")]
 pub mod plan;
 #[cfg(any(feature = "first-scene", feature = "learn"))]
 mod press_watch;
 mod progress;
+#[cfg(feature = "complex")]
 pub mod reactive;
 pub mod scene;
 pub mod sequence;
@@ -56,14 +58,13 @@ pub use {eit_denoise, eit_fem, eit_hw, eit_inverse, eit_mesh, ndarray};
 
 pub use error::SkinError;
 pub use fitted::FittedFrames;
+pub use limits::{check_images, check_pixel_jacobian, rounding_warning};
 pub use linearised::LinearisedSkin;
-pub use live::{LiveFrame, LiveModel, LiveObserver, LiveStream, Pushed, Sensor, TouchFrame};
+pub use live::{LiveModel, LiveObserver, LiveStream, Sensor, TouchFrame};
+pub use movement::WithoutMovement;
 pub use progress::{Observer, Progress, Silent, StageTime, Steps};
 pub use scene::Scene;
-pub use skin::{
-    DEFAULT_PIXELS, MeshOverride, Skin, SkinModel, check_images, check_pixel_jacobian,
-    rounding_warning,
-};
+pub use skin::{MeshOverride, Skin, SkinModel};
 pub use stop::StopFlag;
 
 /// Compiles the program of the guide.

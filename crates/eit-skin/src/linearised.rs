@@ -2,9 +2,10 @@
 
 use crate::displacement;
 use crate::error::SkinError;
+use crate::limits::rounding_warning;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, PriorKind, ReconstructionSettings};
-use crate::skin::{Skin, rounding_warning};
+use crate::skin::Skin;
 use eit_fem::SolveReport;
 use eit_inverse::{
     DifferenceData, Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov,
@@ -36,7 +37,7 @@ pub struct LinearisedSkin {
     pub movement: Option<Array2<f64>>,
     /// Report of the forward solve.
     pub report: SolveReport,
-    /// Effect of rounding, if it is worth a warning.
+    /// Effect of rounding, if it may matter.
     pub warning: Option<String>,
     /// Whether the data are already differences, white with standard deviation 1, because nuisance parameters
     /// were removed.
@@ -172,7 +173,8 @@ impl LinearisedSkin {
 
     /// Whether images use each measurement, `[measurement]`: all, except those on current-carrying electrodes
     /// if the settings omit these.
-    pub fn imaging_measurements(&self) -> Vec<bool> {
+    #[cfg(feature = "denoise")]
+    pub(crate) fn imaging_measurements(&self) -> Vec<bool> {
         let driven = crate::frames::on_driven_electrodes(&self.skin.protocol);
         let use_driven = self.skin.settings.reconstruction.use_driven_electrodes;
         driven.into_iter().map(|driven| use_driven || !driven).collect()

@@ -14,26 +14,26 @@ mod stream;
 mod summary;
 
 pub use images::{ImageState, LiveImages};
-pub use sensor::{Sensor, TouchFrame};
-pub use stream::{LiveFrame, LiveStream, Pushed};
-pub use summary::Summary;
+pub use sensor::Sensor;
+pub use stream::{LiveStream, Step, TouchFrame};
+pub use summary::{ImageSummary, Summary};
 
 use crate::denoise::Net;
 use crate::error::SkinError;
+use crate::limits::check_pixel_jacobian;
 use crate::linearised::LinearisedSkin;
 use crate::method::{self, Method};
 use crate::progress::Progress;
-use crate::scene::{NoiseSettings, Scene};
-use crate::skin::{Skin, check_pixel_jacobian};
+use crate::scene::{LEAST_REFERENCE_FRAMES, NoiseSettings, Scene};
+use crate::skin::Skin;
 use crate::words::event_words;
 use eit_hw::driver::{Event, FrameSource};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use summary::Arrival;
 
 /// Default number of reference frames.
 pub const REFERENCE_FRAMES: usize = 40;
-/// Fewer frames do not show the noise.
-pub(crate) const LEAST_REFERENCE_FRAMES: usize = 8;
 /// How often to check for shutdown.
 const WAIT: Duration = Duration::from_millis(50);
 
@@ -99,7 +99,7 @@ pub trait LiveObserver {
     /// # Errors
     ///
     /// Any error ends the loop.
-    fn touches(&mut self, _frame: &LiveFrame<'_>) -> Result<(), Self::Error> {
+    fn touches(&mut self, _frame: &TouchFrame<'_>) -> Result<(), Self::Error> {
         Ok(())
     }
 
@@ -108,7 +108,7 @@ pub trait LiveObserver {
     /// # Errors
     ///
     /// Any error ends the loop.
-    fn frame(&mut self, frame: &LiveFrame<'_>) -> Result<(), Self::Error>;
+    fn frame(&mut self, frame: &TouchFrame<'_>) -> Result<(), Self::Error>;
 
     /// Returns whether images may be wanted; called once before the first frame. Touches do not need images,
     /// and arrive sooner if none are made.
@@ -171,7 +171,7 @@ impl LiveModel {
         // quiet frames and the first frame are counted in a recording
         let settings = &mut linearised.skin.settings;
         settings.noise = NoiseSettings { quiet_frames: None, ..settings.noise.clone() };
-        settings.recording.first_frame = 0;
+        settings.recording.first_frame = None;
         Ok(Self { linearised: Arc::new(linearised), method, net, reference_frames })
     }
 
@@ -187,7 +187,7 @@ impl LiveModel {
     ///
     /// [`SkinError::TooLarge`]; [`SkinError::TooManyPixels`], with the largest number of pixels that can be
     /// made.
-    pub fn check_images(&self) -> Result<(), SkinError> {
+    pub(crate) fn check_images(&self) -> Result<(), SkinError> {
         let skin = self.skin();
         let (measurements, pixels) = (skin.protocol.measurements(), skin.pixels());
         if self.method.is_tv() {
@@ -219,78 +219,74 @@ impl LiveModel {
             stream = stream.without_images();
         }
         // when the previous frame was shown and when it arrived, unless the source was interrupted since
-        let mut before: Option<(Instant, Option<f64>)> = None;
+        let mut before: Option<Arrival> = None;
         let mut last_image = Instant::now();
-        let mut is_restless = false;
-        while observer.goes_on(&summary) && !source.is_over() {
-            let Some(event) = source.next_event(WAIT).map_err(SkinError::from)? else {
-                observer.idle()?;
-                continue;
-            };
-            observer.event(&event)?;
-            if matches!(event, Event::Reconnected { .. }) {
-                // contacts and gains may have changed: the old reference is invalid
-                stream.restart();
-            }
-            let is_skipped = matches!(event, Event::Skipped { .. });
-            let is_told = matches!(event, Event::Gap { .. } | Event::Notice(_));
-            if !matches!(event, Event::Frame(_)) && !is_skipped && !is_told {
-                before = None;
-            }
-            // skipped frames are counted by the source
-            if let Some(words) = event_words(&event).filter(|_| !is_skipped) {
-                summary.say(words);
-            }
-            let Event::Frame(frame) = event else { continue };
-            match stream.push_touches(&frame, is_live)? {
-                Pushed::Waiting { left } => {
-                    observer.waiting(left)?;
-                    summary.unrest = stream.unrest();
-                    if let (Some(change), false) = (summary.unrest, is_restless) {
-                        observer.event(&Event::Notice(unrest_words(change)))?;
-                    }
-                    is_restless = summary.unrest.is_some();
-                    if left == 0 {
-                        summary.references += 1;
-                        summary.images = stream.image_words().to_owned();
-                        stream.notes().iter().for_each(|note| summary.say(note.clone()));
-                        observer.reference(stream.notes())?;
-                    }
-                }
-                Pushed::Shown(shown) => {
-                    observer.touches(&shown)?;
+        while observer.goes_on(&summary) {
+            let step = stream.step(source, is_live, WAIT, |event| {
+                observer.event(event)?;
+                before = before.filter(|_| !is_interruption(event));
+                // skipped frames are counted by the source
+                let is_said = !matches!(event, Event::Skipped { .. });
+                event_words(event)
+                    .filter(|_| is_said)
+                    .into_iter()
+                    .for_each(|words| summary.say(words));
+                Ok::<_, O::Error>(())
+            })?;
+            match step {
+                Step::Over => break,
+                Step::Idle => observer.idle()?,
+                Step::Event => {}
+                Step::Waiting { left } => wait(&stream, left, &mut summary, observer)?,
+                Step::Touches => {
+                    stream.shown().map_or(Ok(()), |shown| observer.touches(&shown))?;
                     if observer.wants_image() {
                         let is_behind =
                             is_live && source.frames_waiting() > 0 && !observer.wants_every_image();
                         if is_behind && last_image.elapsed() < LONGEST_SKIP {
-                            summary.skipped_images += 1;
+                            summary.images.skipped += 1;
                         } else {
-                            stream.make_image(&frame)?;
+                            stream.make_image()?;
                             last_image = Instant::now();
                         }
                     }
-                    if let Some(shown) = stream.shown(&frame) {
-                        summary.take_frame(&shown);
-                        observer.frame(&shown)?;
-                    }
-                    // frames that waited while a reference was taken are shown at once, but arrived in their time
-                    let now = (Instant::now(), frame.host_time_s.filter(|_| is_live));
-                    if let Some(before) = before.replace(now) {
-                        let arrived_s =
-                            now.1.zip(before.1).map(|(now_s, before_s)| now_s - before_s);
-                        let shown_s = now.0.duration_since(before.0).as_secs_f64();
-                        // a clock that was set says nothing
-                        summary.span_s += arrived_s
-                            .filter(|s| (0.0..=MOST_STEP_S).contains(s))
-                            .unwrap_or(shown_s);
-                        summary.intervals += 1;
-                    }
+                    let Some(shown) = stream.shown() else { continue };
+                    summary.take_frame(&shown);
+                    observer.frame(&shown)?;
+                    let now = Arrival::of(shown.host_time_s.filter(|_| is_live));
+                    summary.take_interval(before.replace(now), now);
                 }
             }
-            source.recycle(frame);
         }
         Ok(summary)
     }
+}
+
+/// Reports that the reference waits for `left` frames, and why; at 0 it has been taken.
+fn wait<O: LiveObserver>(
+    stream: &LiveStream,
+    left: usize,
+    summary: &mut Summary,
+    observer: &mut O,
+) -> Result<(), O::Error> {
+    observer.waiting(left)?;
+    let was_restless = summary.unrest.is_some();
+    summary.unrest = stream.unrest();
+    if let (Some(change), false) = (summary.unrest, was_restless) {
+        observer.event(&Event::Notice(unrest_words(change)))?;
+    }
+    if left == 0 {
+        summary.references += 1;
+        summary.images.how = stream.image_words().to_owned();
+        stream.notes().iter().for_each(|note| summary.say(note.clone()));
+        observer.reference(stream.notes())?;
+    }
+    Ok(())
+}
+
+/// Whether no frames come for a while, or those of another connection.
+fn is_interruption(event: &Event) -> bool {
+    !matches!(event, Event::Frame(_) | Event::Skipped { .. } | Event::Gap { .. } | Event::Notice(_))
 }
 
 /// Describes why the reference waits, by what part of the voltages frames change.
@@ -301,9 +297,6 @@ pub fn unrest_words(change: f64) -> String {
         100.0 * change
     )
 }
-
-/// Longest time between the arrivals of two frames that is believed, seconds: after a longer one the source is silent.
-const MOST_STEP_S: f64 = 60.0;
 
 /// Maximum number of measurements times pixels for live images by total variation, each of whose iterations
 /// passes twice over as many values: 134 MB, some tens of milliseconds. 208 measurements: 284 x 284 pixels.

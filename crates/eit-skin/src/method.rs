@@ -5,8 +5,7 @@ use crate::scene::StageSettings;
 use eit_core::event;
 
 /// A reconstruction method.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Method {
     /// Total variation in space and time.
     StTv,
@@ -67,7 +66,7 @@ impl Method {
     /// # Errors
     ///
     /// An unknown name, with the known ones.
-    pub fn parse(key: &str, name: &str) -> Result<Self, SkinError> {
+    pub(crate) fn parse(key: &str, name: &str) -> Result<Self, SkinError> {
         Self::ALL.into_iter().find(|m| m.name() == name).ok_or_else(|| {
             SkinError::input(format!("{key} = \"{name}\": the methods are {}", Self::names()))
         })
@@ -80,8 +79,7 @@ impl Method {
 }
 
 /// A method and the reason for choosing it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 #[non_exhaustive]
 pub struct MethodChoice {
     /// The method.
@@ -105,7 +103,7 @@ pub fn choose(
     frames: Option<usize>,
 ) -> Result<MethodChoice, SkinError> {
     let keys = &settings.reconstruction;
-    let taken = |method: Method, why| {
+    let chosen = |method: Method, why| {
         event!(INFO, "chose the method", method = method.name(), why = why);
         Ok(MethodChoice { method, why })
     };
@@ -117,28 +115,28 @@ pub fn choose(
                 format!("\"{name}\": the methods are {}", Method::names()),
             )
         })?;
-        return taken(method, "requested");
+        return chosen(method, "requested");
     }
     if let Some(name) = &keys.method {
         let why = match keys.is_chosen_in_time {
             true => "the smallest error within frame_time_s",
             false => "stated in the scene",
         };
-        return taken(Method::parse("reconstruction.method", name)?, why);
+        return chosen(Method::parse("reconstruction.method", name)?, why);
     }
     let noise = settings.noise.additive_v.is_some() || settings.noise.quiet_frames.is_some();
     let total_variation = keys.keys_of_tv().chain(keys.bounds()).next().is_some();
     if !total_variation && keys.keys_of_gauss_newton().next().is_some() {
-        return taken(Method::GaussNewton, "the scene sets its keys");
+        return chosen(Method::GaussNewton, "the scene sets its keys");
     }
     match (total_variation, noise, frames) {
-        (false, false, _) => taken(
+        (false, false, _) => chosen(
             Method::GaussNewton,
             "the scene states no noise ([noise] additive_v or quiet_frames), from which the weights of \
              st-tv follow",
         ),
-        (_, _, Some(1)) => taken(Method::Tv, "one frame: nothing to couple in time"),
-        (true, ..) => taken(Method::StTv, "the scene sets its keys"),
-        (false, true, _) => taken(Method::StTv, "the scene states its noise"),
+        (_, _, Some(1)) => chosen(Method::Tv, "one frame: nothing to couple in time"),
+        (true, ..) => chosen(Method::StTv, "the scene sets its keys"),
+        (false, true, _) => chosen(Method::StTv, "the scene states its noise"),
     }
 }

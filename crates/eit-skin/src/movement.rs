@@ -32,7 +32,7 @@ use ndarray::{Array2, ArrayView1};
 use std::sync::Arc;
 
 /// The model without electrode movement, and the operator that removes movement from differences.
-pub(crate) struct TakenOut {
+pub(crate) struct MovementRemoved {
     /// Error against which displacements are weighted, in units of the noise.
     pub error: f64,
     /// Converts differences to white ones with standard deviation 1, without movement.
@@ -71,12 +71,12 @@ pub(crate) fn words(movement_m: f64) -> String {
 
 /// Removes movement from a model, for differences with this noise; `None` if electrodes do not move. `before`
 /// is the reconstruction of the original data if its prior is Gaussian.
-pub(crate) fn take_out(
+pub(crate) fn remove(
     linearised: &LinearisedSkin,
     noise: &DataNoise,
     used: &[bool],
     before: Option<&OneStepGaussNewton>,
-) -> Result<Option<TakenOut>, SkinError> {
+) -> Result<Option<MovementRemoved>, SkinError> {
     let movement_m = linearised.skin.settings.reconstruction.electrode_movement_m;
     let (Some(movement_m), Some(movement)) = (movement_m, &linearised.movement) else {
         return Ok(None);
@@ -91,7 +91,7 @@ pub(crate) fn take_out(
     let movement = linearised.rows_of_differences(movement.clone(), used)?;
     let side = NuisanceParameters::new(&movement, &std, &noise.std, Some(used))?;
     let linearised = linearised.whitened(side.whiten_jacobian(&jacobian)?);
-    Ok(Some(TakenOut { error, side, linearised }))
+    Ok(Some(MovementRemoved { error, side, linearised }))
 }
 
 /// Root mean square of the differences of a synthetic touch, in units of the noise. It does not depend on a
@@ -150,8 +150,10 @@ impl FittedFrames {
         };
         progress.stage("electrode movement", || {
             let first = before.as_ref().map(|before| &before.difference);
-            let taken = take_out(&self.skin, &noise, &self.frames.used, first)?;
-            let Some(TakenOut { error, side, linearised }) = taken else { return Ok(None) };
+            let removed = remove(&self.skin, &noise, &self.frames.used, first)?;
+            let Some(MovementRemoved { error, side, linearised }) = removed else {
+                return Ok(None);
+            };
             let given = side.kept_variance().iter().map(|kept| 1.0 - kept).sum::<f64>();
             let mut line =
                 format!("{}: this takes {given:.1} directions of the data", words(movement_m));

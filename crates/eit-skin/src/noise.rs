@@ -44,7 +44,7 @@ impl DataNoise {
 
     /// Noise for unknown instruments: the model error alone, equal in all measurements. `good` tells which
     /// values count.
-    pub fn unknown(values: &Array2<f64>, good: &Array2<bool>) -> Self {
+    pub(crate) fn unknown(values: &Array2<f64>, good: &Array2<bool>) -> Self {
         let rms = root_mean_square(values, good, |_| 1.0);
         let std = if rms > 0.0 { MODEL_ERROR * rms } else { 1.0 };
         let source = format!("unknown; {MODEL_ERROR} of the differences");
@@ -53,7 +53,7 @@ impl DataNoise {
     }
 
     /// Returns the root mean square of the good values in units of the noise.
-    pub fn of_signal(&self, values: &Array2<f64>, good: &Array2<bool>) -> f64 {
+    pub(crate) fn of_signal(&self, values: &Array2<f64>, good: &Array2<bool>) -> f64 {
         root_mean_square(values, good, |i| self.std[i])
     }
 
@@ -74,7 +74,7 @@ impl DataNoise {
     }
 
     /// Makes the noise equal in all measurements, with the same root mean square over the used ones.
-    pub fn alike(mut self, used: &[bool]) -> Self {
+    pub(crate) fn alike(mut self, used: &[bool]) -> Self {
         let of_used = || self.std.iter().zip(used).filter(|(_, used)| **used).map(|(std, _)| std);
         let mean = of_used().map(|std| std * std).sum::<f64>() / of_used().count().max(1) as f64;
         self.std.fill(mean.sqrt());
@@ -82,13 +82,13 @@ impl DataNoise {
     }
 
     /// Returns the noise for the mean of several frames; the reference's noise stays.
-    pub fn of_mean(self, frames: usize) -> Self {
+    pub(crate) fn of_mean(self, frames: usize) -> Self {
         let factor = self.share(frames) / self.share(1);
         self.times(factor)
     }
 
     /// Returns the noise of single frames without the reference's.
-    pub fn of_frames(&self) -> Vec<f64> {
+    pub(crate) fn of_frames(&self) -> Vec<f64> {
         self.std.iter().map(|e| e / self.share(1)).collect()
     }
 

@@ -3,9 +3,9 @@
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::frames::Frames;
+use crate::limits::check_images;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Hyperparameter, Rule};
-use crate::skin::check_images;
 use eit_denoise::ImageStack;
 use eit_inverse::{
     ChosenHyperparameter, HyperparameterChoice, InverseError, NoiseTarget, OneStepGaussNewton,
@@ -97,7 +97,7 @@ impl FittedFrames {
 /// A hyperparameter and the rule that chose it.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
-pub struct ChosenBy {
+pub(crate) struct ChosenBy {
     /// The choice.
     pub chosen: ChosenHyperparameter,
     /// The rule, in words.

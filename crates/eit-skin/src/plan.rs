@@ -12,6 +12,7 @@ pub mod measured;
 mod method_words;
 mod net;
 mod rates;
+#[cfg(feature = "complex")]
 mod reactive;
 pub mod sequence;
 mod sizes;
@@ -20,6 +21,7 @@ pub mod stages;
 mod touches;
 mod voltage_error;
 
+#[cfg(feature = "complex")]
 pub use reactive::of_reactive;
 pub use stage::Stage;
 
@@ -82,7 +84,7 @@ impl Plan {
     ) -> Result<Self, SkinError> {
         method::choose(&skin.settings, method, None)?;
         // without recorded files, an instrument is processed live
-        let is_live = skin.instrument.is_some() && skin.settings.recording.files.is_none();
+        let is_live = skin.instrument.is_some() && skin.settings.recording.file.is_none();
         let recording = sequence::read(&skin, progress);
         let frames = recording.as_ref().map(|frames| frames.values.nrows());
         // a reference that is yet to be taken shows the noise
@@ -128,11 +130,11 @@ impl Plan {
             "mesh_notes": self.mesh_notes,
             "frames": self.frames,
             "still": matches!(self.sequence, Sequence::Still(_)),
-            "stages": self.stages.iter().map(stage_json).collect::<Vec<_>>(),
-            "left_out": self.left_out.iter().map(LeftOut::json).collect::<Vec<_>>(),
+            "stages": self.stages,
+            "left_out": self.left_out,
             "expected_voltage_error": self.error.of_mesh,
-            "voltage_error": self.error.json(),
-            "expected_images": self.expected.json(),
+            "voltage_error": self.error,
+            "expected_images": self.expected,
             "machine": self.machine,
             "built": self.built,
         })
@@ -179,17 +181,6 @@ fn untouched(skin: &Skin) -> Result<(Vec<f64>, SolvePath), SkinError> {
     let mut workspace = skin.model.workspace()?;
     let mut solution = skin.solve(&background, &mut workspace)?;
     Ok((solution.measurements().to_vec(), solution.report().path))
-}
-
-fn stage_json(stage: &Stage) -> Value {
-    json!({
-        "stage": stage.name,
-        "size": stage.size,
-        "flops": stage.flops,
-        "bytes": stage.bytes,
-        "expected_time_s": stage.time_s,
-        "why": stage.why,
-    })
 }
 
 /// Two digits and a power of ten.

@@ -23,8 +23,7 @@ const STEADY: f64 = 0.1;
 const FOLLOW: f64 = 0.05;
 
 /// State reported by a [`PressWatch`].
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum PressState {
     /// Nothing touches the skin.
     Untouched,
@@ -252,7 +251,7 @@ fn smallest_change(before: &[f64], after: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use eit_fem::fabric::Random;
+    use eit_core::Random;
 
     /// Frames of 12 values: `level` times a pattern, with noise of 1e-3.
     fn frame(random: &mut Random, level: f64) -> Vec<f64> {

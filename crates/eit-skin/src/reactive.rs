@@ -1,9 +1,10 @@
 //! Reactive skins, whose capacitances carry current: the complex forward model.
 
 use crate::error::SkinError;
+use crate::limits::warning_of_loss;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::skin::{Body, MeshOverride, REAL_BYTES, warning_of_loss};
+use crate::skin::{Body, MeshOverride, REAL_BYTES};
 use eit_fem::{AdmittivityModel, AdmittivityReport, Complex64};
 use eit_mesh::Mesh;
 

@@ -1,29 +1,20 @@
 //! A skin: mesh, protocol and forward model, with the settings of all later stages.
-//!
-//! Over 300 lines because a set-up skin and the checks of its size that every stage asks for are one place.
 
 use crate::error::SkinError;
+use crate::limits::{MOST_BYTES, WARN_LOSS};
 use crate::progress::Progress;
 use crate::scene::{
-    Accuracy, BuiltMesh, DifferenceKind, InstrumentSettings, MeshChoice, MeshSource, Scene,
-    StageSettings, Symmetry,
+    Accuracy, BuiltMesh, DEFAULT_PIXELS, DifferenceKind, FabricSettings, Instrument,
+    InstrumentSettings, MeshChoice, MeshSource, Scene, StageSettings, Symmetry,
 };
 use eit_fem::analytic::DiscSeries;
-use eit_fem::fabric::{Fabric, FabricSettings};
-use eit_fem::{
-    ElementOrder, ForwardModel, PairProtocol, Protocol, Solution, SolveReport, Workspace,
-};
+#[cfg(feature = "fabric")]
+use eit_fem::fabric::Fabric;
+use eit_fem::{ElementOrder, ForwardModel, PairProtocol, Protocol, Solution, Workspace};
 use eit_mesh::{Mesh, Raster};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// Default number of pixels along the longer side: a disc of 64 has 3 200 pixels, ten times more than 208
-/// measurements can distinguish.
-pub const DEFAULT_PIXELS: usize = 64;
-
-/// Maximum size of an array, bytes.
-const MOST_BYTES: f64 = 8e9;
 
 /// Size of a real number, bytes.
 pub(crate) const REAL_BYTES: f64 = 8.0;
@@ -59,7 +50,7 @@ pub struct SkinModel {
     /// The mesh-free series for this skin, if there is one.
     pub series: Option<DiscSeries>,
     /// Rotations and reflections that map a disc with its electrodes onto itself.
-    pub symmetry: Option<Symmetry>,
+    pub(crate) symmetry: Option<Symmetry>,
     /// Settings of the simulated fabric.
     pub fabric: FabricSettings,
     /// Settings of the instrument, if the scene has one.
@@ -75,8 +66,7 @@ pub struct SkinModel {
 }
 
 /// Overrides of the scene's mesh.
-#[derive(Debug, Clone, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub struct MeshOverride {
     /// A mesh file that contains its electrodes.
     pub file: Option<PathBuf>,
@@ -192,28 +182,8 @@ impl Skin {
                 element_order,
             )
         })?;
-        let parts = SkinModel {
-            name: self.name.clone(),
-            place: self.place.clone(),
-            mesh,
-            protocol: self.protocol.clone(),
-            model,
-            conductivity_s: self.conductivity_s,
-            contact_impedance: self.contact_impedance.clone(),
-            source,
-            notes,
-            accuracy: None,
-            pairs: self.pairs.clone(),
-            check_order: self.check_order,
-            series: self.series.clone(),
-            symmetry: self.symmetry,
-            fabric: self.fabric.clone(),
-            instrument: self.instrument.clone(),
-            current_a: self.current_a,
-            fingerprint: self.fingerprint.clone(),
-            scene_toml: self.scene_toml.clone(),
-            why_real: self.why_real,
-        };
+        let parts =
+            SkinModel { mesh, model, source, notes, accuracy: None, ..self.parts.as_ref().clone() };
         Ok(Self { parts: Arc::new(parts), settings: self.settings.clone() })
     }
 
@@ -224,7 +194,7 @@ impl Skin {
             Some(_) => DifferenceKind::Normalised,
             None => DifferenceKind::Plain,
         };
-        self.settings.reconstruction.difference.map_or(default, Into::into)
+        self.settings.reconstruction.difference.unwrap_or(default)
     }
 
     /// Returns the conductivity of the untouched skin for each element, siemens per square.
@@ -252,6 +222,7 @@ impl Skin {
     /// # Errors
     ///
     /// Invalid settings of the fabric.
+    #[cfg(feature = "fabric")]
     pub fn simulated_fabric(&self) -> Result<Fabric, SkinError> {
         self.fabric_with(&self.fabric)
     }
@@ -261,10 +232,24 @@ impl Skin {
     /// # Errors
     ///
     /// The errors of [`Fabric::new`].
+    #[cfg(feature = "fabric")]
     pub fn fabric_with(&self, settings: &FabricSettings) -> Result<Fabric, SkinError> {
         let (sheet_s, impedance) = (self.conductivity_s, &self.contact_impedance);
         let fabric = Fabric::new(&self.mesh, &self.protocol, sheet_s, impedance, settings);
         fabric.map_err(|e| SkinError::from(e).within(&self.place))
+    }
+
+    /// Returns the instrument that the scene names, for this skin's protocol.
+    ///
+    /// # Errors
+    ///
+    /// No `[instrument]`, or settings that its driver does not support.
+    pub fn instrument(&self) -> Result<Instrument, SkinError> {
+        let settings = self.instrument.as_ref().ok_or_else(|| {
+            SkinError::input("has no [instrument]: nothing to open").within(&self.place)
+        })?;
+        let built = settings.build(&self.protocol, self.current_a, &self.place);
+        built.map_err(|e| e.within(&self.place))
     }
 
     /// Allowed rounding error of the voltages, relative to the largest: a tenth of the required accuracy.
@@ -317,7 +302,7 @@ pub(crate) struct Body {
 
 impl Body {
     /// Builds mesh and protocol; rejects a Jacobian too large for memory, with `value_bytes` per value.
-    pub fn of(
+    pub(crate) fn of(
         scene: &Scene,
         mesh: &MeshOverride,
         value_bytes: f64,
@@ -353,66 +338,4 @@ impl Body {
         }
         Ok(Self { choice, protocol, source })
     }
-}
-
-/// Loss above which to warn, and loss above which to reject the voltages.
-const WARN_LOSS: f64 = 1e-6;
-const REFUSE_LOSS: f64 = 0.1;
-
-/// Rejects voltages that rounding may have made meaningless; warns if it may have cost digits.
-///
-/// # Errors
-///
-/// An expected loss above a tenth of the largest voltage.
-pub fn rounding_warning(report: &SolveReport) -> Result<Option<String>, SkinError> {
-    warning_of_loss(report.expected_loss)
-}
-
-/// [`rounding_warning`] for an expected loss.
-pub(crate) fn warning_of_loss(loss: f64) -> Result<Option<String>, SkinError> {
-    if loss.is_nan() || loss > REFUSE_LOSS {
-        let decades = (loss / (1000.0 * f64::EPSILON)).log10();
-        return Err(SkinError::NoCertainDigit { decades });
-    }
-    Ok((loss > WARN_LOSS).then(|| {
-        format!(
-            "rounding may have cost up to {loss:.0e} of the largest voltage (a cautious estimate)"
-        )
-    }))
-}
-
-/// Rejects a number of images of `pixels` x `pixels` that do not fit in memory. Call it before creating a
-/// raster, which takes some 1.8 GB for 4096 pixels.
-///
-/// # Errors
-///
-/// Images of more than 8 GB in total.
-pub fn check_images(count: usize, pixels: usize) -> Result<(), SkinError> {
-    let bytes = 8.0 * count as f64 * (pixels as f64).powi(2);
-    if bytes > MOST_BYTES {
-        return Err(SkinError::TooLarge {
-            what: format!("{count} images of {pixels} x {pixels} pixels"),
-            gigabytes: 1e-9 * bytes,
-            advice: "use fewer [reconstruction] pixels or fewer frames",
-        });
-    }
-    Ok(())
-}
-
-/// Rejects a Jacobian on `pixels` x `pixels`, as total variation needs it, that does not fit in memory. Call
-/// it before creating a raster.
-///
-/// # Errors
-///
-/// A Jacobian of more than 8 GB.
-pub fn check_pixel_jacobian(measurements: usize, pixels: usize) -> Result<(), SkinError> {
-    let bytes = 8.0 * measurements as f64 * (pixels as f64).powi(2);
-    if bytes > MOST_BYTES {
-        return Err(SkinError::TooLarge {
-            what: format!("{measurements} measurements on {pixels} x {pixels} pixels"),
-            gigabytes: 1e-9 * bytes,
-            advice: "use fewer [reconstruction] pixels, or method = \"gauss-newton\"",
-        });
-    }
-    Ok(())
 }

@@ -1,7 +1,7 @@
 //! A synthetic touch, for choosing weights without a recording.
 
 use crate::noise::DataNoise;
-use eit_fem::fabric::Random;
+use eit_core::Random;
 use ndarray::{Array1, Array2};
 
 /// Number of frames of the touch.
@@ -19,7 +19,7 @@ const REACH: f64 = 0.8;
 
 /// Positions of unknowns, seen from +z.
 #[derive(Debug, Clone)]
-pub struct Places {
+pub(crate) struct Places {
     /// Positions, metres.
     pub at_m: Vec<[f64; 2]>,
     /// Longer side of the skin, metres.
@@ -28,7 +28,7 @@ pub struct Places {
 
 /// Simulates the differences of a fingertip that moves from the middle of the skin towards its farthest
 /// point, [frame, measurement], with noise. `jacobian` has a column per place; `sheet_s` is the background.
-pub fn touch(
+pub(crate) fn touch(
     jacobian: &Array2<f64>,
     places: &Places,
     noise: &DataNoise,

@@ -22,7 +22,7 @@ use part::Part;
 use std::time::Duration;
 
 /// Default relative gap: images no longer change visibly.
-pub const DEFAULT_TARGET_GAP: f64 = 1e-2;
+pub(crate) const DEFAULT_TARGET_GAP: f64 = 1e-2;
 
 /// Fraction of the weights of the discrepancy principle that is used, because that principle is known to
 /// oversmooth. Measured on simulated fingers (bells and pads, one and two, slow and fast, 32 pixels): a

@@ -7,6 +7,8 @@ mod finder;
 mod model;
 
 pub use choices::{Choices, FoundSheet};
+#[cfg(feature = "learn")]
+pub(crate) use finder::PressTouch;
 pub use finder::TouchFinder;
 
 use crate::error::SkinError;
@@ -29,8 +31,7 @@ pub(crate) fn assumed_rate_words() -> String {
 }
 
 /// A touch in a frame.
-#[derive(Debug, Clone, Copy)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct TouchRow {
     /// Index of the frame, from 0.
@@ -45,8 +46,7 @@ pub struct TouchRow {
 const DAMAGED: f64 = 3.0;
 
 /// Touches of all frames, and how they were found.
-#[derive(Debug, Clone)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct Touches {
     /// One row per touch and frame.

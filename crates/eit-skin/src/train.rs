@@ -12,7 +12,9 @@ mod simulated;
 
 pub use held_out::{JudgeCounts, MeasuredJudge, held_out_scores, judge};
 #[cfg(feature = "train")]
-pub use learn::{MadeBy, Training, Worth, judged_weights, learn, parameter_checksum, weights};
+pub use learn::{
+    HeldOutResult, MadeBy, Training, judged_weights, learn, parameter_checksum, weights,
+};
 pub use sequences::Sequences;
 
 use crate::error::SkinError;
@@ -27,8 +29,7 @@ use std::sync::mpsc;
 const HELD_OUT: usize = 6;
 
 /// Training target of a simulated sequence.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Wanted {
     /// The true change of conductivity.
     #[default]

@@ -62,12 +62,12 @@ pub(crate) fn variants(
     for (name, net) in nets {
         let mut silent = Progress::silent();
         let mut images = raw.clone();
-        net.apply_unchecked(&mut images, raster, &check, &mut silent)?;
+        net.apply_unchecked(&mut images, &check, &mut silent)?;
         variants.push(plain(name, images));
         let mut images = raw.clone();
         if let Some(checked) = net.apply(&mut images, raster, Some(&check), &mut silent)? {
             // quiet frames at the start are not counted
-            let aside = checked.put_aside().into_iter().filter(|f| *f >= QUIET_FRAMES);
+            let aside = checked.raw_frames.into_iter().filter(|f| *f >= QUIET_FRAMES);
             let put_aside = Some(aside.collect());
             variants.push(ImageVariant { name: format!("{name}, checked"), images, put_aside });
         }

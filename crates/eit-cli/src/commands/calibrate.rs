@@ -6,7 +6,7 @@ use crate::error::CliError;
 use crate::progress;
 use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 use eit_skin::frames::{Frames, has_driven_electrodes};
-use eit_skin::scene::{ElementKind, Reference, Scene};
+use eit_skin::scene::{ElementOrder, Reference, Scene};
 use eit_skin::{MeshOverride, Progress, Skin};
 use serde_json::{Value, json};
 
@@ -16,7 +16,7 @@ pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
     scene.reconstruction.use_driven_electrodes |= args.use_driven_electrodes;
     if scene.mesh.required_accuracy.is_some() {
         // derivatives with respect to contacts are those of linear elements
-        scene.mesh.elements.get_or_insert(ElementKind::Linear);
+        scene.mesh.elements.get_or_insert(ElementOrder::Linear);
     }
     let mut progress = progress::terminal();
     let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;

@@ -9,7 +9,7 @@ use eit_publish::{Publisher, Start};
 use eit_report::demo::RECORDINGS;
 use eit_report::settings::DemoSettings;
 use eit_skin::StopFlag;
-use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, REFERENCE_FRAMES, Summary};
+use eit_skin::live::{LiveModel, LiveObserver, REFERENCE_FRAMES, Summary, TouchFrame};
 use eit_skin::scene::Scene;
 use eit_skin::words::printable;
 use std::path::Path;
@@ -20,7 +20,7 @@ pub(crate) fn run(args: &DemoArgs, is_json: bool) -> Result<Answer, CliError> {
     let settings = DemoSettings { out: args.out.clone(), force: args.force, quick: args.quick };
     let published = open(args)?.map(|publisher| Mutex::new(Published::new(publisher)));
     let stop = interrupt::listen()?;
-    let watch = |name: &str, model: &LiveModel, shown: &LiveFrame<'_>| {
+    let watch = |name: &str, model: &LiveModel, shown: &TouchFrame<'_>| {
         if let Some(published) = &published {
             published.lock().unwrap_or_else(PoisonError::into_inner).take(name, model, shown);
         }
@@ -71,7 +71,7 @@ impl Published {
         Self { publisher, experiments: Vec::new(), count: 0, failure: None }
     }
 
-    fn take(&mut self, name: &str, model: &LiveModel, shown: &LiveFrame<'_>) {
+    fn take(&mut self, name: &str, model: &LiveModel, shown: &TouchFrame<'_>) {
         // the demo goes on where publishing failed; the end reports it
         if self.failure.is_none() {
             self.failure = self.publish(name, model, shown).err();
@@ -82,7 +82,7 @@ impl Published {
         &mut self,
         name: &str,
         model: &LiveModel,
-        shown: &LiveFrame<'_>,
+        shown: &TouchFrame<'_>,
     ) -> Result<(), CliError> {
         if !self.experiments.iter().any(|known| known == name) {
             self.experiments.push(name.to_owned());
@@ -106,8 +106,8 @@ impl Published {
         })?)
     }
 
-    fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
-        let mut frame = eit_skin::TouchFrame::from(*shown);
+    fn frame(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
+        let mut frame = *shown;
         // numbers of touches begin anew
         frame.epoch = self.count - 1;
         self.publisher.touches(&frame)?;
@@ -156,7 +156,7 @@ impl LiveObserver for Repeated<'_> {
         Ok(self.published.publisher.waiting(left)?)
     }
 
-    fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+    fn frame(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
         self.published.frame(shown)
     }
 

@@ -9,7 +9,7 @@ use crate::cli::{InitArgs, ShapeArg};
 use crate::error::CliError;
 use ask::Questions;
 use eit_skin::first_scene::{FirstScene, Numbering, Outline};
-use eit_skin::scene::{Direction, TouchSign};
+use eit_skin::scene::{ChangeSign, Direction};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -183,8 +183,8 @@ fn to_json(place: &str, first: &FirstScene, found: &Found) -> Value {
             Direction::Clockwise => "clockwise",
         },
         "sign": match first.sign {
-            TouchSign::Increase => "increase",
-            TouchSign::Decrease => "decrease",
+            ChangeSign::Increase => "increase",
+            ChangeSign::Decrease => "decrease",
         },
         "numbering": found.numbering.as_ref().map(|numbering| json!({
             "likeness": numbering.likeness,

@@ -6,7 +6,7 @@ use crate::error::CliError;
 use eit_picture::SkinDrawing;
 use eit_publish::{Publisher, SkinImage, SkinShape, UdpSink, WebServer};
 use eit_skin::Progress;
-use eit_skin::live::{LiveFrame, LiveModel};
+use eit_skin::live::{LiveModel, TouchFrame};
 use eit_skin::words::printable;
 
 /// Opens the requested outputs; `None` if there are none. The page can record if frames are those of an instrument.
@@ -53,7 +53,7 @@ pub(super) fn open_page(
 }
 
 /// Publishes the image of a frame, if there is one and it is wanted.
-pub(super) fn image(publisher: &mut Publisher, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+pub(super) fn image(publisher: &mut Publisher, shown: &TouchFrame<'_>) -> Result<(), CliError> {
     let Some(images) = shown.images else { return Ok(()) };
     if !publisher.wants_image() {
         return Ok(());
@@ -64,7 +64,7 @@ pub(super) fn image(publisher: &mut Publisher, shown: &LiveFrame<'_>) -> Result<
     Ok(publisher.image(SkinImage {
         change_s: change.view(),
         before_net_s: before_net.as_ref().map(|raw| raw.view()),
-        faintest_s: shown.finder.level_s(),
+        faintest_s: shown.level_s,
         gap: images.state().gap,
     })?)
 }

@@ -8,7 +8,7 @@ use eit_hw::driver::{Event, Waiting};
 use eit_publish::{Publisher, Recording};
 use eit_report::watched::record_of;
 use eit_skin::connect::RECORDER_FRAMES;
-use eit_skin::live::LiveFrame;
+use eit_skin::live::TouchFrame;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -76,7 +76,7 @@ impl PageRecorder {
     /// Records the touches of a frame.
     pub fn touches(
         &mut self,
-        shown: &LiveFrame<'_>,
+        shown: &TouchFrame<'_>,
         publisher: &Publisher,
     ) -> Result<(), CliError> {
         match shown.touches {

@@ -9,7 +9,7 @@ use eit_report::curve;
 use eit_report::output::OutFile;
 use eit_skin::denoise::Scores;
 use eit_skin::scene::Scene;
-use eit_skin::train::{self, MadeBy, MeasuredJudge, Sequences, Training, Worth};
+use eit_skin::train::{self, HeldOutResult, MadeBy, MeasuredJudge, Sequences, Training};
 use eit_skin::{MeshOverride, Skin};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -75,7 +75,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let worth = progress.stage("compare", || {
         let scores = train::held_out_scores(&net, &held_out)?;
         let judge = train::judge(&net, &learnt, &held_out, &sequences)?;
-        Ok::<_, CliError>(Worth { scores, judge })
+        Ok::<_, CliError>(HeldOutResult { scores, judge })
     })?;
     let weights = match &trainer {
         Some(trainer) => {
@@ -84,7 +84,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         }
         None => train::judged_weights(net, &base, &worth, &made_by)?,
     };
-    let Worth { scores, judge } = worth;
+    let HeldOutResult { scores, judge } = worth;
     refuse_worse(&scores, args)?;
     let bytes = weights.to_bytes()?;
     out.write(|w| w.write_all(&bytes).map_err(eit_report::output::io))?;
@@ -104,10 +104,9 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         "epochs": epochs,
         "status": status,
         "held_out_error": held_out_error,
-        "held_out": scores.json(),
+        "held_out": scores,
         "misfit_limit": judge.as_ref().map(|judge| judge.error.limit),
-        "judge": judge.as_ref().map(|judge| judge.counts.json()),
-        "older_rule": judge.as_ref().and_then(|judge| judge.older).map(|older| older.json()),
+        "judge": judge.as_ref().map(|judge| judge.counts),
         "bytes": bytes.len(),
         "stages": progress.times(),
         "out": args.out.display().to_string(),

@@ -5,7 +5,7 @@ use crate::terminal;
 use eit_inverse::touch::TouchState;
 use eit_picture::{ColorMap, FrameLabels, PictureSettings, SkinDrawing, draw_sheet};
 use eit_report::output::OutFile;
-use eit_skin::live::{LiveFrame, LiveImages, LiveModel};
+use eit_skin::live::{LiveImages, LiveModel, TouchFrame};
 use eit_skin::words::printable;
 use ndarray::{Array3, ArrayView2};
 use std::collections::VecDeque;
@@ -72,9 +72,9 @@ impl Picture {
     }
 
     /// Draws the picture if the last one is old enough.
-    pub fn show(&mut self, model: &LiveModel, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+    pub fn show(&mut self, model: &LiveModel, shown: &TouchFrame<'_>) -> Result<(), CliError> {
         let Some(images) = shown.images else { return Ok(()) };
-        let range = self.range.of(images, shown.finder.level_s());
+        let range = self.range.of(images, shown.level_s);
         if self.last.is_some_and(|last| last.elapsed() < PICTURE_EVERY) {
             return Ok(());
         }
@@ -87,7 +87,7 @@ impl Picture {
             footnote: images.words().to_owned(),
             labels: FrameLabels::Text(vec![format!(
                 "frame {}, {:.2} s",
-                shown.frame.sequence, shown.time_s
+                shown.sequence, shown.time_s
             )]),
             range: Some([-range, range]),
             marks_m: vec![marks.map(|t| [t.position_m[0], t.position_m[1]]).collect()],
@@ -179,12 +179,12 @@ impl Terminal {
     }
 
     /// Draws the view if the last one is old enough.
-    pub fn show(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+    pub fn show(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
         self.arrivals.push_back(Instant::now());
         if self.arrivals.len() > RANGE_FRAMES {
             self.arrivals.pop_front();
         }
-        let range = shown.images.map(|images| self.range.of(images, shown.finder.level_s()));
+        let range = shown.images.map(|images| self.range.of(images, shown.level_s));
         if !self.is_on || self.last.is_some_and(|last| last.elapsed() < TERMINAL_EVERY) {
             return Ok(());
         }
@@ -205,7 +205,7 @@ impl Terminal {
         let latency =
             shown.latency_s.map_or(String::new(), |s| format!(", latency {:.1} ms", 1e3 * s));
         // writing to a String cannot fail
-        let (frame, lost) = (shown.frame.sequence, self.lost);
+        let (frame, lost) = (shown.sequence, self.lost);
         let _ = writeln!(text, "frame {frame}, {rate:.1} per second, {lost} lost{latency}");
         for touch in shown.touches.iter().filter(|touch| touch.state != TouchState::End) {
             let [x, y, _] = touch.position_m.map(|part| 1e3 * part);

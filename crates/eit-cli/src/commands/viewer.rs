@@ -12,7 +12,7 @@ use eit_hw::driver::Event;
 use eit_publish::{Publisher, Start};
 use eit_report::watched::{Kept, record_of};
 use eit_skin::StopFlag;
-use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, Summary};
+use eit_skin::live::{LiveModel, LiveObserver, Summary, TouchFrame};
 use eit_skin::words::event_words;
 use std::time::{Duration, Instant};
 
@@ -193,7 +193,7 @@ impl LiveObserver for Viewer<'_> {
         Ok(())
     }
 
-    fn touches(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+    fn touches(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
         if let Some(publisher) = &mut self.publisher {
             publisher.touches(&(*shown).into())?;
             if let Some(recorder) = &mut self.recorder {
@@ -208,7 +208,7 @@ impl LiveObserver for Viewer<'_> {
         Ok(())
     }
 
-    fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+    fn frame(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
         self.terminal.show(shown)?;
         if let Some(publisher) = &mut self.publisher {
             publish::image(publisher, shown)?;

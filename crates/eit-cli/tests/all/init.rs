@@ -8,7 +8,7 @@ use crate::common::{eit, text};
 use eit_fem::fabric::Random;
 use eit_hw::emulator::{Device, Emulator, FaultPlan, Listen};
 use eit_skin::first_scene::{FirstScene, Outline};
-use eit_skin::scene::{Direction, Position, Scene, TouchSign};
+use eit_skin::scene::{ChangeSign, Direction, Position, Scene};
 use eit_skin::{Progress, Skin};
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -194,7 +194,7 @@ fn a_disc_that_is_wired_clockwise() {
 fn a_rectangle_that_loses_conductivity() {
     let mut truth = FirstScene::new(Outline::Rectangle { width_m: 0.12, height_m: 0.08 }, 16);
     truth.first_angle_deg = 180.0;
-    truth.sign = TouchSign::Decrease;
+    truth.sign = ChangeSign::Decrease;
     let size = ["--width-mm", "120", "--height-mm", "80", "--electrodes", "16"];
     check(&truth, 0.6, &size);
 }
@@ -232,16 +232,20 @@ fn uneven_electrodes_are_doubted() {
     let truth = FirstScene::new(Outline::Rectangle { width_m: 0.12, height_m: 0.08 }, 16);
     let size =
         ["--width-mm", "120", "--height-mm", "80", "--electrodes", "16", "--json", "--no-presses"];
-    for (uneven, is_doubted) in [(0.0, false), (0.05, false), (0.3, true)] {
+    for (uneven, violates_reciprocity) in [(0.0, false), (0.05, false), (0.3, true)] {
         let folder = tempfile::tempdir().unwrap();
         let wiring = Wiring { uneven, ..Wiring::default() };
         let (answer, _) = init(&truth, wiring, 1.5, folder.path(), &size);
         let answer: Value = serde_json::from_str(answer.as_str().unwrap()).unwrap();
         let unsure = answer["unsure"].to_string();
-        assert_eq!(unsure.contains("not equally spaced"), is_doubted, "{uneven}: {answer}");
+        assert_eq!(
+            unsure.contains("not equally spaced"),
+            violates_reciprocity,
+            "{uneven}: {answer}"
+        );
         assert_eq!(answer["swapped_electrodes"], Value::Null, "{uneven}: {answer}");
         let correlation = answer["model_correlation"].as_f64().unwrap();
-        assert!(is_doubted || correlation > 0.98, "{uneven}: {correlation}");
+        assert!(violates_reciprocity || correlation > 0.98, "{uneven}: {correlation}");
     }
 }
 

@@ -18,7 +18,6 @@ const VERSION: &str = "3";
 const KEYS: [&str; 6] = ["format_version", "history", "width", "depth", "skin", "pixels"];
 const MORE_KEYS: [&str; 3] = ["images", "conditions", "fold"];
 
-const MISFIT_LIMIT: &str = "misfit_limit";
 /// Tensor of a model error, and the metadata that belong to it.
 const MODEL_ERROR: &str = "model_error";
 const MODEL_ERROR_KEYS: [&str; 2] = ["model_error_floor", "model_error_limit"];
@@ -106,14 +105,6 @@ impl Weights {
             asked: skin.to_owned(),
             asked_pixels: pixels,
         })
-    }
-
-    /// Returns the fraction of the data's energy that images of this net may leave unexplained, for
-    /// [`crate::DataMisfit::score`], if the training measured it: `misfit_limit` of `about`.
-    pub fn misfit_limit(&self) -> Option<f64> {
-        let limit: f64 = self.about.get(MISFIT_LIMIT)?.parse().ok()?;
-        // an empty image leaves everything unexplained and must not pass
-        (limit > 0.0 && limit < 1.0).then_some(limit)
     }
 
     /// Returns the bytes of a safetensors file: `down.0.0.weight`, `down.0.0.bias`, ... and metadata.

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
 use crate::common::disc;
-use eit_denoise::{DataConsistency, DataMisfit, DenoiseError};
+use eit_denoise::{DataConsistency, DenoiseError};
 use fixtures::Random;
 use ndarray::{Array1, Array2};
 
@@ -84,17 +84,6 @@ fn missing_and_unused_measurements_do_not_count() {
     let misfit = consistency.misfit(image.view(), &differences).unwrap();
     assert_eq!(misfit.measurements, MEASUREMENTS - 2);
     assert!(misfit.residual < 1e-9 * misfit.data);
-}
-
-#[test]
-fn the_limit_is_a_quantile_of_frames_that_say_something() {
-    let frame = |data: f64, residual: f64| DataMisfit { data, residual, measurements: 10 };
-    let mut known: Vec<DataMisfit> = (0..100).map(|k| frame(1e4, 100.0 * k as f64)).collect();
-    // too faint to say anything, and worse than all others
-    known.extend((0..50).map(|_| frame(50.0, 500.0)));
-    assert_eq!(DataMisfit::limit(&known, 0.05), Some(0.95));
-    assert_eq!(DataMisfit::limit(&known, 0.0), Some(0.99));
-    assert_eq!(DataMisfit::limit(&known[..10], 0.05), None);
 }
 
 #[test]

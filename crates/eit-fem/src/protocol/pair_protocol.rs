@@ -6,7 +6,11 @@ use crate::error::FemError;
 
 /// Whether a frame includes measurements on current-carrying electrodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum DrivenElectrodes {
     /// Leaves out pairs that include a driven electrode, because their voltages depend on its
     /// contact impedance.
@@ -18,7 +22,11 @@ pub enum DrivenElectrodes {
 
 /// Order of the measured pairs under one drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum Order {
     /// Relative to the drive's first electrode `a`: pairs that start at `a`, `a + 1`, ... (mod L).
     /// For adjacent pairs without driven electrodes: `(d + 2 + k, d + 3 + k)`, `k` ascending.

@@ -2,7 +2,11 @@
 
 /// What forms one frame in a table of numbers [row, column].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum FrameOrientation {
     /// A row: the table is [frame, measurement].
     #[default]

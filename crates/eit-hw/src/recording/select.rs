@@ -13,7 +13,11 @@ use crate::frame::{Frame, Quadruple, Quality};
 
 /// How each complex value z = x + i y is turned into a real number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum Component {
     /// x.
     #[default]

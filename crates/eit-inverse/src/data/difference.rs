@@ -6,7 +6,11 @@ use ndarray::ArrayRef2;
 
 /// Whether differences are divided by the reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum DifferenceKind {
     /// `dv = v - v_ref`, volts.
     #[default]

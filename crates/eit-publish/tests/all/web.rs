@@ -56,6 +56,7 @@ fn frame(sequence: u64) -> TouchFrame<'static> {
         explained: true,
         frozen: false,
         latency_s: None,
+        ..Default::default()
     }
 }
 

@@ -12,7 +12,7 @@ use eit_skin::Progress;
 use eit_skin::Steps;
 use eit_skin::connect::{self, Backlog};
 use eit_skin::emulate::{self, Content, PlayedFrames};
-use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, REFERENCE_FRAMES, Summary};
+use eit_skin::live::{LiveModel, LiveObserver, REFERENCE_FRAMES, Summary, TouchFrame};
 use eit_skin::scene::Instrument;
 use eit_skin::words::event_words;
 use ndarray::{Array2, Array3, Axis};
@@ -201,7 +201,7 @@ impl LiveObserver for Demo<'_, '_> {
         true
     }
 
-    fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), ReportError> {
+    fn frame(&mut self, shown: &TouchFrame<'_>) -> Result<(), ReportError> {
         self.kept.take(shown)?;
         if let Some((name, model, watcher)) = self.watch {
             watcher(name, model, shown);
@@ -216,7 +216,7 @@ impl LiveObserver for Demo<'_, '_> {
             None => made.clone(),
         };
         let alive = shown.touches.iter().filter(|touch| touch.state != TouchState::End);
-        self.pile.frames.push(shown.frame.sequence as usize);
+        self.pile.frames.push(shown.sequence as usize);
         self.pile.raw.push(raw);
         self.pile.made.push(made);
         self.pile.touches.push(alive.copied().collect());

@@ -125,7 +125,7 @@ fn table(shown: &[Shown]) -> Block {
             format!("{raw:.0}"),
             format!("{made:.0}"),
             summary.frames.to_string(),
-            summary.aside.to_string(),
+            summary.images.put_aside.to_string(),
             ms(summary.latency_s(0.5)),
             ms(summary.latency_s(0.95)),
             ms(summary.image_latency_s(0.5)),
@@ -205,7 +205,7 @@ fn latency(shown: &[Shown], files: &[File]) -> Section {
     let mut blocks: Vec<Block> =
         beside(files, pictures::LATENCY, caption.to_owned()).into_iter().collect();
     let pair =
-        |shown: &Shown| (shown.experiment.name.to_owned(), shown.seen.summary.images_words());
+        |shown: &Shown| (shown.experiment.name.to_owned(), shown.seen.summary.images.words());
     blocks.push(Block::List(shown.iter().map(pair).collect()));
     Section { title: "Speed and distance from the optimum".to_owned(), blocks }
 }

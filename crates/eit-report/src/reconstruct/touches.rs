@@ -71,7 +71,7 @@ pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
             "not_explained_frames": touches.not_explained,
             "frozen_frames": touches.frozen,
             "frame_rate_hz": touches.rate_hz,
-            "choices": touches.choices.json(),
+            "choices": touches.choices,
             "faulty_electrodes": touches.faults.iter().map(ElectrodeFault::json).collect::<Vec<_>>(),
         })
     })

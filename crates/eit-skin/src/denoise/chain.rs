@@ -6,7 +6,7 @@ use crate::frames::Frames;
 use crate::linearised::LinearisedSkin;
 use crate::method::{self, Method};
 use crate::progress::Progress;
-use crate::scene::{FrameSettings, NoiseSettings, Reference, TouchSign};
+use crate::scene::{ChangeSign, NoiseSettings, RecordingSettings, Reference};
 use crate::skin::Skin;
 use ndarray::{Array2, Array3};
 use std::sync::Arc;
@@ -21,8 +21,7 @@ pub struct Chain {
 }
 
 /// Length of a simulated sequence, and of its quiet start, which gives reference and noise.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Lengths {
     /// Number of frames.
     pub frames: usize,
@@ -56,16 +55,15 @@ impl Chain {
         progress: &mut Progress,
     ) -> Result<Self, SkinError> {
         if let Some(Lengths { quiet, rate_hz, .. }) = lengths {
-            skin.settings.recording = FrameSettings {
+            skin.settings.recording = RecordingSettings {
                 reference: Some(Reference::Text(format!("0..{quiet}"))),
-                scale: 1.0,
                 frame_rate_hz: Some(rate_hz),
                 ..Default::default()
             };
             skin.settings.noise =
                 NoiseSettings { quiet_frames: Some((0..quiet).into()), additive_v: None };
             // simulated fingers raise the conductivity, and nets learn increases
-            if std::mem::take(&mut skin.settings.touch.sign) == TouchSign::Decrease {
+            if std::mem::take(&mut skin.settings.touch.sign) == ChangeSign::Decrease {
                 let image = &mut skin.settings.reconstruction;
                 (image.lower_s, image.upper_s) =
                     (image.upper_s.map(|s| -s), image.lower_s.map(|s| -s));
@@ -97,7 +95,7 @@ impl Chain {
     /// # Errors
     ///
     /// The errors of the method.
-    pub fn reconstruct_frames(&self, frames: Frames) -> Result<Chained, SkinError> {
+    pub(crate) fn reconstruct_frames(&self, frames: Frames) -> Result<Chained, SkinError> {
         let fitted = self.linearised.fit(frames)?;
         let mut silent = Progress::silent();
         let freed = fitted.without_movement(self.method, &mut silent)?;
@@ -128,17 +126,17 @@ mod tests {
     #[test]
     fn simulated_sequences_of_a_falling_conductivity_are_turned() {
         let mut skin = Skin::from_scene(Scene::load("paper-disc").unwrap()).unwrap();
-        skin.settings.touch.sign = TouchSign::Decrease;
+        skin.settings.touch.sign = ChangeSign::Decrease;
         skin.settings.reconstruction.lower_s = Some(-2e-4);
         let lengths = Lengths { frames: 40, quiet: 20, rate_hz: 20.0 };
         let mut silent = Progress::silent();
         let chain = Chain::new(skin.clone(), Some("gauss-newton"), Some(lengths), &mut silent);
         let settings = chain.unwrap().linearised.skin.settings.clone();
-        assert_eq!(settings.touch.sign, TouchSign::Increase);
+        assert_eq!(settings.touch.sign, ChangeSign::Increase);
         let image = &settings.reconstruction;
         assert_eq!((image.lower_s, image.upper_s), (None, Some(2e-4)));
         // recordings are what they are
         let chain = Chain::new(skin, Some("gauss-newton"), None, &mut silent).unwrap();
-        assert_eq!(chain.linearised.skin.settings.touch.sign, TouchSign::Decrease);
+        assert_eq!(chain.linearised.skin.settings.touch.sign, ChangeSign::Decrease);
     }
 }

@@ -1,17 +1,14 @@
 //! Whether a net's images explain the measurements behind them.
 
+use super::DrawnTouches;
 use super::trust::Trust;
-use super::{DrawnTouches, Net};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
-use crate::linearised::LinearisedSkin;
-use crate::noise::DataNoise;
 use crate::progress::Progress;
 use crate::touches::{self, Touches};
-use eit_denoise::{DataMisfit, Judge, Judgement, Verdict};
-use ndarray::{Array2, ArrayView2};
-use serde_json::{Value, json};
-use std::sync::Arc;
+use eit_denoise::{Judge, Judgement, Verdict};
+use ndarray::Array2;
+use serde::Serialize;
 
 /// The measurements that a sequence of images was made from.
 #[derive(Debug, Clone)]
@@ -21,18 +18,6 @@ pub struct Check {
     differences: Array2<f64>,
     /// Touches of each frame; `None` if they have not been sought.
     touches: Option<Vec<DrawnTouches>>,
-}
-
-/// Judges one net's images of a sequence.
-#[derive(Debug)]
-pub(super) struct SequenceJudge<'a> {
-    check: &'a Check,
-    judge: Judge,
-    /// Whether touches explain each frame; empty for nets that do not see them.
-    is_explained: Vec<bool>,
-    /// Frames whose raw image is constant, so that there is no other.
-    constant: Vec<usize>,
-    trust: Trust,
 }
 
 impl Check {
@@ -63,7 +48,7 @@ impl Check {
     }
 
     /// Returns the differences of a frame.
-    fn row(&self, frame: usize) -> Result<Vec<f64>, SkinError> {
+    pub(super) fn row(&self, frame: usize) -> Result<Vec<f64>, SkinError> {
         let frames = self.differences.nrows();
         if frame >= frames {
             let message = format!("image {frame}, but the measurements have {frames} frames");
@@ -72,118 +57,55 @@ impl Check {
         Ok(self.differences.row(frame).to_vec())
     }
 
-    /// Returns the model of the frames.
-    pub(super) fn skin(&self) -> &Arc<LinearisedSkin> {
-        &self.fitted.skin
+    /// Returns the frames.
+    pub(super) fn fitted(&self) -> &FittedFrames {
+        &self.fitted
     }
-
-    pub(super) fn judge(
-        &self,
-        net: &Net,
-        has_touches: bool,
-    ) -> Result<SequenceJudge<'_>, SkinError> {
-        let judge = judge(net, has_touches, &self.fitted)?;
-        let trust = net.trust(has_touches, &self.fitted);
-        let (is_explained, constant) = (Vec::new(), Vec::new());
-        Ok(SequenceJudge { check: self, judge, is_explained, constant, trust })
-    }
-}
-
-impl SequenceJudge<'_> {
-    /// Returns a frame's differences, NaN where a value is missing, and their energy in units of the noise.
-    ///
-    /// # Errors
-    ///
-    /// A frame beyond the last.
-    pub fn frame(&self, frame: usize) -> Result<(Vec<f64>, DataMisfit), SkinError> {
-        let row = self.check.row(frame)?;
-        let energy = self.judge.energy(&row)?;
-        Ok((row, energy))
-    }
-
-    pub fn judge(
-        &mut self,
-        frame: usize,
-        net: ArrayView2<'_, f64>,
-        raw: ArrayView2<'_, f64>,
-    ) -> Result<Judgement, SkinError> {
-        let row = self.check.row(frame)?;
-        if self.constant.contains(&frame) {
-            return Ok(self.judge.reject(net, raw, &row)?);
-        }
-        let is_explained = self.is_explained.get(frame) != Some(&false);
-        Ok(self.trust.verdict(&mut self.judge, is_explained, net, raw, &row)?)
-    }
-
-    /// Takes a frame for one whose image is the raw one.
-    pub fn set_constant(&mut self, frame: usize) {
-        self.constant.push(frame);
-    }
-
-    /// Takes whether touches explain each frame.
-    pub fn with_explained(self, touches: &[DrawnTouches]) -> Self {
-        Self { is_explained: touches.iter().map(|frame| frame.is_explained).collect(), ..self }
-    }
-}
-
-/// Creates a judge with the model and noise of these frames.
-pub(super) fn judge(
-    net: &Net,
-    has_touches: bool,
-    fitted: &FittedFrames,
-) -> Result<Judge, SkinError> {
-    let FittedFrames { skin, frames, .. } = fitted;
-    let noise = match fitted.noise()? {
-        Some(noise) => noise,
-        None => DataNoise::unknown(&fitted.differences(), &fitted.good()),
-    };
-    let used = noise.std.iter().zip(&frames.used);
-    let std: Vec<f64> = used.map(|(std, used)| if *used { *std } else { f64::INFINITY }).collect();
-    let raster = skin.raster(&mut Progress::silent())?;
-    let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
-    let weights = net.weights_for(has_touches);
-    let new = if net.is_of_this_skin { Judge::new } else { Judge::on_another_skin };
-    Ok(new(weights, jacobian.view(), &std, raster.mask().view())?)
 }
 
 /// Verdicts on a net's images, frame by frame.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Checked {
+    judged_by: &'static str,
     /// Fraction of the data's energy that a correct image may leave unexplained.
-    pub limit: f64,
+    misfit_limit: f64,
+    scores: Vec<f64>,
+    /// Frames that keep their raw image.
+    pub raw_frames: Vec<usize>,
+    /// Frames that keep their raw image although it does not explain the measurements either.
+    unexplained_frames: Vec<usize>,
     /// Description of the rule.
+    #[serde(skip)]
     rule: String,
+    #[serde(skip)]
     trust: Trust,
     /// Verdict on each frame.
+    #[serde(skip)]
     pub judgements: Vec<Judgement>,
 }
 
 impl Checked {
-    pub(super) fn new(judge: &SequenceJudge<'_>, judgements: Vec<Judgement>) -> Option<Self> {
-        let SequenceJudge { judge: rule, trust, .. } = judge;
-        rule.limit().map(|limit| Self { limit, rule: rule.words(), trust: *trust, judgements })
-    }
-
-    fn frames(&self, wanted: impl Fn(Verdict) -> bool) -> Vec<usize> {
-        let all = self.judgements.iter().enumerate();
-        all.filter(|(_, judgement)| wanted(judgement.verdict)).map(|(frame, _)| frame).collect()
-    }
-
-    /// Number of frames that keep their raw image.
-    pub fn put_aside(&self) -> Vec<usize> {
-        self.frames(|verdict| verdict != Verdict::Net)
-    }
-
-    /// Number of frames that keep their raw image although it does not explain the measurements either.
-    pub fn unexplained(&self) -> Vec<usize> {
-        self.frames(|verdict| verdict == Verdict::Neither)
+    pub(super) fn new(rule: &Judge, trust: Trust, judgements: Vec<Judgement>) -> Option<Self> {
+        let frames = |wanted: fn(Verdict) -> bool| {
+            let all = judgements.iter().enumerate();
+            all.filter(|(_, judgement)| wanted(judgement.verdict)).map(|(frame, _)| frame).collect()
+        };
+        Some(Self {
+            judged_by: trust.name(),
+            misfit_limit: rule.limit()?,
+            scores: judgements.iter().map(|judgement| judgement.net).collect(),
+            raw_frames: frames(|verdict| verdict != Verdict::Net),
+            unexplained_frames: frames(|verdict| verdict == Verdict::Neither),
+            rule: rule.words(),
+            trust,
+            judgements,
+        })
     }
 
     /// Describes the verdicts in words.
     pub fn words(&self) -> String {
-        let (aside, unexplained) = (self.put_aside(), self.unexplained());
-        let count = self.judgements.len();
-        let also = match unexplained.len() {
+        let (aside, count) = (&self.raw_frames, self.judgements.len());
+        let also = match self.unexplained_frames.len() {
             0 => String::new(),
             n => format!("; in {n} of them it explains the measurements no better"),
         };
@@ -207,17 +129,5 @@ impl Checked {
                 self.rule,
             ),
         }
-    }
-
-    /// Returns the verdicts as JSON.
-    pub fn json(&self) -> Value {
-        let scores: Vec<f64> = self.judgements.iter().map(|judgement| judgement.net).collect();
-        json!({
-            "judged_by": self.trust.words(),
-            "misfit_limit": self.limit,
-            "scores": scores,
-            "raw_frames": self.put_aside(),
-            "unexplained_frames": self.unexplained(),
-        })
     }
 }

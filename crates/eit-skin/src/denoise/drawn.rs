@@ -29,7 +29,7 @@ const MOST_OTHER: f64 = 0.4;
 
 /// The touches of a frame as a net sees them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct DrawnTouches {
+pub(crate) struct DrawnTouches {
     /// All that have not ended.
     pub touches: Vec<DrawnTouch>,
     /// Whether they, or the absence of any, explain the frame ([`DetectorStep::is_explained`]); a net's image of a frame
@@ -39,7 +39,7 @@ pub struct DrawnTouches {
 
 impl DrawnTouches {
     /// Returns those of each frame of a recording; `image_per_strength`: see [`FittedFrames::image_per_strength`].
-    pub fn of_frames(touches: &Touches, image_per_strength: f64) -> Vec<Self> {
+    pub(crate) fn of_frames(touches: &Touches, image_per_strength: f64) -> Vec<Self> {
         let all = touches.by_frame().into_iter().zip(&touches.steps);
         let of = |(touches, step): (Vec<Touch>, &DetectorStep)| Self {
             touches: touches
@@ -54,7 +54,7 @@ impl DrawnTouches {
 
 /// A touch as it is drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DrawnTouch {
+pub(crate) struct DrawnTouch {
     /// Position as seen from +z, metres.
     pub position_m: [f64; 2],
     /// Integral of the change in the image, S m^2, with its sign.
@@ -64,7 +64,7 @@ pub struct DrawnTouch {
 impl DrawnTouch {
     /// Returns how a touch is drawn in images of the skin; `None` for one that has ended. `image_per_strength`: see
     /// [`FittedFrames::image_per_strength`].
-    pub fn of(touch: &Touch, image_per_strength: f64) -> Option<Self> {
+    pub(crate) fn of(touch: &Touch, image_per_strength: f64) -> Option<Self> {
         let [x, y, _] = touch.position_m;
         let intensity_s_m2 = image_per_strength * touch.intensity_s_m2;
         (touch.state != TouchState::End).then_some(Self { position_m: [x, y], intensity_s_m2 })
@@ -136,19 +136,19 @@ pub(super) struct Surroundings {
 
 impl Surroundings {
     /// Of no touch, for images of this size.
-    pub fn new(size: (usize, usize)) -> Self {
+    pub(crate) fn new(size: (usize, usize)) -> Self {
         let (d2, own) = (Array2::from_elem(size, f64::INFINITY), Array2::from_elem(size, false));
         Self { touches: Vec::new(), d2, own, open: Vec::with_capacity(size.0 * size.1) }
     }
 
     /// Forgets the touches of the last frame.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.touches.clear();
         self.d2.fill(f64::INFINITY);
     }
 
     /// Takes a touch of the frame.
-    pub fn add(&mut self, touch: &DrawnTouch, raster: &Raster) {
+    pub(crate) fn add(&mut self, touch: &DrawnTouch, raster: &Raster) {
         let place = touch.pixel(raster);
         self.touches.push(place);
         for ((row, column), nearest) in self.d2.indexed_iter_mut() {
@@ -158,7 +158,7 @@ impl Surroundings {
 
     /// Limits an image [row, column] far from the touches ([`KEPT`], [`MOST_FAR`]) and in blobs that are no touch's
     /// ([`OWN`], [`MOST_OTHER`]), and sets it to zero if there are no touches.
-    pub fn limit(&mut self, mut image: ArrayViewMut2<'_, f64>) {
+    pub(crate) fn limit(&mut self, mut image: ArrayViewMut2<'_, f64>) {
         let [near, far] = KEPT;
         let near_touches = self.d2.indexed_iter().filter(|(_, d2)| **d2 <= near * near);
         let top = largest(image.view(), near_touches.map(|((row, column), _)| [row, column]));

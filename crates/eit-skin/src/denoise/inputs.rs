@@ -38,7 +38,7 @@ const CONDITIONS: usize = 2;
 /// noise; the second `(1 + log10(s)) / 2`, clipped alike, with the strongest touch `s` as the area of doubled
 /// conductivity in pixels, which tells how wide it presses.
 #[derive(Debug, Clone)]
-pub struct NetInputs {
+pub(crate) struct NetInputs {
     shape: UnetShape,
     makers: Vec<(Reconstructor, Workspace)>,
     raster: Raster,
@@ -62,7 +62,7 @@ impl NetInputs {
     /// # Errors
     ///
     /// A net that takes more inputs than this program computes; the errors of the reconstruction.
-    pub fn new(linearised: &LinearisedSkin, shape: UnetShape) -> Result<Self, SkinError> {
+    pub(crate) fn new(linearised: &LinearisedSkin, shape: UnetShape) -> Result<Self, SkinError> {
         let UnetShape { images, conditions, .. } = shape;
         let most = 2 + HYPERPARAMETERS.len();
         if images > most || conditions > CONDITIONS {
@@ -108,12 +108,12 @@ impl NetInputs {
     }
 
     /// Returns whether the net takes measurements, not only an image.
-    pub fn needs_data(&self) -> bool {
+    pub(crate) fn needs_data(&self) -> bool {
         needs_data(self.shape)
     }
 
     /// Returns whether the net takes the touches of a frame.
-    pub fn needs_touches(&self) -> bool {
+    pub(crate) fn needs_touches(&self) -> bool {
         needs_touches(self.shape)
     }
 
@@ -123,7 +123,7 @@ impl NetInputs {
     /// # Errors
     ///
     /// The errors of the reconstruction.
-    pub fn push(
+    pub(crate) fn push(
         &mut self,
         raw: ArrayView2<'_, f64>,
         differences: &[f64],
@@ -182,14 +182,14 @@ impl NetInputs {
 
     /// Limits the image [row, column] that a net made of the last frame where it is no touch's of that frame: the net
     /// corrects their drawing, and shows no other touch. Changes nothing for nets that see no touches.
-    pub fn limit(&mut self, image: ArrayViewMut2<'_, f64>) {
+    pub(crate) fn limit(&mut self, image: ArrayViewMut2<'_, f64>) {
         if self.needs_touches() {
             self.surroundings.limit(image);
         }
     }
 
     /// Passes the inputs of the last frame to a net.
-    pub fn with_frame<T>(&self, work: impl FnOnce(NetFrame<'_>) -> T) -> T {
+    pub(crate) fn with_frame<T>(&self, work: impl FnOnce(NetFrame<'_>) -> T) -> T {
         let views: [ArrayView2<'_, f64>; 2 + HYPERPARAMETERS.len()] =
             std::array::from_fn(|k| self.images[k.min(self.images.len() - 1)].view());
         work(NetFrame { images: &views[..self.images.len()], conditions: &self.conditions })
@@ -201,7 +201,7 @@ impl NetInputs {
     ///
     /// A shard without its measurements; the errors of the reconstruction.
     #[cfg(feature = "base")]
-    pub fn complete(&mut self, shard: &mut Shard) -> Result<(), SkinError> {
+    pub(crate) fn complete(&mut self, shard: &mut Shard) -> Result<(), SkinError> {
         if !self.needs_data() {
             return Ok(());
         }

@@ -3,11 +3,9 @@
 use crate::error::SkinError;
 use eit_denoise::{DenoiseError, Threshold};
 use ndarray::{ArrayView2, ArrayView3, Axis};
-use serde_json::{Value, json};
 
 /// Errors of denoised images relative to the truth.
-#[derive(Debug, Clone, Copy)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct Scores {
     /// Squared error of the net's image divided by that of the raw image, median over the frames.
@@ -78,17 +76,6 @@ impl Scores {
             100.0 * self.nearer_than_raw,
             100.0 * self.nearer_than_rule
         )
-    }
-
-    /// Returns it as JSON.
-    pub fn json(&self) -> Value {
-        json!({
-            "frames": self.frames,
-            "net_over_raw": self.net_over_raw,
-            "rule_over_raw": self.rule_over_raw,
-            "nearer_than_raw": self.nearer_than_raw,
-            "nearer_than_rule": self.nearer_than_rule,
-        })
     }
 }
 

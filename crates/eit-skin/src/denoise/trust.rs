@@ -1,7 +1,5 @@
 //! What a net is trusted with on a skin.
 
-use super::{Net, inputs};
-use crate::fitted::FittedFrames;
 use eit_denoise::{DenoiseError, Judge, Judgement};
 use ndarray::ArrayView2;
 
@@ -18,30 +16,9 @@ pub(super) enum Trust {
     None(&'static str),
 }
 
-impl Net {
-    /// What decides about its images of these frames.
-    pub(super) fn trust(&self, has_touches: bool, fitted: &FittedFrames) -> Trust {
-        let sees_touches = inputs::needs_touches(self.weights_for(has_touches).shape);
-        match (self.is_of_this_skin, sees_touches) {
-            (true, _) => Trust::Data,
-            // of a ball in the middle of a tank it made two (`golf_ball_b`)
-            (false, false) if self.of_images.is_some() => Trust::None(
-                "the shipped net of images alone was trained on another skin, and the noise is unknown, without which \
-                 no touches can be sought for the other one ([noise])",
-            ),
-            (false, false) => Trust::Data,
-            (false, true) if !fitted.fit.is_alike() => Trust::None(
-                "the net was trained on another skin, and the touches that it sees are not reliable, since the model \
-                 does not explain the reference",
-            ),
-            (false, true) => Trust::Touches,
-        }
-    }
-}
-
 impl Trust {
     /// Names it.
-    pub(super) fn words(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Data => "data",
             Self::Touches => "touches",

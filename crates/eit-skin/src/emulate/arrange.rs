@@ -10,7 +10,7 @@ type Known = Vec<(usize, [u32; 2], f64)>;
 /// Computes wanted voltages from those measured under the same drive, as differences of potentials. A driven
 /// electrode without any measurement gets a potential beyond all others, as on a real skin: above them where
 /// current enters, below them where it leaves.
-pub fn arranged(
+pub(crate) fn arranged(
     own: &[Quadruple],
     values: &Array2<f64>,
     wanted: &[Quadruple],

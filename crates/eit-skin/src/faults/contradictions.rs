@@ -42,7 +42,7 @@ pub(super) struct Contradictions {
 }
 
 impl Contradictions {
-    pub fn new(measurements: usize, electrodes: usize) -> Self {
+    pub(crate) fn new(measurements: usize, electrodes: usize) -> Self {
         Self {
             is_wrong: vec![false; measurements],
             accused: Vec::with_capacity(electrodes),
@@ -53,7 +53,7 @@ impl Contradictions {
 
     /// Marks measurements that violate reciprocity or are dead. `counts`: the measurement is used and not
     /// missing.
-    pub fn compare(
+    pub(crate) fn compare(
         &mut self,
         reciprocal: &[usize],
         std_v: &[f64],
@@ -85,7 +85,7 @@ impl Contradictions {
 
     /// Marks measurements that have changed by more than touches change them. `counts` as in
     /// [`compare`](Self::compare).
-    pub fn compare_jumps(
+    pub(crate) fn compare_jumps(
         &mut self,
         std_v: &[f64],
         [values, reference]: [&[f64]; 2],
@@ -105,7 +105,7 @@ impl Contradictions {
     }
 
     /// Returns the fraction of the measurements that count which are wrong; 0 if none counts.
-    pub fn part_wrong(&self, counts: impl Fn(usize) -> bool) -> f64 {
+    pub(crate) fn part_wrong(&self, counts: impl Fn(usize) -> bool) -> f64 {
         let (mut wrong, mut all) = (0_u32, 0_u32);
         for (_, is_wrong) in self.is_wrong.iter().enumerate().filter(|(i, _)| counts(*i)) {
             all += 1;
@@ -117,7 +117,12 @@ impl Contradictions {
     /// Finds the [`accused`](Self::accused) electrodes: repeatedly takes the one with the largest fraction of
     /// wrong measurements, until none has half of its own wrong or, after the first, a quarter. Electrodes
     /// that are already excluded, and their measurements, are ignored.
-    pub fn accuse(&mut self, wiring: &Wiring, is_missing: &[bool], is_out: impl Fn(usize) -> bool) {
+    pub(crate) fn accuse(
+        &mut self,
+        wiring: &Wiring,
+        is_missing: &[bool],
+        is_out: impl Fn(usize) -> bool,
+    ) {
         self.accused.clear();
         for (e, out) in self.is_out.iter_mut().enumerate() {
             *out = is_out(e);
@@ -138,13 +143,13 @@ impl Contradictions {
     }
 
     /// Returns the electrodes to blame for what is wrong, worst first.
-    pub fn accused(&self) -> &[usize] {
+    pub(crate) fn accused(&self) -> &[usize] {
         &self.accused
     }
 
     /// Returns whether the accused electrodes explain what is wrong among the measurements that count,
     /// ignoring those of excluded electrodes: the accused are few, and little is wrong without them.
-    pub fn is_explained(
+    pub(crate) fn is_explained(
         &self,
         wiring: &Wiring,
         counts: impl Fn(usize) -> bool,
@@ -166,7 +171,7 @@ impl Contradictions {
 
     /// Fraction of an electrode's measurements that are wrong, ignoring those of other excluded electrodes;
     /// `None` if too few are left to tell.
-    pub fn wrong_part(
+    pub(crate) fn wrong_part(
         &self,
         wiring: &Wiring,
         electrode: usize,

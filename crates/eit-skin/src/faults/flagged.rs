@@ -19,12 +19,12 @@ pub(super) struct Flagged {
 }
 
 impl Flagged {
-    pub fn new(electrodes: usize) -> Self {
+    pub(crate) fn new(electrodes: usize) -> Self {
         Self { is_flagged: vec![false; electrodes], frames: vec![0; electrodes] }
     }
 
     /// Takes a frame. If most other measurements are flagged too, the frame neither counts nor breaks a run.
-    pub fn push(&mut self, wiring: &Wiring, used: &[bool], is_missing: &[bool]) {
+    pub(crate) fn push(&mut self, wiring: &Wiring, used: &[bool], is_missing: &[bool]) {
         for (flagged, of_e) in self.is_flagged.iter_mut().zip(&wiring.of_electrode) {
             let missing = of_e.iter().filter(|&&i| is_missing[i]).count();
             *flagged = !of_e.is_empty() && missing as f64 > FLAGGED * of_e.len() as f64;
@@ -45,7 +45,7 @@ impl Flagged {
     }
 
     /// Returns whether an electrode has been flagged for long enough and is flagged in the current frame.
-    pub fn is_faulty(&self, electrode: usize) -> bool {
+    pub(crate) fn is_faulty(&self, electrode: usize) -> bool {
         self.is_flagged[electrode] && self.frames[electrode] >= FLAGGED_FRAMES
     }
 }

@@ -27,7 +27,7 @@ pub(super) struct History {
 }
 
 impl History {
-    pub fn new(measurements: usize, electrodes: usize) -> Self {
+    pub(crate) fn new(measurements: usize, electrodes: usize) -> Self {
         Self {
             values: vec![0.0; STUCK_FRAMES * measurements],
             measurements,
@@ -40,7 +40,7 @@ impl History {
     }
 
     /// Stores a frame, which has one value per measurement.
-    pub fn push(&mut self, values: &[f64], used: &[bool]) {
+    pub(crate) fn push(&mut self, values: &[f64], used: &[bool]) {
         let before = (self.frames + STUCK_FRAMES - 1) % STUCK_FRAMES * self.measurements;
         let before = &self.values[before..before + self.measurements];
         let (mut any, mut repeats) = (false, self.frames > 0);
@@ -59,7 +59,7 @@ impl History {
 
     /// Finds electrodes that repeat exactly while others change. `step_v`: step of the converter; 0 if unknown, as where
     /// quiet frames do not leave it: then the smallest change so far takes its place.
-    pub fn look_for_stuck(&mut self, wiring: &Wiring, used: &[bool], step_v: f64) {
+    pub(crate) fn look_for_stuck(&mut self, wiring: &Wiring, used: &[bool], step_v: f64) {
         if self.frames < STUCK_FRAMES {
             return;
         }
@@ -82,12 +82,12 @@ impl History {
     }
 
     /// Returns the number of frames in a row that repeat the one before exactly, up to the last one.
-    pub fn repeated(&self) -> usize {
+    pub(crate) fn repeated(&self) -> usize {
         self.repeated
     }
 
     /// Returns whether an electrode was stuck at the last search.
-    pub fn is_stuck(&self, electrode: usize) -> bool {
+    pub(crate) fn is_stuck(&self, electrode: usize) -> bool {
         self.is_stuck[electrode]
     }
 
@@ -100,7 +100,7 @@ impl History {
     }
 
     /// Range of a measurement over the stored frames, ignoring NaN; negative if there is no value.
-    pub fn span(&self, measurement: usize) -> f64 {
+    pub(crate) fn span(&self, measurement: usize) -> f64 {
         // `chunks_exact` does not accept a length of 0
         let frames = self.values.chunks_exact(self.measurements.max(1)).take(self.frames);
         let (low, high) = frames

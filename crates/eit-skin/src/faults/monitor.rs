@@ -162,7 +162,7 @@ impl FaultMonitor {
     }
 
     /// Returns the used measurements that involve each electrode.
-    pub fn of_electrode(&self) -> &[Vec<usize>] {
+    pub(crate) fn of_electrode(&self) -> &[Vec<usize>] {
         &self.wiring.of_electrode
     }
 

@@ -16,7 +16,7 @@ pub(super) struct Wiring {
 
 impl Wiring {
     /// `used` tells for each measurement of the protocol whether it counts.
-    pub fn new(protocol: &Protocol, used: &[bool]) -> Self {
+    pub(crate) fn new(protocol: &Protocol, used: &[bool]) -> Self {
         let of_measurement = electrodes_of(protocol);
         let mut of_electrode = vec![Vec::new(); protocol.electrodes()];
         let counted = of_measurement.iter().zip(used).enumerate().filter(|(_, (_, used))| **used);

@@ -99,8 +99,8 @@ pub(super) fn median(values: &[f64], used: &[bool]) -> f64 {
 #[allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 mod tests {
     use super::*;
+    use eit_core::Random;
     use eit_fem::PairProtocol;
-    use eit_fem::fabric::Random;
     use eit_inverse::noise_std_of_quiet_frames;
     use ndarray::Array2;
 

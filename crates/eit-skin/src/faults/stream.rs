@@ -177,7 +177,7 @@ impl StreamMonitor {
 /// # Errors
 ///
 /// The errors of [`StreamMonitor`].
-pub fn of_frames(
+pub(crate) fn of_frames(
     quadruples: &[Quadruple],
     electrodes: usize,
     frames: &MeasuredFrames,

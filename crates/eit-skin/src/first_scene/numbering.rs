@@ -1,10 +1,10 @@
 //! Determines which electrode is the first and in which direction they are counted.
 
-use super::protocols::{NODES, is_signed};
+use super::protocols::{NODES, SWAP_LEAD, is_signed};
 use super::transfer::{PairMatrix, Placing, Transfer};
 use super::{FirstScene, Outline};
 use crate::error::SkinError;
-use crate::scene::{Direction, TouchSign};
+use crate::scene::{ChangeSign, Direction};
 use crate::skin::Skin;
 use eit_hw::model_correlation;
 use ndarray::Array1;
@@ -15,15 +15,11 @@ const PRESS_RADIUS_M: f64 = 0.007;
 const MESH_RADII: f64 = 0.08;
 /// Channels below this fraction of the largest voltage are not compared: their ratios are noise.
 const LEAST_VOLTAGE: f64 = 1e-3;
-/// How much better a numbering with exchanged wires must explain presses and untouched frame. On simulated boards with
-/// other contacts, finger and mesh than the model's, right wires gain 0.00 by an exchange, exchanged ones 0.1 and more.
-pub(super) const SWAP_LEAD: f64 = 0.03;
 /// Points per side of the grid on which a press is sought.
 const GRID: usize = 25;
 
 /// A press at a known place.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct KnownPress {
     /// Its position, metres.
     pub place_m: [f64; 2],
@@ -32,8 +28,7 @@ pub struct KnownPress {
 }
 
 /// The numbering that explains the presses best.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct Numbering {
     /// Position of electrode 1, counter-clockwise from +x as seen from the centre, degrees.
@@ -41,7 +36,7 @@ pub struct Numbering {
     /// Direction in which electrodes are counted.
     pub direction: Direction,
     /// Whether a touch raises or lowers the conductivity.
-    pub sign: TouchSign,
+    pub sign: ChangeSign,
     /// Mean cosine between the measured changes and the model's changes for presses at their places; 1 is
     /// perfect.
     pub likeness: f64,
@@ -108,7 +103,7 @@ pub fn find_numbering(
             true => Direction::Clockwise,
             false => Direction::Counterclockwise,
         },
-        sign: if best.likeness < 0.0 { TouchSign::Decrease } else { TouchSign::Increase },
+        sign: if best.likeness < 0.0 { ChangeSign::Decrease } else { ChangeSign::Increase },
         likeness: best.likeness.abs(),
         next_likeness: next.likeness.abs(),
         errors_m: presses.iter().map(|press| search.error_m(best, press)).collect(),

@@ -1,6 +1,5 @@
 //! Pair protocols that match what a board prints.
 
-use super::numbering::SWAP_LEAD;
 use super::transfer::{PairMatrix, Placing, Transfer};
 use super::{FirstScene, Outline};
 use crate::error::SkinError;
@@ -10,17 +9,19 @@ use eit_hw::{model_correlation, reciprocity_error};
 
 /// Largest number of electrodes tried if it is not known.
 const MOST_ELECTRODES: usize = 64;
-/// Reciprocity error above which an order is doubted (as in [`eit_hw::recognise_order`]).
-const DOUBTED_ERROR: f64 = 0.2;
+/// Reciprocity error above which an order counts as wrong (as in [`eit_hw::recognise_order`]).
+const WRONG_ORDER_ERROR: f64 = 0.2;
 /// A frame has both signs if the largest value of one is above this fraction of the other's.
 const SIGNED: f64 = 0.05;
 /// Number of mesh nodes for the comparison: discretisation errs by a few percent at the electrodes, wrong
 /// orders by tens.
 pub(super) const NODES: usize = 1500;
+/// How much better a numbering with exchanged wires must explain presses and untouched frame. On simulated boards with
+/// other contacts, finger and mesh than the model's, right wires gain 0.00 by an exchange, exchanged ones 0.1 and more.
+pub(super) const SWAP_LEAD: f64 = 0.03;
 
 /// A protocol with as many measurements as a frame has values.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct FittingProtocol {
     /// The protocol.
@@ -43,8 +44,8 @@ impl FittingProtocol {
     }
 
     /// Returns whether reciprocity contradicts the order.
-    pub fn is_doubted(&self) -> bool {
-        self.reciprocity.is_some_and(|error| error > DOUBTED_ERROR)
+    pub fn violates_reciprocity(&self) -> bool {
+        self.reciprocity.is_some_and(|error| error > WRONG_ORDER_ERROR)
     }
 }
 
@@ -82,8 +83,9 @@ pub fn fitting_protocols(
         }
     }
     fitting.sort_by(|one, other| {
-        let rank = (one.is_doubted(), -one.rank());
-        rank.partial_cmp(&(other.is_doubted(), -other.rank())).unwrap_or(std::cmp::Ordering::Equal)
+        let rank = (one.violates_reciprocity(), -one.rank());
+        rank.partial_cmp(&(other.violates_reciprocity(), -other.rank()))
+            .unwrap_or(std::cmp::Ordering::Equal)
     });
     Ok(fitting)
 }

@@ -26,7 +26,7 @@ impl PairMatrix {
     }
 
     /// One value per quadruple of places.
-    pub fn measured(&self, quadruples: &[[u32; 4]]) -> Array1<f64> {
+    pub(crate) fn measured(&self, quadruples: &[[u32; 4]]) -> Array1<f64> {
         let value = |quadruple: &[u32; 4]| {
             let [a, b, m, n] = quadruple.map(|place| place as usize);
             self.0[[b, n]] - self.0[[b, m]] - self.0[[a, n]] + self.0[[a, m]]
@@ -49,7 +49,7 @@ pub(super) struct Transfer {
 }
 
 impl Transfer {
-    pub fn new(skin: &Skin, current_a: f64) -> Result<Self, SkinError> {
+    pub(crate) fn new(skin: &Skin, current_a: f64) -> Result<Self, SkinError> {
         let places = skin.mesh.electrodes().len();
         let all = 1..places as u32;
         let quadruples: Vec<[u32; 4]> =
@@ -63,12 +63,12 @@ impl Transfer {
     }
 
     /// `G` of the untouched skin.
-    pub fn untouched(&self) -> PairMatrix {
+    pub(crate) fn untouched(&self) -> PairMatrix {
         PairMatrix::new(self.places, &self.voltages)
     }
 
     /// Change of `G` for a change of conductivity, one value per element.
-    pub fn change(&self, conductivity: &Array1<f64>) -> PairMatrix {
+    pub(crate) fn change(&self, conductivity: &Array1<f64>) -> PairMatrix {
         PairMatrix::new(self.places, &self.jacobian.dot(conductivity).to_vec())
     }
 }
@@ -85,24 +85,24 @@ pub(super) struct Placing {
 
 impl Placing {
     /// Every first electrode in both directions, without exchanged wires.
-    pub fn all(electrodes: usize) -> impl Iterator<Item = Self> {
+    pub(crate) fn all(electrodes: usize) -> impl Iterator<Item = Self> {
         (0..electrodes).flat_map(|start| {
             [false, true].map(|is_clockwise| Self { start, is_clockwise, swapped: None })
         })
     }
 
     /// This placing with the wires of each two neighbours exchanged.
-    pub fn swaps(self, electrodes: usize) -> impl Iterator<Item = Self> {
+    pub(crate) fn swaps(self, electrodes: usize) -> impl Iterator<Item = Self> {
         (0..electrodes).map(move |electrode| Self { swapped: Some(electrode), ..self })
     }
 
     /// The exchanged electrodes.
-    pub fn pair(self, electrodes: usize) -> Option<[usize; 2]> {
+    pub(crate) fn pair(self, electrodes: usize) -> Option<[usize; 2]> {
         self.swapped.map(|electrode| [electrode, (electrode + 1) % electrodes])
     }
 
     /// Quadruples of places, from those of electrodes.
-    pub fn map(self, quadruples: &[[u32; 4]], electrodes: usize) -> Vec<[u32; 4]> {
+    pub(crate) fn map(self, quadruples: &[[u32; 4]], electrodes: usize) -> Vec<[u32; 4]> {
         let pair = self.pair(electrodes);
         let place = |electrode: u32| {
             let mut electrode = electrode as usize % electrodes;

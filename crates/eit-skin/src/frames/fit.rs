@@ -5,8 +5,7 @@ use crate::error::SkinError;
 use crate::scene::DifferenceKind;
 
 /// How well the homogeneous model explains a reference frame.
-#[derive(Debug, Clone, Copy)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct ModelFit {
     /// Factor `g` of the best fit `v_ref = g v0`.
     pub gain: f64,
@@ -43,7 +42,7 @@ impl Frames {
     /// # Errors
     ///
     /// A reference frame that is zero in every used measurement, and one of the opposite sign.
-    pub fn fit_model(
+    pub(crate) fn fit_model(
         &mut self,
         model_voltages: &[f64],
         kind: DifferenceKind,

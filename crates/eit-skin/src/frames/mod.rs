@@ -1,6 +1,7 @@
 //! Recorded frames and their reference, in the order of a scene's protocol.
 
 mod fit;
+mod load;
 mod order;
 mod quiet;
 mod reference;
@@ -11,16 +12,19 @@ pub(crate) use fit::{ALIKE, are_magnitudes};
 pub use quiet::QuietFrames;
 pub(crate) use reference::left_out;
 
+use load::{Loaded, drive_current_a, read};
+
 use crate::error::SkinError;
 use crate::faults::{self, ElectrodeFault, FaultKind};
-use crate::scene::{Component, DifferenceKind, FrameSettings, Reference};
+use crate::scene::{DifferenceKind, Reference};
 use crate::skin::Skin;
 use crate::words::counted;
 use eit_fem::Protocol;
-use eit_hw::{Layout, MeasuredFrames, Quality, Recording};
+use eit_hw::{MeasuredFrames, Quality};
 use eit_inverse::noise_std_of_quiet_frames;
-use ndarray::{Array2, Axis, concatenate};
-use std::path::{Path, PathBuf};
+use ndarray::{Array2, Axis};
+use std::fmt;
+use std::path::PathBuf;
 
 /// Frames that are ready for reconstruction.
 #[derive(Debug, Clone)]
@@ -51,7 +55,7 @@ pub struct Frames {
 
 impl Frames {
     /// Returns the frames whose used measurements are all good.
-    pub fn clean(&self) -> Vec<usize> {
+    pub(crate) fn clean(&self) -> Vec<usize> {
         let is_clean = |frame: &usize| {
             self.good.row(*frame).iter().zip(&self.used).all(|(good, used)| *good || !*used)
         };
@@ -72,14 +76,6 @@ impl Frames {
     }
 }
 
-/// Frames read from files, in protocol order.
-struct Loaded {
-    frames: MeasuredFrames,
-    marked_reference: Option<usize>,
-    ordered_by_file: bool,
-    notes: Vec<String>,
-}
-
 impl Skin {
     /// Reads the frames of the settings; `files` and `reference` of the caller take precedence.
     ///
@@ -92,8 +88,8 @@ impl Skin {
         reference: Option<&Reference>,
     ) -> Result<Frames, SkinError> {
         let loaded = read(self, &self.files(files)?)?;
-        let taken = reference::take(self, &loaded, reference)?;
-        assemble(self, loaded, taken)
+        let found = reference::choose(self, &loaded, reference)?;
+        assemble(self, loaded, found)
     }
 
     /// Takes values [frame, measurement], volt, in protocol order, as if read from a recording.
@@ -117,8 +113,8 @@ impl Skin {
         };
         let loaded =
             Loaded { frames, marked_reference: None, ordered_by_file: false, notes: Vec::new() };
-        let taken = reference::take(self, &loaded, None)?;
-        assemble(self, loaded, taken)
+        let found = reference::choose(self, &loaded, None)?;
+        assemble(self, loaded, found)
     }
 
     /// Takes an instrument's frames of the untouched skin; their mean is the reference.
@@ -126,30 +122,30 @@ impl Skin {
     /// # Errors
     ///
     /// No usable measurement; data in another order than the protocol's.
-    pub fn frames_of_quiet(&self, mut frames: MeasuredFrames) -> Result<Frames, SkinError> {
+    pub(crate) fn frames_of_quiet(&self, mut frames: MeasuredFrames) -> Result<Frames, SkinError> {
         frames.to_volts(drive_current_a(&self.protocol));
-        frames.values *= self.settings.recording.scale;
-        let taken = reference::of_quiet(&frames);
+        frames.values *= self.settings.recording.factor();
+        let found = reference::of_quiet(&frames);
         let (marked_reference, ordered_by_file, notes) = (None, false, Vec::new());
-        assemble(self, Loaded { frames, marked_reference, ordered_by_file, notes }, taken)
+        assemble(self, Loaded { frames, marked_reference, ordered_by_file, notes }, found)
     }
 
     /// Returns the factor that converts a live instrument's values to those of [`Skin::frames_of_quiet`].
-    pub fn live_factor(&self, unit: eit_hw::Unit) -> f64 {
+    pub(crate) fn live_factor(&self, unit: eit_hw::Unit) -> f64 {
         let volts = match unit {
             eit_hw::Unit::Ohm => drive_current_a(&self.protocol),
             eit_hw::Unit::Volt | eit_hw::Unit::Arbitrary => 1.0,
         };
-        volts * self.settings.recording.scale
+        volts * self.settings.recording.factor()
     }
 
     /// The caller's files, else those of the settings.
     fn files(&self, given: &[PathBuf]) -> Result<Vec<PathBuf>, SkinError> {
-        match (given, &self.settings.recording.files) {
-            ([], Some(files)) if files.is_empty() => {
+        match (given, self.settings.recording.files()) {
+            ([], Some([])) => {
                 Err(SkinError::input("recording.file is an empty list").within(&self.place))
             }
-            ([], Some(files)) => Ok(files.clone()),
+            ([], Some(files)) => Ok(files.to_vec()),
             ([], None) => {
                 let problem = "no frames: give their files, or set [recording] file in the scene";
                 Err(SkinError::argument("frames", problem))
@@ -160,14 +156,18 @@ impl Skin {
 }
 
 /// Determines which measurements are used, and why the others are not.
-fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Frames, SkinError> {
+fn assemble(
+    skin: &Skin,
+    loaded: Loaded,
+    found: reference::ReferenceFrame,
+) -> Result<Frames, SkinError> {
     let mut notes = loaded.notes.clone();
     let count = loaded.frames.values.nrows();
     let mean = loaded.frames.mean_frame();
     let reciprocity_error = order::check(skin, &loaded, &mean, &mut notes)?;
-    let reasons = reasons_to_leave_out(skin, &loaded, &taken);
+    let reasons = reasons_to_leave_out(skin, &loaded, &found);
     let mut used: Vec<bool> = reasons.iter().map(Option::is_none).collect();
-    for why in [DRIVEN, ZERO, BAD_REFERENCE, MOSTLY_BAD] {
+    for why in [Unused::Driven, Unused::Zero, Unused::BadReference, Unused::MostlyBad] {
         let count = reasons.iter().flatten().filter(|reason| **reason == why).count();
         if count > 0 {
             notes
@@ -180,21 +180,21 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
              too coarse to show its noise"
         ));
     }
-    if taken.left_out > 0 {
-        notes.push(reference::left_out(taken.left_out));
+    if found.left_out > 0 {
+        notes.push(reference::left_out(found.left_out));
     }
-    if !taken.touched {
-        let reference::Measured { values, quality } = &taken.frames;
+    if !found.touched {
+        let reference::FlaggedValues { values, quality } = &found.frames;
         let is_good = |f: usize, i: usize| used[i] && quality[(f, i)].is_good();
         notes.extend(steady::unrest(values.view(), is_good).map(steady::words));
     }
-    let quiet = quiet::find(skin, &loaded.frames, &taken, &used, &mut notes)?;
-    let mut faults = leave_out_lost(skin, &reasons, &taken.values, &mut used, &mut notes);
-    faults.extend(leave_out_floating(skin, &taken, quiet.as_ref(), &mut used, &mut notes)?);
+    let quiet = quiet::find(skin, &loaded.frames, &found, &used, &mut notes)?;
+    let mut faults = leave_out_lost(skin, &reasons, &found.values, &mut used, &mut notes);
+    faults.extend(leave_out_floating(skin, &found, quiet.as_ref(), &mut used, &mut notes)?);
     if !used.contains(&true) {
         return Err(SkinError::input(format!("no measurement is usable: {}", notes.join("; "))));
     }
-    let first = skin.settings.recording.first_frame;
+    let first = skin.settings.recording.first_frame.unwrap_or(0);
     if first >= count {
         let message = format!("recording.first_frame is {first}, but there are {count} frames");
         return Err(SkinError::input(message));
@@ -209,9 +209,9 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
     Ok(Frames {
         values: from_first(&loaded.frames.values),
         good: good.slice_axis(Axis(0), (first..).into()).to_owned(),
-        reference_frames: taken.frames.values.nrows(),
-        reference: taken.values,
-        reference_source: taken.source,
+        reference_frames: found.frames.values.nrows(),
+        reference: found.values,
+        reference_source: found.source,
         quiet,
         faults,
         used,
@@ -224,14 +224,14 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
 /// Excludes the measurements of electrodes that float in the quiet frames.
 fn leave_out_floating(
     skin: &Skin,
-    taken: &reference::Taken,
+    found: &reference::ReferenceFrame,
     quiet: Option<&QuietFrames>,
     used: &mut [bool],
     notes: &mut Vec<String>,
 ) -> Result<Vec<ElectrodeFault>, SkinError> {
     let noise = quiet.map(|quiet| noise_std_of_quiet_frames(quiet.values.view()));
     let Some(Ok(std_v)) = noise else { return Ok(Vec::new()) };
-    let (found, left_out) = faults::of_reference(&skin.protocol, used, &std_v, &taken.values)?;
+    let (found, left_out) = faults::of_reference(&skin.protocol, used, &std_v, &found.values)?;
     for fault in &found {
         notes.push(format!("electrode {} {}", fault.electrode + 1, fault.kind.words()));
     }
@@ -243,19 +243,20 @@ fn leave_out_floating(
 /// zero or bad, and those whose measurements all have the same value, as at full scale.
 fn leave_out_lost(
     skin: &Skin,
-    reasons: &[Option<&'static str>],
+    reasons: &[Option<Unused>],
     reference: &[f64],
     used: &mut [bool],
     notes: &mut Vec<String>,
 ) -> Vec<ElectrodeFault> {
-    let measured: Vec<bool> = reasons.iter().map(|reason| *reason != Some(DRIVEN)).collect();
+    let measured: Vec<bool> =
+        reasons.iter().map(|reason| *reason != Some(Unused::Driven)).collect();
     let of_electrode = faults::of_electrode(&skin.protocol, &measured);
     let kind_of = |of_e: &Vec<usize>| {
         if of_e.len() < LEAST_OF_ELECTRODE {
             return None;
         }
         if of_e.iter().all(|&i| reasons[i].is_some()) {
-            let is_flagged = of_e.iter().any(|&i| reasons[i] != Some(ZERO));
+            let is_flagged = of_e.iter().any(|&i| reasons[i] != Some(Unused::Zero));
             return Some(if is_flagged { FaultKind::Flagged } else { FaultKind::Contradicts });
         }
         let size = reference[of_e[0]].abs();
@@ -280,22 +281,38 @@ fn leave_out_lost(
 /// An electrode with fewer measurements is not judged.
 const LEAST_OF_ELECTRODE: usize = 4;
 
-const DRIVEN: &str = "on current-carrying electrodes";
-const ZERO: &str = "zero, or almost, in the reference frame";
 /// Threshold for almost zero, relative to the largest value of the reference frame: changes divided by less
 /// are noise of any instrument (120 dB).
 const ALMOST_ZERO: f64 = 1e-6;
-const BAD_REFERENCE: &str = "flagged bad in the reference";
-const MOSTLY_BAD: &str = "flagged bad in more than half of the frames";
+
+/// Why a measurement is excluded from all frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Unused {
+    Driven,
+    Zero,
+    BadReference,
+    MostlyBad,
+}
+
+impl fmt::Display for Unused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Driven => "on current-carrying electrodes",
+            Self::Zero => "zero, or almost, in the reference frame",
+            Self::BadReference => "flagged bad in the reference",
+            Self::MostlyBad => "flagged bad in more than half of the frames",
+        })
+    }
+}
 
 /// Why each measurement is excluded from all frames; `None` if it is used. A measurement that is bad in some
 /// frames only is excluded from those frames.
 fn reasons_to_leave_out(
     skin: &Skin,
     loaded: &Loaded,
-    taken: &reference::Taken,
-) -> Vec<Option<&'static str>> {
-    let (reference, reference_good) = (&taken.values, &taken.good);
+    found: &reference::ReferenceFrame,
+) -> Vec<Option<Unused>> {
+    let (reference, reference_good) = (&found.values, &found.good);
     let driven = on_driven_electrodes(&skin.protocol);
     let use_driven = skin.settings.reconstruction.use_driven_electrodes;
     let normalised = skin.difference_kind() == DifferenceKind::Normalised;
@@ -305,69 +322,13 @@ fn reasons_to_leave_out(
     let bad = |i: usize| loaded.frames.quality.column(i).iter().filter(|q| !q.is_good()).count();
     (0..skin.protocol.measurements())
         .map(|i| match i {
-            _ if driven[i] && !use_driven => Some(DRIVEN),
-            _ if !reference_good[i] || !reference[i].is_finite() => Some(BAD_REFERENCE),
-            _ if 2 * bad(i) > frames => Some(MOSTLY_BAD),
-            _ if normalised && reference[i].abs() <= ALMOST_ZERO * largest => Some(ZERO),
+            _ if driven[i] && !use_driven => Some(Unused::Driven),
+            _ if !reference_good[i] || !reference[i].is_finite() => Some(Unused::BadReference),
+            _ if 2 * bad(i) > frames => Some(Unused::MostlyBad),
+            _ if normalised && reference[i].abs() <= ALMOST_ZERO * largest => Some(Unused::Zero),
             _ => None,
         })
         .collect()
-}
-
-fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> {
-    let keys: &FrameSettings = &skin.settings.recording;
-    let protocol = &skin.protocol;
-    let (format, options) = keys.reading()?;
-    let scale = keys.scale;
-    let component = match keys.component {
-        Component::Real => eit_hw::Component::Real,
-        Component::Imaginary => eit_hw::Component::Imaginary,
-        Component::Magnitude => eit_hw::Component::Magnitude,
-        Component::Phased => eit_hw::Component::Phased,
-    };
-    let mut parts = Vec::new();
-    let mut notes = Vec::new();
-    let (mut marked_reference, mut ordered_by_file) = (None, true);
-    for file in files {
-        let recording = eit_hw::read_recording(file, format, &options)?;
-        let count = protocol.measurements();
-        let mut frames = recording.frames_for(protocol.quadruples(), count, component)?;
-        frames.to_volts(drive_current_a(protocol));
-        frames.values *= scale;
-        notes.extend(notes_of(&recording, file));
-        if parts.is_empty() {
-            marked_reference = recording.reference_frame;
-        }
-        ordered_by_file &= !matches!(recording.layout, Layout::ProtocolOrder);
-        parts.push(frames);
-    }
-    let frames = joined(parts)?;
-    Ok(Loaded { frames, marked_reference, ordered_by_file, notes })
-}
-
-/// Notes for the user about one file.
-fn notes_of(recording: &Recording, file: &Path) -> Vec<String> {
-    let name = name_of(file);
-    let mut notes: Vec<String> = recording.notes.iter().map(|n| format!("{name}: {n}")).collect();
-    if recording.skipped.frames > 0 {
-        notes.push(format!("{name}: {}", recording.skipped));
-    }
-    notes
-}
-
-/// Concatenates the frames of several files; their clocks do not continue, so times are dropped.
-fn joined(mut parts: Vec<MeasuredFrames>) -> Result<MeasuredFrames, SkinError> {
-    if parts.len() == 1 {
-        return Ok(parts.remove(0));
-    }
-    let failed = |e: ndarray::ShapeError| SkinError::Failure(format!("joining files: {e}"));
-    let values: Vec<_> = parts.iter().map(|p| p.values.view()).collect();
-    let quality: Vec<_> = parts.iter().map(|p| p.quality.view()).collect();
-    let (values, quality) = (
-        concatenate(Axis(0), &values).map_err(failed)?,
-        concatenate(Axis(0), &quality).map_err(failed)?,
-    );
-    Ok(MeasuredFrames { values, quality, device_time_s: None, ..parts.remove(0) })
 }
 
 /// Whether each measurement involves a current-carrying electrode, for patterns that drive two. With patterns
@@ -386,15 +347,6 @@ pub(crate) fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
 /// (`reconstruction.use_driven_electrodes`).
 pub fn has_driven_electrodes(protocol: &Protocol) -> bool {
     on_driven_electrodes(protocol).contains(&true)
-}
-
-fn name_of(path: &Path) -> String {
-    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
-}
-
-/// Largest current of the first stimulation, which converts a measured impedance to a voltage.
-fn drive_current_a(protocol: &Protocol) -> f64 {
-    protocol.stimulations_a().row(0).iter().fold(0.0, |m: f64, i| m.max(i.abs()))
 }
 
 fn rate(time_s: Option<&[f64]>) -> Option<f64> {

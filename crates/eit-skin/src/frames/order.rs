@@ -1,13 +1,13 @@
 //! Checks by reciprocity whether the data is in the scene's order; never reorders anything.
 
-use super::Loaded;
+use super::load::Loaded;
 use crate::error::SkinError;
 use crate::skin::Skin;
 use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 use eit_hw::OrderVerdict;
 
 /// Compares the order of the data with other orders; returns the reciprocity error in the scene's order.
-pub fn check(
+pub(crate) fn check(
     skin: &Skin,
     loaded: &Loaded,
     mean: &[f64],

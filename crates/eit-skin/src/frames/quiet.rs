@@ -1,6 +1,6 @@
 //! Frames of the untouched skin, from which the noise is measured.
 
-use super::reference::Taken;
+use super::reference::ReferenceFrame;
 use super::steady;
 use crate::error::SkinError;
 use crate::skin::Skin;
@@ -11,8 +11,7 @@ use ndarray::{Array2, Axis};
 const LEAST_FRAMES: usize = 3;
 
 /// Frames of the untouched skin.
-#[derive(Debug, Clone)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct QuietFrames {
     /// [frame, measurement], in the unit of the frames; 0 in measurements that are not used.
@@ -23,10 +22,10 @@ pub struct QuietFrames {
 
 /// Returns the frames that `noise.quiet_frames` names, else those of the reference if there are several and
 /// they are not the whole recording, touches included. Frames with bad values are skipped.
-pub fn find(
+pub(crate) fn find(
     skin: &Skin,
     recording: &MeasuredFrames,
-    reference: &Taken,
+    reference: &ReferenceFrame,
     used: &[bool],
     notes: &mut Vec<String>,
 ) -> Result<Option<QuietFrames>, SkinError> {

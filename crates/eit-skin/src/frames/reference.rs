@@ -1,6 +1,7 @@
 //! The reference frame, which is subtracted: a frame, a mean, or another file.
 
-use super::{Loaded, name_of, read, steady};
+use super::load::{Loaded, name_of, read};
+use super::steady;
 use crate::error::SkinError;
 use crate::scene::Reference;
 use crate::skin::Skin;
@@ -11,7 +12,7 @@ use std::path::Path;
 
 /// A reference frame.
 #[derive(Debug, Clone)]
-pub struct Taken {
+pub(crate) struct ReferenceFrame {
     /// Mean frame, `[measurement]`.
     pub values: Vec<f64>,
     /// Which values are good.
@@ -19,7 +20,7 @@ pub struct Taken {
     /// Source of the reference, in words.
     pub source: String,
     /// Frames that were averaged.
-    pub frames: Measured,
+    pub frames: FlaggedValues,
     /// Whether it is the mean of the whole recording, touches included.
     pub touched: bool,
     /// Number of frames that were not averaged, because they are of another kind than the others.
@@ -28,14 +29,18 @@ pub struct Taken {
 
 /// Values and their flags, both [frame, measurement].
 #[derive(Debug, Clone)]
-pub struct Measured {
+pub(crate) struct FlaggedValues {
     pub values: Array2<f64>,
     pub quality: Array2<Quality>,
 }
 
-/// Takes the reference of the command line (`given`, files relative to the working directory), else the
+/// Chooses the reference of the command line (`given`, files relative to the working directory), else the
 /// scene's (files relative to the scene), else the one that the file marks.
-pub fn take(skin: &Skin, loaded: &Loaded, given: Option<&Reference>) -> Result<Taken, SkinError> {
+pub(crate) fn choose(
+    skin: &Skin,
+    loaded: &Loaded,
+    given: Option<&Reference>,
+) -> Result<ReferenceFrame, SkinError> {
     let count = loaded.frames.values.nrows();
     let marked = loaded.marked_reference.map(Reference::Frame);
     let reference = given.or(skin.settings.recording.reference.as_ref()).or(marked.as_ref());
@@ -74,8 +79,15 @@ pub fn take(skin: &Skin, loaded: &Loaded, given: Option<&Reference>) -> Result<T
         phase_rad: None,
     };
     let (values, good) = frames.mean_of(0..rows.len());
-    let frames = Measured { values: frames.values, quality: frames.quality };
-    Ok(Taken { values, good, source: words, frames, touched, left_out: wanted - rows.len() })
+    let frames = FlaggedValues { values: frames.values, quality: frames.quality };
+    Ok(ReferenceFrame {
+        values,
+        good,
+        source: words,
+        frames,
+        touched,
+        left_out: wanted - rows.len(),
+    })
 }
 
 /// Returns the frames of a range but damaged ones and those of another level, as for live frames; all of them if these are
@@ -97,22 +109,22 @@ pub(crate) fn left_out(count: usize) -> String {
 }
 
 /// Averages frames of the untouched skin.
-pub fn of_quiet(frames: &MeasuredFrames) -> Taken {
+pub(crate) fn of_quiet(frames: &MeasuredFrames) -> ReferenceFrame {
     let count = frames.values.nrows();
     let (values, good) = frames.mean_of(0..count);
     let source = format!("the first {count} frames");
-    let frames = Measured { values: frames.values.clone(), quality: frames.quality.clone() };
-    Taken { values, good, source, frames, touched: false, left_out: 0 }
+    let frames = FlaggedValues { values: frames.values.clone(), quality: frames.quality.clone() };
+    ReferenceFrame { values, good, source, frames, touched: false, left_out: 0 }
 }
 
-fn from_file(skin: &Skin, path: &Path) -> Result<Taken, SkinError> {
+fn from_file(skin: &Skin, path: &Path) -> Result<ReferenceFrame, SkinError> {
     let other = read(skin, std::slice::from_ref(&path.to_path_buf()))?;
     let count = other.frames.values.nrows();
     let (values, good) = other.frames.mean_of(0..count);
     let frames = if count == 1 { "1 frame".to_owned() } else { format!("mean of {count} frames") };
     let source = format!("{} ({frames})", name_of(path));
-    let frames = Measured { values: other.frames.values, quality: other.frames.quality };
-    Ok(Taken { values, good, source, frames, touched: false, left_out: 0 })
+    let frames = FlaggedValues { values: other.frames.values, quality: other.frames.quality };
+    Ok(ReferenceFrame { values, good, source, frames, touched: false, left_out: 0 })
 }
 
 fn single(frame: usize) -> (Range<usize>, String) {

@@ -110,7 +110,7 @@ fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use eit_fem::fabric::Random;
+    use eit_core::Random;
     use ndarray::Array2;
 
     const NOISE: f64 = 1e-4;

@@ -26,6 +26,6 @@ mod store;
 
 pub use collector::{AskedPress, CollectSettings, CollectedPress, Collecting, PressCollector};
 pub use falling::{ErrorPoint, FallingError};
-pub use places::{draw_places, place_words, press_places};
+pub use places::{draw_places, place_words};
 #[cfg(feature = "recording")]
 pub use store::{PressStore, StoredPresses};

@@ -14,8 +14,7 @@ const COUNTS: [usize; 7] = [5, 10, 25, 50, 100, 200, 400];
 const LEAST_TESTED: usize = 5;
 
 /// A point of the learning curve.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CurvePoint {
     /// Number of presses learnt: those of the earlier file, and the first of the table.
     pub learnt: usize,

@@ -27,7 +27,7 @@ pub(super) struct Joined {
 impl Joined {
     /// Rejects an earlier file that is incompatible with these presses, frames without a change, and
     /// duplicate frames.
-    pub fn new(
+    pub(crate) fn new(
         fitted: &FittedFrames,
         pressed: &PressFrames,
         frame: Frame,
@@ -81,7 +81,7 @@ impl Joined {
 
     /// Frames and what is subtracted from each, `[measurement]`; those of the earlier file are added to the
     /// reference of these frames.
-    pub fn pairs<'a>(
+    pub(crate) fn pairs<'a>(
         &'a self,
         fitted: &'a FittedFrames,
         pressed: &'a PressFrames,
@@ -97,7 +97,7 @@ impl Joined {
     }
 
     /// Adds the name of the press to an error that contains its index.
-    pub fn named(&self, error: InverseError) -> SkinError {
+    pub(crate) fn named(&self, error: InverseError) -> SkinError {
         let press = match error {
             InverseError::NonFiniteData { frame: press, .. }
             | InverseError::EmptyPress { press }
@@ -109,7 +109,7 @@ impl Joined {
     }
 
     /// The same for an error that may be of another kind.
-    pub fn located(&self, error: SkinError) -> SkinError {
+    pub(crate) fn located(&self, error: SkinError) -> SkinError {
         match error {
             SkinError::Inverse(error) => self.named(error),
             error => error,

@@ -3,10 +3,10 @@
 
 mod check;
 
-use super::{ErrorsByWay, LearnedForce, LearnedSkin, PlacesBy, StrengthBy};
+use super::{ErrorsByWay, LearnedForce, LearnedSkin, PlacesBy};
 use crate::error::SkinError;
 use crate::scene::read_file_of;
-use eit_inverse::learn::{ForceCurve, PlaceRegressionSettings, Pose, Presses, ResponseMapSettings};
+use eit_inverse::learn::{PlaceRegressionSettings, Pose, Presses, ResponseMapSettings};
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -34,7 +34,7 @@ struct Content {
     ratios: Vec<f64>,
     bell_m: f64,
     sign: f64,
-    pose: PoseRecord,
+    pose: Pose,
     places_m: Vec<[f64; 3]>,
     forces_n: Vec<Option<f64>>,
     /// Session of each press; absent if all were made in one.
@@ -43,52 +43,18 @@ struct Content {
     /// `[press][channel]`, volts.
     frames: Vec<Vec<f64>>,
     map: MapRecord,
-    regression: RegressionRecord,
+    regression: PlaceRegressionSettings,
     places_by: PlacesBy,
     errors: ErrorsByWay,
-    force: Option<ForceRecord>,
+    force: Option<LearnedForce>,
 }
 
 #[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PoseRecord {
-    turn_rad: f64,
-    is_mirrored: bool,
-    scale: f64,
-    shift_m: [f64; 2],
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 struct MapRecord {
-    length_m: f64,
-    noise: f64,
-    gain_pull: Option<f64>,
-    independent_channels: f64,
+    #[serde(flatten)]
+    settings: ResponseMapSettings,
     covariance_factor: f64,
     rest_limit: f64,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RegressionRecord {
-    is_standardised: bool,
-    width2: f64,
-    ridge: f64,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ForceRecord {
-    strength_by: StrengthBy,
-    coefficients: Vec<f64>,
-    covariance: Vec<f64>,
-    middle_m: [f64; 3],
-    radius_m: f64,
-    middle_ln: f64,
-    range_ln: [f64; 2],
-    error_ln: f64,
-    forces_n: [f64; 2],
 }
 
 impl LearnedSkin {
@@ -154,10 +120,6 @@ impl LearnedSkin {
     }
 
     fn content(&self) -> Content {
-        let ResponseMapSettings { length_m, noise, gain_pull, independent_channels } = self.map;
-        let PlaceRegressionSettings { is_standardised, width2, ridge } = self.regression;
-        let Pose { turn_rad, is_mirrored, scale, shift_m } = self.pose;
-        let (covariance_factor, rest_limit) = (self.covariance_factor, self.rest_limit);
         Content {
             skin: self.fingerprint.clone(),
             measurements: self.measurements,
@@ -165,63 +127,29 @@ impl LearnedSkin {
             ratios: self.ratios.clone(),
             bell_m: self.bell_m,
             sign: self.sign,
-            pose: PoseRecord { turn_rad, is_mirrored, scale, shift_m },
+            pose: self.pose,
             places_m: self.presses.places_m.clone(),
             forces_n: self.forces_n.clone(),
             sessions: self.presses.sessions.clone(),
             frames: self.presses.frames.rows().into_iter().map(|row| row.to_vec()).collect(),
             map: MapRecord {
-                length_m,
-                noise,
-                gain_pull,
-                independent_channels,
-                covariance_factor,
-                rest_limit,
+                settings: self.map,
+                covariance_factor: self.covariance_factor,
+                rest_limit: self.rest_limit,
             },
-            regression: RegressionRecord { is_standardised, width2, ridge },
+            regression: self.regression,
             places_by: self.places_by,
             errors: self.errors,
-            force: self.force.as_ref().map(|LearnedForce { strength_by, curve }| ForceRecord {
-                strength_by: *strength_by,
-                coefficients: curve.coefficients.to_vec(),
-                covariance: curve.covariance.clone(),
-                middle_m: curve.middle_m,
-                radius_m: curve.radius_m,
-                middle_ln: curve.middle_ln,
-                range_ln: curve.range_ln,
-                error_ln: curve.error_ln,
-                forces_n: curve.forces_n,
-            }),
+            force: self.force.clone(),
         }
     }
 }
 
 impl Content {
     fn learned(self) -> Result<LearnedSkin, SkinError> {
-        let PoseRecord { turn_rad, is_mirrored, scale, shift_m } = self.pose;
-        let MapRecord { length_m, noise, gain_pull, independent_channels, .. } = self.map;
-        let RegressionRecord { is_standardised, width2, ridge } = self.regression;
         let shape = (self.places_m.len(), self.channels.len());
         let frames = Array2::from_shape_vec(shape, self.frames.concat())
             .map_err(|e| SkinError::input(format!("content: {e}")))?;
-        let force = match self.force {
-            None => None,
-            Some(record) => {
-                let mut coefficients = [0.0; ForceCurve::TERMS];
-                coefficients.copy_from_slice(&record.coefficients);
-                let curve = ForceCurve {
-                    coefficients,
-                    covariance: record.covariance,
-                    middle_m: record.middle_m,
-                    radius_m: record.radius_m,
-                    middle_ln: record.middle_ln,
-                    range_ln: record.range_ln,
-                    error_ln: record.error_ln,
-                    forces_n: record.forces_n,
-                };
-                Some(LearnedForce { strength_by: record.strength_by, curve })
-            }
-        };
         Ok(LearnedSkin {
             fingerprint: self.skin,
             measurements: self.measurements,
@@ -229,16 +157,16 @@ impl Content {
             ratios: self.ratios,
             bell_m: self.bell_m,
             sign: self.sign,
-            pose: Pose { turn_rad, is_mirrored, scale, shift_m },
+            pose: self.pose,
             presses: Presses { frames, places_m: self.places_m, sessions: self.sessions },
             forces_n: self.forces_n,
-            map: ResponseMapSettings { length_m, noise, gain_pull, independent_channels },
+            map: self.map.settings,
             covariance_factor: self.map.covariance_factor,
             rest_limit: self.map.rest_limit,
-            regression: PlaceRegressionSettings { is_standardised, width2, ridge },
+            regression: self.regression,
             places_by: self.places_by,
             errors: self.errors,
-            force,
+            force: self.force,
         })
     }
 }

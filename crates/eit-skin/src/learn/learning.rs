@@ -2,7 +2,7 @@
 
 use super::earlier::Joined;
 use super::model::{middle_m, radius_m, ratios, responses};
-use super::presses::{PressTouch, errors_of_detected, strongest};
+use super::presses::{errors_of_detected, strongest};
 use super::{
     CANDIDATES, ErrorsByWay, Frame, LearnedForce, LearnedSkin, PlaceErrors, PlacesBy, PressFrames,
     StrengthBy,
@@ -10,7 +10,7 @@ use super::{
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::progress::Progress;
-use crate::scene::TouchSign;
+use crate::touches::PressTouch;
 use eit_inverse::InverseError;
 use eit_inverse::learn::{
     Choice, ForceCurve, ForceSample, Locator, ModelResponses, PlaceRegression, Pose, Presses,
@@ -45,8 +45,7 @@ pub struct Learning {
 }
 
 /// A press that the others do not explain.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct UnlikePress {
     /// Index of the press in the table, from 0.
@@ -71,10 +70,7 @@ impl LearnedSkin {
         progress: &mut Progress,
     ) -> Result<Learning, SkinError> {
         let skin = &*fitted.skin;
-        let mut sign = match skin.skin.settings.touch.sign {
-            TouchSign::Increase => 1.0,
-            TouchSign::Decrease => -1.0,
-        };
+        let mut sign = skin.skin.settings.touch.sign.factor();
         let joined = Joined::new(fitted, pressed, frame, sign, earlier)?;
         let channels = &joined.channels;
         let ratios = ratios(fitted, channels);

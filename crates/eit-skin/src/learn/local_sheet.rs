@@ -26,7 +26,7 @@ pub(crate) struct LocalSheet {
 
 impl LocalSheet {
     /// Averages a sheet of these conductivities around places spread over the skin, `[element]`, siemens.
-    pub fn new(surface: &Surface, uneven_s: &[f64], even_s: &[f64]) -> Self {
+    pub(crate) fn new(surface: &Surface, uneven_s: &[f64], even_s: &[f64]) -> Self {
         let [low, high] = surface.bounds_m();
         let width_m = WIDTH * (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
         let (centroids, areas) = (surface.centroids(), surface.areas_m2());
@@ -47,7 +47,7 @@ impl LocalSheet {
     }
 
     /// Returns the conductivity at a place relative to that of an even sheet; 1 for an even one.
-    pub fn ratio_at(&self, place_m: [f64; 3]) -> f64 {
+    pub(crate) fn ratio_at(&self, place_m: [f64; 3]) -> f64 {
         let distances = self.places_m.iter().map(|place| distance(*place, place_m));
         let nearest = distances.zip(&self.ratios).min_by(|a, b| a.0.total_cmp(&b.0));
         nearest.map_or(1.0, |(_, ratio)| *ratio)

@@ -1,19 +1,15 @@
 //! Frames of the presses in a table.
 
-use super::{PlaceErrors, PlacesBy, PressTable, touched};
+use super::{PlaceErrors, PlacesBy};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
-use crate::frames::Frames;
 use crate::progress::Progress;
-use crate::touches::{DEFAULT_RATE_HZ, TouchFinder};
+use crate::touches::{DEFAULT_RATE_HZ, PressTouch, TouchFinder};
 use eit_core::vector::distance;
-use eit_inverse::touch::DetectedTouch;
 use ndarray::Array2;
-use std::ops::RangeInclusive;
 
 /// Frames of presses, each with the untouched frame to subtract from it.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct PressFrames {
     /// `[press, measurement]`, volts; arbitrary for measurements that do not count.
@@ -30,68 +26,7 @@ pub struct PressFrames {
     pub place: String,
 }
 
-/// The strongest touch of a press, found by the model alone.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PressTouch {
-    /// The touch.
-    pub touch: DetectedTouch,
-    /// Strength that it would have on an even sheet, S m^2, without sign: divided by the relative conductivity of
-    /// the sheet there, as far as the reference frame shows it.
-    pub even_strength_s_m2: f64,
-}
-
-/// Range of frames of a press.
-#[derive(Debug, Clone)]
-pub(super) struct PressRanges {
-    pub pressed: RangeInclusive<usize>,
-    /// Frames of the untouched skin; `None` for the reference of the recording.
-    pub before: Option<RangeInclusive<usize>>,
-}
-
 impl PressFrames {
-    /// Averages the frames that the table names.
-    ///
-    /// # Errors
-    ///
-    /// Frames that the recording does not have, or that two presses share; a number of frames other than that
-    /// of presses, if the table names no frames; a measurement that counts and is bad in all frames of a
-    /// press; a frame of a press that does not show it.
-    pub fn new(table: &PressTable, frames: &Frames) -> Result<Self, SkinError> {
-        let ranges = ranges(table, frames.values.nrows())?;
-        touched::refuse_shared(table, &ranges)?;
-        let shape = (ranges.len(), frames.values.ncols());
-        let (mut values, mut references) = (Array2::zeros(shape), Array2::zeros(shape));
-        for (k, PressRanges { pressed, before }) in ranges.iter().enumerate() {
-            for i in 0..shape.1 {
-                let untouched = match before {
-                    Some(before) => mean(frames, before, i),
-                    None => Some(frames.reference[i]),
-                };
-                for (what, range, found) in [
-                    ("before it", before.as_ref(), untouched),
-                    ("", Some(pressed), mean(frames, pressed, i)),
-                ] {
-                    if let (true, None, Some(range)) = (frames.used[i], found, range) {
-                        return Err(no_value(i, what, range).within(&table.name(k)));
-                    }
-                }
-                references[[k, i]] = untouched.unwrap_or(frames.reference[i]);
-                values[[k, i]] = mean(frames, pressed, i).unwrap_or(references[[k, i]]);
-            }
-        }
-        let presses = &table.presses;
-        let made = Self {
-            values,
-            references,
-            places_m: presses.iter().map(|p| [p.x_m, p.y_m, p.z_m.unwrap_or(0.0)]).collect(),
-            forces_n: presses.iter().map(|p| p.force_n).collect(),
-            lines: (0..presses.len()).map(|k| table.line(k)).collect(),
-            place: table.place.clone(),
-        };
-        touched::refuse_untouched(&made, &ranges, frames)?;
-        Ok(made)
-    }
-
     /// Returns the name of a press in messages.
     pub fn name(&self, press: usize) -> String {
         match self.lines.get(press) {
@@ -142,7 +77,7 @@ impl PressFrames {
     /// # Errors
     ///
     /// Settings with which no touches can be found.
-    pub fn detect(
+    pub(crate) fn detect(
         &self,
         fitted: &FittedFrames,
         places_by: PlacesBy,
@@ -166,48 +101,9 @@ pub(super) fn strongest(
     Ok(Some(found.collect::<Result<_, _>>()?))
 }
 
-/// The frames of each press.
-fn ranges(table: &PressTable, count: usize) -> Result<Vec<PressRanges>, SkinError> {
-    let presses = &table.presses;
-    let unnamed = presses.iter().filter(|p| p.first_frame.is_none()).count();
-    if unnamed > 0 && (unnamed < presses.len() || presses.len() != count) {
-        return Err(SkinError::input(format!(
-            "{}: {} presses, {unnamed} of them without first_frame, and {count} frames: give every \
-             press its first_frame and last_frame, or as many frames as presses",
-            table.place,
-            presses.len()
-        )));
-    }
-    let range = |k: usize, first: usize, last: Option<usize>| {
-        let last = last.unwrap_or(first);
-        if last >= count {
-            let what = format!("{}, frame {last}", table.name(k));
-            return Err(SkinError::NoSuchFrame { what, last: count - 1 });
-        }
-        Ok(first..=last)
-    };
-    let of = |(k, press): (usize, &super::Press)| {
-        let before = press.before_first.map(|first| range(k, first, press.before_last));
-        Ok(PressRanges {
-            pressed: range(k, press.first_frame.unwrap_or(k), press.last_frame)?,
-            before: before.transpose()?,
-        })
-    };
-    presses.iter().enumerate().map(of).collect()
-}
-
-fn no_value(measurement: usize, what: &str, range: &RangeInclusive<usize>) -> SkinError {
-    let (first, last) = (range.start(), range.end());
-    let space = if what.is_empty() { "" } else { " " };
-    SkinError::input(format!(
-        "measurement {measurement} (from 0) is bad in all frames {first} to {last}{space}{what}: remove the \
-         press, or exclude the measurement or its electrode in the scene"
-    ))
-}
-
 impl PlaceErrors {
     /// Returns median and mean of distances.
-    pub fn of_errors(mut errors_m: Vec<f64>) -> Self {
+    pub(crate) fn of_errors(mut errors_m: Vec<f64>) -> Self {
         errors_m.sort_unstable_by(f64::total_cmp);
         let mean_m = errors_m.iter().sum::<f64>() / errors_m.len().max(1) as f64;
         Self { median_m: errors_m.get(errors_m.len() / 2).copied().unwrap_or(0.0), mean_m }
@@ -234,10 +130,4 @@ pub(super) fn errors_of_detected(
         None => missed_m,
     };
     detected.iter().zip(places_m).map(error).collect()
-}
-
-fn mean(frames: &Frames, range: &RangeInclusive<usize>, i: usize) -> Option<f64> {
-    let good = range.clone().filter(|&f| frames.good[[f, i]]);
-    let (sum, count) = good.fold((0.0, 0), |(s, n), f| (s + frames.values[[f, i]], n + 1));
-    (count > 0).then(|| sum / f64::from(count))
 }

@@ -61,7 +61,7 @@ impl LearnedTouches {
     /// # Errors
     ///
     /// Presses learnt on another skin, protocol or choice of measurements.
-    pub fn new(
+    pub(crate) fn new(
         learned: &LearnedSkin,
         skin: &LinearisedSkin,
         used: &[bool],
@@ -98,7 +98,7 @@ impl LearnedTouches {
     /// Returns the touches found by the model, corrected by what was learnt, using the channels that are
     /// present. Regression only handles complete frames with one touch; the map replaces it for all others.
     /// Does not allocate, except where regression locates the touch.
-    pub fn refine(
+    pub(crate) fn refine(
         &mut self,
         values: &[f64],
         reference: &[f64],

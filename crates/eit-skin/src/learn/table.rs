@@ -1,7 +1,7 @@
 //! The table of presses: a CSV file with a line per press.
 
 use crate::error::SkinError;
-use crate::scene::read_file_of;
+use crate::scene::{Must, check_numbers, read_file_of};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -136,29 +136,23 @@ impl PressTable {
             return Err(SkinError::input(format!("{}: no presses", self.place)));
         }
         for (k, press) in self.presses.iter().enumerate() {
-            let at = |what: &str, value: f64, must: &str| {
-                let message = format!("{what} is {value}: it must be {must}");
-                SkinError::input(message).within(&self.name(k))
-            };
-            for (what, value) in
-                [("x_m", press.x_m), ("y_m", press.y_m), ("z_m", press.z_m.unwrap_or(0.0))]
-            {
-                if !value.is_finite() {
-                    return Err(at(what, value, "finite"));
-                }
-            }
-            if let Some(force_n) = press.force_n.filter(|f| !(*f > 0.0 && f.is_finite())) {
-                return Err(at("force_n", force_n, "finite and above zero"));
-            }
+            check_numbers([
+                ("x_m", Some(press.x_m), Must::Finite),
+                ("y_m", Some(press.y_m), Must::Finite),
+                ("z_m", press.z_m, Must::Finite),
+                ("force_n", press.force_n, Must::Positive),
+            ])
+            .map_err(|e| e.within(&self.name(k)))?;
             let ranges = [
                 ("last_frame", press.first_frame, press.last_frame),
                 ("before_last", press.before_first, press.before_last),
             ];
-            for (what, first, last) in ranges {
+            for (key, first, last) in ranges {
                 if let Some(last) = last
                     && first.is_none_or(|first| last < first)
                 {
-                    return Err(at(what, last as f64, "at or after its first frame"));
+                    let (value, must) = (last as f64, "at or after its first frame");
+                    return Err(SkinError::OutOfRange { key, value, must }.within(&self.name(k)));
                 }
             }
         }

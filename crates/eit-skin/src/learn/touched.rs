@@ -1,11 +1,11 @@
-//! Rejects presses that do not appear in their frames: such a press teaches a wrong position or force, and
-//! distorts every other choice.
+//! Averages the frames of presses, and rejects presses that do not appear in them: such a press teaches a wrong
+//! position or force, and distorts every other choice.
 
-use super::presses::PressRanges;
-use super::{PressFrames, PressTable};
+use super::{Press, PressFrames, PressTable};
 use crate::error::SkinError;
 use crate::frames::Frames;
 use eit_inverse::noise_std_of_quiet_frames;
+use ndarray::Array2;
 use std::ops::RangeInclusive;
 
 /// A frame that shows less than this fraction of its press's mean change is one of the untouched skin: there
@@ -16,8 +16,106 @@ const LEAST_PART: f64 = 0.25;
 /// ratio is 1 on average, with a deviation of 0.1 at 200 measurements.
 const NOISE_FACTOR: f64 = 2.0;
 
+/// Range of frames of a press.
+#[derive(Debug, Clone)]
+struct PressRanges {
+    pressed: RangeInclusive<usize>,
+    /// Frames of the untouched skin; `None` for the reference of the recording.
+    before: Option<RangeInclusive<usize>>,
+}
+
+impl PressFrames {
+    /// Averages the frames that the table names.
+    ///
+    /// # Errors
+    ///
+    /// Frames that the recording does not have, or that two presses share; a number of frames other than that
+    /// of presses, if the table names no frames; a measurement that counts and is bad in all frames of a
+    /// press; a frame of a press that does not show it.
+    pub fn new(table: &PressTable, frames: &Frames) -> Result<Self, SkinError> {
+        let ranges = ranges(table, frames.values.nrows())?;
+        refuse_shared(table, &ranges)?;
+        let shape = (ranges.len(), frames.values.ncols());
+        let (mut values, mut references) = (Array2::zeros(shape), Array2::zeros(shape));
+        for (k, PressRanges { pressed, before }) in ranges.iter().enumerate() {
+            for i in 0..shape.1 {
+                let untouched = match before {
+                    Some(before) => mean(frames, before, i),
+                    None => Some(frames.reference[i]),
+                };
+                for (what, range, found) in [
+                    ("before it", before.as_ref(), untouched),
+                    ("", Some(pressed), mean(frames, pressed, i)),
+                ] {
+                    if let (true, None, Some(range)) = (frames.used[i], found, range) {
+                        return Err(no_value(i, what, range).within(&table.name(k)));
+                    }
+                }
+                references[[k, i]] = untouched.unwrap_or(frames.reference[i]);
+                values[[k, i]] = mean(frames, pressed, i).unwrap_or(references[[k, i]]);
+            }
+        }
+        let presses = &table.presses;
+        let made = Self {
+            values,
+            references,
+            places_m: presses.iter().map(|p| [p.x_m, p.y_m, p.z_m.unwrap_or(0.0)]).collect(),
+            forces_n: presses.iter().map(|p| p.force_n).collect(),
+            lines: (0..presses.len()).map(|k| table.line(k)).collect(),
+            place: table.place.clone(),
+        };
+        refuse_untouched(&made, &ranges, frames)?;
+        Ok(made)
+    }
+}
+
+/// The frames of each press.
+fn ranges(table: &PressTable, count: usize) -> Result<Vec<PressRanges>, SkinError> {
+    let presses = &table.presses;
+    let unnamed = presses.iter().filter(|p| p.first_frame.is_none()).count();
+    if unnamed > 0 && (unnamed < presses.len() || presses.len() != count) {
+        return Err(SkinError::input(format!(
+            "{}: {} presses, {unnamed} of them without first_frame, and {count} frames: give every \
+             press its first_frame and last_frame, or as many frames as presses",
+            table.place,
+            presses.len()
+        )));
+    }
+    let range = |k: usize, first: usize, last: Option<usize>| {
+        let last = last.unwrap_or(first);
+        if last >= count {
+            let what = format!("{}, frame {last}", table.name(k));
+            return Err(SkinError::NoSuchFrame { what, last: count - 1 });
+        }
+        Ok(first..=last)
+    };
+    let of = |(k, press): (usize, &Press)| {
+        let before = press.before_first.map(|first| range(k, first, press.before_last));
+        Ok(PressRanges {
+            pressed: range(k, press.first_frame.unwrap_or(k), press.last_frame)?,
+            before: before.transpose()?,
+        })
+    };
+    presses.iter().enumerate().map(of).collect()
+}
+
+fn no_value(measurement: usize, what: &str, range: &RangeInclusive<usize>) -> SkinError {
+    let (first, last) = (range.start(), range.end());
+    let space = if what.is_empty() { "" } else { " " };
+    SkinError::input(format!(
+        "measurement {measurement} (from 0) is bad in all frames {first} to {last}{space}{what}: remove the \
+         press, or exclude the measurement or its electrode in the scene"
+    ))
+}
+
+fn mean(frames: &Frames, range: &RangeInclusive<usize>, i: usize) -> Option<f64> {
+    let good = range.clone().filter(|&f| frames.good[[f, i]]);
+    let (sum, count) = good.fold((0.0, 0), |(s, n), f| (s + frames.values[[f, i]], n + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}
+
 /// Rejects presses that share frames, and frames that are named both as pressed and as untouched.
-pub(super) fn refuse_shared(table: &PressTable, ranges: &[PressRanges]) -> Result<(), SkinError> {
+fn refuse_shared(table: &PressTable, ranges: &[PressRanges]) -> Result<(), SkinError> {
     let mut pressed: Vec<(usize, &RangeInclusive<usize>)> =
         ranges.iter().map(|range| &range.pressed).enumerate().collect();
     pressed.sort_unstable_by_key(|(press, range)| (*range.start(), *press));
@@ -51,7 +149,7 @@ pub(super) fn refuse_shared(table: &PressTable, ranges: &[PressRanges]) -> Resul
 }
 
 /// Rejects presses whose change is no larger than noise, and presses that some of their frames do not show.
-pub(super) fn refuse_untouched(
+fn refuse_untouched(
     pressed: &PressFrames,
     ranges: &[PressRanges],
     frames: &Frames,

@@ -27,7 +27,7 @@ pub(super) struct Clock {
 }
 
 impl Clock {
-    pub fn new(stated_hz: Option<f64>, quiet: &[Frame]) -> Self {
+    pub(crate) fn new(stated_hz: Option<f64>, quiet: &[Frame]) -> Self {
         let first_host_s = quiet.first().and_then(|frame| frame.host_time_s);
         let mut clock = Self {
             rate_hz: DEFAULT_RATE_HZ,
@@ -44,7 +44,7 @@ impl Clock {
     /// Goes on in the next epoch, whose first frames are given. Its frames are later than those before: where the time
     /// that they tell is not, because the instrument's clock or numbers began again, the time that passed is that between
     /// the arrivals, else one frame.
-    pub fn next_epoch(mut self, stated_hz: Option<f64>, quiet: &[Frame]) -> Self {
+    pub(crate) fn next_epoch(mut self, stated_hz: Option<f64>, quiet: &[Frame]) -> Self {
         let Some(first) = quiet.first().filter(|_| self.last_s.is_finite()) else {
             return Self::new(stated_hz, quiet);
         };
@@ -80,7 +80,7 @@ impl Clock {
 
     /// Returns the time of the next frame. It always increases, as a tracker requires, even if a clock stands
     /// still, goes back or jumps out of all measure.
-    pub fn next_s(&mut self, frame: &Frame) -> f64 {
+    pub(crate) fn next_s(&mut self, frame: &Frame) -> f64 {
         let read_s = self.time_s(frame);
         // the clock may make sense again by itself
         if self.offset_s != 0.0 && (0.0..=MOST_STEP_S).contains(&(read_s - self.last_s)) {

@@ -42,8 +42,7 @@ enum Maker {
 }
 
 /// How the current image was made.
-#[derive(Debug, Clone, Copy, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct ImageState {
     /// Certified bound on the relative distance of the image to its optimum; `None` for one-step images, for
@@ -67,7 +66,7 @@ impl LiveImages {
     /// # Errors
     ///
     /// Errors of the method and the U-net.
-    pub fn new(model: &LiveModel, fitted: &FittedFrames) -> Result<Self, SkinError> {
+    pub(crate) fn new(model: &LiveModel, fitted: &FittedFrames) -> Result<Self, SkinError> {
         model.check_images()?;
         let (method, skin) = (model.method, &fitted.skin);
         let mut silent = Progress::silent();
@@ -124,8 +123,8 @@ impl LiveImages {
     ///
     /// # Errors
     ///
-    /// A frame with the wrong length; errors of the method and the U-net.
-    pub fn push(
+    /// Errors of the method and the U-net.
+    pub(super) fn push(
         &mut self,
         values: &[f64],
         reference: &[f64],
@@ -133,11 +132,6 @@ impl LiveImages {
         touches: &[Touch],
         is_explained: bool,
     ) -> Result<(), SkinError> {
-        let measurements = self.used.len();
-        if let Some(wrong) = [values, reference].iter().find(|v| v.len() != measurements) {
-            let flags = measurements;
-            return Err(SkinError::FrameLength { values: wrong.len(), flags, measurements });
-        }
         for (i, good) in self.good.iter_mut().enumerate() {
             *good = self.used[i] && is_good(i);
         }

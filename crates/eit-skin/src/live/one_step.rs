@@ -2,7 +2,7 @@
 
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
-use crate::movement::{self, TakenOut, Whitening};
+use crate::movement::{self, MovementRemoved, Whitening};
 use crate::one_step::DEFAULT_NOISE_FIGURE;
 use crate::progress::Progress;
 use eit_inverse::{
@@ -28,7 +28,7 @@ impl LiveOneStep {
     /// # Errors
     ///
     /// Unknown noise of the frames; errors of the reconstruction.
-    pub fn new(fitted: &FittedFrames, progress: &mut Progress) -> Result<Self, SkinError> {
+    pub(crate) fn new(fitted: &FittedFrames, progress: &mut Progress) -> Result<Self, SkinError> {
         let FittedFrames { skin, frames, .. } = fitted;
         let Some(noise) = fitted.noise()? else {
             return Err(SkinError::input("the noise of the frames is unknown: set [noise]"));
@@ -43,10 +43,10 @@ impl LiveOneStep {
             let figure = DEFAULT_NOISE_FIGURE;
             let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
             difference.choose_hyperparameter(&choice)?;
-            let taken = movement::take_out(skin, &noise, &frames.used, Some(&difference))?;
-            let whitening = match taken {
+            let removed = movement::remove(skin, &noise, &frames.used, Some(&difference))?;
+            let whitening = match removed {
                 None => None,
-                Some(TakenOut { side, linearised, .. }) => {
+                Some(MovementRemoved { side, linearised, .. }) => {
                     let used = Some(frames.used.clone());
                     let settings = OneStepSettings { used, ..Default::default() };
                     let mut left =
@@ -72,7 +72,7 @@ impl LiveOneStep {
     /// # Errors
     ///
     /// Errors of the reconstruction.
-    pub fn push(
+    pub(crate) fn push(
         &mut self,
         values: &[f64],
         reference: &[f64],

@@ -1,8 +1,8 @@
 //! The first frames of an epoch, which become its reference.
 
-use super::stream::measured;
 use crate::frames::{left_out, steady};
-use eit_hw::{Frame, Unit};
+use eit_hw::{Frame, MeasuredFrames, Unit};
+use ndarray::Array2;
 
 /// While frames change as if the skin were touched, the reference waits up to this many times its length.
 const PATIENCE: usize = 10;
@@ -21,7 +21,7 @@ pub(super) struct ReferenceFrames {
 }
 
 impl ReferenceFrames {
-    pub fn new(wanted: usize) -> Self {
+    pub(crate) fn new(wanted: usize) -> Self {
         Self { wanted, frames: Vec::with_capacity(wanted), came: 0, others: 0, unrest: None }
     }
 
@@ -29,7 +29,7 @@ impl ReferenceFrames {
     ///
     /// Frames of another kind than most (damaged ones, those before a gain was set) are left out. While the others change
     /// as if something touched the skin, the older half of them is dropped.
-    pub fn take(&mut self, frame: &Frame) -> bool {
+    pub(crate) fn take(&mut self, frame: &Frame) -> bool {
         self.frames.push(frame.clone());
         self.came += 1;
         if self.frames.len() < self.wanted {
@@ -55,17 +55,17 @@ impl ReferenceFrames {
     }
 
     /// By what part of the voltages frames have changed, if the skin did not rest.
-    pub fn unrest(&self) -> Option<f64> {
+    pub(crate) fn unrest(&self) -> Option<f64> {
         self.unrest
     }
 
     /// Number of frames still needed.
-    pub fn left(&self) -> usize {
+    pub(crate) fn left(&self) -> usize {
         self.wanted - self.frames.len()
     }
 
     /// Returns the frames and what there is to say about them, and begins again.
-    pub fn finish(&mut self) -> (Vec<Frame>, Vec<String>) {
+    pub(crate) fn finish(&mut self) -> (Vec<Frame>, Vec<String>) {
         let Self { wanted, frames, came, others, unrest } =
             std::mem::replace(self, Self::new(self.wanted));
         let mut notes = Vec::new();
@@ -82,5 +82,19 @@ impl ReferenceFrames {
         }
         // the frames themselves are looked at again with the measurements that are used
         (frames, notes)
+    }
+}
+
+/// Converts frames to those of a recording.
+pub(super) fn measured(frames: &[Frame], unit: Unit) -> MeasuredFrames {
+    let shape = (frames.len(), frames.first().map_or(0, |frame| frame.values.len()));
+    MeasuredFrames {
+        values: Array2::from_shape_fn(shape, |(row, column)| frames[row].values[column]),
+        quality: Array2::from_shape_fn(shape, |(row, column)| frames[row].quality[column]),
+        unit,
+        device_time_s: None,
+        frequency_hz: None,
+        current_a: None,
+        phase_rad: None,
     }
 }

@@ -1,8 +1,8 @@
 //! The interface for a robot: touches from the frames of its instrument, a recording, or its own code.
 
-use super::{LiveFrame, LiveModel, LiveStream, Pushed, REFERENCE_FRAMES};
+use super::summary::NOTICES;
+use super::{LiveModel, LiveStream, REFERENCE_FRAMES, Step, TouchFrame, WAIT};
 use crate::error::SkinError;
-use crate::faults::ElectrodeFault;
 use crate::progress::Progress;
 #[cfg(any(doc, feature = "recording"))]
 use crate::scene::Reference;
@@ -12,62 +12,6 @@ use eit_hw::{Frame, Unit};
 use eit_inverse::touch::Touch;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-
-/// Most notices that are kept.
-const MOST_NOTICES: usize = 100;
-/// How long to wait for an event before checking again.
-const WAIT: Duration = Duration::from_millis(50);
-
-/// The touches of one frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct TouchFrame<'a> {
-    /// Number of frames shown before it since the start.
-    pub number: u64,
-    /// Sequence number assigned by the instrument; gaps are lost frames.
-    pub sequence: u64,
-    /// Number of the connection, from 0; it increases when a lost instrument is found again.
-    pub epoch: u32,
-    /// Time of the frame, seconds: the instrument's, else that of its arrival. It increases over the whole session, also
-    /// where an instrument that was found again begins at 0.
-    pub time_s: f64,
-    /// Time when its last byte arrived by this computer's clock, seconds since 1970.
-    pub host_time_s: Option<f64>,
-    /// Touches. Empty if nothing touches the skin, and if nothing is known of it: see `explained`, `whole`, `frozen`.
-    pub touches: &'a [Touch],
-    /// Electrodes excluded from the frame: open, shorted, noisy, stuck or drifting.
-    pub faults: &'a [ElectrodeFault],
-    /// Whether every used measurement counted: no faulty electrode or bad value was excluded.
-    pub whole: bool,
-    /// Whether the touches, or the absence of any, explain the frame. If not, it is something else, such as a fault that is
-    /// not known yet, and none of the touches is valid.
-    pub explained: bool,
-    /// Whether the instrument repeats an old frame.
-    pub frozen: bool,
-    /// Time from the last byte of a live frame to its touches, seconds.
-    pub latency_s: Option<f64>,
-}
-
-impl<'a> From<LiveFrame<'a>> for TouchFrame<'a> {
-    fn from(shown: LiveFrame<'a>) -> Self {
-        let (frame, finder) = (shown.frame, shown.finder);
-        let mut used = finder.used().iter().enumerate();
-        Self {
-            number: shown.number,
-            sequence: frame.sequence,
-            epoch: frame.epoch,
-            time_s: shown.time_s,
-            host_time_s: frame.host_time_s,
-            touches: shown.touches,
-            faults: shown.faults,
-            whole: finder.faults().is_empty()
-                && used.all(|(i, used)| !used || !finder.is_missing(i)),
-            explained: finder.is_explained(),
-            frozen: finder.is_frozen(),
-            latency_s: shown.latency_s,
-        }
-    }
-}
 
 /// Reports the touches of every frame of a source, one after the other.
 ///
@@ -79,10 +23,8 @@ pub struct Sensor {
     stream: LiveStream,
     source: Source,
     reference_frames: usize,
-    /// The frame whose touches were returned last.
-    last: Option<Frame>,
-    /// When they were returned.
-    taken: Option<Instant>,
+    /// When touches were found last.
+    found_at: Option<Instant>,
     notices: Vec<String>,
 }
 
@@ -164,8 +106,7 @@ impl Skin {
             stream,
             source: Source::Pushed,
             reference_frames,
-            last: None,
-            taken: None,
+            found_at: None,
             notices: Vec::new(),
         })
     }
@@ -176,7 +117,7 @@ impl Skin {
     /// # Errors
     ///
     /// The errors of [`Skin::sensor`].
-    pub fn sensor_of(
+    pub(crate) fn sensor_of(
         &self,
         frames: Box<dyn FrameSource + Send>,
         is_live: bool,
@@ -193,21 +134,14 @@ impl Skin {
         let model = Arc::new(LiveModel::new(self, reference_frames, &mut Progress::silent())?);
         let stream = LiveStream::new(model, frames.setup()).without_images();
         let source = Source::Stream { frames, is_live };
-        Ok(Sensor {
-            stream,
-            source,
-            reference_frames,
-            last: None,
-            taken: None,
-            notices: Vec::new(),
-        })
+        Ok(Sensor { stream, source, reference_frames, found_at: None, notices: Vec::new() })
     }
 }
 
 impl Sensor {
     /// Also makes an image of each frame ([`Sensor::shown`]). Call it before the first frame; otherwise
     /// images begin with the next reference.
-    pub fn with_images(mut self) -> Self {
+    pub(crate) fn with_images(mut self) -> Self {
         self.stream.make_images();
         self
     }
@@ -222,10 +156,10 @@ impl Sensor {
     pub fn next(&mut self) -> Result<Option<TouchFrame<'_>>, SkinError> {
         loop {
             match self.poll(WAIT)? {
-                Polled::Over => return Ok(None),
-                Polled::Nothing => {}
+                Step::Over => return Ok(None),
                 // borrow again: a borrow that a loop may return lasts for the whole loop
-                Polled::Touches => return Ok(self.current()),
+                Step::Touches => return Ok(self.shown()),
+                _ => {}
             }
         }
     }
@@ -241,9 +175,10 @@ impl Sensor {
         let start = Instant::now();
         loop {
             match self.poll(timeout.saturating_sub(start.elapsed()))? {
-                Polled::Touches => return Ok(self.current()),
-                Polled::Nothing if start.elapsed() < timeout => {}
-                Polled::Over | Polled::Nothing => return Ok(None),
+                Step::Touches => return Ok(self.shown()),
+                Step::Over => return Ok(None),
+                _ if start.elapsed() < timeout => {}
+                _ => return Ok(None),
             }
         }
     }
@@ -254,17 +189,15 @@ impl Sensor {
     ///
     /// A frame with the wrong length, or a reference without noise.
     pub fn push(&mut self, frame: &Frame) -> Result<Option<TouchFrame<'_>>, SkinError> {
-        self.last = Some(frame.clone());
-        match self.take(false)? {
-            true => Ok(self.current()),
-            false => Ok(None),
-        }
+        let step = self.stream.push(frame, false)?;
+        self.finish(step)?;
+        Ok(self.shown().filter(|_| step == Step::Touches))
     }
 
     /// Returns the touches of the last frame if it arrived within `age`; `None` while the reference is taken,
     /// or if the instrument has been silent for longer.
     pub fn touches_within(&self, age: Duration) -> Option<&[Touch]> {
-        let is_fresh = self.taken.is_some_and(|taken| taken.elapsed() <= age);
+        let is_fresh = self.found_at.is_some_and(|found| found.elapsed() <= age);
         self.shown().filter(|_| is_fresh).map(|shown| shown.touches)
     }
 
@@ -275,7 +208,7 @@ impl Sensor {
     }
 
     /// Returns the first things that the source itself had to say, such as damage of a recording.
-    pub fn notices(&self) -> &[String] {
+    pub(crate) fn notices(&self) -> &[String] {
         &self.notices
     }
 
@@ -287,7 +220,7 @@ impl Sensor {
     /// Takes a new reference: the next frames must show the untouched skin.
     pub fn restart(&mut self) {
         self.stream.restart();
-        self.taken = None;
+        self.found_at = None;
     }
 
     /// Returns counts of lost, flagged and damaged frames so far; `None` if frames are pushed.
@@ -298,55 +231,36 @@ impl Sensor {
         }
     }
 
-    /// Returns the current frame as the stream shows it: touches, finder, and the image if images are made.
-    pub fn shown(&self) -> Option<LiveFrame<'_>> {
-        self.stream.shown(self.last.as_ref()?)
-    }
-
-    fn current(&self) -> Option<TouchFrame<'_>> {
-        self.shown().map(TouchFrame::from)
+    /// Returns the results of the last frame; `None` while the reference is taken.
+    pub fn shown(&self) -> Option<TouchFrame<'_>> {
+        self.stream.shown()
     }
 
     /// Waits for one event of the source.
-    fn poll(&mut self, timeout: Duration) -> Result<Polled, SkinError> {
-        let Source::Stream { frames, is_live } = &mut self.source else { return Ok(Polled::Over) };
-        if frames.is_over() {
-            return Ok(Polled::Over);
-        }
-        let is_live = *is_live;
-        match frames.next_event(timeout)? {
-            Some(Event::Frame(frame)) => {
-                if let Some(last) = self.last.replace(frame) {
-                    frames.recycle(last);
-                }
-                Ok(if self.take(is_live)? { Polled::Touches } else { Polled::Nothing })
+    fn poll(&mut self, timeout: Duration) -> Result<Step, SkinError> {
+        let Source::Stream { frames, is_live } = &mut self.source else { return Ok(Step::Over) };
+        let step = self.stream.step(frames.as_mut(), *is_live, timeout, |event| {
+            if let Event::Notice(notice) = event
+                && self.notices.len() < NOTICES
+            {
+                self.notices.push(notice.clone());
             }
-            Some(Event::Reconnected { .. }) => {
-                self.restart();
-                Ok(Polled::Nothing)
-            }
-            Some(Event::Notice(notice)) => {
-                if self.notices.len() < MOST_NOTICES {
-                    self.notices.push(notice);
-                }
-                Ok(Polled::Nothing)
-            }
-            _ => Ok(Polled::Nothing),
-        }
+            Ok::<_, SkinError>(())
+        })?;
+        self.finish(step)?;
+        Ok(step)
     }
 
-    /// Processes the last frame; returns whether it was shown.
-    fn take(&mut self, is_live: bool) -> Result<bool, SkinError> {
-        let Some(frame) = &self.last else { return Ok(false) };
-        let is_shown = matches!(self.stream.push(frame, is_live)?, Pushed::Shown(_));
-        self.taken = is_shown.then(Instant::now);
-        Ok(is_shown)
+    /// Makes the image of a frame whose touches were found.
+    fn finish(&mut self, step: Step) -> Result<(), SkinError> {
+        match step {
+            Step::Touches => {
+                self.stream.make_image()?;
+                self.found_at = Some(Instant::now());
+            }
+            Step::Waiting { .. } => self.found_at = None,
+            Step::Over | Step::Idle | Step::Event => {}
+        }
+        Ok(())
     }
-}
-
-/// Kind of event.
-enum Polled {
-    Touches,
-    Nothing,
-    Over,
 }

@@ -1,18 +1,17 @@
 //! From frames to touches, one frame at a time, whatever their source.
 
 use super::clock::Clock;
-use super::reference::ReferenceFrames;
+use super::reference::{ReferenceFrames, measured};
 use super::{LiveImages, LiveModel};
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;
 use crate::progress::Progress;
 use crate::touches::{TouchFinder, assumed_rate_words};
-use eit_hw::driver::Setup;
-use eit_hw::{Frame, MeasuredFrames, Unit};
+use eit_hw::driver::{Event, FrameSource, Setup};
+use eit_hw::{Frame, Unit};
 use eit_inverse::touch::Touch;
-use ndarray::Array2;
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// An image older than this says little about the next one, seconds.
 const LONGEST_LINK_S: f64 = 0.5;
@@ -29,6 +28,10 @@ pub struct LiveStream {
     reference: ReferenceFrames,
     /// [`Frame::epoch`] of the last frame.
     connection: Option<u32>,
+    /// [`Frame::sequence`] of the last frame.
+    sequence: u64,
+    /// [`Frame::host_time_s`] of the last frame.
+    host_time_s: Option<f64>,
     epoch: Option<Epoch>,
     /// Clock of the epoch before, which the next one continues.
     clock: Option<Clock>,
@@ -61,45 +64,63 @@ struct Epoch {
     clock: Clock,
 }
 
-/// Outcome of pushing a frame.
-#[derive(Debug)]
-pub enum Pushed<'a> {
-    /// The frame belongs to the reference.
+/// What an event of a source led to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Step {
+    /// The source has ended.
+    Over,
+    /// No event came in time.
+    Idle,
+    /// An event that is no frame.
+    Event,
+    /// A frame for the reference.
     Waiting {
         /// Number of frames still needed for the reference.
         left: usize,
     },
-    /// The frame was processed: its touches, and its image if images are made.
-    Shown(LiveFrame<'a>),
+    /// A frame whose touches were found ([`LiveStream::shown`]).
+    Touches,
 }
 
-/// Results for one frame.
-#[derive(Debug, Clone, Copy)]
-#[non_exhaustive]
-pub struct LiveFrame<'a> {
+/// The touches of one frame, and its image if images are made.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct TouchFrame<'a> {
     /// Number of frames shown before it since the start.
     pub number: u64,
-    /// The frame.
-    pub frame: &'a Frame,
-    /// Its touches.
-    pub touches: &'a [Touch],
-    /// Electrodes that were excluded from it.
-    pub faults: &'a [ElectrodeFault],
-    /// Its time for the tracker, seconds; it increases over the whole session.
+    /// Sequence number assigned by the instrument; gaps are lost frames.
+    pub sequence: u64,
+    /// Number of the connection, from 0; it increases when a lost instrument is found again.
+    pub epoch: u32,
+    /// Time of the frame, seconds: the instrument's, else that of its arrival. It increases over the whole session, also
+    /// where an instrument that was found again begins at 0.
     pub time_s: f64,
-    /// Touch finder of the epoch, with details such as how the frame was explained.
-    pub finder: &'a TouchFinder,
-    /// The image, if images are made and this one has been.
-    pub images: Option<&'a LiveImages>,
+    /// Time when its last byte arrived by this computer's clock, seconds since 1970.
+    pub host_time_s: Option<f64>,
+    /// Touches. Empty if nothing touches the skin, and if nothing is known of it: see `explained`, `whole`, `frozen`.
+    pub touches: &'a [Touch],
+    /// Electrodes excluded from the frame: open, shorted, noisy, stuck or drifting.
+    pub faults: &'a [ElectrodeFault],
+    /// Whether every used measurement counted: no faulty electrode or bad value was excluded.
+    pub whole: bool,
+    /// Whether the touches, or the absence of any, explain the frame. If not, it is something else, such as a fault that is
+    /// not known yet, and none of the touches is valid.
+    pub explained: bool,
+    /// Whether the instrument repeats an old frame.
+    pub frozen: bool,
+    /// Conductivity change of the faintest touch, siemens.
+    pub level_s: f64,
     /// Time from the last byte of a live frame to its touches, seconds.
     pub latency_s: Option<f64>,
+    /// The image, if images are made and this one has been.
+    #[serde(skip)]
+    pub images: Option<&'a LiveImages>,
     /// Time from the last byte of a live frame to its image, seconds.
     pub image_latency_s: Option<f64>,
 }
 
 impl LiveStream {
     /// Creates a stream for the frames of an instrument with this set-up.
-    pub fn new(model: Arc<LiveModel>, setup: &Setup) -> Self {
+    pub(crate) fn new(model: Arc<LiveModel>, setup: &Setup) -> Self {
         Self::of_unit(model, setup.unit, setup.frame_rate_hz)
     }
 
@@ -112,6 +133,8 @@ impl LiveStream {
             with_images: true,
             reference: ReferenceFrames::new(model.reference_frames),
             connection: None,
+            sequence: 0,
+            host_time_s: None,
             model,
             epoch: None,
             clock: None,
@@ -157,52 +180,47 @@ impl LiveStream {
         self.reference.unrest().filter(|_| self.epoch.is_none())
     }
 
-    /// Takes a frame, finds its touches and makes its image. `is_live` means that the frame arrives now, so
-    /// that latency is measured.
-    ///
-    /// # Errors
-    ///
-    /// A frame with the wrong length; a reference without noise; an image that cannot be made.
-    pub fn push<'a>(
-        &'a mut self,
-        frame: &'a Frame,
+    /// Waits for the next event of a source and processes it; `see` is called first.
+    pub(super) fn step<E: From<SkinError>>(
+        &mut self,
+        source: &mut dyn FrameSource,
         is_live: bool,
-    ) -> Result<Pushed<'a>, SkinError> {
-        if let Some(left) = self.find(frame, is_live)? {
-            return Ok(Pushed::Waiting { left });
+        timeout: Duration,
+        see: impl FnOnce(&Event) -> Result<(), E>,
+    ) -> Result<Step, E> {
+        if source.is_over() {
+            return Ok(Step::Over);
         }
-        self.make_image(frame)?;
-        Ok(self.pushed(frame))
-    }
-
-    /// Like [`LiveStream::push`], but without the image, so that touches can be acted on first.
-    /// [`LiveStream::make_image`] can make it any time before the next frame.
-    ///
-    /// # Errors
-    ///
-    /// The errors of [`LiveStream::push`].
-    pub fn push_touches<'a>(
-        &'a mut self,
-        frame: &'a Frame,
-        is_live: bool,
-    ) -> Result<Pushed<'a>, SkinError> {
-        match self.find(frame, is_live)? {
-            Some(left) => Ok(Pushed::Waiting { left }),
-            None => Ok(self.pushed(frame)),
+        let Some(event) = source.next_event(timeout).map_err(SkinError::from)? else {
+            return Ok(Step::Idle);
+        };
+        see(&event)?;
+        match event {
+            Event::Frame(frame) => {
+                let step = self.push(&frame, is_live);
+                source.recycle(frame);
+                Ok(step?)
+            }
+            Event::Reconnected { .. } => {
+                // contacts and gains may have changed: the old reference is invalid
+                self.restart();
+                Ok(Step::Event)
+            }
+            _ => Ok(Step::Event),
         }
     }
 
-    /// Makes the image of the frame passed to [`LiveStream::push_touches`], if images are enabled. After
+    /// Makes the image of the frame passed to [`LiveStream::push`], if images are enabled. After
     /// frames without an image it is coupled to the last one, unless that is older than half a second.
     ///
     /// # Errors
     ///
     /// An image that cannot be made.
-    pub fn make_image(&mut self, frame: &Frame) -> Result<(), SkinError> {
+    pub fn make_image(&mut self) -> Result<(), SkinError> {
         let Some(Epoch { finder, images: Some(images), .. }) = &mut self.epoch else {
             return Ok(());
         };
-        if self.has_image || self.values.len() != frame.values.len() {
+        if self.has_image {
             return Ok(());
         }
         let is_old =
@@ -219,22 +237,15 @@ impl LiveStream {
         Ok(())
     }
 
-    fn pushed<'a>(&'a self, frame: &'a Frame) -> Pushed<'a> {
-        let left = self.model.reference_frames;
-        self.shown(frame).map_or(Pushed::Waiting { left }, Pushed::Shown)
-    }
-
-    /// Takes a frame; returns the number of frames that the reference still needs, or `None` if the frame was
-    /// searched for touches.
-    fn find(&mut self, frame: &Frame, is_live: bool) -> Result<Option<usize>, SkinError> {
-        let wanted = self.model.skin().protocol.measurements();
-        if frame.values.len() != wanted || frame.quality.len() != wanted {
-            return Err(SkinError::FrameLength {
-                values: frame.values.len(),
-                flags: frame.quality.len(),
-                measurements: wanted,
-            });
-        }
+    /// Takes a frame and finds its touches; [`LiveStream::make_image`] can make its image any time before the next
+    /// frame. `is_live` means that the frame arrives now, so that latency is measured.
+    ///
+    /// # Errors
+    ///
+    /// A frame with the wrong length; a reference without noise.
+    pub fn push(&mut self, frame: &Frame, is_live: bool) -> Result<Step, SkinError> {
+        SkinError::check_frame(frame, self.model.skin().protocol.measurements())?;
+        (self.sequence, self.host_time_s) = (frame.sequence, frame.host_time_s);
         // a reference of another connection, gain or set-up does not hold any more
         if self.connection.replace(frame.epoch).is_some_and(|before| before != frame.epoch) {
             self.restart();
@@ -247,9 +258,9 @@ impl LiveStream {
                 self.epoch = Some(epoch);
                 // reference frames have no touches, so there is no image to make
                 (self.has_image, self.image_time_s) = (true, None);
-                return Ok(Some(0));
+                return Ok(Step::Waiting { left: 0 });
             }
-            return Ok(Some(self.reference.left()));
+            return Ok(Step::Waiting { left: self.reference.left() });
         };
         let factor = self.factor;
         self.values.clear();
@@ -266,29 +277,35 @@ impl LiveStream {
         self.latency_s = self.came_s.map(|came_s| now_s() - came_s);
         self.image_latency_s = None;
         self.frames += 1;
-        Ok(None)
+        Ok(Step::Touches)
     }
 
-    /// Returns the results for the frame that was pushed last, which must be `frame`; `None` while the
-    /// reference is taken.
-    pub fn shown<'a>(&'a self, frame: &'a Frame) -> Option<LiveFrame<'a>> {
+    /// Returns the results for the frame that was pushed last; `None` while the reference is taken.
+    pub fn shown(&self) -> Option<TouchFrame<'_>> {
         let Epoch { finder, images, .. } = self.epoch.as_ref().filter(|_| self.has_found)?;
-        Some(LiveFrame {
+        let mut used = finder.used().iter().enumerate();
+        Some(TouchFrame {
             number: self.frames.checked_sub(1)?,
-            frame,
+            sequence: self.sequence,
+            epoch: self.connection?,
+            time_s: self.time_s,
+            host_time_s: self.host_time_s,
             touches: &self.touches,
             faults: finder.faults(),
-            time_s: self.time_s,
-            finder,
-            images: images.as_ref().filter(|_| self.has_image),
+            whole: finder.faults().is_empty()
+                && used.all(|(i, used)| !used || !finder.is_missing(i)),
+            explained: finder.is_explained(),
+            frozen: finder.is_frozen(),
+            level_s: finder.level_s(),
             latency_s: self.latency_s,
+            images: images.as_ref().filter(|_| self.has_image),
             image_latency_s: self.image_latency_s,
         })
     }
 
     /// Returns a line that describes how the images are made, such as for a caption; empty if there are none
     /// yet.
-    pub fn image_words(&self) -> &str {
+    pub(crate) fn image_words(&self) -> &str {
         self.epoch.as_ref().and_then(|epoch| epoch.images.as_ref()).map_or("", LiveImages::words)
     }
 
@@ -330,18 +347,4 @@ impl LiveStream {
 
 fn now_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
-}
-
-/// Converts frames to those of a recording.
-pub(super) fn measured(frames: &[Frame], unit: Unit) -> MeasuredFrames {
-    let shape = (frames.len(), frames.first().map_or(0, |frame| frame.values.len()));
-    MeasuredFrames {
-        values: Array2::from_shape_fn(shape, |(row, column)| frames[row].values[column]),
-        quality: Array2::from_shape_fn(shape, |(row, column)| frames[row].quality[column]),
-        unit,
-        device_time_s: None,
-        frequency_hz: None,
-        current_a: None,
-        phase_rad: None,
-    }
 }

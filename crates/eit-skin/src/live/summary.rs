@@ -1,19 +1,35 @@
 //! Summary of a live session, in bounded memory.
 
-use super::{ImageState, LiveFrame, LiveImages};
+use super::{ImageState, LiveImages, TouchFrame};
 use crate::faults::ElectrodeFault;
 use eit_core::quantile;
 use eit_inverse::touch::{Touch, TouchState};
-use serde_json::{Value, json};
+use std::time::Instant;
 
 /// Number of latest latencies on which the summary is based.
 const LATENCIES: usize = 10_000;
 /// Maximum number of notices kept, the first ones: a broken line repeats the same notice all day.
-const NOTICES: usize = 100;
+pub(super) const NOTICES: usize = 100;
+
+/// Longest time between the arrivals of two frames that is believed, seconds: after a longer one the source is silent.
+const MOST_STEP_S: f64 = 60.0;
+
+/// When a frame was shown, and when it arrived if it was live, seconds.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arrival {
+    shown: Instant,
+    arrived_s: Option<f64>,
+}
+
+impl Arrival {
+    /// Of a frame that is shown now.
+    pub(super) fn of(arrived_s: Option<f64>) -> Self {
+        Self { shown: Instant::now(), arrived_s }
+    }
+}
 
 /// Summary of a live session.
-#[derive(Debug, Clone, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Default, serde::Serialize)]
 #[non_exhaustive]
 pub struct Summary {
     /// Number of frames shown.
@@ -25,7 +41,7 @@ pub struct Summary {
     /// Largest number of simultaneous valid touches.
     pub most_at_once: usize,
     /// Ids of those that have not ended.
-    #[cfg_attr(feature = "serde", serde(skip))]
+    #[serde(skip)]
     counted: Vec<u64>,
     /// By what part of the voltages frames changed while the reference waited, if it was still waiting at the end.
     pub unrest: Option<f64>,
@@ -33,21 +49,8 @@ pub struct Summary {
     pub not_explained: u64,
     /// Number of frames in which the instrument repeated an old frame.
     pub frozen: u64,
-    /// How the images are made, with the weights of the last epoch.
-    pub images: String,
-    /// Number of frames whose U-net image did not explain the measurements, so that its input was shown.
-    pub aside: u64,
-    /// Number of those whose raw image does not explain the measurements either.
-    pub unexplained: u64,
-    /// Number of frames that no image explains within `delta`.
-    pub interpolated: u64,
-    /// Number of frames without an image, because movement of electrodes cannot be removed from a frame with
-    /// bad values.
-    pub lost: u64,
-    /// Number of frames whose image was skipped because further frames were waiting.
-    pub skipped_images: u64,
-    /// Largest certified gap of an image.
-    pub worst_gap: Option<f64>,
+    /// How images were made.
+    pub images: ImageSummary,
     /// The first faults of electrodes, in the order in which they were found.
     pub faults: Vec<ElectrodeFault>,
     /// Latest latencies of touches, seconds, unordered.
@@ -63,6 +66,62 @@ pub struct Summary {
     pub notices: Vec<String>,
     /// Number of further notices.
     pub more_notices: u64,
+}
+
+/// How the images of a live session were made.
+#[derive(Debug, Clone, Default, serde::Serialize)]
+pub struct ImageSummary {
+    /// Method and weights of the last epoch.
+    pub how: String,
+    /// Largest certified gap of an image.
+    pub worst_gap: Option<f64>,
+    /// Number of frames whose U-net image did not explain the measurements, so that its input was shown.
+    pub put_aside: u64,
+    /// Number of those whose raw image does not explain the measurements either.
+    pub unexplained: u64,
+    /// Number of frames that no image explains within `delta`.
+    pub beyond_delta: u64,
+    /// Number of frames without an image, because movement of electrodes cannot be removed from a frame with
+    /// bad values.
+    pub lost: u64,
+    /// Number of frames whose image was skipped because further frames were waiting.
+    pub skipped: u64,
+}
+
+impl ImageSummary {
+    /// Describes for people how the images were made.
+    pub fn words(&self) -> String {
+        let mut words = self.how.clone();
+        if let Some(gap) = self.worst_gap {
+            words += &format!(", proven to within {:.1} % of the optimum", 100.0 * gap.max(0.0));
+        }
+        let mut add = |count: u64, what: &str| {
+            if count > 0 {
+                words += &format!("; {count} {what}");
+            }
+        };
+        add(
+            self.put_aside,
+            "of the U-net do not explain their measurements: the raw image is shown",
+        );
+        add(self.beyond_delta, "frames fit no image within delta: skipped");
+        let lost = "frames have bad values and no image: electrode_movement_m mixes measurements";
+        add(self.lost, lost);
+        let skipped =
+            "frames have no image, as this computer could not keep up (touches are never skipped)";
+        add(self.skipped, skipped);
+        words
+    }
+
+    fn take(&mut self, state: ImageState) {
+        self.put_aside += u64::from(state.is_aside);
+        self.unexplained += u64::from(state.is_unexplained);
+        self.beyond_delta += u64::from(state.is_interpolated);
+        self.lost += u64::from(state.is_lost);
+        if let Some(gap) = state.gap {
+            self.worst_gap = Some(self.worst_gap.map_or(gap, |worst| worst.max(gap)));
+        }
+    }
 }
 
 impl Summary {
@@ -82,49 +141,6 @@ impl Summary {
         quantile(&self.image_latencies_s, share)
     }
 
-    /// Describes for people how the images were made.
-    pub fn images_words(&self) -> String {
-        let mut words = self.images.clone();
-        if let Some(gap) = self.worst_gap {
-            words += &format!(", proven to within {:.1} % of the optimum", 100.0 * gap.max(0.0));
-        }
-        if self.aside > 0 {
-            words += &format!(
-                "; {} of the U-net do not explain their measurements: the raw image is shown",
-                self.aside
-            );
-        }
-        if self.interpolated > 0 {
-            words += &format!("; {} frames fit no image within delta: skipped", self.interpolated);
-        }
-        if self.lost > 0 {
-            words += &format!(
-                "; {} frames have bad values and no image: electrode_movement_m mixes measurements",
-                self.lost
-            );
-        }
-        if self.skipped_images > 0 {
-            words += &format!(
-                "; {} frames have no image, as this computer could not keep up (touches are never skipped)",
-                self.skipped_images
-            );
-        }
-        words
-    }
-
-    /// Returns the same as JSON.
-    pub fn images_json(&self) -> Value {
-        json!({
-            "how": self.images,
-            "worst_gap": self.worst_gap,
-            "put_aside": self.aside,
-            "unexplained": self.unexplained,
-            "beyond_delta": self.interpolated,
-            "lost": self.lost,
-            "skipped": self.skipped_images,
-        })
-    }
-
     fn take(&mut self, touches: &[Touch], state: ImageState, latency_s: Option<f64>) {
         self.frames += 1;
         for touch in touches {
@@ -140,24 +156,30 @@ impl Summary {
         }
         let counts = |touch: &&Touch| touch.valid && touch.state != TouchState::End;
         self.most_at_once = self.most_at_once.max(touches.iter().filter(counts).count());
-        self.aside += u64::from(state.is_aside);
-        self.unexplained += u64::from(state.is_unexplained);
-        self.interpolated += u64::from(state.is_interpolated);
-        self.lost += u64::from(state.is_lost);
-        if let Some(gap) = state.gap {
-            self.worst_gap = Some(self.worst_gap.map_or(gap, |worst| worst.max(gap)));
-        }
+        self.images.take(state);
         remember(&mut self.latencies_s, self.frames, latency_s);
     }
 
     /// Records a frame and its image.
-    pub(crate) fn take_frame(&mut self, shown: &LiveFrame<'_>) {
+    pub(crate) fn take_frame(&mut self, shown: &TouchFrame<'_>) {
         let state = shown.images.map(LiveImages::state).unwrap_or_default();
         self.take(shown.touches, state, shown.latency_s);
-        self.not_explained += u64::from(!shown.finder.is_explained());
-        self.frozen += u64::from(shown.finder.is_frozen());
+        self.not_explained += u64::from(!shown.explained);
+        self.frozen += u64::from(shown.frozen);
         self.take_faults(shown.faults);
         remember(&mut self.image_latencies_s, self.frames, shown.image_latency_s);
+    }
+
+    /// Adds the time since the frame before, if frames came all the time. Frames that waited while a reference was taken
+    /// are shown at once, but arrived in their time.
+    pub(super) fn take_interval(&mut self, before: Option<Arrival>, now: Arrival) {
+        let Some(before) = before else { return };
+        let arrived_s =
+            now.arrived_s.zip(before.arrived_s).map(|(now_s, before_s)| now_s - before_s);
+        let shown_s = now.shown.duration_since(before.shown).as_secs_f64();
+        // a clock that was set says nothing
+        self.span_s += arrived_s.filter(|s| (0.0..=MOST_STEP_S).contains(s)).unwrap_or(shown_s);
+        self.intervals += 1;
     }
 
     /// Records new faults.
@@ -167,11 +189,6 @@ impl Summary {
                 self.faults.push(*fault);
             }
         }
-    }
-
-    /// Returns the faults as JSON.
-    pub fn faults_json(&self) -> Value {
-        self.faults.iter().map(ElectrodeFault::json).collect()
     }
 
     pub(crate) fn say(&mut self, words: String) {

@@ -18,14 +18,14 @@ pub(crate) struct Whitening {
 
 impl Whitening {
     /// Creates the operator for frames in which these measurements are used.
-    pub fn new(side: NuisanceParameters, kind: DifferenceKind, used: &[bool]) -> Self {
+    pub(crate) fn new(side: NuisanceParameters, kind: DifferenceKind, used: &[bool]) -> Self {
         let differences = vec![0.0; used.len()];
         let used: Vec<usize> = (0..used.len()).filter(|&i| used[i]).collect();
         Self { side, kind, white: vec![0.0; used.len()], used, differences }
     }
 
     /// Returns a frame's white differences without movement, `[used measurement]`.
-    pub fn of(&mut self, values: &[f64], reference: &[f64]) -> Result<&[f64], SkinError> {
+    pub(crate) fn of(&mut self, values: &[f64], reference: &[f64]) -> Result<&[f64], SkinError> {
         for &i in &self.used {
             self.differences[i] = self.kind.difference(values[i], reference[i]);
         }

@@ -12,7 +12,7 @@ const PATCH_MOVEMENT_S: f64 = 1.6e-7;
 /// Number of times the Jacobian is written: divided by voltages, by the noise, without the displacements.
 const COPIES: f64 = 3.0;
 /// Returns the stage; `None` if electrodes do not move.
-pub fn of(skin: &Skin) -> Option<Stage> {
+pub(crate) fn of(skin: &Skin) -> Option<Stage> {
     let movement_m = skin.settings.reconstruction.electrode_movement_m?;
     let (m, n) = (skin.protocol.measurements() as f64, skin.model.elements() as f64);
     let unknowns = 2.0 * skin.protocol.electrodes() as f64;

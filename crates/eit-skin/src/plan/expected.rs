@@ -7,25 +7,54 @@ use crate::method::Method;
 use crate::scene::StageSettings;
 use crate::skin::Skin;
 use crate::total_variation::DEFAULT_TARGET_GAP;
-use serde_json::{Value, json};
+use serde::Serialize;
 
 /// The best solver within a budget.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 struct BestIn {
-    budget: Budget,
-    row: Option<Measured>,
+    budget_s: f64,
+    live: bool,
+    solver: Option<String>,
+    pixels: Option<usize>,
+    target_gap: Option<f64>,
+    relative_error: Option<f64>,
+    expected_time_s: Option<f64>,
+    #[serde(skip)]
+    words: Option<String>,
+}
+
+impl BestIn {
+    fn of(budget: Budget, row: Option<&Measured>, machine: &Machine) -> Self {
+        let time_s = |row: &Measured| 1e-3 * row.cost_ms_a_frame * row.slowness(machine);
+        Self {
+            budget_s: budget.time_s,
+            live: budget.is_live,
+            solver: row.map(Measured::label),
+            pixels: row.and_then(|row| row.pixels),
+            target_gap: row.and_then(|row| row.target_gap),
+            relative_error: row.map(|row| row.relative_error),
+            expected_time_s: row.map(time_s),
+            words: row.map(|row| {
+                let time_ms = row.cost_ms_a_frame * row.slowness(machine);
+                format!("{}: error {:.2}, {time_ms:.2} ms", row.words(), row.relative_error)
+            }),
+        }
+    }
 }
 
 /// Expected error and cost, and the best solvers for several frame times.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Expected {
     /// The built-in scene most similar to the skin.
+    #[serde(flatten)]
     pub nearest: Nearest,
+    /// Relative error of the images.
+    pub relative_error: Option<f64>,
     /// Measurements of the scene's method there.
+    #[serde(skip)]
     pub row: Option<Measured>,
     /// The best solver within each budget.
     best: Vec<BestIn>,
-    machine: Machine,
 }
 
 /// The settings as `frame_time_s` would see them if the user had stated the noise but chosen nothing else;
@@ -62,16 +91,12 @@ impl Expected {
         let of = |is_live| {
             BUDGETS_S.map(|time_s| {
                 let budget = Budget { time_s, is_live };
-                BestIn { budget, row: best(rows.clone(), budget).cloned() }
+                BestIn::of(budget, best(rows.clone(), budget), machine)
             })
         };
         let best = [of(false), of(true)].concat();
-        Ok(Self { nearest, row, best, machine: machine.clone() })
-    }
-
-    /// Returns the relative error of the images.
-    pub fn error(&self) -> Option<f64> {
-        self.row.as_ref().map(|row| row.relative_error)
+        let relative_error = row.as_ref().map(|row| row.relative_error);
+        Ok(Self { nearest, relative_error, row, best })
     }
 
     /// Returns lines for the plan.
@@ -92,40 +117,12 @@ impl Expected {
              (frame_time_s selects it), and the time on this machine"
                 .to_owned(),
         );
-        for BestIn { budget: Budget { time_s: budget_s, is_live: live }, row } in &self.best {
+        let none = "nothing that the scene allows is fast enough";
+        for BestIn { budget_s, live, words, .. } in &self.best {
             let kind = if *live { "live" } else { "recorded" };
-            let found = row.as_ref().map_or_else(
-                || "nothing that the scene allows is fast enough".to_owned(),
-                |row| {
-                    let time_ms = row.cost_ms_a_frame * row.slowness(&self.machine);
-                    format!("{}: error {:.2}, {time_ms:.2} ms", row.words(), row.relative_error)
-                },
-            );
+            let found = words.as_deref().unwrap_or(none);
             lines.push(format!("  {:>4} ms, {kind:<9} {found}", 1e3 * budget_s));
         }
         lines
-    }
-
-    /// Returns the same as JSON.
-    pub fn json(&self) -> Value {
-        let one = |BestIn { budget: Budget { time_s: budget_s, is_live: live }, row }: &BestIn| {
-            json!({
-                "budget_s": budget_s,
-                "live": live,
-                "solver": row.as_ref().map(Measured::label),
-                "pixels": row.as_ref().and_then(|row| row.pixels),
-                "target_gap": row.as_ref().and_then(|row| row.target_gap),
-                "relative_error": row.as_ref().map(|row| row.relative_error),
-                "expected_time_s": row.as_ref().map(|row| {
-                    1e-3 * row.cost_ms_a_frame * row.slowness(&self.machine)
-                }),
-            })
-        };
-        json!({
-            "measured_on": self.nearest.scene,
-            "because": self.nearest.why,
-            "relative_error": self.error(),
-            "best": self.best.iter().map(one).collect::<Vec<_>>(),
-        })
     }
 }

@@ -15,7 +15,7 @@ use crate::total_variation::DEFAULT_TARGET_GAP;
 
 impl Sizes<'_> {
     /// The one-step matrix and its hyperparameter.
-    pub fn matrix(&self) -> Stage {
+    pub(crate) fn matrix(&self) -> Stage {
         let (m, n, rank) = (self.measurements, self.elements, self.directions);
         let skin = self.skin;
         let products_flops = m * m * n + 2.0 * m * n * rank;
@@ -33,7 +33,7 @@ impl Sizes<'_> {
     }
 
     /// One image.
-    pub fn frame(&self) -> Stage {
+    pub(crate) fn frame(&self) -> Stage {
         let (pixels, rank) = (self.pixels, self.rank);
         let image = 2.0 * self.directions * (self.measurements + self.skin_pixels);
         let skin = self.skin;
@@ -55,7 +55,7 @@ impl Sizes<'_> {
     }
 
     /// One image of a method that couples frames, on elements.
-    pub fn sequence_frame(&self) -> Stage {
+    pub(crate) fn sequence_frame(&self) -> Stage {
         let (m, n, rank) = (self.measurements, self.elements, self.rank);
         let flops = self.directions * (2.0 * (m + n) + 10.0);
         Stage {
@@ -69,7 +69,7 @@ impl Sizes<'_> {
     }
 
     /// One frame of the absolute method, in which each step solves and linearises again.
-    pub fn absolute_step(&self, model: &[Stage]) -> Stage {
+    pub(crate) fn absolute_step(&self, model: &[Stage]) -> Stage {
         let (m, n) = (self.measurements, self.elements);
         let again = model.iter().filter(|stage| stage.name != "mesh");
         let (solve, time_s) = again.fold((0.0, 0.0), |sum, s| (sum.0 + s.flops, sum.1 + s.time_s));
@@ -86,7 +86,7 @@ impl Sizes<'_> {
     }
 
     /// Set-up, choice of weights, and the iteration.
-    pub fn total_variation(&self, sequence: Sequence) -> Vec<Stage> {
+    pub(crate) fn total_variation(&self, sequence: Sequence) -> Vec<Stage> {
         let (m, n, rank) = (self.measurements, self.skin_pixels, self.directions);
         let count = sequence.solved().unwrap_or(ASSUMED_FRAMES);
         // the kernels process eight frames at once
@@ -108,7 +108,7 @@ impl Sizes<'_> {
             _ => trials / TV_FLOPS_PER_S,
         };
         let slowness = FITTED_FLOPS_PER_S / self.machine.double_flops_per_s;
-        let told = match sequence {
+        let frames = match sequence {
             Sequence::Unknown => format!("{count} frames assumed"),
             Sequence::Frames(1) => "one frame".to_owned(),
             Sequence::Frames(count) => format!("{count} frames"),
@@ -135,7 +135,7 @@ impl Sizes<'_> {
         }
         stages.push(Stage {
             name: "iteration",
-            size: format!("{n} pixels, {told}"),
+            size: format!("{n} pixels, {frames}"),
             flops: iteration(count),
             bytes: TV_PASSES * 4.0 * n * count as f64,
             time_s: iteration(count) / TV_FLOPS_PER_S,

@@ -3,11 +3,9 @@
 use super::sequence::Sequence;
 use crate::method::Method;
 use crate::skin::Skin;
-use serde_json::{Value, json};
 
 /// Something that is omitted, and the reason.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 #[non_exhaustive]
 pub struct LeftOut {
     /// What is omitted.
@@ -17,11 +15,6 @@ pub struct LeftOut {
 }
 
 impl LeftOut {
-    /// Returns the omission as JSON.
-    pub fn json(&self) -> Value {
-        json!({"what": self.what, "why": self.why})
-    }
-
     /// Returns a line for the plan.
     pub fn line(&self) -> String {
         format!("  {:<22} {}", self.what, self.why)

@@ -9,7 +9,8 @@ mod nearest;
 
 pub use in_time::BUDGETS_S;
 pub(crate) use in_time::{in_frame_time, suits};
-pub use nearest::{Nearest, nearest};
+pub use nearest::Nearest;
+pub(crate) use nearest::nearest;
 
 use crate::error::SkinError;
 use crate::method::Method;
@@ -19,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 const TABLE: &str = include_str!("measured.csv");
 
-/// Suffix of solvers that are told that touches only raise the conductivity.
+/// Suffix of solvers whose bounds say that touches only raise the conductivity.
 const BOUNDED: &str = " ≥ 0";
 /// Suffix of solvers that process one frame after the other.
 const STREAM: &str = " stream";
@@ -90,7 +91,7 @@ pub struct Measured {
 
 impl Measured {
     /// Returns the ratio of the time on `machine` to that where it was measured.
-    pub fn slowness(&self, machine: &Machine) -> f64 {
+    pub(crate) fn slowness(&self, machine: &Machine) -> f64 {
         1e9 * self.machine_gflops / machine.double_flops_per_s
     }
 
@@ -113,8 +114,7 @@ impl Measured {
 }
 
 /// Time available for a frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Budget {
     /// Time, seconds.
     pub time_s: f64,
@@ -124,7 +124,7 @@ pub struct Budget {
 
 /// Key for looking up a method in the table.
 #[derive(Debug, Clone, Copy)]
-pub struct Wanted<'a> {
+pub(crate) struct Wanted<'a> {
     /// The method.
     pub method: Method,
     /// Bounds and rule of the hyperparameter.
@@ -178,7 +178,7 @@ impl Table {
     }
 
     /// Returns all rows of a scene.
-    pub fn of_scene(&self, scene: &str) -> impl Iterator<Item = &Measured> + Clone {
+    pub(crate) fn of_scene(&self, scene: &str) -> impl Iterator<Item = &Measured> + Clone {
         let scene = scene.to_owned();
         self.rows.iter().filter(move |row| row.scene == scene)
     }

@@ -6,7 +6,7 @@ use crate::scene::Delta;
 use crate::skin::Skin;
 
 /// Returns lines for the plan; none for methods with a hyperparameter.
-pub fn of(skin: &Skin, method: Method, sequence: Sequence) -> Vec<String> {
+pub(crate) fn of(skin: &Skin, method: Method, sequence: Sequence) -> Vec<String> {
     if !method.is_tv() {
         return Vec::new();
     }

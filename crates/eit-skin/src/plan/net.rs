@@ -11,7 +11,7 @@ const CHECK_FLOPS_PER_S: f64 = 1e10;
 
 /// U-net and check; none without `[denoise]`.
 #[cfg(feature = "denoise")]
-pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
+pub(crate) fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
     let Some(net) = skin.net()? else { return Ok(Vec::new()) };
     let pixels = skin.pixels();
     let measurements = skin.protocol.measurements();
@@ -54,6 +54,6 @@ pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
 
 /// No stages without the feature.
 #[cfg(not(feature = "denoise"))]
-pub fn of(_: &Skin) -> Result<Vec<Stage>, SkinError> {
+pub(crate) fn of(_: &Skin) -> Result<Vec<Stage>, SkinError> {
     Ok(Vec::new())
 }

@@ -1,12 +1,19 @@
 //! The plan of a reactive scene: complex voltages and Jacobian, but no images.
 
 use super::left_out::{LeftOut, listed};
-use super::{PlanText, machine::Machine, stage_json, stage_lines, stages};
+use super::machine::Machine;
+use super::rates::{ELEMENT_S, FACTOR_FLOPS_PER_S, SWEEP_FLOPS_PER_S};
+use super::stage::{Stage, scale, store_rate};
+use super::stages::mesh_stage;
+use super::{PlanText, stage_lines};
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::reactive::{ReactiveSkin, rounding_warning};
 use eit_fem::AdmittivityReport;
 use serde_json::json;
+
+/// Real multiplications and additions per complex one.
+const COMPLEX_FLOPS: f64 = 4.0;
 
 /// Builds what is needed for sizes, solves once for phases and pivot growth, and predicts the rest.
 ///
@@ -17,7 +24,7 @@ pub fn of_reactive(skin: &ReactiveSkin, progress: &mut Progress) -> Result<PlanT
     let report = progress.stage("voltages", || untouched(skin))?;
     let warning = rounding_warning(&report)?;
     let machine = progress.stage("this machine", || Ok::<_, SkinError>(Machine::measure()))?;
-    let stages = stages::of_reactive(skin, &machine);
+    let stages = stages(skin, &machine);
     let why = why_complex(skin);
     let left_out = left_out(skin, &report);
     let json = json!({
@@ -25,8 +32,8 @@ pub fn of_reactive(skin: &ReactiveSkin, progress: &mut Progress) -> Result<PlanT
         "complex": true,
         "complex_because": why,
         "mesh_notes": skin.notes,
-        "stages": stages.iter().map(stage_json).collect::<Vec<_>>(),
-        "left_out": left_out.iter().map(LeftOut::json).collect::<Vec<_>>(),
+        "stages": stages,
+        "left_out": left_out,
         "phase_span_deg": report.phase_span_deg,
         "growth": report.growth,
         "expected_loss": report.expected_loss,
@@ -46,6 +53,43 @@ pub fn of_reactive(skin: &ReactiveSkin, progress: &mut Progress) -> Result<PlanT
     lines.extend(left_out.iter().map(LeftOut::line));
     lines.extend(warning.map(|warning| format!("warning: {warning}")));
     Ok(PlanText { text: lines.join("\n"), json })
+}
+
+/// Stages of a reactive scene. A complex product counts as four real ones; a matrix is assembled
+/// twice, for real and imaginary parts.
+fn stages(skin: &ReactiveSkin, machine: &Machine) -> Vec<Stage> {
+    let model = &skin.model;
+    let cost = model.cost();
+    let (m, n) = (model.protocol().measurements() as f64, model.elements() as f64);
+    let (entries, solves) = (cost.factor_entries as f64, cost.field_solves as f64);
+    let factor = COMPLEX_FLOPS * cost.factor_flops;
+    let sweep = COMPLEX_FLOPS * 2.0 * entries * solves;
+    let bytes = 16.0 * m * n;
+    let mut stages = vec![
+        mesh_stage(skin.from_file, &skin.mesh),
+        Stage {
+            name: "forward, complex",
+            size: format!("{} unknowns, factor {} entries", cost.unknowns, cost.factor_entries),
+            flops: factor,
+            bytes: 16.0 * entries,
+            time_s: factor / FACTOR_FLOPS_PER_S + 2.0 * ELEMENT_S * n,
+            why: "one symmetric factorisation gives all voltages: electrodes are eliminated last"
+                .to_owned(),
+        },
+        Stage {
+            name: "Jacobian, complex",
+            size: format!("[{m}, {n}], {solves} fields, {} products", cost.field_products),
+            // the product of two gradients takes 16 flops, for real ones 3
+            flops: sweep + 16.0 / 3.0 * cost.product_flops,
+            bytes,
+            time_s: sweep / SWEEP_FLOPS_PER_S + bytes / store_rate(bytes),
+            why:
+                "only needed by `eit jacobian`: the derivative with respect to complex admittivity"
+                    .to_owned(),
+        },
+    ];
+    scale(&mut stages, machine);
+    stages
 }
 
 /// Report on the solve of the untouched skin.

@@ -7,8 +7,7 @@ use crate::skin::Skin;
 use std::sync::Arc;
 
 /// Frames that a plan is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub enum Sequence {
     /// No readable recording.
@@ -21,13 +20,13 @@ pub enum Sequence {
 
 /// Reads the skin's recording if possible. Errors are ignored here, because the plan does not require it and
 /// a reconstruction reports them.
-pub fn read(skin: &Skin, progress: &mut Progress) -> Option<Frames> {
+pub(crate) fn read(skin: &Skin, progress: &mut Progress) -> Option<Frames> {
     progress.stage("read frames", || skin.read_frames(&[], None)).ok()
 }
 
 impl Sequence {
     /// Checks whether the scene is static, if the method makes use of that and the noise is known.
-    pub fn of(
+    pub(crate) fn of(
         skin: &Skin,
         method: Method,
         recording: Option<Frames>,
@@ -44,7 +43,7 @@ impl Sequence {
     }
 
     /// Returns the number of frames solved for; `None` if unknown.
-    pub fn solved(self) -> Option<usize> {
+    pub(crate) fn solved(self) -> Option<usize> {
         match self {
             Self::Unknown => None,
             Self::Frames(count) => Some(count),

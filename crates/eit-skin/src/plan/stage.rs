@@ -4,10 +4,10 @@ use super::machine::Machine;
 use super::rates::{CACHED_BYTES, FITTED_FLOPS_PER_S, NEW_BYTES_PER_S, STORE_BYTES_PER_S};
 
 /// Size, work and expected time of one stage.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Stage {
     /// Name.
+    #[serde(rename = "stage")]
     pub name: &'static str,
     /// Size of the problem, in words.
     pub size: String,
@@ -16,6 +16,7 @@ pub struct Stage {
     /// Bytes stored.
     pub bytes: f64,
     /// Expected time on this machine, seconds.
+    #[serde(rename = "expected_time_s")]
     pub time_s: f64,
     /// Reason for doing it this way.
     pub why: String,

@@ -4,14 +4,13 @@ use super::electrodes;
 use super::machine::Machine;
 use super::measured::Measured;
 use super::rates::{
-    COMPLEX_FLOPS, ELEMENT_S, ELIMINATED_NODE_S, EXTENDED_NODE_S, FACTOR_FLOPS_PER_S, NODE_S,
-    SWEEP_FLOPS_PER_S, USUAL_DIRECTIONS,
+    ELEMENT_S, ELIMINATED_NODE_S, EXTENDED_NODE_S, FACTOR_FLOPS_PER_S, NODE_S, SWEEP_FLOPS_PER_S,
+    USUAL_DIRECTIONS,
 };
 use super::sequence::Sequence;
 use super::sizes::Sizes;
 use super::stage::{Stage, scale, store_rate};
 use crate::method::Method;
-use crate::reactive::ReactiveSkin;
 use crate::skin::Skin;
 use eit_fem::{ElementOrder, SolvePath};
 use eit_mesh::{Mesh, Quality};
@@ -60,45 +59,8 @@ pub fn of(
     stages
 }
 
-/// Returns the stages of a reactive scene. A complex product counts as four real ones; a matrix is assembled
-/// twice, for real and imaginary parts.
-pub fn of_reactive(skin: &ReactiveSkin, machine: &Machine) -> Vec<Stage> {
-    let model = &skin.model;
-    let cost = model.cost();
-    let (m, n) = (model.protocol().measurements() as f64, model.elements() as f64);
-    let (entries, solves) = (cost.factor_entries as f64, cost.field_solves as f64);
-    let factor = COMPLEX_FLOPS * cost.factor_flops;
-    let sweep = COMPLEX_FLOPS * 2.0 * entries * solves;
-    let bytes = 16.0 * m * n;
-    let mut stages = vec![
-        mesh_stage(skin.from_file, &skin.mesh),
-        Stage {
-            name: "forward, complex",
-            size: format!("{} unknowns, factor {} entries", cost.unknowns, cost.factor_entries),
-            flops: factor,
-            bytes: 16.0 * entries,
-            time_s: factor / FACTOR_FLOPS_PER_S + 2.0 * ELEMENT_S * n,
-            why: "one symmetric factorisation gives all voltages: electrodes are eliminated last"
-                .to_owned(),
-        },
-        Stage {
-            name: "Jacobian, complex",
-            size: format!("[{m}, {n}], {solves} fields, {} products", cost.field_products),
-            // the product of two gradients takes 16 flops, for real ones 3
-            flops: sweep + 16.0 / 3.0 * cost.product_flops,
-            bytes,
-            time_s: sweep / SWEEP_FLOPS_PER_S + bytes / store_rate(bytes),
-            why:
-                "only needed by `eit jacobian`: the derivative with respect to complex admittivity"
-                    .to_owned(),
-        },
-    ];
-    scale(&mut stages, machine);
-    stages
-}
-
 /// Mesh, generated or read.
-fn mesh_stage(from_file: bool, mesh: &Mesh) -> Stage {
+pub(super) fn mesh_stage(from_file: bool, mesh: &Mesh) -> Stage {
     let quality = Quality::of(mesh);
     Stage {
         name: "mesh",
@@ -116,7 +78,7 @@ fn mesh_stage(from_file: bool, mesh: &Mesh) -> Stage {
 }
 
 /// Returns the solve at which images are linearised, if textbook assembly may lose too many digits.
-pub fn linearisation(skin: &Skin, path: SolvePath, machine: &Machine) -> Option<Stage> {
+pub(crate) fn linearisation(skin: &Skin, path: SolvePath, machine: &Machine) -> Option<Stage> {
     let (node_s, numbers) = match path {
         SolvePath::NodalAssembly => return None,
         SolvePath::ElectrodesEliminated => (ELIMINATED_NODE_S, "f64"),
@@ -177,7 +139,7 @@ impl Sizes<'_> {
 }
 
 /// Returns the fraction of the raster's square that is skin.
-pub fn skin_share(skin: &Skin) -> f64 {
+pub(crate) fn skin_share(skin: &Skin) -> f64 {
     let [low, high] = skin.mesh.surface().bounds_m();
     let side = (high[0] - low[0]).max(high[1] - low[1]);
     (skin.mesh.surface().areas_m2().iter().sum::<f64>() / (side * side)).min(1.0)

@@ -21,7 +21,7 @@ const SHEETS: f64 = 2.0;
 const TRIALS: f64 = 32.0;
 
 /// Returns the stages of the set-up and of each frame.
-pub fn of(skin: &Skin, machine: &Machine) -> Vec<Stage> {
+pub(crate) fn of(skin: &Skin, machine: &Machine) -> Vec<Stage> {
     let cost = skin.model.cost();
     let (m, n) = (skin.protocol.measurements() as f64, skin.model.elements() as f64);
     // a measurement and its reciprocal count once

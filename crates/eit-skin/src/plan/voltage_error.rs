@@ -1,18 +1,18 @@
 //! Error of the voltages due to the mesh, compared with the instrument's noise.
 
 use crate::error::SkinError;
-use crate::scene::{Accuracy, element_words};
+use crate::scene::{Accuracy, MESH_NODES, element_words};
 use crate::skin::Skin;
-use eit_fem::{ElementOrder, ModelCost};
-use serde_json::{Value, json};
+use eit_fem::{ElementOrder, MeshSearch, ModelCost, RequiredAccuracy};
+use serde::Serialize;
 
 /// Degree of the mesh-free series: on the paper-disc, the two printed digits are the same for degrees 8 to
 /// 24.
 const PLAN_DEGREE: usize = 12;
 
 /// Errors of the untouched skin's voltages, relative to the largest voltage.
-#[derive(Debug, Clone)]
-pub struct VoltageError {
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct VoltageError {
     /// Discretisation error; `None` if it cannot be estimated.
     pub of_mesh: Option<f64>,
     /// What it was estimated against.
@@ -20,15 +20,19 @@ pub struct VoltageError {
     /// Standard deviation of the instrument's noise, if the scene states it.
     noise: Option<f64>,
     /// Whether the mesh was chosen for the noise.
+    #[serde(skip)]
     by_noise: bool,
+    #[serde(rename = "choice")]
     accuracy: Option<Accuracy>,
+    #[serde(skip)]
     elements: ElementOrder,
+    #[serde(skip)]
     cost: ModelCost,
 }
 
 impl VoltageError {
     /// Estimates the error by the mesh-free series if there is one, else by better elements or a finer mesh.
-    pub fn of(skin: &Skin, found: &[f64]) -> Result<Self, SkinError> {
+    pub(crate) fn of(skin: &Skin, found: &[f64]) -> Result<Self, SkinError> {
         let largest = found.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         let elements = skin.model.element_order();
         let chosen = skin.accuracy.as_ref().map(|accuracy| accuracy.error);
@@ -40,7 +44,7 @@ impl VoltageError {
             }
             (None, Some(estimate)) => (estimate, "the meshes that it was chosen among"),
             (None, None) => (
-                skin.mesh_error()?,
+                mesh_error(skin)?,
                 match elements {
                     ElementOrder::Linear => "quadratic elements on the same mesh",
                     ElementOrder::Quadratic => "quadratic elements on twice the nodes",
@@ -59,7 +63,7 @@ impl VoltageError {
     }
 
     /// Returns lines for the plan.
-    pub fn words(&self) -> Vec<String> {
+    pub(crate) fn words(&self) -> Vec<String> {
         let mut lines = vec![match self.of_mesh {
             Some(error) => format!(
                 "expected error of the voltages on this mesh: {error:.1e} of the largest \
@@ -115,14 +119,33 @@ impl VoltageError {
             ))
         )
     }
+}
 
-    /// Returns the same as JSON.
-    pub fn json(&self) -> Value {
-        json!({
-            "of_mesh": self.of_mesh,
-            "against": self.against,
-            "noise": self.noise,
-            "choice": self.accuracy.as_ref().map(Accuracy::json),
-        })
+/// Estimates the error of the voltages, relative to the largest, on a mesh without a required accuracy:
+/// linear elements are compared with quadratic ones on the same mesh, quadratic ones on a generated mesh
+/// with those on twice the nodes. `None` if neither is possible: a shunt, an ideal source, or quadratic
+/// elements on the mesh of a file.
+fn mesh_error(skin: &Skin) -> Result<Option<f64>, SkinError> {
+    let impedance = &skin.contact_impedance;
+    if impedance.iter().any(|z| *z == 0.0 || z.is_infinite()) {
+        return Ok(None);
     }
+    let search = MeshSearch {
+        protocol: &skin.protocol,
+        contact_impedance: impedance,
+        conductivity_s: skin.conductivity_s,
+        required: RequiredAccuracy::Relative(0.5),
+        element_order: None,
+        most_nodes: MESH_NODES,
+    };
+    let estimate = match skin.model.element_order() {
+        ElementOrder::Linear => search.of_linear(&skin.mesh)?.error,
+        ElementOrder::Quadratic if skin.source.is_file() => return Ok(None),
+        ElementOrder::Quadratic => {
+            let nodes = 2 * skin.mesh.surface().nodes().len();
+            let finer = skin.source.with_nodes(nodes)?.build()?;
+            search.of_quadratic(&skin.mesh, &finer.mesh)?.error
+        }
+    };
+    Ok(Some(estimate))
 }

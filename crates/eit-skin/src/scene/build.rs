@@ -1,10 +1,7 @@
 //! Converts the scene's keys to settings of the library crates.
 
 use super::mesh::{ElectrodeSource, MeshSource};
-use super::{
-    AccuracyRule, Direction, ElementKind, OneOrMany, Pair, Position, RequiredAccuracyKey, Scene,
-    Shape, plain,
-};
+use super::{AccuracyRule, OneOrMany, Pair, Position, RequiredAccuracyKey, Scene, Shape, plain};
 use crate::error::SkinError;
 use eit_fem::{ElementOrder, RequiredAccuracy};
 use eit_mesh::{MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
@@ -13,11 +10,8 @@ impl Scene {
     /// Returns the order of the finite elements that the scene states or implies: derivatives with respect to
     /// electrode movement require linear ones.
     pub fn element_order(&self) -> Option<ElementOrder> {
-        match self.mesh.elements {
-            Some(ElementKind::Linear) => Some(ElementOrder::Linear),
-            Some(ElementKind::Quadratic) => Some(ElementOrder::Quadratic),
-            None => self.reconstruction.electrode_movement_m.map(|_| ElementOrder::Linear),
-        }
+        let implied = self.reconstruction.electrode_movement_m.map(|_| ElementOrder::Linear);
+        self.mesh.elements.or(implied)
     }
 
     /// Returns the accuracy for which the mesh is chosen, if the scene requires one.
@@ -25,7 +19,7 @@ impl Scene {
     /// # Errors
     ///
     /// [`SkinError::Missing`] for an accuracy relative to noise that the scene does not state.
-    pub fn required_accuracy(&self) -> Result<Option<RequiredAccuracy>, SkinError> {
+    pub(crate) fn required_accuracy(&self) -> Result<Option<RequiredAccuracy>, SkinError> {
         let key = "noise.additive_v";
         Ok(match &self.mesh.required_accuracy {
             None => None,
@@ -133,10 +127,7 @@ impl Scene {
         let placement = Placement::EquallySpaced {
             count: self.needed(keys.count, "electrodes.count", "electrodes")?,
             first_angle_deg: keys.first_angle_deg.unwrap_or(0.0),
-            direction: match keys.direction {
-                Direction::Counterclockwise => eit_mesh::Direction::Counterclockwise,
-                Direction::Clockwise => eit_mesh::Direction::Clockwise,
-            },
+            direction: keys.direction,
         };
         let widths = self.needed(keys.width_m.as_ref(), "electrodes.width_m", "electrodes")?;
         if let OneOrMany::One(width_m) = *widths {

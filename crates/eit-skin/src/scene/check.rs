@@ -3,10 +3,11 @@
 //! The crates that build shapes, electrodes and protocols check those.
 
 use super::{
-    Delta, ElementKind, Hyperparameter, PriorKind, RequiredAccuracyKey, Rule, Scene, Shape,
+    Delta, ElementOrder, Hyperparameter, PriorKind, RequiredAccuracyKey, Rule, Scene, Shape,
 };
 use crate::error::SkinError;
 use crate::method::Method;
+use std::ops::RangeInclusive;
 
 /// Largest length of a skin, metres: a larger one is a slip of unit.
 pub(super) const MOST_LENGTH_M: f64 = 10.0;
@@ -44,7 +45,7 @@ impl Scene {
         crate::method::choose(&settings, None, None)?;
         #[cfg(feature = "denoise")]
         if let Some(denoise) = &settings.denoise {
-            let pixels = settings.reconstruction.pixels.unwrap_or(crate::skin::DEFAULT_PIXELS);
+            let pixels = settings.reconstruction.pixels.unwrap_or(super::DEFAULT_PIXELS);
             let fingerprint = &self.skin_fingerprint()?;
             let target =
                 crate::denoise::NetTarget { fingerprint, pixels, sign: settings.touch.sign };
@@ -62,7 +63,7 @@ impl Scene {
         let why = if self.reconstruction.method.as_deref() == Some(absolute) {
             "method = \"gauss-newton-absolute\" exclude each other: movement is removed from \
              differences before a linear method; keep one"
-        } else if self.mesh.elements == Some(ElementKind::Quadratic) {
+        } else if self.mesh.elements == Some(ElementOrder::Quadratic) {
             "[mesh] elements = \"quadratic\" exclude each other: derivatives along displacements are \
              those of linear elements; keep one"
         } else {
@@ -118,49 +119,31 @@ impl Scene {
             Some(Hyperparameter::Value(value)) => Some(value),
             _ => None,
         };
-        let positive = [
-            ("skin.conductivity_s", Some(self.skin.conductivity_s)),
-            ("reconstruction.correlation_length_m", image.correlation_length_m),
-            ("reconstruction.hyperparameter", fixed),
-            ("reconstruction.noise_figure", image.noise_figure),
-            ("noise.additive_v", self.noise.additive_v),
-            ("touch.least_strength_m2", self.touch.least_strength_m2),
-            ("reconstruction.lambda_space", image.lambda_space),
-            ("reconstruction.target_gap", image.target_gap),
-            ("reconstruction.deadline_s", image.deadline_s),
-            ("reconstruction.frame_time_s", image.frame_time_s),
-            ("reconstruction.electrode_movement_m", image.electrode_movement_m),
-        ];
-        for (key, value) in positive {
-            if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
-                let must = "finite and above zero";
-                return Err(SkinError::OutOfRange { key, value, must });
-            }
-        }
+        let delta = match image.delta {
+            Some(Delta::Value(value)) => Some(value),
+            _ => None,
+        };
         // beyond what any skin has: a slip of unit
-        let plausible = [
-            (
-                "recording.frame_rate_hz",
-                self.recording.frame_rate_hz,
-                1e-4..=1e6,
-                "from 0.0001 to 1000000 (frames a second)",
-            ),
-            (
-                "protocol.current_a",
-                self.protocol.current_a,
-                1e-9..=10.0,
-                "from 1e-9 to 10 (ampere)",
-            ),
-        ];
-        for (key, value, range, must) in plausible {
-            if let Some(value) = value.filter(|v| !range.contains(v)) {
-                return Err(SkinError::OutOfRange { key, value, must });
-            }
-        }
-        if let Some(scale) = self.recording.scale.filter(|s| !s.is_finite() || *s == 0.0) {
-            let (key, must) = ("recording.scale", "finite and not zero");
-            return Err(SkinError::OutOfRange { key, value: scale, must });
-        }
+        let rates = (1e-4..=1e6, "from 0.0001 to 1000000 (frames a second)");
+        let currents = (1e-9..=10.0, "from 1e-9 to 10 (ampere)");
+        check_numbers([
+            ("skin.conductivity_s", Some(self.skin.conductivity_s), Must::Positive),
+            ("reconstruction.correlation_length_m", image.correlation_length_m, Must::Positive),
+            ("reconstruction.hyperparameter", fixed, Must::Positive),
+            ("reconstruction.noise_figure", image.noise_figure, Must::Positive),
+            ("noise.additive_v", self.noise.additive_v, Must::Positive),
+            ("touch.least_strength_m2", self.touch.least_strength_m2, Must::Positive),
+            ("reconstruction.lambda_space", image.lambda_space, Must::Positive),
+            ("reconstruction.target_gap", image.target_gap, Must::Positive),
+            ("reconstruction.deadline_s", image.deadline_s, Must::Positive),
+            ("reconstruction.frame_time_s", image.frame_time_s, Must::Positive),
+            ("reconstruction.electrode_movement_m", image.electrode_movement_m, Must::Positive),
+            ("recording.frame_rate_hz", self.recording.frame_rate_hz, Must::Within(rates)),
+            ("protocol.current_a", self.protocol.current_a, Must::Within(currents)),
+            ("recording.scale", self.recording.scale, Must::NotZero),
+            ("reconstruction.lambda_time", image.lambda_time, Must::NotNegative),
+            ("reconstruction.delta", delta, Must::NotNegative),
+        ])?;
         if let Some(RequiredAccuracyKey::Relative(value)) = self.mesh.required_accuracy
             && !(value > 0.0 && value < 1.0)
         {
@@ -190,21 +173,9 @@ impl Scene {
         Ok(())
     }
 
-    /// Checks numbers of the total variation methods that may be zero, or whose range is bounded.
+    /// Checks the gap and the bounds of total variation, and the frames that show the noise.
     fn check_tv(&self) -> Result<(), SkinError> {
         let image = &self.reconstruction;
-        let delta = match image.delta {
-            Some(Delta::Value(value)) => Some(value),
-            _ => None,
-        };
-        for (key, value) in
-            [("reconstruction.lambda_time", image.lambda_time), ("reconstruction.delta", delta)]
-        {
-            if let Some(value) = value.filter(|v| !(v.is_finite() && *v >= 0.0)) {
-                let must = "finite and not below zero";
-                return Err(SkinError::OutOfRange { key, value, must });
-            }
-        }
         if let Some(gap) = image.target_gap.filter(|gap| *gap >= 1.0) {
             return Err(SkinError::input(format!(
                 "reconstruction.target_gap is {gap}: it is relative to the objective and must be \
@@ -259,106 +230,135 @@ impl Scene {
 
     /// Checks keys that exclude each other, and keys that need another one.
     fn check_company(&self) -> Result<(), SkinError> {
-        let (protocol, electrodes, image) =
-            (&self.protocol, &self.electrodes, &self.reconstruction);
-        let (mesh, skin) = (&self.mesh, &self.skin);
-        let quadruples = ("protocol.quadruples_file", protocol.quadruples_file.is_some());
-        let stimulation = ("protocol.stimulation_file", protocol.stimulation_file.is_some());
-        let drive = ("protocol.drive", protocol.drive.is_some());
-        let measure = ("protocol.measure", protocol.measure.is_some());
-        let pairs = ("protocol.pairs", protocol.pairs.is_some());
-        let positions = ("electrodes.positions_m", electrodes.positions_m.is_some());
-        let angle = ("electrodes.first_angle_deg", electrodes.first_angle_deg.is_some());
-        let file = ("skin.shape = \"mesh\"", skin.shape == Shape::Mesh);
-        // a file with electrodes is used unchanged
-        let own = ("skin.shape = \"mesh\" without positions_m", file.1 && !positions.1);
-        let radius = ("electrodes.radius_m", electrodes.radius_m.is_some());
-        let accuracy = ("mesh.required_accuracy", mesh.required_accuracy.is_some());
-        let exclusive = [
-            (drive, pairs),
-            (drive, quadruples),
-            (drive, stimulation),
-            (pairs, quadruples),
-            (pairs, stimulation),
-            (quadruples, stimulation),
-            (measure, quadruples),
-            (measure, stimulation),
-            (positions, angle),
-            (("skin.radius_m", skin.radius_m.is_some()), ("skin.width_m", skin.width_m.is_some())),
-            (("skin.radius_m", skin.radius_m.is_some()), ("skin.outline", skin.outline.is_some())),
-            (("skin.width_m", skin.width_m.is_some()), ("skin.outline", skin.outline.is_some())),
-            (file, ("skin.radius_m", skin.radius_m.is_some())),
-            (file, ("mesh.nodes", mesh.nodes.is_some())),
-            (own, ("mesh.edge_m", mesh.edge_m.is_some())),
-            (own, ("mesh.electrode_edge_m", mesh.electrode_edge_m.is_some())),
-            (own, ("mesh.grading", mesh.grading.is_some())),
-            (("mesh.nodes", mesh.nodes.is_some()), ("mesh.edge_m", mesh.edge_m.is_some())),
-            (accuracy, ("mesh.nodes", mesh.nodes.is_some())),
-            (accuracy, ("mesh.edge_m", mesh.edge_m.is_some())),
-            (accuracy, ("mesh.electrode_edge_m", mesh.electrode_edge_m.is_some())),
-            (
-                ("noise.additive_v", self.noise.additive_v.is_some()),
-                ("noise.quiet_frames", self.noise.quiet_frames.is_some()),
-            ),
-            (file, ("electrodes.count", electrodes.count.is_some())),
-            (own, ("electrodes.width_m", electrodes.width_m.is_some())),
-            (own, radius),
-            (file, angle),
-        ];
-        if let Some(((one, _), (other, _))) = exclusive.iter().find(|(a, b)| a.1 && b.1) {
+        let table = self.to_table()?;
+        let is_set = |key: &str| {
+            let is_file = self.skin.shape == Shape::Mesh;
+            match (key, key.split_once('.')) {
+                (MESH_FILE, _) => is_file,
+                // such a file is used unchanged
+                (OWN_ELECTRODES, _) => is_file && self.electrodes.positions_m.is_none(),
+                (_, Some((section, key))) => {
+                    table.get(section).is_some_and(|keys| keys.get(key).is_some())
+                }
+                _ => false,
+            }
+        };
+        if let Some(&[one, other]) =
+            EXCLUSIVE.iter().find(|keys| keys.iter().all(|key| is_set(key)))
+        {
             return Err(SkinError::Exclusive { one, other });
         }
+        let image = &self.reconstruction;
         let figure_rule =
             matches!(image.hyperparameter, None | Some(Hyperparameter::Rule(Rule::NoiseFigure)));
         let smooth = matches!(image.prior, None | Some(PriorKind::Laplace | PriorKind::Gaussian));
-        let capacitance =
-            skin.sheet_capacitance_f.is_some() || electrodes.contact_capacitance_f_per_m.is_some();
-        let frequency = ("protocol.frequency_hz", protocol.frequency_hz.is_some());
+        let capacitances =
+            ["skin.sheet_capacitance_f", "electrodes.contact_capacitance_f_per_m"].map(is_set);
         let needs = [
-            (("skin.sheet_capacitance_f", skin.sheet_capacitance_f.is_some()), frequency),
+            ("skin.sheet_capacitance_f", FREQUENCY, is_set(FREQUENCY)),
+            ("electrodes.contact_capacitance_f_per_m", FREQUENCY, is_set(FREQUENCY)),
             (
-                (
-                    "electrodes.contact_capacitance_f_per_m",
-                    electrodes.contact_capacitance_f_per_m.is_some(),
-                ),
-                frequency,
+                FREQUENCY,
+                "skin.sheet_capacitance_f or electrodes.contact_capacitance_f_per_m",
+                capacitances.contains(&true),
             ),
+            ("protocol.measurement_file", STIMULATION, is_set(STIMULATION)),
+            ("reconstruction.noise_figure", "hyperparameter = \"noise-figure\"", figure_rule),
+            ("reconstruction.correlation_length_m", "prior = \"laplace\" or \"gaussian\"", smooth),
+            ("skin.file", MESH_FILE, is_set(MESH_FILE)),
+            ("skin.scale_m", MESH_FILE, is_set(MESH_FILE)),
+            ("electrodes.radius_m", POSITIONS, is_set(POSITIONS)),
             (
-                frequency,
-                ("skin.sheet_capacitance_f or electrodes.contact_capacitance_f_per_m", capacitance),
-            ),
-            (
-                ("protocol.measurement_file", protocol.measurement_file.is_some()),
-                ("protocol.stimulation_file", stimulation.1),
-            ),
-            (
-                ("reconstruction.noise_figure", image.noise_figure.is_some()),
-                ("hyperparameter = \"noise-figure\"", figure_rule),
-            ),
-            (
-                ("reconstruction.correlation_length_m", image.correlation_length_m.is_some()),
-                ("prior = \"laplace\" or \"gaussian\"", smooth),
-            ),
-            (("skin.file", skin.file.is_some()), file),
-            (("skin.scale_m", skin.scale_m.is_some()), file),
-            (radius, positions),
-            (
+                "reconstruction.lambda_time",
+                "reconstruction.lambda_space",
                 // 0 disables the time term, whatever the weight in space
-                (
-                    "reconstruction.lambda_time",
-                    image.lambda_time.is_some_and(|weight| weight != 0.0),
-                ),
-                ("reconstruction.lambda_space", image.lambda_space.is_some()),
+                image.lambda_time == Some(0.0) || image.lambda_space.is_some(),
             ),
         ];
-        match needs.iter().find(|(a, b)| a.1 && !b.1) {
+        match needs.iter().find(|(key, _, is_met)| is_set(key) && !is_met) {
             None => Ok(()),
-            Some(((key, _), (other, _))) => {
+            Some((key, other, _)) => {
                 let because = format!("without {other}");
                 Err(SkinError::NoEffect { key: (*key).to_owned(), because })
             }
         }
     }
+}
+
+const MESH_FILE: &str = "skin.shape = \"mesh\"";
+const OWN_ELECTRODES: &str = "skin.shape = \"mesh\" without positions_m";
+const FREQUENCY: &str = "protocol.frequency_hz";
+const STIMULATION: &str = "protocol.stimulation_file";
+const QUADRUPLES: &str = "protocol.quadruples_file";
+const POSITIONS: &str = "electrodes.positions_m";
+const FIRST_ANGLE: &str = "electrodes.first_angle_deg";
+const ACCURACY: &str = "mesh.required_accuracy";
+
+/// Keys that exclude each other.
+const EXCLUSIVE: [[&str; 2]; 26] = [
+    ["protocol.drive", "protocol.pairs"],
+    ["protocol.drive", QUADRUPLES],
+    ["protocol.drive", STIMULATION],
+    ["protocol.pairs", QUADRUPLES],
+    ["protocol.pairs", STIMULATION],
+    [QUADRUPLES, STIMULATION],
+    ["protocol.measure", QUADRUPLES],
+    ["protocol.measure", STIMULATION],
+    [POSITIONS, FIRST_ANGLE],
+    ["skin.radius_m", "skin.width_m"],
+    ["skin.radius_m", "skin.outline"],
+    ["skin.width_m", "skin.outline"],
+    [MESH_FILE, "skin.radius_m"],
+    [MESH_FILE, "mesh.nodes"],
+    [OWN_ELECTRODES, "mesh.edge_m"],
+    [OWN_ELECTRODES, "mesh.electrode_edge_m"],
+    [OWN_ELECTRODES, "mesh.grading"],
+    ["mesh.nodes", "mesh.edge_m"],
+    [ACCURACY, "mesh.nodes"],
+    [ACCURACY, "mesh.edge_m"],
+    [ACCURACY, "mesh.electrode_edge_m"],
+    ["noise.additive_v", "noise.quiet_frames"],
+    [MESH_FILE, "electrodes.count"],
+    [OWN_ELECTRODES, "electrodes.width_m"],
+    [OWN_ELECTRODES, "electrodes.radius_m"],
+    [MESH_FILE, FIRST_ANGLE],
+];
+
+/// Allowed range of a number.
+pub(crate) enum Must {
+    Positive,
+    NotNegative,
+    NotZero,
+    #[cfg(feature = "learn")]
+    Finite,
+    /// Above zero and at most one.
+    #[cfg(feature = "learn")]
+    Part,
+    /// A range, and its description.
+    Within((RangeInclusive<f64>, &'static str)),
+}
+
+/// Rejects numbers out of range; the error names key, value and range.
+pub(crate) fn check_numbers(
+    numbers: impl IntoIterator<Item = (&'static str, Option<f64>, Must)>,
+) -> Result<(), SkinError> {
+    for (key, value, must) in numbers {
+        let Some(value) = value else { continue };
+        let (is_met, must) = match must {
+            Must::Positive => (value.is_finite() && value > 0.0, "finite and above zero"),
+            Must::NotNegative => (value.is_finite() && value >= 0.0, "finite and not below zero"),
+            Must::NotZero => (value.is_finite() && value != 0.0, "finite and not zero"),
+            #[cfg(feature = "learn")]
+            Must::Finite => (value.is_finite(), "finite"),
+            #[cfg(feature = "learn")]
+            Must::Part => (value > 0.0 && value <= 1.0, "above zero and at most 1"),
+            Must::Within((range, words)) => (range.contains(&value), words),
+        };
+        if !is_met {
+            return Err(SkinError::OutOfRange { key, value, must });
+        }
+    }
+    Ok(())
 }
 
 /// Rejects a length or coordinate beyond any skin.

@@ -2,7 +2,6 @@
 
 use super::Scene;
 use crate::error::SkinError;
-use crate::skin::Skin;
 use eit_fem::Protocol;
 use eit_hw::codec::text::TextFormat;
 use eit_hw::driver::{
@@ -39,31 +38,9 @@ pub struct InstrumentSettings {
     /// Sciospec: 1, 5 or 10 V.
     pub range_v: Option<u32>,
     /// Sciospec: bytes per electrode number.
-    pub pair_width: Option<PairWidthKind>,
+    pub pair_width: Option<PairWidth>,
     /// Sciospec: the driven electrode at which the current enters.
-    pub polarity: Option<PolarityKind>,
-}
-
-/// Bytes per electrode number (`instrument.pair_width`).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum PairWidthKind {
-    /// One byte.
-    Byte,
-    /// Two bytes.
-    Word,
-}
-
-/// `instrument.polarity`: the driven electrode at which the current enters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PolarityKind {
-    /// Measured in each stream's first frame: the driven electrode with the higher real part.
-    Measured,
-    /// The first electrode of a pair.
-    AsListed,
-    /// The second electrode of a pair: values change their sign.
-    Reversed,
+    pub polarity: Option<Polarity>,
 }
 
 /// Driver, with the settings that only it needs.
@@ -136,24 +113,9 @@ impl Scene {
     }
 }
 
-impl Skin {
-    /// Returns the instrument that the scene names, for this skin's protocol.
-    ///
-    /// # Errors
-    ///
-    /// No `[instrument]`, or settings that its driver does not support.
-    pub fn instrument(&self) -> Result<Instrument, SkinError> {
-        let settings = self.instrument.as_ref().ok_or_else(|| {
-            SkinError::input("has no [instrument]: nothing to open").within(&self.place)
-        })?;
-        let built = settings.build(&self.protocol, self.current_a, &self.place);
-        built.map_err(|e| e.within(&self.place))
-    }
-}
-
 impl InstrumentSettings {
     /// The instrument for a protocol, checked.
-    fn build(
+    pub(crate) fn build(
         &self,
         protocol: &Protocol,
         current_a: f64,
@@ -209,15 +171,8 @@ impl InstrumentSettings {
                     frame_rate_hz: frame_rate_hz as f32,
                     gain: self.gain()?,
                     range: self.range()?,
-                    pair_width: match self.pair_width {
-                        None | Some(PairWidthKind::Byte) => PairWidth::Byte,
-                        Some(PairWidthKind::Word) => PairWidth::Word,
-                    },
-                    polarity: match self.polarity {
-                        None | Some(PolarityKind::Measured) => Polarity::Measured,
-                        Some(PolarityKind::AsListed) => Polarity::AsListed,
-                        Some(PolarityKind::Reversed) => Polarity::Reversed,
-                    },
+                    pair_width: self.pair_width.unwrap_or_default(),
+                    polarity: self.polarity.unwrap_or_default(),
                     ..SciospecSettings::for_quadruples(electrodes, quadruples)
                 }))
             }

@@ -63,7 +63,7 @@ impl ElectrodeSource {
 
 impl MeshSource {
     /// Creates a source for a mesh file that contains its electrodes.
-    pub fn file(path: impl AsRef<Path>) -> Self {
+    pub(crate) fn file(path: impl AsRef<Path>) -> Self {
         let path = path.as_ref();
         let (electrodes, settings) = (Vec::new(), MeshSettings::default());
         Self::File { path: path.to_path_buf(), scale_m: 1.0, electrodes, settings }
@@ -105,7 +105,7 @@ impl MeshSource {
     /// # Errors
     ///
     /// A mesh file, or a mesh that cannot be generated.
-    pub fn similar(&self, scale: f64) -> Result<Mesh, SkinError> {
+    pub(crate) fn similar(&self, scale: f64) -> Result<Mesh, SkinError> {
         let Self::Generated { shape, electrodes, base, .. } = self else {
             return Err(SkinError::input("a mesh file is one mesh, not a family"));
         };

@@ -3,14 +3,12 @@
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::scene::{BuiltMesh, MeshSource, RequiredAccuracyKey, Scene};
-use crate::skin::Skin;
 use eit_fem::{ElementOrder, MeshSearch, MeshTrial, Protocol, RequiredAccuracy};
 use eit_mesh::Mesh;
-use serde_json::{Value, json};
 
 /// Default maximum number of nodes of a tried mesh: quadratic elements on it have 200 000 unknowns, 0.3 s per
 /// solve.
-const MOST_NODES: usize = 50_000;
+pub(crate) const MESH_NODES: usize = 50_000;
 
 /// A mesh, its element order, and the estimated error.
 #[derive(Debug)]
@@ -26,18 +24,41 @@ pub struct MeshChoice {
 }
 
 /// Required and estimated accuracy.
-#[derive(Debug, Clone)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, serde::Serialize)]
 #[non_exhaustive]
 pub struct Accuracy {
     /// Whether the noise determined the requirement.
+    #[serde(skip)]
     pub by_noise: bool,
     /// Required accuracy: largest error of a voltage relative to the largest voltage.
     pub required: f64,
     /// Estimated error of the chosen mesh; `None` for quadratic elements on a mesh file.
+    #[serde(rename = "estimated_error")]
     pub error: Option<f64>,
     /// All trials that were solved.
-    pub trials: Vec<MeshTrial>,
+    pub(crate) trials: Vec<Trial>,
+}
+
+/// A mesh that was tried.
+#[derive(Debug, Clone, serde::Serialize)]
+pub(crate) struct Trial {
+    pub nodes: usize,
+    elements: &'static str,
+    unknowns: usize,
+    factor_flops: f64,
+    estimated_error: Option<f64>,
+}
+
+impl From<&MeshTrial> for Trial {
+    fn from(trial: &MeshTrial) -> Self {
+        Self {
+            nodes: trial.nodes,
+            elements: element_words(trial.element_order),
+            unknowns: trial.cost.unknowns,
+            factor_flops: trial.cost.factor_flops,
+            estimated_error: trial.error,
+        }
+    }
 }
 
 impl Accuracy {
@@ -53,24 +74,6 @@ impl Accuracy {
                  miss; the error of quadratic ones on the mesh of a file is not known"
             ),
         }
-    }
-
-    /// Returns the accuracy and the trials as JSON.
-    pub fn json(&self) -> Value {
-        let one = |trial: &MeshTrial| {
-            json!({
-                "nodes": trial.nodes,
-                "elements": element_words(trial.element_order),
-                "unknowns": trial.cost.unknowns,
-                "factor_flops": trial.cost.factor_flops,
-                "estimated_error": trial.error,
-            })
-        };
-        json!({
-            "required": self.required,
-            "estimated_error": self.error,
-            "trials": self.trials.iter().map(one).collect::<Vec<_>>(),
-        })
     }
 }
 
@@ -133,7 +136,7 @@ impl Scene {
                 by_noise: self.is_by_noise(),
                 required: found.required,
                 error: Some(found.error),
-                trials: found.trials,
+                trials: found.trials.iter().map(Trial::from).collect(),
             }),
         })
     }
@@ -184,46 +187,11 @@ impl Scene {
             conductivity_s: self.skin.conductivity_s,
             required,
             element_order: self.element_order(),
-            most_nodes: self.mesh.node_limit.unwrap_or(MOST_NODES),
+            most_nodes: self.mesh.node_limit.unwrap_or(MESH_NODES),
         }
     }
 
     fn is_by_noise(&self) -> bool {
         matches!(self.mesh.required_accuracy, Some(RequiredAccuracyKey::Rule(_)))
-    }
-}
-
-impl Skin {
-    /// Estimates the error of the voltages, relative to the largest, on a mesh without a required accuracy:
-    /// linear elements are compared with quadratic ones on the same mesh, quadratic ones on a generated mesh
-    /// with those on twice the nodes. `None` if neither is possible: a shunt, an ideal source, or quadratic
-    /// elements on the mesh of a file.
-    ///
-    /// # Errors
-    ///
-    /// The errors of the solves.
-    pub fn mesh_error(&self) -> Result<Option<f64>, SkinError> {
-        let impedance = &self.contact_impedance;
-        if impedance.iter().any(|z| *z == 0.0 || z.is_infinite()) {
-            return Ok(None);
-        }
-        let search = MeshSearch {
-            protocol: &self.protocol,
-            contact_impedance: impedance,
-            conductivity_s: self.conductivity_s,
-            required: RequiredAccuracy::Relative(0.5),
-            element_order: None,
-            most_nodes: MOST_NODES,
-        };
-        let estimate = match self.model.element_order() {
-            ElementOrder::Linear => search.of_linear(&self.mesh)?.error,
-            ElementOrder::Quadratic if self.source.is_file() => return Ok(None),
-            ElementOrder::Quadratic => {
-                let nodes = 2 * self.mesh.surface().nodes().len();
-                let finer = self.source.with_nodes(nodes)?.build()?;
-                search.of_quadratic(&self.mesh, &finer.mesh)?.error
-            }
-        };
-        Ok(Some(estimate))
     }
 }

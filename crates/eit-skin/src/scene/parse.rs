@@ -1,18 +1,7 @@
 //! Parses TOML into a scene; errors take one line and suggest the nearest known key.
 
-use super::Scene;
 use crate::error::SkinError;
 use serde::de::DeserializeOwned;
-
-/// Parses a scene; `place` is the file or built-in name, for messages.
-///
-/// # Errors
-///
-/// [`SkinError::Input`] with place, line and key: invalid TOML, an unknown key (with the nearest known one), and
-/// a value of the wrong type.
-pub fn parse(text: &str, place: &str) -> Result<Scene, SkinError> {
-    from_toml(text, place)
-}
 
 /// Parses settings of any type.
 ///
@@ -41,20 +30,6 @@ fn comma_hint(line: &str, message: &str) -> &'static str {
     }
 }
 
-/// Keys of earlier versions and their present names.
-const RENAMED: [(&str, &str); 2] =
-    [("permittivity_f", "sheet_capacitance_f"), ("birth_hits", "birth_frames")];
-
-/// Keys of earlier versions without a replacement, and why.
-const GONE: [(&str, &str); 3] = [
-    (
-        "false_alarms_per_hour",
-        "touches are distinguished from drift, movement and memory, not from noise alone",
-    ),
-    ("relative_floor", "each touch is judged by what it explains"),
-    ("prominence", "touches are fitted together; [touch] apart_m says how near two may be"),
-];
-
 /// Suggests the nearest known key if a key is unknown; folds other messages to one line.
 fn explain(message: &str) -> String {
     let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
@@ -65,12 +40,6 @@ fn explain(message: &str) -> String {
     }
     let what = if is_key { "key" } else { "value" };
     let unknown = quoted[0];
-    if let Some((old, new)) = RENAMED.into_iter().find(|(old, _)| is_key && *old == unknown) {
-        return format!("the key \"{old}\" is called \"{new}\" now");
-    }
-    if let Some((old, why)) = GONE.into_iter().find(|(old, _)| is_key && *old == unknown) {
-        return format!("the key \"{old}\" was removed: {why}");
-    }
     let nearest = known
         .iter()
         .map(|k| (strsim::damerau_levenshtein(unknown, k), k))
@@ -86,9 +55,10 @@ fn explain(message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Scene;
 
     fn error(text: &str) -> String {
-        parse(text, "s.toml").unwrap_err().to_string()
+        from_toml::<Scene>(text, "s.toml").unwrap_err().to_string()
     }
 
     #[test]
@@ -101,27 +71,16 @@ mod tests {
         assert!(found.contains("did you mean \"skin\"?"), "{found}");
     }
 
-    #[test]
-    fn keys_of_earlier_versions_are_refused_with_their_new_name() {
-        let found = error("[skin]\nshape = \"disc\"\npermittivity_f = 1\n");
-        let wanted = "the key \"permittivity_f\" is called \"sheet_capacitance_f\" now";
-        assert!(found.ends_with(wanted), "{found}");
-        let found = error(
-            "[skin]\nshape = \"disc\"\nconductivity_s = 1\n[noise]\nquiet_frames = [0, 19]\n",
-        );
-        assert!(found.contains("[0, 19] is written \"0..20\" now"), "{found}");
-    }
-
     /// Scenes that were read and scenes built in code are equal as TOML.
     #[test]
     fn scenes_are_written_and_read_back() {
-        for name in super::super::BUILT_IN {
+        for (name, _) in super::super::builtin::SCENES {
             let scene = Scene::load(name).unwrap();
             assert_eq!(scene.to_toml().unwrap(), Scene::text(name).unwrap());
             let mut changed = scene.clone();
             changed.noise.quiet_frames = Some((0..20).into());
             let text = changed.to_toml().unwrap();
-            let again = parse(&text, name).unwrap();
+            let again: Scene = from_toml(&text, name).unwrap();
             assert_eq!(again.noise, changed.noise, "{text}");
             assert_eq!(again.skin, scene.skin, "{text}");
             assert_eq!(again.electrodes, scene.electrodes, "{text}");
@@ -158,7 +117,7 @@ mod tests {
 
     #[test]
     fn built_in_scenes_parse() {
-        for name in super::super::BUILT_IN {
+        for (name, _) in super::super::builtin::SCENES {
             Scene::load(name).unwrap();
         }
     }

@@ -1,12 +1,12 @@
 //! Converts the scene's keys to stimulation and measurement patterns.
 
-use super::{Driven, Order, Scene, plain};
+use super::{Scene, plain};
 use crate::error::SkinError;
 use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol, Protocol};
 use std::path::Path;
 
 /// Default drive current, ampere.
-pub const DEFAULT_CURRENT_A: f64 = 1e-4;
+pub(crate) const DEFAULT_CURRENT_A: f64 = 1e-4;
 
 /// `protocol.drive` for currents on all electrodes at once.
 const TRIGONOMETRIC: &str = "trigonometric";
@@ -27,7 +27,7 @@ impl Scene {
         } else if let Some(file) = &keys.stimulation_file {
             return self.pattern_protocol(file, electrodes, current_a);
         } else if keys.drive.as_deref() == Some(TRIGONOMETRIC) {
-            if keys.driven_electrodes == Driven::Drop {
+            if keys.driven_electrodes == DrivenElectrodes::Drop {
                 return Err(self.error(format!(
                     "protocol.drive = \"{TRIGONOMETRIC}\" drives every electrode: set \
                      protocol.driven_electrodes = \"keep\""
@@ -46,7 +46,7 @@ impl Scene {
     /// # Errors
     ///
     /// An unknown name of a pattern, and pairs that are invalid for this number of electrodes.
-    pub fn pair_protocol(&self, electrodes: usize) -> Result<PairProtocol, SkinError> {
+    pub(crate) fn pair_protocol(&self, electrodes: usize) -> Result<PairProtocol, SkinError> {
         let keys = &self.protocol;
         let drive = match &keys.pairs {
             Some(pairs) => PairPattern::Pairs(plain(pairs)),
@@ -56,14 +56,8 @@ impl Scene {
             electrodes,
             drive,
             measure: self.pattern("protocol.measure", keys.measure.as_deref())?,
-            driven_electrodes: match keys.driven_electrodes {
-                Driven::Drop => DrivenElectrodes::Drop,
-                Driven::Keep => DrivenElectrodes::Keep,
-            },
-            order: match keys.order {
-                Order::Rotated => eit_fem::Order::Rotated,
-                Order::Ascending => eit_fem::Order::Ascending,
-            },
+            driven_electrodes: keys.driven_electrodes,
+            order: keys.order,
             current_a: keys.current_a.unwrap_or(DEFAULT_CURRENT_A),
         })
     }

@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 /// Frames N to M - 1, from 0; written "N..M" in a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(try_from = "RangeKey", into = "String")]
+#[serde(try_from = "String", into = "String")]
 pub struct FrameRange {
     /// First frame.
     pub start: usize,
@@ -52,28 +52,10 @@ impl FromStr for FrameRange {
     }
 }
 
-/// Forms accepted in a scene: the text, or the list used by older scenes (for an error message).
-#[derive(Deserialize)]
-#[serde(untagged, expecting = "frames N to M - 1 as \"N..M\"")]
-enum RangeKey {
-    Text(String),
-    List(Vec<usize>),
-}
-
-impl TryFrom<RangeKey> for FrameRange {
+impl TryFrom<String> for FrameRange {
     type Error = String;
 
-    fn try_from(key: RangeKey) -> Result<Self, String> {
-        match key {
-            RangeKey::Text(text) => text.parse(),
-            // first and last frame, inclusive
-            RangeKey::List(list) => match list[..] {
-                [first, last] => Err(format!(
-                    "[{first}, {last}] is written \"{first}..{}\" now: frames N to M - 1 as \"N..M\"",
-                    last.saturating_add(1)
-                )),
-                _ => Err("frames N to M - 1 are written \"N..M\"".to_owned()),
-            },
-        }
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
     }
 }

@@ -1,7 +1,8 @@
 //! Determines whether a scene is reactive, with its complex admittivity and contacts.
 
-use super::{ElementKind, OneOrMany, Scene};
+use super::{ElementOrder, Must, OneOrMany, Scene, check_numbers};
 use crate::error::SkinError;
+#[cfg(feature = "complex")]
 use eit_fem::{Complex64, admittivity};
 
 const CONTACT: &str = "electrodes.contact_capacitance_f_per_m";
@@ -16,7 +17,7 @@ impl Scene {
     }
 
     /// Returns why the scene needs no complex numbers, if [`Scene::is_reactive`] is false.
-    pub fn why_real(&self) -> &'static str {
+    pub(crate) fn why_real(&self) -> &'static str {
         let keys = (&self.skin.sheet_capacitance_f, &self.electrodes.contact_capacitance_f_per_m);
         match keys {
             (None, None) => "the scene has no reactive part",
@@ -31,6 +32,7 @@ impl Scene {
 
     /// Returns the admittivity of a sheet with this conductivity and the scene's capacitance, siemens per
     /// square.
+    #[cfg(feature = "complex")]
     pub fn admittivity_of(&self, conductivity_s: f64) -> Complex64 {
         admittivity(
             conductivity_s,
@@ -44,7 +46,8 @@ impl Scene {
     /// # Errors
     ///
     /// A wrong number of values, and a resistance that is not above zero, or infinite without a capacitance.
-    pub fn complex_contact_impedance(
+    #[cfg(feature = "complex")]
+    pub(crate) fn complex_contact_impedance(
         &self,
         electrodes: usize,
     ) -> Result<Vec<Complex64>, SkinError> {
@@ -73,11 +76,12 @@ impl Scene {
     /// # Errors
     ///
     /// Those of [`Scene::contact_impedance`] or [`Scene::complex_contact_impedance`].
-    pub fn check_contacts(&self, electrodes: usize) -> Result<(), SkinError> {
-        match self.is_reactive() {
-            true => self.complex_contact_impedance(electrodes).map(drop),
-            false => self.contact_impedance(electrodes).map(drop),
+    pub(crate) fn check_contacts(&self, electrodes: usize) -> Result<(), SkinError> {
+        #[cfg(feature = "complex")]
+        if self.is_reactive() {
+            return self.complex_contact_impedance(electrodes).map(drop);
         }
+        self.contact_impedance(electrodes).map(drop)
     }
 
     /// Rejects a reactive scene, for commands that only support conductivity.
@@ -102,16 +106,19 @@ impl Scene {
     /// # Errors
     ///
     /// A value out of range, and mesh settings that only support conductivities.
-    pub fn check_reactive(&self) -> Result<(), SkinError> {
-        let values = self.contact_capacitances().map(|c| (CONTACT, c));
-        let values = values
-            .chain(self.skin.sheet_capacitance_f.map(|c| ("skin.sheet_capacitance_f", c)))
-            .chain(self.protocol.frequency_hz.map(|f| ("protocol.frequency_hz", f)));
-        for (key, value) in values {
-            if !(value.is_finite() && value >= 0.0) {
-                let must = "finite and not below zero";
-                return Err(SkinError::OutOfRange { key, value, must });
-            }
+    pub(crate) fn check_reactive(&self) -> Result<(), SkinError> {
+        let contacts = self.contact_capacitances().map(|c| (CONTACT, Some(c), Must::NotNegative));
+        check_numbers(contacts.chain([
+            ("skin.sheet_capacitance_f", self.skin.sheet_capacitance_f, Must::NotNegative),
+            ("protocol.frequency_hz", self.protocol.frequency_hz, Must::NotNegative),
+        ]))?;
+        #[cfg(not(feature = "complex"))]
+        if self.is_reactive() {
+            return Err(SkinError::input(format!(
+                "the scene stores charge at {} Hz (sheet_capacitance_f, contact_capacitance_f_per_m): this program \
+                 was built without complex admittivity (feature `complex` of eit-skin)",
+                self.frequency_hz()
+            )));
         }
         if self.is_reactive() && self.mesh.required_accuracy.is_some() {
             return Err(SkinError::input(
@@ -119,7 +126,7 @@ impl Scene {
                  use mesh.nodes or edge_m",
             ));
         }
-        if self.is_reactive() && self.mesh.elements == Some(ElementKind::Quadratic) {
+        if self.is_reactive() && self.mesh.elements == Some(ElementOrder::Quadratic) {
             return Err(SkinError::input(
                 "mesh.elements is \"quadratic\": skins that store charge are only solved on linear \
                  elements",

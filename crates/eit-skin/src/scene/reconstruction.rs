@@ -3,6 +3,10 @@
 use eit_inverse::DifferenceKind;
 use serde::{Deserialize, Serialize};
 
+/// Default number of pixels along the longer side: a disc of 64 has 3 200 pixels, ten times more than 208
+/// measurements can distinguish.
+pub(crate) const DEFAULT_PIXELS: usize = 64;
+
 /// `[reconstruction]`
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -25,7 +29,7 @@ pub struct ReconstructionSettings {
     /// Noise figure for which the hyperparameter is chosen; 1 by default.
     pub noise_figure: Option<f64>,
     /// Plain or normalised difference; normalised for pair protocols by default.
-    pub difference: Option<DifferenceKey>,
+    pub difference: Option<DifferenceKind>,
     /// Also use measurements on current-carrying electrodes, which contain contact impedances.
     #[serde(default)]
     pub use_driven_electrodes: bool,
@@ -50,7 +54,7 @@ pub struct ReconstructionSettings {
 
 impl ReconstructionSettings {
     /// Returns the keys present that only the total variation methods read.
-    pub fn keys_of_tv(&self) -> impl Iterator<Item = &'static str> {
+    pub(crate) fn keys_of_tv(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("reconstruction.lambda_space", self.lambda_space.is_some()),
             ("reconstruction.lambda_time", self.lambda_time.is_some()),
@@ -62,7 +66,7 @@ impl ReconstructionSettings {
     }
 
     /// Returns the bounds present, which total variation and the absolute method read.
-    pub fn bounds(&self) -> impl Iterator<Item = &'static str> {
+    pub(crate) fn bounds(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("reconstruction.lower_s", self.lower_s.is_some()),
             ("reconstruction.upper_s", self.upper_s.is_some()),
@@ -71,7 +75,7 @@ impl ReconstructionSettings {
     }
 
     /// Returns the keys present that only the Gauss-Newton methods (and those with a prior in time) read.
-    pub fn keys_of_gauss_newton(&self) -> impl Iterator<Item = &'static str> {
+    pub(crate) fn keys_of_gauss_newton(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("reconstruction.prior", self.prior.is_some()),
             ("reconstruction.correlation_length_m", self.correlation_length_m.is_some()),
@@ -134,23 +138,4 @@ pub enum Rule {
     LCurve,
     /// By generalised cross-validation.
     Gcv,
-}
-
-/// Kind of difference (`reconstruction.difference`).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DifferenceKey {
-    /// `(v - v_ref) / v_ref`.
-    Normalised,
-    /// `v - v_ref`, volt.
-    Plain,
-}
-
-impl From<DifferenceKey> for DifferenceKind {
-    fn from(key: DifferenceKey) -> Self {
-        match key {
-            DifferenceKey::Normalised => Self::Normalised,
-            DifferenceKey::Plain => Self::Plain,
-        }
-    }
 }

@@ -1,23 +1,19 @@
 //! Converts a scene to the settings of the stages after the model, with all paths resolved.
 
 use super::{
-    Component, DenoiseSettings, Direction, FramesAre, NoiseSettings, OneOrMany, OneOrManyFiles,
-    ReconstructionSettings, RecordingSettings, Reference, Scene, Shape, TouchSettings,
+    DenoiseSettings, Direction, NoiseSettings, OneOrMany, OneOrManyFiles, ReconstructionSettings,
+    RecordingSettings, Reference, Scene, Shape, TouchSettings,
 };
 use crate::error::SkinError;
-use eit_hw::{Format, FrameOrientation, ReadOptions};
+use eit_hw::{Format, ReadOptions};
 use std::path::PathBuf;
 
 /// Settings of the stages after the model: frames, noise, images, touches.
-#[derive(Debug, Clone, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(default, deny_unknown_fields)
-)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct StageSettings {
-    /// Recorded frames and how to read them.
-    pub recording: FrameSettings,
+    /// Recorded frames and how to read them; paths are relative to the working directory.
+    pub recording: RecordingSettings,
     /// Noise of the instrument.
     pub noise: NoiseSettings,
     /// Image reconstruction.
@@ -28,50 +24,28 @@ pub struct StageSettings {
     pub denoise: Option<DenoiseSettings>,
 }
 
-/// Recorded frames and how to read them; paths are relative to the working directory.
-#[derive(Debug, Clone, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(default, deny_unknown_fields)
-)]
-pub struct FrameSettings {
-    /// Files whose frames are concatenated; `None` if the scene names none.
-    pub files: Option<Vec<PathBuf>>,
-    /// Name of the format, if the file name extension does not tell.
-    pub format: Option<String>,
-    /// How a table is arranged.
-    pub frames_are: Option<FramesAre>,
-    /// Whether a table holds complex numbers.
-    pub complex: bool,
-    /// Which real quantity is computed from complex data.
-    pub component: Component,
-    /// Row of the frequency in a Sciospec file.
-    pub frequency_row: Option<usize>,
-    /// The reference frame, which is subtracted.
-    pub reference: Option<Reference>,
-    /// Frames before this one are skipped.
-    pub first_frame: usize,
-    /// Frames per second.
-    pub frame_rate_hz: Option<f64>,
-    /// Factor for every value.
-    pub scale: f64,
-}
+impl RecordingSettings {
+    /// Returns the files; `None` if the scene names none.
+    pub fn files(&self) -> Option<&[PathBuf]> {
+        self.file.as_ref().map(|files| match files {
+            OneOrManyFiles::One(file) => std::slice::from_ref(file),
+            OneOrManyFiles::Many(files) => files,
+        })
+    }
 
-impl FrameSettings {
+    /// Factor for every value.
+    pub(crate) fn factor(&self) -> f64 {
+        self.scale.unwrap_or(1.0)
+    }
+
     /// Returns the format, where it is stated, and how a file of it is read.
     ///
     /// # Errors
     /// An unknown format.
     pub fn reading(&self) -> Result<(Option<Format>, ReadOptions), SkinError> {
-        let orientation = |frames_are| match frames_are {
-            FramesAre::Rows => FrameOrientation::Rows,
-            FramesAre::Columns => FrameOrientation::Columns,
-            FramesAre::Matrix => FrameOrientation::Matrix,
-        };
         let mut options = ReadOptions {
             complex: self.complex,
-            frames_are: self.frames_are.map(orientation),
+            frames_are: self.frames_are,
             ..Default::default()
         };
         if let Some(row) = self.frequency_row {
@@ -82,9 +56,8 @@ impl FrameSettings {
 }
 
 /// Rotations and reflections that map a disc with its electrodes onto itself.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Symmetry {
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub(crate) struct Symmetry {
     /// Angle of the centre of electrode 1, counter-clockwise from +x.
     pub first_angle_rad: f64,
     /// Whether electrodes are counted clockwise.
@@ -102,7 +75,7 @@ impl Scene {
             ..keys
         });
         StageSettings {
-            recording: self.frame_settings(),
+            recording: self.resolved_recording(),
             noise: self.noise.clone(),
             reconstruction: self.reconstruction.clone(),
             touch: TouchSettings {
@@ -113,39 +86,18 @@ impl Scene {
         }
     }
 
-    fn frame_settings(&self) -> FrameSettings {
-        let RecordingSettings {
-            file,
-            format,
-            frames_are,
-            complex,
-            component,
-            frequency_row,
-            reference,
-            first_frame,
-            frame_rate_hz,
-            scale,
-        } = self.recording.clone();
-        FrameSettings {
-            files: file.map(|files| match files {
-                OneOrManyFiles::One(file) => vec![self.resolve(&file)],
-                OneOrManyFiles::Many(files) => files.iter().map(|f| self.resolve(f)).collect(),
-            }),
-            format,
-            frames_are,
-            complex,
-            component,
-            frequency_row,
-            reference: reference.map(|reference| match reference {
-                Reference::Text(text) if Reference::is_file(&text) => {
-                    Reference::Text(self.resolve(text).display().to_string())
-                }
-                other => other,
-            }),
-            first_frame: first_frame.unwrap_or(0),
-            frame_rate_hz,
-            scale: scale.unwrap_or(1.0),
+    /// The recording with paths relative to the working directory.
+    fn resolved_recording(&self) -> RecordingSettings {
+        let mut recording = self.recording.clone();
+        let files = recording.files();
+        let files = files.map(|files| files.iter().map(|file| self.resolve(file)).collect());
+        recording.file = files.map(OneOrManyFiles::Many);
+        if let Some(Reference::Text(text)) = &mut recording.reference
+            && Reference::is_file(text)
+        {
+            *text = self.resolve(&*text).display().to_string();
         }
+        recording
     }
 
     /// Returns the symmetry of a disc with equal electrodes; `None` for every other skin.

@@ -6,7 +6,7 @@ use ndarray::{Array1, Array2, Axis};
 
 /// Selected frames of a sequence.
 #[derive(Debug, Clone)]
-pub struct Part {
+pub(crate) struct Part {
     /// Their indices.
     pub frames: Vec<usize>,
     /// [frame, measurement], or one row if one image serves all.
@@ -16,7 +16,7 @@ pub struct Part {
 }
 
 impl Part {
-    pub fn new(values: &Array2<f64>, good: &Array2<bool>, quiet: &[bool]) -> Self {
+    pub(crate) fn new(values: &Array2<f64>, good: &Array2<bool>, quiet: &[bool]) -> Self {
         let frames: Vec<usize> = (0..quiet.len()).filter(|&f| !quiet[f]).collect();
         let (values, good) = (values.select(Axis(0), &frames), good.select(Axis(0), &frames));
         Self { frames, values, good }
@@ -34,7 +34,7 @@ impl Part {
     /// Whether there are several frames that do not differ from their mean beyond noise: the sum of the
     /// squared differences in units of the noise exceeds its degrees of freedom by at most three standard
     /// deviations.
-    pub fn is_still(&self, noise: &DataNoise) -> bool {
+    pub(crate) fn is_still(&self, noise: &DataNoise) -> bool {
         if self.frames.len() < 2 {
             return false;
         }
@@ -49,7 +49,7 @@ impl Part {
     }
 
     /// Converts frame numbers in an error from this selection to the whole recording.
-    pub fn of_recording(&self, error: InverseError) -> InverseError {
+    pub(crate) fn of_recording(&self, error: InverseError) -> InverseError {
         let number = |frame: usize| self.frames.get(frame).copied().unwrap_or(frame);
         match error {
             InverseError::DeltaTooSmall { frame, delta, least } => {
@@ -67,7 +67,7 @@ impl Part {
     }
 
     /// Replaces all rows by their mean.
-    pub fn take_mean(&mut self) {
+    pub(crate) fn take_mean(&mut self) {
         let (mean, good) = self.mean();
         self.values = mean.insert_axis(Axis(0));
         self.good = good.insert_axis(Axis(0));

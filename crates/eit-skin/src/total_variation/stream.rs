@@ -68,7 +68,7 @@ impl TvStream {
     }
 
     /// Records a lost frame: the previous image is kept.
-    pub fn push_dropped(&mut self) -> TvStep<'_> {
+    pub(crate) fn push_dropped(&mut self) -> TvStep<'_> {
         match &mut self.solver {
             Solver::Causal(stream) => TvStep::causal(stream.push_dropped()),
             Solver::Alone(stream) => TvStep::alone(stream.push_dropped()),
@@ -91,7 +91,7 @@ impl TvStream {
     }
 
     /// Returns whether images are coupled in time.
-    pub fn has_time(&self) -> bool {
+    pub(crate) fn has_time(&self) -> bool {
         matches!(self.solver, Solver::Causal(_))
     }
 }

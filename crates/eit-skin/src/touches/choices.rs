@@ -1,10 +1,7 @@
 //! What a touch finder chose, and why, for people and programs.
 
-use serde_json::{Value, json};
-
 /// Choices of a [`TouchFinder`](super::TouchFinder).
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct Choices {
     /// Source of the noise.
@@ -16,6 +13,7 @@ pub struct Choices {
     /// Number of places at which touches are sought.
     pub places: usize,
     /// Number of further places to which these measurements are almost blind.
+    #[serde(rename = "blind_places")]
     pub blind: usize,
     /// Radius of a touch, metres.
     pub radius_m: f64,
@@ -24,8 +22,7 @@ pub struct Choices {
 }
 
 /// An uneven sheet fitted to its reference frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct FoundSheet {
     /// Standard deviation of the logarithm of its conductivity.
@@ -66,22 +63,5 @@ impl Choices {
                 self.least_s_m2
             ),
         ]
-    }
-
-    /// Returns the choices as JSON.
-    pub fn json(&self) -> Value {
-        json!({
-            "noise": self.noise,
-            "sheet": self.sheet.map(|sheet| json!({
-                "amplitude": sheet.amplitude,
-                "left_even": sheet.left_even,
-                "left": sheet.left,
-            })),
-            "rows": self.rows,
-            "places": self.places,
-            "blind_places": self.blind,
-            "radius_m": self.radius_m,
-            "least_s_m2": self.least_s_m2,
-        })
     }
 }

@@ -6,13 +6,12 @@ use super::model::{Spread, VoltageNoise, dents, electrode_kinds, unknowns};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
-#[cfg(feature = "learn")]
-use crate::learn::PressTouch;
 use crate::learn::{LearnedSkin, LearnedTouches, LocalSheet};
 use crate::progress::Progress;
-use crate::scene::{TouchSettings, TouchSign};
+use crate::scene::{Must, TouchSettings, check_numbers};
 use eit_inverse::InverseError;
-use eit_inverse::metrics::ChangeSign;
+#[cfg(feature = "learn")]
+use eit_inverse::touch::DetectedTouch;
 use eit_inverse::touch::{
     DetectorModel, DetectorSettings, DetectorStep, Touch, TouchDetector, TouchTracker,
     TrackerSettings,
@@ -27,6 +26,17 @@ const STRONG_M2: f64 = 6e-6;
 
 /// Time constant for a reference that does not follow: thirty years.
 const STANDS_STILL_S: f64 = 1e9;
+
+/// The strongest touch of a press, found by the model alone.
+#[cfg(feature = "learn")]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct PressTouch {
+    /// The touch.
+    pub touch: DetectedTouch,
+    /// Strength that it would have on an even sheet, S m^2, without sign: divided by the relative conductivity of
+    /// the sheet there, as far as the reference frame shows it.
+    pub even_strength_s_m2: f64,
+}
 
 /// Finds touches frame by frame.
 #[derive(Debug, Clone)]
@@ -192,12 +202,12 @@ impl TouchFinder {
     }
 
     /// Continues the ids of another finder ([`TouchFinder::next_id`]), so that none is used twice.
-    pub fn with_first_id(self, first: u64) -> Self {
+    pub(crate) fn with_first_id(self, first: u64) -> Self {
         Self { tracker: self.tracker.with_first_id(first), ..self }
     }
 
     /// Returns the id of the next new touch.
-    pub fn next_id(&self) -> u64 {
+    pub(crate) fn next_id(&self) -> u64 {
         self.tracker.next_id()
     }
 
@@ -294,7 +304,7 @@ impl TouchFinder {
         let mut detector = self.detector.clone();
         reference.iter().enumerate().for_each(|(i, v)| detector.set_reference(i, *v));
         detector.push(values, |i| !self.used[i], self.period_s)?;
-        let strength = |touch: &&eit_inverse::touch::DetectedTouch| touch.strength_s_m2.abs();
+        let strength = |touch: &&DetectedTouch| touch.strength_s_m2.abs();
         let touches = detector.touches().iter();
         let strongest = touches.max_by(|a, b| strength(a).total_cmp(&strength(b))).copied();
         Ok(strongest.map(|touch| PressTouch {
@@ -340,7 +350,7 @@ impl TouchFinder {
     }
 
     /// Returns the conductivity change of the faintest touch, siemens.
-    pub fn level_s(&self) -> f64 {
+    pub(crate) fn level_s(&self) -> f64 {
         self.level_s
     }
 
@@ -350,7 +360,7 @@ impl TouchFinder {
     }
 
     /// Returns which measurements are used.
-    pub fn used(&self) -> &[bool] {
+    pub(crate) fn used(&self) -> &[bool] {
         &self.used
     }
 }
@@ -363,21 +373,14 @@ impl TouchSettings {
     /// An invalid setting; the message names it.
     pub fn validate(&self) -> Result<(), SkinError> {
         // beyond what any skin has: a slip of unit
-        let plausible = [
-            ("touch.radius_m", self.radius_m, 1e-5..=1.0, "from 0.00001 to 1 (metres)"),
-            ("touch.apart_m", self.apart_m, 1e-5..=10.0, "from 0.00001 to 10 (metres)"),
-            (
-                "touch.drift_time_s",
-                self.drift_time_s,
-                0.0..=f64::MAX,
-                "above zero, or 0 for no drift",
-            ),
-        ];
-        for (key, value, range, must) in plausible {
-            if let Some(value) = value.filter(|value| !range.contains(value)) {
-                return Err(SkinError::OutOfRange { key, value, must });
-            }
-        }
+        let radii = (1e-5..=1.0, "from 0.00001 to 1 (metres)");
+        let distances = (1e-5..=10.0, "from 0.00001 to 10 (metres)");
+        let times = (0.0..=f64::MAX, "above zero, or 0 for no drift");
+        check_numbers([
+            ("touch.radius_m", self.radius_m, Must::Within(radii)),
+            ("touch.apart_m", self.apart_m, Must::Within(distances)),
+            ("touch.drift_time_s", self.drift_time_s, Must::Within(times)),
+        ])?;
         let refuse = |e| SkinError::input(format!("touch: {e}"));
         detector_settings(self, 1.0).validate().map_err(refuse)?;
         tracker_settings(self, 1.0).validate().map_err(refuse)
@@ -388,10 +391,7 @@ fn detector_settings(keys: &TouchSettings, conductivity_s: f64) -> DetectorSetti
     let least_s_m2 = keys.least_strength_m2.unwrap_or(LEAST_M2) * conductivity_s;
     let default = DetectorSettings::with_least(least_s_m2);
     DetectorSettings {
-        sign: match keys.sign {
-            TouchSign::Increase => ChangeSign::Increase,
-            TouchSign::Decrease => ChangeSign::Decrease,
-        },
+        sign: keys.sign,
         max_touches: keys.max_touches.unwrap_or(default.max_touches),
         radius_m: keys.radius_m.unwrap_or(default.radius_m),
         apart_m: keys.apart_m.unwrap_or(default.apart_m),

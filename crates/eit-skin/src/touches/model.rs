@@ -24,7 +24,7 @@ pub(super) struct Spread {
 impl Spread {
     /// Values while the skin is in use. By default a touch moves electrodes by about 0.2 mm; without a touch
     /// they move by a small part of that, see [`UnknownKind`].
-    pub fn in_use(skin: &LinearisedSkin) -> Self {
+    pub(crate) fn in_use(skin: &LinearisedSkin) -> Self {
         let movement_m = skin.skin.settings.reconstruction.electrode_movement_m.unwrap_or(2e-4);
         Self { movement_m, contact: 0.05, sheet: 1e-3 }
     }
@@ -47,7 +47,7 @@ pub(super) struct VoltageNoise {
 
 impl VoltageNoise {
     /// Returns the noise of the settings, else that of the quiet frames; `None` if it is unknown.
-    pub fn of(fitted: &FittedFrames) -> Result<Option<Self>, SkinError> {
+    pub(crate) fn of(fitted: &FittedFrames) -> Result<Option<Self>, SkinError> {
         let FittedFrames { skin, frames, .. } = fitted;
         let with_reference = (1.0 + 1.0 / frames.reference_frames.max(1) as f64).sqrt();
         let step_v = frames.quiet.as_ref().map_or(0.0, |quiet| smallest_step(quiet.values.view()));

@@ -1,4 +1,4 @@
-//! What a trained net is worth on sequences that it did not learn from.
+//! Quality of a trained net on sequences that it did not learn from.
 
 use super::sequences::Sequences;
 use crate::denoise::{Scores, scores};
@@ -8,7 +8,6 @@ use eit_denoise::{
     ShardData, ThresholdRule, Weights,
 };
 use ndarray::{Array2, Array3, ArrayView1, ArrayView2, Axis, concatenate};
-use serde_json::{Value, json};
 
 /// Required number of rejected images that are worse than the raw ones, for each that is better.
 const RIGHT_TO_WRONG: usize = 6;
@@ -23,21 +22,17 @@ const LIMITS: [f64; 2] = [0.05, 0.6];
 const TOUCHED: f64 = 0.01;
 
 /// A judge of a net's images, with its record on held-out frames.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct MeasuredJudge {
     /// Model error of the skin's data, and the limit.
     pub error: ModelError,
     /// Cross-validated counts: each half of the held-out sequences, judged with the limit of the other half.
     pub counts: JudgeCounts,
-    /// Counts for the older rule, if the weights have one.
-    pub older: Option<JudgeCounts>,
 }
 
 /// Number of touched held-out frames by the judge's decision.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct JudgeCounts {
     /// All frames.
@@ -66,16 +61,6 @@ impl JudgeCounts {
             self.frames, self.rightly, self.wrongly, self.let_through
         )
     }
-
-    /// Returns the counts as JSON.
-    pub fn json(&self) -> Value {
-        json!({
-            "frames": self.frames,
-            "rightly": self.rightly,
-            "wrongly": self.wrongly,
-            "let_through": self.let_through,
-        })
-    }
 }
 
 /// A held-out frame.
@@ -85,7 +70,6 @@ struct Known {
     /// Whether the net's image is worse than the raw one.
     is_worse: bool,
     is_touched: bool,
-    is_rejected_by_older: bool,
     half: usize,
 }
 
@@ -152,18 +136,16 @@ pub fn judge(
     }
     let Some(limit) = limit(known.iter()) else { return Ok(None) };
     error.limit = limit;
-    let (mut counts, mut older) = (JudgeCounts::default(), JudgeCounts::default());
+    let mut counts = JudgeCounts::default();
     for half in [0, 1] {
         let other = limit_of_half(&known, 1 - half);
         for frame in known.iter().filter(|frame| frame.half == half && frame.is_touched) {
             if let Some(limit) = other {
                 counts.add(frame.left > limit, frame.is_worse);
             }
-            older.add(frame.is_rejected_by_older, frame.is_worse);
         }
     }
-    let older = weights.misfit_limit().map(|_| older);
-    Ok(Some(MeasuredJudge { error, counts, older }))
+    Ok(Some(MeasuredJudge { error, counts }))
 }
 
 /// Judges the frames of a held-out sequence that have a raw image.
@@ -190,15 +172,10 @@ fn frames(
         }
         let differences = model.left_into(frame, image, &mut left)?;
         let [unexplained, noise] = norm.unexplained(&left, &differences, &model.noise_std)?;
-        let older = match weights.misfit_limit() {
-            Some(limit) => model.consistency.misfit(image, &differences)?.score(limit),
-            None => 0.0,
-        };
         known.push(Known {
             left: unexplained - noise,
             is_worse: squared(image, wanted.view()) > squared(raw.view(), wanted.view()),
             is_touched: energies[frame] > TOUCHED * most,
-            is_rejected_by_older: older > 1.0,
             half,
         });
     }
@@ -270,7 +247,7 @@ mod tests {
     use super::*;
 
     fn known(left: f64, is_worse: bool) -> Known {
-        Known { left, is_worse, is_touched: true, is_rejected_by_older: false, half: 0 }
+        Known { left, is_worse, is_touched: true, half: 0 }
     }
 
     /// Eleven worse images above two better ones: the limit keeps the second better one, since two wrong

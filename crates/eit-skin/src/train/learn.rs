@@ -106,7 +106,7 @@ fn step_s<N: ImageNet>(
 
 /// Quality of a trained net on held-out sequences.
 #[derive(Debug, Clone)]
-pub struct Worth {
+pub struct HeldOutResult {
     /// Error relative to the raw images.
     pub scores: Scores,
     /// Judge of the net's images.
@@ -140,10 +140,10 @@ pub fn weights(
     skin: &Skin,
     base: &LearningBase,
     trainer: &Trainer<Unet>,
-    worth: &Worth,
+    result: &HeldOutResult,
     made_by: &MadeBy<'_>,
 ) -> Result<Weights, SkinError> {
-    let Worth { scores, judge } = worth;
+    let HeldOutResult { scores, judge } = result;
     let settings = trainer.settings();
     let best = trainer.best();
     let entries = [
@@ -179,10 +179,10 @@ pub fn weights(
 pub fn judged_weights(
     weights: Weights,
     base: &LearningBase,
-    worth: &Worth,
+    result: &HeldOutResult,
     made_by: &MadeBy<'_>,
 ) -> Result<Weights, SkinError> {
-    let Some(judge) = &worth.judge else {
+    let Some(judge) = &result.judge else {
         return Err(SkinError::Failure(
             "the learning base has no measurements, or too few to measure the judge".to_owned(),
         ));

@@ -6,9 +6,9 @@ use eit_fem::fabric::{
 use std::f64::consts::TAU;
 
 /// Frames per second, as in the built-in scripts.
-pub const RATE_HZ: f64 = 10.0;
+pub(crate) const RATE_HZ: f64 = 10.0;
 /// Frames before the first touch: reference and noise.
-pub const QUIET: usize = 20;
+pub(crate) const QUIET: usize = 20;
 /// Fraction of the radius within which fingers press.
 const REACH: f64 = 0.97;
 /// Radius of a tip divided by that of a usual fingertip (10 mm on the paper's skin).
@@ -24,14 +24,13 @@ const MOST_PA: f64 = 2e4;
 const PRESS_S: f64 = 0.3;
 
 /// Random numbers of one attempt at a sequence.
-pub fn random(seed: u64, sequence: usize, attempt: usize) -> Random {
+pub(crate) fn random(seed: u64, sequence: usize, attempt: usize) -> Random {
     Random::stream(seed, (sequence as u128) << 16 | attempt as u128)
 }
 
 /// Number of fingers in a random script.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Fingers {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub(crate) enum Fingers {
     /// Always this many, 1 to [`MOST`].
     Always(usize),
     /// One to six, with the probabilities of [`SHARES`].
@@ -39,7 +38,7 @@ pub enum Fingers {
 }
 
 /// Largest number of fingers in a script.
-pub const MOST: usize = 6;
+pub(crate) const MOST: usize = 6;
 /// Fraction of the scripts with up to one, two, ... fingers.
 const SHARES: [f64; MOST - 1] = [0.28, 0.56, 0.72, 0.84, 0.93];
 /// Fraction of the scripts with several fingers in which the second stays beside the first.
@@ -62,7 +61,7 @@ impl Fingers {
 
 /// Who presses.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hand {
+pub(crate) struct Hand {
     /// Number of fingers.
     pub fingers: Fingers,
     /// Share of the scripts that certainly have usual tips, 0 to 1; the others have tips of any size.
@@ -82,7 +81,12 @@ impl Hand {
 /// Draws a script of fingers anywhere within 97 % of the radius that tap, press, rest, slide from place to
 /// place and lift, each at its own times, all with tips of about the same size. They never overlap; often two
 /// stay side by side.
-pub fn script(random: &mut Random, circle: &PlayCircle, frames: usize, hand: Hand) -> TouchScript {
+pub(crate) fn script(
+    random: &mut Random,
+    circle: &PlayCircle,
+    frames: usize,
+    hand: Hand,
+) -> TouchScript {
     let tip_m = hand.tip_m(random, circle);
     let count = hand.fingers.draw(random);
     let mut script = TouchScript {
@@ -221,7 +225,7 @@ const MOST_LACKING: f64 = 0.06;
 
 /// Draws a variation of the scene's fabric: electrodes that move more, less or not at all, and another
 /// foundation, weave, gain, noise and drift. `rms_v` is the root mean square of the untouched skin's voltages.
-pub fn fabric(random: &mut Random, scene: &FabricSettings, rms_v: f64) -> FabricSettings {
+pub(crate) fn fabric(random: &mut Random, scene: &FabricSettings, rms_v: f64) -> FabricSettings {
     let mut fabric = scene.clone();
     match random.uniform() < RIGID {
         true => (fabric.rim.compliance, fabric.rim.contact_gain) = (0.0, 0.0),
@@ -257,7 +261,7 @@ pub fn fabric(random: &mut Random, scene: &FabricSettings, rms_v: f64) -> Fabric
 
 /// Draws the measurements that a sequence lacks from its first touch on, as indices of the protocol: none, all
 /// that use one electrode, or some. `electrodes` are those that each measurement uses.
-pub fn lacking(random: &mut Random, electrodes: &[Vec<u32>], count: usize) -> Vec<usize> {
+pub(crate) fn lacking(random: &mut Random, electrodes: &[Vec<u32>], count: usize) -> Vec<usize> {
     if random.uniform() >= LACKING {
         return Vec::new();
     }
@@ -271,7 +275,7 @@ pub fn lacking(random: &mut Random, electrodes: &[Vec<u32>], count: usize) -> Ve
 }
 
 /// Version of the constants above, recorded in the recipe of a base; increase it when they change.
-pub const RECIPE: &str = "scripts 3, fabrics 2";
+pub(crate) const RECIPE: &str = "scripts 3, fabrics 2";
 
 #[cfg(test)]
 mod tests {

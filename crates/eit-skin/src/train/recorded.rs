@@ -6,7 +6,6 @@ use super::{HELD_OUT, is_held_out, number_within};
 use crate::error::SkinError;
 use crate::frames::{Frames, QuietFrames};
 use crate::progress::Progress;
-use crate::scene::TouchSign;
 use crate::skin::Skin;
 use eit_denoise::{ImageStack, MeasurementOrder, Shard, ThresholdRule};
 use ndarray::{Array2, Axis};
@@ -30,7 +29,7 @@ impl Recorded {
     /// # Errors
     ///
     /// Files that cannot be read, or recordings of another skin.
-    pub fn new(
+    pub(crate) fn new(
         shared: &Shared,
         files: &[PathBuf],
         count: usize,
@@ -55,7 +54,7 @@ impl Recorded {
     }
 
     /// Describes everything besides the chain that the training pairs depend on.
-    pub fn recipe(&self, skin: &Skin) -> String {
+    pub(crate) fn recipe(&self, skin: &Skin) -> String {
         let frames = |(name, frames): (&String, &Frames)| {
             let mut bytes = Vec::new();
             let quiet = frames.quiet.iter().flat_map(|quiet| &quiet.values);
@@ -111,11 +110,7 @@ impl Recorded {
         };
         let chained = shared.chain.reconstruct_frames(turned)?;
         let mut data = shared.data(&chained)?;
-        let sign = if shared.chain.linearised.skin.settings.touch.sign == TouchSign::Decrease {
-            -1.0
-        } else {
-            1.0
-        };
+        let sign = shared.chain.linearised.skin.settings.touch.sign.factor();
         let touches = touches_of(&chained, sign)?;
         let raster = shared.chain.linearised.raster(&mut Progress::silent())?;
         let mask = raster.mask();

@@ -65,7 +65,7 @@ impl Sequences {
     }
 
     /// Returns the symmetries that map pixels to pixels.
-    pub fn turns(&self) -> Vec<RasterSymmetry> {
+    pub(crate) fn turns(&self) -> Vec<RasterSymmetry> {
         let shared = &self.shared;
         let matrices = shared.symmetries.iter().map(|turned| shared.matrix(turned.symmetry));
         matrices.filter_map(RasterSymmetry::of_matrix).collect()
@@ -124,7 +124,7 @@ impl Sequences {
     }
 
     /// Describes everything that the pairs depend on besides the skin, the seed and the counts.
-    pub fn recipe(&self) -> String {
+    pub(crate) fn recipe(&self) -> String {
         let (shared, skin) = (&self.shared, self.skin());
         let source = match &self.source {
             Source::Simulated(simulated) => simulated.recipe(skin),

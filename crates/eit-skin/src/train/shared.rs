@@ -28,7 +28,7 @@ pub(crate) struct TurnedOrder {
 
 impl Shared {
     /// Returns the linear map of a symmetry.
-    pub fn matrix(&self, symmetry: DiscSymmetry) -> [[f64; 2]; 2] {
+    pub(crate) fn matrix(&self, symmetry: DiscSymmetry) -> [[f64; 2]; 2] {
         let skin = &self.chain.linearised.skin;
         let count = skin.mesh.electrodes().len() as u32;
         let (first, clockwise) =
@@ -38,7 +38,7 @@ impl Shared {
 
     /// Returns the differences of frames from their reference, with their noise; `None` if the noise is
     /// unknown.
-    pub fn data(&self, made: &Chained) -> Result<Option<ShardData>, SkinError> {
+    pub(crate) fn data(&self, made: &Chained) -> Result<Option<ShardData>, SkinError> {
         let fitted = &made.fitted;
         let frames = &fitted.frames;
         let Some(noise) = fitted.noise()? else { return Ok(None) };

@@ -22,7 +22,7 @@ const ATTEMPTS: usize = 8;
 
 /// Makes simulated training sequences.
 #[derive(Debug)]
-pub struct Simulated {
+pub(crate) struct Simulated {
     frames: usize,
     hand: Hand,
     script: Option<String>,
@@ -42,7 +42,7 @@ impl Simulated {
     ///
     /// A script that does not exist, too few frames, a number of fingers out of range, or a skin from a mesh
     /// file.
-    pub fn lengths(args: &BaseRequest, skin: &Skin) -> Result<Lengths, SkinError> {
+    pub(crate) fn lengths(args: &BaseRequest, skin: &Skin) -> Result<Lengths, SkinError> {
         if let Some(name) = &args.script {
             let circle = PlayCircle { centre_m: [0.0; 2], radius_m: 1.0 };
             TouchScript::built_in(name, &circle, 1)?;
@@ -70,7 +70,7 @@ impl Simulated {
     /// # Errors
     ///
     /// The errors of meshing and of the forward solution.
-    pub fn new(
+    pub(crate) fn new(
         skin: &Skin,
         args: &BaseRequest,
         pixels: usize,
@@ -89,7 +89,7 @@ impl Simulated {
     }
 
     /// Describes everything besides the chain that the training pairs depend on.
-    pub fn recipe(&self, skin: &Skin) -> String {
+    pub(crate) fn recipe(&self, skin: &Skin) -> String {
         let scripts = match &self.script {
             Some(name) => format!("script {name}"),
             None => {
@@ -112,7 +112,7 @@ impl Simulated {
     /// # Errors
     ///
     /// The errors of the simulation and the reconstruction.
-    pub fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
+    pub(crate) fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
         let mut last = SkinError::Failure("no script was tried".to_owned());
         for attempt in 0..ATTEMPTS {
             let mut random = motion::random(shared.seed, index, attempt);

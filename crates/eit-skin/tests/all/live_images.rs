@@ -10,7 +10,7 @@
 use eit_skin::eit_fem::fabric::Random;
 use eit_skin::eit_hw::driver::{Event, FrameSource, Identity, Limits, Setup, Statistics};
 use eit_skin::eit_hw::{Frame, HwError, Layout, Quality, Unit};
-use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, Summary};
+use eit_skin::live::{LiveModel, LiveObserver, Summary, TouchFrame};
 use eit_skin::scene::Scene;
 use eit_skin::{LiveStream, MeshOverride, Progress, Skin, SkinError};
 use std::collections::VecDeque;
@@ -70,16 +70,16 @@ fn last_image(
 ) -> Vec<f64> {
     let mut stream = LiveStream::of_unit(Arc::clone(model), Unit::Volt, Some(20.0));
     for (k, frame) in frames.iter().enumerate() {
-        stream.push_touches(frame, false).unwrap();
+        stream.push(frame, false).unwrap();
         let wanted = k >= REFERENCE && is_made(k - REFERENCE);
         if wanted {
-            stream.make_image(frame).unwrap();
+            stream.make_image().unwrap();
         }
-        if let Some(shown) = stream.shown(frame) {
+        if let Some(shown) = stream.shown() {
             assert_eq!(shown.images.is_some(), wanted, "frame {k}");
         }
     }
-    stream.shown(frames.last().unwrap()).unwrap().images.unwrap().pixels().to_vec()
+    stream.shown().unwrap().images.unwrap().pixels().to_vec()
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
@@ -114,7 +114,7 @@ fn a_reference_of_another_level_is_told() {
         for mut frame in frames(&model, 0.05).into_iter().take(REFERENCE) {
             assert!(stream.notes().is_empty(), "{:?}", stream.notes());
             frame.values.iter_mut().for_each(|v| *v *= factor);
-            stream.push_touches(&frame, false).unwrap();
+            stream.push(&frame, false).unwrap();
         }
         let notes = stream.notes();
         let tells = notes.iter().any(|note| note.starts_with("voltages are 3.0"));
@@ -169,12 +169,12 @@ struct Seen {
 impl LiveObserver for Seen {
     type Error = SkinError;
 
-    fn touches(&mut self, frame: &LiveFrame<'_>) -> Result<(), SkinError> {
+    fn touches(&mut self, frame: &TouchFrame<'_>) -> Result<(), SkinError> {
         self.touches.push(frame.number);
         Ok(())
     }
 
-    fn frame(&mut self, frame: &LiveFrame<'_>) -> Result<(), SkinError> {
+    fn frame(&mut self, frame: &TouchFrame<'_>) -> Result<(), SkinError> {
         if frame.images.is_some() {
             self.images.push(frame.number);
         }
@@ -219,7 +219,7 @@ fn images_are_skipped_while_frames_wait_and_touches_never() {
         let rate_hz = summary.frame_rate_hz().unwrap();
         // a time in f64 is known to 2e-7 s; a replay has its own pace
         assert_eq!((rate_hz - 20.0).abs() < 1e-3, is_live, "{rate_hz}");
-        let skipped = summary.skipped_images as usize;
+        let skipped = summary.images.skipped as usize;
         assert_eq!(seen.images.len() + skipped, ALL);
         // the last frame has none behind it
         assert_eq!(seen.images.last(), all.last());

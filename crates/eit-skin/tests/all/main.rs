@@ -16,7 +16,7 @@ mod learned_touches;
 mod live_images;
 mod noise_figure;
 mod other_skins;
-#[cfg(all(feature = "serde", feature = "mint"))]
+#[cfg(feature = "mint")]
 mod serde;
 mod shared;
 mod stream_faults;

@@ -47,7 +47,7 @@ fn touches_of_a_recording_survive() {
     let text = json!({
         "rows": [{"frame": 4, "time_s": 0.2, "touch": touch()}], "frames": 5, "rate_hz": 20.0, "level_s": 1e-7,
         "choices": {
-            "noise": "stated", "sheet": null, "rows": 104, "places": 300, "blind": 0, "radius_m": 0.01,
+            "noise": "stated", "sheet": null, "rows": 104, "places": 300, "blind_places": 0, "radius_m": 0.01,
             "least_s_m2": 1e-10
         },
         "faults": [{"electrode": 2, "kind": "Stuck", "since_s": 0.1}],

@@ -279,7 +279,7 @@ fn another_connection_takes_a_reference() {
 #[test]
 fn a_new_reference_forgets_touches_and_continues_their_ids() {
     let (mut skin, bench) = disc();
-    skin.settings.recording.first_frame = 30;
+    skin.settings.recording.first_frame = Some(30);
     let sent = frames(&held(&bench, 56));
     let mut sensor = skin.sensor().unwrap();
     let mut last = 0;

@@ -91,7 +91,7 @@ fn text_board(
     found.correlation = Some(best.correlation);
     found.swapped = best.swapped;
     found.lines.push(format!("Best match: {}.", words(best)));
-    if best.is_doubted() || best.correlation < UNLIKE {
+    if best.violates_reciprocity() || best.correlation < UNLIKE {
         found.warnings.push(
             "no protocol fits well: a contact may be open (`eit check`), the board may use its own \
              order of the \
@@ -106,7 +106,8 @@ fn text_board(
         ));
     }
     let is_rival = |next: &&FittingProtocol| {
-        next.is_doubted() == best.is_doubted() && best.correlation - next.correlation < CLEAR
+        next.violates_reciprocity() == best.violates_reciprocity()
+            && best.correlation - next.correlation < CLEAR
     };
     Ok(fitting[1..].iter().filter(is_rival).cloned().collect())
 }

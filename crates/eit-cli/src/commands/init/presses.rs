@@ -10,7 +10,7 @@ use eit_skin::connect::{self, Backlog};
 use eit_skin::first_scene::{
     FirstScene, FittingProtocol, KnownPress, PressState, PressWatch, find_numbering,
 };
-use eit_skin::scene::{Direction, TouchSign};
+use eit_skin::scene::{ChangeSign, Direction};
 use std::time::{Duration, Instant};
 
 /// Minimum number of frames of the untouched skin, and minimum time.
@@ -84,8 +84,8 @@ pub(super) fn find(
         Direction::Clockwise => "clockwise",
     };
     let changes = match numbering.sign {
-        TouchSign::Increase => "raises",
-        TouchSign::Decrease => "lowers",
+        ChangeSign::Increase => "raises",
+        ChangeSign::Decrease => "lowers",
     };
     found.lines.push(format!(
         "Two presses: electrode 1 is at {:.1} degrees, counted {counted}; a touch {changes} the \

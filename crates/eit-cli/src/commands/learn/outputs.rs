@@ -6,7 +6,7 @@ use crate::error::CliError;
 use eit_picture::{Plot, Series, draw_plot};
 use eit_report::output::{OutFile, io};
 use eit_skin::learn::{CurvePoint, LearnedSkin};
-use eit_skin::scene::{OneOrManyFiles, Reference, Scene};
+use eit_skin::scene::{Reference, Scene};
 use std::path::{Path, PathBuf};
 
 /// Files that are reserved before any work.
@@ -54,11 +54,12 @@ impl Outputs {
 /// Input files, with their roles.
 fn inputs(args: &LearnArgs, scene: &Scene) -> Vec<(&'static str, PathBuf)> {
     let named = |what: &'static str, file: &Path| (what, file.to_path_buf());
-    let frames = match &scene.recording.file {
-        _ if !args.frames.is_empty() => args.frames.clone(),
-        Some(OneOrManyFiles::One(file)) => vec![scene.resolve(file)],
-        Some(OneOrManyFiles::Many(files)) => files.iter().map(|file| scene.resolve(file)).collect(),
-        None => Vec::new(),
+    let frames = match args.frames.is_empty() {
+        false => args.frames.clone(),
+        true => {
+            let files = scene.recording.files().into_iter().flatten();
+            files.map(|file| scene.resolve(file)).collect()
+        }
     };
     // a text that is not a file name leads to no existing file
     let reference = match (&args.reference, &scene.recording.reference) {

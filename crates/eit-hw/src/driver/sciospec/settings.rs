@@ -56,7 +56,11 @@ impl Range {
 
 /// Width of electrode numbers in the command that adds a drive; depends on the firmware.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum PairWidth {
     /// 8 bits, as sciopy and eit_app send them.
     #[default]
@@ -67,7 +71,11 @@ pub enum PairWidth {
 
 /// Electrode of a listed pair at which current enters the skin. Public sources disagree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum Polarity {
     /// Determined from the first frame of each stream: of the two driven electrodes, current enters
     /// at the one whose potential has the higher real part.

@@ -51,6 +51,7 @@ pub fn frame<'a>(
         explained: true,
         frozen: false,
         latency_s: Some(2e-3),
+        ..Default::default()
     }
 }
 

@@ -17,7 +17,7 @@ impl FaultMonitor {
     /// # Errors
     ///
     /// A time that is not finite. The monitor is then unchanged.
-    pub fn doubt(&mut self, is_explained: bool, time_s: f64) -> Result<(), SkinError> {
+    pub(crate) fn doubt(&mut self, is_explained: bool, time_s: f64) -> Result<(), SkinError> {
         check_time(time_s)?;
         let Self { jumps, wiring, suspects, is_missing, used, .. } = self;
         let is_out = |e: usize| suspects[e].fault.is_some();

@@ -227,14 +227,7 @@ impl PressCollector {
     /// # Errors
     /// A frame with the wrong length; an untouched skin to which the model cannot be fitted.
     pub fn push(&mut self, frame: &Frame) -> Result<Collecting, SkinError> {
-        let wanted = self.skin.skin.protocol.measurements();
-        if frame.values.len() != wanted || frame.quality.len() != wanted {
-            return Err(SkinError::FrameLength {
-                values: frame.values.len(),
-                flags: frame.quality.len(),
-                measurements: wanted,
-            });
-        }
+        SkinError::check_frame(frame, self.skin.skin.protocol.measurements())?;
         self.frames += 1;
         if self.watch.is_none() {
             self.untouched.push(frame.clone());

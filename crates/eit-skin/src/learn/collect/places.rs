@@ -16,7 +16,7 @@ const COLUMNS: usize = 44;
 
 /// Returns places for presses, metres: the first in the middle, each next one as far as possible from all
 /// before it. Any number of the first ones is spread over the skin.
-pub fn press_places(mesh: &Mesh) -> Vec<[f64; 3]> {
+pub(crate) fn press_places(mesh: &Mesh) -> Vec<[f64; 3]> {
     let surface = mesh.surface();
     let [low, high] = surface.bounds_m();
     let half_m = (0..3).map(|k| 0.5 * (high[k] - low[k])).fold(0.0, f64::max);

@@ -4,8 +4,8 @@ use super::{BOUNDED, Budget, Measured, STREAM, Table, best, nearest};
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use crate::method::Method;
-use crate::scene::{Hyperparameter, ReconstructionSettings, Rule, StageSettings};
-use crate::skin::{DEFAULT_PIXELS, Skin};
+use crate::scene::{DEFAULT_PIXELS, Hyperparameter, ReconstructionSettings, Rule, StageSettings};
+use crate::skin::Skin;
 
 /// Frame times that reports and plans list, seconds.
 pub const BUDGETS_S: [f64; 3] = [1e-2, 1e-3, 1e-4];

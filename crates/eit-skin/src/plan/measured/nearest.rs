@@ -13,18 +13,19 @@ const MANY: usize = 24;
 const POOR_DB: f64 = 50.0;
 
 /// The most similar built-in scene, and the reason.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct Nearest {
     /// Its name.
+    #[serde(rename = "measured_on")]
     pub scene: &'static str,
     /// Why it is the most similar.
+    #[serde(rename = "because")]
     pub why: String,
 }
 
 /// Finds the built-in scene most similar to this one. `voltages` are those of the untouched skin.
-pub fn nearest(skin: &Skin, frames: Option<usize>, voltages: &[f64]) -> Nearest {
+pub(crate) fn nearest(skin: &Skin, frames: Option<usize>, voltages: &[f64]) -> Nearest {
     let found = |scene, why: &str| Nearest { scene, why: why.to_owned() };
     let electrodes = skin.protocol.electrodes();
     if skin.protocol.quadruples().is_none() {
