@@ -87,30 +87,36 @@ impl Simulator {
         Ok(Recording { script, simulation })
     }
 
-    /// Reconstructs a recording as `eit reconstruct` does, with reference and noise from its quiet
-    /// frames.
+    /// Sets up what `eit reconstruct` does with recordings of a script: reference and noise from its
+    /// quiet frames.
     ///
     /// # Errors
-    /// Those of the method.
-    pub fn reconstruct(
+    /// A method whose images nets are not trained on.
+    pub fn chain(
         &self,
-        recording: &Recording,
+        script: &TouchScript,
         method: Method,
         electrode_movement_m: Option<f64>,
-    ) -> Result<(Chain, Chained)> {
+    ) -> Result<Chain> {
         let mut skin = self.own.clone();
         skin.settings.reconstruction.electrode_movement_m = electrode_movement_m;
-        let TouchScript { frames, quiet_frames: quiet, frame_rate_hz: rate_hz, .. } =
-            recording.script;
+        let TouchScript { frames, quiet_frames: quiet, frame_rate_hz: rate_hz, .. } = *script;
         let lengths = Some(Lengths { frames, quiet, rate_hz });
-        let chain = Chain::new(skin, Some(method.name()), lengths, &mut Progress::silent())?;
-        let mut made = chain.reconstruct(&recording.simulation.frames_v)?;
-        made.fitted.frames.rate_hz = Some(rate_hz);
-        Ok((chain, made))
+        Ok(Chain::new(skin, Some(method.name()), lengths, &mut Progress::silent())?)
     }
 }
 
 impl Recording {
+    /// Reconstructs the frames.
+    ///
+    /// # Errors
+    /// Those of the method.
+    pub fn reconstruct(&self, chain: &Chain) -> Result<Chained> {
+        let mut made = chain.reconstruct(&self.simulation.frames_v)?;
+        made.fitted.frames.rate_hz = Some(self.script.frame_rate_hz);
+        Ok(made)
+    }
+
     /// The fingers in a frame.
     pub fn fingers(&self, frame: usize) -> Vec<Finger> {
         let touches = self.simulation.truth.touches.iter().filter(|touch| touch.frame == frame);

@@ -51,7 +51,8 @@ pub(super) fn table(simulator: &Simulator, quick: bool) -> Result<Table> {
         for movement_m in [None, Some(MOVEMENT_M)] {
             let key = movement_m.map_or("-".to_owned(), |m| format!("{} mm", 1e3 * m));
             for method in [Method::GaussNewton, Method::StTv] {
-                let (chain, made) = simulator.reconstruct(&recording, method, movement_m)?;
+                let chain = simulator.chain(&recording.script, method, movement_m)?;
+                let made = recording.reconstruct(&chain)?;
                 let label = [name, method.name(), &key].map(Cell::text);
                 rows.push([label.to_vec(), image_cells(&recording, &chain, &made)?].concat());
                 if method == Method::GaussNewton {

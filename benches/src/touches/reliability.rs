@@ -91,8 +91,8 @@ pub(super) fn table(simulator: &Simulator, quick: bool) -> Result<Table> {
 }
 
 fn listed(simulator: &Simulator, recording: &Recording) -> Result<Vec<Listed>> {
-    let (_, made) = simulator.reconstruct(recording, Method::GaussNewton, None)?;
-    let touches = valid_touches(&made)?;
+    let chain = simulator.chain(&recording.script, Method::GaussNewton, None)?;
+    let touches = valid_touches(&recording.reconstruct(&chain)?)?;
     let mut all = Vec::new();
     for frame in recording.after_quiet() {
         let fingers = recording.fingers(frame);

@@ -5,13 +5,14 @@
 //! While one experiment runs live, the other is simulated. The instrument's data pass through the
 //! same loop as in `eit live`, so `eit replay` gives the same images.
 
+mod accuracy;
 mod experiment;
 mod folder;
-mod judge;
 mod live;
 mod page;
 mod pictures;
 
+use self::accuracy::Accuracy;
 use self::experiment::{EXPERIMENTS, Experiment, TouchedFabric};
 use self::folder::DemoFolder;
 use self::pictures::{File, Shown};
@@ -19,6 +20,7 @@ use crate::Answer;
 use crate::error::ReportError;
 use crate::output::{OutFolder, io};
 use crate::settings::DemoSettings;
+use crate::watched::latency_json;
 use eit_fem::fabric::Simulation;
 use eit_picture::SkinDrawing;
 use eit_skin::Progress;
@@ -100,7 +102,7 @@ pub fn run(
     };
     let (shown, files) = stage.experiments(&fabric, progress)?;
     let seconds = start.elapsed().as_secs_f64();
-    if shown.len() < EXPERIMENTS.len() || shown.iter().any(|shown| !shown.seen.is_whole) {
+    if shown.len() < EXPERIMENTS.len() || shown.iter().any(|shown| !shown.live.is_whole) {
         return Ok(interrupted(&folder, &shown));
     }
     stage.report(&shown, files, fabric.nodes(), seconds, progress)
@@ -164,11 +166,11 @@ impl Stage<'_> {
     ) -> Result<(Shown, Vec<File>), ReportError> {
         let frames = truth.frames_v.nrows();
         let goes_on = || self.goes_on();
-        let seen = live::run(&experiment, frames, self, &goes_on, progress)?;
-        let judged = judge::judge(&seen, &truth);
+        let live = live::run(&experiment, frames, self, &goes_on, progress)?;
+        let accuracy = Accuracy::of(&live, &truth);
         let rate_hz = self.instrument.frame_rate_hz;
-        let shown = Shown { experiment, truth, seen, judged, rate_hz };
-        if !shown.seen.is_whole {
+        let shown = Shown { experiment, truth, live, accuracy, rate_hz };
+        if !shown.live.is_whole {
             return Ok((shown, Vec::new()));
         }
         let files = progress.steps(experiment.stages[2], 1, |bar| {
@@ -226,20 +228,16 @@ fn replay_command(folder: &Path, experiment: &Experiment) -> String {
 }
 
 fn numbers(shown: &Shown) -> Value {
-    let summary = &shown.seen.summary;
-    let latency = |of: &dyn Fn(f64) -> Option<f64>| {
-        let [median, p95, worst] = [0.5, 0.95, 1.0].map(of);
-        json!({ "median": median, "p95": p95, "worst": worst })
-    };
+    let summary = &shown.live.summary;
     json!({
         "name": shown.experiment.name,
         "frames": summary.frames,
-        "line": shown.seen.line,
+        "line": shown.live.line,
         "images": summary.images,
         "touches": summary.touches,
-        "latency_s": latency(&|share| summary.latency_s(share)),
-        "image_latency_s": latency(&|share| summary.image_latency_s(share)),
-        "judged": shown.judged.json(),
+        "latency_s": latency_json(|share| summary.latency_s(share)),
+        "image_latency_s": latency_json(|share| summary.image_latency_s(share)),
+        "judged": shown.accuracy.json(),
         "simulation_s": shown.truth.report.time_s,
         "live_s": summary.span_s,
         "notices": summary.notices,
@@ -248,26 +246,26 @@ fn numbers(shown: &Shown) -> Value {
 
 fn text(shown: &[Shown], folder: &DemoFolder, seconds: f64) -> String {
     let mut lines = Vec::new();
-    for Shown { experiment, seen, judged, .. } in shown {
-        let [raw, made] = judged.relative_errors().map(|error| 100.0 * error);
+    for Shown { experiment, live, accuracy, .. } in shown {
+        let [raw, made] = accuracy.relative_errors().map(|error| 100.0 * error);
         let ms = |latency_s: Option<f64>| 1e3 * latency_s.unwrap_or(f64::NAN);
-        let latency_ms = ms(seen.summary.latency_s(0.5));
-        let image_ms = ms(seen.summary.image_latency_s(0.5));
+        let latency_ms = ms(live.summary.latency_s(0.5));
+        let image_ms = ms(live.summary.image_latency_s(0.5));
         lines.push(format!(
             "{}: position error {:.1} mm; fingers found in {} of {} cases, {} false touches ({} of \
              them with no finger on the skin); relative error of the {} images {raw:.0} %, after \
              the U-net {made:.0} %; {latency_ms:.1} ms from a frame to its touches, {image_ms:.0} \
              ms to its image",
             experiment.name,
-            1e3 * judged.distance_m(),
-            judged.found,
-            judged.fingers,
-            judged.invented,
-            judged.left_over,
-            seen.summary.frames,
+            1e3 * accuracy.distance_m(),
+            accuracy.found,
+            accuracy.fingers,
+            accuracy.false_touches,
+            accuracy.without_finger,
+            live.summary.frames,
         ));
     }
-    if let Some(line) = shown.iter().map(|s| &s.seen.line).find(|line| line.starts_with("TCP")) {
+    if let Some(line) = shown.iter().map(|s| &s.live.line).find(|line| line.starts_with("TCP")) {
         lines.push(format!("connection to the instrument: {line}"));
     }
     lines.push(format!("all values are medians; total time {seconds:.0} s"));
@@ -286,13 +284,13 @@ fn interrupted(folder: &DemoFolder, shown: &[Shown]) -> Answer {
         "interrupted: no report and no pictures; the files written are complete".to_owned();
     let mut files = vec!["scene.toml"];
     for experiment in EXPERIMENTS {
-        let seen = shown.iter().find(|shown| shown.experiment.name == experiment.name);
+        let live = shown.iter().find(|shown| shown.experiment.name == experiment.name);
         let own = folder.join(experiment.folder);
-        if let Some(Shown { seen, .. }) = seen {
+        if let Some(Shown { live, .. }) = live {
             text += &format!(
                 "\n{}: {} frames with images; {} and {}",
                 experiment.name,
-                seen.summary.frames,
+                live.summary.frames,
                 folder.join(experiment.recording).display(),
                 own.display(),
             );

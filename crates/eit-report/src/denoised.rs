@@ -8,17 +8,18 @@ use eit_denoise::ThresholdRule;
 use eit_skin::denoise::{Net, NetTarget, scores};
 use eit_skin::scene::DenoiseSettings;
 use eit_skin::{MeshOverride, Progress, Scene, Skin};
+use ndarray::Array3;
 use serde_json::json;
 
-/// Reads images and weights, checks both against the scene, denoises the images, and writes
-/// pictures and a report.
-///
-/// # Errors
-///
-/// Files that cannot be read, weights or images that do not fit the scene, and an output folder that cannot be
-/// written.
-pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, ReportError> {
-    let mut scene = Scene::load(&args.scene)?;
+/// Images, their truth where it is known, and the net for them.
+struct Input {
+    raw: Array3<f64>,
+    truth: Option<Array3<f64>>,
+    net: Net,
+}
+
+/// Reads images and weights and checks both against the scene.
+fn input(args: &DenoiseImages, scene: &Scene) -> Result<Input, ReportError> {
     scene.refuse_movement("denoise")?;
     let of_scene = scene.stage_settings().denoise;
     let name = args.weights.clone().or(of_scene.map(|keys| keys.weights)).ok_or_else(|| {
@@ -48,6 +49,20 @@ pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, Repo
             raw.shape()
         )));
     }
+    Ok(Input { raw, truth, net })
+}
+
+/// Reads images and weights, checks both against the scene, denoises the images, and writes
+/// pictures and a report.
+///
+/// # Errors
+///
+/// Files that cannot be read, weights or images that do not fit the scene, and an output folder that cannot be
+/// written.
+pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, ReportError> {
+    let mut scene = Scene::load(&args.scene)?;
+    let Input { raw, truth, net } = input(args, &scene)?;
+    let (frames, rows, _) = raw.dim();
     let mut out = OutFolder::new(&args.out)?;
     // the number of pixels is that of the images
     scene.reconstruction.pixels = Some(rows);

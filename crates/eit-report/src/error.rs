@@ -66,6 +66,12 @@ macro_rules! by_skin {
 
 by_skin!(DenoiseError, FemError, HwError, InverseError, MeshError);
 
+impl From<ndarray::ShapeError> for ReportError {
+    fn from(error: ndarray::ShapeError) -> Self {
+        Self::Failure(error.to_string())
+    }
+}
+
 impl From<PictureError> for ReportError {
     fn from(error: PictureError) -> Self {
         Self::Failure(error.to_string())

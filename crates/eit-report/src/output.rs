@@ -237,6 +237,13 @@ pub fn io(error: std::io::Error) -> ReportError {
     ReportError::Failure(format!("writing failed: {error}"))
 }
 
+/// A picture in PNG format.
+pub(crate) fn png(canvas: &eit_picture::Canvas) -> Result<Vec<u8>, ReportError> {
+    let mut bytes = Vec::new();
+    canvas.write_png(&mut bytes)?;
+    Ok(bytes)
+}
+
 /// Writes an array of real or complex numbers as `.npy`.
 ///
 /// # Errors

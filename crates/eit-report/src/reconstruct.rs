@@ -67,8 +67,8 @@ struct Before<'a> {
 struct Remarks {
     why: &'static str,
     notes: Vec<String>,
-    /// Number of notes, from the first, that the user was told while work went on; the text does not repeat them.
-    told: usize,
+    /// Number of notes, from the first, that were shown during the work; the text does not repeat them.
+    shown: usize,
 }
 
 /// Reads frames, reconstructs images, and writes pictures and a report.
@@ -104,8 +104,8 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     }
     let net = skin.net()?;
     let mut fitted = Arc::new(linearised).fit(frames)?;
-    let is_told = !fitted.fit.is_alike();
-    if is_told {
+    let is_shown = !fitted.fit.is_alike();
+    if is_shown {
         // before work that may be for nothing, and is long where the model cannot explain the frames
         fitted.frames.notes.iter().for_each(|note| progress.note(note));
     }
@@ -128,12 +128,12 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
         denoise(net, &check, &mut made, progress)?;
     }
     let FittedFrames { skin: linearised, frames, .. } = &fitted;
-    // those of the mesh were told when it was built
+    // those of the mesh were shown when it was built
     let mut notes: Vec<String> =
         linearised.skin.notes.iter().map(|note| format!("mesh: {note}")).collect();
     let of_frames = notes.len();
     notes.extend(frames.notes.iter().cloned());
-    let told = if is_told { notes.len() } else { of_frames };
+    let shown = if is_shown { notes.len() } else { of_frames };
     notes.extend(found.as_ref().and_then(|_| frames.rate_note()));
     notes.extend(linearised.warning.clone());
     notes.extend(made.notes.clone());
@@ -153,7 +153,7 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     if let Some(curve) = &made.curve {
         out.write("hyperparameter.png", |w| Ok(curve.write_png(w)?))?;
     }
-    let remarks = Remarks { why: choice.why, notes, told };
+    let remarks = Remarks { why: choice.why, notes, shown };
     let mut report = report(&task, &made, &remarks, progress);
     report["touches"] = touches::touches_json(found.as_ref());
     let json = with_files(report, &out);
@@ -340,7 +340,7 @@ fn with_files(mut report: Value, out: &OutFolder) -> Value {
 }
 
 fn text(task: &Task<'_>, made: &Made, remarks: &Remarks, out: &OutFolder) -> String {
-    let Remarks { why, notes, told } = remarks;
+    let Remarks { why, notes, shown } = remarks;
     let FittedFrames { frames, fit, .. } = task.fitted;
     let count = frames.values.nrows();
     let mut lines = vec![format!(
@@ -358,7 +358,7 @@ fn text(task: &Task<'_>, made: &Made, remarks: &Remarks, out: &OutFolder) -> Str
     ));
     lines.push(format!("method {} ({why})", task.method.name()));
     lines.extend(made.lines.iter().cloned());
-    lines.extend(notes.iter().skip(*told).map(|n| format!("note: {n}")));
+    lines.extend(notes.iter().skip(*shown).map(|n| format!("note: {n}")));
     lines.push(format!("written to {}: {}", out.path().display(), out.names().join(", ")));
     lines.join("\n")
 }

@@ -17,7 +17,6 @@ mod image_plots;
 mod image_tables;
 mod images;
 mod inverse;
-mod markdown;
 mod merged;
 mod named_net;
 mod page;
@@ -33,7 +32,7 @@ use crate::Answer;
 use crate::error::ReportError;
 use crate::output::OutFolder;
 use crate::settings::ReportSettings;
-use cases::{ForwardCase, ImageCase, ReportScene, picture};
+use cases::{Case, Fingers, picture};
 use eit_skin::plan::machine::Machine;
 use eit_skin::{Progress, StopFlag};
 use results::BenchmarkResults;
@@ -65,11 +64,11 @@ pub fn run(
     let settings = BenchmarkSettings { report, size, roofline: &Roofline { machine }, stop };
     let (mut results, mut answer) = (BenchmarkResults::default(), None);
     for (number, scene) in scenes.iter().enumerate() {
-        progress.group(format!("{} ({} of {})", scene.name(), number + 1, scenes.len()));
+        progress.group(format!("{} ({} of {})", scene.name, number + 1, scenes.len()));
         if !one(scene, &settings, &mut results, progress)? {
             return Err(interrupted(report, number, scenes.len()));
         }
-        let missing: Vec<&str> = scenes[number + 1..].iter().map(ReportScene::name).collect();
+        let missing: Vec<&str> = scenes[number + 1..].iter().map(|case| &*case.name).collect();
         let mut out = OutFolder::new(&report.out)?;
         answer = Some(page::write(&results, &settings, &missing, &mut out, progress)?);
         out.commit(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
@@ -79,23 +78,23 @@ pub fn run(
 
 /// Runs one scene; returns false, keeping nothing of the scene, if the user interrupts.
 fn one(
-    scene: &ReportScene,
+    case: &Case,
     settings: &BenchmarkSettings<'_>,
     results: &mut BenchmarkResults,
     progress: &mut Progress,
 ) -> Result<bool, ReportError> {
     // scenes with the same skin share its forward problem
-    let is_known = results.forward.iter().any(|known| known.case == scene.forward);
+    let is_known = results.forward.iter().any(|known| known.case.scene == case.scene);
     let mut forward = None;
     if !(is_known || settings.report.images) {
         let found = progress.steps("forward problem", forward::steps(settings.size), |bar| {
-            forward::run(&scene.forward, settings, bar)
+            forward::run(case, settings, bar)
         })?;
         let Some(found) = found else { return Ok(false) };
         forward = Some(found);
     }
     let mut images = None;
-    if let Some(case) = &scene.images {
+    if case.fingers != Fingers::NoImages {
         let Some(found) = images::run(case, settings, progress)? else { return Ok(false) };
         images = Some(found);
     }
@@ -117,18 +116,18 @@ fn interrupted(report: &ReportSettings, finished: usize, wanted: usize) -> Repor
 
 /// Names of the pictures of all built-in skins and scenes.
 fn pictures() -> impl Iterator<Item = String> {
-    let skins = ForwardCase::built_in().into_iter().map(|case| picture("forward", &case.name));
-    let scenes = ImageCase::built_in().into_iter().flat_map(|case| {
+    Case::built_in().flat_map(|case| {
         let images = picture("images", &case.name);
-        let shapes = ["bell", "pad", "one", "two"].map(|shape| format!("{images}_{shape}"));
-        shapes.into_iter().chain([picture("error", &case.name)])
-    });
-    skins.chain(scenes).map(|name| format!("{name}.png"))
+        let shapes = ["bell", "pad", "one", "two"].map(|shape| format!("{images}_{shape}.png"));
+        let [forward, error] = [("forward", case.skin()), ("error", &*case.name)]
+            .map(|(kind, name)| format!("{}.png", picture(kind, name)));
+        shapes.into_iter().chain([forward, error])
+    })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::cases::{Fingers, ImageCase};
+    use super::cases::{Case, Fingers};
     use super::settings::GAPS;
     use eit_skin::method::Method;
     use eit_skin::plan::measured::{Table, Wanted};
@@ -140,7 +139,7 @@ mod tests {
         let table = Table::load().unwrap();
         let settings = &ReconstructionSettings::default();
         let mut rates = Vec::new();
-        for case in ImageCase::built_in() {
+        for case in Case::built_in().filter(|case| case.fingers != Fingers::NoImages) {
             for method in Method::ALL {
                 let sequence = matches!(method, Method::StTv | Method::TimePrior | Method::Kalman);
                 if case.fingers == Fingers::Still && sequence {

@@ -108,33 +108,50 @@ pub fn record_of(shown: &TouchFrame<'_>) -> TouchesRecord {
     }
 }
 
-/// Summarises a run as text and JSON. Notices that the user was told already (`told`) are left out of the text.
+/// Summarises a run as text and JSON. The text leaves out notices that the user has seen (`shown`).
 pub fn answer(
     name: &str,
     summary: &Summary,
     statistics: &Statistics,
     files: &[&str],
-    told: &[String],
+    shown: &[String],
 ) -> Answer {
-    let rate_hz = summary.frame_rate_hz();
-    let touches_s = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));
-    let images_s = [0.5, 0.95, 1.0].map(|share| summary.image_latency_s(share));
-    let mut text = format!(
-        "{name}: {}{}{}, {}, at most {} at once; {} frames lost, {} \
-         skipped, {} taken",
-        counted(summary.frames, "frame", "frames"),
-        if summary.images.is_empty() { "" } else { " with images" },
-        rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} per second")),
-        counted(summary.touches, "touch", "touches"),
-        summary.most_at_once,
-        statistics.lost,
-        statistics.dropped,
-        counted(summary.references, "reference", "references"),
-    );
-    if let Some(change) = summary.unrest {
-        text += &format!("\n{}", eit_skin::live::unrest_words(change));
-    }
-    let unsearched = (summary.references == 0 && statistics.frames > 0).then(|| {
+    let unsearched = unsearched(summary, statistics);
+    let text = text(name, summary, statistics, unsearched.as_ref(), shown);
+    let json = json!({
+        "instrument": name,
+        "frames": summary.frames,
+        "frame_rate_hz": summary.frame_rate_hz(),
+        "touches": summary.touches,
+        "most_at_once": summary.most_at_once,
+        "not_explained": summary.not_explained,
+        "frozen": summary.frozen,
+        "lost": statistics.lost,
+        "dropped": statistics.dropped,
+        "reconnections": statistics.reconnections,
+        "references": summary.references,
+        "unrest": summary.unrest,
+        "unsearched": unsearched.map(|why| json!({ "frames": statistics.frames, "why": why })),
+        "latency_s": latency_json(|share| summary.latency_s(share)),
+        "image_latency_s": latency_json(|share| summary.image_latency_s(share)),
+        "images": summary.images,
+        "faulty_electrodes": summary.faults.iter().map(ElectrodeFault::json).collect::<Vec<_>>(),
+        "notices": summary.notices,
+        "notices_left_out": summary.more_notices,
+        "files": files,
+    });
+    Answer { text, json }
+}
+
+/// Median, 95 % quantile and maximum of a latency, seconds.
+pub(crate) fn latency_json(of: impl Fn(f64) -> Option<f64>) -> serde_json::Value {
+    let [median, p95, worst] = [0.5, 0.95, 1.0].map(of);
+    json!({ "median": median, "p95": p95, "worst": worst })
+}
+
+/// Why no frame was searched for touches, if none was.
+fn unsearched(summary: &Summary, statistics: &Statistics) -> Option<String> {
+    (summary.references == 0 && statistics.frames > 0).then(|| {
         let came = counted(statistics.frames, "frame", "frames");
         match summary.unrest {
             Some(_) => format!(
@@ -145,8 +162,32 @@ pub fn answer(
                 "{came} came, fewer than the reference needs (--reference-frames), and none was searched for touches"
             ),
         }
-    });
-    if let Some(words) = &unsearched {
+    })
+}
+
+fn text(
+    name: &str,
+    summary: &Summary,
+    statistics: &Statistics,
+    unsearched: Option<&String>,
+    shown: &[String],
+) -> String {
+    let mut text = format!(
+        "{name}: {}{}{}, {}, at most {} at once; {} frames lost, {} \
+         skipped, {} taken",
+        counted(summary.frames, "frame", "frames"),
+        if summary.images.is_empty() { "" } else { " with images" },
+        summary.frame_rate_hz().map_or(String::new(), |rate| format!(" at {rate:.1} per second")),
+        counted(summary.touches, "touch", "touches"),
+        summary.most_at_once,
+        statistics.lost,
+        statistics.dropped,
+        counted(summary.references, "reference", "references"),
+    );
+    if let Some(change) = summary.unrest {
+        text += &format!("\n{}", eit_skin::live::unrest_words(change));
+    }
+    if let Some(words) = unsearched {
         text += &format!("\n{words}");
     }
     if summary.frozen > 0 {
@@ -159,6 +200,8 @@ pub fn answer(
             summary.not_explained
         );
     }
+    let touches_s = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));
+    let images_s = [0.5, 0.95, 1.0].map(|share| summary.image_latency_s(share));
     for (what, latency_s) in [("touches", touches_s), ("image", images_s)] {
         if let [Some(median), Some(high), Some(worst)] = latency_s.map(|s| s.map(|s| 1e3 * s)) {
             text += &format!(
@@ -173,34 +216,8 @@ pub fn answer(
     if !summary.images.is_empty() {
         text += &format!("\nimages: {}", summary.images.words());
     }
-    for notice in summary.notices.iter().filter(|notice| !told.contains(notice)).take(20) {
+    for notice in summary.notices.iter().filter(|notice| !shown.contains(notice)).take(20) {
         text += &format!("\nnotice: {notice}");
     }
-    let json = json!({
-        "instrument": name,
-        "frames": summary.frames,
-        "frame_rate_hz": rate_hz,
-        "touches": summary.touches,
-        "most_at_once": summary.most_at_once,
-        "not_explained": summary.not_explained,
-        "frozen": summary.frozen,
-        "lost": statistics.lost,
-        "dropped": statistics.dropped,
-        "reconnections": statistics.reconnections,
-        "references": summary.references,
-        "unrest": summary.unrest,
-        "unsearched": unsearched.map(|why| json!({ "frames": statistics.frames, "why": why })),
-        "latency_s": latency_json(touches_s),
-        "image_latency_s": latency_json(images_s),
-        "images": summary.images,
-        "faulty_electrodes": summary.faults.iter().map(ElectrodeFault::json).collect::<Vec<_>>(),
-        "notices": summary.notices,
-        "notices_left_out": summary.more_notices,
-        "files": files,
-    });
-    Answer { text, json }
-}
-
-fn latency_json([median, p95, worst]: [Option<f64>; 3]) -> serde_json::Value {
-    json!({ "median": median, "p95": p95, "worst": worst })
+    text
 }

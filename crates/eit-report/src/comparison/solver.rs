@@ -20,6 +20,16 @@ pub struct BoundedMethod {
 }
 
 impl BoundedMethod {
+    /// A method without a bound.
+    pub(crate) const fn free(method: Method) -> Self {
+        Self { method, lower_s: None }
+    }
+
+    /// With the knowledge that touches only raise the conductivity.
+    pub(crate) const fn rising(method: Method) -> Self {
+        Self { method, lower_s: Some(0.0) }
+    }
+
     /// Name in tables and legends.
     pub fn name(self) -> String {
         match self.lower_s {
@@ -40,13 +50,13 @@ impl BoundedMethod {
 
 /// Every method once, and st-tv with knowledge of the fabric; the slowest by far comes last.
 pub const METHODS: [BoundedMethod; 7] = [
-    BoundedMethod { method: Method::StTv, lower_s: None },
-    BoundedMethod { method: Method::StTv, lower_s: Some(0.0) },
-    BoundedMethod { method: Method::Tv, lower_s: None },
-    BoundedMethod { method: Method::GaussNewton, lower_s: None },
-    BoundedMethod { method: Method::TimePrior, lower_s: None },
-    BoundedMethod { method: Method::Kalman, lower_s: None },
-    BoundedMethod { method: Method::GaussNewtonAbsolute, lower_s: None },
+    BoundedMethod::free(Method::StTv),
+    BoundedMethod::rising(Method::StTv),
+    BoundedMethod::free(Method::Tv),
+    BoundedMethod::free(Method::GaussNewton),
+    BoundedMethod::free(Method::TimePrior),
+    BoundedMethod::free(Method::Kalman),
+    BoundedMethod::free(Method::GaussNewtonAbsolute),
 ];
 
 /// A method set up for one recording.

@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 const SILENCE: Duration = Duration::from_secs(20);
 
 /// Results of running an experiment live.
-pub(super) struct Seen {
+pub(super) struct LiveRun {
     /// Frame of the script for each image.
     pub frames: Vec<usize>,
     /// Images before and after the network, siemens, [frame, row, column].
@@ -55,7 +55,7 @@ pub(super) fn run(
     stage: &Stage<'_>,
     goes_on: &(dyn Fn() -> bool + Sync),
     progress: &mut Progress,
-) -> Result<Seen, ReportError> {
+) -> Result<LiveRun, ReportError> {
     let Stage { model, instrument, folder, watcher, .. } = *stage;
     let wanted = frames.saturating_sub(REFERENCE_FRAMES);
     progress.steps(experiment.stages[1], wanted, |bar| {
@@ -87,7 +87,7 @@ pub(super) fn run(
         if let Some(failure) = failure {
             return Err(failure);
         }
-        Ok(Seen {
+        Ok(LiveRun {
             is_whole: summary.frames == wanted as u64,
             frames: pile.frames,
             raw: stacked(&pile.raw)?,
@@ -100,11 +100,11 @@ pub(super) fn run(
 }
 
 fn stacked(images: &[Array2<f64>]) -> Result<Array3<f64>, ReportError> {
-    if images.is_empty() {
-        return Ok(Array3::zeros((0, 1, 1)));
-    }
     let views: Vec<_> = images.iter().map(|image| image.view()).collect();
-    ndarray::stack(Axis(0), &views).map_err(|e| ReportError::Failure(format!("images: {e}")))
+    match views.is_empty() {
+        true => Ok(Array3::zeros((0, 1, 1))),
+        false => Ok(ndarray::stack(Axis(0), &views)?),
+    }
 }
 
 /// Starts the instrument on a pseudo-terminal and opens it; if that fails, uses TCP and gives the

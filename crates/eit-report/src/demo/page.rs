@@ -1,7 +1,7 @@
 //! The report: one page, and the larger pictures beside it.
 
+use super::accuracy::Accuracy;
 use super::folder::DemoFolder;
-use super::judge::Judged;
 use super::pictures::{self, File, Shown};
 use crate::html::{Block, Page, Section};
 use eit_skin::live::LiveModel;
@@ -40,16 +40,14 @@ pub(super) fn page(
 /// The result in a sentence.
 fn result(shown: &[Shown]) -> String {
     let of = |shown: &Shown| {
-        let Judged { fingers, found, invented, .. } = shown.judged;
+        let Accuracy { fingers, found, false_touches, .. } = shown.accuracy;
         format!(
-            "{}: found {found} of {fingers} times, {:.1} mm off (median), {invented} false touches",
+            "{}: found {found} of {fingers} times, {:.1} mm off (median), {false_touches} false touches",
             shown.experiment.name,
-            1e3 * shown.judged.distance_m()
+            1e3 * shown.accuracy.distance_m()
         )
     };
-    let result = shown.iter().map(of).collect::<Vec<_>>().join("; ");
-    let mut letters = result.chars();
-    letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
+    pictures::capitalised(&shown.iter().map(of).collect::<Vec<_>>().join("; "))
 }
 
 /// Returns a picture beside the page, if it exists.
@@ -78,7 +76,7 @@ fn what(shown: &[Shown], files: &[File], model: &LiveModel, nodes: usize, second
         blocks.extend(picture(files, shown.experiment.figures[2], caption));
     }
     blocks.push(table(shown));
-    let lines: Vec<&str> = shown.iter().map(|s| s.seen.line.as_str()).collect();
+    let lines: Vec<&str> = shown.iter().map(|s| s.live.line.as_str()).collect();
     blocks.push(Block::Text(format!(
         "The fabric is simulated on {nodes} nodes, with fingertips that dent it, hysteresis, \
          electrodes that move with the fabric, an uneven weave, drift and an instrument with noise \
@@ -108,20 +106,20 @@ fn table(shown: &[Shown]) -> Block {
         "time to image, median (ms)",
     ];
     let row = |shown: &Shown| {
-        let [raw, made] = shown.judged.relative_errors().map(|error| 100.0 * error);
+        let [raw, made] = shown.accuracy.relative_errors().map(|error| 100.0 * error);
         let mm = |distance_m: f64| format!("{:.1}", 1e3 * distance_m);
-        let Judged { fingers, found, invented, left_over, .. } = shown.judged;
-        let summary = &shown.seen.summary;
+        let Accuracy { fingers, found, false_touches, without_finger, .. } = shown.accuracy;
+        let summary = &shown.live.summary;
         let ms = |latency_s: Option<f64>| match latency_s {
             Some(latency_s) => format!("{:.1}", 1e3 * latency_s),
             None => "-".to_owned(),
         };
         vec![
             shown.experiment.name.to_owned(),
-            mm(shown.judged.distance_m()),
-            shown.judged.worst_distance_m().map_or_else(|| "-".to_owned(), mm),
+            mm(shown.accuracy.distance_m()),
+            shown.accuracy.worst_distance_m().map_or_else(|| "-".to_owned(), mm),
             format!("{found} of {fingers}"),
-            format!("{invented} ({left_over})"),
+            format!("{false_touches} ({without_finger})"),
             format!("{raw:.0}"),
             format!("{made:.0}"),
             summary.frames.to_string(),
@@ -131,7 +129,7 @@ fn table(shown: &[Shown]) -> Block {
             ms(summary.image_latency_s(0.5)),
         ]
     };
-    let late: usize = shown.iter().map(|s| s.judged.late).sum();
+    let late: usize = shown.iter().map(|s| s.accuracy.late).sum();
     Block::Table {
         head: head.map(str::to_owned).to_vec(),
         rows: shown.iter().map(row).collect(),
@@ -205,13 +203,13 @@ fn latency(shown: &[Shown], files: &[File]) -> Section {
     let mut blocks: Vec<Block> =
         beside(files, pictures::LATENCY, caption.to_owned()).into_iter().collect();
     let pair =
-        |shown: &Shown| (shown.experiment.name.to_owned(), shown.seen.summary.images.words());
+        |shown: &Shown| (shown.experiment.name.to_owned(), shown.live.summary.images.words());
     blocks.push(Block::List(shown.iter().map(pair).collect()));
     Section { title: "Speed and distance from the optimum".to_owned(), blocks }
 }
 
 fn left_out_section(shown: &[Shown], model: &LiveModel) -> Section {
-    let frames = shown.first().map_or(0, |shown| shown.seen.frames.len());
+    let frames = shown.first().map_or(0, |shown| shown.live.frames.len());
     let sequence = Sequence::Frames(frames);
     let mut list: Vec<(String, String)> = left_out::of(model.skin(), Method::StTv, sequence, true)
         .into_iter()

@@ -1,19 +1,18 @@
 //! The pictures, each corresponding to one of the paper's figures. One file because they form a
 //! single list.
 
+use super::accuracy::Accuracy;
 use super::experiment::Experiment;
-use super::judge::Judged;
-use super::live::Seen;
+use super::live::LiveRun;
 use crate::error::ReportError;
 use eit_fem::fabric::Simulation;
-use eit_picture::View;
 use eit_picture::{
     Canvas, FrameLabels, MeshDrawing, PictureSettings, Plot, Series, SkinDrawing, Track,
-    TracksPanel, draw_mesh, draw_plot, draw_sheet, draw_tracks, write_gif,
+    TracksPanel, View, draw_mesh, draw_plot, draw_sheet, draw_tracks, write_gif,
 };
 use eit_skin::Steps;
 use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
-use ndarray::{Array3, ArrayView2, Axis};
+use ndarray::{ArrayView2, Axis};
 
 /// The mesh, corresponding to the paper's figure 3.
 pub(super) const MESH: &str = "figure-03-mesh.png";
@@ -43,8 +42,8 @@ const BRIEF: f64 = 0.1;
 pub(super) struct Shown {
     pub experiment: Experiment,
     pub truth: Simulation,
-    pub seen: Seen,
-    pub judged: Judged,
+    pub live: LiveRun,
+    pub accuracy: Accuracy,
     /// Frames per second.
     pub rate_hz: f64,
 }
@@ -53,9 +52,7 @@ pub(super) struct Shown {
 pub(super) type File = (&'static str, Vec<u8>);
 
 fn png(name: &'static str, canvas: &Canvas) -> Result<File, ReportError> {
-    let mut bytes = Vec::new();
-    canvas.write_png(&mut bytes)?;
-    Ok((name, bytes))
+    Ok((name, crate::output::png(canvas)?))
 }
 
 /// Draws movie and figures of an experiment.
@@ -64,8 +61,8 @@ pub(super) fn of_experiment(
     skin: &SkinDrawing,
     bar: &Steps<'_>,
 ) -> Result<Vec<File>, ReportError> {
-    let Shown { experiment, seen, .. } = shown;
-    if seen.frames.is_empty() {
+    let Shown { experiment, live, .. } = shown;
+    if live.frames.is_empty() {
         return Ok(Vec::new());
     }
     let [images, error, touches, position] = experiment.figures;
@@ -75,7 +72,7 @@ pub(super) fn of_experiment(
         png(error, &shown.error()?)?,
         png(touches, &shown.tracks(skin)?)?,
     ];
-    if !shown.judged.pairs.is_empty() {
+    if !shown.accuracy.pairs.is_empty() {
         files.push(png(position, &shown.position_error()?)?);
     }
     Ok(files)
@@ -85,17 +82,17 @@ impl Shown {
     /// The three images of a frame: truth, reconstruction, and after the network.
     fn of_frame(&self, k: usize) -> [ArrayView2<'_, f64>; 3] {
         let images = &self.truth.truth.conductivity_change_s;
-        let row = self.judged.errors[k].frame;
+        let row = self.accuracy.errors[k].frame;
         [
             images.index_axis(Axis(0), row),
-            self.seen.raw.index_axis(Axis(0), k),
-            self.seen.made.index_axis(Axis(0), k),
+            self.live.raw.index_axis(Axis(0), k),
+            self.live.made.index_axis(Axis(0), k),
         ]
     }
 
     /// Indices of `count` frames with touches, spread evenly over all of them.
     fn chosen(&self, count: usize) -> Vec<usize> {
-        let errors = self.judged.errors.iter().enumerate();
+        let errors = self.accuracy.errors.iter().enumerate();
         let touched: Vec<usize> = errors.filter(|(_, e)| e.is_touched).map(|(k, _)| k).collect();
         let place = |k: usize| (2 * k + 1) * touched.len() / (2 * count);
         (0..count).filter_map(|k| touched.get(place(k)).copied()).collect()
@@ -103,7 +100,7 @@ impl Shown {
 
     /// Label of a frame: its time.
     fn label(&self, k: usize) -> String {
-        format!("{:.1} s", self.time_s(self.judged.errors[k].frame))
+        format!("{:.1} s", self.time_s(self.accuracy.errors[k].frame))
     }
 
     /// Ends of the colour scale: a fraction of the largest true change.
@@ -117,8 +114,11 @@ impl Shown {
     /// Draws the true, raw and denoised images below each other.
     fn images(&self, skin: &SkinDrawing) -> Result<Canvas, ReportError> {
         let settings = PictureSettings {
-            title: format!("{}: truth, reconstruction, after the U-net", title(&self.experiment)),
-            footnote: format!("simulated fabric · {}", self.seen.summary.images),
+            title: format!(
+                "{}: truth, reconstruction, after the U-net",
+                capitalised(self.experiment.name)
+            ),
+            footnote: format!("simulated fabric · {}", self.live.summary.images),
             range: self.range(),
             ..Default::default()
         };
@@ -133,14 +133,14 @@ impl Shown {
     /// Draws the relative error of the images, before and after the network.
     fn error(&self) -> Result<Canvas, ReportError> {
         let curve = |name: &str, k: usize| {
-            let touched = self.judged.errors.iter().filter(|error| error.is_touched);
+            let touched = self.accuracy.errors.iter().filter(|error| error.is_touched);
             let points = touched.map(|e| [self.time_s(e.frame), 100.0 * e.relative()[k]]).collect();
             Series { name: name.to_owned(), points, line: true, markers: false }
         };
-        let [raw, made] = self.judged.relative_errors().map(|error| 100.0 * error);
-        let [raw_s2, made_s2, _] = self.judged.errors_of_touched();
+        let [raw, made] = self.accuracy.relative_errors().map(|error| 100.0 * error);
+        let [raw_s2, made_s2, _] = self.accuracy.errors_of_touched();
         Ok(draw_plot(&Plot {
-            title: format!("{}: relative error of the images", title(&self.experiment)),
+            title: format!("{}: relative error of the images", capitalised(self.experiment.name)),
             footnote: format!(
                 "root mean square error over that of the true change of conductivity, frames with \
                  a finger; medians {raw:.0} % and {made:.0} % (mean squared errors {raw_s2:.1e} \
@@ -157,21 +157,21 @@ impl Shown {
 
     /// Ids of the touches that last, and of the brief ones.
     fn ids(&self) -> (Vec<u64>, Vec<u64>) {
-        let mut ids: Vec<u64> = self.seen.touches.iter().flatten().map(|touch| touch.id).collect();
+        let mut ids: Vec<u64> = self.live.touches.iter().flatten().map(|touch| touch.id).collect();
         ids.sort_unstable();
         ids.dedup();
         let frames = |id: u64| {
-            let all = self.seen.touches.iter().flatten();
+            let all = self.live.touches.iter().flatten();
             all.filter(|touch| touch.id == id && touch.valid).count()
         };
-        ids.into_iter().partition(|id| frames(*id) as f64 >= BRIEF * self.seen.frames.len() as f64)
+        ids.into_iter().partition(|id| frames(*id) as f64 >= BRIEF * self.live.frames.len() as f64)
     }
 
     /// Draws the distance of every touch from its finger, in the colours of the tracks.
     fn position_error(&self) -> Result<Canvas, ReportError> {
         let (lasting, brief) = self.ids();
         let of = |ids: &[u64], name: String| {
-            let pairs = self.judged.pairs.iter().filter(|pair| ids.contains(&pair.touch));
+            let pairs = self.accuracy.pairs.iter().filter(|pair| ids.contains(&pair.touch));
             let points = pairs.map(|p| [self.time_s(p.frame), 1e3 * p.distance_m]).collect();
             Series { name, points, line: false, markers: true }
         };
@@ -181,11 +181,14 @@ impl Shown {
             series.push(of(&brief, brief_words(brief.len())));
         }
         Ok(draw_plot(&Plot {
-            title: format!("{}: distance of touches from the finger", title(&self.experiment)),
+            title: format!(
+                "{}: distance of touches from the finger",
+                capitalised(self.experiment.name)
+            ),
             footnote: format!(
                 "median {:.1} mm, largest {:.1} mm; a fingertip is 20 mm wide, the skin 200 mm",
-                1e3 * self.judged.distance_m(),
-                1e3 * self.judged.worst_distance_m().unwrap_or(f64::NAN)
+                1e3 * self.accuracy.distance_m(),
+                1e3 * self.accuracy.worst_distance_m().unwrap_or(f64::NAN)
             ),
             x_label: "time (s)".to_owned(),
             y_label: "distance (mm)".to_owned(),
@@ -201,7 +204,7 @@ impl Shown {
     fn tracks(&self, skin: &SkinDrawing) -> Result<Canvas, ReportError> {
         let (lasting, brief) = self.ids();
         let panel = |first_color: usize, ids: &[u64], name: String| {
-            let of = self.seen.frames.iter().zip(&self.seen.touches);
+            let of = self.live.frames.iter().zip(&self.live.touches);
             let of = of.flat_map(|(frame, touches)| touches.iter().map(move |t| (*frame, t)));
             let of: Vec<_> = of.filter(|(_, t)| ids.contains(&t.id) && t.valid).collect();
             let label = match (of.first(), of.last()) {
@@ -224,13 +227,13 @@ impl Shown {
         if !brief.is_empty() || panels.is_empty() {
             panels.push(panel(lasting.len(), &brief, brief_words(brief.len())));
         }
-        let Judged { fingers, found, invented, left_over, .. } = self.judged;
+        let Accuracy { fingers, found, false_touches, without_finger, .. } = self.accuracy;
         let settings = PictureSettings {
-            title: format!("{}: tracked touches", title(&self.experiment)),
+            title: format!("{}: tracked touches", capitalised(self.experiment.name)),
             footnote: format!(
-                "found in {found} of {fingers} cases, median position error {:.1} mm; {invented} dots are false, \
-                 {left_over} of them with no finger on the skin",
-                1e3 * self.judged.distance_m()
+                "found in {found} of {fingers} cases, median position error {:.1} mm; {false_touches} dots are false, \
+                 {without_finger} of them with no finger on the skin",
+                1e3 * self.accuracy.distance_m()
             ),
             ..Default::default()
         };
@@ -243,12 +246,10 @@ fn brief_words(count: usize) -> String {
     format!("{count} brief touch{}", if count == 1 { "" } else { "es" })
 }
 
-/// Capitalised name, for example "One finger".
-fn title(experiment: &Experiment) -> String {
-    let mut letters = experiment.name.chars();
-    letters.next().map_or_else(String::new, |first| {
-        first.to_uppercase().collect::<String>() + letters.as_str()
-    })
+/// A text with its first letter capitalised.
+pub(super) fn capitalised(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
 }
 
 /// True track of each finger; the first one has the name.
@@ -285,31 +286,30 @@ fn sheet(
             labels.push(format!("{name}, {}", shown.label(*k)));
         }
     }
-    let stacked = stack(&images)?;
+    let stacked = ndarray::stack(Axis(0), &images)?;
     let labels = FrameLabels::Text(labels);
     let settings = PictureSettings { labels, columns: Some(frames.len()), ..settings };
     Ok(draw_sheet(stacked.view(), skin, &settings)?)
 }
 
-fn stack(images: &[ArrayView2<'_, f64>]) -> Result<Array3<f64>, ReportError> {
-    ndarray::stack(Axis(0), images).map_err(|e| ReportError::Failure(format!("images: {e}")))
-}
-
 /// Draws true, raw and denoised images side by side, frame by frame.
 fn movie(shown: &Shown, skin: &SkinDrawing, bar: &Steps<'_>) -> Result<Vec<u8>, ReportError> {
-    let count = shown.seen.frames.len();
+    let count = shown.live.frames.len();
     let every = count.div_ceil(MOVIE_FRAMES).max(1);
     let (mut images, mut labels, mut marks_m) = (Vec::new(), Vec::new(), Vec::new());
     for k in (0..count).step_by(every) {
         images.extend(shown.of_frame(k));
         labels.extend([ROWS[0].to_owned(), shown.label(k), ROWS[2].to_owned()]);
-        let touches = shown.seen.touches[k].iter().filter(|touch| touch.valid);
+        let touches = shown.live.touches[k].iter().filter(|touch| touch.valid);
         let marks = touches.map(|t| [t.position_m[0], t.position_m[1]]).collect();
         marks_m.extend([Vec::new(), Vec::new(), marks]);
     }
-    let stacked = stack(&images)?;
+    let stacked = ndarray::stack(Axis(0), &images)?;
     let settings = PictureSettings {
-        title: format!("{}: truth, reconstruction, after the U-net", title(&shown.experiment)),
+        title: format!(
+            "{}: truth, reconstruction, after the U-net",
+            capitalised(shown.experiment.name)
+        ),
         footnote: "crosses: touches".to_owned(),
         labels: FrameLabels::Text(labels),
         marks_m,
@@ -359,11 +359,7 @@ fn mesh(model: &LiveModel) -> Result<Canvas, ReportError> {
         title: "Reconstruction mesh of the fabric with its 16 electrodes".to_owned(),
         ..Default::default()
     };
-    Ok(draw_mesh(
-        &drawing,
-        &eit_picture::SkinDrawing::from_mesh(&model.skin().mesh, &View::TOP),
-        &settings,
-    )?)
+    Ok(draw_mesh(&drawing, &SkinDrawing::from_mesh(&model.skin().mesh, &View::TOP), &settings)?)
 }
 
 /// Draws the tracks of the fingers.
@@ -389,7 +385,7 @@ fn all_ways(shown: &[Shown], skin: &SkinDrawing) -> Result<Canvas, ReportError> 
 
 /// Draws the distribution of the time from the last byte of a frame to its image and touches.
 fn latency(shown: &[Shown]) -> Result<Option<Canvas>, ReportError> {
-    let all = || shown.iter().flat_map(|s| &s.seen.summary.latencies_s).map(|s| 1e3 * s);
+    let all = || shown.iter().flat_map(|s| &s.live.summary.latencies_s).map(|s| 1e3 * s);
     let least_ms = all().fold(f64::INFINITY, f64::min).max(0.1);
     let most_ms = all().fold(least_ms, f64::max);
     if most_ms <= least_ms {
@@ -399,7 +395,7 @@ fn latency(shown: &[Shown]) -> Result<Option<Canvas>, ReportError> {
     let edge_ms = |bar: usize| least_ms * (span * bar as f64 / BARS as f64).exp();
     let histogram = |shown: &Shown| {
         let mut counts = [0.0; BARS];
-        for latency_s in &shown.seen.summary.latencies_s {
+        for latency_s in &shown.live.summary.latencies_s {
             let part = (1e3 * latency_s / least_ms).max(1.0).ln() / span;
             counts[((BARS as f64 * part) as usize).min(BARS - 1)] += 1.0;
         }

@@ -3,23 +3,12 @@
 use eit_skin::plan::measured::{BUDGETS_S, Budget, Measured, best};
 use serde_json::{Value, json};
 
-/// The best solver within a budget.
-struct BudgetChoice<'a> {
-    budget: Budget,
-    /// `None` if no solver is fast enough.
-    row: Option<&'a Measured>,
-}
-
-/// Returns the choices for a scene.
-fn choices(rows: &[Measured]) -> Vec<BudgetChoice<'_>> {
-    let kinds = [false, true];
-    let of = |time_s: f64| {
-        kinds.map(|is_live| {
-            let budget = Budget { time_s, is_live };
-            BudgetChoice { budget, row: best(rows.iter(), budget) }
-        })
-    };
-    BUDGETS_S.into_iter().flat_map(of).collect()
+/// The budgets of a scene, each with its best solver, if one is fast enough.
+fn choices(rows: &[Measured]) -> impl Iterator<Item = (Budget, Option<&Measured>)> {
+    let budgets = BUDGETS_S.into_iter();
+    let budgets =
+        budgets.flat_map(|time_s| [false, true].map(|is_live| Budget { time_s, is_live }));
+    budgets.map(move |budget| (budget, best(rows.iter(), budget)))
 }
 
 /// The best solver within the largest budget, live or for recordings.
@@ -28,12 +17,12 @@ pub(super) fn best_of(rows: &[Measured], is_live: bool) -> Option<&Measured> {
     best(rows.iter(), Budget { time_s, is_live })
 }
 
-pub(super) const HEAD: [&str; 8] =
-    ["budget, ms", "for", "solver", "pixels", "gap", "error", "cost, ms", "solver alone, ms"];
+pub(super) const HEAD: &str =
+    "budget, ms | for | solver | pixels | gap | error | cost, ms | solver alone, ms";
 
 /// Returns the cells of the choices for a scene, with headings [`HEAD`].
 pub(super) fn cells(rows: &[Measured]) -> Vec<Vec<String>> {
-    let one = |BudgetChoice { budget, row }: BudgetChoice<'_>| {
+    let one = |(budget, row): (Budget, Option<&Measured>)| {
         let kind = if budget.is_live { "live" } else { "recordings" };
         let mut cells = vec![format!("{}", 1e3 * budget.time_s), kind.to_owned()];
         match row {
@@ -47,16 +36,16 @@ pub(super) fn cells(rows: &[Measured]) -> Vec<Vec<String>> {
             ]),
             None => {
                 cells.push("none is so fast".to_owned());
-                cells.resize(HEAD.len(), "-".to_owned());
+                cells.resize(HEAD.split('|').count(), "-".to_owned());
             }
         }
         cells
     };
-    choices(rows).into_iter().map(one).collect()
+    choices(rows).map(one).collect()
 }
 
 /// Returns the choices as JSON.
 pub(super) fn json(rows: &[Measured]) -> Value {
-    let one = |BudgetChoice { budget, row }: &BudgetChoice<'_>| json!({"budget_s": budget.time_s, "live": budget.is_live, "choice": row});
-    choices(rows).iter().map(one).collect()
+    let one = |(budget, row): (Budget, Option<&Measured>)| json!({"budget_s": budget.time_s, "live": budget.is_live, "choice": row});
+    choices(rows).map(one).collect()
 }

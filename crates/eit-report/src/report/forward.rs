@@ -12,7 +12,7 @@ mod reference;
 pub(super) mod results;
 pub(super) mod tables;
 
-use super::cases::{self, ForwardCase};
+use super::cases::{self, Case};
 use super::picture::Picture;
 use super::settings::{BenchmarkSettings, Size};
 use crate::error::ReportError;
@@ -42,7 +42,7 @@ pub(super) fn steps(size: &Size) -> usize {
 
 /// Runs all meshes of a skin; `None` if the user interrupts.
 pub(super) fn run(
-    case: &ForwardCase,
+    case: &Case,
     settings: &BenchmarkSettings<'_>,
     bar: &eit_skin::Steps<'_>,
 ) -> Result<Option<ForwardResults>, ReportError> {
@@ -77,7 +77,7 @@ pub(super) fn run(
     }
     if !results.points.is_empty() {
         results.picture =
-            Some(Picture::new(cases::picture("forward", &case.name), &plot::draw(&results)?)?);
+            Some(Picture::new(cases::picture("forward", case.skin()), &plot::draw(&results)?)?);
     }
     Ok(Some(results))
 }

@@ -1,6 +1,6 @@
 //! Plots of a scene's images: error against time, and one frame of each recording by every solver.
 
-use super::cases::{ImageCase, picture};
+use super::cases::{Case, picture};
 use super::picture::Picture;
 use super::recording::RecordingResults;
 use super::work_precision::WorkPrecisionCurve;
@@ -19,7 +19,7 @@ const NET: &str = "U-net ";
 
 /// Draws the pictures of a scene; none if nothing was measured.
 pub(super) fn draw(
-    case: &ImageCase,
+    case: &Case,
     rows: &[Measured],
     note: &str,
     model: &ReconstructionModel,
@@ -104,8 +104,7 @@ fn sheet(
         labels.push(curve.solver.label());
         rows.push(curve.images.row(frame));
     }
-    let stacked =
-        ndarray::stack(Axis(0), &rows).map_err(|e| ReportError::Failure(e.to_string()))?;
+    let stacked = ndarray::stack(Axis(0), &rows)?;
     let images = model.raster.images_from_pixels(stacked.view())?;
     let skin = eit_picture::SkinDrawing::from_raster(&model.skin().mesh, &model.raster);
     let settings = PictureSettings {

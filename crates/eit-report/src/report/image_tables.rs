@@ -1,13 +1,14 @@
 //! Tables of image results.
 
 use super::budgets;
-use super::images::{ImageResults, LeftOutNet, RecordingFailure};
+use super::images::{ImageResults, LeftOutNet};
+use super::inverse::SolverFailure;
 use super::table::Table;
 use eit_skin::plan::measured::Measured;
 
 /// Table of the best solver of each scene for each time budget per frame.
 pub(super) fn choices<'a>(scenes: impl Iterator<Item = &'a ImageResults>) -> Table {
-    let head: Vec<&str> = std::iter::once("scene").chain(budgets::HEAD).collect();
+    let head = format!("scene | {}", budgets::HEAD);
     let rows = scenes.flat_map(|result| {
         let named = |cells: Vec<String>| {
             std::iter::once(result.case.name.clone()).chain(cells).collect::<Vec<_>>()
@@ -55,33 +56,14 @@ pub(super) fn solvers(result: &ImageResults) -> Table {
         ]
     };
     let mut note = result.note.clone();
-    for RecordingFailure { solver, shape, why } in &result.failures {
+    for SolverFailure { solver, shape, why } in &result.failures {
         note += &format!(". Failed on {shape}: {solver}: {why}");
     }
     for LeftOutNet { net, why } in &result.left_out {
         note += &format!(". Left out: {net}: {why}");
     }
     Table::new(
-        &[
-            "solver",
-            "pixels",
-            "gap asked",
-            "error",
-            "soft / one",
-            "hard / two",
-            "position, mm",
-            "found",
-            "live",
-            "ms a frame",
-            "spread, ms",
-            "times",
-            "floor, ms",
-            "gap proven",
-            "iterations",
-            "status",
-            "set-up, s",
-            "choice, s",
-        ],
+        "solver | pixels | gap asked | error | soft / one | hard / two | position, mm | found | live | ms a frame | spread, ms | times | floor, ms | gap proven | iterations | status | set-up, s | choice, s",
         result.rows.iter().map(row).collect(),
         note,
     )

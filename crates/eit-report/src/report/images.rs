@@ -1,10 +1,10 @@
 //! The images of a scene: recordings, every solver on each, comparison with the plan, pictures.
 
-use super::cases::{FINGERS, Fingers, ImageCase};
+use super::cases::{Case, FINGERS, Fingers};
 use super::fabric::{self, FABRIC_SCRIPTS};
 use super::image_plots;
 use super::inverse::problem::InverseProblem;
-use super::inverse::{self, InverseResults, SolverFailure};
+use super::inverse::{self, SolverFailure};
 use super::merged::{self, Merged};
 use super::named_net::NamedNet;
 use super::picture::Picture;
@@ -17,35 +17,30 @@ use eit_skin::Progress;
 use eit_skin::denoise::Net;
 use eit_skin::plan::measured::Measured;
 use eit_skin::scene::DenoiseSettings;
+use serde::Serialize;
 
 /// Results for the images of a scene.
 pub(super) struct ImageResults {
-    pub case: ImageCase,
+    pub case: Case,
     pub rows: Vec<Measured>,
-    pub failures: Vec<RecordingFailure>,
+    pub failures: Vec<SolverFailure>,
     pub left_out: Vec<LeftOutNet>,
     pub pictures: Vec<Picture>,
     /// Description of noise, meshes and pixels.
     pub note: String,
 }
 
-/// A solver that failed on a recording.
-pub(super) struct RecordingFailure {
-    pub solver: String,
-    /// Shape or number of the fingers in the recording.
-    pub shape: &'static str,
-    pub why: String,
-}
-
 /// A network that was asked for, but not for this skin and raster.
+#[derive(Serialize)]
 pub(super) struct LeftOutNet {
+    #[serde(rename = "solver")]
     pub net: String,
     pub why: String,
 }
 
 /// Simulates, runs every solver and draws; `None` if the user interrupts.
 pub(super) fn run(
-    case: &ImageCase,
+    case: &Case,
     settings: &BenchmarkSettings<'_>,
     progress: &mut Progress,
 ) -> Result<Option<ImageResults>, ReportError> {
@@ -66,13 +61,9 @@ pub(super) fn run(
     for recording in recorded(case, finest, size, progress)? {
         let (models, nets) = (&models[..], &nets[..]);
         let problem = InverseProblem { models, recording: &recording, size, roofline, nets, stop };
-        let InverseResults { curves, failures: failed } =
-            progress.steps("solvers", inverse::solvers(&problem), |bar| {
-                Ok::<_, ReportError>(inverse::run(&problem, bar))
-            })?;
-        let shape = recording.shape;
-        let on_recording = |SolverFailure { solver, why }| RecordingFailure { solver, shape, why };
-        failures.extend(failed.into_iter().map(on_recording));
+        let curves = progress.steps("solvers", inverse::solvers(&problem), |bar| {
+            Ok::<_, ReportError>(inverse::run(&problem, &mut failures, bar))
+        })?;
         recordings.push(RecordingResults { recording, curves });
     }
     if stop.is_set() {
@@ -83,7 +74,7 @@ pub(super) fn run(
     };
     let frames = shown.truth.nrows();
     let Merged { rows, missing } = merged::rows(case, frames, &recordings, &roofline.machine);
-    failures.extend(missing.into_iter().map(|solver| RecordingFailure {
+    failures.extend(missing.into_iter().map(|solver| SolverFailure {
         solver,
         shape: "one",
         why: "the other failed".to_owned(),
@@ -94,7 +85,7 @@ pub(super) fn run(
 }
 
 /// Describes noise, meshes and pixels.
-fn note(case: &ImageCase, shown: &SimulatedRecording, finest: &ReconstructionModel) -> String {
+fn note(case: &Case, shown: &SimulatedRecording, finest: &ReconstructionModel) -> String {
     let touched = match case.fingers {
         Fingers::Fabric => "of one finger and of two".to_owned(),
         _ => format!("of {FINGERS} fingers, soft or hard, noise {} dB", case.noise_db),
@@ -115,7 +106,7 @@ fn note(case: &ImageCase, shown: &SimulatedRecording, finest: &ReconstructionMod
 /// Returns the two recordings of a scene: soft and hard fingers, or one and two fingers on the
 /// fabric.
 fn recorded(
-    case: &ImageCase,
+    case: &Case,
     model: &ReconstructionModel,
     size: &Size,
     progress: &mut Progress,

@@ -12,50 +12,25 @@ use eit_skin::scene::Rule;
 use frame_by_frame::{StreamSetting, one_step, stream};
 use problem::InverseProblem;
 use recorded::{on_elements, total_variation};
-
-const fn bounded(method: Method, lower_s: Option<f64>) -> BoundedMethod {
-    BoundedMethod { method, lower_s }
-}
+use serde::Serialize;
 
 /// Total variation of a sequence and of single frames, with and without knowledge of the fabric.
-const SEQUENCE_METHODS: [BoundedMethod; 3] =
-    [bounded(Method::StTv, None), bounded(Method::StTv, Some(0.0)), bounded(Method::Tv, Some(0.0))];
+const SEQUENCE_METHODS: [BoundedMethod; 3] = [
+    BoundedMethod::free(Method::StTv),
+    BoundedMethod::rising(Method::StTv),
+    BoundedMethod::rising(Method::Tv),
+];
 const FRAME_METHODS: [BoundedMethod; 2] =
-    [bounded(Method::Tv, None), bounded(Method::Tv, Some(0.0))];
+    [BoundedMethod::free(Method::Tv), BoundedMethod::rising(Method::Tv)];
 /// The streaming solvers.
 const STREAMS: [StreamSetting; 2] = [
-    StreamSetting { method: bounded(Method::StTv, None), target_gap: 1e-2 },
-    StreamSetting { method: bounded(Method::StTv, Some(0.0)), target_gap: 1e-1 },
+    StreamSetting { method: BoundedMethod::free(Method::StTv), target_gap: 1e-2 },
+    StreamSetting { method: BoundedMethod::rising(Method::StTv), target_gap: 1e-1 },
 ];
 /// Hyperparameter rules: one needs no data, the other depends on the noise of the recording.
 const RULES: [Rule; 2] = [Rule::NoiseFigure, Rule::Gcv];
 /// Methods on mesh elements; the last one reconstructs single frames.
 const ON_ELEMENTS: [Method; 3] = [Method::TimePrior, Method::Kalman, Method::GaussNewtonAbsolute];
-
-/// Results of all solvers, and failures.
-#[derive(Default)]
-pub(super) struct InverseResults {
-    pub curves: Vec<WorkPrecisionCurve>,
-    pub failures: Vec<SolverFailure>,
-}
-
-/// A solver that failed, and the reason.
-pub(super) struct SolverFailure {
-    pub solver: String,
-    pub why: String,
-}
-
-impl InverseResults {
-    fn keep(&mut self, solver: &str, curve: Result<WorkPrecisionCurve, ReportError>) {
-        match curve {
-            Ok(curve) => self.curves.push(curve),
-            Err(error) => {
-                let (solver, why) = (solver.to_owned(), error.to_string());
-                self.failures.push(SolverFailure { solver, why });
-            }
-        }
-    }
-}
 
 /// Number of solvers, for a progress bar.
 pub(super) fn solvers(problem: &InverseProblem<'_>) -> usize {
@@ -70,14 +45,35 @@ pub(super) fn solvers(problem: &InverseProblem<'_>) -> usize {
     }
 }
 
+/// A solver that failed on a recording.
+#[derive(Serialize)]
+pub(super) struct SolverFailure {
+    pub solver: String,
+    /// Shape or number of the fingers in the recording.
+    pub shape: &'static str,
+    pub why: String,
+}
+
 /// Runs all solvers; a failure does not stop the others. After an interrupt no further solver
 /// starts.
-pub(super) fn run(problem: &InverseProblem<'_>, bar: &eit_skin::Steps<'_>) -> InverseResults {
-    let mut results = InverseResults::default();
+pub(super) fn run(
+    problem: &InverseProblem<'_>,
+    failures: &mut Vec<SolverFailure>,
+    bar: &eit_skin::Steps<'_>,
+) -> Vec<WorkPrecisionCurve> {
+    let mut curves = Vec::new();
     let mut keep = |name: &str, curve: &dyn Fn() -> Result<WorkPrecisionCurve, ReportError>| {
         bar.inc();
-        if !problem.stop.is_set() {
-            results.keep(name, curve());
+        if problem.stop.is_set() {
+            return;
+        }
+        let shape = problem.recording.shape;
+        match curve() {
+            Ok(curve) => curves.push(curve),
+            Err(error) => {
+                let (solver, why) = (name.to_owned(), error.to_string());
+                failures.push(SolverFailure { solver, shape, why });
+            }
         }
     };
     let is_still = problem.is_still();
@@ -106,5 +102,5 @@ pub(super) fn run(problem: &InverseProblem<'_>, bar: &eit_skin::Steps<'_>) -> In
             keep(method.name(), &|| on_elements(problem, *method, rule));
         }
     }
-    results
+    curves
 }

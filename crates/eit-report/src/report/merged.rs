@@ -1,7 +1,7 @@
 //! Merges both recordings of a scene (soft and hard fingers, or one and two on the fabric) into the
 //! rows used by tables, plots and choices.
 
-use super::cases::ImageCase;
+use super::cases::Case;
 use super::recording::RecordingResults;
 use super::work_precision::{WorkPrecisionCurve, WorkPrecisionPoint};
 use crate::reconstruct::movie_status_words;
@@ -19,7 +19,7 @@ pub(super) struct Merged {
 
 /// Merges the curves of a scene's recordings, which have the given number of frames.
 pub(super) fn rows(
-    case: &ImageCase,
+    case: &Case,
     frames: usize,
     recordings: &[RecordingResults],
     machine: &Machine,
@@ -50,7 +50,7 @@ pub(super) fn rows(
 /// Merges the same setting from each recording; the list is not empty. Times are those of the
 /// slower recording.
 fn row(
-    case: &ImageCase,
+    case: &Case,
     frames: usize,
     curves: &[&WorkPrecisionCurve],
     points: &[&WorkPrecisionPoint],

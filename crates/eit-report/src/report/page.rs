@@ -4,7 +4,7 @@ use super::budgets;
 use super::forward::results::ForwardResults;
 use super::forward::tables as forward_tables;
 use super::image_tables;
-use super::images::{ImageResults, LeftOutNet, RecordingFailure};
+use super::images::ImageResults;
 use super::picture::Picture;
 use super::results::BenchmarkResults;
 use super::settings::{BenchmarkSettings, Size};
@@ -194,7 +194,7 @@ fn block(picture: &Picture, caption: &str) -> Block {
 }
 
 fn forward_picture(results: &ForwardResults) -> Option<Block> {
-    let caption = format!("{}: {}", results.case.name, results.case.what);
+    let caption = format!("{}: {}", results.case.skin(), results.case.what);
     Some(block(results.picture.as_ref()?, &caption))
 }
 
@@ -209,50 +209,45 @@ fn write_pictures(results: &BenchmarkResults, out: &mut OutFolder) -> Result<(),
 
 /// Explains how to read the report and how it was made.
 fn about(size: &Size, machine: &Machine) -> Section {
-    let pair = |name: &str, words: String| (name.to_owned(), words);
-    let pairs = vec![
-        pair("machine", machine.words()),
-        pair("made by", format!("eit report, version {}", env!("CARGO_PKG_VERSION"))),
-        pair(
+    let times = format!(
+        "per frame, excluding set-up and the choice of weights; for recordings the median, minimum and \
+         maximum of up to {} runs ({} for direct methods); for live solvers those of single frames in up \
+         to {} runs, including frames that fill a window",
+        size.runs,
+        size.direct_runs,
+        size.stream_runs.max(size.direct_runs)
+    );
+    let machine = machine.words();
+    let version = format!("eit report, version {}", env!("CARGO_PKG_VERSION"));
+    let pairs = [
+        ("machine", machine.as_str()),
+        ("made by", version.as_str()),
+        (
             "solver",
             "as `eit reconstruct --method` names it. \"≥ 0\": a touch can only raise the conductivity; \
              \"stream\": frame by frame, as in live use; \"gcv\": hyperparameter by generalised \
-             cross-validation instead of the noise figure"
-                .to_owned(),
+             cross-validation instead of the noise figure",
         ),
-        pair(
+        (
             "cost",
             "time per frame that counts against the budget: that of the solver alone and its share of \
-             choosing weights or, if live, the time that 95 % of the frames do not exceed"
-                .to_owned(),
+             choosing weights or, if live, the time that 95 % of the frames do not exceed",
         ),
-        pair(
+        (
             "error",
             "area-weighted norm of the difference between movie and truth, divided by the norm of \
-             the truth; pixels of coarser rasters appear as squares on the finest"
-                .to_owned(),
+             the truth; pixels of coarser rasters appear as squares on the finest",
         ),
-        pair(
-            "time",
-            format!(
-                "per frame, excluding set-up and the choice of weights; for recordings the median, \
-                 minimum and maximum of up to {} runs ({} for direct methods); for live solvers \
-                 those of single frames in up to {} runs, including frames that fill a window",
-                size.runs,
-                size.direct_runs,
-                size.stream_runs.max(size.direct_runs)
-            ),
-        ),
-        pair(
+        ("time", times.as_str()),
+        (
             "floor",
             "the longer of operations divided by the rate of a dense product and bytes divided by \
              the rate of a plain read; both rates are measured at the start of the run. The floor \
              of total variation counts every direction of the data, of which the solver handles \
              half or more by an explicit step. A time below the floor means that directions were \
-             omitted, or that the machine has since become faster"
-                .to_owned(),
+             omitted, or that the machine has since become faster",
         ),
-        pair(
+        (
             "forward problem",
             "two families of meshes with linear and with quadratic elements, each mesh finer than \
              the previous one by a factor of the square root of two. One family has the same edge \
@@ -262,16 +257,16 @@ fn about(size: &Size, machine: &Machine) -> Section {
              untouched unless a picture says otherwise. Errors are relative to the mesh-free \
              series, whose own error is estimated by adding terms, or to quadratic elements on a \
              mesh that is finer everywhere and strongly refined towards electrode ends and corners \
-             of holes, whose own error is the change from a mesh coarser by a factor of 1.5"
-                .to_owned(),
+             of holes, whose own error is the change from a mesh coarser by a factor of 1.5",
         ),
-        pair(
+        (
             "gap",
             "fraction by which the objective can still decrease, proven by a dual point; a solver \
-             stops when this bound is below the target"
-                .to_owned(),
+             stops when this bound is below the target",
         ),
     ];
+    let owned = |(name, words): (&str, &str)| (name.to_owned(), words.to_owned());
+    let pairs = pairs.map(owned).to_vec();
     Section { title: "How to read it".to_owned(), blocks: vec![Block::List(pairs)] }
 }
 
@@ -287,14 +282,8 @@ fn json(
             "note": result.note,
             "solvers": result.rows,
             "choices": budgets::json(&result.rows),
-            "failures": result.failures.iter()
-                .map(|RecordingFailure { solver, shape, why }| {
-                    json!({"solver": solver, "shape": shape, "why": why})
-                })
-                .collect::<Vec<_>>(),
-            "left_out": result.left_out.iter()
-                .map(|LeftOutNet { net, why }| json!({"solver": net, "why": why}))
-                .collect::<Vec<_>>(),
+            "failures": result.failures,
+            "left_out": result.left_out,
         })
     };
     json!({

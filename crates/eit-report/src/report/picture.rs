@@ -13,8 +13,6 @@ pub(super) struct Picture {
 
 impl Picture {
     pub(crate) fn new(name: impl std::fmt::Display, canvas: &Canvas) -> Result<Self, ReportError> {
-        let mut bytes = Vec::new();
-        canvas.write_png(&mut bytes)?;
-        Ok(Self { file: format!("{name}.png"), bytes })
+        Ok(Self { file: format!("{name}.png"), bytes: crate::output::png(canvas)? })
     }
 }

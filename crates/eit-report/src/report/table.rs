@@ -1,6 +1,5 @@
 //! A table of the benchmark, as HTML, Markdown and CSV.
 
-use super::markdown;
 use crate::error::ReportError;
 use crate::html::Block;
 use crate::output::io;
@@ -15,8 +14,10 @@ pub(super) struct Table {
 }
 
 impl Table {
-    pub(crate) fn new(head: &[&str], rows: Vec<Vec<String>>, note: impl Into<String>) -> Self {
-        Self { head: head.iter().map(|name| (*name).to_owned()).collect(), rows, note: note.into() }
+    /// Creates a table; its column headings are separated by bars.
+    pub(crate) fn new(head: &str, rows: Vec<Vec<String>>, note: impl Into<String>) -> Self {
+        let head = head.split(" | ").map(str::to_owned).collect();
+        Self { head, rows, note: note.into() }
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -29,8 +30,10 @@ impl Table {
     }
 
     pub(crate) fn markdown(&self) -> String {
-        let head: Vec<&str> = self.head.iter().map(String::as_str).collect();
-        format!("{}\n{}\n", markdown::table(&head, &self.rows), self.note)
+        let line = |cells: &Vec<String>| format!("| {} |\n", cells.join(" | "));
+        let rule = format!("|{}\n", "---|".repeat(self.head.len()));
+        let rows: String = self.rows.iter().map(line).collect();
+        format!("{}{rule}{rows}\n{}\n", line(&self.head), self.note)
     }
 
     /// Writes CSV; cells with commas, quotes or line breaks are quoted.

@@ -62,6 +62,16 @@ impl Convergence {
     /// Value for direct methods, which do not iterate.
     pub(crate) const DIRECT: Self =
         Self { iterations: 0, status: SequenceStatus::Direct, gap: None };
+
+    /// Both: iterations of the two together, and the worse status and gap.
+    pub(crate) fn and(self, other: Self) -> Self {
+        let is_done = matches!(other.status, SequenceStatus::Direct | SequenceStatus::Converged);
+        Self {
+            iterations: self.iterations + other.iterations,
+            status: if is_done { self.status } else { other.status },
+            gap: self.gap.into_iter().chain(other.gap).reduce(f64::max),
+        }
+    }
 }
 
 /// A solver on one recording, with all of its settings.

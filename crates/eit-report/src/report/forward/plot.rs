@@ -18,12 +18,12 @@ pub(super) fn draw(results: &ForwardResults) -> Result<Canvas, ReportError> {
     series.push(Series { name, points, line: true, markers: false });
     let case = &results.case;
     Ok(draw_plot(&Plot {
-        title: format!("Error of the voltages against run time: {}", case.name),
+        title: format!("Error of the voltages against run time: {}", case.skin()),
         footnote: format!(
             "{}: {}. Time: median for factorisation, voltages and Jacobian on each mesh. Error: \
              largest error of a voltage divided by the largest voltage, relative to {}. Floor: the \
              same work at this machine's best rates",
-            case.name,
+            case.skin(),
             case.what,
             results.reference_words()
         ),

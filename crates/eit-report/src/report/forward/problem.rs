@@ -6,7 +6,7 @@
 //! with the square of the edge length, so that the remaining singularity error there decreases like
 //! the rest. On patch outlines, which have no singularity, it decreases with the edge length.
 
-use super::super::cases::ForwardCase;
+use super::super::cases::Case;
 use crate::comparison::{Finger, SequenceSettings, TouchSequence};
 use crate::error::ReportError;
 use eit_fem::{ElementOrder, ForwardModel};
@@ -61,7 +61,7 @@ pub(super) struct ForwardProblem {
 }
 
 impl ForwardProblem {
-    pub(crate) fn new(case: &ForwardCase) -> Result<Self, ReportError> {
+    pub(crate) fn new(case: &Case) -> Result<Self, ReportError> {
         let scene = Scene::load(&case.scene)?;
         let source = scene.mesh(None)?;
         let MeshSource::Generated { shape, electrodes, .. } = &source else {
@@ -80,7 +80,7 @@ impl ForwardProblem {
                 })
             }
         };
-        let touch = match case.change {
+        let touch = match case.forward_change() {
             Some(change) => {
                 let finger = Finger { change, ..Default::default() };
                 let settings =
@@ -186,7 +186,7 @@ mod tests {
     /// The families start with the same mesh size and become finer.
     #[test]
     fn families_become_finer() {
-        for case in ForwardCase::built_in() {
+        for case in Case::built_in() {
             let problem = ForwardProblem::new(&case).unwrap();
             for family in MeshFamily::ALL {
                 let nodes = [0, 2].map(|step| {

@@ -1,6 +1,6 @@
 //! Time and error of a skin's forward problem on each mesh.
 
-use super::super::cases::ForwardCase;
+use super::super::cases::Case;
 use super::super::picture::Picture;
 use super::super::work_precision::Spread;
 use serde::Serialize;
@@ -39,7 +39,7 @@ impl ForwardPoint {
 
 /// The forward problem of a skin on all of its meshes.
 pub(in super::super) struct ForwardResults {
-    pub case: ForwardCase,
+    pub case: Case,
     /// Description of the reference, and its own error.
     pub reference: String,
     pub reference_error: f64,

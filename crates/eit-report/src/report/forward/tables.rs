@@ -18,7 +18,7 @@ pub(in super::super) fn choices(all: &[ForwardResults]) -> Table {
     let mut rows = Vec::new();
     for results in all {
         for target in TARGETS {
-            let mut row = vec![results.case.name.clone(), format!("{target:.0e}")];
+            let mut row = vec![results.case.skin().to_owned(), format!("{target:.0e}")];
             match cheapest(&results.points, target, |_| true) {
                 Some(best) => row.extend([
                     best.elements.to_owned(),
@@ -35,7 +35,7 @@ pub(in super::super) fn choices(all: &[ForwardResults]) -> Table {
                 ]),
                 None => {
                     row.push("none tried is that accurate".to_owned());
-                    row.resize(HEAD.len(), "-".to_owned());
+                    row.resize(HEAD.split('|').count(), "-".to_owned());
                 }
             }
             rows.push(row);
@@ -43,10 +43,10 @@ pub(in super::super) fn choices(all: &[ForwardResults]) -> Table {
     }
     let references: Vec<String> = all
         .iter()
-        .map(|results| format!("{}: {}", results.case.name, results.reference_words()))
+        .map(|results| format!("{}: {}", results.case.skin(), results.reference_words()))
         .collect();
     Table::new(
-        &HEAD,
+        HEAD,
         rows,
         format!(
             "The element order and mesh that take the least time for an error that every finer \
@@ -60,21 +60,7 @@ pub(in super::super) fn choices(all: &[ForwardResults]) -> Table {
     )
 }
 
-const HEAD: [&str; 13] = [
-    "scene",
-    "error asked",
-    "elements",
-    "mesh",
-    "edge, mm",
-    "at ends, mm",
-    "nodes",
-    "unknowns",
-    "takes, ms",
-    "floor, ms",
-    "voltages alone, ms",
-    "error",
-    "linear elements take, ms",
-];
+const HEAD: &str = "scene | error asked | elements | mesh | edge, mm | at ends, mm | nodes | unknowns | takes, ms | floor, ms | voltages alone, ms | error | linear elements take, ms";
 
 /// Median time of the cheapest linear elements for an error.
 fn linear(results: &ForwardResults, target: f64) -> String {
@@ -88,31 +74,13 @@ pub(in super::super) fn meshes(all: &[ForwardResults]) -> Table {
     for results in all {
         let against = results.reference.clone();
         rows.extend(results.points.iter().map(|point| {
-            let mut row = cells(&results.case.name, point);
+            let mut row = cells(results.case.skin(), point);
             row.extend([against.clone(), format!("{:.0e}", results.reference_error)]);
             row
         }));
     }
     Table::new(
-        &[
-            "scene",
-            "elements",
-            "mesh",
-            "edge, mm",
-            "at ends, mm",
-            "nodes",
-            "triangles",
-            "unknowns",
-            "least, ms",
-            "median",
-            "most",
-            "floor, ms",
-            "voltages alone, median, ms",
-            "floor of those, ms",
-            "error",
-            "against",
-            "its own error",
-        ],
+        "scene | elements | mesh | edge, mm | at ends, mm | nodes | triangles | unknowns | least, ms | median | most | floor, ms | voltages alone, median, ms | floor of those, ms | error | against | its own error",
         rows,
         "Factorisation, voltages and Jacobian, reusing memory; error: largest error of a voltage \
          divided by the largest voltage. Errors below ten times the reference's own are not \
@@ -152,7 +120,7 @@ pub(in super::super) fn json(all: &[ForwardResults]) -> Value {
     };
     let of = |results: &ForwardResults| {
         json!({
-            "scene": results.case.name,
+            "scene": results.case.skin(),
             "what": results.case.what,
             "reference": results.reference,
             "reference_error": results.reference_error,

@@ -5,13 +5,10 @@
 use super::super::named_net::NamedNet;
 use super::super::work_precision::{Convergence, SolverDescription, Spread, WorkPrecisionCurve};
 use super::problem::{InverseProblem, SolverRun};
-use crate::comparison::ReconstructionModel;
-use crate::comparison::{BoundedMethod, SetUpCost};
+use crate::comparison::{BoundedMethod, ReconstructionModel, SetUpCost};
 use crate::error::ReportError;
-use eit_inverse::{Reconstructor, SequenceStatus, Workspace};
 use eit_skin::denoise::LiveNet;
 use eit_skin::scene::{Hyperparameter, Rule};
-use eit_skin::total_variation::TvStream;
 use eit_skin::touches::touches;
 use eit_skin::{FittedFrames, Progress};
 use ndarray::Array2;
@@ -24,8 +21,12 @@ pub(super) struct StreamSetting {
     pub target_gap: f64,
 }
 
+/// Makes the image of a frame from its values and its differences.
+type FrameSolver<'a> =
+    Box<dyn FnMut(&[f64], &[f64], &mut [f64]) -> Result<Convergence, ReportError> + 'a>;
+
 /// One-step Gauss-Newton images by one matrix, with and without a network. With cross-validation
-/// the method has seen the recording and does not count as live.
+/// the method knows the recording and does not count as live.
 pub(super) fn one_step(
     problem: &InverseProblem<'_>,
     model: &ReconstructionModel,
@@ -45,27 +46,21 @@ pub(super) fn one_step(
     let is_live = rule == Rule::NoiseFigure;
     let choice_s = if is_live { 0.0 } else { of_rule.map_or(0.0, |stage| stage.time_s) };
     let choice = format!("hyperparameter {:.2e}, {}", report.hyperparameter, imaging.rule);
-    let solver = || FrameSolver::OneStep {
-        workspace: Box::new(reconstructor.workspace()),
-        reconstructor: &reconstructor,
-        reference: &fitted.frames.reference,
+    let (reconstructor, reference) = (&reconstructor, &fitted.frames.reference);
+    let solver = || {
+        let mut workspace = reconstructor.workspace();
+        let solver: FrameSolver<'_> = Box::new(move |values, _, image| {
+            reconstructor.reconstruct_into(values, reference, &mut workspace, image)?;
+            Ok(Convergence::DIRECT)
+        });
+        Ok::<_, ReportError>(solver)
     };
-    let solvers = std::iter::repeat_with(solver).take(problem.size.direct_runs).collect();
-    let FrameTimes { images, seconds, .. } = frame_by_frame(model, &fitted, net, solvers)?;
+    let live = LiveRuns { problem, model, net, runs: problem.size.direct_runs };
+    let (images, run) = live.run(&fitted, &solver)?;
+    let floor_s = problem.roofline.one_step(model, report.rank);
     let description = SolverDescription::own("gauss-newton", Some(model.raster.pixels()), is_live);
-    let live = LiveSolver {
-        model,
-        net,
-        description: description.with_rule(rule),
-        cost: SetUpCost { set_up_s: all_s - choice_s, choice_s, choice },
-    };
-    let run = SolverRun {
-        time: Spread::of(seconds, 1),
-        floor_s: problem.roofline.one_step(model, report.rank),
-        convergence: Convergence::DIRECT,
-        target_gap: None,
-    };
-    live.curve(problem, &images, run)
+    let cost = SetUpCost { set_up_s: all_s - choice_s, choice_s, choice };
+    live.curve(description.with_rule(rule), cost, &images, SolverRun { floor_s, ..run })
 }
 
 /// Total variation frame by frame, with and without a network.
@@ -84,149 +79,97 @@ pub(super) fn stream(
     let first = fitted.tv_stream(method.method, &mut Progress::silent())?;
     let (set_up_s, choice) = (start.elapsed().as_secs_f64(), first.words());
     let solver = || {
-        let made = fitted.tv_stream(method.method, &mut Progress::silent())?;
-        let worst =
-            Convergence { iterations: 0, status: SequenceStatus::Converged, gap: Some(0.0) };
-        Ok::<_, ReportError>(FrameSolver::Stream { stream: Box::new(made), worst })
+        let mut stream = fitted.tv_stream(method.method, &mut Progress::silent())?;
+        let solver: FrameSolver<'_> = Box::new(move |_, differences, image| {
+            let step = stream.push(differences, None)?;
+            image.copy_from_slice(step.image.unwrap_or_default());
+            let gap = Some(step.certificate.relative_gap());
+            Ok(Convergence { iterations: step.iterations, status: step.status, gap })
+        });
+        Ok::<_, ReportError>(solver)
     };
-    let solvers = (0..problem.size.stream_runs).map(|_| solver()).collect::<Result<_, _>>()?;
-    let FrameTimes { images, seconds, convergence } = frame_by_frame(model, &fitted, net, solvers)?;
-    let each = convergence.iterations as f64 / problem.frames() as f64;
+    let live = LiveRuns { problem, model, net, runs: problem.size.stream_runs };
+    let (images, run) = live.run(&fitted, &solver)?;
+    let each = run.convergence.iterations as f64 / problem.frames() as f64;
+    let floor_s = problem.roofline.total_variation(model, 1, each);
     let name = format!("{} stream", method.name());
-    let live = LiveSolver {
-        model,
-        net,
-        description: SolverDescription::own(name, Some(model.raster.pixels()), true),
-        cost: SetUpCost { set_up_s, choice_s: 0.0, choice },
-    };
-    let run = SolverRun {
-        time: Spread::of(seconds, 1),
-        floor_s: problem.roofline.total_variation(model, 1, each),
-        convergence,
-        target_gap: Some(target_gap),
-    };
-    live.curve(problem, &images, run)
+    let description = SolverDescription::own(name, Some(model.raster.pixels()), true);
+    let cost = SetUpCost { set_up_s, choice_s: 0.0, choice };
+    let run = SolverRun { floor_s, target_gap: Some(target_gap), ..run };
+    live.curve(description, cost, &images, run)
 }
 
-/// Reconstructs the image of a frame.
-enum FrameSolver<'a> {
-    OneStep {
-        reconstructor: &'a Reconstructor,
-        workspace: Box<Workspace>,
-        reference: &'a [f64],
-    },
-    /// Also records iterations, worst status and worst gap.
-    Stream {
-        stream: Box<TvStream>,
-        worst: Convergence,
-    },
-}
-
-impl FrameSolver<'_> {
-    fn next(
-        &mut self,
-        values: &[f64],
-        differences: &[f64],
-        image: &mut [f64],
-    ) -> Result<(), ReportError> {
-        match self {
-            Self::OneStep { reconstructor, workspace, reference } => {
-                reconstructor.reconstruct_into(values, reference, workspace, image)?;
-            }
-            Self::Stream { stream, worst } => {
-                let step = stream.push(differences, None)?;
-                worst.iterations += step.iterations;
-                let gap = step.certificate.relative_gap();
-                worst.gap = Some(worst.gap.map_or(gap, |worst| worst.max(gap)));
-                if step.status != SequenceStatus::Converged {
-                    worst.status = step.status;
-                }
-                image.copy_from_slice(step.image.unwrap_or_default());
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Images on a model's raster, and the time of each frame in each run.
-struct FrameTimes {
-    /// [frame, masked pixel].
-    images: Array2<f64>,
-    seconds: Vec<f64>,
-    /// Convergence of the last run.
-    convergence: Convergence,
-}
-
-/// Runs a solver over all frames, repeatedly.
-fn frame_by_frame(
-    model: &ReconstructionModel,
-    fitted: &FittedFrames,
-    net: Option<&NamedNet>,
-    solvers: Vec<FrameSolver<'_>>,
-) -> Result<FrameTimes, ReportError> {
-    let differences = fitted.differences();
-    let rows = |array: &Array2<f64>| -> Vec<Vec<f64>> {
-        array.rows().into_iter().map(|row| row.to_vec()).collect()
-    };
-    let (values, differences) = (rows(&fitted.frames.values), rows(&differences));
-    let pixels = model.raster.masked_pixels().len();
-    let mut images = Array2::zeros((values.len(), pixels));
-    let (mut raw, mut made) = (vec![0.0; pixels], vec![0.0; pixels]);
-    let mut seconds = Vec::new();
-    let mut convergence = Convergence::DIRECT;
-    // the chain finds touches in every frame, whatever is done with its image
-    let touches = match net {
-        Some(_) => {
-            touches(fitted, &mut Progress::silent())?.map_or_else(Vec::new, |t| t.by_frame())
-        }
-        None => Vec::new(),
-    };
-    for mut solver in solvers {
-        let mut net = net.map(|named| LiveNet::new(&named.net, fitted)).transpose()?;
-        for (k, ((values, differences), mut row)) in
-            values.iter().zip(&differences).zip(images.rows_mut()).enumerate()
-        {
-            let start = Instant::now();
-            solver.next(values, differences, &mut raw)?;
-            let shown = match &mut net {
-                None => &raw,
-                Some(net) => {
-                    let touches = touches.get(k).map_or(&[][..], Vec::as_slice);
-                    net.push(&model.raster, &raw, differences, touches, true, &mut made)?;
-                    &made
-                }
-            };
-            seconds.push(start.elapsed().as_secs_f64());
-            row.iter_mut().zip(shown).for_each(|(out, value)| *out = *value);
-        }
-        if let FrameSolver::Stream { worst, .. } = solver {
-            convergence = worst;
-        }
-    }
-    Ok(FrameTimes { images, seconds, convergence })
-}
-
-/// A solver that processes one frame at a time, optionally followed by a network.
-struct LiveSolver<'a> {
+/// Repeated runs over all frames of a solver, optionally followed by a network.
+struct LiveRuns<'a> {
+    problem: &'a InverseProblem<'a>,
     model: &'a ReconstructionModel,
     net: Option<&'a NamedNet>,
-    description: SolverDescription,
-    cost: SetUpCost,
+    runs: usize,
 }
 
-impl LiveSolver<'_> {
-    /// Evaluates its images; the floor in `run` does not include the network yet.
+impl LiveRuns<'_> {
+    /// Runs solvers; returns the images of the last run, [frame, masked pixel] on the model's raster,
+    /// its convergence, and the time of each frame in each run. The floor is still unknown.
+    fn run<'s>(
+        &self,
+        fitted: &'s FittedFrames,
+        solver: &dyn Fn() -> Result<FrameSolver<'s>, ReportError>,
+    ) -> Result<(Array2<f64>, SolverRun), ReportError> {
+        let raster = &self.model.raster;
+        let values: Vec<Vec<f64>> =
+            fitted.frames.values.rows().into_iter().map(|row| row.to_vec()).collect();
+        let differences: Vec<Vec<f64>> =
+            fitted.differences().rows().into_iter().map(|row| row.to_vec()).collect();
+        let pixels = raster.masked_pixels().len();
+        let mut images = Array2::zeros((values.len(), pixels));
+        let (mut raw, mut made) = (vec![0.0; pixels], vec![0.0; pixels]);
+        let mut seconds = Vec::new();
+        let mut convergence = Convergence::DIRECT;
+        // the chain finds touches in every frame, whatever is done with its image
+        let touches = match self.net {
+            Some(_) => touches(fitted, &mut Progress::silent())?.map(|touches| touches.by_frame()),
+            None => None,
+        };
+        // set up before any run is timed
+        let solvers = (0..self.runs).map(|_| solver()).collect::<Result<Vec<_>, _>>()?;
+        for mut solver in solvers {
+            let mut net = self.net.map(|named| LiveNet::new(&named.net, fitted)).transpose()?;
+            let mut worst: Option<Convergence> = None;
+            for (k, mut row) in images.rows_mut().into_iter().enumerate() {
+                let start = Instant::now();
+                let step = solver(&values[k], &differences[k], &mut raw)?;
+                let shown = match &mut net {
+                    None => &raw,
+                    Some(net) => {
+                        let touches = touches.as_ref().and_then(|touches| touches.get(k));
+                        let touches = touches.map_or(&[][..], Vec::as_slice);
+                        net.push(raster, &raw, &differences[k], touches, true, &mut made)?;
+                        &made
+                    }
+                };
+                seconds.push(start.elapsed().as_secs_f64());
+                row.iter_mut().zip(shown).for_each(|(out, value)| *out = *value);
+                worst = Some(worst.map_or(step, |worst| worst.and(step)));
+            }
+            convergence = worst.unwrap_or(convergence);
+        }
+        let time = Spread::of(seconds, 1);
+        Ok((images, SolverRun { time, floor_s: f64::NAN, convergence, target_gap: None }))
+    }
+
+    /// Evaluates the images; the floor in `run` does not include the network yet.
     fn curve(
-        mut self,
-        problem: &InverseProblem<'_>,
+        &self,
+        mut description: SolverDescription,
+        cost: SetUpCost,
         images: &Array2<f64>,
         mut run: SolverRun,
     ) -> Result<WorkPrecisionCurve, ReportError> {
         if let Some(NamedNet { name, net }) = self.net {
-            self.description.name = format!("{}, {name}", self.description.name);
-            run.floor_s += problem.roofline.net(net.shape(), self.model);
+            description.name = format!("{}, {name}", description.name);
+            run.floor_s += self.problem.roofline.net(net.shape(), self.model);
         }
-        let images = problem.on_finest(self.model, images.view())?;
-        problem.curve(self.description, self.cost, images, &run)
+        let images = self.problem.on_finest(self.model, images.view())?;
+        self.problem.curve(description, cost, images, &run)
     }
 }

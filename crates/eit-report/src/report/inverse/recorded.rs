@@ -20,7 +20,7 @@ pub(super) fn on_elements(
 ) -> Result<WorkPrecisionCurve, ReportError> {
     let (model, frames) = (problem.finest(), problem.frames());
     let is_absolute = method == Method::GaussNewtonAbsolute;
-    let fitted = problem.fit(model, BoundedMethod { method, lower_s: None }, rule);
+    let fitted = problem.fit(model, BoundedMethod::free(method), rule);
     let mut solver = Solver::new(model, &fitted, method)?;
     let values = fitted.differences();
     let differences = DifferenceFrames::all_good(values.view());

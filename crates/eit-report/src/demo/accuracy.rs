@@ -1,6 +1,6 @@
 //! Compares the live results with the true images and touches.
 
-use super::live::Seen;
+use super::live::LiveRun;
 use eit_core::median;
 use eit_fem::fabric::Simulation;
 use eit_inverse::touch::Touch;
@@ -11,7 +11,8 @@ use serde_json::{Value, json};
 const WITHIN_M: f64 = 0.025;
 
 /// Accuracy of images and touches.
-pub(super) struct Judged {
+#[derive(Default)]
+pub(super) struct Accuracy {
     /// For each image: frame of the script, mean squared error before and after the network
     /// (siemens squared), and whether a finger is on the skin.
     pub errors: Vec<ImageError>,
@@ -22,8 +23,8 @@ pub(super) struct Judged {
     pub found: usize,
     /// False touches, and those of them in frames without any finger; the latter are mostly caused
     /// by hysteresis of the fabric after a finger has left.
-    pub invented: usize,
-    pub left_over: usize,
+    pub false_touches: usize,
+    pub without_finger: usize,
     /// Fingers not found in the first frame of their contact, because a touch is reported only
     /// after two frames.
     pub late: usize,
@@ -56,47 +57,40 @@ impl ImageError {
     }
 }
 
-/// Compares the live results with the simulation.
-pub(super) fn judge(seen: &Seen, truth: &Simulation) -> Judged {
-    let mut judged = Judged {
-        errors: Vec::new(),
-        pairs: Vec::new(),
-        fingers: 0,
-        found: 0,
-        invented: 0,
-        left_over: 0,
-        late: 0,
-    };
-    let images = &truth.truth.conductivity_change_s;
-    let mut before: usize = 0;
-    for (k, &frame) in seen.frames.iter().enumerate() {
-        // an instrument that continues after the last frame starts again
-        let row = frame % images.len_of(Axis(0));
-        let really = images.index_axis(Axis(0), row);
-        let fingers: Vec<[f64; 2]> =
-            truth.truth.touches.iter().filter(|t| t.frame == row).map(|t| t.position_m).collect();
-        judged.errors.push(ImageError {
-            frame: row,
-            raw: squared_error(seen.raw.index_axis(Axis(0), k), really),
-            made: squared_error(seen.made.index_axis(Axis(0), k), really),
-            truth: squared_error(really, Array2::zeros(really.dim()).view()),
-            is_touched: !fingers.is_empty(),
-        });
-        let found = judged.pair(row, &fingers, &seen.touches[k]);
-        if fingers.is_empty() {
-            before = 0;
-        } else {
-            before += 1;
+impl Accuracy {
+    /// Compares the live results with the simulation.
+    pub(super) fn of(live: &LiveRun, truth: &Simulation) -> Self {
+        let mut accuracy = Self::default();
+        let images = &truth.truth.conductivity_change_s;
+        let mut before: usize = 0;
+        for (k, &frame) in live.frames.iter().enumerate() {
+            // an instrument that continues after the last frame starts again
+            let row = frame % images.len_of(Axis(0));
+            let really = images.index_axis(Axis(0), row);
+            let fingers: Vec<[f64; 2]> = truth
+                .truth
+                .touches
+                .iter()
+                .filter(|t| t.frame == row)
+                .map(|t| t.position_m)
+                .collect();
+            accuracy.errors.push(ImageError {
+                frame: row,
+                raw: squared_error(live.raw.index_axis(Axis(0), k), really),
+                made: squared_error(live.made.index_axis(Axis(0), k), really),
+                truth: squared_error(really, Array2::zeros(really.dim()).view()),
+                is_touched: !fingers.is_empty(),
+            });
+            let found = accuracy.pair(row, &fingers, &live.touches[k]);
+            before = if fingers.is_empty() { 0 } else { before + 1 };
+            // two frames of three must show a touch before it is reported
+            if before == 1 {
+                accuracy.late += fingers.len() - found;
+            }
         }
-        // two frames of three must show a touch before it is reported
-        if before == 1 {
-            judged.late += fingers.len() - found;
-        }
+        accuracy
     }
-    judged
-}
 
-impl Judged {
     /// Pairs fingers with touches, nearest first, and returns the number of fingers found.
     fn pair(&mut self, frame: usize, fingers: &[[f64; 2]], touches: &[Touch]) -> usize {
         let touches: Vec<&Touch> = touches.iter().filter(|touch| touch.valid).collect();
@@ -119,8 +113,8 @@ impl Judged {
         let found = is_found.iter().filter(|found| **found).count();
         self.fingers += fingers.len();
         self.found += found;
-        self.invented += touches.len() - found;
-        self.left_over += if fingers.is_empty() { touches.len() } else { 0 };
+        self.false_touches += touches.len() - found;
+        self.without_finger += if fingers.is_empty() { touches.len() } else { 0 };
         found
     }
 
@@ -163,8 +157,8 @@ impl Judged {
             "fingers": self.fingers,
             "found": self.found,
             "not_yet_reported": self.late,
-            "invented": self.invented,
-            "invented_without_finger": self.left_over,
+            "invented": self.false_touches,
+            "invented_without_finger": self.without_finger,
             "position_error_m": self.distance_m(),
             "worst_position_error_m": self.worst_distance_m(),
         })
