@@ -190,7 +190,7 @@ pub enum SkinError {
 
 impl SkinError {
     /// Creates an error for invalid input.
-    pub(crate) fn input(message: impl Into<String>) -> Self {
+    pub fn input(message: impl Into<String>) -> Self {
         Self::Input(message.into())
     }
 

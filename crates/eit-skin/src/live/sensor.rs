@@ -141,7 +141,7 @@ impl Skin {
 impl Sensor {
     /// Also makes an image of each frame ([`Sensor::shown`]). Call it before the first frame; otherwise
     /// images begin with the next reference.
-    pub(crate) fn with_images(mut self) -> Self {
+    pub fn with_images(mut self) -> Self {
         self.stream.make_images();
         self
     }
@@ -208,7 +208,7 @@ impl Sensor {
     }
 
     /// Returns the first things that the source itself had to say, such as damage of a recording.
-    pub(crate) fn notices(&self) -> &[String] {
+    pub fn notices(&self) -> &[String] {
         &self.notices
     }
 

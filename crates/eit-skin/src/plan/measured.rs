@@ -185,7 +185,7 @@ impl Table {
 
     /// Returns the measurement of a method on a built-in scene, with the settings' bound and rule, at the
     /// nearest number of pixels and gap.
-    pub fn of(&self, built_in: &str, wanted: &Wanted<'_>) -> Option<&Measured> {
+    pub(crate) fn of(&self, built_in: &str, wanted: &Wanted<'_>) -> Option<&Measured> {
         let Wanted { method, settings: keys, pixels, target_gap: gap } = *wanted;
         let bounded = keys.lower_s.is_some_and(|lower| lower >= 0.0);
         let rule = match keys.hyperparameter {

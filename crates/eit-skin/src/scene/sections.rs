@@ -76,7 +76,7 @@ impl SkinSettings {
     }
 
     /// Creates a skin from a mesh file, in units of `scale_m` metres.
-    pub(crate) fn mesh(file: impl Into<PathBuf>, scale_m: f64, conductivity_s: f64) -> Self {
+    pub fn mesh(file: impl Into<PathBuf>, scale_m: f64, conductivity_s: f64) -> Self {
         Self {
             file: Some(file.into()),
             scale_m: Some(scale_m),

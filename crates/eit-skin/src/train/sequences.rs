@@ -8,7 +8,9 @@ use crate::denoise::{Chain, NetInputs};
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::skin::Skin;
-use eit_denoise::{RasterSymmetry, Shard, UnetShape};
+#[cfg(feature = "train")]
+use eit_denoise::RasterSymmetry;
+use eit_denoise::{Shard, UnetShape};
 use ndarray::Array2;
 
 /// Source of the touches.
@@ -65,6 +67,7 @@ impl Sequences {
     }
 
     /// Returns the symmetries that map pixels to pixels.
+    #[cfg(feature = "train")]
     pub(crate) fn turns(&self) -> Vec<RasterSymmetry> {
         let shared = &self.shared;
         let matrices = shared.symmetries.iter().map(|turned| shared.matrix(turned.symmetry));
