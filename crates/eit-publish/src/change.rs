@@ -50,12 +50,12 @@ pub(crate) struct ChangeFilter {
 }
 
 impl ChangeFilter {
-    pub fn new(threshold: Option<ChangeThreshold>, heartbeat: Duration) -> Self {
+    pub(crate) fn new(threshold: Option<ChangeThreshold>, heartbeat: Duration) -> Self {
         Self { threshold, heartbeat, last: None }
     }
 
     /// Decides whether to publish this frame, which arrived at `now`; if so, later frames are compared with it.
-    pub fn wants(&mut self, frame: &FrameCopy, now: Instant) -> bool {
+    pub(crate) fn wants(&mut self, frame: &FrameCopy, now: Instant) -> bool {
         let Some(threshold) = self.threshold else { return true };
         let is_wanted = self.last.as_ref().is_none_or(|(at, last)| {
             let faults = |frame: &FrameCopy| frame.faults.len();

@@ -4,11 +4,11 @@ mod draw;
 
 use crate::SkinShape;
 use crate::error::PublishError;
-use crate::outbox::{self, FrameCopy, ImageCopy, Next, Outbox, Severity, SinkStatistics, Worker};
+use crate::outbox::{
+    FrameCopy, ImageCopy, Next, Outbox, QueuedSink, Severity, SinkStatistics, Worker,
+};
 use crate::publisher::clock_s;
 use draw::Painter;
-use eit_skin::TouchFrame;
-use eit_skin::ndarray::ArrayView2;
 use foxglove::messages::{Grid, Log, SceneUpdate, Timestamp, log};
 use foxglove::{Channel, Context, FoxgloveError, McapWriterHandle, WebSocketServerHandle};
 use std::fs::File;
@@ -57,13 +57,11 @@ impl Default for FoxgloveSettings {
 /// whoever reaches its address can watch. It runs on 127.0.0.1 unless told otherwise.
 #[derive(Debug)]
 pub struct FoxgloveSink {
-    outbox: Arc<Outbox>,
     shape: Arc<Mutex<Option<SkinShape>>>,
     clients: Arc<AtomicUsize>,
     address: Option<SocketAddr>,
     is_recording: bool,
     worker: Worker,
-    last_image: Option<Instant>,
 }
 
 impl FoxgloveSink {
@@ -98,7 +96,6 @@ impl FoxgloveSink {
                     .map_err(|error| failed(&path.display().to_string(), error))?,
             ),
         };
-        let outbox = Arc::new(Outbox::default());
         let shape = Arc::new(Mutex::new(None));
         let clients = Arc::new(AtomicUsize::new(0));
         let is_recording = recording.is_some();
@@ -116,10 +113,9 @@ impl FoxgloveSink {
             outlined: None,
             last_scene: None,
         };
-        let worker =
-            Worker::start("eit foxglove", Arc::clone(&outbox), |outbox| sender.run(outbox))
-                .map_err(PublishError::Thread)?;
-        Ok(Self { outbox, shape, clients, address, is_recording, worker, last_image: None })
+        let worker = Worker::start("eit foxglove", Arc::default(), |outbox| sender.run(outbox))
+            .map_err(PublishError::Thread)?;
+        Ok(Self { shape, clients, address, is_recording, worker })
     }
 
     /// Address of the server.
@@ -129,7 +125,7 @@ impl FoxgloveSink {
 
     /// Returns the numbers of frames offered, and of those dropped because sending could not keep up.
     pub fn statistics(&self) -> SinkStatistics {
-        self.outbox.statistics()
+        self.worker.outbox.statistics()
     }
 
     /// Returns whether images are needed: a client is connected, or a recording is made.
@@ -141,25 +137,23 @@ impl FoxgloveSink {
     pub fn finish(&mut self) {
         self.worker.finish();
     }
+}
 
-    pub(crate) fn is_image_due(&mut self) -> bool {
-        self.wants_images() && outbox::is_due(&mut self.last_image)
+impl QueuedSink for FoxgloveSink {
+    fn worker(&self) -> &Worker {
+        &self.worker
     }
 
-    pub(crate) fn skin(&self, shape: &SkinShape) {
+    fn worker_mut(&mut self) -> &mut Worker {
+        &mut self.worker
+    }
+
+    fn has_viewer(&self) -> bool {
+        self.wants_images()
+    }
+
+    fn skin(&self, shape: &SkinShape) {
         *lock(&self.shape) = Some(shape.clone());
-    }
-
-    pub(crate) fn frame(&self, frame: &TouchFrame<'_>) {
-        self.outbox.frame(frame);
-    }
-
-    pub(crate) fn image(&self, image: ArrayView2<'_, f64>) {
-        self.outbox.image(image);
-    }
-
-    pub(crate) fn incident(&self, severity: Severity, text: &str) {
-        self.outbox.incident(severity, text);
     }
 }
 

@@ -1,5 +1,7 @@
 //! A bounded queue between the frames of a skin and a sink that may be slow: whoever fills it never waits.
 
+use crate::publisher::Start;
+use crate::shape::SkinShape;
 use eit_skin::faults::ElectrodeFault;
 use eit_skin::ndarray::ArrayView2;
 use eit_skin::{Touch, TouchFrame};
@@ -16,17 +18,8 @@ const LONGEST: Duration = Duration::from_secs(4);
 /// How long the end waits for the sink to send what is queued.
 const LAST_MESSAGES: Duration = Duration::from_secs(2);
 
-/// Images at most so often.
+/// Shortest time between two images.
 const IMAGE_EVERY: Duration = Duration::from_millis(66);
-
-/// Whether the last image is old enough; then the next one counts from now.
-pub(crate) fn is_due(last: &mut Option<Instant>) -> bool {
-    let is_due = last.is_none_or(|last| last.elapsed() >= IMAGE_EVERY);
-    if is_due {
-        *last = Some(Instant::now());
-    }
-    is_due
-}
 
 /// A frame's touches that outlive the frame.
 #[derive(Debug, Clone, Default)]
@@ -150,7 +143,7 @@ impl Outbox {
     }
 
     /// Queues a frame. Allocates nothing once as many frames were queued, and as many touches, as now.
-    pub fn frame(&self, frame: &TouchFrame<'_>) {
+    pub(crate) fn frame(&self, frame: &TouchFrame<'_>) {
         let mut state = self.state();
         state.statistics.frames += 1;
         state.host_time_s = frame.host_time_s;
@@ -162,7 +155,7 @@ impl Outbox {
     }
 
     /// Queues the image of the last frame, in the place of one that was not sent yet.
-    pub fn image(&self, image: ArrayView2<'_, f64>) {
+    pub(crate) fn image(&self, image: ArrayView2<'_, f64>) {
         let mut state = self.state();
         let free = state.free_image.take();
         let mut copy = state.image.take().or(free).unwrap_or_default();
@@ -175,7 +168,7 @@ impl Outbox {
     }
 
     /// Queues something that happened.
-    pub fn incident(&self, severity: Severity, text: &str) {
+    pub(crate) fn incident(&self, severity: Severity, text: &str) {
         let incident =
             Incident { severity, text: text.to_owned(), host_time_s: crate::publisher::clock_s() };
         let mut state = self.state();
@@ -185,7 +178,7 @@ impl Outbox {
     }
 
     /// The next message, waiting no longer than `timeout`.
-    pub fn next(&self, timeout: Duration) -> Next {
+    pub(crate) fn next(&self, timeout: Duration) -> Next {
         let end = Instant::now() + timeout;
         let mut state = self.state();
         loop {
@@ -210,7 +203,7 @@ impl Outbox {
     }
 
     /// Gives the memory of a sent frame back.
-    pub fn recycle(&self, frame: FrameCopy) {
+    pub(crate) fn recycle(&self, frame: FrameCopy) {
         let mut state = self.state();
         if state.free.len() < CAPACITY {
             state.free.push(frame);
@@ -218,12 +211,12 @@ impl Outbox {
     }
 
     /// Gives the memory of a sent image back.
-    pub fn recycle_image(&self, image: ImageCopy) {
+    pub(crate) fn recycle_image(&self, image: ImageCopy) {
         self.state().free_image = Some(image);
     }
 
     /// What was offered and dropped so far.
-    pub fn statistics(&self) -> SinkStatistics {
+    pub(crate) fn statistics(&self) -> SinkStatistics {
         self.state().statistics
     }
 }
@@ -248,11 +241,38 @@ impl State {
     }
 }
 
+/// A sink with a queue and a thread of its own.
+pub(crate) trait QueuedSink {
+    fn worker(&self) -> &Worker;
+    fn worker_mut(&mut self) -> &mut Worker;
+    /// Returns whether anybody looks at images.
+    fn has_viewer(&self) -> bool;
+    /// Takes what is published.
+    fn start(&self, _: &Start<'_>) {}
+    /// Takes the shape of the skin.
+    fn skin(&self, _: &SkinShape) {}
+
+    /// Returns whether somebody looks at images and the last one is old enough; then the next one
+    /// counts from now.
+    fn is_image_due(&mut self) -> bool {
+        if !self.has_viewer() {
+            return false;
+        }
+        let last = &mut self.worker_mut().last_image;
+        let is_due = last.is_none_or(|last| last.elapsed() >= IMAGE_EVERY);
+        if is_due {
+            *last = Some(Instant::now());
+        }
+        is_due
+    }
+}
+
 /// A thread that sends what is queued.
 #[derive(Debug)]
 pub(crate) struct Worker {
-    outbox: Arc<Outbox>,
+    pub outbox: Arc<Outbox>,
     thread: Option<JoinHandle<()>>,
+    last_image: Option<Instant>,
 }
 
 impl Worker {
@@ -261,7 +281,7 @@ impl Worker {
     /// # Errors
     ///
     /// No thread.
-    pub fn start(
+    pub(crate) fn start(
         name: &str,
         outbox: Arc<Outbox>,
         send: impl FnOnce(&Outbox) + Send + 'static,
@@ -272,12 +292,12 @@ impl Worker {
             queue.state().is_done = true;
             queue.changed.notify_all();
         })?;
-        Ok(Self { outbox, thread: Some(thread) })
+        Ok(Self { outbox, thread: Some(thread), last_image: None })
     }
 
     /// Ends the thread once it has sent what is queued, or after two seconds: a network that hangs does not
     /// hang the program.
-    pub fn finish(&mut self) {
+    pub(crate) fn finish(&mut self) {
         let Some(thread) = self.thread.take() else { return };
         let end = Instant::now() + LAST_MESSAGES;
         let mut state = self.outbox.state();
@@ -306,102 +326,4 @@ impl Drop for Worker {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn frame(sequence: u64) -> TouchFrame<'static> {
-        TouchFrame {
-            number: sequence,
-            sequence,
-            epoch: 0,
-            time_s: 0.0,
-            host_time_s: None,
-            touches: &[],
-            faults: &[],
-            whole: true,
-            explained: true,
-            frozen: false,
-            latency_s: None,
-            ..Default::default()
-        }
-    }
-
-    /// A sink that takes nothing costs the oldest frames, each of which is counted, and no time.
-    #[test]
-    fn a_full_queue_drops_the_oldest_and_counts() {
-        let outbox = Outbox::default();
-        let frames = CAPACITY as u64 + 36;
-        (0..frames).for_each(|sequence| outbox.frame(&frame(sequence)));
-        let wanted = SinkStatistics { frames, dropped_frames: 36, dropped_events: 0 };
-        assert_eq!(outbox.statistics(), wanted);
-        for sequence in 36..frames {
-            match outbox.next(Duration::ZERO) {
-                Next::Frame(copy) => assert_eq!(copy.sequence, sequence),
-                other => panic!("{other:?}"),
-            }
-        }
-        assert!(matches!(outbox.next(Duration::ZERO), Next::Nothing));
-    }
-
-    /// Frames that waited longer than anybody wants them are dropped, although the queue has room.
-    #[test]
-    fn what_is_old_is_dropped() {
-        let outbox = Outbox::default();
-        (0..3).for_each(|sequence| outbox.frame(&frame(sequence)));
-        let past = Instant::now().checked_sub(2 * LONGEST).unwrap();
-        outbox.state().queue.iter_mut().take(2).for_each(|(since, _)| *since = past);
-        outbox.frame(&frame(3));
-        assert_eq!(outbox.statistics().dropped_frames, 2);
-        assert!(matches!(outbox.next(Duration::ZERO), Next::Frame(copy) if copy.sequence == 2));
-    }
-
-    #[test]
-    fn the_latest_image_replaces_one_that_was_not_sent() {
-        let outbox = Outbox::default();
-        for value in [1.0, 2.0] {
-            outbox.image(eit_skin::ndarray::arr2(&[[value, f64::NAN]]).view());
-        }
-        let Next::Image(image) = outbox.next(Duration::ZERO) else { panic!("an image") };
-        assert_eq!((image.rows, image.columns, image.values[0]), (1, 2, 2.0));
-        assert!(image.values[1].is_nan());
-        assert!(matches!(outbox.next(Duration::ZERO), Next::Nothing));
-    }
-
-    /// From the largest frame on, queueing allocates nothing.
-    #[test]
-    fn nothing_is_allocated_for_a_frame() {
-        let outbox = Outbox::default();
-        // every slot, and the one that is in flight
-        (0..2 * CAPACITY as u64).for_each(|sequence| outbox.frame(&frame(sequence)));
-        let counted = allocation_counter::measure(|| {
-            (0..100).for_each(|sequence| outbox.frame(&frame(sequence)));
-        });
-        assert_eq!(counted.count_total, 0);
-    }
-
-    /// The end waits for what is queued, and not for ever.
-    #[test]
-    fn the_end_is_bounded() {
-        let outbox = Arc::new(Outbox::default());
-        let (sender, receiver) = std::sync::mpsc::channel();
-        let mut worker = Worker::start("test", Arc::clone(&outbox), move |outbox| {
-            while let Next::Frame(frame) = outbox.next(Duration::from_secs(5)) {
-                sender.send(frame.sequence).unwrap();
-            }
-        })
-        .unwrap();
-        (0..10).for_each(|sequence| outbox.frame(&frame(sequence)));
-        worker.finish();
-        assert_eq!(receiver.try_iter().collect::<Vec<_>>(), (0..10).collect::<Vec<_>>());
-
-        let (sender, receiver) = std::sync::mpsc::channel::<()>();
-        let mut stuck = Worker::start("test", Arc::default(), move |_| {
-            let _ = receiver.recv();
-        })
-        .unwrap();
-        let start = Instant::now();
-        stuck.finish();
-        assert!(start.elapsed() < 2 * LAST_MESSAGES, "{:?}", start.elapsed());
-        drop(sender);
-    }
-}
+mod tests;

@@ -1,13 +1,11 @@
 //! Encodes frames and events as lines, and hands them to every sink.
-//!
-//! Over 300 lines because every kind of line goes through one publisher to every sink.
 
 use crate::VERSION;
 use crate::error::PublishError;
 use crate::image::SkinImage;
 use crate::line::{EventLine, FrameLine, StartLine};
 #[cfg(any(feature = "foxglove", feature = "zenoh"))]
-use crate::outbox::Severity;
+use crate::outbox::{QueuedSink, Severity};
 use crate::shape::SkinShape;
 use crate::udp::UdpSink;
 use eit_skin::TouchFrame;
@@ -114,24 +112,14 @@ impl Publisher {
         self
     }
 
-    /// Returns whether there is a page (feature `web`).
-    #[cfg(feature = "web")]
-    pub fn has_web(&self) -> bool {
-        self.web.is_some()
-    }
-
     /// Whether a sink can show images.
     pub fn takes_images(&self) -> bool {
         #[cfg(feature = "web")]
         if self.web.is_some() {
             return true;
         }
-        #[cfg(feature = "zenoh")]
-        if !self.zenoh.is_empty() {
-            return true;
-        }
-        #[cfg(feature = "foxglove")]
-        if self.foxglove.is_some() {
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        if self.queued().next().is_some() {
             return true;
         }
         false
@@ -144,12 +132,8 @@ impl Publisher {
         if self.web.as_ref().is_some_and(crate::web::WebServer::has_browser) {
             return true;
         }
-        #[cfg(feature = "zenoh")]
-        if self.zenoh.iter().any(crate::ZenohSink::wants_images) {
-            return true;
-        }
-        #[cfg(feature = "foxglove")]
-        if self.foxglove.as_ref().is_some_and(crate::FoxgloveSink::wants_images) {
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        if self.queued().any(QueuedSink::has_viewer) {
             return true;
         }
         false
@@ -161,14 +145,12 @@ impl Publisher {
     ///
     /// A shape that cannot be encoded.
     #[cfg_attr(
-        not(any(feature = "web", feature = "foxglove")),
+        not(any(feature = "web", feature = "foxglove", feature = "zenoh")),
         allow(unused_variables, clippy::unused_self, reason = "no sink here draws")
     )]
     pub fn skin(&self, shape: &SkinShape) -> Result<(), PublishError> {
-        #[cfg(feature = "foxglove")]
-        if let Some(foxglove) = &self.foxglove {
-            foxglove.skin(shape);
-        }
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        self.queued().for_each(|sink| sink.skin(shape));
         #[cfg(feature = "web")]
         if let Some(web) = &self.web {
             web.skin(shape)?;
@@ -188,14 +170,8 @@ impl Publisher {
         if let Some(web) = &mut self.web {
             wanted |= web.wants_image();
         }
-        #[cfg(feature = "zenoh")]
-        for zenoh in &mut self.zenoh {
-            wanted |= zenoh.is_image_due();
-        }
-        #[cfg(feature = "foxglove")]
-        if let Some(foxglove) = &mut self.foxglove {
-            wanted |= foxglove.is_image_due();
-        }
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        self.queued_mut().for_each(|sink| wanted |= sink.is_image_due());
         wanted
     }
 
@@ -227,14 +203,8 @@ impl Publisher {
     )]
     pub fn image<'a>(&self, image: impl Into<SkinImage<'a>>) -> Result<(), PublishError> {
         let image = image.into();
-        #[cfg(feature = "zenoh")]
-        for zenoh in &self.zenoh {
-            zenoh.image(image.change_s);
-        }
-        #[cfg(feature = "foxglove")]
-        if let Some(foxglove) = &self.foxglove {
-            foxglove.image(image.change_s);
-        }
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        self.queued().for_each(|sink| sink.worker().outbox.image(image.change_s));
         #[cfg(feature = "web")]
         if let Some(web) = &self.web {
             web.tell(&serde_json::to_vec(&crate::web::ImageEvent::new(&image))?);
@@ -249,8 +219,8 @@ impl Publisher {
     /// A line that cannot be written.
     pub fn start(&mut self, start: &Start<'_>) -> Result<(), PublishError> {
         self.is_live = start.is_live;
-        #[cfg(feature = "zenoh")]
-        self.zenoh.iter().for_each(|zenoh| zenoh.start(start));
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        self.queued().for_each(|sink| sink.start(start));
         let line = StartLine {
             version: VERSION,
             skin: start.skin,
@@ -347,12 +317,8 @@ impl Publisher {
     /// A line that cannot be written.
     pub fn touches(&mut self, frame: &TouchFrame<'_>) -> Result<(), PublishError> {
         self.frames += 1;
-        #[cfg(feature = "zenoh")]
-        self.zenoh.iter().for_each(|zenoh| zenoh.frame(frame));
-        #[cfg(feature = "foxglove")]
-        if let Some(foxglove) = &self.foxglove {
-            foxglove.frame(frame);
-        }
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        self.queued().for_each(|sink| sink.worker().outbox.frame(frame));
         if !self.has_lines() {
             return Ok(());
         }
@@ -377,12 +343,8 @@ impl Publisher {
             host_time_s: self.now_s(),
             ..Default::default()
         });
-        #[cfg(feature = "zenoh")]
-        self.zenoh.iter_mut().for_each(crate::ZenohSink::finish);
-        #[cfg(feature = "foxglove")]
-        if let Some(foxglove) = &mut self.foxglove {
-            foxglove.finish();
-        }
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        self.queued_mut().for_each(|sink| sink.worker_mut().finish());
         said
     }
 
@@ -421,12 +383,28 @@ impl Publisher {
     /// Tells sinks that do not take lines what happened.
     #[cfg(any(feature = "foxglove", feature = "zenoh"))]
     fn incident(&self, severity: Severity, text: &str) {
+        self.queued().for_each(|sink| sink.worker().outbox.incident(severity, text));
+    }
+
+    /// Iterates over the sinks that have a queue.
+    #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+    fn queued(&self) -> impl Iterator<Item = &dyn QueuedSink> {
+        let sinks = std::iter::empty::<&dyn QueuedSink>();
         #[cfg(feature = "zenoh")]
-        self.zenoh.iter().for_each(|zenoh| zenoh.incident(severity, text));
+        let sinks = sinks.chain(self.zenoh.iter().map(|sink| sink as &dyn QueuedSink));
         #[cfg(feature = "foxglove")]
-        if let Some(foxglove) = &self.foxglove {
-            foxglove.incident(severity, text);
-        }
+        let sinks = sinks.chain(self.foxglove.iter().map(|sink| sink as &dyn QueuedSink));
+        sinks
+    }
+
+    #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+    fn queued_mut(&mut self) -> impl Iterator<Item = &mut dyn QueuedSink> {
+        let sinks = std::iter::empty::<&mut dyn QueuedSink>();
+        #[cfg(feature = "zenoh")]
+        let sinks = sinks.chain(self.zenoh.iter_mut().map(|sink| sink as &mut dyn QueuedSink));
+        #[cfg(feature = "foxglove")]
+        let sinks = sinks.chain(self.foxglove.iter_mut().map(|sink| sink as &mut dyn QueuedSink));
+        sinks
     }
 
     /// Publishes a line that is not a frame.

@@ -54,7 +54,7 @@ pub(crate) struct Pixels {
 }
 
 impl ImageEvent {
-    pub fn new(image: &SkinImage<'_>) -> Self {
+    pub(crate) fn new(image: &SkinImage<'_>) -> Self {
         let (rows, columns) = image.change_s.dim();
         Self {
             rows,

@@ -9,15 +9,13 @@ pub use session::SessionSettings;
 
 use crate::change::ChangeThreshold;
 use crate::error::PublishError;
-use crate::outbox::{Outbox, Severity, SinkStatistics, Worker};
+use crate::outbox::{QueuedSink, SinkStatistics, Worker};
 use crate::publisher::Start;
 use crate::ros::{self, Pose};
-use eit_skin::TouchFrame;
-use eit_skin::ndarray::ArrayView2;
 use sender::{Names, Sender, Shared};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// How a skin is published.
 #[derive(Debug, Clone)]
@@ -62,10 +60,8 @@ impl ZenohSettings {
 #[derive(Debug)]
 pub struct ZenohSink {
     topic: String,
-    outbox: Arc<Outbox>,
     shared: Arc<Shared>,
     worker: Worker,
-    last_image: Option<Instant>,
 }
 
 impl ZenohSink {
@@ -83,13 +79,10 @@ impl ZenohSink {
             &format!("eit_{}", topic.replace('/', "_")),
         )?;
         let shared = Arc::new(Shared::default());
-        let outbox = Arc::new(Outbox::default());
         let sender = Sender::new(node, &topic, settings, Arc::clone(&shared))?;
-        let worker = Worker::start("eit zenoh", Arc::clone(&outbox), move |outbox| {
-            sender.run(outbox);
-        })
-        .map_err(PublishError::Thread)?;
-        Ok(Self { topic, outbox, shared, worker, last_image: None })
+        let worker = Worker::start("eit zenoh", Arc::default(), |outbox| sender.run(outbox))
+            .map_err(PublishError::Thread)?;
+        Ok(Self { topic, shared, worker })
     }
 
     /// What the topics begin with.
@@ -99,7 +92,7 @@ impl ZenohSink {
 
     /// Returns the numbers of frames offered, and of those dropped because sending could not keep up.
     pub fn statistics(&self) -> SinkStatistics {
-        self.outbox.statistics()
+        self.worker.outbox.statistics()
     }
 
     /// Returns the numbers of messages handed to zenoh, and of those that it rejected.
@@ -112,30 +105,27 @@ impl ZenohSink {
         self.shared.wants_images.load(Ordering::Relaxed)
     }
 
-    /// Whether a receiver subscribes to images and the last one is old enough.
-    pub(crate) fn is_image_due(&mut self) -> bool {
-        self.wants_images() && crate::outbox::is_due(&mut self.last_image)
-    }
-
     /// Sends what is queued and closes the session, within two seconds.
     pub fn finish(&mut self) {
         self.worker.finish();
     }
+}
 
-    pub(crate) fn start(&self, start: &Start<'_>) {
+impl QueuedSink for ZenohSink {
+    fn worker(&self) -> &Worker {
+        &self.worker
+    }
+
+    fn worker_mut(&mut self) -> &mut Worker {
+        &mut self.worker
+    }
+
+    fn has_viewer(&self) -> bool {
+        self.wants_images()
+    }
+
+    fn start(&self, start: &Start<'_>) {
         let names = Names { skin: start.skin.to_owned(), instrument: start.instrument.to_owned() };
         self.shared.set_names(names);
-    }
-
-    pub(crate) fn frame(&self, frame: &TouchFrame<'_>) {
-        self.outbox.frame(frame);
-    }
-
-    pub(crate) fn image(&self, image: ArrayView2<'_, f64>) {
-        self.outbox.image(image);
-    }
-
-    pub(crate) fn incident(&self, severity: Severity, text: &str) {
-        self.outbox.incident(severity, text);
     }
 }

@@ -17,7 +17,7 @@ pub(super) struct ClockOffset {
 impl ClockOffset {
     /// Takes the times of a message, seconds: when it was sent by the other clock, and when it arrived by this
     /// one.
-    pub fn observe(&mut self, sent_s: f64, arrived_s: f64) {
+    pub(super) fn observe(&mut self, sent_s: f64, arrived_s: f64) {
         let delay = arrived_s - sent_s;
         let is_step = self.offset_s().is_some_and(|least| (delay - least).abs() > STEP_S);
         if is_step {
@@ -32,7 +32,7 @@ impl ClockOffset {
     }
 
     /// Returns the offset to add to the other clock's times, seconds; `None` before the first message.
-    pub fn offset_s(&self) -> Option<f64> {
+    pub(super) fn offset_s(&self) -> Option<f64> {
         match self.least {
             [Some(now), Some(before)] => Some(now.min(before)),
             [now, before] => now.or(before),

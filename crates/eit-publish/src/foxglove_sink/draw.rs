@@ -35,7 +35,7 @@ pub(super) struct Painter {
 }
 
 impl Painter {
-    pub fn new(frame_id: &str) -> Self {
+    pub(super) fn new(frame_id: &str) -> Self {
         let frame_id = frame_id.to_owned();
         Self { frame_id, size_m: 0.2, electrodes_m: Vec::new(), range: 0.0 }
     }
@@ -52,7 +52,7 @@ impl Painter {
     }
 
     /// Outline and electrodes, which stay until they are replaced.
-    pub fn outline(&mut self, shape: &SkinShape, time: Timestamp) -> SceneUpdate {
+    pub(super) fn outline(&mut self, shape: &SkinShape, time: Timestamp) -> SceneUpdate {
         let [x0, x1, y0, y1] = shape.extent_m;
         self.size_m = (x1 - x0).max(y1 - y0);
         let middle = |points: &Vec<[f64; 2]>| {
@@ -82,7 +82,7 @@ impl Painter {
     }
 
     /// Touches as spheres with their velocity and force, and faulty electrodes, in the place of those before.
-    pub fn touches(&self, frame: &FrameCopy, time: Timestamp) -> SceneUpdate {
+    pub(super) fn touches(&self, frame: &FrameCopy, time: Timestamp) -> SceneUpdate {
         let mut entity = self.entity("touches", time, LIFETIME_S);
         for touch in frame.touches.iter().filter(|touch| touch.state != TouchState::End) {
             entity.spheres.push(self.sphere(touch));
@@ -135,7 +135,7 @@ impl Painter {
 
     /// An image as a grid, whose first cell is at the least x and y: conductivity change in siemens, and colours,
     /// transparent outside the skin.
-    pub fn grid(&mut self, image: &ImageCopy, extent_m: [f64; 4], time: Timestamp) -> Grid {
+    pub(super) fn grid(&mut self, image: &ImageCopy, extent_m: [f64; 4], time: Timestamp) -> Grid {
         const CELL: u32 = 8;
         let [x0, x1, y0, y1] = extent_m;
         let finite = image.values.iter().filter(|value| value.is_finite());

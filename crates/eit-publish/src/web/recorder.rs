@@ -45,26 +45,26 @@ pub(super) struct Recorder {
 }
 
 impl Recorder {
-    pub fn new(token: String) -> Self {
+    pub(super) fn new(token: String) -> Self {
         Self { token, request: Mutex::default(), state: Mutex::default() }
     }
 
     /// Stores a request: true to start, false to stop. A later request replaces an earlier one.
-    pub fn ask(&self, start: bool) {
+    pub(super) fn ask(&self, start: bool) {
         *lock(&self.request) = Some(start);
     }
 
     /// Takes the stored request.
-    pub fn take(&self) -> Option<bool> {
+    pub(super) fn take(&self) -> Option<bool> {
         lock(&self.request).take()
     }
 
     /// Line for pages that open now.
-    pub fn state(&self) -> Option<Line> {
+    pub(super) fn state(&self) -> Option<Line> {
         lock(&self.state).clone()
     }
 
-    pub fn set(&self, line: Line) {
+    pub(super) fn set(&self, line: Line) {
         *lock(&self.state) = Some(line);
     }
 }

@@ -66,7 +66,7 @@ pub(super) enum Access {
 }
 
 impl Access {
-    pub fn allows(&self, request: &Request) -> bool {
+    pub(super) fn allows(&self, request: &Request) -> bool {
         match self {
             Self::Loopback => request.host.as_deref().is_some_and(is_loopback),
             Self::Token(token) => request.has_token(token),
@@ -77,7 +77,7 @@ impl Access {
 impl Request {
     /// Returns whether the request carries the token, in a time that does not depend on how much of a wrong
     /// token is right.
-    pub fn has_token(&self, token: &str) -> bool {
+    pub(super) fn has_token(&self, token: &str) -> bool {
         let given = self.token.as_deref().unwrap_or("").as_bytes();
         let differ = given.iter().zip(token.as_bytes()).fold(0, |all, (a, b)| all | (a ^ b));
         given.len() == token.len() && differ == 0

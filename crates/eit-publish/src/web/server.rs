@@ -102,7 +102,7 @@ impl Shared {
     }
 
     /// Reserves a slot for a browser; returns `None` if all are taken.
-    pub fn place(&self) -> Option<Place<'_>> {
+    pub(super) fn place(&self) -> Option<Place<'_>> {
         let mut browsers = self.browsers();
         if browsers.len() >= MOST_BROWSERS {
             return None;
@@ -116,7 +116,7 @@ impl Shared {
 
     /// Returns the first messages for a browser: the skin, the state of the recording, and what is being waited
     /// for, as far as known.
-    pub fn greeting(&self) -> impl Iterator<Item = Line> {
+    pub(super) fn greeting(&self) -> impl Iterator<Item = Line> {
         let recording = self.recorder.as_ref().and_then(Recorder::state);
         [lock(&self.skin).clone(), recording, lock(&self.event).clone()].into_iter().flatten()
     }
@@ -202,7 +202,7 @@ impl WebServer {
     /// # Errors
     ///
     /// A shape that cannot be encoded as JSON.
-    pub fn skin(&self, shape: &SkinShape) -> Result<(), PublishError> {
+    pub(crate) fn skin(&self, shape: &SkinShape) -> Result<(), PublishError> {
         let line = serde_json::to_vec(shape)?;
         *lock(&self.shared.skin) = Some(line[..].into());
         // browsers that are already connected

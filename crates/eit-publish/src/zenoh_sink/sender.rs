@@ -39,7 +39,7 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    pub fn set_names(&self, names: Names) {
+    pub(super) fn set_names(&self, names: Names) {
         *self.names.lock().unwrap_or_else(PoisonError::into_inner) = names;
     }
 
@@ -79,7 +79,7 @@ pub(super) struct Sender {
 }
 
 impl Sender {
-    pub fn new(
+    pub(super) fn new(
         mut node: RosNode,
         topic: &str,
         settings: &ZenohSettings,
@@ -113,7 +113,7 @@ impl Sender {
     }
 
     /// Sends until the queue is over.
-    pub fn run(mut self, outbox: &Outbox) {
+    pub(super) fn run(mut self, outbox: &Outbox) {
         self.state(outbox);
         loop {
             match outbox.next(TICK) {

@@ -44,20 +44,7 @@ fn shape() -> SkinShape {
 }
 
 fn frame(sequence: u64) -> TouchFrame<'static> {
-    TouchFrame {
-        number: sequence,
-        sequence,
-        epoch: 0,
-        time_s: sequence as f64,
-        host_time_s: None,
-        touches: &[],
-        faults: &[],
-        whole: true,
-        explained: true,
-        frozen: false,
-        latency_s: None,
-        ..Default::default()
-    }
+    crate::common::frame(sequence, &[], &[])
 }
 
 /// The next event of a page, heartbeats aside.
@@ -120,8 +107,8 @@ fn beyond_loopback_a_token_is_asked_for() {
 fn a_page_hears_of_the_skin_its_frames_and_images() {
     let server = WebServer::new("127.0.0.1:0").unwrap();
     let address = address(&server);
-    server.skin(&shape()).unwrap();
     let mut publisher = Publisher::new().with_web(server);
+    publisher.skin(&shape()).unwrap();
     assert!(!publisher.wants_image(), "nobody looks");
     let mut events = BufReader::new(ask(&address, &get("/events", &address)));
     let skin = event(&mut events);
