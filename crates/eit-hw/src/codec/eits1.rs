@@ -3,30 +3,47 @@
 //! A message is a header of 20 bytes, a payload and a CRC-32C of both, COBS-encoded (Cheshire and
 //! Baker 1999) and terminated by a zero byte. A receiver therefore resynchronises at the next zero
 //! after any loss, and a damaged message is accepted with a probability of about 2^-32 (Koopman
-//! 2002). docs/EITS-1.md is the specification, `c/eits1.h` an encoder in C99. Slightly over the
-//! usual length, to keep the layout of a message in one place.
+//! 2002). docs/EITS-1.md is the specification, `c/eits1.h` an encoder in C99.
 
 mod body;
 mod cobs;
 
 pub use body::{Configuration, Information};
 
-use crc::{CRC_32_ISCSI, Crc, Table};
-
 use crate::error::HwError;
 use crate::frame::Quality;
 
 /// Version of the protocol: the first byte of each message.
-pub const VERSION: u8 = 1;
+pub(crate) const VERSION: u8 = 1;
 /// Length of the header, which precedes the payload.
-pub const HEADER_BYTES: usize = 20;
+pub(crate) const HEADER_BYTES: usize = 20;
 /// Longest message before COBS encoding, with header and CRC. A frame of all 928 complex adjacent
 /// measurements of 32 electrodes, with a flag byte each, takes 8 400 bytes.
 pub const MAX_MESSAGE_BYTES: usize = 16_384;
 
 pub(crate) const CRC_BYTES: usize = 4;
-/// CRC-32C, check value E3069283 over "123456789".
-const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISCSI);
+
+/// Remainder of each byte by the polynomial of CRC-32C, 1EDC6F41, bits reversed.
+const REMAINDERS: [u32; 256] = {
+    let mut table = [0; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        let (mut rest, mut bit) = (byte as u32, 0);
+        while bit < 8 {
+            rest = (rest >> 1) ^ if rest & 1 == 1 { 0x82F6_3B78 } else { 0 };
+            bit += 1;
+        }
+        table[byte] = rest;
+        byte += 1;
+    }
+    table
+};
+
+/// CRC-32C: E3069283 for "123456789".
+fn checksum(bytes: &[u8]) -> u32 {
+    let step = |crc: u32, byte: &u8| (crc >> 8) ^ REMAINDERS[usize::from(crc as u8 ^ byte)];
+    !bytes.iter().fold(u32::MAX, step)
+}
 
 /// Type of a message: its second byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -187,7 +204,7 @@ pub fn encode(message: &Message<'_>, wire: &mut Vec<u8>) -> Result<(), HwError> 
     bytes.extend(message.flags.to_le_bytes());
     bytes.extend(message.count.to_le_bytes());
     bytes.extend(message.payload);
-    bytes.extend(CRC.checksum(&bytes).to_le_bytes());
+    bytes.extend(checksum(&bytes).to_le_bytes());
     cobs::encode(&bytes, wire);
     wire.push(0);
     Ok(())
@@ -295,7 +312,7 @@ impl Decoder {
         if length > MAX_MESSAGE_BYTES {
             return Err(Damage::Length);
         }
-        if CRC.checksum(body) != u32::from_le_bytes(*crc) {
+        if checksum(body) != u32::from_le_bytes(*crc) {
             return Err(Damage::Crc);
         }
         let [version, kind, _, _, s0, s1, s2, s3, time @ .., f0, f1, c0, c1] = *header;

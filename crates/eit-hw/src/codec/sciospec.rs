@@ -21,17 +21,17 @@ pub use data::{DataFrame, GROUP, Output};
 /// First and last byte of a system message or acknowledgement.
 pub const TAG_SYSTEM: u8 = 0x18;
 /// Software reset.
-pub const TAG_RESET: u8 = 0xA1;
+pub(crate) const TAG_RESET: u8 = 0xA1;
 /// Write the measurement set-up.
 pub const TAG_SET_SETUP: u8 = 0xB0;
 /// Read the measurement set-up.
-pub const TAG_GET_SETUP: u8 = 0xB1;
+pub(crate) const TAG_GET_SETUP: u8 = 0xB1;
 /// Choose the contents of data frames.
-pub const TAG_SET_OUTPUT: u8 = 0xB2;
+pub(crate) const TAG_SET_OUTPUT: u8 = 0xB2;
 /// Start, stop and data.
 pub const TAG_DATA: u8 = 0xB4;
 /// Device information.
-pub const TAG_DEVICE: u8 = 0xD1;
+pub(crate) const TAG_DEVICE: u8 = 0xD1;
 
 /// Tag, length, payload, tag.
 const LONGEST: usize = 258;
@@ -135,21 +135,21 @@ impl Decoder {
             self.buffer.push(byte);
             // each pass either waits for more or takes bytes away
             while let Some(found) = candidate(self.side, &self.buffer) {
-                let taken = match found {
-                    Some((event, taken)) => {
+                let used = match found {
+                    Some((event, used)) => {
                         if self.skipped > 0 {
                             on_event(Event::Skipped { bytes: self.skipped });
                             self.skipped = 0;
                         }
                         on_event(event);
-                        taken
+                        used
                     }
                     None => {
                         self.skipped = self.skipped.saturating_add(1);
                         1
                     }
                 };
-                self.buffer.drain(..taken);
+                self.buffer.drain(..used);
             }
         }
     }
@@ -169,12 +169,12 @@ fn candidate(side: Side, buffer: &[u8]) -> Option<Option<(Event<'_>, usize)>> {
     }
     let payload = after.get(..usize::from(length))?;
     let &end = after.get(usize::from(length))?;
-    let taken = usize::from(length) + 3;
+    let used = usize::from(length) + 3;
     if end != tag {
         return Some(None);
     }
     // a byte was lost: the payload holds the real end, and `end` is the start of the next frame
-    if tag == TAG_DATA && payload.last() == Some(&tag) && *buffer.get(taken)? == length {
+    if tag == TAG_DATA && payload.last() == Some(&tag) && *buffer.get(used)? == length {
         return Some(None);
     }
     let event = match (side, tag, payload) {
@@ -185,7 +185,7 @@ fn candidate(side: Side, buffer: &[u8]) -> Option<Option<(Event<'_>, usize)>> {
         },
         _ => Event::Other { tag, payload },
     };
-    Some(Some((event, taken)))
+    Some(Some((event, used)))
 }
 
 impl Side {

@@ -25,7 +25,7 @@ impl Default for Output {
 
 impl Output {
     /// Returns the payload length of a data frame.
-    pub const fn payload_bytes(self) -> usize {
+    pub(super) const fn payload_bytes(self) -> usize {
         1 + 2 * self.drive as usize
             + 2 * self.frequency_row as usize
             + 4 * self.time as usize

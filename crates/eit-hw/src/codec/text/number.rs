@@ -36,7 +36,7 @@ impl Number {
 
     /// Whether a field is what boards print for a number that is not finite: C prints `nan` and
     /// `inf`, an Arduino also `ovf`, in either case and with a sign.
-    pub fn is_not_finite(field: &[u8]) -> bool {
+    pub(super) fn is_not_finite(field: &[u8]) -> bool {
         let word = field.strip_prefix(b"-").or_else(|| field.strip_prefix(b"+")).unwrap_or(field);
         ["nan", "inf", "infinity", "ovf"]
             .iter()

@@ -70,7 +70,7 @@ impl TextFormat {
         }
     }
 
-    /// The 16-electrode instrument whose logs [`serial_log`](crate::serial_log) reads: a line `s`,
+    /// The 16-electrode instrument whose logs are [`Format::SerialLog`](crate::Format): a line `s`,
     /// then 16 lines of 13 decimal numbers; full scale 6.55.
     pub fn serial_16() -> Self {
         Self {
