@@ -20,8 +20,9 @@ fuzz_target!(|data: &[u8]| {
     let (table, scan) = data.split_at(middle);
     std::fs::write(FOLDER.join("ProjectionTableSendLog.txt"), table).expect("a table");
     std::fs::write(FOLDER.join("1Scan.txt"), scan.get(1..).unwrap_or_default()).expect("a scan");
-    if let Ok(recording) = eit_hw::khu::read(FOLDER.as_path()) {
-        assert_eq!(recording.real().dim(), recording.quality().dim());
+    let options = eit_hw::ReadOptions::default();
+    if let Ok(recording) = eit_hw::read_recording(FOLDER.as_path(), None, &options) {
+        assert!(recording.quality.is_none_or(|quality| quality.dim() == recording.real.dim()));
         assert_eq!(recording.frame_count(), 1);
     }
 });

@@ -2,6 +2,9 @@
 
 use std::fmt;
 use std::ops::{BitOr, BitOrAssign};
+use std::path::Path;
+
+use crate::error::{HwError, Place};
 
 /// Electrodes `[a, b, m, n]` of one measurement, 0-based: current enters the skin at `a` and leaves
 /// it at `b`; the value is the potential at `m` minus the potential at `n`.
@@ -11,6 +14,20 @@ pub type Quadruple = [u32; 4];
 pub(crate) fn unsigned([a, b, m, n]: Quadruple) -> (Quadruple, f64) {
     let sign = if (a > b) == (m > n) { 1.0 } else { -1.0 };
     ([a.min(b), a.max(b), m.min(n), m.max(n)], sign)
+}
+
+/// Checks that lists which belong together have the wanted lengths; each is a name, the length found
+/// and the length wanted. `source` is used in messages only.
+pub(crate) fn check_lengths(
+    source: &Path,
+    fields: impl IntoIterator<Item = (&'static str, usize, usize)>,
+) -> Result<(), HwError> {
+    match fields.into_iter().find(|(_, found, wanted)| found != wanted) {
+        None => Ok(()),
+        Some((field, found, wanted)) => {
+            Err(HwError::Inconsistent { place: Place::file(source), field, found, wanted })
+        }
+    }
 }
 
 /// One complete set of measurements, in the order of the scene's protocol.
@@ -49,6 +66,17 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// Checks that all lists have as many entries as there are values, and as wanted if that is known.
+    pub(crate) fn check(&self, wanted: Option<usize>, source: &Path) -> Result<(), HwError> {
+        let wanted = wanted.unwrap_or(self.values.len());
+        let fields = [
+            ("values", self.values.len(), wanted),
+            ("imaginary", self.imaginary.as_ref().map_or(wanted, Vec::len), wanted),
+            ("quality", self.quality.len(), wanted),
+        ];
+        check_lengths(source, fields)
+    }
+
     /// Creates a real frame of the first connection, without times. A value that is not finite is
     /// [missing](Quality::MISSING), any other good.
     pub fn new(sequence: u64, values: Vec<f64>) -> Self {
@@ -141,31 +169,6 @@ impl Quality {
     }
 }
 
-/// Bits in use, for the flags' numbers in a log; see [`Quality::bits`].
-impl fmt::Binary for Quality {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::Binary::fmt(&self.0, f)
-    }
-}
-
-impl fmt::Octal for Quality {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::Octal::fmt(&self.0, f)
-    }
-}
-
-impl fmt::LowerHex for Quality {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::LowerHex::fmt(&self.0, f)
-    }
-}
-
-impl fmt::UpperHex for Quality {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::UpperHex::fmt(&self.0, f)
-    }
-}
-
 /// The flags' [`bits`](Quality::bits).
 impl From<Quality> for u16 {
     fn from(quality: Quality) -> Self {
@@ -197,7 +200,7 @@ pub struct UnknownFlags {
 /// use eit_hw::Quality;
 /// let all: Quality = [Quality::OPEN, Quality::GOOD, Quality::STUCK].into_iter().collect();
 /// assert_eq!(all, Quality::OPEN | Quality::STUCK);
-/// assert_eq!(format!("{all:#08b} {all:#x}"), "0b000110 0x6");
+/// assert_eq!(all.bits(), 0b110);
 /// ```
 impl FromIterator<Quality> for Quality {
     fn from_iter<I: IntoIterator<Item = Self>>(flags: I) -> Self {

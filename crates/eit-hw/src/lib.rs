@@ -30,11 +30,10 @@ pub use health::{
     OrderCandidate, OrderVerdict, ReferenceFrames, measure_reference_frames, model_correlation,
     reciprocity_error, recognise_order,
 };
-pub use readers::{ReadOptions, read_recording};
-pub use readers::{black_sensor, csv, goe, khu, lct, npy, sciospec, serial_log};
+pub use readers::{ReadOptions, SerialLogOptions, parse_recording, read_array, read_recording};
 pub use recording::{
     Component, CountHint, Format, FrameMap, FrameOrientation, Layout, MeasuredFrames, Note,
-    Projection, RecordedFrame, RecordedFrames, Recording, SkipReason, Skipped, SkippedFrame, Unit,
+    Recording, SkipReason, Skipped, SkippedFrame, Unit,
 };
 pub use regular::regular_file;
 pub use transport::{Endpoint, Link};

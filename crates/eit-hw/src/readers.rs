@@ -1,21 +1,20 @@
 //! Readers of recorded files, one per format, and recognition of the format.
-//!
-//! Each reader has a pure `parse` from bytes and a `read` that opens the file. The path given to
-//! `parse` is used in messages only.
 
-pub mod black_sensor;
-pub mod csv;
-pub mod goe;
-pub mod khu;
-pub mod lct;
-pub mod npy;
-pub mod sciospec;
-pub mod serial_log;
-
+mod black_sensor;
+pub(crate) mod csv;
 mod files;
+mod goe;
+mod khu;
+mod lct;
+mod npy;
 mod recognise;
+mod sciospec;
+mod serial_log;
 mod table;
 mod text;
+
+pub use npy::read_array;
+pub use serial_log::SerialLogOptions;
 
 use std::path::Path;
 
@@ -34,38 +33,20 @@ pub(crate) const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
     serde(default, deny_unknown_fields)
 )]
 pub struct ReadOptions {
-    /// `[recording] frames_are`: the layout of frames, for [`Format::Csv`] and [`Format::Npy`];
-    /// rejected for other formats. `None` defers to `csv` and `npy`.
+    /// `[recording] frames_are`: what forms one frame of [`Format::Csv`] and of an array of two axes
+    /// of [`Format::Npy`]; rejected for other formats. `None` is [`FrameOrientation::Rows`].
     pub frames_are: Option<FrameOrientation>,
-    /// `[recording] complex`: rows (or columns) alternate real and imaginary parts, for
-    /// [`Format::Csv`] and [`Format::Npy`]; rejected for other formats. `false` defers to `csv` and
-    /// `npy`.
+    /// `[recording] complex`: rows (or columns, also those of a matrix) of [`Format::Csv`] and of real
+    /// numbers of [`Format::Npy`] alternate: real parts of frame 0, imaginary parts of frame 0, real
+    /// parts of frame 1 and so on. Rejected for other formats.
     pub complex: bool,
-    /// Options for [`Format::Csv`].
-    pub csv: csv::CsvOptions,
-    /// Options for [`Format::Npy`].
-    pub npy: npy::NpyOptions,
-    /// Options for [`Format::Sciospec`].
-    pub sciospec: sciospec::SciospecOptions,
+    /// `[recording] frequency_row`: index of the frequency to read, from 0, for [`Format::Sciospec`].
+    pub frequency_row: usize,
     /// Options for [`Format::SerialLog`].
-    pub serial_log: serial_log::SerialLogOptions,
+    pub serial_log: SerialLogOptions,
 }
 
 impl ReadOptions {
-    fn csv(&self) -> csv::CsvOptions {
-        csv::CsvOptions {
-            orientation: self.frames_are.unwrap_or(self.csv.orientation),
-            complex: self.complex || self.csv.complex,
-        }
-    }
-
-    fn npy(&self) -> npy::NpyOptions {
-        npy::NpyOptions {
-            orientation: self.frames_are.unwrap_or(self.npy.orientation),
-            complex: self.complex || self.npy.complex,
-        }
-    }
-
     /// Rejects keys for tables if the format is not a table.
     fn check(&self, format: Format, path: &Path) -> Result<(), HwError> {
         let key = match format {
@@ -112,7 +93,7 @@ pub fn read_recording(
         };
         options.check(format, path)?;
         return match format {
-            Format::Sciospec => sciospec::read(path, &options.sciospec),
+            Format::Sciospec => sciospec::read(path, options.frequency_row),
             Format::Khu => khu::read(path),
             other => Err(HwError::Folder { place: Place::file(path), format: other.name() }),
         };
@@ -126,28 +107,38 @@ pub fn read_recording(
         options.check(Format::Mcap, path)?;
         return crate::capture::read_frames(path);
     }
-    // neither is an array, which is read in pieces
-    if format.is_none_or(|format| format == Format::Npy) && npy::is_npy(path)? {
-        options.check(Format::Npy, path)?;
-        return npy::read(path, &options.npy());
-    }
     let bytes = file_bytes(path, format.map_or("single-file", Format::name))?;
     let format = match format {
         Some(format) => format,
         None => recognise::file(&bytes, path, &options.serial_log)?,
     };
+    parse_recording(&bytes, path, format, options)
+}
+
+/// Parses the content of a file of this format; `path` is used in messages only.
+///
+/// # Errors
+/// Any [`HwError`] of the reader; [`HwError::UnusedKey`] as for [`read_recording`];
+/// [`HwError::NotAFolder`] for [`Format::Khu`], which is a folder.
+pub fn parse_recording(
+    bytes: &[u8],
+    path: impl AsRef<Path>,
+    format: Format,
+    options: &ReadOptions,
+) -> Result<Recording, HwError> {
+    let path = path.as_ref();
     options.check(format, path)?;
     match format {
-        Format::Csv => csv::parse_owned(bytes, path, &options.csv()),
-        Format::Npy => npy::parse(&bytes, path, &options.npy()),
-        Format::Sciospec => sciospec::parse(&bytes, path, &options.sciospec),
-        Format::Goe => goe::parse(&bytes, path),
-        Format::Lct => lct::parse(&bytes, path),
+        Format::Csv => csv::parse(bytes, path, options),
+        Format::Npy => npy::parse(bytes, path, options),
+        Format::Sciospec => sciospec::parse(bytes, path, options.frequency_row),
+        Format::Goe => goe::parse(bytes, path),
+        Format::Lct => lct::parse(bytes, path),
         Format::Khu => Err(HwError::NotAFolder { place: Place::file(path), format: "khu" }),
-        Format::BlackSensor => black_sensor::parse(&bytes, path),
-        Format::SerialLog => serial_log::parse(&bytes, path, &options.serial_log),
+        Format::BlackSensor => black_sensor::parse(bytes, path),
+        Format::SerialLog => serial_log::parse(bytes, path, &options.serial_log),
         #[cfg(feature = "mcap")]
-        Format::Mcap => crate::capture::parse(&bytes, path)?.recording(path),
+        Format::Mcap => crate::capture::parse(bytes, path)?.recording(path),
         #[cfg(not(feature = "mcap"))]
         Format::Mcap => Err(HwError::Unsupported { place: Place::file(path), format: "mcap" }),
     }

@@ -7,15 +7,14 @@ mod layout;
 mod map;
 mod note;
 mod orientation;
-pub(crate) mod packed;
 mod select;
 
 pub(crate) use file::Contents;
-pub use file::{RecordedFrame, RecordedFrames, Recording};
+pub use file::Recording;
 pub use format::Format;
 pub use hint::CountHint;
 pub use layout::{Layout, Unit};
-pub use map::{FrameMap, Projection};
+pub use map::FrameMap;
 pub use note::{Note, SkipReason, Skipped, SkippedFrame};
 pub use orientation::FrameOrientation;
 pub use select::{Component, MeasuredFrames};

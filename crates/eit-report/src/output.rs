@@ -291,7 +291,7 @@ pub fn ending(path: impl AsRef<Path>) -> String {
 /// A file that cannot be read, or whose array is not [frame, row, column] of numbers.
 pub(crate) fn read_images(path: impl AsRef<Path>) -> Result<ndarray::Array3<f64>, ReportError> {
     let path = path.as_ref();
-    let array = eit_hw::npy::read_array(path)?;
+    let array = eit_hw::read_array(path)?;
     let shape = array.shape().to_vec();
     array.into_dimensionality().map_err(|_| {
         let place = path.display();

@@ -183,7 +183,7 @@ fn from_file(
             .map_err(|why| mismatch(skin, instrument, &why))
     };
     let real = part(eit_hw::Component::Real)?;
-    let imaginary = match recording.is_complex() {
+    let imaginary = match recording.imaginary.is_some() {
         true => Some(part(eit_hw::Component::Imaginary)?),
         false => None,
     };

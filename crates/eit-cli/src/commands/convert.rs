@@ -44,7 +44,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
         notes.push(recording.skipped.to_string());
     }
     let (frames, finite, flagged) = (found.is_finite.len(), found.finite(), found.flagged);
-    let complex = recording.is_complex();
+    let complex = recording.imaginary.is_some();
     let written = match ending.as_str() {
         "mcap" => {
             stored.write_mcap(&args.out)?;

@@ -87,12 +87,12 @@ pub(super) fn complex<T>(
 /// Reads conductivities from a file and checks their number.
 fn conductivity(path: &Path, elements: usize) -> Result<Vec<f64>, CliError> {
     let table = per_element(path, elements)?;
-    if table.is_complex() {
+    if table.imaginary.is_some() {
         let message = "complex values; a conductivity is real, and the scene stores no charge \
                        (protocol.frequency_hz and a capacitance)";
         return Err(CliError::input(format!("{}: {message}", path.display())));
     }
-    Ok(table.real_values().collect())
+    Ok(table.real.into_iter().collect())
 }
 
 /// Returns the admittivity to solve for: the scene's background; conductivities from a file with the scene's
@@ -101,12 +101,12 @@ fn admittivity(skin: &ReactiveSkin, file: Option<&Path>) -> Result<Vec<Complex64
     let elements = skin.model.elements();
     let Some(path) = file else { return Ok(vec![skin.background; elements]) };
     let table = per_element(path, elements)?;
-    Ok(match table.imaginary_values() {
+    Ok(match table.imaginary {
         Some(imaginary) => {
-            let parts = table.real_values().zip(imaginary);
+            let parts = table.real.into_iter().zip(imaginary);
             parts.map(|(re, im)| Complex64::new(re, im)).collect()
         }
-        None => table.real_values().map(|s| skin.admittivity_of(s)).collect(),
+        None => table.real.into_iter().map(|s| skin.admittivity_of(s)).collect(),
     })
 }
 
@@ -116,7 +116,7 @@ fn per_element(path: &Path, elements: usize) -> Result<eit_hw::Recording, CliErr
         eit_hw::read_recording(path, None, &eit_hw::ReadOptions::default()).map_err(|e| {
             CliError::input(format!("conductivity, one siemens value per element: {e}"))
         })?;
-    let found = table.real_values().len();
+    let found = table.real.len();
     if found != elements {
         return Err(CliError::input(format!(
             "{}: {found} values, but the mesh has {elements} elements: one conductivity each, in file \

@@ -24,7 +24,7 @@ fn checked(folder: &Path, change: impl Fn(usize, [u32; 4], f64) -> f64) -> (Opti
     );
     let voltages = folder.join("v.csv");
     common::succeed(&["forward", text(&scene), "--out", text(&voltages)]);
-    let read = eit_hw::read_recording(&voltages, None, &Default::default()).unwrap().real();
+    let read = eit_hw::read_recording(&voltages, None, &Default::default()).unwrap().real;
     let table: Vec<f64> = read.row(0).to_vec();
     assert_eq!(table.len(), 208);
     let values: Vec<Vec<f64>> = (0..120)

@@ -87,7 +87,7 @@ fn record_takes_what_each_instrument_sends() {
         succeed(&["convert", text(&out), "--out", text(&table), "--scene", text(&scene)]);
         let options =
             eit_hw::ReadOptions { complex: instrument.contains("sciospec"), ..Default::default() };
-        let read = eit_hw::read_recording(&table, None, &options).unwrap().real();
+        let read = eit_hw::read_recording(&table, None, &options).unwrap().real;
         assert_eq!(read.dim(), (60, 40));
         let size = sent.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         // recording starts at any frame of the file, and continues with the next

@@ -1,4 +1,4 @@
-//! Memory of commands that read files: the whole process takes at most 64 MB plus twice the file.
+//! Memory of commands that read files: the whole process takes at most 64 MB plus ten times the file.
 #![cfg(target_os = "linux")]
 #![allow(
     clippy::unwrap_used,
@@ -46,7 +46,7 @@ fn check(arguments: &[&str], file: &Path) {
     println!("{:.1} MB of {:.1}: {arguments:?}", 1e-6 * peak as f64, 1e-6 * bytes as f64);
     assert!(succeeded, "{arguments:?}");
     assert!(peak > 1_000_000, "not measured");
-    assert!(peak <= MOST_BYTES + 2 * bytes, "{arguments:?}: {peak} bytes, file of {bytes}");
+    assert!(peak <= MOST_BYTES + 10 * bytes, "{arguments:?}: {peak} bytes, file of {bytes}");
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn settings_and_tables_take_little_memory() {
         let file = path("scene.toml");
         std::fs::write(&file, content).unwrap();
         let (peak, _) = peak(&["plan", text(&file)]);
-        assert!(peak > 1_000_000 && peak <= MOST_BYTES + 2 * content.len() as u64, "{peak}");
+        assert!(peak > 1_000_000 && peak <= MOST_BYTES + 10 * content.len() as u64, "{peak}");
         let said = common::eit(&["plan", text(&file)]);
         let said = String::from_utf8(said.stderr).unwrap();
         assert!(!said.contains("kB"), "not read: {said}");
@@ -115,7 +115,7 @@ fn settings_and_tables_take_little_memory() {
     ];
     let start = std::time::Instant::now();
     let (peak, succeeded) = peak(&learn);
-    assert!(!succeeded && peak <= MOST_BYTES + 2 * 20_000_000, "{peak}");
+    assert!(!succeeded && peak <= MOST_BYTES + 10 * 20_000_000, "{peak}");
     assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
     assert!(common::refuse(&learn).contains("more than 200000 presses"));
 }

@@ -459,9 +459,9 @@ fn convert_keeps_what_a_recording_holds() {
     let lasted_ns = wanted.last().unwrap().log_ns - wanted[0].log_ns;
     assert!(lasted_ns > 500_000_000, "frames of one second: {lasted_ns} ns");
     assert_eq!(times(&other), wanted);
-    let wanted = eit_hw::read_recording(&out, None, &Default::default()).unwrap().real();
+    let wanted = eit_hw::read_recording(&out, None, &Default::default()).unwrap().real;
     for path in [&table, &array] {
-        let read = eit_hw::read_recording(path, None, &Default::default()).unwrap().real();
+        let read = eit_hw::read_recording(path, None, &Default::default()).unwrap().real;
         assert_eq!(read, wanted);
     }
 }

@@ -7,8 +7,7 @@ use super::entry::Entry;
 use super::record::SessionRecord;
 use super::stream::{CaptureReader, Damage};
 use crate::error::{HwError, Place};
-use crate::frame::Frame;
-use crate::recording::packed::Packed;
+use crate::frame::{Frame, Quality};
 use crate::recording::{Contents, Format, Layout, Recording, Unit};
 
 /// A complete recording in memory.
@@ -78,9 +77,9 @@ struct Budget<'a> {
 }
 
 impl<'a> Budget<'a> {
-    /// A reader takes 64 MB and twice the file; up to 40 of it are for a chunk and a message.
+    /// A reader takes 64 MB and ten times the file; up to 40 of it are for a chunk and a message.
     const LEAST_BYTES: u64 = 24_000_000;
-    const TIMES_FILE: u64 = 2;
+    const TIMES_FILE: u64 = 10;
 
     fn of(file_bytes: u64, path: &'a Path) -> Self {
         let most = Self::LEAST_BYTES.saturating_add(Self::TIMES_FILE.saturating_mul(file_bytes));
@@ -198,43 +197,39 @@ impl SameSetUp {
 struct Frames<'a> {
     path: &'a Path,
     same: SameSetUp,
-    real: Packed,
-    imaginary: Packed,
-    quality: Packed,
+    real: Vec<f64>,
+    imaginary: Vec<f64>,
+    /// Empty as long as all values are good.
+    quality: Vec<Quality>,
     times: Vec<f64>,
-    /// Bytes of the list of times while it grows.
-    times_bytes: usize,
 }
 
 impl<'a> Frames<'a> {
     fn new(path: &'a Path) -> Self {
-        let [real, imaginary, quality] = [(); 3].map(|()| Packed::default());
-        let (same, times, times_bytes) = (SameSetUp::new(path), Vec::new(), 0);
-        Self { path, same, real, imaginary, quality, times, times_bytes }
+        let [real, imaginary, times] = [(); 3].map(|()| Vec::new());
+        Self { path, same: SameSetUp::new(path), real, imaginary, quality: Vec::new(), times }
     }
 
     fn take(&mut self, entry: &Entry) -> Result<(), HwError> {
-        let is_first = self.same.size().is_none();
         self.same.take(entry)?;
         let Entry::Frame(frame) = entry else { return Ok(()) };
-        self.real.extend(frame.values.iter().copied());
-        self.imaginary.extend(frame.imaginary.iter().flatten().copied());
-        self.quality.extend(frame.quality.iter().map(|quality| f64::from(quality.bits())));
-        if is_first {
-            for list in [&mut self.real, &mut self.imaginary, &mut self.quality] {
-                list.end_first_row();
-            }
+        let is_flagged = frame.quality.iter().any(|quality| !quality.is_good());
+        if is_flagged || !self.quality.is_empty() {
+            self.quality.resize(self.real.len(), Quality::GOOD);
+            append(&mut self.quality, &frame.quality);
         }
-        self.times.extend(frame.device_time_s);
-        // the old list and the new one are in memory together
-        self.times_bytes = 12 * self.times.capacity();
+        append(&mut self.real, &frame.values);
+        append(&mut self.imaginary, frame.imaginary.as_deref().unwrap_or_default());
+        append(&mut self.times, frame.device_time_s.as_slice());
         Ok(())
     }
 
-    /// Returns the memory taken, in bytes.
+    /// Returns the memory that the lists take when they grow next, in bytes.
     fn bytes(&self) -> u64 {
-        let lists = [&self.real, &self.imaginary, &self.quality].map(Packed::bytes);
-        (lists.iter().sum::<usize>() + self.times_bytes) as u64
+        let numbers = [&self.real, &self.imaginary, &self.times].map(Vec::capacity);
+        // while a list grows, the old one and the new one are in memory together
+        let bytes = 8 * numbers.iter().sum::<usize>() + 2 * self.quality.capacity();
+        (9 * bytes / 4) as u64
     }
 
     fn finish(self, damage: Damage) -> Result<Recording, HwError> {
@@ -248,9 +243,11 @@ impl<'a> Frames<'a> {
             false => Layout::Quadruples(session.quadruples),
         };
         let contents = Contents {
+            real: self.real,
             imaginary: complex.then_some(self.imaginary),
-            quality: Some(self.quality),
-            ..Contents::real(self.real, count)
+            quality: Some(self.quality).filter(|flags| !flags.is_empty()),
+            value_count: count,
+            ..Contents::default()
         };
         let unit = Unit::from(session.unit);
         let mut recording = Recording::new(contents, layout, unit, Format::Mcap, path)?;
@@ -261,6 +258,14 @@ impl<'a> Frames<'a> {
         recording.frequency_hz = session.frequency_hz;
         Ok(recording)
     }
+}
+
+/// Appends the values. A full list grows by a quarter, not to twice its size, so that the budget is for values.
+fn append<T: Copy>(list: &mut Vec<T>, values: &[T]) {
+    if list.capacity() - list.len() < values.len() {
+        list.reserve_exact(values.len() + list.len() / 4);
+    }
+    list.extend_from_slice(values);
 }
 
 /// Reads a complete recording, even if its end is missing.

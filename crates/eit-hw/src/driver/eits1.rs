@@ -222,7 +222,7 @@ impl Driver for Eits1 {
         self.imaginary = vec![0.0; if self.complex { count } else { 0 }];
         let full_scale = f64::from(information.full_scale);
         Ok(Setup {
-            identity: Identity::told("eits1", &information.name, &information.serial),
+            identity: Identity::one_line("eits1", &information.name, &information.serial),
             layout: Layout::Quadruples(
                 self.configuration.quadruples.iter().map(|q| q.map(u32::from)).collect(),
             ),

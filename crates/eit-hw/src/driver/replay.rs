@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use super::setup::Setup;
 use super::source::{Event, FrameSource, Statistics};
 use crate::error::HwError;
-use crate::frame::{Frame, Quadruple, Quality};
-use crate::recording::{FrameMap, Projection};
+use crate::frame::{Frame, Quadruple};
+use crate::recording::FrameMap;
 
 /// Speed at which a recording is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -44,7 +44,7 @@ impl Times {
         Self { device_s: finite(frame.device_time_s), host_s: finite(frame.host_time_s) }
     }
 
-    /// Returns the time elapsed since an earlier frame; 0 if no clock tells.
+    /// Returns the time elapsed since an earlier frame; 0 if no clock shows it.
     fn since(self, before: Self) -> f64 {
         let step_s = |now: Option<f64>, before: Option<f64>, most_s| {
             now.zip(before).map(|(now, before)| now - before).filter(|s| (0.0..=most_s).contains(s))
@@ -121,7 +121,7 @@ impl Replay {
             _ => Layout::Quadruples(session.quadruples.clone()),
         };
         let setup = Setup {
-            identity: Identity::told("replay", &session.instrument, &session.serial),
+            identity: Identity::one_line("replay", &session.instrument, &session.serial),
             layout,
             value_count: first.values.len(),
             complex: first.imaginary.is_some(),
@@ -245,7 +245,7 @@ impl Replay {
     }
 
     /// Returns the frame in protocol order, or first the event that its numbers imply.
-    fn told(&mut self, mut frame: Frame) -> Result<Event, HwError> {
+    fn deliver(&mut self, mut frame: Frame) -> Result<Event, HwError> {
         let news = match self.last {
             Some((_, epoch)) if epoch != frame.epoch => {
                 self.statistics.reconnections += 1;
@@ -264,31 +264,8 @@ impl Replay {
             return Ok(news);
         }
         if let Some(map) = &self.map {
-            let count = map.measurements();
             let mut mapped = self.spare.pop().unwrap_or_else(|| frame.clone());
-            mapped.values.resize(count, 0.0);
-            mapped.quality.resize(count, Quality::GOOD);
-            let (parts, flags) = (frame.imaginary.as_deref(), &frame.quality);
-            let into = (&mut mapped.values, &mut mapped.quality);
-            map.apply_into(&frame.values, parts, flags, Projection::Real, into.0, into.1)?;
-            mapped.imaginary = match parts {
-                None => None,
-                Some(_) => {
-                    let mut imaginary = mapped.imaginary.take().unwrap_or_default();
-                    imaginary.resize(count, 0.0);
-                    let projection = Projection::Imaginary;
-                    let quality = &mut mapped.quality;
-                    map.apply_into(
-                        &frame.values,
-                        parts,
-                        flags,
-                        projection,
-                        &mut imaginary,
-                        quality,
-                    )?;
-                    Some(imaginary)
-                }
-            };
+            map.apply_to(&frame, &mut mapped)?;
             (mapped.sequence, mapped.epoch) = (frame.sequence, frame.epoch);
             mapped.device_time_s = frame.device_time_s;
             mapped.host_time_s = frame.host_time_s;
@@ -324,7 +301,7 @@ impl FrameSource for Replay {
             self.waiting = Some(Event::Frame(frame));
             return Ok(None);
         }
-        self.told(frame).map(Some)
+        self.deliver(frame).map(Some)
     }
 
     fn recycle(&mut self, frame: Frame) {
@@ -348,7 +325,7 @@ mod tests {
     use super::*;
 
     /// Clocks that go back, jump to another century or stand still neither stop a replay nor let it run
-    /// ahead while the other clock tells.
+    /// ahead while the other clock is right.
     #[test]
     fn wrong_clocks_do_not_make_a_replay_wait() {
         let times = |device_s, host_s| Times { device_s, host_s };
@@ -357,7 +334,7 @@ mod tests {
             (both(5.0, 100.0), both(5.01, 100.02), 0.01),
             // a pause of the instrument counts, also where the host's clock was set
             (both(5.0, 100.0), both(45.0, 7.0), 40.0),
-            // the instrument's clock is wrong: the host's tells
+            // the instrument's clock is wrong: the host's counts
             (both(5.0, 100.0), both(1e9, 100.5), 0.5),
             (both(5.0, 100.0), both(4.99, 100.5), 0.5),
             (both(5.0, 100.0), both(1e308, 100.5), 0.5),

@@ -18,7 +18,7 @@ pub struct Identity {
 
 impl Identity {
     /// Creates an identity from the texts of an instrument or recording, each reduced to one line.
-    pub(crate) fn told(driver: &'static str, name: &str, serial: &str) -> Self {
+    pub(crate) fn one_line(driver: &'static str, name: &str, serial: &str) -> Self {
         let line = |text: &str| text.replace(char::is_control, "?");
         Self { driver, name: line(name), serial: line(serial) }
     }

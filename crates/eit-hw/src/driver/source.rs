@@ -101,10 +101,3 @@ pub struct Statistics {
     /// of this time are not among [`lost`](Self::lost).
     pub disconnected_s: f64,
 }
-
-impl Statistics {
-    /// Returns the time without data in seconds: silent or disconnected.
-    pub fn no_data_s(&self) -> f64 {
-        self.silent_s + self.disconnected_s
-    }
-}

@@ -12,16 +12,11 @@ use self::measure::{drift, finite_median, flagged_shares, noise_std, open_electr
 use eit_core::median;
 use ndarray::ArrayView1;
 
-use super::order::reciprocity_error;
+use super::order::{CLEAR_FACTOR, MOST_ERROR, reciprocity_error};
 use crate::error::{HwError, Place};
 use crate::frame::{Quadruple, Quality};
 use crate::recording::MeasuredFrames;
 
-/// Reciprocity error above which a fault is reported; see [`reciprocity_error`]. Right orders with
-/// sound contacts are below 0.15 on every real recording at hand.
-const DOUBTED_ERROR: f64 = 0.2;
-/// Factor by which the error must drop without an electrode for that electrode to be at fault.
-const CLEAR_FACTOR: f64 = 3.0;
 /// Noise of an electrode's measurements, relative to the rest, from which it is reported.
 const NOISY_FACTOR: f64 = 4.0;
 /// Fraction of all values, or of frames, above which a loss is reported.
@@ -213,7 +208,7 @@ fn findings(
             }
         }
     }
-    if report.reciprocity.is_some_and(|error| error > DOUBTED_ERROR) && at_fault.is_empty() {
+    if report.reciprocity.is_some_and(|error| error > MOST_ERROR) && at_fault.is_empty() {
         findings.push(Finding::of_whole(Trouble::Reciprocity {
             error: report.reciprocity.unwrap_or_default(),
         }));
@@ -270,7 +265,7 @@ fn findings(
 /// Returns what is wrong with one electrode, checking the surest sign first.
 fn electrode_trouble(report: &HealthReport, health: &ElectrodeHealth) -> Option<Trouble> {
     if let (Some(with), Some(without)) = (report.reciprocity, health.reciprocity_without)
-        && with > DOUBTED_ERROR
+        && with > MOST_ERROR
         && without * CLEAR_FACTOR <= with
     {
         return Some(Trouble::Contact { with, without });

@@ -42,18 +42,18 @@ pub fn measure_reference_frames(
     count: usize,
     limit: Duration,
 ) -> Result<ReferenceFrames, HwError> {
-    let (start, mut taken, mut notices) = (Instant::now(), Vec::<Frame>::new(), Vec::new());
+    let (start, mut received, mut notices) = (Instant::now(), Vec::<Frame>::new(), Vec::new());
     let mut lost_frames = 0;
-    while taken.len() < count && !source.is_over() {
+    while received.len() < count && !source.is_over() {
         let Some(left) = limit.checked_sub(start.elapsed()) else { break };
         match source.next_event(left.min(Duration::from_millis(100)))? {
-            Some(Event::Frame(frame)) => taken.push(frame),
+            Some(Event::Frame(frame)) => received.push(frame),
             // losses before the first frame belong to the start
-            Some(Event::Gap { frames }) if !taken.is_empty() => lost_frames += frames,
+            Some(Event::Gap { frames }) if !received.is_empty() => lost_frames += frames,
             // frames before a reconnection are no longer valid
             Some(Event::Reconnected { .. }) => {
                 notices.push("the connection was lost and restored".to_owned());
-                taken.clear();
+                received.clear();
                 lost_frames = 0;
             }
             Some(Event::Disconnected { reason }) => notices.push(reason),
@@ -69,7 +69,7 @@ pub fn measure_reference_frames(
     }
     let wanted_rate_hz = source.setup().frame_rate_hz;
     let facts = StreamFacts { lost_frames, wanted_rate_hz };
-    Ok(ReferenceFrames { frames: measured(&taken, source.setup().unit), facts, notices })
+    Ok(ReferenceFrames { frames: measured(&received, source.setup().unit), facts, notices })
 }
 
 /// Converts live frames to those of a recording.

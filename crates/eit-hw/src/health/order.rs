@@ -13,13 +13,14 @@ use std::collections::HashMap;
 
 use crate::frame::{Quadruple, unsigned};
 
-/// Error above which an order is doubted. Right orders of all real recordings at hand are below
-/// 0.15 (the worst is a voltage over current of 2004), wrong ones above 0.75.
-const DOUBTED_ERROR: f64 = 0.2;
+/// Error above which an order is wrong or a contact at fault. Right orders with sound contacts are
+/// below 0.15 on every real recording at hand (the worst is a voltage over current of 2004), wrong
+/// ones above 0.75.
+pub(super) const MOST_ERROR: f64 = 0.2;
 
-/// Factor by which the error of another order must be smaller. It is at least 7 on the recordings
+/// Factor by which the error of another order, or without an electrode, must be smaller. It is at least 7 on the recordings
 /// above; one open electrode raises the error of right and wrong orders alike to about 1.
-const CLEAR_FACTOR: f64 = 3.0;
+pub(super) const CLEAR_FACTOR: f64 = 3.0;
 
 /// Returns the relative root mean square difference of reciprocal measurements, sqrt(sum (v(abmn) -
 /// v(mnab))^2 / (sum (v(abmn)^2 + v(mnab)^2) / 2)).
@@ -131,7 +132,7 @@ pub fn recognise_order(
         .collect();
     others.sort_by(|one, other| one.error.total_cmp(&other.error));
     match reciprocity_error(quadruples, frame) {
-        Some(error) if error <= DOUBTED_ERROR => OrderVerdict::Consistent { error },
+        Some(error) if error <= MOST_ERROR => OrderVerdict::Consistent { error },
         Some(ours) if others.first().is_some_and(|best| CLEAR_FACTOR * best.error <= ours) => {
             others.retain(|other| CLEAR_FACTOR * other.error <= ours);
             OrderVerdict::Other { better: others, ours }

@@ -10,7 +10,6 @@ use std::path::Path;
 
 use crate::codec::text::{Decoder, Event, Fault, TextFormat};
 use crate::error::{At, HwError};
-use crate::recording::packed::Packed;
 use crate::recording::{Contents, Format, Layout, Recording, SkipReason, Skipped, Unit};
 
 /// Number of columns that the computer adds before those of the board.
@@ -32,36 +31,37 @@ pub(super) fn is_log(bytes: &[u8]) -> bool {
 ///
 /// # Errors
 /// [`HwError::NoFrames`] if there is no complete frame.
-pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError> {
-    let path = path.as_ref();
+pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     let format = TextFormat::black_sensor();
     let count = format.measurements();
     let mut decoder = Decoder::new(format)?;
     // the file starts at the start of a line
     decoder.reset(true);
-    let (mut values, mut qualities) = (Packed::of_rows(count), Packed::of_rows(count));
+    // at most one value per two bytes, so that the lists need not grow
+    let most = bytes.len() / 2;
+    let (mut values, mut qualities) = (Vec::with_capacity(most), Vec::with_capacity(most));
     let mut skipped = Skipped::default();
     for (row, line) in lines(bytes).zip(1..) {
         // a line at a time: the replacements of wrong bytes are longer than these
         let row = String::from_utf8_lossy(row.get(..MOST_LINE).unwrap_or(row));
         decoder.push(serial(&row).as_bytes(), &mut |event| match event {
             Event::Frame { values: frame, quality, .. } => {
-                values.extend(frame.iter().copied());
-                qualities.extend(quality.iter().map(|quality| f64::from(quality.bits())));
+                values.extend(frame);
+                qualities.extend(quality);
             }
             Event::Skipped(fault) => skipped.add(1, At::Line(line), reason(fault)),
             Event::Line(_) => {}
         });
     }
     let contents = Contents {
+        real: values,
         quality: Some(qualities),
-        skipped: skipped.frames,
-        ..Contents::real(values, count)
+        value_count: count,
+        skipped,
+        ..Contents::default()
     };
     let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
-    let mut recording = Recording::new(contents, layout, unit, Format::BlackSensor, path)?;
-    recording.skipped = skipped;
-    Ok(recording)
+    Recording::new(contents, layout, unit, Format::BlackSensor, path)
 }
 
 /// Iterates over lines, which end with LF, CR LF or CR.
@@ -123,14 +123,15 @@ mod tests {
                 .concat();
         assert!(is_log(text.as_bytes()));
         let recording = parse(text.as_bytes(), Path::new("log.csv")).unwrap();
-        assert_eq!((recording.real().dim(), recording.skipped.frames), ((2, 256), 1));
+        assert_eq!((recording.real.dim(), recording.skipped.frames), ((2, 256), 1));
+        let quality = recording.quality.unwrap();
         for (frame, counts) in [&sound as &dyn Fn(usize, usize) -> u32, &railed].iter().enumerate()
         {
             for index in 0..256 {
                 let count = counts(index / 16, index % 16);
-                assert_eq!(recording.real()[[frame, index]], f64::from(count));
+                assert_eq!(recording.real[[frame, index]], f64::from(count));
                 let wanted = if count == 65_535 { Quality::SATURATED } else { Quality::GOOD };
-                assert_eq!(recording.quality()[[frame, index]], wanted, "{count}");
+                assert_eq!(quality[[frame, index]], wanted, "{count}");
             }
         }
     }

@@ -11,48 +11,11 @@
 
 use std::path::Path;
 
-use super::files::file_bytes;
-use super::table::{self, Table};
+use super::ReadOptions;
+use super::table::Table;
 use super::text;
 use crate::error::{HwError, Place};
-pub use crate::recording::FrameOrientation;
-use crate::recording::packed::Packed;
-use crate::recording::{Format, Layout, Note, Recording, Unit};
-
-/// Layout of a CSV file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(default, deny_unknown_fields)
-)]
-pub struct CsvOptions {
-    /// What forms one frame.
-    pub orientation: FrameOrientation,
-    /// Whether rows (or columns, also those of a matrix) alternate: real parts of frame 0,
-    /// imaginary parts of frame 0, real parts of frame 1 and so on.
-    pub complex: bool,
-}
-
-/// Reads a CSV file.
-///
-/// # Errors
-/// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
-pub fn read(path: impl AsRef<Path>, options: &CsvOptions) -> Result<Recording, HwError> {
-    let path = path.as_ref();
-    parse_owned(file_bytes(path, Format::Csv.name())?, path, options)
-}
-
-/// Parses the content of a CSV file, which is freed before rows become columns.
-pub(super) fn parse_owned(
-    bytes: Vec<u8>,
-    path: &Path,
-    options: &CsvOptions,
-) -> Result<Recording, HwError> {
-    let rows = Rows::parse(&bytes, path)?;
-    drop(bytes);
-    rows.recording(path, options)
-}
+use crate::recording::{Contents, Format, FrameOrientation, Layout, Note, Recording, Unit};
 
 /// Parses the content of a CSV file; `path` is used in messages only.
 ///
@@ -62,19 +25,18 @@ pub(super) fn parse_owned(
 /// # Errors
 /// [`HwError`] for an empty or binary file, a field that is not a number, a row whose length
 /// differs from the first, or an odd number of rows or columns where they alternate.
-pub fn parse(
+pub(super) fn parse(
     bytes: &[u8],
-    path: impl AsRef<Path>,
-    options: &CsvOptions,
+    path: &Path,
+    options: &ReadOptions,
 ) -> Result<Recording, HwError> {
-    let path = path.as_ref();
     Rows::parse(bytes, path)?.recording(path, options)
 }
 
 /// Rows read so far.
 #[derive(Default)]
 struct Rows {
-    values: Packed,
+    values: Vec<f64>,
     columns: usize,
     count: usize,
     separator: Option<Separator>,
@@ -96,7 +58,8 @@ enum Separator {
 impl Rows {
     fn parse(bytes: &[u8], path: &Path) -> Result<Self, HwError> {
         let content = text::decode(bytes, path)?;
-        let mut rows = Self::default();
+        // at most one value per two bytes, so that the list need not grow
+        let mut rows = Self { values: Vec::with_capacity(bytes.len() / 2 + 1), ..Self::default() };
         for (line, row) in text::lines(content) {
             rows.push(row, line, path)?;
         }
@@ -126,7 +89,6 @@ impl Rows {
         }
         if first {
             self.columns = columns;
-            self.values.end_first_row();
         }
         self.count += 1;
         if !self.unpaired {
@@ -146,13 +108,26 @@ impl Rows {
         })
     }
 
-    fn recording(self, path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
-        let CsvOptions { orientation, complex } = *options;
-        let table = Table { values: self.values.finished(), length: self.columns };
-        if table.values.len() == 0 {
+    fn recording(self, path: &Path, options: &ReadOptions) -> Result<Recording, HwError> {
+        let (orientation, complex) = (options.frames_are.unwrap_or_default(), options.complex);
+        if self.values.is_empty() {
             return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
         }
-        let contents = table::oriented(table, orientation, complex, path)?;
+        let contents = if orientation == FrameOrientation::Rows && !complex {
+            let (real, value_count) = (self.values, self.columns);
+            Contents { real, value_count, ..Contents::default() }
+        } else {
+            let by_rows = orientation == FrameOrientation::Rows;
+            let (rows, columns) = (self.count, self.columns);
+            let vectors = if by_rows { [rows, columns] } else { [columns, rows] };
+            let mut table = Table::new(vectors, orientation, complex, false, path)?;
+            for (at, value) in self.values.into_iter().enumerate() {
+                let (row, column) = (at / columns, at % columns);
+                let (vector, index) = if by_rows { (row, column) } else { (column, row) };
+                table.put(vector, index, value, 0.0);
+            }
+            table.contents()
+        };
         let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
         let mut recording = Recording::new(contents, layout, unit, Format::Csv, path)?;
         recording.frames_are = Some(orientation);

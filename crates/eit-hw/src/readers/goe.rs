@@ -10,9 +10,7 @@
 
 use std::path::Path;
 
-use super::files::file_bytes;
 use crate::error::{At, HwError, Place};
-use crate::recording::packed::Packed;
 use crate::recording::{Contents, Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
 
 const ELECTRODES: usize = 16;
@@ -24,15 +22,6 @@ const FRAME_BYTES: usize = 256 * 4;
 /// format.
 const LARGEST: f64 = 1e6;
 
-/// Reads a `.get` file.
-///
-/// # Errors
-/// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
-pub fn read(path: impl AsRef<Path>) -> Result<Recording, HwError> {
-    let path = path.as_ref();
-    parse(&file_bytes(path, Format::Goe.name())?, path)
-}
-
 /// Parses the content of a `.get` file; `path` is used in messages only.
 ///
 /// The layout is [`Layout::ProtocolOrder`] with 208 values. Bytes after the last complete frame
@@ -41,8 +30,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Recording, HwError> {
 /// # Errors
 /// [`HwError`] for an empty or text file, a Draeger file, less than one frame, and a value that is
 /// NaN, infinite or implausible as a voltage.
-pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError> {
-    let path = path.as_ref();
+pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     if bytes.is_empty() {
         return Err(HwError::Empty { place: Place::file(path) });
     }
@@ -61,7 +49,7 @@ pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError>
         skipped.add(1, At::Byte(frames.len() * FRAME_BYTES), reason);
     }
     let filled = is_half(frames);
-    let mut values = Packed::of_rows(MEASUREMENTS);
+    let mut real = Vec::with_capacity(frames.len() * MEASUREMENTS);
     for (frame, bytes) in frames.iter().enumerate() {
         let mut measured = [0.0; MEASUREMENTS];
         for (measurement, slot) in measured.iter_mut().enumerate() {
@@ -78,12 +66,12 @@ pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError>
         if filled {
             fill_by_reciprocity(&mut measured);
         }
-        values.extend(measured);
+        real.extend(measured);
     }
-    let contents = Contents { skipped: skipped.frames, ..Contents::real(values, MEASUREMENTS) };
+    let value_count = MEASUREMENTS;
+    let contents = Contents { real, value_count, skipped, ..Contents::default() };
     let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
     let mut recording = Recording::new(contents, layout, unit, Format::Goe, path)?;
-    recording.skipped = skipped;
     if filled {
         recording.notes.push(Note::FilledByReciprocity { values: MEASUREMENTS / 2 });
     }

@@ -21,7 +21,6 @@ use super::files::{file_bytes, file_names, missing_numbers};
 use super::text;
 use crate::error::{HwError, Place};
 use crate::frame::Quality;
-use crate::recording::packed::Packed;
 use crate::recording::{Contents, Format, Layout, Recording, Unit};
 use table_log::ProjectionTable;
 
@@ -46,8 +45,7 @@ const FULL_SCALE: f64 = 32_768.0;
 ///   one sink;
 /// - a scan row is not four numbers, a channel is out of order, or the number of rows differs from
 ///   the table (files of mixed frequencies have three times as many and are not supported).
-pub fn read(path: impl AsRef<Path>) -> Result<Recording, HwError> {
-    let path = path.as_ref();
+pub(super) fn read(path: &Path) -> Result<Recording, HwError> {
     if path.is_file() {
         return Err(HwError::NotAFolder { place: Place::file(path), format: Format::Khu.name() });
     }
@@ -66,17 +64,23 @@ pub fn read(path: impl AsRef<Path>) -> Result<Recording, HwError> {
         return Err(missing("1Scan.txt"));
     }
     let values = table.quadruples.len();
-    let list = || Packed::of_rows(values);
-    let (mut real, mut imaginary, mut quality) = (list(), list(), list());
+    let size = scans.len() * values;
+    let (mut real, mut imaginary) = (Vec::with_capacity(size), Vec::with_capacity(size));
+    let mut quality = Vec::with_capacity(size);
     for (_, name) in &scans {
         let path = path.join(name);
         let scan = parse_scan(&file_bytes(&path, Format::Khu.name())?, &path, &table)?;
         real.extend(scan.real);
         imaginary.extend(scan.imaginary);
-        quality.extend(scan.quality.iter().map(|quality| f64::from(quality.bits())));
+        quality.extend(scan.quality);
     }
-    let contents =
-        Contents { quality: Some(quality), ..Contents::complex(real, imaginary, values) };
+    let contents = Contents {
+        real,
+        imaginary: Some(imaginary),
+        quality: Some(quality),
+        value_count: values,
+        ..Contents::default()
+    };
     let layout = Layout::Quadruples(table.quadruples);
     let mut recording = Recording::new(contents, layout, Unit::Volt, Format::Khu, path)?;
     recording.notes.extend(missing_numbers(scans.iter().map(|(number, _)| *number)));

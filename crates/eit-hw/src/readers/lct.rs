@@ -7,24 +7,13 @@
 
 use std::path::Path;
 
-use super::files::file_bytes;
 use super::text;
 use crate::error::{HwError, Place, shortened};
-use crate::recording::packed::Packed;
 use crate::recording::{Contents, Format, Layout, Note, Recording, Unit};
 
 const MEND: &str = "export the file again";
 /// Most measurements in the frame of a file; adjacent patterns of 256 electrodes have 64 768.
 const MOST_ROWS: usize = 1 << 18;
-
-/// Reads an LCT file.
-///
-/// # Errors
-/// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
-pub fn read(path: impl AsRef<Path>) -> Result<Recording, HwError> {
-    let path = path.as_ref();
-    parse(&file_bytes(path, Format::Lct.name())?, path)
-}
 
 /// Parses the content of an LCT file; `path` is used in messages only.
 ///
@@ -34,16 +23,14 @@ pub fn read(path: impl AsRef<Path>) -> Result<Recording, HwError> {
 /// [`HwError`] for an empty or binary file, a header without `#MEAS`, `Length`, `Electrodes` and
 /// `Operating_Frequency` or with inconsistent numbers, a row that is not three finite numbers, a
 /// current of 0, or a number of rows other than `Length`.
-pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError> {
-    let path = path.as_ref();
+pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     let content = text::decode(bytes, path)?;
     if !content.starts_with("#MEAS") {
         let text = shortened(content.lines().next().unwrap_or_default());
         return Err(field(path, 1, "first line", &text, "`#MEAS`"));
     }
     let header = Header::parse(content, path)?;
-    let list = || Packed::of_rows(header.length);
-    let (mut real, mut imaginary, mut rows) = (list(), list(), 0);
+    let (mut real, mut imaginary, mut rows) = (Vec::new(), Vec::new(), 0);
     let (mut before, mut notes) = (None, Vec::new());
     for (line, content) in text::lines(content) {
         if content.starts_with('#') || content.trim().is_empty() {
@@ -69,7 +56,8 @@ pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Recording, HwError>
             mend: "as in the header's `Length`: export the file again",
         });
     }
-    let contents = Contents::complex(real, imaginary, header.length);
+    let (imaginary, value_count) = (Some(imaginary), header.length);
+    let contents = Contents { real, imaginary, value_count, ..Contents::default() };
     let (layout, unit) = (Layout::ProtocolOrder, Unit::Ohm);
     let mut recording = Recording::new(contents, layout, unit, Format::Lct, path)?;
     recording.frequency_hz = Some(header.frequency_hz);

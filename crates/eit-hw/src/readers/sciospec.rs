@@ -15,41 +15,23 @@ use std::path::Path;
 
 use super::files::{file_bytes, file_names, missing_numbers};
 use crate::error::{HwError, Place, shortened};
-use crate::recording::packed::Packed;
 use crate::recording::{Contents, Format, Layout, Note, Recording, Unit};
 use frame::EitFrame;
 
-/// Options for reading a Sciospec recording.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(default, deny_unknown_fields)
-)]
-pub struct SciospecOptions {
-    /// Index of the frequency to read, from 0.
-    pub frequency_row: usize,
-}
-
-/// Reads a folder of `.eit` files, in the order of the numbers at the end of their names, or one
-/// file.
+/// Reads a folder of `.eit` files, in the order of the numbers at the end of their names.
 ///
 /// The layout is [`Layout::Potentials`], complex, in [`Unit::Volt`].
 ///
 /// # Errors
 /// Those of [`parse`], and [`HwError`] if a file cannot be read, a name has no number, two
 /// recordings share the folder, or a frame has other drives or channels than the first.
-pub fn read(path: impl AsRef<Path>, options: &SciospecOptions) -> Result<Recording, HwError> {
-    let path = path.as_ref();
-    if !path.is_dir() {
-        return parse(&file_bytes(path, Format::Sciospec.name())?, path, options);
-    }
+pub(super) fn read(path: &Path, frequency_row: usize) -> Result<Recording, HwError> {
     let files = numbered_files(path)?;
     let mut frames = Frames::default();
     for (_, name) in &files {
         let path = path.join(name);
         let bytes = file_bytes(&path, Format::Sciospec.name())?;
-        frames.push(EitFrame::parse(&bytes, &path, options.frequency_row)?, &path)?;
+        frames.push(EitFrame::parse(&bytes, &path, frequency_row)?, &path)?;
     }
     let mut recording = frames.finish(path)?;
     recording.notes.extend(missing_numbers(files.iter().map(|(number, _)| *number)));
@@ -63,14 +45,9 @@ pub fn read(path: impl AsRef<Path>, options: &SciospecOptions) -> Result<Recordi
 /// drive line without its channels, a line whose number of values differs from the first, a value
 /// that is not a finite number, a frequency row that does not exist, and a file that ends within a
 /// drive.
-pub fn parse(
-    bytes: &[u8],
-    path: impl AsRef<Path>,
-    options: &SciospecOptions,
-) -> Result<Recording, HwError> {
-    let path = path.as_ref();
+pub(super) fn parse(bytes: &[u8], path: &Path, frequency_row: usize) -> Result<Recording, HwError> {
     let mut frames = Frames::default();
-    frames.push(EitFrame::parse(bytes, path, options.frequency_row)?, path)?;
+    frames.push(EitFrame::parse(bytes, path, frequency_row)?, path)?;
     frames.finish(path)
 }
 
@@ -114,21 +91,16 @@ fn numbered_files(folder: &Path) -> Result<Vec<(u64, String)>, HwError> {
 #[derive(Default)]
 struct Frames {
     first: Option<EitFrame>,
-    real: Packed,
-    imaginary: Packed,
+    real: Vec<f64>,
+    imaginary: Vec<f64>,
     /// Times in the headers, in milliseconds, as long as every file has one.
     times_ms: Option<Vec<i64>>,
 }
 
 impl Frames {
     fn push(&mut self, mut frame: EitFrame, path: &Path) -> Result<(), HwError> {
-        let (real, imaginary) = (take(&mut frame.real), take(&mut frame.imaginary));
-        if self.first.is_none() {
-            let values = real.len();
-            (self.real, self.imaginary) = (Packed::of_rows(values), Packed::of_rows(values));
-        }
-        self.real.extend(real.finished().iter());
-        self.imaginary.extend(imaginary.finished().iter());
+        self.real.extend(take(&mut frame.real));
+        self.imaginary.extend(take(&mut frame.imaginary));
         let Some(first) = &self.first else {
             self.times_ms = frame.time_ms.map(|time| vec![time]);
             self.first = Some(frame);
@@ -162,7 +134,12 @@ impl Frames {
         let values = drives.len() * electrodes;
         let repeated = repeated(&drives);
         let layout = Layout::Potentials { drives, electrodes };
-        let contents = Contents::complex(self.real, self.imaginary, values);
+        let contents = Contents {
+            real: self.real,
+            imaginary: Some(self.imaginary),
+            value_count: values,
+            ..Contents::default()
+        };
         let mut recording = Recording::new(contents, layout, Unit::Volt, Format::Sciospec, path)?;
         recording.device_time_s = self.times_ms.map(|times| {
             let start = times.first().copied().unwrap_or_default();

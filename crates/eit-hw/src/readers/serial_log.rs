@@ -12,11 +12,9 @@
 
 use std::path::Path;
 
-use super::files::file_bytes;
 use super::text;
 use crate::error::{At, HwError, Place};
 use crate::frame::Quality;
-use crate::recording::packed::Packed;
 use crate::recording::{Contents, Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
 
 /// Layout of a serial log.
@@ -49,43 +47,34 @@ impl Default for SerialLogOptions {
     }
 }
 
-/// Reads a serial log.
-///
-/// # Errors
-/// Those of [`parse`], and [`HwError::Read`] if the file cannot be read.
-pub fn read(path: impl AsRef<Path>, options: &SerialLogOptions) -> Result<Recording, HwError> {
-    let path = path.as_ref();
-    parse(&file_bytes(path, Format::SerialLog.name())?, path, options)
-}
-
 /// Parses the content of a serial log; `path` is used in messages only.
 ///
 /// The layout is [`Layout::ProtocolOrder`].
 ///
 /// # Errors
 /// [`HwError::Empty`], and [`HwError::NoFrames`] if no frame is complete.
-pub fn parse(
+pub(super) fn parse(
     bytes: &[u8],
-    path: impl AsRef<Path>,
+    path: &Path,
     options: &SerialLogOptions,
 ) -> Result<Recording, HwError> {
-    let path = path.as_ref();
     if bytes.is_empty() {
         return Err(HwError::Empty { place: Place::file(path) });
     }
-    let mut log = Log::new(*options);
+    let mut log = Log::new(*options, bytes.len());
     for (bytes, line) in bytes.split_inclusive(|&byte| byte == b'\n').zip(1..) {
         log.line(bytes, line);
     }
     log.close();
     let contents = Contents {
-        quality: log.is_saturated.then_some(log.quality),
-        skipped: log.skipped.frames,
-        ..Contents::real(log.values, options.size())
+        real: log.values,
+        quality: Some(log.quality),
+        value_count: options.size(),
+        skipped: log.skipped,
+        ..Contents::default()
     };
     let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
     let mut recording = Recording::new(contents, layout, unit, Format::SerialLog, path)?;
-    recording.skipped = log.skipped;
     recording.reference_frame = log.reference.map(|(_, frame)| frame);
     recording.notes.extend(log.reference.map(|(line, frame)| Note::Reference { line, frame }));
     Ok(recording)
@@ -113,9 +102,8 @@ pub(super) fn looks_like_unmarked(content: &str, options: &SerialLogOptions) -> 
 struct Log {
     options: SerialLogOptions,
     /// Values and flags of complete frames.
-    values: Packed,
-    quality: Packed,
-    is_saturated: bool,
+    values: Vec<f64>,
+    quality: Vec<Quality>,
     /// Values of the open frame.
     frame: Vec<f64>,
     open: Option<Open>,
@@ -140,13 +128,13 @@ enum Mark {
 }
 
 impl Log {
-    fn new(options: SerialLogOptions) -> Self {
-        let list = || Packed::of_rows(options.size());
+    /// For a log of this length.
+    fn new(options: SerialLogOptions, bytes: usize) -> Self {
         Self {
             options,
-            values: list(),
-            quality: list(),
-            is_saturated: false,
+            // at most one value per two bytes, so that the lists need not grow
+            values: Vec::with_capacity(bytes / 2),
+            quality: Vec::with_capacity(bytes / 2),
             frame: Vec::new(),
             open: None,
             skipped: Skipped::default(),
@@ -243,9 +231,7 @@ impl Log {
         }
         for value in self.frame.drain(..) {
             let is_saturated = self.options.full_scale.is_some_and(|most| value >= most);
-            self.is_saturated |= is_saturated;
-            let flags = if is_saturated { Quality::SATURATED } else { Quality::GOOD };
-            self.quality.push(f64::from(flags.bits()));
+            self.quality.push(if is_saturated { Quality::SATURATED } else { Quality::GOOD });
             self.values.push(value);
         }
     }

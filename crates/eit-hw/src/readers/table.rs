@@ -1,62 +1,32 @@
-//! Tables of numbers, and their division into frames.
+//! Frames from the rows or columns of a table of numbers.
 
 use std::path::Path;
 
 use crate::error::{HwError, Place};
-use crate::recording::packed::Packed;
 use crate::recording::{Contents, FrameOrientation};
 
-/// A table as stored: `length` numbers per row.
+/// Frames of a table, filled value by value. Its vectors (rows or columns) are frames or, of a
+/// matrix, parts of the one frame; they may alternate between real and imaginary parts.
 pub(super) struct Table {
-    pub values: Packed,
-    pub length: usize,
-}
-
-/// Returns the frames of a table, with real and imaginary parts if they alternate.
-///
-/// # Errors
-/// [`HwError::Count`] for an odd number of rows or columns that should alternate.
-pub(super) fn oriented(
-    table: Table,
-    orientation: FrameOrientation,
-    complex: bool,
-    path: &Path,
-) -> Result<Contents, HwError> {
-    let Table { values, length } = table;
-    let rows = values.len().checked_div(length).unwrap_or_default();
-    let (vectors, count, length) = match orientation {
-        FrameOrientation::Rows => (values, rows, length),
-        FrameOrientation::Columns | FrameOrientation::Matrix => {
-            (values.transposed(length), length, rows)
-        }
-    };
-    let mut parts = Parts::new(count, length, orientation, complex, path)?;
-    if !complex {
-        return Ok(Contents::real(vectors, parts.value_count));
-    }
-    vectors.iter().enumerate().for_each(|(index, value)| parts.push(index / length, value));
-    Ok(parts.contents())
-}
-
-/// Real and imaginary parts, from vectors (rows or columns) that may alternate between them.
-pub(super) struct Parts {
-    real: Packed,
-    imaginary: Option<Packed>,
-    alternate: bool,
-    /// Number of values per frame.
+    real: Vec<f64>,
+    imaginary: Option<Vec<f64>>,
+    /// Number of values of a vector.
+    length: usize,
+    /// 2 if vectors alternate between real and imaginary parts, otherwise 1.
+    parts: usize,
     value_count: usize,
 }
 
-impl Parts {
-    /// For `count` vectors of `length` values, each a frame or, of a matrix, part of the one frame.
+impl Table {
+    /// Creates the frames of `count` vectors of `length` values, which are complex or alternate.
     ///
     /// # Errors
     /// [`HwError::Count`] for an odd number of vectors that should alternate.
     pub(super) fn new(
-        count: usize,
-        length: usize,
+        [count, length]: [usize; 2],
         orientation: FrameOrientation,
         alternate: bool,
+        complex: bool,
         path: &Path,
     ) -> Result<Self, HwError> {
         if alternate && !count.is_multiple_of(2) {
@@ -70,30 +40,24 @@ impl Parts {
             });
         }
         let parts = if alternate { 2 } else { 1 };
-        let value_count = match orientation {
-            FrameOrientation::Matrix => count / parts * length,
-            FrameOrientation::Rows | FrameOrientation::Columns => length,
-        };
-        let list = || Packed::of_rows(value_count);
-        Ok(Self { real: list(), imaginary: alternate.then(list), alternate, value_count })
+        let size = count / parts * length;
+        let value_count = if orientation == FrameOrientation::Matrix { size } else { length };
+        let imaginary = (alternate || complex).then(|| vec![0.0; size]);
+        Ok(Self { real: vec![0.0; size], imaginary, length, parts, value_count })
     }
 
-    /// Adds a value of the vector with this index.
-    pub(super) fn push(&mut self, vector: usize, value: f64) {
+    /// Sets a value of a vector, and its imaginary part if the table is complex.
+    pub(super) fn put(&mut self, vector: usize, index: usize, value: f64, imaginary: f64) {
+        let at = vector / self.parts * self.length + index;
         match &mut self.imaginary {
-            Some(imaginary) if self.alternate && vector % 2 == 1 => imaginary.push(value),
-            _ => self.real.push(value),
+            Some(parts) if self.parts == 2 && vector % 2 == 1 => parts[at] = value,
+            Some(parts) if self.parts == 1 => (self.real[at], parts[at]) = (value, imaginary),
+            _ => self.real[at] = value,
         }
-    }
-
-    /// Adds a complex value.
-    pub(super) fn push_complex(&mut self, real: f64, imaginary: f64) {
-        self.real.push(real);
-        self.imaginary.get_or_insert_with(|| Packed::of_rows(self.value_count)).push(imaginary);
     }
 
     pub(super) fn contents(self) -> Contents {
         let Self { real, imaginary, value_count, .. } = self;
-        Contents { imaginary, ..Contents::real(real, value_count) }
+        Contents { real, imaginary, value_count, ..Contents::default() }
     }
 }

@@ -2,34 +2,30 @@
 
 use std::path::{Path, PathBuf};
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::Array2;
 
 use super::format::Format;
 use super::layout::{Layout, Unit};
 use super::note::{Note, Skipped};
 use super::orientation::FrameOrientation;
-use super::packed::{Packed, Values};
 use crate::error::{HwError, Place};
-use crate::frame::Quality;
+use crate::frame::{Frame, Quality, check_lengths};
 
 /// Every complete frame of a recorded file, in file order.
 ///
-/// The values are stored exactly and compactly, so that a recording and the reading of it take at
-/// most 64 MB plus twice its file, whatever the file holds. [`frames`](Self::frames) unpacks them
-/// frame by frame and [`real`](Self::real) all at once, with eight bytes per value.
-/// [`frames_for`](Self::frames_for) selects the measurements of a protocol.
+/// A recording, with the reading of it, takes at most 64 MB plus ten times its file, whatever the
+/// file holds. [`frames_for`](Self::frames_for) selects the measurements of a protocol.
 ///
 /// Complex values are stored as separate real and imaginary parts, since most files are real.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Recording {
-    /// Real parts, or the values of a real recording, frame by frame.
-    real: Packed,
-    imaginary: Option<Packed>,
-    /// Bits of the flags; `None` if all values are good.
-    quality: Option<Packed>,
-    frame_count: usize,
-    value_count: usize,
+    /// Real parts, or the values of a real recording, [frame, value].
+    pub real: Array2<f64>,
+    /// Imaginary parts, [frame, value]; `None` for a real recording.
+    pub imaginary: Option<Array2<f64>>,
+    /// Flags of each value, [frame, value]; `None` if all values are good.
+    pub quality: Option<Array2<Quality>>,
     /// Whether commas that were read as separators may be decimal ones.
     pub(crate) may_have_decimal_commas: bool,
     /// Electrodes of each value.
@@ -56,27 +52,15 @@ pub struct Recording {
     pub notes: Vec<Note>,
 }
 
-/// Values of a recording as a reader has packed them.
+/// Values that a reader has collected, frame by frame.
+#[derive(Default)]
 pub(crate) struct Contents {
-    pub real: Packed,
-    pub imaginary: Option<Packed>,
-    pub quality: Option<Packed>,
+    pub real: Vec<f64>,
+    pub imaginary: Option<Vec<f64>>,
+    pub quality: Option<Vec<Quality>>,
     /// Number of values per frame.
     pub value_count: usize,
-    /// Number of incomplete frames that were skipped, for messages.
-    pub skipped: usize,
-}
-
-impl Contents {
-    /// Real values without flags.
-    pub(crate) fn real(real: Packed, value_count: usize) -> Self {
-        Self { real, imaginary: None, quality: None, value_count, skipped: 0 }
-    }
-
-    /// Complex values without flags.
-    pub(crate) fn complex(real: Packed, imaginary: Packed, value_count: usize) -> Self {
-        Self { imaginary: Some(imaginary), ..Self::real(real, value_count) }
-    }
+    pub skipped: Skipped,
 }
 
 impl Recording {
@@ -92,16 +76,17 @@ impl Recording {
         path: &Path,
     ) -> Result<Self, HwError> {
         let Contents { real, imaginary, quality, value_count, skipped } = contents;
-        let frame_count = real.len().checked_div(value_count).unwrap_or_default();
-        if frame_count == 0 {
-            return Err(HwError::NoFrames { place: Place::file(path), skipped });
+        let shape = [real.len().checked_div(value_count).unwrap_or_default(), value_count];
+        let none = || HwError::NoFrames { place: Place::file(path), skipped: skipped.frames };
+        if shape[0] == 0 {
+            return Err(none());
         }
+        let array = |values| shaped(values, shape).ok_or_else(none);
+        let quality = quality.filter(|flags| flags.iter().any(|flags| !flags.is_good()));
         Ok(Self {
-            real: real.finished(),
-            imaginary: imaginary.map(Packed::finished),
-            quality: quality.map(Packed::finished),
-            frame_count,
-            value_count,
+            real: array(real)?,
+            imaginary: imaginary.map(array).transpose()?,
+            quality: quality.map(|flags| shaped(flags, shape).ok_or_else(none)).transpose()?,
             may_have_decimal_commas: false,
             layout,
             unit,
@@ -112,199 +97,76 @@ impl Recording {
             format,
             frames_are: None,
             path: path.to_path_buf(),
-            skipped: Skipped::default(),
+            skipped,
             notes: Vec::new(),
-        })
-    }
-
-    /// Replaces the values, for example by filtered ones; all arrays are [frame, value].
-    ///
-    /// # Errors
-    /// [`HwError::NoFrames`] for empty arrays, and [`HwError::Inconsistent`] if they differ in size.
-    pub fn with_values(
-        self,
-        real: ArrayView2<'_, f64>,
-        imaginary: Option<ArrayView2<'_, f64>>,
-        quality: ArrayView2<'_, Quality>,
-    ) -> Result<Self, HwError> {
-        let (frames, values) = real.dim();
-        self.fits("quality", quality.nrows(), frames)?;
-        self.fits("quality", quality.ncols(), values)?;
-        if let Some(imaginary) = &imaginary {
-            self.fits("imaginary", imaginary.nrows(), frames)?;
-            self.fits("imaginary", imaginary.ncols(), values)?;
-        }
-        if real.is_empty() {
-            return Err(HwError::NoFrames { place: self.place(), skipped: 0 });
-        }
-        let of = |array: ArrayView2<'_, f64>| Packed::of(array.iter().copied(), values);
-        let bits = quality.iter().map(|quality| f64::from(quality.bits()));
-        let is_good = quality.iter().all(|quality| quality.is_good());
-        Ok(Self {
-            real: of(real),
-            imaginary: imaginary.map(of),
-            quality: (!is_good).then(|| Packed::of(bits, values)),
-            frame_count: frames,
-            value_count: values,
-            ..self
         })
     }
 
     /// Flags values that are NaN or infinite, and adds a note. For tables, which cannot mark
     /// missing values otherwise.
     pub(crate) fn with_missing(mut self) -> Self {
-        let missing = || {
-            let mut imaginary = self.imaginary.as_ref().map(Packed::iter);
-            self.real.iter().map(move |real| {
-                let imaginary = imaginary.as_mut().and_then(Iterator::next);
-                !real.is_finite() || imaginary.is_some_and(|value| !value.is_finite())
-            })
+        let is_missing = |at: (usize, usize)| {
+            let imaginary = self.imaginary.as_ref().map_or(0.0, |imaginary| imaginary[at]);
+            !(self.real[at].is_finite() && imaginary.is_finite())
         };
-        let Some(first) = missing().position(|is_missing| is_missing) else { return self };
-        let bits = f64::from(Quality::NON_FINITE.bits());
-        let flags = missing().map(|is_missing| if is_missing { bits } else { 0.0 });
-        let quality = Packed::of(flags, self.value_count);
-        self.notes.push(Note::MissingValues {
-            values: missing().filter(|is_missing| *is_missing).count(),
-            frame: first / self.value_count,
-            value: first % self.value_count,
-        });
+        let mut missing =
+            ndarray::indices(self.real.dim()).into_iter().filter(|&at| is_missing(at));
+        let Some((frame, value)) = missing.next() else { return self };
+        let values = 1 + missing.count();
+        let flags = |at| if is_missing(at) { Quality::NON_FINITE } else { Quality::GOOD };
+        let quality = Array2::from_shape_fn(self.real.dim(), flags);
+        self.notes.push(Note::MissingValues { values, frame, value });
         self.quality = Some(quality);
         self
     }
 
     /// Returns the number of frames.
     pub fn frame_count(&self) -> usize {
-        self.frame_count
+        self.real.nrows()
     }
 
     /// Returns the number of values per frame, in the file's own layout.
     pub fn value_count(&self) -> usize {
-        self.value_count
+        self.real.ncols()
     }
 
-    /// Returns whether the values are complex.
-    pub fn is_complex(&self) -> bool {
-        self.imaginary.is_some()
+    /// Iterates over the frames, in the file's own layout and numbered from 0.
+    pub fn frames(&self) -> impl Iterator<Item = Frame> + '_ {
+        let imaginary = self.imaginary.as_ref();
+        self.real.rows().into_iter().enumerate().map(move |(index, real)| {
+            let good = || vec![Quality::GOOD; real.len()];
+            let quality = self.quality.as_ref().map_or_else(good, |all| all.row(index).to_vec());
+            Frame {
+                values: real.to_vec(),
+                imaginary: imaginary.map(|all| all.row(index).to_vec()),
+                quality,
+                sequence: index as u64,
+                epoch: 0,
+                device_time_s: self.device_time_s.as_ref().and_then(|all| all.get(index).copied()),
+                host_time_s: None,
+            }
+        })
     }
 
-    /// Unpacks the frames one by one.
-    pub fn frames(&self) -> RecordedFrames<'_> {
-        let size = self.value_count;
-        RecordedFrames {
-            real: self.real.iter(),
-            imaginary: self.imaginary.as_ref().map(Packed::iter),
-            quality: self.quality.as_ref().map(Packed::iter),
-            left: self.frame_count,
-            frame: RecordedFrame {
-                real: vec![0.0; size],
-                imaginary: self.imaginary.as_ref().map(|_| vec![0.0; size]),
-                quality: vec![Quality::GOOD; size],
-            },
-        }
-    }
-
-    /// Returns the real parts, or the values of a real recording, [frame, value].
-    pub fn real(&self) -> Array2<f64> {
-        self.array(self.real.iter())
-    }
-
-    /// Returns the imaginary parts, [frame, value]; `None` for a real recording.
-    pub fn imaginary(&self) -> Option<Array2<f64>> {
-        self.imaginary.as_ref().map(|imaginary| self.array(imaginary.iter()))
-    }
-
-    /// Returns the flags of each value, [frame, value].
-    pub fn quality(&self) -> Array2<Quality> {
-        match &self.quality {
-            Some(quality) => self.array(quality.iter().map(flags)),
-            None => Array2::default((self.frame_count, self.value_count)),
-        }
-    }
-
-    /// Iterates over the real parts, frame by frame, without unpacking a whole frame.
-    pub fn real_values(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
-        self.real.iter()
-    }
-
-    /// Iterates over the imaginary parts, frame by frame; `None` for a real recording.
-    pub fn imaginary_values(&self) -> Option<impl ExactSizeIterator<Item = f64> + '_> {
-        self.imaginary.as_ref().map(Packed::iter)
-    }
-
-    /// Returns the number of values that are not good.
-    pub fn flagged_count(&self) -> usize {
-        let flags = self.quality.as_ref().map(|quality| quality.iter().filter(|bits| *bits != 0.0));
-        flags.map_or(0, Iterator::count)
-    }
-
-    fn array<T: Default + Clone>(&self, values: impl Iterator<Item = T>) -> Array2<T> {
-        let mut array = Array2::default((self.frame_count, self.value_count));
-        array.iter_mut().zip(values).for_each(|(slot, value)| *slot = value);
-        array
-    }
-
-    pub(crate) fn place(&self) -> Place {
-        Place::file(&self.path)
-    }
-
-    fn fits(&self, field: &'static str, found: usize, wanted: usize) -> Result<(), HwError> {
-        if found == wanted {
-            return Ok(());
-        }
-        Err(HwError::Inconsistent { place: self.place(), field, found, wanted })
-    }
-
-    /// Checks that there is a time for each frame: the field is public, so anyone may have set it.
+    /// Checks that the public fields, which anyone may have set, describe the same frames.
     /// [`FrameMap::new`](super::FrameMap::new) checks the layout.
     pub(super) fn check(&self) -> Result<(), HwError> {
-        match &self.device_time_s {
-            Some(times) => self.fits("device_time_s", times.len(), self.frame_count),
-            None => Ok(()),
-        }
+        let (frames, values) = self.real.dim();
+        let imaginary = self.imaginary.as_ref().map_or((frames, values), Array2::dim);
+        let quality = self.quality.as_ref().map_or((frames, values), Array2::dim);
+        let times = self.device_time_s.as_ref().map_or(frames, Vec::len);
+        let fields = [
+            ("imaginary", imaginary.0, frames),
+            ("imaginary", imaginary.1, values),
+            ("quality", quality.0, frames),
+            ("quality", quality.1, values),
+            ("device_time_s", times, frames),
+        ];
+        check_lengths(&self.path, fields)
     }
 }
 
-/// Flags from their stored bits.
-fn flags(bits: f64) -> Quality {
-    // stored from flags, so that they are known
-    Quality::from_bits(bits as u16).unwrap_or_default()
-}
-
-/// A frame of a recording, in the file's own layout.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct RecordedFrame {
-    /// Real parts, or the values of a real recording.
-    pub real: Vec<f64>,
-    /// Imaginary parts; `None` for a real recording.
-    pub imaginary: Option<Vec<f64>>,
-    /// Flags of each value.
-    pub quality: Vec<Quality>,
-}
-
-/// Unpacks the frames of a [`Recording`] one by one, with the memory of one frame.
-#[derive(Clone, Debug)]
-pub struct RecordedFrames<'a> {
-    real: Values<'a>,
-    imaginary: Option<Values<'a>>,
-    quality: Option<Values<'a>>,
-    left: usize,
-    frame: RecordedFrame,
-}
-
-impl RecordedFrames<'_> {
-    /// Returns the next frame; `None` after the last one.
-    pub fn next_frame(&mut self) -> Option<&RecordedFrame> {
-        self.left = self.left.checked_sub(1)?;
-        let RecordedFrame { real, imaginary, quality } = &mut self.frame;
-        // the lists have as many values as all frames together
-        real.iter_mut().zip(&mut self.real).for_each(|(slot, value)| *slot = value);
-        if let (Some(slots), Some(values)) = (imaginary, &mut self.imaginary) {
-            slots.iter_mut().zip(values).for_each(|(slot, value)| *slot = value);
-        }
-        if let Some(bits) = &mut self.quality {
-            quality.iter_mut().zip(bits).for_each(|(slot, bits)| *slot = flags(bits));
-        }
-        Some(&self.frame)
-    }
+fn shaped<T>(mut values: Vec<T>, shape: [usize; 2]) -> Option<Array2<T>> {
+    values.shrink_to_fit();
+    Array2::from_shape_vec(shape, values).ok()
 }

@@ -10,21 +10,27 @@ use crate::error::{HwError, shortened};
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Format {
-    /// Numbers as text; see [`csv`](crate::csv).
+    /// Numbers as text, a frame per row, per column or as a matrix. The first of semicolons, commas,
+    /// tabs and spaces in the first line of numbers separates fields; `#` starts a comment. Values
+    /// are in protocol order, of [`Unit::Arbitrary`](super::Unit::Arbitrary); one that is not finite
+    /// is flagged [`Quality::NON_FINITE`](crate::Quality::NON_FINITE).
     Csv,
-    /// NumPy array; see [`npy`](crate::npy).
+    /// NumPy array of integers, floats or complex numbers, in either byte and axis order; frames as in
+    /// [`Format::Csv`], and `[measurement]` is one frame.
     Npy,
-    /// Sciospec `.eit` text frames; see [`sciospec`](crate::sciospec).
+    /// Sciospec `.eit` text frames, one per file: complex potentials of all electrodes in volts.
     Sciospec,
-    /// Goe-MF II `.get`; see [`goe`](crate::goe).
+    /// Goe-MF II `.get`: 16 electrodes, 208 values in "rotated" order, of unknown scale.
     Goe,
-    /// LCT text of the University of Manchester; see [`lct`](crate::lct).
+    /// LCT text of the University of Manchester: complex ohms, measured pairs ascending.
     Lct,
-    /// KHU Mark2.5 scans; see [`khu`](crate::khu).
+    /// Folder of KHU Mark2.5 scans: complex volts with their quadruples.
     Khu,
-    /// Raw serial log of decimal numbers; see [`serial_log`](crate::serial_log).
+    /// Raw serial log of decimal numbers: a line `s`, then the lines of a frame
+    /// ([`SerialLogOptions`](crate::SerialLogOptions)). Incomplete frames are skipped and counted.
     SerialLog,
-    /// Log of the board `black_sensor`; see [`black_sensor`](crate::black_sensor).
+    /// Log of the board `black_sensor`, as its own program writes it: 256 counts, driven electrodes
+    /// included.
     BlackSensor,
     /// MCAP recording of a live instrument; needs the feature `mcap`.
     Mcap,

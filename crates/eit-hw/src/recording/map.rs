@@ -6,27 +6,7 @@ use std::path::{Path, PathBuf};
 use super::hint::CountHint;
 use super::layout::Layout;
 use crate::error::{HwError, Place};
-use crate::frame::{Quadruple, Quality, unsigned};
-
-/// How a [`FrameMap`] turns a complex value z = x + i y into a real number. For real values the
-/// result is x, except |x| for `Magnitude` and an error for `Imaginary`.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Projection {
-    /// x.
-    #[default]
-    Real,
-    /// y.
-    Imaginary,
-    /// sqrt(x^2 + y^2), without sign.
-    Magnitude,
-    /// Re(z exp(-i theta)) = x cos(theta) + y sin(theta), for example with the angle of
-    /// [`MeasuredFrames::phase_rad`](crate::MeasuredFrames::phase_rad).
-    Axis {
-        /// theta in radians.
-        angle_rad: f64,
-    },
-}
+use crate::frame::{Frame, Quadruple, Quality, check_lengths, unsigned};
 
 /// Selects the measurements of a protocol, in its order, from the recorded or received values of a
 /// frame.
@@ -34,15 +14,14 @@ pub enum Projection {
 /// Built once, it maps every frame without allocating.
 ///
 /// ```
-/// use eit_hw::{FrameMap, Layout, Projection, Quality};
+/// use eit_hw::{Frame, FrameMap, Layout, Quality};
 /// // potentials of three electrodes, current from 0 to 1
 /// let layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
 /// let wanted = [[0, 1, 0, 2], [1, 0, 0, 2]];
 /// let map = FrameMap::new(&layout, 3, Some(&wanted), 2, "tank")?;
-/// let (mut values, mut quality) = ([0.0; 2], [Quality::GOOD; 2]);
-/// let good = [Quality::GOOD; 3];
-/// map.apply_into(&[5.0, 1.0, 3.0], None, &good, Projection::Real, &mut values, &mut quality)?;
-/// assert_eq!(values, [2.0, -2.0]);
+/// let mut frame = Frame::new(0, Vec::new());
+/// map.apply(&[5.0, 1.0, 3.0], None, &[Quality::GOOD; 3], &mut frame)?;
+/// assert_eq!(frame.values, [2.0, -2.0]);
 /// # Ok::<(), eit_hw::HwError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -136,91 +115,56 @@ impl FrameMap {
         self.value_count
     }
 
-    /// Writes the measurements of one frame and their flags. The difference of two values has the
-    /// flags of both.
+    /// Writes the measurements of one frame and their flags to `frame`, whose other fields remain.
+    /// The difference of two values has the flags of both.
     ///
     /// `real`, `imaginary` (`None` for real values) and `quality` have
-    /// [`value_count`](Self::value_count) entries; `values` and `flags` have
-    /// [`measurements`](Self::measurements) entries, for example those of a
-    /// [`Frame`](crate::Frame). Nothing is written if an error is returned.
+    /// [`value_count`](Self::value_count) entries.
     ///
     /// # Errors
-    /// [`HwError::Inconsistent`] for a slice of wrong length, and [`HwError::NoImaginaryPart`] for
-    /// the imaginary part of real values.
-    pub fn apply_into(
+    /// [`HwError::Inconsistent`] for a slice of wrong length; nothing is written then.
+    pub fn apply(
         &self,
         real: &[f64],
         imaginary: Option<&[f64]>,
         quality: &[Quality],
-        projection: Projection,
-        values: &mut [f64],
-        flags: &mut [Quality],
+        frame: &mut Frame,
     ) -> Result<(), HwError> {
-        self.check(real, imaginary, quality)?;
-        self.fits("values", values.len(), self.picks.len())?;
-        self.fits("flags", flags.len(), self.picks.len())?;
-        match (projection, imaginary) {
-            (Projection::Imaginary, None) => {
-                return Err(HwError::NoImaginaryPart { place: Place::file(&self.source) });
+        let fields = [
+            ("real", real.len(), self.value_count),
+            ("imaginary", imaginary.map_or(self.value_count, <[_]>::len), self.value_count),
+            ("quality", quality.len(), self.value_count),
+        ];
+        check_lengths(&self.source, fields)?;
+        self.write(&mut frame.values, |pick| pick.of(real));
+        self.write(&mut frame.quality, |pick| pick.quality(quality));
+        match imaginary {
+            Some(parts) => {
+                self.write(frame.imaginary.get_or_insert_default(), |pick| pick.of(parts))
             }
-            (Projection::Real | Projection::Axis { .. }, None) | (Projection::Real, Some(_)) => {
-                self.write(values, |pick| pick.of(real))
-            }
-            (Projection::Magnitude, None) => self.write(values, |pick| pick.of(real).abs()),
-            (Projection::Imaginary, Some(imaginary)) => {
-                self.write(values, |pick| pick.of(imaginary))
-            }
-            (Projection::Magnitude, Some(imaginary)) => {
-                self.write(values, |pick| pick.of(real).hypot(pick.of(imaginary)))
-            }
-            (Projection::Axis { angle_rad }, Some(imaginary)) => {
-                let (sine, cosine) = angle_rad.sin_cos();
-                self.write(values, |pick| pick.of(real) * cosine + pick.of(imaginary) * sine)
-            }
+            None => frame.imaginary = None,
         }
-        self.write(flags, |pick| pick.quality(quality));
         Ok(())
     }
 
-    /// Returns the sum of z^2 over the good measurements of one frame, as real and imaginary part.
-    pub(super) fn square_sum(
-        &self,
-        real: &[f64],
-        imaginary: &[f64],
-        quality: &[Quality],
-    ) -> Result<[f64; 2], HwError> {
-        self.check(real, Some(imaginary), quality)?;
-        let mut sum = [0.0; 2];
-        for pick in self.picks.iter().filter(|pick| pick.quality(quality).is_good()) {
-            let (x, y) = (pick.of(real), pick.of(imaginary));
-            sum[0] += x * x - y * y;
-            sum[1] += 2.0 * x * y;
-        }
-        Ok(sum)
+    /// Returns the measurements of a frame, with its numbers and times.
+    ///
+    /// # Errors
+    /// Those of [`apply`](Self::apply).
+    pub fn mapped(&self, source: &Frame) -> Result<Frame, HwError> {
+        let mut frame = source.clone();
+        self.apply_to(source, &mut frame)?;
+        Ok(frame)
     }
 
-    fn write<T>(&self, slots: &mut [T], value: impl Fn(Pick) -> T) {
-        for (slot, &pick) in slots.iter_mut().zip(&self.picks) {
-            *slot = value(pick);
-        }
+    /// Applies the map to a frame in the layout of the source.
+    pub(crate) fn apply_to(&self, source: &Frame, frame: &mut Frame) -> Result<(), HwError> {
+        self.apply(&source.values, source.imaginary.as_deref(), &source.quality, frame)
     }
 
-    fn check(
-        &self,
-        real: &[f64],
-        imaginary: Option<&[f64]>,
-        quality: &[Quality],
-    ) -> Result<(), HwError> {
-        self.fits("real", real.len(), self.value_count)?;
-        self.fits("imaginary", imaginary.map_or(self.value_count, <[_]>::len), self.value_count)?;
-        self.fits("quality", quality.len(), self.value_count)
-    }
-
-    fn fits(&self, field: &'static str, found: usize, wanted: usize) -> Result<(), HwError> {
-        if found == wanted {
-            return Ok(());
-        }
-        Err(HwError::Inconsistent { place: Place::file(&self.source), field, found, wanted })
+    fn write<T>(&self, list: &mut Vec<T>, value: impl Fn(Pick) -> T) {
+        list.clear();
+        list.extend(self.picks.iter().map(|&pick| value(pick)));
     }
 }
 

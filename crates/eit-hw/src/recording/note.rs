@@ -10,7 +10,7 @@ use crate::error::At;
 pub struct Skipped {
     /// Number of skipped frames.
     pub frames: usize,
-    /// Details of the first ones, at most [`Skipped::LISTED`].
+    /// Details of the first ones, at most 16.
     pub first: Vec<SkippedFrame>,
 }
 
@@ -60,7 +60,7 @@ pub enum SkipReason {
 
 impl Skipped {
     /// Maximum number of entries in [`first`](Self::first).
-    pub const LISTED: usize = 16;
+    const LISTED: usize = 16;
 
     /// Counts `frames` skipped frames as one entry.
     pub(crate) fn add(&mut self, frames: usize, at: At, reason: SkipReason) {

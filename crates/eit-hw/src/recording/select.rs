@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use ndarray::Array2;
 
-use super::file::{RecordedFrame, Recording};
+use super::file::Recording;
 use super::hint::CountHint;
 use super::layout::Unit;
-use super::map::{FrameMap, Projection};
-use crate::error::HwError;
+use super::map::FrameMap;
+use crate::error::{HwError, Place};
 use crate::frame::{Frame, Quadruple, Quality};
 
 /// How each complex value z = x + i y is turned into a real number.
@@ -36,9 +36,10 @@ pub enum Component {
 /// Frames as real numbers in protocol order.
 ///
 /// ```
-/// use eit_hw::{Component, csv};
+/// use eit_hw::{Component, Format, ReadOptions, parse_recording};
 ///
-/// let recording = csv::parse(b"1.0,2.0\n3.0,4.0\n", "press.csv", &csv::CsvOptions::default())?;
+/// let text = b"1.0,2.0\n3.0,4.0\n";
+/// let recording = parse_recording(text, "press.csv", Format::Csv, &ReadOptions::default())?;
 /// let frames = recording.frames_for(None, 2, Component::Real)?;
 /// assert_eq!(frames.mean_frame(), [2.0, 3.0]);
 /// # Ok::<(), eit_hw::HwError>(())
@@ -157,28 +158,33 @@ impl Recording {
         component: Component,
     ) -> Result<MeasuredFrames, HwError> {
         let map = self.map_for(quadruples, count)?;
+        if component == Component::Imaginary && self.imaginary.is_none() {
+            return Err(HwError::NoImaginaryPart { place: Place::file(&self.path) });
+        }
         let phase_rad = match component {
             Component::Phased => self.phase_rad(&map)?,
             _ => None,
         };
-        let projection = match component {
-            Component::Real => Projection::Real,
-            Component::Imaginary => Projection::Imaginary,
-            Component::Magnitude => Projection::Magnitude,
-            // real values have no angle and are used as they are
-            Component::Phased => Projection::Axis { angle_rad: phase_rad.unwrap_or_default() },
-        };
+        // real values have no angle and are used as they are
+        let (sine, cosine) = phase_rad.unwrap_or_default().sin_cos();
         let mut values = Array2::zeros((self.frame_count(), count));
         let mut quality = Array2::default((self.frame_count(), count));
         let slots = values.rows_mut().into_iter().zip(quality.rows_mut());
-        let mut frames = self.frames();
-        for (mut values, mut flags) in slots {
-            let Some(RecordedFrame { real, imaginary, quality }) = frames.next_frame() else {
-                break;
-            };
-            let values = values.as_slice_mut().unwrap_or_default();
-            let flags = flags.as_slice_mut().unwrap_or_default();
-            map.apply_into(real, imaginary.as_deref(), quality, projection, values, flags)?;
+        let mut mapped = Frame::new(0, Vec::new());
+        for (recorded, (mut values, mut flags)) in self.frames().zip(slots) {
+            map.apply_to(&recorded, &mut mapped)?;
+            let y = mapped.imaginary.iter().flatten().copied().chain(std::iter::repeat(0.0));
+            let parts = mapped.values.iter().zip(y);
+            for (slot, (&x, y)) in values.iter_mut().zip(parts) {
+                *slot = match component {
+                    Component::Imaginary => y,
+                    Component::Magnitude if mapped.imaginary.is_some() => x.hypot(y),
+                    Component::Magnitude => x.abs(),
+                    Component::Phased if mapped.imaginary.is_some() => x * cosine + y * sine,
+                    Component::Real | Component::Phased => x,
+                };
+            }
+            flags.iter_mut().zip(&mapped.quality).for_each(|(slot, flags)| *slot = *flags);
         }
         Ok(MeasuredFrames {
             values,
@@ -226,11 +232,17 @@ impl Recording {
 
     /// Returns theta of [`Component::Phased`]; `None` for real values.
     fn phase_rad(&self, map: &FrameMap) -> Result<Option<f64>, HwError> {
-        let (mut sum, mut frames) = ([0.0; 2], self.frames());
-        while let Some(RecordedFrame { real, imaginary, quality }) = frames.next_frame() {
-            let Some(imaginary) = imaginary else { return Ok(None) };
-            let [x, y] = map.square_sum(real, imaginary, quality)?;
-            sum = [sum[0] + x, sum[1] + y];
+        let (mut sum, mut mapped) = ([0.0; 2], Frame::new(0, Vec::new()));
+        for recorded in self.frames() {
+            map.apply_to(&recorded, &mut mapped)?;
+            let Some(imaginary) = &mapped.imaginary else { return Ok(None) };
+            let parts = mapped.values.iter().zip(imaginary).zip(&mapped.quality);
+            let [mut re, mut im] = [0.0; 2];
+            for ((x, y), _) in parts.filter(|(_, quality)| quality.is_good()) {
+                re += x * x - y * y;
+                im += 2.0 * x * y;
+            }
+            sum = [sum[0] + re, sum[1] + im];
         }
         Ok(Some(0.5 * f64::atan2(sum[1], sum[0])))
     }

@@ -168,7 +168,7 @@ fn a_recorder_allocates_nothing_per_frame() {
     writer.finish().unwrap();
 }
 
-/// Reading message by message takes at most 64 MB plus twice the size of any file: a message of 7
+/// Reading message by message takes at most 64 MB plus ten times the size of any file: a message of 7
 /// MB of zeros packed 200 times, a reference of as many, a chunk at the limit, wrong lengths.
 #[test]
 fn a_hostile_recording_takes_little_memory() {
@@ -185,7 +185,7 @@ fn a_hostile_recording_takes_little_memory() {
         let chunk = lz4_chunk(&[&channels[..], content].concat());
         let bytes = container(&[chunk.repeat(10)]);
         let path = std::path::Path::new("hostile.mcap");
-        let most = (64 << 20) + 2 * bytes.len() as u64;
+        let most = 64_000_000 + 10 * bytes.len() as u64;
         let streamed = measure(|| {
             let mut reader = CaptureReader::new(std::io::Cursor::new(&bytes), path).unwrap();
             while let Some(entry) = reader.next_entry().unwrap() {
@@ -201,8 +201,6 @@ fn a_hostile_recording_takes_little_memory() {
             whole.bytes_max / 1000
         );
         assert!(streamed.bytes_max < most, "{index}: {} of {most}", streamed.bytes_max);
-        // compressed numbers may be legitimate: up to 24 times the file size
-        let most = (64 << 20) + 24 * bytes.len() as u64;
         assert!(whole.bytes_max < most, "{index}: {} of {most}", whole.bytes_max);
     }
 }

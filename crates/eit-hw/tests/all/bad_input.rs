@@ -9,17 +9,12 @@
     reason = "a test file: a panic is a failed test"
 )]
 
-use crate::common;
 use std::fs;
 
-use crate::common::name;
-use eit_hw::csv::{CsvOptions, FrameOrientation};
-use eit_hw::npy::NpyOptions;
-use eit_hw::sciospec::SciospecOptions;
-use eit_hw::serial_log::SerialLogOptions;
+use crate::common::{self, parse, table};
 use eit_hw::{
-    Format, HwError, Note, Quality, ReadOptions, Recording, csv, goe, khu, lct, npy,
-    read_recording, sciospec, serial_log,
+    Format, FrameOrientation, HwError, Note, Quality, ReadOptions, Recording, SerialLogOptions,
+    parse_recording, read_recording,
 };
 
 /// Asserts that the error message is one line and contains all of `parts`.
@@ -32,12 +27,8 @@ fn refused(result: Result<impl Sized, HwError>, parts: &[&str]) {
     }
 }
 
-fn csv_with(text: &str, options: CsvOptions) -> Result<Recording, HwError> {
-    csv::parse(text.as_bytes(), &name("f.csv"), &options)
-}
-
-fn csv_of(text: &str) -> Result<Recording, HwError> {
-    csv_with(text, CsvOptions::default())
+fn csv_of(text: impl AsRef<[u8]>) -> Result<Recording, HwError> {
+    parse(Format::Csv, text, &ReadOptions::default())
 }
 
 #[test]
@@ -50,7 +41,7 @@ fn csv_layouts_that_are_read() {
         "  1   -2.5 3e-6\n\n4 5\t6  \n",
         "\u{FEFF}a, b, c\n1, -2.5, 3e-6,\n# comment\n4, 5, 6, # more\n",
     ] {
-        assert_eq!(csv_of(text).unwrap().real(), wanted, "{text:?}");
+        assert_eq!(csv_of(text).unwrap().real, wanted, "{text:?}");
     }
     assert_eq!(csv_of("1\n2").unwrap().notes, [Note::NoLineEnd { line: 2 }]);
     let header = csv_of("\nfirst,second\n1,2\n").unwrap();
@@ -58,16 +49,17 @@ fn csv_layouts_that_are_read() {
     // column numbers, as tables without names of their own have; not in a table of four columns, such as of quadruples
     let numbered = csv_of("0,1,2,3,4,5,6,7\n9,8,7,6,5,4,3,2\n").unwrap();
     assert_eq!(numbered.notes, [Note::HeaderLine { line: 1 }]);
-    assert_eq!(numbered.real().nrows(), 1);
+    assert_eq!(numbered.real.nrows(), 1);
     for rows in ["0,1,2,3\n1,2,3,4\n", "0,1,2,3,4,5,6,8\n9,8,7,6,5,4,3,2\n"] {
-        assert_eq!(csv_of(rows).unwrap().real().nrows(), 2, "{rows}");
+        assert_eq!(csv_of(rows).unwrap().real.nrows(), 2, "{rows}");
     }
-    let columns = CsvOptions { orientation: FrameOrientation::Columns, complex: false };
-    assert_eq!(csv_with("1,4\n-2.5,5\n3e-6,6\n", columns).unwrap().real(), wanted);
-    let alternate = CsvOptions { complex: true, ..CsvOptions::default() };
-    let complex = csv_with("1,2\n3,4\n5,6\n7,8\n", alternate).unwrap();
-    assert_eq!(complex.real(), ndarray::array![[1.0, 2.0], [5.0, 6.0]]);
-    assert_eq!(complex.imaginary(), Some(ndarray::array![[3.0, 4.0], [7.0, 8.0]]));
+    let columns = table(FrameOrientation::Columns, false);
+    let read = parse(Format::Csv, "1,4\n-2.5,5\n3e-6,6\n", &columns).unwrap();
+    assert_eq!(read.real, wanted);
+    let alternate = table(FrameOrientation::Rows, true);
+    let complex = parse(Format::Csv, "1,2\n3,4\n5,6\n7,8\n", &alternate).unwrap();
+    assert_eq!(complex.real, ndarray::array![[1.0, 2.0], [5.0, 6.0]]);
+    assert_eq!(complex.imaginary, Some(ndarray::array![[3.0, 4.0], [7.0, 8.0]]));
 }
 
 #[test]
@@ -84,18 +76,18 @@ fn csv_faults() {
     refused(csv_of("a,b\nc,d\n"), &["line 2", "value 1", "\"c\""]);
     refused(csv_of("1,,2\n"), &["line 1", "value 2", "\"\""]);
     refused(csv_of("0,5;1,5\n"), &["\"0,5\"", "1234.5e-6"]);
-    let columns = CsvOptions { orientation: FrameOrientation::Columns, complex: true };
-    refused(csv_with("1,2,3\n", columns), &["3 columns", "complex = false"]);
+    let columns = table(FrameOrientation::Columns, true);
+    refused(parse(Format::Csv, "1,2,3\n", &columns), &["3 columns", "complex = false"]);
     let long = format!("1,{}\n", "y".repeat(500));
     refused(csv_of(&long), &["yyy..."]);
     let binary = b"1,2\n\x00\x01";
-    refused(
-        csv::parse(binary, &name("f.csv"), &CsvOptions::default()),
-        &["f.csv, byte 4", "0x00", "not text"],
-    );
+    refused(csv_of(binary), &["f.csv, byte 4", "0x00", "not text"]);
     let latin = b"1,2\xE9\n";
-    refused(csv::parse(latin, &name("f.csv"), &CsvOptions::default()), &["byte 3", "0xE9"]);
-    refused(csv::parse(b"1,z\n", &name("a\nb.csv"), &CsvOptions::default()), &["a?b.csv"]);
+    refused(csv_of(latin), &["byte 3", "0xE9"]);
+    refused(
+        parse_recording(b"1,z\n", "a\nb.csv", Format::Csv, &ReadOptions::default()),
+        &["a?b.csv"],
+    );
 }
 
 /// Returns an NPY file of version 1.
@@ -108,7 +100,7 @@ fn npy_bytes(header: &str, data: &[u8]) -> Vec<u8> {
 }
 
 fn npy_of(bytes: &[u8]) -> Result<Recording, HwError> {
-    npy::parse(bytes, &name("f.npy"), &NpyOptions::default())
+    parse(Format::Npy, bytes, &ReadOptions::default())
 }
 
 fn npy_with(descr: &str, shape: &str, data: &[u8]) -> Result<Recording, HwError> {
@@ -168,16 +160,16 @@ fn npy_types_that_are_read() {
         ("'<i8'", vec![1, 0, 0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]),
     ] {
         for shape in ["(2,)", "(1, 2)", "(2, 1)"] {
-            assert_eq!(npy_with(descr, shape, &data).unwrap().real(), wanted, "{descr} {shape}");
+            assert_eq!(npy_with(descr, shape, &data).unwrap().real, wanted, "{descr} {shape}");
         }
     }
     let complex = npy_with("'<c8'", "(1, 1)", &floats).unwrap();
-    assert_eq!((complex.real()[[0, 0]], complex.imaginary().unwrap()[[0, 0]]), (1.0, 2.0));
+    assert_eq!((complex.real[[0, 0]], complex.imaginary.unwrap()[[0, 0]]), (1.0, 2.0));
     let signed = npy_with("'<i2'", "(2,)", &[0xFF, 0xFF, 0, 0x80]).unwrap();
-    assert_eq!(signed.real(), ndarray::array![[-1.0, -32768.0]]);
+    assert_eq!(signed.real, ndarray::array![[-1.0, -32768.0]]);
     let fortran = "{'descr': '|u1', 'fortran_order': True, 'shape': (2, 3), }";
     let recording = npy_of(&npy_bytes(fortran, &[1, 2, 3, 4, 5, 6])).unwrap();
-    assert_eq!(recording.real(), ndarray::array![[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]);
+    assert_eq!(recording.real, ndarray::array![[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]);
 }
 
 #[test]
@@ -206,29 +198,29 @@ const EIT_HEADER: &str =
     "11\n2\nt_1\n2020.07.08. 14:20:28.750\n100000.0\n100000.0\n0\n1\n0.01\n30.0\n0.0\n";
 
 fn eit_of(text: &str) -> Result<Recording, HwError> {
-    sciospec::parse(text.as_bytes(), &name("t_00001.eit"), &SciospecOptions::default())
+    parse(Format::Sciospec, text, &ReadOptions::default())
 }
 
 #[test]
 fn sciospec_headers_that_are_read() {
     let frame = eit_of(&format!("{EIT_HEADER}1 2\n0.5\t-0.25\t-0.5\t0.25\n2 1\n1\t2\t3\t4\n\n"));
     let frame = frame.unwrap();
-    assert_eq!(frame.real(), ndarray::array![[0.5, -0.5, 1.0, 3.0]]);
-    assert_eq!(frame.imaginary(), Some(ndarray::array![[-0.25, 0.25, 2.0, 4.0]]));
+    assert_eq!(frame.real, ndarray::array![[0.5, -0.5, 1.0, 3.0]]);
+    assert_eq!(frame.imaginary, Some(ndarray::array![[-0.25, 0.25, 2.0, 4.0]]));
     assert_eq!((frame.frequency_hz, frame.current_a), (Some(1e5), Some(0.01)));
     // 9 lines, two frequencies, all channels
     let text = "9\nt\n2020.07.08. 14:20:28\n10\n20\n0\n2\n0.01\n30\n1 2\n1 2 3 4\n5 6 7 8\n";
     let row = |frequency_row| {
-        sciospec::parse(text.as_bytes(), &name("t.eit"), &SciospecOptions { frequency_row })
+        parse(Format::Sciospec, text, &ReadOptions { frequency_row, ..ReadOptions::default() })
     };
-    assert_eq!(row(0).unwrap().real(), ndarray::array![[1.0, 3.0]]);
-    assert_eq!(row(1).unwrap().real(), ndarray::array![[5.0, 7.0]]);
+    assert_eq!(row(0).unwrap().real, ndarray::array![[1.0, 3.0]]);
+    assert_eq!(row(1).unwrap().real, ndarray::array![[5.0, 7.0]]);
     assert_eq!(row(1).unwrap().frequency_hz, Some(20.0));
-    refused(row(2), &["t.eit", "2 frequency rows", "row 2", "frequency_row"]);
+    refused(row(2), &["f.sciospec", "2 frequency rows", "row 2", "frequency_row"]);
     // channels 3 and 2 are electrodes 0 and 1
     let text = EIT_HEADER.replacen("11", "12", 1) + "MeasurementChannels: 3,2\n";
     let chosen = eit_of(&format!("{text}2 3\n1 0 2 0 3 0\n")).unwrap();
-    assert_eq!(chosen.real(), ndarray::array![[3.0, 2.0]]);
+    assert_eq!(chosen.real, ndarray::array![[3.0, 2.0]]);
     let frames = chosen.frames_for(Some(&[[1, 0, 0, 1]]), 1, eit_hw::Component::Real).unwrap();
     assert_eq!(frames.values, ndarray::array![[1.0]]);
     refused(eit_of(&format!("{text}1 2\n1 0 2 0 3 0\n")), &["line 13", "drive", "\"1 2\""]);
@@ -239,7 +231,7 @@ fn sciospec_headers_that_are_read() {
 
 #[test]
 fn sciospec_faults() {
-    refused(eit_of(""), &["t_00001.eit", "empty"]);
+    refused(eit_of(""), &["f.sciospec", "empty"]);
     refused(eit_of("1,2,3\n"), &["line 1", "number of header lines", "\"1,2,3\""]);
     refused(eit_of("40\n2\n"), &["line 1", "number of header lines"]);
     refused(eit_of(EIT_HEADER), &["no complete frame"]);
@@ -259,7 +251,7 @@ fn sciospec_faults() {
         eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 NaN\n")),
         &["line 13", "frame 0, measurement 1", "NaN"],
     );
-    let bytes = |bytes| sciospec::parse(bytes, &name("f.eit"), &SciospecOptions::default());
+    let bytes = |bytes: &[u8]| parse(Format::Sciospec, bytes, &ReadOptions::default());
     refused(bytes(b"---Draeger EIT-Software V1\r\n"), &["Draeger", "CSV or NPY"]);
     refused(bytes(b"\xFF\xFE<\x00"), &["Carefusion"]);
     refused(bytes(b"\x00\x00\x00\x03"), &["Swisstom"]);
@@ -278,7 +270,7 @@ fn sciospec_folders() {
     write("t_13.EIT", &frame(13));
     write("notes.md", "not a frame");
     let recording = read().unwrap();
-    assert_eq!(recording.real().column(0).to_vec(), [9.0, 10.0, 13.0]);
+    assert_eq!(recording.real.column(0).to_vec(), [9.0, 10.0, 13.0]);
     assert_eq!(recording.notes, [Note::MissingFrameFiles { count: 2, first: 11 }]);
     write("t_14.eit", &format!("{EIT_HEADER}2 1\n1 0 2 0\n"));
     refused(read(), &["t_14.eit", "0 drives like those", "expected 1"]);
@@ -296,8 +288,8 @@ fn sciospec_folders() {
 
 #[test]
 fn goe_faults() {
-    let goe = |bytes: &[u8]| goe::parse(bytes, &name("f.get"));
-    refused(goe(b""), &["f.get", "empty"]);
+    let goe = |bytes: &[u8]| parse(Format::Goe, bytes, &ReadOptions::default());
+    refused(goe(b""), &["f.goe", "empty"]);
     refused(goe(b"1,2,3\n"), &["is text", "`[recording] format`"]);
     refused(goe(b"---Draeger EIT-Software---\r\n"), &["Draeger"]);
     refused(goe(&[0; 1023]), &["no complete frame", "1 incomplete"]);
@@ -325,9 +317,9 @@ fn goe_fills_the_half_that_was_not_measured() {
         })
         .collect();
     let bytes: Vec<u8> = frame.iter().flat_map(|value| value.to_le_bytes()).collect();
-    let recording = goe::parse(&bytes, &name("f.get")).unwrap();
+    let recording = parse(Format::Goe, &bytes, &ReadOptions::default()).unwrap();
     assert_eq!(recording.notes, [Note::FilledByReciprocity { values: 104 }]);
-    for (&[a, _, m, _], &value) in whole.iter().zip(recording.real().row(0)) {
+    for (&[a, _, m, _], &value) in whole.iter().zip(recording.real.row(0)) {
         assert_eq!(value, f64::from(16 * a.min(m) + a.max(m)));
     }
 }
@@ -340,11 +332,11 @@ fn lct_text(rows: &[&str]) -> String {
 
 #[test]
 fn lct_rows_and_header() {
-    let lct = |text: &str| lct::parse(text.as_bytes(), &name("f.txt"));
+    let lct = |text: &str| parse(Format::Lct, text.as_bytes(), &ReadOptions::default());
     let rows = ["1 2 2", "3 4 2", "5 6 2", "7 8 2"];
     let recording = lct(&lct_text(&rows)).unwrap();
-    assert_eq!(recording.real(), ndarray::array![[0.5, 1.5, 2.5, 3.5]]);
-    assert_eq!(recording.imaginary(), Some(ndarray::array![[1.0, 2.0, 3.0, 4.0]]));
+    assert_eq!(recording.real, ndarray::array![[0.5, 1.5, 2.5, 3.5]]);
+    assert_eq!(recording.imaginary, Some(ndarray::array![[1.0, 2.0, 3.0, 4.0]]));
     let five = |last| [rows[0], rows[1], rows[2], rows[3], last];
     let repeated = lct(&lct_text(&five("7 8 2"))).unwrap();
     assert_eq!(repeated.notes, [Note::RepeatedLastRow { line: 11 }]);
@@ -375,12 +367,15 @@ fn lct_rows_and_header() {
 
 #[test]
 fn serial_log_cuts() {
-    let options =
-        SerialLogOptions { lines_per_frame: 2, values_per_line: 2, full_scale: Some(6.55) };
-    let log = |text: &str| serial_log::parse(text.as_bytes(), &name("f.txt"), &options);
+    let log_of = |text: &str, lines_per_frame| {
+        let serial_log =
+            SerialLogOptions { lines_per_frame, values_per_line: 2, full_scale: Some(6.55) };
+        parse(Format::SerialLog, text, &ReadOptions { serial_log, ..ReadOptions::default() })
+    };
+    let log = |text: &str| log_of(text, 2);
     let rows = |text: &str| {
         let recording = log(text).unwrap();
-        (recording.real().outer_iter().map(|row| row[0]).collect::<Vec<_>>(), recording.skipped)
+        (recording.real.outer_iter().map(|row| row[0]).collect::<Vec<_>>(), recording.skipped)
     };
     // complete frames, with all marks
     let (values, skipped) = rows("ref:\n1 1\n1 1\ndata:\ns\n2 2 \r\n2 6.55\ns\n3 3 3 3\n");
@@ -388,8 +383,8 @@ fn serial_log_cuts() {
     // the `s` before the frame in one line has no lines of its own
     assert_eq!(skipped.frames, 1);
     let recording = log("s\n2 2\n2 6.55\n").unwrap();
-    assert_eq!(recording.quality()[[0, 3]], Quality::SATURATED);
-    assert!(recording.quality()[[0, 2]].is_good());
+    assert_eq!(recording.quality.as_ref().unwrap()[[0, 3]], Quality::SATURATED);
+    assert!(recording.quality.as_ref().unwrap()[[0, 2]].is_good());
     for (text, reason) in [
         ("1 1\n1 1\ns\n2 2\n2 2\n", "line 1: its start is missing"),
         ("s\n1 1\ns\n2 2\n2 2\n", "line 1: 1 lines instead of 2"),
@@ -407,11 +402,10 @@ fn serial_log_cuts() {
     }
     // a lost `s` merges two frames, and neither is read
     assert_eq!(rows("s\n1 1\n1 1\n1 1\n1 1\ns\n2 2\n2 2\n").1.frames, 2);
-    refused(log(""), &["f.txt", "empty"]);
+    refused(log(""), &["f.serial-log", "empty"]);
     refused(log("s\n1 1\n"), &["no complete frame", "1 incomplete"]);
     refused(log("\u{0}\u{1}\n"), &["no complete frame"]);
-    let none = SerialLogOptions { lines_per_frame: 0, ..options };
-    refused(serial_log::parse(b"s\ns\n1 1\n", &name("f.txt"), &none), &["no complete frame"]);
+    refused(log_of("s\ns\n1 1\n", 0), &["no complete frame"]);
 }
 
 /// Returns a table of 4 channels and 2 projections; roles are the column `ChInfo`.
@@ -445,10 +439,10 @@ fn khu_folders() {
     write("10 Scan.txt", &scan(10));
     let recording = read().unwrap();
     // counts divided by 2^15 and by the gain of 0.2
-    assert_eq!(recording.real().column(0).to_vec(), [2.0, 10.0].map(|c| c / (32768.0 * 0.2)));
+    assert_eq!(recording.real.column(0).to_vec(), [2.0, 10.0].map(|c| c / (32768.0 * 0.2)));
     assert_eq!(recording.notes, [Note::MissingFrameFiles { count: 7, first: 3 }]);
-    assert_eq!(recording.quality()[[0, 2]], Quality::SATURATED);
-    assert!(recording.quality()[[0, 3]].is_good());
+    assert_eq!(recording.quality.as_ref().unwrap()[[0, 2]], Quality::SATURATED);
+    assert!(recording.quality.as_ref().unwrap()[[0, 3]].is_good());
     write("11Scan.txt", &(scan(1) + "0 0 1 1\r\n"));
     refused(read(), &["11Scan.txt", "9 records", "expected 8"]);
     write("11Scan.txt", &scan(1).replacen("1 0", "2 0", 1));
@@ -458,11 +452,9 @@ fn khu_folders() {
     write("11Scan.txt", "0 0 1\r\n");
     refused(read(), &["line 1", "3 values", "expected 4"]);
     write("11Scan.txt", &scan(1).replacen("1.0", "nan", 1));
-    assert_eq!(read().unwrap().quality()[[2, 0]], Quality::NON_FINITE);
-    refused(
-        khu::read(&path.join("2Scan.txt")),
-        &["2Scan.txt", "is a single file", "folder", "name the folder"],
-    );
+    assert_eq!(read().unwrap().quality.unwrap()[[2, 0]], Quality::NON_FINITE);
+    let scan = read_recording(&path.join("2Scan.txt"), Some(Format::Khu), &ReadOptions::default());
+    refused(scan, &["2Scan.txt", "is a single file", "folder", "name the folder"]);
     refused(
         read_recording(&path.join("2Scan.txt"), None, &ReadOptions::default()),
         &["name the folder"],
@@ -510,32 +502,28 @@ fn keys_of_tables_are_for_tables() {
     refused(npy(&complex), &["1 rows", "expected 2", "`[recording] complex = false`"]);
     let both = ReadOptions { frames_are: Some(FrameOrientation::Columns), ..complex.clone() };
     let recording = npy(&both).unwrap();
-    assert_eq!((recording.real()[[0, 0]], recording.imaginary().unwrap()[[0, 0]]), (1.0, 2.0));
-    // the keys take precedence over the options of one reader
-    let mut options = ReadOptions { frames_are: both.frames_are, ..ReadOptions::default() };
-    options.npy.orientation = FrameOrientation::Matrix;
-    assert_eq!(npy(&options).unwrap().real().dim(), (2, 1));
+    assert_eq!((recording.real[[0, 0]], recording.imaginary.unwrap()[[0, 0]]), (1.0, 2.0));
 }
 
 #[test]
 fn vectors_are_one_frame() {
     let with = |shape: &str, orientation| {
         let header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}");
-        let options = NpyOptions { orientation, ..NpyOptions::default() };
-        npy::parse(&npy_bytes(&header, &[1, 2, 3]), &name("f.npy"), &options).unwrap()
+        let bytes = npy_bytes(&header, &[1, 2, 3]);
+        parse(Format::Npy, bytes, &table(orientation, false)).unwrap()
     };
     let orientations =
         [FrameOrientation::Rows, FrameOrientation::Columns, FrameOrientation::Matrix];
     for shape in ["(3,)", "(3, 1)"] {
         for orientation in orientations {
             let recording = with(shape, orientation);
-            assert_eq!(recording.real(), ndarray::array![[1.0, 2.0, 3.0]], "{shape}");
+            assert_eq!(recording.real, ndarray::array![[1.0, 2.0, 3.0]], "{shape}");
             // with rows, this is not what the key says
             let noted = shape == "(3, 1)" && orientation == FrameOrientation::Rows;
             assert_eq!(recording.notes.contains(&Note::OneColumn { rows: 3 }), noted);
         }
     }
-    assert_eq!(with("(1, 3)", FrameOrientation::Columns).real().dim(), (3, 1));
+    assert_eq!(with("(1, 3)", FrameOrientation::Columns).real.dim(), (3, 1));
 }
 
 #[test]
@@ -566,13 +554,12 @@ fn recognition() {
     refused(read_recording(path, None, &ReadOptions::default()), &["not recognised"]);
     let missing = path.join("there is none.csv");
     refused(read_recording(&missing, None, &ReadOptions::default()), &["cannot be read", "path"]);
-    refused(csv::read(path, &CsvOptions::default()), &["is a folder", "csv"]);
-    refused(npy::read(path, &NpyOptions::default()), &["is a folder", "npy"]);
-    refused(lct::read(path), &["is a folder", "lct"]);
-    refused(goe::read(path), &["is a folder", "goe"]);
-    refused(serial_log::read(path, &SerialLogOptions::default()), &["is a folder"]);
-    refused(sciospec::read(path, &SciospecOptions::default()), &["NAME_00001.eit"]);
-    refused(khu::read(path), &["ProjectionTableSendLog.txt"]);
+    let folder = |format| read_recording(path, Some(format), &ReadOptions::default());
+    for format in [Format::Csv, Format::Npy, Format::Lct, Format::Goe, Format::SerialLog] {
+        refused(folder(format), &["is a folder", format.name()]);
+    }
+    refused(folder(Format::Sciospec), &["NAME_00001.eit"]);
+    refused(folder(Format::Khu), &["ProjectionTableSendLog.txt"]);
     refused("elektro".parse::<Format>(), &["\"elektro\"", "[recording] format", "\"sciospec\""]);
     for format in Format::ALL {
         assert_eq!(format.name().parse::<Format>().unwrap(), format);

@@ -11,31 +11,12 @@
 
 use std::process::Command;
 
+use crate::common::parse;
+use crate::common::wire::{board_frame, eits1_events, eits1_frame, sciospec_events, text_events};
 use eit_hw::codec::{eits1, sciospec, text};
 use eit_hw::{HwError, Quadruple, Quality};
 use proptest::prelude::*;
 use text::{Fault, Framing, Number, TextFormat};
-
-/// Returns events as text: they borrow, and only their equality matters.
-fn eits1_events(pieces: &[&[u8]]) -> Vec<String> {
-    let (mut decoder, mut events) = (eits1::Decoder::new(), Vec::new());
-    pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
-    events
-}
-
-fn sciospec_events(pieces: &[&[u8]]) -> Vec<String> {
-    let mut decoder = sciospec::Decoder::new(sciospec::Output::default());
-    let mut events = Vec::new();
-    pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
-    events
-}
-
-fn text_events(format: &TextFormat, pieces: &[&[u8]]) -> Vec<String> {
-    let mut decoder = text::Decoder::new(format.clone()).unwrap();
-    let mut events = Vec::new();
-    pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
-    events
-}
 
 fn presets() -> Vec<TextFormat> {
     vec![
@@ -46,45 +27,6 @@ fn presets() -> Vec<TextFormat> {
         TextFormat::serial_16(),
         TextFormat::csv(3),
     ]
-}
-
-/// Returns `frames` frames of a text preset as its board sends them.
-fn board_lines(format: &TextFormat, frames: usize) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    for frame in 0..frames {
-        let mut line_values =
-            (0..).map(|index: usize| format.number.write((index * 7 + frame) as f64));
-        if let Framing::StartLine(mark) = &format.framing {
-            bytes.extend(format!("{mark}\n").bytes());
-        }
-        for _ in 0..format.lines_per_frame {
-            if let Framing::Prefix(mark) = &format.framing {
-                let colon = if mark.starts_with('!') { ' ' } else { ':' };
-                bytes.extend(format!("{mark}{colon} ").bytes());
-            }
-            let values: Vec<_> = line_values.by_ref().take(format.values_per_line).collect();
-            bytes.extend(format!("{},\r\n", values.join(",")).bytes());
-        }
-        if let Framing::EndLine(mark) = &format.framing {
-            bytes.extend(format!("{mark}\r\n").bytes());
-        }
-    }
-    bytes
-}
-
-fn eits1_frame(sequence: u32, values: &[f32]) -> Vec<u8> {
-    let payload: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-    let mut wire = Vec::new();
-    let message = eits1::Message {
-        kind: eits1::Kind::Frame,
-        sequence,
-        device_time_us: 1_000_000 + u64::from(sequence),
-        flags: 0,
-        count: u16::try_from(values.len()).unwrap(),
-        payload: &payload,
-    };
-    eits1::encode(&message, &mut wire).unwrap();
-    wire
 }
 
 fn sciospec_frame() -> sciospec::DataFrame {
@@ -129,27 +71,6 @@ fn eits1_worked_example() {
         decoded += 1;
     });
     assert_eq!(decoded, 1);
-}
-
-/// The CRC detects every flipped bit, and the next message is received.
-#[test]
-fn eits1_refuses_every_flipped_bit_and_recovers() {
-    let (one, next) = (eits1_frame(7, &[1.5, -0.25, 0.0, 1e-9]), eits1_frame(8, &[2.0]));
-    let wanted = eits1_events(&[&next]);
-    for bit in 0..8 * one.len() {
-        let mut wire = one.clone();
-        wire[bit / 8] ^= 1 << (bit % 8);
-        wire.extend(&next);
-        let events = eits1_events(&[&wire]);
-        // a flipped end mark merges the two messages: both are lost
-        let last_byte = bit / 8 == one.len() - 1;
-        let messages: Vec<_> = events.iter().filter(|e| e.starts_with("Message")).collect();
-        if last_byte {
-            assert!(messages.is_empty(), "bit {bit}: {events:?}");
-        } else {
-            assert_eq!(messages, wanted.iter().collect::<Vec<_>>(), "bit {bit}");
-        }
-    }
 }
 
 #[test]
@@ -314,27 +235,6 @@ fn sciospec_worked_bytes() {
     );
 }
 
-/// One damaged byte costs at most its frame and the next one.
-#[test]
-fn sciospec_recovers_from_each_lost_inserted_or_changed_byte() {
-    let mut one = Vec::new();
-    sciospec::encode_data(&sciospec_frame(), &mut one);
-    let wire = one.repeat(4);
-    let data = |wire: &[u8]| {
-        sciospec_events(&[wire]).iter().filter(|event| event.starts_with("Data")).count()
-    };
-    assert_eq!(data(&wire), 4);
-    for at in 0..one.len() {
-        let (mut lost, mut inserted, mut changed) = (wire.clone(), wire.clone(), wire.clone());
-        lost.remove(at);
-        inserted.insert(at, 0xB4);
-        changed[at] ^= 0xFF;
-        for damaged in [lost, inserted, changed] {
-            assert!(data(&damaged) >= 2, "byte {at}");
-        }
-    }
-}
-
 #[test]
 fn sciospec_refuses_data_that_makes_no_sense() {
     let good = sciospec_frame();
@@ -364,7 +264,7 @@ fn text_presets_read_what_boards_send() {
         if matches!(format.framing, Framing::EndLine(_)) {
             bytes.extend(b"Done\n");
         }
-        bytes.extend(board_lines(&format, 3));
+        (0..3).for_each(|frame| bytes.extend(board_frame(&format, frame, 7)));
         let mut decoder = text::Decoder::new(format.clone()).unwrap();
         let mut frames = 0;
         decoder.push(&bytes, &mut |event| match event {
@@ -458,11 +358,11 @@ fn text_formats_that_cannot_be_are_refused() {
 /// Bytes that resemble each protocol: complete frames, truncated frames, garbage.
 fn stream() -> impl Strategy<Value = Vec<u8>> {
     let eits1 = (any::<u32>(), prop::collection::vec(any::<f32>(), 0..20))
-        .prop_map(|(sequence, values)| eits1_frame(sequence, &values));
+        .prop_map(|(sequence, values)| eits1_frame(sequence, 7, &values));
     let mut data = Vec::new();
     sciospec::encode_data(&sciospec_frame(), &mut data);
     data.extend([0x18, 1, 0x83, 0x18]);
-    let boards: Vec<Vec<u8>> = presets().iter().map(|format| board_lines(format, 1)).collect();
+    let boards: Vec<Vec<u8>> = presets().iter().map(|format| board_frame(format, 0, 7)).collect();
     let piece = prop_oneof![
         eits1,
         Just(data),
@@ -500,28 +400,6 @@ proptest! {
     }
 }
 
-/// A million bytes of garbage give no frame, and each decoder resynchronises afterwards.
-#[test]
-fn garbage_gives_no_frame_and_passes() {
-    let mut random = fixtures::Random::new(1);
-    let garbage: Vec<u8> = (0..1 << 20).map(|_| random.below(256) as u8).collect();
-    let mut last = Vec::new();
-    sciospec::encode_data(&sciospec_frame(), &mut last);
-    // enough frames to leave a false start of any length
-    let sciospec = sciospec_events(&[&garbage, &last.repeat(3)]);
-    let data: Vec<_> = sciospec.iter().filter(|event| event.starts_with("Data")).collect();
-    assert!((2..=3).contains(&data.len()), "{}", data.len());
-    let eits1 = eits1_events(&[&garbage, &[0], &eits1_frame(3, &[1.0])]);
-    assert_eq!(eits1.iter().filter(|event| event.starts_with("Message")).count(), 1);
-    for format in presets() {
-        let is_frame = |event: &&String| event.starts_with("Frame");
-        let events = text_events(&format, &[&garbage, b"\n", &board_lines(&format, 2)]);
-        let frames = events.iter().filter(is_frame).count();
-        // the garbage may have opened a frame, which costs the first one
-        assert!((1..=2).contains(&frames), "{format:?}: {frames}");
-    }
-}
-
 /// The bytes of a real serial line give a reader of files and a driver the same frames.
 #[test]
 fn a_recorded_serial_line_gives_the_frames_of_its_log() {
@@ -534,11 +412,11 @@ fn a_recorded_serial_line_gives_the_frames_of_its_log() {
             continue;
         }
         let bytes = std::fs::read(&path).unwrap();
-        let Ok(log) = eit_hw::serial_log::parse(&bytes, &path, &Default::default()) else {
+        let Ok(log) = parse(eit_hw::Format::SerialLog, &bytes, &Default::default()) else {
             continue;
         };
         let mut known: Vec<Vec<f64>> =
-            log.real().rows().into_iter().map(|row| row.to_vec()).collect();
+            log.real.rows().into_iter().map(|row| row.to_vec()).collect();
         let (mut same, mut frames, mut skipped) = (0, 0, 0);
         let mut decoder = text::Decoder::new(TextFormat::serial_16()).unwrap();
         decoder.push(&bytes, &mut |event| match event {

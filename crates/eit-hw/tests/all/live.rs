@@ -10,24 +10,19 @@
     reason = "a test file: a panic is a failed test"
 )]
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use crate::common::instruments::{LIMIT, events, frames, line, quick, start};
 use crate::common::{ascending, own_port, rotated};
 use eit_hw::codec::eits1::Information;
 use eit_hw::driver::{
-    Backoff, Board, Driver, Eits1, Event, Overflow, Polarity, Sciospec, SciospecSettings, Session,
-    SessionSettings, identify,
+    Board, Driver, Eits1, Event, Polarity, Sciospec, SciospecSettings, Session, SessionSettings,
+    identify,
 };
 use eit_hw::emulator::{
     BoardDevice, Device, Eits1Device, Emulator, FaultPlan, Listen, SciospecDevice,
 };
 use eit_hw::{Endpoint, Frame, HwError, Quadruple, Quality, Unit};
-
-const WAIT: Duration = Duration::from_millis(500);
-/// Time limit for anything that must arrive.
-const LIMIT: Duration = Duration::from_secs(20);
 
 /// Returns a value that encodes frame and measurement; exact in 32 bits.
 fn value(sequence: u64, [a, b, m, n]: Quadruple) -> f64 {
@@ -49,33 +44,17 @@ fn information(serial: &str, complex: bool) -> Information {
     }
 }
 
-fn eits1_device(serial: &str) -> Box<dyn Device> {
+fn eits1_device(serial: &str) -> Eits1Device {
     let source = |sequence: u64, quadruples: &[Quadruple], values: &mut [f64]| {
         for (slot, &quadruple) in values.iter_mut().zip(quadruples) {
             *slot = value(sequence, quadruple);
         }
     };
-    Box::new(Eits1Device::new(information(serial, false), Box::new(source)))
+    Eits1Device::new(information(serial, false), Box::new(source))
 }
 
 fn eits1_driver(rate: f32) -> Box<dyn Driver> {
     Box::new(Eits1::new(&rotated(16), rate, 1e-4, 0.0).unwrap())
-}
-
-/// Returns a pseudo-terminal in the folder where available, otherwise TCP.
-fn line(folder: &tempfile::TempDir) -> Listen {
-    if cfg!(unix) {
-        #[cfg(unix)]
-        return Listen::PseudoTerminal(folder.path().join("skin"));
-    }
-    let _ = folder;
-    Listen::Tcp("127.0.0.1:0".into())
-}
-
-fn quick() -> SessionSettings {
-    let reconnect = Some(Backoff { initial_s: 0.01, max_s: 0.1, give_up_s: 15.0 });
-    // large enough that nothing is dropped while other tests use the processor
-    SessionSettings { capacity: 4096, reconnect, ..SessionSettings::default() }
 }
 
 /// Checks a frame by itself: its values encode its sequence in the stream.
@@ -86,23 +65,14 @@ fn check_frame(frame: &Frame, quadruples: &[Quadruple]) {
     }
 }
 
-fn frames(session: &Session, count: usize, quadruples: &[Quadruple]) -> Vec<Frame> {
-    let (start, mut frames) = (Instant::now(), Vec::new());
-    while frames.len() < count {
-        assert!(start.elapsed() < LIMIT, "{} of {count} frames", frames.len());
-        if let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() {
-            check_frame(&frame, quadruples);
-            frames.push(frame);
-        }
-    }
-    frames
+fn on_line(device: impl Device + 'static, folder: &tempfile::TempDir, plan: FaultPlan) -> Emulator {
+    Emulator::start(Box::new(device), &line(folder), plan).unwrap()
 }
 
 #[test]
 fn eits1_over_a_serial_line_end_to_end() {
     let folder = tempfile::tempdir().unwrap();
-    let emulator =
-        Emulator::start(eits1_device("7"), &line(&folder), FaultPlan::default()).unwrap();
+    let emulator = on_line(eits1_device("7"), &folder, FaultPlan::default());
     // the scene's order differs from the one that the driver measures
     let wanted: Vec<Quadruple> = ascending(16);
     let settings = SessionSettings { quadruples: Some(wanted.clone()), ..quick() };
@@ -110,7 +80,8 @@ fn eits1_over_a_serial_line_end_to_end() {
     let identity = &session.setup().identity;
     assert_eq!((identity.name.as_str(), identity.serial.as_str()), ("emulated skin", "7"));
     assert_eq!((session.setup().unit, session.setup().frame_rate_hz), (Unit::Volt, Some(200.0)));
-    let frames = frames(&session, 100, &wanted);
+    let frames: Vec<_> = frames(&session).take(100).collect();
+    frames.iter().for_each(|frame| check_frame(frame, &wanted));
     for (index, pair) in frames.windows(2).enumerate() {
         assert_eq!(pair[1].sequence, pair[0].sequence + 1, "{index}");
         assert!(pair[1].device_time_s > pair[0].device_time_s);
@@ -155,12 +126,12 @@ fn eits1_on_a_bad_line_loses_frames_but_tells_no_wrong_one() {
         insert_byte: 1e-4,
         ..FaultPlan::default()
     };
-    let emulator = Emulator::start(eits1_device("7"), &line(&folder), plan).unwrap();
+    let emulator = on_line(eits1_device("7"), &folder, plan);
     let session = Session::open(eits1_driver(400.0), emulator.endpoint(), quick()).unwrap();
-    let (start, mut seen, mut gaps, mut last) = (Instant::now(), 0, 0, None);
+    let (mut seen, mut gaps, mut last) = (0, 0, None);
+    let mut events = events(&session);
     while seen < 500 {
-        assert!(start.elapsed() < LIMIT, "{seen} frames");
-        match session.next_event(WAIT).unwrap() {
+        match events.next() {
             Some(Event::Frame(frame)) => {
                 check_frame(&frame, &rotated(16));
                 // values distinguish 32 frames
@@ -182,64 +153,37 @@ fn eits1_on_a_bad_line_loses_frames_but_tells_no_wrong_one() {
     assert!(session.statistics().damaged_bytes > 10_000 && emulator.statistics().faults > 50);
 }
 
-#[test]
-fn an_unplugged_instrument_is_found_again_in_a_new_epoch() {
-    let folder = tempfile::tempdir().unwrap();
-    let plan = FaultPlan {
-        unplug_after_bytes: vec![20_000, 60_000],
-        unplugged_s: 0.15,
-        ..FaultPlan::default()
-    };
-    let emulator = Emulator::start(eits1_device("7"), &line(&folder), plan).unwrap();
-    let session = Session::open(eits1_driver(200.0), emulator.endpoint(), quick()).unwrap();
-    let (start, mut news, mut per_epoch, mut last) = (Instant::now(), Vec::new(), [0; 3], None);
-    while per_epoch[2] < 20 {
-        assert!(start.elapsed() < LIMIT, "{per_epoch:?} {news:?}");
-        match session.next_event(WAIT).unwrap() {
-            Some(Event::Frame(frame)) => {
-                check_frame(&frame, &rotated(16));
-                assert!(last.is_none_or(|last| frame.sequence > last));
-                last = Some(frame.sequence);
-                per_epoch[frame.epoch as usize] += 1;
-                // the clock restarts with the instrument
-                assert!(frame.device_time_s.unwrap() >= 0.0);
-            }
-            Some(Event::Disconnected { .. }) => news.push(0),
-            Some(Event::Reconnected { epoch }) => news.push(epoch),
-            _ => {}
+/// Waits for the error that ends a session.
+fn end(session: &Session) -> HwError {
+    let start = Instant::now();
+    loop {
+        assert!(start.elapsed() < LIMIT);
+        if let Err(error) = session.next_event(Duration::from_millis(500)) {
+            return error;
         }
     }
-    assert_eq!(news, [0, 1, 0, 2]);
-    assert!(per_epoch.iter().all(|&frames| frames > 10), "{per_epoch:?}");
-    assert_eq!(session.statistics().reconnections, 2);
 }
 
 #[test]
 fn another_instrument_on_the_same_port_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let listen = line(&folder);
-    let mut first = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();
+    let device = |serial| Box::new(eits1_device(serial));
+    let mut first = Emulator::start(device("7"), &listen, FaultPlan::default()).unwrap();
     let endpoint = first.endpoint().clone();
     let session = Session::open(eits1_driver(200.0), &endpoint, quick()).unwrap();
-    frames(&session, 5, &rotated(16));
+    frames(&session).nth(4);
     first.stop();
     let again = match &endpoint {
         Endpoint::Tcp { address } => Listen::Tcp(address.clone()),
         Endpoint::Serial { .. } => listen,
     };
-    let _second = Emulator::start(eits1_device("8"), &again, FaultPlan::default()).unwrap();
-    let start = Instant::now();
-    let error = loop {
-        assert!(start.elapsed() < LIMIT);
-        match session.next_event(WAIT) {
-            Ok(_) => {}
-            Err(error) => break error,
-        }
-    };
+    let _second = Emulator::start(device("8"), &again, FaultPlan::default()).unwrap();
+    let error = end(&session);
     let HwError::Identity { wanted, found, .. } = &error else { panic!("{error}") };
     assert_eq!((wanted.as_str(), found.as_str()), ("emulated skin 7", "emulated skin 8"));
     // reported once, then the session is over
-    assert_eq!(session.next_event(WAIT).unwrap(), None);
+    assert_eq!(session.next_event(Duration::from_millis(500)).unwrap(), None);
 }
 
 /// An instrument with fewer electrodes, or less room for measurements, than the scene needs.
@@ -252,8 +196,7 @@ fn an_instrument_that_is_too_small_is_refused() {
     ] {
         let small = Information { electrodes, max_measurements, ..information("7", false) };
         let device = Eits1Device::new(small, Box::new(|_, _, values| values.fill(1.0)));
-        let emulator =
-            Emulator::start(Box::new(device), &line(&folder), FaultPlan::default()).unwrap();
+        let emulator = on_line(device, &folder, FaultPlan::default());
         let refused = Session::open(eits1_driver(100.0), emulator.endpoint(), quick()).unwrap_err();
         assert!(matches!(&refused, HwError::ReadBack { .. }), "{refused}");
         assert!(refused.to_string().contains(wanted), "{refused}");
@@ -262,69 +205,20 @@ fn an_instrument_that_is_too_small_is_refused() {
 
 #[test]
 fn a_lost_instrument_ends_a_session_that_does_not_reconnect() {
-    let listen = Listen::Tcp("127.0.0.1:0".into());
-    let mut emulator = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();
+    let mut emulator = start(eits1_device("7"), FaultPlan::default());
     let settings = SessionSettings { reconnect: None, ..quick() };
     let session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
     emulator.stop();
-    let start = Instant::now();
-    loop {
-        assert!(start.elapsed() < LIMIT);
-        match session.next_event(WAIT) {
-            Ok(_) => {}
-            Err(HwError::Lost { .. }) => break,
-            Err(other) => panic!("{other}"),
-        }
-    }
-}
-
-#[test]
-fn a_slow_consumer_gets_the_latest_or_an_error() {
-    let listen = Listen::Tcp("127.0.0.1:0".into());
-    let emulator = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();
-    let robot = SessionSettings { capacity: 3, ..quick() };
-    let session = Session::open(eits1_driver(500.0), emulator.endpoint(), robot).unwrap();
-    wait_for(|| session.statistics().dropped > 10);
-    let statistics = session.statistics();
-    let first = frames(&session, 1, &rotated(16)).remove(0);
-    // of the earlier frames, all but those in the queue were dropped
-    assert!(first.sequence >= statistics.dropped, "{} {statistics:?}", first.sequence);
-    drop(session);
-    every_frame_is_taken_or_told_to_be_skipped(emulator.endpoint());
-
-    let recorder = SessionSettings { capacity: 3, overflow: Overflow::Fail, ..quick() };
-    let start = Instant::now();
-    let session = loop {
-        match Session::open(eits1_driver(500.0), emulator.endpoint(), recorder.clone()) {
-            Ok(session) => break session,
-            // the emulator rejects a second host until it has noticed that the first is gone
-            Err(error) => assert!(start.elapsed() < LIMIT, "{error}"),
-        }
-    };
-    wait_for(|| session.statistics().frames > 3);
-    // what came before is complete
-    let kept = frames(&session, 3, &rotated(16));
-    assert_eq!(kept.iter().map(|frame| frame.sequence).collect::<Vec<_>>(), [0, 1, 2]);
-    let start = Instant::now();
-    let error = loop {
-        assert!(start.elapsed() < LIMIT);
-        if let Err(error) = session.next_event(WAIT) {
-            break error;
-        }
-    };
-    assert!(matches!(error, HwError::Overflow { capacity: 3, .. }), "{error}");
+    let error = end(&session);
+    assert!(matches!(error, HwError::Lost { .. }), "{error}");
 }
 
 /// Frames taken and those reported as skipped are all frames, in order, for a consumer that stalls twice.
-fn every_frame_is_taken_or_told_to_be_skipped(endpoint: &Endpoint) {
+#[test]
+fn every_frame_is_taken_or_reported_as_skipped() {
+    let emulator = start(eits1_device("7"), FaultPlan::default());
     let robot = SessionSettings { capacity: 3, ..quick() };
-    let start = Instant::now();
-    let session = loop {
-        match Session::open(eits1_driver(500.0), endpoint, robot.clone()) {
-            Ok(session) => break session,
-            Err(error) => assert!(start.elapsed() < LIMIT, "{error}"),
-        }
-    };
+    let session = Session::open(eits1_driver(500.0), emulator.endpoint(), robot).unwrap();
     let (mut next, mut stalls) = (0, 0);
     for taken in 0..40 {
         if taken % 20 == 10 {
@@ -347,119 +241,17 @@ fn every_frame_is_taken_or_told_to_be_skipped(endpoint: &Endpoint) {
     assert!(session.statistics().dropped > 60, "{:?}", session.statistics());
 }
 
-#[test]
-fn a_silent_instrument_is_told() {
-    let listen = Listen::Tcp("127.0.0.1:0".into());
-    let plan = FaultPlan { spared_bytes: 30_000, pause: 1.0, pause_s: 0.6, ..FaultPlan::default() };
-    let emulator = Emulator::start(eits1_device("7"), &listen, plan).unwrap();
-    let settings = SessionSettings { silence_s: 0.3, ..quick() };
-    let session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
-    let start = Instant::now();
-    loop {
-        assert!(start.elapsed() < LIMIT);
-        if let Some(Event::Silent { for_s, .. }) = session.next_event(WAIT).unwrap() {
-            assert!(for_s >= 0.3);
-            break;
-        }
-    }
-}
-
-/// 2.5 s between frames, as for a slow text board: longer than what is silence or a stall at ten
-/// frames per second. On a computer so loaded that a thread waits for a second, frames do come late;
-/// such an attempt is repeated.
-#[test]
-fn a_slow_board_is_neither_silent_nor_set_up_anew() {
-    for attempt in 1.. {
-        let starved = Starved::watch();
-        let found = four_slow_frames();
-        let longest_s = starved.longest_s();
-        if found.is_ok() {
-            return;
-        }
-        assert!(longest_s > 1.0 && attempt < 6, "{found:?}; threads waited up to {longest_s} s");
-    }
-}
-
-/// Receives four frames of the slow board; returns what else was reported.
-fn four_slow_frames() -> Result<(), String> {
-    let board = Board::preset("serial-16").unwrap();
-    let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| {
-        values.iter_mut().enumerate().for_each(|(i, value)| *value = (sequence + i as u64) as f64);
-    };
-    let device = BoardDevice::new(board.clone(), 0.4, Box::new(source));
-    let listen = Listen::Tcp("127.0.0.1:0".into());
-    let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
-    let settings = SessionSettings::default();
-    let session = Session::open(board.driver().unwrap(), emulator.endpoint(), settings).unwrap();
-    let (start, mut frames) = (Instant::now(), 0);
-    while frames < 4 {
-        assert!(start.elapsed() < LIMIT, "{frames} frames");
-        match session.next_event(WAIT).unwrap() {
-            Some(Event::Frame(frame)) => {
-                assert_eq!(frame.epoch, 0);
-                frames += 1;
-            }
-            Some(other @ (Event::Silent { .. } | Event::Disconnected { .. })) => {
-                return Err(format!("after {frames} frames: {other:?}"));
-            }
-            _ => {}
-        }
-    }
-    let statistics = session.statistics();
-    match (statistics.reconnections, statistics.silent_s) {
-        (0, 0.0) => Ok(()),
-        other => Err(format!("{other:?}")),
-    }
-}
-
-/// Measures by how much a thread that sleeps for 10 ms wakes too late.
-struct Starved {
-    quit: Arc<AtomicBool>,
-    thread: std::thread::JoinHandle<Duration>,
-}
-
-impl Starved {
-    fn watch() -> Self {
-        let quit = Arc::new(AtomicBool::new(false));
-        let ended = Arc::clone(&quit);
-        let thread = std::thread::spawn(move || {
-            let mut longest = Duration::ZERO;
-            while !ended.load(Ordering::Relaxed) {
-                let start = Instant::now();
-                std::thread::sleep(Duration::from_millis(10));
-                longest = longest.max(start.elapsed());
-            }
-            longest
-        });
-        Self { quit, thread }
-    }
-
-    fn longest_s(self) -> f64 {
-        self.quit.store(true, Ordering::Relaxed);
-        self.thread.join().unwrap().as_secs_f64()
-    }
-}
-
 /// While a recording runs, more frames may wait for a slow consumer; after it, only the latest do.
 #[test]
 fn frames_wait_for_a_recording_that_begins_later() {
-    let listen = Listen::Tcp("127.0.0.1:0".into());
     let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| values.fill(sequence as f64);
     let device = Eits1Device::new(information("7", false), Box::new(source));
-    let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
+    let emulator = start(device, FaultPlan::default());
     let settings = SessionSettings { capacity: 4, ..quick() };
     let session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
     let waiting = session.waiting();
-    let take = |frames: usize| -> Vec<u64> {
-        let start = Instant::now();
-        let mut taken = Vec::new();
-        while taken.len() < frames {
-            assert!(start.elapsed() < LIMIT);
-            if let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() {
-                taken.push(frame.sequence);
-            }
-        }
-        taken
+    let take = |count: usize| -> Vec<u64> {
+        frames(&session).take(count).map(|frame| frame.sequence).collect()
     };
     wait_for(|| waiting.dropped() > 0);
     assert_eq!(waiting.set_capacity(1000), 4);
@@ -478,7 +270,6 @@ fn frames_wait_for_a_recording_that_begins_later() {
 
 #[test]
 fn eits1_complex_values_and_flags_of_the_values_themselves() {
-    let listen = Listen::Tcp("127.0.0.1:0".into());
     let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| {
         for (index, parts) in values.chunks_exact_mut(2).enumerate() {
             parts.copy_from_slice(&[index as f64 / 4.0, sequence as f64 / 1024.0]);
@@ -488,15 +279,9 @@ fn eits1_complex_values_and_flags_of_the_values_themselves() {
         values[4] = -101.0;
     };
     let device = Eits1Device::new(information("7", true), Box::new(source));
-    let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
+    let emulator = start(device, FaultPlan::default());
     let session = Session::open(eits1_driver(200.0), emulator.endpoint(), quick()).unwrap();
-    let start = Instant::now();
-    let frame = loop {
-        assert!(start.elapsed() < LIMIT);
-        if let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() {
-            break frame;
-        }
-    };
+    let frame = frames(&session).next().unwrap();
     assert_eq!(frame.values[4], 1.0);
     assert!(frame.imaginary.as_ref().is_some_and(|imaginary| imaginary.len() == 208));
     let flags = [Quality::NON_FINITE, Quality::SATURATED, Quality::OVER_RANGE, Quality::GOOD];
@@ -521,16 +306,11 @@ fn every_board_over_a_line() {
             }
         };
         let folder = tempfile::tempdir().unwrap();
-        let listen = line(&folder);
         let device = BoardDevice::new(board.clone(), 50.0, Box::new(source));
-        let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
+        let emulator = on_line(device, &folder, FaultPlan::default());
         let driver = board.driver().unwrap();
         let session = Session::open(driver, emulator.endpoint(), quick()).unwrap();
-        let start = Instant::now();
-        let mut seen = 0;
-        while seen < 10 {
-            assert!(start.elapsed() < LIMIT, "{name}: {seen} frames");
-            let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() else { continue };
+        for frame in frames(&session).take(10) {
             let unit = if name == "serial-16" { 4096.0 } else { 1.0 };
             let number = (frame.values[0] * unit) as u32 / 500;
             for (found, [a, b, m, n]) in frame.values.iter().zip(&quadruples) {
@@ -538,7 +318,6 @@ fn every_board_over_a_line() {
                 assert_eq!(*found, f64::from(whole + 1) / unit, "{name}");
             }
             assert_eq!(frame.imaginary.as_ref(), complex.then_some(&frame.values), "{name}");
-            seen += 1;
         }
         assert_eq!(session.statistics().lost, 0, "{name}");
     }
@@ -595,10 +374,9 @@ fn sciospec_over_a_serial_line_with_either_polarity() {
         let wanted = rotated(electrodes);
         let session = sciospec_session(&emulator, electrodes, &wanted);
         assert_eq!(session.setup().identity.to_string(), "Sciospec 0019 011F (2020-07)");
-        let (start, mut seen, mut polarity) = (Instant::now(), 0, Vec::new());
+        let (mut seen, mut polarity, mut events) = (0, Vec::new(), events(&session));
         while seen < 20 {
-            assert!(start.elapsed() < LIMIT, "{seen} frames");
-            match session.next_event(WAIT).unwrap() {
+            match events.next() {
                 Some(Event::Frame(frame)) => {
                     assert!(frame.quality.iter().all(|q| q.is_good()), "frame {}", frame.sequence);
                     check_sciospec(&frame, &wanted);
@@ -623,24 +401,21 @@ fn sciospec_on_a_line_that_loses_bytes() {
     let emulator = sciospec_emulator(&line(&folder), 16, false, plan);
     let wanted = rotated(16);
     let session = sciospec_session(&emulator, 16, &wanted);
-    let (start, mut seen, mut holes) = (Instant::now(), 0, 0);
-    while seen < 100 {
-        assert!(start.elapsed() < LIMIT, "{seen} frames");
-        let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() else { continue };
+    let mut holes = 0;
+    for frame in frames(&session).take(100) {
         check_sciospec(&frame, &wanted);
         let missing =
             frame.quality.iter().filter(|quality| quality.contains(Quality::MISSING)).count();
         // whole drives are missing
         assert_eq!(missing % 13, 0);
         holes += missing / 13;
-        seen += 1;
     }
     // 2240 bytes per frame and 2e-4: 45 losses in 100 frames, most of which cost one or two drives
     assert!((10..200).contains(&holes), "{holes}");
 }
 
 #[test]
-fn sciospec_refuses_and_is_restarted() {
+fn sciospec_refuses_an_electrode_that_it_does_not_have() {
     let emulator = sciospec_emulator(&own_port(), 16, false, FaultPlan::default());
     // an electrode that the instrument does not have
     let settings = SciospecSettings::for_quadruples(32, &rotated(32));
@@ -648,22 +423,6 @@ fn sciospec_refuses_and_is_restarted() {
     let error = identify(&mut driver, emulator.endpoint()).unwrap_err();
     assert!(matches!(&error, HwError::Refused { command: "add a drive", .. }), "{error}");
     assert!(error.to_string().contains("not executed (code 81)"), "{error}");
-
-    let plan =
-        FaultPlan { unplug_after_bytes: vec![50_000], unplugged_s: 0.05, ..FaultPlan::default() };
-    let emulator = sciospec_emulator(&own_port(), 16, false, plan);
-    let wanted = rotated(16);
-    let session = sciospec_session(&emulator, 16, &wanted);
-    let start = Instant::now();
-    loop {
-        assert!(start.elapsed() < LIMIT);
-        if let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap() {
-            check_sciospec(&frame, &wanted);
-            if frame.epoch == 1 {
-                break;
-            }
-        }
-    }
 }
 
 #[test]
@@ -714,17 +473,8 @@ fn ports_that_cannot_be_opened_and_instruments_that_do_not_answer() {
     assert!(message.contains("/nowhere/ttyACM0: cannot be opened"), "{message}");
     assert!(message.contains("plug it in, or name another port"), "{message}");
 
-    // a text board does not speak EITS-1
-    let board = Board::preset("serial-16").unwrap();
-    let device = BoardDevice::new(board, 20.0, Box::new(|_, _, values| values.fill(1.0)));
-    let listen = Listen::Tcp("127.0.0.1:0".into());
-    let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
-    let error = identify(&mut *eits1_driver(10.0), emulator.endpoint()).unwrap_err();
-    assert!(matches!(&error, HwError::NotUnderstood { .. }), "{error}");
-    assert!(error.to_string().contains("lines of text with 13 numbers"), "{error}");
-
     // a measurement that the instrument cannot take
-    let emulator = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();
+    let emulator = start(eits1_device("7"), FaultPlan::default());
     let settings = SessionSettings { quadruples: Some(vec![[0, 8, 2, 3]]), ..quick() };
     let error = Session::open(eits1_driver(10.0), emulator.endpoint(), settings).unwrap_err();
     assert!(matches!(error, HwError::MissingDrive { a: 0, b: 8, .. }), "{error}");
@@ -746,16 +496,14 @@ fn a_live_instrument_is_recorded_and_read_like_a_file() {
     let path = folder.path().join("press.mcap");
     let record = SessionRecord::of(session.setup(), &wanted);
     let mut writer = CaptureWriter::create(&path, &record, CaptureSettings::default()).unwrap();
-    let (start, mut recorded) = (Instant::now(), Vec::new());
+    let (mut recorded, mut events) = (Vec::new(), events(&session));
     while recorded.last().is_none_or(|frame: &Frame| frame.epoch == 0) {
-        assert!(start.elapsed() < LIMIT);
-        match session.next_event(WAIT).unwrap() {
+        match events.next() {
             Some(Event::Frame(frame)) => {
                 writer.frame(&frame).unwrap();
                 recorded.push(frame);
             }
-            Some(event) => writer.note(&format!("{event:?}")).unwrap(),
-            None => writer.tick().unwrap(),
+            event => writer.note(&format!("{event:?}")).unwrap(),
         }
     }
     writer.finish().unwrap();

@@ -9,14 +9,11 @@
     reason = "a test file: a panic is a failed test"
 )]
 
-use crate::common::name;
-use eit_hw::csv::{CsvOptions, FrameOrientation};
-use eit_hw::npy::NpyOptions;
-use eit_hw::sciospec::SciospecOptions;
-use eit_hw::serial_log::SerialLogOptions;
+use crate::common::{parse, table as table_options};
+use eit_hw::Format::{Csv, Goe, Lct, Npy, Sciospec, SerialLog};
 use eit_hw::{
-    Component, HwError, Note, Quality, Recording, csv, goe, lct, npy, read_recording, sciospec,
-    serial_log,
+    Component, FrameOrientation, HwError, Note, Quality, ReadOptions, Recording, SerialLogOptions,
+    read_recording,
 };
 use ndarray::Array2;
 use proptest::prelude::*;
@@ -28,7 +25,6 @@ const ORIENTATIONS: [FrameOrientation; 3] =
 /// Runs every parser on the same bytes: results have values and are consistent, errors are one
 /// line.
 fn parse_all(bytes: &[u8]) {
-    let path = name("f");
     let check = |result: Result<Recording, HwError>| match result {
         Ok(recording) => {
             let count = recording.value_count();
@@ -42,21 +38,28 @@ fn parse_all(bytes: &[u8]) {
         }
     };
     for orientation in ORIENTATIONS {
-        for complex in [false, true] {
-            check(csv::parse(bytes, &path, &CsvOptions { orientation, complex }));
-            let options = NpyOptions { orientation, complex };
-            check(npy::parse(bytes, &path, &options));
+        for (complex, format) in [(false, Csv), (true, Csv), (false, Npy), (true, Npy)] {
+            check(parse(format, bytes, &table_options(orientation, complex)));
         }
     }
+    let plain = ReadOptions::default();
     for frequency_row in [0, 1] {
-        check(sciospec::parse(bytes, &path, &SciospecOptions { frequency_row }));
+        check(parse(Sciospec, bytes, &ReadOptions { frequency_row, ..plain.clone() }));
     }
-    check(goe::parse(bytes, &path));
-    check(lct::parse(bytes, &path));
+    check(parse(Goe, bytes, &plain));
+    check(parse(Lct, bytes, &plain));
     for (lines_per_frame, values_per_line) in [(16, 13), (2, 2), (1, 1), (0, 3), (3, 0)] {
-        let options = SerialLogOptions { lines_per_frame, values_per_line, full_scale: Some(1.0) };
-        check(serial_log::parse(bytes, &path, &options));
+        check(parse(SerialLog, bytes, &log_options(lines_per_frame, values_per_line, Some(1.0))));
     }
+}
+
+fn log_options(
+    lines_per_frame: usize,
+    values_per_line: usize,
+    full_scale: Option<f64>,
+) -> ReadOptions {
+    let serial_log = SerialLogOptions { lines_per_frame, values_per_line, full_scale };
+    ReadOptions { serial_log, ..ReadOptions::default() }
 }
 
 const EIT: &[u8] = b"12\n2\nt_1\n2020.07.08. 14:20:28.750\n1\n10\n1\n2\n0.01\n30.0\n0.0\n\
@@ -70,12 +73,14 @@ const NPY: &[u8] =
       \x01\x00\x02\x00\x03\x00\x04\x00\x05\x00\x06\x00";
 
 /// Returns a file of each format.
-fn samples() -> Vec<Vec<u8>> {
+fn samples() -> [(eit_hw::Format, Vec<u8>); 6] {
     let floats = (0..512).flat_map(|index: u16| f32::from(index).to_le_bytes()).collect();
     let mut log = b"ref:\n1 2\n3 4\ndata:\ns\n1 2\n3 4\ns\n5 6\n7 8\n".to_vec();
     log.extend(b"s\n".iter().chain("1 ".repeat(13).as_bytes()).chain(b"\n"));
     let csv = b"a;b;c\n1;2;3\n# c\n4;5e-3;-6;\n".to_vec();
-    vec![csv, NPY.to_vec(), EIT.to_vec(), LCT.to_vec(), floats, log]
+    let fixed = [(Npy, NPY), (Sciospec, EIT), (Lct, LCT)].map(|(f, bytes)| (f, bytes.to_vec()));
+    let [npy, eit, lct] = fixed;
+    [(Csv, csv), npy, eit, lct, (Goe, floats), (SerialLog, log)]
 }
 
 /// Generates characters that occur in text formats.
@@ -86,16 +91,16 @@ fn texty() -> impl Strategy<Value = Vec<u8>> {
 
 #[test]
 fn samples_are_read() {
-    let path = name("f");
-    let [csv, npy, eit, lct, get, log] = samples().try_into().unwrap();
-    assert_eq!(csv::parse(&csv, &path, &CsvOptions::default()).unwrap().real().dim(), (2, 3));
-    assert_eq!(npy::parse(&npy, &path, &NpyOptions::default()).unwrap().real().dim(), (2, 3));
-    let frame = sciospec::parse(&eit, &path, &SciospecOptions { frequency_row: 1 }).unwrap();
-    assert_eq!(frame.real(), ndarray::array![[1.0, 3.0, 5.0, 7.0]]);
-    assert_eq!(lct::parse(&lct, &path).unwrap().real().dim(), (1, 4));
-    assert_eq!(goe::parse(&get, &path).unwrap().real().dim(), (2, 208));
-    let options = SerialLogOptions { lines_per_frame: 2, values_per_line: 2, full_scale: None };
-    assert_eq!(serial_log::parse(&log, &path, &options).unwrap().real().dim(), (3, 4));
+    let log = log_options(2, 2, None);
+    let eit = ReadOptions { frequency_row: 1, ..ReadOptions::default() };
+    let plain = ReadOptions::default();
+    let wanted = [(2, 3), (2, 3), (1, 4), (1, 4), (2, 208), (3, 4)];
+    let options = [&plain, &plain, &eit, &plain, &plain, &log];
+    for (((format, bytes), options), wanted) in samples().into_iter().zip(options).zip(wanted) {
+        let read = parse(format, bytes, options).unwrap();
+        assert_eq!(read.real.dim(), wanted, "{format}");
+        assert!(format != Sciospec || read.real.row(0).to_vec() == [1.0, 3.0, 5.0, 7.0]);
+    }
 }
 
 proptest! {
@@ -135,7 +140,7 @@ proptest! {
         sample in any::<Index>(),
         edits in prop::collection::vec((any::<Index>(), any::<u8>(), 0..3_u8), 1..6),
     ) {
-        let mut bytes = samples().swap_remove(sample.index(6));
+        let (_, mut bytes) = samples()[sample.index(6)].clone();
         for (at, byte, kind) in edits {
             if bytes.is_empty() {
                 break;
@@ -158,9 +163,8 @@ proptest! {
         orientation in prop::sample::select(ORIENTATIONS.to_vec()),
     ) {
         let text = joined(&table, separator, end);
-        let options = CsvOptions { orientation, complex: false };
-        let recording = csv::parse(text.as_bytes(), &name("f.csv"), &options).unwrap();
-        prop_assert_eq!(recording.real(), frames_of(&table, orientation));
+        let recording = parse(Csv, text, &table_options(orientation, false)).unwrap();
+        prop_assert_eq!(recording.real, frames_of(&table, orientation));
         prop_assert_eq!(recording.frames_are, Some(orientation));
     }
 
@@ -176,14 +180,13 @@ proptest! {
         let order: Vec<_> = (0..count).flat_map(|index| [index, index + count]).collect();
         let written = doubled.select(axis, &order);
         let text = joined(&written, ",", "\n");
-        let options = CsvOptions { orientation, complex: true };
-        let csv = csv::parse(text.as_bytes(), &name("f.csv"), &options).unwrap();
-        let options = NpyOptions { orientation, complex: true };
-        let npy = npy::parse(&npy_bytes(&written, false, false), &name("f.npy"), &options).unwrap();
+        let options = table_options(orientation, true);
+        let csv = parse(Csv, text, &options).unwrap();
+        let npy = parse(Npy, npy_bytes(&written, false, false), &options).unwrap();
         for recording in [csv, npy] {
             let wanted = frames_of(&table, orientation);
-            prop_assert_eq!(recording.imaginary(), Some(-&wanted));
-            prop_assert_eq!(recording.real(), wanted);
+            prop_assert_eq!(recording.imaginary, Some(-&wanted));
+            prop_assert_eq!(recording.real, wanted);
         }
     }
 
@@ -195,9 +198,8 @@ proptest! {
         orientation in prop::sample::select(ORIENTATIONS.to_vec()),
     ) {
         let bytes = npy_bytes(&table, fortran, big);
-        let options = NpyOptions { orientation, complex: false };
-        let recording = npy::parse(&bytes, &name("f.npy"), &options).unwrap();
-        prop_assert_eq!(recording.real(), frames_of(&table, orientation));
+        let recording = parse(Npy, bytes, &table_options(orientation, false)).unwrap();
+        prop_assert_eq!(recording.real, frames_of(&table, orientation));
         prop_assert_eq!(recording.frames_are, Some(orientation));
     }
 
@@ -214,21 +216,19 @@ proptest! {
         let at = at.index(rows * columns);
         table[[at / columns, at % columns]] = f64::NAN;
         let text = joined(&table, ",", "\n");
-        let csv = csv::parse(text.as_bytes(), &name("f"), &CsvOptions { orientation, complex });
-        let options = NpyOptions { orientation, complex };
-        let npy = npy::parse(&npy_bytes(&table, false, false), &name("f"), &options);
+        let options = table_options(orientation, complex);
+        let csv = parse(Csv, text, &options);
+        let npy = parse(Npy, npy_bytes(&table, false, false), &options);
         // where the value would be if it were a number
         table.mapv_inplace(|value| f64::from(u8::from(value.is_nan())));
-        let options = CsvOptions { orientation, complex };
-        let text = joined(&table, ",", "\n");
-        let recording = csv::parse(text.as_bytes(), &name("f"), &options).unwrap();
+        let recording = parse(Csv, joined(&table, ",", "\n"), &options).unwrap();
         let place_in = |part: &Array2<f64>| {
             part.indexed_iter().find(|(_, value)| **value == 1.0).map(|(place, _)| place)
         };
         let wanted =
-            place_in(&recording.real()).or_else(|| place_in(recording.imaginary().as_ref()?)).unwrap();
+            place_in(&recording.real).or_else(|| place_in(recording.imaginary.as_ref()?)).unwrap();
         for read in [csv.unwrap(), npy.unwrap()] {
-            let quality = read.quality();
+            let quality = read.quality.unwrap();
             let bad: Vec<_> =
                 quality.indexed_iter().filter(|(_, quality)| !quality.is_good()).collect();
             prop_assert_eq!(bad, vec![(wanted, &Quality::NON_FINITE)]);
@@ -249,15 +249,15 @@ proptest! {
             };
             text += &format!("1 2\n{}\n{}\n", line(1.0), line(-1.0));
         }
-        let options = SciospecOptions { frequency_row };
-        let recording = sciospec::parse(text.as_bytes(), &name("f.eit"), &options).unwrap();
+        let options = ReadOptions { frequency_row, ..ReadOptions::default() };
+        let recording = parse(Sciospec, text, &options).unwrap();
         let sign = if frequency_row == 0 { 1.0 } else { -1.0 };
         let part = |first: usize| -> Vec<f64> {
             let rows = table.rows().into_iter();
             rows.flat_map(|row| [sign * row[first], sign * row[first + 2]]).collect()
         };
-        prop_assert_eq!(recording.real().iter().copied().collect::<Vec<_>>(), part(0));
-        prop_assert_eq!(recording.imaginary().unwrap().iter().copied().collect::<Vec<_>>(), part(1));
+        prop_assert_eq!(recording.real.iter().copied().collect::<Vec<_>>(), part(0));
+        prop_assert_eq!(recording.imaginary.unwrap().iter().copied().collect::<Vec<_>>(), part(1));
     }
 
     #[test]
@@ -267,10 +267,10 @@ proptest! {
         for row in table.rows() {
             text += &format!("{} {} {current}\n", row[0], row[1]);
         }
-        let recording = lct::parse(text.as_bytes(), &name("f.txt")).unwrap();
-        prop_assert_eq!(recording.real().row(0).to_owned(), table.column(0).mapv(|v| v / current));
+        let recording = parse(Lct, text, &ReadOptions::default()).unwrap();
+        prop_assert_eq!(recording.real.row(0).to_owned(), table.column(0).mapv(|v| v / current));
         prop_assert_eq!(
-            recording.imaginary().unwrap().row(0).to_owned(),
+            recording.imaginary.unwrap().row(0).to_owned(),
             table.column(1).mapv(|v| v / current)
         );
     }
@@ -294,14 +294,13 @@ proptest! {
         let start = start.index(lines.len());
         lines.drain(start..(start + length).min(17 * frames));
         let text = lines.join("\n") + "\n";
-        let options = SerialLogOptions { full_scale: None, ..SerialLogOptions::default() };
-        match serial_log::parse(text.as_bytes(), &name("f.txt"), &options) {
+        match parse(SerialLog, text, &log_options(16, 13, None)) {
             Ok(recording) => {
                 // without its `s` a frame continues the one before
                 let first = start.saturating_sub(1) / 17;
                 let touched = (start + length).min(17 * frames).div_ceil(17) - first;
                 prop_assert_eq!(recording.frame_count(), frames - touched);
-                for row in recording.real().rows() {
+                for row in recording.real.rows() {
                     let frame = (row[0] / 100.0).floor() as usize;
                     for (slot, &found) in row.iter().enumerate() {
                         // text of two decimals compared with their sum in f64
@@ -369,7 +368,7 @@ fn joined(table: &Array2<f64>, separator: &str, end: &str) -> String {
 #[test]
 fn any_bytes_in_a_file_of_any_name_do_no_harm() {
     let folder = tempfile::tempdir().unwrap();
-    for bytes in samples() {
+    for (_, bytes) in samples() {
         for ending in ["csv", "npy", "eit", "get", "txt", "log", "bin", ""] {
             let path = folder.path().join(format!("frame_1.{ending}"));
             std::fs::write(&path, &bytes).unwrap();

@@ -13,14 +13,12 @@
 use std::path::Path;
 
 use crate::common::{
-    ascending, ascending_kept, opposite, point_electrode_disc, rotated, rotated_kept,
+    ascending, ascending_kept, opposite, parse, point_electrode_disc, rotated, rotated_kept, table,
 };
-use eit_hw::csv::{CsvOptions, FrameOrientation};
-use eit_hw::npy::NpyOptions;
 use eit_hw::{
-    At, Component, Format, HwError, Layout, MeasuredFrames, Note, OrderVerdict, Quadruple, Quality,
-    ReadOptions, Recording, SkipReason, SkippedFrame, Unit, model_correlation, read_recording,
-    reciprocity_error, recognise_order,
+    At, Component, Format, FrameOrientation, HwError, Layout, MeasuredFrames, Note, OrderVerdict,
+    Quadruple, Quality, ReadOptions, Recording, SkipReason, SkippedFrame, Unit, model_correlation,
+    read_recording, reciprocity_error, recognise_order,
 };
 
 fn recognised(path: &Path) -> Recording {
@@ -67,9 +65,9 @@ fn goe_200_frames() {
     let Some(folder) = fixtures::shared_data("goe_mf2_ball") else { return };
     let recording = recognised(&folder.join("ball_200_frames.get"));
     assert_eq!(recording.format, Format::Goe);
-    assert_eq!(recording.real().dim(), (200, 208));
+    assert_eq!(recording.real.dim(), (200, 208));
     assert_eq!(recording.skipped.frames, 0);
-    assert!(recording.notes.is_empty() && recording.imaginary().is_none());
+    assert!(recording.notes.is_empty() && recording.imaginary.is_none());
     let frames = real_frames(&recording, &rotated(16));
     // stated: 2.8 %; single frames vary by 0.1 to 0.3 %
     within(&errors(&frames, &rotated(16)), 0.0265, 0.0315);
@@ -84,8 +82,8 @@ fn goe_cut_file_loses_its_last_frame_only() {
     let Some(folder) = fixtures::shared_data("goe_mf2_ball") else { return };
     let bytes = std::fs::read(folder.join("ball_200_frames.get")).unwrap();
     let cut = &bytes[..bytes.len() - 1];
-    let recording = eit_hw::goe::parse(cut, Path::new("cut.get")).unwrap();
-    assert_eq!(recording.real().dim(), (199, 208));
+    let recording = parse(Format::Goe, cut, &ReadOptions::default()).unwrap();
+    assert_eq!(recording.real.dim(), (199, 208));
     assert_eq!(recording.skipped.frames, 1);
     let reason = SkipReason::Bytes { found: 1023, wanted: 1024 };
     assert_eq!(recording.skipped.first, [SkippedFrame { at: At::Byte(199 * 1024), reason }]);
@@ -96,7 +94,7 @@ fn sciospec_255_frames_at_20_a_second() {
     let Some(folder) = fixtures::shared_data("sciospec_tank_adjacent") else { return };
     let recording = recognised(&folder);
     assert_eq!(recording.format, Format::Sciospec);
-    assert_eq!(recording.real().dim(), (255, 256));
+    assert_eq!(recording.real.dim(), (255, 256));
     assert_eq!(recording.unit, Unit::Volt);
     assert_eq!(recording.frequency_hz, Some(10e3));
     assert_eq!(recording.current_a, Some(5e-3));
@@ -122,7 +120,7 @@ fn sciospec_255_frames_at_20_a_second() {
 
     // current enters at the first channel of a drive, which has the highest potential
     for (index, &[a, b]) in drives.iter().enumerate() {
-        let row = recording.real().row(0).to_owned();
+        let row = recording.real.row(0).to_owned();
         let potentials = &row.as_slice().unwrap()[index * 16..][..16];
         assert!(potentials.iter().all(|&potential| potential <= potentials[a as usize]));
         assert!(potentials.iter().all(|&potential| potential >= potentials[b as usize]));
@@ -153,7 +151,7 @@ fn sciospec_gives_any_pairs_of_its_drives_with_their_sign() {
 fn sciospec_has_one_frequency() {
     let Some(folder) = fixtures::shared_data("sciospec_tank_adjacent") else { return };
     let mut options = ReadOptions::default();
-    options.sciospec.frequency_row = 1;
+    options.frequency_row = 1;
     assert!(matches!(
         read_recording(&folder, None, &options),
         Err(HwError::FrequencyRow { row: 1, rows: 1, .. })
@@ -166,7 +164,7 @@ fn lct_voltage_over_current() {
     for name in ["metal_1", "metal_2_180", "plastic_1", "water_1", "water_2", "water_3"] {
         let recording = recognised(&folder.join(format!("{name}.txt")));
         assert_eq!(recording.format, Format::Lct);
-        assert_eq!(recording.real().dim(), (1, 208));
+        assert_eq!(recording.real.dim(), (1, 208));
         assert_eq!(recording.unit, Unit::Ohm);
         assert_eq!(recording.frequency_hz, Some(10e3));
         // 13 header lines, 208 rows, and one more
@@ -194,7 +192,7 @@ fn pyeidors_columns_alternate() {
         let path = folder.join(name);
         let recording = read_recording(&path, None, &options).unwrap();
         assert_eq!(recording.format, Format::Csv);
-        assert_eq!(recording.real().dim(), (2, 208));
+        assert_eq!(recording.real.dim(), (2, 208));
         for component in [Component::Real, Component::Phased] {
             let frames = recording.frames_for(Some(&rotated(16)), 208, component).unwrap();
             // stated: 1.2 to 3 %
@@ -207,16 +205,16 @@ fn pyeidors_columns_alternate() {
     }
     let first = read_recording(&folder.join("electrode01_metal.csv"), None, &options).unwrap();
     // first row of the file
-    assert_eq!(first.real()[[0, 0]], 0.105_571_510_388_850_71);
-    assert_eq!(first.imaginary().unwrap()[[0, 0]], -0.050_626_061_392_131_43);
-    assert_eq!(first.real()[[1, 0]], 0.104_302_972_966_099_57);
+    assert_eq!(first.real[[0, 0]], 0.105_571_510_388_850_71);
+    assert_eq!(first.imaginary.unwrap()[[0, 0]], -0.050_626_061_392_131_43);
+    assert_eq!(first.real[[1, 0]], 0.104_302_972_966_099_57);
 }
 
 #[test]
 fn phased_holds_more_than_real() {
     let Some(folder) = fixtures::shared_data("pyeidors_tank16") else { return };
-    let options = CsvOptions { orientation: FrameOrientation::Columns, complex: true };
-    let recording = eit_hw::csv::read(&folder.join("electrode01_metal.csv"), &options).unwrap();
+    let options = table(FrameOrientation::Columns, true);
+    let recording = read_recording(folder.join("electrode01_metal.csv"), None, &options).unwrap();
     let energy = |component| {
         let frames = recording.frames_for(None, 208, component).unwrap();
         frames.values.iter().map(|value| value * value).sum::<f64>()
@@ -232,7 +230,7 @@ fn umitooko_logs() {
     // a reference and 242 frames that start with `s`, all complete
     let recording = recognised(&folder.join("__3.txt"));
     assert_eq!(recording.format, Format::SerialLog);
-    assert_eq!(recording.real().dim(), (243, 208));
+    assert_eq!(recording.real.dim(), (243, 208));
     assert_eq!(recording.skipped.frames, 0);
     assert_eq!(recording.reference_frame, Some(0));
     assert_eq!(recording.notes, [Note::Reference { line: 1, frame: 0 }]);
@@ -262,7 +260,7 @@ fn umitooko_logs() {
 fn umitooko_log_that_starts_within_a_frame() {
     let Some(folder) = fixtures::shared_data("umitooko_serial16") else { return };
     let recording = recognised(&folder.join("efl_4_good.txt"));
-    assert_eq!(recording.real().dim(), (284, 208));
+    assert_eq!(recording.real.dim(), (284, 208));
     assert_eq!(recording.skipped.frames, 1);
     let reason = SkipReason::NoStart;
     assert_eq!(recording.skipped.first, [SkippedFrame { at: At::Line(1), reason }]);
@@ -278,9 +276,9 @@ fn umitooko_reference_of_one_line() {
     let path = folder.join("ref_data.txt");
     let log = read_recording(&path, Some(Format::SerialLog), &ReadOptions::default()).unwrap();
     let csv = recognised(&path);
-    assert_eq!(log.real().dim(), (1, 208));
+    assert_eq!(log.real.dim(), (1, 208));
     assert_eq!(csv.format, Format::Csv);
-    assert_eq!(log.real(), csv.real());
+    assert_eq!(log.real, csv.real);
     within(&errors(&real_frames(&log, &rotated(16)), &rotated(16)), 0.015, 0.04);
 }
 
@@ -293,14 +291,12 @@ fn umitooko_loses_a_cut_frame_only() {
     let lines: Vec<_> = text.lines().collect();
     let mut cut = lines.clone();
     cut[24] = &cut[24][..30];
-    let options = eit_hw::serial_log::SerialLogOptions::default();
     let cut = cut.join("\n") + "\n";
-    let recording =
-        eit_hw::serial_log::parse(cut.as_bytes(), Path::new("cut.txt"), &options).unwrap();
+    let recording = parse(Format::SerialLog, cut, &ReadOptions::default()).unwrap();
     assert_eq!(recording.frame_count(), 242);
     assert_eq!(recording.skipped.frames, 1);
     assert_eq!(recording.skipped.first[0].at, At::Line(25));
-    assert_eq!(recording.real().row(1), whole.real().row(2));
+    assert_eq!(recording.real.row(1), whole.real.row(2));
 }
 
 #[test]
@@ -310,11 +306,11 @@ fn khu_volts_gain_and_overflow() {
         let recording = recognised(&folder.join(name));
         assert_eq!(recording.format, Format::Khu);
         // 20 scans of 31 projections of 32 channels
-        assert_eq!(recording.real().dim(), (20, 31 * 32));
+        assert_eq!(recording.real.dim(), (20, 31 * 32));
         assert_eq!(recording.unit, Unit::Volt);
         assert!(recording.notes.is_empty());
         let Layout::Quadruples(quadruples) = &recording.layout else { panic!() };
-        for (frame, flags) in recording.quality().rows().into_iter().enumerate() {
+        for (frame, flags) in recording.quality.as_ref().unwrap().rows().into_iter().enumerate() {
             for (projection, flags) in flags.as_slice().unwrap().chunks(32).enumerate() {
                 let overflowed: Vec<_> =
                     (0..32).filter(|&c| flags[c].contains(Quality::SATURATED)).collect();
@@ -382,7 +378,7 @@ fn iirc_rod_with_driven_electrodes() {
     let Some(folder) = fixtures::shared_data("iirc_rod_2006") else { return };
     let recording = recognised(&folder.join("iirc_re_101x256.npy"));
     assert_eq!(recording.format, Format::Npy);
-    assert_eq!(recording.real().dim(), (101, 256));
+    assert_eq!(recording.real.dim(), (101, 256));
     let frames = real_frames(&recording, &ascending_kept(16));
     let errors = errors(&frames, &ascending_kept(16));
     // stated: 5.6 % (the reference, row 0); the rod adds up to 1.2 %
@@ -399,10 +395,10 @@ fn golf_ball_as_csv_and_npy() {
     let Some(folder) = fixtures::shared_data("golf_ball_b") else { return };
     let npy = recognised(&folder.join("phantom_16elec_1planeB_256xN.npy"));
     let csv = recognised(&folder.join("phantom_16elec_1planeB_256xN.csv"));
-    assert_eq!(npy.real().dim(), (4, 256));
-    assert_eq!(csv.real().dim(), (4, 256));
+    assert_eq!(npy.real.dim(), (4, 256));
+    assert_eq!(csv.real.dim(), (4, 256));
     // the text has 8 digits
-    for (text, binary) in csv.real().iter().zip(&npy.real()) {
+    for (text, binary) in csv.real.iter().zip(&npy.real) {
         assert!((text - binary).abs() <= 1e-8 * binary.abs().max(1.0), "{text} {binary}");
     }
     let frames = real_frames(&npy, &ascending_kept(16));
@@ -415,20 +411,20 @@ fn golf_ball_as_csv_and_npy() {
 fn uef_matrix_is_one_frame() {
     let Some(folder) = fixtures::shared_data("uef2017_kit4") else { return };
     let path = folder.join("Uel_1_0.npy");
-    let by_matrix = NpyOptions { orientation: FrameOrientation::Matrix, ..NpyOptions::default() };
-    let matrix = eit_hw::npy::read(&path, &NpyOptions::default()).unwrap();
-    let frame = eit_hw::npy::read(&path, &by_matrix).unwrap();
-    assert_eq!(matrix.real().dim(), (16, 79));
-    assert_eq!(frame.real().dim(), (1, 16 * 79));
-    for ((measurement, pattern), value) in matrix.real().indexed_iter() {
-        assert_eq!(frame.real()[[0, pattern * 16 + measurement]], *value);
+    let by_matrix = table(FrameOrientation::Matrix, false);
+    let matrix = recognised(&path);
+    let frame = read_recording(&path, None, &by_matrix).unwrap();
+    assert_eq!(matrix.real.dim(), (16, 79));
+    assert_eq!(frame.real.dim(), (1, 16 * 79));
+    for ((measurement, pattern), value) in matrix.real.indexed_iter() {
+        assert_eq!(frame.real[[0, pattern * 16 + measurement]], *value);
     }
     // general patterns have no quadruples
     assert_eq!(frame.frames_for(None, 1264, Component::Real).unwrap().values.dim(), (1, 1264));
     let refused = matrix.frames_for(None, 1264, Component::Real).unwrap_err();
     assert!(refused.to_string().contains("frames_are = \"matrix\""), "{refused}");
     // stated for the 16 adjacent patterns: 5.3 %
-    let adjacent = &frame.real().into_raw_vec_and_offset().0[..256];
+    let adjacent = &frame.real.into_raw_vec_and_offset().0[..256];
     let error = reciprocity_error(&ascending_kept(16), adjacent).unwrap();
     assert!((error - 0.053).abs() < 0.0005, "{error}");
 }
@@ -438,7 +434,7 @@ fn ktc_is_one_frame() {
     let Some(folder) = fixtures::shared_data("ktc2023_training") else { return };
     for name in ["Uel_ref", "Uel_1", "Uel_2", "Uel_3", "Uel_4"] {
         let recording = recognised(&folder.join(format!("{name}.npy")));
-        assert_eq!(recording.real().dim(), (1, 2356));
+        assert_eq!(recording.real.dim(), (1, 2356));
         assert!(recording.frames_for(None, 2356, Component::Real).is_ok());
     }
 }
@@ -447,10 +443,10 @@ fn ktc_is_one_frame() {
 fn hydrogel_has_no_reciprocal_pairs() {
     let Some(folder) = fixtures::shared_data("hydrogel_superpose500") else { return };
     let recording = recognised(&folder.join("superpose500_responseups.npy"));
-    assert_eq!(recording.real().dim(), (500, 192));
+    assert_eq!(recording.real.dim(), (500, 192));
     // stated: raw magnitudes 260 to 90000
-    assert!(recording.real().iter().all(|&value| (250.0..95_000.0).contains(&value)));
-    let codes = recognised(&folder.join("quadruples_192.csv")).real();
+    assert!(recording.real.iter().all(|&value| (250.0..95_000.0).contains(&value)));
+    let codes = recognised(&folder.join("quadruples_192.csv")).real;
     let quadruples: Vec<Quadruple> = codes
         .rows()
         .into_iter()
@@ -468,8 +464,6 @@ fn hydrogel_has_no_reciprocal_pairs() {
 /// recording.
 #[test]
 fn sign_against_a_homogeneous_disc() {
-    let columns = CsvOptions { orientation: FrameOrientation::Columns, complex: true };
-    let options = ReadOptions { csv: columns, ..ReadOptions::default() };
     for (file, order, sign) in [
         ("sciospec_tank_adjacent", rotated(16), 1.0),
         ("iirc_rod_2006/iirc_re_101x256.npy", ascending_kept(16), 1.0),
@@ -480,6 +474,9 @@ fn sign_against_a_homogeneous_disc() {
         ("umitooko_serial16/__3.txt", rotated(16), -1.0),
     ] {
         let Some(path) = fixtures::shared_data(file) else { continue };
+        let is_csv = file.ends_with(".csv");
+        let columns = table(FrameOrientation::Columns, true);
+        let options = if is_csv { columns } else { ReadOptions::default() };
         let recording = read_recording(&path, None, &options).unwrap();
         let mean = real_frames(&recording, &order).mean_frame();
         let correlation = model_correlation(&mean, &point_electrode_disc(&order, 16)).unwrap();
@@ -516,8 +513,7 @@ fn black_sensor_logs_read_as_frames() {
                 (rows.len() == 16).then(|| rows.concat())
             })
             .collect();
-        let found: Vec<Vec<f64>> =
-            recording.real().rows().into_iter().map(|r| r.to_vec()).collect();
+        let found: Vec<Vec<f64>> = recording.real.rows().into_iter().map(|r| r.to_vec()).collect();
         println!("{name}: {} frames of {marks} marks", found.len());
         assert!(whole.len() > 20 && found == whole, "{name}: {} and {}", found.len(), whole.len());
         // the end of the log may truncate the last frame, which is no fault of its lines
@@ -526,7 +522,7 @@ fn black_sensor_logs_read_as_frames() {
         // the largest is far from the rail of 16 bits, and above that of 15
         let largest = whole.iter().flatten().fold(0.0_f64, |most, &count| most.max(count));
         assert!((32_767.0..65_535.0).contains(&largest), "{name}: {largest}");
-        assert!(recording.quality().iter().all(|quality| quality.is_good()), "{name}");
+        assert_eq!(recording.quality, None, "{name}");
     }
 }
 

@@ -9,37 +9,29 @@
     reason = "a test file: a panic is a failed test"
 )]
 
-use crate::common::{ascending, name, opposite, rotated};
-use eit_hw::csv::{CsvOptions, parse};
+use crate::common::{ascending, opposite, parse, rotated, table};
 use eit_hw::{
-    Component, CountHint, FrameMap, FrameOrientation, HwError, Layout, OrderVerdict, Projection,
+    Component, CountHint, Format, Frame, FrameMap, FrameOrientation, HwError, Layout, OrderVerdict,
     Quadruple, Quality, ReadOptions, Recording, Unit, read_recording, reciprocity_error,
     recognise_order,
 };
 use ndarray::{Array2, array};
 use proptest::prelude::*;
 
-/// Changes the values of a recording.
-fn changed(
-    recording: &Recording,
-    change: impl FnOnce(&mut Array2<f64>, &mut Option<Array2<f64>>, &mut Array2<Quality>),
-) -> Recording {
-    let (mut real, mut imaginary) = (recording.real(), recording.imaginary());
-    let mut quality = recording.quality();
-    change(&mut real, &mut imaginary, &mut quality);
-    let parts = imaginary.as_ref().map(|parts| parts.view());
-    recording.clone().with_values(real.view(), parts, quality.view()).unwrap()
+/// Sets the flags of one value.
+fn flag(recording: &mut Recording, at: [usize; 2], flags: Quality) {
+    let all = recording.quality.get_or_insert_with(|| Array2::default(recording.real.dim()));
+    all[at] = flags;
 }
 
-/// Sets the flags of one value.
-fn flagged(recording: &Recording, at: [usize; 2], flags: Quality) -> Recording {
-    changed(recording, |_, _, quality| quality[at] = flags)
+fn csv(text: &str) -> Result<Recording, HwError> {
+    parse(Format::Csv, text, &ReadOptions::default())
 }
 
 /// Returns two complex frames of three values.
 fn complex() -> Recording {
-    let options = CsvOptions { complex: true, ..CsvOptions::default() };
-    parse(b"3,0,-6\n4,1,-8\n6,0,3\n8,2,4\n", &name("f.csv"), &options).unwrap()
+    let options = table(FrameOrientation::Rows, true);
+    parse(Format::Csv, "3,0,-6\n4,1,-8\n6,0,3\n8,2,4\n", &options).unwrap()
 }
 
 #[test]
@@ -55,17 +47,15 @@ fn components() {
 fn phased_turns_one_phase_to_the_real_axis() {
     let mut recording = complex();
     // all on the axis of 3 + 4i, with either sign: the projection is the signed magnitude
-    recording = changed(&recording, |real, parts, _| *parts = Some(&*real * (4.0 / 3.0)));
+    recording.imaginary = Some(&recording.real * (4.0 / 3.0));
     let phased = recording.frames_for(None, 3, Component::Phased).unwrap().values;
-    for (phased, real) in phased.iter().zip(&recording.real()) {
+    for (phased, real) in phased.iter().zip(&recording.real) {
         // a few roundings of numbers of order 10
         assert!((phased - real * 5.0 / 3.0).abs() < 1e-14, "{phased} {real}");
     }
     // flagged values do not rotate it
-    recording = changed(&recording, |real, _, quality| {
-        real[[0, 1]] = f64::NAN;
-        quality[[0, 1]] = Quality::NON_FINITE;
-    });
+    recording.real[[0, 1]] = f64::NAN;
+    flag(&mut recording, [0, 1], Quality::NON_FINITE);
     let flagged = recording.frames_for(None, 3, Component::Phased).unwrap();
     assert_eq!(flagged.values.row(1), phased.row(1));
     assert_eq!(flagged.quality[[0, 1]], Quality::NON_FINITE);
@@ -74,7 +64,7 @@ fn phased_turns_one_phase_to_the_real_axis() {
 
 #[test]
 fn real_recordings_have_no_imaginary_part() {
-    let recording = parse(b"1,-2\n", &name("f.csv"), &CsvOptions::default()).unwrap();
+    let recording = csv("1,-2\n").unwrap();
     let of = |component| recording.frames_for(None, 2, component);
     assert!(matches!(of(Component::Imaginary), Err(HwError::NoImaginaryPart { .. })));
     assert_eq!(of(Component::Phased).unwrap().values, array![[1.0, -2.0]]);
@@ -85,7 +75,7 @@ fn real_recordings_have_no_imaginary_part() {
 fn quadruples_are_found_with_their_sign() {
     let mut recording = complex();
     recording.layout = Layout::Quadruples(vec![[0, 1, 2, 3], [0, 1, 3, 4], [1, 2, 3, 4]]);
-    recording = flagged(&recording, [1, 2], Quality::OPEN);
+    flag(&mut recording, [1, 2], Quality::OPEN);
     let wanted = [[1, 2, 3, 4], [1, 0, 2, 3], [0, 1, 3, 2], [1, 0, 3, 2]];
     let frames = recording.frames_for(Some(&wanted), 4, Component::Real).unwrap();
     assert_eq!(frames.values.row(0).to_vec(), [-6.0, -3.0, -3.0, 3.0]);
@@ -106,7 +96,7 @@ fn quadruples_are_found_with_their_sign() {
 fn potentials_are_subtracted() {
     let mut recording = complex();
     recording.layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
-    recording = flagged(&recording, [0, 2], Quality::OPEN);
+    flag(&mut recording, [0, 2], Quality::OPEN);
     let wanted = [[0, 1, 0, 2], [1, 0, 0, 2], [0, 1, 2, 0], [0, 1, 0, 1]];
     let frames = recording.frames_for(Some(&wanted), 4, Component::Real).unwrap();
     assert_eq!(frames.values.row(0).to_vec(), [9.0, -9.0, -9.0, 3.0]);
@@ -127,22 +117,10 @@ fn fields_that_do_not_fit_are_refused() {
         let result = recording.frames_for(None, 3, Component::Real);
         assert!(matches!(result, Err(HwError::Inconsistent { .. })), "{result:?}");
     };
-    let recording = complex();
-    let (real, good) = (recording.real(), recording.quality());
-    let with = |real: &Array2<f64>, parts: Option<&Array2<f64>>, quality: &Array2<Quality>| {
-        let parts = parts.map(|parts| parts.view());
-        recording.clone().with_values(real.view(), parts, quality.view()).unwrap_err()
-    };
-    for error in [
-        with(&real, None, &Array2::default((2, 2))),
-        with(&real, None, &Array2::default((1, 3))),
-        with(&real, Some(&Array2::zeros((1, 3))), &good),
-        with(&real, Some(&Array2::zeros((2, 2))), &good),
-    ] {
-        assert!(matches!(error, HwError::Inconsistent { .. }), "{error:?}");
-    }
-    let none = with(&Array2::zeros((0, 3)), None, &Array2::default((0, 3)));
-    assert!(matches!(none, HwError::NoFrames { .. }), "{none:?}");
+    refused(|recording| recording.quality = Some(Array2::default((2, 2))));
+    refused(|recording| recording.quality = Some(Array2::default((1, 3))));
+    refused(|recording| recording.imaginary = Some(Array2::zeros((1, 3))));
+    refused(|recording| recording.imaginary = Some(Array2::zeros((2, 2))));
     refused(|recording| recording.device_time_s = Some(vec![0.0]));
     refused(|recording| recording.layout = Layout::Quadruples(Vec::new()));
     refused(|recording| {
@@ -154,7 +132,7 @@ fn fields_that_do_not_fit_are_refused() {
 fn counts_that_differ_are_explained() {
     let hint = |found: usize, frames: usize, wanted: usize| {
         let text = vec![vec!["1"; found].join(","); frames].join("\n");
-        let recording = parse(text.as_bytes(), &name("f.csv"), &CsvOptions::default()).unwrap();
+        let recording = csv(&text).unwrap();
         match recording.frames_for(None, wanted, Component::Real) {
             Err(HwError::CountMismatch { found: f, frames: n, wanted: w, hint, .. }) => {
                 assert_eq!((f, n, w), (found, frames, wanted));
@@ -247,13 +225,10 @@ fn frames_come_one_by_one() {
 
 #[test]
 fn means_are_of_good_values_of_some_frames() {
-    let mut recording =
-        parse(b"1,2\n3,4\n5,6\n7,8\n", &name("f.csv"), &CsvOptions::default()).unwrap();
+    let mut recording = csv("1,2\n3,4\n5,6\n7,8\n").unwrap();
     for frame in [1, 2] {
-        recording = changed(&recording, |real, _, quality| {
-            quality[[frame, 1]] = Quality::STUCK;
-            real[[frame, 1]] = f64::NAN;
-        });
+        flag(&mut recording, [frame, 1], Quality::STUCK);
+        recording.real[[frame, 1]] = f64::NAN;
     }
     let frames = recording.frames_for(None, 2, Component::Real).unwrap();
     assert_eq!(frames.mean_of(0..2), (vec![2.0, 2.0], vec![true, true]));
@@ -271,7 +246,7 @@ fn means_are_of_good_values_of_some_frames() {
 #[test]
 fn values_become_volts() {
     let frames = |unit, current_a| {
-        let mut recording = parse(b"1,-2\n", &name("f.csv"), &CsvOptions::default()).unwrap();
+        let mut recording = csv("1,-2\n").unwrap();
         (recording.unit, recording.current_a) = (unit, current_a);
         recording.frequency_hz = Some(1e3);
         let mut frames = recording.frames_for(None, 2, Component::Real).unwrap();
@@ -302,23 +277,21 @@ fn each_direction_of_a_measurement_is_its_own() {
     let both = [[0, 2, 1, 3], [2, 0, 1, 3], [0, 2, 3, 1]];
     let layout = Layout::Quadruples(both.to_vec());
     let map = FrameMap::new(&layout, 3, Some(&both), 3, "both").unwrap();
-    let (mut values, mut quality) = ([0.0; 3], [Quality::GOOD; 3]);
+    let mut frame = Frame::new(0, Vec::new());
     let recorded = [Quality::GOOD, Quality::OPEN, Quality::GOOD];
-    let real = Projection::Real;
-    map.apply_into(&[1.0, 2.0, 3.0], None, &recorded, real, &mut values, &mut quality).unwrap();
-    assert_eq!((values, quality), ([1.0, 2.0, 3.0], recorded));
+    map.apply(&[1.0, 2.0, 3.0], None, &recorded, &mut frame).unwrap();
+    assert_eq!((&frame.values[..], &frame.quality[..]), (&[1.0, 2.0, 3.0][..], &recorded[..]));
     // one that is recorded the other way only is turned
     let map = FrameMap::new(&layout, 3, Some(&[[2, 0, 3, 1]]), 1, "both").unwrap();
-    let (values, quality) = (&mut [0.0], &mut [Quality::GOOD]);
-    map.apply_into(&[1.0, 2.0, 3.0], None, &recorded, real, values, quality).unwrap();
-    assert_eq!(*values, [1.0]);
+    map.apply(&[1.0, 2.0, 3.0], None, &recorded, &mut frame).unwrap();
+    assert_eq!(frame.values, [1.0]);
 }
 
 /// A stream selects the same measurements as `frames_for` does from a file.
 #[test]
 fn frames_one_by_one_are_those_of_the_recording() {
     let mut recording = complex();
-    recording = flagged(&recording, [0, 2], Quality::OPEN);
+    flag(&mut recording, [0, 2], Quality::OPEN);
     let quadruples = [[1, 0, 0, 2], [0, 1, 2, 1]];
     let potentials = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
     let named = Layout::Quadruples(vec![[0, 1, 1, 2], [0, 1, 0, 2], [2, 0, 1, 2]]);
@@ -330,34 +303,13 @@ fn frames_one_by_one_are_those_of_the_recording() {
         recording.layout = layout;
         let map = FrameMap::new(&recording.layout, 3, quadruples, count, "stream").unwrap();
         assert_eq!((map.measurements(), map.value_count()), (count, 3));
-        for component in
-            [Component::Real, Component::Imaginary, Component::Magnitude, Component::Phased]
-        {
-            let frames = recording.frames_for(quadruples, count, component).unwrap();
-            let projection = match component {
-                Component::Real => Projection::Real,
-                Component::Imaginary => Projection::Imaginary,
-                Component::Magnitude => Projection::Magnitude,
-                Component::Phased => Projection::Axis { angle_rad: frames.phase_rad.unwrap() },
-            };
-            let (real, imaginary) = (recording.real(), recording.imaginary().unwrap());
-            let good = recording.quality();
-            for mut frame in frames.frames() {
-                let (values, quality) = (frame.values.clone(), frame.quality.clone());
-                frame.values.fill(f64::NAN);
-                frame.quality.fill(Quality::MISSING);
-                let row = usize::try_from(frame.sequence).unwrap();
-                map.apply_into(
-                    real.row(row).as_slice().unwrap(),
-                    imaginary.row(row).as_slice(),
-                    good.row(row).as_slice().unwrap(),
-                    projection,
-                    &mut frame.values,
-                    &mut frame.quality,
-                )
-                .unwrap();
-                assert_eq!((frame.values, frame.quality), (values, quality));
-            }
+        let part = |component| recording.frames_for(quadruples, count, component).unwrap();
+        let (real, imaginary) = (part(Component::Real), part(Component::Imaginary));
+        for (index, recorded) in recording.frames().enumerate() {
+            let mapped = map.mapped(&recorded).unwrap();
+            assert_eq!(mapped.values, real.values.row(index).to_vec());
+            assert_eq!(mapped.imaginary, Some(imaginary.values.row(index).to_vec()));
+            assert_eq!(mapped.quality, real.quality.row(index).to_vec());
         }
     }
 }
@@ -366,35 +318,19 @@ fn frames_one_by_one_are_those_of_the_recording() {
 fn a_map_refuses_what_does_not_fit() {
     let map = FrameMap::new(&Layout::ProtocolOrder, 2, None, 2, "stream").unwrap();
     let good = [Quality::GOOD; 3];
-    let apply = |real: &[f64], imaginary, quality: &[Quality], values: usize, flags: usize| {
-        let (mut values, mut flags) = (vec![7.0; values], vec![Quality::OPEN; flags]);
-        let result =
-            map.apply_into(real, imaginary, quality, Projection::Real, &mut values, &mut flags);
-        if result.is_err() {
-            assert!(values.iter().all(|value| *value == 7.0));
-            assert!(flags.iter().all(|flags| *flags == Quality::OPEN));
-        }
-        result
-    };
-    assert!(apply(&[1.0, 2.0], None, &good[..2], 2, 2).is_ok());
     let short: Option<&[f64]> = Some(&[1.0]);
-    for (result, wrong) in [
-        (apply(&[1.0], None, &good[..2], 2, 2), "real"),
-        (apply(&[1.0, 2.0], short, &good[..2], 2, 2), "imaginary"),
-        (apply(&[1.0, 2.0], None, &good, 2, 2), "quality"),
-        (apply(&[1.0, 2.0], None, &good[..2], 1, 2), "values"),
-        (apply(&[1.0, 2.0], None, &good[..2], 2, 3), "flags"),
+    for (real, imaginary, quality, wrong) in [
+        (&[1.0][..], None, &good[..2], "real"),
+        (&[1.0, 2.0], short, &good[..2], "imaginary"),
+        (&[1.0, 2.0], None, &good, "quality"),
     ] {
-        match result {
+        let mut frame = Frame::new(0, vec![7.0]);
+        match map.apply(real, imaginary, quality, &mut frame) {
             Err(HwError::Inconsistent { field, wanted: 2, .. }) => assert_eq!(field, wrong),
             other => panic!("{other:?}"),
         }
+        assert_eq!(frame, Frame::new(0, vec![7.0]));
     }
-    let mut out = ([0.0; 2], [Quality::GOOD; 2]);
-    let refused = map
-        .apply_into(&[1.0, 2.0], None, &good[..2], Projection::Imaginary, &mut out.0, &mut out.1)
-        .unwrap_err();
-    assert!(matches!(refused, HwError::NoImaginaryPart { .. }));
     let new = |layout, value_count, count| {
         FrameMap::new(&layout, value_count, None, count, "stream").unwrap_err()
     };
@@ -409,11 +345,10 @@ fn the_memory_order_of_a_recording_does_not_matter() {
     let recording = complex();
     let transposed =
         |array: &Array2<f64>| array.t().as_standard_layout().into_owned().reversed_axes();
-    let other = changed(&recording, |real, parts, _| {
-        *real = transposed(real);
-        *parts = parts.as_ref().map(transposed);
-        assert!(!real.is_standard_layout());
-    });
+    let mut other = recording.clone();
+    other.real = transposed(&recording.real);
+    other.imaginary = recording.imaginary.as_ref().map(transposed);
+    assert!(!other.real.is_standard_layout());
     assert_eq!(other, recording);
     for component in [Component::Real, Component::Phased] {
         assert_eq!(

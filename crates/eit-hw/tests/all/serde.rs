@@ -13,7 +13,6 @@ fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T
     assert_eq!(again(value), *value);
 }
 
-use eit_hw::csv::CsvOptions;
 use eit_hw::driver::{Backoff, SessionSettings};
 use eit_hw::{Endpoint, Frame, Layout, Quality, ReadOptions, Unit};
 
@@ -52,16 +51,9 @@ fn settings_survive() {
     // infinite: never gives up
     same(&Backoff::default());
     same(&SessionSettings::default());
-    same(&CsvOptions { complex: true, ..CsvOptions::default() });
-    same(&ReadOptions::default());
+    same(&ReadOptions { complex: true, ..ReadOptions::default() });
     same(&Layout::Quadruples(vec![[0, 1, 2, 3]]));
     same(&Unit::Ohm);
     same(&Endpoint::Serial { path: "/dev/ttyACM0".into(), baud: 115_200, dtr: Some(true) });
     assert!(serde_json::from_str::<SessionSettings>(r#"{"capacity":3,"overflows":1}"#).is_err());
-}
-
-#[test]
-fn flags_print_as_numbers_and_collect() {
-    let all: Quality = frame().quality.into_iter().collect();
-    assert_eq!(format!("{all:b} {all:x} {all:X} {all:o}"), "110000 30 30 60");
 }

@@ -3,6 +3,7 @@
 use super::{Scene, plain};
 use crate::error::SkinError;
 use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol, Protocol};
+use eit_hw::{Format, ReadOptions, read_recording};
 use std::path::Path;
 
 /// Default drive current, ampere.
@@ -79,7 +80,7 @@ impl Scene {
 
     fn quadruples(&self, file: &Path) -> Result<Vec<[u32; 4]>, SkinError> {
         let path = self.resolve(file);
-        let table = eit_hw::csv::read(&path, &eit_hw::csv::CsvOptions::default())?.real();
+        let table = read_table(&path, Format::Csv)?;
         let index = |value: &f64| {
             let whole = value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(value);
             whole.then_some(*value as u32)
@@ -129,9 +130,13 @@ impl Scene {
     }
 }
 
+fn read_table(path: &Path, format: Format) -> Result<ndarray::Array2<f64>, SkinError> {
+    Ok(read_recording(path, Some(format), &ReadOptions::default())?.real)
+}
+
 /// Reads a pattern matrix [electrode, pattern] of any number type from an `.npy` file.
 fn read_patterns(path: &Path, electrodes: usize) -> Result<ndarray::Array2<f64>, SkinError> {
-    let matrix = eit_hw::npy::read(path, &eit_hw::npy::NpyOptions::default())?.real();
+    let matrix = read_table(path, Format::Npy)?;
     // the reader interprets one column as one frame: here it is one pattern
     let one_pattern = matrix.dim() == (1, electrodes) && electrodes > 1;
     Ok(if one_pattern { matrix.reversed_axes() } else { matrix })

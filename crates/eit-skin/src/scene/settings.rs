@@ -49,7 +49,7 @@ impl RecordingSettings {
             ..Default::default()
         };
         if let Some(row) = self.frequency_row {
-            options.sciospec.frequency_row = row;
+            options.frequency_row = row;
         }
         Ok((self.format.as_deref().map(str::parse).transpose()?, options))
     }

@@ -5,7 +5,7 @@ use eit_hw::capture::{
     CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, MessageTimes, SameSetUp,
     SessionRecord,
 };
-use eit_hw::{Frame, FrameMap, HwError, Layout, Projection, Quadruple, Quality};
+use eit_hw::{Frame, FrameMap, HwError, Layout, Quadruple};
 use eit_report::ReportError;
 use eit_report::output::{OutFile, write_csv};
 use ndarray::ArrayView2;
@@ -86,23 +86,10 @@ impl<'a> Source<'a> {
     }
 
     fn mapped(&self, frame: Frame) -> Result<Frame, HwError> {
-        let Some(map) = &self.map else { return Ok(frame) };
-        let count = map.measurements();
-        let (mut values, mut quality) = (vec![0.0; count], vec![Quality::GOOD; count]);
-        let parts = frame.imaginary.as_deref();
-        let mut part = |projection, into: &mut Vec<f64>| {
-            map.apply_into(&frame.values, parts, &frame.quality, projection, into, &mut quality)
-        };
-        part(Projection::Real, &mut values)?;
-        let imaginary = match parts {
-            Some(_) => {
-                let mut imaginary = vec![0.0; count];
-                part(Projection::Imaginary, &mut imaginary)?;
-                Some(imaginary)
-            }
-            None => None,
-        };
-        Ok(Frame { values, imaginary, quality, ..frame })
+        match &self.map {
+            Some(map) => map.mapped(&frame),
+            None => Ok(frame),
+        }
     }
 
     fn each<E: From<HwError>>(

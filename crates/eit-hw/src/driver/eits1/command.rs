@@ -24,7 +24,7 @@ pub(super) struct Command<'a> {
 }
 
 impl Command<'static> {
-    pub fn without_payload(kind: Kind, answer: Kind, purpose: &'static str) -> Self {
+    pub(super) fn without_payload(kind: Kind, answer: Kind, purpose: &'static str) -> Self {
         Self { kind, payload: &[], answer, purpose }
     }
 }

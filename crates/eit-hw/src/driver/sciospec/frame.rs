@@ -153,19 +153,19 @@ impl Assembly {
 
     /// Determines the sign of the drives from whether Re u(a) > Re u(b).
     fn measured_sign(&self) -> Option<f64> {
-        let (mut seen, mut forward) = (0.0, 0.0);
+        let (mut decided, mut forward) = (0.0, 0.0);
         for (drive, &[a, b]) in self.drives.iter().enumerate() {
             let potential =
                 |electrode: u32| self.values[drive * self.electrodes + electrode as usize];
             let difference = potential(a) - potential(b);
             if difference != 0.0 && difference.is_finite() {
-                seen += 1.0;
+                decided += 1.0;
                 forward += f64::from(u8::from(difference > 0.0));
             }
         }
-        if seen > 0.0 && forward >= CLEAR_SHARE * seen {
+        if decided > 0.0 && forward >= CLEAR_SHARE * decided {
             Some(1.0)
-        } else if seen > 0.0 && forward <= (1.0 - CLEAR_SHARE) * seen {
+        } else if decided > 0.0 && forward <= (1.0 - CLEAR_SHARE) * decided {
             Some(-1.0)
         } else {
             None

@@ -114,8 +114,8 @@ impl Reader {
             let now = Instant::now();
             if frames > 0 {
                 noise = Noise::default();
-                let told_s = self.silence.frame(now);
-                self.count_silence(told_s);
+                let silent_s = self.silence.frame(now);
+                self.count_silence(silent_s);
                 self.count_disconnected(now);
             } else if let Some(for_s) = self.silence.begins(&self.settings, now) {
                 event!(WARN, "the instrument is silent", for_s = for_s);
@@ -130,21 +130,21 @@ impl Reader {
                     bytes => format!(", although {bytes} bytes came"),
                 };
                 let reason = format!("no frame for {for_s:.1} s{although}: setting it up again");
-                let told_s = self.silence.end(now);
-                self.count_silence(told_s);
+                let silent_s = self.silence.end(now);
+                self.count_silence(silent_s);
                 let source = std::io::Error::new(std::io::ErrorKind::TimedOut, reason.clone());
                 let endpoint = self.endpoint.to_string();
                 return End::Lost(reason, HwError::Lost { endpoint, source });
             }
         }
-        let told_s = self.silence.end(Instant::now());
-        self.count_silence(told_s);
+        let silent_s = self.silence.end(Instant::now());
+        self.count_silence(silent_s);
         End::Quit
     }
 
     /// Counts a silence, unless it is part of the time after a lost connection.
-    fn count_silence(&self, told_s: Option<f64>) {
-        if let (Some(for_s), None) = (told_s, self.lost_since) {
+    fn count_silence(&self, silent_s: Option<f64>) {
+        if let (Some(for_s), None) = (silent_s, self.lost_since) {
             self.queue.count(|statistics| statistics.silent_s += for_s);
         }
     }
@@ -160,7 +160,7 @@ impl Reader {
     fn find_again(&mut self, mut error: HwError) -> Result<Option<Link>, HwError> {
         let Some(backoff) = self.settings.reconnect else { return Err(error) };
         let (start, mut wait_s) = (Instant::now(), backoff.initial_s);
-        let mut told = String::new();
+        let mut reported = String::new();
         loop {
             let until =
                 Instant::now() + Duration::from_secs_f64(wait_s.min(backoff.max_s).min(3600.0));
@@ -191,9 +191,9 @@ impl Reader {
                         other,
                         HwError::Open { .. } | HwError::Lost { .. } | HwError::NoReply { .. }
                     );
-                    if !is_away && reason != told {
+                    if !is_away && reason != reported {
                         self.queue.push(Event::Disconnected { reason: reason.clone() });
-                        told = reason;
+                        reported = reason;
                     }
                     error = other;
                 }

@@ -24,8 +24,8 @@ pub(super) struct Silence {
     set_period_s: Option<f64>,
     /// The most recent intervals between frames.
     intervals_s: [f64; INTERVALS],
-    seen: usize,
-    is_told: bool,
+    counted: usize,
+    is_reported: bool,
 }
 
 impl Silence {
@@ -35,8 +35,8 @@ impl Silence {
             last_frame: None,
             set_period_s: frame_rate_hz.filter(|rate| *rate > 0.0).map(f64::recip),
             intervals_s: [0.0; INTERVALS],
-            seen: 0,
-            is_told: false,
+            counted: 0,
+            is_reported: false,
         }
     }
 
@@ -64,16 +64,16 @@ impl Silence {
         let [.., second_s, largest_s] = sorted_s;
         // second longest: ignores a single outage, yet with frames in bursts finds the time between
         // bursts, of which there are at least two
-        if self.seen < INTERVALS { UNKNOWN_PERIOD_S.max(largest_s) } else { second_s }
+        if self.counted < INTERVALS { UNKNOWN_PERIOD_S.max(largest_s) } else { second_s }
     }
 
     /// Returns the length of the silence if it is to be reported now.
     pub(super) fn begins(&mut self, settings: &SessionSettings, now: Instant) -> Option<f64> {
         let for_s = self.for_s(now);
-        if self.is_told || for_s < settings.silence_s.max(SILENCE_PERIODS * self.period_s()) {
+        if self.is_reported || for_s < settings.silence_s.max(SILENCE_PERIODS * self.period_s()) {
             return None;
         }
-        self.is_told = true;
+        self.is_reported = true;
         Some(for_s)
     }
 
@@ -85,13 +85,14 @@ impl Silence {
     pub(super) fn frame(&mut self, now: Instant) -> Option<f64> {
         if let Some(last) = self.last_frame {
             let interval_s = now.saturating_duration_since(last).as_secs_f64();
-            self.intervals_s[self.seen % INTERVALS] = interval_s;
+            self.intervals_s[self.counted % INTERVALS] = interval_s;
             // stays full, and at the same place of the ring
-            self.seen = if self.seen + 1 == 2 * INTERVALS { INTERVALS } else { self.seen + 1 };
+            self.counted =
+                if self.counted + 1 == 2 * INTERVALS { INTERVALS } else { self.counted + 1 };
         }
-        let told_s = self.end(now);
+        let reported_s = self.end(now);
         self.last_frame = Some(now);
-        told_s
+        reported_s
     }
 
     /// Ends a silence, at a frame or when the connection ends; returns its length if it was
@@ -99,7 +100,7 @@ impl Silence {
     pub(super) fn end(&mut self, now: Instant) -> Option<f64> {
         let for_s = self.for_s(now);
         self.since = now;
-        std::mem::take(&mut self.is_told).then_some(for_s)
+        std::mem::take(&mut self.is_reported).then_some(for_s)
     }
 }
 
@@ -110,22 +111,22 @@ mod tests {
 
     /// Feeds frames at these intervals, polling every 10 ms as a reader does; returns the reported
     /// silences, whether a stall was found, and the final time.
-    fn told(
+    fn reported(
         silence: &mut Silence,
         from: Instant,
         intervals_s: &[f64],
     ) -> (Vec<f64>, bool, Instant) {
         let settings = SessionSettings::default();
-        let (mut now, mut told, mut stalled) = (from, Vec::new(), false);
+        let (mut now, mut reported, mut stalled) = (from, Vec::new(), false);
         for &interval_s in intervals_s {
             for _ in 0..(100.0 * interval_s).round() as usize {
                 now += Duration::from_millis(10);
-                told.extend(silence.begins(&settings, now));
+                reported.extend(silence.begins(&settings, now));
                 stalled |= silence.is_stall(&settings, now);
             }
             silence.frame(now);
         }
-        (told, stalled, now)
+        (reported, stalled, now)
     }
 
     fn at_rest(frame_rate_hz: Option<f64>) -> (Silence, Instant) {
@@ -140,8 +141,8 @@ mod tests {
             let (mut silence, start) = at_rest(None);
             // buffered frames arrive together
             let intervals_s: Vec<f64> = [0.0, 0.0].into_iter().chain([period_s; 20]).collect();
-            let (told, stalled, end) = told(&mut silence, start, &intervals_s);
-            assert!(told.is_empty() && !stalled, "{period_s} s: {told:?}, {stalled}");
+            let (reported, stalled, end) = reported(&mut silence, start, &intervals_s);
+            assert!(reported.is_empty() && !stalled, "{period_s} s: {reported:?}, {stalled}");
             // then it falls silent: reported after three frame periods, set up again after six
             let settings = SessionSettings::default();
             let after = |periods: f64| end + Duration::from_secs_f64(periods * period_s);
@@ -156,11 +157,14 @@ mod tests {
     fn fast_boards_are_silent_after_half_a_second_once_their_rate_was_seen() {
         let (mut silence, start) = at_rest(None);
         let intervals_s = [vec![0.1; 20], vec![10.0], vec![0.1; 20], vec![1.0]].concat();
-        let (told, stalled, _) = told(&mut silence, start, &intervals_s);
+        let (reported, stalled, _) = reported(&mut silence, start, &intervals_s);
         // one outage of 10 s does not hide the next one of 1 s
-        assert_eq!(told.len(), 2, "{told:?}");
+        assert_eq!(reported.len(), 2, "{reported:?}");
         // polled every 10 ms
-        assert!(told.iter().all(|told_s| (0.5..0.515).contains(told_s)), "{told:?}");
+        assert!(
+            reported.iter().all(|reported_s| (0.5..0.515).contains(reported_s)),
+            "{reported:?}"
+        );
         assert!(stalled);
     }
 
@@ -168,17 +172,17 @@ mod tests {
     fn a_rate_that_changes_is_learnt_again() {
         let (mut silence, start) = at_rest(None);
         let intervals_s = [vec![0.1; 20], vec![1.5; 10]].concat();
-        let (told, ..) = told(&mut silence, start, &intervals_s);
+        let (reported, ..) = reported(&mut silence, start, &intervals_s);
         // the first two slow frames are reported: one long interval alone might be an outage
-        assert_eq!(told.len(), 2, "{told:?}");
+        assert_eq!(reported.len(), 2, "{reported:?}");
     }
 
     #[test]
     fn frames_in_bursts_are_no_silence() {
         let (mut silence, start) = at_rest(None);
         let intervals_s = [1.0, 0.0, 0.0].repeat(10);
-        let (told, stalled, _) = told(&mut silence, start, &intervals_s);
-        assert!(told.is_empty() && !stalled, "{told:?}");
+        let (reported, stalled, _) = reported(&mut silence, start, &intervals_s);
+        assert!(reported.is_empty() && !stalled, "{reported:?}");
     }
 
     #[test]

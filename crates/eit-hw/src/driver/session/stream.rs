@@ -1,6 +1,5 @@
 //! Converts raw frames to frames in protocol order.
 
-use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::settings::SessionSettings;
@@ -8,13 +7,13 @@ use crate::driver::decoded::RawFrame;
 use crate::driver::quality::Marker;
 use crate::driver::setup::Setup;
 use crate::error::HwError;
-use crate::frame::{Frame, Quality};
-use crate::recording::{FrameMap, Projection};
+use crate::frame::Frame;
+use crate::recording::{FrameMap, Layout};
 use crate::transport::Endpoint;
 
 /// Converts raw frames to frames in protocol order.
 pub(super) struct Stream {
-    map: Option<FrameMap>,
+    map: FrameMap,
     marker: Marker,
     value_count: usize,
     complex: bool,
@@ -32,14 +31,11 @@ impl Stream {
         settings: &SessionSettings,
         endpoint: &Endpoint,
     ) -> Result<Self, HwError> {
-        let map = match &settings.quadruples {
-            None => None,
-            Some(wanted) => {
-                let name = endpoint.to_string();
-                let source = Path::new(&name);
-                let count = wanted.len();
-                Some(FrameMap::new(&setup.layout, setup.value_count, Some(wanted), count, source)?)
-            }
+        let (name, count) = (endpoint.to_string(), setup.value_count);
+        let map = match settings.quadruples.as_deref() {
+            // as the instrument sends them
+            None => FrameMap::new(&Layout::ProtocolOrder, count, None, count, &name)?,
+            wanted @ Some(list) => FrameMap::new(&setup.layout, count, wanted, list.len(), &name)?,
         };
         Ok(Self {
             map,
@@ -81,25 +77,10 @@ impl Stream {
         let host_time_s =
             SystemTime::now().duration_since(UNIX_EPOCH).ok().map(|time| time.as_secs_f64());
         self.marker.mark(raw);
-        let count = self.map.as_ref().map_or(self.value_count, FrameMap::measurements);
-        let mut frame = spare.unwrap_or_else(|| Frame {
-            values: vec![0.0; count],
-            imaginary: self.complex.then(|| vec![0.0; count]),
-            quality: vec![Quality::GOOD; count],
-            sequence: 0,
-            epoch: 0,
-            device_time_s: None,
-            host_time_s: None,
-        });
         // a frame built elsewhere may have another size
-        frame.values.resize(count, 0.0);
-        frame.quality.resize(count, Quality::GOOD);
-        if self.complex {
-            frame.imaginary.get_or_insert_default().resize(count, 0.0);
-        } else {
-            frame.imaginary = None;
-        }
-        self.write(raw, &mut frame)?;
+        let mut frame = spare.unwrap_or_else(|| Frame::new(0, Vec::new()));
+        let imaginary = self.complex.then_some(raw.imaginary);
+        self.map.apply(raw.values, imaginary, &self.marker.quality, &mut frame).ok()?;
         let &mut (first_count, first_time) =
             self.first.get_or_insert((raw.counter, raw.device_time_s));
         let sequence = match (raw.counter, first_count) {
@@ -115,25 +96,5 @@ impl Stream {
         frame.device_time_s = raw.device_time_s.zip(first_time).map(|(now, first)| now - first);
         frame.host_time_s = host_time_s;
         Some((frame, lost))
-    }
-
-    fn write(&self, raw: &RawFrame<'_>, frame: &mut Frame) -> Option<()> {
-        let quality = &self.marker.quality;
-        let Some(map) = &self.map else {
-            frame.values.copy_from_slice(raw.values);
-            frame.quality.copy_from_slice(quality);
-            if let Some(imaginary) = &mut frame.imaginary {
-                imaginary.copy_from_slice(raw.imaginary);
-            }
-            return Some(());
-        };
-        let parts = self.complex.then_some(raw.imaginary);
-        let (values, flags) = (&mut frame.values, &mut frame.quality);
-        map.apply_into(raw.values, parts, quality, Projection::Real, values, flags).ok()?;
-        if let Some(imaginary) = &mut frame.imaginary {
-            let projection = Projection::Imaginary;
-            map.apply_into(raw.values, parts, quality, projection, imaginary, flags).ok()?;
-        }
-        Some(())
     }
 }

@@ -14,7 +14,7 @@ pub(super) struct Header {
 }
 
 impl Header {
-    pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Self, HwError> {
+    pub(super) fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Self, HwError> {
         let path = path.as_ref();
         let place = || Place::file(path);
         if bytes.is_empty() {
@@ -135,16 +135,16 @@ impl Kind {
         Some(Self { number, complex, big_endian: order, size })
     }
 
-    pub const fn parts(self) -> usize {
+    pub(super) const fn parts(self) -> usize {
         if self.complex { 2 } else { 1 }
     }
 
-    pub const fn bytes(self) -> usize {
+    pub(super) const fn bytes(self) -> usize {
         self.parts() * self.size
     }
 
     /// Decodes one part from its `size` bytes. Integers beyond 2^53 are rounded.
-    pub fn value(self, bytes: &[u8]) -> f64 {
+    pub(super) fn value(self, bytes: &[u8]) -> f64 {
         // the number in the low bytes of 8, least significant first
         let mut wide = [0; 8];
         for (slot, index) in wide.iter_mut().zip(0..bytes.len()) {

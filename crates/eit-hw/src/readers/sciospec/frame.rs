@@ -5,7 +5,6 @@ use std::path::Path;
 use super::header::Header;
 use crate::error::{HwError, Place, shortened};
 use crate::readers::text;
-use crate::recording::packed::Packed;
 
 /// Most lines in a file: those of 1 024 drives at 256 frequencies.
 const MOST_LINES: usize = 1 << 18;
@@ -19,8 +18,8 @@ pub(super) struct EitFrame {
     pub(super) drives: Vec<[u32; 2]>,
     pub(super) electrodes: usize,
     /// Potentials in volts, [drive, electrode].
-    pub(super) real: Packed,
-    pub(super) imaginary: Packed,
+    pub(super) real: Vec<f64>,
+    pub(super) imaginary: Vec<f64>,
     pub(super) time_ms: Option<i64>,
     pub(super) frequency_hz: f64,
     pub(super) current_a: f64,
@@ -60,8 +59,8 @@ impl EitFrame {
         let mut frame = Self {
             drives: Vec::new(),
             electrodes: 0,
-            real: Packed::of_rows(0),
-            imaginary: Packed::of_rows(0),
+            real: Vec::new(),
+            imaginary: Vec::new(),
             time_ms: header.time_ms,
             frequency_hz: header.frequency_hz(frequency_row),
             current_a: header.current_a,

@@ -2,15 +2,18 @@
 
 #![allow(clippy::expect_used, reason = "tests")]
 
+pub mod instruments;
 pub mod recordings;
+pub mod wire;
 
 use std::collections::HashSet;
 use std::net::Ipv4Addr;
-use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU8, Ordering};
 
-use eit_hw::Quadruple;
 use eit_hw::emulator::Listen;
+use eit_hw::{
+    Format, FrameOrientation, HwError, Quadruple, ReadOptions, Recording, parse_recording,
+};
 
 /// A free port, on Linux at a loopback address of its own: nobody else takes it while the instrument is unplugged.
 pub fn own_port() -> Listen {
@@ -56,9 +59,18 @@ pub fn opposite(n: u32) -> Vec<Quadruple> {
         .collect()
 }
 
-/// Returns a path for use in messages.
-pub fn name(text: &str) -> PathBuf {
-    Path::new(text).to_path_buf()
+/// Parses the content of a file `f.FORMAT`.
+pub fn parse(
+    format: Format,
+    content: impl AsRef<[u8]>,
+    options: &ReadOptions,
+) -> Result<Recording, HwError> {
+    parse_recording(content.as_ref(), format!("f.{format}"), format, options)
+}
+
+/// Options for a table.
+pub fn table(frames_are: FrameOrientation, complex: bool) -> ReadOptions {
+    ReadOptions { frames_are: Some(frames_are), complex, ..ReadOptions::default() }
 }
 
 /// Returns the voltages for 1 A and 1 S between `n` equally spaced point electrodes on the rim of a

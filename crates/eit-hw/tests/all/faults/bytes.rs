@@ -4,30 +4,13 @@ use eit_hw::Quality;
 use eit_hw::codec::{eits1, sciospec, text};
 use text::{Fault, Framing, Number, TextFormat};
 
-use super::{eits1_frame, garbage, sciospec_frame};
+use super::garbage;
+use crate::common::wire::{
+    board_frame, eits1_events, eits1_frame, sciospec_events, sciospec_frame, text_events,
+};
 
 /// A codec under test: converts bytes in pieces to events as text.
 type Decode = Box<dyn Fn(&[&[u8]]) -> Vec<String>>;
-
-fn eits1_events(pieces: &[&[u8]]) -> Vec<String> {
-    let (mut decoder, mut events) = (eits1::Decoder::new(), Vec::new());
-    pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
-    events
-}
-
-fn sciospec_events(pieces: &[&[u8]]) -> Vec<String> {
-    let mut decoder = sciospec::Decoder::new(sciospec::Output::default());
-    let mut events = Vec::new();
-    pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
-    events
-}
-
-fn text_events(format: &TextFormat, pieces: &[&[u8]]) -> Vec<String> {
-    let mut decoder = text::Decoder::new(format.clone()).unwrap();
-    let mut events = Vec::new();
-    pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
-    events
-}
 
 /// Returns every framing, with frames of few values.
 fn formats() -> Vec<TextFormat> {
@@ -50,28 +33,6 @@ fn formats() -> Vec<TextFormat> {
     ]
 }
 
-/// Returns frame number `frame` as a board sends it; no two frames have a value in common.
-fn lines(format: &TextFormat, frame: usize) -> Vec<u8> {
-    let count = format.lines_per_frame * format.values_per_line;
-    let mut values = (0..count).map(|index| format.number.write((100 * frame + index) as f64));
-    let mut bytes = Vec::new();
-    if let Framing::StartLine(mark) = &format.framing {
-        bytes.extend(format!("{mark}\n").bytes());
-    }
-    for _ in 0..format.lines_per_frame {
-        if let Framing::Prefix(mark) = &format.framing {
-            let colon = if mark.starts_with('!') { "" } else { ":" };
-            bytes.extend(format!("{mark}{colon} ").bytes());
-        }
-        let line: Vec<_> = values.by_ref().take(format.values_per_line).collect();
-        bytes.extend(format!("{}\r\n", line.join(",")).bytes());
-    }
-    if let Framing::EndLine(mark) = &format.framing {
-        bytes.extend(format!("{mark}\r\n").bytes());
-    }
-    bytes
-}
-
 /// Returns the codecs, a stream of four frames for each, and the name of a frame's event.
 fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
     let mut streams: Vec<(String, Decode, Vec<Vec<u8>>, _)> = vec![
@@ -89,8 +50,9 @@ fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
         ),
     ];
     for format in formats() {
-        // the first of plain lines may be incomplete and is therefore skipped
-        let frames: Vec<_> = (0..5).map(|frame| lines(&format, frame)).collect();
+        // the first of plain lines may be incomplete and is therefore skipped; no two frames have a
+        // value in common
+        let frames: Vec<_> = (0..5).map(|frame| board_frame(&format, 100 * frame, 1)).collect();
         let name = format!("{:?}", format.framing);
         streams.push((name, Box::new(move |p| text_events(&format, p)), frames, "Frame"));
     }

@@ -33,50 +33,6 @@ mod bytes;
 mod session;
 mod values;
 
-use std::time::Duration;
-
-use eit_hw::codec::{eits1, sciospec};
-use eit_hw::driver::{Backoff, SessionSettings};
-
-/// Time limit for anything that must arrive.
-const LIMIT: Duration = Duration::from_secs(30);
-const WAIT: Duration = Duration::from_millis(200);
-
-fn quick() -> SessionSettings {
-    let reconnect = Some(Backoff { initial_s: 0.01, max_s: 0.1, give_up_s: 25.0 });
-    // large enough that nothing is dropped while other tests use the processor
-    SessionSettings { capacity: 4096, reconnect, ..SessionSettings::default() }
-}
-
-/// Returns an EITS-1 frame as sent.
-fn eits1_frame(sequence: u32, time_us: u64, values: &[f32]) -> Vec<u8> {
-    let payload: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-    let mut wire = Vec::new();
-    let message = eits1::Message {
-        kind: eits1::Kind::Frame,
-        sequence,
-        device_time_us: time_us,
-        flags: 0,
-        count: u16::try_from(values.len()).unwrap(),
-        payload: &payload,
-    };
-    eits1::encode(&message, &mut wire).unwrap();
-    wire
-}
-
-/// Returns a data frame of 16 channels as sent, whose values encode its drive and time.
-fn sciospec_frame(group: u8, drive: [u8; 2], row: u16, time_ms: u32) -> Vec<u8> {
-    let mut potentials_v = [[0.0; 2]; 16];
-    for (k, potential) in potentials_v.iter_mut().enumerate() {
-        *potential = [(f32::from(drive[0]) + 16.0 * k as f32) / 1024.0, f32::from(group) / 8.0];
-    }
-    let (drive, frequency_row, time_ms) = (Some(drive), Some(row), Some(time_ms));
-    let data = sciospec::DataFrame { group, drive, frequency_row, time_ms, potentials_v };
-    let mut wire = Vec::new();
-    sciospec::encode_data(&data, &mut wire);
-    wire
-}
-
 /// Returns pseudo-random bytes.
 fn garbage(count: usize, seed: u64) -> Vec<u8> {
     let mut random = fixtures::Random::new(seed);

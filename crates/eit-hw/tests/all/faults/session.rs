@@ -16,8 +16,9 @@ use eit_hw::emulator::{
 };
 use eit_hw::{Endpoint, Frame, HwError, Quadruple, Unit};
 
-use super::{LIMIT, WAIT, quick};
-use crate::common::{own_port, rotated};
+use crate::common::instruments::{LIMIT, events, frames, line, quick, start};
+use crate::common::rotated;
+use crate::common::wire::sciospec_frame;
 
 const ELECTRODES: u32 = 8;
 
@@ -86,10 +87,6 @@ fn check_eits1(frame: &Frame) {
     }
 }
 
-fn start(device: impl Device + 'static, faults: FaultPlan) -> Emulator {
-    Emulator::start(Box::new(device), &own_port(), faults).unwrap()
-}
-
 fn open_sciospec(emulator: &Emulator) -> Session {
     let settings = SessionSettings { quadruples: Some(rotated(ELECTRODES)), ..quick() };
     Session::open(sciospec_driver(), emulator.endpoint(), settings).unwrap()
@@ -97,16 +94,17 @@ fn open_sciospec(emulator: &Emulator) -> Session {
 
 /// Takes frames until `wanted` have arrived; also returns the other events.
 fn take(session: &Session, wanted: usize, check: fn(&Frame)) -> (Vec<Frame>, Vec<Event>) {
-    let (start, mut frames, mut others) = (Instant::now(), Vec::new(), Vec::new());
-    while frames.len() < wanted {
-        assert!(start.elapsed() < LIMIT, "{} of {wanted}: {others:?}", frames.len());
-        match session.next_event(WAIT).unwrap() {
-            Some(Event::Frame(frame)) => {
+    let (mut frames, mut others) = (Vec::new(), Vec::new());
+    for event in events(session) {
+        match event {
+            Event::Frame(frame) => {
                 check(&frame);
                 frames.push(frame);
             }
-            Some(other) => others.push(other),
-            None => {}
+            other => others.push(other),
+        }
+        if frames.len() == wanted {
+            break;
         }
     }
     (frames, others)
@@ -283,7 +281,7 @@ fn row_06_data_before_the_acknowledgement_and_hold_up_in_the_stream() {
     // stray data before each acknowledgement
     let meddle = |_: Duration, sent: &mut Vec<u8>| {
         if let Some(place) = sent.windows(4).position(|w| w == ack()) {
-            sent.splice(place..place, super::sciospec_frame(1, [1, 2], 1, 5));
+            sent.splice(place..place, sciospec_frame(1, [1, 2], 1, 5));
         }
     };
     let emulator = start(Meddled { device: sciospec_device(), meddle }, FaultPlan::default());
@@ -324,17 +322,15 @@ fn row_06_a_reset_in_the_stream_begins_a_new_epoch() {
     };
     let emulator = start(Meddled { device: sciospec_device(), meddle }, FaultPlan::default());
     let session = open_sciospec(&emulator);
-    let (begun, mut epochs) = (Instant::now(), [0; 2]);
-    let mut news = Vec::new();
+    let (mut epochs, mut news, mut events) = ([0; 2], Vec::new(), events(&session));
     while epochs[1] < 5 {
-        assert!(begun.elapsed() < LIMIT, "{epochs:?} {news:?}");
-        match session.next_event(WAIT).unwrap() {
-            Some(Event::Frame(frame)) => {
+        match events.next().unwrap() {
+            Event::Frame(frame) => {
                 check_sciospec(&frame);
                 epochs[frame.epoch as usize] += 1;
             }
-            Some(Event::Notice(_)) | None => {}
-            Some(other) => news.push(other),
+            Event::Notice(_) => {}
+            other => news.push(other),
         }
     }
     assert!(
@@ -347,48 +343,40 @@ fn row_06_a_reset_in_the_stream_begins_a_new_epoch() {
 /// Unplugged at each place of a frame, and again while being set up.
 #[test]
 fn row_08_unplugged_anywhere() {
-    let folder = tempfile::tempdir().unwrap();
     // once without faults
     let emulator = start(eits1_device("7"), FaultPlan::default());
     let session = Session::open(eits1_driver(), emulator.endpoint(), quick()).unwrap();
     take(&session, 1, check_eits1);
     drop(session);
     let frame_bytes = 192;
-    for (index, within) in [0, 1, 90, frame_bytes - 1].into_iter().enumerate() {
+    for within in [0, 1, 90, frame_bytes - 1] {
         let at = 2000 + within;
         // again while it is identified and set up: 20 and 150 bytes later
         let unplug_after_bytes = vec![at, at + 20, at + 170];
         let plan = FaultPlan { unplug_after_bytes, unplugged_s: 0.03, ..FaultPlan::default() };
-        let listen = line(folder.path(), index);
-        let emulator = Emulator::start(Box::new(eits1_device("7")), &listen, plan).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let device = Box::new(eits1_device("7"));
+        let emulator = Emulator::start(device, &line(&folder), plan).unwrap();
         let session = Session::open(eits1_driver(), emulator.endpoint(), quick()).unwrap();
-        let (begun, mut last, mut epoch) = (Instant::now(), None, 0);
-        let mut after = 0;
+        let (mut last, mut after, mut news, mut events) = (None, 0, Vec::new(), events(&session));
         while after < 10 {
-            assert!(begun.elapsed() < LIMIT, "{within}: epoch {epoch}");
-            match session.next_event(WAIT).unwrap() {
-                Some(Event::Frame(frame)) => {
+            match events.next().unwrap() {
+                Event::Frame(frame) => {
                     check_eits1(&frame);
                     assert!(last.is_none_or(|last| frame.sequence > last), "{within}");
-                    (last, epoch) = (Some(frame.sequence), frame.epoch);
+                    // the clock restarts with the instrument
+                    assert!(frame.device_time_s.unwrap() >= 0.0);
+                    last = Some(frame.sequence);
                     after += u32::from(frame.epoch > 0);
                 }
-                Some(Event::Reconnected { epoch }) => assert!(epoch > 0),
+                Event::Reconnected { epoch } => news.push(epoch),
                 _ => {}
             }
         }
         assert!(emulator.statistics().faults == 3, "{within}");
-    }
-}
-
-/// Returns a pseudo-terminal where available, otherwise TCP.
-fn line(folder: &std::path::Path, index: usize) -> Listen {
-    #[cfg(unix)]
-    return Listen::PseudoTerminal(folder.join(format!("skin{index}")));
-    #[cfg(not(unix))]
-    {
-        let _ = (folder, index);
-        own_port()
+        // each connection has an epoch of its own
+        assert_eq!(news, (1..=news.len() as u32).collect::<Vec<_>>(), "{within}");
+        assert_eq!(session.statistics().reconnections as usize, news.len(), "{within}");
     }
 }
 
@@ -428,16 +416,7 @@ fn row_08_the_path_stays_when_the_device_behind_it_changes() {
         FaultPlan::default(),
     )
     .unwrap();
-    let begun = Instant::now();
-    loop {
-        assert!(begun.elapsed() < LIMIT);
-        if let Some(Event::Frame(frame)) = session.next_event(WAIT).unwrap()
-            && frame.epoch == 1
-        {
-            check_eits1(&frame);
-            break;
-        }
-    }
+    check_eits1(&frames(&session).find(|frame| frame.epoch == 1).unwrap());
     drop(second);
 }
 
@@ -520,10 +499,9 @@ fn row_10_a_trickle_and_a_stall() {
     let settings = SessionSettings { silence_s: 0.4, ..quick() };
     let driver = Box::new(Eits1::new(&rotated(8), 5.0, 1e-4, 0.0).unwrap());
     let session = Session::open(driver, emulator.endpoint(), settings).unwrap();
-    let (begun, mut frames, mut stalls) = (Instant::now(), 0, 0);
+    let (mut frames, mut stalls, mut events) = (0, 0, events(&session));
     while frames < 5 || stalls == 0 {
-        assert!(begun.elapsed() < LIMIT, "{frames} {stalls}");
-        match session.next_event(WAIT).unwrap() {
+        match events.next() {
             Some(Event::Frame(frame)) => {
                 check_eits1(&frame);
                 frames += 1;
