@@ -7,7 +7,6 @@
 //! its last second. docs/RECORDING.md lists the schemas.
 
 mod container;
-mod content;
 mod entry;
 mod json;
 mod parts;
@@ -16,7 +15,6 @@ mod record;
 mod records;
 mod recover;
 mod stream;
-mod unpack;
 mod write;
 
 pub use container::MAGIC;

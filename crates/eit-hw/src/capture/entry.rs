@@ -1,7 +1,8 @@
 //! Messages of a recording, and their topics.
 
-use super::content::Channel;
-use super::json::FrameRecord;
+use mcap::records::Channel;
+
+use super::json::{FrameJson, FrameRecord};
 use super::record::{NoteRecord, ReferenceRecord, SessionRecord, TouchRecord, TouchesRecord};
 use crate::frame::Frame;
 
@@ -20,9 +21,9 @@ impl Topic {
         [Self::Session, Self::Frame, Self::Reference, Self::Touches, Self::Note];
 
     /// Returns the topic of a channel, or `None` if another program wrote it.
-    pub(super) fn of(channel: &Channel<'_>) -> Option<Self> {
+    pub(super) fn of(channel: &Channel) -> Option<Self> {
         let topic = Self::ALL.into_iter().find(|topic| topic.name() == channel.topic);
-        topic.filter(|_| channel.encoding == "json")
+        topic.filter(|_| channel.message_encoding == "json")
     }
 
     pub(super) const fn name(self) -> &'static str {
@@ -42,6 +43,50 @@ impl Topic {
             Self::Reference => ("eit.Reference", include_str!("reference.schema.json")),
             Self::Touches => ("eit.Touches", include_str!("touches.schema.json")),
             Self::Note => ("eit.Note", include_str!("note.schema.json")),
+        }
+    }
+}
+
+/// A message to write.
+#[derive(Clone, Copy)]
+pub(super) enum Message<'a> {
+    Session(&'a SessionRecord),
+    Frame(&'a Frame),
+    Reference(&'a ReferenceRecord),
+    Touches(&'a TouchesRecord),
+    Note(&'a str),
+}
+
+impl Message<'_> {
+    pub(super) fn topic(self) -> Topic {
+        match self {
+            Self::Session(_) => Topic::Session,
+            Self::Frame(_) => Topic::Frame,
+            Self::Reference(_) => Topic::Reference,
+            Self::Touches(_) => Topic::Touches,
+            Self::Note(_) => Topic::Note,
+        }
+    }
+
+    pub(super) fn write(self, json: &mut Vec<u8>) -> serde_json::Result<()> {
+        match self {
+            Self::Session(session) => serde_json::to_writer(json, session),
+            Self::Frame(frame) => serde_json::to_writer(json, &FrameJson(frame)),
+            Self::Reference(reference) => serde_json::to_writer(json, reference),
+            Self::Touches(touches) => serde_json::to_writer(json, touches),
+            Self::Note(text) => serde_json::to_writer(json, &NoteRecord { text: text.into() }),
+        }
+    }
+}
+
+impl<'a> From<&'a Entry> for Message<'a> {
+    fn from(entry: &'a Entry) -> Self {
+        match entry {
+            Entry::Session(session) => Self::Session(session),
+            Entry::Frame(frame) => Self::Frame(frame),
+            Entry::Reference(reference) => Self::Reference(reference),
+            Entry::Touches(touches) => Self::Touches(touches),
+            Entry::Note(text) => Self::Note(text),
         }
     }
 }
@@ -88,9 +133,9 @@ impl Entry {
                 .map(Self::Frame),
             Topic::Reference => serde_json::from_slice(json).ok().map(Self::Reference),
             Topic::Touches => serde_json::from_slice(json).ok().map(Self::Touches),
-            Topic::Note => serde_json::from_slice::<NoteRecord>(json)
+            Topic::Note => serde_json::from_slice::<NoteRecord<'_>>(json)
                 .ok()
-                .map(|record| Self::Note(record.text)),
+                .map(|record| Self::Note(record.text.into_owned())),
         }
     }
 }

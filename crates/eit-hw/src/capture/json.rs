@@ -131,12 +131,15 @@ impl FrameRecord {
             None => vec![Quality::GOOD; count],
             Some(bits) => bits.0.into_iter().map(Quality::from_bits).collect::<Option<_>>()?,
         };
-        let imaginary = self.imaginary.map(|list| list.0);
-        if quality.len() != count || imaginary.as_ref().is_some_and(|parts| parts.len() != count) {
-            return None;
-        }
-        let (sequence, epoch) = (self.sequence, self.epoch);
-        let (device_time_s, host_time_s) = (self.device_time_s, self.host_time_s);
-        Some(Frame { values, imaginary, quality, sequence, epoch, device_time_s, host_time_s })
+        let frame = Frame {
+            values,
+            imaginary: self.imaginary.map(|list| list.0),
+            quality,
+            sequence: self.sequence,
+            epoch: self.epoch,
+            device_time_s: self.device_time_s,
+            host_time_s: self.host_time_s,
+        };
+        frame.check(None, "".as_ref()).is_ok().then_some(frame)
     }
 }

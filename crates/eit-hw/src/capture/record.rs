@@ -1,5 +1,7 @@
 //! Content of a recording's messages other than frames.
 
+use std::borrow::Cow;
+
 use serde::{Deserialize, Serialize};
 
 use super::json::bounded;
@@ -121,8 +123,7 @@ pub struct TouchesRecord {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TouchRecord {
-    /// Number that identifies the touch while it lasts. Older recordings call it `name`.
-    #[serde(alias = "name")]
+    /// Number that identifies the touch while it lasts.
     pub id: u64,
     /// Position in metres.
     pub position_m: [f64; 3],
@@ -133,14 +134,8 @@ pub struct TouchRecord {
 }
 
 /// A text note.
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct NoteRecord {
-    pub(super) text: String,
-}
-
-/// A note to serialise; see [`NoteRecord`].
-#[derive(Serialize)]
-pub(super) struct NoteJson<'a> {
-    pub(super) text: &'a str,
+pub(super) struct NoteRecord<'a> {
+    pub(super) text: Cow<'a, str>,
 }

@@ -1,39 +1,40 @@
 //! Reads the records of a container, intact or damaged, using the memory of one chunk.
 //!
+//! By hand, because the package `mcap`, which writes recordings and parses their records, gives up
+//! at the first wrong length, unpacks chunks of any size and reads attachments into memory.
+//!
 //! A wrong length must not cost the data after it: where no valid record follows, the file is
 //! searched for the next intact chunk. No index is needed, so recordings of killed programs are
 //! read as well.
 
+mod attachment;
 mod search;
 mod source;
+mod unpack;
 
 use std::io::{Read, Seek};
 use std::ops::Range;
 use std::path::Path;
 
+use self::attachment::Attachment;
+use self::search::is_whole;
 use self::source::Source;
+use self::unpack::{MOST_CHUNK_BYTES, RECORD_HEAD, record_length};
 use super::container::MAGIC;
-use super::content::Attachment;
-use super::unpack::{MOST_CHUNK_BYTES, RECORD_HEAD, record_length};
 use crate::error::{HwError, Place};
 use crate::recording::Note;
-
-/// Opcodes of the container's records.
-pub(super) mod op {
-    pub const HEADER: u8 = 0x01;
-    pub const FOOTER: u8 = 0x02;
-    pub const SCHEMA: u8 = 0x03;
-    pub const CHANNEL: u8 = 0x04;
-    pub const MESSAGE: u8 = 0x05;
-    pub const CHUNK: u8 = 0x06;
-    pub const MESSAGE_INDEX: u8 = 0x07;
-    pub const ATTACHMENT: u8 = 0x09;
-    pub const METADATA: u8 = 0x0C;
-    pub const DATA_END: u8 = 0x0F;
-}
+use mcap::records::{Record, op};
 
 /// Opcodes of the index: schemas, channels, chunk positions and statistics.
-const SUMMARY: [u8; 7] = [op::SCHEMA, op::CHANNEL, 0x08, 0x0A, 0x0B, 0x0D, 0x0E];
+const SUMMARY: [u8; 7] = [
+    op::SCHEMA,
+    op::CHANNEL,
+    op::CHUNK_INDEX,
+    op::ATTACHMENT_INDEX,
+    op::STATISTICS,
+    op::METADATA_INDEX,
+    op::SUMMARY_OFFSET,
+];
 /// Longest record held in memory; attachments are not held.
 const MOST_RECORD_BYTES: u64 = 8 << 20;
 /// Longest header of an attachment, which holds its names.
@@ -125,7 +126,7 @@ pub(super) struct Records<R> {
     whole: u64,
     /// Content of the current chunk, and how much of it has been returned.
     chunk: Vec<u8>,
-    told: usize,
+    returned: usize,
     chunk_place: Range<u64>,
     /// The last record outside a chunk.
     record: Vec<u8>,
@@ -144,7 +145,7 @@ impl<R: Read + Seek> Records<R> {
             position: 0,
             whole: 0,
             chunk: Vec::new(),
-            told: 0,
+            returned: 0,
             chunk_place: 0..0,
             record: Vec::new(),
             tries,
@@ -185,10 +186,13 @@ impl<R: Read + Seek> Records<R> {
         self.whole
     }
 
-    /// Returns the content of the record found last.
-    pub(super) fn bytes(&self, item: &Item) -> &[u8] {
+    /// Parses the schema, channel or message found last; `None` if it is invalid or another record.
+    pub(super) fn parsed(&self, item: &Item) -> Option<Record<'_>> {
         let held = if item.in_chunk { &self.chunk } else { &self.record };
-        held.get(item.range.clone()).unwrap_or_default()
+        let bytes = held.get(item.range.clone()).unwrap_or_default();
+        let is_parsed = matches!(item.op, op::SCHEMA | op::CHANNEL | op::MESSAGE);
+        let is_parsed = is_parsed && is_whole(item.op, bytes);
+        is_parsed.then(|| mcap::parse_record(item.op, bytes).ok()).flatten()
     }
 
     /// Passes part of the file, such as an attachment, to `take` piece by piece.
@@ -238,12 +242,12 @@ impl<R: Read + Seek> Records<R> {
     }
 
     fn next_in_chunk(&mut self) -> Option<Item> {
-        let rest = self.chunk.get(self.told..)?;
+        let rest = self.chunk.get(self.returned..)?;
         let (head, rest) = rest.split_first_chunk::<RECORD_HEAD>()?;
         let length = usize::try_from(record_length(head)).ok().filter(|&l| l <= rest.len())?;
-        let start = self.told + RECORD_HEAD;
-        self.told = start + length;
-        let range = start..self.told;
+        let start = self.returned + RECORD_HEAD;
+        self.returned = start + length;
+        let range = start..self.returned;
         Some(Item { op: head[0], in_chunk: true, range, place: self.chunk_place.clone() })
     }
 
@@ -293,9 +297,9 @@ impl<R: Read + Seek> Records<R> {
             self.damage.bad_messages += 1;
             return Ok(None);
         }
-        let is_told = is_held || matches!(op, op::ATTACHMENT | op::METADATA);
+        let is_returned = is_held || matches!(op, op::ATTACHMENT | op::METADATA);
         let range = 0..self.record.len();
-        Ok(is_told.then_some(Item { op, in_chunk: false, range, place: start..end }))
+        Ok(is_returned.then_some(Item { op, in_chunk: false, range, place: start..end }))
     }
 
     fn finish(&mut self, has_index: bool) -> Result<(), HwError> {

@@ -6,15 +6,14 @@ use std::io::{BufReader, BufWriter};
 use std::ops::Range;
 use std::path::Path;
 
-use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
+use mcap::records::{Channel, MessageHeader, Record, op};
 use mcap::{Compression, McapError, WriteOptions, Writer};
 
 use super::container::container_error;
-use super::content::{Attachment, Channel, Message, Schema, named_map, text_map};
 use super::entry::{Entry, Topic};
 use super::parts::{Files, check_new};
 use super::read::SameSetUp;
-use super::records::{Damage, Records, op};
+use super::records::{Damage, Records};
 use super::stream::MOST_MESSAGE_BYTES;
 use super::write::part_file::PartFile;
 use crate::error::{HwError, Place};
@@ -112,12 +111,18 @@ fn copy_all(
 
 fn copy_part(records: &mut Source, copy: &mut Copy) -> Result<(), Failure> {
     while let Some(item) = records.next()? {
-        match item.op {
-            op::SCHEMA => copy.schema(records.bytes(&item))?,
-            op::CHANNEL => copy.channel(records.bytes(&item))?,
-            op::MESSAGE => copy.message(records.bytes(&item))?,
-            op::METADATA => copy.metadata(records, item.place)?,
-            op::ATTACHMENT => copy.attachment(records, item.place)?,
+        match records.parsed(&item) {
+            _ if item.op == op::METADATA => copy.metadata(records, item.place)?,
+            _ if item.op == op::ATTACHMENT => copy.attachment(records, item.place)?,
+            Some(Record::Schema { header, data }) => {
+                let new = copy.writer.add_schema(&header.name, &header.encoding, &data)?;
+                copy.schemas.insert(header.id, new);
+            }
+            Some(Record::Channel(channel)) => copy.channel(&channel)?,
+            Some(Record::Message { header, data }) => copy.message(header, &data)?,
+            None if matches!(item.op, op::SCHEMA | op::CHANNEL | op::MESSAGE) => {
+                copy.bad_records += 1;
+            }
             _ => {}
         }
     }
@@ -186,42 +191,20 @@ impl Copy {
         })
     }
 
-    fn schema(&mut self, bytes: &[u8]) -> Result<(), Failure> {
-        let Some(Schema { id, name, encoding, data }) = Schema::parse(bytes) else {
-            self.bad_records += 1;
-            return Ok(());
-        };
-        let new = self.writer.add_schema(name, encoding, data)?;
-        self.schemas.insert(id, new);
+    fn channel(&mut self, channel: &Channel) -> Result<(), Failure> {
+        let schema = self.schemas.get(&channel.schema_id).copied().unwrap_or(0);
+        let Channel { topic, message_encoding, metadata, .. } = channel;
+        let new = self.writer.add_channel(schema, topic, message_encoding, metadata)?;
+        self.channels.insert(channel.id, (new, Topic::of(channel)));
         Ok(())
     }
 
-    fn channel(&mut self, bytes: &[u8]) -> Result<(), Failure> {
-        let Some(channel) = Channel::parse(bytes) else {
-            self.bad_records += 1;
-            return Ok(());
-        };
-        let topic = Topic::of(&channel);
-        let schema = self.schemas.get(&channel.schema).copied().unwrap_or(0);
-        let metadata = text_map(channel.metadata).unwrap_or_else(|| {
-            self.bad_records += 1;
-            BTreeMap::new()
-        });
-        let new = self.writer.add_channel(schema, channel.topic, channel.encoding, &metadata)?;
-        self.channels.insert(channel.id, (new, topic));
-        Ok(())
-    }
-
-    fn message(&mut self, bytes: &[u8]) -> Result<(), Failure> {
-        let Some(message) = Message::parse(bytes) else {
-            self.bad_records += 1;
-            return Ok(());
-        };
-        let read = |topic| match message.data.len() {
-            0..=MOST_MESSAGE_BYTES => Entry::from_json(topic, message.data),
+    fn message(&mut self, header: MessageHeader, data: &[u8]) -> Result<(), Failure> {
+        let read = |topic| match data.len() {
+            0..=MOST_MESSAGE_BYTES => Entry::from_json(topic, data),
             _ => None,
         };
-        let known = self.channels.get(&message.channel).copied();
+        let known = self.channels.get(&header.channel_id).copied();
         let (channel_id, is_own, entry) = match known {
             Some((new, topic)) => (new, topic.is_some(), topic.and_then(read)),
             // its channel was defined in a damaged chunk
@@ -234,13 +217,7 @@ impl Copy {
                 (self.own_channel(topic)?, true, Some(entry))
             }
         };
-        let header = MessageHeader {
-            channel_id,
-            sequence: message.sequence,
-            log_time: message.log_time,
-            publish_time: message.publish_time,
-        };
-        self.writer.write_to_known_channel(&header, message.data)?;
+        self.writer.write_to_known_channel(&MessageHeader { channel_id, ..header }, data)?;
         self.count(is_own, entry.as_ref());
         Ok(())
     }
@@ -266,11 +243,11 @@ impl Copy {
 
     fn metadata(&mut self, records: &mut Source, place: Range<u64>) -> Result<(), Failure> {
         let bytes = records.held(place)?;
-        let Some((name, metadata)) = named_map(&bytes) else {
+        let Ok(Record::Metadata(metadata)) = mcap::parse_record(op::METADATA, &bytes) else {
             self.recovered.bad_attachments += 1;
             return Ok(());
         };
-        self.writer.write_metadata(&Metadata { name, metadata })?;
+        self.writer.write_metadata(&metadata)?;
         self.recovered.attachments += 1;
         Ok(())
     }
@@ -280,8 +257,7 @@ impl Copy {
             self.recovered.bad_attachments += 1;
             return Ok(());
         };
-        let Attachment { log_time, create_time, name, media_type, data, .. } = found;
-        let header = AttachmentHeader { log_time, create_time, name, media_type };
+        let (header, data) = (found.header, found.data);
         self.writer.start_attachment(data.end - data.start, header)?;
         records.copy(data, |piece| Ok::<_, Failure>(self.writer.put_attachment_bytes(piece)?))?;
         self.writer.finish_attachment()?;

@@ -5,12 +5,12 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
-use super::content::{Channel, Message};
 use super::entry::{Entry, Topic};
 use super::parts::Files;
 use super::record::SessionRecord;
-use super::records::{Records, op};
+use super::records::Records;
 use crate::error::HwError;
+use mcap::records::{Record, op};
 
 pub use super::records::Damage;
 
@@ -100,8 +100,8 @@ impl<R: Read + Seek> CaptureReader<R> {
         loop {
             match self.next_in_part()? {
                 Some(Entry::Session(session)) => {
-                    if let Some(told) = self.told(session) {
-                        return Ok(Some(Entry::Session(told)));
+                    if let Some(session) = self.merged(session) {
+                        return Ok(Some(Entry::Session(session)));
                     }
                 }
                 Some(entry) => return Ok(Some(entry)),
@@ -112,7 +112,7 @@ impl<R: Read + Seek> CaptureReader<R> {
     }
 
     /// Returns one session for all parts that it was repeated in.
-    fn told(&mut self, session: SessionRecord) -> Option<SessionRecord> {
+    fn merged(&mut self, session: SessionRecord) -> Option<SessionRecord> {
         let Some(further) = &mut self.further else { return Some(session) };
         let is_repeated = std::mem::replace(&mut further.has_session, true) && session.continues;
         match (is_repeated, further.is_gap) {
@@ -137,33 +137,27 @@ impl<R: Read + Seek> CaptureReader<R> {
 
     fn next_in_part(&mut self) -> Result<Option<Entry>, HwError> {
         while let Some(item) = self.records.next()? {
-            match item.op {
-                op::CHANNEL => {
-                    let channel = Channel::parse(self.records.bytes(&item));
-                    self.channels.extend(channel.map(|channel| (channel.id, Topic::of(&channel))));
+            match self.records.parsed(&item) {
+                Some(Record::Channel(channel)) => {
+                    self.channels.insert(channel.id, Topic::of(&channel));
                 }
-                op::MESSAGE => {
-                    let Some(message) = Message::parse(self.records.bytes(&item)) else {
-                        self.records.damage_mut().bad_messages += 1;
-                        continue;
-                    };
-                    let topic = self.channels.get(&message.channel).copied();
-                    let json = message.data;
-                    let Message { log_time, publish_time, .. } = message;
-                    self.times = Some(MessageTimes { log_ns: log_time, publish_ns: publish_time });
-                    let entry = match topic {
+                Some(Record::Message { header, data: json }) => {
+                    let (log_ns, publish_ns) = (header.log_time, header.publish_time);
+                    self.times = Some(MessageTimes { log_ns, publish_ns });
+                    let entry = match self.channels.get(&header.channel_id).copied() {
                         _ if json.len() > MOST_MESSAGE_BYTES => None,
-                        Some(Some(topic)) => Entry::from_json(topic, json),
+                        Some(Some(topic)) => Entry::from_json(topic, &json),
                         // written by another program
                         Some(None) => continue,
                         // its channel was defined in a damaged chunk
-                        None => Topic::ALL.into_iter().find_map(|t| Entry::from_json(t, json)),
+                        None => Topic::ALL.into_iter().find_map(|t| Entry::from_json(t, &json)),
                     };
                     match entry {
                         Some(entry) => return Ok(Some(entry)),
                         None => self.records.damage_mut().bad_messages += 1,
                     }
                 }
+                None if item.op == op::MESSAGE => self.records.damage_mut().bad_messages += 1,
                 _ => {}
             }
         }

@@ -1,12 +1,9 @@
 //! Writes recordings.
-//!
-//! One file, because creating, appending and every kind of message share one file, its position and
-//! its counts.
 
 pub(super) mod part_file;
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::print_stdout, reason = "a panic is a failed test")]
-mod power;
+mod power_tests;
 mod sink;
 mod split;
 pub(super) mod storage;
@@ -27,10 +24,10 @@ use self::sink::Sink;
 use self::split::Parts;
 use self::storage::{Folder, Folders, Storage};
 use super::container::container_error;
-use super::entry::{Entry, Topic};
-use super::json::{FrameJson, MOST_VALUES};
+use super::entry::{Entry, Message, Topic};
+use super::json::MOST_VALUES;
 use super::parts::{Part, check_new, parts_of};
-use super::record::{NoteJson, ReferenceRecord, SessionRecord, TouchesRecord};
+use super::record::{ReferenceRecord, SessionRecord, TouchesRecord};
 use super::stream::{CaptureReader, MessageTimes};
 use crate::error::{HwError, Place};
 use crate::frame::Frame;
@@ -359,26 +356,8 @@ impl CaptureWriter {
     /// [`HwError::Inconsistent`] if a field's length is not the session's number of measurements.
     pub fn frame(&mut self, frame: &Frame) -> Result<(), HwError> {
         Self::check_frame(frame.values.len() + frame.imaginary.as_ref().map_or(0, Vec::len))?;
-        let wanted = self.width.unwrap_or(frame.values.len());
-        let fields = [
-            ("values", frame.values.len()),
-            ("imaginary", frame.imaginary.as_ref().map_or(wanted, Vec::len)),
-            ("quality", frame.quality.len()),
-        ];
-        if let Some((field, found)) = fields.into_iter().find(|field| field.1 != wanted) {
-            return Err(HwError::Inconsistent {
-                place: Place::file(&self.path),
-                field,
-                found,
-                wanted,
-            });
-        }
-        let log_time = match frame.host_time_s {
-            // time of arrival, not of writing
-            Some(time_s) => Duration::try_from_secs_f64(time_s).unwrap_or_else(|_| now()),
-            None => now(),
-        };
-        self.add(Topic::Frame, log_time, |json| serde_json::to_writer(json, &FrameJson(frame)))
+        frame.check(self.width, &self.path)?;
+        self.add(Message::Frame(frame), None)
     }
 
     /// Writes a new session, after a reconnection with another set-up.
@@ -386,8 +365,7 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`] if the file cannot be written.
     pub fn session(&mut self, session: &SessionRecord) -> Result<(), HwError> {
-        self.take_session(session);
-        self.add(Topic::Session, now(), |json| serde_json::to_writer(json, session))
+        self.add(Message::Session(session), None)
     }
 
     /// Writes a reference frame.
@@ -395,7 +373,7 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`] if the file cannot be written.
     pub fn reference(&mut self, reference: &ReferenceRecord) -> Result<(), HwError> {
-        self.add(Topic::Reference, now(), |json| serde_json::to_writer(json, reference))
+        self.add(Message::Reference(reference), None)
     }
 
     /// Writes the touches of a frame.
@@ -403,7 +381,7 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`] if the file cannot be written.
     pub fn touches(&mut self, touches: &TouchesRecord) -> Result<(), HwError> {
-        self.add(Topic::Touches, now(), |json| serde_json::to_writer(json, touches))
+        self.add(Message::Touches(touches), None)
     }
 
     /// Writes a note, for example that the instrument was unplugged.
@@ -411,7 +389,7 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`] if the file cannot be written.
     pub fn note(&mut self, text: &str) -> Result<(), HwError> {
-        self.add(Topic::Note, now(), |json| serde_json::to_writer(json, &NoteJson { text }))
+        self.add(Message::Note(text), None)
     }
 
     /// Writes any entry.
@@ -420,11 +398,8 @@ impl CaptureWriter {
     /// [`HwError::Write`] if the file cannot be written.
     pub fn write(&mut self, entry: &Entry) -> Result<(), HwError> {
         match entry {
-            Entry::Session(session) => self.session(session),
             Entry::Frame(frame) => self.frame(frame),
-            Entry::Reference(reference) => self.reference(reference),
-            Entry::Touches(touches) => self.touches(touches),
-            Entry::Note(text) => self.note(text),
+            other => self.add(other.into(), None),
         }
     }
 
@@ -433,56 +408,37 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`] if the file cannot be written.
     pub fn write_at(&mut self, entry: &Entry, times: MessageTimes) -> Result<(), HwError> {
-        match entry {
-            Entry::Session(session) => {
-                self.take_session(session);
-                self.add_at(Topic::Session, times, |json| serde_json::to_writer(json, session))
-            }
-            Entry::Frame(frame) => self
-                .add_at(Topic::Frame, times, |json| serde_json::to_writer(json, &FrameJson(frame))),
-            Entry::Reference(reference) => {
-                self.add_at(Topic::Reference, times, |json| serde_json::to_writer(json, reference))
-            }
-            Entry::Touches(touches) => {
-                self.add_at(Topic::Touches, times, |json| serde_json::to_writer(json, touches))
-            }
-            Entry::Note(text) => self
-                .add_at(Topic::Note, times, |json| serde_json::to_writer(json, &NoteJson { text })),
-        }
+        self.add(entry.into(), Some(times))
     }
 
-    /// Remembers the session of the frames that follow.
-    fn take_session(&mut self, session: &SessionRecord) {
-        self.width = Some(session.quadruples.len()).filter(|&count| count > 0);
-        if let Some(parts) = &mut self.parts {
-            parts.set_session(session);
+    /// Writes a message, with times of its own if it has some.
+    fn add(&mut self, message: Message<'_>, times: Option<MessageTimes>) -> Result<(), HwError> {
+        match message {
+            Message::Frame(_) => self.split_if_due()?,
+            Message::Session(session) => {
+                self.width = Some(session.quadruples.len()).filter(|&count| count > 0);
+                if let Some(parts) = &mut self.parts {
+                    parts.set_session(session);
+                }
+            }
+            _ => {}
         }
-    }
-
-    fn add(
-        &mut self,
-        topic: Topic,
-        log_time: Duration,
-        write: impl FnOnce(&mut Vec<u8>) -> serde_json::Result<()>,
-    ) -> Result<(), HwError> {
-        let publish_ns = u64::try_from(log_time.as_nanos()).unwrap_or(u64::MAX);
-        // tools sort by log time: a clock that is set back must not reorder frames
-        let log_ns = self.log_time_ns.max(publish_ns);
-        self.add_at(topic, MessageTimes { log_ns, publish_ns }, write)
-    }
-
-    fn add_at(
-        &mut self,
-        topic: Topic,
-        times: MessageTimes,
-        write: impl FnOnce(&mut Vec<u8>) -> serde_json::Result<()>,
-    ) -> Result<(), HwError> {
-        if topic == Topic::Frame {
-            self.split_if_due()?;
-        }
-        let index = topic as usize;
+        let times = times.unwrap_or_else(|| {
+            let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+            let arrival = match message {
+                // time of arrival, not of writing
+                Message::Frame(frame) => frame.host_time_s.map(Duration::try_from_secs_f64),
+                _ => None,
+            };
+            let time = arrival.and_then(Result::ok).unwrap_or(now);
+            let publish_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+            // tools sort by log time: a clock that is set back must not reorder frames
+            MessageTimes { log_ns: self.log_time_ns.max(publish_ns), publish_ns }
+        });
+        let index = message.topic() as usize;
         self.json.clear();
-        write(&mut self.json).map_err(|error| container_error(Place::file(&self.path), &error))?;
+        let written = message.write(&mut self.json);
+        written.map_err(|error| container_error(Place::file(&self.path), &error))?;
         self.log_time_ns = self.log_time_ns.max(times.log_ns);
         let header = MessageHeader {
             channel_id: self.channels[index],
@@ -632,10 +588,6 @@ impl Drop for CaptureWriter {
             let _ = self.parts.as_mut().map(|parts| parts.ended(true));
         }
     }
-}
-
-fn now() -> Duration {
-    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
 }
 
 fn check(settings: CaptureSettings) -> Result<(), HwError> {

@@ -3,10 +3,12 @@
 use std::io::{Read, Seek};
 use std::ops::Range;
 
-use super::{MOST_ATTACHMENT_HEAD, MOST_RECORD_BYTES, Records, SEARCHED, SUMMARY, op};
+use mcap::records::op;
+
+use super::attachment::{Attachment, is_of_strings};
+use super::unpack::{CHUNK_HEAD, ChunkHead, MOST_CHUNK_BYTES, RECORD_HEAD, record_length};
+use super::{MOST_ATTACHMENT_HEAD, MOST_RECORD_BYTES, Records, SEARCHED, SUMMARY};
 use crate::capture::container::MAGIC;
-use crate::capture::content::{Attachment, Channel, Schema};
-use crate::capture::unpack::{CHUNK_HEAD, ChunkHead, MOST_CHUNK_BYTES, RECORD_HEAD, record_length};
 use crate::error::HwError;
 
 impl<R: Read + Seek> Records<R> {
@@ -29,7 +31,7 @@ impl<R: Read + Seek> Records<R> {
             (self.position, self.whole) = (end, end);
             return Ok(true);
         }
-        // one of the two lengths or the opcode is wrong: the checksum tells which
+        // one of the two lengths or the opcode is wrong: the checksum shows which
         if head.crc == 0 {
             return Ok(false);
         }
@@ -47,7 +49,7 @@ impl<R: Read + Seek> Records<R> {
 
     /// Unpacks a chunk; returns whether it is intact.
     fn unpack(&mut self, head: &ChunkHead, place: Range<u64>) -> Result<bool, HwError> {
-        self.told = 0;
+        self.returned = 0;
         if self.tries == 0 {
             return Ok(false);
         }
@@ -72,13 +74,12 @@ impl<R: Read + Seek> Records<R> {
                 found == head.len() && length == 6 + u64::from(u32::from_le_bytes(list))
             }
             op::MESSAGE => length >= 22,
-            op::CHANNEL => length > MOST_RECORD_BYTES || Channel::parse(&self.record).is_some(),
+            op::CHANNEL | op::SCHEMA => length > MOST_RECORD_BYTES || is_whole(op, &self.record),
             op::ATTACHMENT => {
                 let most = place.end.min(place.start + MOST_ATTACHMENT_HEAD);
                 let head = self.source.held(place.start..most)?;
                 Attachment::parse(&head, &place).is_some()
             }
-            op::SCHEMA => length > MOST_RECORD_BYTES || Schema::parse(&self.record).is_some(),
             _ => true,
         })
     }
@@ -173,5 +174,14 @@ impl<R: Read + Seek> Records<R> {
     fn end(&self, at: u64, length: u64) -> Option<u64> {
         let start = at + RECORD_HEAD as u64;
         start.checked_add(length).filter(|&end| end <= self.source.length)
+    }
+}
+
+/// Returns whether a record has the length that its strings add up to, as far as it consists of some.
+pub(super) fn is_whole(op: u8, record: &[u8]) -> bool {
+    match op {
+        op::CHANNEL => is_of_strings(record, 4, 3),
+        op::SCHEMA => is_of_strings(record, 2, 3),
+        _ => true,
     }
 }
