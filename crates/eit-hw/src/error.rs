@@ -613,6 +613,33 @@ pub enum HwError {
     },
 }
 
+impl HwError {
+    /// An invalid setting, with its valid values.
+    pub(crate) fn setting(name: &'static str, value: impl ToString, wanted: &'static str) -> Self {
+        Self::Setting { name, value: value.to_string(), wanted }
+    }
+
+    /// The error of a setting unless it is valid.
+    pub(crate) fn require(
+        is_valid: bool,
+        name: &'static str,
+        value: impl ToString,
+        wanted: &'static str,
+    ) -> Result<(), Self> {
+        if is_valid { Ok(()) } else { Err(Self::setting(name, value, wanted)) }
+    }
+
+    /// A count that does not match: the one found and the one wanted.
+    pub(crate) fn count(
+        place: Place,
+        what: &'static str,
+        [found, wanted]: [usize; 2],
+        mend: &'static str,
+    ) -> Self {
+        Self::Count { place, what, found, wanted, mend }
+    }
+}
+
 /// Explains how to write a number; a decimal comma is named as such.
 fn number_hint(text: &str) -> &'static str {
     let parts: Vec<&str> = text.split([',', ' ']).collect();

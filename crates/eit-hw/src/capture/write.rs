@@ -591,10 +591,7 @@ impl Drop for CaptureWriter {
 }
 
 fn check(settings: CaptureSettings) -> Result<(), HwError> {
-    if settings.flush_s.is_nan() || settings.flush_s <= 0.0 {
-        let value = settings.flush_s.to_string();
-        return Err(HwError::Setting { name: "flush_s", value, wanted: "more than 0" });
-    }
+    HwError::require(settings.flush_s > 0.0, "flush_s", settings.flush_s, "more than 0")?;
     split::check(settings)
 }
 

@@ -191,11 +191,11 @@ impl Message<'_> {
 pub fn encode(message: &Message<'_>, wire: &mut Vec<u8>) -> Result<(), HwError> {
     let length = HEADER_BYTES + message.payload.len() + CRC_BYTES;
     if !message.fits() || length > MAX_MESSAGE_BYTES {
-        return Err(HwError::Setting {
-            name: "EITS-1 payload",
-            value: format!("{} bytes for count {}", message.payload.len(), message.count),
-            wanted: "4 bytes a value and 1 a flag, at most 16 384 with header and CRC",
-        });
+        return Err(HwError::setting(
+            "EITS-1 payload",
+            format!("{} bytes for count {}", message.payload.len(), message.count),
+            "4 bytes a value and 1 a flag, at most 16 384 with header and CRC",
+        ));
     }
     let mut bytes = Vec::with_capacity(length);
     bytes.extend([VERSION, message.kind as u8, 0, 0]);

@@ -61,10 +61,9 @@ impl Eits1 {
             ("current_a", current_a, false),
             ("frequency_hz", frequency_hz, true),
         ] {
-            if !(value.is_finite() && (value > 0.0 || least_ok && value == 0.0)) {
-                let wanted = "a finite number above 0 (0 is direct current)";
-                return Err(HwError::Setting { name, value: value.to_string(), wanted });
-            }
+            let is_valid = value.is_finite() && (value > 0.0 || least_ok && value == 0.0);
+            let wanted = "a finite number above 0 (0 is direct current)";
+            HwError::require(is_valid, name, value, wanted)?;
         }
         let configuration = Configuration::new(quadruples, frame_rate_hz, current_a, frequency_hz)?;
         let count = quadruples.len();

@@ -195,11 +195,9 @@ impl Replay {
         pace: Pace,
         place: &Path,
     ) -> Result<Self, HwError> {
-        if let Pace::Speed(times) = pace
-            && !(times > 0.0 && times.is_finite())
-        {
-            let value = times.to_string();
-            return Err(HwError::Setting { name: "speed", value, wanted: "a number above 0" });
+        if let Pace::Speed(times) = pace {
+            let is_speed = times > 0.0 && times.is_finite();
+            HwError::require(is_speed, "speed", times, "a number above 0")?;
         }
         let map = quadruples.map(|wanted| {
             FrameMap::new(&setup.layout, setup.value_count, Some(wanted), wanted.len(), place)

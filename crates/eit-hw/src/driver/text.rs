@@ -33,21 +33,12 @@ impl Board {
     /// layout, or `first_frame_s` is out of range.
     pub fn driver(self) -> Result<Box<dyn Driver>, HwError> {
         let count = self.format.measurements();
-        if let Some(found) = self.layout.value_count().filter(|&found| found != count) {
-            return Err(HwError::Setting {
-                name: "measurements of the layout",
-                value: found.to_string(),
-                wanted: "as many as in a frame of the format",
-            });
-        }
-        if !(self.first_frame_s > 0.0 && self.first_frame_s <= 3600.0) {
-            let value = self.first_frame_s.to_string();
-            return Err(HwError::Setting {
-                name: "first_frame_s",
-                value,
-                wanted: "above 0 and at most 3600",
-            });
-        }
+        let (found, name) = (self.layout.value_count(), "measurements of the layout");
+        let found = found.unwrap_or(count);
+        HwError::require(found == count, name, found, "as many as in a frame of the format")?;
+        let patience_s = self.first_frame_s;
+        let is_time = patience_s > 0.0 && patience_s <= 3600.0;
+        HwError::require(is_time, "first_frame_s", patience_s, "above 0 and at most 3600")?;
         let decoder = Decoder::new(self.format.clone())?;
         Ok(Box::new(Text { board: self, decoder, asked: None, line_counts: Vec::new() }))
     }

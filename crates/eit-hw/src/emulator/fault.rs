@@ -50,20 +50,11 @@ impl FaultPlan {
             ("pause_s", self.pause_s, 3600.0),
             ("unplugged_s", self.unplugged_s, 3600.0),
         ] {
-            if !(0.0..=most).contains(&value) {
-                let wanted = "a probability of 0 to 1, or 0 to 3600 s";
-                return Err(HwError::Setting { name, value: value.to_string(), wanted });
-            }
+            let wanted = "a probability of 0 to 1, or 0 to 3600 s";
+            HwError::require((0.0..=most).contains(&value), name, value, wanted)?;
         }
-        if !self.unplug_after_bytes.is_sorted() {
-            let value = format!("{:?}", self.unplug_after_bytes);
-            return Err(HwError::Setting {
-                name: "unplug_after_bytes",
-                value,
-                wanted: "ascending numbers",
-            });
-        }
-        Ok(())
+        let (after, name) = (&self.unplug_after_bytes, "unplug_after_bytes");
+        HwError::require(after.is_sorted(), name, format!("{after:?}"), "ascending numbers")
     }
 }
 

@@ -111,13 +111,12 @@ pub fn check_health(
         return Err(HwError::QuadrupleCount { quadruples: quadruples.len(), count });
     }
     if found < HealthReport::LEAST_FRAMES {
-        return Err(HwError::Count {
-            place: Place::file("health check".as_ref()),
-            what: "frames",
-            found,
-            wanted: HealthReport::LEAST_FRAMES,
-            mend: "record a second or more of the untouched skin",
-        });
+        return Err(HwError::count(
+            Place::file("health check".as_ref()),
+            "frames",
+            [found, HealthReport::LEAST_FRAMES],
+            "record a second or more of the untouched skin",
+        ));
     }
     let mean = frames.mean_frame();
     let columns = || frames.values.columns().into_iter().zip(frames.quality.columns());

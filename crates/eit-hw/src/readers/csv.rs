@@ -99,13 +99,12 @@ impl Rows {
         if columns == self.columns {
             return Ok(());
         }
-        Err(HwError::Count {
-            place: Place::line(path, number),
-            what: "values",
-            found: columns,
-            wanted: self.columns,
-            mend: "every row must have as many values as the first: remove or complete this one",
-        })
+        Err(HwError::count(
+            Place::line(path, number),
+            "values",
+            [columns, self.columns],
+            "every row must have as many values as the first: remove or complete this one",
+        ))
     }
 
     fn recording(self, path: &Path, options: &ReadOptions) -> Result<Recording, HwError> {

@@ -149,13 +149,12 @@ fn parse_scan(bytes: &[u8], path: &Path, table: &ProjectionTable) -> Result<Scan
         text::require_end(content, path)?;
         return Ok(scan);
     }
-    Err(HwError::Count {
-        place: Place::file(path),
-        what: "records",
-        found: rows,
-        wanted,
-        mend: "as in the projection table: copy the file again or remove it",
-    })
+    Err(HwError::count(
+        Place::file(path),
+        "records",
+        [rows, wanted],
+        "as in the projection table: copy the file again or remove it",
+    ))
 }
 
 #[cfg(test)]

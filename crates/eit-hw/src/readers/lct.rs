@@ -48,13 +48,12 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     }
     text::require_end(content, path)?;
     if rows != header.length + notes.len() {
-        return Err(HwError::Count {
-            place: Place::file(path),
-            what: "rows",
-            found: rows,
-            wanted: header.length,
-            mend: "as in the header's `Length`: export the file again",
-        });
+        return Err(HwError::count(
+            Place::file(path),
+            "rows",
+            [rows, header.length],
+            "as in the header's `Length`: export the file again",
+        ));
     }
     let (imaginary, value_count) = (Some(imaginary), header.length);
     let contents = Contents { real, imaginary, value_count, ..Contents::default() };

@@ -118,11 +118,10 @@ pub fn read_array(path: impl AsRef<Path>) -> Result<ArrayD<f64>, HwError> {
 }
 
 fn wrong_size(path: &Path, first_byte: usize, found: usize, wanted: Option<usize>) -> HwError {
-    HwError::Count {
-        place: Place::byte(path, first_byte),
-        what: "bytes of data",
-        found,
-        wanted: wanted.unwrap_or(usize::MAX),
-        mend: "the file is truncated or contains more than one array: copy or save it again",
-    }
+    HwError::count(
+        Place::byte(path, first_byte),
+        "bytes of data",
+        [found, wanted.unwrap_or(usize::MAX)],
+        "the file is truncated or contains more than one array: copy or save it again",
+    )
 }

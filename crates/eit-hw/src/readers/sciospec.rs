@@ -106,12 +106,13 @@ impl Frames {
             self.first = Some(frame);
             return Ok(());
         };
-        let differs = |what, found, wanted| HwError::Count {
-            place: Place::file(path),
-            what,
-            found,
-            wanted,
-            mend: "every frame must match the first: remove this file",
+        let differs = |what, found, wanted| {
+            HwError::count(
+                Place::file(path),
+                what,
+                [found, wanted],
+                "every frame must match the first: remove this file",
+            )
         };
         if frame.electrodes != first.electrodes {
             return Err(differs("electrodes", frame.electrodes, first.electrodes));

@@ -30,14 +30,13 @@ impl Table {
         path: &Path,
     ) -> Result<Self, HwError> {
         if alternate && !count.is_multiple_of(2) {
-            return Err(HwError::Count {
-                place: Place::file(path),
-                what: if orientation == FrameOrientation::Rows { "rows" } else { "columns" },
-                found: count,
-                wanted: count + 1,
-                mend: "real and imaginary alternate: add the last one or set `[recording] complex = \
+            return Err(HwError::count(
+                Place::file(path),
+                if orientation == FrameOrientation::Rows { "rows" } else { "columns" },
+                [count, count + 1],
+                "real and imaginary alternate: add the last one or set `[recording] complex = \
                        false`",
-            });
+            ));
         }
         let parts = if alternate { 2 } else { 1 };
         let size = count / parts * length;

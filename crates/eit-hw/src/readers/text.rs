@@ -79,5 +79,5 @@ pub(super) fn numbers<const N: usize>(
     if found == N {
         return Ok(values);
     }
-    Err(HwError::Count { place: Place::line(path, line), what: "values", found, wanted: N, mend })
+    Err(HwError::count(Place::line(path, line), "values", [found, N], mend))
 }

@@ -32,8 +32,7 @@ impl Endpoint {
     /// # Errors
     /// [`HwError::Setting`] for an empty name, a TCP address without port, or a rate of 0.
     pub fn parse(text: &str, baud: u32) -> Result<Self, HwError> {
-        let refuse =
-            |wanted| Err(HwError::Setting { name: "port", value: format!("{text:?}"), wanted });
+        let refuse = |wanted| Err(HwError::setting("port", format!("{text:?}"), wanted));
         if let Some(address) = text.strip_prefix("tcp:") {
             let port = address.rsplit_once(':').filter(|(host, _)| !host.is_empty());
             return match port.map(|(_, port)| port.parse::<u16>()) {
@@ -44,13 +43,7 @@ impl Endpoint {
         if text.trim().is_empty() {
             return refuse("a serial port such as `/dev/ttyACM0` or `COM3`, or `tcp:host:port`");
         }
-        if baud == 0 {
-            return Err(HwError::Setting {
-                name: "baud",
-                value: "0".into(),
-                wanted: "more than 0",
-            });
-        }
+        HwError::require(baud > 0, "baud", baud, "more than 0")?;
         Ok(Self::Serial { path: text.to_owned(), baud, dtr: None })
     }
 }

@@ -10,22 +10,13 @@ use crate::capture::parts::Part;
 use crate::capture::record::SessionRecord;
 use crate::error::HwError;
 
-/// Limits of [`CaptureSettings`] below which parts would be useless.
-const LEAST_BYTES: u64 = 100_000;
-const LEAST_S: f64 = 1.0;
-
-/// Rejects limits that are too low.
+/// Rejects limits so low that parts would be useless.
 pub(super) fn check(settings: CaptureSettings) -> Result<(), HwError> {
-    if let Some(bytes) = settings.part_bytes.filter(|bytes| *bytes < LEAST_BYTES) {
-        let (name, value) = ("part_bytes", bytes.to_string());
-        return Err(HwError::Setting { name, value, wanted: "at least 100000" });
-    }
-    let is_enough = |seconds: f64| seconds >= LEAST_S && seconds.is_finite();
-    if let Some(seconds) = settings.part_s.filter(|seconds| !is_enough(*seconds)) {
-        let (name, value) = ("part_s", seconds.to_string());
-        return Err(HwError::Setting { name, value, wanted: "at least 1" });
-    }
-    Ok(())
+    let bytes = settings.part_bytes.unwrap_or(u64::MAX);
+    HwError::require(bytes >= 100_000, "part_bytes", bytes, "at least 100000")?;
+    let seconds = settings.part_s.unwrap_or(1.0);
+    let is_enough = seconds >= 1.0 && seconds.is_finite();
+    HwError::require(is_enough, "part_s", seconds, "at least 1")
 }
 
 /// The parts of a recording that is being written.

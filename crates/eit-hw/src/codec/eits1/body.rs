@@ -121,17 +121,15 @@ impl Configuration {
         /// Maximum number of quadruples that fits a message.
         const MOST: usize = 4000;
         if quadruples.is_empty() || quadruples.len() > MOST {
-            return Err(HwError::Setting {
-                name: "quadruples of the protocol",
-                value: quadruples.len().to_string(),
-                wanted: "1 to 4000 for EITS-1",
-            });
+            return Err(HwError::setting(
+                "quadruples of the protocol",
+                quadruples.len(),
+                "1 to 4000 for EITS-1",
+            ));
         }
         let byte = |electrode: u32| {
-            u8::try_from(electrode).map_err(|_| HwError::Setting {
-                name: "electrode (from 0)",
-                value: electrode.to_string(),
-                wanted: "at most 255 for EITS-1",
+            u8::try_from(electrode).map_err(|_| {
+                HwError::setting("electrode (from 0)", electrode, "at most 255 for EITS-1")
             })
         };
         let quadruples = quadruples

@@ -77,34 +77,32 @@ impl TextFormat {
     /// # Errors
     /// [`HwError::Setting`] names the first that is not.
     pub fn validate(&self) -> Result<(), HwError> {
-        let refuse = |name, value: String, wanted| Err(HwError::Setting { name, value, wanted });
-        if self.numbers() == 0 || self.numbers() > MAX_VALUES {
-            let value = format!("{} x {}", self.lines_per_frame, self.values_per_line);
-            return refuse("lines_per_frame x values_per_line", value, "1 to 16384 values");
-        }
-        if self.complex && !self.values_per_line.is_multiple_of(2) {
-            let value = self.values_per_line.to_string();
-            return refuse("values_per_line", value, "an even number for complex values");
-        }
-        if self.framing == Framing::Lines && self.lines_per_frame != 1 {
-            let value = self.lines_per_frame.to_string();
-            return refuse("lines_per_frame", value, "1, or a start or end line");
-        }
+        HwError::require(
+            (1..=MAX_VALUES).contains(&self.numbers()),
+            "lines_per_frame x values_per_line",
+            format!("{} x {}", self.lines_per_frame, self.values_per_line),
+            "1 to 16384 values",
+        )?;
+        let (lines, values) = (self.lines_per_frame, self.values_per_line);
+        let is_even = !self.complex || values.is_multiple_of(2);
+        HwError::require(is_even, "values_per_line", values, "an even number for complex values")?;
+        let is_framed = self.framing != Framing::Lines || lines == 1;
+        HwError::require(is_framed, "lines_per_frame", lines, "1, or a start or end line")?;
         if let Framing::StartLine(mark) | Framing::Prefix(mark) | Framing::EndLine(mark) =
             &self.framing
-            && (mark.is_empty() || mark.trim() != mark || mark.contains(['\n', '\r']))
         {
-            return refuse("frame mark", format!("{mark:?}"), "text without blanks around it");
+            let is_plain = !mark.is_empty() && mark.trim() == mark && !mark.contains(['\n', '\r']);
+            let wanted = "text without blanks around it";
+            HwError::require(is_plain, "frame mark", format!("{mark:?}"), wanted)?;
         }
-        if !self.scale.is_finite() || self.scale == 0.0 {
-            return refuse("scale", self.scale.to_string(), "a finite number other than 0");
-        }
+        let is_factor = self.scale.is_finite() && self.scale != 0.0;
+        HwError::require(is_factor, "scale", self.scale, "a finite number other than 0")?;
         for (name, limit) in
             [("saturated_from", self.saturated_from), ("open_up_to", self.open_up_to)]
         {
-            if let Some(limit) = limit.filter(|limit| !(limit.is_finite() && *limit >= 0.0)) {
-                return refuse(name, limit.to_string(), "a finite number, at least 0");
-            }
+            let limit = limit.unwrap_or(0.0);
+            let is_valid = limit.is_finite() && limit >= 0.0;
+            HwError::require(is_valid, name, limit, "a finite number, at least 0")?;
         }
         Ok(())
     }

@@ -139,33 +139,26 @@ impl SciospecSettings {
     /// # Errors
     /// [`HwError::Setting`] names the first invalid one.
     pub fn validate(&self) -> Result<(), HwError> {
-        let refuse = |name, value: String, wanted| Err(HwError::Setting { name, value, wanted });
-        if !(2..=128).contains(&self.electrodes) {
-            return refuse("electrodes", self.electrodes.to_string(), "2 to 128");
-        }
-        if self.drives.is_empty() || self.drives.len() > 16_384 {
-            return refuse("number of drives", self.drives.len().to_string(), "1 to 16384");
-        }
+        let is_count = (2..=128).contains(&self.electrodes);
+        HwError::require(is_count, "electrodes", self.electrodes, "2 to 128")?;
+        let count = self.drives.len();
+        HwError::require((1..=16_384).contains(&count), "number of drives", count, "1 to 16384")?;
         for (index, &[a, b]) in self.drives.iter().enumerate() {
-            if a == b || a.max(b) >= self.electrodes {
-                let wanted = "two different electrodes (from 0) below `electrodes`";
-                return refuse("drive", format!("({a}, {b})"), wanted);
-            }
+            let drive = || format!("({a}, {b})");
+            let is_pair = a != b && a.max(b) < self.electrodes;
+            let wanted = "two different electrodes (from 0) below `electrodes`";
+            HwError::require(is_pair, "drive", drive(), wanted)?;
             let before = &self.drives[..index];
-            if before.contains(&[a, b]) || before.contains(&[b, a]) {
-                return refuse("drive", format!("({a}, {b})"), "each pair once, in one direction");
-            }
+            let is_new = !before.contains(&[a, b]) && !before.contains(&[b, a]);
+            HwError::require(is_new, "drive", drive(), "each pair once, in one direction")?;
         }
-        if !(1e-7..=1e-2).contains(&self.current_a) {
-            return refuse("current_a", self.current_a.to_string(), "1e-7 to 1e-2");
-        }
-        if !(1e2..=1e6).contains(&self.frequency_hz) {
-            return refuse("frequency_hz", self.frequency_hz.to_string(), "100 to 1e6");
-        }
-        if !(0.1..=100.0).contains(&self.frame_rate_hz) {
-            return refuse("frame_rate_hz", self.frame_rate_hz.to_string(), "0.1 to 100");
-        }
-        Ok(())
+        let (current_a, frequency_hz) = (self.current_a, self.frequency_hz);
+        let is_valid = (1e-7..=1e-2).contains(&current_a);
+        HwError::require(is_valid, "current_a", current_a, "1e-7 to 1e-2")?;
+        let is_valid = (1e2..=1e6).contains(&frequency_hz);
+        HwError::require(is_valid, "frequency_hz", frequency_hz, "100 to 1e6")?;
+        let is_valid = (0.1..=100.0).contains(&self.frame_rate_hz);
+        HwError::require(is_valid, "frame_rate_hz", self.frame_rate_hz, "0.1 to 100")
     }
 
     /// Returns the payloads of the set-up commands and what each does, in order.

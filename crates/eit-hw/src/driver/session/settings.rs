@@ -74,20 +74,9 @@ impl SessionSettings {
     /// # Errors
     /// [`HwError::Setting`] names the first invalid one.
     pub fn validate(&self) -> Result<(), HwError> {
-        let positive = |name, value: f64| {
-            if value > 0.0 {
-                return Ok(());
-            }
-            Err(HwError::Setting { name, value: value.to_string(), wanted: "more than 0" })
-        };
-        if self.capacity == 0 || self.capacity > 1 << 20 {
-            let value = self.capacity.to_string();
-            return Err(HwError::Setting {
-                name: "capacity",
-                value,
-                wanted: "1 to 1048576 frames",
-            });
-        }
+        let positive = |name, value: f64| HwError::require(value > 0.0, name, value, "more than 0");
+        let is_queue = (1..=1 << 20).contains(&self.capacity);
+        HwError::require(is_queue, "capacity", self.capacity, "1 to 1048576 frames")?;
         positive("silence_s", self.silence_s)?;
         positive("stall_s", self.stall_s)?;
         let Some(backoff) = self.reconnect else { return Ok(()) };

@@ -96,12 +96,12 @@ impl Board {
                 let layout = Layout::Quadruples(order);
                 Ok(Self::new(name, 115_200, TextFormat::serial_16(), layout))
             }
-            _ => Err(HwError::Setting {
-                name: "board",
-                value: format!("{:?}", crate::error::shortened(name)),
-                wanted: "openeit-8, openeit-16, openeit-32, cn0565-16, black-sensor-16, \
+            _ => Err(HwError::setting(
+                "board",
+                format!("{:?}", crate::error::shortened(name)),
+                "openeit-8, openeit-16, openeit-32, cn0565-16, black-sensor-16, \
                          eit-microcontroller-16 or serial-16",
-            }),
+            )),
         }
     }
 

@@ -73,12 +73,13 @@ fn drive(
     path: &Path,
 ) -> Result<[u32; 2], HwError> {
     let line = rows.first().map_or(1, |row| row.line);
-    let count = |what, found, wanted| HwError::Count {
-        place: Place::line(path, line),
-        what,
-        found,
-        wanted,
-        mend: "this projection is invalid: copy the table again from the instrument's folder",
+    let count = |what, found, wanted| {
+        HwError::count(
+            Place::line(path, line),
+            what,
+            [found, wanted],
+            "this projection is invalid: copy the table again from the instrument's folder",
+        )
     };
     let in_order = rows
         .iter()

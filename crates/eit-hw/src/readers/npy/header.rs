@@ -39,13 +39,12 @@ impl Header {
         let first_byte = start + length.min(bytes.len());
         let Some(header) = bytes.get(start..first_byte).filter(|header| header.len() == length)
         else {
-            return Err(HwError::Count {
-                place: Place::byte(path, start),
-                what: "bytes of header",
-                found: bytes.len().saturating_sub(start),
-                wanted: length,
-                mend: "the file is truncated: copy it again",
-            });
+            return Err(HwError::count(
+                Place::byte(path, start),
+                "bytes of header",
+                [bytes.len().saturating_sub(start), length],
+                "the file is truncated: copy it again",
+            ));
         };
         let header = String::from_utf8_lossy(header);
         let descr = entry(&header, "descr");

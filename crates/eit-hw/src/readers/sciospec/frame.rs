@@ -31,13 +31,12 @@ impl EitFrame {
         let content = text::decode(bytes, path)?;
         let found = text::lines(content).count();
         if found > MOST_LINES {
-            return Err(HwError::Count {
-                place: Place::file(path),
-                what: "lines",
-                found,
-                wanted: MOST_LINES,
-                mend: "is the most in a file, which has one frame: it is damaged or not one of these",
-            });
+            return Err(HwError::count(
+                Place::file(path),
+                "lines",
+                [found, MOST_LINES],
+                "is the most in a file, which has one frame: it is damaged or not one of these",
+            ));
         }
         let lines: Vec<_> = text::lines(content).collect();
         let header = Header::parse(&lines, path)?;
@@ -69,13 +68,12 @@ impl EitFrame {
             let (drive_number, drive_line) = block[0];
             let lines = &block[1..];
             if lines.len() < rows {
-                return Err(HwError::Count {
-                    place: Place::line(path, drive_number),
-                    what: "lines of potentials after this drive",
-                    found: lines.len(),
-                    wanted: rows,
-                    mend: "the file is truncated: copy it again or remove it",
-                });
+                return Err(HwError::count(
+                    Place::line(path, drive_number),
+                    "lines of potentials after this drive",
+                    [lines.len(), rows],
+                    "the file is truncated: copy it again or remove it",
+                ));
             }
             let (number, line) = lines[frequency_row];
             frame.push_potentials(line, number, path, &mut channels)?;
@@ -101,13 +99,12 @@ impl EitFrame {
             let channel =
                 channels.list.as_ref().map_or(electrode, |list| list[electrode] as usize - 1);
             if channel >= device {
-                return Err(HwError::Count {
-                    place: place(),
-                    what: "channels",
-                    found: device,
-                    wanted: channel + 1,
-                    mend: "as in the header's `MeasurementChannels`: the file is damaged",
-                });
+                return Err(HwError::count(
+                    place(),
+                    "channels",
+                    [device, channel + 1],
+                    "as in the header's `MeasurementChannels`: the file is damaged",
+                ));
             }
             for (value, list) in [
                 (parts[2 * channel], &mut self.real),
@@ -146,13 +143,12 @@ fn parts(
     if parts.len() == 2 * device && device > 0 {
         return Ok(parts);
     }
-    Err(HwError::Count {
-        place: place(),
-        what: "real and imaginary parts",
-        found: parts.len(),
-        wanted: 2 * device.max(1),
-        mend: "every line must have as many as the first: the file is truncated or damaged",
-    })
+    Err(HwError::count(
+        place(),
+        "real and imaginary parts",
+        [parts.len(), 2 * device.max(1)],
+        "every line must have as many as the first: the file is truncated or damaged",
+    ))
 }
 
 /// The channels of the device that are electrodes.
