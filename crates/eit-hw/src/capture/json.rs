@@ -18,12 +18,12 @@ pub(super) struct FrameRecord {
     device_time_s: Option<f64>,
     host_time_s: Option<f64>,
     /// `null` is read as NaN.
-    values: Bounded<Option<f64>, f64>,
+    values: Bounded<Option<f64>>,
     #[serde(default)]
-    imaginary: Option<Bounded<Option<f64>, f64>>,
+    imaginary: Option<Bounded<Option<f64>>>,
     /// Flags as bits; absent if all values are good.
     #[serde(default)]
-    quality: Option<Bounded<u16, u16>>,
+    quality: Option<Bounded<u16>>,
 }
 
 /// A borrowed frame to serialise without copying.
@@ -67,32 +67,15 @@ impl Serialize for Bits<'_> {
 /// Maximum number of values per frame; adjacent patterns of 256 electrodes have 64 768.
 pub(super) const MOST_VALUES: usize = 1 << 18;
 
-/// A list of at most [`MOST_VALUES`] values, read as `T` and stored as `U`. The limit keeps a
-/// hostile file from exhausting memory: two characters of JSON can take sixteen bytes in memory.
-pub(super) struct Bounded<T, U>(pub(super) Vec<U>, PhantomData<T>);
+/// A list of at most [`MOST_VALUES`] values. The limit keeps a hostile file from exhausting memory:
+/// two characters of JSON can take sixteen bytes in memory.
+struct Bounded<T>(Vec<T>);
 
-/// Conversion from the value read to the value stored.
-pub(super) trait Keep<T> {
-    fn keep(read: T) -> Self;
-}
-
-impl Keep<Option<f64>> for f64 {
-    fn keep(read: Option<f64>) -> Self {
-        read.unwrap_or(f64::NAN)
-    }
-}
-
-impl<T> Keep<T> for T {
-    fn keep(read: T) -> Self {
-        read
-    }
-}
-
-impl<'de, T: Deserialize<'de>, U: Keep<T>> Deserialize<'de> for Bounded<T, U> {
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Bounded<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct List<T, U>(PhantomData<(T, U)>);
-        impl<'de, T: Deserialize<'de>, U: Keep<T>> Visitor<'de> for List<T, U> {
-            type Value = Bounded<T, U>;
+        struct List<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for List<T> {
+            type Value = Bounded<T>;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 write!(f, "a list of at most {MOST_VALUES} values")
@@ -104,28 +87,35 @@ impl<'de, T: Deserialize<'de>, U: Keep<T>> Deserialize<'de> for Bounded<T, U> {
                     if values.len() == MOST_VALUES {
                         return Err(de::Error::invalid_length(MOST_VALUES + 1, &self));
                     }
-                    values.push(U::keep(value));
+                    values.push(value);
                 }
-                // thousands of these lists are kept
-                values.shrink_to_fit();
-                Ok(Bounded(values, PhantomData))
+                Ok(Bounded(values))
             }
         }
         deserializer.deserialize_seq(List(PhantomData))
     }
 }
 
-/// Reads a [`Bounded`] list; for `#[serde(deserialize_with)]`.
+/// Reads a list of at most [`MOST_VALUES`] values; for `#[serde(deserialize_with)]`.
 pub(super) fn bounded<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Vec<T>, D::Error> {
-    Bounded::<T, T>::deserialize(deserializer).map(|list| list.0)
+    Bounded::deserialize(deserializer).map(|list| list.0)
+}
+
+/// Numbers, of which `null` is NaN.
+fn numbers(list: Bounded<Option<f64>>) -> Vec<f64> {
+    let values = list.0.into_iter().map(|value| value.unwrap_or(f64::NAN));
+    let mut values: Vec<f64> = values.collect();
+    // thousands of these lists are kept
+    values.shrink_to_fit();
+    values
 }
 
 impl FrameRecord {
     /// Converts to a frame; returns `None` if its lists differ in length or a flag is unknown.
     pub(super) fn into_frame(self) -> Option<Frame> {
-        let values = self.values.0;
+        let values = numbers(self.values);
         let count = values.len();
         let quality = match self.quality {
             None => vec![Quality::GOOD; count],
@@ -133,7 +123,7 @@ impl FrameRecord {
         };
         let frame = Frame {
             values,
-            imaginary: self.imaginary.map(|list| list.0),
+            imaginary: self.imaginary.map(numbers),
             quality,
             sequence: self.sequence,
             epoch: self.epoch,

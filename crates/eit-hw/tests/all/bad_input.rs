@@ -1,14 +1,6 @@
 //! Reads small files of each format with one error each: the message says on one line where and
 //! what it is, and how to fix it. One file, because all formats share the same helpers.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
-
 use std::fs;
 
 use crate::common::{self, parse, table};

@@ -1,14 +1,6 @@
 //! Recordings: what is written is read back, whatever happens to the file. One file, because all
 //! tests share the same recordings.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
-
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::time::{Duration, Instant};

@@ -1,14 +1,6 @@
 //! Codecs: known bytes of the protocols, any splitting into pieces, garbage, and the encoder in C.
 //! One file, because all codecs go through the same tests.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
-
 use std::process::Command;
 
 use crate::common::parse;

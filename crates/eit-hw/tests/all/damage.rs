@@ -1,14 +1,6 @@
 //! Recordings that are damaged or written by two programs: nothing intact is lost, and every loss
 //! is reported. One file, because all tests damage files with the same few functions.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
-
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;

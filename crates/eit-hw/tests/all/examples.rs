@@ -1,13 +1,5 @@
 //! The examples run and give the expected results.
 
-#![allow(
-    missing_docs,
-    dead_code,
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
-
 #[path = "../../examples/instrument.rs"]
 mod instrument;
 #[path = "../../examples/load.rs"]

@@ -1,13 +1,5 @@
 //! The health check finds and names what is broken, and finds nothing in a healthy skin.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
-
 use crate::common::{point_electrode_disc, rotated};
 use eit_hw::{
     HealthReport, HwError, MeasuredFrames, Quality, StreamFacts, Trouble, Unit, Verdict,

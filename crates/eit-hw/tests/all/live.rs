@@ -2,14 +2,6 @@
 //! and without faults. No frame may contain a value that the instrument did not measure. One file,
 //! because all drivers share the same instruments and checks.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
-
 use std::time::{Duration, Instant};
 
 use crate::common::instruments::{LIMIT, events, frames, line, quick, start};

@@ -1,6 +1,15 @@
 //! Tests of the crate, in one program: linking one is faster than linking 17. Those of one file:
 //! `cargo test --release -p eit-hw --test all FILE::`.
 
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "tests: a panic is a failed test"
+)]
+
 mod common;
 
 mod allocations;

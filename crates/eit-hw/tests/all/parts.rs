@@ -1,7 +1,5 @@
 //! Recordings that are split into parts: read back as one, and as safe as one file.
 
-#![allow(missing_docs, clippy::unwrap_used, clippy::panic, reason = "a panic is a failed test")]
-
 use crate::common;
 use std::path::{Path, PathBuf};
 use std::time::Duration;

@@ -1,14 +1,6 @@
 //! Parsers never panic on arbitrary or damaged bytes, and what is written is read back. One file,
 //! because all formats share the same generators.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
-
 use crate::common::{parse, table as table_options};
 use eit_hw::Format::{Csv, Goe, Lct, Npy, Sciospec, SerialLog};
 use eit_hw::{

@@ -1,14 +1,6 @@
 //! Selection of a protocol's measurements from a recording, and reciprocity. One file, because all
 //! tests share the same recordings.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
-
 use crate::common::{ascending, opposite, parse, rotated, table};
 use eit_hw::{
     Component, CountHint, Format, Frame, FrameMap, FrameOrientation, HwError, Layout, OrderVerdict,

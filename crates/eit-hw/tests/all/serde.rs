@@ -1,6 +1,4 @@
 //! Frames, settings and results as JSON and back.
-#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
-
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 

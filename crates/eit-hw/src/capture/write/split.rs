@@ -10,15 +10,6 @@ use crate::capture::parts::Part;
 use crate::capture::record::SessionRecord;
 use crate::error::HwError;
 
-/// Rejects limits so low that parts would be useless.
-pub(super) fn check(settings: CaptureSettings) -> Result<(), HwError> {
-    let bytes = settings.part_bytes.unwrap_or(u64::MAX);
-    HwError::require(bytes >= 100_000, "part_bytes", bytes, "at least 100000")?;
-    let seconds = settings.part_s.unwrap_or(1.0);
-    let is_enough = seconds >= 1.0 && seconds.is_finite();
-    HwError::require(is_enough, "part_s", seconds, "at least 1")
-}
-
 /// The parts of a recording that is being written.
 pub(super) struct Parts {
     /// Name of the whole recording.

@@ -1,7 +1,5 @@
 //! Orders of measurements, and helpers shared by several test files.
 
-#![allow(clippy::expect_used, reason = "tests")]
-
 pub mod instruments;
 pub mod recordings;
 pub mod wire;

@@ -21,14 +21,6 @@
 //! | 15 | every bit of a message flipped; a million bytes of garbage | `bytes.rs` |
 //! | 16 | what no checksum reveals | `values.rs` |
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
-
 mod bytes;
 mod session;
 mod values;
