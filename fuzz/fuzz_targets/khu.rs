@@ -22,7 +22,9 @@ fuzz_target!(|data: &[u8]| {
     std::fs::write(FOLDER.join("1Scan.txt"), scan.get(1..).unwrap_or_default()).expect("a scan");
     let options = eit_hw::ReadOptions::default();
     if let Ok(recording) = eit_hw::read_recording(FOLDER.as_path(), None, &options) {
-        assert!(recording.quality.is_none_or(|quality| quality.dim() == recording.real.dim()));
+        assert!(
+            recording.quality.as_ref().is_none_or(|quality| quality.dim() == recording.real.dim())
+        );
         assert_eq!(recording.frame_count(), 1);
     }
 });

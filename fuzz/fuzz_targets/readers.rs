@@ -19,6 +19,8 @@ fuzz_target!(|data: &[u8]| {
     // 8 kinds of input, as the seeds have them; the last was an array of any shape
     let Some(&format) = FORMATS.get(usize::from(first % 8)) else { return };
     if let Ok(recording) = parse_recording(data, "fuzz", format, &ReadOptions::default()) {
-        assert!(recording.quality.is_none_or(|quality| quality.dim() == recording.real.dim()));
+        assert!(
+            recording.quality.as_ref().is_none_or(|quality| quality.dim() == recording.real.dim())
+        );
     }
 });

@@ -8,27 +8,27 @@ use serde::{Serialize, Serializer};
 #[derive(Serialize)]
 #[serde(tag = "type", rename = "start")]
 pub(crate) struct StartLine<'a> {
-    pub version: u32,
-    pub skin: &'a str,
-    pub instrument: &'a str,
-    pub electrodes: usize,
-    pub reference_frames: usize,
-    pub host_time_s: Option<f64>,
+    pub(crate) version: u32,
+    pub(crate) skin: &'a str,
+    pub(crate) instrument: &'a str,
+    pub(crate) electrodes: usize,
+    pub(crate) reference_frames: usize,
+    pub(crate) host_time_s: Option<f64>,
 }
 
 /// An event between frames.
 #[derive(Serialize, Default)]
 #[serde(tag = "type", rename = "event")]
 pub(crate) struct EventLine<'a> {
-    pub event: &'static str,
-    pub text: &'a str,
-    pub host_time_s: Option<f64>,
+    pub(crate) event: &'static str,
+    pub(crate) text: &'a str,
+    pub(crate) host_time_s: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub frames: Option<u64>,
+    pub(crate) frames: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub for_s: Option<f64>,
+    pub(crate) for_s: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub epoch: Option<u32>,
+    pub(crate) epoch: Option<u32>,
 }
 
 /// The touches of one frame.

@@ -24,16 +24,16 @@ const IMAGE_EVERY: Duration = Duration::from_millis(66);
 /// A frame's touches that outlive the frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct FrameCopy {
-    pub sequence: u64,
-    pub epoch: u32,
-    pub time_s: f64,
-    pub host_time_s: Option<f64>,
-    pub latency_s: Option<f64>,
-    pub whole: bool,
-    pub explained: bool,
-    pub frozen: bool,
-    pub faults: Vec<ElectrodeFault>,
-    pub touches: Vec<Touch>,
+    pub(crate) sequence: u64,
+    pub(crate) epoch: u32,
+    pub(crate) time_s: f64,
+    pub(crate) host_time_s: Option<f64>,
+    pub(crate) latency_s: Option<f64>,
+    pub(crate) whole: bool,
+    pub(crate) explained: bool,
+    pub(crate) frozen: bool,
+    pub(crate) faults: Vec<ElectrodeFault>,
+    pub(crate) touches: Vec<Touch>,
 }
 
 impl FrameCopy {
@@ -62,10 +62,10 @@ impl FrameCopy {
 /// An image that outlives its frame: siemens, row by row from the top, NaN outside the skin.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct ImageCopy {
-    pub rows: usize,
-    pub columns: usize,
-    pub values: Vec<f32>,
-    pub host_time_s: Option<f64>,
+    pub(crate) rows: usize,
+    pub(crate) columns: usize,
+    pub(crate) values: Vec<f32>,
+    pub(crate) host_time_s: Option<f64>,
 }
 
 /// How serious an event is.
@@ -79,10 +79,10 @@ pub(crate) enum Severity {
 /// Something that happened between frames.
 #[derive(Debug, Clone)]
 pub(crate) struct Incident {
-    pub severity: Severity,
-    pub text: String,
+    pub(crate) severity: Severity,
+    pub(crate) text: String,
     /// Seconds since 1970.
-    pub host_time_s: f64,
+    pub(crate) host_time_s: f64,
 }
 
 /// What the sink is given next.
@@ -270,7 +270,7 @@ pub(crate) trait QueuedSink {
 /// A thread that sends what is queued.
 #[derive(Debug)]
 pub(crate) struct Worker {
-    pub outbox: Arc<Outbox>,
+    pub(crate) outbox: Arc<Outbox>,
     thread: Option<JoinHandle<()>>,
     last_image: Option<Instant>,
 }

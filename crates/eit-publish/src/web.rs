@@ -32,25 +32,25 @@ const PAGE: &str = concat!(
 #[derive(Serialize)]
 #[serde(tag = "type", rename = "image")]
 pub(crate) struct ImageEvent {
-    pub rows: usize,
-    pub columns: usize,
+    pub(crate) rows: usize,
+    pub(crate) columns: usize,
     /// The image.
     #[serde(flatten)]
-    pub image: Pixels,
+    pub(crate) image: Pixels,
     /// The image before the net.
-    pub raw: Option<Pixels>,
-    pub faintest_s: f64,
-    pub gap: Option<f64>,
+    pub(crate) raw: Option<Pixels>,
+    pub(crate) faintest_s: f64,
+    pub(crate) gap: Option<f64>,
 }
 
 /// Values as bytes.
 #[derive(Serialize)]
 pub(crate) struct Pixels {
     /// Conductivity changes that the bytes 1 and 255 represent, siemens; values beyond are clipped.
-    pub range_s: f64,
+    pub(crate) range_s: f64,
     /// One byte per pixel in row-major order from the top: 0 outside the skin, else 1 to 255 with 128 for no change;
     /// base64.
-    pub pixels: String,
+    pub(crate) pixels: String,
 }
 
 impl ImageEvent {

@@ -19,8 +19,8 @@ const DIGITS: usize = 5;
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Part {
     /// Number in the file name, from 1; 0 for a recording that is not split.
-    pub number: u32,
-    pub path: PathBuf,
+    pub(crate) number: u32,
+    pub(crate) path: PathBuf,
 }
 
 impl Part {
@@ -117,9 +117,9 @@ pub(super) struct Files<R> {
     /// Number of the part that follows the last one opened.
     next: u32,
     /// Number of parts that do not exist or do not begin as a recording.
-    pub missing: usize,
+    pub(crate) missing: usize,
     /// Total length in bytes.
-    pub bytes: u64,
+    pub(crate) bytes: u64,
 }
 
 impl Files<BufReader<File>> {

@@ -109,11 +109,11 @@ impl Damage {
 /// A record found in the file; [`Records::bytes`] returns its content.
 #[derive(Clone, Debug)]
 pub(super) struct Item {
-    pub op: u8,
+    pub(crate) op: u8,
     in_chunk: bool,
     range: Range<usize>,
     /// Byte range of its content in the file; for a record in a chunk, that of the chunk.
-    pub place: Range<u64>,
+    pub(crate) place: Range<u64>,
 }
 
 /// Reads the records of a container.

@@ -152,7 +152,7 @@ impl Message<'_> {
     }
 
     /// Returns whether real and imaginary parts alternate.
-    pub fn is_complex(&self) -> bool {
+    pub(crate) fn is_complex(&self) -> bool {
         self.flags & flags::COMPLEX != 0
     }
 

@@ -10,5 +10,6 @@ mod number;
 mod preset;
 
 pub use decoder::{Decoder, Event, Fault};
-pub use format::{Framing, MAX_LINE_BYTES, MAX_VALUES, TextFormat};
+pub(crate) use format::MAX_VALUES;
+pub use format::{Framing, MAX_LINE_BYTES, TextFormat};
 pub use number::Number;

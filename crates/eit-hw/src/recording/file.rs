@@ -55,12 +55,12 @@ pub struct Recording {
 /// Values that a reader has collected, frame by frame.
 #[derive(Default)]
 pub(crate) struct Contents {
-    pub real: Vec<f64>,
-    pub imaginary: Option<Vec<f64>>,
-    pub quality: Option<Vec<Quality>>,
+    pub(crate) real: Vec<f64>,
+    pub(crate) imaginary: Option<Vec<f64>>,
+    pub(crate) quality: Option<Vec<Quality>>,
     /// Number of values per frame.
-    pub value_count: usize,
-    pub skipped: Skipped,
+    pub(crate) value_count: usize,
+    pub(crate) skipped: Skipped,
 }
 
 impl Recording {

@@ -1,5 +1,7 @@
 //! The examples run and give the expected results.
 
+#![allow(dead_code, reason = "the examples' own `main` is not called")]
+
 #[path = "../../examples/instrument.rs"]
 mod instrument;
 #[path = "../../examples/load.rs"]

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use crate::common::recordings::{
-    channel, chunk, container, frame, frame_json, lz4, lz4_chunk, message, record, session, zeros,
+    channel, chunk, container, frame_json, lz4, lz4_chunk, message, record, session, zeros,
 };
 use crate::common::rotated;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord, parse, read};

@@ -32,14 +32,14 @@ pub enum Recording<'a> {
 #[serde(tag = "type", rename = "recording")]
 pub(super) struct RecordingEvent<'a> {
     #[serde(flatten)]
-    pub recording: Recording<'a>,
+    pub(crate) recording: Recording<'a>,
 }
 
 /// Passes requests of the page to the program, and remembers the state for pages that open later.
 #[derive(Debug)]
 pub(super) struct Recorder {
     /// Requests must carry it.
-    pub token: String,
+    pub(crate) token: String,
     request: Mutex<Option<bool>>,
     state: Mutex<Option<Line>>,
 }

@@ -18,10 +18,10 @@ pub(super) enum Method {
 /// The parts of a request that are used.
 #[derive(Debug, PartialEq)]
 pub(super) struct Request {
-    pub method: Method,
-    pub path: String,
-    pub token: Option<String>,
-    pub host: Option<String>,
+    pub(crate) method: Method,
+    pub(crate) path: String,
+    pub(crate) token: Option<String>,
+    pub(crate) host: Option<String>,
 }
 
 /// Reads a request; returns `None` if the input is not one.

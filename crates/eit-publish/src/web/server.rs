@@ -42,9 +42,9 @@ pub struct WebServer {
 /// State shared by the server's threads.
 #[derive(Debug)]
 pub(super) struct Shared {
-    pub access: Access,
+    pub(crate) access: Access,
     /// Present if the page can record.
-    pub recorder: Option<Recorder>,
+    pub(crate) recorder: Option<Recorder>,
     /// First line for every browser: the skin, once it is known.
     skin: Mutex<Option<Line>>,
     /// Last event, until a frame follows: what a browser that connects now waits for.
@@ -67,7 +67,7 @@ struct Browser {
 pub(super) struct Place<'a> {
     shared: &'a Shared,
     number: usize,
-    pub lines: Receiver<Line>,
+    pub(crate) lines: Receiver<Line>,
 }
 
 impl Drop for Place<'_> {

@@ -118,7 +118,7 @@ impl<M: RosMessage> RosPublisher<M> {
     }
 
     /// Returns whether anybody subscribes; `false` if zenoh cannot tell.
-    pub fn has_subscriber(&self) -> bool {
+    pub(crate) fn has_subscriber(&self) -> bool {
         self.publisher.matching_status().wait().is_ok_and(|status| status.matching())
     }
 }

@@ -25,16 +25,16 @@ const DIAGNOSTICS: &str = "diagnostics";
 /// Names for diagnostics.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Names {
-    pub skin: String,
-    pub instrument: String,
+    pub(crate) skin: String,
+    pub(crate) instrument: String,
 }
 
 /// What the sink sees of its thread.
 #[derive(Debug, Default)]
 pub(super) struct Shared {
-    pub sent: AtomicU64,
-    pub refused: AtomicU64,
-    pub wants_images: AtomicBool,
+    pub(crate) sent: AtomicU64,
+    pub(crate) refused: AtomicU64,
+    pub(crate) wants_images: AtomicBool,
     names: Mutex<Names>,
 }
 

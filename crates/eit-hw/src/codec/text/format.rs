@@ -6,7 +6,7 @@ use crate::error::HwError;
 /// Longest line accepted, in bytes: 4 000 values of 16 characters.
 pub const MAX_LINE_BYTES: usize = 65_536;
 /// Maximum number of values per frame; a complex value counts as two.
-pub const MAX_VALUES: usize = 16_384;
+pub(crate) const MAX_VALUES: usize = 16_384;
 
 /// Layout of frames written as text.
 #[derive(Clone, Debug, PartialEq)]

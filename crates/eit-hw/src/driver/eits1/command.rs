@@ -15,12 +15,12 @@ const BITS: f64 = 10.0;
 const SLOWEST_BAUD: u32 = 9600;
 /// A command to the instrument.
 pub(super) struct Command<'a> {
-    pub kind: Kind,
-    pub payload: &'a [u8],
+    pub(crate) kind: Kind,
+    pub(crate) payload: &'a [u8],
     /// Kind of the message that answers the command.
-    pub answer: Kind,
+    pub(crate) answer: Kind,
     /// What the command tells the instrument to do, for error messages.
-    pub purpose: &'static str,
+    pub(crate) purpose: &'static str,
 }
 
 impl Command<'static> {

@@ -7,10 +7,10 @@ use crate::error::{HwError, Place, shortened};
 
 /// Content of the header.
 pub(super) struct Header {
-    pub first_byte: usize,
-    pub kind: Kind,
-    pub fortran: bool,
-    pub shape: Vec<usize>,
+    pub(crate) first_byte: usize,
+    pub(crate) kind: Kind,
+    pub(crate) fortran: bool,
+    pub(crate) shape: Vec<usize>,
 }
 
 impl Header {
