@@ -97,7 +97,7 @@ pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, Repo
         "frames": frames,
         "pixels": rows,
         "denoise": net.json(),
-        "against_truth": compared.map(|s| s.json()),
+        "against_truth": compared,
         "stages": progress.times(),
         "out": args.out.display().to_string(),
         "files": files,

@@ -176,7 +176,7 @@ fn text(
         "{name}: {}{}{}, {}, at most {} at once; {} frames lost, {} \
          skipped, {} taken",
         counted(summary.frames, "frame", "frames"),
-        if summary.images.is_empty() { "" } else { " with images" },
+        if summary.images.how.is_empty() { "" } else { " with images" },
         summary.frame_rate_hz().map_or(String::new(), |rate| format!(" at {rate:.1} per second")),
         counted(summary.touches, "touch", "touches"),
         summary.most_at_once,
@@ -213,7 +213,7 @@ fn text(
     for line in fault_lines(&summary.faults) {
         text += &format!("\n{line}");
     }
-    if !summary.images.is_empty() {
+    if !summary.images.how.is_empty() {
         text += &format!("\nimages: {}", summary.images.words());
     }
     for notice in summary.notices.iter().filter(|notice| !shown.contains(notice)).take(20) {

@@ -118,7 +118,7 @@ impl Shown {
                 "{}: truth, reconstruction, after the U-net",
                 capitalised(self.experiment.name)
             ),
-            footnote: format!("simulated fabric · {}", self.live.summary.images),
+            footnote: format!("simulated fabric · {}", self.live.summary.images.how),
             range: self.range(),
             ..Default::default()
         };

@@ -23,16 +23,16 @@ use reference::ReferenceVoltages;
 use results::{ForwardPoint, ForwardResults};
 
 /// An element order and its limits.
-struct ElementOrder {
+struct Elements {
     elements: ElementOrder,
     /// Largest number of nodes of a mesh used with it.
     most_nodes: usize,
 }
 
 /// Both element orders, on meshes that take about the same time.
-const ELEMENT_KINDS: [ElementOrder; 2] = [
-    ElementOrder { elements: ElementOrder::Linear, most_nodes: 30_000 },
-    ElementOrder { elements: ElementOrder::Quadratic, most_nodes: 15_000 },
+const ELEMENT_KINDS: [Elements; 2] = [
+    Elements { elements: ElementOrder::Linear, most_nodes: 30_000 },
+    Elements { elements: ElementOrder::Quadratic, most_nodes: 15_000 },
 ];
 
 /// Number of meshes over all element orders, for a progress bar.
@@ -67,7 +67,7 @@ pub(super) fn run(
             let nodes = mesh.surface().nodes().len();
             let (problem, reference) = (&problem, &reference);
             let run = MeshRun { problem, family, settings, mesh, roofline, reference };
-            for ElementOrder { elements, most_nodes } in ELEMENT_KINDS {
+            for Elements { elements, most_nodes } in ELEMENT_KINDS {
                 bar.inc();
                 if nodes <= most_nodes {
                     keep(&mut results, reference, run.solve(elements, size.forward_runs)?);

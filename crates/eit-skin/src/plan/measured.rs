@@ -124,7 +124,7 @@ pub struct Budget {
 
 /// Key for looking up a method in the table.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Wanted<'a> {
+pub struct Wanted<'a> {
     /// The method.
     pub method: Method,
     /// Bounds and rule of the hyperparameter.
@@ -185,7 +185,7 @@ impl Table {
 
     /// Returns the measurement of a method on a built-in scene, with the settings' bound and rule, at the
     /// nearest number of pixels and gap.
-    pub(crate) fn of(&self, built_in: &str, wanted: &Wanted<'_>) -> Option<&Measured> {
+    pub fn of(&self, built_in: &str, wanted: &Wanted<'_>) -> Option<&Measured> {
         let Wanted { method, settings: keys, pixels, target_gap: gap } = *wanted;
         let bounded = keys.lower_s.is_some_and(|lower| lower >= 0.0);
         let rule = match keys.hyperparameter {
