@@ -84,8 +84,10 @@ mod by_zenoh {
             "[instrument]\nport = \"unused\"\ndriver = \"eits1\"\nframe_rate_hz = 100.0";
         let scene = write_scene(folder.path(), &format!("{SMALL}\n{instrument}\n"));
         let (frames, _) = touched_frames(folder.path(), &scene);
-        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let address = format!("tcp/127.0.0.1:{port}");
+        // on Linux at a loopback address that nobody else uses, so that the port stays free
+        let host = if cfg!(target_os = "linux") { "127.69.73.84:0" } else { "127.0.0.1:0" };
+        let free = std::net::TcpListener::bind(host).unwrap().local_addr().unwrap();
+        let address = format!("tcp/{free}");
         let file = folder.path().join("body.toml");
         let patch = |name: &str, x: f64| {
             format!(
