@@ -16,7 +16,7 @@ use eit_report::comparison::{
 };
 use eit_skin::method::{self, Method};
 use eit_skin::plan::Plan;
-use eit_skin::scene::Rule;
+use eit_skin::scene::{OneOrManyFiles, Rule};
 use eit_skin::{Progress, Skin, total_variation};
 use ndarray::Array2;
 use std::time::Instant;
@@ -104,7 +104,7 @@ fn check(
     let file = std::env::temp_dir().join(format!("eit-plan-check-{}.npy", std::process::id()));
     ndarray_npy::write_npy(&file, &recordings[0].frames.values)?;
     let mut recorded = skin.clone();
-    recorded.settings.recording.files = Some(vec![file.clone()]);
+    recorded.settings.recording.file = Some(OneOrManyFiles::One(file.clone()));
     let plan = Plan::of(recorded, Some(method.name()), &mut Progress::silent());
     std::fs::remove_file(file)?;
     let plan = plan?.json();

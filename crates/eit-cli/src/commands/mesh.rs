@@ -10,7 +10,7 @@ use eit_picture::{ColorMap, MeshDrawing, PictureSettings, draw_mesh};
 use eit_report::ReportError;
 use eit_report::output::OutFile;
 
-use eit_skin::scene::{Accuracy, MeshChoice, Scene, element_words};
+use eit_skin::scene::{MeshChoice, Scene, element_words};
 use serde_json::json;
 use std::io::Write;
 
@@ -45,7 +45,7 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
         "elements_per_electrode": quality.elements_per_electrode,
         "electrode_measures": measures(&mesh),
         "elements": element_words(element_order),
-        "accuracy": accuracy.as_ref().map(Accuracy::json),
+        "accuracy": accuracy,
         "mesh_notes": notes,
         "stages": progress.times(),
     });
