@@ -32,3 +32,4 @@ mod report;
 mod shell;
 mod silence;
 mod simulate;
+mod validation;

@@ -107,7 +107,7 @@ fn a_damaged_head_costs_at_most_its_chunk() {
 /// Damages any bit of the file, or any stretch of up to 5 bytes: at most two chunks are lost, and
 /// the loss is reported.
 #[test]
-fn any_damage_costs_little_and_is_told() {
+fn any_damage_costs_little_and_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = recording(&folder.path().join("a.mcap"), 6);
     let all: Vec<u64> = (0..6 * PER_CHUNK).collect();
@@ -131,7 +131,7 @@ fn any_damage_costs_little_and_is_told() {
 /// A bad chunk after damage, at the end of an unfinished recording: a failed search finds no
 /// record.
 #[test]
-fn damage_that_no_whole_chunk_follows_is_told() {
+fn damage_that_no_whole_chunk_follows_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let bytes = recording(&path, 3);

@@ -153,7 +153,7 @@ fn strong_touches_are_born_at_once() {
 
 /// A weak touch is reported at once if it is worth enough and its strength is known well enough.
 #[test]
-fn weak_touches_beyond_doubt_are_born_at_once() {
+fn weak_touches_with_enough_evidence_are_born_at_once() {
     for (worth, std, is_born) in
         [(8.0, 0.24 * WEAK, true), (7.9, 0.24 * WEAK, false), (80.0, 0.26 * WEAK, false)]
     {

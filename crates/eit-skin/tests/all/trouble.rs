@@ -112,7 +112,7 @@ fn others(told: &[Told]) -> usize {
 /// An instrument that sends one frame again and again says nothing of the skin, and the finger of that frame is not shown
 /// for ever.
 #[test]
-fn a_frozen_instrument_is_told() {
+fn a_frozen_instrument_is_reported() {
     let (skin, bench) = disc();
     let values = held(&bench, 51);
     let mut sent = frames(&values);
@@ -329,7 +329,7 @@ fn a_damaged_frame_costs_itself_only() {
 
 /// One quiet frame that repeats the one before does not hide a frozen instrument; it is told after twice the time.
 #[test]
-fn a_frozen_instrument_is_told_after_a_repeated_frame() {
+fn a_frozen_instrument_is_reported_after_a_repeated_frame() {
     let (skin, bench) = disc();
     let mut sent = frames(&held(&bench, 58));
     sent[7].values = sent[6].values.clone();
