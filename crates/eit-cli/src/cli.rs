@@ -74,9 +74,9 @@ pub(crate) enum ColorWhen {
     /// On a terminal, unless the environment says otherwise.
     #[default]
     Auto,
-    /// Always.
+    /// Use colours everywhere.
     Always,
-    /// Never.
+    /// Use no colours.
     Never,
 }
 
@@ -321,7 +321,7 @@ pub(crate) struct DemoArgs {
     /// Use fewer frames, pixels and nodes, for a check that takes seconds.
     #[arg(long)]
     pub quick: bool,
-    /// The page.
+    /// Options of the live page.
     #[command(flatten)]
     pub page: PageArgs,
     /// Publish the experiments while they run; once the second begins, the rest of the first is not published.

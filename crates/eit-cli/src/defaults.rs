@@ -15,8 +15,8 @@ const FILE: &str = "eit.toml";
 /// Largest file that is read.
 const MOST_BYTES: u64 = 1 << 16;
 
-/// Adds the options of the file beside the scene to the arguments, except those that were given; the arguments
-/// unchanged where there is no such file.
+/// Adds the options of the file beside the scene to the arguments, except those given explicitly.
+/// Without such a file the arguments are unchanged.
 pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Result<Cli, clap::Error>, CliError> {
     let matches = match command().try_get_matches_from(&arguments) {
         Ok(matches) => matches,
@@ -38,8 +38,9 @@ pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Result<Cli, clap::Er
     Ok(Cli::from_arg_matches(&matches))
 }
 
-/// The program, in which `-1` after an option is its value, to be rejected as such: clap would take it for another
-/// option and advise `-- -1`, which no command takes.
+/// The command line parser; it accepts `-1` as the value of an option, so that the value is
+/// rejected by name. By default clap would take it for another option and suggest `-- -1`, which no
+/// command accepts.
 fn command() -> Command {
     let of_option = |arg: Arg| match !arg.is_positional() && arg.get_action().takes_values() {
         true => arg.allow_negative_numbers(true),
@@ -48,7 +49,7 @@ fn command() -> Command {
     Cli::command().mut_subcommands(|command| command.mut_args(of_option))
 }
 
-/// Words of an error of the arguments; those on numbers say which are taken.
+/// Text of an argument error; for numbers it includes the accepted range.
 pub(crate) fn words_of(error: &clap::Error) -> String {
     let text = error.render().to_string();
     // all whole numbers of the program are unsigned
@@ -130,7 +131,8 @@ fn options(text: &str, name: &str, given: &ArgMatches) -> Result<Vec<OsString>, 
     Ok(options)
 }
 
-/// Values to give: `None` for the option alone. Nothing for `false`, several for a list.
+/// Converts a value of the file to arguments: `None` for the option alone, nothing for `false`,
+/// several for a list.
 fn words(value: &Value) -> Option<Vec<Option<String>>> {
     Some(match value {
         Value::Boolean(true) => vec![None],

@@ -56,7 +56,7 @@ impl From<ReportError> for CliError {
     }
 }
 
-/// Words of an error, in which an argument of a function is the option that it comes from: `usual_tips` is
+/// Text of an error in which the argument of a function is replaced by its option: `usual_tips` is
 /// `--usual-tips`.
 fn with_option(error: &ReportError) -> String {
     let words = error.to_string();

@@ -22,7 +22,7 @@ static SIGNAL: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
 #[cfg(unix)]
 pub(crate) fn end_tidily() {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-    /// How often to look for a signal: a handler itself may not remove files.
+    /// How often to check for a signal; a handler itself may not remove files.
     const LOOK: std::time::Duration = std::time::Duration::from_millis(20);
     let got = SIGNAL.get_or_init(Arc::default);
     for signal in [SIGINT, SIGTERM, SIGHUP] {
@@ -47,7 +47,7 @@ pub(crate) fn end_tidily() {
     });
 }
 
-/// Elsewhere, signals keep their default effect.
+/// On other systems, signals keep their default effect.
 #[cfg(not(unix))]
 pub(crate) fn end_tidily() {}
 

@@ -81,12 +81,12 @@ fn failed(error: &CliError) -> ExitCode {
     ExitCode::from(error.exit_code())
 }
 
-/// Returns the exit code of a command whose answer was printed.
+/// Returns the exit code for a command whose answer was printed.
 fn said(printed: ExitCode, exit_code: u8) -> ExitCode {
     if printed == ExitCode::SUCCESS { ExitCode::from(exit_code) } else { printed }
 }
 
-/// Prints an answer, if there is one; a reader that has gone away is not an error.
+/// Prints an answer, if there is one; a closed pipe is not an error.
 fn say(text: &str) -> ExitCode {
     if text.is_empty() {
         return ExitCode::SUCCESS;

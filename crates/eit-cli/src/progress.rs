@@ -21,7 +21,7 @@ pub(crate) fn terminal() -> Progress {
 /// All bars; the program has one terminal.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
 
-/// Runs what prints on stderr while the bars are away.
+/// Runs code that prints on stderr while the bars are hidden.
 pub(crate) fn above<T>(print: impl FnOnce() -> T) -> T {
     BARS.suspend(print)
 }
@@ -100,7 +100,7 @@ mod tests {
     use std::io::Result;
     use std::sync::{Arc, Mutex};
 
-    /// A terminal that records what was written.
+    /// A terminal that records its output.
     #[derive(Debug, Clone)]
     struct Paper(u16, Arc<Mutex<String>>);
 

@@ -14,7 +14,7 @@ struct Flags {
 
 static FLAGS: OnceLock<Flags> = OnceLock::new();
 
-/// Takes the flags; only the first call counts.
+/// Sets the flags; only the first call counts.
 pub(crate) fn set(cli: &Cli) {
     let Cli { quiet: is_quiet, verbose: is_verbose, color, .. } = *cli;
     FLAGS.get_or_init(|| Flags { is_quiet, is_verbose, color });
@@ -50,7 +50,7 @@ fn choose(when: ColorWhen, is_terminal: bool, is_plain: bool) -> bool {
     }
 }
 
-/// Colour that was asked for before the command line could be parsed, for `--help` and errors of usage.
+/// Colour requested before the command line is parsed, for `--help` and usage errors.
 pub(crate) fn set_early(arguments: &[std::ffi::OsString]) {
     let words: Vec<_> = arguments.iter().filter_map(|argument| argument.to_str()).collect();
     let after = |at: usize| words.get(at + 1).copied();

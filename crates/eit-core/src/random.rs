@@ -25,7 +25,7 @@ impl Random {
         Self::stream(seed, u128::from(fnv1a(purpose)) << 64 | u128::from(index))
     }
 
-    /// Creates a stream by its number.
+    /// Creates the stream with this number; streams of one seed are independent.
     pub fn stream(seed: u64, stream: u128) -> Self {
         Self(Pcg64::new(u128::from(seed), stream))
     }

@@ -81,11 +81,10 @@ impl DataConsistency {
         Ok(Self { rows, root_weights, mask: mask.to_owned(), pixels: vec![0.0; inside] })
     }
 
-    /// Energy of a frame's differences in units of the noise, as of an empty image; a value that is not
-    /// finite is a missing measurement. Does not allocate.
+    /// Energy of a frame's differences in units of the noise, which is the residual of an empty
+    /// image; a value that is not finite is a missing measurement. Does not allocate.
     ///
-    /// # Errors
-    /// [`DenoiseError::WrongLength`].
+    /// # Errors [`DenoiseError::WrongLength`].
     pub fn energy(&self, differences: &[f64]) -> Result<DataMisfit, DenoiseError> {
         let (found, wanted) = (differences.len(), self.root_weights.len());
         if found != wanted {
@@ -102,10 +101,11 @@ impl DataConsistency {
         Ok(energy)
     }
 
-    /// Energies of a frame's differences and of what an image [row, column] leaves of them; a value
-    /// that is not finite is a missing measurement. Does not allocate.
+    /// Returns the energies of a frame's differences and of the residual of an image [row, column];
+    /// a value that is not finite is a missing measurement. Does not allocate.
     ///
     /// # Errors
+    ///
     /// [`DenoiseError::ShapeMismatch`], [`DenoiseError::WrongLength`];
     /// [`DenoiseError::NonFinitePixel`] of frame 0.
     pub fn misfit(
@@ -122,10 +122,11 @@ impl DataConsistency {
         Ok(misfit)
     }
 
-    /// Writes what an image [row, column] leaves of a frame's differences, in their unit; NaN for a
-    /// measurement that is missing or not used. Does not allocate.
+    /// Writes the residual of an image [row, column] for a frame, in the differences' unit; NaN for
+    /// a measurement that is missing or not used. Does not allocate.
     ///
     /// # Errors
+    ///
     /// Those of [`DataConsistency::misfit`].
     pub fn left_into(
         &mut self,

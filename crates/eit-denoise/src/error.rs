@@ -37,7 +37,7 @@ pub enum DenoiseError {
         row: usize,
         /// Column index.
         column: usize,
-        /// The value.
+        /// Value that was rejected.
         value: f64,
     },
     /// The stack has no such frame.
@@ -51,27 +51,27 @@ pub enum DenoiseError {
     /// A value outside its range.
     #[error("{quantity} is {value}: it must be {must}")]
     OutOfRange {
-        /// The setting.
+        /// Name of the setting, with its unit.
         quantity: &'static str,
-        /// Its value.
+        /// Value that was rejected.
         value: f64,
-        /// The range.
+        /// Accepted range, in words.
         must: &'static str,
     },
     /// A list of the wrong length.
     #[error("{found} {what} where {wanted} are wanted")]
     WrongLength {
-        /// What the list holds.
+        /// Content of the list, in words.
         what: &'static str,
-        /// Its length.
+        /// Length of the list.
         found: usize,
-        /// The right length.
+        /// Required length.
         wanted: usize,
     },
     /// Every pixel of the image has the same non-zero value, which no touch produces.
     #[error("the image is {value} everywhere on the skin, which no touch gives")]
     ConstantImage {
-        /// The value.
+        /// Value that was rejected.
         value: f64,
     },
     /// An error in one frame of a sequence.
@@ -79,7 +79,7 @@ pub enum DenoiseError {
     InFrame {
         /// Frame index.
         frame: usize,
-        /// What is wrong.
+        /// Error without its location.
         error: Box<DenoiseError>,
     },
     /// Two masks differ.
@@ -98,7 +98,7 @@ pub enum DenoiseError {
     NonFiniteWeight {
         /// Its index in file order.
         index: usize,
-        /// Its value.
+        /// Value that was rejected.
         value: f32,
     },
     /// Weights of another skin.
@@ -120,31 +120,31 @@ pub enum DenoiseError {
     /// A file that is damaged or of another kind.
     #[error("damaged, or not a file of this program: {what}")]
     Format {
-        /// What was found.
+        /// Description of the problem.
         what: String,
     },
-    /// An error in a file.
+    /// Another error, with the file that caused it.
     #[error("{path}: {error}")]
     InFile {
-        /// The file.
+        /// Path of the file.
         path: String,
-        /// What is wrong.
+        /// Error without its location.
         error: Box<DenoiseError>,
     },
     /// Reading or writing failed.
     #[error("{path}: {kind}")]
     Io {
-        /// The file.
+        /// Path of the file.
         path: String,
-        /// Why.
+        /// Kind of the error of the operating system.
         kind: std::io::ErrorKind,
     },
     /// A shard is missing or differs from its manifest.
     #[error("{path}: {found}: make the base again; complete shards are kept")]
     DamagedShard {
-        /// The file.
+        /// Path of the file.
         path: String,
-        /// What was found.
+        /// Description of what was found instead.
         found: String,
     },
     /// All training images are zero.
@@ -158,7 +158,7 @@ pub enum DenoiseError {
         "{what} is {found} there, but {wanted} here: take another folder, or the same settings"
     )]
     OtherSettings {
-        /// What differs.
+        /// Name of the setting that differs.
         what: &'static str,
         /// Stored value.
         found: String,
@@ -192,7 +192,7 @@ pub enum DenoiseError {
     /// burn or its device failed.
     #[error("burn failed: {what}")]
     Burn {
-        /// Its message.
+        /// Message of burn.
         what: String,
     },
     /// A net returned images of another shape than its inputs.

@@ -105,12 +105,11 @@ impl Examples {
         Ok(made)
     }
 
-    /// The same pairs with data augmentation: each epoch sees every one turned or mirrored in one of
-    /// these ways, drawn anew. The skin with its electrodes and the measurements must have these
-    /// symmetries; only the mask is checked.
+    /// The same pairs with data augmentation: in each epoch every pair is rotated or mirrored by a
+    /// randomly drawn symmetry of these. The skin with its electrodes and the measurements must
+    /// have these symmetries; only the mask is checked.
     ///
-    /// # Errors
-    /// [`DenoiseError::MaskMismatch`] where a turn takes the mask to another.
+    /// # Errors [`DenoiseError::MaskMismatch`] where a turn takes the mask to another.
     pub fn augmented(mut self, turns: &[RasterSymmetry]) -> Result<Self, DenoiseError> {
         for turn in turns {
             let differing = turn.differing(self.mask.view());
@@ -124,7 +123,7 @@ impl Examples {
         Ok(self)
     }
 
-    /// Sets the weights from the reference errors; drops what would not count.
+    /// Sets the weights from the reference errors; drops frames whose weight would be negligible.
     fn weigh(&mut self, known: &[Known], shards: usize) {
         let (seen, pixels) = (self.history * self.images * self.mask.len(), self.mask.len());
         let (mut sums, mut counts) = (vec![0.0; shards], vec![0.0; shards]);

@@ -9,8 +9,7 @@ use ndarray::ArrayView2;
 /// ten; images of the wrong sign leave all of it and more.
 const SHARE_OF_OTHER_SKINS: f64 = 0.66;
 
-/// Compares a net's image with the raw one by what each leaves of the measurements, in units of noise and
-/// model error.
+/// Compares a net's image with the raw one by their residuals, in units of noise and model error.
 #[derive(Debug, Clone)]
 pub struct Judge {
     consistency: DataConsistency,
@@ -34,12 +33,12 @@ enum Rule {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Verdict {
-    /// The net's: it explains the measurements, or the weights have no rule to judge it by.
+    /// The net's image: it explains the measurements, or the weights have no rule to judge it by.
     #[default]
     Net,
-    /// The raw one: it explains the measurements, and the net's does not.
+    /// The raw image: it explains the measurements, and the net's does not.
     Raw,
-    /// The raw one, but neither explains the measurements.
+    /// The raw image, although neither explains the measurements.
     Neither,
 }
 
@@ -78,10 +77,12 @@ impl Judge {
         }
     }
 
-    /// Prepares these weights for another skin than that of their training, whose model error is not theirs: a
-    /// share of the data's energy takes its place. See [`new`](Self::new) for the arguments.
+    /// Prepares these weights for another skin than that of their training. Their model error does
+    /// not apply there: a fraction of the data's energy takes its place. See [`new`](Self::new) for
+    /// the arguments.
     ///
     /// # Errors
+    ///
     /// Those of [`DataConsistency::new`].
     pub fn on_another_skin(
         weights: &Weights,
@@ -161,10 +162,11 @@ impl Judge {
         Ok(Judgement { verdict, net: of_net, raw: Some(of_raw) })
     }
 
-    /// Judges a frame of which it is known that the touches in the net's image explain it: that image is shown, whatever
-    /// its score.
+    /// Judges a frame whose touches are known to explain it: the net's image is shown, whatever its
+    /// score.
     ///
     /// # Errors
+    ///
     /// Those of [`DataConsistency::misfit`].
     pub fn accept(
         &mut self,
@@ -174,10 +176,11 @@ impl Judge {
         Ok(Judgement { verdict: Verdict::Net, net: self.score(net, differences)?, raw: None })
     }
 
-    /// Judges a frame of which it is known that no touches explain it: the net's image is not shown, whatever its
-    /// score.
+    /// Judges a frame that is known not to be explained by touches: the net's image is not shown,
+    /// whatever its score.
     ///
     /// # Errors
+    ///
     /// Those of [`DataConsistency::misfit`].
     pub fn reject(
         &mut self,

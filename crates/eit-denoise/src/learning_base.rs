@@ -39,7 +39,7 @@ pub struct BaseSettings {
     pub pixels: [usize; 2],
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Number of shards.
+    /// Number of shards that the complete base has.
     pub shards: usize,
     /// Everything else that the pairs depend on, as text: method, scripts, ranges.
     pub recipe: String,
@@ -203,7 +203,7 @@ impl LearningBase {
         Ok(Self { folder: folder.to_path_buf(), manifest, others: BTreeMap::new(), part: None })
     }
 
-    /// Returns its settings.
+    /// Returns the settings that every shard was made with.
     pub fn settings(&self) -> &BaseSettings {
         &self.manifest.settings
     }
@@ -225,7 +225,6 @@ impl LearningBase {
         self.merged().shards.values().map(|listed| listed.frames).sum()
     }
 
-    /// All manifests as one.
     fn merged(&self) -> Manifest {
         let mut merged = self.manifest.clone();
         for (index, listed) in &self.others {

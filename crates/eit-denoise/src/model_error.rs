@@ -63,8 +63,8 @@ impl ModelErrorSum {
         Self { moments: Array2::zeros((measurements, measurements)), frames: 0 }
     }
 
-    /// Adds a frame: what a true image leaves of its differences, both `[measurement]`. Frames that lack
-    /// a measurement, or of zero energy, are left out.
+    /// Adds the residual of a true image of a frame to the sum; both are `[measurement]`. Frames
+    /// that lack a measurement, or of zero energy, are left out.
     pub fn add(&mut self, left: ArrayView1<'_, f64>, differences: ArrayView1<'_, f64>) {
         let energy = differences.iter().map(|v| v * v).sum::<f64>();
         let fits = left.len() == self.moments.nrows();
@@ -298,8 +298,8 @@ mod tests {
         }
     }
 
-    /// The norm equals its definition with the covariance inverted, with all measurements and with some
-    /// missing; an error along a learnt direction is explained, another is not.
+    /// The norm equals its definition with the inverted covariance, with all measurements and with
+    /// some missing; an error along a learnt direction is explained, another is not.
     #[test]
     fn the_norm_is_the_definition() {
         let n = 10;

@@ -72,8 +72,8 @@ mod tests {
     use super::*;
     use ndarray::Array2;
 
-    /// Where the centre of a pixel goes under the matrix is where the pixel goes, for the group of
-    /// the square; products of half-pixels are exact.
+    /// Each pixel maps to the pixel that contains the image of its centre, for the group of the
+    /// square; products of half-pixels are exact.
     #[test]
     fn pixels_go_where_the_matrix_takes_them() {
         let n = 6_usize;

@@ -78,7 +78,7 @@ impl<N: ImageNet> Trainer<N> {
         &self.curve
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the training, as given to the constructor.
     pub fn settings(&self) -> &TrainSettings {
         &self.settings
     }

@@ -85,7 +85,7 @@ pub enum TrainStatus {
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TrainDevice {
-    /// The processor.
+    /// The processor, by burn-flex.
     #[default]
     Flex,
     /// The first CUDA device (feature `cuda`).
@@ -98,7 +98,7 @@ impl TrainDevice {
     /// All devices, including those that are not compiled in.
     pub const ALL: [Self; 3] = [Self::Flex, Self::Cuda, Self::Wgpu];
 
-    /// Its name.
+    /// Returns the name used on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Flex => "flex",

@@ -71,7 +71,7 @@ pub enum FemError {
         pattern: usize,
         /// Electrode index.
         electrode: usize,
-        /// The value.
+        /// Value that was rejected.
         value: f64,
     },
     /// The entries of a pattern do not sum to zero, or all of them are zero.
@@ -324,7 +324,7 @@ pub enum FemError {
     Immovable {
         /// Electrode number, from 1.
         electrode: usize,
-        /// The reason.
+        /// Reason, in words.
         why: &'static str,
     },
     /// A node position is not finite.
@@ -362,9 +362,9 @@ pub enum FemError {
         key: usize,
         /// The quantity with its unit.
         quantity: &'static str,
-        /// The invalid value.
+        /// Value that was rejected.
         value: f64,
-        /// The requirement.
+        /// Accepted range, in words.
         must: &'static str,
     },
     /// The keys of a finger are not in ascending order of time.
@@ -470,9 +470,9 @@ pub enum FemError {
     OutOfRange {
         /// The quantity with its unit.
         quantity: &'static str,
-        /// The invalid value.
+        /// Value that was rejected.
         value: f64,
-        /// The requirement.
+        /// Accepted range, in words.
         must: &'static str,
     },
     /// Another error of the sparse factorisation.

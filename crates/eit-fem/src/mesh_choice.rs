@@ -132,7 +132,7 @@ impl MeshTrial {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct ChosenMesh {
-    /// The chosen mesh.
+    /// Mesh that the search ended with.
     pub mesh: Mesh,
     /// Order of the elements to use on it.
     pub element_order: ElementOrder,

@@ -74,7 +74,7 @@ pub enum HwError {
     /// The file cannot be read.
     #[error("{place}: cannot be read: {source}; check the path and its permissions")]
     Read {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// Error of the operating system.
         source: std::io::Error,
@@ -82,39 +82,39 @@ pub enum HwError {
     /// A folder, device, pipe or socket instead of a file.
     #[error("{place}: is not a regular file but a folder, device, pipe or socket; name a file")]
     NotAFile {
-        /// The path given.
+        /// Path as the caller gave it.
         place: Place,
     },
     /// A folder, but the format is a single file.
     #[error("{place}: is a folder, but a {format} recording is one file; name the file")]
     Folder {
-        /// The folder.
+        /// Folder with the problem.
         place: Place,
-        /// The format.
+        /// Name of the format, as in a scene.
         format: &'static str,
     },
     /// A file, but the format is a folder.
     #[error("{place}: is a single file, but a {format} recording is a folder; name the folder")]
     NotAFolder {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
-        /// The format.
+        /// Name of the format, as in a scene.
         format: &'static str,
     },
     /// A folder without a file that its format requires.
     #[error("{place}: has no `{name}`, which a {format} recording needs; copy the whole folder")]
     MissingFile {
-        /// The folder.
+        /// Folder with the problem.
         place: Place,
         /// Name of the missing file.
         name: &'static str,
-        /// The format.
+        /// Name of the format, as in a scene.
         format: &'static str,
     },
     /// Two recordings in the same folder.
     #[error("{place}: holds frames of `{one}` and of `{other}`; keep one recording per folder")]
     TwoRecordings {
-        /// The folder.
+        /// Folder with the problem.
         place: Place,
         /// Name of one recording.
         one: String,
@@ -124,7 +124,7 @@ pub enum HwError {
     /// An empty file.
     #[error("{place}: is empty (0 bytes); record or export it again")]
     Empty {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
     },
     /// A file without a value or complete frame.
@@ -132,7 +132,7 @@ pub enum HwError {
         "{place}: no complete frame found ({skipped} incomplete ones skipped); record it again"
     )]
     NoFrames {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// Number of incomplete frames that were skipped.
         skipped: usize,
@@ -153,9 +153,9 @@ pub enum HwError {
         "{place}: is text, but {format} is binary; set `[recording] format` to the file's format"
     )]
     NotBinary {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
-        /// The format.
+        /// Name of the format, as in a scene.
         format: &'static str,
     },
     /// A last line without a line end, which a program would have written.
@@ -164,13 +164,13 @@ pub enum HwError {
          line if it is complete"
     )]
     NoLineEnd {
-        /// The last line.
+        /// File and last line.
         place: Place,
     },
     /// A field that is not a number.
     #[error("{place}: value {value} is {text:?}, not a number; {}", number_hint(text))]
     NotANumber {
-        /// The line.
+        /// File and line.
         place: Place,
         /// Position of the field in the line, from 1.
         value: usize,
@@ -183,7 +183,7 @@ pub enum HwError {
          remove or repair that frame"
     )]
     NonFinite {
-        /// Line or byte.
+        /// File, and line or byte.
         place: Place,
         /// Index of the frame, from 0.
         frame: usize,
@@ -197,9 +197,9 @@ pub enum HwError {
     Implausible {
         /// Position of the value.
         place: Place,
-        /// The value.
+        /// Value that was rejected.
         value: f64,
-        /// The format.
+        /// Name of the format, as in a scene.
         format: &'static str,
     },
     /// A count that does not match the rest of the file or the scene.
@@ -236,7 +236,7 @@ pub enum HwError {
          [frame, measurement]"
     )]
     Shape {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// The shape found.
         shape: Vec<usize>,
@@ -244,7 +244,7 @@ pub enum HwError {
     /// A current of 0, by which a voltage would be divided.
     #[error("{place}: the current is 0, so voltage over current is undefined; remove the file")]
     ZeroCurrent {
-        /// The line.
+        /// File and line.
         place: Place,
     },
     /// A frequency row that does not exist in the recording.
@@ -253,7 +253,7 @@ pub enum HwError {
          set `[recording] frequency_row`"
     )]
     FrequencyRow {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// Row requested, from 0.
         row: usize,
@@ -267,7 +267,7 @@ pub enum HwError {
          key"
     )]
     UnusedKey {
-        /// The file or folder.
+        /// File or folder with the problem.
         place: Place,
         /// The key of `[recording]`.
         key: &'static str,
@@ -279,15 +279,15 @@ pub enum HwError {
     /// A format that is recognised but not supported.
     #[error("{place}: is a {format} file, which is not supported; export it as CSV or NPY")]
     Unsupported {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
-        /// Its format.
+        /// Name of the format.
         format: &'static str,
     },
     /// No known format matches.
     #[error("{place}: the format is not recognised; set `[recording] format` to one of {known}")]
     Unrecognised {
-        /// File or folder.
+        /// File or folder with the problem.
         place: Place,
         /// Names of the known formats.
         known: String,
@@ -297,7 +297,7 @@ pub enum HwError {
         "{place}: may be {one} or {other}; set `[recording] format = \"{one}\"` or \"{other}\""
     )]
     Ambiguous {
-        /// File or folder.
+        /// File or folder with the problem.
         place: Place,
         /// Name of one format.
         one: &'static str,
@@ -307,7 +307,7 @@ pub enum HwError {
     /// An unknown name of a format.
     #[error("format {name:?} does not exist; set `[recording] format` to one of {known}")]
     UnknownFormat {
-        /// Name given, shortened.
+        /// Name that is not known, shortened.
         name: String,
         /// Names of the known formats.
         known: String,
@@ -318,7 +318,7 @@ pub enum HwError {
          {wanted} measurements; {hint}"
     )]
     CountMismatch {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// Values per frame in the file.
         found: usize,
@@ -343,7 +343,7 @@ pub enum HwError {
          pairs; use `drive` or `quadruples_file` in `[protocol]`"
     )]
     NeedsQuadruples {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
     },
     /// The recording lacks a drive of the protocol.
@@ -352,7 +352,7 @@ pub enum HwError {
          set `[protocol] drive` to what was recorded, such as ({first_a}, {first_b})"
     )]
     MissingDrive {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// Electrode where current enters.
         a: u32,
@@ -369,7 +369,7 @@ pub enum HwError {
          needs; set `[protocol] measure` or `quadruples_file` to what was recorded"
     )]
     MissingMeasurement {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// The missing measurement.
         quadruple: [u32; 4],
@@ -381,7 +381,7 @@ pub enum HwError {
         last = count.saturating_sub(1)
     )]
     MissingElectrode {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// Electrode of the protocol, from 0.
         electrode: u32,
@@ -391,7 +391,7 @@ pub enum HwError {
     /// A component of complex values is requested, but the recording is real.
     #[error("{place}: contains only real values; set `[recording] component = \"real\"`")]
     NoImaginaryPart {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
     },
     /// An invalid setting.
@@ -407,7 +407,7 @@ pub enum HwError {
     /// A port or address that cannot be opened.
     #[error("{endpoint}: cannot be opened: {source}; {mend}")]
     Open {
-        /// The port or address.
+        /// Serial port or network address.
         endpoint: String,
         /// Error of the operating system.
         source: std::io::Error,
@@ -417,7 +417,7 @@ pub enum HwError {
     /// The connection was lost.
     #[error("{endpoint}: connection lost: {source}; check cable and power")]
     Lost {
-        /// The port or address.
+        /// Serial port or network address.
         endpoint: String,
         /// Error of the operating system.
         source: std::io::Error,
@@ -428,7 +428,7 @@ pub enum HwError {
         driver_check(.driver)
     )]
     NoReply {
-        /// The port or address.
+        /// Serial port or network address.
         endpoint: String,
         /// Name of the driver.
         driver: &'static str,
@@ -444,7 +444,7 @@ pub enum HwError {
          how long a command its buffer holds"
     )]
     Unanswered {
-        /// The port or address.
+        /// Serial port or network address.
         endpoint: String,
         /// What the command tells the instrument to do.
         command: &'static str,
@@ -459,7 +459,7 @@ pub enum HwError {
          measurements on the electrodes of this scene, that is {wanted_numbers} numbers per line; {hint}"
     )]
     LineCount {
-        /// The port or address.
+        /// Serial port or network address.
         endpoint: String,
         /// Numbers per complete line received.
         found: usize,
@@ -473,7 +473,7 @@ pub enum HwError {
     /// Bytes were received, but not of the driver's protocol.
     #[error("{endpoint}: received {bytes} bytes, but no {wanted}: they are {what}; {mend}")]
     NotUnderstood {
-        /// The port or address.
+        /// Serial port or network address.
         endpoint: String,
         /// Number of bytes received last.
         bytes: usize,
@@ -487,7 +487,7 @@ pub enum HwError {
     /// The instrument refused a command.
     #[error("{endpoint}: the instrument refused to {command}: {reason}; change that setting")]
     Refused {
-        /// The port or address.
+        /// Serial port or network address.
         endpoint: String,
         /// What the command tells the instrument to do.
         command: &'static str,
@@ -500,7 +500,7 @@ pub enum HwError {
          supported value"
     )]
     ReadBack {
-        /// The port or address.
+        /// Serial port or network address.
         endpoint: String,
         /// Name of the setting.
         setting: &'static str,
@@ -512,7 +512,7 @@ pub enum HwError {
     /// Another instrument answers than before.
     #[error("{endpoint}: is now {found}, but was {wanted}; plug the original instrument in again")]
     Identity {
-        /// The port or address.
+        /// Serial port or network address.
         endpoint: String,
         /// Identity of the original instrument.
         wanted: String,
@@ -525,7 +525,7 @@ pub enum HwError {
          the queue to keep the latest"
     )]
     Overflow {
-        /// The port or address.
+        /// Serial port or network address.
         endpoint: String,
         /// Number of frames the queue holds.
         capacity: usize,
@@ -533,7 +533,7 @@ pub enum HwError {
     /// A damaged recording without a single intact message.
     #[error("{place}: its {bytes} bytes hold no intact message, so there is nothing to recover")]
     NothingWhole {
-        /// The recording.
+        /// Recording with the problem.
         place: Place,
         /// Length of the file in bytes.
         bytes: u64,
@@ -541,7 +541,7 @@ pub enum HwError {
     /// A recording cannot be written.
     #[error("{place}: cannot be written: {source}; check disk space and permissions")]
     Write {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// Error of the operating system.
         source: std::io::Error,
@@ -559,7 +559,7 @@ pub enum HwError {
         "{place}: another program is recording to it; stop that program, or record to another file"
     )]
     Busy {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
     },
     /// A file that expands to more values than its size justifies.
@@ -568,7 +568,7 @@ pub enum HwError {
          file made to exhaust memory; convert it to CSV, which needs little memory, or replay it"
     )]
     TooLarge {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// Limit that was exceeded, in megabytes.
         most_mb: u64,
@@ -589,9 +589,9 @@ pub enum HwError {
     /// A container of records that is invalid or incomplete, or does not match.
     #[error("{place}: {what}; {mend}")]
     Container {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
-        /// What is wrong.
+        /// Description of the problem.
         what: String,
         /// How to fix it.
         mend: &'static str,
@@ -602,7 +602,7 @@ pub enum HwError {
         "{place}: `{field}` has {found} entries, but expected {wanted}; make the lengths match"
     )]
     Inconsistent {
-        /// The file.
+        /// File with the problem, and where in it.
         place: Place,
         /// Name of the field.
         field: &'static str,

@@ -190,7 +190,7 @@ impl TryFrom<u16> for Quality {
 #[error("the bits {bits:#b} contain a flag of quality that does not exist")]
 #[non_exhaustive]
 pub struct UnknownFlags {
-    /// The bits.
+    /// Bits, of which some are no flags.
     pub bits: u16,
 }
 

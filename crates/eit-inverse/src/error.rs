@@ -23,9 +23,9 @@ pub enum InverseError {
          element"
     )]
     EmptyJacobian {
-        /// Rows.
+        /// Number of rows, one per measurement.
         measurements: usize,
-        /// Columns.
+        /// Number of columns, one per element.
         elements: usize,
     },
     /// A Jacobian entry is NaN or infinite.
@@ -33,11 +33,11 @@ pub enum InverseError {
         "the Jacobian is {value} at measurement {measurement}, element {element}: it must be finite"
     )]
     NonFiniteJacobian {
-        /// Row.
+        /// Row of the entry.
         measurement: usize,
-        /// Column.
+        /// Column of the entry.
         element: usize,
-        /// The entry.
+        /// Value of the entry.
         value: f64,
     },
     /// No used measurement is sensitive to any element.
@@ -97,7 +97,7 @@ pub enum InverseError {
         frame: usize,
         /// Measurement index.
         measurement: usize,
-        /// The value.
+        /// Value that was rejected.
         value: f64,
     },
     /// A reference value is NaN or infinite.
@@ -105,7 +105,7 @@ pub enum InverseError {
     NonFiniteReference {
         /// Measurement index.
         measurement: usize,
-        /// The value.
+        /// Value that was rejected.
         value: f64,
     },
     /// A voltage that normalised data divides by is zero.
@@ -118,7 +118,7 @@ pub enum InverseError {
         what: &'static str,
         /// Measurement index.
         measurement: usize,
-        /// The value, volts.
+        /// Voltage that was rejected, volts.
         value: f64,
     },
     /// A setting is out of range.
@@ -126,9 +126,9 @@ pub enum InverseError {
     OutOfRange {
         /// The quantity with its unit.
         quantity: &'static str,
-        /// The value given.
+        /// Value that was rejected.
         value: f64,
-        /// The accepted range.
+        /// Accepted range, in words.
         must: &'static str,
     },
     /// The value for one measurement is out of range.
@@ -138,9 +138,9 @@ pub enum InverseError {
         quantity: &'static str,
         /// Measurement index.
         measurement: usize,
-        /// The value given.
+        /// Value that was rejected.
         value: f64,
-        /// The accepted range.
+        /// Accepted range, in words.
         must: &'static str,
     },
     /// A prior covariance is not positive semi-definite, or overflows.
@@ -180,13 +180,13 @@ pub enum InverseError {
     /// The conductivity of one element is out of range.
     #[error("{quantity} of element {element} is {value} S: it must be {must}")]
     ElementOutOfRange {
-        /// The quantity.
+        /// Name of the quantity, with its unit.
         quantity: &'static str,
         /// Element index.
         element: usize,
-        /// The value given, siemens.
+        /// Conductivity that was rejected, siemens.
         value: f64,
-        /// The accepted range.
+        /// Accepted range, in words.
         must: &'static str,
     },
     /// The frame's correlation with the model's voltages is not positive.
@@ -238,7 +238,7 @@ pub enum InverseError {
         frame: usize,
         /// Cell index.
         cell: usize,
-        /// The value.
+        /// Value that was rejected.
         value: f64,
     },
     /// Too few frames without a touch to estimate the noise.

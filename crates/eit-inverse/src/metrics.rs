@@ -94,7 +94,7 @@ pub enum ChangeSign {
 }
 
 impl ChangeSign {
-    /// Returns 1 or -1.
+    /// Returns 1 for an increase and -1 for a decrease.
     pub fn factor(self) -> f64 {
         match self {
             Self::Increase => 1.0,

@@ -72,7 +72,7 @@ impl Mesh {
         Ok(Self { surface, electrodes, midpoints_m: Vec::new() })
     }
 
-    /// Returns the surface.
+    /// Returns the triangle mesh without its electrodes.
     pub fn surface(&self) -> &Surface {
         &self.surface
     }

@@ -153,7 +153,7 @@ pub enum MeshError {
     OutOfRange {
         /// The quantity with its unit, for example "radius_m".
         quantity: &'static str,
-        /// The value given.
+        /// Value that was rejected.
         value: f64,
         /// The condition it must satisfy.
         must: &'static str,
@@ -208,7 +208,7 @@ pub enum MeshError {
     RefinementIncomplete {
         /// Nodes when it stopped.
         nodes: usize,
-        /// The limit.
+        /// Largest number that is accepted.
         limit: usize,
     },
     /// A mesh file cannot be read.
@@ -226,7 +226,7 @@ pub enum MeshError {
     Io {
         /// Path as given.
         path: String,
-        /// The system's message.
+        /// Message of the operating system.
         reason: String,
     },
     /// An array has the wrong length.
@@ -315,7 +315,7 @@ pub enum MeshError {
          characters, nor be \"electrode\""
     )]
     BadFieldName {
-        /// The name given.
+        /// Name that is not known.
         name: String,
     },
     /// The mesh would far exceed the node limit; detected before any meshing.
@@ -328,7 +328,7 @@ pub enum MeshError {
         edge_m: f64,
         /// Expected number of nodes.
         expected: f64,
-        /// The limit.
+        /// Largest number that is accepted.
         limit: usize,
     },
     /// An electrode position is too far from the skin.
@@ -400,7 +400,7 @@ pub enum MeshError {
         electrode: usize,
         /// "width_m" or "radius_m".
         quantity: &'static str,
-        /// The value given.
+        /// Value that was rejected.
         value: f64,
         /// The condition it must satisfy.
         must: &'static str,

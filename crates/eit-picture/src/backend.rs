@@ -86,7 +86,7 @@ impl DrawingBackend for Backend {
         Ok(())
     }
 
-    /// The size of a style is its em.
+    /// Draws text; the size of a style is its em.
     fn draw_text<T: BackendTextStyle>(&mut self, text: &str, style: &T, at: BackendCoord) -> Drawn {
         let (em, (color, opacity)) = (style.size(), color_of(style.color()));
         let baseline = match style.anchor().v_pos {

@@ -11,7 +11,7 @@ use crate::{
 
 /// Red, green, blue (sRGB).
 pub(crate) type Rgb = [u8; 3];
-/// Background.
+/// Colour of the page.
 pub(crate) const WHITE: Rgb = [255; 3];
 /// Colour of text and electrodes.
 pub(crate) const INK: Rgb = [32; 3];

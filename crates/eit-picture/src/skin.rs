@@ -16,7 +16,7 @@ pub struct Extent {
     pub y_max_m: f64,
 }
 
-/// An electrode to draw.
+/// Where an electrode lies on the rim, and whether to draw it.
 #[derive(Clone, Debug)]
 pub struct ElectrodeDrawing {
     /// Electrode number, from 1.

@@ -19,7 +19,7 @@ const LINE_HEIGHT: f64 = 16.0;
 /// Colour of true tracks.
 const TRUE: Rgb = [208; 3];
 
-/// One track.
+/// Positions of one touch over time.
 #[derive(Clone, Debug)]
 pub struct Track {
     /// Name in the legend; empty to omit it.

@@ -43,7 +43,7 @@ impl ChangeThreshold {
 /// Decides which frames are published.
 #[derive(Debug)]
 pub(crate) struct ChangeFilter {
-    /// `None`: every frame.
+    /// Thresholds; `None` publishes every frame.
     threshold: Option<ChangeThreshold>,
     heartbeat: Duration,
     last: Option<(Instant, FrameCopy)>,
@@ -111,7 +111,7 @@ mod tests {
         FrameCopy { touches: touches.to_vec(), whole: true, ..FrameCopy::default() }
     }
 
-    /// Each change is published at once, and none is published twice before the heartbeat.
+    /// Each change is published at once, and only once before the heartbeat.
     #[test]
     fn what_changes_is_published() {
         let heartbeat = Duration::from_millis(100);

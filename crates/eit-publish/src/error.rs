@@ -9,7 +9,7 @@ pub enum PublishError {
     /// The address cannot be used.
     #[error("{address}: {error}; give HOST:PORT, such as 127.0.0.1:9000")]
     Address {
-        /// The address given.
+        /// Address that was rejected.
         address: String,
         /// What is wrong with it.
         error: io::Error,
@@ -19,7 +19,7 @@ pub enum PublishError {
     Socket {
         /// Destination of the datagrams.
         address: String,
-        /// What the system reports.
+        /// Error of the operating system.
         error: io::Error,
     },
     /// A line could not be written.
@@ -39,14 +39,14 @@ pub enum PublishError {
          slashes, such as skin/left_arm"
     )]
     Topic {
-        /// The name given.
+        /// Name that was rejected.
         topic: String,
     },
     /// A message type whose definition is not known here.
     #[cfg(feature = "zenoh")]
     #[error("{name}: no definition of this message type")]
     MessageType {
-        /// The type.
+        /// Name of the message type.
         name: String,
     },
     /// A payload that is not the expected message, or a message that cannot be encoded.
@@ -64,16 +64,16 @@ pub enum PublishError {
     #[cfg(feature = "zenoh")]
     #[error("zenoh cannot {action}: {source}")]
     Zenoh {
-        /// What it was to do.
+        /// What zenoh was asked to do.
         action: &'static str,
-        /// What it reports.
+        /// Error reported by zenoh.
         source: zenoh::Error,
     },
     /// The file of a body cannot be used.
     #[cfg(feature = "zenoh")]
     #[error("{path}: {message}")]
     Body {
-        /// The file.
+        /// Path of the file.
         path: String,
         /// What is wrong with it.
         message: String,
@@ -84,7 +84,7 @@ pub enum PublishError {
     Foxglove {
         /// Address or file.
         place: String,
-        /// What the SDK reports.
+        /// Error reported by the SDK.
         source: Box<foxglove::FoxgloveError>,
     },
 }

@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 const OUTLINE_EVERY: Duration = Duration::from_secs(1);
 /// How often the thread wakes without a message.
 const TICK: Duration = Duration::from_millis(100);
-/// Frames at most so often for live clients and recordings alike: no eye sees more.
+/// Shortest time between frames, for live clients and recordings alike; the eye sees no more.
 const SCENE_EVERY: Duration = Duration::from_millis(15);
 
 /// How a skin is shown in Foxglove.

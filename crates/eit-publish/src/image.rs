@@ -21,11 +21,12 @@ impl<'a> From<ArrayView2<'a, f64>> for SkinImage<'a> {
     }
 }
 
-/// Share of the pixels that may be larger than the end of the colour scale.
+/// Fraction of the pixels that may exceed the end of the colour scale.
 #[cfg(feature = "web")]
 const BEYOND: f64 = 0.002;
 
-/// Largest magnitude but for a share of 0.2 % of the pixels: a single hot pixel must not turn every touch pale.
+/// Largest magnitude without the largest 0.2 % of the pixels, so that a single hot pixel does not
+/// make every touch pale.
 #[cfg(feature = "web")]
 pub(crate) fn robust_largest(image: ArrayView2<'_, f64>) -> f64 {
     let finite = image.iter().filter(|value| value.is_finite());

@@ -107,7 +107,7 @@ struct TouchPart {
     state: &'static str,
     position_m: [f64; 3],
     position_std_m: [f64; 3],
-    /// Known for touches found in frames.
+    /// Present for touches found in frames.
     normal: Option<[f64; 3]>,
     velocity_m_s: [f64; 3],
     intensity_s_m2: f64,

@@ -10,9 +10,10 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Frames and events that wait for the sink, and for how long; beyond either the oldest is dropped. As long as the
-/// queue of an instrument's frames (`eit_skin::connect::Backlog::Published`), so that a sink that is fast enough on average
-/// sends every frame, although the processor was taken for moments, and a burst of frames that waited fits.
+/// Largest number of frames and events that wait for the sink, and the longest wait; beyond either,
+/// the oldest is dropped. As long as the queue of an instrument's frames
+/// (`eit_skin::connect::Backlog::Published`), so that a sink that is fast enough on average sends
+/// every frame in spite of pauses and bursts.
 const CAPACITY: usize = 4096;
 const LONGEST: Duration = Duration::from_secs(4);
 /// How long the end waits for the sink to send what is queued.
@@ -21,7 +22,7 @@ const LAST_MESSAGES: Duration = Duration::from_secs(2);
 /// Shortest time between two images.
 const IMAGE_EVERY: Duration = Duration::from_millis(66);
 
-/// A frame's touches that outlive the frame.
+/// A copy of a frame's touches.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct FrameCopy {
     pub(crate) sequence: u64,
@@ -59,7 +60,7 @@ impl FrameCopy {
     }
 }
 
-/// An image that outlives its frame: siemens, row by row from the top, NaN outside the skin.
+/// A copy of an image: siemens, row by row from the top, NaN outside the skin.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct ImageCopy {
     pub(crate) rows: usize,
@@ -85,15 +86,15 @@ pub(crate) struct Incident {
     pub(crate) host_time_s: f64,
 }
 
-/// What the sink is given next.
+/// The next message for a sink.
 #[derive(Debug)]
 pub(crate) enum Next {
     Frame(FrameCopy),
     Image(ImageCopy),
     Incident(Incident),
-    /// Nothing has come in time.
+    /// Nothing arrived in time.
     Nothing,
-    /// Nothing will come any more.
+    /// No more messages will arrive.
     Over,
 }
 
@@ -117,7 +118,7 @@ enum Queued {
 
 #[derive(Debug, Default)]
 struct State {
-    /// With the time since when they wait.
+    /// Messages, each with the time since when it waits.
     queue: VecDeque<(Instant, Queued)>,
     /// Memory of frames that were sent.
     free: Vec<FrameCopy>,
@@ -142,7 +143,8 @@ impl Outbox {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Queues a frame. Allocates nothing once as many frames were queued, and as many touches, as now.
+    /// Queues a frame. Allocates nothing once as many frames, with as many touches, have been
+    /// queued.
     pub(crate) fn frame(&self, frame: &TouchFrame<'_>) {
         let mut state = self.state();
         state.statistics.frames += 1;
@@ -154,7 +156,7 @@ impl Outbox {
         self.changed.notify_one();
     }
 
-    /// Queues the image of the last frame, in the place of one that was not sent yet.
+    /// Queues the image of the last frame; replaces one that was not sent yet.
     pub(crate) fn image(&self, image: ArrayView2<'_, f64>) {
         let mut state = self.state();
         let free = state.free_image.take();
@@ -167,7 +169,7 @@ impl Outbox {
         self.changed.notify_one();
     }
 
-    /// Queues something that happened.
+    /// Queues an event.
     pub(crate) fn incident(&self, severity: Severity, text: &str) {
         let incident =
             Incident { severity, text: text.to_owned(), host_time_s: crate::publisher::clock_s() };
@@ -177,7 +179,7 @@ impl Outbox {
         self.changed.notify_one();
     }
 
-    /// The next message, waiting no longer than `timeout`.
+    /// Returns the next message; waits at most `timeout`.
     pub(crate) fn next(&self, timeout: Duration) -> Next {
         let end = Instant::now() + timeout;
         let mut state = self.state();
@@ -202,7 +204,7 @@ impl Outbox {
         }
     }
 
-    /// Gives the memory of a sent frame back.
+    /// Returns the memory of a sent frame.
     pub(crate) fn recycle(&self, frame: FrameCopy) {
         let mut state = self.state();
         if state.free.len() < CAPACITY {
@@ -210,20 +212,20 @@ impl Outbox {
         }
     }
 
-    /// Gives the memory of a sent image back.
+    /// Returns the memory of a sent image.
     pub(crate) fn recycle_image(&self, image: ImageCopy) {
         self.state().free_image = Some(image);
     }
 
-    /// What was offered and dropped so far.
+    /// Returns the numbers of messages offered and dropped so far.
     pub(crate) fn statistics(&self) -> SinkStatistics {
         self.state().statistics
     }
 }
 
 impl State {
-    /// Drops the oldest messages where the queue is full or they have waited too long: a reader wants the present.
-    /// Returns the time.
+    /// Drops the oldest messages if the queue is full or they have waited too long, because readers
+    /// need current data. Returns the time.
     fn make_room(&mut self) -> Instant {
         let now = Instant::now();
         let is_old = |queued: &(Instant, Queued)| now.duration_since(queued.0) > LONGEST;

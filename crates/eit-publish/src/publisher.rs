@@ -230,7 +230,7 @@ impl Publisher {
         self.out.is_some() || !self.udp.is_empty()
     }
 
-    /// Tells sinks that do not take lines what happened.
+    /// Passes an event to sinks that do not take lines.
     #[cfg(any(feature = "foxglove", feature = "zenoh"))]
     fn incident(&self, severity: Severity, text: &str) {
         self.queued().for_each(|sink| sink.worker().outbox.incident(severity, text));
@@ -273,7 +273,7 @@ impl Publisher {
         }
     }
 
-    /// This computer's clock, if frames are live.
+    /// Time by this computer's clock, if frames are live.
     fn now_s(&self) -> Option<f64> {
         self.is_live.then(since_1970)?.map(|since| since.as_secs_f64())
     }

@@ -6,7 +6,7 @@ use serde::Serialize;
 #[derive(Debug, Clone, Serialize)]
 #[serde(tag = "type", rename = "skin")]
 pub struct SkinShape {
-    /// Name of the skin.
+    /// Name of the skin, from its scene.
     pub name: String,
     /// Closed curves, metres: the outer one, then holes.
     pub outlines_m: Vec<Vec<[f64; 2]>>,

@@ -34,7 +34,7 @@ const PAGE: &str = concat!(
 pub(crate) struct ImageEvent {
     pub(crate) rows: usize,
     pub(crate) columns: usize,
-    /// The image.
+    /// Pixels of the image, packed.
     #[serde(flatten)]
     pub(crate) image: Pixels,
     /// The image before the net.

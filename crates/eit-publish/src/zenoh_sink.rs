@@ -32,7 +32,7 @@ pub struct ZenohSettings {
     pub change: Option<ChangeThreshold>,
     /// Longest time between two published frames while frames arrive.
     pub heartbeat: Duration,
-    /// The zenoh session.
+    /// How to connect to the zenoh network.
     pub session: SessionSettings,
 }
 
@@ -85,7 +85,7 @@ impl ZenohSink {
         Ok(Self { topic, shared, worker })
     }
 
-    /// What the topics begin with.
+    /// Returns the prefix of the topics.
     pub fn topic(&self) -> &str {
         &self.topic
     }

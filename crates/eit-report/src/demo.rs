@@ -55,8 +55,8 @@ fn own() -> Vec<&'static str> {
     own
 }
 
-/// Called with every frame of an experiment while it runs live: its name, the model and the frame. The experiments
-/// run on threads of their own and may overlap.
+/// Called with every frame of an experiment while it runs live: its name, the model and the frame.
+/// The experiments run on separate threads and may overlap.
 pub type FrameWatcher<'a> = dyn Fn(&str, &LiveModel, &TouchFrame<'_>) + Sync + 'a;
 
 /// State shared by the threads.

@@ -30,7 +30,7 @@ p, dd, h1, figcaption { overflow-wrap: anywhere; }
 pre { overflow-x: auto; padding: .6rem; border: 1px solid #8884; }
 ";
 
-/// A page.
+/// An HTML page that needs no other file.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Page {
     /// Title of the page and of the browser window.
@@ -41,7 +41,6 @@ pub(crate) struct Page {
     pub sections: Vec<Section>,
 }
 
-/// A section of a page.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Section {
     /// Heading, also used in the table of contents.
@@ -50,7 +49,6 @@ pub(crate) struct Section {
     pub blocks: Vec<Block>,
 }
 
-/// A block of a section.
 #[derive(Debug, Clone)]
 pub(crate) enum Block {
     /// A paragraph.
@@ -82,7 +80,6 @@ pub(crate) enum Block {
     },
     /// Terms with their descriptions.
     List(Vec<(String, String)>),
-    /// A table.
     Table {
         /// Column headings.
         head: Vec<String>,
@@ -181,7 +178,8 @@ fn is_number(cell: &str) -> bool {
 mod tests {
     use super::*;
 
-    /// Whatever a recording or a scene is named, it appears as text; and the page loads nothing.
+    /// Names of recordings and scenes appear as plain text, whatever they contain, and the page
+    /// loads nothing.
     #[test]
     fn the_page_is_closed_and_text_stays_text() {
         let page = Page {

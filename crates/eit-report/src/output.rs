@@ -13,7 +13,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// An output file. That its folder is writable is known from the start.
+/// An output file. Its folder was writable when it was reserved.
 pub struct OutFile {
     path: PathBuf,
 }
@@ -192,7 +192,6 @@ impl OutFolder {
         Ok(())
     }
 
-    /// Path of the folder.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }

@@ -240,7 +240,8 @@ pub(crate) fn picture_settings(
 
 /// Colour range of a sequence: all values, unless a few frames are much larger than the rest. In
 /// that case it is the largest value of 95 % of the frames, but at least a quarter of the overall
-/// maximum, so that noise stays faint; the footnote says what was clipped. At least `least`.
+/// maximum, so that noise stays faint; the footnote states what was clipped. The range is never
+/// below `least`.
 fn common_range(images: ArrayView3<'_, f64>, least: f64) -> Option<[f64; 2]> {
     let finite = |v: &&f64| v.is_finite();
     let mut largest: Vec<f64> = images

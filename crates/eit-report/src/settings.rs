@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// Settings of the demo.
+/// Where `eit demo` writes, and how much it computes.
 #[derive(Debug, Clone)]
 pub struct DemoSettings {
     /// Output folder.

@@ -11,8 +11,8 @@ use eit_hw::driver::{Overflow, Session, SessionSettings};
 
 /// Frames that may queue while a recorder waits for the disk: 8 s at 1000 frames per second.
 pub const RECORDER_FRAMES: usize = 8192;
-/// Frames that may queue for a consumer that may skip some: at least so many, or those of so many seconds, so that a
-/// moment without the processor loses no frame of a fast instrument.
+/// Smallest queue for a consumer that may skip frames, frames; at higher rates it holds a fixed
+/// number of seconds, so that a pause of the program loses no frame of a fast instrument.
 const LEAST_FRAMES: usize = 8;
 const LATEST_S: f64 = 0.25;
 const PUBLISHED_S: f64 = 4.0;

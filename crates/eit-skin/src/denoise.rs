@@ -107,7 +107,8 @@ impl Net {
         Ok(Self { weights, of_images, source, skin, is_of_this_skin, sign: sign.factor() })
     }
 
-    /// Returns the net for images without their measurements: of the shipped weights those that see the image alone.
+    /// Returns the net for images without measurements; of the shipped weights, those that see the
+    /// image alone.
     pub fn for_images(self) -> Self {
         match self.of_images {
             Some(weights) => Self { weights, of_images: None, ..self },
@@ -168,8 +169,8 @@ impl Net {
         })
     }
 
-    /// Returns the weights for frames whose touches are known or not: the shipped ones for images alone where they are
-    /// not.
+    /// Returns the weights to use: of the shipped ones, those for images alone if the touches of
+    /// the frames are unknown.
     fn weights_for(&self, has_touches: bool) -> &Weights {
         match &self.of_images {
             Some(of_images) if !has_touches => of_images,
@@ -228,7 +229,7 @@ impl Net {
         Ok(new(weights, jacobian.view(), &std, raster.mask().view())?)
     }
 
-    /// What decides about its images of these frames.
+    /// Returns what decides about the net's images of these frames.
     fn trust(&self, has_touches: bool, fitted: &FittedFrames) -> Trust {
         let sees_touches = inputs::needs_touches(self.weights_for(has_touches).shape);
         match (self.is_of_this_skin, sees_touches) {
@@ -264,7 +265,7 @@ impl Net {
         )
     }
 
-    /// Returns it as JSON.
+    /// Returns what the net's file states as JSON.
     pub fn json(&self) -> Value {
         json!({
             "weights": self.source,

@@ -14,9 +14,9 @@ pub enum SkinError {
     /// An error with its location: a file, a scene or a frame.
     #[error("{place}: {source}")]
     Within {
-        /// Location.
+        /// File, scene or frame.
         place: String,
-        /// The error.
+        /// Error without its location.
         source: Box<SkinError>,
     },
     /// A setting outside its range.
@@ -24,7 +24,7 @@ pub enum SkinError {
     OutOfRange {
         /// Key of the scene.
         key: &'static str,
-        /// Its value.
+        /// Value that was rejected.
         value: f64,
         /// Allowed values.
         must: &'static str,
@@ -37,7 +37,7 @@ pub enum SkinError {
     NotMetres {
         /// Key of the scene, with the place in a list.
         key: String,
-        /// Its value.
+        /// Length that was rejected, metres.
         value_m: f64,
         /// Largest length of a skin, metres.
         most_m: f64,
@@ -171,7 +171,7 @@ pub enum SkinError {
     /// A failure although the input was valid.
     #[error("{0}")]
     Failure(String),
-    /// An error of the mesh.
+    /// An error from eit-mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
     /// An error of the forward model.

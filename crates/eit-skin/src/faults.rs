@@ -63,7 +63,7 @@ impl FaultKind {
 pub struct ElectrodeFault {
     /// Electrode index, from 0.
     pub electrode: usize,
-    /// Kind of fault.
+    /// What is wrong with the electrode.
     pub kind: FaultKind,
     /// Time of the frame in which the fault was found, seconds.
     pub since_s: f64,

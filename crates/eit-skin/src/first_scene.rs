@@ -39,12 +39,12 @@ const WIDEST_M: f64 = 0.01;
 /// Outline of a flat skin around the origin.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Outline {
-    /// A disc.
+    /// A disc, centred at the origin.
     Disc {
         /// Its radius, metres.
         radius_m: f64,
     },
-    /// A rectangle.
+    /// A rectangle, centred at the origin.
     Rectangle {
         /// Extent along x, metres.
         width_m: f64,
@@ -81,9 +81,9 @@ impl Outline {
 /// What is known about a new skin. Electrodes are equally spaced along the rim.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FirstScene {
-    /// Outline.
+    /// Shape and size of the skin.
     pub outline: Outline,
-    /// Number of electrodes.
+    /// Number of electrodes on the rim.
     pub electrodes: usize,
     /// Length of rim that each electrode covers, metres.
     pub electrode_width_m: f64,

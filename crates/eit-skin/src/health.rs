@@ -121,7 +121,8 @@ impl<'a> Explained<'a> {
         }
     }
 
-    /// Whether a finding remains beside the faulty electrodes; updates its numbers to those without them.
+    /// Returns whether a finding remains without the faulty electrodes; reduces its numbers to the
+    /// others.
     fn leaves(&self, finding: &mut Finding) -> bool {
         match (&mut finding.trouble, finding.electrode) {
             (Trouble::Reciprocity { .. }, _) => false,

@@ -88,7 +88,7 @@ pub enum Frame {
 /// Position errors over the presses, in metres of the table: median and mean.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PlaceErrors {
-    /// Median.
+    /// Median error, metres.
     pub median_m: f64,
     /// Mean position error.
     pub mean_m: f64,
@@ -111,7 +111,7 @@ pub struct ErrorsByWay {
     pub regression: PlaceErrors,
 }
 
-/// Which strength of a touch says its force.
+/// Which strength of a touch determines its force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum StrengthBy {
@@ -235,9 +235,10 @@ impl LearnedSkin {
 }
 
 impl ErrorsByWay {
-    /// Returns the method with the smallest mean error. Never the model if the frame was fitted: its errors
-    /// are then not those of held-out presses, and a skin with unknown electrodes is not the model's. With presses
-    /// of several sessions these are the errors of the latest one, like whose frames those to come are.
+    /// Returns the method with the smallest mean error. Never the model if the frame was fitted:
+    /// its errors are then not those of held-out presses, and a skin with unknown electrodes is not
+    /// the model's. With presses of several sessions the errors are those of the latest session,
+    /// which later frames resemble most.
     fn best(&self, frame: Frame) -> PlacesBy {
         let (by, least) = match self.regression.mean_m < self.map.mean_m {
             true => (PlacesBy::Regression, self.regression.mean_m),

@@ -27,7 +27,7 @@ use std::sync::OnceLock;
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct LinearisedSkin {
-    /// The skin.
+    /// The skin at whose conductivity the model is linearised.
     pub skin: Skin,
     /// Voltages for the background, volt.
     pub voltages: Array1<f64>,

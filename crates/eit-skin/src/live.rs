@@ -44,7 +44,7 @@ const LONGEST_SKIP: Duration = Duration::from_millis(250);
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct LiveModel {
-    /// The linearised skin.
+    /// The skin with its Jacobian; shared, because it can be large.
     pub linearised: Arc<LinearisedSkin>,
     pub(crate) method: Method,
     pub(crate) net: Option<Net>,
@@ -54,7 +54,7 @@ pub struct LiveModel {
 
 /// Receives results as frames arrive.
 pub trait LiveObserver {
-    /// Error type of the observer.
+    /// Error with which the observer stops the run.
     type Error: From<SkinError>;
 
     /// Called with each event as it arrives, before it is processed.
@@ -175,7 +175,7 @@ impl LiveModel {
         Ok(Self { linearised: Arc::new(linearised), method, net, reference_frames })
     }
 
-    /// Returns the skin.
+    /// Returns the skin that the model was built for.
     pub fn skin(&self) -> &Skin {
         &self.linearised.skin
     }
@@ -289,7 +289,7 @@ fn is_interruption(event: &Event) -> bool {
     !matches!(event, Event::Frame(_) | Event::Skipped { .. } | Event::Gap { .. } | Event::Notice(_))
 }
 
-/// Describes why the reference waits, by what part of the voltages frames change.
+/// Describes why the reference waits, from the relative change of the voltages.
 pub fn unrest_words(change: f64) -> String {
     format!(
         "frames change by {:.1} % of the voltages, as if the skin were touched or let go: the reference waits until they \

@@ -82,7 +82,7 @@ impl Method {
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 #[non_exhaustive]
 pub struct MethodChoice {
-    /// The method.
+    /// The method to use.
     pub method: Method,
     /// Reason for the choice.
     pub why: &'static str,

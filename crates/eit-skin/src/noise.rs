@@ -4,10 +4,10 @@ use crate::frames::Frames;
 use ndarray::Array2;
 
 /// Error of the linear model as a fraction of the differences: that of two fingers that raise the
-/// conductivity by half. Weights are chosen for at least this noise. Without it, simulated fingers at 70 dB
-/// (three or four of them) have twice the error that they have at 60 dB, because the images fit what the
-/// model cannot represent. Half of this value does not cure all of those cases; twice this value blurs at 60
-/// dB.
+/// conductivity by half. Weights are chosen for at least this noise. Without it, simulated fingers
+/// at 70 dB (three or four of them) have twice the error that they have at 60 dB, because the
+/// images fit what the model cannot represent. Half of this value does not suffice in all of those
+/// cases; twice this value blurs at 60 dB.
 const MODEL_ERROR: f64 = 0.015;
 
 /// Standard deviation of difference data.
@@ -73,7 +73,8 @@ impl DataNoise {
         }
     }
 
-    /// Makes the noise equal in all measurements, with the same root mean square over the used ones.
+    /// Makes the noise equal in all measurements, with the same root mean square over the used
+    /// ones.
     pub(crate) fn alike(mut self, used: &[bool]) -> Self {
         let of_used = || self.std.iter().zip(used).filter(|(_, used)| **used).map(|(std, _)| std);
         let mean = of_used().map(|std| std * std).sum::<f64>() / of_used().count().max(1) as f64;

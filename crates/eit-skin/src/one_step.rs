@@ -17,9 +17,9 @@ use ndarray::{Array2, ArrayView1, Axis};
 /// Default noise figure: the image is as noisy as the data.
 pub const DEFAULT_NOISE_FIGURE: f64 = 1.0;
 /// The same where the reference frame has other levels than the model
-/// ([`ModelFit::is_scattered`](crate::frames::ModelFit::is_scattered)): what is wrong there is the model, of which
-/// smoothing removes more than of noise. Below the least that can be reached, so that images are as smooth as
-/// possible.
+/// ([`ModelFit::is_scattered`](crate::frames::ModelFit::is_scattered)): the error is that of the
+/// model, which smoothing reduces more than noise. It is below the smallest noise figure that can
+/// be reached, so images are as smooth as possible.
 const SCATTERED_NOISE_FIGURE: f64 = 0.2;
 
 /// A one-step reconstruction that is ready for frames.
@@ -77,9 +77,10 @@ impl FittedFrames {
 }
 
 impl FittedFrames {
-    /// Noise of normalised differences that is equal in all measurements in volts, if the levels of the reference
-    /// frame are not the model's: otherwise the smallest levels, whose changes mean least, count most. `None` for
-    /// plain differences, and for levels like the model's.
+    /// Noise of normalised differences that is equal in all measurements in volts, if the levels of
+    /// the reference frame differ from the model's: otherwise the smallest levels, whose changes
+    /// carry least information, would count most. `None` for plain differences, and for levels like
+    /// the model's.
     fn noise_of_levels(&self) -> Option<Vec<f64>> {
         let is_normalised = self.skin.difference_kind() == DifferenceKind::Normalised;
         if !(is_normalised && self.fit.is_scattered()) {

@@ -120,7 +120,7 @@ impl Plan {
         })
     }
 
-    /// Returns the plan as JSON.
+    /// Returns the plan as `eit plan --json` prints it.
     pub fn json(&self) -> Value {
         json!({
             "scene": self.name,
@@ -140,7 +140,7 @@ impl Plan {
         })
     }
 
-    /// Returns the plan as text.
+    /// Returns the plan as `eit plan` prints it.
     pub fn text(&self) -> String {
         let mut lines = vec![
             format!("method {}: {}", self.choice.method.name(), self.choice.why),

@@ -10,10 +10,10 @@ const PRESSED: f64 = 6.0;
 /// 7e-5 per second, which the reference follows 20 frames late: 1.6e-4 at 8 frames per second. A press of 0.3 N in
 /// the middle of the paper's skin changes 3e-4, one of 1 N on 12 x 8 cm 3e-2.
 const LEAST: f64 = 2e-4;
-/// Coarsest step of a converter, relative to the median voltage. Without this limit, a press that is the first
-/// change of all would pass for rounding.
+/// Coarsest step of a converter, relative to the median voltage. Without this limit, a press that
+/// is the first change of a value would count as rounding.
 const COARSEST_STEP: f64 = 1e-2;
-/// After a press, a change must also exceed this fraction of it: fabric relaxes for long.
+/// After a press, a change must also exceed this fraction of it, because fabric keeps relaxing.
 const MEMORY: f64 = 0.1;
 /// The press is released when the change falls below this fraction of it.
 const RELEASED: f64 = 0.3;
@@ -37,13 +37,13 @@ pub enum PressState {
 
 /// Detects presses in a stream of frames.
 ///
-/// A press is a change far above the noise of the untouched frames. It counts as held once the two halves of
-/// the last `window` frames agree, and as released once the change is below 30 % of it. The reference slowly
-/// follows the untouched skin, and is taken anew after a release, so that what remains of a press in the
-/// fabric (its memory) does not count as a second press; nor does less than a tenth of the last press, by which the fabric
-/// may still relax. Channels have equal weight in units of their noise,
-/// which is at least a tenth of the median channel's. A change below 2e-4 of the median
-/// voltage is no press, however quiet the board is.
+/// A press is a change far above the noise of the untouched frames. It counts as held once the two
+/// halves of the last `window` frames agree, and as released once the change is below 30 % of it.
+/// The reference slowly follows the untouched skin, and is taken anew after a release, so that what
+/// remains of a press in the fabric (its memory) does not count as a second press; nor does a
+/// change of less than a tenth of the last press, because the fabric may still relax by that much.
+/// Channels have equal weight in units of their noise, which is at least a tenth of the median
+/// channel's. A change below 2e-4 of the median voltage is no press, however quiet the board is.
 #[derive(Debug, Clone)]
 pub struct PressWatch {
     reference: Vec<f64>,
@@ -181,8 +181,8 @@ impl PressWatch {
         rms(change.iter().zip(&self.noise).map(|(change, noise)| change / noise))
     }
 
-    /// Whether a change shows a press: it exceeds noise and memory by far, and also what rounding to steps makes
-    /// of a slow drift.
+    /// Whether a change shows a press: it far exceeds noise and memory, and also the rounding steps
+    /// that a slow drift causes.
     fn shows_press(&self, change: &[f64]) -> bool {
         let step = if self.step.is_finite() { self.step.min(self.coarsest_step) } else { 0.0 };
         let counted = change.iter().zip(&self.noise).filter(|(_, noise)| noise.is_finite());
@@ -224,9 +224,10 @@ impl PressWatch {
     }
 }
 
-/// Least noise of a channel: a tenth of the median channel's or, if most channels never change, the largest
-/// noise of any; in any case so much that a change of [`LEAST`] of the median voltage counts as [`PRESSED`]. The
-/// median, because voltages at driven electrodes may be a hundred times as large as all others.
+/// Least noise of a channel: a tenth of the median channel's or, if most channels never change, the
+/// largest noise of any; in any case large enough that a change of [`LEAST`] of the median voltage
+/// equals [`PRESSED`]. The median is used because voltages at driven electrodes may be a hundred
+/// times as large as all others.
 fn floor_of(noise: &[f64], median_voltage: f64) -> f64 {
     let measured = match median(noise.iter().copied()).unwrap_or(0.0) {
         0.0 => noise.iter().copied().fold(0.0, f64::max),
@@ -301,8 +302,8 @@ mod tests {
         }
     }
 
-    /// A board without noise, on a fabric that drifts by 5e-6 of its voltages per frame: nothing touches it. A
-    /// light touch of 5e-4 is a press all the same.
+    /// A board without noise on a fabric that drifts by 5e-6 of its voltages per frame shows no
+    /// press, and a light touch of 5e-4 is one.
     #[test]
     fn the_drift_of_a_skin_without_noise_is_no_press() {
         let frame =

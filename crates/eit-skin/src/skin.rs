@@ -37,7 +37,7 @@ pub struct SkinModel {
     pub conductivity_s: f64,
     /// Contact impedance per electrode: ohm metre on the rim, ohm square metre for a patch.
     pub contact_impedance: Vec<f64>,
-    /// Source of the mesh.
+    /// File or generator that the mesh came from.
     pub source: MeshSource,
     /// Repairs made to the mesh file.
     pub notes: Vec<String>,

@@ -299,12 +299,13 @@ fn weights(
     Ok(Weights { lambda_space, lambda_time, delta, rule: rule.to_owned(), chosen: None })
 }
 
-/// Chooses the weights by the discrepancy principle, with the model error as noise if that is larger.
+/// Chooses the weights by the discrepancy principle, with the model error as noise if that is
+/// larger.
 ///
-/// If no weight reduces the residual to the noise, what remains at the smallest weights is the model error
-/// (linearisation, contact impedances, shape). Weights that small only fit that error, and images are wild.
-/// It is taken as noise instead: the search started at the weight that suits noise of one standard deviation,
-/// so the error requires a proportional multiple of it.
+/// If no weight reduces the residual to the noise, what remains at the smallest weights is the
+/// model error (linearisation, contact impedances, shape). Smaller weights only fit that error, and
+/// images become erratic. It is taken as noise instead: the search started at the weight that suits
+/// noise of one standard deviation, so the error requires a proportional multiple of it.
 ///
 /// # Errors
 ///

@@ -38,7 +38,7 @@ pub struct TouchRow {
     pub frame: usize,
     /// Time of the frame, seconds.
     pub time_s: f64,
-    /// The touch.
+    /// Touch in the frame named above.
     pub touch: Touch,
 }
 
@@ -51,7 +51,7 @@ const DAMAGED: f64 = 3.0;
 pub struct Touches {
     /// One row per touch and frame.
     pub rows: Vec<TouchRow>,
-    /// Number of frames.
+    /// Number of frames searched.
     pub frames: usize,
     /// Frame rate that was used, hertz.
     pub rate_hz: f64,
@@ -89,14 +89,14 @@ impl Touches {
         frames.map(alive).max().unwrap_or(0)
     }
 
-    /// Returns the number of frames with a touch to act on.
+    /// Returns the number of frames with a valid touch.
     pub fn frames_with_touch(&self) -> usize {
         let frames = self.rows.chunk_by(|a, b| a.frame == b.frame);
         let acted_on = |row: &TouchRow| row.touch.valid && row.touch.state != TouchState::End;
         frames.filter(|rows| rows.iter().any(acted_on)).count()
     }
 
-    /// Returns the touches of each frame.
+    /// Groups the touches by frame: one list for each, empty where there is none.
     pub fn by_frame(&self) -> Vec<Vec<Touch>> {
         let mut frames = vec![Vec::new(); self.frames];
         for row in &self.rows {
@@ -153,7 +153,8 @@ impl Touches {
 }
 
 impl Frames {
-    /// Returns a note for the user if touches of these frames rest on an assumed frame rate ([`Touches::rate_hz`]).
+    /// Returns a note for the user if the frame rate of these touches is assumed
+    /// ([`Touches::rate_hz`]).
     pub fn rate_note(&self) -> Option<String> {
         (self.rate_hz.is_none() && self.values.nrows() > 1).then(assumed_rate_words)
     }

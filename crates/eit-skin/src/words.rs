@@ -4,9 +4,9 @@ use eit_hw::driver::Event;
 use std::borrow::Cow;
 use std::fmt;
 
-/// Makes text safe for a terminal or a page: devices, recordings, scenes and file names may contain
-/// characters that move the cursor, change the window title or reverse the text direction. Line ends and tabs
-/// are kept.
+/// Makes text safe for a terminal or a page: text of devices, recordings, scenes and file names may
+/// contain characters that move the cursor, change the window title or reverse the text direction.
+/// Line ends and tabs are kept.
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.contains(is_hostile) {
         return Cow::Borrowed(text);

@@ -63,7 +63,7 @@ pub(crate) struct PublishArgs {
     /// Send the same lines by UDP, one per datagram; can be repeated.
     #[arg(long, value_name = "HOST:PORT")]
     pub udp: Vec<String>,
-    /// The page.
+    /// Options of the live page.
     #[command(flatten)]
     pub page: PageArgs,
     /// Publishers behind cargo features.
@@ -71,7 +71,7 @@ pub(crate) struct PublishArgs {
     pub network: NetworkArgs,
 }
 
-/// The live page.
+/// Options of the live page.
 #[derive(Debug, Args)]
 pub(crate) struct PageArgs {
     /// Serve a page that shows the skin in a browser, and print its address; an address other than this

@@ -48,7 +48,7 @@ pub(crate) fn run(args: &BaseArgs) -> Result<Answer, CliError> {
     Ok(Answer { text, json })
 }
 
-/// What the flags ask for, checked.
+/// Returns the settings that the flags specify, checked.
 pub(super) fn request(args: &PairsArgs) -> Result<BaseRequest, CliError> {
     let request = BaseRequest {
         method: args.method.clone(),

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::io::{ErrorKind, Write as _};
 use std::time::{Duration, Instant};
 
-/// How often the end is looked for.
+/// How often to check for shutdown.
 const TICK: Duration = Duration::from_millis(50);
 
 /// Joins patches until Ctrl-C, the end of `--seconds` or a closed pipe.
@@ -39,7 +39,7 @@ pub(crate) fn run(args: &BodyArgs, is_json: bool) -> Result<Answer, CliError> {
     Ok(Answer { text: String::new(), ..answer })
 }
 
-/// Prints a line; whether there is still a reader.
+/// Prints a line; returns whether the output still has a reader.
 fn print(line: &Value) -> Result<bool, CliError> {
     let text = line.to_string();
     let mut out = std::io::stdout().lock();

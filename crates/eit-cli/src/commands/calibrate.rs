@@ -48,7 +48,7 @@ fn settings(args: &CalibrateArgs, skin: &Skin, frames: &Frames) -> CalibrationSe
     }
 }
 
-/// A misfit above this multiple of the stated noise is taken as model error, and counts as noise.
+/// A misfit above this multiple of the stated noise is model error, and then counts as noise.
 const MODEL_ERROR: f64 = 2.0;
 
 /// Fits with the stated noise, or with the unexplained part if that is much larger.

@@ -15,7 +15,7 @@ use eit_skin::scene::Scene;
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// Takes frames of the untouched skin and judges them.
+/// Measures frames of the untouched skin and checks their health.
 pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
     if !(args.seconds > 0.0 && args.seconds <= 3600.0) {
         let message = format!("--seconds {}: it must be above 0, to 3600", args.seconds);

@@ -63,7 +63,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     Ok(answer(args, &Counts { written, skipped, count, complex, flagged }, &notes))
 }
 
-/// What a table cannot hold.
+/// Notes about what a table cannot store.
 fn table_notes(flagged: usize, skipped: usize, complex: bool) -> impl Iterator<Item = String> {
     let flagged = (flagged > 0).then(|| {
         format!("{}: a table has no flags", counted(flagged, "flagged value", "flagged values"))
@@ -87,7 +87,7 @@ fn whole_or_none(writer: CaptureWriter, written: Result<(), CliError>) -> Result
     Ok(writer.finish()?)
 }
 
-/// What was converted.
+/// Numbers of converted and skipped frames.
 struct Counts {
     written: usize,
     skipped: usize,

@@ -47,7 +47,7 @@ impl ElectrodeWatch {
         self.before.clear();
     }
 
-    /// Takes a frame; calls `tell` for every electrode that fails or recovers.
+    /// Checks a frame; calls `tell` for every electrode that fails or recovers.
     pub(super) fn push<E>(
         &mut self,
         frame: &Frame,

@@ -92,7 +92,7 @@ fn complex(
     Ok(Answer { text: with_warning(text, solved.warning.as_ref()), json })
 }
 
-/// One row with alternating real and imaginary parts.
+/// Writes one row with alternating real and imaginary parts.
 fn parts(voltages: &Array1<Complex64>) -> Array2<f64> {
     let parts: Array1<f64> = voltages.iter().flat_map(|v| [v.re, v.im]).collect();
     parts.insert_axis(Axis(0))

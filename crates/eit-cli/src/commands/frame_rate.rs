@@ -59,8 +59,8 @@ impl FrameRate {
         self.recent_hz.or_else(|| self.mean_hz())
     }
 
-    /// Describes a rate that has fallen below nine tenths of the stated one or is back; `None` while
-    /// that does not change.
+    /// Describes a rate that has fallen below nine tenths of the stated one, or has recovered;
+    /// `None` while that does not change.
     pub fn change(&mut self, stated_hz: Option<f64>) -> Option<String> {
         let (stated_hz, recent_hz) = (stated_hz?, self.recent_hz?);
         let is_slow = recent_hz < LEAST_SHARE * stated_hz;

@@ -15,8 +15,8 @@ use std::path::Path;
 
 /// Correlation below which the model does not represent the skin at all.
 const UNLIKE: f64 = 0.6;
-/// Correlation below which equally spaced electrodes are doubted: places on a rectangle that are off by up to 0.3 of the
-/// spacing give 0.955, equally spaced ones 0.99 and more.
+/// Correlation below which electrodes are reported as unequally spaced: positions on a rectangle
+/// that are off by up to 0.3 of the spacing give 0.955, equally spaced ones 0.99 and more.
 const EVEN: f64 = 0.97;
 /// Minimum lead in likeness over the next best numbering.
 const CLEAR: f64 = 0.03;
@@ -39,7 +39,7 @@ pub(crate) fn run(args: &InitArgs, is_json: bool) -> Result<Answer, CliError> {
     Ok(answer(&args.out, &first, &found))
 }
 
-/// What was found out about the board.
+/// What was determined about the board.
 #[derive(Debug, Default)]
 struct Found {
     /// Results for people, one per line.
@@ -94,7 +94,7 @@ fn check(args: &InitArgs) -> Result<(), CliError> {
     Ok(())
 }
 
-/// What the builder knows: from the command line, or by asking.
+/// What is known about the skin, from the command line or by asking.
 fn described(args: &InitArgs, questions: &mut Questions) -> Result<FirstScene, CliError> {
     let shape = match (args.shape, args.radius_mm, args.width_mm.or(args.height_mm)) {
         (Some(shape), ..) => shape,

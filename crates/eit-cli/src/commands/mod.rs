@@ -56,7 +56,7 @@ pub(crate) const FAULTY: u8 = 4;
 
 /// A command's result, and the exit code.
 pub(crate) struct Ended {
-    /// Result.
+    /// Text and JSON of the result.
     pub answer: Answer,
     /// 0, [`SILENT`] or [`FAULTY`].
     pub exit_code: u8,
@@ -68,7 +68,7 @@ impl From<Answer> for Ended {
     }
 }
 
-/// Rejects `--frames 0`, which could not be told from a silent instrument.
+/// Rejects `--frames 0`, whose empty result would look like a silent instrument.
 fn check_frames(frames: Option<u64>) -> Result<(), CliError> {
     match frames {
         Some(0) => {

@@ -8,12 +8,12 @@ use eit_publish::{FoxgloveSettings, FoxgloveSink};
 #[cfg(feature = "zenoh")]
 use eit_publish::{SessionSettings, ZenohSettings, ZenohSink};
 
-/// Whether any of them is asked for.
+/// Whether any of these outputs is requested.
 pub(super) fn is_wanted(args: &NetworkArgs) -> bool {
     args.zenoh.is_some() || args.foxglove.is_some() || args.foxglove_record.is_some()
 }
 
-/// Adds the sinks that are asked for.
+/// Adds the requested sinks.
 pub(super) fn open(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
     let publisher = open_zenoh(args, publisher)?;
     open_foxglove(args, publisher)
@@ -84,7 +84,7 @@ fn open_foxglove(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, 
     }
 }
 
-/// Says how to get a program that has it.
+/// Explains how to build a program that has them.
 #[cfg(not(all(feature = "zenoh", feature = "foxglove")))]
 fn absent(flag: &str, feature: &str) -> CliError {
     CliError::input(format!(
@@ -93,7 +93,7 @@ fn absent(flag: &str, feature: &str) -> CliError {
     ))
 }
 
-/// Reports what was dropped.
+/// Reports how much was dropped.
 #[cfg_attr(
     not(any(feature = "zenoh", feature = "foxglove")),
     allow(unused_variables, reason = "nothing to report")

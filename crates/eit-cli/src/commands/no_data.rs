@@ -36,7 +36,7 @@ impl NoData {
         Some((rate_hz * (self.silent_s + self.disconnected_s)).round() as u64)
     }
 
-    /// Describes it after a semicolon; empty if data came all the time.
+    /// Describes the time without data after a semicolon; empty if there was none.
     pub fn words(&self) -> String {
         let mut words = String::new();
         let Self { silent_s, disconnected_s, .. } = *self;
@@ -63,7 +63,7 @@ impl NoData {
         words
     }
 
-    /// Adds it to the JSON of a command.
+    /// Adds the time without data to the JSON of a command.
     pub fn add_to(&self, json: &mut Value) {
         json["silent_s"] = json!(self.silent_s);
         json["disconnected_s"] = json!(self.disconnected_s);

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 
 /// How often to check for shutdown.
 const WAIT: Duration = Duration::from_millis(50);
-/// Silence at the start from which it is shown; later silences are reported by the session.
+/// Silence at the start after which it is shown; later silences are reported by the session.
 const TOLD_SILENCE: Duration = Duration::from_millis(500);
 
 /// Records until enough frames arrived, the time is over, or Ctrl-C.
@@ -104,7 +104,8 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     Ok(Ended { answer, exit_code })
 }
 
-/// A place that cannot be written to is invalid input, unlike a full disk.
+/// Converts the error of a folder that cannot be written to, which is invalid input, unlike a full
+/// disk.
 fn unwritable(error: eit_hw::HwError) -> CliError {
     CliError::input(error.to_string())
 }
@@ -137,14 +138,14 @@ pub(super) fn duration(seconds: Option<f64>) -> Result<Option<Duration>, CliErro
     }
 }
 
-/// What was recorded so far.
+/// Counts of the recording so far.
 struct Taken {
     frames: u64,
     notes: u64,
     rate: FrameRate,
     /// Time since when no frame has arrived, once reported; also set before the first frame.
     silent_since: Option<Instant>,
-    /// Whether the session has reported that nothing comes.
+    /// Whether the session has reported that nothing arrives.
     is_told: bool,
     electrodes: ElectrodeWatch,
 }
@@ -218,7 +219,7 @@ impl Taken {
     }
 }
 
-/// Records a frame, or a note of what else happened.
+/// Records a frame, or a note about any other event.
 pub(super) fn write_event(
     writer: &mut CaptureWriter,
     event: &Event,
@@ -236,7 +237,7 @@ pub(super) fn is_silent(since: Option<Instant>, is_told: bool, now: Instant) -> 
     since.is_some_and(|since| is_told || now.saturating_duration_since(since) > TOLD_SILENCE)
 }
 
-/// Whether to tell the user at once.
+/// Whether to show an event to the user at once.
 pub(super) fn is_news(event: &Event) -> bool {
     matches!(event, Event::Silent { .. } | Event::Disconnected { .. } | Event::Reconnected { .. })
 }

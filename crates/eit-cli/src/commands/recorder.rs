@@ -23,14 +23,14 @@ pub(super) struct PageRecorder {
     /// Recording of `--record`, which the page cannot stop.
     fixed: Option<PathBuf>,
     waiting: Waiting,
-    /// How many frames may wait for the view alone, and how many had been skipped when the recording began.
+    /// Queue length for the view alone, and number of frames skipped when the recording began.
     before: Option<(usize, u64)>,
 }
 
 impl PageRecorder {
-    /// For a scene file, or a built-in scene, whose recordings go to the working directory. `fixed` is the file of
-    /// `--record`. `waiting` is that of the session: while a recording runs, frames wait for it as they do for
-    /// `--record`, and are not skipped for the view.
+    /// Creates a recorder for a scene file; recordings of a built-in scene go to the working
+    /// directory. `fixed` is the file of `--record`. `waiting` sets the session's queue: while a
+    /// recording runs, frames wait instead of being skipped for the view.
     pub fn new(
         scene: &str,
         session: SessionRecord,
@@ -51,7 +51,7 @@ impl PageRecorder {
         }
     }
 
-    /// Tells the page what is recorded.
+    /// Tells the page the state of the recording.
     pub fn tell(&self, publisher: &Publisher) -> Result<(), CliError> {
         let (file, can_stop) = match (&self.writer, &self.fixed) {
             (Some((file, _)), _) => (file, true),
@@ -61,13 +61,13 @@ impl PageRecorder {
         Ok(publisher.recording(Recording::On { file: &file.display().to_string(), can_stop })?)
     }
 
-    /// Does what the page asked for, and records an event.
+    /// Starts or stops a recording as the page requested, and records an event.
     pub fn event(&mut self, event: &Event, publisher: &Publisher) -> Result<(), CliError> {
         self.follow(publisher)?;
         self.write(publisher, |writer| record::write_event(writer, event))
     }
 
-    /// Does what the page asked for, and saves what has been waiting for long.
+    /// Starts or stops a recording as the page requested, and writes buffered data.
     pub fn idle(&mut self, publisher: &Publisher) -> Result<(), CliError> {
         self.follow(publisher)?;
         self.write(publisher, CaptureWriter::tick)
@@ -108,7 +108,7 @@ impl PageRecorder {
         }
     }
 
-    /// Lets frames be skipped for the view again; returns how many were skipped while recording.
+    /// Lets the view skip frames again; returns how many were skipped while recording.
     fn skip_again(&mut self) -> u64 {
         let Some((capacity, dropped)) = self.before.take() else { return 0 };
         self.waiting.set_capacity(capacity);

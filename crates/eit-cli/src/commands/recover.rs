@@ -96,8 +96,8 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
     Ok(Answer { text, json })
 }
 
-/// Fails for a recording of ours without an intact frame. Notes, attachments and the like are kept in the new
-/// recording; one with nothing but what instrument it was would only be taken for a success.
+/// Rejects a recording of this program without an intact frame. Notes, attachments and the like are
+/// kept in the new recording; one that holds the session alone would look like a success.
 fn check_any_frame(args: &RecoverArgs, recovered: &Recovered) -> Result<(), CliError> {
     let &Recovered { frames, messages, sessions, unreadable, attachments, .. } = recovered;
     if frames > 0 || sessions == 0 {

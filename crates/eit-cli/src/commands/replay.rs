@@ -51,8 +51,8 @@ pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> 
     Ok(publish::told(&args.watch.publish, answer))
 }
 
-/// Rejects files of other formats, and names the command that makes a recording of them. A file that is missing, empty or
-/// cannot be read is told when it is opened.
+/// Rejects files of other formats, and names the command that converts them. A file that is
+/// missing, empty or unreadable is reported when it is opened.
 fn check_recording(args: &ReplayArgs) -> Result<(), CliError> {
     let place = &args.from;
     let is_table = || {

@@ -14,8 +14,8 @@ use eit_skin::{MeshOverride, Skin};
 use serde_json::json;
 use std::collections::BTreeMap;
 
-/// Makes the base where it is not complete, trains or goes on, writes weights and curve. Long, but one
-/// stage after the other, and most stages share what the first ones made.
+/// Completes the base, trains or resumes, and writes weights and curve. It is long because most
+/// stages share what the first ones made.
 pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     scene.refuse_movement("train")?;
@@ -150,8 +150,7 @@ fn judge_words(judge: Option<&MeasuredJudge>) -> String {
     format!("\njudge: {}{older}", judge.counts.words())
 }
 
-/// A net that makes images worse than it was given helps nobody, and a file of weights does not look
-/// like it.
+/// Rejects a net that makes images worse; from its file alone nobody could tell.
 fn refuse_worse(scores: &Scores, args: &TrainArgs) -> Result<(), CliError> {
     if args.force || scores.net_over_raw < 1.0 {
         return Ok(());
@@ -188,7 +187,7 @@ fn first_weights(name: &str) -> Result<Weights, CliError> {
     weights.map_err(|e| CliError::input(format!("--from {name}: {e}")))
 }
 
-/// Size of the net, that of the weights to start from where there are some, and how it is trained.
+/// Returns the size of the net (that of the initial weights, if given) and the training settings.
 fn settings(
     args: &TrainArgs,
     first: Option<&Weights>,

@@ -4,7 +4,7 @@ use super::Answer;
 use crate::cli::TrainArgs;
 use crate::error::CliError;
 
-/// Says how to get it, before any work.
+/// Explains how to build a program that has the command.
 pub(crate) fn run(_: &TrainArgs) -> Result<Answer, CliError> {
     Err(CliError::input(
         "this eit was built without training, which compiles burn for ten minutes: build it with \

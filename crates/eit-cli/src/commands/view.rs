@@ -22,10 +22,10 @@ const TERMINAL_EVERY: Duration = Duration::from_millis(100);
 const TOLD_SILENCE: Duration = Duration::from_millis(500);
 /// Width of the image on a terminal, in characters; a line shows two image rows.
 const COLUMNS: usize = 44;
-/// Most notes that are remembered, as many as a summary has.
+/// Maximum number of notes remembered, as in a summary.
 const MOST_TOLD: usize = 100;
-/// The colour range: the largest value over this many frames, and at least this multiple of the weakest
-/// touch, so that noise stays pale.
+/// Number of frames over whose largest value the colour range is taken, and its least value as a
+/// multiple of the weakest touch, so that noise stays pale.
 const RANGE_FRAMES: usize = 50;
 const RANGE_IN_LEVELS: f64 = 2.0;
 
@@ -152,12 +152,12 @@ impl Terminal {
         self.say(&text);
     }
 
-    /// Returns the notes that were printed and stay: the summary need not repeat them.
+    /// Returns the notes that were already printed, which the summary need not repeat.
     pub fn told(&self) -> &[String] {
         &self.told
     }
 
-    /// Counts lost frames, which the view shows.
+    /// Counts lost frames for the view.
     pub fn lose(&mut self, frames: u64) {
         self.lost = self.lost.saturating_add(frames);
     }
@@ -230,18 +230,19 @@ impl Terminal {
         Ok(())
     }
 
-    /// Clears the terminal and writes; a terminal that has gone away is not an error.
+    /// Clears the terminal and writes; a closed terminal is not an error.
     fn say(&self, text: &str) {
         let mut out = std::io::stdout().lock();
         let _ = write!(out, "\x1b[H\x1b[J{text}").and_then(|()| out.flush());
     }
 }
 
-/// Characters of values from zero to the end of the range, for terminals without colours: of a rise and of a fall.
+/// Characters for values from zero to the end of the range, for terminals without colours: rises,
+/// then falls.
 const RISES: [char; 5] = [' ', '\u{2591}', '\u{2592}', '\u{2593}', '\u{2588}'];
 const FALLS: [char; 5] = [' ', '.', '-', '=', '#'];
 
-/// Draws an image in characters of two pixels each.
+/// Draws an image; each character shows two pixels.
 fn blocks(image: ArrayView2<'_, f64>, range: f64, is_colored: bool) -> String {
     let (rows, columns) = image.dim();
     let step = (columns.max(rows) as f64 / COLUMNS as f64).max(1.0);
@@ -274,7 +275,7 @@ fn blocks(image: ArrayView2<'_, f64>, range: f64, is_colored: bool) -> String {
     text
 }
 
-/// The character of the stronger of two values.
+/// Character of the larger of two values.
 fn shade(values: impl Iterator<Item = f64>, range: f64) -> char {
     let value =
         values.fold(0.0, |most: f64, value| if value.abs() > most.abs() { value } else { most });

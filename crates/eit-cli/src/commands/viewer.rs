@@ -25,7 +25,7 @@ pub(super) struct Viewer<'a> {
     interrupt: StopFlag,
     /// Time since when no frame has arrived, once reported; also set before the first frame.
     silent_since: Option<Instant>,
-    /// Whether the session has reported that nothing comes.
+    /// Whether the session has reported that nothing arrives.
     is_told_silent: bool,
     terminal: Terminal,
     picture: Option<Picture>,
@@ -68,12 +68,12 @@ impl<'a> Viewer<'a> {
         })
     }
 
-    /// Records from now on.
+    /// Starts recording.
     pub fn record(&mut self, writer: CaptureWriter) {
         self.writer = Some(writer);
     }
 
-    /// Lets the page record.
+    /// Allows the page to record.
     pub fn let_record(&mut self, recorder: PageRecorder) -> Result<(), CliError> {
         if let Some(publisher) = &self.publisher {
             recorder.tell(publisher)?;
@@ -82,7 +82,7 @@ impl<'a> Viewer<'a> {
         Ok(())
     }
 
-    /// Publishes touches of this instrument or recording from now on.
+    /// Starts publishing the touches of this instrument or recording.
     pub fn publish(
         &mut self,
         publisher: Option<Publisher>,
@@ -109,8 +109,8 @@ impl<'a> Viewer<'a> {
         record::is_silent(self.silent_since, self.is_told_silent, Instant::now())
     }
 
-    /// Whether images are needed other than by the publisher; without any other output, the summary reports on
-    /// them.
+    /// Returns whether images are needed by anything but the publisher; without any other output,
+    /// the summary reports on them.
     fn is_seen(&self) -> bool {
         let is_kept = self.picture.is_some() || self.kept.is_some();
         self.terminal.is_on() || is_kept || self.publisher.is_none()
@@ -230,7 +230,7 @@ impl LiveObserver for Viewer<'_> {
         self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::has_viewer)
     }
 
-    /// Stored images are those of all frames.
+    /// Returns true if images are stored, because every frame is then needed.
     fn wants_every_image(&self) -> bool {
         self.kept.is_some()
     }

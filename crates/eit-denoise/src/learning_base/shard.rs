@@ -194,7 +194,6 @@ impl Shard {
     }
 }
 
-/// Touches of `frames` frames.
 fn touches_of(tensors: &SafeTensors<'_>, frames: usize) -> Result<ShardTouches, DenoiseError> {
     let wrong = |what: &str| DenoiseError::Format { what: what.to_owned() };
     let tensor = tensors.tensor("touches").map_err(format_error)?;

@@ -148,7 +148,7 @@ fn checked<N: ImageNet>(net: &N) -> Result<[usize; 2], DenoiseError> {
     }
 }
 
-/// Returns the device of a net.
+/// Returns the device that holds the net's weights.
 pub(crate) fn device_of<N: ImageNet>(net: &N) -> Result<Device, DenoiseError> {
     checked(net)?;
     let nothing = || DenoiseError::Burn { what: "the net has no parameter".to_owned() };
@@ -171,7 +171,7 @@ pub(crate) fn same_shape(made: &Tensor<4>, wanted: [usize; 4]) -> Result<(), Den
     if found == wanted { Ok(()) } else { Err(DenoiseError::NetShape { found, wanted }) }
 }
 
-/// Returns the values of a tensor.
+/// Copies a tensor to the host.
 pub(crate) fn read(values: Tensor<1>) -> Result<Vec<f32>, DenoiseError> {
     let data = values.try_into_data().map_err(|e| DenoiseError::burn(&e))?;
     data.try_into_vec::<f32>().map_err(|e| DenoiseError::burn(&e))

@@ -87,10 +87,10 @@ impl UnetConfig {
     }
 }
 
-/// Normal weights of He, Zhang, Ren and Sun (ICCV 2015), minus the mean over each channel. Inputs of a
-/// channel come from ReLUs and have a positive mean: a channel that weighs the mean negatively would be zero on
-/// nearly the whole skin, where its gradient is zero, and with few channels soon all of them would be.
-/// Small positive biases serve the same purpose.
+/// Normal weights of He, Zhang, Ren and Sun (ICCV 2015), minus the mean over each channel. Inputs
+/// of a channel come from ReLUs and have a positive mean: a channel with a negative mean weight
+/// would be zero on nearly the whole skin, where its gradient is zero, and with few channels soon
+/// all of them would be. Small positive biases serve the same purpose.
 fn first_weights(c: Convolution, random: &mut Random) -> Vec<f32> {
     let of_channel = c.inputs * c.side * c.side;
     let std = (2.0 / of_channel as f64).sqrt();

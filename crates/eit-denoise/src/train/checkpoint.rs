@@ -18,7 +18,7 @@ const KEY: &str = "training";
 /// Names of the records.
 const NAMES: [&str; 3] = ["net", "best", "optimiser"];
 
-/// Everything that is not a record; `f64` values survive JSON exactly.
+/// All state other than tensors; `f64` values survive JSON exactly.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State {
@@ -37,7 +37,7 @@ struct State {
     crc32: [u32; 3],
 }
 
-/// The version alone: other versions have other fields.
+/// Reads the version only, because other versions have other fields.
 #[derive(Deserialize)]
 struct Version {
     version: u32,

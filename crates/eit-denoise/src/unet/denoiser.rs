@@ -71,7 +71,7 @@ pub(crate) const CLAMP: f32 = 2.0;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum NetStatus {
-    /// The net ran.
+    /// The net computed the image.
     Computed,
     /// The net did not run: the first images of this frame and of its history are zero, and so is the
     /// result.
@@ -255,8 +255,8 @@ impl Denoiser {
         }
     }
 
-    /// Whether all masked pixels are zero. Left at the first run that is not; a run without a branch
-    /// for each pixel.
+    /// Whether all masked pixels are zero. Stops after the first run that is not; within a run it
+    /// does not branch.
     fn is_zero(&self, image: ArrayView2<'_, f64>) -> bool {
         match image.as_slice() {
             // all bits but the sign

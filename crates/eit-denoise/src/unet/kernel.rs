@@ -109,8 +109,8 @@ impl Packed {
         }
     }
 
-    /// All outputs for `V` registers of pixels from the inner value `at` on; returns their number. All
-    /// groups one after the other: the pixels stay in the first-level cache.
+    /// Computes all outputs for `V` registers of pixels from the inner value `at` on; returns their
+    /// number. All groups use the same pixels in turn, so that these stay in the first-level cache.
     #[inline(always)]
     fn pixels<S: Simd, const V: usize>(
         &self,
@@ -129,7 +129,7 @@ impl Packed {
     }
 }
 
-/// `V` registers of pixels of a group's outputs.
+/// Computes `V` registers of pixels of a group's outputs.
 #[inline(always)]
 fn tile<S: Simd, const V: usize>(
     simd: S,
@@ -167,7 +167,7 @@ fn tile<S: Simd, const V: usize>(
     }
 }
 
-/// The largest of each 2 x 2 pixels; `from` has twice the rows and columns.
+/// Writes the largest of each 2 x 2 pixels; `from` has twice the rows and columns.
 #[inline(always)]
 pub(super) fn halve(from: Plane, input: &[f32], to: Plane, output: &mut [f32]) {
     for (input, output) in input.chunks_exact(from.len()).zip(output.chunks_exact_mut(to.len())) {
@@ -183,7 +183,7 @@ pub(super) fn halve(from: Plane, input: &[f32], to: Plane, output: &mut [f32]) {
     }
 }
 
-/// Every pixel as 2 x 2; `to` has twice the rows and columns.
+/// Repeats every pixel 2 x 2; `to` has twice the rows and columns.
 #[inline(always)]
 pub(super) fn double(from: Plane, input: &[f32], to: Plane, output: &mut [f32]) {
     for (input, output) in input.chunks_exact(from.len()).zip(output.chunks_exact_mut(to.len())) {
@@ -217,7 +217,8 @@ mod tests {
         }
     }
 
-    /// The same bits as sums pixel by pixel, on registers of every width that this machine has; borders stay zero.
+    /// Registers of every width on this machine give the bits of sums pixel by pixel; borders stay
+    /// zero.
     #[test]
     fn registers_of_any_width_give_the_definition() {
         let (inputs, outputs) = (3, 5);

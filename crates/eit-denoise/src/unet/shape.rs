@@ -42,7 +42,7 @@ impl Default for UnetShape {
     }
 }
 
-/// One convolution.
+/// Shape of one convolution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Convolution {
     pub outputs: usize,
@@ -110,7 +110,7 @@ impl UnetShape {
         self.padded(size).map(|n| n / self.fold)
     }
 
-    /// Channels of a level.
+    /// Number of channels at a level of the net.
     pub(crate) fn channels(&self, level: usize) -> usize {
         self.width << level
     }

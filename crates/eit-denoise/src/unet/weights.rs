@@ -35,7 +35,7 @@ const MODEL_ERROR_KEYS: [&str; 2] = ["model_error_floor", "model_error_limit"];
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
-    /// Its size.
+    /// Size of the net.
     pub shape: UnetShape,
     /// All parameters: for each convolution in the order in which they run (down, bottom, up, head) its
     /// weights [output, input, row, column], then its biases.

@@ -76,7 +76,7 @@ impl AdmittivityModel {
         Ok(Self { contacts, phases: Phases::of(&admittances), real })
     }
 
-    /// Returns the protocol.
+    /// Returns the protocol whose voltages the model computes.
     pub fn protocol(&self) -> &Protocol {
         self.real.protocol()
     }

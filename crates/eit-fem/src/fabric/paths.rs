@@ -53,7 +53,7 @@ pub struct RandomPaths {
     pub radius_m: f64,
     /// Force of each finger, newton.
     pub force_n: f64,
-    /// Seed of the random paths.
+    /// Seed; equal seeds give equal paths.
     pub seed: u64,
 }
 

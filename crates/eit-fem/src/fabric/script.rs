@@ -18,13 +18,13 @@ pub struct TouchScript {
     pub name: String,
     /// Frames per second. Frame `f` is at `f / frame_rate_hz` seconds.
     pub frame_rate_hz: f64,
-    /// Number of frames.
+    /// Length of the script in frames.
     pub frames: usize,
     /// Number of frames without touch at the start, for noise and reference. A key with a force
     /// must not lie before their end.
     #[cfg_attr(feature = "serde", serde(default))]
     pub quiet_frames: usize,
-    /// Fingers of the script.
+    /// Paths and forces of the fingers.
     #[cfg_attr(feature = "serde", serde(default, rename = "finger"))]
     pub fingers: Vec<Finger>,
 }
@@ -36,7 +36,7 @@ pub struct TouchScript {
 pub struct Finger {
     /// Number of the finger in the ground truth.
     pub id: u32,
-    /// Shape of the fingertip.
+    /// Pressure profile of the fingertip.
     #[cfg_attr(feature = "serde", serde(default))]
     pub tip: Tip,
     /// Interpolation between keys.
@@ -79,7 +79,7 @@ pub struct Key {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Touch {
-    /// Number of the finger.
+    /// [`Finger::id`] of the finger that touches.
     pub finger: u32,
     /// Shape of the fingertip.
     pub tip: Tip,
@@ -121,7 +121,7 @@ impl Finger {
 }
 
 impl TouchScript {
-    /// Returns the touches of a frame.
+    /// Returns all fingers that press on the skin in a frame.
     pub fn touches(&self, frame: usize) -> Vec<Touch> {
         let time_s = |frame: usize| frame as f64 / self.frame_rate_hz;
         let before = |finger: &Finger| finger.at(time_s(frame.checked_sub(1)?));

@@ -90,18 +90,18 @@ pub struct Simulation {
     pub reference_v: Array1<f64>,
     /// Ground truth.
     pub truth: Truth,
-    /// Report of the simulation.
+    /// Accuracy and effort of the simulation.
     pub report: SimulationReport,
 }
 
-/// Report of a simulation.
+/// Accuracy and effort of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct SimulationReport {
-    /// Number of frames.
+    /// Number of simulated frames.
     pub frames: usize,
-    /// Number of threads.
+    /// Number of threads that computed frames in parallel.
     pub threads: usize,
     /// Report of the solve of the untouched skin. Its backward error and expected loss are
     /// representative of all frames.

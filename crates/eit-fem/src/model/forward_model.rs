@@ -145,12 +145,12 @@ impl ForwardModel {
         })
     }
 
-    /// Returns the protocol.
+    /// Returns the protocol whose voltages the model computes.
     pub fn protocol(&self) -> &Protocol {
         &self.protocol
     }
 
-    /// Returns the order of the elements.
+    /// Returns whether potentials are linear or quadratic in each element.
     pub fn element_order(&self) -> ElementOrder {
         self.dofs.order
     }

@@ -47,7 +47,7 @@ pub trait Arithmetic:
     /// Puts numbers into registers.
     fn lanes<const R: usize>(numbers: [Self; R]) -> Self::Lanes<R>;
 
-    /// Returns one number.
+    /// Returns the number at index `at`.
     fn lane<const R: usize>(lanes: &Self::Lanes<R>, at: usize) -> Self;
 
     /// [`Self::less_product`] for each number: `sums -= factor row`.

@@ -68,11 +68,11 @@ impl SessionRecord {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum UnitName {
-    /// Volt.
+    /// Voltages in volts.
     Volt,
-    /// Ohm.
+    /// Values are in ohms: voltage over current.
     Ohm,
-    /// Unknown.
+    /// The unit is not known.
     #[default]
     Arbitrary,
 }
@@ -119,7 +119,7 @@ pub struct TouchesRecord {
     pub touches: Vec<TouchRecord>,
 }
 
-/// One touch.
+/// A touch in a frame, as a recording stores it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TouchRecord {

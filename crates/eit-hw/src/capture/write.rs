@@ -53,7 +53,7 @@ pub struct CaptureWriter {
     settings: CaptureSettings,
     /// The parts of a split recording.
     parts: Option<Parts>,
-    /// The name of a copy until it is finished.
+    /// Temporary name of a copy until it is finished.
     part: Option<PartFile>,
     channels: [u16; Topic::ALL.len()],
     counts: [u32; Topic::ALL.len()],

@@ -210,7 +210,7 @@ pub fn encode(message: &Message<'_>, wire: &mut Vec<u8>) -> Result<(), HwError> 
     Ok(())
 }
 
-/// Result of decoding.
+/// Outcome of decoding the bytes received so far.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
     /// A complete message with the right CRC.

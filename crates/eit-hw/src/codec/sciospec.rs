@@ -55,7 +55,7 @@ pub fn encode_data(frame: &DataFrame, wire: &mut Vec<u8>) {
     encode(TAG_DATA, &payload, wire);
 }
 
-/// Result of decoding.
+/// Outcome of decoding the bytes received so far.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
     /// A system message.
@@ -82,7 +82,6 @@ pub enum Event<'a> {
 enum Side {
     /// The device, with the contents of its data frames.
     Device(Output),
-    /// The host.
     Host,
 }
 

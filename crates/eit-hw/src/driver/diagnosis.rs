@@ -31,7 +31,7 @@ enum Source {
     Text {
         numbers: usize,
     },
-    /// Text without a single end of line.
+    /// Text without any line end.
     Endless,
     Noise,
 }

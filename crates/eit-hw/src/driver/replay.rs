@@ -18,11 +18,11 @@ pub enum Pace {
     /// Delivers each frame on request: as fast as the consumer, or step by step.
     #[default]
     OnDemand,
-    /// A multiple of the recorded speed; 1 is real time. Timed by the instrument's clock or, without
-    /// one and where it goes back or ahead by more than a minute, by the host's. Backward steps of the
-    /// host's clock are ignored, and so are those above ten seconds, since somebody may have set it:
-    /// no wrong clock, and no long pause, makes a replay wait. Frames without a time are delivered on
-    /// request.
+    /// A multiple of the recorded speed; 1 is real time. Timed by the instrument's clock or,
+    /// without one and where it goes back or ahead by more than a minute, by the host's. Backward
+    /// steps of the host's clock are ignored, and so are those above ten seconds, because the clock
+    /// may have been set; so neither a wrong clock nor a long pause makes a replay wait. Frames
+    /// without a time are delivered on request.
     Speed(f64),
 }
 

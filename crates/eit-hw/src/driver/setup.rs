@@ -43,11 +43,11 @@ pub struct Setup {
     pub value_count: usize,
     /// Whether values are complex.
     pub complex: bool,
-    /// Unit of the values.
+    /// Unit of the values that the driver delivers.
     pub unit: Unit,
     /// Frames per second, if known.
     pub frame_rate_hz: Option<f64>,
-    /// Limits on the values.
+    /// Values at which a frame is flagged as saturated, open or stuck.
     pub limits: Limits,
 }
 

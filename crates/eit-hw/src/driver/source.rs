@@ -63,7 +63,7 @@ pub enum Event {
     },
     /// The instrument is lost; the session tries to reconnect.
     Disconnected {
-        /// What happened.
+        /// How the connection was lost, in words.
         reason: String,
     },
     /// The instrument was found again and set up, or its frame counter has restarted, as after a

@@ -161,7 +161,7 @@ impl Host {
         }
     }
 
-    /// Plugs the instrument in again; if that fails, it stays away.
+    /// Plugs the instrument in again; if that fails, it stays unplugged.
     pub(super) fn plug(&mut self) {
         match self {
             Self::Tcp { listener, address, .. } => {

@@ -54,7 +54,7 @@ pub struct ElectrodeHealth {
     pub reciprocity_without: Option<f64>,
 }
 
-/// Result of a health check.
+/// What a health check measured and found wrong.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]

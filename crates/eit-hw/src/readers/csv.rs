@@ -140,15 +140,15 @@ impl Rows {
     }
 }
 
-/// What a line of whole numbers in pairs, such as `1,5,-0,25`, says of decimal commas.
+/// What a line of pairs of whole numbers, such as `1,5,-0,25`, indicates about decimal commas.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Pairs {
     /// A sign, a point, a space or nothing follows some comma: it separates numbers.
     No,
-    /// They may be decimal ones.
+    /// The commas may be decimal commas.
     Possible,
-    /// Some pair is a number below one or has a zero after the comma, as `0,25` and `1,05`: few whole
-    /// numbers are written like that.
+    /// Some pair looks like a number below one or has a zero after the comma (`0,25`, `1,05`),
+    /// which pairs of whole numbers rarely do.
     Likely,
 }
 
@@ -177,7 +177,7 @@ fn is_numeric(field: &str) -> bool {
     digits.starts_with(|first: char| first.is_ascii_digit()) || field.parse::<f64>().is_ok()
 }
 
-/// Returns whether a line numbers its columns from 0 or 1, as tables without names of their own do.
+/// Returns whether a line numbers the columns from 0 or 1, as tables without column names do.
 fn is_index(line: &str, separator: Separator) -> bool {
     let first = match fields(line, separator).next() {
         Some("0") => 0,
@@ -189,7 +189,7 @@ fn is_index(line: &str, separator: Separator) -> bool {
         && fields(line, separator).enumerate().all(is_next)
 }
 
-/// Fewest columns whose numbers are no values: a row of a table of quadruples may well be 0, 1, 2, 3.
+/// Fewest columns of such a line: a row of a table of quadruples may well be 0, 1, 2, 3.
 const LEAST_INDEX: usize = 8;
 
 /// Returns the first of semicolon, comma and tab that the line contains, otherwise spaces.
@@ -200,7 +200,7 @@ fn separator_of(line: &str) -> Separator {
         .map_or(Separator::Spaces, Separator::Character)
 }
 
-/// Splits a trimmed line into fields. Two iterators in one, of which the unused one is empty.
+/// Splits a trimmed line into fields. Combines two iterators, one of which is empty.
 fn fields(line: &str, separator: Separator) -> impl Iterator<Item = &str> {
     let (separated, spaced) = match separator {
         Separator::Character(character) => {

@@ -89,8 +89,8 @@ const fn pair_of(slot: usize) -> usize {
     (slot / PAIRS + 2 + slot % PAIRS) % ELECTRODES
 }
 
-/// Returns whether a place is of the half that some instruments leave empty: the measured pairs that
-/// start before the drive.
+/// Returns whether a position belongs to the half that some instruments leave empty: measured pairs
+/// that start before the drive.
 const fn is_empty(slot: usize) -> bool {
     pair_of(slot) < slot / PAIRS
 }

@@ -24,7 +24,7 @@ use crate::frame::Quality;
 use crate::recording::{Contents, Format, Layout, Recording, Unit};
 use table_log::ProjectionTable;
 
-/// Name of the projection table.
+/// File that lists the electrodes and gain of every record.
 pub(super) const TABLE_NAME: &str = "ProjectionTableSendLog.txt";
 
 const RECORD: &str =

@@ -30,7 +30,7 @@ pub struct Recording {
     pub(crate) may_have_decimal_commas: bool,
     /// Electrodes of each value.
     pub layout: Layout,
-    /// Unit of the values.
+    /// Unit of all values, as far as the file states it.
     pub unit: Unit,
     /// Time of each frame by the instrument's clock, in seconds since the first frame.
     pub device_time_s: Option<Vec<f64>>,

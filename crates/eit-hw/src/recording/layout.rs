@@ -40,7 +40,7 @@ impl Layout {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Unit {
-    /// Volt.
+    /// Voltages in volts.
     Volt,
     /// Ohm: voltage divided by measured current.
     Ohm,

@@ -20,7 +20,7 @@ pub struct Skipped {
 pub struct SkippedFrame {
     /// Position of the problem.
     pub at: At,
-    /// Reason for skipping it.
+    /// Why the frame cannot be used.
     pub reason: SkipReason,
 }
 

@@ -19,10 +19,10 @@ use crate::frame::{Frame, Quadruple, Quality};
     serde(rename_all = "kebab-case")
 )]
 pub enum Component {
-    /// x.
+    /// Real part of the value.
     #[default]
     Real,
-    /// y.
+    /// Imaginary part of the value.
     Imaginary,
     /// sqrt(x^2 + y^2), without sign.
     Magnitude,
@@ -51,7 +51,7 @@ pub struct MeasuredFrames {
     pub values: Array2<f64>,
     /// Flags of each value, [frame, measurement].
     pub quality: Array2<Quality>,
-    /// Unit of the values.
+    /// Unit of all values, as far as the file states it.
     pub unit: Unit,
     /// Time of each frame by the instrument's clock, in seconds since the first frame.
     pub device_time_s: Option<Vec<f64>>,

@@ -173,7 +173,7 @@ fn folds(presses: &Presses) -> Vec<Fold> {
     folds
 }
 
-/// A fold and its kernel.
+/// A fold of the cross-validation, and the geometry of its presses.
 struct Kernel<'a> {
     of: &'a Fold,
     geometry: Geometry,

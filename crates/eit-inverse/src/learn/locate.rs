@@ -115,7 +115,7 @@ impl Locator {
         })
     }
 
-    /// Returns the map.
+    /// Returns the response map that touches are located with.
     pub fn map(&self) -> &ResponseMap {
         &self.map
     }

@@ -35,7 +35,7 @@ pub struct Pose {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct PoseFit {
-    /// The pose.
+    /// Pose relative to the parent frame.
     pub pose: Pose,
     /// Sign of the conductivity change under a touch, 1 or -1.
     pub sign: f64,

@@ -79,7 +79,7 @@ pub struct ResponseMap {
     pub responses: Array2<f64>,
     /// Variance of a frame of length 1 at each candidate, relative to the channel's variance.
     pub variance: Vec<f64>,
-    /// Variance of each channel.
+    /// Variance of each channel, as far as the map does not explain it.
     pub channel_variance: Vec<f64>,
     /// Strength of a touch whose response has length 1 at each candidate, S m^2.
     pub strength_s_m2: Vec<f64>,

@@ -16,7 +16,7 @@ use crate::check::{check_length, check_positive};
 use crate::{Certificate, InverseError, SequenceStatus};
 use std::time::Instant;
 
-/// Result of a push.
+/// Image of a frame and its certificate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]

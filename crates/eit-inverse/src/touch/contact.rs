@@ -59,10 +59,11 @@ pub struct Touch {
     pub age_frames: u64,
     /// Time since [`TouchState::Begin`], seconds.
     pub age_s: f64,
-    /// Whether position and strength may be acted on: the current frame showed the touch, separate from all
-    /// others, the standard deviation of its position is within the tracker's limit
-    /// ([`max_position_std_m`](crate::touch::TouchStreamSettings::max_position_std_m)), and nobody has found the model
-    /// wrong ([`TouchTracker::invalidate`](crate::touch::TouchTracker::invalidate)).
+    /// Whether position and strength may be acted on: the current frame showed the touch, separate
+    /// from all others, the standard deviation of its position is within the tracker's limit
+    /// ([`max_position_std_m`](crate::touch::TouchStreamSettings::max_position_std_m)), and the
+    /// model is not known to be wrong
+    /// ([`TouchTracker::invalidate`](crate::touch::TouchTracker::invalidate)).
     pub valid: bool,
     /// Whether the frame was complete. False if faulty electrodes or bad values were left out, so that less
     /// is known than usual.

@@ -110,7 +110,7 @@ use whitening::{Whitening, dot};
 /// Inputs of a [`TouchDetector`]. Rows `[measurement]` are in protocol order.
 #[derive(Debug, Clone, Copy)]
 pub struct DetectorModel<'a> {
-    /// The skin.
+    /// Surface of the skin.
     pub surface: &'a Surface,
     /// Jacobian, `[measurement, element]`, volts per siemens.
     pub jacobian: &'a ArrayRef2<f64>,
@@ -127,8 +127,9 @@ pub struct DetectorModel<'a> {
     pub reference_v: &'a [f64],
     /// Standard deviation of the noise of a frame minus the reference, volts.
     pub noise_std_v: &'a [f64],
-    /// Frames during which nothing touched the skin, `[frame, measurement]`, volts. What varies in them
-    /// beyond the noise (waves in a tank, hum, a swinging cable) is not taken for touch. May have no rows.
+    /// Frames during which nothing touched the skin, `[frame, measurement]`, volts. Variation
+    /// beyond the noise (waves in a tank, hum, a swinging cable) does not count as a touch. May
+    /// have no rows.
     pub quiet_v: ArrayView2<'a, f64>,
     /// Which measurements are used.
     pub used: &'a [bool],
@@ -138,11 +139,11 @@ pub struct DetectorModel<'a> {
     pub of_electrode: &'a [Vec<usize>],
 }
 
-/// Squared length per row up to which a frame is an earlier reference, and from which it is not today's; noise leaves up
-/// to 0.7.
+/// Squared length per row up to which a frame matches an earlier reference, and above which it does
+/// not match the current one; noise leaves up to 0.7.
 const AS_BEFORE: [f64; 2] = [1.5, 10.0];
 
-/// Where the effects of a touch on the fabric around it have to be known.
+/// A position at which the effects of a touch on the fabric around it are needed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DentPlace {
     /// Position on the skin, metres.
@@ -151,7 +152,8 @@ pub struct DentPlace {
     pub tangents: [[f64; 3]; 2],
 }
 
-/// Most searches of a frame, each with what the touches found before do to electrodes.
+/// Maximum number of searches per frame, each of which uses the effects on electrodes of the
+/// touches found before.
 const PASSES: usize = 3;
 
 /// Finds touches in frames: bells on the linearised model, fitted together with all other effects on the
@@ -179,15 +181,15 @@ pub struct TouchDetector {
     since_earlier: Vec<f64>,
     folded: Vec<f64>,
     whitened: Vec<f64>,
-    /// The same with no row lost and no action on electrodes.
+    /// Whitening with no row lost and no action on electrodes.
     white: Vec<f64>,
     electrodes: Electrodes,
     dents: Dents,
     /// Touches together with their actions; `None` before dents are known.
     joint: Option<Joint>,
-    /// Places where the first search or the previous frame has touches.
+    /// Positions of touches in the first search or the previous frame.
     candidates: Vec<Spot>,
-    /// Touches that are reconsidered, and others in their place.
+    /// Touches that are reconsidered, and candidates that may replace them.
     held: Fit,
     other: Fit,
     third: Fit,
@@ -198,11 +200,11 @@ pub struct TouchDetector {
     basis: Vec<f64>,
     /// Whether a touch was found together with its actions.
     is_joint: bool,
-    /// Whether the dictionary knows which unknowns are free.
+    /// Whether the dictionary is up to date with the free unknowns.
     is_updated: bool,
     touch_v: Vec<f64>,
     memory_v: Vec<f64>,
-    /// What touches do to rows through electrodes and contacts, volts.
+    /// Effect of the touches on the rows through electrodes and contacts, volts.
     acted_v: Vec<f64>,
     /// Workspace, `[row]`.
     work: Vec<f64>,
@@ -304,7 +306,8 @@ impl TouchDetector {
         })
     }
 
-    /// Where the effects of a touch on the fabric around it have to be known, see [`with_dents`](Self::with_dents).
+    /// Returns the positions at which the effects of a touch on the fabric around it are needed,
+    /// see [`with_dents`](Self::with_dents).
     pub fn dent_places(&self) -> Vec<DentPlace> {
         let of = |&place: &usize| {
             let Place { position_m, tangents, .. } = self.places.at[place];
@@ -432,12 +435,12 @@ impl TouchDetector {
         self.places.nearest(point_m).position_m
     }
 
-    /// Returns how much a touch at each of the given positions lowers the chi^2 of the last frame, all fitted
-    /// together with the frame's other effects, from these positions on.
+    /// Returns how much a touch at each of the given positions lowers the chi^2 of the last frame,
+    /// all fitted together with the frame's other effects, from these positions on.
     ///
-    /// This is the evidence that a frame holds for touches whose positions are known, to find out whether a
-    /// touch was missed or could not be seen. Allocates; ignores positions beyond the largest number of
-    /// touches.
+    /// This measures the evidence in a frame for touches at known positions, which distinguishes a
+    /// missed touch from one that the data cannot show. Allocates; ignores positions beyond the
+    /// largest number of touches.
     pub fn evidence_at(&mut self, positions_m: &[[f64; 3]]) -> Vec<f64> {
         let positions_m = &positions_m[..positions_m.len().min(self.settings.max_touches)];
         let spots = positions_m.iter().map(|p| self.places.nearest(*p)).collect();
@@ -457,8 +460,8 @@ impl TouchDetector {
         &self.reference_v
     }
 
-    /// Sets the reference of one measurement, for one that has come back and whose old reference no longer
-    /// holds. Ignores non-finite values.
+    /// Sets the reference of one measurement that has recovered and whose old reference is no
+    /// longer valid. Ignores non-finite values.
     pub fn set_reference(&mut self, measurement: usize, value_v: f64) {
         if value_v.is_finite() && measurement < self.reference_v.len() {
             self.reference_v[measurement] = value_v;
@@ -466,9 +469,9 @@ impl TouchDetector {
         }
     }
 
-    /// Takes back what the reference followed in the last seconds under touches and in frames that nothing explained,
-    /// for when an electrode turns out to be faulty: until then the finger that was pressing may have become part of
-    /// the reference, which would show a touch elsewhere from its lift on.
+    /// Undoes what the reference has followed in the last seconds under touches and in unexplained
+    /// frames. Call it when an electrode turns out to be faulty: a pressing finger may have become
+    /// part of the reference, and would show a touch elsewhere once it lifts.
     pub fn take_back_reference(&mut self) {
         self.earlier.restore(&mut self.reference_v);
     }
@@ -489,7 +492,7 @@ impl TouchDetector {
         (self.places.len(), self.dictionary.seen())
     }
 
-    /// Returns the settings.
+    /// Returns the settings that the detector was created with.
     pub fn settings(&self) -> &DetectorSettings {
         &self.settings
     }
@@ -528,8 +531,9 @@ impl TouchDetector {
         rows.fold_present(difference, is_missing, folded, lost);
     }
 
-    /// Which earlier reference the frame is, but for noise, if it is far from today's: what has come back to it was neither
-    /// touch nor drift, such as a loose contact, and has been in the reference for a while.
+    /// Returns the earlier reference that the frame matches, except for noise, if it differs far
+    /// from the current one. The change that has disappeared was neither touch nor drift, such as a
+    /// loose contact, and was part of the reference for a while.
     fn came_back(&mut self) -> Option<usize> {
         let Self { whitening, rows, earlier, reference_v, difference, is_missing, .. } = self;
         let [least, most] = AS_BEFORE.map(|part| part * whitening.present() as f64);
@@ -550,8 +554,8 @@ impl TouchDetector {
         })
     }
 
-    /// Finds an electrode whose gain and the touches of the last frame that was explained explain this one together, which
-    /// nothing else does: a contact that changes under a finger.
+    /// Finds an electrode whose gain explains this frame together with the touches of the last
+    /// explained frame, if nothing else does: a contact that changes under a finger.
     fn blamed_beside_known(&mut self) -> Option<usize> {
         if self.search.best.rest <= BLAME_FROM * self.whitening.present() as f64 {
             self.known.clone_from(&self.search.best.spots);

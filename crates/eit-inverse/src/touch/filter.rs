@@ -55,7 +55,7 @@ impl Filter {
         self.vv = diagonal(velocity_std_m_s.powi(2));
     }
 
-    /// Stops for good: the velocity is known to be zero.
+    /// Stops for good: sets the velocity to zero, exactly.
     pub(super) fn stop(&mut self) {
         self.velocity_m_s = [0.0; 3];
         (self.pv, self.vv) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
@@ -90,8 +90,8 @@ impl Filter {
         }
     }
 
-    /// Logarithm of the probability density of a measured position, as far as it lies across `normal`, up to
-    /// a constant; `None` if the covariance is singular.
+    /// Logarithm of the probability density of a measured position, of its component across
+    /// `normal`, up to a constant; `None` if the covariance is singular.
     pub(super) fn log_density(
         &self,
         place_m: [f64; 3],

@@ -12,7 +12,8 @@ type Matrix3 = [[f64; 3]; 3];
 const RESTS_S: f64 = 1.0;
 const MOVES_S: f64 = 2.0;
 
-/// Root mean square way of a resting touch in one second, metres: its contact grows and shrinks with the force.
+/// Root mean square distance that a resting touch creeps in one second, metres: its contact grows
+/// and shrinks with the force.
 const CREEP_M: f64 = 1e-3;
 
 /// How touches move.
@@ -30,7 +31,7 @@ pub(super) struct Motion {
     moving: Filter,
     resting: Filter,
     rests: f64,
-    /// What both together say.
+    /// Combined state of both filters.
     state: Filter,
 }
 
@@ -120,8 +121,9 @@ mod tests {
         (errors.into_iter().map(f64::sqrt).collect(), velocity)
     }
 
-    /// A finger at rest is averaged: after 20 frames its error is below half of a frame's (1 / sqrt 20 = 0.22
-    /// would be perfect), whatever the noise; a filter for motion alone stays above 0.6.
+    /// A finger at rest is averaged: after 20 frames its error is below half of that of one frame
+    /// (1 / sqrt 20 = 0.22 is the optimum), whatever the noise; with a filter for motion alone it
+    /// stays above 0.6.
     #[test]
     fn a_resting_finger_is_averaged() {
         for std_m in [1e-3, 5e-3] {
@@ -147,7 +149,7 @@ mod tests {
         assert!((velocity - 0.05).abs() < 0.01, "{velocity}");
     }
 
-    /// Errors are as large as the covariance says, at rest and in motion.
+    /// Errors are as large as the covariance states, at rest and in motion.
     #[test]
     fn covariances_are_honest() {
         let mut random = Random::new(5);

@@ -18,15 +18,16 @@ const LEAST_ROOM: usize = 16;
 
 /// Standard deviations that a strength must have for a touch to be reported at once.
 ///
-/// Fabric and electrodes dragged along by a finger leave spots at the rim for one frame. They are strong,
-/// but their strength is known to a third of its value or worse; that of a finger is known to a few
-/// percent.
+/// Fabric and electrodes that a finger drags along cause spots at the rim for one frame. They are
+/// strong, but the standard deviation of their strength is a third of its value or more; for a
+/// finger it is a few percent.
 const KNOWN: f64 = 4.0;
 
-/// Standard deviations that the strength of a valid touch must have. Of 61 false touches (five built-in skins and two
-/// rectangles with 8 and 32 electrodes; true ones are within 25 mm of a finger) 20 have fewer, of 1 870 true ones at most
-/// 3. With three 45 and 15 have; but of four fingers on a plate a twelfth more would be lost, and half of what presses
-/// beyond the outer electrodes: the positions are known there and the strengths are not.
+/// Standard deviations that the strength of a valid touch must have. Of 61 false touches (five
+/// built-in skins and two rectangles with 8 and 32 electrodes; true ones are within 25 mm of a
+/// finger) 20 fall below it, of 1 870 true ones at most 3. With three standard deviations 45 and 15
+/// would; but a twelfth more of four fingers on a plate would be lost, and half of the presses
+/// beyond the outer electrodes, where positions are known better than strengths.
 const ACTED_ON: f64 = 0.75;
 
 /// Time for which touches are held while nothing is known of the skin, seconds.
@@ -45,11 +46,12 @@ pub struct TrackerSettings {
     /// Strength from which a touch is reported at once, S m^2; it must also be at least four of its own
     /// standard deviations.
     pub strong_s_m2: f64,
-    /// Least worth of a touch that is reported at once although another one is more than twice as strong,
-    /// since the fit of the stronger one may leave a residual beside it. Default 4.5: nine in ten are true.
+    /// Least evidence ratio of a touch that is reported at once although another one is more than
+    /// twice as strong, since the fit of the stronger one may leave a residual beside it. Default
+    /// 4.5: nine in ten are true.
     pub strong_worth: f64,
-    /// Worth from which a touch is reported at once however weak it is; its strength must also be at least
-    /// four of its own standard deviations. Default 8.
+    /// Evidence ratio from which a touch is reported at once however weak it is; its strength must
+    /// also be at least four of its own standard deviations. Default 8.
     pub sure_worth: f64,
     /// Number of frames that must show any other touch before it is reported. Default 2.
     pub birth_frames: usize,
@@ -146,7 +148,7 @@ pub struct TouchTracker {
     before_s: Option<f64>,
     frame: usize,
     is_whole: bool,
-    /// Whether anything is known of the skin in the last frame.
+    /// Whether the last frame says anything about the skin.
     is_seen: bool,
     touches: Vec<Touch>,
 }
@@ -200,10 +202,11 @@ impl TouchTracker {
         Ok(&self.touches)
     }
 
-    /// Takes a frame at `time_s` of which nothing is known, and returns the touches that are tracked: none of them is
-    /// valid, and none ends until it has not been seen for half a second.
+    /// Advances to a frame at `time_s` of which nothing is known, and returns the tracked touches:
+    /// none of them is valid, and none ends until half a second has passed without information.
     ///
     /// # Errors
+    ///
     /// [`InverseError::TimeOrder`]. The tracker is then unchanged.
     pub fn push_unseen(&mut self, time_s: f64) -> Result<&[Touch], InverseError> {
         self.advance(time_s)?;
@@ -234,8 +237,8 @@ impl TouchTracker {
         Ok(())
     }
 
-    /// Moves the reported touches of the last frame that are not learnt to the point of the skin that `nearest` gives:
-    /// the filter goes on beyond the rim.
+    /// Moves the reported touches of the last frame that are not learnt to the point of the skin
+    /// that `nearest` gives, because the filter may leave the rim.
     pub fn place(&mut self, nearest: impl Fn([f64; 3]) -> [f64; 3]) {
         for touch in self.touches.iter_mut().filter(|touch| touch.learnt.is_none()) {
             touch.position_m = nearest(touch.position_m);
@@ -247,7 +250,7 @@ impl TouchTracker {
         Self { next_id: first.max(1), ..self }
     }
 
-    /// Returns the id of the next new touch.
+    /// Returns the id that the next new touch will get.
     pub fn next_id(&self) -> u64 {
         self.next_id
     }
@@ -257,7 +260,8 @@ impl TouchTracker {
         &self.touches
     }
 
-    /// Marks the touches of the last frame as not valid, and returns them: the model that found them is known to be wrong.
+    /// Marks the touches of the last frame as not valid because their model is known to be wrong,
+    /// and returns them.
     pub fn invalidate(&mut self) -> &[Touch] {
         self.touches.iter_mut().for_each(|touch| touch.valid = false);
         &self.touches
@@ -394,11 +398,13 @@ impl TouchTracker {
     }
 }
 
-/// Fraction of true touches among those of this worth, age and ratio of strength to its standard deviation.
+/// Fraction of true touches among those of this evidence ratio, age and ratio of strength to its
+/// standard deviation.
 ///
-/// A logistic curve fitted to 25 531 touches reported on simulated fabrics (the paper's skin with one to
-/// six fingers and with electrode faults, patches, a plate with a hole), of which 99.6 % were within 25 mm
-/// of a finger. docs/validation/touches.md compares it with recordings that it was not fitted to.
+/// A logistic curve fitted to 25 531 touches reported on simulated fabrics (the paper's skin with
+/// one to six fingers and with electrode faults, patches, a plate with a hole), of which 99.6 %
+/// were within 25 mm of a finger. docs/validation/touches.md compares it with recordings that it
+/// was not fitted to.
 fn confidence(touch: &DetectedTouch, age_frames: u64) -> f64 {
     let worth = touch.worth.max(1.0);
     let known = (touch.strength_s_m2 / touch.strength_std_s_m2).abs().max(1.0);

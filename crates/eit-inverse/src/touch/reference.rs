@@ -48,7 +48,7 @@ pub enum ReferenceState {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct ReferenceStep {
-    /// What was done.
+    /// What the reference did with the frame.
     pub state: ReferenceState,
     /// Mean square of the difference from the reference in units of the noise; near 1 for quiet frames.
     pub reduced_chi_square: f64,

@@ -15,7 +15,7 @@ pub(super) struct Rules {
     pub(super) prominence: f64,
 }
 
-/// A blob.
+/// A connected part of an image above the threshold.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Spot {
     pub(super) hill: u32,

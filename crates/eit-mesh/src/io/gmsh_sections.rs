@@ -53,7 +53,7 @@ pub(super) struct Sections {
     pub(super) triangles: Vec<Element<3>>,
 }
 
-/// Reads all sections.
+/// Reads the sections that describe a mesh, and skips the others.
 pub(super) fn read_sections(bytes: &[u8], file: &str) -> Result<Sections, MeshError> {
     let mut lines = Lines::new(bytes, file);
     let mut sections = Sections::default();

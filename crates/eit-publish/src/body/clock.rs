@@ -1,12 +1,13 @@
 //! The clock of another computer, from messages that carry its time.
 
-/// How long the least delay is remembered, seconds: clocks drift apart by some 50 millionths.
+/// Time for which the least delay is kept, seconds: clocks drift apart by some 50 millionths.
 const PERIOD_S: f64 = 5.0;
-/// A delay that differs from the least one by more is a clock that was set, not a slow network, seconds.
+/// A delay that differs from the least one by more than this means that a clock was set, seconds.
 const STEP_S: f64 = 5.0;
 
-/// Least delay between sending and arrival, each by its own clock: the difference of the clocks, plus the
-/// fastest way through the network. That way, some tenths of a millisecond on a wired network, is the error.
+/// Least delay between sending and arrival, each by its own clock: the difference of the clocks
+/// plus the fastest transfer through the network. That transfer, some tenths of a millisecond on a
+/// wired network, is the error.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ClockOffset {
     /// Least delay of this period and of the one before.

@@ -21,9 +21,9 @@ use zenoh::sample::Sample;
 
 /// Messages that wait to be joined; more than that are dropped and counted.
 const CAPACITY: usize = 8192;
-/// How often silence is looked for.
+/// How often to check for silence.
 const TICK: Duration = Duration::from_millis(20);
-/// Without a change a list is given so often, which says that the body is alive.
+/// Longest time between two lists; without changes, a list shows that the body is alive.
 const HEARTBEAT: Duration = Duration::from_millis(100);
 /// How often poses are published.
 const POSES_EVERY: Duration = Duration::from_secs(1);
@@ -47,7 +47,7 @@ pub struct Body {
     listed: Option<Instant>,
     outlet: Option<Outlet>,
     refused: u64,
-    /// Last: subscribers end with them.
+    /// Declared last, so that subscribers end first.
     _subscribers: Vec<Subscriber<()>>,
     node: RosNode,
 }
@@ -138,7 +138,7 @@ impl Body {
         }
     }
 
-    /// Name of a patch.
+    /// Returns the name of a patch from the settings.
     pub fn name(&self, patch: usize) -> &str {
         self.state.name(patch)
     }
@@ -164,7 +164,7 @@ impl Body {
         [self.overflowed.load(Ordering::Relaxed), self.refused]
     }
 
-    /// The node.
+    /// Returns the ROS 2 node that publishes the body's touches.
     pub fn node(&self) -> &RosNode {
         &self.node
     }

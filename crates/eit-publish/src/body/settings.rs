@@ -24,11 +24,11 @@ pub struct BodySettings {
     pub period: Duration,
     /// The zenoh session.
     pub session: SessionSettings,
-    /// The patches.
+    /// Skins that make up the body.
     pub patches: Vec<PatchSettings>,
 }
 
-/// One patch.
+/// A skin on the body: where its touches come from and where it lies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PatchSettings {
     /// Name in the joined list.
@@ -79,7 +79,7 @@ fn robot() -> String {
     "base_link".to_owned()
 }
 
-/// Three heartbeats may be lost.
+/// By default, three heartbeats may be lost.
 fn silence() -> f64 {
     0.35
 }

@@ -22,7 +22,7 @@ pub enum BodyNews {
     Silent {
         /// Its number in the settings.
         patch: usize,
-        /// Since its last message, or since the start.
+        /// Time since its last message, or since the start.
         for_s: f64,
         /// Whether it was ever heard.
         was_heard: bool,
@@ -31,14 +31,14 @@ pub enum BodyNews {
     Back {
         /// Its number in the settings.
         patch: usize,
-        /// How long it was silent.
+        /// Length of the silence.
         after_s: f64,
     },
-    /// A patch sends what cannot be read: another version of the messages. Reported once.
+    /// The messages of a patch cannot be read: they have another version. Reported once.
     Unreadable {
         /// Its number in the settings.
         patch: usize,
-        /// What is wrong.
+        /// Description of the problem.
         reason: String,
     },
 }
@@ -63,7 +63,7 @@ pub struct PlacedTouch {
     pub epoch: u32,
     /// Time of its frame, converted to this computer's clock, seconds since 1970.
     pub time_s: f64,
-    /// The touch.
+    /// Touch in the frame named above.
     pub touch: TouchMessage,
 }
 
@@ -80,7 +80,7 @@ pub struct Origin {
 
 #[derive(Debug)]
 struct Patch {
-    /// In the settings.
+    /// Number of the patch in the settings.
     number: usize,
     name: String,
     placement: Placement,
@@ -104,7 +104,7 @@ pub struct BodyState {
     frame_id: String,
     silent_after: Duration,
     has_changed: bool,
-    /// Times of sending of messages that are not listed yet, seconds.
+    /// Sending times of messages that are not in a list yet, seconds.
     unlisted: Vec<f64>,
     latency: Latency,
 }
@@ -136,7 +136,7 @@ impl BodyState {
         }
     }
 
-    /// Takes a message of a patch; reports the patch if it had been silent.
+    /// Processes a message of a patch; reports the patch if it had been silent.
     pub fn receive(
         &mut self,
         number: usize,
@@ -209,7 +209,7 @@ impl BodyState {
         BodyTouches { time_s: now_s, touches }
     }
 
-    /// The list as a message.
+    /// Converts a list of touches to a ROS 2 message.
     pub fn message(&self, list: &BodyTouches, now: Instant) -> BodyTouchArray {
         let stamp = Time::from_seconds(list.time_s);
         let touch = |placed: &PlacedTouch| BodyTouch {
@@ -264,7 +264,7 @@ impl BodyState {
 }
 
 impl Patch {
-    /// Replaces its touches; whether that changes the list.
+    /// Replaces the touches of the patch; returns whether that changes the list.
     fn take(&mut self, message: &TouchArray, sent_s: f64) -> bool {
         let stamp_s = message.header.stamp.seconds();
         let stamp_s = if (stamp_s - sent_s).abs() < OLD_S { stamp_s } else { sent_s };

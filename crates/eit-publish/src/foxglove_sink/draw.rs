@@ -11,10 +11,11 @@ use foxglove::messages::{
 
 /// Touches vanish when nothing has been sent for so long.
 const LIFETIME_S: f64 = 0.5;
-/// Slower touches have no arrow, metres per second; an arrow is as long as the way of a tenth of a second.
+/// Slower touches have no arrow, metres per second; an arrow is as long as the path in a tenth of a
+/// second.
 const SLOW_M_S: f64 = 0.02;
 const ARROW_S: f64 = 0.1;
-/// The range of colours follows a falling image at this rate a frame.
+/// Factor per frame by which the colour range falls after a smaller image.
 const DECAY: f32 = 0.98;
 
 const OUTLINE: Color = Color { r: 0.55, g: 0.58, b: 0.62, a: 1.0 };
@@ -81,7 +82,8 @@ impl Painter {
         SceneUpdate { deletions: Vec::new(), entities: vec![entity] }
     }
 
-    /// Touches as spheres with their velocity and force, and faulty electrodes, in the place of those before.
+    /// Draws touches as spheres with velocity and force, and faulty electrodes, replacing the
+    /// previous ones.
     pub(super) fn touches(&self, frame: &FrameCopy, time: Timestamp) -> SceneUpdate {
         let mut entity = self.entity("touches", time, LIFETIME_S);
         for touch in frame.touches.iter().filter(|touch| touch.state != TouchState::End) {

@@ -6,7 +6,7 @@ fn frame(sequence: u64) -> TouchFrame<'static> {
     TouchFrame { number: sequence, sequence, whole: true, explained: true, ..TouchFrame::default() }
 }
 
-/// A sink that takes nothing costs the oldest frames, each of which is counted, and no time.
+/// A blocked sink costs the oldest frames, each of which is counted, and no time.
 #[test]
 fn a_full_queue_drops_the_oldest_and_counts() {
     let outbox = Outbox::default();
@@ -23,7 +23,7 @@ fn a_full_queue_drops_the_oldest_and_counts() {
     assert!(matches!(outbox.next(Duration::ZERO), Next::Nothing));
 }
 
-/// Frames that waited longer than anybody wants them are dropped, although the queue has room.
+/// Frames that have waited too long are dropped, although the queue has room.
 #[test]
 fn what_is_old_is_dropped() {
     let outbox = Outbox::default();
@@ -59,7 +59,7 @@ fn nothing_is_allocated_for_a_frame() {
     assert_eq!(counted.count_total, 0);
 }
 
-/// The end waits for what is queued, and not for ever.
+/// The end waits for queued messages, but not forever.
 #[test]
 fn the_end_is_bounded() {
     let outbox = Arc::new(Outbox::default());

@@ -10,7 +10,7 @@ use crate::udp::UdpSink;
 use std::io::Write;
 
 impl Publisher {
-    /// Sets the writer of lines, in place of one set before. A slow reader makes the publisher wait.
+    /// Sets the writer of lines, replacing an earlier one. A slow reader makes the publisher wait.
     pub fn with_lines(mut self, out: impl Write + Send + 'static) -> Self {
         self.out = Some(Box::new(out));
         self
@@ -70,7 +70,7 @@ impl Publisher {
         false
     }
 
-    /// Tells sinks that draw the skin its shape.
+    /// Passes the shape to sinks that draw the skin.
     ///
     /// # Errors
     ///
@@ -89,7 +89,7 @@ impl Publisher {
         Ok(())
     }
 
-    /// Whether a sink wants a new image: somebody looks, and the last image is old enough.
+    /// Whether a sink needs a new image: it has viewers, and its last image is old enough.
     #[cfg_attr(
         not(any(feature = "web", feature = "foxglove", feature = "zenoh")),
         allow(clippy::unused_self, reason = "no sink here takes images")
@@ -113,7 +113,7 @@ impl Publisher {
         self.web.as_ref()?.recording_request()
     }
 
-    /// Tells the page what is recorded (feature `web`).
+    /// Passes the state of the recording to the page (feature `web`).
     ///
     /// # Errors
     ///
@@ -123,7 +123,7 @@ impl Publisher {
         self.web.as_ref().map_or(Ok(()), |web| web.recording(recording))
     }
 
-    /// Publishes an image; the page also shows what was before the net, and how exact the image is.
+    /// Publishes an image; the page also shows the image before the net, and the certified gap.
     ///
     /// # Errors
     ///

@@ -21,7 +21,7 @@ pub fn to_cdr(
     cdr_encoding::to_writer::<_, LittleEndian, _>(out, message).map_err(PublishError::Cdr)
 }
 
-/// Reads a message from its payload, which may come from anywhere.
+/// Reads a message from its payload, which is not trusted.
 ///
 /// # Errors
 ///

@@ -62,7 +62,7 @@ const NESTED: u8 = 1;
 const ARRAY: u8 = 48;
 const SEQUENCE: u8 = 144;
 
-/// One field.
+/// A field of a ROS 2 message: type, name and array length.
 struct Field<'a> {
     name: &'a str,
     kind: u8,

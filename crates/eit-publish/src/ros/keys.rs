@@ -79,7 +79,7 @@ pub fn check_topic(topic: &str) -> Result<(), PublishError> {
     }
 }
 
-/// What accompanies each message.
+/// Metadata of each message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Attachment {
     /// Number of the message, from 1.

@@ -133,7 +133,7 @@ pub struct Pose {
 pub struct PoseStamped {
     /// Time and parent frame.
     pub header: Header,
-    /// The pose.
+    /// Pose relative to the parent frame.
     pub pose: Pose,
 }
 
@@ -173,9 +173,9 @@ fn bytes<S: Serializer>(data: &[u8], serializer: S) -> Result<S::Ok, S::Error> {
 /// `diagnostic_msgs/msg/KeyValue`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct KeyValue {
-    /// What it is.
+    /// Name of the value.
     pub key: String,
-    /// Its value in words.
+    /// The value as text.
     pub value: String,
 }
 
@@ -184,11 +184,11 @@ pub struct KeyValue {
 pub struct DiagnosticStatus {
     /// 0: sound, 1: warning, 2: error, 3: stale.
     pub level: u8,
-    /// What is described.
+    /// Name of the component.
     pub name: String,
-    /// Its state in words.
+    /// State of the component as text.
     pub message: String,
-    /// Its hardware.
+    /// Hardware of the component.
     pub hardware_id: String,
     /// Details.
     pub values: Vec<KeyValue>,
@@ -247,7 +247,7 @@ pub struct TouchMessage {
     pub valid: bool,
     /// Whether no measurement was left out.
     pub whole: bool,
-    /// 0: nothing was taught, 1: like the presses taught, 2: unlike them.
+    /// 0: no presses learnt, 1: like the learnt presses, 2: unlike them.
     pub likeness: u8,
     /// The touch that it split from; 0 if none.
     pub split_from: u64,
@@ -276,7 +276,7 @@ pub struct TouchArray {
     pub frozen: bool,
     /// Electrodes that were left out.
     pub faulty_electrodes: Vec<ElectrodeFaultMessage>,
-    /// The touches.
+    /// All touches in the frame.
     pub touches: Vec<TouchMessage>,
 }
 
@@ -287,7 +287,7 @@ impl RosMessage for TouchArray {
 /// `eit_skin_msgs/msg/PatchState`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct PatchState {
-    /// Name of the patch.
+    /// Name of the patch, as in the settings of the body.
     pub name: String,
     /// Whether nothing is heard from it.
     pub silent: bool,
@@ -306,7 +306,7 @@ pub struct BodyTouch {
     pub patch: String,
     /// Number of the patch's connection to its instrument.
     pub epoch: u32,
-    /// Time of the touch.
+    /// Time of the frame in which the touch was found.
     pub stamp: Time,
     /// The touch in the robot's frame.
     pub touch: TouchMessage,

@@ -20,10 +20,10 @@ const MOST_CONNECTIONS: usize = 64;
 const AFTER_FAILURE: Duration = Duration::from_millis(50);
 /// Lines queued per browser; a slower browser misses some.
 const WAITING_LINES: usize = 64;
-/// Mean time between two frames or images at least; the eye sees no more.
+/// Shortest mean time between frames or images; the eye sees no more.
 const FRAME_EVERY: Duration = Duration::from_micros(33_333);
 const IMAGE_EVERY: Duration = FRAME_EVERY;
-/// Frames that came late at once are still sent, so many of them.
+/// Maximum number of frames that are sent at once after a delay.
 const LATE_FRAMES: u32 = 4;
 /// How long shutdown waits for the last lines to be sent.
 const LAST_LINES: Duration = Duration::from_millis(300);
@@ -183,12 +183,13 @@ impl WebServer {
         }
     }
 
-    /// What the page asked for since the last call: true to start a recording, false to stop it.
+    /// Returns the request of the page since the last call: true to start a recording, false to
+    /// stop it.
     pub(crate) fn recording_request(&self) -> Option<bool> {
         self.shared.recorder.as_ref()?.take()
     }
 
-    /// Tells every page, now and later, what is recorded.
+    /// Passes the state of the recording to every page, now and later.
     pub(crate) fn recording(&self, recording: Recording<'_>) -> Result<(), PublishError> {
         let Some(recorder) = &self.shared.recorder else { return Ok(()) };
         let line = serde_json::to_vec(&RecordingEvent { recording })?;
@@ -266,8 +267,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Whether the next one is due. Counts from when it was due, not from when it came: otherwise a source of 30 frames a
-/// second whose frames come a little early and a little late would be thinned to 15.
+/// Whether the next one is due. Intervals start when a frame was due, not when it arrived:
+/// otherwise a source of 30 frames a second with jitter would be thinned to 15.
 fn is_due(next: &mut Option<Instant>, every: Duration) -> bool {
     let now = Instant::now();
     let due = next.unwrap_or(now);
@@ -308,7 +309,8 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
 mod tests {
     use super::*;
 
-    /// A source of just that rate passes although its frames come early and late, and a faster one is thinned to it.
+    /// A source at exactly the maximum rate passes although its frames jitter, and a faster one is
+    /// thinned to that rate.
     #[test]
     fn thinning_keeps_the_mean_rate() {
         let every = Duration::from_millis(4);

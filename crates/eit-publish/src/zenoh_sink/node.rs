@@ -88,7 +88,7 @@ impl RosNode {
 pub struct RosPublisher<M> {
     publisher: Publisher<'static>,
     gid: [u8; 16],
-    /// Of the last message.
+    /// Number of the last message.
     sequence: i64,
     _token: LivelinessToken,
     _message: PhantomData<fn(M)>,

@@ -13,13 +13,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How often diagnostics and the pose are published, and subscribers of images are looked for.
+/// How often diagnostics and the pose are published, and image subscribers are counted.
 const STATE_EVERY: Duration = Duration::from_secs(1);
 /// How often the thread wakes without a message.
 const TICK: Duration = Duration::from_millis(100);
-/// A skin without a frame for so long is reported as stale.
+/// A skin without a frame for this long is reported as stale.
 const STALE: Duration = Duration::from_secs(1);
-/// Where ROS 2 collects diagnostics.
+/// Topic on which ROS 2 collects diagnostics.
 const DIAGNOSTICS: &str = "diagnostics";
 
 /// Names for diagnostics.
@@ -67,11 +67,11 @@ pub(super) struct Sender {
     topic: String,
     filter: ChangeFilter,
     shared: Arc<Shared>,
-    /// Used again for each frame.
+    /// Message whose memory is reused for each frame.
     message: TouchArray,
     period: Period,
     period_began: Instant,
-    /// Frames dropped until the period began.
+    /// Number of frames dropped before the period began.
     dropped_before: u64,
     last_frame: Instant,
     faulty: String,
@@ -112,7 +112,7 @@ impl Sender {
         })
     }
 
-    /// Sends until the queue is over.
+    /// Sends until the queue has ended.
     pub(super) fn run(mut self, outbox: &Outbox) {
         self.state(outbox);
         loop {
@@ -189,7 +189,7 @@ impl Sender {
         Header { stamp, frame_id: self.frame_id.clone() }
     }
 
-    /// Diagnostics and pose.
+    /// Publishes diagnostics and pose.
     fn state(&mut self, outbox: &Outbox) {
         let images = self.image.has_subscriber();
         self.shared.wants_images.store(images, Ordering::Relaxed);
@@ -257,7 +257,7 @@ impl Sender {
     }
 }
 
-/// Publishes; what zenoh refuses is counted, and no reason to stop.
+/// Publishes; a message that zenoh rejects is counted, and the sink continues.
 fn count<M: RosMessage>(shared: &Shared, publisher: &mut RosPublisher<M>, message: &M) {
     let counter = match publisher.publish(message) {
         Ok(()) => &shared.sent,

@@ -53,8 +53,8 @@ impl SessionSettings {
         Ok(config)
     }
 
-    /// As `rmw_zenoh` configures its sessions. Zenoh 1.10 routers do not forward between peers: nodes that meet at a
-    /// router connect to each other.
+    /// Configures a session like `rmw_zenoh`. Zenoh 1.10 routers do not forward between peers:
+    /// nodes that meet at a router connect to each other.
     fn base(&self) -> zenoh::Result<Config> {
         let mut config = Config::from_json5(
             r#"{

@@ -38,7 +38,7 @@ impl ReconstructionModel {
         Ok(Self { cells: Cells::of_raster(&raster), linearised, raster, prior })
     }
 
-    /// The skin.
+    /// Returns the skin whose images are compared.
     pub fn skin(&self) -> &Skin {
         &self.linearised.skin
     }

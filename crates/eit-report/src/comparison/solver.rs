@@ -13,7 +13,7 @@ use std::time::Instant;
 /// A method, with or without a lower bound.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoundedMethod {
-    /// The method.
+    /// Method of reconstruction.
     pub method: Method,
     /// Lower bound on the change of conductivity; used only by total variation here.
     pub lower_s: Option<f64>,

@@ -16,7 +16,7 @@ const QUICK_FRAMES: usize = 30;
 /// Seed of fabric, drift and noise; differs from the seeds used to train the network.
 const SEED: u64 = 20_190_620;
 
-/// One experiment.
+/// An experiment of the demo: script and titles.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Experiment {
     /// Name for display.

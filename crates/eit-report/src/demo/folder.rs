@@ -120,7 +120,7 @@ impl DemoFolder {
         })
     }
 
-    /// Path of the scene.
+    /// Returns where the demo writes its scene.
     pub(crate) fn scene(&self) -> PathBuf {
         self.path.join("scene.toml")
     }
@@ -130,7 +130,6 @@ impl DemoFolder {
         self.path.join(name)
     }
 
-    /// Path of the folder.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }

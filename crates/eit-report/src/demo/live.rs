@@ -31,7 +31,7 @@ pub(super) struct LiveRun {
     pub made: Array3<f64>,
     /// Touches of each image.
     pub touches: Vec<Vec<Touch>>,
-    /// Summary of the run.
+    /// Counts and delays of the live run.
     pub summary: Summary,
     /// Description of the connection to the instrument.
     pub line: String,
@@ -158,7 +158,7 @@ struct Demo<'a, 'b> {
     last: Instant,
     failure: Option<ReportError>,
     pile: Pile,
-    /// Who sees the frames, too: name of the experiment, its model.
+    /// Observer of the frames, with the name of the experiment and its model.
     watch: Option<(&'static str, &'a LiveModel, &'a FrameWatcher<'a>)>,
 }
 
@@ -196,7 +196,7 @@ impl LiveObserver for Demo<'_, '_> {
         Ok(self.writer.tick()?)
     }
 
-    /// The demo's pictures and errors are of all frames, on a busy computer too.
+    /// The demo's pictures and errors need all frames, even on a busy computer.
     fn wants_every_image(&self) -> bool {
         true
     }

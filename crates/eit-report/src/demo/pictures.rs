@@ -199,8 +199,8 @@ impl Shown {
         })?)
     }
 
-    /// Draws the detected touches and the tracks of the fingers, each touch on a skin of its own: fingers that follow
-    /// each other on the same path would hide one another's dots.
+    /// Draws the detected touches and the tracks of the fingers, each touch on a separate skin,
+    /// because fingers on the same path would hide one another's dots.
     fn tracks(&self, skin: &SkinDrawing) -> Result<Canvas, ReportError> {
         let (lasting, brief) = self.ids();
         let panel = |first_color: usize, ids: &[u64], name: String| {

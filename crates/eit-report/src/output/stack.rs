@@ -33,7 +33,6 @@ impl ImageFile {
         Ok(Self { name, file, shape, count: 0 })
     }
 
-    /// Name of the file.
     pub(crate) fn name(&self) -> &'static str {
         self.name
     }
@@ -90,7 +89,7 @@ mod tests {
     use ndarray::{Array3, Axis};
     use ndarray_npy::ReadNpyExt as _;
 
-    /// Other programs read back what was written, even if it was nothing.
+    /// Other programs read back what was written, even an empty stack.
     #[test]
     fn a_stack_is_read_as_it_was_pushed() {
         for count in [0, 3] {

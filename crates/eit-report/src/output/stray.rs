@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// Every temporary file that was created, also those that have their final name by now.
+/// Every temporary file created so far, including those that were renamed.
 static TEMPORARIES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// Remembers a temporary file. Those of this module are remembered already.
+/// Registers a temporary file; those of this module are registered already.
 pub fn remember(path: impl AsRef<Path>) {
     let path = path.as_ref();
     let mut all = TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner);

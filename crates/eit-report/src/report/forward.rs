@@ -82,7 +82,7 @@ pub(super) fn run(
     Ok(Some(results))
 }
 
-/// Keeps a point if the reference is accurate enough to judge its error.
+/// Keeps a point if the reference is accurate enough for its error.
 fn keep(results: &mut ForwardResults, reference: &ReferenceVoltages, point: ForwardPoint) {
     match reference.can_tell(point.error) {
         true => results.points.push(point),

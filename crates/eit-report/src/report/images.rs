@@ -126,8 +126,8 @@ fn recorded(
     FingerShape::ALL.into_iter().map(of).collect()
 }
 
-/// Loads the networks among `names` that were trained for this skin and raster, and says why it left out the others;
-/// only a missing file is an error.
+/// Loads the networks among `names` that were trained for this skin and raster, and states why the
+/// others are left out; only a missing file is an error.
 fn nets(
     model: &ReconstructionModel,
     names: &[String],

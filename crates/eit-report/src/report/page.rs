@@ -121,7 +121,8 @@ struct Document {
 }
 
 impl Document {
-    /// The page names the machine at its end, and Markdown, from which documents copy, at its start.
+    /// Creates the document. The page names the machine at its end, and Markdown, from which
+    /// documents copy, at its start.
     fn new(lead: &str, machine: &Machine) -> Self {
         let (title, lead) = (TITLE.to_owned(), lead.to_owned());
         let text = format!("# {TITLE}\n\n{lead} Machine: {}.\n", machine.words());

@@ -61,9 +61,7 @@ pub(super) const SHORT: Size = Size {
     reference_scales: [3.0, 2.0],
 };
 
-/// Settings of a benchmark.
 pub(super) struct BenchmarkSettings<'a> {
-    /// Settings of the report.
     pub report: &'a ReportSettings,
     pub size: &'a Size,
     pub roofline: &'a Roofline,

@@ -23,7 +23,7 @@ pub struct Chain {
 /// Length of a simulated sequence, and of its quiet start, which gives reference and noise.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Lengths {
-    /// Number of frames.
+    /// Number of frames of the sequence.
     pub frames: usize,
     /// Number of frames at the start in which nothing touches the skin.
     pub quiet: usize,

@@ -27,7 +27,8 @@ impl Check {
         Self { fitted: fitted.clone(), differences, touches: None }
     }
 
-    /// Takes the touches that were found in the frames, so that a net that sees them needs not seek them again.
+    /// Adds touches already found in the frames, so that a net that sees touches does not search
+    /// again.
     pub fn with_touches(self, touches: &Touches) -> Self {
         let touches = DrawnTouches::of_frames(touches, self.fitted.image_per_strength());
         Self { touches: Some(touches), ..self }

@@ -30,7 +30,7 @@ const MOST_OTHER: f64 = 0.4;
 /// The touches of a frame as a net sees them.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct DrawnTouches {
-    /// All that have not ended.
+    /// Touches that have not ended.
     pub touches: Vec<DrawnTouch>,
     /// Whether they, or the absence of any, explain the frame ([`DetectorStep::is_explained`]); a net's image of a frame
     /// that nothing explains is not shown.
@@ -52,7 +52,7 @@ impl DrawnTouches {
     }
 }
 
-/// A touch as it is drawn.
+/// Position and size of a touch on a skin's image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct DrawnTouch {
     /// Position as seen from +z, metres.
@@ -130,12 +130,12 @@ pub(super) struct Surroundings {
     d2: Array2<f64>,
     /// Pixels of the touches' blobs.
     own: Array2<bool>,
-    /// Those whose neighbours are still to be looked at; never longer than the image.
+    /// Pixels whose neighbours are not visited yet; never longer than the image.
     open: Vec<[usize; 2]>,
 }
 
 impl Surroundings {
-    /// Of no touch, for images of this size.
+    /// Creates the surroundings of no touch, for images of this size.
     pub(crate) fn new(size: (usize, usize)) -> Self {
         let (d2, own) = (Array2::from_elem(size, f64::INFINITY), Array2::from_elem(size, false));
         Self { touches: Vec::new(), d2, own, open: Vec::with_capacity(size.0 * size.1) }
@@ -147,7 +147,7 @@ impl Surroundings {
         self.d2.fill(f64::INFINITY);
     }
 
-    /// Takes a touch of the frame.
+    /// Adds a touch of the frame.
     pub(crate) fn add(&mut self, touch: &DrawnTouch, raster: &Raster) {
         let place = touch.pixel(raster);
         self.touches.push(place);

@@ -51,7 +51,7 @@ pub(crate) struct NetInputs {
     missing: Vec<usize>,
     pixels: Vec<f64>,
     images: Vec<Array2<f64>>,
-    /// Of the touches of the current frame.
+    /// Surroundings of the touches of the current frame.
     surroundings: Surroundings,
     conditions: Vec<f64>,
 }
@@ -180,8 +180,8 @@ impl NetInputs {
         Ok(())
     }
 
-    /// Limits the image [row, column] that a net made of the last frame where it is no touch's of that frame: the net
-    /// corrects their drawing, and shows no other touch. Changes nothing for nets that see no touches.
+    /// Limits the image [row, column] of the last frame outside its touches: the net corrects their
+    /// drawing and shows no other touch. Does nothing for nets that see no touches.
     pub(crate) fn limit(&mut self, image: ArrayViewMut2<'_, f64>) {
         if self.needs_touches() {
             self.surroundings.limit(image);

@@ -6,18 +6,20 @@ use ndarray::ArrayView2;
 /// What decides whether a net's image is shown.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Trust {
-    /// What it leaves of the data: the net was trained for this skin, or sees images alone.
+    /// How much of the data the image explains: for nets trained on this skin, and for nets that
+    /// see images alone.
     Data,
-    /// Whether touches explain the frame: the net sees them and was trained on another skin. How much a good image leaves
-    /// of the data depends on how much electrodes move, which the detector allows for. On four other skins what is left
-    /// rejected 26 images rightly and 271 wrongly.
+    /// Whether touches explain the frame: for nets that see touches and were trained on another
+    /// skin. How much a good image leaves of the data depends on how much electrodes move, which
+    /// the detector allows for. On four other skins what is left rejected 26 images rightly and 271
+    /// wrongly.
     Touches,
-    /// None is shown, for this reason.
+    /// No image of the net is shown, for this reason.
     None(&'static str),
 }
 
 impl Trust {
-    /// Names it.
+    /// Describes the criterion in words.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Data => "data",

@@ -4,8 +4,8 @@ use super::protocol::Wiring;
 
 /// Fraction of an electrode's reciprocal pairs that must be wrong for it to be faulty.
 const FAULTY: f64 = 0.5;
-/// The same once another electrode is faulty: a single fault leaves almost nothing else wrong, and by chance
-/// one in eight measurements of a floating electrode looks right.
+/// The same once another electrode is faulty: a single fault leaves almost no other violation, and
+/// one in eight measurements of a floating electrode looks right by chance.
 const FAULTY_TOO: f64 = 0.25;
 /// A pair is wrong if its halves differ by more than this many standard deviations of the noise ...
 const WRONG_STD: f64 = 10.0;
@@ -13,8 +13,9 @@ const WRONG_STD: f64 = 10.0;
 const WRONG_PART: f64 = 0.25;
 /// ... plus this fraction of their reference, because real channels drift apart.
 const WRONG_DRIFT: f64 = 1e-3;
-/// A measurement has jumped if it has changed by more than this fraction of its reference, ... In nine recordings of four and
-/// six fingers on three skins, which change single voltages by up to a quarter of the root mean square, none has.
+/// A measurement has jumped if it has changed by more than this fraction of its reference, ... In
+/// nine recordings of four and six fingers on three skins, which change single voltages by up to a
+/// quarter of the root mean square, none has jumped.
 const JUMPED: f64 = 0.2;
 /// ... and of the root mean square reference.
 const JUMPED_OF_ALL: f64 = 0.02;
@@ -23,13 +24,13 @@ const DEAD: f64 = 0.02;
 /// An electrode with fewer remaining measurements is not judged.
 const LEAST: usize = 4;
 
-/// A frame is bad if more than this fraction of the electrodes is accused (a garbage frame accuses every
-/// second or third electrode, which leaves no measurement to judge those between them), ...
+/// A frame is bad if more than this fraction of the electrodes seems faulty (in a garbage frame
+/// every second or third does, which leaves no measurement for those between them), ...
 const GARBAGE: f64 = 1.0 / 3.0;
 /// ... or if more than this fraction of the measurements without those electrodes is wrong too.
 const UNEXPLAINED: f64 = 0.2;
 
-/// What is wrong in the current frame.
+/// Violations in the current frame.
 #[derive(Debug, Clone)]
 pub(super) struct Contradictions {
     /// Whether each measurement violates reciprocity or is dead.
@@ -83,7 +84,7 @@ impl Contradictions {
         }
     }
 
-    /// Marks measurements that have changed by more than touches change them. `counts` as in
+    /// Marks measurements that have changed by more than touches could. `counts` as in
     /// [`compare`](Self::compare).
     pub(crate) fn compare_jumps(
         &mut self,
@@ -104,7 +105,7 @@ impl Contradictions {
         }
     }
 
-    /// Returns the fraction of the measurements that count which are wrong; 0 if none counts.
+    /// Returns the fraction of the counted measurements that are wrong; 0 if none is counted.
     pub(crate) fn part_wrong(&self, counts: impl Fn(usize) -> bool) -> f64 {
         let (mut wrong, mut all) = (0_u32, 0_u32);
         for (_, is_wrong) in self.is_wrong.iter().enumerate().filter(|(i, _)| counts(*i)) {
@@ -114,9 +115,9 @@ impl Contradictions {
         f64::from(wrong) / f64::from(all.max(1))
     }
 
-    /// Finds the [`accused`](Self::accused) electrodes: repeatedly takes the one with the largest fraction of
-    /// wrong measurements, until none has half of its own wrong or, after the first, a quarter. Electrodes
-    /// that are already excluded, and their measurements, are ignored.
+    /// Finds the [`accused`](Self::accused) electrodes: repeatedly takes the one with the largest
+    /// fraction of wrong measurements, until none has at least half of them wrong or, after the
+    /// first, a quarter. Electrodes that are already excluded, and their measurements, are ignored.
     pub(crate) fn accuse(
         &mut self,
         wiring: &Wiring,

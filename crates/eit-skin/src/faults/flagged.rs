@@ -4,7 +4,8 @@ use super::protocol::Wiring;
 
 /// An electrode is flagged if more than this fraction of its measurements is, ...
 const FLAGGED: f64 = 0.9;
-/// ... in this many frames in a row (a truncated packet flags what it lacks for one frame), ...
+/// ... in this many consecutive frames (a truncated packet flags its missing values for one frame),
+/// ...
 const FLAGGED_FRAMES: usize = 5;
 /// ... and at most this fraction of the measurements without such an electrode.
 const FLAGGED_ELSEWHERE: f64 = 0.5;
@@ -23,7 +24,8 @@ impl Flagged {
         Self { is_flagged: vec![false; electrodes], frames: vec![0; electrodes] }
     }
 
-    /// Takes a frame. If most other measurements are flagged too, the frame neither counts nor breaks a run.
+    /// Processes a frame. If most other measurements are flagged too, the frame neither counts nor
+    /// interrupts a run.
     pub(crate) fn push(&mut self, wiring: &Wiring, used: &[bool], is_missing: &[bool]) {
         for (flagged, of_e) in self.is_flagged.iter_mut().zip(&wiring.of_electrode) {
             let missing = of_e.iter().filter(|&&i| is_missing[i]).count();

@@ -4,7 +4,7 @@ use super::protocol::Wiring;
 
 /// Number of frames over which a stuck electrode repeats exactly.
 const STUCK_FRAMES: usize = 5;
-/// Fraction of the other channels that must change meanwhile, ...
+/// Fraction of the other channels that must change during that time, ...
 const MOVING: f64 = 0.4;
 /// ... by more than this many steps of the converter.
 const MOVING_STEPS: f64 = 3.0;
@@ -17,7 +17,7 @@ pub(super) struct History {
     measurements: usize,
     /// Number of frames so far.
     frames: usize,
-    /// Number of the last ones that repeat the one before.
+    /// Number of consecutive frames, up to the last one, that repeat the one before.
     repeated: usize,
     /// Smallest change of a measurement from one frame to the next so far, volts: the converter's step or less.
     least_change_v: f64,
@@ -57,8 +57,9 @@ impl History {
         self.frames += 1;
     }
 
-    /// Finds electrodes that repeat exactly while others change. `step_v`: step of the converter; 0 if unknown, as where
-    /// quiet frames do not leave it: then the smallest change so far takes its place.
+    /// Finds electrodes that repeat exactly while others change. `step_v` is the step of the
+    /// converter; if it is 0 because quiet frames do not show it, the smallest change so far is
+    /// used.
     pub(crate) fn look_for_stuck(&mut self, wiring: &Wiring, used: &[bool], step_v: f64) {
         if self.frames < STUCK_FRAMES {
             return;
@@ -130,8 +131,8 @@ mod tests {
         history.is_stuck(0)
     }
 
-    /// An electrode repeats exactly while the other one changes by many steps: it is stuck. Not where the others change by
-    /// single steps of a converter whose step the quiet frames did not tell, and not where values are missing.
+    /// An electrode that repeats exactly while the other changes by many steps is stuck, unless the
+    /// others change by single steps of a converter of unknown step, or values are missing.
     #[test]
     fn stuck_is_who_repeats_while_others_change_by_steps() {
         let far = |frame: usize, i: usize| if i < 4 { 1.0 } else { (frame * frame) as f64 };

@@ -13,10 +13,11 @@ use eit_core::event;
 use eit_fem::Protocol;
 use ndarray::ArrayView2;
 
-/// Number of consecutive bad frames after which electrodes are blamed nevertheless.
+/// Number of consecutive bad frames after which electrodes are excluded nevertheless.
 const GARBAGE_FRAMES: usize = 5;
-/// Fraction of the measurements that touches do not change so far in one frame: more have jumped in a damaged one, such as
-/// with all values equal, at full scale or too large by a factor, although it is reciprocal.
+/// Largest fraction of the measurements that touches can make jump in one frame. More have jumped
+/// in a damaged frame, such as one with all values equal, at full scale or too large by a factor,
+/// although it is reciprocal.
 const JUMPED_AT_ONCE: f64 = 0.5;
 /// Number of consecutive frames that must blame an electrode's gain: one is no proof, each more costs a
 /// frame.
@@ -24,10 +25,11 @@ const BLAMED_FRAMES: usize = 2;
 
 /// Fewest frames of the untouched skin that show whether frames repeat.
 const LEAST_QUIET: usize = 16;
-/// Repeated frames in a row from which an instrument is frozen. Where 16 bits show the noise, three of 2 786 simulated
-/// frames repeated the one before, none two in a row; where they hide it, twelve in a row were, and two in the quiet ones before them.
+/// Number of consecutive repeats at which an instrument counts as frozen. Where 16 bits show the
+/// noise, three of 2 786 simulated frames repeated the one before, none two in a row; where the
+/// bits hide it, twelve in a row did, after two among the quiet frames.
 const REPEATED: usize = 9;
-/// The same where one quiet frame repeats the one before.
+/// The same if one quiet frame repeats the one before.
 const REPEATED_AGAIN: usize = 2 * REPEATED;
 
 /// Fault state of an electrode.
@@ -52,7 +54,7 @@ pub struct FaultMonitor {
     std_v: Vec<f64>,
     step_v: f64,
     suspects: Vec<Suspect>,
-    /// The last frame is discarded whole.
+    /// Whether the last frame is discarded entirely.
     is_bad: bool,
     /// Number of consecutive frames with too many violations.
     garbage_frames: usize,
@@ -61,11 +63,11 @@ pub struct FaultMonitor {
     history: History,
     flagged: Flagged,
     contradictions: Contradictions,
-    /// Measurements that have changed by more than touches change them.
+    /// Measurements that have changed by more than touches could.
     jumps: Contradictions,
-    /// Number of consecutive unexplained frames in which each electrode's measurements have.
+    /// Number of consecutive unexplained frames in which each electrode's measurements have jumped.
     jumped_frames: Vec<usize>,
-    /// Number of repeated frames in a row that frames do not reach by themselves; `None` if unknown.
+    /// Number of consecutive repeats at which the instrument counts as frozen; `None` if unknown.
     frozen_from: Option<usize>,
     is_frozen: bool,
     is_missing: Vec<bool>,
@@ -76,8 +78,8 @@ pub struct FaultMonitor {
 }
 
 impl FaultMonitor {
-    /// Creates a monitor for frames of a protocol, from which measurements count, the noise of a frame's
-    /// voltages, and the converter's step (0 if unknown), both in volts.
+    /// Creates a monitor for the frames of a protocol. `used` tells which measurements count; the
+    /// noise of a frame's voltages and the converter's step (0 if unknown) are in volts.
     ///
     /// # Errors
     ///
@@ -121,8 +123,8 @@ impl FaultMonitor {
         })
     }
 
-    /// Adds faults that last as long as the reference, whose measurements do not count; they are listed with
-    /// the others.
+    /// Adds faults that last as long as the reference, whose measurements do not count; they are
+    /// listed with the others.
     ///
     /// # Errors
     ///
@@ -135,8 +137,9 @@ impl FaultMonitor {
         Ok(self)
     }
 
-    /// Takes frames of the untouched skin, `[frame, measurement]`, with the instrument's own noise: if at most one of them
-    /// repeats the one before, later ones that do for long are an old frame sent again. Fewer than sixteen say nothing.
+    /// Sets frames of the untouched skin, `[frame, measurement]`, with the instrument's own noise.
+    /// If at most one of them repeats the one before, a long run of equal frames later on means
+    /// that the instrument sends an old frame. Fewer than sixteen frames are ignored.
     ///
     /// # Errors
     ///
@@ -171,12 +174,13 @@ impl FaultMonitor {
         &self.wiring.reciprocal
     }
 
-    /// Takes a frame `[measurement]`, volts, with its reference. Afterwards [`is_missing`](Self::is_missing)
-    /// tells which measurements to exclude.
+    /// Processes a frame `[measurement]`, volts, with its reference. Afterwards
+    /// [`is_missing`](Self::is_missing) tells which measurements to exclude.
     ///
     /// # Errors
     ///
-    /// A frame or reference with the wrong length; a time that is not finite. The monitor is then unchanged.
+    /// A frame or reference with the wrong length; a time that is not finite. The monitor is then
+    /// unchanged.
     pub fn push(
         &mut self,
         values: &[f64],
@@ -211,15 +215,16 @@ impl FaultMonitor {
         Ok(())
     }
 
-    /// Returns whether the current frame is discarded whole: it has no valid value, it repeats those before it
-    /// ([`is_frozen`](Self::is_frozen)), or it has more violations than faults of a third of the electrodes explain, which is
-    /// more likely a damaged packet than that many simultaneous faults.
+    /// Returns whether the current frame is discarded entirely: it has no valid value, it repeats
+    /// those before it ([`is_frozen`](Self::is_frozen)), or it has more violations than faults of a
+    /// third of the electrodes explain, so that a damaged packet is more likely.
     pub fn is_bad(&self) -> bool {
         self.is_bad
     }
 
-    /// Returns whether the last frames repeat exactly, which frames of the untouched skin do not: the instrument sends an old
-    /// frame again. Never true unless these were given ([`with_quiet_frames`](Self::with_quiet_frames)).
+    /// Returns whether the last frames are exact repeats, which do not occur on the untouched skin:
+    /// the instrument sends an old frame. Never true without frames of the untouched skin
+    /// ([`with_quiet_frames`](Self::with_quiet_frames)).
     pub fn is_frozen(&self) -> bool {
         self.is_frozen
     }

@@ -27,8 +27,8 @@ impl Wiring {
     }
 }
 
-/// Electrodes of each measurement that carry current or are measured. Patterns with more than two electrodes
-/// blame none of them.
+/// Electrodes of each measurement that carry current or are measured; none for patterns with more
+/// than two electrodes.
 fn electrodes_of(protocol: &Protocol) -> Vec<Vec<usize>> {
     let (stimulations, patterns) = (protocol.stimulations_a(), protocol.measurement_patterns());
     let of = |row: ndarray::ArrayView1<'_, f64>| -> Vec<usize> {

@@ -49,10 +49,10 @@ pub(crate) fn of_reference(
     Ok((found.iter().map(fault).collect(), left_out))
 }
 
-/// Finds electrodes that are faulty in the first frames of a stream, in ascending order. Without a model it
-/// uses the frames alone: noise as in [`of_reference`], voltages that violate reciprocity, or almost no
-/// voltage. Returns none if more is wrong than faults of a third of the electrodes explain: then the order of
-/// the measurements is wrong.
+/// Finds electrodes that are faulty in the first frames of a stream, in ascending order. Without a
+/// model it uses the frames alone: noise as in [`of_reference`], voltages that violate reciprocity,
+/// or almost no voltage. Returns none if there are more violations than faults of a third of the
+/// electrodes explain, which means that the order of the measurements is wrong.
 ///
 /// `std_v` is the noise of one frame; the mean `mean_v` of `frames` frames has the noise `std_v /
 /// sqrt(frames)`.
@@ -83,7 +83,7 @@ pub(super) fn of_start(
     found
 }
 
-/// Noise above which a measurement floats, volts.
+/// Noise above which a measurement counts as floating, volts.
 fn noise_limit(std_v: &[f64], mean_v: &[f64], used: &[bool]) -> f64 {
     (NOISY_TIMES * median(std_v, used)).max(NOISY_PART * median(mean_v, used))
 }
@@ -180,8 +180,8 @@ mod tests {
         assert_eq!(quiet.found(), (vec![], vec![]));
     }
 
-    /// A coarse converter: most measurements never change, but one electrode's sit on the edge of a step and
-    /// jump.
+    /// With a coarse converter most measurements never change, but those of one electrode sit on
+    /// the edge of a step and jump.
     #[test]
     fn rounding_names_nobody() {
         let step_v = 1e-3;

@@ -10,8 +10,8 @@ use eit_hw::{MeasuredFrames, Quadruple};
 use eit_inverse::{noise_std_of_quiet_frames, smallest_step};
 use ndarray::Array2;
 
-/// Time constant with which the reference follows the frames, seconds: slow relative drift of reciprocal
-/// halves is none of the faults detected here.
+/// Time constant with which the reference follows the frames, seconds. Slow relative drift of
+/// reciprocal halves is not a fault that this monitor detects.
 const FOLLOW_S: f64 = 30.0;
 /// Fraction of their reference by which reciprocal halves may differ. The measurements of a frame are taken
 /// in sequence, and the reference contains no touches: on a Sciospec instrument from which an object is
@@ -31,7 +31,7 @@ const UNKNOWN_PERIOD_S: f64 = 0.05;
 #[derive(Debug, Clone)]
 pub struct StreamMonitor {
     protocol: Protocol,
-    /// Measurements without a driven electrode; the others are no reciprocal of any.
+    /// Measurements without a driven electrode; the others have no reciprocal among them.
     used: Vec<bool>,
     /// The first frames, `[frame, measurement]`; NaN where a value is bad.
     first: Array2<f64>,
@@ -76,7 +76,7 @@ impl StreamMonitor {
         (self.frames, self.monitor) = (0, None);
     }
 
-    /// Takes a frame `[measurement]` in any unit; `is_good` tells which values are not flagged.
+    /// Processes a frame `[measurement]` in any unit; `is_good` tells which values are not flagged.
     ///
     /// # Errors
     ///

@@ -24,7 +24,7 @@ pub(super) const SWAP_LEAD: f64 = 0.03;
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct FittingProtocol {
-    /// The protocol.
+    /// Protocol of the instrument that fits the recording.
     pub protocol: PairProtocol,
     /// Reciprocity error of the frame in its order ([`reciprocity_error`]); `None` if it has no reciprocal
     /// pairs.

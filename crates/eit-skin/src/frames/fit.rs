@@ -23,7 +23,8 @@ const SCATTERED: f64 = 0.7;
 pub(crate) const ALIKE: f64 = 0.9;
 
 impl ModelFit {
-    /// Returns whether the reference frame resembles the model, as it does not if the electrodes are in another order.
+    /// Returns whether the reference frame resembles the model; it does not if the electrodes are
+    /// in another order.
     pub fn is_alike(&self) -> bool {
         self.correlation.abs() >= ALIKE
     }

@@ -15,7 +15,7 @@ use std::path::Path;
 pub(crate) struct ReferenceFrame {
     /// Mean frame, `[measurement]`.
     pub values: Vec<f64>,
-    /// Which values are good.
+    /// Whether each value of the mean is finite and may be used.
     pub good: Vec<bool>,
     /// Source of the reference, in words.
     pub source: String,
@@ -90,8 +90,8 @@ pub(crate) fn choose(
     })
 }
 
-/// Returns the frames of a range but damaged ones and those of another level, as for live frames; all of them if these are
-/// not few.
+/// Returns the frames of a range without damaged ones and those of another level, as for live
+/// frames; all of them if many would be left out.
 fn of_one_kind(frames: &MeasuredFrames, range: Range<usize>) -> Vec<usize> {
     let values = frames.values.slice_axis(Axis(0), range.clone().into());
     let is_good = |f: usize, i: usize| frames.quality[(range.start + f, i)].is_good();
@@ -100,7 +100,7 @@ fn of_one_kind(frames: &MeasuredFrames, range: Range<usize>) -> Vec<usize> {
     range.clone().filter(|f| !is_few || !others.contains(&(f - range.start))).collect()
 }
 
-/// Says how many frames were left out of a reference.
+/// Describes how many frames were left out of a reference.
 pub(crate) fn left_out(count: usize) -> String {
     let frames = if count == 1 { "frame" } else { "frames" };
     format!(

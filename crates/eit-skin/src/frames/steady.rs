@@ -3,13 +3,15 @@
 use eit_core::median;
 use ndarray::ArrayView2;
 
-/// A value is of another kind if it is off the median by more than this fraction of it, ...
+/// A value is an outlier if it differs from the median by more than this fraction of it, ...
 const OFF: f64 = 0.2;
 /// ... plus this fraction of the root mean square median, ...
 const OFF_OF_ALL: f64 = 0.02;
-/// ... plus this many times the median distance from it: floating measurements are always off.
+/// ... plus this many times the median deviation; without this, every value of a floating
+/// measurement would be an outlier.
 const OFF_TYPICAL: f64 = 8.0;
-/// A frame is of another kind if more than this fraction of its values is, or half of them cannot be read.
+/// A frame is an outlier if more than this fraction of its values are, or if half of them are
+/// missing.
 const OTHER: f64 = 0.2;
 
 /// The frames are compared in this many parts.
@@ -24,8 +26,8 @@ const MOVED: f64 = 0.15;
 /// two seconds 3e-4.
 const CHANGED: f64 = 8e-4;
 
-/// Returns the frames that are of another kind than most, such as damaged ones or those before the gain was set.
-/// `is_good` tells whether the value of a frame and measurement can be read.
+/// Returns the outlier frames, such as damaged ones or those before the gain was set. `is_good`
+/// tells whether the value of a frame and measurement is valid.
 pub(crate) fn others(
     values: ArrayView2<'_, f64>,
     is_good: impl Fn(usize, usize) -> bool,
@@ -54,8 +56,9 @@ pub(crate) fn others(
     (0..frames).filter(is_other).collect()
 }
 
-/// Returns by what part of the voltages the frames change from one part of them to another, if that is more than noise and
-/// drift: the skin was touched or let go. `None` too if there are too few frames to tell.
+/// Returns the relative change of the voltages between parts of the frames if it exceeds noise and
+/// drift, so that the skin was touched or released; `None` otherwise, or if there are too few
+/// frames to tell.
 pub(crate) fn unrest(
     values: ArrayView2<'_, f64>,
     is_good: impl Fn(usize, usize) -> bool,

@@ -45,7 +45,7 @@ pub struct Press {
 /// Presses in the order of time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PressTable {
-    /// The presses.
+    /// Presses in the order of the file's lines.
     pub presses: Vec<Press>,
     /// File name, for messages.
     pub place: String,

@@ -3,11 +3,11 @@
 use crate::touches::DEFAULT_RATE_HZ;
 use eit_hw::Frame;
 
-/// Range of measured frame rates that are believed, hertz: a clock that jumps gives others.
+/// Range of plausible frame rates, hertz; a clock that jumps gives others.
 const RATES_HZ: std::ops::RangeInclusive<f64> = 1e-4..=1e6;
-/// Longest time between two frames that is believed, seconds: 11 days.
+/// Longest plausible time between two frames, seconds: 11 days.
 const MOST_STEP_S: f64 = 1e6;
-/// Largest time that is believed, seconds: 31 000 years. Adding a millisecond to it still changes it.
+/// Largest plausible time, seconds: 31 000 years. Adding a millisecond to it still changes it.
 const MAX_S: f64 = 1e12;
 
 /// Time stamps of frames: the instrument's, else those of their arrival, else sequence number over frame
@@ -41,9 +41,9 @@ impl Clock {
         clock
     }
 
-    /// Goes on in the next epoch, whose first frames are given. Its frames are later than those before: where the time
-    /// that they tell is not, because the instrument's clock or numbers began again, the time that passed is that between
-    /// the arrivals, else one frame.
+    /// Continues in the next epoch, given its first frames, with times later than those before. If
+    /// the instrument's clock or frame numbers began again, the time between the arrivals is used,
+    /// else that of one frame.
     pub(crate) fn next_epoch(mut self, stated_hz: Option<f64>, quiet: &[Frame]) -> Self {
         let Some(first) = quiet.first().filter(|_| self.last_s.is_finite()) else {
             return Self::new(stated_hz, quiet);
@@ -62,7 +62,7 @@ impl Clock {
         self
     }
 
-    /// Takes the stated frame rate, else that of these frames.
+    /// Sets the stated frame rate, else estimates it from these frames.
     fn set_rate(&mut self, stated_hz: Option<f64>, quiet: &[Frame]) {
         (self.rate_hz, self.is_assumed) =
             (stated_hz.unwrap_or(DEFAULT_RATE_HZ), stated_hz.is_none());
@@ -78,8 +78,8 @@ impl Clock {
         }
     }
 
-    /// Returns the time of the next frame. It always increases, as a tracker requires, even if a clock stands
-    /// still, goes back or jumps out of all measure.
+    /// Returns the time of the next frame. It always increases, as a tracker requires, even if a
+    /// clock stands still, goes back or jumps.
     pub(crate) fn next_s(&mut self, frame: &Frame) -> f64 {
         let read_s = self.time_s(frame);
         // the clock may make sense again by itself

@@ -48,7 +48,7 @@ pub struct ImageState {
     /// Certified bound on the relative distance of the image to its optimum; `None` for one-step images, for
     /// frames with nothing but noise, and for frames without data.
     pub gap: Option<f64>,
-    /// Number of iterations.
+    /// Number of iterations that the image took.
     pub iterations: usize,
     /// The U-net's image does not explain the measurements; its input is shown instead.
     pub is_aside: bool,

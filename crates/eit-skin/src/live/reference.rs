@@ -12,11 +12,11 @@ const PATIENCE: usize = 10;
 pub(super) struct ReferenceFrames {
     wanted: usize,
     frames: Vec<Frame>,
-    /// Number of frames that came, ...
+    /// Number of frames received, ...
     came: usize,
-    /// ... and of those that were of another kind than most.
+    /// ... and number of outliers among them.
     others: usize,
-    /// Largest change seen, as a part of the voltages, if the skin did not rest.
+    /// Largest relative change of the voltages, if the skin did not rest.
     unrest: Option<f64>,
 }
 
@@ -25,10 +25,9 @@ impl ReferenceFrames {
         Self { wanted, frames: Vec::with_capacity(wanted), came: 0, others: 0, unrest: None }
     }
 
-    /// Takes a frame; returns whether there are enough.
-    ///
-    /// Frames of another kind than most (damaged ones, those before a gain was set) are left out. While the others change
-    /// as if something touched the skin, the older half of them is dropped.
+    /// Adds a frame; returns whether there are enough. Outliers (damaged frames, those before a
+    /// gain was set) are left out. While the others change as if something touched the skin, the
+    /// older half of them is dropped.
     pub(crate) fn take(&mut self, frame: &Frame) -> bool {
         self.frames.push(frame.clone());
         self.came += 1;
@@ -54,7 +53,7 @@ impl ReferenceFrames {
         true
     }
 
-    /// By what part of the voltages frames have changed, if the skin did not rest.
+    /// Relative change of the voltages, if the skin did not rest.
     pub(crate) fn unrest(&self) -> Option<f64> {
         self.unrest
     }
@@ -64,7 +63,7 @@ impl ReferenceFrames {
         self.wanted - self.frames.len()
     }
 
-    /// Returns the frames and what there is to say about them, and begins again.
+    /// Returns the frames and notes about them, and starts again.
     pub(crate) fn finish(&mut self) -> (Vec<Frame>, Vec<String>) {
         let Self { wanted, frames, came, others, unrest } =
             std::mem::replace(self, Self::new(self.wanted));

@@ -207,7 +207,7 @@ impl Sensor {
         self.stream.notes()
     }
 
-    /// Returns the first things that the source itself had to say, such as damage of a recording.
+    /// Returns the first notices of the source itself, such as damage of a recording.
     pub fn notices(&self) -> &[String] {
         &self.notices
     }

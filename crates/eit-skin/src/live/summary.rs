@@ -11,7 +11,7 @@ const LATENCIES: usize = 10_000;
 /// Maximum number of notices kept, the first ones: a broken line repeats the same notice all day.
 pub(super) const NOTICES: usize = 100;
 
-/// Longest time between the arrivals of two frames that is believed, seconds: after a longer one the source is silent.
+/// Longest time between the arrivals of two frames, seconds; a longer gap counts as silence.
 const MOST_STEP_S: f64 = 60.0;
 
 /// When a frame was shown, and when it arrived if it was live, seconds.
@@ -36,14 +36,15 @@ pub struct Summary {
     pub frames: u64,
     /// Number of references taken.
     pub references: u64,
-    /// Number of touches that were valid in a frame at least.
+    /// Number of touches that were valid in at least one frame.
     pub touches: u64,
     /// Largest number of simultaneous valid touches.
     pub most_at_once: usize,
-    /// Ids of those that have not ended.
+    /// Ids of the valid touches that have not ended.
     #[serde(skip)]
     counted: Vec<u64>,
-    /// By what part of the voltages frames changed while the reference waited, if it was still waiting at the end.
+    /// Relative change of the voltages while the reference waited, if it was still waiting at the
+    /// end.
     pub unrest: Option<f64>,
     /// Number of frames that touches do not explain ([`TouchFrame::explained`](super::TouchFrame)).
     pub not_explained: u64,
@@ -57,8 +58,9 @@ pub struct Summary {
     pub latencies_s: Vec<f64>,
     /// Latest latencies of images, seconds, unordered.
     pub image_latencies_s: Vec<f64>,
-    /// Time from the first frame shown to the last by this computer's clock, seconds, without the times in
-    /// which the source was silent or took new references; of live frames by when they arrived.
+    /// Time from the first frame shown to the last by this computer's clock (for live frames, their
+    /// arrivals), seconds, without times in which the source was silent or a new reference was
+    /// taken.
     pub span_s: f64,
     /// Number of intervals between frames within [`span_s`](Self::span_s).
     pub intervals: u64,
@@ -125,7 +127,7 @@ impl ImageSummary {
 }
 
 impl Summary {
-    /// Returns the rate of the frames shown while frames came; `None` for fewer than two frames.
+    /// Returns the frame rate, excluding times without frames; `None` for fewer than two frames.
     pub fn frame_rate_hz(&self) -> Option<f64> {
         (self.span_s > 0.0).then(|| self.intervals as f64 / self.span_s)
     }
@@ -255,7 +257,7 @@ mod tests {
         assert_eq!((summary.touches, summary.most_at_once), (3, 2));
     }
 
-    /// A source that complains forever does not fill the memory.
+    /// A source that repeats its notices forever does not fill the memory.
     #[test]
     fn notices_and_latencies_are_bounded() {
         let mut summary = Summary::default();

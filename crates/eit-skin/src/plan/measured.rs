@@ -125,7 +125,7 @@ pub struct Budget {
 /// Key for looking up a method in the table.
 #[derive(Debug, Clone, Copy)]
 pub struct Wanted<'a> {
-    /// The method.
+    /// Method of reconstruction.
     pub method: Method,
     /// Bounds and rule of the hyperparameter.
     pub settings: &'a ReconstructionSettings,

@@ -63,7 +63,7 @@ fn weights(skin: &Skin) -> String {
     }
 }
 
-/// Describes the fate of the time term.
+/// Describes whether the time term is used.
 fn coupling(skin: &Skin, method: Method, sequence: Sequence, known: bool) -> String {
     let none = method == Method::Tv || skin.settings.reconstruction.lambda_time == Some(0.0);
     let couples = match sequence {

@@ -12,7 +12,7 @@ use std::sync::Arc;
 pub enum Sequence {
     /// No readable recording.
     Unknown,
-    /// This number of frames.
+    /// A sequence of known length.
     Frames(usize),
     /// This number of frames without differences beyond noise: total variation averages them into one.
     Still(usize),

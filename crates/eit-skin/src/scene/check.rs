@@ -9,7 +9,7 @@ use crate::error::SkinError;
 use crate::method::Method;
 use std::ops::RangeInclusive;
 
-/// Largest length of a skin, metres: a larger one is a slip of unit.
+/// Largest length of a skin, metres; larger values are taken for a mistake in the unit.
 pub(super) const MOST_LENGTH_M: f64 = 10.0;
 /// Maximum number of pixels along the longer side: 16 million pixels per image.
 const MOST_PIXELS: usize = 4096;
@@ -88,8 +88,9 @@ impl Scene {
         Err(SkinError::input(message).within(&self.place))
     }
 
-    /// Rejects sizes and corners that are not in metres, before a mesh of such a skin is attempted. Smaller skins than any
-    /// that was built are allowed: nothing tells them from a slip of unit.
+    /// Rejects sizes and corners that are not in metres, before such a mesh is generated. Skins
+    /// smaller than any built so far are allowed, because nothing distinguishes them from a mistake
+    /// in the unit.
     fn check_lengths(&self) -> Result<(), SkinError> {
         let skin = &self.skin;
         let sizes = [
@@ -228,7 +229,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Checks keys that exclude each other, and keys that need another one.
+    /// Rejects keys that exclude each other, and keys without the key that they need.
     fn check_company(&self) -> Result<(), SkinError> {
         let table = self.to_table()?;
         let is_set = |key: &str| {

@@ -58,7 +58,7 @@ pub enum DriverKind {
 /// The instrument of a scene, checked.
 #[derive(Debug, Clone)]
 pub struct Instrument {
-    /// Driver.
+    /// Driver that talks to it.
     pub kind: DriverKind,
     /// Number of electrodes of the skin.
     pub electrodes: usize,

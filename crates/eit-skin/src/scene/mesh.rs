@@ -45,7 +45,7 @@ pub enum ElectrodeSource {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct BuiltMesh {
-    /// The mesh.
+    /// Mesh with its electrodes.
     pub mesh: Mesh,
     /// One line per repair.
     pub notes: Vec<String>,

@@ -13,9 +13,9 @@ pub(crate) const MESH_NODES: usize = 50_000;
 /// A mesh, its element order, and the estimated error.
 #[derive(Debug)]
 pub struct MeshChoice {
-    /// The mesh.
+    /// The mesh that was chosen.
     pub mesh: Mesh,
-    /// Order of its elements.
+    /// Linear or quadratic elements, chosen together with the mesh.
     pub element_order: ElementOrder,
     /// Repairs made to the mesh file.
     pub notes: Vec<String>,

@@ -90,7 +90,7 @@ impl ReconstructionSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a number, or \"noise\"")]
 pub enum Delta {
-    /// A number.
+    /// Stated as a number.
     Value(f64),
     /// Derived from the noise.
     Rule(DeltaRule),
@@ -122,9 +122,9 @@ pub enum PriorKind {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a number, or one of \"noise-figure\", \"l-curve\", \"gcv\"")]
 pub enum Hyperparameter {
-    /// A number.
+    /// Stated as a number.
     Value(f64),
-    /// By a rule.
+    /// Chosen by a rule.
     Rule(Rule),
 }
 

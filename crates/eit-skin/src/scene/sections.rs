@@ -259,7 +259,7 @@ pub struct MeshDensity {
 pub enum RequiredAccuracyKey {
     /// Fraction of the largest voltage.
     Relative(f64),
-    /// By a rule.
+    /// Chosen by a rule.
     Rule(AccuracyRule),
 }
 
@@ -303,9 +303,9 @@ pub struct RecordingSettings {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a file name, or a list of them")]
 pub enum OneOrManyFiles {
-    /// One file.
+    /// A single file.
     One(PathBuf),
-    /// Several, in order.
+    /// Several files, in the order of their frames.
     Many(Vec<PathBuf>),
 }
 

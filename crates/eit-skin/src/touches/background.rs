@@ -20,7 +20,7 @@ const FLOOR: f64 = 1e-4;
 const PLACES: Spread = Spread { movement_m: 5e-4, contact: 0.5, sheet: 0.05 };
 /// Logarithm of the evidence above which an uneven sheet is accepted.
 const BELIEVED: f64 = 10.0;
-/// Largest change of a conductivity that is believed, logarithm: a factor of 150 is no fabric.
+/// Largest plausible change of a conductivity, logarithm: no fabric varies by a factor of 150.
 const LARGEST: f64 = 5.0;
 /// Number of Gauss-Newton steps.
 const STEPS: usize = 2;

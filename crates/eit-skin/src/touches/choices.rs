@@ -12,7 +12,7 @@ pub struct Choices {
     pub rows: usize,
     /// Number of places at which touches are sought.
     pub places: usize,
-    /// Number of further places to which these measurements are almost blind.
+    /// Number of places excluded because these measurements hardly respond to them.
     #[serde(rename = "blind_places")]
     pub blind: usize,
     /// Radius of a touch, metres.

@@ -31,7 +31,7 @@ const STANDS_STILL_S: f64 = 1e9;
 #[cfg(feature = "learn")]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PressTouch {
-    /// The touch.
+    /// Touch in the frame named above.
     pub touch: DetectedTouch,
     /// Strength that it would have on an even sheet, S m^2, without sign: divided by the relative conductivity of
     /// the sheet there, as far as the reference frame shows it.
@@ -206,7 +206,7 @@ impl TouchFinder {
         Self { tracker: self.tracker.with_first_id(first), ..self }
     }
 
-    /// Returns the id of the next new touch.
+    /// Returns the id that the next new touch will get.
     pub(crate) fn next_id(&self) -> u64 {
         self.tracker.next_id()
     }

@@ -113,7 +113,7 @@ const PULL: f64 = 1.0;
 /// more fingers that slide slowly on the plate), ...
 const DRAG_M: f64 = 30e-3;
 const DRAG: f64 = 1.0;
-/// ... and up to which it moves it as far as at the finger: half of a contact.
+/// ... and the distance up to which the skin moves as far as at the finger: half of a contact.
 const CONTACT_M: f64 = 7e-3;
 /// Places whose strains are held in memory at a time.
 const AT_ONCE: usize = 12;

@@ -11,10 +11,11 @@ use ndarray::{Array2, Array3, ArrayView1, ArrayView2, Axis, concatenate};
 
 /// Required number of rejected images that are worse than the raw ones, for each that is better.
 const RIGHT_TO_WRONG: usize = 6;
-/// Largest fraction of the better held-out images that the judge rejects where rejecting does not pay
-/// ([`RIGHT_TO_WRONG`]). Of a net's better images one in 100 leaves more than 0.11 of the energy, one in 200 more than
-/// 0.16 to 0.19, and the worst 0.5. Images without any touch leave 0.14 to 0.48 in four frames of five: a limit that
-/// lets every better image pass would let data of the wrong sign pass, too.
+/// Largest fraction of the better held-out images that may be rejected if [`RIGHT_TO_WRONG`] is not
+/// reached. Of a net's better images one in 100 leaves more than 0.11 of the energy, one in 200
+/// more than 0.16 to 0.19, and the worst 0.5. Images without any touch leave 0.14 to 0.48 in four
+/// frames of five: a limit that lets every better image pass would let data of the wrong sign pass,
+/// too.
 const NOT_BELIEVED: f64 = 0.005;
 /// Range of the limit: an empty image, which explains nothing, is above it.
 const LIMITS: [f64; 2] = [0.05, 0.6];
@@ -35,7 +36,7 @@ pub struct MeasuredJudge {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct JudgeCounts {
-    /// All frames.
+    /// Number of judged frames.
     pub frames: usize,
     /// The net's image was rejected, and is worse than the raw one.
     pub rightly: usize,

@@ -9,11 +9,11 @@ use std::f64::consts::TAU;
 pub(crate) const RATE_HZ: f64 = 10.0;
 /// Frames before the first touch: reference and noise.
 pub(crate) const QUIET: usize = 20;
-/// Fraction of the radius within which fingers press.
+/// Fraction of the skin's radius within which fingers press.
 const REACH: f64 = 0.97;
 /// Radius of a tip divided by that of a usual fingertip (10 mm on the paper's skin).
 const TIPS: [f64; 2] = [0.4, 2.5];
-/// The same of tips that count as usual ones.
+/// Range of tips that count as usual ones.
 const USUAL_TIPS: [f64; 2] = [0.8, 1.25];
 /// Force of a press, newton.
 const FORCES_N: [f64; 2] = [0.2, 2.5];
@@ -59,10 +59,10 @@ impl Fingers {
     }
 }
 
-/// Who presses.
+/// The fingers and tips of a random script.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Hand {
-    /// Number of fingers.
+    /// How many fingers touch at once.
     pub fingers: Fingers,
     /// Share of the scripts that certainly have usual tips, 0 to 1; the others have tips of any size.
     pub usual_tips: f64,

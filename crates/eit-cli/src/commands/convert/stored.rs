@@ -20,7 +20,7 @@ pub(super) struct Stored<'a> {
     quadruples: Vec<Quadruple>,
 }
 
-/// What a pass over the frames found.
+/// Result of a pass over the frames.
 pub(super) struct Found {
     /// Whether all values of a frame are finite, for each frame.
     pub is_finite: Vec<bool>,

@@ -30,7 +30,7 @@ use std::time::{Duration, Instant};
 const WAIT: Duration = Duration::from_millis(50);
 /// The error is shown after every so many presses.
 const SHOWN_EVERY: usize = 5;
-/// A touch that is neither held nor released for so long is named, again and again.
+/// A touch that is neither held nor released for this long is reported, repeatedly.
 const UNSTEADY: Duration = Duration::from_secs(10);
 /// Fewest presses from which anything is learnt.
 const LEAST_PRESSES: usize = 4;
@@ -177,7 +177,8 @@ struct Teacher<'a> {
     falling: FallingError,
     /// State after the last frame.
     state: Option<Collecting>,
-    /// Since when something touches the skin without being held, or since that was last said.
+    /// Time since when something touches the skin without being held, or since the last report of
+    /// it.
     unsteady_since: Option<Instant>,
     /// Number of the press that was asked for.
     asked: Option<usize>,
@@ -232,7 +233,8 @@ impl<'a> Teacher<'a> {
         }
     }
 
-    /// Something other than a frame: after a lost connection the untouched skin is measured again.
+    /// Handles events other than frames: after a lost connection the untouched skin is measured
+    /// again.
     fn tell(&mut self, event: &Event) -> Result<(), CliError> {
         if matches!(event, Event::Disconnected { .. } | Event::Reconnected { .. }) {
             self.collector.restart();
@@ -288,7 +290,7 @@ impl<'a> Teacher<'a> {
         Ok(None)
     }
 
-    /// Says if something has touched the skin for long without being held: nothing is collected then.
+    /// Reports a touch that has lasted long without being held, since nothing is collected then.
     fn follow_unsteady(&mut self, state: Collecting) {
         if state != Collecting::Unsteady {
             self.unsteady_since = None;
@@ -394,7 +396,7 @@ impl<'a> Teacher<'a> {
     }
 }
 
-/// The error after some presses, and that before them.
+/// Describes the error after some presses, and the one before.
 fn error_words(now: &ErrorPoint, before: Option<&ErrorPoint>) -> String {
     let mm = |m: f64| format!("{:.1} mm", 1e3 * m);
     let was = |words: String| format!(" (was {words})");

@@ -89,7 +89,7 @@ pub(super) fn create(
     Ok(file)
 }
 
-/// Creates a new file.
+/// Creates a file; fails if one of that name exists.
 pub(in crate::capture) fn create_new(path: &Path) -> Result<File, HwError> {
     let file = OpenOptions::new().read(true).write(true).create_new(true).open(path);
     file.map_err(|source| match source.kind() {

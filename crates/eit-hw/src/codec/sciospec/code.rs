@@ -28,7 +28,7 @@ pub enum Code {
 }
 
 impl Code {
-    /// Returns the code of this byte.
+    /// Decodes the byte of a message.
     pub const fn of(byte: u8) -> Self {
         match byte {
             0x01 => Self::Syntax,

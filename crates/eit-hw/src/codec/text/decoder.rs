@@ -5,7 +5,7 @@ use super::number::Number;
 use crate::error::HwError;
 use crate::frame::Quality;
 
-/// Result of decoding.
+/// Outcome of decoding the bytes received so far.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
     /// A complete frame.
@@ -112,7 +112,7 @@ impl Decoder {
         })
     }
 
-    /// Returns the format.
+    /// Returns the format that lines are decoded with.
     pub fn format(&self) -> &TextFormat {
         &self.format
     }

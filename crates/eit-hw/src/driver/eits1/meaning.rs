@@ -42,7 +42,7 @@ pub(super) struct Count {
 /// Result of checking a frame's sequence number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Counted {
-    /// The frame has this count.
+    /// A frame in order, with its 64-bit sequence number.
     Frame(u64),
     /// An older frame, a repeated one, or one with an implausible number.
     PassedOver,

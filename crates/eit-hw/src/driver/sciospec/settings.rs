@@ -7,19 +7,19 @@ use crate::frame::Quadruple;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Gain {
-    /// 1.
+    /// No amplification.
     #[default]
     X1,
-    /// 10.
+    /// Tenfold amplification.
     X10,
-    /// 100.
+    /// Hundredfold amplification.
     X100,
-    /// 1000.
+    /// Thousandfold amplification.
     X1000,
 }
 
 impl Gain {
-    /// Returns the gain as a number.
+    /// Returns the amplification factor.
     pub const fn factor(self) -> f64 {
         match self {
             Self::X1 => 1.0,

@@ -19,7 +19,7 @@ pub struct Step {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Board {
-    /// Name of the board.
+    /// Name by which scenes choose the board.
     pub name: String,
     /// Baud rate of the serial line.
     pub baud: u32,

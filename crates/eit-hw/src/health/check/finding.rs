@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::frame::Quadruple;
 
-/// A touch of fewer steps of the converter is invisible.
+/// A touch that changes values by fewer converter steps than this is invisible.
 const LEAST_STEPS: f64 = 1.0;
 
 /// Whether a skin is fit for use.
@@ -29,7 +29,7 @@ pub enum Severity {
     Fault,
 }
 
-/// Kind of problem.
+/// What is wrong with the skin or its frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -106,7 +106,7 @@ pub enum Trouble {
     Silent,
     /// Every frame has the same values.
     Frozen {
-        /// Number of frames.
+        /// Number of frames, all equal.
         frames: usize,
     },
     /// The model of the untouched skin has other voltages.

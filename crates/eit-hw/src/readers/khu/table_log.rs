@@ -23,7 +23,6 @@ pub(super) struct ProjectionTable {
     pub(super) gains: Vec<f64>,
 }
 
-/// One row of the table.
 struct Row {
     line: usize,
     projection: u64,

@@ -18,10 +18,12 @@ use super::whitening::{Whitening, dot};
 use crate::geometry::distance_m;
 use ndarray::ArrayRef2;
 
-/// Spacing of the positions in those of the candidate positions: a dent is much wider than a bell.
+/// Spacing of the positions relative to that of the candidate positions: a dent is much wider than
+/// a bell.
 const SPARSER: f64 = 2.0;
 
-/// Effects of a touch on the fabric around it: a dent, and a drag along each axis of the skin.
+/// Number of effects of a touch on the fabric around it: a dent, and a drag along each axis of the
+/// skin.
 pub(super) const EFFECTS: usize = 3;
 
 /// Effect on the rows of a dent, and of a drag, at each of some positions.
@@ -53,7 +55,8 @@ impl Dents {
         Self { rows: 0, nearest: nearest.collect(), at, columns: Vec::new() }
     }
 
-    /// Takes the effects, `[measurement, (position, effect)]`, volts of the model per standard deviation.
+    /// Sets the effects, `[measurement, (position, effect)]`, volts of the model per standard
+    /// deviation.
     pub(super) fn set(
         &mut self,
         dents: &ArrayRef2<f64>,
@@ -105,7 +108,7 @@ impl Dents {
     }
 }
 
-/// Removes what lies along a unit vector.
+/// Removes the component along a unit vector.
 fn remove(y: &mut [f64], unit: &[f64]) {
     let part = dot(unit, y);
     y.iter_mut().zip(unit).for_each(|(y, u)| *y -= part * u);

@@ -168,7 +168,7 @@ impl Dictionary {
         }
     }
 
-    /// Determines which positions are not blind.
+    /// Determines which positions the measurements can sense.
     fn look(&mut self) {
         self.sorted.copy_from_slice(&self.squared);
         self.sorted.sort_unstable_by(f64::total_cmp);
@@ -181,7 +181,7 @@ impl Dictionary {
             .for_each(|((sees, squared), whole)| *sees = *squared > least.max(1e-9 * whole));
     }
 
-    /// Number of positions that are not blind.
+    /// Number of positions that the measurements can sense.
     pub(super) fn seen(&self) -> usize {
         self.sees.iter().filter(|sees| **sees).count()
     }

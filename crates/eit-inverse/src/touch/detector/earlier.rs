@@ -1,21 +1,23 @@
 //! Earlier references, for when frames turn out to have been those of a faulty electrode.
 
-/// Time for which the reference is kept at least while frames show touches or stay unexplained, seconds: longer than a
-/// fault stays unnoticed.
+/// Minimum time for which the reference is kept while frames show touches or stay unexplained,
+/// seconds: longer than a fault takes to be detected.
 const KEPT_S: f64 = 3.0;
 
-/// Time for which a loose contact may stay open, seconds, until its closing is something new.
+/// Time after which the closing of a loose contact counts as a new change, seconds.
 const JUMP_S: f64 = 60.0;
 
-/// The reference of the last frame that no touch was needed to explain, or of three to six seconds ago, and a later one.
+/// The reference of the last frame that needed no touch, or of three to six seconds ago, and a
+/// later one.
 #[derive(Debug, Clone)]
 pub(super) struct EarlierReferences {
     kept_v: [Vec<f64>; 2],
     /// Time since the later one was taken, seconds.
     age_s: f64,
-    /// Whether the earlier one differs from today's reference.
+    /// Whether the earlier reference differs from the current one.
     is_other: bool,
-    /// The reference before frames began that no touch explains, while it may come back; empty if there is none.
+    /// The reference before the current unexplained frames began, while frames may still return to
+    /// it; empty if there is none.
     jump_v: Vec<f64>,
     jump_age_s: f64,
 }
@@ -27,7 +29,7 @@ impl EarlierReferences {
         Self { kept_v, age_s: 0.0, is_other: false, jump_v, jump_age_s: 0.0 }
     }
 
-    /// Takes the reference after a frame recorded `dt_s` seconds after the previous one.
+    /// Stores the reference after a frame recorded `dt_s` seconds after the previous one.
     pub(super) fn keep(
         &mut self,
         reference_v: &[f64],
@@ -57,14 +59,14 @@ impl EarlierReferences {
         }
     }
 
-    /// References to which frames may come back.
+    /// References to which frames may return.
     pub(super) fn others(&self) -> impl Iterator<Item = &[f64]> {
         let earliest = self.is_other.then(|| self.kept_v[0].as_slice());
         let jump = Some(self.jump_v.as_slice()).filter(|v| !v.is_empty());
         earliest.into_iter().chain(jump)
     }
 
-    /// Sets one measurement of all.
+    /// Sets one measurement of all stored references.
     pub(super) fn set(&mut self, measurement: usize, value_v: f64) {
         let all = self.kept_v.iter_mut().chain([&mut self.jump_v]);
         all.filter_map(|v| v.get_mut(measurement)).for_each(|v| *v = value_v);
@@ -76,7 +78,7 @@ impl EarlierReferences {
         self.settle(reference_v);
     }
 
-    /// Restores one of [`others`](Self::others), to which frames have come back.
+    /// Restores one of [`others`](Self::others), to which frames have returned.
     pub(super) fn come_back(&mut self, which: usize, reference_v: &mut [f64]) {
         if let Some(other_v) = self.others().nth(which) {
             reference_v.copy_from_slice(other_v);

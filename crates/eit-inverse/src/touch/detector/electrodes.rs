@@ -65,12 +65,13 @@ impl UnknownKind {
     }
 }
 
-/// Standard deviation of the pull on electrodes alone, besides what a dent moves, up to [`NEAR_M`] away, in those of
-/// their displacement, ...
+/// Standard deviation of the pull on electrodes in addition to that of a dent, up to [`NEAR_M`]
+/// away, relative to their displacement, ...
 const PULL: f64 = 0.5;
 /// ... and of the drag.
 const DRAG: f64 = 0.5;
-/// Standard deviation of the pressure on a contact under a touch, in those of the contact, ...
+/// Standard deviation of the pressure on a contact under a touch, relative to that of the contact,
+/// ...
 const PRESS: f64 = 3.0;
 /// ... and the distance over which it falls by a factor of e, metres.
 const PRESS_M: f64 = 25e-3;
@@ -85,28 +86,28 @@ const ACTIONS: usize = 5;
 /// The pressure among them.
 const PRESSURE: usize = 4;
 
-/// Touches closer than this act as one, metres.
+/// Touches closer than this share their actions, metres.
 const SAME_M: f64 = 7e-3;
 
 /// Actions of touches on electrodes.
 #[derive(Debug, Clone)]
 pub(super) struct Electrodes {
     kinds: Vec<UnknownKind>,
-    /// Where touches act, and the nearest candidate positions.
+    /// Positions of the acting touches, and the nearest candidate positions.
     at_m: Vec<[f64; 3]>,
     places: Vec<usize>,
-    /// Whether they drag the fabric along.
+    /// Whether each touch drags the fabric along.
     dragged: Vec<bool>,
     /// Whitened effects of the touches on the fabric around them, `[effect][row]`.
     pub(super) dented: Vec<f64>,
     /// Standard deviations of each unknown for one of each action: `[action][unknown]`.
     pub(super) actions: Vec<f64>,
-    /// The same, and each unknown by itself.
+    /// The same, followed by each unknown by itself.
     all: Vec<f64>,
 }
 
 impl Electrodes {
-    /// Takes the unknowns on which touches act.
+    /// Sets the unknowns on which touches act.
     pub(super) fn new(kinds: Vec<UnknownKind>, most_touches: usize) -> Self {
         // touches of the previous frame, and twice as many of this one
         let most = 3 * most_touches;
@@ -135,8 +136,8 @@ impl Electrodes {
         self.actions.extend(self.kinds.iter().map(|kind| kind.share(PRESSURE, touch_m)));
     }
 
-    /// Whitened columns of what a touch at a candidate position does, the pressure on contacts first, then pull and
-    /// drags, then the dent: `[action][row]`, as if no row were lost.
+    /// Returns the whitened columns of the actions of a touch at a candidate position: pressure on
+    /// contacts, pull and drags, then the dent: `[action][row]`, as if no row were lost.
     pub(super) fn columns_of(
         &self,
         place: usize,
@@ -192,8 +193,8 @@ impl Electrodes {
         }
     }
 
-    /// Returns the actions, and each unknown by itself with as much more freedom as makes its full standard
-    /// deviation.
+    /// Returns the actions, and each unknown by itself with the additional variance that restores
+    /// its full standard deviation.
     pub(super) fn with_each_alone(&mut self) -> [&[f64]; 2] {
         self.all.clone_from(&self.actions);
         for (k, kind) in self.kinds.iter().enumerate() {
@@ -203,7 +204,7 @@ impl Electrodes {
         [&self.all, &self.dented]
     }
 
-    /// Adds the actions of a touch; those without effect are left out.
+    /// Adds the actions of a touch that have an effect.
     fn act(&mut self, k: usize, dents: &Dents) {
         let (touch_m, place) = (self.at_m[k], self.places[k]);
         self.dented.extend_from_slice(dents.of(place));

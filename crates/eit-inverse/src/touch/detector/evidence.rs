@@ -41,8 +41,8 @@ impl Evidence {
         }
     }
 
-    /// Worth of what lowers a residual from `without` to `rest`: the factor by which the residual would grow
-    /// without it, where the model's error dominates.
+    /// Evidence ratio of a component that lowers the residual from `without` to `rest`: the factor
+    /// by which the residual would grow without it, where the model's error dominates.
     pub(super) fn worth(&self, without: f64, rest: f64) -> f64 {
         1.0 + (without - rest) / self.unit(rest)
     }

@@ -7,35 +7,38 @@ use super::search::Search;
 use super::step::MOST_PER_ROW;
 use super::whitening::{Whitening, dot};
 
-/// Largest part of the residual that one electrode's gain may leave for the electrode to be reported: of a frame
-/// without touches, of what touches leave, and of what the frame has without its touches. On three fresh seeds of
-/// ten scripts with sound electrodes the best gain left 0.18 and more of the first, 0.33 and more of the second.
+/// Largest fraction of the residual that one electrode's gain may leave for the electrode to be
+/// reported: of a frame without touches, of what touches leave, and of the frame without its
+/// touches. On three fresh seeds of ten scripts with sound electrodes the best gain left at least
+/// 0.18 of the first and 0.33 of the second.
 const BLAME: [f64; 3] = [0.13, 0.2, 0.1];
 
-/// Largest part of the residual of a frame without touches, and of what noise leaves, that a gain may leave which explains
-/// the frame: a drift that begins as a finger lands is to be found before the finger hides it. One of 1 % a second left 0.21
-/// and 0.26, 2.1 and 1.8 in its first two frames; in 50 recordings with sound electrodes none was named.
+/// Largest part of the residual of a frame without touches, and of what noise leaves, that a gain
+/// may leave to explain the frame, so that a drift that begins as a finger lands is found before
+/// the finger hides it. One of 1 % a second left 0.21 and 0.26, 2.1 and 1.8 in its first two
+/// frames; in 50 recordings with sound electrodes none was named.
 const EXPLAINED_BY: [f64; 2] = [0.35, 3.0];
 
 /// Residual chi^2 per row above which such frames are checked; noise leaves up to 0.7.
 const EXPLAINED_FROM: f64 = 3.0;
 
-/// Least part of the frame that the fabric's memory must have left: what it leaves of a large settling, as after a slide
-/// to the rim, is its own error. A sound electrode was named where it left 0.10.
+/// Minimum fraction of the frame that remains after the fabric's memory: what remains of a large
+/// settling, as after a slide to the rim, is the memory model's own error. A sound electrode was
+/// named where it left 0.10.
 const LEFT_BY_MEMORY: f64 = 0.2;
 
-/// Largest part that a gain may leave of what the touches of an earlier frame leave of one that nothing explains. A step of
-/// 1 to 2.5 % under a finger leaves 0.001 to 0.02.
+/// Largest fraction that a gain may leave of the residual of an earlier frame's touches in an
+/// unexplained frame. A step of 1 to 2.5 % under a finger leaves 0.001 to 0.02.
 const BESIDE_KNOWN: f64 = 0.1;
 
 /// Residual chi^2 per row above which electrodes are checked.
 pub(super) const BLAME_FROM: f64 = 5.0;
 
-/// What noise leaves of a frame (chi^2) from which on the parts above hold; below, they are smaller with its square: with
-/// few electrodes a gain fits much of anything.
+/// Noise chi^2 of a frame above which the fractions above apply; below, they fall with its square,
+/// because with few electrodes a gain fits much of any frame.
 const ENOUGH: f64 = 30.0;
 
-/// Returns the factor on these parts.
+/// Returns the factor for these fractions.
 pub(super) fn share(whitening: &Whitening) -> f64 {
     (whitening.expected() / ENOUGH).min(1.0).powi(2)
 }
@@ -45,7 +48,7 @@ pub(super) fn share(whitening: &Whitening) -> f64 {
 pub(super) struct Gains {
     /// The reference values of its measurements, whitened and scaled to length 1, `[electrode][row]`.
     columns: Vec<f64>,
-    /// One of them without lost rows and what is free.
+    /// One of the columns, without lost rows and free unknowns.
     projected: Vec<f64>,
 }
 
@@ -72,7 +75,7 @@ impl Gains {
         self.best_beside(whitening, residual, &[])
     }
 
-    /// The same, for a residual without what lies along orthonormal vectors.
+    /// The same, for a residual without its components along orthonormal vectors.
     fn best_beside(
         &mut self,
         whitening: &Whitening,
@@ -98,8 +101,8 @@ impl Gains {
         best
     }
 
-    /// Returns the electrode whose gain explains a frame together with touches that were there before, whatever their
-    /// strengths are now. `residual`: what is left of the frame without the span of these touches, `basis`.
+    /// Returns the electrode whose gain explains a frame together with earlier touches, whatever
+    /// their strengths are now. `residual` is the frame without the span of these touches, `basis`.
     pub(super) fn beside_known(
         &mut self,
         whitening: &Whitening,

@@ -52,7 +52,8 @@ impl Found {
 }
 
 impl Joint {
-    /// Takes the actions of touches at the positions of dents; no positions if dents are not known.
+    /// Computes the actions of touches at the positions of dents; no positions if dents are not
+    /// known.
     pub(super) fn new(
         dents: &Dents,
         electrodes: &Electrodes,
@@ -124,7 +125,7 @@ impl Joint {
     }
 }
 
-/// Removes what lies along orthonormal vectors, one after the other.
+/// Removes the components along orthonormal vectors, one after the other.
 pub(super) fn remove_all(column: &mut [f64], basis: &[f64]) {
     widest(
         #[inline(always)]

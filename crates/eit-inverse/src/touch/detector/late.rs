@@ -4,19 +4,21 @@ use super::places::{Places, Spot};
 use super::settings::DetectorSettings;
 use crate::geometry::distance_m;
 
-/// Most by which the strongest touch counts as stronger than the next one. In a poorly sensed corner strengths are arbitrary,
-/// up to twenty times too large, and touches of the next seconds were taken for what such a one had left behind.
+/// Largest factor by which the strongest touch counts as stronger than the next one. In a poorly
+/// sensed corner strengths are arbitrary, up to twenty times too large, and touches of the next
+/// seconds counted as remains of such a touch.
 const BELIEVED: f64 = 4.0;
 
-/// Time constant with which recent strengths near a position fade while something touches the skin, seconds: what
-/// memory explains then does not enter the reference, and fabric settles in some 10 s. With 5 s, one of 45 recordings of
-/// slides shows a trail as a touch after the next two slides.
+/// Time constant with which recent strengths near a position fade while something touches the skin,
+/// seconds: what the memory explains then does not enter the reference, and fabric settles in some
+/// 10 s. With 5 s, one of 45 recordings of slides shows a trail as a touch after the next two
+/// slides.
 const KEPT_HERE_S: f64 = 20.0;
 
 /// Distance within which hysteresis left by a touch can show, metres.
 const LATE_M: f64 = 20e-3;
 
-/// Strength of the strongest touch of a frame, as far as others make it likely.
+/// Strength of the strongest touch of a frame, limited relative to the others.
 fn strongest_believed(strengths: &[f64]) -> f64 {
     let [first, second] =
         strengths.iter().fold([0.0_f64; 2], |[first, second], &s| match s > first {
@@ -26,7 +28,7 @@ fn strongest_believed(strengths: &[f64]) -> f64 {
     if second > 0.0 { first.min(BELIEVED * second) } else { first }
 }
 
-/// Strongest touches of late, fading.
+/// Strongest recent touches, fading.
 #[derive(Debug, Clone)]
 pub(super) struct Late {
     /// Anywhere, S m^2.
@@ -42,7 +44,7 @@ impl Late {
         Self { strongest_s_m2: 0.0, here_s_m2: vec![0.0; places.len()], was_faint: false }
     }
 
-    /// Takes the touches of a frame, recorded `dt_s` seconds after the previous one.
+    /// Records the touches of a frame, which was recorded `dt_s` seconds after the previous one.
     pub(super) fn take(
         &mut self,
         spots: &[Spot],
@@ -74,7 +76,7 @@ impl Late {
 mod tests {
     use super::*;
 
-    /// One touch alone is believed, and one that is far stronger than all others only in part.
+    /// A single touch counts in full, and one that is far stronger than all others only in part.
     #[test]
     fn the_strength_of_an_outlier_is_not_believed() {
         for (strengths, wanted) in [

@@ -12,34 +12,34 @@ const FAINT: f64 = 1.0;
 /// A touch that has moved less than this counts as still, metres, ...
 const STILL_M: f64 = 3e-3;
 
-/// ... and so does one that has moved less than this many root mean square errors of its position: two
-/// positions of a resting touch differ by more once in `exp(8)` frames. Otherwise noise would lay down
-/// trails that explain the touch away.
+/// ... and so does one that has moved less than this many root mean square errors of its position:
+/// two positions of a resting touch differ by more once in `exp(8)` frames. Otherwise noise would
+/// create trails that explain the touch away.
 const STILL_ERRORS: f64 = 4.0;
 
 /// Width of the bell relative to its radius; a sliding touch lays down its strength once per width.
 const WIDTH_RADII: f64 = 1.77;
 
-/// A touch within this distance of a touch of the previous frame is the same one, metres.
+/// Touches of successive frames within this distance are the same one, metres.
 const SAME_M: f64 = 0.03;
 
-/// Fraction of a trail at which it is discarded.
+/// Fraction of its initial size below which a trail is discarded.
 const FORGOTTEN: f64 = 1e-3;
 
 /// Columns of the fabric's memory in volts of the model's rows, with bounds on their shares.
 ///
-/// Settling is the signal of the touches through a low-pass filter with each time constant; after a lift, a
-/// small part of it remains with the opposite sign. A trail is the most that a press or stroke can have
-/// laid down; hysteresis leaves a small part of it.
+/// Settling is the signal of the touches through a low-pass filter with each time constant; after a
+/// lift, a small part of it remains with the opposite sign. A trail is the largest change that a
+/// press or stroke can have caused; hysteresis leaves a small part of it.
 #[derive(Debug, Clone)]
 pub(super) struct Memory {
     rows: usize,
     settling: [Vec<f64>; 2],
     trails: Vec<Vec<f64>>,
-    /// Length or number of presses that each trail holds, in widths of the bell; 0: unused.
+    /// Length or number of presses in each trail, in widths of the bell; 0: unused.
     laid: Vec<f64>,
     current: usize,
-    /// Where each touch was last laid down, and with what strength.
+    /// Position at which each touch was last added to a trail, and its strength.
     pressed: Vec<(Spot, f64)>,
     next: Vec<(Spot, f64)>,
     /// Whitened columns as if no row were lost and nothing free, and the memory and bounds of each.
@@ -79,7 +79,7 @@ impl Memory {
         self.kept.len()
     }
 
-    /// Whitens the memories that may explain part of the next frame.
+    /// Whitens the memory columns for the next frame.
     pub(super) fn whiten(
         &mut self,
         rows: &Rows,
@@ -105,7 +105,7 @@ impl Memory {
         }
     }
 
-    /// Maps the whitened memories; those that are faint then are left out.
+    /// Maps the whitened memory columns; those that become faint are omitted.
     pub(super) fn prepare(&mut self, whitening: &Whitening) {
         self.whitened.clear();
         self.bounds.clear();
@@ -168,7 +168,8 @@ impl Memory {
         std::mem::swap(&mut self.pressed, &mut self.next);
     }
 
-    /// Lays down one touch: its peak strength where it rests, its strength once per width that it moves.
+    /// Adds one touch to a trail: its peak strength where it rests, its strength once per width
+    /// that it moves.
     fn lay(
         &mut self,
         (spot, strength, error_m): (Spot, f64, f64),

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 
 type Point = [f64; 3];
 
-/// Most positions; more cost more than they find.
+/// Maximum number of positions; more cost time and find little.
 const MOST_PLACES: f64 = 2000.0;
 
 /// Radius of a position's neighbourhood, in spacings: a step of one spacing from the edge of a position's own
@@ -35,7 +35,8 @@ pub(super) struct Spot {
     /// Step along the place's tangents, metres.
     pub(super) step_m: [f64; 2],
     pub(super) position_m: Point,
-    /// Covariance of the position, square metres, if it comes from what the touch does to electrodes; fits then keep it.
+    /// Covariance of the position, square metres, if the position comes from the touch's effect on
+    /// electrodes; fits then keep it.
     pub(super) spread_m2: Option<[[f64; 3]; 3]>,
 }
 

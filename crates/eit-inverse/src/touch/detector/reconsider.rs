@@ -21,25 +21,27 @@ use super::search::{Fit, MERGE, Scene};
 use super::whitening::dot;
 use crate::geometry::distance_m;
 
-/// Reach of the search around a touch, metres: from where a finger beyond the outer electrodes looks to be without its
-/// actions to where it is.
+/// Reach of the search around a touch, metres: from the apparent position of a finger beyond the
+/// outer electrodes, without its actions, to its true one.
 const REACH_M: f64 = 50e-3;
 
-/// Most touches of a frame that are reconsidered, for its time: six fingers on the paper's disc gain nothing by it, and the
-/// slowest frames would take twice as long.
+/// Maximum number of touches for which a frame is reconsidered: six fingers on the paper's disc
+/// gain nothing by it, and the slowest frames would take twice as long.
 const MOST_TOUCHES: usize = 4;
 
-/// Touches of more worth are left where they are.
+/// Touches with a higher evidence ratio are left where they are.
 const SURE: f64 = 4.0;
 
-/// ... and those placed better than this without their actions, metres, root mean square.
+/// ... and so are those whose position error without their actions is smaller than this, metres,
+/// root mean square.
 const VAGUE_M: f64 = 3e-3;
 
-/// Most by which the cost may rise at the mean of the places where a touch may be, in units of evidence.
+/// Largest increase of the cost at the mean of the possible positions of a touch, in units of
+/// evidence.
 const SLACK: f64 = 0.2;
 
-/// Least worth without its actions of a touch beside others: what a sliding finger does to electrodes far away is not
-/// known well.
+/// Least evidence ratio, without its actions, of a touch beside others: the effect of a sliding
+/// finger on distant electrodes is not known well.
 const OWN_WORTH: f64 = 1.25;
 
 /// Positions known better than this are refined by fits, metres, ...
@@ -48,11 +50,12 @@ const SHARP_M: f64 = 4e-3;
 /// ... unless fits move them farther than this, metres, ...
 const AWAY_M: f64 = 10e-3;
 
-/// ... and error of others for the distance between the positions scanned.
+/// ... and position error of the others as a multiple of the distance between the scanned
+/// positions.
 const GRID_M: f64 = 3e-3;
 
 impl TouchDetector {
-    /// Collects the places at which a touch may be.
+    /// Collects candidate positions of touches.
     pub(super) fn collect(&mut self) {
         let Self { candidates, search, before, first, .. } = self;
         first.copy_from(&search.best);
@@ -61,8 +64,8 @@ impl TouchDetector {
         candidates.extend_from_slice(&before.spots);
     }
 
-    /// Moves touches of little worth to where they explain more together with their actions, and takes back those that
-    /// were dropped only because their actions alone explain as much.
+    /// Moves weak touches to where they explain more together with their actions, and restores
+    /// those that were dropped only because their actions alone explain as much.
     pub(super) fn reconsider(&mut self) {
         self.is_joint = false;
         let is_sure = self.search.best.worth.iter().all(|worth| *worth >= SURE);
@@ -88,7 +91,7 @@ impl TouchDetector {
         self.held = fit;
     }
 
-    /// Copies those of the first and the last search's touches which explain the frame better.
+    /// Starts from the touches of the first or the last search, whichever explain the frame better.
     fn start_from_better(&mut self, fit: &mut Fit) {
         fit.copy_from(&self.search.best);
         let cost = self.cost(fit);
@@ -103,7 +106,7 @@ impl TouchDetector {
         self.weigh(fit);
     }
 
-    /// Makes these the frame's touches.
+    /// Sets these as the touches of the frame.
     fn finish(&mut self, fit: &mut Fit) {
         self.assess(fit, None);
         self.search.best.copy_from(fit);
@@ -123,7 +126,7 @@ impl TouchDetector {
         evidence.cost(rest) + self.scene().price(&fit.spots)
     }
 
-    /// Drops touches which explain too little even together with their actions.
+    /// Drops touches that explain too little even together with their actions.
     fn drop_weak(&mut self, fit: &mut Fit) {
         loop {
             let with = self.assess(fit, None);
@@ -151,12 +154,12 @@ impl TouchDetector {
         }
     }
 
-    /// Least worth of a touch beside others without its actions.
+    /// Least evidence ratio of a touch beside others, without its actions.
     fn least_own(&self) -> f64 {
         if self.before.sliding().next().is_some() { OWN_WORTH } else { 1.0 }
     }
 
-    /// Least fall of chi^2 and least worth of a touch.
+    /// Least decrease of chi^2 and least evidence ratio of a touch.
     fn least_of(&self, at_m: [f64; 3]) -> (f64, f64) {
         match self.scene().is_known(at_m) {
             true => (self.settings.least_gain_of_known, self.settings.least_ratio_of_known),
@@ -164,8 +167,8 @@ impl TouchDetector {
         }
     }
 
-    /// Fall of the cost `with` a touch and its actions from what pressure on contacts or a gain of one electrode leave in
-    /// its place.
+    /// Decrease of the cost by a touch and its actions, compared with pressure on contacts or a
+    /// gain of one electrode in its place.
     fn gain_of_touch(&mut self, fit: &Fit, k: usize, with: f64) -> f64 {
         let mut without = std::mem::take(&mut self.third);
         without.copy_from(fit);
@@ -179,7 +182,7 @@ impl TouchDetector {
         cost - with
     }
 
-    /// Candidates at which no touch is.
+    /// Candidates without a touch.
     fn missing(&self) -> impl Iterator<Item = usize> {
         let near_m = MERGE * self.settings.apart_m;
         let best = &self.search.best.spots;
@@ -235,7 +238,7 @@ impl TouchDetector {
         self.search.weigh(&scene, &self.whitened, fit, evidence);
     }
 
-    /// Moves a touch to where it and its actions explain most.
+    /// Moves a touch to where it explains most together with its actions.
     fn relocate(&mut self, fit: &mut Fit, k: usize) {
         let cost = self.assess(fit, None);
         let unit = self.evidence().unit(fit.rest);
@@ -287,8 +290,8 @@ impl TouchDetector {
         )
     }
 
-    /// Where a touch is: at its mean position if what it does to electrodes hardly says where, else at the best one, from
-    /// which fits go on.
+    /// Position of a touch: the mean if its effect on electrodes hardly determines it, else the
+    /// best one, which fits then refine.
     fn spot_of(&self, found: &Found) -> Spot {
         match found.std_m() < SHARP_M {
             true => self.places.spot(found.place),
@@ -302,7 +305,8 @@ impl TouchDetector {
         Spot { spread_m2: Some(spread_m2), ..self.places.nearest(found.mean_m) }
     }
 
-    /// The same as [`assess`](Self::assess); a touch that its own response alone would pull away stays where it was found.
+    /// Like [`assess`](Self::assess), but a touch that would move away without its actions stays
+    /// where it was found.
     fn assess_near(&mut self, fit: &mut Fit, k: usize, found: &Found) -> f64 {
         let cost = self.assess(fit, None);
         let from_m = self.places.at[found.place].position_m;
@@ -314,7 +318,7 @@ impl TouchDetector {
         self.assess(fit, None)
     }
 
-    /// Adds a touch within reach of a place if it and its actions explain enough.
+    /// Adds a touch near a position if it explains enough together with its actions.
     fn try_again(&mut self, fit: &mut Fit, from_m: [f64; 3]) {
         let (near_m, apart_m) = (MERGE * self.settings.apart_m, self.settings.apart_m);
         let is_free = |at_m: [f64; 3], near_m: f64| {
@@ -343,7 +347,7 @@ impl TouchDetector {
         self.other = other;
     }
 
-    /// Whether a further touch and its actions explain enough; sets its worth.
+    /// Whether a further touch explains enough together with its actions; sets its evidence ratio.
     fn is_enough(&mut self, fit: &mut Fit, new: usize, found: &Found) -> bool {
         let with = self.assess_near(fit, new, found);
         let unit = self.evidence().unit(fit.rest);

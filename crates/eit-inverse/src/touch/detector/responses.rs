@@ -6,14 +6,14 @@
 use super::places::Spot;
 use super::whitening::Whitening;
 
-/// Most positions that are kept: 200 kB for 104 rows. All are forgotten when another one comes.
+/// Maximum number of cached positions: 200 kB for 104 rows. A further one clears the cache.
 const MOST: usize = 80;
 
 /// Whitened responses and derivatives by position.
 #[derive(Debug, Clone)]
 pub(super) struct Responses {
     rows: usize,
-    /// The whitening that they are of.
+    /// State of the whitening for which they were computed.
     state: Option<u64>,
     places: Vec<usize>,
     /// `[position][value, along 1, along 2][row]`.
@@ -26,8 +26,8 @@ impl Responses {
         Self { rows, state: None, places: Vec::with_capacity(MOST), columns }
     }
 
-    /// Writes the whitened response at a spot and its two derivatives, one after the other, without lost rows; `own` are
-    /// those of its position, whitened as if no row were lost.
+    /// Writes the whitened response at a spot and its two derivatives, one after the other, without
+    /// lost rows; `own` are those of its nearest position, whitened as if no row were lost.
     pub(super) fn write(
         &mut self,
         own: [&[f64]; 3],
@@ -65,7 +65,8 @@ mod tests {
     use faer::Mat;
     use fixtures::Random;
 
-    /// Whatever is lost or free, and however many positions there are, a kept response is what whitening it anew gives.
+    /// A cached response equals a newly whitened one, whichever rows are lost or unknowns free, and
+    /// however many positions there are.
     #[test]
     fn kept_responses_are_those_of_the_present_whitening() {
         let (n, mut random) = (7, Random::new(4));

@@ -51,7 +51,7 @@ impl Mismatch {
     }
 }
 
-/// Part of the median voltage from which on the model's sign is certain.
+/// Fraction of the median voltage above which the sign of the model's voltage is certain.
 const CLEAR: f64 = 0.1;
 
 /// Whether a reference holds magnitudes of voltages of both signs. `pairs`: voltages of the model and of the reference.

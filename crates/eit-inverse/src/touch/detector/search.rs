@@ -20,7 +20,7 @@ use crate::geometry::distance_m;
 /// Gauss-Newton steps of each fit; starts are at most half a spacing away.
 const STEPS: usize = 4;
 
-/// Step from which on positions no longer change by what matters, metres.
+/// Step length below which positions no longer change significantly, metres.
 const ARRIVED_M: f64 = 2e-5;
 
 /// Damping of those steps relative to each unknown's own curvature, ...
@@ -39,24 +39,24 @@ const PRICE: f64 = 1.6;
 /// The same for a touch that continues one of the previous frame.
 const PRICE_OF_KNOWN: f64 = 1.25;
 
-/// The same for a touch that splits off a sliding one: within the distance below of it and of its place in the previous
-/// frame. One finger was shown as two at its sides with factors of up to 3; fingers that land 22 to 45 mm beside
-/// another one are found as early as without this price.
+/// The same for a touch that splits off a sliding one: within the distance below of that touch and
+/// of its previous position. One finger was shown as two at its sides with factors of up to 3;
+/// fingers that land 22 to 45 mm beside another one are found as early as without this price.
 const PRICE_OF_SPLIT: f64 = 4.0;
 const SPLIT_M: f64 = 35e-3;
 
-/// Factor by which the residual must grow without a touch that has slid and goes on at less than an eighth of its
-/// strength of late, after a frame with nothing stronger. What memory leaves of a slide that has ended made it grow 2.1 to
-/// 3.3 times; a finger as strong, by what the same one did at full strength, would have made it grow 8 to 12 times. Fingers
-/// that lift may do less for one frame.
+/// Factor by which the residual must grow without a touch that has slid and continues at less than
+/// an eighth of its recent strength, after a frame with nothing stronger. The remains of a finished
+/// slide made it grow 2.1 to 3.3 times; a finger of that strength would have made it grow 8 to 12
+/// times. Fingers that lift may fall below it for one frame.
 const LEFT_RATIO: f64 = 4.0;
 
-/// The same for one touch in place of two that began as fingers of their own. While the dents of both are free, one bell
-/// fits two fingers nearly as well.
+/// The same for one touch in place of two that began separately. While the dents of both are free,
+/// one bell fits two fingers nearly as well.
 const PRICE_OF_MERGING: f64 = 1.6;
 
-/// Closer to any touch than this fraction of the least distance: parts of one finger's print. Without it, one
-/// of six recordings of closing fingers shows a third for 16 frames.
+/// Fraction of the least distance below which a further touch belongs to the print of another one.
+/// Without it, one of six recordings of closing fingers shows a third touch for 16 frames.
 const CLOSE: f64 = 0.88;
 
 /// If one electrode's gain leaves less than this fraction of what touches leave, it replaces the touches.
@@ -64,23 +64,23 @@ const CLOSE: f64 = 0.88;
 /// was 0.87 and less.
 const INSTEAD: f64 = 0.95;
 
-/// A gain that leaves less than this fraction of the frame also replaces several touches, unless each beyond the
-/// first lowers the residual's excess by this factor: a gain that falls looks like a group of touches around its
-/// electrode. On simulated fabrics two fingers left less than a hundredth of what the best gain did, six a
-/// thousandth.
+/// A gain that leaves less than this fraction of the frame also replaces several touches, unless
+/// each beyond the first lowers the excess of the residual by this factor: a falling gain looks
+/// like a group of touches around its electrode. On simulated fabrics two fingers left less than a
+/// hundredth of the residual of the best gain, six a thousandth.
 const MOSTLY: f64 = 0.25;
-/// ... of a frame that it explains: to this fraction, or to little per row. A finger whose touches explain a frame 55 times
-/// better was taken for the gain of the electrode beside one that drifts (it left 0.14; with 0.05 electrodes that drift are
-/// named later).
+/// ... of a frame that it explains: to this fraction, or to a small residual per row. A finger
+/// whose touches explained a frame 55 times better was replaced by the gain of the electrode beside
+/// a drifting one (it left 0.14; with 0.05 drifting electrodes are named later).
 const EXPLAINED: f64 = 0.1;
 const PRICE_BESIDE_GAIN: f64 = 4.0;
-/// Most touches that are paid for in this way.
+/// Maximum number of touches that have a price in this way.
 const MOST_PAID: usize = 3;
 
-/// Most touches in the previous frame with which the search also starts from nothing.
+/// Maximum number of touches in the previous frame for which the search also starts from nothing.
 const FRESH_UP_TO: usize = 3;
 
-/// Least fall of chi^2 for which a further position is tried at all.
+/// Least decrease of chi^2 at which a further position is tried.
 const TRIED: f64 = 12.0;
 
 /// A position whose touch lowers chi^2 by this much, but not enough, is remembered for one frame, ...
@@ -89,17 +89,19 @@ const REMEMBERED: f64 = 14.0;
 /// ... and is a touch if both frames together lower it by this much.
 const TWICE: f64 = 40.0;
 
-/// Number of other touches beyond which the least share of a new touch grows, by half with each. Six fingers look like a
-/// seventh of up to a quarter of their strength; beside three already, fingertips of a hand would be lost.
+/// Number of other touches above which the least share of a new touch increases, by half with each.
+/// Six fingers show a seventh of up to a quarter of their strength; with a limit of three,
+/// fingertips of a hand would be lost.
 const CROWD: f64 = 4.0;
 
 /// Touches closer than this fraction of the least distance are merged: the weaker one is dropped.
 pub(super) const MERGE: f64 = 0.7;
 
-/// No press is exactly a bell. A touch closer to a stronger one than this fraction of the least distance ...
+/// A press is never exactly a bell. A touch closer to a stronger one than this fraction of the
+/// least distance ...
 const BESIDE: f64 = 1.2;
 
-/// ... and fainter than this fraction of its strength belongs to it.
+/// ... and weaker than this fraction of its strength is part of it.
 const BESIDE_SHARE: f64 = 0.35;
 
 /// Touches that together explain a frame.
@@ -125,7 +127,7 @@ impl Fit {
     }
 }
 
-/// What a search needs to know about the skin.
+/// Quantities of the skin that a search needs.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub(super) places: &'a Places,
@@ -156,8 +158,8 @@ impl Scene<'_> {
         (0..spots.len()).map(of).sum::<f64>() + self.merged(spots) as f64 * PRICE_OF_MERGING.ln()
     }
 
-    /// Number of touches of the previous frame that began as fingers of their own and whose nearest touch is also that
-    /// of an earlier one of them.
+    /// Number of touches of the previous frame that began separately and share their nearest touch
+    /// with an earlier one of them.
     fn merged(&self, spots: &[Spot]) -> usize {
         let nearest = |before: &Spot| {
             let way_m = |spot: &Spot| distance_m(spot.position_m, before.position_m);
@@ -172,8 +174,8 @@ impl Scene<'_> {
         alone().filter(is_merged).count()
     }
 
-    /// Whether a touch is beside one that continues a touch of the previous frame, closer than two touches are sought or
-    /// a sliding one, and itself continues none.
+    /// Whether a touch has split off: it lies beside one that continues a touch of the previous
+    /// frame, closer than two touches may be or beside a sliding one, and continues none itself.
     fn is_split_off(&self, spots: &[Spot], k: usize) -> bool {
         let way_m = |a: &Spot, b: &Spot| distance_m(a.position_m, b.position_m);
         let goes_on = |before: &Spot| {
@@ -214,7 +216,7 @@ impl Scene<'_> {
             .max(settings.least_share_of_here * here)
     }
 
-    /// Evidence of the previous frame for a touch here that was too weak then, chi^2.
+    /// Evidence of the previous frame for a touch here that was then too weak, chi^2.
     fn earlier(&self, at_m: [f64; 3]) -> f64 {
         let near = self.weak.iter().filter(|(weak_m, _)| distance_m(*weak_m, at_m) < SAME_M);
         near.map(|(_, gain)| *gain).fold(0.0, f64::max)
@@ -299,8 +301,9 @@ impl Search {
         self.choose(scene, y, evidence);
     }
 
-    /// Prunes the best touches, and takes those that were known before the search instead if they, pruned too,
-    /// explain the frame better: of touches beside the right places, pruning can leave fewer than there are.
+    /// Prunes the best touches, and replaces them by the touches known before the search if those,
+    /// also pruned, explain the frame better: if touches lie beside the true positions, pruning can
+    /// leave too few.
     fn choose(&mut self, scene: &Scene<'_>, y: &[f64], evidence: Evidence) {
         self.backward(scene, y, evidence);
         let cost = |fit: &Fit| evidence.cost(fit.rest) + scene.price(&fit.spots);
@@ -317,8 +320,9 @@ impl Search {
         }
     }
 
-    /// Searches from the touches of the previous frame on, and from nothing: wrong touches must not keep the
-    /// right ones away. The second search is left out while there are many touches, for its time.
+    /// Searches starting from the touches of the previous frame, and from nothing, so that wrong
+    /// touches do not exclude the right ones. The second search is left out while there are many
+    /// touches, for its time.
     ///
     /// Keeps the touches with the least cost of the residual plus `ln(price)` of each touch.
     fn forward(&mut self, scene: &Scene<'_>, y: &[f64], evidence: Evidence) {
@@ -376,7 +380,7 @@ impl Search {
         self.trial = trial;
     }
 
-    /// Finds where a further touch would explain most of the residual.
+    /// Finds the position at which a further touch would explain most of the residual.
     fn next_place(&mut self, scene: &Scene<'_>, path: &Fit) -> Option<usize> {
         self.back.copy_from_slice(&self.residual);
         scene.whitening.project_back(&mut self.back);
@@ -401,8 +405,8 @@ impl Search {
         best
     }
 
-    /// Repeatedly drops the touch of least worth among those of too little worth, too faint or too close to
-    /// a stronger one, and fits the others again.
+    /// Repeatedly drops the weakest of the touches that have too little evidence, are too faint or
+    /// too close to a stronger one, and fits the others again.
     fn backward(&mut self, scene: &Scene<'_>, y: &[f64], evidence: Evidence) {
         self.weak.clear();
         let mut best = std::mem::take(&mut self.best);
@@ -461,13 +465,14 @@ impl Search {
         self.best = best;
     }
 
-    /// Whether the best touches are all so faint beside a recent one that they may be what it left behind.
+    /// Whether all of the best touches are so faint beside a recent one that they may be its
+    /// remains.
     pub(super) fn may_be_left_behind(&self, scene: &Scene<'_>) -> bool {
         let least = scene.settings.least_share_of_here * scene.late.strongest_s_m2;
         !self.best.spots.is_empty() && self.best.strengths.iter().all(|s| *s < least)
     }
 
-    /// Drops those of the best touches that a changed covariance explains; `y` is whitened by it.
+    /// Drops the best touches that the changed covariance explains; `y` is whitened by it.
     pub(super) fn prune(&mut self, scene: &Scene<'_>, y: &[f64]) {
         let evidence = Evidence::new(scene.whitening.expected(), scene.whitening.present());
         let mut without = std::mem::take(&mut self.trial);
@@ -478,9 +483,10 @@ impl Search {
         self.backward(scene, y, evidence);
     }
 
-    /// Whether one electrode's gain, which leaves the residual `rest`, explains the frame better than the best
-    /// touches. Several touches can imitate a gain, so each beyond the first must be worth its price; with few electrodes
-    /// ([`gains::share`]) a gain imitates touches as well, and none has a price.
+    /// Whether one electrode's gain, which leaves the residual `rest`, explains the frame better
+    /// than the best touches. Several touches can imitate a gain, so each beyond the first must
+    /// reach its price; with few electrodes ([`gains::share`]) a gain imitates touches as well, and
+    /// none has a price.
     pub(super) fn is_beaten_by_gain(&self, scene: &Scene<'_>, rest: f64) -> bool {
         let evidence = Evidence::new(scene.whitening.expected(), scene.whitening.present());
         let share = gains::share(scene.whitening);
@@ -528,8 +534,8 @@ impl Search {
         }
     }
 
-    /// Takes what lies in the span of these touches' responses and their derivatives, `basis`, out of whitened data. The
-    /// best touches have to be fitted again afterwards.
+    /// Removes the span of these touches' responses and their derivatives, `basis`, from whitened
+    /// data. Afterwards the best touches must be fitted again.
     pub(super) fn without(
         &mut self,
         scene: &Scene<'_>,
@@ -573,7 +579,8 @@ impl Search {
         }
     }
 
-    /// Returns the fall of chi^2 by each of several touches that are fitted together from given positions on.
+    /// Returns the decrease of chi^2 by each of several touches that are fitted together, starting
+    /// at given positions.
     pub(super) fn gains_at(&mut self, scene: &Scene<'_>, y: &[f64], spots: Vec<Spot>) -> Vec<f64> {
         let mut fit = Fit { spots, ..Fit::default() };
         self.fit(scene, y, &mut fit);
@@ -585,10 +592,8 @@ impl Search {
         (0..touches).map(|k| whole - fall(Some(k))).collect()
     }
 
-    /// Fits positions and strengths of all touches together.
-    ///
-    /// If full steps end in a worse fit than they began with, they are undone and replaced by damped steps,
-    /// none of which may make the fit worse.
+    /// Fits positions and strengths of all touches together. If full steps increase the residual,
+    /// they are undone and replaced by damped steps, none of which may increase it.
     pub(super) fn fit(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
         self.fit_strengths(scene, y, fit);
         if fit.spots.is_empty() {

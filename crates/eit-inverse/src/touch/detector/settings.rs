@@ -39,11 +39,12 @@ pub struct DetectorSettings {
     /// Least decrease of chi^2 by a new touch, in units of the noise with all nuisance parameters. Default 36:
     /// noise alone exceeds it at one of some hundred independent positions once in about four million frames.
     pub least_gain: f64,
-    /// Least worth of a new touch, see [`DetectedTouch::worth`](super::DetectedTouch::worth). Default 1.8.
+    /// Least evidence ratio of a new touch, see
+    /// [`DetectedTouch::worth`](super::DetectedTouch::worth). Default 1.8.
     pub least_ratio: f64,
     /// Least decrease of chi^2 by a touch that the previous frame showed too. Default 9.
     pub least_gain_of_known: f64,
-    /// Least worth of a touch that the previous frame showed too. Default 1.25.
+    /// Least evidence ratio of a touch that the previous frame showed too. Default 1.25.
     pub least_ratio_of_known: f64,
     /// Time constant with which the reference follows what touches do not explain, while nothing touches
     /// the skin, seconds. Default 1.

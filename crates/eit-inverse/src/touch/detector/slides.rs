@@ -3,32 +3,35 @@
 use super::places::Spot;
 use crate::geometry::distance_m;
 
-/// Time constant of the place from which a slide is measured, seconds.
+/// Time constant of the reference point from which a slide is measured, seconds.
 const BEGAN_S: f64 = 0.5;
 
-/// Way from which a touch counts as sliding, metres. At 20 frames a second a resting touch hardly moves by more when
-/// another finger lands beside it; one of 15 mm/s has slid by 7 mm.
+/// Distance from that point above which a touch counts as sliding, metres. At 20 frames a second a
+/// resting touch hardly moves farther when another finger lands beside it; at 15 mm/s it has moved
+/// by 7 mm.
 const SLIDES_M: f64 = 5e-3;
 
-/// Way of late from which on a touch drags the fabric along until it ends, metres: a finger that slides by 10 mm/s has this
-/// way after half a second. Fabric that a finger has dragged along stays so until it lifts.
+/// Recent path above which a touch drags the fabric along until it ends, metres: a finger that
+/// slides at 10 mm/s reaches it after half a second. The fabric stays dragged until the finger
+/// lifts.
 const DRAGS_M: f64 = 3e-3;
-/// ... unless its place is not known that well: the same in its errors. Without it, trembling touches beyond corner snaps may
-/// drag, and one of three recordings of them shows a touch in 16 untouched frames.
+/// ... unless its position is too uncertain: the same in units of the position error. Without it,
+/// trembling touches beyond corner snaps may drag, and one of three such recordings shows a touch
+/// in 16 untouched frames.
 const DRAGS_ERRORS: f64 = 3.0;
 
-/// A touch within this distance of a touch of the previous frame is the same one, metres.
+/// Touches of successive frames within this distance are the same one, metres.
 pub(super) const SAME_M: f64 = 15e-3;
 
-/// A touch that begins with no other one within this distance is a finger of its own and not a part of another's
-/// print, metres.
+/// Distance within which no other touch may be for a new touch to count as a separate finger,
+/// metres.
 const ALONE_M: f64 = 35e-3;
 
-/// The touches of the previous frame, and where each of them was half a second ago.
+/// The touches of the previous frame, and their positions half a second ago.
 #[derive(Debug, Clone)]
 pub(super) struct Slides {
     pub(super) spots: Vec<Spot>,
-    /// Mean places, with exponentially falling weights of the past.
+    /// Mean positions, with exponentially decaying weights.
     began_m: Vec<[f64; 3]>,
     /// Whether no other touch was near when it began.
     began_alone: Vec<bool>,
@@ -52,7 +55,8 @@ impl Slides {
         }
     }
 
-    /// Takes the touches of a frame recorded `dt_s` seconds after the previous one, and their root mean square errors.
+    /// Records the touches of a frame recorded `dt_s` seconds after the previous one, and their
+    /// root mean square position errors.
     pub(super) fn take(&mut self, spots: &[Spot], errors_m: &[f64], dt_s: f64) {
         let weight = -(-dt_s / BEGAN_S).exp_m1();
         self.next_m.clear();
@@ -88,12 +92,12 @@ impl Slides {
         self.spots.extend(spots.iter().map(|spot| Spot { spread_m2: None, ..*spot }));
     }
 
-    /// Whether a touch of the previous frame that began alone may continue here.
+    /// Whether this may continue a touch of the previous frame that began separately.
     pub(super) fn began_alone(&self, at_m: [f64; 3]) -> bool {
         self.before(at_m).is_some_and(|k| self.began_alone[k])
     }
 
-    /// Whether a touch of the previous frame that has slid may continue here.
+    /// Whether this may continue a touch of the previous frame that has slid.
     pub(super) fn has_slid(&self, at_m: [f64; 3]) -> bool {
         self.before(at_m).is_some_and(|k| self.dragged[k])
     }
@@ -105,7 +109,7 @@ impl Slides {
         near.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
     }
 
-    /// Touches of the previous frame that began alone.
+    /// Touches of the previous frame that began separately.
     pub(super) fn alone(&self) -> impl Iterator<Item = &Spot> {
         let spots = self.spots.iter().zip(&self.began_alone);
         spots.filter(|(_, alone)| **alone).map(|(spot, _)| spot)
@@ -130,8 +134,8 @@ mod tests {
         Spot { place: 0, step_m: [0.0; 2], position_m: [x, 0.0, 0.0], spread_m2: None }
     }
 
-    /// A touch of 15 mm/s slides after half a second and no longer does half a second after it stopped; one that
-    /// trembles by a millimetre never does, nor one that appears elsewhere.
+    /// A touch at 15 mm/s counts as sliding after half a second, and no longer half a second after
+    /// it stopped; one that trembles by a millimetre never does, nor one that appears elsewhere.
     #[test]
     fn a_slide_is_told_from_a_tremble() {
         let mut slides = Slides::new(2);
@@ -153,7 +157,8 @@ mod tests {
         assert!(!has_slid(&slides, 0.2));
     }
 
-    /// A touch that began alone stays so beside another one; one that began beside it does not.
+    /// A touch that began separately stays so beside another one; one that began beside it does
+    /// not.
     #[test]
     fn who_began_alone() {
         let mut slides = Slides::new(3);

@@ -18,14 +18,15 @@ pub struct DetectedTouch {
     pub strength_std_s_m2: f64,
     /// Peak of the conductivity change, siemens, with its sign.
     pub peak_s: f64,
-    /// 1 plus the chi^2 that this touch removes over what the residual has beyond the noise (but at least 0.3
-    /// per row): the factor by which the residual grows without it, where the model's error dominates.
+    /// One plus the chi^2 that this touch removes divided by the excess of the residual over the
+    /// noise (at least 0.3 per row): the factor by which the residual grows without it, where the
+    /// model's error dominates.
     pub worth: f64,
     /// Result of the map learnt from presses at known positions and forces, if there is one.
     pub learnt: Option<LearntTouch>,
 }
 
-/// What a map learnt from presses says about a touch.
+/// Results of a map learnt from presses for a touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LearntTouch {
@@ -53,16 +54,18 @@ pub struct DetectorStep {
     pub blamed: Option<usize>,
 }
 
-/// Largest residual of an explained frame, over its number of rows. Simulated fabrics leave up to 50 under the
-/// touches that were found and up to 7 without any; frames whose voltages change the other way leave 1 000 and more.
+/// Largest residual of an explained frame, over its number of rows. Simulated fabrics leave up to
+/// 50 with the touches that were found and up to 7 without any; frames whose voltages change the
+/// other way leave 1 000 and more.
 pub(super) const MOST_PER_ROW: f64 = 20.0;
 /// Largest part of a frame's squared length that an explained frame leaves: strong touches leave more per row, since
 /// the model is linear, but up to a quarter of their own frame.
 const MOST_OF_FRAME: f64 = 0.3;
 
 impl DetectorStep {
-    /// Returns whether touches, or the absence of any, explain the frame: little is left of it, or little per row.
-    /// Data of another kind, such as touches that change the conductivity the other way, is not explained.
+    /// Returns whether touches, or the absence of any, explain the frame: the residual is small, in
+    /// total or per row. Other data, such as touches that change the conductivity the other way, is
+    /// not explained.
     pub fn is_explained(&self) -> bool {
         self.chi_square_rest <= MOST_PER_ROW * self.rows.max(1) as f64
             || self.chi_square_rest <= MOST_OF_FRAME * self.chi_square
@@ -73,7 +76,7 @@ impl DetectorStep {
 mod tests {
     use super::*;
 
-    /// A frame is explained by what little is left of it or of each of its rows; either is enough.
+    /// A frame is explained by a small residual relative to the frame or per row; either suffices.
     #[test]
     fn explained_by_part_or_by_row() {
         let step = |chi_square: f64, chi_square_rest: f64| DetectorStep {

@@ -7,10 +7,10 @@ use crate::check::check_positive;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, MatRef, Par, Side};
 
-/// A lost row that the other rows determine almost alone has no direction of its own.
+/// A lost row that the other rows almost determine has no direction of its own.
 const DEPENDENT: f64 = 1e-10;
 
-/// A local unknown whose whitened column is shorter than this changes nothing.
+/// A local unknown whose whitened column is shorter than this is ignored.
 const FAINT: f64 = 1e-3;
 
 /// `W = L^-1` of the covariance `C = L L'` of the rows, and the rows that are lost.
@@ -44,8 +44,8 @@ pub(super) struct Whitening {
     free_columns: Vec<f64>,
     /// Further whitened columns that are free, as if no row were lost: `[column][row]`.
     further: Vec<f64>,
-    /// Unit vectors, one after the other, by which data are mapped in this order: each keeps a part of what
-    /// lies along it. Nothing is kept of lost rows, whose directions come first.
+    /// Unit vectors by which data are mapped, in this order: each scales the component along it.
+    /// The directions of lost rows come first and are removed.
     directions: Vec<f64>,
     kept: Vec<f64>,
     /// Number of changes of the directions.
@@ -99,7 +99,8 @@ impl Whitening {
         self.rows
     }
 
-    /// Names what is lost and free: another number after each change.
+    /// Identifies the set of lost rows and free unknowns; the number changes with each change of
+    /// them.
     pub(super) fn state(&self) -> u64 {
         self.state
     }
@@ -155,7 +156,7 @@ impl Whitening {
         self
     }
 
-    /// Maps a whitened vector: nothing of the lost rows remains, and a part of what free unknowns explain.
+    /// Maps a whitened vector: removes the lost rows, and scales what free unknowns explain.
     pub(super) fn project(&self, y: &mut [f64]) {
         self.project_by(y, self.kept.len());
     }
@@ -379,7 +380,7 @@ pub(super) fn widest<R>(loops: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(loops)
 }
 
-/// Keeps a fraction of what lies along a unit vector.
+/// Scales the component along a unit vector.
 #[inline(always)]
 fn shrink(y: &mut [f64], direction: &[f64], kept: f64) {
     let part = (1.0 - kept) * dot(direction, y);

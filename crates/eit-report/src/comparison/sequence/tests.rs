@@ -102,7 +102,7 @@ fn noise_has_its_level() {
     assert_eq!(clean.reference, voltages.reference.to_vec());
 }
 
-/// Noise from one seed only scales with its level.
+/// Noise of one seed has the same shape at every level.
 #[test]
 fn noise_of_one_seed_scales() {
     let voltages = voltages(&small());

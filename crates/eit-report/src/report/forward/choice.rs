@@ -7,7 +7,7 @@ pub(super) const TARGETS: [f64; 3] = [1e-2, 1e-3, 1e-4];
 
 /// Returns the mesh and element order that take the least time for an error, among those accepted
 /// by `is_tried`. A mesh counts only if every finer one on its curve also achieves the error: the
-/// error of coarse meshes changes sign, so a small one may be luck.
+/// error of coarse meshes changes sign, so it may be small by chance.
 pub(super) fn cheapest(
     points: &[ForwardPoint],
     target: f64,

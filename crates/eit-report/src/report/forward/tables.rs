@@ -109,7 +109,6 @@ fn cells(scene: &str, point: &ForwardPoint) -> Vec<String> {
     ]
 }
 
-/// Returns the results as JSON.
 pub(in super::super) fn json(all: &[ForwardResults]) -> Value {
     let of_target = |results: &ForwardResults, target: f64| {
         json!({

@@ -7,12 +7,13 @@ use super::{FaultMonitor, check_time};
 use crate::error::SkinError;
 use crate::faults::FaultKind;
 
-/// Number of consecutive frames in which an electrode's measurements must have jumped: one is no proof.
+/// Number of consecutive frames in which an electrode's measurements must have jumped; a single
+/// frame is not enough.
 const FRAMES: usize = 2;
 
 impl FaultMonitor {
-    /// Takes whether touches, or the absence of any, explain the last frame pushed. In frames that they do not explain,
-    /// electrodes are faulty whose measurements have changed by far more than touches change them, and no others.
+    /// Sets whether touches, or their absence, explain the last frame. In an unexplained frame,
+    /// electrodes whose measurements have changed by far more than touches could are faulty.
     ///
     /// # Errors
     ///

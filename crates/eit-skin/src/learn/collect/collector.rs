@@ -21,7 +21,8 @@ const UNTOUCHED_FRAMES: usize = 8;
 const UNTOUCHED_S: f64 = 2.0;
 /// Assumed frame rate if neither the instrument nor a clock tells, hertz.
 const DEFAULT_RATE_HZ: f64 = 20.0;
-/// Frames just before a press is noticed may already show it: so much is left out of the untouched ones, seconds.
+/// Time before a press is noticed that is excluded from the untouched frames, because they may
+/// already show the press, seconds.
 const GUARD_S: f64 = 0.1;
 /// Fewest untouched frames before a press.
 const LEAST_BEFORE: usize = 3;
@@ -67,7 +68,7 @@ impl CollectSettings {
     }
 }
 
-/// A press that is asked for.
+/// A press that the program asks the user for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AskedPress {
     /// Number of the press, from 0.

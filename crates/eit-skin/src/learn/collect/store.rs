@@ -19,7 +19,7 @@ const MOST_BYTES: u64 = 64 << 20;
 /// Presses that were stored earlier.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredPresses {
-    /// The presses.
+    /// Presses in the order in which they were collected.
     pub presses: Vec<CollectedPress>,
     /// Number of frames of the recording.
     pub frames: usize,
@@ -102,7 +102,7 @@ impl PressStore {
         Ok(self.writer.note(text)?)
     }
 
-    /// Writes what has waited for long; call it when no frame arrives.
+    /// Writes data that has been buffered for long; call it when no frame arrives.
     ///
     /// # Errors
     /// Those of [`PressStore::frame`].
