@@ -116,7 +116,7 @@ impl LinearisedSkin {
     }
 
     /// Returns what is subtracted and divided by, for methods that use the element Jacobian.
-    pub fn difference_data(&self) -> DifferenceData {
+    pub(crate) fn difference_data(&self) -> DifferenceData {
         match self.difference_kind() {
             DifferenceKind::Plain => DifferenceData::Plain,
             DifferenceKind::Normalised => {

@@ -15,7 +15,7 @@ use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView1, Axis};
 
 /// Default noise figure: the image is as noisy as the data.
-pub const DEFAULT_NOISE_FIGURE: f64 = 1.0;
+pub(crate) const DEFAULT_NOISE_FIGURE: f64 = 1.0;
 /// The same where the reference frame has other levels than the model
 /// ([`ModelFit::is_scattered`](crate::frames::ModelFit::is_scattered)): the error is that of the
 /// model, which smoothing reduces more than noise. It is below the smallest noise figure that can

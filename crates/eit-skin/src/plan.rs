@@ -1,10 +1,10 @@
 //! What a skin needs, what is omitted and why, and what it costs.
 //!
 //! Builds what is needed for sizes (mesh and symbolic factorisation), and predicts the rest from measured
-//! rates ([`stages`]) and the table of measured solvers ([`measured`]).
+//! rates and the table of measured solvers ([`measured`]).
 
 mod electrodes;
-pub mod expected;
+mod expected;
 mod images;
 pub mod left_out;
 pub mod machine;
@@ -17,13 +17,13 @@ mod reactive;
 pub mod sequence;
 mod sizes;
 mod stage;
-pub mod stages;
+mod stages;
 mod touches;
 mod voltage_error;
 
 #[cfg(feature = "complex")]
 pub use reactive::of_reactive;
-pub use stage::Stage;
+use stage::Stage;
 
 use crate::error::SkinError;
 use crate::method::{self, MethodChoice};
@@ -51,17 +51,17 @@ pub struct PlanText {
 #[non_exhaustive]
 pub struct Plan {
     /// Name of the skin.
-    pub name: String,
+    name: String,
     /// Method, and why it was chosen.
-    pub choice: MethodChoice,
+    choice: MethodChoice,
     /// Number of frames that the plan is for; `None` without a readable recording.
-    pub frames: Option<usize>,
+    frames: Option<usize>,
     /// How the method treats the frames.
-    pub sequence: Sequence,
+    sequence: Sequence,
     /// Work to do, in order.
-    pub stages: Vec<Stage>,
+    stages: Vec<Stage>,
     /// Work that is omitted.
-    pub left_out: Vec<LeftOut>,
+    left_out: Vec<LeftOut>,
     /// Notes on how the method works on this skin.
     words: Vec<String>,
     error: VoltageError,

@@ -195,7 +195,7 @@ impl LiveObserver for Viewer<'_> {
 
     fn touches(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
         if let Some(publisher) = &mut self.publisher {
-            publisher.touches(&(*shown).into())?;
+            publisher.touches(shown)?;
             if let Some(recorder) = &mut self.recorder {
                 recorder.touches(shown, publisher)?;
             }

@@ -117,7 +117,7 @@ impl Skin {
     /// # Errors
     ///
     /// The errors of [`Skin::sensor`].
-    pub(crate) fn sensor_of(
+    pub fn sensor_of(
         &self,
         frames: Box<dyn FrameSource + Send>,
         is_live: bool,

@@ -44,7 +44,7 @@ impl BestIn {
 
 /// Expected error and cost, and the best solvers for several frame times.
 #[derive(Debug, Clone, Serialize)]
-pub struct Expected {
+pub(crate) struct Expected {
     /// The built-in scene most similar to the skin.
     #[serde(flatten)]
     pub nearest: Nearest,
@@ -73,7 +73,7 @@ impl Expected {
     /// # Errors
     ///
     /// A table that cannot be read.
-    pub fn of(
+    pub(crate) fn of(
         skin: &Skin,
         method: Method,
         frames: Option<usize>,
@@ -100,7 +100,7 @@ impl Expected {
     }
 
     /// Returns lines for the plan.
-    pub fn words(&self) -> Vec<String> {
+    pub(crate) fn words(&self) -> Vec<String> {
         let Nearest { scene, why } = &self.nearest;
         let mut lines = vec![match &self.row {
             Some(row) => format!(

@@ -16,7 +16,7 @@ pub struct LeftOut {
 
 impl LeftOut {
     /// Returns a line for the plan.
-    pub fn line(&self) -> String {
+    pub(crate) fn line(&self) -> String {
         format!("  {:<22} {}", self.what, self.why)
     }
 }

@@ -9,8 +9,7 @@ mod nearest;
 
 pub use in_time::BUDGETS_S;
 pub(crate) use in_time::{in_frame_time, suits};
-pub use nearest::Nearest;
-pub(crate) use nearest::nearest;
+pub(crate) use nearest::{Nearest, nearest};
 
 use crate::error::SkinError;
 use crate::method::Method;

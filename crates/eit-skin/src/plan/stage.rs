@@ -5,7 +5,7 @@ use super::rates::{CACHED_BYTES, FITTED_FLOPS_PER_S, NEW_BYTES_PER_S, STORE_BYTE
 
 /// Size, work and expected time of one stage.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Stage {
+pub(crate) struct Stage {
     /// Name, as `eit plan` prints it.
     #[serde(rename = "stage")]
     pub name: &'static str,

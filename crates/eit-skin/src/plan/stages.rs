@@ -16,7 +16,7 @@ use eit_fem::{ElementOrder, SolvePath};
 use eit_mesh::{Mesh, Quality};
 
 /// Returns the stages of a method, in order.
-pub fn of(
+pub(crate) fn of(
     skin: &Skin,
     method: Method,
     sequence: Sequence,

@@ -9,7 +9,7 @@ use eit_mesh::{MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShap
 impl Scene {
     /// Returns the order of the finite elements that the scene states or implies: derivatives with respect to
     /// electrode movement require linear ones.
-    pub fn element_order(&self) -> Option<ElementOrder> {
+    pub(crate) fn element_order(&self) -> Option<ElementOrder> {
         let implied = self.reconstruction.electrode_movement_m.map(|_| ElementOrder::Linear);
         self.mesh.elements.or(implied)
     }

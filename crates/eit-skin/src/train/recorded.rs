@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 /// Training sequences from recordings, each with the scene's reference.
 #[derive(Debug)]
-pub struct Recorded {
+pub(crate) struct Recorded {
     names: Vec<String>,
     recordings: Vec<Frames>,
     /// Number of sequences to make.
@@ -99,7 +99,7 @@ impl Recorded {
     /// # Errors
     ///
     /// The errors of the reconstruction.
-    pub fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
+    pub(crate) fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
         let recording = self.frames(index);
         let mut random = motion::random(shared.seed, index, 0);
         let turned = match shared.symmetries.is_empty() || index < self.recordings.len() {

@@ -15,7 +15,7 @@ const POOR_DB: f64 = 50.0;
 /// The most similar built-in scene, and the reason.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[non_exhaustive]
-pub struct Nearest {
+pub(crate) struct Nearest {
     /// Its name.
     #[serde(rename = "measured_on")]
     pub scene: &'static str,
