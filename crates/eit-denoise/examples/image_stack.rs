@@ -11,7 +11,7 @@ const PIXELS: usize = 32;
 
 /// A touch that grows over ten frames on a disc of 32 x 32 pixels; returns the largest value after
 /// the stack was scaled to one.
-pub fn run() -> Result<f64, DenoiseError> {
+pub(crate) fn run() -> Result<f64, DenoiseError> {
     // pixel centres in units of the radius; row 0 has the largest y
     let place = |row: usize, column: usize| {
         let at = |i: usize| (2 * i + 1) as f64 / PIXELS as f64 - 1.0;

@@ -12,8 +12,8 @@ use eit_denoise::burn::module::{Module as _, ModuleVisitor, Param};
 use eit_denoise::burn::optim::GradientsParams;
 use eit_denoise::burn::tensor::Tensor;
 use eit_denoise::{
-    DenoiseError, Denoiser, Examples, ImageStack, Shard, TrainDevice, TrainStep, UnetConfig,
-    UnetShape, images_through,
+    DenoiseError, Denoiser, Examples, ImageStack, Shard, TrainDevice, TrainStep, Unet, UnetShape,
+    images_through,
 };
 use ndarray::{Array2, Array3, Axis};
 use std::collections::BTreeMap;
@@ -104,7 +104,7 @@ pub fn run(shape: UnetShape, budget_s: f64, values: Option<&Path>) -> Result<Cos
     let stack = |images: &Array3<f64>| ImageStack::new(images.clone(), mask.clone());
     let examples = Examples::new(&[Shard::new(&stack(&raw)?, &stack(&wanted)?)?], shape.history)?;
     let batch: Vec<usize> = (0..BATCH).collect();
-    let net = UnetConfig::from(shape).init(&TrainDevice::Flex.open()?)?;
+    let net = Unet::new(shape, 1, &TrainDevice::Flex.open()?)?;
     let weights = net.to_weights("", [PIXELS, PIXELS], &BTreeMap::new())?;
     let step_s = least_s(budget_s, || {
         black_box(TrainStep::of(&net, &examples, &batch, 1)?);

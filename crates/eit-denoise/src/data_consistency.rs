@@ -55,18 +55,11 @@ impl DataConsistency {
             return Err(DenoiseError::EmptyMask { rows, columns });
         }
         let (measurements, pixels) = jacobian.dim();
-        for (what, found, wanted) in [
-            ("pixels of the Jacobian", pixels, inside),
-            ("noise levels", noise_std.len(), measurements),
-        ] {
-            if found != wanted {
-                return Err(DenoiseError::WrongLength { what, found, wanted });
-            }
-        }
-        if let Some(&value) = noise_std.iter().find(|std| std.is_nan() || **std <= 0.0) {
-            let (quantity, must) = ("noise", "above zero; infinite where a value is not used");
-            return Err(DenoiseError::OutOfRange { quantity, value, must });
-        }
+        DenoiseError::check_length("pixels of the Jacobian", pixels, inside)?;
+        DenoiseError::check_length("noise levels", noise_std.len(), measurements)?;
+        let must = "above zero; infinite where a value is not used";
+        let mut levels = noise_std.iter();
+        levels.try_for_each(|&std| DenoiseError::check_range(std > 0.0, "noise", std, must))?;
         let root_weights: Vec<f64> = noise_std.iter().map(|std| 1.0 / std).collect();
         let mut rows = Vec::with_capacity(measurements * pixels);
         for (row, &weight) in jacobian.rows().into_iter().zip(&root_weights) {
@@ -74,10 +67,10 @@ impl DataConsistency {
             let of = |j: &f64| if weight == 0.0 { 0.0 } else { (weight * j) as f32 };
             rows.extend(row.iter().map(of));
         }
-        if let Some(&value) = rows.iter().find(|v| !v.is_finite()) {
-            let (quantity, must) = ("sensitivity over noise", "finite");
-            return Err(DenoiseError::OutOfRange { quantity, value: f64::from(value), must });
-        }
+        rows.iter().try_for_each(|&value: &f32| {
+            let quantity = "sensitivity over noise";
+            DenoiseError::check_range(value.is_finite(), quantity, f64::from(value), "finite")
+        })?;
         Ok(Self { rows, root_weights, mask: mask.to_owned(), pixels: vec![0.0; inside] })
     }
 
@@ -86,10 +79,7 @@ impl DataConsistency {
     ///
     /// # Errors [`DenoiseError::WrongLength`].
     pub fn energy(&self, differences: &[f64]) -> Result<DataMisfit, DenoiseError> {
-        let (found, wanted) = (differences.len(), self.root_weights.len());
-        if found != wanted {
-            return Err(DenoiseError::WrongLength { what: "differences", found, wanted });
-        }
+        DenoiseError::check_length("differences", differences.len(), self.root_weights.len())?;
         let mut energy = DataMisfit { data: 0.0, residual: 0.0, measurements: 0 };
         for (weight, difference) in self.root_weights.iter().zip(differences) {
             if *weight != 0.0 && difference.is_finite() {
@@ -134,10 +124,7 @@ impl DataConsistency {
         differences: &[f64],
         out: &mut [f64],
     ) -> Result<(), DenoiseError> {
-        let (found, wanted) = (out.len(), self.root_weights.len());
-        if found != wanted {
-            return Err(DenoiseError::WrongLength { what: "residuals", found, wanted });
-        }
+        DenoiseError::check_length("residuals", out.len(), self.root_weights.len())?;
         out.fill(f64::NAN);
         self.each_left(image, differences, |i, weight, _, left| out[i] = left / weight)
     }
@@ -150,15 +137,8 @@ impl DataConsistency {
         differences: &[f64],
         mut take: impl FnMut(usize, f64, f64, f64),
     ) -> Result<(), DenoiseError> {
-        if image.dim() != self.mask.dim() {
-            let (images, mask) = (image.dim(), self.mask.dim());
-            let (images, mask) = ([images.0, images.1], [mask.0, mask.1]);
-            return Err(DenoiseError::ShapeMismatch { images, mask });
-        }
-        let (found, wanted) = (differences.len(), self.root_weights.len());
-        if found != wanted {
-            return Err(DenoiseError::WrongLength { what: "differences", found, wanted });
-        }
+        DenoiseError::check_size(image.dim(), self.mask.dim())?;
+        DenoiseError::check_length("differences", differences.len(), self.root_weights.len())?;
         let bad = image.indexed_iter().find(|(at, v)| self.mask[*at] && !v.is_finite());
         if let Some(((row, column), &value)) = bad {
             return Err(DenoiseError::NonFinitePixel { frame: 0, row, column, value });
@@ -200,7 +180,7 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
 impl DataMisfit {
     /// Largest energy expected of noise alone: `n + 4 sqrt(2 n)`, the mean of chi squared with `n` degrees
     /// of freedom plus four standard deviations.
-    pub fn noise_bound(&self) -> f64 {
+    fn noise_bound(&self) -> f64 {
         let n = self.measurements as f64;
         n + NOISE_DEVIATIONS * (2.0 * n).sqrt()
     }

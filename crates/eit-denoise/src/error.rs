@@ -209,6 +209,53 @@ pub enum DenoiseError {
 }
 
 impl DenoiseError {
+    pub(crate) fn check_length(
+        what: &'static str,
+        found: usize,
+        wanted: usize,
+    ) -> Result<(), Self> {
+        if found == wanted { Ok(()) } else { Err(Self::WrongLength { what, found, wanted }) }
+    }
+
+    pub(crate) fn check_range(
+        is_valid: bool,
+        quantity: &'static str,
+        value: f64,
+        must: &'static str,
+    ) -> Result<(), Self> {
+        if is_valid { Ok(()) } else { Err(Self::OutOfRange { quantity, value, must }) }
+    }
+
+    /// Rejects images of another size than the mask.
+    pub(crate) fn check_size(found: (usize, usize), mask: (usize, usize)) -> Result<(), Self> {
+        if found == mask {
+            return Ok(());
+        }
+        Err(Self::ShapeMismatch { images: found.into(), mask: mask.into() })
+    }
+
+    /// Rejects images of another skin.
+    #[cfg(feature = "unet")]
+    pub(crate) fn check_mask(
+        found: ndarray::ArrayView2<'_, bool>,
+        wanted: ndarray::ArrayView2<'_, bool>,
+    ) -> Result<(), Self> {
+        if found == wanted {
+            return Ok(());
+        }
+        let pixels = wanted.len();
+        let differing = match found.dim() == wanted.dim() {
+            true => found.iter().zip(wanted).filter(|(a, b)| a != b).count(),
+            false => pixels,
+        };
+        Err(Self::MaskMismatch { differing, pixels })
+    }
+
+    #[cfg(feature = "unet")]
+    pub(crate) fn format(what: impl Into<String>) -> Self {
+        Self::Format { what: what.into() }
+    }
+
     /// The same error with its file.
     #[cfg(feature = "base")]
     pub(crate) fn in_file(self, path: &std::path::Path) -> Self {

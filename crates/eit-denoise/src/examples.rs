@@ -84,10 +84,7 @@ impl Examples {
     pub fn new(shards: &[Shard], history: usize) -> Result<Self, DenoiseError> {
         let nothing = || DenoiseError::NothingToLearn { what: "the learning base".to_owned() };
         let first = shards.first().ok_or_else(nothing)?;
-        if history == 0 {
-            let (quantity, must) = ("history", "at least 1");
-            return Err(DenoiseError::OutOfRange { quantity, value: 0.0, must });
-        }
+        DenoiseError::check_range(history > 0, "history", 0.0, "at least 1")?;
         let [images, conditions] = first.inputs()?;
         let (mask, turns) = (first.mask.clone(), vec![RasterSymmetry::default()]);
         let (frames, states) = (Vec::new(), Vec::new());
@@ -164,14 +161,8 @@ impl Examples {
             return Err(DenoiseError::MaskMismatch { differing: pixels, pixels });
         }
         let [images, conditions] = shard.inputs()?;
-        for (what, found, wanted) in [
-            ("images per frame", images, self.images),
-            ("conditions per frame", conditions, self.conditions),
-        ] {
-            if found != wanted {
-                return Err(DenoiseError::WrongLength { what, found, wanted });
-            }
-        }
+        DenoiseError::check_length("images per frame", images, self.images)?;
+        DenoiseError::check_length("conditions per frame", conditions, self.conditions)?;
         let inside = self.mask.iter().filter(|inside| **inside).count().max(1) as f64;
         for (frame, wanted) in shard.wanted.outer_iter().enumerate() {
             let start = self.frames.len();
@@ -234,22 +225,26 @@ impl Examples {
     }
 
     /// Frames per example.
-    pub fn history(&self) -> usize {
+    #[cfg(feature = "train")]
+    pub(crate) fn history(&self) -> usize {
         self.history
     }
 
     /// Images per frame.
-    pub fn images(&self) -> usize {
+    #[cfg(feature = "train")]
+    pub(crate) fn images(&self) -> usize {
         self.images
     }
 
     /// Conditions per frame.
-    pub fn conditions(&self) -> usize {
+    #[cfg(feature = "train")]
+    pub(crate) fn conditions(&self) -> usize {
         self.conditions
     }
 
     /// Rows and columns.
-    pub fn size(&self) -> [usize; 2] {
+    #[cfg(feature = "train")]
+    pub(crate) fn size(&self) -> [usize; 2] {
         [self.mask.nrows(), self.mask.ncols()]
     }
 

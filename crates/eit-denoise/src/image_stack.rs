@@ -40,10 +40,7 @@ impl ImageStack {
     /// [`DenoiseError::NonFinitePixel`] (the first in order of frame, row, column).
     pub fn new(mut values: Array3<f64>, mask: Array2<bool>) -> Result<Self, DenoiseError> {
         let (_, rows, columns) = values.dim();
-        if (rows, columns) != mask.dim() {
-            let (images, mask) = ([rows, columns], [mask.nrows(), mask.ncols()]);
-            return Err(DenoiseError::ShapeMismatch { images, mask });
-        }
+        DenoiseError::check_size((rows, columns), mask.dim())?;
         if !mask.iter().any(|&inside| inside) {
             return Err(DenoiseError::EmptyMask { rows, columns });
         }

@@ -108,11 +108,6 @@ impl Judge {
         Ok(Self { consistency, rule, noise_std, left })
     }
 
-    /// Whether the weights have a rule.
-    pub fn has_rule(&self) -> bool {
-        !matches!(self.rule, Rule::None)
-    }
-
     /// The rule in words.
     pub fn words(&self) -> String {
         match &self.rule {

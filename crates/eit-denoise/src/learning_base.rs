@@ -9,25 +9,21 @@
 //! in a manifest of its own, `manifest.3-of-64.json`. Opening the folder combines all lists;
 //! [`LearningBase::create`] without a part writes them as one `manifest.json`, byte for byte the one of a
 //! base that was made by one process.
-//!
-//! Over 300 lines because parts, manifests and shards on disk are one format.
 
+mod manifest;
 mod shard;
+mod whole_file;
 
 pub use shard::{Beside, Shard, ShardData, ShardTouches};
+pub(crate) use whole_file::write_whole;
 
 use crate::DenoiseError;
+use manifest::{Listed, MANIFEST, Manifest, differing, manifests};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs::File;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-
-/// Format version; others are rejected.
-const VERSION: u32 = 2;
-const MANIFEST: &str = "manifest.json";
 
 /// Settings of a learning base. Two bases with equal settings hold equal bytes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,23 +41,6 @@ pub struct BaseSettings {
     pub recipe: String,
 }
 
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Manifest {
-    version: u32,
-    settings: BaseSettings,
-    /// Complete shards by index.
-    shards: BTreeMap<usize, Listed>,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Listed {
-    frames: usize,
-    bytes: u64,
-    crc32: u32,
-}
-
 /// One of several parts of a learning base: the shards whose index has the remainder `number - 1` on
 /// division by `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,10 +55,8 @@ impl Part {
     /// # Errors
     /// [`DenoiseError::OutOfRange`].
     pub fn new(number: usize, count: usize) -> Result<Self, DenoiseError> {
-        if number == 0 || number > count {
-            let (quantity, must) = ("the number of a part", "from 1 to the number of parts");
-            return Err(DenoiseError::OutOfRange { quantity, value: number as f64, must });
-        }
+        let (is_part, must) = ((1..=count).contains(&number), "from 1 to the number of parts");
+        DenoiseError::check_range(is_part, "the number of a part", number as f64, must)?;
         Ok(Self { number, count })
     }
 
@@ -154,17 +131,13 @@ impl LearningBase {
         settings: &BaseSettings,
         part: Option<Part>,
     ) -> Result<Self, DenoiseError> {
-        if settings.shards == 0 {
-            let (quantity, must) = ("shards", "at least 1");
-            return Err(DenoiseError::OutOfRange { quantity, value: 0.0, must });
-        }
+        DenoiseError::check_range(settings.shards > 0, "shards", 0.0, "at least 1")?;
         std::fs::create_dir_all(folder).map_err(|e| DenoiseError::io(folder, &e))?;
         let own = match part {
             None => MANIFEST.to_owned(),
             Some(part) => part.manifest(),
         };
-        let empty =
-            Manifest { version: VERSION, settings: settings.clone(), shards: BTreeMap::new() };
+        let empty = Manifest::empty(settings.clone());
         let (mut manifest, mut others) = (empty, BTreeMap::new());
         for path in manifests(folder)? {
             let found = Manifest::read(&path)?;
@@ -241,15 +214,10 @@ impl LearningBase {
     /// [`DenoiseError::Io`].
     pub fn write(&mut self, index: usize, shard: &Shard) -> Result<(), DenoiseError> {
         let Manifest { settings, .. } = &self.manifest;
-        if index >= settings.shards {
-            let (quantity, must) = ("shard", "below the number of shards");
-            return Err(DenoiseError::OutOfRange { quantity, value: index as f64, must });
-        }
+        let must = "below the number of shards";
+        DenoiseError::check_range(index < settings.shards, "shard", index as f64, must)?;
         let (frames, rows, columns) = shard.raw.dim();
-        if [rows, columns] != settings.pixels {
-            let (images, mask) = ([rows, columns], settings.pixels);
-            return Err(DenoiseError::ShapeMismatch { images, mask });
-        }
+        DenoiseError::check_size((rows, columns), settings.pixels.into())?;
         let bytes = shard.to_bytes()?;
         write_whole(&self.path(index), &bytes)?;
         let listed = Listed { frames, bytes: bytes.len() as u64, crc32: crc32fast::hash(&bytes) };
@@ -306,111 +274,4 @@ impl LearningBase {
         };
         write_whole(&self.folder.join(name), &self.manifest.to_bytes()?)
     }
-}
-
-impl Manifest {
-    fn read(path: &Path) -> Result<Self, DenoiseError> {
-        let bytes = std::fs::read(path).map_err(|e| DenoiseError::io(path, &e))?;
-        let format = |what: String| DenoiseError::Format { what }.in_file(path);
-        let manifest: Self = serde_json::from_slice(&bytes).map_err(|e| format(e.to_string()))?;
-        if manifest.version != VERSION {
-            let what = format!("version {} of the format, not {VERSION}", manifest.version);
-            return Err(format(what));
-        }
-        Ok(manifest)
-    }
-
-    fn to_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
-        serde_json::to_vec_pretty(self).map_err(|e| DenoiseError::Format { what: e.to_string() })
-    }
-}
-
-/// The manifests of a folder in the order of their names, the whole base's first where it is there.
-fn manifests(folder: &Path) -> Result<Vec<PathBuf>, DenoiseError> {
-    let failed = |e: &std::io::Error| DenoiseError::io(folder, e);
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(|e| failed(&e))? {
-        let path = entry.map_err(|e| failed(&e))?.path();
-        let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
-        let is_manifest = |name: &str| {
-            name == MANIFEST
-                || name.strip_prefix("manifest.").is_some_and(|rest| rest.ends_with(".json"))
-        };
-        if name.as_deref().is_some_and(is_manifest) {
-            found.push(path);
-        }
-    }
-    found.sort_by_key(|path| (!path.ends_with(MANIFEST), path.clone()));
-    Ok(found)
-}
-
-/// Rejects other settings, naming the first that differs.
-fn differing(found: &BaseSettings, wanted: &BaseSettings) -> Result<(), DenoiseError> {
-    let text = |s: &BaseSettings| {
-        [
-            s.skin.clone(),
-            format!("{} x {}", s.pixels[0], s.pixels[1]),
-            s.seed.to_string(),
-            s.shards.to_string(),
-            s.recipe.clone(),
-        ]
-    };
-    let names =
-        ["the skin", "the number of pixels", "the seed", "the number of shards", "the recipe"];
-    for ((what, found), wanted) in names.into_iter().zip(text(found)).zip(text(wanted)) {
-        if found != wanted {
-            return Err(DenoiseError::OtherSettings { what, found, wanted });
-        }
-    }
-    Ok(())
-}
-
-/// Writes a temporary file and renames it. A program that is killed meanwhile leaves the temporary file,
-/// which the next one that writes the same file replaces.
-///
-/// # Errors
-/// [`DenoiseError::Io`].
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), DenoiseError> {
-    let failed = |e: &std::io::Error| DenoiseError::io(path, e);
-    let (mut file, temporary) = temporary_of(path).map_err(|e| failed(&e))?;
-    // flushed to the disk before it gets its name
-    let written = file
-        .write_all(bytes)
-        .and_then(|()| file.sync_all())
-        .and_then(|()| std::fs::rename(&temporary, path));
-    written.map_err(|e| {
-        // created above; the first error matters more
-        let _ = std::fs::remove_file(&temporary);
-        failed(&e)
-    })
-}
-
-/// Creates the temporary file of a file, `.eit-NAME`, or with a number if another program is writing one.
-fn temporary_of(path: &Path) -> std::io::Result<(File, PathBuf)> {
-    for number in 0_u32.. {
-        let mut name = std::ffi::OsString::from(".eit-");
-        name.push(path.file_name().unwrap_or_default());
-        if number > 0 {
-            name.push(format!(".{number}"));
-        }
-        let place = path.with_file_name(name);
-        match File::options().write(true).create_new(true).open(&place) {
-            Ok(file) => {
-                // where there are no locks, nobody takes it for one that was left
-                let _ = file.try_lock();
-                return Ok((file, place));
-            }
-            Err(e) if e.kind() != std::io::ErrorKind::AlreadyExists => return Err(e),
-            Err(_) => {
-                let left = File::open(&place).is_ok_and(|file| file.try_lock().is_ok());
-                if left {
-                    std::fs::remove_file(&place)?;
-                    let file = File::options().write(true).create_new(true).open(&place)?;
-                    let _ = file.try_lock();
-                    return Ok((file, place));
-                }
-            }
-        }
-    }
-    Err(std::io::ErrorKind::AlreadyExists.into())
 }

@@ -48,7 +48,7 @@ pub use model_error::{ModelError, ModelErrorNorm, ModelErrorSum};
 #[cfg(all(feature = "burn", feature = "base"))]
 pub use nets::shard_through;
 #[cfg(feature = "burn")]
-pub use nets::{ImageNet, Unet, UnetConfig, images_through};
+pub use nets::{ImageNet, Unet, images_through};
 #[cfg(feature = "base")]
 pub use raster_symmetry::RasterSymmetry;
 pub use symmetry::{DiscSymmetry, MeasurementOrder};

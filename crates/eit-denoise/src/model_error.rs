@@ -35,18 +35,16 @@ impl ModelError {
     /// # Errors
     /// [`DenoiseError::OutOfRange`].
     pub fn validate(&self) -> Result<(), DenoiseError> {
-        let out = |quantity, value, must| Err(DenoiseError::OutOfRange { quantity, value, must });
         for (quantity, value) in
             [("floor of the model error", self.floor), ("limit of the model error", self.limit)]
         {
-            if !(value.is_finite() && value > 0.0) {
-                return out(quantity, value, "finite and above zero");
-            }
+            let is_positive = value.is_finite() && value > 0.0;
+            DenoiseError::check_range(is_positive, quantity, value, "finite and above zero")?;
         }
-        match self.directions.iter().find(|value| !value.is_finite()) {
-            Some(value) => out("a direction of the model error", f64::from(*value), "finite"),
-            None => Ok(()),
-        }
+        self.directions.iter().try_for_each(|&value| {
+            let quantity = "a direction of the model error";
+            DenoiseError::check_range(value.is_finite(), quantity, f64::from(value), "finite")
+        })
     }
 }
 
@@ -204,15 +202,9 @@ impl ModelErrorNorm {
         noise_std: &[f64],
     ) -> Result<[f64; 2], DenoiseError> {
         let wanted = self.present.len();
-        for (what, found) in [
-            ("residuals", left.len()),
-            ("differences", differences.len()),
-            ("noise levels", noise_std.len()),
-        ] {
-            if found != wanted {
-                return Err(DenoiseError::WrongLength { what, found, wanted });
-            }
-        }
+        DenoiseError::check_length("residuals", left.len(), wanted)?;
+        DenoiseError::check_length("differences", differences.len(), wanted)?;
+        DenoiseError::check_length("noise levels", noise_std.len(), wanted)?;
         let is_present = |i: usize| left[i].is_finite() && noise_std[i].is_finite();
         if (0..wanted).any(|i| self.present[i] != is_present(i)) {
             (0..wanted).for_each(|i| self.present[i] = is_present(i));

@@ -41,10 +41,9 @@ impl MeasurementOrder {
         }
         let mut known = HashMap::new();
         for (i, quadruple) in quadruples.iter().enumerate() {
-            if let Some(&electrode) = quadruple.iter().find(|l| **l as usize >= count) {
-                let (quantity, must) = ("electrode", "below the number of electrodes");
-                let value = f64::from(electrode);
-                return Err(DenoiseError::OutOfRange { quantity, value, must });
+            for &l in quadruple {
+                let (is_known, must) = ((l as usize) < count, "below the number of electrodes");
+                DenoiseError::check_range(is_known, "electrode", f64::from(l), must)?;
             }
             known.insert(*quadruple, i);
         }
@@ -92,12 +91,8 @@ impl MeasurementOrder {
     /// # Errors
     /// [`DenoiseError::WrongLength`].
     pub fn apply_into(&self, frame: &[f64], out: &mut [f64]) -> Result<(), DenoiseError> {
-        let wanted = self.from.len();
-        for found in [frame.len(), out.len()] {
-            if found != wanted {
-                return Err(DenoiseError::WrongLength { what: "measurements", found, wanted });
-            }
-        }
+        DenoiseError::check_length("measurements", frame.len(), self.from.len())?;
+        DenoiseError::check_length("measurements", out.len(), self.from.len())?;
         for (out, &(old, sign)) in out.iter_mut().zip(&self.from) {
             *out = sign * frame[old];
         }

@@ -54,10 +54,8 @@ impl ThresholdRule {
     /// [`DenoiseError::OutOfRange`] for the share, [`DenoiseError::EmptyMask`] where the ring
     /// leaves no pixel.
     pub fn on(&self, mask: ArrayView2<'_, bool>) -> Result<Threshold, DenoiseError> {
-        if !(0.0..1.0).contains(&self.share) {
-            let (quantity, must) = ("share", "at least 0 and below 1");
-            return Err(DenoiseError::OutOfRange { quantity, value: self.share, must });
-        }
+        let is_share = (0.0..1.0).contains(&self.share);
+        DenoiseError::check_range(is_share, "share", self.share, "at least 0 and below 1")?;
         let (rows, columns) = mask.dim();
         let mut inner = mask.to_owned();
         for _ in 0..self.ring_pixels {
@@ -113,12 +111,8 @@ impl Threshold {
         mut out: ArrayViewMut2<'_, f64>,
     ) -> Result<(), DenoiseError> {
         let size = [self.inner.nrows(), self.inner.ncols()];
-        for found in [image.dim(), out.dim()] {
-            if found != self.inner.dim() {
-                let (images, mask) = ([found.0, found.1], size);
-                return Err(DenoiseError::ShapeMismatch { images, mask });
-            }
-        }
+        DenoiseError::check_size(image.dim(), self.inner.dim())?;
+        DenoiseError::check_size(out.dim(), self.inner.dim())?;
         out.fill(0.0);
         let inside = || image.iter().zip(&self.inner).filter(|(_, inner)| **inner).map(|(v, _)| *v);
         let most = inside().fold(f64::NEG_INFINITY, f64::max);

@@ -144,10 +144,8 @@ impl<N: ImageNet> Trainer<N> {
         check_finite(&net)?;
         let best = net.valid();
         let held_out_error = step::error(&best, held_out, threads)?;
-        if !held_out_error.is_finite() {
-            let (quantity, must) = ("the held-out error", "finite: take a smaller rate");
-            return Err(DenoiseError::OutOfRange { quantity, value: held_out_error, must });
-        }
+        let (is_finite, must) = (held_out_error.is_finite(), "finite: take a smaller rate");
+        DenoiseError::check_range(is_finite, "the held-out error", held_out_error, must)?;
         let done = Epoch { epoch, train_error: sum / train.len() as f64, held_out_error, rate };
         if self.best().is_none_or(|best| held_out_error < best.held_out_error) {
             self.best = best;

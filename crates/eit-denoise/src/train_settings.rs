@@ -5,12 +5,8 @@ use std::fmt;
 use std::str::FromStr;
 
 /// Training settings.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(default, deny_unknown_fields)
-)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct TrainSettings {
     /// Seed of the order of the examples.
     pub seed: u64,
@@ -38,23 +34,16 @@ impl TrainSettings {
     /// # Errors
     /// [`DenoiseError::OutOfRange`].
     pub fn validate(&self) -> Result<(), DenoiseError> {
-        for (quantity, value) in [("epochs", self.epochs), ("batch", self.batch)] {
-            if value == 0 {
-                return Err(DenoiseError::OutOfRange { quantity, value: 0.0, must: "at least 1" });
-            }
-        }
-        if !(self.rate.is_finite() && self.rate > 0.0) {
-            let (quantity, must) = ("rate", "finite and above zero");
-            return Err(DenoiseError::OutOfRange { quantity, value: self.rate, must });
-        }
-        Ok(())
+        DenoiseError::check_range(self.epochs > 0, "epochs", 0.0, "at least 1")?;
+        DenoiseError::check_range(self.batch > 0, "batch", 0.0, "at least 1")?;
+        let is_positive = self.rate.is_finite() && self.rate > 0.0;
+        DenoiseError::check_range(is_positive, "rate", self.rate, "finite and above zero")
     }
 }
 
 /// One epoch of the learning curve. Errors are weighted mean squared errors, relative to the
 /// reference errors of [`crate::Examples::new`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct Epoch {
     /// Index of the epoch, from 0.

@@ -62,7 +62,7 @@ const FAMILIES: [Family; 3] = [
 
 /// Prints the table with at most `meshes` meshes per family and the shortest of `repeats` times.
 /// Returns the smallest error of each element order.
-pub fn run(meshes: i32, repeats: usize) -> Result<[f64; 2]> {
+pub(crate) fn run(meshes: i32, repeats: usize) -> Result<[f64; 2]> {
     let protocol = PairProtocol::default().protocol()?;
     let exact = series(&protocol)?;
     println!(

@@ -13,7 +13,7 @@ const CONDUCTIVITY_S: f64 = 1e-5;
 
 /// Returns the largest change of a voltage by the touch, volt, and the fraction of the changes that
 /// the Jacobian does not explain.
-pub fn run() -> Result<(f64, f64), Box<dyn Error>> {
+pub(crate) fn run() -> Result<(f64, f64), Box<dyn Error>> {
     let skin = SkinShape::Disc { radius_m: 0.1 };
     let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
     let mesh = generate(&skin, &electrodes, &MeshSettings::default())?;

@@ -480,6 +480,16 @@ pub enum FemError {
     Sparse(SparseError),
 }
 
+impl FemError {
+    pub(crate) fn check_length(
+        what: &'static str,
+        found: usize,
+        wanted: usize,
+    ) -> Result<(), Self> {
+        if found == wanted { Ok(()) } else { Err(Self::WrongLength { what, found, wanted }) }
+    }
+}
+
 impl From<SparseError> for FemError {
     fn from(error: SparseError) -> Self {
         match error {

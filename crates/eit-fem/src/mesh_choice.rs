@@ -41,9 +41,6 @@ const SHARE: f64 = 2.0;
 /// `sqrt(2)` times the nodes.
 const STEP: f64 = 0.840_896_415_253_714_6;
 
-/// Smallest scale tried. Ends the search if `mesh_of` does not follow the scale.
-const LEAST_SCALE: f64 = 1e-4;
-
 /// Cost of storing one byte of the Jacobian, in floating-point operations of the factorisation: 3
 /// GB/s against 15 GFLOP/s on the machine of `docs/PERFORMANCE.md`.
 const FLOPS_OF_A_BYTE: f64 = 5.0;
@@ -191,7 +188,8 @@ impl MeshSearch<'_> {
         loop {
             let mesh = mesh_of(scale)?;
             let nodes = mesh.surface().nodes().len();
-            if nodes > self.most_nodes || scale < LEAST_SCALE {
+            // the smallest scale ends the search if `mesh_of` does not follow the scale
+            if nodes > self.most_nodes || scale < 1e-4 {
                 return Err(self.none(&levels).into());
             }
             scale *= STEP;

@@ -10,7 +10,7 @@ use eit_mesh::{
 use std::time::Instant;
 
 /// Meshes the disc at three resolutions and returns the quality of each mesh.
-pub fn run() -> Result<Vec<Quality>, MeshError> {
+pub(crate) fn run() -> Result<Vec<Quality>, MeshError> {
     let skin = SkinShape::Disc { radius_m: 0.1 };
     // electrode 1 at the top, numbers increasing counter-clockwise
     let electrodes = RimElectrodes {

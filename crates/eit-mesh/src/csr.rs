@@ -72,28 +72,11 @@ impl CsrMatrix {
     /// # Errors
     /// [`MeshError::WrongLength`].
     pub fn apply(&self, x: &[f64], y: &mut [f64]) -> Result<(), MeshError> {
-        self.check("columns of the sparse matrix", x.len(), self.columns)?;
-        self.check("rows of the sparse matrix", y.len(), self.rows())?;
+        MeshError::check_length("columns of the sparse matrix", x.len(), self.columns)?;
+        MeshError::check_length("rows of the sparse matrix", y.len(), self.rows())?;
         for (row, value) in y.iter_mut().enumerate() {
             let (columns, weights) = self.row(row);
             *value = sparse_dot(columns, weights, x);
-        }
-        Ok(())
-    }
-
-    /// Computes `x = A' y` without allocating; `y` has one value per row, `x` one per column.
-    ///
-    /// # Errors
-    /// [`MeshError::WrongLength`].
-    pub fn apply_transpose(&self, y: &[f64], x: &mut [f64]) -> Result<(), MeshError> {
-        self.check("rows of the sparse matrix", y.len(), self.rows())?;
-        self.check("columns of the sparse matrix", x.len(), self.columns)?;
-        x.fill(0.0);
-        for (row, &value) in y.iter().enumerate() {
-            let (columns, weights) = self.row(row);
-            for (&c, w) in columns.iter().zip(weights) {
-                x[c as usize] += w * value;
-            }
         }
         Ok(())
     }
@@ -104,7 +87,7 @@ impl CsrMatrix {
     /// # Errors
     /// [`MeshError::WrongLength`].
     pub fn multiply_dense(&self, b: ArrayView2<'_, f64>) -> Result<Array2<f64>, MeshError> {
-        self.check("columns of the sparse matrix", b.nrows(), self.columns)?;
+        MeshError::check_length("columns of the sparse matrix", b.nrows(), self.columns)?;
         let mut product = Array2::zeros((self.rows(), b.ncols()));
         for (row, mut sum) in product.rows_mut().into_iter().enumerate() {
             let (columns, weights) = self.row(row);
@@ -121,7 +104,7 @@ impl CsrMatrix {
     /// # Errors
     /// [`MeshError::WrongLength`].
     pub fn premultiply_dense(&self, b: ArrayView2<'_, f64>) -> Result<Array2<f64>, MeshError> {
-        self.check("rows of the sparse matrix", b.ncols(), self.rows())?;
+        MeshError::check_length("rows of the sparse matrix", b.ncols(), self.rows())?;
         let mut product = Array2::zeros((b.nrows(), self.columns));
         for (left, mut sums) in b.rows().into_iter().zip(product.rows_mut()) {
             for (row, &factor) in left.iter().enumerate() {
@@ -132,10 +115,6 @@ impl CsrMatrix {
             }
         }
         Ok(product)
-    }
-
-    fn check(&self, what: &'static str, found: usize, wanted: usize) -> Result<(), MeshError> {
-        if found == wanted { Ok(()) } else { Err(MeshError::WrongLength { what, found, wanted }) }
     }
 }
 

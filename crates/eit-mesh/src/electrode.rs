@@ -1,6 +1,6 @@
 //! Electrodes on a surface, and the mesh that combines the two.
 
-use crate::surface::middle;
+use crate::surface::{middle, sides, sorted};
 use crate::{MeshError, Surface};
 use eit_core::vector::{norm, sub};
 use std::collections::HashMap;
@@ -99,7 +99,8 @@ impl Mesh {
         mut self,
         mut middle: impl FnMut([u32; 2], [f64; 3]) -> [f64; 3],
     ) -> Result<Self, MeshError> {
-        let mut edges: Vec<[u32; 2]> = self.surface.triangles().iter().flat_map(sides).collect();
+        let mut edges: Vec<[u32; 2]> =
+            self.surface.triangles().iter().flat_map(|t| sides(*t)).collect();
         edges.sort_unstable();
         edges.dedup();
         let mut midpoints_m = Vec::new();
@@ -137,8 +138,7 @@ impl Mesh {
     }
 
     fn straight_middle(&self, edge: [u32; 2]) -> [f64; 3] {
-        let [a, b] = edge.map(|n| self.surface.nodes()[n as usize]);
-        std::array::from_fn(|k| 0.5 * (a[k] + b[k]))
+        middle(&edge.map(|n| self.surface.nodes()[n as usize]))
     }
 
     fn check_midpoint(&self, edge: [u32; 2], position_m: [f64; 3]) -> Result<(), MeshError> {
@@ -172,22 +172,15 @@ impl Mesh {
         let surface = &self.surface;
         let edge = |e: &[u32; 2]| {
             let [a, b] = e.map(|n| surface.nodes()[n as usize]);
-            (norm(sub(b, a)), std::array::from_fn(|k| 0.5 * (a[k] + b[k])))
+            (norm(sub(b, a)), middle(&[a, b]))
         };
-        let triangle = |&t: &u32| {
-            let [a, b, c] = surface.corners(t as usize);
-            let centre = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0);
-            (surface.areas_m2()[t as usize], centre)
-        };
+        let triangle =
+            |&t: &u32| (surface.areas_m2()[t as usize], middle(&surface.corners(t as usize)));
         Some(match self.electrodes.get(electrode)? {
             Electrode::Rim(edges) => edges.iter().map(edge).collect(),
             Electrode::Patch(triangles) => triangles.iter().map(triangle).collect(),
         })
     }
-}
-
-fn sorted(edge: [u32; 2]) -> [u32; 2] {
-    [edge[0].min(edge[1]), edge[0].max(edge[1])]
 }
 
 /// Adds the position of an edge that is not on the rim, if its nodes exist.
@@ -199,10 +192,6 @@ fn at_place(error: MeshError, surface: &Surface) -> MeshError {
         }
         other => other,
     }
-}
-
-fn sides(t: &[u32; 3]) -> [[u32; 2]; 3] {
-    [0, 1, 2].map(|k| sorted([t[k], t[(k + 1) % 3]]))
 }
 
 fn claim_edges(

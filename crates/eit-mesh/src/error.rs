@@ -1,4 +1,4 @@
-//! The error type of this crate, in one file because the enum is a single list.
+//! The error type of this crate.
 
 /// An invalid mesh, skin description or mesh file.
 ///
@@ -405,4 +405,23 @@ pub enum MeshError {
         /// The condition it must satisfy.
         must: &'static str,
     },
+}
+
+impl MeshError {
+    pub(crate) fn check_length(
+        what: &'static str,
+        found: usize,
+        wanted: usize,
+    ) -> Result<(), Self> {
+        if found == wanted { Ok(()) } else { Err(Self::WrongLength { what, found, wanted }) }
+    }
+
+    pub(crate) fn check_range(
+        is_valid: bool,
+        quantity: &'static str,
+        value: f64,
+        must: &'static str,
+    ) -> Result<(), Self> {
+        if is_valid { Ok(()) } else { Err(Self::OutOfRange { quantity, value, must }) }
+    }
 }

@@ -20,41 +20,32 @@ const PATCH_GAP: f64 = 0.05;
 
 impl FlatElectrodes {
     /// Electrodes along the rim.
-    pub fn rim(electrodes: &RimElectrodes, outline: &Outline) -> Result<Self, MeshError> {
+    pub(crate) fn rim(electrodes: &RimElectrodes, outline: &Outline) -> Result<Self, MeshError> {
         let rim = electrodes.place(outline)?.into_iter().enumerate().collect();
         Ok(Self { rim, patches: Vec::new() })
     }
 
     /// Electrodes by position, checked against the outline.
-    pub fn placed(electrodes: &[PlacedElectrode], outline: &Outline) -> Result<Self, MeshError> {
+    pub(crate) fn placed(
+        electrodes: &[PlacedElectrode],
+        outline: &Outline,
+    ) -> Result<Self, MeshError> {
         let resolution_m = outline.resolution_m();
         let (mut flat, mut centres) = (Self::default(), Vec::new());
         for (index, placed) in electrodes.iter().enumerate() {
-            let (electrode, position_m) = (index + 1, placed.position_m);
+            let electrode = index + 1;
             placed.check(electrode, SMALLEST * resolution_m)?;
-            let [x, y, z] = position_m;
+            let [x, y, z] = placed.position_m;
             let tolerance_m = OFF_RIM * outline.loops()[0].length_m();
-            if z.abs() > tolerance_m {
-                let (distance_m, what) = (z.abs(), "point of the skin, which is flat at z = 0");
-                return Err(MeshError::OffSurface {
-                    electrode,
-                    position_m,
-                    distance_m,
-                    tolerance_m,
-                    what,
-                });
-            }
+            let what = "point of the skin, which is flat at z = 0";
+            placed.check_distance(electrode, z.abs(), tolerance_m, what)?;
             match placed.contact {
                 Contact::Rim { width_m } => {
-                    let (loop_index, centre_m) = project(outline, electrode, [x, y])?;
+                    let at = project(outline, electrode, [x, y])?;
+                    let (loop_index, centre_m) = at;
                     let length_m = outline.loops()[loop_index].length_m();
-                    if width_m > length_m - SMALLEST * resolution_m {
-                        let (quantity, value) = ("width_m", width_m);
-                        let must = "shorter than the rim that the electrode lies on";
-                        return Err(MeshError::ElectrodeSize { electrode, quantity, value, must });
-                    }
-                    let start_m = (centre_m - 0.5 * width_m).rem_euclid(length_m);
-                    flat.rim.push((index, RimInterval { loop_index, start_m, width_m }));
+                    let interval = placed.interval(electrode, at, length_m, resolution_m)?;
+                    flat.rim.push((index, interval));
                     centres.push((electrode, loop_index, centre_m, width_m));
                 }
                 Contact::Patch { radius_m } => {

@@ -11,8 +11,8 @@ pub use loops::Loop;
 use piece::Piece;
 use std::f64::consts::TAU;
 
-/// Points of an outline closer than this fraction of its outer length are treated as the same
-/// point.
+/// Points closer than this fraction of the outline's length, or of a surface's longest side, are treated
+/// as the same point.
 ///
 /// Coordinates carry a rounding error of 1e-16 of their magnitude. This value is seven digits
 /// larger, so the smallest gap between electrodes (a few times this) keeps seven correct digits.
@@ -178,15 +178,12 @@ impl Outline {
     /// # Errors
     /// [`MeshError::OutOfRange`] if no rim point lies in that direction: the angle is not finite,
     /// or the outline is so concave that its centroid lies outside.
-    pub fn arc_length_at_angle(&self, angle_deg: f64) -> Result<f64, MeshError> {
-        self.loops[0].outermost_at(self.centre, angle_deg.to_radians()).ok_or(
-            MeshError::OutOfRange {
-                quantity: "first_angle_deg",
-                value: angle_deg,
-                must: "a finite angle at which a ray from the centroid of the outline meets the \
-                       rim (otherwise give positions_m)",
-            },
-        )
+    pub(crate) fn arc_length_at_angle(&self, angle_deg: f64) -> Result<f64, MeshError> {
+        let must = "a finite angle at which a ray from the centroid of the outline meets the rim \
+                    (otherwise give positions_m)";
+        let (quantity, value) = ("first_angle_deg", angle_deg);
+        let found = self.loops[0].outermost_at(self.centre, angle_deg.to_radians());
+        found.ok_or(MeshError::OutOfRange { quantity, value, must })
     }
 
     /// Bounding box of the outer loop: `[low, high]`, metres.

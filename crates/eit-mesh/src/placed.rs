@@ -10,6 +10,7 @@ mod patch;
 mod refine;
 mod rim;
 
+use crate::geometry::RESOLUTION;
 use crate::rim_electrodes::{RimInterval, SMALLEST, check_gaps};
 use crate::{Electrode, Mesh, MeshError, MeshSettings, Surface};
 use eit_core::vector::{norm, sub};
@@ -21,8 +22,6 @@ use rim::Rims;
 /// Positions further from the surface than this fraction of its longest side are rejected. It
 /// allows for measurement error and for facets that cut across a curved link.
 const OFF_SURFACE: f64 = 1e-2;
-/// Points of a surface closer than this fraction of its longest side are treated as the same point.
-const RESOLUTION: f64 = 1e-9;
 
 /// Places electrodes on a surface, by position.
 ///
@@ -144,27 +143,11 @@ fn intervals(
         let electrode = index + 1;
         let (loop_index, centre_m, distance_m) =
             rims.nearest(skin, placed.position_m).ok_or(MeshError::NoRim { electrode })?;
-        if distance_m > tolerance_m {
-            let (position_m, what) = (placed.position_m, "point of its rim");
-            return Err(MeshError::OffSurface {
-                electrode,
-                position_m,
-                distance_m,
-                tolerance_m,
-                what,
-            });
-        }
+        placed.check_distance(electrode, distance_m, tolerance_m, "point of its rim")?;
         let length_m = rims.length_m(loop_index);
-        if width_m > length_m - SMALLEST * resolution_m {
-            let (quantity, value) = ("width_m", width_m);
-            let must = "shorter than the rim that the electrode lies on";
-            return Err(MeshError::ElectrodeSize { electrode, quantity, value, must });
-        }
-        let start_m = (centre_m - 0.5 * width_m).rem_euclid(length_m);
-        covered.push(Covered {
-            electrode: index,
-            interval: RimInterval { loop_index, start_m, width_m },
-        });
+        let interval =
+            placed.interval(electrode, (loop_index, centre_m), length_m, resolution_m)?;
+        covered.push(Covered { electrode: index, interval });
         centres.push((electrode, loop_index, centre_m, width_m));
     }
     if let (Some(node), false) = (rims.pinched(), covered.is_empty()) {
@@ -184,17 +167,7 @@ fn balls(
     for (electrode, placed) in electrodes.iter().enumerate() {
         let Contact::Patch { radius_m } = placed.contact else { continue };
         let (centre, distance_m) = patch::nearest(surface, placed.position_m);
-        if distance_m > tolerance_m {
-            let (position_m, what) = (placed.position_m, "point of the skin");
-            let electrode = electrode + 1;
-            return Err(MeshError::OffSurface {
-                electrode,
-                position_m,
-                distance_m,
-                tolerance_m,
-                what,
-            });
-        }
+        placed.check_distance(electrode + 1, distance_m, tolerance_m, "point of the skin")?;
         balls.push(Ball { electrode, centre, radius: radius_m });
     }
     Ok(balls)
@@ -216,12 +189,8 @@ impl Field {
         settings: &MeshSettings,
         resolution_m: f64,
     ) -> Result<Self, MeshError> {
-        for (quantity, edge) in settings.edges() {
-            if let Some(value) = edge.filter(|&e| e < resolution_m) {
-                let must = "at least 1e-9 of the skin's size (shorter edges are lost in rounding)";
-                return Err(MeshError::OutOfRange { quantity, value, must });
-            }
-        }
+        let must = "at least 1e-9 of the skin's size (shorter edges are lost in rounding)";
+        settings.check_edges(resolution_m, must)?;
         let edge_m = settings.edge_m.unwrap_or(f64::INFINITY);
         let size = |e: &PlacedElectrode| {
             settings.electrode_edge_m.unwrap_or(e.width_m() / 6.0).min(edge_m)

@@ -30,16 +30,13 @@ mod operators;
 mod overlap;
 
 use crate::{CsrMatrix, MeshError, Surface};
-use ndarray::{Array2, Array3, ArrayView2, ArrayViewMut2, ArrayViewMut3, Axis};
+use ndarray::{Array2, Array3, ArrayView2, ArrayViewMut2};
 use operators::{element_from_pixel, masked_area, masked_numbers, pixel_from_element};
 use overlap::{Grid, Overlaps};
 
 /// Minimum covered fraction of a pixel in the mask. It is reduced by the rounding of the sum, so
 /// that pixels covered exactly by half are treated alike everywhere.
 const MASK_COVERAGE: f64 = 0.5 - 1e-9;
-
-/// Maximum number of pixels per side: at 4096 squared, coverage alone takes 134 MB.
-const PIXELS_LIMIT: usize = 4096;
 
 /// A grid of n x n square pixels over a skin, with operators between its pixels and triangles.
 ///
@@ -81,13 +78,9 @@ impl Raster {
     /// [`MeshError::OverlappingSheets`] if the surface is edge-on or overlaps itself when seen from
     /// +z.
     pub fn new(surface: &Surface, pixels: usize) -> Result<Self, MeshError> {
-        if !(1..=PIXELS_LIMIT).contains(&pixels) {
-            return Err(MeshError::OutOfRange {
-                quantity: "pixels",
-                value: pixels as f64,
-                must: "from 1 to 4096",
-            });
-        }
+        // at 4096 squared, coverage alone takes 134 MB
+        let is_valid = (1..=4096).contains(&pixels);
+        MeshError::check_range(is_valid, "pixels", pixels as f64, "from 1 to 4096")?;
         let grid = Grid::new(surface, pixels);
         let (overlaps, coverage) = Overlaps::new(surface, &grid)?;
         let mask = coverage.mapv(|c| c >= MASK_COVERAGE);
@@ -206,9 +199,9 @@ impl Raster {
         pixels: &[f64],
         mut image: ArrayViewMut2<'_, f64>,
     ) -> Result<(), MeshError> {
-        check("masked pixels", pixels.len(), self.masked_pixels.len())?;
-        check("image rows", image.nrows(), self.pixels())?;
-        check("image columns", image.ncols(), self.pixels())?;
+        MeshError::check_length("masked pixels", pixels.len(), self.masked_pixels.len())?;
+        MeshError::check_length("image rows", image.nrows(), self.pixels())?;
+        MeshError::check_length("image columns", image.ncols(), self.pixels())?;
         image.fill(f64::NAN);
         for (&place, &value) in self.masked_pixels.iter().zip(pixels) {
             image[place] = value;
@@ -224,31 +217,15 @@ impl Raster {
         &self,
         frames: ArrayView2<'_, f64>,
     ) -> Result<Array3<f64>, MeshError> {
-        let mut images = Array3::zeros((frames.nrows(), self.pixels(), self.pixels()));
-        self.images_from_pixels_into(frames, images.view_mut())?;
-        Ok(images)
-    }
-
-    /// Does the same as [`images_from_pixels`](Self::images_from_pixels) without allocating.
-    ///
-    /// # Errors
-    /// [`MeshError::WrongLength`].
-    pub fn images_from_pixels_into(
-        &self,
-        frames: ArrayView2<'_, f64>,
-        mut images: ArrayViewMut3<'_, f64>,
-    ) -> Result<(), MeshError> {
-        check("masked pixels", frames.ncols(), self.masked_pixels.len())?;
-        check("images", images.len_of(Axis(0)), frames.nrows())?;
-        check("image rows", images.len_of(Axis(1)), self.pixels())?;
-        check("image columns", images.len_of(Axis(2)), self.pixels())?;
-        images.fill(f64::NAN);
+        MeshError::check_length("masked pixels", frames.ncols(), self.masked_pixels.len())?;
+        let shape = (frames.nrows(), self.pixels(), self.pixels());
+        let mut images = Array3::from_elem(shape, f64::NAN);
         for (frame, mut image) in frames.rows().into_iter().zip(images.outer_iter_mut()) {
             for (&place, &value) in self.masked_pixels.iter().zip(frame) {
                 image[place] = value;
             }
         }
-        Ok(())
+        Ok(images)
     }
 
     /// Converts triangle values to an image [row, column], NaN outside the mask.
@@ -271,16 +248,12 @@ impl Raster {
         image: ArrayView2<'_, f64>,
         pixels: &mut [f64],
     ) -> Result<(), MeshError> {
-        check("masked pixels", pixels.len(), self.masked_pixels.len())?;
-        check("image rows", image.nrows(), self.pixels())?;
-        check("image columns", image.ncols(), self.pixels())?;
+        MeshError::check_length("masked pixels", pixels.len(), self.masked_pixels.len())?;
+        MeshError::check_length("image rows", image.nrows(), self.pixels())?;
+        MeshError::check_length("image columns", image.ncols(), self.pixels())?;
         for (&place, value) in self.masked_pixels.iter().zip(pixels) {
             *value = image[place];
         }
         Ok(())
     }
-}
-
-fn check(what: &'static str, found: usize, wanted: usize) -> Result<(), MeshError> {
-    if found == wanted { Ok(()) } else { Err(MeshError::WrongLength { what, found, wanted }) }
 }

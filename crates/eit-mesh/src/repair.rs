@@ -71,7 +71,7 @@ pub(crate) struct Numbers {
 }
 
 impl Mended {
-    pub fn numbers(&self) -> Numbers {
+    pub(crate) fn numbers(&self) -> Numbers {
         let inverse = |of: &[Option<u32>], count: usize| {
             let mut old = vec![0; count];
             // in reverse, so that the first of several merged nodes is kept

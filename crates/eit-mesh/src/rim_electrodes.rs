@@ -124,21 +124,15 @@ impl RimElectrodes {
             return Ok(Vec::new());
         }
         let least_m = SMALLEST * outline.resolution_m();
-        let out_of_range = |must| {
-            Err(MeshError::OutOfRange { quantity: "electrode width_m", value: self.width_m, must })
-        };
-        if !(self.width_m.is_finite() && self.width_m > 0.0) {
-            return out_of_range("positive and finite");
-        }
-        if self.width_m < least_m {
-            return out_of_range("at least 1e-8 of the rim's length");
-        }
+        let (quantity, width_m) = ("electrode width_m", self.width_m);
+        let check = |is_valid, must| MeshError::check_range(is_valid, quantity, width_m, must);
+        check(width_m.is_finite() && width_m > 0.0, "positive and finite")?;
+        check(width_m >= least_m, "at least 1e-8 of the rim's length")?;
         self.check_count()?;
         let centres = self.centres(outline)?;
         for &(loop_index, _) in &centres {
-            if self.width_m > outline.loops()[loop_index].length_m() - least_m {
-                return out_of_range("shorter than the rim that the electrode lies on");
-            }
+            let is_shorter = width_m <= outline.loops()[loop_index].length_m() - least_m;
+            check(is_shorter, "shorter than the rim that the electrode lies on")?;
         }
         let numbered: Vec<_> =
             (1..).zip(&centres).map(|(k, &(l, centre_m))| (k, l, centre_m, self.width_m)).collect();
@@ -153,11 +147,8 @@ impl RimElectrodes {
 
     /// Limits the count to a million, far beyond any skin, to bound memory use.
     fn check_count(&self) -> Result<(), MeshError> {
-        if self.count() <= 1_000_000 {
-            return Ok(());
-        }
-        let (quantity, value) = ("electrode count", self.count() as f64);
-        Err(MeshError::OutOfRange { quantity, value, must: "at most 1000000" })
+        let (count, must) = (self.count(), "at most 1000000");
+        MeshError::check_range(count <= 1_000_000, "electrode count", count as f64, must)
     }
 
     /// Returns loop and arc length of each centre.

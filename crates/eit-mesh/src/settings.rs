@@ -73,9 +73,8 @@ impl MeshSettings {
         scale: f64,
     ) -> Result<Self, MeshError> {
         for (quantity, value) in [("scale", scale), ("electrode_m", electrode_m)] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(MeshError::OutOfRange { quantity, value, must: "positive and finite" });
-            }
+            let is_positive = value.is_finite() && value > 0.0;
+            MeshError::check_range(is_positive, quantity, value, "positive and finite")?;
         }
         let edge_m = scale * shape.outline()?.area_m2().sqrt() / 9.0;
         let end_m = (0.25 * edge_m).min(scale * electrode_m / 3.0);
@@ -86,9 +85,17 @@ impl MeshSettings {
         })
     }
 
-    /// Returns every edge length with its name.
-    pub(crate) fn edges(&self) -> [(&'static str, Option<f64>); 2] {
-        [("edge_m", self.edge_m), ("electrode_edge_m", self.electrode_edge_m)]
+    /// Returns the edge lengths that are set, with their names.
+    fn edges(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        let edges = [("edge_m", self.edge_m), ("electrode_edge_m", self.electrode_edge_m)];
+        edges.into_iter().filter_map(|(quantity, edge)| Some((quantity, edge?)))
+    }
+
+    /// Rejects edges shorter than the resolution of the skin.
+    pub(crate) fn check_edges(&self, least_m: f64, must: &'static str) -> Result<(), MeshError> {
+        self.edges().try_for_each(|(quantity, value)| {
+            MeshError::check_range(value >= least_m, quantity, value, must)
+        })
     }
 
     /// Checks that all settings are valid.
@@ -96,32 +103,21 @@ impl MeshSettings {
     /// # Errors
     /// [`MeshError::OutOfRange`].
     pub fn validate(&self) -> Result<(), MeshError> {
-        for (quantity, edge) in self.edges() {
-            if let Some(value) = edge.filter(|e| !(e.is_finite() && *e > 0.0)) {
-                return Err(MeshError::OutOfRange { quantity, value, must: "positive and finite" });
-            }
+        for (quantity, value) in self.edges() {
+            let is_positive = value.is_finite() && value > 0.0;
+            MeshError::check_range(is_positive, quantity, value, "positive and finite")?;
         }
-        if !(0.05..=0.5).contains(&self.grading) {
-            let (quantity, value) = ("grading", self.grading);
-            return Err(MeshError::OutOfRange { quantity, value, must: "between 0.05 and 0.5" });
-        }
-        if self.node_limit < 3 {
-            let (quantity, value) = ("node_limit", self.node_limit as f64);
-            return Err(MeshError::OutOfRange { quantity, value, must: "at least 3" });
-        }
-        Ok(())
+        let is_valid = (0.05..=0.5).contains(&self.grading);
+        MeshError::check_range(is_valid, "grading", self.grading, "between 0.05 and 0.5")?;
+        let limit = self.node_limit;
+        MeshError::check_range(limit >= 3, "node_limit", limit as f64, "at least 3")
     }
 
     /// Interior edge length on the outline of a shape, metres, checked against the size of the
     /// outline and the node limit.
     pub(crate) fn edge_on(&self, outline: &Outline, shape: &SkinShape) -> Result<f64, MeshError> {
-        for (quantity, edge) in self.edges() {
-            if let Some(value) = edge.filter(|&e| e < outline.resolution_m()) {
-                let must =
-                    "at least 1e-9 of the outline's length (shorter edges are lost in rounding)";
-                return Err(MeshError::OutOfRange { quantity, value, must });
-            }
-        }
+        let must = "at least 1e-9 of the outline's length (shorter edges are lost in rounding)";
+        self.check_edges(outline.resolution_m(), must)?;
         let wanted = self.edge_m.map(|edge_m| edge_m / stretch(shape));
         let edge_m = wanted.unwrap_or_else(|| outline.area_m2().sqrt() / 38.0);
         let expected = NODES_PER_SQUARE_EDGE * outline.area_m2() / (edge_m * edge_m);

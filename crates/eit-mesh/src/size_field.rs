@@ -41,7 +41,12 @@ const FINEST: f64 = 1.0;
 
 impl SizeField {
     /// Creates a field over the box from `low` to `high`, metres.
-    pub fn new(edge_m: f64, grading: f64, [low, high]: [[f64; 2]; 2], sources: &[Source]) -> Self {
+    pub(crate) fn new(
+        edge_m: f64,
+        grading: f64,
+        [low, high]: [[f64; 2]; 2],
+        sources: &[Source],
+    ) -> Self {
         let root = Square { low, side: (high[0] - low[0]).max(high[1] - low[1]) };
         let mut field = Self { edge_m, grading, root, cells: vec![Cell::Leaf(Vec::new())] };
         field.build(0, root, sources);
@@ -78,7 +83,7 @@ impl SizeField {
     }
 
     /// Returns the requested edge length, metres.
-    pub fn at(&self, point: [f64; 2]) -> f64 {
+    pub(crate) fn at(&self, point: [f64; 2]) -> f64 {
         let (mut square, mut cell) = (self.root, 0);
         loop {
             match &self.cells[cell] {

@@ -93,12 +93,7 @@ impl Surface {
 
     /// Centroid of each triangle, metres.
     pub fn centroids(&self) -> Vec<[f64; 3]> {
-        (0..self.triangles.len())
-            .map(|t| {
-                let [a, b, c] = self.corners(t);
-                std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0)
-            })
-            .collect()
+        (0..self.triangles.len()).map(|t| middle(&self.corners(t))).collect()
     }
 
     /// Returns the three triangles across the sides (0-1, 1-2, 2-0) of each triangle; `None` on the
@@ -119,6 +114,16 @@ impl Surface {
         }
         bounds
     }
+}
+
+/// An edge with its smaller node first.
+pub(crate) fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
+    [a.min(b), a.max(b)]
+}
+
+/// The sides of a triangle, smaller node first.
+pub(crate) fn sides([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
+    [[a, b], [b, c], [c, a]].map(sorted)
 }
 
 /// Mean of some points.
@@ -187,8 +192,7 @@ fn neighbours(
     let mut across = vec![[None; 3]; triangles.len()];
     for (t, corners) in triangles.iter().enumerate() {
         for k in 0..3 {
-            let (a, b) = (corners[k], corners[(k + 1) % 3]);
-            let edge = [a.min(b), a.max(b)];
+            let edge = sorted([corners[k], corners[(k + 1) % 3]]);
             match first.get(&edge) {
                 None => {
                     first.insert(edge, (t as u32, k as u8));

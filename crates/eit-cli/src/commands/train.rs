@@ -4,7 +4,7 @@ use super::Answer;
 use crate::cli::TrainArgs;
 use crate::error::CliError;
 use crate::{interrupt, progress};
-use eit_denoise::{TrainSettings, TrainStatus, Unet, UnetConfig, UnetShape, Weights};
+use eit_denoise::{TrainSettings, TrainStatus, Unet, UnetShape, Weights};
 use eit_report::curve;
 use eit_report::output::OutFile;
 use eit_skin::denoise::Scores;
@@ -65,7 +65,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
             };
             let net = match &first {
                 Some(weights) => Unet::from_weights(weights, &device)?,
-                None => UnetConfig::from(shape).with_seed(args.pairs.seed).init(&device)?,
+                None => Unet::new(shape, args.pairs.seed, &device)?,
             };
             let made = train::learn(net, &training, &sequences, &learnt, &held_out, &mut progress)?;
             let pixels = base.settings().pixels;

@@ -2,7 +2,9 @@
 
 use crate::unet::{bytes_of, floats_of, format_error};
 use crate::{DenoiseError, Denoiser, ImageStack};
-use ndarray::{Array1, Array2, Array3};
+use ndarray::{
+    Array, Array1, Array2, Array3, ArrayD, ArrayView2, ArrayView3, Dimension, Ix1, Ix2, Ix3,
+};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 /// One sequence of training pairs, frames in order.
@@ -55,32 +57,20 @@ impl Shard {
     /// [`DenoiseError::MaskMismatch`], [`DenoiseError::WrongLength`];
     /// [`DenoiseError::NothingToLearn`] if every raw image is zero.
     pub fn new(raw: &ImageStack, wanted: &ImageStack) -> Result<Self, DenoiseError> {
-        if raw.mask() != wanted.mask() {
-            let pixels = raw.mask().len();
-            let differing = match raw.mask().dim() == wanted.mask().dim() {
-                true => raw.mask().iter().zip(wanted.mask()).filter(|(a, b)| a != b).count(),
-                false => pixels,
-            };
-            return Err(DenoiseError::MaskMismatch { differing, pixels });
-        }
-        if raw.frames() != wanted.frames() {
-            let (found, wanted) = (wanted.frames(), raw.frames());
-            return Err(DenoiseError::WrongLength { what: "wanted images", found, wanted });
-        }
+        DenoiseError::check_mask(wanted.mask(), raw.mask())?;
+        DenoiseError::check_length("wanted images", wanted.frames(), raw.frames())?;
         if raw.max_abs() == 0.0 {
             return Err(DenoiseError::NothingToLearn { what: "the sequence".to_owned() });
         }
         let inside =
             |stack: &ImageStack| stack.values().mapv(|v| if v.is_nan() { 0.0 } else { v as f32 });
-        let mask = raw.mask().to_owned();
-        let beside = Beside::default();
         Ok(Self {
             raw: inside(raw),
             wanted: inside(wanted),
-            mask,
+            mask: raw.mask().to_owned(),
             data: None,
             touches: None,
-            beside,
+            beside: Beside::default(),
         })
     }
 
@@ -89,13 +79,24 @@ impl Shard {
     /// # Errors
     /// Those of [`Denoiser::denoise_with`] and of [`ImageStack::new`].
     pub fn denoise(&self, net: &mut Denoiser) -> Result<ImageStack, DenoiseError> {
+        self.through(|raw, others, conditions| net.denoise_with(raw, others, conditions))
+    }
+
+    /// Runs a net on its images and conditions.
+    pub(crate) fn through(
+        &self,
+        run: impl FnOnce(
+            &ImageStack,
+            &[ArrayView3<'_, f64>],
+            Option<ArrayView2<'_, f64>>,
+        ) -> Result<ImageStack, DenoiseError>,
+    ) -> Result<ImageStack, DenoiseError> {
         let mut all = self.images().map(|images| images.mapv(f64::from));
-        let first = all.next().unwrap_or_default();
-        let first = ImageStack::new(first, self.mask.clone())?;
+        let raw = ImageStack::new(all.next().unwrap_or_default(), self.mask.clone())?;
         let others: Vec<_> = all.collect();
         let others: Vec<_> = others.iter().map(|images| images.view()).collect();
         let conditions = self.beside.conditions.as_ref().map(|c| c.mapv(f64::from));
-        net.denoise_with(&first, &others, conditions.as_ref().map(|c| c.view()))
+        run(&raw, &others, conditions.as_ref().map(|c| c.view()))
     }
 
     /// Images [frame, row, column] in the order in which a net takes them; the first sets the scale.
@@ -107,66 +108,42 @@ impl Shard {
     /// Returns the number of images and of conditions per frame; an error if their lengths differ from
     /// the raw images'.
     pub(crate) fn inputs(&self) -> Result<[usize; 2], DenoiseError> {
-        let wanted = self.raw.dim().0;
-        let conditions = &self.beside.conditions;
+        let (frames, conditions) = (self.raw.dim().0, &self.beside.conditions);
         if let Some(other) = self.images().find(|other| other.dim() != self.raw.dim()) {
             let (what, found) = ("frames of other images", other.dim().0);
-            return Err(DenoiseError::WrongLength { what, found, wanted });
+            return Err(DenoiseError::WrongLength { what, found, wanted: frames });
         }
-        match conditions {
-            Some(all) if all.nrows() != wanted => {
-                let (what, found) = ("frames of conditions", all.nrows());
-                Err(DenoiseError::WrongLength { what, found, wanted })
-            }
-            _ => Ok([self.images().count(), conditions.as_ref().map_or(0, |all| all.ncols())]),
-        }
+        let [found, count] = conditions.as_ref().map_or([frames, 0], |c| [c.nrows(), c.ncols()]);
+        DenoiseError::check_length("frames of conditions", found, frames)?;
+        Ok([self.images().count(), count])
     }
 
     /// Returns the bytes of its file: `raw`, `wanted` [frame, row, column], `mask` [row, column], and, if
     /// known, `differences` [frame, measurement], `noise_std` [measurement] and `touches` [frame, touch, 3].
     pub(super) fn to_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
-        let (frames, rows, columns) = self.raw.dim();
-        let floats = |values: &mut dyn Iterator<Item = f32>| bytes_of(&values.collect::<Vec<_>>());
-        let raw = floats(&mut self.raw.iter().copied());
-        let wanted = floats(&mut self.wanted.iter().copied());
         let mask: Vec<u8> = self.mask.iter().map(|inside| u8::from(*inside)).collect();
-        let images = vec![frames, rows, columns];
-        let view = |dtype, shape, bytes| TensorView::new(dtype, shape, bytes).map_err(format_error);
-        let mut tensors = vec![
-            ("raw", view(Dtype::F32, images.clone(), &raw)?),
-            ("wanted", view(Dtype::F32, images, &wanted)?),
-            ("mask", view(Dtype::U8, vec![rows, columns], &mask)?),
+        let mut parts = vec![
+            ("raw", self.raw.shape(), bytes_of(&self.raw)),
+            ("wanted", self.wanted.shape(), bytes_of(&self.wanted)),
         ];
-        let data = self.data.as_ref().map(|data| {
-            let differences = floats(&mut data.differences.iter().copied());
-            (data.differences.shape(), differences, floats(&mut data.noise_std.iter().copied()))
-        });
-        if let Some((shape, differences, noise_std)) = &data {
-            tensors.push(("differences", view(Dtype::F32, shape.to_vec(), differences)?));
-            tensors.push(("noise_std", view(Dtype::F32, vec![shape[1]], noise_std)?));
+        if let Some(ShardData { differences, noise_std }) = &self.data {
+            parts.push(("differences", differences.shape(), bytes_of(differences)));
+            parts.push(("noise_std", noise_std.shape(), bytes_of(noise_std)));
         }
         let touches = self.touches.as_ref();
-        let touches = touches.map(|all| (all.shape(), floats(&mut all.iter().copied())));
-        if let Some((shape, touches)) = &touches {
-            tensors.push(("touches", view(Dtype::F32, shape.to_vec(), touches)?));
-        }
-        safetensors::serialize(tensors, None).map_err(format_error)
+        parts.extend(touches.map(|touches| ("touches", touches.shape(), bytes_of(touches))));
+        let view = |dtype, shape: &[usize], bytes| TensorView::new(dtype, shape.to_vec(), bytes);
+        let floats =
+            parts.iter().map(|(name, shape, bytes)| (*name, view(Dtype::F32, shape, bytes)));
+        let all = floats.chain([("mask", view(Dtype::U8, self.mask.shape(), &mask))]);
+        let tensors: Result<Vec<_>, _> = all.map(|(name, view)| Ok((name, view?))).collect();
+        safetensors::serialize(tensors.map_err(format_error)?, None).map_err(format_error)
     }
 
     pub(super) fn from_bytes(bytes: &[u8]) -> Result<Self, DenoiseError> {
         let tensors = SafeTensors::deserialize(bytes).map_err(format_error)?;
-        let wrong = |what: &str| DenoiseError::Format { what: what.to_owned() };
-        let images = |name: &str| {
-            let tensor = tensors.tensor(name).map_err(format_error)?;
-            match (tensor.dtype(), tensor.shape()) {
-                (Dtype::F32, &[frames, rows, columns]) => {
-                    let values = floats_of(tensor.data()).collect();
-                    Array3::from_shape_vec((frames, rows, columns), values)
-                        .map_err(|_| wrong("images of another size"))
-                }
-                _ => Err(wrong("images that are not F32 [frame, row, column]")),
-            }
-        };
+        let wrong = DenoiseError::format;
+        let images = |name| floats::<Ix3>(&tensors, name, "[frame, row, column]");
         let (raw, wanted) = (images("raw")?, images("wanted")?);
         let mask = tensors.tensor("mask").map_err(format_error)?;
         let (frames, rows, columns) = raw.dim();
@@ -182,57 +159,52 @@ impl Shard {
         if raw.iter().all(|v| *v == 0.0) {
             return Err(DenoiseError::NothingToLearn { what: "the shard".to_owned() });
         }
-        let data = match tensors.names().contains(&"differences") {
-            true => Some(ShardData::from_tensors(&tensors, frames)?),
-            false => None,
-        };
-        let touches = match tensors.names().contains(&"touches") {
-            true => Some(touches_of(&tensors, frames)?),
-            false => None,
-        };
+        let has = |name: &str| tensors.names().contains(&name);
+        let data = has("differences").then(|| ShardData::from_tensors(&tensors, frames));
+        let touches = has("touches").then(|| touches_of(&tensors, frames));
+        let (data, touches) = (data.transpose()?, touches.transpose()?);
         Ok(Self { raw, wanted, mask, data, touches, beside: Beside::default() })
     }
 }
 
+/// Reads a tensor of numbers; `axes` names them in errors.
+fn floats<D: Dimension>(
+    tensors: &SafeTensors<'_>,
+    name: &str,
+    axes: &str,
+) -> Result<Array<f32, D>, DenoiseError> {
+    let tensor = tensors.tensor(name).map_err(format_error)?;
+    let values = floats_of(tensor.data()).collect();
+    let found = ArrayD::from_shape_vec(tensor.shape(), values).ok();
+    let found = found.filter(|_| tensor.dtype() == Dtype::F32);
+    found
+        .and_then(|found| found.into_dimensionality().ok())
+        .ok_or_else(|| DenoiseError::format(format!("{name} that are not F32 {axes}")))
+}
+
 fn touches_of(tensors: &SafeTensors<'_>, frames: usize) -> Result<ShardTouches, DenoiseError> {
-    let wrong = |what: &str| DenoiseError::Format { what: what.to_owned() };
-    let tensor = tensors.tensor("touches").map_err(format_error)?;
-    let (Dtype::F32, &[found, most, 3]) = (tensor.dtype(), tensor.shape()) else {
-        return Err(wrong("touches that are not F32 [frame, touch, 3]"));
-    };
-    if found != frames {
-        return Err(wrong("images and touches of different sizes"));
+    let touches = floats::<Ix3>(tensors, "touches", "[frame, touch, 3]")?;
+    if touches.dim().0 != frames || touches.dim().2 != 3 {
+        return Err(DenoiseError::format("images and touches of different sizes"));
     }
-    let values: Vec<f32> = floats_of(tensor.data()).collect();
-    if values.iter().any(|v| v.is_infinite()) {
-        return Err(wrong("touches that are infinite"));
+    if touches.iter().any(|v| v.is_infinite()) {
+        return Err(DenoiseError::format("touches that are infinite"));
     }
-    ShardTouches::from_shape_vec((frames, most, 3), values)
-        .map_err(|_| wrong("touches of another size"))
+    Ok(touches)
 }
 
 impl ShardData {
     fn from_tensors(tensors: &SafeTensors<'_>, frames: usize) -> Result<Self, DenoiseError> {
-        let wrong = |what: &str| DenoiseError::Format { what: what.to_owned() };
-        let tensor = |name: &str| match tensors.tensor(name) {
-            Ok(tensor) if tensor.dtype() == Dtype::F32 => Ok(tensor),
-            Ok(_) => Err(wrong("measurements that are not F32")),
-            Err(e) => Err(format_error(e)),
-        };
-        let (differences, noise_std) = (tensor("differences")?, tensor("noise_std")?);
-        let [found, measurements] = differences.shape() else {
-            return Err(wrong("differences that are not [frame, measurement]"));
-        };
-        if *found != frames || noise_std.shape() != [*measurements] {
-            return Err(wrong("images, differences and noise of different sizes"));
+        let differences = floats::<Ix2>(tensors, "differences", "[frame, measurement]")?;
+        let noise_std = floats::<Ix1>(tensors, "noise_std", "[measurement]")?;
+        if differences.nrows() != frames || noise_std.len() != differences.ncols() {
+            let what = "images, differences and noise of different sizes";
+            return Err(DenoiseError::format(what));
         }
-        let values: Vec<f32> = floats_of(differences.data()).collect();
-        let noise_std: Array1<f32> = floats_of(noise_std.data()).collect();
-        if values.iter().any(|v| v.is_infinite()) || !noise_std.iter().all(|v| *v > 0.0) {
-            return Err(wrong("differences that are infinite, or noise that is not positive"));
+        if differences.iter().any(|v| v.is_infinite()) || !noise_std.iter().all(|v| *v > 0.0) {
+            let what = "differences that are infinite, or noise that is not positive";
+            return Err(DenoiseError::format(what));
         }
-        let differences = Array2::from_shape_vec((frames, *measurements), values)
-            .map_err(|_| wrong("differences of another size"))?;
         Ok(Self { differences, noise_std })
     }
 }

@@ -1,6 +1,6 @@
 //! One file format for both: burn reads and writes the weights of [`crate::Denoiser`].
 
-use super::unet::{Unet, UnetConfig};
+use super::Unet;
 use crate::unet::metadata;
 use crate::{DenoiseError, Weights};
 use burn::store::{ModuleSnapshot as _, SafetensorsStore};
@@ -29,7 +29,7 @@ impl Unet {
     }
 
     fn load(weights: &Weights, bytes: Vec<u8>, device: &Device) -> Result<Self, DenoiseError> {
-        let mut unet = UnetConfig::from(weights.shape).zeros(device)?;
+        let mut unet = Self::zeros(weights.shape, device)?;
         let mut store = SafetensorsStore::from_bytes(Some(bytes));
         let applied = unet.load_from(&mut store).map_err(|e| DenoiseError::burn(&e))?;
         match applied.unused.first() {

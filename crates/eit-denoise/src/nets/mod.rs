@@ -9,7 +9,7 @@ mod unet;
 pub use through::images_through;
 #[cfg(feature = "base")]
 pub use through::shard_through;
-pub use unet::{Unet, UnetConfig};
+pub use unet::Unet;
 
 #[cfg(feature = "train")]
 pub(crate) use through::{device_of, padded, read, same_shape};

@@ -32,12 +32,7 @@ pub fn shard_through<N: ImageNet>(
     net: &N,
     shard: &crate::Shard,
 ) -> Result<ImageStack, DenoiseError> {
-    let mut all = shard.images().map(|images| images.mapv(f64::from));
-    let raw = ImageStack::new(all.next().unwrap_or_default(), shard.mask.clone())?;
-    let others: Vec<_> = all.collect();
-    let others: Vec<_> = others.iter().map(|images| images.view()).collect();
-    let conditions = shard.beside.conditions.as_ref().map(|c| c.mapv(f64::from));
-    sequence_through(net, &raw, &others, conditions.as_ref().map(|c| c.view()))
+    shard.through(|raw, others, conditions| sequence_through(net, raw, others, conditions))
 }
 
 fn sequence_through<N: ImageNet>(
@@ -140,12 +135,10 @@ impl Frames<'_> {
 /// Returns history and multiple of a net; both must be at least 1.
 fn checked<N: ImageNet>(net: &N) -> Result<[usize; 2], DenoiseError> {
     let both = [("history", net.history()), ("multiple", net.multiple())];
-    match both.into_iter().find(|(_, value)| *value == 0) {
-        Some((quantity, _)) => {
-            Err(DenoiseError::OutOfRange { quantity, value: 0.0, must: "at least 1" })
-        }
-        None => Ok(both.map(|(_, value)| value)),
+    for (quantity, value) in both {
+        DenoiseError::check_range(value > 0, quantity, 0.0, "at least 1")?;
     }
+    Ok(both.map(|(_, value)| value))
 }
 
 /// Returns the device that holds the net's weights.

@@ -4,7 +4,6 @@
 use super::ImageNet;
 use crate::unet::Convolution;
 use crate::{DenoiseError, UnetShape};
-use burn::config::Config;
 use burn::module::{Module, Param};
 use burn::nn::conv::{Conv2d, Conv2dConfig};
 use burn::nn::{Initializer, PaddingConfig2d};
@@ -16,76 +15,6 @@ use eit_core::Random;
 
 /// Initial biases.
 const FIRST_BIAS: f32 = 0.05;
-
-/// Size of a [`Unet`] and seed of its initial weights; see [`UnetShape`] for the sizes.
-#[derive(Config, Debug)]
-pub struct UnetConfig {
-    /// Number of frames that it takes, including the current one: 1 to 16.
-    pub history: usize,
-    /// Channels of the first level: 1 to 128.
-    pub width: usize,
-    /// Number of times that rows and columns are halved: 1 to 6.
-    pub depth: usize,
-    /// Seed of the initial weights.
-    #[config(default = 1)]
-    pub seed: u64,
-    /// Images per frame: 1 to 4.
-    #[config(default = 1)]
-    pub images: usize,
-    /// Numbers per frame that condition the net: 0 to 4.
-    #[config(default = 0)]
-    pub conditions: usize,
-    /// Side of the blocks of pixels that become channels: 1 or 2.
-    #[config(default = 1)]
-    pub fold: usize,
-}
-
-impl From<UnetShape> for UnetConfig {
-    fn from(shape: UnetShape) -> Self {
-        let UnetShape { history, width, depth, images, conditions, fold } = shape;
-        Self { images, conditions, fold, ..Self::new(history, width, depth) }
-    }
-}
-
-impl UnetConfig {
-    /// Returns the size without the seed.
-    pub fn shape(&self) -> UnetShape {
-        let Self { history, width, depth, images, conditions, fold, .. } = *self;
-        UnetShape { history, width, depth, images, conditions, fold }
-    }
-
-    /// Initialises an untrained net. The same seed gives the same bits on any device.
-    ///
-    /// # Errors
-    /// Those of [`UnetShape::validate`].
-    pub fn init(&self, device: &Device) -> Result<Unet, DenoiseError> {
-        let shape = self.shape();
-        shape.validate()?;
-        let mut random = Random::new(self.seed);
-        let mut made = shape.convolutions().into_iter().map(|c| match c.side {
-            // a net that corrects an image starts with no correction
-            1 if shape.images > 1 => {
-                convolution(c, vec![0.0; c.weights()], vec![0.0; c.outputs], device)
-            }
-            _ => {
-                let weights = first_weights(c, &mut random);
-                convolution(c, weights, vec![FIRST_BIAS; c.outputs], device)
-            }
-        });
-        Unet::of_convolutions(shape, &mut made)
-    }
-
-    /// A net of zeros, for loading.
-    pub(super) fn zeros(&self, device: &Device) -> Result<Unet, DenoiseError> {
-        let shape = self.shape();
-        shape.validate()?;
-        let mut made = shape
-            .convolutions()
-            .into_iter()
-            .map(|c| convolution(c, vec![0.0; c.weights()], vec![0.0; c.outputs], device));
-        Unet::of_convolutions(shape, &mut made)
-    }
-}
 
 /// Normal weights of He, Zhang, Ren and Sun (ICCV 2015), minus the mean over each channel. Inputs
 /// of a channel come from ReLUs and have a positive mean: a channel with a negative mean weight
@@ -119,7 +48,7 @@ fn convolution(c: Convolution, weights: Vec<f32>, biases: Vec<f32>, device: &Dev
     }
 }
 
-/// The U-net of [`UnetShape`] as a burn module, made by [`UnetConfig::init`] or [`Unet::from_bytes`].
+/// The U-net of [`UnetShape`] as a burn module, made by [`Unet::new`] or [`Unet::from_bytes`].
 #[derive(Module, Debug)]
 pub struct Unet {
     /// Pairs of convolutions on the way down, the largest images first.
@@ -133,6 +62,34 @@ pub struct Unet {
 }
 
 impl Unet {
+    /// Initialises an untrained net. The same seed gives the same bits on any device.
+    ///
+    /// # Errors
+    /// Those of [`UnetShape::validate`].
+    pub fn new(shape: UnetShape, seed: u64, device: &Device) -> Result<Self, DenoiseError> {
+        shape.validate()?;
+        let mut random = Random::new(seed);
+        let mut made = shape.convolutions().into_iter().map(|c| match c.side {
+            // a net that corrects an image starts with no correction
+            1 if shape.images > 1 => {
+                convolution(c, vec![0.0; c.weights()], vec![0.0; c.outputs], device)
+            }
+            _ => {
+                let weights = first_weights(c, &mut random);
+                convolution(c, weights, vec![FIRST_BIAS; c.outputs], device)
+            }
+        });
+        Self::of_convolutions(shape, &mut made)
+    }
+
+    /// A net of zeros, for loading.
+    pub(super) fn zeros(shape: UnetShape, device: &Device) -> Result<Self, DenoiseError> {
+        shape.validate()?;
+        let zeros =
+            |c: Convolution| convolution(c, vec![0.0; c.weights()], vec![0.0; c.outputs], device);
+        Self::of_convolutions(shape, &mut shape.convolutions().into_iter().map(zeros))
+    }
+
     /// Builds the net from its convolutions in the order in which they run.
     fn of_convolutions(
         shape: UnetShape,

@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Format version; others are rejected. Version 1 belonged to the training before burn.
-const VERSION: u32 = 2;
+/// Format version; others are rejected.
+const VERSION: u32 = 3;
 const KEY: &str = "training";
 /// Names of the records.
 const NAMES: [&str; 3] = ["net", "best", "optimiser"];
@@ -26,13 +26,8 @@ struct State {
     base: String,
     /// [`ImageNet::name`].
     net: String,
-    seed: u64,
-    epochs: usize,
-    batch: usize,
-    rate: f64,
-    patience: usize,
-    /// epoch, train error, held-out error, rate
-    curve: Vec<(usize, f64, f64, f64)>,
+    settings: TrainSettings,
+    curve: Vec<Epoch>,
     /// Checksums of the records.
     crc32: [u32; 3],
 }
@@ -55,27 +50,21 @@ impl<N: ImageNet> Trainer<N> {
     /// [`DenoiseError::Io`], [`DenoiseError::Burn`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), DenoiseError> {
         let path = path.as_ref();
-        let TrainSettings { seed, epochs, batch, rate, patience } = self.settings;
         let records = [
             self.net.clone().into_record().into_bytes().map_err(record)?,
             self.best.clone().into_record().into_bytes().map_err(record)?,
             self.optimiser.into_bytes().map_err(record)?,
         ];
-        let line = |e: &Epoch| (e.epoch, e.train_error, e.held_out_error, e.rate);
         let state = State {
             version: VERSION,
             base: self.base.clone(),
             net: self.net.name(),
-            seed,
-            epochs,
-            batch,
-            rate,
-            patience,
-            curve: self.curve.iter().map(line).collect(),
+            settings: self.settings.clone(),
+            curve: self.curve.clone(),
             crc32: records.each_ref().map(|bytes| crc32fast::hash(bytes)),
         };
-        let state = serde_json::to_string(&state)
-            .map_err(|e| DenoiseError::Format { what: e.to_string() })?;
+        let state =
+            serde_json::to_string(&state).map_err(|e| DenoiseError::format(e.to_string()))?;
         let mut tensors = Vec::new();
         for (name, bytes) in NAMES.into_iter().zip(&records) {
             let view = TensorView::new(Dtype::U8, vec![bytes.len()], bytes);
@@ -110,8 +99,6 @@ impl<N: ImageNet> Trainer<N> {
         base: &str,
     ) -> Result<Self, DenoiseError> {
         let state = State::read(bytes)?;
-        let State { seed, epochs, batch, rate, patience, .. } = state;
-        let found = TrainSettings { seed, epochs, batch, rate, patience };
         let differs = |what, found: String, wanted: String| {
             if found == wanted {
                 return Ok(());
@@ -119,7 +106,7 @@ impl<N: ImageNet> Trainer<N> {
             Err(DenoiseError::OtherSettings { what, found, wanted })
         };
         differs("the net", state.net, net.name())?;
-        differs("the training", format!("{found:?}"), format!("{settings:?}"))?;
+        differs("the training", format!("{:?}", state.settings), format!("{settings:?}"))?;
         differs("the learning base", state.base, base.to_owned())?;
         let tensors = SafeTensors::deserialize(bytes).map_err(format_error)?;
         let mut records = Vec::new();
@@ -128,24 +115,18 @@ impl<N: ImageNet> Trainer<N> {
             let found = crc32fast::hash(bytes);
             if found != wanted {
                 let what = format!("{name} has checksum {found:08x}, not {wanted:08x}");
-                return Err(DenoiseError::Format { what });
+                return Err(DenoiseError::format(what));
             }
             records.push(Bytes::from_bytes_vec(bytes.to_vec()));
         }
         let mut made = Self::new(net, settings, base)?;
         let [of_net, of_best, of_optimiser] = <[Bytes; 3]>::try_from(records)
-            .map_err(|_| DenoiseError::Format { what: "a record is missing".to_owned() })?;
+            .map_err(|_| DenoiseError::format("a record is missing"))?;
         let read = |bytes| ModuleRecord::from_bytes(bytes).map_err(record);
         made.net = made.net.try_load_record(read(of_net)?).map_err(record)?;
         made.best = made.best.try_load_record(read(of_best)?).map_err(record)?;
         made.optimiser = made.optimiser.from_bytes(of_optimiser).map_err(record)?;
-        let line = |&(epoch, train_error, held_out_error, rate): &(usize, f64, f64, f64)| Epoch {
-            epoch,
-            train_error,
-            held_out_error,
-            rate,
-        };
-        made.curve = state.curve.iter().map(line).collect();
+        made.curve = state.curve;
         Ok(made)
     }
 }
@@ -153,7 +134,7 @@ impl<N: ImageNet> Trainer<N> {
 impl State {
     fn read(bytes: &[u8]) -> Result<Self, DenoiseError> {
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
-        let wrong = |what: String| DenoiseError::Format { what };
+        let wrong = DenoiseError::format::<String>;
         let text = header.metadata().as_ref().and_then(|m| m.get(KEY));
         let text = text.ok_or_else(|| wrong("no checkpoint of a training".to_owned()))?;
         let json = |e: serde_json::Error| wrong(e.to_string());

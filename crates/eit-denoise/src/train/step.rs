@@ -50,10 +50,10 @@ fn check_batch<N: ImageNet>(
     if batch.is_empty() {
         return Err(DenoiseError::NothingToLearn { what: "a batch of none".to_owned() });
     }
-    if let Some(&k) = batch.iter().find(|&&k| k >= examples.len() * examples.turns()) {
-        let (quantity, must) =
-            ("the index of an example", "less than their number times their turns");
-        return Err(DenoiseError::OutOfRange { quantity, value: k as f64, must });
+    for &k in batch {
+        let is_example = k < examples.len() * examples.turns();
+        let must = "less than their number times their turns";
+        DenoiseError::check_range(is_example, "the index of an example", k as f64, must)?;
     }
     check(net, examples)
 }
@@ -176,10 +176,7 @@ fn shared_out<N: ImageNet, T: Send, W>(
 where
     W: Fn(N, &[usize]) -> Result<T, DenoiseError> + Sync,
 {
-    if threads == 0 {
-        let (quantity, must) = ("threads", "at least 1");
-        return Err(DenoiseError::OutOfRange { quantity, value: 0.0, must });
-    }
+    DenoiseError::check_range(threads > 0, "threads", 0.0, "at least 1")?;
     let on_processor = *device == Device::flex();
     let parts: Vec<&[usize]> = batch.chunks(if on_processor { at_once } else { 64 }).collect();
     let copy = || net.clone().fork(device);

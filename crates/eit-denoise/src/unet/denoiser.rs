@@ -142,11 +142,8 @@ impl Denoiser {
         mut out: ArrayViewMut2<'_, f64>,
     ) -> Result<NetStatus, DenoiseError> {
         self.check_frame(&frame)?;
-        let sizes = frame.images.iter().map(|image| image.dim()).chain([out.dim()]);
-        if let Some(found) = sizes.into_iter().find(|found| *found != self.mask.dim()) {
-            let (images, mask) = ([found.0, found.1], [self.mask.nrows(), self.mask.ncols()]);
-            return Err(DenoiseError::ShapeMismatch { images, mask });
-        }
+        let mut sizes = frame.images.iter().map(|image| image.dim()).chain([out.dim()]);
+        sizes.try_for_each(|found| DenoiseError::check_size(found, self.mask.dim()))?;
         let is_zero = self.is_zero(frame.images[0]);
         if self.silent && is_zero {
             self.pushed += 1;
@@ -239,20 +236,11 @@ impl Denoiser {
     /// Rejects another number of images or conditions, and conditions that are not finite.
     fn check_frame(&self, frame: &NetFrame<'_>) -> Result<(), DenoiseError> {
         let UnetShape { images, conditions, .. } = self.net.shape;
-        for (what, found, wanted) in [
-            ("images per frame", frame.images.len(), images),
-            ("conditions per frame", frame.conditions.len(), conditions),
-        ] {
-            if found != wanted {
-                return Err(DenoiseError::WrongLength { what, found, wanted });
-            }
-        }
-        match frame.conditions.iter().find(|value| !value.is_finite()) {
-            Some(&value) => {
-                Err(DenoiseError::OutOfRange { quantity: "a condition", value, must: "finite" })
-            }
-            None => Ok(()),
-        }
+        DenoiseError::check_length("images per frame", frame.images.len(), images)?;
+        DenoiseError::check_length("conditions per frame", frame.conditions.len(), conditions)?;
+        frame.conditions.iter().try_for_each(|&value| {
+            DenoiseError::check_range(value.is_finite(), "a condition", value, "finite")
+        })
     }
 
     /// Whether all masked pixels are zero. Stops after the first run that is not; within a run it
@@ -324,21 +312,11 @@ impl Denoiser {
         others: &[ArrayView3<'_, f64>],
         conditions: Option<ArrayView2<'_, f64>>,
     ) -> Result<ImageStack, DenoiseError> {
-        if raw.mask() != self.mask {
-            let differing = match raw.mask().dim() == self.mask.dim() {
-                true => raw.mask().iter().zip(&self.mask).filter(|(a, b)| a != b).count(),
-                false => self.mask.len(),
-            };
-            return Err(DenoiseError::MaskMismatch { differing, pixels: self.mask.len() });
-        }
+        DenoiseError::check_mask(raw.mask(), self.mask.view())?;
         let wanted = raw.frames();
         let lengths = others.iter().map(|images| ("other images", images.dim().0));
-        for (what, found) in lengths.chain(conditions.map(|c| ("frames of conditions", c.nrows())))
-        {
-            if found != wanted {
-                return Err(DenoiseError::WrongLength { what, found, wanted });
-            }
-        }
+        let mut lengths = lengths.chain(conditions.map(|c| ("frames of conditions", c.nrows())));
+        lengths.try_for_each(|(what, found)| DenoiseError::check_length(what, found, wanted))?;
         self.reset();
         let mut values = raw.values().to_owned();
         let mut images = Vec::with_capacity(1 + others.len());

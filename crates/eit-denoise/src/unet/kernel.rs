@@ -32,17 +32,17 @@ pub(super) struct Plane {
 
 impl Plane {
     /// Distance between rows.
-    pub fn stride(self) -> usize {
+    pub(super) fn stride(self) -> usize {
         self.columns + 1
     }
 
     /// Number of values of a plane.
-    pub fn len(self) -> usize {
+    pub(super) fn len(self) -> usize {
         (self.rows + 2) * self.stride() + 1 + MOST_LANES
     }
 
     /// Offset of a row's first pixel.
-    pub fn row(self, row: usize) -> usize {
+    pub(super) fn row(self, row: usize) -> usize {
         (row + 1) * self.stride() + 1
     }
 
@@ -65,7 +65,7 @@ pub(super) struct Packed {
 
 impl Packed {
     /// From weights [output, input, row, column] and biases [output].
-    pub fn new(weights: &[f32], biases: &[f32], inputs: usize) -> Self {
+    pub(super) fn new(weights: &[f32], biases: &[f32], inputs: usize) -> Self {
         let outputs = biases.len();
         let groups = outputs.div_ceil(GROUP);
         let of = |o: usize, i: usize, tap: usize| match o < outputs {
@@ -88,7 +88,7 @@ impl Packed {
     /// `output`: the positive part of `weights * input + bias`, for planes of one size; the first inputs
     /// and outputs of longer lists.
     #[inline(always)]
-    pub fn run<S: Simd>(&self, simd: S, plane: Plane, input: &[f32], output: &mut [f32]) {
+    pub(super) fn run<S: Simd>(&self, simd: S, plane: Plane, input: &[f32], output: &mut [f32]) {
         let (mut at, inner) = (0, plane.inner());
         // less than a register beyond the last pixel; four registers of each output where there are 32
         while at < inner {

@@ -53,7 +53,7 @@ pub(crate) struct Convolution {
 
 impl Convolution {
     /// Weights without biases.
-    pub fn weights(&self) -> usize {
+    pub(crate) fn weights(&self) -> usize {
         self.outputs * self.inputs * self.side * self.side
     }
 }
@@ -77,12 +77,9 @@ impl UnetShape {
             ("conditions", self.conditions, 0..=4, "0 to 4"),
             ("fold", self.fold, 1..=2, "1 or 2"),
         ];
-        match sizes.into_iter().find(|(_, value, range, _)| !range.contains(value)) {
-            None => Ok(()),
-            Some((quantity, value, _, must)) => {
-                Err(DenoiseError::OutOfRange { quantity, value: value as f64, must })
-            }
-        }
+        sizes.into_iter().try_for_each(|(quantity, value, range, must)| {
+            DenoiseError::check_range(range.contains(&value), quantity, value as f64, must)
+        })
     }
 
     /// Input planes before folding: images of all frames, conditions and mask.
@@ -134,18 +131,18 @@ impl UnetShape {
         list
     }
 
-    /// Names of the convolutions in files, in the same order.
-    pub(crate) fn names(&self) -> Vec<String> {
-        let mut names = Vec::new();
-        for level in 0..self.depth {
-            names.extend([format!("down.{level}.0"), format!("down.{level}.1")]);
-        }
-        names.extend(["bottom.0".to_owned(), "bottom.1".to_owned()]);
-        for level in (0..self.depth).rev() {
-            names.extend([format!("up.{level}.0"), format!("up.{level}.1")]);
-        }
-        names.push("head".to_owned());
-        names
+    /// Names and shapes of the tensors in files, in the same order: weights and biases of each
+    /// convolution.
+    pub(crate) fn tensors(&self) -> impl Iterator<Item = (String, Vec<usize>)> {
+        let down = (0..self.depth).map(|level| format!("down.{level}"));
+        let up = (0..self.depth).rev().map(|level| format!("up.{level}"));
+        let levels = down.chain(["bottom".to_owned()]).chain(up);
+        let names = levels.flat_map(|level| [0, 1].map(|k| format!("{level}.{k}")));
+        let names = names.chain(["head".to_owned()]);
+        names.zip(self.convolutions()).flat_map(|(name, c)| {
+            let weights = vec![c.outputs, c.inputs, c.side, c.side];
+            [(format!("{name}.weight"), weights), (format!("{name}.bias"), vec![c.outputs])]
+        })
     }
 
     /// Number of weights and biases.

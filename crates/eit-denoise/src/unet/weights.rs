@@ -7,16 +7,20 @@ use ndarray::Array2;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::collections::{BTreeMap, HashMap};
 
-/// Format of nets that take one image per frame and nothing else, without folding.
-const ONE_IMAGE: &str = "1";
-/// Format of nets with conditions or folding; it has [`MORE_KEYS`] too. Those of several images were made
-/// before the image of touches came first, and would be given other images today.
-const CONDITIONED: &str = "2";
-/// Format of all others; it has [`MORE_KEYS`] too.
+/// Format version; others are rejected.
 const VERSION: &str = "3";
 /// Keys of the metadata that every file has.
-const KEYS: [&str; 6] = ["format_version", "history", "width", "depth", "skin", "pixels"];
-const MORE_KEYS: [&str; 3] = ["images", "conditions", "fold"];
+const KEYS: [&str; 9] = [
+    "format_version",
+    "history",
+    "width",
+    "depth",
+    "images",
+    "conditions",
+    "fold",
+    "skin",
+    "pixels",
+];
 
 /// Tensor of a model error, and the metadata that belong to it.
 const MODEL_ERROR: &str = "model_error";
@@ -78,10 +82,8 @@ impl Weights {
     /// [`DenoiseError::NonFiniteWeight`].
     pub fn validate(&self) -> Result<(), DenoiseError> {
         self.shape.validate()?;
-        let (found, wanted) = (self.parameters.len(), self.shape.parameters());
-        if found != wanted {
-            return Err(DenoiseError::WrongLength { what: "weights", found, wanted });
-        }
+        let wanted = self.shape.parameters();
+        DenoiseError::check_length("weights", self.parameters.len(), wanted)?;
         match self.parameters.iter().position(|w| !w.is_finite()) {
             None => Ok(()),
             Some(index) => {
@@ -119,21 +121,15 @@ impl Weights {
         let mut at = 0;
         let directions;
         let mut tensors = Vec::new();
-        for (name, c) in self.shape.names().into_iter().zip(self.shape.convolutions()) {
-            let parts = [
-                (format!("{name}.weight"), vec![c.outputs, c.inputs, c.side, c.side]),
-                (format!("{name}.bias"), vec![c.outputs]),
-            ];
-            for (name, shape) in parts {
-                let end = at + 4 * shape.iter().product::<usize>();
-                let view = TensorView::new(Dtype::F32, shape, &bytes[at..end]);
-                tensors.push((name, view.map_err(format_error)?));
-                at = end;
-            }
+        for (name, shape) in self.shape.tensors() {
+            let end = at + 4 * shape.iter().product::<usize>();
+            let view = TensorView::new(Dtype::F32, shape, &bytes[at..end]);
+            tensors.push((name, view.map_err(format_error)?));
+            at = end;
         }
         if let Some(error) = &self.model_error {
             error.validate()?;
-            directions = bytes_of(&error.directions.iter().copied().collect::<Vec<_>>());
+            directions = bytes_of(&error.directions);
             let numbers = [error.floor, error.limit].map(|value| value.to_string());
             metadata.extend(MODEL_ERROR_KEYS.map(str::to_owned).into_iter().zip(numbers));
             let shape = error.directions.shape().to_vec();
@@ -152,43 +148,24 @@ impl Weights {
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
         let mut about: BTreeMap<String, String> =
             header.metadata().clone().unwrap_or_default().into_iter().collect();
-        let mut take = |key: &str| {
-            about.remove(key).ok_or_else(|| DenoiseError::Format {
-                what: format!("no \"{key}\" in its metadata: not the weights of this U-net"),
-            })
-        };
-        let [version, history, width, depth, skin, pixels] = KEYS.map(&mut take);
+        let [version, history, width, depth, images, conditions, fold, skin, pixels] =
+            KEYS.map(|key| {
+                let what =
+                    || format!("no \"{key}\" in its metadata: not the weights of this U-net");
+                about.remove(key).ok_or_else(|| DenoiseError::format(what()))
+            });
         let version = version?;
-        let [images, conditions, fold] = match version.as_str() {
-            ONE_IMAGE => {
-                let UnetShape { images, conditions, fold, .. } = UnetShape::ONE_IMAGE;
-                [images, conditions, fold]
-            }
-            CONDITIONED | VERSION => {
-                let [images, conditions, fold] = MORE_KEYS.map(&mut take);
-                [number(&images?)?, number(&conditions?)?, number(&fold?)?]
-            }
-            _ => {
-                let what = format!(
-                    "version {version} of the format, this program reads {ONE_IMAGE} to {VERSION}"
-                );
-                return Err(DenoiseError::Format { what });
-            }
-        };
-        if version == CONDITIONED && images > 1 {
-            let what = format!(
-                "a net of {images} images in version {version} of the format; since version {VERSION} \
-                 the first image is that of the detected touches: train it again"
-            );
-            return Err(DenoiseError::Format { what });
+        if version != VERSION {
+            let what = format!("version {version} of the format, this program reads {VERSION}");
+            return Err(DenoiseError::format(what));
         }
         let shape = UnetShape {
             history: number(&history?)?,
             width: number(&width?)?,
             depth: number(&depth?)?,
-            images,
-            conditions,
-            fold,
+            images: number(&images?)?,
+            conditions: number(&conditions?)?,
+            fold: number(&fold?)?,
         };
         shape.validate()?;
         let pixels = pixels?;
@@ -196,23 +173,15 @@ impl Weights {
         let pixels = [number(rows)?, number(columns)?];
         let tensors = SafeTensors::deserialize(bytes).map_err(format_error)?;
         let mut parameters = Vec::with_capacity(shape.parameters());
-        for (name, c) in shape.names().into_iter().zip(shape.convolutions()) {
-            let parts = [
-                (format!("{name}.weight"), vec![c.outputs, c.inputs, c.side, c.side]),
-                (format!("{name}.bias"), vec![c.outputs]),
-            ];
-            for (name, wanted) in parts {
-                let tensor = tensors.tensor(&name).map_err(format_error)?;
-                if tensor.shape() != wanted || tensor.dtype() != Dtype::F32 {
-                    let what = format!(
-                        "{name} is {:?} {:?}, but the net needs F32 {wanted:?}",
-                        tensor.dtype(),
-                        tensor.shape()
-                    );
-                    return Err(DenoiseError::Format { what });
-                }
-                parameters.extend(floats_of(tensor.data()));
+        for (name, wanted) in shape.tensors() {
+            let tensor = tensors.tensor(&name).map_err(format_error)?;
+            let (dtype, found) = (tensor.dtype(), tensor.shape());
+            if found != wanted || dtype != Dtype::F32 {
+                let what =
+                    format!("{name} is {dtype:?} {found:?}, but the net needs F32 {wanted:?}");
+                return Err(DenoiseError::format(what));
             }
+            parameters.extend(floats_of(tensor.data()));
         }
         let numbers = MODEL_ERROR_KEYS.map(|key| about.remove(key));
         let model_error = model_error(&tensors, numbers)?;
@@ -237,7 +206,7 @@ fn model_error(
     numbers: [Option<String>; 2],
 ) -> Result<Option<ModelError>, DenoiseError> {
     let [Some(floor), Some(limit)] = numbers else { return Ok(None) };
-    let wrong = |what: String| DenoiseError::Format { what };
+    let wrong = DenoiseError::format;
     let number = |text: String| {
         text.parse::<f64>().map_err(|_| wrong(format!("\"{text}\" in its metadata is no number")))
     };
@@ -260,30 +229,15 @@ pub(crate) fn metadata(
     pixels: [usize; 2],
     about: &BTreeMap<String, String>,
 ) -> Result<HashMap<String, String>, DenoiseError> {
-    let UnetShape { images, conditions, fold, .. } = shape;
-    let one_image =
-        UnetShape { images, conditions, fold, ..UnetShape::ONE_IMAGE } == UnetShape::ONE_IMAGE;
-    let version = match () {
-        () if one_image => ONE_IMAGE,
-        () if images == 1 => CONDITIONED,
-        () => VERSION,
-    };
-    let own = [
-        version.to_owned(),
-        shape.history.to_string(),
-        shape.width.to_string(),
-        shape.depth.to_string(),
-        skin.to_owned(),
-        format!("{}x{}", pixels[0], pixels[1]),
-    ];
+    let UnetShape { history, width, depth, images, conditions, fold } = shape;
+    let sizes = [history, width, depth, images, conditions, fold].map(|size| size.to_string());
+    let pixels = format!("{}x{}", pixels[0], pixels[1]);
+    let own = [VERSION.to_owned()].into_iter().chain(sizes).chain([skin.to_owned(), pixels]);
     let mut metadata: HashMap<String, String> =
         about.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
-    let more = [images, conditions, fold].map(|value| value.to_string());
-    let more = MORE_KEYS.into_iter().zip(more).filter(|_| !one_image);
-    for (key, value) in KEYS.into_iter().zip(own).chain(more) {
+    for (key, value) in KEYS.into_iter().zip(own) {
         if metadata.insert(key.to_owned(), value).is_some() {
-            let what = format!("the key \"{key}\" belongs to the format");
-            return Err(DenoiseError::Format { what });
+            return Err(DenoiseError::format(format!("the key \"{key}\" belongs to the format")));
         }
     }
     Ok(metadata)
@@ -291,16 +245,16 @@ pub(crate) fn metadata(
 
 fn number(text: &str) -> Result<usize, DenoiseError> {
     let what = || format!("\"{text}\" in its metadata, where a whole number is wanted");
-    text.parse().map_err(|_| DenoiseError::Format { what: what() })
+    text.parse().map_err(|_| DenoiseError::format(what()))
 }
 
 pub(crate) fn format_error(error: safetensors::SafeTensorError) -> DenoiseError {
-    DenoiseError::Format { what: error.to_string() }
+    DenoiseError::format(error.to_string())
 }
 
 /// Little-endian bytes.
-pub(crate) fn bytes_of(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+pub(crate) fn bytes_of<'a>(values: impl IntoIterator<Item = &'a f32>) -> Vec<u8> {
+    values.into_iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
 /// Numbers of little-endian bytes.

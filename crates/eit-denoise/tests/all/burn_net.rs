@@ -8,8 +8,7 @@ use eit_denoise::burn::config::Config as _;
 use eit_denoise::burn::module::Module as _;
 use eit_denoise::burn::store::{ModuleSnapshot as _, SafetensorsStore};
 use eit_denoise::{
-    DenoiseError, Denoiser, ImageStack, TrainDevice, Unet, UnetConfig, UnetShape, Weights,
-    images_through,
+    DenoiseError, Denoiser, ImageStack, TrainDevice, Unet, UnetShape, Weights, images_through,
 };
 use std::collections::BTreeMap;
 
@@ -108,7 +107,7 @@ fn both_read_and_write_one_file() {
         assert_eq!(bytes.len(), weights.to_bytes().unwrap().len());
     }
     // another program of burn, which knows our file only by its tensors
-    let mut net = UnetConfig::from(shipped.shape).init(&device).unwrap();
+    let mut net = Unet::new(shipped.shape, 1, &device).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("w.safetensors");
     std::fs::write(&path, shipped.to_bytes().unwrap()).unwrap();
@@ -142,26 +141,25 @@ fn bad_files_and_sizes_are_refused() {
     let about = BTreeMap::from([("width".to_owned(), "3".to_owned())]);
     let error = net.to_bytes("s", [16, 16], &about).unwrap_err().to_string();
     assert!(error.contains("\"width\" belongs to the format"), "{error}");
-    for (config, text) in [
-        (UnetConfig::new(0, 4, 3), "history is 0"),
-        (UnetConfig::new(1, 200, 3), "width is 200"),
-        (UnetConfig::new(1, 4, 7), "depth is 7"),
+    for (shape, text) in [
+        (UnetShape { history: 0, ..UnetShape::ONE_IMAGE }, "history is 0"),
+        (UnetShape { width: 200, ..UnetShape::ONE_IMAGE }, "width is 200"),
+        (UnetShape { depth: 7, ..UnetShape::ONE_IMAGE }, "depth is 7"),
     ] {
-        let error = config.init(&device).unwrap_err().to_string();
+        let error = Unet::new(shape, 1, &device).unwrap_err().to_string();
         assert!(error.contains(text), "{error}");
     }
 }
 
-/// A configuration is one line of JSON, and the seed alone says the first weights.
+/// The seed alone determines the first weights.
 #[test]
-fn a_configuration_gives_the_same_net_again() {
+fn the_same_seed_gives_the_same_net() {
     let device = TrainDevice::Flex.open().unwrap();
-    let config = UnetConfig::new(2, 3, 2).with_seed(5);
-    let again = UnetConfig::load_binary(config.to_string().as_bytes()).unwrap();
-    let of = |config: &UnetConfig| {
-        config.init(&device).unwrap().to_weights("", [1, 1], &BTreeMap::new()).unwrap()
+    let of = |seed| {
+        let net = Unet::new(CASES[2].0, seed, &device).unwrap();
+        net.to_weights("", [1, 1], &BTreeMap::new()).unwrap()
     };
-    assert_eq!(of(&config), of(&again));
-    assert_ne!(of(&config), of(&UnetConfig::new(2, 3, 2).with_seed(6)));
-    assert_eq!(of(&config).shape, config.shape());
+    assert_eq!(of(5), of(5));
+    assert_ne!(of(5), of(6));
+    assert_eq!(of(5).shape, CASES[2].0);
 }

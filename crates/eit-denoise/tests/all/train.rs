@@ -8,8 +8,7 @@ use eit_denoise::burn::optim::GradientsParams;
 use eit_denoise::burn::tensor::Tensor;
 use eit_denoise::{
     DenoiseError, Denoiser, Examples, ImageStack, RasterSymmetry, Shard, TrainDevice,
-    TrainSettings, TrainStatus, TrainStep, Trainer, Unet, UnetConfig, UnetShape, Weights,
-    weighted_errors,
+    TrainSettings, TrainStatus, TrainStep, Trainer, Unet, UnetShape, Weights, weighted_errors,
 };
 use fixtures::Random;
 use ndarray::{Array2, Array3, Axis, concatenate};
@@ -157,7 +156,7 @@ fn settings() -> TrainSettings {
 
 fn net(shape: UnetShape) -> Unet {
     let device = TrainDevice::Flex.open().unwrap();
-    UnetConfig::from(shape).with_seed(4).init(&device).unwrap()
+    Unet::new(shape, 4, &device).unwrap()
 }
 
 fn trainer(shape: UnetShape, settings: &TrainSettings) -> Trainer<Unet> {
@@ -301,7 +300,7 @@ fn a_resumed_training_ends_with_the_bits_of_an_uninterrupted_one() {
     assert_eq!(finish(trainer, 1), wanted, "broken off");
     // the weights of the net that takes the checkpoint over do not matter
     let device = TrainDevice::Flex.open().unwrap();
-    let other = || UnetConfig::from(SHAPE).with_seed(9).init(&device).unwrap();
+    let other = || Unet::new(SHAPE, 9, &device).unwrap();
     let resumed = Trainer::resume(&path, other(), &settings, "base").unwrap();
     assert_eq!(finish(resumed, 1), wanted, "resumed");
 
@@ -342,7 +341,8 @@ fn training_stops_early_and_refuses_what_cannot_be() {
     let message = Trainer::new(net(SHAPE), &none, "base").unwrap_err().to_string();
     assert!(message.contains("batch is 0"), "{message}");
     let device = TrainDevice::Flex.open().unwrap();
-    let message = UnetConfig::new(1, 0, 2).init(&device).unwrap_err().to_string();
+    let empty = UnetShape { width: 0, ..SHAPE };
+    let message = Unet::new(empty, 1, &device).unwrap_err().to_string();
     assert!(message.contains("width is 0"), "{message}");
     let mut trainer = trainer(SHAPE, &settings());
     let single = Examples::new(&[shard(4, 16)], 1).unwrap();

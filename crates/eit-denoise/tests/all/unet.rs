@@ -128,26 +128,20 @@ fn inputs_are_counted_and_zero_gives_zero() {
     assert!(net.push_frame_into(frame, out.view_mut()).is_err());
 }
 
-/// Files of nets of one image say version 1, with conditions or folding version 2, those of several images version 3,
-/// and all come back. A net of several images in version 2 expects other images and is rejected.
+/// Files of nets of any shape come back; another version of the format is rejected.
 #[test]
-fn all_versions_of_files_are_read() {
-    let of = |images, conditions, fold| {
-        weights(UnetShape { images, conditions, fold, ..UnetShape::ONE_IMAGE }, [16, 16])
-    };
-    let version = |version: u8| format!("\"format_version\":\"{version}\"");
-    for (weights, number) in [(of(1, 0, 1), 1), (of(1, 1, 2), 2), (of(3, 1, 2), 3)] {
-        let bytes = weights.to_bytes().unwrap();
-        let header = String::from_utf8_lossy(&bytes[8..2000]).into_owned();
-        assert!(header.contains(&version(number)), "{header}");
+fn files_come_back() {
+    for [images, conditions, fold] in [[1, 0, 1], [1, 1, 2], [3, 1, 2]] {
+        let shape = UnetShape { images, conditions, fold, ..UnetShape::ONE_IMAGE };
+        let weights = weights(shape, [16, 16]);
+        let mut bytes = weights.to_bytes().unwrap();
         assert_eq!(Weights::from_bytes(&bytes).unwrap(), weights);
+        let version = b"\"format_version\":\"3\"";
+        let at = bytes.windows(version.len()).position(|part| part == version).unwrap();
+        bytes[at + version.len() - 2] = b'2';
+        let refused = Weights::from_bytes(&bytes).unwrap_err().to_string();
+        assert!(refused.contains("version 2 of the format"), "{refused}");
     }
-    let mut bytes = of(2, 2, 1).to_bytes().unwrap();
-    let (now, before) = (version(3), version(2));
-    let at = bytes.windows(now.len()).position(|part| part == now.as_bytes()).unwrap();
-    bytes[at..at + now.len()].copy_from_slice(before.as_bytes());
-    let refused = Weights::from_bytes(&bytes).unwrap_err().to_string();
-    assert!(refused.contains("a net of 2 images in version 2 of the format"), "{refused}");
 }
 
 /// Rounding of `f32`: sums of at most 700 terms of about unit size in eleven layers, each off by

@@ -34,17 +34,17 @@ pub(super) struct Block {
 
 impl Block {
     /// Number of gradient values.
-    pub fn size(&self) -> usize {
+    pub(crate) fn size(&self) -> usize {
         self.gradients.len()
     }
 
     /// [`Block::size`] needed for a model.
-    pub fn size_for(model: &ForwardModel) -> usize {
+    pub(crate) fn size_for(model: &ForwardModel) -> usize {
         model.fields.slot_count() * PLANES * STRIDE
     }
 
     /// Allocates the memory for a model.
-    pub fn new(model: &ForwardModel) -> Self {
+    pub(crate) fn new(model: &ForwardModel) -> Self {
         Self {
             gradients: vec![0.0; Self::size_for(model)],
             product: [vec![0.0; BLOCK], vec![0.0; BLOCK]],

@@ -93,13 +93,8 @@ impl AdmittivityModel {
     }
 
     pub(super) fn check_admittivity(&self, admittivity_s: &[Complex64]) -> Result<(), FemError> {
-        if admittivity_s.len() != self.elements() {
-            return Err(FemError::WrongLength {
-                what: "admittivity (one per element)",
-                found: admittivity_s.len(),
-                wanted: self.elements(),
-            });
-        }
+        let what = "admittivity (one per element)";
+        FemError::check_length(what, admittivity_s.len(), self.elements())?;
         match admittivity_s.iter().position(|y| !is_passive(*y)) {
             None => Ok(()),
             Some(element) => {

@@ -3,10 +3,6 @@
 use crate::error::FemError;
 use num_complex::Complex64;
 
-/// Threshold on the cosine of half the span. Entries may grow with the inverse square of this
-/// cosine; below the threshold, a factorisation without pivoting has no correct digit.
-const LEAST_COSINE: f64 = 1e-8;
-
 /// Smallest and largest phase of a list, from -90 to 90 degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Phases {
@@ -16,7 +12,7 @@ pub(super) struct Phases {
 
 impl Phases {
     /// Phase range of non-zero numbers in the right half plane.
-    pub fn of(numbers: &[Complex64]) -> Self {
+    pub(crate) fn of(numbers: &[Complex64]) -> Self {
         // monotonic in the phase and needs no arc tangent; -1 and 1 on the imaginary axis
         let rank = |y: &Complex64| y.im / (y.re + y.im.abs());
         let ranks = numbers.iter().map(rank);
@@ -27,12 +23,12 @@ impl Phases {
     }
 
     /// Union of two ranges.
-    pub fn with(self, other: Self) -> Self {
+    pub(crate) fn with(self, other: Self) -> Self {
         Self { least: self.least.min(other.least), most: self.most.max(other.most) }
     }
 
     /// Difference between the largest and the smallest phase, radians.
-    pub fn span(self) -> f64 {
+    pub(crate) fn span(self) -> f64 {
         self.most - self.least
     }
 
@@ -40,8 +36,10 @@ impl Phases {
     ///
     /// # Errors
     /// A span of 180 degrees: inductors and capacitors may cancel.
-    pub fn direction(self) -> Result<Complex64, FemError> {
-        if (0.5 * self.span()).cos() < LEAST_COSINE {
+    pub(crate) fn direction(self) -> Result<Complex64, FemError> {
+        // entries may grow with the inverse square of this cosine: below 1e-8, a factorisation
+        // without pivoting has no correct digit
+        if (0.5 * self.span()).cos() < 1e-8 {
             let degrees = [self.least.to_degrees(), self.most.to_degrees()];
             return Err(FemError::OppositePhases { degrees });
         }

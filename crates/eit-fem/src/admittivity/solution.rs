@@ -66,21 +66,14 @@ impl<'a> AdmittivitySolution<'a> {
         let start = Instant::now();
         workspace.check(model)?;
         let direction = phases.direction()?;
-        let real = &model.real;
         workspace.assemble(model, admittivity_s);
-        let AdmittivityWorkspace { matrix, factor, transfer, electrode_potentials, .. } =
-            &mut *workspace;
-        real.cholesky.factorise(matrix, factor, direction).map_err(|error| match error {
+        workspace.nodal.solve_electrodes(&model.real, direction).map_err(|error| match error {
             SparseError::BadPivot { unknown, unknowns } => {
                 FemError::PivotOutOfPhase { unknown, unknowns }
             }
             other => other.into(),
         })?;
-        transfer.fill(Complex64::new(0.0, 0.0));
-        transfer.diagonal_mut().column_vector_mut().fill(Complex64::new(1.0, 0.0));
-        real.cholesky.solve_trailing(factor, transfer.as_mut());
-        real.patterns.electrode_potentials(transfer.as_ref(), electrode_potentials);
-        workspace.check_potentials()?;
+        workspace.nodal.check_potentials(Complex64::norm)?;
         let time = start.elapsed();
         Ok(Self { model, workspace, phases, fields_solved: false, quality: None, time })
     }
@@ -95,52 +88,26 @@ impl<'a> AdmittivitySolution<'a> {
     /// # Errors
     /// [`FemError::WrongLength`] if there is not one value per measurement.
     pub fn measurements_into(&self, voltages_v: &mut [Complex64]) -> Result<(), FemError> {
-        let (found, wanted) = (voltages_v.len(), self.model.protocol().measurements());
-        if found != wanted {
-            let what = "voltages (one per measurement)";
-            return Err(FemError::WrongLength { what, found, wanted });
-        }
+        let wanted = self.model.protocol().measurements();
+        FemError::check_length("voltages (one per measurement)", voltages_v.len(), wanted)?;
         voltages_v.iter_mut().enumerate().for_each(|(datum, v)| *v = self.voltage(datum));
         Ok(())
     }
 
     fn voltage(&self, datum: usize) -> Complex64 {
-        let [stimulation, pattern] = self.model.protocol().data()[datum].map(|i| i as usize);
-        let electrodes = self.model.protocol().electrodes();
-        let potentials = &self.workspace.electrode_potentials[stimulation * electrodes..];
-        let weights = &self.model.real.patterns.measurements[pattern];
-        weights.iter().map(|&(l, weight)| potentials[l as usize] * weight).sum()
+        self.workspace.nodal.voltage(&self.model.real, datum)
     }
 
     /// Returns the electrode potentials, [stimulation, electrode], volt. Each row sums to zero.
     pub fn electrode_potentials(&self) -> Array2<Complex64> {
-        let electrodes = self.model.protocol().electrodes();
-        let stimulations = self.model.real.patterns.stimulations_a.len();
-        let values = &self.workspace.electrode_potentials;
-        Array2::from_shape_fn((stimulations, electrodes), |(s, l)| values[s * electrodes + l])
+        self.workspace.nodal.electrode_potentials(&self.model.real)
     }
 
     /// Returns the potentials at the nodes of the skin, [stimulation, node], volt, with the same
     /// reference as [`AdmittivitySolution::electrode_potentials`].
     pub fn node_potentials(&mut self) -> Array2<Complex64> {
         self.solve_fields();
-        let real = &self.model.real;
-        let solves = real.fields.basis.nrows();
-        let electrodes = real.protocol().electrodes();
-        let shape = (real.patterns.stimulations_a.len(), real.dofs.nodes());
-        let mut result = Array2::zeros(shape);
-        for (s, mut row) in result.rows_mut().into_iter().enumerate() {
-            // fields are zero at the ground electrode
-            let ground_v = self.workspace.electrode_potentials[(s + 1) * electrodes - 1];
-            let (field, factor) = real.fields.stimulations[s];
-            let weights = &real.fields.combinations[field as usize];
-            for (value, &unknown) in row.iter_mut().zip(&real.dofs.unknown_of_node) {
-                let u = &self.workspace.potentials[unknown as usize * solves..][..solves];
-                let sum: Complex64 = weights.iter().map(|&(r, c)| u[r as usize] * c).sum();
-                *value = ground_v + sum * factor;
-            }
-        }
-        result
+        self.workspace.nodal.node_potentials(&self.model.real, None)
     }
 
     /// Returns the Jacobian, [measurement, element], in volt per siemens: the holomorphic
@@ -161,36 +128,29 @@ impl<'a> AdmittivitySolution<'a> {
         &mut self,
         jacobian: ArrayViewMut2<'_, Complex64>,
     ) -> Result<(), FemError> {
-        let model = self.model;
-        let checks = [
-            ("rows of the Jacobian", jacobian.nrows(), model.protocol().measurements()),
-            ("columns of the Jacobian", jacobian.ncols(), model.elements()),
-        ];
-        for (what, found, wanted) in checks {
-            if found != wanted {
-                return Err(FemError::WrongLength { what, found, wanted });
-            }
-        }
+        let (rows, columns) = (self.model.protocol().measurements(), self.model.elements());
+        FemError::check_length("rows of the Jacobian", jacobian.nrows(), rows)?;
+        FemError::check_length("columns of the Jacobian", jacobian.ncols(), columns)?;
         self.fill_jacobian(jacobian);
         Ok(())
     }
 
     fn fill_jacobian(&mut self, jacobian: ArrayViewMut2<'_, Complex64>) {
         self.solve_fields();
-        let AdmittivityWorkspace { potentials, block, .. } = &mut *self.workspace;
-        jacobian::fill(&self.model.real, potentials, block, jacobian);
+        let AdmittivityWorkspace { nodal, block, .. } = &mut *self.workspace;
+        jacobian::fill(&self.model.real, &nodal.potentials, block, jacobian);
     }
 
     /// Returns size, accuracy and time of the solve. The first call solves the fields if needed,
     /// multiplies each by the matrix and reads the factor once; later calls reuse the result.
     pub fn report(&mut self) -> AdmittivityReport {
         self.solve_fields();
-        let real = &self.model.real;
+        let (real, nodal) = (&self.model.real, &self.workspace.nodal);
         let (backward_error, growth) = match self.quality {
             Some(known) => known,
             None => {
-                let growth = real.cholesky.growth(&self.workspace.matrix, &self.workspace.factor);
-                *self.quality.insert((self.backward_error(), growth))
+                let growth = real.cholesky.growth(&nodal.matrix, &nodal.factor);
+                *self.quality.insert((nodal.backward_error(real), growth))
             }
         };
         AdmittivityReport {
@@ -200,7 +160,7 @@ impl<'a> AdmittivitySolution<'a> {
             phase_span_deg: self.phases.span().to_degrees(),
             growth,
             backward_error,
-            expected_loss: 1000.0 * f64::EPSILON * growth * self.spread(),
+            expected_loss: 1000.0 * f64::EPSILON * growth * nodal.spread(real),
             time_s: self.time.as_secs_f64(),
         }
     }
@@ -210,49 +170,8 @@ impl<'a> AdmittivitySolution<'a> {
             return;
         }
         let start = Instant::now();
-        let real = &self.model.real;
-        let basis = &real.fields.basis;
-        let (solves, nodes) = (basis.nrows(), real.dofs.nodes());
-        let AdmittivityWorkspace { potentials, factor, .. } = &mut *self.workspace;
-        for (k, row) in potentials[nodes * solves..].chunks_exact_mut(solves).enumerate() {
-            row.iter_mut().zip(basis.column(k)).for_each(|(x, i)| *x = Complex64::from(*i));
-        }
-        real.cholesky.solve_checked(factor, potentials, solves);
+        self.workspace.nodal.solve_fields(&self.model.real);
         self.fields_solved = true;
         self.time += start.elapsed();
-    }
-
-    fn backward_error(&self) -> f64 {
-        let real = &self.model.real;
-        let basis = &real.fields.basis;
-        let (solves, nodes) = (basis.nrows(), real.dofs.nodes());
-        let unknowns = real.unknowns();
-        let mut x = vec![Complex64::new(0.0, 0.0); unknowns];
-        let (mut product, mut size) = (x.clone(), vec![0.0; unknowns]);
-        let mut worst = 0.0_f64;
-        for r in 0..solves {
-            for (x, row) in x.iter_mut().zip(self.workspace.potentials.chunks_exact(solves)) {
-                *x = row[r];
-            }
-            let values = &self.workspace.matrix;
-            real.assembly.pattern.multiply(values, &x, &mut product, &mut size);
-            for i in 0..unknowns {
-                let b = if i < nodes { 0.0 } else { basis[[r, i - nodes]] };
-                let scale = size[i] + b.abs();
-                if scale > 0.0 {
-                    worst = worst.max((product[i] - b).norm() / scale);
-                }
-            }
-        }
-        worst
-    }
-
-    /// Ratio of the largest to the smallest entry of the assembled diagonal.
-    fn spread(&self) -> f64 {
-        let entries = self.model.real.assembly.pattern.diagonal();
-        let diagonal = entries.map(|entry| self.workspace.matrix[entry].norm());
-        let (least, most) =
-            diagonal.fold((f64::INFINITY, 0.0_f64), |(least, most), d| (least.min(d), most.max(d)));
-        most / least
     }
 }

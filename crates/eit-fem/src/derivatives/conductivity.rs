@@ -44,17 +44,17 @@ pub(crate) struct Block {
 
 impl Block {
     /// Number of gradient values.
-    pub fn size(&self) -> usize {
+    pub(crate) fn size(&self) -> usize {
         self.gradients.len()
     }
 
     /// [`Block::size`] needed for a model.
-    pub fn size_for(model: &ForwardModel) -> usize {
+    pub(crate) fn size_for(model: &ForwardModel) -> usize {
         model.fields.slot_count() * model.dofs.order.components() * STRIDE
     }
 
     /// Allocates the memory for a model.
-    pub fn new(model: &ForwardModel) -> Self {
+    pub(crate) fn new(model: &ForwardModel) -> Self {
         Self { gradients: vec![0.0; Self::size_for(model)], product: vec![0.0; BLOCK] }
     }
 }

@@ -41,14 +41,14 @@ pub(crate) struct Under<'a> {
 
 impl<'a> Under<'a> {
     /// Returns the deviations at the corners of one part.
-    pub fn part(&self, part: usize) -> &'a [f64] {
+    pub(crate) fn part(&self, part: usize) -> &'a [f64] {
         &self.deviations[part * self.corners..][..self.corners]
     }
 }
 
 impl ContactFields {
     /// Gathers the fields of electrode `l`.
-    pub fn new(solved: &SolvedFields<'_>, l: usize) -> Self {
+    pub(crate) fn new(solved: &SolvedFields<'_>, l: usize) -> Self {
         let (fields, contact) = (&solved.model.fields, &solved.model.dofs.contacts[l]);
         let parts = contact.parts();
         let measures: Vec<f64> =
@@ -80,7 +80,7 @@ impl ContactFields {
     }
 
     /// Returns a field by its index.
-    pub fn field(&self, solved: &SolvedFields<'_>, field: u32) -> Under<'_> {
+    pub(crate) fn field(&self, solved: &SolvedFields<'_>, field: u32) -> Under<'_> {
         let width = 1 + self.corners * self.measures.len();
         let slot = solved.model.fields.slots[field as usize] as usize;
         let row = &self.rows[slot * width..][..width];

@@ -31,7 +31,7 @@ struct Offset {
 
 impl MidsideNodes {
     /// Creates the midside nodes that elements of the given order need.
-    pub fn new(mesh: &Mesh, order: ElementOrder) -> Self {
+    pub(crate) fn new(mesh: &Mesh, order: ElementOrder) -> Self {
         let surface = mesh.surface();
         let mut midside_nodes =
             Self { mesh_nodes: surface.nodes().len(), edges: Vec::new(), offsets: Vec::new() };
@@ -64,18 +64,18 @@ impl MidsideNodes {
     }
 
     /// Number of mesh nodes.
-    pub fn mesh_nodes(&self) -> usize {
+    pub(crate) fn mesh_nodes(&self) -> usize {
         self.mesh_nodes
     }
 
     /// Number of mesh nodes and midside nodes together.
-    pub fn all_nodes(&self) -> usize {
+    pub(crate) fn all_nodes(&self) -> usize {
         self.mesh_nodes + self.edges.len()
     }
 
     /// Appends the nodes of an element (three corners) or of an electrode's edge (two ends): the
     /// given nodes, then the midside nodes of the sides in order, if there are any.
-    pub fn extend(&self, corners: &[u32], nodes: &mut Vec<u32>) {
+    pub(crate) fn extend(&self, corners: &[u32], nodes: &mut Vec<u32>) {
         nodes.extend_from_slice(corners);
         let sides = if corners.len() == 2 { 1 } else { corners.len() };
         let middle = |k: usize| {
@@ -88,7 +88,7 @@ impl MidsideNodes {
 
     /// Calls `visit` with every midside node (numbered from 0) and its position, for mesh nodes at
     /// `nodes_m`.
-    pub fn places(&self, nodes_m: &[[f64; 3]], mut visit: impl FnMut(usize, [f64; 3])) {
+    pub(crate) fn places(&self, nodes_m: &[[f64; 3]], mut visit: impl FnMut(usize, [f64; 3])) {
         let mut offsets = self.offsets.iter().peekable();
         for (index, edge) in self.edges.iter().enumerate() {
             let [a, b] = edge.map(|n| nodes_m[n as usize]);

@@ -13,10 +13,6 @@ use super::seat::Seat;
 use super::settings::LinearResponse;
 use eit_mesh::{Raster, Surface};
 
-/// Distance from a contact, in membrane lengths, beyond which strains are below 1e-17 of their
-/// largest value.
-const REACH: f64 = 20.0;
-
 /// Triangles of the skin, prepared for evaluating drives.
 #[derive(Debug, Clone)]
 pub(super) struct Elements {
@@ -29,7 +25,7 @@ pub(super) struct Elements {
 
 impl Elements {
     /// `length_m` is the characteristic length of the membrane.
-    pub fn new(surface: &Surface, length_m: f64) -> Self {
+    pub(crate) fn new(surface: &Surface, length_m: f64) -> Self {
         let corners: Vec<[[f64; 3]; 3]> =
             (0..surface.triangles().len()).map(|t| surface.corners(t)).collect();
         let middle = |c: &[[f64; 3]; 3]| {
@@ -37,18 +33,24 @@ impl Elements {
             let distance = |p: &[f64; 3]| (p[0] - m[0]).hypot(p[1] - m[1]).hypot(p[2] - m[2]);
             (m, c.iter().map(distance).fold(0.0, f64::max))
         };
-        Self { middles: corners.iter().map(middle).collect(), corners, reach_m: REACH * length_m }
+        // beyond 20 membrane lengths from a contact, strains are below 1e-17 of their largest value
+        Self { middles: corners.iter().map(middle).collect(), corners, reach_m: 20.0 * length_m }
     }
 
     /// Computes the relative conductivity change of each element of a linear skin, at its centroid.
-    pub fn changes_into(&self, linear: &LinearResponse, touches: &[Touch], changes: &mut [f64]) {
+    pub(crate) fn changes_into(
+        &self,
+        linear: &LinearResponse,
+        touches: &[Touch],
+        changes: &mut [f64],
+    ) {
         for (change, ([x, y, _], _)) in changes.iter_mut().zip(&self.middles) {
             *change = linear.relative_change(touches, [*x, *y]);
         }
     }
 
     /// Computes the mean drive of each element under the touches.
-    pub fn drives_into(&self, touches: &[Placed], law: &PiezoLaw, drives: &mut [f64]) {
+    pub(crate) fn drives_into(&self, touches: &[Placed], law: &PiezoLaw, drives: &mut [f64]) {
         for ((drive, (middle, size)), corners) in
             drives.iter_mut().zip(&self.middles).zip(&self.corners)
         {

@@ -10,9 +10,6 @@ use super::truth::TrueQuality;
 use crate::protocol::Protocol;
 use eit_core::Random;
 
-/// Root mean square voltage of floating inputs, as a fraction of the largest voltage.
-const FLOATING: f64 = 0.1;
-
 /// Channels of one instrument.
 #[derive(Debug)]
 pub(super) struct Channels {
@@ -30,7 +27,12 @@ pub(super) struct Channels {
 impl Channels {
     /// Creates the channels. `reference_v` holds the exact voltages of the untouched skin, which
     /// set the default range.
-    pub fn new(settings: &Instrument, protocol: &Protocol, reference_v: &[f64], seed: u64) -> Self {
+    pub(crate) fn new(
+        settings: &Instrument,
+        protocol: &Protocol,
+        reference_v: &[f64],
+        seed: u64,
+    ) -> Self {
         let patterns = protocol.measurement_patterns().nrows();
         let per_channel = |purpose: Purpose, sample: &dyn Fn(&mut Random) -> f64| -> Vec<f64> {
             let mut random = purpose.stream(seed, 0);
@@ -55,19 +57,19 @@ impl Channels {
 
     /// Returns the standard deviation of each measurement's noise, volt: additive noise and
     /// rounding (`step / sqrt(12)`).
-    pub fn noise_std_v(&self, measurements: usize) -> Vec<f64> {
+    pub(crate) fn noise_std_v(&self, measurements: usize) -> Vec<f64> {
         let rounding = self.converter.map_or(0.0, |[step, _]| step * step / 12.0);
         let additive = |k: usize| self.noise_v.as_ref().map_or(0.0, |noise| noise[k].powi(2));
         (0..measurements).map(|k| (additive(k) + rounding).sqrt()).collect()
     }
 
     /// Returns the range of the converter, volt.
-    pub fn range_v(&self) -> Option<f64> {
+    pub(crate) fn range_v(&self) -> Option<f64> {
         self.converter.map(|c| c[1])
     }
 
     /// Turns the exact voltages of a frame into recorded ones and marks clipped values.
-    pub fn measure(&self, frame: usize, values_v: &mut [f64], quality: &mut [TrueQuality]) {
+    pub(crate) fn measure(&self, frame: usize, values_v: &mut [f64], quality: &mut [TrueQuality]) {
         if let Some(gains) = &self.gains {
             values_v.iter_mut().zip(gains).for_each(|(v, gain)| *v *= gain);
         }
@@ -79,7 +81,8 @@ impl Channels {
             // no current through the electrode, and floating inputs
             let mut random = Purpose::Floating.stream(self.seed, frame);
             for (v, quality) in values_v.iter_mut().zip(&*quality) {
-                let floating = FLOATING * self.largest_v * random.normal();
+                // a floating input shows a tenth of the largest voltage
+                let floating = 0.1 * self.largest_v * random.normal();
                 *v = if *quality == TrueQuality::Lost { floating } else { *v };
             }
         }

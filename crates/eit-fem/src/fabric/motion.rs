@@ -53,7 +53,7 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    pub fn new(mesh: &Mesh, settings: &FabricSettings) -> Self {
+    pub(crate) fn new(mesh: &Mesh, settings: &FabricSettings) -> Self {
         let surface = mesh.surface();
         let nodes_m = surface.nodes().to_vec();
         let membrane = &settings.membrane;
@@ -80,12 +80,12 @@ impl Motion {
     }
 
     /// Whether touches move the nodes.
-    pub fn moves(&self) -> bool {
+    pub(crate) fn moves(&self) -> bool {
         self.moves
     }
 
     /// Computes the node positions under touches, metres.
-    pub fn nodes_into(&self, touches: &[Placed], nodes_m: &mut [[f64; 3]]) {
+    pub(crate) fn nodes_into(&self, touches: &[Placed], nodes_m: &mut [[f64; 3]]) {
         let places = self.nodes_m.iter().zip(&self.follows);
         for (moved, (place, follows)) in nodes_m.iter_mut().zip(places) {
             *moved = *place;
@@ -104,7 +104,7 @@ impl Motion {
     }
 
     /// Computes the mean displacement of each electrode, metres.
-    pub fn shifts_into(&self, nodes_m: &[[f64; 3]], shifts_m: &mut [[f64; 3]]) {
+    pub(crate) fn shifts_into(&self, nodes_m: &[[f64; 3]], shifts_m: &mut [[f64; 3]]) {
         for (shift, nodes) in shifts_m.iter_mut().zip(&self.electrodes) {
             *shift = std::array::from_fn(|k| {
                 let part = |&(n, weight): &(u32, f64)| {
@@ -116,7 +116,7 @@ impl Motion {
     }
 
     /// Adds the change of ln(contact impedance) of each electrode to `logs`.
-    pub fn add_contacts(&self, touches: &[Placed], logs: &mut [f64]) {
+    pub(crate) fn add_contacts(&self, touches: &[Placed], logs: &mut [f64]) {
         if self.rim.contact_gain == 0.0 || touches.is_empty() {
             return;
         }

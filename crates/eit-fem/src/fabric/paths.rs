@@ -24,10 +24,6 @@ use std::f64::consts::{PI, TAU};
 /// Fraction of the play circle's radius that fingers stay within. Nearer to the rim, the rim would
 /// cut off a bell of 12 mm on a skin of 0.1 m.
 const INSIDE: f64 = 0.8;
-/// Largest number of fingers.
-const MOST_FINGERS: usize = 4;
-/// Largest number of frames; more are probably a typing error.
-const MOST_FRAMES: usize = 1_000_000;
 /// Number of chords that approximate a path for its arc length. Their sum is too short by less than
 /// a fraction 1e-5, and interpolated positions are accurate to 3e-6 of the path's size.
 const CHORDS: usize = 2048;
@@ -90,10 +86,11 @@ impl RandomPaths {
         let Self { fingers, frames, step_m, apart_m, .. } = *self;
         let out_of_range =
             |quantity, value, must| Err(FemError::OutOfRange { quantity, value, must });
-        if !(1..=MOST_FINGERS).contains(&fingers) {
+        if !(1..=4).contains(&fingers) {
             return out_of_range("fingers", fingers as f64, "from 1 to 4");
         }
-        if !(1..=MOST_FRAMES).contains(&frames) {
+        // more are probably a typing error
+        if !(1..=1_000_000).contains(&frames) {
             return out_of_range("frames", frames as f64, "from 1 to 1000000");
         }
         if !(apart_m >= 0.0 && apart_m.is_finite()) {

@@ -13,7 +13,7 @@ pub(super) struct Waves<const D: usize> {
 
 impl<const D: usize> Waves<D> {
     /// Draws `count` waves for the correlation length (or time) `correlation`.
-    pub fn new(random: &mut Random, correlation: f64, count: usize) -> Self {
+    pub(crate) fn new(random: &mut Random, correlation: f64, count: usize) -> Self {
         let mut wave = || {
             let vector = std::array::from_fn(|_| random.normal() / correlation);
             (vector, random.between(0.0, std::f64::consts::TAU))
@@ -22,7 +22,7 @@ impl<const D: usize> Waves<D> {
     }
 
     /// Returns the value at a point. The variance is one.
-    pub fn at(&self, place: [f64; D]) -> f64 {
+    pub(crate) fn at(&self, place: [f64; D]) -> f64 {
         let wave = |(k, phase): &([f64; D], f64)| {
             (k.iter().zip(place).map(|(k, x)| k * x).sum::<f64>() + phase).cos()
         };

@@ -5,9 +5,6 @@ use super::seat::Seat;
 use crate::error::FemError;
 use eit_mesh::{Mesh, Surface};
 
-/// Largest number of frames: six days at 20 Hz. A simulation holds all of them, 34 kB each with 64 x 64 pixels.
-const MOST_FRAMES: usize = 10_000_000;
-
 /// Script of fingers that touch a skin over time.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -152,7 +149,8 @@ impl TouchScript {
             let (quantity, must) = ("frame_rate_hz", "finite and above zero");
             return Err(FemError::OutOfRange { quantity, value: rate, must });
         }
-        if self.frames <= self.quiet_frames || self.frames > MOST_FRAMES {
+        // a simulation holds all frames, 34 kB each with 64 x 64 pixels; 10 million are six days at 20 Hz
+        if self.frames <= self.quiet_frames || self.frames > 10_000_000 {
             let (quantity, must) = ("frames", "more than quiet_frames, and at most 10 million");
             return Err(FemError::OutOfRange { quantity, value: self.frames as f64, must });
         }

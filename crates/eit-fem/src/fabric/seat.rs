@@ -19,7 +19,7 @@ pub(super) struct Seat {
 
 impl Seat {
     /// The highest place of the surface with this x and y; `None` if there is none that is seen from +z.
-    pub fn on(surface: &Surface, [x, y]: [f64; 2]) -> Option<Self> {
+    pub(crate) fn on(surface: &Surface, [x, y]: [f64; 2]) -> Option<Self> {
         let seats = (0..surface.triangles().len()).filter_map(|t| {
             let corners = surface.corners(t);
             let is_left = |k: usize| {
@@ -39,13 +39,13 @@ impl Seat {
     }
 
     /// The place beside this one in its tangent plane.
-    pub fn beside(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+    pub(crate) fn beside(&self, [x, y]: [f64; 2]) -> [f64; 3] {
         let ([x0, y0, z0], [nx, ny, nz]) = (self.place_m, self.normal);
         [x, y, z0 - (nx * (x - x0) + ny * (y - y0)) / nz]
     }
 
     /// A unit vector in the tangent plane that is this direction as seen from +z.
-    pub fn tangent(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+    pub(crate) fn tangent(&self, [x, y]: [f64; 2]) -> [f64; 3] {
         let [nx, ny, nz] = self.normal;
         let z = (nx * x + ny * y) / nz;
         let long = if z == 0.0 { 1.0 } else { x.hypot(y).hypot(z) / x.hypot(y) };
@@ -53,7 +53,7 @@ impl Seat {
     }
 
     /// Distance of a place, and its offset along the tangent plane, metres.
-    pub fn offset(&self, place_m: [f64; 3]) -> (f64, [f64; 3]) {
+    pub(crate) fn offset(&self, place_m: [f64; 3]) -> (f64, [f64; 3]) {
         let to: [f64; 3] = std::array::from_fn(|k| place_m[k] - self.place_m[k]);
         let up: f64 = (0..3).map(|k| to[k] * self.normal[k]).sum();
         let along = std::array::from_fn(|k| to[k] - up * self.normal[k]);
@@ -61,7 +61,7 @@ impl Seat {
     }
 
     /// Distance of a place, metres.
-    pub fn distance_m(&self, place_m: [f64; 3]) -> f64 {
+    pub(crate) fn distance_m(&self, place_m: [f64; 3]) -> f64 {
         let to: [f64; 3] = std::array::from_fn(|k| place_m[k] - self.place_m[k]);
         to[0].hypot(to[1]).hypot(to[2])
     }

@@ -113,11 +113,8 @@ impl Fabric {
         settings: &SimulationSettings,
     ) -> Result<Vec<Vec<Placed>>, FemError> {
         script.validate(&self.mesh)?;
-        let (found, wanted) = (raster.masked_areas_m2().len(), self.model.elements());
-        if found != wanted {
-            let what = "raster of another mesh: its triangles";
-            return Err(FemError::WrongLength { what, found, wanted });
-        }
+        let (triangles, elements) = (raster.masked_areas_m2().len(), self.model.elements());
+        FemError::check_length("raster of another mesh: its triangles", triangles, elements)?;
         if settings.threads == 0 {
             let (quantity, must) = ("threads", "at least 1");
             return Err(FemError::OutOfRange { quantity, value: 0.0, must });

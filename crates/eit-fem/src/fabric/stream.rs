@@ -19,7 +19,7 @@ pub(super) enum Purpose {
 impl Purpose {
     /// Creates the stream of a seed for this purpose and an index within it (an electrode, a
     /// frame).
-    pub fn stream(self, seed: u64, index: usize) -> Random {
+    pub(crate) fn stream(self, seed: u64, index: usize) -> Random {
         Random::stream(seed, (self as u128) << 64 | index as u128)
     }
 }

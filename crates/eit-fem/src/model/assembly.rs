@@ -25,7 +25,7 @@ pub(crate) struct Assembly {
 
 impl Assembly {
     /// Builds the pattern.
-    pub fn new(dofs: &DofMap) -> Self {
+    pub(crate) fn new(dofs: &DofMap) -> Self {
         let contact_pairs = || dofs.contacts.iter().flat_map(|c| c.pairs());
         let pattern = Pattern::new(dofs.unknowns(), dofs.element_pairs().chain(contact_pairs()));
         let count = dofs.elements() * (dofs.order.pairs() + dofs.order.nodes());
@@ -38,7 +38,7 @@ impl Assembly {
     /// Writes the electrode part of the values, which does not depend on the conductivity.
     ///
     /// `positions` holds the position of each unknown that is a node.
-    pub fn fill_contacts(
+    pub(crate) fn fill_contacts(
         &self,
         contacts: &[Contact],
         positions: &[[f64; 3]],
@@ -58,7 +58,7 @@ impl Assembly {
 
     /// Writes the matrix values for one conductivity per triangle, siemens. `stiffness` is the unit
     /// stiffness of all elements in order; `contact_values` is the electrode part.
-    pub fn fill(
+    pub(crate) fn fill(
         &self,
         stiffness: &[f64],
         contact_values: &[f64],

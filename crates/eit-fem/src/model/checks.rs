@@ -22,13 +22,8 @@ pub(crate) fn check_impedances(
     count: usize,
     contact_impedance: &[f64],
 ) -> Result<(), FemError> {
-    if contact_impedance.len() != count {
-        return Err(FemError::WrongLength {
-            what: "contact impedance (one per electrode)",
-            found: contact_impedance.len(),
-            wanted: count,
-        });
-    }
+    let what = "contact impedance (one per electrode)";
+    FemError::check_length(what, contact_impedance.len(), count)?;
     // NaN does not compare as at least zero
     let bad = |z: &f64| !matches!(z.partial_cmp(&0.0), Some(Equal | Greater));
     if let Some(l) = contact_impedance.iter().position(bad) {
@@ -46,13 +41,7 @@ pub(crate) fn check_impedances(
 
 /// Requires one conductivity per element, finite and above zero.
 pub(crate) fn check_conductivity(elements: usize, conductivity_s: &[f64]) -> Result<(), FemError> {
-    if conductivity_s.len() != elements {
-        return Err(FemError::WrongLength {
-            what: "conductivity (one per element)",
-            found: conductivity_s.len(),
-            wanted: elements,
-        });
-    }
+    FemError::check_length("conductivity (one per element)", conductivity_s.len(), elements)?;
     let bad = |s: &f64| !(s.is_finite() && *s > 0.0);
     match conductivity_s.iter().position(bad) {
         None => Ok(()),

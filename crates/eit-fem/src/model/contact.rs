@@ -34,7 +34,7 @@ pub(crate) struct Contact {
 impl Contact {
     /// Creates the contact of an electrode on a surface; `potential` is the unknown of its
     /// potential.
-    pub fn new(
+    pub(crate) fn new(
         surface: &Surface,
         electrode: &Electrode,
         midside_nodes: &MidsideNodes,
@@ -56,7 +56,7 @@ impl Contact {
     }
 
     /// Returns the same electrode with renumbered nodes.
-    pub fn renumbered(&self, new_from_old: &[u32]) -> Self {
+    pub(crate) fn renumbered(&self, new_from_old: &[u32]) -> Self {
         let mut contact = self.clone();
         for node in contact.parts.iter_mut().flatten() {
             *node = new_from_old[*node as usize];
@@ -65,12 +65,12 @@ impl Contact {
     }
 
     /// Nodes of each rim edge or triangle.
-    pub fn parts(&self) -> &[Vec<u32>] {
+    pub(crate) fn parts(&self) -> &[Vec<u32>] {
         &self.parts
     }
 
     /// Pairs of unknowns coupled by the electrode, in the order of [`Contact::values`].
-    pub fn pairs(&self) -> Vec<[u32; 2]> {
+    pub(crate) fn pairs(&self) -> Vec<[u32; 2]> {
         let mut pairs = Vec::new();
         for nodes in &self.parts {
             for (k, &i) in nodes.iter().enumerate() {
@@ -87,7 +87,12 @@ impl Contact {
     ///
     /// `positions` holds the position of each unknown that is a node, metres; `impedance` is in ohm
     /// metre (rim) or ohm square metre (patch).
-    pub fn values(&self, positions: &[[f64; 3]], impedance: f64, mut visit: impl FnMut(f64)) {
+    pub(crate) fn values(
+        &self,
+        positions: &[[f64; 3]],
+        impedance: f64,
+        mut visit: impl FnMut(f64),
+    ) {
         for nodes in &self.parts {
             let part = self.integrals(nodes, positions, impedance);
             for k in 0..nodes.len() {

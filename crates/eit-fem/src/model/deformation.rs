@@ -32,13 +32,8 @@ impl ForwardModel {
         geometry: &mut Geometry,
     ) -> Result<(), FemError> {
         geometry.check(&self.dofs, &self.assembly)?;
-        if nodes_m.len() != self.dofs.midside_nodes.mesh_nodes() {
-            return Err(FemError::WrongLength {
-                what: "node positions (one per node)",
-                found: nodes_m.len(),
-                wanted: self.dofs.midside_nodes.mesh_nodes(),
-            });
-        }
+        let nodes = self.dofs.midside_nodes.mesh_nodes();
+        FemError::check_length("node positions (one per node)", nodes_m.len(), nodes)?;
         check_impedances(self.dofs.order, self.protocol().electrodes(), contact_impedance)?;
         if let Some(node) = nodes_m.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
             return Err(FemError::NonFinitePosition { node, position_m: nodes_m[node] });

@@ -27,7 +27,7 @@ pub(crate) struct DofMap {
 
 impl DofMap {
     /// Numbers the unknowns of a mesh.
-    pub fn new(mesh: &Mesh, order: ElementOrder) -> Result<Self, FemError> {
+    pub(crate) fn new(mesh: &Mesh, order: ElementOrder) -> Result<Self, FemError> {
         let surface = mesh.surface();
         let midside_nodes = MidsideNodes::new(mesh, order);
         let nodes = midside_nodes.all_nodes();
@@ -55,22 +55,22 @@ impl DofMap {
     }
 
     /// Number of elements.
-    pub fn elements(&self) -> usize {
+    pub(crate) fn elements(&self) -> usize {
         self.element_nodes.len() / self.order.nodes()
     }
 
     /// Number of unknowns that are nodes; they come first.
-    pub fn nodes(&self) -> usize {
+    pub(crate) fn nodes(&self) -> usize {
         self.unknown_of_node.len()
     }
 
     /// Number of unknowns: node and electrode potentials.
-    pub fn unknowns(&self) -> usize {
+    pub(crate) fn unknowns(&self) -> usize {
         self.nodes() + self.contacts.len() - 1
     }
 
     /// Pairs of unknowns coupled by elements, in element order.
-    pub fn element_pairs(&self) -> impl Iterator<Item = [u32; 2]> {
+    pub(crate) fn element_pairs(&self) -> impl Iterator<Item = [u32; 2]> {
         self.element_nodes.chunks_exact(self.order.nodes()).flat_map(node_pairs)
     }
 }

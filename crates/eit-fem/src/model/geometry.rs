@@ -145,10 +145,9 @@ impl Geometry {
             ("entries of the geometry", values, entries),
             ("nodes of the geometry", self.positions.len(), dofs.nodes()),
         ];
-        match checks.into_iter().find(|(_, found, wanted)| found != wanted) {
-            None => Ok(()),
-            Some((what, found, wanted)) => Err(FemError::WrongLength { what, found, wanted }),
-        }
+        checks
+            .into_iter()
+            .try_for_each(|(what, found, wanted)| FemError::check_length(what, found, wanted))
     }
 }
 

@@ -43,7 +43,7 @@ pub(crate) struct Product {
 
 impl Fields {
     /// Analyses a protocol.
-    pub fn new(protocol: &Protocol) -> Self {
+    pub(crate) fn new(protocol: &Protocol) -> Self {
         let mut patterns: Vec<Vec<f64>> = Vec::new();
         let mut assign = |rows: ArrayView2<f64>| -> Vec<(u32, f64)> {
             rows.rows().into_iter().map(|row| find_or_add(&mut patterns, row)).collect()
@@ -77,14 +77,14 @@ impl Fields {
     }
 
     /// Number of slots: the basis fields and the fields that are combinations of several.
-    pub fn slot_count(&self) -> usize {
+    pub(crate) fn slot_count(&self) -> usize {
         let combined = self.combinations.iter().filter(|c| basis_field(c).is_none());
         self.basis.nrows() + combined.count()
     }
 
     /// Fills the rows, [slot, value] with `width` values each, of the combined fields from those of
     /// the basis fields. The values must be linear in the fields.
-    pub fn combine(&self, rows: &mut [f64], width: usize) {
+    pub(crate) fn combine(&self, rows: &mut [f64], width: usize) {
         let (basis, others) = rows.split_at_mut(width * self.basis.nrows());
         let combined = self.combinations.iter().filter(|c| basis_field(c).is_none());
         for (out, combination) in others.chunks_exact_mut(width).zip(combined) {

@@ -14,7 +14,7 @@ pub(crate) struct PatternEntries {
 
 impl PatternEntries {
     /// Collects the entries of a protocol.
-    pub fn new(protocol: &Protocol) -> Self {
+    pub(crate) fn new(protocol: &Protocol) -> Self {
         let sparse = |rows: ArrayView2<f64>| {
             rows.rows()
                 .into_iter()
@@ -29,7 +29,11 @@ impl PatternEntries {
 
     /// Computes electrode potentials, [stimulation, electrode], from the potentials for unit
     /// currents, [electrode except ground, electrode except ground]. Rows sum to zero.
-    pub fn electrode_potentials<T: Scalar>(&self, transfer: MatRef<'_, T>, potentials: &mut [T]) {
+    pub(crate) fn electrode_potentials<T: Scalar>(
+        &self,
+        transfer: MatRef<'_, T>,
+        potentials: &mut [T],
+    ) {
         let ground = transfer.nrows();
         let rows = potentials.chunks_exact_mut(ground + 1);
         for (row, currents) in rows.zip(&self.stimulations_a) {

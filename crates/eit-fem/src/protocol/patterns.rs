@@ -91,13 +91,8 @@ impl Protocol {
     ) -> Result<Self, FemError> {
         let electrodes = stimulations_a.nrows();
         check_electrodes(electrodes)?;
-        if measurement_patterns.nrows() != electrodes {
-            return Err(FemError::WrongLength {
-                what: "rows of the measurement pattern matrix",
-                found: measurement_patterns.nrows(),
-                wanted: electrodes,
-            });
-        }
+        let what = "rows of the measurement pattern matrix";
+        FemError::check_length(what, measurement_patterns.nrows(), electrodes)?;
         check_patterns("stimulation", stimulations_a)?;
         check_patterns("measurement", measurement_patterns)?;
         let (stimulations, senses) = (stimulations_a.ncols(), measurement_patterns.ncols());

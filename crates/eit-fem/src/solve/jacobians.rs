@@ -30,8 +30,8 @@ impl Solution<'_> {
     /// [`FemError::WrongLength`] if the shape is not [measurement, element].
     pub fn jacobian_into(&mut self, jacobian: ArrayViewMut2<'_, f64>) -> Result<(), FemError> {
         let measurements = self.model.protocol().measurements();
-        check_count("rows of the Jacobian", jacobian.nrows(), measurements)?;
-        check_count("columns of the Jacobian", jacobian.ncols(), self.model.elements())?;
+        FemError::check_length("rows of the Jacobian", jacobian.nrows(), measurements)?;
+        FemError::check_length("columns of the Jacobian", jacobian.ncols(), self.model.elements())?;
         let (solved, block) = self.solved_fields();
         conductivity::fill(&solved, block, jacobian);
         Ok(())
@@ -60,8 +60,8 @@ impl Solution<'_> {
         jacobian: ArrayViewMut2<'_, T>,
     ) -> Result<(), FemError> {
         let products = self.model.fields.products.len();
-        check_count("rows of the unique Jacobian", jacobian.nrows(), products)?;
-        check_count("columns of the Jacobian", jacobian.ncols(), self.model.elements())?;
+        FemError::check_length("rows of the unique Jacobian", jacobian.nrows(), products)?;
+        FemError::check_length("columns of the Jacobian", jacobian.ncols(), self.model.elements())?;
         let (solved, block) = self.solved_fields();
         conductivity::fill_unique(&solved, block, jacobian);
         Ok(())
@@ -79,30 +79,12 @@ impl Solution<'_> {
     /// [`FemError::ContactLimit`] for a shunt or an ideal current source;
     /// [`FemError::LinearElementsOnly`].
     pub fn contact_jacobian(&mut self) -> Result<Array2<f64>, FemError> {
-        let protocol = self.model.protocol();
-        let mut jacobian = Array2::zeros((protocol.measurements(), protocol.electrodes()));
-        self.contact_jacobian_into(jacobian.view_mut())?;
-        Ok(jacobian)
-    }
-
-    /// Writes [`Solution::contact_jacobian`] into the caller's memory.
-    ///
-    /// # Errors
-    /// Those of [`Solution::contact_jacobian`]; [`FemError::WrongLength`] if the shape is not
-    /// [measurement, electrode].
-    pub fn contact_jacobian_into(
-        &mut self,
-        jacobian: ArrayViewMut2<'_, f64>,
-    ) -> Result<(), FemError> {
         let (solved, _) = self.solved_fields();
-        let model = solved.model;
+        let (model, protocol) = (solved.model, solved.model.protocol());
         check_linear(model, "derivatives with respect to contact impedances")?;
-        let (measurements, electrodes) =
-            (model.protocol().measurements(), model.dofs.contacts.len());
-        let columns = "columns of the Jacobian (one per electrode)";
-        check_count("rows of the Jacobian", jacobian.nrows(), measurements)?;
-        check_count(columns, jacobian.ncols(), electrodes)?;
-        contact::fill(&solved, jacobian)
+        let mut jacobian = Array2::zeros((protocol.measurements(), protocol.electrodes()));
+        contact::fill(&solved, jacobian.view_mut())?;
+        Ok(jacobian)
     }
 
     /// Returns the derivative of each voltage along each displacement of the nodes, [measurement,
@@ -130,31 +112,14 @@ impl Solution<'_> {
         &mut self,
         displacements: &[Displacement],
     ) -> Result<Array2<f64>, FemError> {
-        let rows = self.model.protocol().measurements();
-        let mut jacobian = Array2::zeros((rows, displacements.len()));
-        self.movement_jacobian_into(displacements, jacobian.view_mut())?;
-        Ok(jacobian)
-    }
-
-    /// Writes [`Solution::movement_jacobian`] into the caller's memory.
-    ///
-    /// # Errors
-    /// Those of [`Solution::movement_jacobian`]; [`FemError::WrongLength`] if the shape is not
-    /// [measurement, displacement].
-    pub fn movement_jacobian_into(
-        &mut self,
-        displacements: &[Displacement],
-        jacobian: ArrayViewMut2<'_, f64>,
-    ) -> Result<(), FemError> {
         let (solved, _) = self.solved_fields();
         let model = solved.model;
         check_linear(model, "derivatives along displacements")?;
-        let columns = "columns of the Jacobian (one per displacement)";
-        check_count("rows of the Jacobian", jacobian.nrows(), model.protocol().measurements())?;
-        check_count(columns, jacobian.ncols(), displacements.len())?;
         displacements.iter().try_for_each(|d| d.check(model.dofs.nodes()))?;
-        movement::fill(&solved, displacements, jacobian);
-        Ok(())
+        let rows = model.protocol().measurements();
+        let mut jacobian = Array2::zeros((rows, displacements.len()));
+        movement::fill(&solved, displacements, jacobian.view_mut());
+        Ok(jacobian)
     }
 }
 
@@ -163,8 +128,4 @@ fn check_linear(model: &ForwardModel, what: &'static str) -> Result<(), FemError
         ElementOrder::Linear => Ok(()),
         ElementOrder::Quadratic => Err(FemError::LinearElementsOnly { what }),
     }
-}
-
-fn check_count(what: &'static str, found: usize, wanted: usize) -> Result<(), FemError> {
-    if found == wanted { Ok(()) } else { Err(FemError::WrongLength { what, found, wanted }) }
 }

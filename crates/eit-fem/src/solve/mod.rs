@@ -12,6 +12,7 @@
 mod electrode_elimination;
 mod forward;
 mod jacobians;
+pub(crate) mod nodal;
 mod nodal_assembly;
 mod report;
 mod solution;

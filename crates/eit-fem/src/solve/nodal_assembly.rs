@@ -40,24 +40,12 @@ fn assembled(
     conductivity_s: &[f64],
     workspace: &mut Workspace,
 ) -> Result<(), FemError> {
-    geometry.fill_matrix(&model.assembly, conductivity_s, &mut workspace.matrix);
-    model.cholesky.factorise(&workspace.matrix, &mut workspace.factor, 1.0)?;
-    workspace.transfer.fill(0.0);
-    workspace.transfer.diagonal_mut().column_vector_mut().fill(1.0);
-    model.cholesky.solve_trailing(&workspace.factor, workspace.transfer.as_mut());
-    workspace.fill_electrode_potentials(&model.patterns);
-    workspace.check_potentials()
+    geometry.fill_matrix(&model.assembly, conductivity_s, &mut workspace.nodal.matrix);
+    workspace.nodal.solve_electrodes(model, 1.0)?;
+    workspace.nodal.check_potentials(|v| v)
 }
 
 /// Estimates the error of the voltages due to rounding in the assembled matrix.
 pub(super) fn loss(model: &ForwardModel, workspace: &Workspace) -> f64 {
-    1000.0 * f64::EPSILON * spread(model, workspace)
-}
-
-/// Ratio of the largest to the smallest entry of the assembled diagonal.
-pub(super) fn spread(model: &ForwardModel, workspace: &Workspace) -> f64 {
-    let diagonal = model.assembly.pattern.diagonal().map(|entry| workspace.matrix[entry]);
-    let (least, most) =
-        diagonal.fold((f64::INFINITY, 0.0_f64), |(least, most), d| (least.min(d), most.max(d)));
-    most / least
+    1000.0 * f64::EPSILON * workspace.nodal.spread(model)
 }

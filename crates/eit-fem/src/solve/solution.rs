@@ -1,7 +1,5 @@
 //! Results of one forward solve: electrode potentials, voltages, fields and report.
 //!
-//! Electrodes come last in the elimination order, so the trailing block of the factor gives the
-//! transfer matrix from electrode currents to electrode potentials. All voltages are sums over it.
 //! Fields inside the skin are solved on first use.
 //!
 //! After the first solve with a workspace, [`ForwardModel::solve`], [`Solution::measurements_into`]
@@ -10,7 +8,7 @@
 //! Derivatives are in [`super::jacobians`].
 
 use super::electrode_elimination::{self, Outcome};
-use super::nodal_assembly::{loss, nodal_assembly_suffices, spread};
+use super::nodal_assembly::{loss, nodal_assembly_suffices};
 use super::report::{SolvePath, SolveReport};
 use super::workspace::Workspace;
 use crate::derivatives::conductivity::Block;
@@ -19,9 +17,6 @@ use crate::error::FemError;
 use crate::model::{ForwardModel, Geometry};
 use ndarray::{Array1, Array2};
 use std::time::{Duration, Instant};
-
-/// Accuracy for models with shunts or ideal current sources if none is requested.
-const LIMIT_ACCURACY: f64 = 1e-9;
 
 /// Solution of the forward problem for one conductivity.
 ///
@@ -68,7 +63,8 @@ impl<'a> Solution<'a> {
         let eliminated = if suffices {
             None
         } else {
-            let required = required_accuracy.unwrap_or(LIMIT_ACCURACY);
+            // a model with shunts or ideal current sources needs some accuracy
+            let required = required_accuracy.unwrap_or(1e-9);
             Some(electrode_elimination::solve(
                 model,
                 geometry,
@@ -134,60 +130,32 @@ impl<'a> Solution<'a> {
     /// # Errors
     /// [`FemError::WrongLength`] if there is not one value per measurement.
     pub fn measurements_into(&self, voltages_v: &mut [f64]) -> Result<(), FemError> {
-        let (found, wanted) = (voltages_v.len(), self.model.protocol().measurements());
-        if found != wanted {
-            let what = "voltages (one per measurement)";
-            return Err(FemError::WrongLength { what, found, wanted });
-        }
+        let wanted = self.model.protocol().measurements();
+        FemError::check_length("voltages (one per measurement)", voltages_v.len(), wanted)?;
         voltages_v.iter_mut().enumerate().for_each(|(datum, v)| *v = self.voltage(datum));
         Ok(())
     }
 
     fn voltage(&self, datum: usize) -> f64 {
-        if let Some(outcome) = &self.eliminated {
-            return outcome.voltages_v[datum];
+        match &self.eliminated {
+            Some(outcome) => outcome.voltages_v[datum],
+            None => self.workspace.nodal.voltage(self.model, datum),
         }
-        let [stimulation, pattern] = self.model.protocol().data()[datum].map(|i| i as usize);
-        let electrodes = self.model.protocol().electrodes();
-        let potentials = &self.workspace.electrode_potentials[stimulation * electrodes..];
-        let weights = &self.model.patterns.measurements[pattern];
-        weights.iter().map(|&(l, weight)| weight * potentials[l as usize]).sum()
     }
 
     /// Returns the electrode potentials, [stimulation, electrode], volt. Each row sums to zero.
     pub fn electrode_potentials(&self) -> Array2<f64> {
-        let electrodes = self.model.protocol().electrodes();
-        let stimulations = self.model.patterns.stimulations_a.len();
-        let values = &self.workspace.electrode_potentials;
-        Array2::from_shape_fn((stimulations, electrodes), |(s, l)| values[s * electrodes + l])
+        self.workspace.nodal.electrode_potentials(self.model)
     }
 
     /// Returns the potentials at the mesh nodes (not at the midside nodes of quadratic elements),
     /// [stimulation, node], volt, with the same reference as [`Solution::electrode_potentials`].
     pub fn node_potentials(&mut self) -> Array2<f64> {
         self.solve_fields();
-        let model = self.model;
-        let solves = model.fields.basis.nrows();
-        let electrodes = model.protocol().electrodes();
-        let stimulations = model.patterns.stimulations_a.len();
-        let mut result = Array2::zeros((stimulations, model.dofs.midside_nodes.mesh_nodes()));
-        for (s, mut row) in result.rows_mut().into_iter().enumerate() {
-            // difference between the two references: the potential of the ground electrode or, with
-            // electrodes eliminated, the mean potential of the skin under it
-            let ground_v = match &self.eliminated {
-                None => self.workspace.electrode_potentials[(s + 1) * electrodes - 1],
-                Some(outcome) => outcome.levels_v[s],
-            };
-            let (field, factor) = model.fields.stimulations[s];
-            let weights = &model.fields.combinations[field as usize];
-            for (value, &unknown) in row.iter_mut().zip(&model.dofs.unknown_of_node) {
-                let at = unknown as usize * solves;
-                let u = &self.workspace.potentials[at..at + solves];
-                *value = ground_v
-                    + factor * weights.iter().map(|&(r, c)| c * u[r as usize]).sum::<f64>();
-            }
-        }
-        result
+        // with electrodes eliminated, fields are relative to the mean potential of the skin under
+        // the ground electrode
+        let levels = self.eliminated.as_ref().map(|outcome| outcome.levels_v.as_slice());
+        self.workspace.nodal.node_potentials(self.model, levels)
     }
 
     /// Returns the fields and state that derivatives are computed from, and working memory for
@@ -195,11 +163,11 @@ impl<'a> Solution<'a> {
     pub(super) fn solved_fields(&mut self) -> (SolvedFields<'_>, &mut Block) {
         self.solve_fields();
         let low = self.eliminated.as_ref().and_then(Outcome::low);
-        let Workspace { potentials, conductivity_s, block, .. } = &mut *self.workspace;
+        let Workspace { nodal, conductivity_s, block } = &mut *self.workspace;
         let solved = SolvedFields {
             model: self.model,
             geometry: self.geometry,
-            potentials: Potentials { values: potentials, low },
+            potentials: Potentials { values: &nodal.potentials, low },
             conductivity_s,
         };
         (solved, block)
@@ -212,13 +180,13 @@ impl<'a> Solution<'a> {
         self.solve_fields();
         let backward_error = match self.backward_error {
             Some(known) => known,
-            None => *self.backward_error.insert(self.backward_error()),
+            None => *self.backward_error.insert(self.workspace.nodal.backward_error(self.model)),
         };
         let (error_bound, value_error_bound) = self.error_bounds();
         let (path, factor_entries, condition) = match &self.eliminated {
             None => {
                 let entries = self.model.cholesky.factor_entries();
-                (SolvePath::NodalAssembly, entries, spread(self.model, self.workspace))
+                (SolvePath::NodalAssembly, entries, self.workspace.nodal.spread(self.model))
             }
             Some(a) => {
                 let path = if a.extended {
@@ -248,13 +216,7 @@ impl<'a> Solution<'a> {
             return;
         }
         let start = Instant::now();
-        let basis = &self.model.fields.basis;
-        let (solves, nodes) = (basis.nrows(), self.model.dofs.nodes());
-        let Workspace { potentials, factor, .. } = &mut *self.workspace;
-        for (k, row) in potentials[nodes * solves..].chunks_exact_mut(solves).enumerate() {
-            row.iter_mut().zip(basis.column(k)).for_each(|(x, i)| *x = *i);
-        }
-        self.model.cholesky.solve_checked(factor, potentials, solves);
+        self.workspace.nodal.solve_fields(self.model);
         self.fields_solved = true;
         self.time += start.elapsed();
     }
@@ -264,29 +226,5 @@ impl<'a> Solution<'a> {
             None => loss(self.model, self.workspace),
             Some(_) => self.error_bounds().0,
         }
-    }
-
-    fn backward_error(&self) -> f64 {
-        let basis = &self.model.fields.basis;
-        let (solves, nodes) = (basis.nrows(), self.model.dofs.nodes());
-        let unknowns = self.model.unknowns();
-        let mut x = vec![0.0; unknowns];
-        let (mut product, mut size) = (x.clone(), x.clone());
-        let mut worst = 0.0_f64;
-        for r in 0..solves {
-            for (x, row) in x.iter_mut().zip(self.workspace.potentials.chunks_exact(solves)) {
-                *x = row[r];
-            }
-            let values = &self.workspace.matrix;
-            self.model.assembly.pattern.multiply(values, &x, &mut product, &mut size);
-            for i in 0..unknowns {
-                let b = if i < nodes { 0.0 } else { basis[[r, i - nodes]] };
-                let scale = size[i] + b.abs();
-                if scale > 0.0 {
-                    worst = worst.max((product[i] - b).abs() / scale);
-                }
-            }
-        }
-        worst
     }
 }

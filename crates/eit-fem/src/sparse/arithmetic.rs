@@ -8,13 +8,14 @@
 //! The file is long because the trait and its two implementations belong together.
 
 use faer::traits::ComplexField;
+use std::iter::Sum;
 use std::ops::{Div, Mul};
 
 /// Number type of a factorisation: `f64`, or `c64` for complex admittivities.
 ///
 /// Products never conjugate, so a symmetric matrix stays symmetric.
 pub trait Arithmetic:
-    ComplexField + Copy + From<f64> + Mul<f64, Output = Self> + Div<f64, Output = Self>
+    ComplexField + Copy + From<f64> + Mul<f64, Output = Self> + Div<f64, Output = Self> + Sum
 {
     /// Number of planes per row.
     const PLANES: usize;

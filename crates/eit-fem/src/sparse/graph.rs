@@ -10,7 +10,7 @@ pub(crate) struct Adjacency {
 
 impl Adjacency {
     /// Builds a graph from links in both directions; links may be repeated.
-    pub fn from_links(vertices: usize, mut links: Vec<(u32, u32)>) -> Self {
+    pub(crate) fn from_links(vertices: usize, mut links: Vec<(u32, u32)>) -> Self {
         links.sort_unstable();
         links.dedup();
         let mut starts = vec![0u32; vertices + 1];
@@ -20,22 +20,22 @@ impl Adjacency {
     }
 
     /// Number of vertices.
-    pub fn vertices(&self) -> usize {
+    pub(crate) fn vertices(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// Start of each vertex's list in [`Adjacency::neighbours`], and the end of the last.
-    pub fn starts(&self) -> &[u32] {
+    pub(crate) fn starts(&self) -> &[u32] {
         &self.starts
     }
 
     /// Concatenated neighbour lists of all vertices.
-    pub fn neighbours(&self) -> &[u32] {
+    pub(crate) fn neighbours(&self) -> &[u32] {
         &self.neighbours
     }
 
     /// Neighbours of one vertex.
-    pub fn list(&self, vertex: usize) -> &[u32] {
+    pub(crate) fn list(&self, vertex: usize) -> &[u32] {
         &self.neighbours[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
     }
 }

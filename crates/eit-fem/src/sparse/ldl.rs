@@ -4,6 +4,7 @@
 //! package", 2005): the pattern of each row of `L` follows from the elimination tree. There is no
 //! pivoting, because the matrix is positive definite.
 
+use super::elimination_tree::NONE;
 use super::real::Real;
 
 /// Lower triangle by rows, columns in ascending order. The diagonal is the last entry of each row.
@@ -16,7 +17,7 @@ pub(crate) struct Rows<T> {
 impl<T: Real> Rows<T> {
     /// Builds the rows from entries `((row, column), value)`. Repeated entries are added in the
     /// given order.
-    pub fn new(unknowns: usize, mut entries: Vec<((u32, u32), T)>) -> Self {
+    pub(crate) fn new(unknowns: usize, mut entries: Vec<((u32, u32), T)>) -> Self {
         entries.sort_by_key(|e| e.0);
         let mut rows =
             Self { starts: vec![0; unknowns + 1], columns: Vec::new(), values: Vec::new() };
@@ -45,12 +46,10 @@ pub(crate) struct Ldl<T> {
     pivots: Vec<T>,
 }
 
-const NONE: u32 = u32::MAX;
-
 impl<T: Real> Ldl<T> {
     /// Factorises the matrix. The error is the row of a pivot that is not positive or has lost too
     /// many digits.
-    pub fn new(matrix: &Rows<T>) -> Result<Self, usize> {
+    pub(crate) fn new(matrix: &Rows<T>) -> Result<Self, usize> {
         let unknowns = matrix.starts.len() - 1;
         let (parents, starts) = tree(matrix);
         let entries = starts[unknowns];
@@ -111,12 +110,12 @@ impl<T: Real> Ldl<T> {
     }
 
     /// Number of stored entries, including pivots.
-    pub fn entries(&self) -> usize {
+    pub(crate) fn entries(&self) -> usize {
         self.values.len() + self.pivots.len()
     }
 
     /// Solves in place for `count` right-hand sides; `x` is [unknown, right-hand side].
-    pub fn solve(&self, x: &mut [T], count: usize) {
+    pub(crate) fn solve(&self, x: &mut [T], count: usize) {
         let unknowns = self.pivots.len();
         for j in 0..unknowns {
             let (head, tail) = x.split_at_mut((j + 1) * count);

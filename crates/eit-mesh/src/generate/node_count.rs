@@ -41,13 +41,8 @@ impl MeshSettings {
         mesh: impl Fn(&Self) -> Result<Mesh, MeshError>,
     ) -> Result<Self, MeshError> {
         let area_m2 = shape.outline()?.area_m2();
-        let out_of_range = |must| {
-            let (quantity, value) = ("number of nodes", nodes as f64);
-            Err(MeshError::OutOfRange { quantity, value, must })
-        };
-        if nodes < 3 {
-            return out_of_range("at least 3");
-        }
+        let (quantity, value) = ("number of nodes", nodes as f64);
+        MeshError::check_range(nodes >= 3, quantity, value, "at least 3")?;
         let mut edge_m = stretch(shape) * (NODES_PER_SQUARE_EDGE * area_m2 / nodes as f64).sqrt();
         let mut best = (f64::INFINITY, edge_m);
         for _ in 0..8 {
@@ -63,12 +58,9 @@ impl MeshSettings {
             }
             edge_m *= ratio.sqrt();
         }
-        if best.0 > 0.1 {
-            return out_of_range(
-                "enough for the electrode ends and corners (raise electrode_edge_m or grading, or \
-                 ask for more)",
-            );
-        }
+        let must = "enough for the electrode ends and corners (raise electrode_edge_m or grading, or \
+                    ask for more)";
+        MeshError::check_range(best.0 <= 0.1, quantity, value, must)?;
         Ok(Self { edge_m: Some(best.1), ..self.clone() })
     }
 }

@@ -232,11 +232,10 @@ fn span(places: &[Breakpoint], k: usize, l: &Loop) -> f64 {
 /// `limit`.
 fn steps(l: &Loop, start: f64, length: f64, field: &SizeField, limit: usize) -> Option<Vec<f64>> {
     // h changes by at most grading / 10 of itself within a tenth of h
-    const FRACTION: f64 = 0.1;
     let mut integral = vec![(0.0, 0.0)];
     let (mut s, mut sum) = (0.0, 0.0);
     while s < length {
-        let step = (FRACTION * field.at(l.point_at(start + s))).min(length - s);
+        let step = (0.1 * field.at(l.point_at(start + s))).min(length - s);
         let middle = field.at(l.point_at(start + s + 0.5 * step));
         sum += step / middle;
         // rounding may swallow the last step; the interval still ends

@@ -11,10 +11,8 @@ const SHARPEST_CORNER_DEG: f64 = 1.0;
 /// The range keeps squares and their products far from overflow and underflow, and covers every
 /// skin that can be made.
 pub(super) fn in_range(quantity: &'static str, value: f64) -> Result<f64, MeshError> {
-    if (1e-9..=1e9).contains(&value) {
-        return Ok(value);
-    }
-    Err(MeshError::OutOfRange { quantity, value, must: "between 1e-9 m and 1e9 m" })
+    let is_valid = (1e-9..=1e9).contains(&value);
+    MeshError::check_range(is_valid, quantity, value, "between 1e-9 m and 1e9 m").map(|()| value)
 }
 
 fn bad<T>(at: [f64; 2], problem: &'static str) -> Result<T, MeshError> {

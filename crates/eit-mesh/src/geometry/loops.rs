@@ -60,7 +60,7 @@ impl Loop {
 
     /// Returns the point at an arc length (metres) from the start of the loop; lengths below zero
     /// or beyond the end wrap around.
-    pub fn point_at(&self, arc_length_m: f64) -> [f64; 2] {
+    pub(crate) fn point_at(&self, arc_length_m: f64) -> [f64; 2] {
         let s = arc_length_m.rem_euclid(self.length_m);
         let piece = self.piece_at(s);
         self.pieces[piece].point_at(s - self.starts_m[piece])

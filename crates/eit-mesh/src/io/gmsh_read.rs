@@ -2,6 +2,7 @@
 
 use super::gmsh_electrodes::{ElectrodeName, electrode_groups, electrode_names};
 use super::gmsh_sections::{Element, Problem, Sections, read_sections};
+use crate::geometry::RESOLUTION;
 use crate::repair::{coincident, mend, size_m};
 use crate::{Electrode, Mesh, MeshError, Repairs, Surface};
 use std::collections::{BTreeMap, HashMap};
@@ -15,10 +16,6 @@ pub fn read_gmsh(path: impl AsRef<Path>) -> Result<Mesh, MeshError> {
     let name = path.as_ref().display().to_string();
     parse_gmsh(&super::surface_file::read_file(path.as_ref())?, &name)
 }
-
-/// Nodes closer than this fraction of the surface's longest side are at the same position. Gmsh
-/// writes sixteen digits.
-const SAME_PLACE: f64 = 1e-9;
 
 /// Parses a mesh from the bytes of an ASCII Gmsh file, version 2.2 or 4.1. Coordinates are metres.
 ///
@@ -54,7 +51,7 @@ pub(super) fn mended_gmsh(
     let names = electrode_names(&sections).map_err(at)?;
     let mut found = resolve(&sections, &names).map_err(at)?;
     found.nodes.iter_mut().flatten().for_each(|x| *x *= scale_m);
-    let merge_distance_m = SAME_PLACE * size_m(&found.nodes);
+    let merge_distance_m = RESOLUTION * size_m(&found.nodes);
     let dropped_nodes = sections.nodes.len() - found.nodes.len();
     let mut repairs = Repairs { dropped_nodes, merge_distance_m, ..Repairs::default() };
     let mut surface = Surface::new(found.nodes.clone(), found.triangles.clone());

@@ -15,6 +15,7 @@ pub use gmsh_write::{GmshVersion, write_gmsh};
 pub use surface_file::{parse_obj, parse_stl, read_mesh};
 pub use vtu::write_vtu;
 
+use crate::surface::{sides, sorted};
 use crate::{Electrode, Mesh, MeshError};
 use std::collections::HashMap;
 
@@ -47,10 +48,9 @@ pub struct ElementField<'a> {
 /// Checks that every field has one value per triangle.
 fn check_fields(mesh: &Mesh, fields: &[ElementField<'_>]) -> Result<(), MeshError> {
     let wanted = mesh.surface().triangles().len();
-    match fields.iter().map(|f| f.values.len()).find(|&found| found != wanted) {
-        Some(found) => Err(MeshError::WrongLength { what: "values per triangle", found, wanted }),
-        None => Ok(()),
-    }
+    fields.iter().try_for_each(|field| {
+        MeshError::check_length("values per triangle", field.values.len(), wanted)
+    })
 }
 
 /// Returns the 1-based electrode number and the edge for every rim electrode edge, electrode by
@@ -79,15 +79,14 @@ fn patch_numbers(mesh: &Mesh) -> Vec<usize> {
 /// Returns the triangle of each of [`rim_edges`]. In a file an edge takes the value of its
 /// triangle: meshio reads data only if every element has a value, and NaN spoils colour scales.
 fn rim_triangles(mesh: &Mesh) -> Vec<usize> {
-    let sorted = |a: u32, b: u32| [a.min(b), a.max(b)];
     let mut triangle_of: HashMap<[u32; 2], usize> =
-        rim_edges(mesh).map(|(_, [a, b])| (sorted(a, b), 0)).collect();
-    for (t, &[a, b, c]) in mesh.surface().triangles().iter().enumerate() {
-        for (from, to) in [(a, b), (b, c), (c, a)] {
-            triangle_of.entry(sorted(from, to)).and_modify(|triangle| *triangle = t);
+        rim_edges(mesh).map(|(_, edge)| (sorted(edge), 0)).collect();
+    for (t, triangle) in mesh.surface().triangles().iter().enumerate() {
+        for side in sides(*triangle) {
+            triangle_of.entry(side).and_modify(|triangle| *triangle = t);
         }
     }
-    rim_edges(mesh).map(|(_, [a, b])| triangle_of[&sorted(a, b)]).collect()
+    rim_edges(mesh).map(|(_, edge)| triangle_of[&sorted(edge)]).collect()
 }
 
 /// Wraps an error of the writer, whose path only the caller knows.

@@ -11,7 +11,7 @@
 use super::Soup;
 use super::lines::{Fields, Lines};
 use crate::MeshError;
-use eit_core::vector::{cross, dot, sub};
+use eit_core::vector::{dot, normal};
 
 /// Returns the vertices and triangles of a file, in file order.
 pub(super) fn triangles(bytes: &[u8], file: &str) -> Result<Soup, MeshError> {
@@ -56,13 +56,8 @@ fn face(line: &str, fields: &mut Fields<'_, '_>, soup: &mut Soup) -> Result<(), 
     }
     let fan: Vec<[u32; 3]> =
         nodes[1..].windows(2).map(|side| [nodes[0], side[0], side[1]]).collect();
-    let normals: Vec<[f64; 3]> = fan
-        .iter()
-        .map(|t| {
-            let [a, b, c] = t.map(|n| soup.nodes[n as usize]);
-            cross(sub(b, a), sub(c, a))
-        })
-        .collect();
+    let normals: Vec<[f64; 3]> =
+        fan.iter().map(|t| normal(t.map(|n| soup.nodes[n as usize]))).collect();
     let whole: [f64; 3] = std::array::from_fn(|k| normals.iter().map(|n| n[k]).sum());
     if corners > 3 && normals.iter().any(|&n| dot(n, whole) <= 0.0) {
         let problem = format!(

@@ -13,14 +13,10 @@ use super::Soup;
 use super::lines::{Lines, short};
 use crate::MeshError;
 
-/// Bytes before the number of triangles.
-const HEADER: usize = 80;
-/// Bytes before the first triangle.
-const START: usize = HEADER + 4;
+/// Bytes before the first triangle: a header of 80, and the number of triangles.
+const START: usize = 84;
 /// Bytes per triangle.
 const RECORD: usize = 50;
-/// A zero byte within this many bytes shows that a file is not text, however it begins.
-const TEXT_PROBE: usize = 1024;
 
 /// Returns the triangles of a file with unmerged corners.
 pub(super) fn triangles(bytes: &[u8], file: &str) -> Result<Soup, MeshError> {
@@ -29,7 +25,7 @@ pub(super) fn triangles(bytes: &[u8], file: &str) -> Result<Soup, MeshError> {
 
 /// Returns the number of triangles that a binary file declares, and the file length they imply.
 fn declared(bytes: &[u8]) -> Option<(u64, u64)> {
-    let count = bytes.get(HEADER..START)?.first_chunk::<4>()?;
+    let count = bytes.get(START - 4..START)?.first_chunk::<4>()?;
     let count = u64::from(u32::from_le_bytes(*count));
     Some((count, START as u64 + RECORD as u64 * count))
 }
@@ -41,7 +37,8 @@ fn is_text(bytes: &[u8]) -> bool {
     }
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
     let solid = text.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
-    solid && !bytes.iter().take(TEXT_PROBE).any(|&b| b == 0)
+    // however a file begins, an early zero byte shows that it is not text
+    solid && !bytes.iter().take(1024).any(|&b| b == 0)
 }
 
 fn binary(bytes: &[u8], file: &str) -> Result<Soup, MeshError> {

@@ -74,11 +74,9 @@ pub fn parse_obj(bytes: &[u8], file: &str, scale_m: f64) -> Result<(Surface, Rep
 }
 
 fn checked(scale_m: f64) -> Result<f64, MeshError> {
-    if (1e-9..=1e9).contains(&scale_m) {
-        return Ok(scale_m);
-    }
-    let (quantity, must) = ("scale_m", "between 1e-9 and 1e9 (metres per unit of the file)");
-    Err(MeshError::OutOfRange { quantity, value: scale_m, must })
+    let must = "between 1e-9 and 1e9 (metres per unit of the file)";
+    let is_valid = (1e-9..=1e9).contains(&scale_m);
+    MeshError::check_range(is_valid, "scale_m", scale_m, must).map(|()| scale_m)
 }
 
 fn surface(mut soup: Soup, file: &str, scale_m: f64) -> Result<(Surface, Repairs), MeshError> {

@@ -9,10 +9,6 @@ use super::{ElementField, check_fields, io_error, patch_numbers, rim_edges, rim_
 use crate::{Mesh, MeshError};
 use std::io::{self, Write};
 
-/// VTK's cell types.
-const VTK_LINE: u8 = 3;
-const VTK_TRIANGLE: u8 = 5;
-
 /// Writes nodes, triangles and electrodes as a VTU file.
 ///
 /// Cells are the triangles in mesh order, then the edges of the rim electrodes as lines, electrode
@@ -47,7 +43,8 @@ fn write(mesh: &Mesh, out: &mut impl Write, fields: &[ElementField<'_>]) -> io::
     let node = |&n: &u32| i64::from(n).to_le_bytes();
     let ends = (1..=triangles.len()).map(|t| 3 * t);
     let ends = ends.chain((1..=edges.len()).map(|e| 3 * triangles.len() + 2 * e));
-    let kinds = (0..cells).map(|c| if c < triangles.len() { VTK_TRIANGLE } else { VTK_LINE });
+    // VTK's numbers for triangles and lines
+    let kinds = (0..cells).map(|c| if c < triangles.len() { 5_u8 } else { 3 });
 
     writeln!(
         out,

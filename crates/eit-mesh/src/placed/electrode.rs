@@ -1,6 +1,7 @@
 //! An electrode given by its position.
 
 use crate::MeshError;
+use crate::rim_electrodes::{RimInterval, SMALLEST};
 
 /// An electrode to be placed on a skin.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,18 +61,43 @@ impl PlacedElectrode {
             let must = "finite and at least 1e-8 of the skin's size";
             return Err(MeshError::ElectrodeSize { electrode, quantity, value, must });
         }
-        if self.position_m.iter().any(|x| !x.is_finite()) {
-            let (position_m, distance_m) = (self.position_m, f64::NAN);
-            let what = "point of the skin";
-            let tolerance_m = 0.0;
-            return Err(MeshError::OffSurface {
-                electrode,
-                position_m,
-                distance_m,
-                tolerance_m,
-                what,
-            });
+        match self.position_m.iter().all(|x| x.is_finite()) {
+            true => Ok(()),
+            false => self.check_distance(electrode, f64::NAN, 0.0, "point of the skin"),
         }
-        Ok(())
+    }
+
+    /// Rejects a position too far from the skin.
+    pub(crate) fn check_distance(
+        &self,
+        electrode: usize,
+        distance_m: f64,
+        tolerance_m: f64,
+        what: &'static str,
+    ) -> Result<(), MeshError> {
+        // NaN fails this comparison
+        if distance_m <= tolerance_m {
+            return Ok(());
+        }
+        let position_m = self.position_m;
+        Err(MeshError::OffSurface { electrode, position_m, distance_m, tolerance_m, what })
+    }
+
+    /// Returns the rim that an electrode covers around a rim point (loop, arc length).
+    pub(crate) fn interval(
+        &self,
+        electrode: usize,
+        (loop_index, centre_m): (usize, f64),
+        length_m: f64,
+        resolution_m: f64,
+    ) -> Result<RimInterval, MeshError> {
+        let width_m = self.width_m();
+        if width_m > length_m - SMALLEST * resolution_m {
+            let (quantity, value) = ("width_m", width_m);
+            let must = "shorter than the rim that the electrode lies on";
+            return Err(MeshError::ElectrodeSize { electrode, quantity, value, must });
+        }
+        let start_m = (centre_m - 0.5 * width_m).rem_euclid(length_m);
+        Ok(RimInterval { loop_index, start_m, width_m })
     }
 }

@@ -2,9 +2,9 @@
 //! centre form the patch.
 
 use super::{Skin, between};
-use crate::surface::middle;
+use crate::surface::{middle, sides, sorted};
 use crate::{MeshError, Surface};
-use eit_core::vector::{cross, dot, norm, sub};
+use eit_core::vector::{cross, dot, norm, normal, sub};
 use std::collections::HashMap;
 
 /// A node within this fraction of an edge of the sphere counts as lying on it: a cut there would
@@ -47,7 +47,7 @@ impl Ball {
         let mut edges: Vec<[u32; 2]> = skin
             .triangles
             .iter()
-            .flat_map(|t| (0..3).map(|k| sorted([t[k], t[(k + 1) % 3]])))
+            .flat_map(|t| sides(*t))
             .filter(|&edge| crossed(&side, edge))
             .collect();
         edges.sort_unstable();
@@ -74,10 +74,6 @@ impl Ball {
         }
         skin.triangles.extend(added);
     }
-}
-
-fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
-    [a.min(b), a.max(b)]
 }
 
 /// Splits a triangle at the nodes on its sides, of which a sphere crosses at most two.
@@ -187,7 +183,7 @@ pub(super) fn nearest(surface: &Surface, position: [f64; 3]) -> ([f64; 3], f64) 
 /// Returns the point of a triangle nearest to a position: the foot of the perpendicular if it is
 /// inside, otherwise the nearest point of a side.
 fn nearest_on([a, b, c]: [[f64; 3]; 3], position: [f64; 3]) -> [f64; 3] {
-    let normal = cross(sub(b, a), sub(c, a));
+    let normal = normal([a, b, c]);
     let turned = |from, to| dot(cross(sub(to, from), sub(position, from)), normal);
     if turned(a, b) >= 0.0 && turned(b, c) >= 0.0 && turned(c, a) >= 0.0 {
         let height = dot(sub(position, a), normal) / dot(normal, normal);

@@ -4,7 +4,8 @@
 
 use super::{Skin, between};
 use crate::MeshError;
-use std::collections::HashMap;
+use crate::surface::{sides, sorted};
+use std::collections::{HashMap, HashSet};
 
 /// An edge is bisected if it is longer than this multiple of the requested length, so final edges
 /// are between two thirds and four thirds of it.
@@ -27,10 +28,6 @@ pub(super) fn refine(
         }
         split(skin, &marked);
     }
-}
-
-fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
-    [a.min(b), a.max(b)]
 }
 
 /// Rotates the triangle's nodes so that its longest side comes first. Of equal sides, the one with
@@ -57,8 +54,7 @@ fn marked(skin: &Skin, wanted_m: &impl Fn([f64; 3]) -> f64) -> Vec<[u32; 2]> {
     let mut queue: Vec<u32> = Vec::new();
     for (t, corners) in skin.triangles.iter().enumerate() {
         let mut any = false;
-        for k in 0..3 {
-            let edge = sorted([corners[k], corners[(k + 1) % 3]]);
+        for edge in sides(*corners) {
             triangles_of.entry(edge).or_default().push(t as u32);
             any |= *too_long.entry(edge).or_insert_with(|| {
                 let middle = between(skin.at(edge[0]), skin.at(edge[1]), 0.5);
@@ -69,12 +65,12 @@ fn marked(skin: &Skin, wanted_m: &impl Fn([f64; 3]) -> f64) -> Vec<[u32; 2]> {
             queue.push(t as u32);
         }
     }
-    let mut found = HashMap::new();
+    let mut found = HashSet::new();
     let mut order = Vec::new();
     while let Some(t) = queue.pop() {
         let [a, b, _] = longest_first(skin, skin.triangles[t as usize]);
         let edge = sorted([a, b]);
-        if found.insert(edge, ()).is_none() {
+        if found.insert(edge) {
             order.push(edge);
             queue.extend(triangles_of.get(&edge).into_iter().flatten());
         }

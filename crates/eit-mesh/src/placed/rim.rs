@@ -2,7 +2,7 @@
 
 use super::{Covered, Skin, between};
 use eit_core::vector::{dot, norm, sub};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// A rim node within this fraction of an edge of an electrode's end is used as the end: a triangle
 /// with a side ten thousand times shorter than the others loses four digits and gains nothing.
@@ -32,11 +32,11 @@ impl Rims {
         let mut starts: Vec<[u32; 2]> =
             apex.keys().filter(|[a, b]| !apex.contains_key(&[*b, *a])).copied().collect();
         starts.sort_unstable();
-        let mut seen: HashMap<[u32; 2], ()> = HashMap::with_capacity(starts.len());
+        let mut seen = HashSet::with_capacity(starts.len());
         let mut loops = Vec::new();
         for &start in &starts {
             let (mut edge, mut nodes) = (start, Vec::new());
-            while seen.insert(edge, ()).is_none() {
+            while seen.insert(edge) {
                 nodes.push(edge[0]);
                 edge = next_edge(&apex, edge);
             }

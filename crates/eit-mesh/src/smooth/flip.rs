@@ -15,7 +15,7 @@ const TOLERANCE: f64 = 1e-9;
 pub(super) struct Neighbours(Vec<[u32; 3]>);
 
 impl Neighbours {
-    pub fn new(triangles: &[[u32; 3]]) -> Self {
+    pub(crate) fn new(triangles: &[[u32; 3]]) -> Self {
         let mut sides: Vec<(u32, u32, u32, u8)> = Vec::with_capacity(3 * triangles.len());
         for (t, corners) in triangles.iter().enumerate() {
             for k in 0..3 {

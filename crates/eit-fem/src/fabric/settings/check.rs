@@ -70,13 +70,8 @@ impl FabricSettings {
 
     fn check_lists(&self, electrodes: usize) -> Result<(), FemError> {
         let Self { piezo, instrument, .. } = self;
-        if piezo.relaxing.len() != piezo.relaxation_s.len() {
-            return Err(FemError::WrongLength {
-                what: "fabric.piezo.relaxation_s (one per share of fabric.piezo.relaxing)",
-                found: piezo.relaxation_s.len(),
-                wanted: piezo.relaxing.len(),
-            });
-        }
+        let what = "fabric.piezo.relaxation_s (one per share of fabric.piezo.relaxing)";
+        FemError::check_length(what, piezo.relaxation_s.len(), piezo.relaxing.len())?;
         for (what, list) in [
             ("fabric.instrument.lost", &instrument.lost),
             ("fabric.instrument.loose", &instrument.loose),

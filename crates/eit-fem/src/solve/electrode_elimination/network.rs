@@ -47,7 +47,7 @@ pub(super) struct Network<T> {
 impl<T: Real> Network<T> {
     /// Builds the network from a geometry and validated conductivities that have been divided by
     /// `scale`.
-    pub fn new(
+    pub(crate) fn new(
         model: &ForwardModel,
         geometry: &Geometry,
         conductivity_s: &[f64],

@@ -23,13 +23,13 @@ pub(crate) struct Outcome {
 
 impl Outcome {
     /// Largest error bound, relative to the largest voltage.
-    pub fn bound(&self) -> f64 {
+    pub(crate) fn bound(&self) -> f64 {
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         largest(&self.bounds_v) / largest(&self.voltages_v)
     }
 
     /// Low-order parts of the potentials; `None` if the solve used `f64`.
-    pub fn low(&self) -> Option<&[f64]> {
+    pub(crate) fn low(&self) -> Option<&[f64]> {
         self.extended.then_some(&self.low)
     }
 }

@@ -70,8 +70,8 @@ fn store_fields<T: Real>(
     let basis = &model.fields.basis;
     let solves = basis.nrows();
     let extended = T::ROUNDING < f64::EPSILON;
-    let mut low = vec![0.0; if extended { workspace.potentials.len() } else { 0 }];
-    workspace.potentials.fill(0.0);
+    let mut low = vec![0.0; if extended { workspace.nodal.potentials.len() } else { 0 }];
+    workspace.nodal.potentials.fill(0.0);
     let mut unit = vec![T::of(0.0); fields.count];
     for (i, node) in network.nodes.iter().enumerate() {
         unit.fill(T::of(0.0));
@@ -81,7 +81,7 @@ fn store_fields<T: Real>(
         for r in 0..solves {
             let terms = unit.iter().zip(basis.row(r)).map(|(u, b)| *u * T::of(*b));
             let potential = terms.fold(T::of(0.0), |sum, term| sum + term);
-            workspace.potentials[i * solves + r] = potential.high() / scale;
+            workspace.nodal.potentials[i * solves + r] = potential.high() / scale;
             if extended {
                 low[i * solves + r] = potential.low() / scale;
             }
@@ -97,7 +97,7 @@ fn check(model: &ForwardModel, outcome: &Outcome, workspace: &Workspace) -> Resu
         return Ok(());
     };
     let [stimulation, pattern] = model.protocol().data()[datum].map(|i| i as usize);
-    let row = &workspace.electrode_potentials[stimulation * model.protocol().electrodes()..];
+    let row = &workspace.nodal.electrode_potentials[stimulation * model.protocol().electrodes()..];
     let measured = &model.patterns.measurements[pattern];
     let electrode = measured.iter().map(|m| m.0 as usize).find(|&l| !row[l].is_finite());
     let electrode = electrode.or(measured.first().map(|m| m.0 as usize)).unwrap_or(0);

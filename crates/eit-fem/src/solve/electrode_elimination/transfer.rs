@@ -23,7 +23,7 @@ pub(super) struct Transfer<T> {
 impl<T: Real> Transfer<T> {
     /// Corrects the solution by its residual and bounds the remaining error, in one pass over the
     /// branches.
-    pub fn new(network: &Network<T>, places: &Places, fields: &Columns<T>) -> Self {
+    pub(crate) fn new(network: &Network<T>, places: &Places, fields: &Columns<T>) -> Self {
         let count = fields.count;
         let mut residual = Columns::unit_currents(places, network);
         let mut sizes = vec![0.0; residual.values.len()];
@@ -76,7 +76,7 @@ impl<T: Real> Transfer<T> {
 
     /// Computes each voltage from its own products, so that large terms that cancel are not added
     /// to small ones.
-    pub fn voltages(
+    pub(crate) fn voltages(
         &self,
         model: &ForwardModel,
         geometry: &Geometry,
@@ -130,7 +130,7 @@ impl<T: Real> Transfer<T> {
     /// Writes the electrode potentials of every stimulation into the workspace and returns the
     /// potential of the last electrode's mean. An electrode with infinite impedance that carries
     /// current has an infinite potential and is excluded when the mean is set to zero.
-    pub fn potentials(
+    pub(crate) fn potentials(
         &self,
         model: &ForwardModel,
         geometry: &Geometry,
@@ -139,7 +139,7 @@ impl<T: Real> Transfer<T> {
         workspace: &mut Workspace,
     ) -> Vec<f64> {
         let electrodes = self.count + 1;
-        let rows = workspace.electrode_potentials.chunks_exact_mut(electrodes);
+        let rows = workspace.nodal.electrode_potentials.chunks_exact_mut(electrodes);
         rows.zip(&model.patterns.stimulations_a)
             .map(|(row, currents)| {
                 let mut exact = vec![T::of(0.0); electrodes];

@@ -17,7 +17,7 @@ pub(super) struct Places {
 }
 
 impl Places {
-    pub fn new<T: Real>(network: &Network<T>) -> Result<Self, FemError> {
+    pub(crate) fn new<T: Real>(network: &Network<T>) -> Result<Self, FemError> {
         let variables = network.nodes.len();
         let mut last = vec![false; variables];
         network.means.iter().for_each(|&m| last[m as usize] = true);
@@ -47,14 +47,14 @@ impl Places {
     }
 
     /// Terms of a combination that are unknowns.
-    pub fn terms<'a, T: Real>(
+    pub(crate) fn terms<'a, T: Real>(
         &'a self,
         of: &'a Combination<T>,
     ) -> impl Iterator<Item = (usize, T)> + 'a {
         of.iter().filter_map(|&(v, c)| Some((self.of_variable[v as usize]? as usize, c)))
     }
 
-    pub fn matrix<T: Real>(&self, network: &Network<T>) -> Rows<T> {
+    pub(crate) fn matrix<T: Real>(&self, network: &Network<T>) -> Rows<T> {
         let mut entries = Vec::new();
         for branch in &network.branches {
             for (i, a) in self.terms(&branch.difference) {
@@ -75,14 +75,14 @@ pub(super) struct Columns<T> {
 
 impl<T: Real> Columns<T> {
     /// Right-hand sides for one ampere into the mean of each electrode except the last.
-    pub fn unit_currents(places: &Places, network: &Network<T>) -> Self {
+    pub(crate) fn unit_currents(places: &Places, network: &Network<T>) -> Self {
         let count = network.means.len() - 1;
         let mut values = vec![T::of(0.0); places.count * count];
         (0..count).for_each(|k| values[(places.inner + k) * count + k] = T::of(1.0));
         Self { values, count }
     }
 
-    pub fn row(&self, place: usize) -> &[T] {
+    pub(crate) fn row(&self, place: usize) -> &[T] {
         &self.values[place * self.count..][..self.count]
     }
 }

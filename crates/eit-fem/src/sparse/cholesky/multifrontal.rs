@@ -62,30 +62,30 @@ pub(super) struct Numbers<T = f64> {
 
 impl<T: Scalar> Numbers<T> {
     /// Number of values in the factor and on the stack.
-    pub fn sizes(&self) -> (usize, usize) {
+    pub(crate) fn sizes(&self) -> (usize, usize) {
         (self.factor.len() / T::PLANES, self.stack.len() / T::PLANES)
     }
 }
 
 impl Multifrontal {
     /// Analyses a pattern.
-    pub fn new(pattern: &Pattern, leading: usize) -> Self {
+    pub(crate) fn new(pattern: &Pattern, leading: usize) -> Self {
         let symbolic = Symbolic::new(pattern, leading);
         Self { symbolic, starts: pattern.column_starts().to_vec(), leading, arch: Arch::new() }
     }
 
     /// Number of values in the factor, including zeros within fronts and padding.
-    pub fn factor_entries(&self) -> usize {
+    pub(crate) fn factor_entries(&self) -> usize {
         self.symbolic.factor_length
     }
 
     /// Floating-point operations of one factorisation.
-    pub fn flops(&self) -> f64 {
+    pub(crate) fn flops(&self) -> f64 {
         self.symbolic.flops()
     }
 
     /// Largest number of values on the stack during a factorisation.
-    pub fn stack_entries(&self) -> usize {
+    pub(crate) fn stack_entries(&self) -> usize {
         self.symbolic.stack_length
     }
 
@@ -93,7 +93,7 @@ impl Multifrontal {
     ///
     /// # Errors
     /// [`SparseError::OutOfMemory`].
-    pub fn numbers<T: Scalar>(&self) -> Result<Numbers<T>, SparseError> {
+    pub(crate) fn numbers<T: Scalar>(&self) -> Result<Numbers<T>, SparseError> {
         let unknowns = self.starts.len() - 1;
         let zeros = |length: usize| -> Result<Vec<f64>, SparseError> {
             let (mut values, length) = (Vec::new(), T::PLANES * length);
@@ -113,7 +113,7 @@ impl Multifrontal {
     /// Factorises the matrix with the given values: `A = L L^T` without conjugation and without
     /// pivoting. The error is the unknown whose pivot is not finite or not in the half plane around
     /// `direction` (for real numbers: not above zero).
-    pub fn factorise<T: Scalar>(
+    pub(crate) fn factorise<T: Scalar>(
         &self,
         values: &[T],
         numbers: &mut Numbers<T>,
@@ -124,7 +124,7 @@ impl Multifrontal {
 
     /// Computes the largest `(|L| |L^T|)_ii / |a_ii|`.
     #[cfg(feature = "complex")]
-    pub fn growth<T: Scalar>(&self, values: &[T], numbers: &Numbers<T>) -> f64 {
+    pub(crate) fn growth<T: Scalar>(&self, values: &[T], numbers: &Numbers<T>) -> f64 {
         let mut sums = vec![0.0; self.starts.len() - 1];
         for front in &self.symbolic.fronts {
             let below = &self.symbolic.below[front.below_at..][..front.below];
@@ -148,7 +148,11 @@ impl Multifrontal {
 
     /// Calls `take` with (row, column, value) of the trailing block of the factor; indices count
     /// from `leading`.
-    pub fn trailing<T: Scalar>(&self, numbers: &Numbers<T>, mut take: impl FnMut(usize, usize, T)) {
+    pub(crate) fn trailing<T: Scalar>(
+        &self,
+        numbers: &Numbers<T>,
+        mut take: impl FnMut(usize, usize, T),
+    ) {
         let Some(front) = self.symbolic.fronts.last() else { return };
         let columns = front.panel_of(numbers).chunks_exact(T::PLANES * front.stride);
         for (j, column) in columns.enumerate() {
@@ -158,7 +162,12 @@ impl Multifrontal {
 
     /// Solves `L^T x = y` in place, `x` [unknown, right-hand side] with `count` columns, where `y`
     /// is zero for the unknowns before `leading`. The first call allocates memory for rows.
-    pub fn solve_back<T: Scalar>(&self, numbers: &mut Numbers<T>, x: &mut [T], count: usize) {
+    pub(crate) fn solve_back<T: Scalar>(
+        &self,
+        numbers: &mut Numbers<T>,
+        x: &mut [T],
+        count: usize,
+    ) {
         let lanes = count.next_multiple_of(LANES);
         let length = T::PLANES * self.symbolic.longest * lanes;
         if numbers.rows.len() < length {

@@ -32,7 +32,7 @@ pub(super) struct Front {
 
 impl Front {
     /// Side length of the update matrix, including padding.
-    pub fn rest(&self) -> usize {
+    pub(crate) fn rest(&self) -> usize {
         self.stride - self.padded
     }
 }
@@ -61,7 +61,7 @@ pub(super) struct Symbolic {
 
 impl Symbolic {
     /// Analyses a pattern. The unknowns from `leading` on form the last front.
-    pub fn new(pattern: &Pattern, leading: usize) -> Self {
+    pub(crate) fn new(pattern: &Pattern, leading: usize) -> Self {
         let (starts, rows, count) = (pattern.column_starts(), pattern.rows(), pattern.unknowns());
         let mut links = Vec::with_capacity(rows.len());
         for column in 0..count {
@@ -183,7 +183,7 @@ impl Symbolic {
 
     /// Floating-point operations: the sum of the squared column counts, including zeros of merged
     /// columns but not padding.
-    pub fn flops(&self) -> f64 {
+    pub(crate) fn flops(&self) -> f64 {
         let of = |f: &Front| -> f64 {
             (0..f.columns).map(|j| ((f.columns + f.below - j) as f64).powi(2)).sum()
         };

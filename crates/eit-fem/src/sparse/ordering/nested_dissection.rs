@@ -26,7 +26,7 @@ pub(super) fn order<E>(
         graph,
         positions_m,
         order,
-        side: vec![OUTSIDE; count],
+        side: vec![Side::Outside; count],
         local: vec![0; count],
         new_from_old: vec![0; count],
     };
@@ -35,16 +35,20 @@ pub(super) fn order<E>(
     Ok(dissection.new_from_old)
 }
 
-/// Sides of a cut; `OUTSIDE` marks nodes that are not in the set.
-const OUTSIDE: u8 = 0;
-const LEFT: u8 = 1;
-const RIGHT: u8 = 2;
+/// Side of a cut.
+#[derive(Clone, Copy, PartialEq)]
+enum Side {
+    /// Not in the set.
+    Outside,
+    Left,
+    Right,
+}
 
 struct Dissection<'a, F> {
     graph: &'a Adjacency,
     positions_m: &'a [[f64; 3]],
     order: F,
-    side: Vec<u8>,
+    side: Vec<Side>,
     /// Index of a node within a leaf.
     local: Vec<u32>,
     new_from_old: Vec<u32>,
@@ -65,12 +69,13 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
             on_cut = self.cut(nodes, coordinate);
         }
         let (left, right) = nodes.split_at_mut(middle);
-        let touches = |n: u32, other: u8| self.touches(n, other);
+        let touches = |n: u32, other: Side| self.touches(n, other);
         // move the separator's nodes to the end of their side
-        let (cut, other) = if on_cut[0] < on_cut[1] { (left, RIGHT) } else { (right, LEFT) };
+        let (cut, other) =
+            if on_cut[0] < on_cut[1] { (left, Side::Right) } else { (right, Side::Left) };
         cut.sort_by_cached_key(|&n| touches(n, other));
         let separator = on_cut[0].min(on_cut[1]);
-        nodes.iter().for_each(|&n| self.side[n as usize] = OUTSIDE);
+        nodes.iter().for_each(|&n| self.side[n as usize] = Side::Outside);
         // turn [left, separator, right] into [left, right, separator] if needed
         let rest = nodes.len() - separator;
         let inner_left = if on_cut[0] < on_cut[1] {
@@ -98,34 +103,34 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
             along(a).total_cmp(&along(b)).then_with(|| a.cmp(&b))
         });
         let (left, right) = nodes.split_at(middle);
-        left.iter().for_each(|&n| self.side[n as usize] = LEFT);
-        right.iter().for_each(|&n| self.side[n as usize] = RIGHT);
+        left.iter().for_each(|&n| self.side[n as usize] = Side::Left);
+        right.iter().for_each(|&n| self.side[n as usize] = Side::Right);
         [
-            left.iter().filter(|n| self.touches(**n, RIGHT)).count(),
-            right.iter().filter(|n| self.touches(**n, LEFT)).count(),
+            left.iter().filter(|n| self.touches(**n, Side::Right)).count(),
+            right.iter().filter(|n| self.touches(**n, Side::Left)).count(),
         ]
     }
 
     /// Whether a node has a neighbour on the given side.
-    fn touches(&self, node: u32, side: u8) -> bool {
+    fn touches(&self, node: u32, side: Side) -> bool {
         self.graph.list(node as usize).iter().any(|&n| self.side[n as usize] == side)
     }
 
     /// Numbers a small set by minimum degree.
     fn leaf(&mut self, nodes: &[u32], first: u32) -> Result<(), E> {
         for (&n, local) in nodes.iter().zip(0..) {
-            (self.side[n as usize], self.local[n as usize]) = (LEFT, local);
+            (self.side[n as usize], self.local[n as usize]) = (Side::Left, local);
         }
         let mut links = Vec::new();
         for &n in nodes {
             let own = self.graph.list(n as usize).iter();
-            let inside = own.filter(|m| self.side[**m as usize] == LEFT);
+            let inside = own.filter(|m| self.side[**m as usize] == Side::Left);
             links.extend(inside.map(|&m| (self.local[n as usize], self.local[m as usize])));
         }
         let new_from_local = (self.order)(&Adjacency::from_links(nodes.len(), links))?;
         for (&n, new) in nodes.iter().zip(new_from_local) {
             self.new_from_old[n as usize] = first + new;
-            self.side[n as usize] = OUTSIDE;
+            self.side[n as usize] = Side::Outside;
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use eit_mesh::{Electrode, Mesh, Surface};
 use fixtures::MeshArrays;
 
 /// Builds a mesh from the arrays of a fixture.
-pub fn mesh_of(arrays: &MeshArrays) -> Mesh {
+pub(crate) fn mesh_of(arrays: &MeshArrays) -> Mesh {
     let nodes = arrays
         .nodes
         .rows()
@@ -20,7 +20,7 @@ pub fn mesh_of(arrays: &MeshArrays) -> Mesh {
 /// Ring mesh of a unit disc: ring `k` of `rings` has `6 k` nodes, so the mesh has six-fold
 /// symmetry. `rings` is a multiple of 4. There are 12 electrodes that cover half the rim; electrode
 /// `l` is centred at `(l + 1/2) 30 degrees` and covers 15 degrees.
-pub fn ring_disc(rings: usize) -> Mesh {
+pub(crate) fn ring_disc(rings: usize) -> Mesh {
     assert_eq!(rings % 4, 0);
     let first = |ring: usize| if ring == 0 { 0 } else { 1 + 3 * ring * (ring - 1) };
     let mut nodes = vec![[0.0, 0.0, 0.0]];
@@ -58,12 +58,12 @@ pub fn ring_disc(rings: usize) -> Mesh {
 }
 
 /// Angles of the electrode centres of [`ring_disc`].
-pub fn ring_disc_angles() -> Vec<f64> {
+pub(crate) fn ring_disc_angles() -> Vec<f64> {
     (0..12).map(|l| (l as f64 + 0.5) * std::f64::consts::TAU / 12.0).collect()
 }
 
 /// A strip `length x width` of right triangles with one electrode over each short side.
-pub fn strip(length: f64, width: f64, columns: usize, rows: usize) -> Mesh {
+pub(crate) fn strip(length: f64, width: f64, columns: usize, rows: usize) -> Mesh {
     let node = |i: usize, j: usize| (i * (rows + 1) + j) as u32;
     let nodes = (0..=columns)
         .flat_map(|i| {
@@ -85,13 +85,13 @@ pub fn strip(length: f64, width: f64, columns: usize, rows: usize) -> Mesh {
 }
 
 /// Pseudo-random numbers from 0 to 1 for a seed.
-pub fn noise(seed: u64, count: usize) -> Vec<f64> {
+pub(crate) fn noise(seed: u64, count: usize) -> Vec<f64> {
     let mut random = fixtures::Random::new(seed);
     (0..count).map(|_| random.uniform()).collect()
 }
 
 /// [`ring_disc`] with a curved rim: the midpoints of rim edges lie on the circle.
-pub fn round_disc(rings: usize) -> Mesh {
+pub(crate) fn round_disc(rings: usize) -> Mesh {
     let mesh = ring_disc(rings);
     let radius: Vec<f64> = mesh.surface().nodes().iter().map(|p| p[0].hypot(p[1])).collect();
     let on_rim = |n: u32| radius[n as usize] > 1.0 - 1e-12;

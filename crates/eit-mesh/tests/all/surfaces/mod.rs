@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 /// A disc of concentric rings around the origin: ring k has 6 k nodes, and there are `6 rings^2`
 /// triangles.
-pub fn disc(rings: u32, radius_m: f64) -> Surface {
+pub(crate) fn disc(rings: u32, radius_m: f64) -> Surface {
     let ring_start = |k: u32| if k == 0 { 0 } else { 1 + 3 * k * (k - 1) };
     let mut nodes = vec![[0.0; 3]];
     let mut triangles = Vec::new();
@@ -32,7 +32,7 @@ pub fn disc(rings: u32, radius_m: f64) -> Surface {
 }
 
 /// A rectangle with its lower left corner at the origin, of 2 x columns x rows right triangles.
-pub fn rectangle(columns: u32, rows: u32, width_m: f64, height_m: f64) -> Surface {
+pub(crate) fn rectangle(columns: u32, rows: u32, width_m: f64, height_m: f64) -> Surface {
     let node = |c: u32, r: u32| r * (columns + 1) + c;
     let mut nodes = Vec::new();
     let mut triangles = Vec::new();
@@ -51,14 +51,14 @@ pub fn rectangle(columns: u32, rows: u32, width_m: f64, height_m: f64) -> Surfac
 }
 
 /// The same triangles with every node moved.
-pub fn moved(surface: &Surface, position: impl Fn([f64; 3]) -> [f64; 3]) -> Surface {
+pub(crate) fn moved(surface: &Surface, position: impl Fn([f64; 3]) -> [f64; 3]) -> Surface {
     let nodes = surface.nodes().iter().map(|&p| position(p)).collect();
     Surface::new(nodes, surface.triangles().to_vec()).unwrap()
 }
 
 /// Electrodes 1 (two edges) and 3 (one reversed edge) on the rim, and electrode 2, a patch of
 /// triangles that are not all consecutive in the list.
-pub fn with_electrodes(surface: Surface) -> Mesh {
+pub(crate) fn with_electrodes(surface: Surface) -> Mesh {
     let rim = surface.rim_edges();
     let electrodes = vec![
         Electrode::Rim(vec![rim[1], rim[0]]),
@@ -70,7 +70,7 @@ pub fn with_electrodes(surface: Surface) -> Mesh {
 
 /// The upper half of a sphere: half an octahedron, with the sides of every triangle bisected
 /// `times` times and moved to the sphere. The rim lies at z = 0.
-pub fn half_sphere(times: u32, radius_m: f64) -> Surface {
+pub(crate) fn half_sphere(times: u32, radius_m: f64) -> Surface {
     let mut corners: Vec<[f64; 3]> =
         vec![[1., 0., 0.], [0., 1., 0.], [-1., 0., 0.], [0., -1., 0.], [0., 0., 1.]];
     let mut triangles: Vec<[u32; 3]> = vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]];
@@ -97,7 +97,7 @@ pub fn half_sphere(times: u32, radius_m: f64) -> Surface {
 }
 
 /// A surface as a binary STL file.
-pub fn binary_stl(surface: &Surface) -> Vec<u8> {
+pub(crate) fn binary_stl(surface: &Surface) -> Vec<u8> {
     // many programs begin binary files with the same word as text files
     let mut bytes = b"solid exported".to_vec();
     bytes.resize(80, b' ');
@@ -113,7 +113,7 @@ pub fn binary_stl(surface: &Surface) -> Vec<u8> {
 }
 
 /// A surface as an ASCII STL file with all digits.
-pub fn text_stl(surface: &Surface) -> String {
+pub(crate) fn text_stl(surface: &Surface) -> String {
     let mut text = String::from("solid skin\n");
     for t in 0..surface.triangles().len() {
         text += "  facet normal 0 0 0\n    outer loop\n";
@@ -126,7 +126,7 @@ pub fn text_stl(surface: &Surface) -> String {
 }
 
 /// A surface as an OBJ file with all digits.
-pub fn obj(surface: &Surface) -> String {
+pub(crate) fn obj(surface: &Surface) -> String {
     let nodes = surface.nodes().iter().map(|[x, y, z]| format!("v {x:e} {y:e} {z:e}\n"));
     let faces = surface.triangles().iter().map(|t| {
         let [a, b, c] = t.map(|n| n + 1);
