@@ -1,8 +1,10 @@
-//! Problems, stopwatch and machine limits shared by the benches and the comparison with peers.
+//! What only this project's developers run: timings, comparisons with other software, and figures of
+//! touches, images and nets on simulated skins. Not published.
 //!
-//! Not published. `cargo bench -p benches` times every stage; `benches/compare.py` compares the
-//! times of forward problem and Jacobian with the peers' and writes the tables of
-//! `docs/PERFORMANCE.md`; `lean`, `growth` and `equal_frame` write their own tables.
+//! `cargo bench -p benches` times every stage. The programs write the tables of `docs/PERFORMANCE.md`
+//! (`benches/compare.py`, `compare_images.py`, `compare_unet.py`, `adopt`, `plan_check`, `touches`,
+//! `lean`, `growth`, `equal_frame`), or print those of `docs/validation` (`touches`, `quality`,
+//! `denoise`).
 
 pub mod document;
 pub mod faer_cholesky;
