@@ -249,9 +249,9 @@ pub(crate) trait QueuedSink {
     fn worker_mut(&mut self) -> &mut Worker;
     /// Returns whether anybody looks at images.
     fn has_viewer(&self) -> bool;
-    /// Takes what is published.
+    /// Called once before any frame, with what is going to be published.
     fn start(&self, _: &Start<'_>) {}
-    /// Takes the shape of the skin.
+    /// Called with the shape of the skin when it is known.
     fn skin(&self, _: &SkinShape) {}
 
     /// Returns whether somebody looks at images and the last one is old enough; then the next one

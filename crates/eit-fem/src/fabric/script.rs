@@ -78,7 +78,7 @@ pub struct Key {
 pub struct Touch {
     /// [`Finger::id`] of the finger that touches.
     pub finger: u32,
-    /// Shape of the fingertip.
+    /// Pressure profile of the fingertip.
     pub tip: Tip,
     /// Centre of the touch, metres.
     pub position_m: [f64; 2],

@@ -88,7 +88,7 @@ pub struct Simulation {
     pub exact_v: Array2<f64>,
     /// Exact voltages of the untouched skin at time 0, volt: one per measurement.
     pub reference_v: Array1<f64>,
-    /// Ground truth.
+    /// Touches, pressures and conductivities that the voltages come from.
     pub truth: Truth,
     /// Accuracy and effort of the simulation.
     pub report: SimulationReport,

@@ -26,7 +26,7 @@ pub(crate) struct Fields {
     pub combinations: Vec<Vec<(u32, f64)>>,
     /// Storage slot of each field: basis fields first, then the other fields in order.
     pub slots: Vec<u32>,
-    /// Field of each stimulation, and the factor between them.
+    /// Field of which each stimulation is a multiple, and the factor.
     pub stimulations: Vec<(u32, f64)>,
     /// Products of fields, and the measurements that are multiples of them.
     pub products: Vec<Product>,

@@ -63,7 +63,7 @@ pub(crate) struct Iterate<'a, T> {
 pub(crate) struct Effort {
     /// Number of changes of `y`.
     pub(crate) rounds: usize,
-    /// Steps of the flow before each; all steps without a change.
+    /// Number of steps of the flow before each change of `y`, or in all if `y` is not changed.
     pub(crate) steps: usize,
     /// Relative size of the force towards which the error is moved in the first rounds.
     pub(crate) lean: f64,

@@ -37,7 +37,7 @@ const TRIALS: usize = 8;
 /// Slope of log residual over log weight below which the residual counts as flat: a tenth for a factor
 /// of 4 in the weight.
 const FLAT: f64 = 0.075;
-/// Least factor between the two weights that show it.
+/// Least factor between two weights whose residuals show that it is flat.
 const FLAT_OVER: f64 = 8.0;
 /// Accuracy of the logarithm of the weight, a tenth, and maximum number of trials that refine a bracket.
 const ACCURACY: f64 = 0.09;

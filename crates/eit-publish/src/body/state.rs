@@ -240,7 +240,7 @@ impl BodyState {
         self.patches.iter().map(state).collect()
     }
 
-    /// Name of a patch.
+    /// Returns the name of a patch, from the settings.
     pub fn name(&self, number: usize) -> &str {
         self.patches.get(number).map_or("", |patch| &patch.name)
     }

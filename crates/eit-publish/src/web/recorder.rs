@@ -59,7 +59,7 @@ impl Recorder {
         lock(&self.request).take()
     }
 
-    /// Line for pages that open now.
+    /// Returns the line about recording that a newly opened page gets.
     pub(super) fn state(&self) -> Option<Line> {
         lock(&self.state).clone()
     }

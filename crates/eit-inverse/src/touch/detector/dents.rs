@@ -30,7 +30,7 @@ pub(super) const EFFECTS: usize = 3;
 #[derive(Debug, Clone)]
 pub(super) struct Dents {
     rows: usize,
-    /// Candidate position of each position.
+    /// Index of each position among the candidate positions.
     pub(super) at: Vec<usize>,
     /// Position that is nearest to each candidate position.
     nearest: Vec<usize>,
