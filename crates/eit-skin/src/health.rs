@@ -15,7 +15,7 @@ const NOISY_TIMES: f64 = 4.0;
 /// Checks frames of the untouched skin.
 ///
 /// [`ReferenceFrames::check`] judges the stream (losses, rate, drift, saturation, overall reciprocity) and
-/// computes figures per electrode; [`faults::of_frames`] finds the electrodes that would be excluded in use.
+/// computes figures per electrode; `faults::of_frames` finds the electrodes that would be excluded in use.
 /// An electrode found by both is reported once.
 ///
 /// # Errors

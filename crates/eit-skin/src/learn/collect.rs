@@ -14,7 +14,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `collector.rs` | [`PressCollector`]: from frames to presses |
-//! | `places.rs` | [`press_places`], and how a place is described and drawn |
+//! | `places.rs` | places to press, and how a place is described and drawn |
 //! | `falling.rs` | [`FallingError`]: the error after each number of presses, and when to end |
 //! | `store.rs` | `PressStore`: recording and table |
 

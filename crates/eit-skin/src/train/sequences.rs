@@ -78,7 +78,7 @@ impl Sequences {
     ///
     /// # Errors
     ///
-    /// The errors of [`NetInputs::new`] and [`NetInputs::complete`]; sequences without any touch, for a net that
+    /// A net with more inputs than this program computes; sequences without any touch, for a net that
     /// corrects drawn touches.
     pub fn complete(
         &self,
