@@ -3,7 +3,7 @@
 #![deny(clippy::missing_errors_doc)]
 
 // Dependency order of the modules: error, check, geometry; then data, noise, prior; then one_step,
-// sequence and st_tv. touch uses metrics, noise and one_step; calibration uses data; learn uses touch.
+// sequence and st_tv. touch uses metrics; calibration uses data; learn uses touch.
 // No two files import each other.
 #[cfg(feature = "serde")]
 mod absent;
@@ -49,5 +49,4 @@ pub use st_tv::{
     CausalDual, CausalSettings, CausalStep, CausalStream, ChosenWeights, Fidelity, Gradient, StTv,
     StTvSettings, StTvStream, Stop, StreamSettings, StreamStep, WeightPoint, WeightStatus,
 };
-pub use touch::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
 pub use unevenness::{ReferenceModel, UnevenSheet, Unevenness};

@@ -21,7 +21,6 @@ pub use greit::{GreitFigures, GreitTarget, greit_figures};
 pub use similarity::{structural_similarity, structural_similarity_map};
 pub use touches::{Blob, TouchErrors, TouchSettings, blobs, touch_position_errors_m};
 pub use track::{artefact_energy, rms_second_difference_m};
-pub(crate) use watershed::{NONE, Watershed};
 
 use crate::InverseError;
 use crate::check::check_length;

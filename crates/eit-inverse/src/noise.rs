@@ -3,6 +3,5 @@
 mod estimate;
 mod nuisance;
 
-pub(crate) use estimate::deviations;
 pub use estimate::{noise_std_of_quiet_frames, smallest_step};
 pub use nuisance::NuisanceParameters;

@@ -183,7 +183,5 @@ pub enum FrameStatus {
     Computed,
     /// Every used measurement equals its reference bit for bit. The image of a linear map is then exactly
     /// zero and was written without computing it.
-    /// [`TouchStream::push_unchanged`](crate::touch::TouchStream::push_unchanged) passes this on to a
-    /// tracker.
     Unchanged,
 }

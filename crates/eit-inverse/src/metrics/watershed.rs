@@ -3,7 +3,7 @@
 use super::Cells;
 
 /// Label of cells without a hill.
-pub(crate) const NONE: u32 = u32::MAX;
+const NONE: u32 = u32::MAX;
 
 /// Workspace for the hills of images on the same cells; [`run`](Self::run) does not allocate.
 ///
@@ -12,7 +12,7 @@ pub(crate) const NONE: u32 = u32::MAX;
 /// (Watershed by flooding with persistence: Edelsbrunner, Letscher, Zomorodian, *Discrete Comput. Geom.* 28
 /// (2002), 511-533.)
 #[derive(Debug, Clone)]
-pub(crate) struct Watershed {
+pub(super) struct Watershed {
     /// Cells above the floor, highest first.
     order: Vec<u32>,
     label: Vec<u32>,
@@ -22,7 +22,7 @@ pub(crate) struct Watershed {
 
 impl Watershed {
     /// Allocates for images of the given number of cells.
-    pub(crate) fn new(cells: usize) -> Self {
+    pub(super) fn new(cells: usize) -> Self {
         let empty = || Vec::with_capacity(cells);
         Self { order: empty(), label: vec![NONE; cells], parent: empty(), tops: empty() }
     }
@@ -32,7 +32,7 @@ impl Watershed {
     /// `above` says which cells belong to any hill. `stands_out(top, saddle)` says whether the lower of two
     /// hills that meet at `saddle` remains separate; it must stay true for lower saddles. Heights of cells
     /// above the floor must not be NaN.
-    pub(crate) fn run<const D: usize>(
+    pub(super) fn run<const D: usize>(
         &mut self,
         heights: &[f64],
         cells: &Cells<D>,
@@ -74,7 +74,7 @@ impl Watershed {
     }
 
     /// Clears the hills.
-    pub(crate) fn clear(&mut self) {
+    pub(super) fn clear(&mut self) {
         for cell in self.order.drain(..) {
             self.label[cell as usize] = NONE;
         }
@@ -83,7 +83,7 @@ impl Watershed {
     }
 
     /// Returns whether no cell is above the floor.
-    pub(crate) fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.order.is_empty()
     }
 
@@ -95,18 +95,18 @@ impl Watershed {
     }
 
     /// Returns the cells of all hills, highest first.
-    pub(crate) fn cells(&self) -> impl Iterator<Item = usize> {
+    pub(super) fn cells(&self) -> impl Iterator<Item = usize> {
         self.order.iter().map(|&k| k as usize)
     }
 
     /// Returns the hills with their peak cell, highest first.
-    pub(crate) fn hills(&self) -> impl Iterator<Item = (u32, usize)> {
+    pub(super) fn hills(&self) -> impl Iterator<Item = (u32, usize)> {
         let own = |hill: &u32| self.parent[*hill as usize] == *hill;
         (0..self.tops.len() as u32).filter(own).map(|h| (h, self.tops[h as usize] as usize))
     }
 
     /// Returns the hill of a cell; [`NONE`] below the floor.
-    pub(crate) fn hill(&self, cell: usize) -> u32 {
+    pub(super) fn hill(&self, cell: usize) -> u32 {
         self.label[cell]
     }
 }

@@ -72,7 +72,7 @@ pub fn smallest_step(frames: ArrayView2<'_, f64>) -> f64 {
 
 /// Root mean square difference of successive frames divided by the root of 2, `[measurement]`, for at least
 /// two frames.
-pub(crate) fn deviations(frames: ArrayView2<'_, f64>) -> Vec<f64> {
+fn deviations(frames: ArrayView2<'_, f64>) -> Vec<f64> {
     let deviation = |channel: ArrayView1<'_, f64>| {
         let changes = channel.iter().zip(channel.iter().skip(1));
         let square: f64 = changes.map(|(a, b)| (b - a).powi(2)).sum();

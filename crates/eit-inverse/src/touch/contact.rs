@@ -27,11 +27,9 @@ pub struct Touch {
     /// others may be off the surface by the sagitta of one step.
     pub position_m: [f64; 3],
     /// Unit normal of the skin's mesh where the last frame showed the touch, on the side from which the
-    /// corners of its triangles run counter-clockwise: +z on a flat skin, outward on a dome. `None` for touches
-    /// found in images.
+    /// corners of its triangles run counter-clockwise: +z on a flat skin, outward on a dome.
     pub normal: Option<[f64; 3]>,
-    /// Covariance of the position, square metres, from the noise and the filter. It does not include the
-    /// bias of the imaging method (one-step images: outward, up to a tenth of the radius near the rim).
+    /// Covariance of the position, square metres, from the noise and the filter.
     pub position_covariance_m2: [[f64; 3]; 3],
     /// Velocity, metres per second.
     pub velocity_m_s: [f64; 3],
@@ -50,10 +48,6 @@ pub struct Touch {
     ///
     /// From a [`TouchDetector`](super::TouchDetector): the fraction of touches with the same worth, age and
     /// ratio of strength to its standard deviation that were true on simulated fabrics.
-    ///
-    /// From images: `(1 - p) h`, where `p` is the probability that noise alone makes a peak as high
-    /// anywhere in one image, and `h` the fraction of the last images (as many as a birth may take, fewer
-    /// for young touches) that showed the touch. This accounts for noise but not for artefacts.
     pub confidence: f64,
     /// Frames since [`TouchState::Begin`].
     pub age_frames: u64,
@@ -61,7 +55,7 @@ pub struct Touch {
     pub age_s: f64,
     /// Whether position and strength may be acted on: the current frame showed the touch, separate
     /// from all others, the standard deviation of its position is within the tracker's limit
-    /// ([`max_position_std_m`](crate::touch::TouchStreamSettings::max_position_std_m)), and the
+    /// ([`max_position_std_m`](crate::touch::TrackerSettings::max_position_std_m)), and the
     /// model is not known to be wrong
     /// ([`TouchTracker::invalidate`](crate::touch::TouchTracker::invalidate)).
     pub valid: bool,

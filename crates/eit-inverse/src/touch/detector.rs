@@ -86,8 +86,7 @@ pub(crate) use places::Places;
 pub use settings::DetectorSettings;
 pub use step::{DetectedTouch, DetectorStep, LearntTouch};
 
-use super::fit::in_space;
-use super::skin::Place;
+use super::skin::{Place, in_space};
 use crate::InverseError;
 use crate::check::{check_length, check_positive};
 use dents::Dents;

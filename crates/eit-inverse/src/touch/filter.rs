@@ -116,15 +116,6 @@ impl Filter {
         (determinant > 0.0 && squared.is_finite()).then(|| -0.5 * (squared + determinant.ln()))
     }
 
-    /// Squared Mahalanobis distance of a measured position from the predicted one, by their joint
-    /// covariance; infinite if that is singular.
-    pub(super) fn distance(&self, place_m: [f64; 3], covariance_m2: &Matrix3) -> f64 {
-        let Some(inverse) = inverse(&sum(&self.pp, covariance_m2)) else { return f64::INFINITY };
-        let y: [f64; 3] = from_fn(|i| place_m[i] - self.position_m[i]);
-        let product = times(&inverse, y);
-        (0..3).map(|i| y[i] * product[i]).sum()
-    }
-
     /// Updates the state with a measured position.
     pub(super) fn update(&mut self, place_m: [f64; 3], covariance_m2: &Matrix3) {
         let Some(inverse) = inverse(&sum(&self.pp, covariance_m2)) else { return };

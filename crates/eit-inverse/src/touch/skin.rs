@@ -1,30 +1,14 @@
-//! Points on a surface: the nearest one and the tangent plane there.
+//! Points on a surface, the nearest one in a triangle, and tangent planes.
 
 use eit_core::vector::{Vector as Point, along, cross, dot, normal as area_normal, sub, unit};
-use eit_mesh::Surface;
 use std::array::from_fn;
 
 /// A point on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Place {
     pub(crate) position_m: Point,
-    /// Distance from the point that was asked for, metres.
-    pub(super) distance_m: f64,
     /// Orthonormal tangents of the surface; x and y on a flat skin.
     pub(super) tangents: [Point; 2],
-}
-
-/// Returns the nearest point of a surface, the first among equals, in time proportional to the triangles.
-pub(super) fn nearest(surface: &Surface, point_m: Point) -> Place {
-    let (mut best, mut least, mut at) = (point_m, f64::INFINITY, 0);
-    for triangle in 0..surface.triangles().len() {
-        let candidate = nearest_in(surface.corners(triangle), point_m);
-        let squared = dot(sub(candidate, point_m), sub(candidate, point_m));
-        if squared < least {
-            (best, least, at) = (candidate, squared, triangle);
-        }
-    }
-    Place { position_m: best, distance_m: least.sqrt(), tangents: tangents(surface.corners(at)) }
 }
 
 /// Returns two orthonormal directions in the plane of a triangle; x and y on a flat skin.
@@ -85,6 +69,25 @@ pub(super) fn nearest_in([a, b, c]: [Point; 3], p: Point) -> Point {
     }
     let total = va + vb + vc;
     from_fn(|i| a[i] + ab[i] * (vb / total) + ac[i] * (vc / total))
+}
+
+/// Converts a covariance along two tangents into one in space.
+pub(super) fn in_space(plane: [[f64; 2]; 2], tangents: [[f64; 3]; 2]) -> [[f64; 3]; 3] {
+    let mut space = [[0.0; 3]; 3];
+    for (i, row) in space.iter_mut().enumerate() {
+        for (j, value) in row.iter_mut().enumerate() {
+            for a in 0..2 {
+                for b in 0..2 {
+                    let weight = tangents[a][i] * tangents[b][j];
+                    // an infinite variance has no component across its direction
+                    if weight != 0.0 && plane[a][b] != 0.0 {
+                        *value += weight * plane[a][b];
+                    }
+                }
+            }
+        }
+    }
+    space
 }
 
 #[cfg(test)]

@@ -21,7 +21,6 @@ mod metrics;
 mod noise_estimate;
 mod nuisance;
 mod prior;
-mod reference;
 mod sequence;
 #[cfg(all(feature = "serde", feature = "st-tv"))]
 mod serde;
@@ -35,9 +34,7 @@ mod st_tv_certificate;
 mod st_tv_stability;
 #[cfg(feature = "st-tv")]
 mod st_tv_stream;
-mod touch;
 mod touch_detector;
 mod touch_detector_input;
-mod touch_fit;
 mod touch_tracker;
 mod unevenness;

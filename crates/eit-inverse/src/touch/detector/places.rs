@@ -60,11 +60,8 @@ impl Places {
                 .all(|other| distance_m(*other, centroid) >= spacing_m);
             if is_free {
                 taken.entry(home).or_default().push(centroid);
-                at.push(Place {
-                    position_m: centroid,
-                    distance_m: 0.0,
-                    tangents: tangents(surface.corners(triangle)),
-                });
+                let tangents = tangents(surface.corners(triangle));
+                at.push(Place { position_m: centroid, tangents });
             }
         }
         let mut of_cell: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
