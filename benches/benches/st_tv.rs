@@ -5,7 +5,7 @@
 use benches::Result;
 use criterion::{BenchmarkId, Criterion, SamplingMode};
 use eit_inverse::{
-    DifferenceFrames, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings,
+    CausalSettings, CausalStream, DifferenceFrames, Gradient, StTv, StTvSettings, Stop,
 };
 use std::time::Duration;
 
@@ -35,8 +35,8 @@ fn main() -> Result<()> {
         group.bench_function(BenchmarkId::new("20 frames to a gap of 1e-2", pixels), |b| {
             b.iter(|| solver.solve(&frames, &stop).expect("a movie"));
         });
-        let settings = StreamSettings { max_iterations: 32, ..Default::default() };
-        let mut stream = StTvStream::new(solver.clone(), settings)?;
+        let settings = CausalSettings { max_iterations: 32, ..Default::default() };
+        let mut stream = CausalStream::new(solver.clone(), settings)?;
         let mut rows = problem.values.rows().into_iter().map(|row| row.to_vec()).cycle();
         group.bench_function(BenchmarkId::new("a frame, 32 iterations", pixels), |b| {
             b.iter(|| {

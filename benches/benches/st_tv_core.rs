@@ -1,13 +1,12 @@
 //! Spatio-temporal total variation on a problem of our own, on one thread: whole sequences to a
-//! certified gap, with bounds, masked channels and data constraints; frames of a windowed and of a
-//! causal stream, steady and at the onset of a touch; the choice of weights.
+//! certified gap, with bounds, masked channels and data constraints; frames of a causal
+//! stream, steady and at the onset of a touch; the choice of weights.
 #![allow(clippy::expect_used, reason = "a stage that fails must end the bench, not be timed")]
 
 use benches::{Result, problem};
 use criterion::{Criterion, SamplingMode};
 use eit_inverse::{
-    CausalSettings, CausalStream, DifferenceFrames, Fidelity, Gradient, StTv, StTvSettings,
-    StTvStream, Stop, StreamSettings,
+    CausalSettings, CausalStream, DifferenceFrames, Fidelity, Gradient, StTv, StTvSettings, Stop,
 };
 use eit_mesh::{Raster, generate};
 use fixtures::Random;
@@ -122,25 +121,9 @@ fn main() -> Result<()> {
     });
 
     let rows: Vec<Vec<f64>> = movie.values.rows().into_iter().map(|row| row.to_vec()).collect();
-    let settings = StreamSettings { target_gap: 1e-2, ..Default::default() };
-    let mut stream = StTvStream::new(solver.clone(), settings)?;
     // back and forth, so that the touches never jump
     let mut to_and_fro = (0..FRAMES).chain((1..FRAMES - 1).rev()).cycle();
-    group.bench_function("window, a steady frame", |b| {
-        b.iter(|| {
-            let frame = to_and_fro.next().unwrap_or_default();
-            stream.push(&rows[frame], None).expect("a step").iterations
-        });
-    });
     let silence = vec![0.0; rows[0].len()];
-    group.bench_function("window, onset after rest", |b| {
-        b.iter(|| {
-            for _ in 0..settings.window {
-                stream.push(&silence, None).expect("a step");
-            }
-            black_box(stream.push(&rows[0], None).expect("a step").iterations)
-        });
-    });
     let settings = CausalSettings { target_gap: 1e-2, ..Default::default() };
     let mut causal = CausalStream::new(solver, settings)?;
     group.bench_function("causal, a steady frame", |b| {

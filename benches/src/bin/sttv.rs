@@ -13,8 +13,7 @@
 use benches::{Result, limits};
 use cpu_time::ProcessTime;
 use eit_inverse::{
-    CausalSettings, CausalStream, DifferenceFrames, Gradient, StTv, StTvSettings, StTvStream, Stop,
-    StreamSettings,
+    CausalSettings, CausalStream, DifferenceFrames, Gradient, StTv, StTvSettings, Stop,
 };
 use fixtures::Random;
 use fixtures::st_tv::{self, StTvProblem};
@@ -27,9 +26,9 @@ const REPEATS: usize = 5;
 const GAPS: [f64; 3] = [1e-2, 1e-3, 1e-4];
 /// Number of frames of the stream, of initial frames that are not counted, and of frames per turn:
 /// the paper's finger takes 397.
-const STREAM: [usize; 3] = [60, 20, 397];
-/// The same for frames linked to the previous one, which are faster.
-const CAUSAL: [usize; 3] = [437, 40, 397];
+const FRAMES: usize = 437;
+const WARM_UP: usize = 40;
+const TURN: usize = 397;
 /// Gap of every frame of the stream.
 const STREAM_GAP: f64 = 1e-2;
 
@@ -108,8 +107,7 @@ fn time(pixels: usize, problem: &StTvProblem) -> Result<Value> {
         "certified_gap": reached,
         "flop_per_s": limits::matmul_f32_flop_per_s()?,
         "byte_per_s": limits::read_byte_per_s(2_500_000)?,
-        "stream": stream(problem, Follower::window(&solver)?, STREAM)?,
-        "causal": stream(problem, Follower::causal(&solver)?, CAUSAL)?,
+        "causal": stream(problem, solver)?,
     }))
 }
 
@@ -130,52 +128,10 @@ impl Clocks {
     }
 }
 
-/// A solver that follows a stream.
-enum Follower {
-    Window(Box<StTvStream>),
-    Causal(Box<CausalStream>),
-}
-
-/// Cost of a frame.
-struct Cost {
-    iterations: usize,
-    seconds: f64,
-    gap: f64,
-}
-
-impl Follower {
-    fn window(solver: &StTv) -> Result<Self> {
-        let settings = StreamSettings { target_gap: STREAM_GAP, ..Default::default() };
-        Ok(Self::Window(Box::new(StTvStream::new(solver.clone(), settings)?)))
-    }
-
-    fn causal(solver: &StTv) -> Result<Self> {
-        let settings = CausalSettings { target_gap: STREAM_GAP, ..Default::default() };
-        Ok(Self::Causal(Box::new(CausalStream::new(solver.clone(), settings)?)))
-    }
-
-    fn push(&mut self, dv: &[f64]) -> Result<Cost> {
-        Ok(match self {
-            Self::Window(stream) => {
-                let step = stream.push(dv, None)?;
-                let gap = step.certificate.relative_gap();
-                Cost { iterations: step.iterations, seconds: step.seconds, gap }
-            }
-            Self::Causal(stream) => {
-                let step = stream.push(dv, None)?;
-                let gap = step.certificate.relative_gap();
-                Cost { iterations: step.iterations, seconds: step.seconds, gap }
-            }
-        })
-    }
-}
-
 /// Simulates two circling touches, with the problem's noise, frame by frame.
-fn stream(
-    problem: &StTvProblem,
-    mut follower: Follower,
-    [count, warm_up, turn]: [usize; 3],
-) -> Result<Value> {
+fn stream(problem: &StTvProblem, solver: StTv) -> Result<Value> {
+    let settings = CausalSettings { target_gap: STREAM_GAP, ..Default::default() };
+    let mut stream = CausalStream::new(solver, settings)?;
     let noise_std = problem.noise_norm / (problem.values.len() as f64).sqrt();
     let mut random = Random::new(1);
     let side = problem.mask.nrows() as f64;
@@ -183,8 +139,8 @@ fn stream(
     let place = |i: usize| (i as f64 + 0.5) / side * 2.0 - 1.0;
     let pixels: Vec<[f64; 2]> = inside.map(|((i, j), _)| [place(j), place(i)]).collect();
     let (mut seconds, mut iterations, mut worst_gap) = (Vec::new(), 0, 0.0_f64);
-    for frame in 0..count {
-        let angle = frame as f64 / turn as f64 * std::f64::consts::TAU;
+    for frame in 0..FRAMES {
+        let angle = frame as f64 / TURN as f64 * std::f64::consts::TAU;
         let touches = [[0.55, 0.15, 0.5, 0.0], [0.45, 0.12, 0.4, 2.0]];
         let change = |p: &[f64; 2]| -> f64 {
             let near = touches.iter().filter(|[radius, size, _, phase]| {
@@ -199,11 +155,11 @@ fn stream(
             *value += noise_std * random.normal();
         }
         let clocks = Clocks::start();
-        let cost = follower.push(&dv)?;
-        if frame >= warm_up {
-            seconds.push(clocks.processor_share() * cost.seconds);
-            iterations += cost.iterations;
-            worst_gap = worst_gap.max(cost.gap);
+        let step = stream.push(&dv, None)?;
+        if frame >= WARM_UP {
+            seconds.push(clocks.processor_share() * step.seconds);
+            iterations += step.iterations;
+            worst_gap = worst_gap.max(step.certificate.relative_gap());
         }
     }
     let frames_per_s = seconds.len() as f64 / seconds.iter().sum::<f64>();
@@ -211,7 +167,6 @@ fn stream(
     seconds.sort_by(f64::total_cmp);
     let quantile = |q: f64| seconds[((seconds.len() - 1) as f64 * q).round() as usize];
     Ok(json!({
-        "linked": matches!(follower, Follower::Causal(_)),
         "frames": seconds.len(),
         "frames_per_s": frames_per_s,
         "iterations": mean,

@@ -3,7 +3,7 @@
 //! | file | contents |
 //! |---|---|
 //! | `batch`, `solve` | [`StTv`]: set-up, whole sequences |
-//! | `stream`, `window` | [`StTvStream`]: a sliding window |
+//! | `stream`, `single_frame` | [`StTvStream`]: each frame on its own |
 //! | `causal` | [`CausalStream`]: each frame linked to the image before |
 //! | `weights`, `quiet` | weights from the noise level; frames that contain only noise |
 //! | `settings`, `gradient` | user input: settings and spatial differences |
@@ -38,6 +38,7 @@ mod quiet;
 mod reach;
 mod run;
 mod settings;
+mod single_frame;
 mod solve;
 mod state;
 mod step;
@@ -46,7 +47,6 @@ mod sweep;
 mod task;
 mod travel;
 mod weights;
-mod window;
 
 pub use batch::StTv;
 pub use causal::{CausalDual, CausalSettings, CausalStep, CausalStream};

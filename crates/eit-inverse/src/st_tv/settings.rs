@@ -142,13 +142,7 @@ impl Default for Stop {
     serde(default, deny_unknown_fields)
 )]
 pub struct StreamSettings {
-    /// Number of frames in the window, 1 or above. Windows are padded internally to a multiple of 8
-    /// frames, so 8 or 16 cost no more than 5 or 9.
-    pub window: usize,
-    /// Position of the returned frame, counted back from the newest frame (0). A frame with later
-    /// frames in the window is more stable.
-    pub lag: usize,
-    /// Target relative duality gap of the window.
+    /// Target relative duality gap of a frame.
     pub target_gap: f64,
     /// Maximum number of iterations per frame, including those for the certificate.
     pub max_iterations: usize,
@@ -158,6 +152,6 @@ pub struct StreamSettings {
 
 impl Default for StreamSettings {
     fn default() -> Self {
-        Self { window: 8, lag: 3, target_gap: 1e-2, max_iterations: 2000, deadline: None }
+        Self { target_gap: 1e-2, max_iterations: 2000, deadline: None }
     }
 }

@@ -159,13 +159,6 @@ impl<T: Float> State<T> {
         self.stride / LANES
     }
 
-    /// Returns the links, `[stride]`: 1 for frames linked to the next one, otherwise 0. The last frame
-    /// is never linked.
-    pub(crate) fn links_mut(&mut self) -> &mut [T] {
-        self.prepared = false;
-        &mut self.links
-    }
-
     /// Returns whether a frame is linked to the next one.
     pub(crate) fn is_linked(&self, frame: usize) -> bool {
         !self.time_dual.is_empty() && self.links[frame] > T::default()
@@ -180,35 +173,5 @@ impl<T: Float> State<T> {
         self.dual.fill(zero);
         self.time_dual.fill(zero);
         self.bound_dual.fill(zero);
-    }
-
-    /// Moves all frames one back in time. The last frame starts with the image and duals of the frame
-    /// before, and with a temporal dual of zero.
-    pub(crate) fn shift(&mut self) {
-        self.age = REFRESH;
-        self.prepared = false;
-        let (stride, frames) = (self.stride, self.frames);
-        for array in [&mut self.image, &mut self.dual, &mut self.bound_dual] {
-            for row in array.chunks_exact_mut(stride) {
-                row.copy_within(1..frames, 0);
-            }
-        }
-        if let Some(rows) = self.time_dual.get_mut(PAD..) {
-            for row in rows.chunks_exact_mut(stride) {
-                row.copy_within(1..frames, 0);
-                row[frames - 1] = T::default();
-            }
-        }
-    }
-
-    /// Subtracts the last frame's image from those of `frames`.
-    pub(crate) fn subtract_newest(&mut self, frames: std::ops::Range<usize>) {
-        self.age = REFRESH;
-        self.prepared = false;
-        let last = self.frames - 1;
-        for row in self.image.chunks_exact_mut(self.stride) {
-            let newest = row[last];
-            row[frames.clone()].iter_mut().for_each(|x| *x = *x - newest);
-        }
     }
 }

@@ -22,29 +22,6 @@ fn stream_example() {
     assert_eq!(outcome.quiet, 9);
 }
 
-/// The same frames through a window of 8 with its bound at zero, which becomes active when the finger
-/// leaves. Every gap is proven, and 8 untouched frames clear the finger from the window.
-#[cfg(feature = "st-tv")]
-#[test]
-fn window_of_the_stream_example() {
-    use eit_inverse::{StTvStream, StreamSettings};
-    let (differences, solver, _) = stream::set_up().unwrap();
-    let settings = StreamSettings { window: 8, lag: 2, target_gap: 1e-2, ..Default::default() };
-    let mut window = StTvStream::new(solver, settings).unwrap();
-    let untouched = vec![0.0; differences.ncols()];
-    let (mut quiet, mut iterations) = (0, Vec::new());
-    for frame in 0..differences.nrows() + 16 {
-        let row = differences.rows().into_iter().nth(frame).map(|row| row.to_vec());
-        let step = window.push(row.as_ref().unwrap_or(&untouched), None).unwrap();
-        iterations.push(step.iterations);
-        quiet += usize::from(step.quiet);
-        let gap = step.certificate.relative_gap();
-        assert!(step.quiet || gap <= 1e-2, "frame {frame}: {gap} after {iterations:?}");
-    }
-    println!("{iterations:?}");
-    assert_eq!(quiet, 9);
-}
-
 /// The README's table matches the example's results to one unit of its last digits.
 #[test]
 fn readme_table_of_the_example() {

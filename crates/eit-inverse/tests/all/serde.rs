@@ -16,9 +16,7 @@ fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T
 use eit_inverse::metrics::TouchSettings;
 use eit_inverse::sequence::{AbsoluteSettings, KalmanSettings, TimePriorSettings};
 use eit_inverse::touch::{DetectorSettings, TouchState, TrackerSettings};
-use eit_inverse::{
-    CausalSettings, Certificate, OneStepSettings, StTvSettings, StreamSettings,
-};
+use eit_inverse::{CausalSettings, Certificate, OneStepSettings, StTvSettings, StreamSettings};
 
 #[test]
 fn settings_survive() {

@@ -158,10 +158,7 @@ impl LiveImages {
                         step => step?,
                     },
                 };
-                // a dropped frame keeps the previous image
-                if let Some(image) = step.image {
-                    self.raw.copy_from_slice(image);
-                }
+                self.raw.copy_from_slice(step.image);
                 if !self.state.is_lost {
                     self.state.iterations = step.iterations;
                     let gap = step.certificate.relative_gap();

@@ -30,7 +30,7 @@ pub struct TvStream {
 enum Solver {
     /// Each frame is coupled to the image before it.
     Causal(Box<CausalStream>),
-    /// Each frame on its own: a window of one, without a time term.
+    /// Each frame on its own, without a time term.
     Alone(Box<StTvStream>),
 }
 
@@ -38,8 +38,8 @@ enum Solver {
 #[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub struct TvStep<'a> {
-    /// Image in siemens, `[masked pixel]`; `None` if there has been none yet.
-    pub image: Option<&'a [f64]>,
+    /// Image in siemens, `[masked pixel]`.
+    pub image: &'a [f64],
     /// Why the iteration stopped.
     pub status: SequenceStatus,
     /// Number of iterations for this frame.
@@ -99,7 +99,7 @@ impl TvStream {
 impl<'a> TvStep<'a> {
     fn causal(step: CausalStep<'a>) -> Self {
         let CausalStep { image, status, iterations, certificate, quiet, .. } = step;
-        Self { image: Some(image), status, iterations, certificate, quiet }
+        Self { image, status, iterations, certificate, quiet }
     }
 
     fn alone(step: StreamStep<'a>) -> Self {
@@ -172,7 +172,7 @@ fn stream(
             Solver::Causal(Box::new(CausalStream::new(solver, settings)?))
         }
         false => {
-            let settings = StreamSettings { window: 1, lag: 0, target_gap, ..Default::default() };
+            let settings = StreamSettings { target_gap, ..Default::default() };
             Solver::Alone(Box::new(StTvStream::new(solver, settings)?))
         }
     };

@@ -94,7 +94,7 @@ impl CausalStream {
     ///
     /// # Errors
     /// [`InverseError::OutOfRange`] for settings out of range, and for a solver whose `lambda_time` is 0.
-    /// Such frames are independent: use [`StTvStream`](crate::StTvStream) with a window of one frame.
+    /// Such frames are independent: use [`StTvStream`](crate::StTvStream).
     pub fn new(solver: StTv, settings: CausalSettings) -> Result<Self, InverseError> {
         settings.check()?;
         let lambda_time = solver.settings.lambda_time;

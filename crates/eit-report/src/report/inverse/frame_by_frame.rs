@@ -82,7 +82,7 @@ pub(super) fn stream(
         let mut stream = fitted.tv_stream(method.method, &mut Progress::silent())?;
         let solver: FrameSolver<'_> = Box::new(move |_, differences, image| {
             let step = stream.push(differences, None)?;
-            image.copy_from_slice(step.image.unwrap_or_default());
+            image.copy_from_slice(step.image);
             let gap = Some(step.certificate.relative_gap());
             Ok(Convergence { iterations: step.iterations, status: step.status, gap })
         });

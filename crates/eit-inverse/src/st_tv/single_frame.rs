@@ -1,4 +1,4 @@
-//! Data of the sliding window of a stream.
+//! Data of the frame that a stream solves.
 
 use super::StTv;
 use super::data::{Seen, Target};
@@ -23,24 +23,18 @@ impl Outcome {
     }
 }
 
-/// Data and weights of the window in internal units.
+/// Data and weights of one frame in internal units.
 #[derive(Debug, Clone)]
-pub(super) struct Window {
-    /// `[frame]`.
-    pub(super) modes: Vec<Seen>,
-    pub(super) mode_of: Vec<usize>,
-    pub(super) targets: Vec<Target>,
-    /// Empty for penalised data.
-    pub(super) delta: Vec<f64>,
+pub(super) struct SingleFrame {
+    pub(super) modes: [Seen; 1],
+    pub(super) targets: [Target; 1],
+    /// `None` for penalised data.
+    pub(super) delta: Option<[f64; 1]>,
     pub(super) weights: [f64; 2],
     pub(super) bounds: Option<[f64; 2]>,
 }
 
-impl Window {
-    pub(super) fn data_term(&self) -> DataTerm<'_> {
-        if self.delta.is_empty() { DataTerm::Penalised } else { DataTerm::Constrained(&self.delta) }
-    }
-
+impl SingleFrame {
     pub(super) fn problem<'a>(&'a self, solver: &'a StTv) -> Problem<'a> {
         let [lambda_space, lambda_time] = self.weights;
         Problem {
@@ -49,9 +43,12 @@ impl Window {
             parts: &solver.parts,
             singular: &solver.compression.singular,
             modes: &self.modes,
-            mode_of: &self.mode_of,
+            mode_of: &[0],
             targets: &self.targets,
-            data_term: self.data_term(),
+            data_term: match &self.delta {
+                None => DataTerm::Penalised,
+                Some(delta) => DataTerm::Constrained(delta),
+            },
             lambda_space,
             lambda_time,
             bounds: self.bounds,
