@@ -458,7 +458,7 @@ pub(crate) struct ReconstructArgs {
     /// Method, instead of the scene's or the one chosen for the scene:
     /// st-tv (total variation in space and time), tv (frame by frame),
     /// gauss-newton (one-step difference), time-prior (the same with a prior in time),
-    /// kalman (smoother), gauss-newton-absolute (iterative, non-linear model).
+    /// gauss-newton-absolute (iterative, non-linear model).
     #[arg(long, value_name = "METHOD", verbatim_doc_comment)]
     pub method: Option<String>,
     /// Folder for the results.

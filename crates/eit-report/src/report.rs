@@ -141,7 +141,7 @@ mod tests {
         let mut rates = Vec::new();
         for case in Case::built_in().filter(|case| case.fingers != Fingers::NoImages) {
             for method in Method::ALL {
-                let sequence = matches!(method, Method::StTv | Method::TimePrior | Method::Kalman);
+                let sequence = matches!(method, Method::StTv | Method::TimePrior);
                 if case.fingers == Fingers::Still && sequence {
                     continue;
                 }

@@ -15,22 +15,14 @@ pub enum Method {
     GaussNewton,
     /// One-step difference reconstruction of the whole sequence, with correlation in time.
     TimePrior,
-    /// Kalman smoother.
-    Kalman,
     /// Iterative reconstruction with the non-linear model.
     GaussNewtonAbsolute,
 }
 
 impl Method {
     /// All methods, in the order of the documentation.
-    pub const ALL: [Self; 6] = [
-        Self::StTv,
-        Self::Tv,
-        Self::GaussNewton,
-        Self::TimePrior,
-        Self::Kalman,
-        Self::GaussNewtonAbsolute,
-    ];
+    pub const ALL: [Self; 5] =
+        [Self::StTv, Self::Tv, Self::GaussNewton, Self::TimePrior, Self::GaussNewtonAbsolute];
 
     /// Returns the name used in scene files.
     pub fn name(self) -> &'static str {
@@ -39,7 +31,6 @@ impl Method {
             Self::Tv => "tv",
             Self::GaussNewton => "gauss-newton",
             Self::TimePrior => "time-prior",
-            Self::Kalman => "kalman",
             Self::GaussNewtonAbsolute => "gauss-newton-absolute",
         }
     }
@@ -51,7 +42,6 @@ impl Method {
             Self::Tv => "total variation frame by frame",
             Self::GaussNewton => "one-step Gauss-Newton",
             Self::TimePrior => "one-step Gauss-Newton with a prior in time",
-            Self::Kalman => "Kalman smoother",
             Self::GaussNewtonAbsolute => "iterated absolute Gauss-Newton",
         }
     }

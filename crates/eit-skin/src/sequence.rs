@@ -4,10 +4,7 @@ use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use crate::method::Method;
 use crate::skin::Skin;
-use eit_inverse::sequence::{
-    AbsoluteGaussNewton, AbsoluteSettings, KalmanSettings, KalmanSmoother, TimePrior,
-    TimePriorSettings,
-};
+use eit_inverse::sequence::{AbsoluteGaussNewton, AbsoluteSettings, TimePrior, TimePriorSettings};
 use eit_inverse::{OneStepGaussNewton, OneStepSettings, Prior, SequenceSolver};
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView2};
@@ -36,10 +33,6 @@ pub fn method<'a>(
         Method::TimePrior => {
             let settings = TimePriorSettings { one_step, ..Default::default() };
             Box::new(TimePrior::new(jacobian, prior, &settings)?)
-        }
-        Method::Kalman => {
-            let settings = KalmanSettings { one_step, ..Default::default() };
-            Box::new(KalmanSmoother::new(jacobian, prior, &settings)?)
         }
         Method::GaussNewtonAbsolute => {
             let bounds_s = bounds_s(&linearised.skin);

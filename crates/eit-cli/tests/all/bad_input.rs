@@ -73,8 +73,8 @@ fn scenes_that_cannot_be() {
         ),
         (
             "[mesh]",
-            "[reconstruction]\nmethod = \"kalman\"\ntarget_gap = 1e-3\n[mesh]",
-            "no effect with method = \"kalman\"",
+            "[reconstruction]\nmethod = \"time-prior\"\ntarget_gap = 1e-3\n[mesh]",
+            "no effect with method = \"time-prior\"",
         ),
         (
             "[mesh]",

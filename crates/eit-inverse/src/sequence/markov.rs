@@ -1,8 +1,8 @@
-//! Kalman filter and Rauch-Tung-Striebel smoother for amplitudes that follow a first-order
+//! Kalman filter and Rauch-Tung-Striebel smoother for amplitudes that follow a stationary first-order
 //! Gauss-Markov process.
 //!
 //! ```text
-//! a_1 ~ N(0, p0 I),   a_t+1 = phi a_t + N(0, q I),   b_t = H_t a_t + N(0, mu I),   H = U D^1/2
+//! a_1 ~ N(0, I),   a_t+1 = phi a_t + N(0, q I),   b_t = H_t a_t + N(0, mu I),   H = U D^1/2
 //! filter:   M_t = phi^2 C_t-1 + q I,   C_t = (M_t^-1 + H_t' H_t / mu)^-1
 //!           c_t = phi c_t-1 + C_t H_t' (b_t - phi H_t c_t-1) / mu
 //! smoother: a_t = c_t + phi C_t M_t+1^-1 (a_t+1 - phi c_t)
@@ -34,17 +34,15 @@ use std::time::Instant;
 pub(super) struct Markov {
     /// `phi`.
     pub(super) decay: f64,
-    /// `q`, relative to the prior covariance.
+    /// `q = 1 - phi^2`, relative to the prior covariance, which is then that of every frame.
     pub(super) process_noise: f64,
-    /// `p0`, relative to the prior covariance.
-    pub(super) initial_variance: f64,
 }
 
 /// Normal distribution of the amplitudes of one frame.
 #[derive(Debug, Clone)]
-pub(super) struct Belief {
+struct Belief {
     /// `[rank]`.
-    pub(super) mean: Vec<f64>,
+    mean: Vec<f64>,
     covariance: Covariance,
 }
 
@@ -56,14 +54,13 @@ enum Covariance {
 
 impl Belief {
     /// Returns the distribution before the first frame.
-    pub(super) fn initial(process: &Markov, rank: usize) -> Self {
-        let covariance = Covariance::Diagonal(vec![process.initial_variance; rank]);
-        Self { mean: vec![0.0; rank], covariance }
+    fn initial(rank: usize) -> Self {
+        Self { mean: vec![0.0; rank], covariance: Covariance::Diagonal(vec![1.0; rank]) }
     }
 
     /// Predicts the next frame: `c -> phi c`, `C -> phi^2 C + q I`.
-    pub(super) fn predict(&mut self, process: &Markov) {
-        let Markov { decay, process_noise, .. } = *process;
+    fn predict(&mut self, process: &Markov) {
+        let Markov { decay, process_noise } = *process;
         self.mean.iter_mut().for_each(|c| *c *= decay);
         match &mut self.covariance {
             Covariance::Diagonal(variance) => {
@@ -74,8 +71,8 @@ impl Belief {
     }
 
     /// Updates the distribution with a frame. `whitened` is zero at the indices `masked`;
-    /// `coefficients` `[rank]` is scratch memory. Does not allocate until a frame has a masked channel.
-    pub(super) fn update(
+    /// `coefficients` `[rank]` is scratch memory.
+    fn update(
         &mut self,
         modes: &Modes,
         whitened: &[f64],
@@ -236,7 +233,7 @@ fn smoothed(
     whitened: &Mat<f64>,
     masked: &[Vec<usize>],
 ) -> Result<Mat<f64>, InverseError> {
-    let mut belief = Belief::initial(process, modes.rank());
+    let mut belief = Belief::initial(modes.rank());
     let mut scratch = vec![0.0; modes.rank()];
     let mut beliefs = Vec::with_capacity(masked.len());
     for (t, masked) in masked.iter().enumerate() {

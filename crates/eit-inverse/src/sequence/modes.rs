@@ -70,7 +70,7 @@ impl Modes {
         self.gains.len()
     }
 
-    pub(super) fn elements(&self) -> usize {
+    fn elements(&self) -> usize {
         self.image_basis.nrows()
     }
 
@@ -96,13 +96,6 @@ impl Modes {
     pub(super) fn project(&self, whitened: &[f64], coefficients: &mut [f64]) {
         let (b, c) = (ColRef::from_slice(whitened), ColMut::from_slice_mut(coefficients));
         matmul(c, Accum::Replace, self.vectors.transpose(), b, 1.0, Par::Seq);
-    }
-
-    /// Computes the image `B D^-1/2 a` of one frame; `amplitudes` are divided by the gains in place.
-    pub(super) fn image(&self, amplitudes: &mut [f64], image: &mut [f64]) {
-        amplitudes.iter_mut().zip(&self.gains).for_each(|(a, gain)| *a /= gain);
-        let (c, image) = (ColRef::from_slice(amplitudes), ColMut::from_slice_mut(image));
-        matmul(image, Accum::Replace, &self.image_basis, c, 1.0, Par::Seq);
     }
 
     /// Returns the images `[frame, element]` of amplitudes `[rank, frame]`.
@@ -162,7 +155,7 @@ impl Modes {
 
 /// Writes `b = W^1/2 dv` of one frame to `whitened` `[used]`, with zeros where `good` is false, and the
 /// indices of these zeros to `masked`, ascending. Unused and masked measurements are not read.
-pub(super) fn whiten(
+fn whiten(
     channels: &Channels,
     frame: usize,
     value_of: impl Fn(usize) -> f64,

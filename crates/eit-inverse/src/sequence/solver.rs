@@ -101,7 +101,7 @@ impl Certificate {
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
 pub struct SequenceReport {
-    /// Name of the method: `st-tv`, `tv`, `one-step`, `time-prior`, `kalman-smoother`,
+    /// Name of the method: `st-tv`, `tv`, `one-step`, `time-prior`,
     /// `gauss-newton-absolute`.
     pub method: &'static str,
     /// Why the method stopped.

@@ -82,7 +82,6 @@ impl TimePrior {
             decay: (-1.0 / frames).exp(),
             // 1 - gamma^2 without cancellation
             process_noise: -(-2.0 / frames).exp_m1(),
-            initial_variance: 1.0,
         };
         Ok(Self { modes: Modes::new(jacobian, prior, &settings.one_step)?, process })
     }

@@ -8,8 +8,7 @@
 use crate::common::{disc, jacobian, relative_difference, solve};
 use eit_fem::{FemError, ForwardModel, PairProtocol};
 use eit_inverse::sequence::{
-    AbsoluteGaussNewton, AbsoluteSettings, KalmanFilter, KalmanSettings, KalmanSmoother, TimePrior,
-    TimePriorSettings,
+    AbsoluteGaussNewton, AbsoluteSettings, TimePrior, TimePriorSettings,
 };
 use eit_inverse::{
     DifferenceData, DifferenceFrames, InverseError, Laplace, LaplaceSettings, Noser,
@@ -71,15 +70,6 @@ fn methods_in_time(
             if s == t { 1.0 } else { (-lag / correlation_frames).exp() }
         });
         methods.push((Box::new(TimePrior::new(jacobian, prior, &settings).unwrap()), covariance));
-    }
-    for (process_noise, initial_variance) in [(0.1, 1.0), (1e-3, 10.0), (5.0, 0.2)] {
-        let settings =
-            KalmanSettings { one_step: difference.clone(), process_noise, initial_variance };
-        let covariance = Array2::from_shape_fn((frames, frames), |(s, t)| {
-            initial_variance + process_noise * s.min(t) as f64
-        });
-        let smoother = KalmanSmoother::new(jacobian, prior, &settings).unwrap();
-        methods.push((Box::new(smoother), covariance));
     }
     methods
 }
@@ -221,21 +211,6 @@ fn scalar_problems_by_hand() {
     let (sum, difference) = (15.0 * 3.0 / 7.0, -5.0 / 3.0);
     let expected = array![[0.5 * (sum + difference)], [0.5 * (sum - difference)]];
     assert!(relative_difference(&images(&mut in_time, &values, None), &expected) < 1e-14);
-    // p0 = 1, q = 1/4. Frame 1: C = 1 / (1 + 4) = 0.2, c = 2; frame 2: M = 0.45,
-    // C = M / (1 + 4 M) = 0.45 / 2.8, c = 2 + C 2 (10 - 4) = 2 + 5.4 / 2.8; smoothed frame 1:
-    // 2 + 0.2 / 0.45 * 5.4 / 2.8
-    let settings =
-        KalmanSettings { one_step: single(0.5), process_noise: 0.25, initial_variance: 1.0 };
-    let mut smoother = KalmanSmoother::new(&jacobian, &prior, &settings).unwrap();
-    let gained = 5.4 / 2.8;
-    let expected = array![[2.0 + gained * 0.2 / 0.45], [2.0 + gained]];
-    assert!(relative_difference(&images(&mut smoother, &values, None), &expected) < 1e-14);
-    let mut filter = KalmanFilter::new(&jacobian, &prior, &settings).unwrap();
-    let mut image = [f64::NAN];
-    filter.push(&[5.0], None, &mut image).unwrap();
-    assert!((image[0] - 2.0).abs() < 1e-15, "the filter does not use frame 2");
-    filter.push(&[10.0], None, &mut image).unwrap();
-    assert!((image[0] - 2.0 - gained).abs() < 1e-14);
 }
 
 /// 8 electrodes on a disc: 40 measurements, 20 independent.
@@ -325,42 +300,6 @@ fn masked_everywhere_is_built_without() {
 }
 
 #[test]
-fn the_filter_is_the_smoother_of_the_frames_so_far() {
-    let scene = scene(9, [6, 7, 11], 0.1);
-    let settings = KalmanSettings { one_step: scene.difference.clone(), ..Default::default() };
-    let mut smoother = KalmanSmoother::new(&scene.jacobian, &scene.prior, &settings).unwrap();
-    let mut filter = KalmanFilter::new(&scene.jacobian, &scene.prior, &settings).unwrap();
-    assert_eq!((filter.measurements(), filter.image_len()), (7, 11));
-    let mut good = Array2::from_elem((6, 7), true);
-    for round in 0..2 {
-        let mut image = vec![f64::NAN; 11];
-        for t in 0..6 {
-            let mask = good.row(t).to_vec();
-            let mask = (round > 0).then_some(&mask[..]);
-            filter.push(&scene.values.row(t).to_vec(), mask, &mut image).unwrap();
-            let so_far: Vec<usize> = (0..=t).collect();
-            let values = scene.values.select(Axis(0), &so_far);
-            let masks = good.select(Axis(0), &so_far);
-            let sequence = images(&mut smoother, &values, Some(&masks));
-            // the same operations on the same numbers, except for the product that gives the image
-            assert!(relative_difference(&image, sequence.row(t)) < 1e-14, "frame {t}");
-            assert_eq!(filter.frames(), t + 1);
-        }
-        // a rejected frame has no effect
-        let mut bad = scene.values.row(0).to_vec();
-        bad[3] = f64::NAN;
-        let error = filter.push(&bad, None, &mut image).unwrap_err();
-        assert!(matches!(error, InverseError::NonFiniteData { frame: 6, measurement: 3, .. }));
-        assert_eq!(filter.frames(), 6);
-        assert!(filter.push(&bad[..6], None, &mut image).is_err());
-        assert!(filter.push(&bad, Some(&[true; 6]), &mut image).is_err());
-        assert!(filter.push(&bad, None, &mut image[..10]).is_err());
-        filter.reset();
-        [(1, 2), (3, 0), (3, 5)].into_iter().for_each(|at| good[at] = false);
-    }
-}
-
-#[test]
 fn normalised_data_is_plain_data_in_other_units() {
     let (jacobian, prior, plain, values) = skin(0.05, 3);
     let mut random = Random::new(8);
@@ -443,7 +382,7 @@ fn refuses_wrong_data(method: &mut dyn SequenceSolver, values: &Array2<f64>) {
 
 #[test]
 fn settings_out_of_range_are_refused() {
-    let (jacobian, prior, difference, _) = skin(0.05, 1);
+    let (jacobian, prior, ..) = skin(0.05, 1);
     let out_of_range =
         |error: InverseError| assert!(matches!(error, InverseError::OutOfRange { .. }), "{error}");
     for correlation_frames in [-1.0, f64::NAN, f64::INFINITY, 1e7] {
@@ -456,20 +395,6 @@ fn settings_out_of_range_are_refused() {
     let sequence =
         images(&mut TimePrior::new(&jacobian, &prior, &settings).unwrap(), &values, None);
     assert!(sequence.iter().all(|x| x.is_finite()));
-    for (process_noise, initial_variance) in [
-        (0.0, 1.0),
-        (-1.0, 1.0),
-        (f64::NAN, 1.0),
-        (0.1, 0.0),
-        (0.1, f64::INFINITY),
-        (1e-13, 1.0),
-        (1e13, 1.0),
-    ] {
-        let settings =
-            KalmanSettings { one_step: difference.clone(), process_noise, initial_variance };
-        out_of_range(KalmanSmoother::new(&jacobian, &prior, &settings).unwrap_err());
-        out_of_range(KalmanFilter::new(&jacobian, &prior, &settings).unwrap_err());
-    }
     // the square of the last overflows
     for lambda in [0.0, -1.0, f64::NAN, 1e-170, 1e170] {
         let difference = single(lambda);

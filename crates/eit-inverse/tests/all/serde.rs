@@ -14,7 +14,7 @@ fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T
 }
 
 use eit_inverse::metrics::TouchSettings;
-use eit_inverse::sequence::{AbsoluteSettings, KalmanSettings, TimePriorSettings};
+use eit_inverse::sequence::{AbsoluteSettings, TimePriorSettings};
 use eit_inverse::touch::{DetectorSettings, TouchState, TrackerSettings};
 use eit_inverse::{CausalSettings, Certificate, OneStepSettings, StTvSettings, StreamSettings};
 
@@ -22,7 +22,6 @@ use eit_inverse::{CausalSettings, Certificate, OneStepSettings, StTvSettings, St
 fn settings_survive() {
     same(&OneStepSettings { used: Some(vec![true, false]), ..OneStepSettings::default() });
     same(&AbsoluteSettings::default());
-    same(&KalmanSettings::default());
     same(&TimePriorSettings::default());
     same(&CausalSettings::default());
     same(&StreamSettings::default());

@@ -49,13 +49,12 @@ impl BoundedMethod {
 }
 
 /// Every method once, and st-tv with knowledge of the fabric; the slowest by far comes last.
-pub const METHODS: [BoundedMethod; 7] = [
+pub const METHODS: [BoundedMethod; 6] = [
     BoundedMethod::free(Method::StTv),
     BoundedMethod::rising(Method::StTv),
     BoundedMethod::free(Method::Tv),
     BoundedMethod::free(Method::GaussNewton),
     BoundedMethod::free(Method::TimePrior),
-    BoundedMethod::free(Method::Kalman),
     BoundedMethod::free(Method::GaussNewtonAbsolute),
 ];
 

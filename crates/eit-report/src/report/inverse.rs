@@ -30,7 +30,7 @@ const STREAMS: [StreamSetting; 2] = [
 /// Hyperparameter rules: one needs no data, the other depends on the noise of the recording.
 const RULES: [Rule; 2] = [Rule::NoiseFigure, Rule::Gcv];
 /// Methods on mesh elements; the last one reconstructs single frames.
-const ON_ELEMENTS: [Method; 3] = [Method::TimePrior, Method::Kalman, Method::GaussNewtonAbsolute];
+const ON_ELEMENTS: [Method; 2] = [Method::TimePrior, Method::GaussNewtonAbsolute];
 
 /// Number of solvers, for a progress bar.
 pub(super) fn solvers(problem: &InverseProblem<'_>) -> usize {

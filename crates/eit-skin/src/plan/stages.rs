@@ -47,7 +47,7 @@ pub(crate) fn of(
     match method {
         Method::StTv | Method::Tv => stages.extend(sizes.total_variation(sequence)),
         Method::GaussNewton => stages.extend([sizes.matrix(), sizes.frame()]),
-        Method::TimePrior | Method::Kalman => {
+        Method::TimePrior => {
             stages.extend([sizes.matrix(), sizes.sequence_frame()]);
         }
         Method::GaussNewtonAbsolute => {
