@@ -231,30 +231,6 @@ pub enum InverseError {
         /// Upper bound of the conductivity change, siemens.
         upper_s: f64,
     },
-    /// A cell of an image is NaN or infinite.
-    #[error("image {frame}, cell {cell} is {value}: it must be finite")]
-    NonFiniteImage {
-        /// Image index, counted from the first image pushed.
-        frame: usize,
-        /// Cell index.
-        cell: usize,
-        /// Value that was rejected.
-        value: f64,
-    },
-    /// Too few frames without a touch to estimate the noise.
-    #[error("{found} quiet frames given: at least {needed} are needed to estimate the noise")]
-    TooFewQuietFrames {
-        /// Frames given.
-        found: usize,
-        /// Frames needed.
-        needed: usize,
-    },
-    /// The noise is not given, or the data shows none.
-    #[error("{what}: specify the noise, or give quiet frames that contain noise")]
-    NoiseUnknown {
-        /// Why the noise is unknown.
-        what: &'static str,
-    },
     /// A timestamp does not increase or is not finite.
     #[error("frame {frame} is at {time_s} s, after a frame at {before_s} s: time must increase")]
     TimeOrder {

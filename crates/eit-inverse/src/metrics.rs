@@ -14,7 +14,6 @@ mod greit;
 mod similarity;
 mod touches;
 mod track;
-mod watershed;
 
 pub use cells::Cells;
 pub use greit::{GreitFigures, GreitTarget, greit_figures};
@@ -159,14 +158,6 @@ pub fn half_amplitude_centre_m(
     let Some(peak) = peak(image, surface)? else { return Ok(None) };
     let sign = if image[peak] > 0.0 { ChangeSign::Increase } else { ChangeSign::Decrease };
     half_maximum_centre_m(image, surface.areas_m2(), &surface.centroids(), sign)
-}
-
-/// Returns the centroid of the element of largest magnitude, metres; `None` for an image of zeros.
-///
-/// # Errors
-/// [`InverseError::WrongLength`].
-pub fn peak_position_m(image: &[f64], surface: &Surface) -> Result<Option<[f64; 3]>, InverseError> {
-    Ok(peak(image, surface)?.map(|e| surface.centroids()[e]))
 }
 
 /// Returns the distance of [`half_amplitude_centre_m`] from the true position, metres; infinite for an

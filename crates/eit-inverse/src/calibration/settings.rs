@@ -1,7 +1,7 @@
 //! Settings and status of a calibration.
 
 use crate::InverseError;
-use crate::check::{check_length, check_positive};
+use crate::check::{check_length, check_positive, check_range};
 use eit_fem::ForwardModel;
 
 /// Which contact impedances are fitted.
@@ -73,10 +73,6 @@ impl CalibrationSettings {
             // zero impedance has no logarithm
             check_positive("starting contact_impedance", *z)?;
         }
-        if self.max_iterations == 0 {
-            let (quantity, value, must) = ("max_iterations", 0.0, "at least 1");
-            return Err(InverseError::OutOfRange { quantity, value, must });
-        }
-        Ok(())
+        check_range("max_iterations", 0.0, self.max_iterations > 0, "at least 1")
     }
 }

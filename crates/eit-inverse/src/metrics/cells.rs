@@ -1,7 +1,7 @@
 //! Cells of an image as figures of merit need them: areas, positions, neighbours.
 
 use crate::InverseError;
-use crate::check::check_length;
+use crate::check::{check_length, check_range};
 use eit_mesh::{Raster, Surface};
 use std::collections::HashMap;
 
@@ -26,38 +26,6 @@ impl Cells<3> {
             positions_m: surface.centroids(),
             neighbours: surface.neighbours().into_iter().map(across).collect(),
         }
-    }
-
-    /// Returns the masked pixels of a raster in space.
-    ///
-    /// Each pixel lies where the surface is above its centre and has the area of the skin that it covers as
-    /// seen from +z (on a flat skin [`Cells::<2>::of_raster`] with z = 0). `surface` is the one for which
-    /// the raster was made.
-    ///
-    /// # Errors
-    /// [`InverseError::WrongLength`] for another surface.
-    pub fn of_raster_on(raster: &Raster, surface: &Surface) -> Result<Self, InverseError> {
-        let flat = Cells::<2>::of_raster(raster);
-        let operator = raster.pixel_from_element();
-        let triangles = surface.triangles().len();
-        check_length("triangles of the surface", triangles, operator.columns())?;
-        let centroids = surface.centroids();
-        // area of skin per square metre of the plane
-        let steepness = |t: usize| {
-            let [a, b, c] = surface.corners(t);
-            let flat = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
-            surface.areas_m2()[t] / (0.5 * flat.abs())
-        };
-        let mut areas_m2 = flat.areas_m2;
-        let mut positions_m = Vec::with_capacity(areas_m2.len());
-        for (pixel, (area, [x, y])) in areas_m2.iter_mut().zip(flat.positions_m).enumerate() {
-            let (elements, weights) = operator.row(pixel);
-            let parts = || elements.iter().map(|&e| e as usize).zip(weights);
-            positions_m.push([x, y, parts().map(|(e, w)| w * centroids[e][2]).sum()]);
-            // triangles seen edge-on cover nothing and have no weight
-            *area *= parts().filter(|(_, w)| **w > 0.0).map(|(e, w)| w * steepness(e)).sum::<f64>();
-        }
-        Ok(Self { areas_m2, positions_m, neighbours: flat.neighbours })
     }
 }
 
@@ -143,8 +111,5 @@ pub(crate) fn check_place<const D: usize>(
     quantity: &'static str,
     place_m: &[f64; D],
 ) -> Result<(), InverseError> {
-    match place_m.iter().find(|x| !x.is_finite()) {
-        None => Ok(()),
-        Some(&value) => Err(InverseError::OutOfRange { quantity, value, must: "finite" }),
-    }
+    place_m.iter().try_for_each(|x| check_range(quantity, *x, x.is_finite(), "finite"))
 }

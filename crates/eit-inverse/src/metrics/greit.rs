@@ -3,6 +3,7 @@
 use super::cells::{Cells, check_place};
 use super::{ChangeSign, sizes};
 use crate::InverseError;
+use crate::check::check_range;
 use crate::geometry::distance_m;
 use std::f64::consts::PI;
 
@@ -74,10 +75,8 @@ pub fn greit_figures<const D: usize>(
     cells.check("values", values)?;
     check_place("target.position_m", &target.position_m)?;
     let amount = target.amount_s_m2;
-    if amount == 0.0 || !amount.is_finite() {
-        let (quantity, must) = ("target.amount_s_m2", "finite and not zero");
-        return Err(InverseError::OutOfRange { quantity, value: amount, must });
-    }
+    let fine = amount != 0.0 && amount.is_finite();
+    check_range("target.amount_s_m2", amount, fine, "finite and not zero")?;
     let Some((x, largest)) = sizes(values, sign) else { return Ok(None) };
     let areas = cells.areas_m2();
     let all = || 0..x.len();

@@ -1,7 +1,7 @@
 //! Structural similarity of an image to the truth.
 
 use crate::InverseError;
-use crate::check::{check_length, check_positive};
+use crate::check::{check_length, check_positive, check_range};
 use ndarray::{Array2, ArrayView2};
 
 /// Pixels on each side of a window's centre; windows are 11 x 11.
@@ -65,10 +65,8 @@ pub fn structural_similarity_map(
     for (what, array) in [("image", &image), ("truth", &truth)] {
         check_length(what, array.nrows(), mask.nrows())?;
         check_length(what, array.ncols(), mask.ncols())?;
-        let mut inside = array.iter().zip(mask).filter(|(_, inside)| **inside).map(|(x, _)| *x);
-        if let Some(value) = inside.find(|x| !x.is_finite()) {
-            let (quantity, must) = ("a pixel in the mask", "finite");
-            return Err(InverseError::OutOfRange { quantity, value, must });
+        for (x, _) in array.iter().zip(mask).filter(|(_, inside)| **inside) {
+            check_range("a pixel in the mask", *x, x.is_finite(), "finite")?;
         }
     }
     let Some(range) = data_range.or_else(|| range_in(truth, mask)) else { return Ok(None) };

@@ -1,9 +1,9 @@
 //! Several touches in one image: blobs, and the distance of each true touch from its blob.
 
 use super::cells::{Cells, check_place};
-use super::watershed::Watershed;
 use super::{ChangeSign, sizes};
 use crate::InverseError;
+use crate::check::check_range;
 use crate::geometry::distance_m;
 
 /// Most true touches per image: the exact assignment keeps a table of `2^touches` entries for each blob (10
@@ -40,21 +40,40 @@ pub fn blobs<const D: usize>(
     level: f64,
 ) -> Result<Vec<Blob<D>>, InverseError> {
     cells.check("values", values)?;
-    if !(level > 0.0 && level <= 1.0) {
-        let (quantity, must) = ("level", "above zero and at most 1");
-        return Err(InverseError::OutOfRange { quantity, value: level, must });
-    }
+    check_range("level", level, level > 0.0 && level <= 1.0, "above zero and at most 1")?;
     let Some((x, largest)) = sizes(values, sign) else { return Ok(Vec::new()) };
-    let mut watershed = Watershed::new(x.len());
-    watershed.run(&x, cells, |k| x[k] >= level, |_, _| false);
-    let mut blobs = Vec::new();
-    for (hill, top) in watershed.hills() {
-        let members = || watershed.cells().filter(|&k| watershed.hill(k) == hill);
-        let (centre_m, _) = cells.weighted_centre(members().map(|k| (k, x[k])));
-        let area_m2 = members().map(|k| cells.areas_m2()[k]).sum();
-        blobs.push(Blob { centre_m, peak: largest * x[top], area_m2 });
+    let blob = |part: Vec<usize>| {
+        let (centre_m, _) = cells.weighted_centre(part.iter().map(|&k| (k, x[k])));
+        let area_m2 = part.iter().map(|&k| cells.areas_m2()[k]).sum();
+        Blob { centre_m, peak: largest * x[part[0]], area_m2 }
+    };
+    Ok(connected(&x, cells, level).into_iter().map(blob).collect())
+}
+
+/// Returns the connected parts of the cells with `x >= level`, highest peak first, each with its cells from
+/// the highest down.
+fn connected<const D: usize>(x: &[f64], cells: &Cells<D>, level: f64) -> Vec<Vec<usize>> {
+    let mut order: Vec<usize> = (0..x.len()).filter(|&k| x[k] >= level).collect();
+    order.sort_unstable_by(|&a, &b| x[b].total_cmp(&x[a]).then(a.cmp(&b)));
+    let mut part_of = vec![usize::MAX; x.len()];
+    let mut parts: Vec<Vec<usize>> = Vec::new();
+    for &cell in &order {
+        if part_of[cell] == usize::MAX {
+            part_of[cell] = parts.len();
+            let mut edge = vec![cell];
+            while let Some(at) = edge.pop() {
+                for next in cells.neighbours(at).filter(|&k| x[k] >= level) {
+                    if part_of[next] == usize::MAX {
+                        part_of[next] = parts.len();
+                        edge.push(next);
+                    }
+                }
+            }
+            parts.push(Vec::new());
+        }
+        parts[part_of[cell]].push(cell);
     }
-    Ok(blobs)
+    parts
 }
 
 /// Settings of [`touch_position_errors_m`].
@@ -117,26 +136,21 @@ pub fn touch_position_errors_m<const D: usize>(
     touches_m: &[[f64; D]],
     settings: &TouchSettings,
 ) -> Result<TouchErrors<D>, InverseError> {
-    if touches_m.len() > MOST_TOUCHES {
-        let (quantity, must) = ("number of touches", "at most 10");
-        return Err(InverseError::OutOfRange { quantity, value: touches_m.len() as f64, must });
-    }
+    let count = touches_m.len();
+    check_range("number of touches", count as f64, count <= MOST_TOUCHES, "at most 10")?;
     touches_m.iter().try_for_each(|touch| check_place("touches_m", touch))?;
-    if settings.within_m.is_nan() || settings.within_m < 0.0 {
-        let (quantity, value) = ("within_m", settings.within_m);
-        return Err(InverseError::OutOfRange { quantity, value, must: "at least 0" });
-    }
+    check_range("within_m", settings.within_m, settings.within_m >= 0.0, "at least 0")?;
     let blobs = blobs(values, cells, settings.sign, settings.level)?;
     let distances: Vec<Vec<f64>> = blobs
         .iter()
         .map(|blob| touches_m.iter().map(|&touch| distance_m(blob.centre_m, touch)).collect())
         .collect();
-    let blob_of_touch = assign(&distances, touches_m.len(), settings.within_m);
+    let blob_of_touch = assign(&distances, count, settings.within_m);
     let pairs = blob_of_touch.iter().enumerate();
     let errors_m = pairs.map(|(touch, blob)| blob.map(|blob| distances[blob][touch])).collect();
     let centres_m = blob_of_touch.iter().map(|blob| blob.map(|b| blobs[b].centre_m)).collect();
     let found = blob_of_touch.iter().flatten().count();
-    let (missed, extra) = (touches_m.len() - found, blobs.len() - found);
+    let (missed, extra) = (count - found, blobs.len() - found);
     Ok(TouchErrors { errors_m, centres_m, missed, extra })
 }
 

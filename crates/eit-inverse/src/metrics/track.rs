@@ -2,6 +2,7 @@
 
 use super::cells::{Cells, check_place};
 use crate::InverseError;
+use crate::check::check_range;
 use crate::geometry::distance_m;
 
 /// Returns the root mean square second difference of a track, metres (per frame squared):
@@ -48,10 +49,8 @@ pub fn artefact_energy<const D: usize>(
 ) -> Result<Option<f64>, InverseError> {
     cells.check("values", values)?;
     touches_m.iter().try_for_each(|touch| check_place("touches_m", touch))?;
-    if distance_from_touch_m.is_nan() || distance_from_touch_m < 0.0 {
-        let (quantity, must) = ("distance_from_touch_m", "at least 0");
-        return Err(InverseError::OutOfRange { quantity, value: distance_from_touch_m, must });
-    }
+    let (away, fine) = (distance_from_touch_m, distance_from_touch_m >= 0.0);
+    check_range("distance_from_touch_m", away, fine, "at least 0")?;
     let largest = values.iter().filter(|x| x.is_finite()).fold(0.0_f64, |m, x| m.max(x.abs()));
     if largest == 0.0 {
         return Ok(None);

@@ -5,13 +5,14 @@ use super::report::OneStepReport;
 use super::spectrum::Spectrum;
 use super::whitened::{covariance_times, weighted_rows};
 use crate::check::check_positive;
-use crate::data::{Channels, FrameStatus};
-use crate::{InverseError, OneStepSettings, Prior, Reconstructor, Workspace};
+use crate::data::Channels;
+use crate::{InverseError, OneStepSettings, Prior, Reconstructor};
 use eit_core::event;
 use eit_mesh::CsrMatrix;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, ColRef, Mat, MatMut, MatRef, Par};
-use ndarray::{Array1, Array2, ArrayRef2, ArrayView2};
+use ndarray::ArrayRef2;
+use std::ops::Deref;
 use std::time::Instant;
 
 /// One-step difference reconstruction: the maximum a posteriori conductivity change for Gaussian
@@ -164,11 +165,6 @@ impl OneStepGaussNewton {
         &self.report
     }
 
-    /// Returns the hyperparameter lambda in use.
-    pub fn hyperparameter(&self) -> f64 {
-        self.report.hyperparameter
-    }
-
     /// Sets lambda and changes nothing else. Costs `r m` multiplications.
     ///
     /// # Errors
@@ -234,54 +230,6 @@ impl OneStepGaussNewton {
         self.reconstructor.followed_by(pixel_from_element)
     }
 
-    /// See [`Reconstructor::workspace`].
-    pub fn workspace(&self) -> Workspace {
-        self.reconstructor.workspace()
-    }
-
-    /// See [`Reconstructor::reconstruct`].
-    ///
-    /// # Errors
-    /// See [`Reconstructor::reconstruct`].
-    pub fn reconstruct(
-        &self,
-        frame: &[f64],
-        reference_frame: &[f64],
-    ) -> Result<Array1<f64>, InverseError> {
-        self.reconstructor.reconstruct(frame, reference_frame)
-    }
-
-    /// See [`Reconstructor::reconstruct_into`].
-    ///
-    /// # Errors
-    /// See [`Reconstructor::reconstruct_into`].
-    pub fn reconstruct_into(
-        &self,
-        frame: &[f64],
-        reference_frame: &[f64],
-        workspace: &mut Workspace,
-        image: &mut [f64],
-    ) -> Result<FrameStatus, InverseError> {
-        self.reconstructor.reconstruct_into(frame, reference_frame, workspace, image)
-    }
-
-    /// See [`Reconstructor::reconstruct_frames`].
-    ///
-    /// # Errors
-    /// See [`Reconstructor::reconstruct_frames`].
-    pub fn reconstruct_frames(
-        &self,
-        frames: ArrayView2<'_, f64>,
-        reference_frame: &[f64],
-    ) -> Result<Array2<f64>, InverseError> {
-        self.reconstructor.reconstruct_frames(frames, reference_frame)
-    }
-
-    /// See [`Reconstructor::reconstruction_matrix`].
-    pub fn reconstruction_matrix(&self) -> Array2<f64> {
-        self.reconstructor.reconstruction_matrix()
-    }
-
     /// Returns the relative residual of the image, `|dv - J dsigma|_W / |dv|_W`, between 0 and 1.
     ///
     /// Computed from the spectrum in `O(r m)`. Returns `None` if frame and reference frame are equal
@@ -308,6 +256,15 @@ impl OneStepGaussNewton {
         let norm = parts.squared_norm();
         let residual = parts.squared_residual(&self.spectrum, self.report.hyperparameter);
         Ok(Some((residual / norm).sqrt()))
+    }
+}
+
+/// The map from frames to images on elements, which this reconstruction is.
+impl Deref for OneStepGaussNewton {
+    type Target = Reconstructor;
+
+    fn deref(&self) -> &Reconstructor {
+        &self.reconstructor
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::Prior;
 use crate::InverseError;
-use crate::check::{check_length, check_positive};
+use crate::check::{check_length, check_positive, check_range};
 use crate::geometry::{distance_m, extent_m};
 use eit_mesh::Surface;
 use ndarray::{Array2, ArrayView2};
@@ -57,7 +57,6 @@ pub struct GaussianSettings {
 /// using process convolutions* (2002).
 #[derive(Debug, Clone)]
 pub struct Gaussian {
-    length_m: f64,
     sources: usize,
     /// First entry of each element in `source` and `kernel`, `[element + 1]`.
     starts: Vec<usize>,
@@ -75,11 +74,8 @@ impl Gaussian {
         let extent = extent_m(surface);
         let length_m = settings.length_m.unwrap_or(DEFAULT_LENGTH * extent);
         check_positive("length_m", length_m)?;
-        if length_m <= 1e-9 * extent {
-            let (quantity, value) = ("length_m", length_m);
-            let must = "above 1e-9 of the skin's extent";
-            return Err(InverseError::OutOfRange { quantity, value, must });
-        }
+        let is_long = length_m > 1e-9 * extent;
+        check_range("length_m", length_m, is_long, "above 1e-9 of the skin's extent")?;
         let width_m = length_m / std::f64::consts::SQRT_2;
         // relative to the skin's corner, so that cell numbers stay small wherever the skin lies
         let [low, _] = surface.bounds_m();
@@ -87,7 +83,6 @@ impl Gaussian {
         centroids.iter_mut().for_each(|c| (0..3).for_each(|k| c[k] -= low[k]));
         let cells = Cells::new(surface, &centroids, SOURCE_SPACING * width_m);
         let mut prior = Self {
-            length_m,
             sources: cells.sources.len(),
             starts: vec![0],
             source: Vec::new(),
@@ -106,16 +101,6 @@ impl Gaussian {
             prior.starts.push(prior.kernel.len());
         }
         Ok(prior)
-    }
-
-    /// Returns the correlation length, metres.
-    pub fn length_m(&self) -> f64 {
-        self.length_m
-    }
-
-    /// Number of entries of `G`: pairs of elements and sources within reach.
-    pub fn kernel_entries(&self) -> usize {
-        self.kernel.len()
     }
 
     /// Multiplies eight rows at once by `G G'`: `rows` [element * LANES], through `sources`.

@@ -2,6 +2,7 @@
 
 use super::Prior;
 use crate::InverseError;
+use crate::check::check_range;
 use ndarray::{Array1, Array2, ArrayView2, Axis};
 
 /// Prior that allows larger changes in elements that the measurements sense weakly.
@@ -38,13 +39,8 @@ impl Prior for Noser {
         &self,
         weighted_jacobian: ArrayView2<'_, f64>,
     ) -> Result<Array2<f64>, InverseError> {
-        if !(0.0..=1.0).contains(&self.exponent) {
-            return Err(InverseError::OutOfRange {
-                quantity: "NOSER exponent",
-                value: self.exponent,
-                must: "between 0 and 1",
-            });
-        }
+        let fine = (0.0..=1.0).contains(&self.exponent);
+        check_range("NOSER exponent", self.exponent, fine, "between 0 and 1")?;
         // relative to the largest entry: squares of sensitivities in volts per siemens underflow
         let largest = weighted_jacobian.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         let unit = if largest > 0.0 { largest } else { 1.0 };

@@ -22,7 +22,7 @@
 //! Sayed, Hassibi, *Linear Estimation* (2000), chapter 12.
 
 use super::modes::Modes;
-use crate::{DifferenceFrames, ImageSequence, InverseError, SequenceReport, SequenceStatus};
+use crate::{DifferenceFrames, ImageSequence, InverseError, SequenceReport};
 use faer::linalg::solvers::{Llt, SolveLstsq};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::prelude::Solve;
@@ -208,16 +208,7 @@ pub(super) fn smooth(
             (modes.images(&amplitudes), modes.residuals(&amplitudes, &whitened, &masked))
         }
     };
-    let report = SequenceReport {
-        method,
-        status: SequenceStatus::Direct,
-        iterations: 0,
-        seconds: start.elapsed().as_secs_f64(),
-        residual,
-        certificate: None,
-        trace: Vec::new(),
-    };
-    Ok(ImageSequence { images, report })
+    Ok(ImageSequence { images, report: SequenceReport::direct(method, start, residual) })
 }
 
 /// Returns whether all frames have the same masked channels, at least one but not all.

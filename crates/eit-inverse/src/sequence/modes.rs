@@ -70,7 +70,7 @@ impl Modes {
         self.gains.len()
     }
 
-    fn elements(&self) -> usize {
+    pub(super) fn elements(&self) -> usize {
         self.image_basis.nrows()
     }
 
@@ -83,13 +83,10 @@ impl Modes {
         frames.check_shape(self.channels.count)?;
         let count = frames.values.nrows();
         let mut whitened = Mat::zeros(self.channels.used.len(), count);
-        let mut masked = vec![Vec::new(); count];
-        for (t, masked) in masked.iter_mut().enumerate() {
-            let values = frames.values.row(t);
-            let column = whitened.col_as_slice_mut(t);
-            whiten(&self.channels, t, |i| values[i], |i| frames.is_good(t, i), column, masked)?;
-        }
-        Ok((whitened, masked))
+        let masked: Result<Vec<_>, _> = (0..count)
+            .map(|t| whiten(&self.channels, frames, t, whitened.col_as_slice_mut(t)))
+            .collect();
+        Ok((whitened, masked?))
     }
 
     /// Computes `U' b`, `[rank]`.
@@ -153,29 +150,27 @@ impl Modes {
     }
 }
 
-/// Writes `b = W^1/2 dv` of one frame to `whitened` `[used]`, with zeros where `good` is false, and the
-/// indices of these zeros to `masked`, ascending. Unused and masked measurements are not read.
-fn whiten(
+/// Writes `b = W^1/2 dv` of frame `t` to `whitened` `[used]`, with zeros for masked channels, and returns
+/// the indices of these zeros, ascending. Unused and masked measurements are not read.
+pub(super) fn whiten(
     channels: &Channels,
-    frame: usize,
-    value_of: impl Fn(usize) -> f64,
-    good: impl Fn(usize) -> bool,
+    frames: &DifferenceFrames<'_>,
+    t: usize,
     whitened: &mut [f64],
-    masked: &mut Vec<usize>,
-) -> Result<(), InverseError> {
-    masked.clear();
+) -> Result<Vec<usize>, InverseError> {
+    let mut masked = Vec::new();
     let rows = channels.used.iter().zip(&channels.root_weights);
     for (k, (b, (&measurement, weight))) in whitened.iter_mut().zip(rows).enumerate() {
-        if !good(measurement) {
+        if !frames.is_good(t, measurement) {
             masked.push(k);
             *b = 0.0;
             continue;
         }
-        let value = value_of(measurement);
+        let value = frames.values[(t, measurement)];
         *b = weight * value;
         if !b.is_finite() {
-            return Err(InverseError::NonFiniteData { frame, measurement, value });
+            return Err(InverseError::NonFiniteData { frame: t, measurement, value });
         }
     }
-    Ok(())
+    Ok(masked)
 }

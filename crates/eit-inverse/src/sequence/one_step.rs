@@ -2,7 +2,7 @@
 
 use crate::{
     DifferenceFrames, FrameStatus, ImageSequence, InverseError, OneStepGaussNewton, SequenceReport,
-    SequenceSolver, SequenceStatus, Workspace,
+    SequenceSolver, Workspace,
 };
 use faer::Col;
 use ndarray::Array2;
@@ -86,15 +86,7 @@ impl SequenceSolver for OneStepGaussNewton {
                 residual.push(self.frame(frames, t, &mut scratch, image)?);
             }
         }
-        let report = SequenceReport {
-            method: SequenceSolver::name(self),
-            status: SequenceStatus::Direct,
-            iterations: 0,
-            residual,
-            seconds: start.elapsed().as_secs_f64(),
-            certificate: None,
-            trace: Vec::new(),
-        };
+        let report = SequenceReport::direct(SequenceSolver::name(self), start, residual);
         Ok(ImageSequence { images, report })
     }
 }

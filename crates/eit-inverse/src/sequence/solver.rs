@@ -3,6 +3,7 @@
 use crate::InverseError;
 use crate::check::check_length;
 use ndarray::{Array2, ArrayView2};
+use std::time::Instant;
 
 /// Difference data of a sequence of frames, with a channel mask per frame.
 #[derive(Debug, Clone, Copy)]
@@ -26,10 +27,7 @@ impl<'a> DifferenceFrames<'a> {
     }
 
     /// Rejects wrong shapes and non-finite values of good channels.
-    ///
-    /// # Errors
-    /// [`InverseError::WrongLength`], [`InverseError::NonFiniteData`].
-    pub fn check(&self, measurements: usize) -> Result<(), InverseError> {
+    pub(crate) fn check(&self, measurements: usize) -> Result<(), InverseError> {
         self.check_shape(measurements)?;
         for ((frame, measurement), &value) in self.values.indexed_iter() {
             if !value.is_finite() && self.is_good(frame, measurement) {
@@ -118,6 +116,21 @@ pub struct SequenceReport {
     /// Best bounds at each evaluation, in order, for plots of error against run time. Empty for a
     /// direct method.
     pub trace: Vec<TracePoint>,
+}
+
+impl SequenceReport {
+    /// Report of a direct method that began at `start`.
+    pub(super) fn direct(method: &'static str, start: Instant, residual: Vec<f64>) -> Self {
+        Self {
+            method,
+            status: SequenceStatus::Direct,
+            iterations: 0,
+            seconds: start.elapsed().as_secs_f64(),
+            residual,
+            certificate: None,
+            trace: Vec::new(),
+        }
+    }
 }
 
 /// Progress of an iterative method at one point in time.

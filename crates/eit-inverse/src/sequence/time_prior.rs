@@ -2,6 +2,7 @@
 
 use super::markov::{Markov, smooth};
 use super::modes::Modes;
+use crate::check::check_range;
 use crate::{
     DifferenceFrames, ImageSequence, InverseError, OneStepSettings, Prior, SequenceSolver,
 };
@@ -72,10 +73,8 @@ impl TimePrior {
         settings: &TimePriorSettings,
     ) -> Result<Self, InverseError> {
         let value = settings.correlation_frames;
-        if !(0.0..=1e6).contains(&value) {
-            let quantity = "correlation_frames";
-            return Err(InverseError::OutOfRange { quantity, value, must: "between 0 and 1e6" });
-        }
+        let fine = (0.0..=1e6).contains(&value);
+        check_range("correlation_frames", value, fine, "between 0 and 1e6")?;
         // -0.0 passes the range check
         let frames = value.abs();
         let process = Markov {

@@ -1,5 +1,6 @@
 //! Settings and reports of the iterated reconstruction.
 
+use crate::check::check_range;
 use crate::{InverseError, OneStepSettings, SequenceStatus};
 
 /// Settings of [`AbsoluteGaussNewton`](crate::sequence::AbsoluteGaussNewton).
@@ -40,38 +41,18 @@ impl AbsoluteSettings {
     /// Rejects settings out of range; returns the bounds for a given reference.
     pub(super) fn bounds_s(&self, reference_s: &[f64]) -> Result<[f64; 2], InverseError> {
         let decrease = self.relative_decrease;
-        if !(decrease > 0.0 && decrease < 1.0) {
-            return Err(InverseError::OutOfRange {
-                quantity: "relative_decrease",
-                value: decrease,
-                must: "above 0 and below 1",
-            });
-        }
-        if self.max_iterations == 0 {
-            return Err(InverseError::OutOfRange {
-                quantity: "max_iterations",
-                value: 0.0,
-                must: "1 or more",
-            });
-        }
+        let fine = decrease > 0.0 && decrease < 1.0;
+        check_range("relative_decrease", decrease, fine, "above 0 and below 1")?;
+        check_range("max_iterations", 0.0, self.max_iterations > 0, "1 or more")?;
         let [lower_s, upper_s] = self.bounds_s.unwrap_or_else(|| {
             let least = reference_s.iter().copied().fold(f64::INFINITY, f64::min);
             let greatest = reference_s.iter().copied().fold(0.0, f64::max);
             [1e-3 * least, 1e3 * greatest]
         });
-        for (quantity, value, right, must) in [
-            ("lower bound (bounds_s[0]), siemens", lower_s, lower_s > 0.0, "above zero"),
-            (
-                "upper bound (bounds_s[1]), siemens",
-                upper_s,
-                upper_s > lower_s && upper_s.is_finite(),
-                "finite and above the lower bound",
-            ),
-        ] {
-            if !right {
-                return Err(InverseError::OutOfRange { quantity, value, must });
-            }
-        }
+        check_range("lower bound (bounds_s[0]), siemens", lower_s, lower_s > 0.0, "above zero")?;
+        let fine = upper_s > lower_s && upper_s.is_finite();
+        let must = "finite and above the lower bound";
+        check_range("upper bound (bounds_s[1]), siemens", upper_s, fine, must)?;
         Ok([lower_s, upper_s])
     }
 }

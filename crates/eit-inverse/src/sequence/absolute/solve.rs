@@ -11,20 +11,6 @@ use ndarray::Array2;
 use std::time::Instant;
 
 impl AbsoluteGaussNewton<'_> {
-    /// Returns `W^1/2 dv` of a frame and its masked indices.
-    fn whiten(
-        &self,
-        frames: &DifferenceFrames<'_>,
-        t: usize,
-    ) -> Result<(Vec<f64>, Vec<usize>), InverseError> {
-        let mut whitened = vec![0.0; self.channels.used.len()];
-        let mut masked = Vec::new();
-        let values = frames.values.row(t);
-        let good = |i: usize| frames.is_good(t, i);
-        whiten(&self.channels, t, |i| values[i], good, &mut whitened, &mut masked)?;
-        Ok((whitened, masked))
-    }
-
     /// One event per sequence: a warning if any frame did not converge.
     fn report_events(&self, report: &SequenceReport) {
         let frames = self.reports.len();
@@ -75,7 +61,8 @@ impl SequenceSolver for AbsoluteGaussNewton<'_> {
         let unit = self.channels.noise_scale.unwrap_or(1.0);
         let mut before = None;
         for (t, mut image) in images.rows_mut().into_iter().enumerate() {
-            let (whitened, masked) = self.whiten(frames, t)?;
+            let mut whitened = vec![0.0; self.channels.used.len()];
+            let masked = whiten(&self.channels, frames, t, &mut whitened)?;
             let data = FrameData { whitened: &whitened, masked: &masked };
             let (point, report) = self.frame(before.as_ref(), &data)?;
             for ((value, s), reference) in
