@@ -8,6 +8,7 @@
 //! | `weights`, `quiet` | weights from the noise level; frames that contain only noise |
 //! | `settings`, `gradient` | user input: settings and spatial differences |
 //! | `task`, `problem`, `run` | a sequence in internal units; the problem; first iterate to certificate |
+//! | `schedule` | numbers that whole sequences and streams share |
 //! | `state`, `engine`, `sweep`, `fit` | iterate; iteration; its passes; data step |
 //! | `step`, `travel` | step sizes; how far images and duals travel, from which long runs balance them |
 //! | `chain` | exact step in time, for large `lambda_time` |
@@ -37,6 +38,7 @@ mod products;
 mod quiet;
 mod reach;
 mod run;
+mod schedule;
 mod settings;
 mod single_frame;
 mod solve;

@@ -26,5 +26,5 @@ pub use detector::{
     TouchDetector, UnknownKind,
 };
 #[cfg(feature = "learn")]
-pub(crate) use detector::{Places, bell_at};
+pub(crate) use detector::{Places, bell_at, dot};
 pub use points::{TouchTracker, TrackerSettings};

@@ -4,6 +4,7 @@ use super::response_map::ResponseMap;
 use crate::InverseError;
 use crate::check::check_length;
 use crate::geometry::distance_m;
+use crate::touch::dot;
 
 /// A located touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -263,17 +264,4 @@ fn cell_m2(candidates_m: &[[f64; 3]]) -> f64 {
     };
     let sum: f64 = (0..candidates_m.len()).map(nearest).sum();
     sum / candidates_m.len().max(1) as f64
-}
-
-/// Dot product in eight partial sums, which the compiler keeps in registers.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut lanes = [0.0; 8];
-    let (mut pa, mut pb) = (a.chunks_exact(8), b.chunks_exact(8));
-    for (x, y) in (&mut pa).zip(&mut pb) {
-        for (lane, (x, y)) in lanes.iter_mut().zip(x.iter().zip(y)) {
-            *lane += x * y;
-        }
-    }
-    let rest: f64 = pa.remainder().iter().zip(pb.remainder()).map(|(x, y)| x * y).sum();
-    lanes.iter().sum::<f64>() + rest
 }

@@ -1,7 +1,7 @@
 //! Data to learn from: frames of presses, and the physical model's responses at the same positions.
 
 use crate::InverseError;
-use crate::check::{check_length, check_positive};
+use crate::check::{check_length, check_positive, check_range};
 use crate::touch::{Places, bell_at};
 use eit_mesh::Surface;
 use ndarray::{Array2, ArrayRef2, Axis};
@@ -40,7 +40,7 @@ impl Presses {
     ///
     /// # Errors
     /// [`InverseError`] with the press and the value.
-    pub fn validate(&self, least: usize) -> Result<(), InverseError> {
+    pub(super) fn validate(&self, least: usize) -> Result<(), InverseError> {
         check_length("positions of presses", self.places_m.len(), self.frames.nrows())?;
         if !self.sessions.is_empty() {
             check_length("sessions of presses", self.sessions.len(), self.frames.nrows())?;
@@ -107,14 +107,8 @@ impl ModelResponses {
                 return Err(InverseError::NonFiniteJacobian { measurement, element, value });
             }
         }
-        if self.candidates_m.len() < 2 {
-            return Err(InverseError::OutOfRange {
-                quantity: "candidate positions",
-                value: self.candidates_m.len() as f64,
-                must: "at least 2",
-            });
-        }
-        Ok(())
+        let count = self.candidates_m.len();
+        check_range("candidate positions", count as f64, count >= 2, "at least 2")
     }
 }
 

@@ -58,7 +58,7 @@ impl ResponseMapSettings {
     ///
     /// # Errors
     /// [`InverseError::OutOfRange`].
-    pub fn validate(&self) -> Result<(), InverseError> {
+    fn validate(&self) -> Result<(), InverseError> {
         check_positive("length_m", self.length_m)?;
         check_positive("noise", self.noise)?;
         check_positive("gain_pull", self.gain_pull.unwrap_or(1.0))?;
@@ -289,7 +289,7 @@ pub(super) struct Explained {
 
 impl Explained {
     /// Of frames that were not learnt.
-    pub fn new(geometry: &Geometry, responses: &Responses, frames: &Array2<f64>) -> Self {
+    pub(super) fn new(geometry: &Geometry, responses: &Responses, frames: &Array2<f64>) -> Self {
         let weights = responses.channel_variance.mapv(f64::recip);
         let weighted = frames * &weights;
         let products = weighted.dot(&responses.at_candidates.t());
@@ -312,7 +312,7 @@ impl Explained {
     /// ```
     ///
     /// Source: Rasmussen, Williams (2006), section 5.4.2.
-    pub fn left_out(
+    pub(super) fn left_out(
         geometry: &Geometry,
         responses: &Responses,
         frames: &Array2<f64>,
@@ -343,7 +343,7 @@ impl Explained {
     }
 
     /// Misfit of each frame at each candidate, including the log-determinant term, `[frame, candidate]`.
-    pub fn misfits(&self) -> Array2<f64> {
+    pub(super) fn misfits(&self) -> Array2<f64> {
         Array2::from_shape_fn(self.products.dim(), |(i, c)| {
             let (product, square) = (self.products[[i, c]], self.squares[[i, c]]);
             let rest =
@@ -354,7 +354,7 @@ impl Explained {
     }
 
     /// Fraction of each frame that remains unexplained at the best candidate.
-    pub fn rests(&self) -> Vec<f64> {
+    pub(super) fn rests(&self) -> Vec<f64> {
         let best = |i: usize| {
             let explained = self.products.row(i).into_iter().zip(self.squares.row(i));
             explained.map(|(p, s)| p.powi(2) / s.max(f64::MIN_POSITIVE)).fold(0.0, f64::max)

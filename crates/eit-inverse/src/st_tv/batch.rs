@@ -5,7 +5,7 @@ use super::gradient::Gradient;
 use super::laplacian::Laplacian;
 use super::operators::Operators;
 use super::problem::Parts;
-use super::settings::{Fidelity, StTvSettings, Stop};
+use super::settings::{Fidelity, StTvSettings};
 use crate::check::check_length;
 use crate::data::Channels;
 use crate::{DifferenceData, DifferenceFrames, InverseError};
@@ -49,7 +49,6 @@ pub struct StTv {
     /// Largest singular value: the unit of the whitened Jacobian.
     pub(crate) unit: f64,
     pub(crate) arch: Arch,
-    pub(crate) stop: Stop,
 }
 
 impl StTv {
@@ -85,7 +84,6 @@ impl StTv {
         let laplacian =
             Laplacian::new(&double.gradient, unknowns, &parts.label, parts.sizes.len())?;
         let channels = compression.root_weights.iter().filter(|w| **w > 0.0).count();
-        let (arch, stop) = (Arch::new(), Stop::default());
         Ok(Self {
             settings,
             gradient: gradient.clone(),
@@ -96,8 +94,7 @@ impl StTv {
             double,
             laplacian,
             unit,
-            arch,
-            stop,
+            arch: Arch::new(),
         })
     }
 
@@ -143,16 +140,5 @@ impl StTv {
         settings.check(self.compression.measurements)?;
         self.settings = settings;
         Ok(())
-    }
-
-    /// Returns the stopping rule that [`set_stop`](Self::set_stop) has set.
-    pub fn stop(&self) -> Stop {
-        self.stop
-    }
-
-    /// Sets the stopping rule of
-    /// [`SequenceSolver::reconstruct_sequence`](crate::SequenceSolver::reconstruct_sequence).
-    pub fn set_stop(&mut self, stop: Stop) {
-        self.stop = stop;
     }
 }

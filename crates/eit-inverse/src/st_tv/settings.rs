@@ -1,7 +1,7 @@
 //! Settings of spatio-temporal total variation.
 
 use crate::InverseError;
-use crate::check::{check_length, check_positive};
+use crate::check::{check_length, check_positive, check_range};
 use std::time::Duration;
 
 /// How the images are fitted to the data.
@@ -86,23 +86,15 @@ impl StTvSettings {
     /// Rejects settings out of range.
     pub(crate) fn check(&self, measurements: usize) -> Result<(), InverseError> {
         check_positive("lambda_space", self.lambda_space)?;
-        let out_of_range =
-            |quantity, value, must| Err(InverseError::OutOfRange { quantity, value, must });
-        if !(self.lambda_time >= 0.0 && self.lambda_time.is_finite()) {
-            let must = "finite and 0 or above";
-            return out_of_range("lambda_time", self.lambda_time, must);
+        let at_least_zero = |x: f64| x >= 0.0 && x.is_finite();
+        let must = "finite and 0 or above";
+        check_range("lambda_time", self.lambda_time, at_least_zero(self.lambda_time), must)?;
+        if let Fidelity::Constrained { delta } = self.fidelity {
+            check_range("delta", delta, at_least_zero(delta), must)?;
         }
-        if let Fidelity::Constrained { delta } = self.fidelity
-            && !(delta >= 0.0 && delta.is_finite())
-        {
-            return out_of_range("delta", delta, "finite and 0 or above");
-        }
-        if self.lower_s.is_nan() || self.lower_s == f64::INFINITY {
-            return out_of_range("lower_s", self.lower_s, "a number below infinity");
-        }
-        if self.upper_s.is_nan() || self.upper_s <= self.lower_s {
-            return out_of_range("upper_s", self.upper_s, "above lower_s");
-        }
+        let Self { lower_s, upper_s, .. } = *self;
+        check_range("lower_s", lower_s, lower_s < f64::INFINITY, "a number below infinity")?;
+        check_range("upper_s", upper_s, upper_s > lower_s, "above lower_s")?;
         if let Some(used) = &self.used {
             check_length("used", used.len(), measurements)?;
         }

@@ -3,6 +3,7 @@
 use super::StTv;
 use super::data::{Seen, Target};
 use super::problem::{DataTerm, Problem};
+use super::schedule::relative_gap;
 use crate::SequenceStatus;
 
 /// Result of the iteration of a push, in internal units.
@@ -16,10 +17,7 @@ pub(super) struct Outcome {
 
 impl Outcome {
     pub(super) fn gap(&self) -> f64 {
-        match self.primal - self.lower_bound {
-            gap if gap <= 0.0 => 0.0,
-            gap => gap / self.primal.abs(),
-        }
+        relative_gap(self.primal, self.lower_bound)
     }
 }
 

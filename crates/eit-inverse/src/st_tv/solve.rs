@@ -2,14 +2,13 @@
 
 use super::StTv;
 use super::run::Run;
+use super::schedule::SINGLE_PRECISION_GAP;
 use super::settings::{Stop, Weights};
 use super::task::Task;
 use crate::check::check_positive;
-use crate::{DifferenceFrames, ImageSequence, InverseError, SequenceSolver, SequenceStatus};
+use crate::{DifferenceFrames, ImageSequence, InverseError, SequenceStatus};
 use std::time::Instant;
 
-/// Gap below which `f32` rounding errors matter.
-const SINGLE_PRECISION_GAP: f64 = 1e-4;
 /// Maximum number of `f32` iterations, two to three times what well-conditioned problems need. If the
 /// gap is still open then, rounding may be the cause, and the solve continues in `f64`.
 const SINGLE_PRECISION_ITERATIONS: usize = 1000;
@@ -61,18 +60,5 @@ impl StTv {
         };
         let status = run.advance(stop, usize::MAX)?.unwrap_or(SequenceStatus::IterationCap);
         Ok(run.finish(status))
-    }
-}
-
-impl SequenceSolver for StTv {
-    fn name(&self) -> &'static str {
-        if self.settings.lambda_time > 0.0 { "st-tv" } else { "tv" }
-    }
-
-    fn reconstruct_sequence(
-        &mut self,
-        frames: &DifferenceFrames<'_>,
-    ) -> Result<ImageSequence, InverseError> {
-        self.solve(frames, &self.stop)
     }
 }

@@ -4,6 +4,7 @@ use super::batch::StTv;
 use super::data::SequenceData;
 use super::problem::{DataTerm, Problem};
 use super::settings::{Fidelity, Weights};
+use crate::check::check_range;
 use crate::{
     Certificate, DifferenceFrames, ImageSequence, InverseError, SequenceReport, SequenceStatus,
     TracePoint,
@@ -29,6 +30,13 @@ pub(crate) struct Task<'a> {
     objective: f64,
 }
 
+/// Returns the constraint radius of each frame, by its good channels; empty for penalised data.
+fn radii(solver: &StTv, fidelity: Fidelity, data: &SequenceData) -> Vec<f64> {
+    let Fidelity::Constrained { delta } = fidelity else { return Vec::new() };
+    let share = |&mode: &usize| data.modes[mode].count as f64 / solver.channels as f64;
+    data.mode_of.iter().map(|mode| delta * share(mode).sqrt()).collect()
+}
+
 impl<'a> Task<'a> {
     pub(crate) fn new(
         solver: &'a StTv,
@@ -41,14 +49,7 @@ impl<'a> Task<'a> {
         let settings = &solver.settings;
         let square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
         let total: f64 = data.targets.iter().map(|t| square(&t.values)).sum();
-        let delta = match fidelity {
-            Fidelity::Penalised => Vec::new(),
-            Fidelity::Constrained { delta } => {
-                let all = solver.channels as f64;
-                let share = |f: usize| data.modes[data.mode_of[f]].count as f64 / all;
-                (0..count).map(|f| delta * share(f).sqrt()).collect()
-            }
-        };
+        let delta = radii(solver, fidelity, &data);
         let mut inside = !delta.is_empty();
         for (frame, (&delta, target)) in delta.iter().zip(&data.targets).enumerate() {
             let least = target.rest_squared.sqrt();
@@ -64,14 +65,8 @@ impl<'a> Task<'a> {
         if zero_allowed && (inside || total == 0.0) {
             scale = 0.0;
         }
-        if !scale.is_finite() {
-            let must = "below 1e150 in units of the noise";
-            return Err(InverseError::OutOfRange {
-                quantity: "norm of the data",
-                value: scale,
-                must,
-            });
-        }
+        let must = "below 1e150 in units of the noise";
+        check_range("norm of the data", scale, scale.is_finite(), must)?;
         let one = if scale > 0.0 { scale } else { 1.0 };
         data.targets.iter_mut().for_each(|target| target.divide(one));
         let per_image = solver.unit / one;

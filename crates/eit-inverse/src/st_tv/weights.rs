@@ -8,7 +8,7 @@ use super::settings::Weights;
 use super::state::State;
 use super::task::Task;
 use super::{Fidelity, StTv, Stop};
-use crate::check::check_positive;
+use crate::check::{check_positive, check_range};
 use crate::{DifferenceFrames, InverseError, SequenceStatus};
 use ndarray::Axis;
 use std::time::Instant;
@@ -129,10 +129,7 @@ impl StTv {
         let start = Instant::now();
         check_positive("length_m", length_m)?;
         frames.check(self.measurements())?;
-        if self.settings.noise_std.is_none() {
-            let (quantity, value) = ("noise_std", f64::NAN);
-            return Err(InverseError::OutOfRange { quantity, value, must: "given" });
-        }
+        check_range("noise_std", f64::NAN, self.settings.noise_std.is_some(), "given")?;
         let sample = self.sample(frames);
         let values = frames.values.slice_axis(Axis(0), sample.clone().into());
         let good = frames.good.as_ref().map(|good| good.slice_axis(Axis(0), sample.into()));

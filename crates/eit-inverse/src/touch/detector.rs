@@ -104,7 +104,8 @@ use places::Spot;
 use rows::Rows;
 use search::{Fit, Scene, Search};
 use slides::Slides;
-use whitening::{Whitening, dot};
+use whitening::Whitening;
+pub(crate) use whitening::dot;
 
 /// Inputs of a [`TouchDetector`]. Rows `[measurement]` are in protocol order.
 #[derive(Debug, Clone, Copy)]
@@ -473,12 +474,6 @@ impl TouchDetector {
     /// part of the reference, and would show a touch elsewhere once it lifts.
     pub fn take_back_reference(&mut self) {
         self.earlier.restore(&mut self.reference_v);
-    }
-
-    /// Returns the change of one measurement due to the last frame's touches, volts.
-    pub fn touch_of(&self, measurement: usize) -> f64 {
-        let row = self.rows.of.iter().position(|pair| pair.contains(&measurement));
-        row.map_or(0.0, |row| self.rows.ratio[measurement] * self.touch_v[row])
     }
 
     /// Returns the number of rows: used measurements, where a measurement and its reciprocal count as one.

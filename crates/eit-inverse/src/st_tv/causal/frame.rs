@@ -15,6 +15,7 @@ use super::seen::{Seen, Target};
 use super::value::{Record, value};
 use crate::InverseError;
 use crate::st_tv::float::Float;
+use crate::st_tv::schedule::{CLOCK, LEAST_SHORT_GAP, SMOOTHING};
 use pulp::Arch;
 use std::time::Instant;
 
@@ -23,16 +24,12 @@ use std::time::Instant;
 const SLOW: usize = 50;
 /// Minimum number of iterations before the first evaluation.
 const FIRST: usize = 20;
-/// Iterations between two checks of the clock.
-const CLOCK: usize = 4;
 /// Iterations after which the smoothing may keep the gap open; it is halved at each evaluation.
 const STUCK: usize = 120;
 
 /// Factor on the step per evaluation of a slow frame with bounds, and smallest step.
 const STEP_FALL: f64 = 0.8;
 const LEAST_STEP: f64 = 0.05;
-/// Target gaps below this use full-precision entries of the basis.
-const LEAST_SHORT_GAP: f64 = 3e-3;
 
 /// Problem of one frame in internal units.
 #[derive(Clone, Copy)]
@@ -55,8 +52,6 @@ pub(crate) struct Problem<'a> {
     pub(crate) exact: &'a Setting<f64>,
 }
 
-/// Smoothing of the duals, relative to the target gap and the scale of the image.
-pub(crate) const SMOOTHING: f64 = 0.04;
 /// Largest scale of an image relative to `objective / lambda_space`; the edge of a small touch is about
 /// fifty pixels long. The error of the smoothing is proportional to the scale and must stay small compared
 /// with the objective.

@@ -1,6 +1,6 @@
 //! Settings and results of a causal stream.
 
-use crate::check::check_positive;
+use crate::check::{check_positive, check_range};
 use crate::{Certificate, InverseError, SequenceStatus};
 use std::time::Duration;
 
@@ -35,11 +35,7 @@ impl CausalSettings {
     pub(crate) fn check(&self) -> Result<(), InverseError> {
         check_positive("target_gap", self.target_gap)?;
         check_positive("time_share", self.time_share)?;
-        if self.max_iterations == 0 {
-            let (quantity, must) = ("max_iterations", "1 or above");
-            return Err(InverseError::OutOfRange { quantity, value: 0.0, must });
-        }
-        Ok(())
+        check_range("max_iterations", 0.0, self.max_iterations > 0, "1 or above")
     }
 }
 

@@ -10,6 +10,7 @@ use super::frame::{Engine, Problem};
 use super::iterate::dot;
 use super::lanes::{BLOCKS, LANES, Lane, Project, each, load, total};
 use crate::st_tv::ball;
+use crate::st_tv::schedule::{LEAST_SHORT_GAP, relative_gap};
 use pulp::{Simd, WithSimd};
 
 /// Smallest change of an unknown, relative to the target gap and the scale of the image. Smaller changes
@@ -21,9 +22,6 @@ const REPAIRS: usize = 8;
 /// of a step.
 const DEEPER: f64 = 0.02;
 
-/// For target gaps of at least this value, the data term of a candidate is summed in `f32`: the bound on its
-/// rounding error is small compared with the gap.
-const LEAST_ROUNDED_GAP: f64 = 3e-3;
 /// Number of panels whose products are summed in a lane before conversion to `f64`.
 const SUMMED_PANELS: usize = 8;
 
@@ -91,11 +89,7 @@ impl Record {
     }
 
     pub(crate) fn gap(&self) -> f64 {
-        match self.primal - self.lower_bound {
-            // includes an objective of zero
-            gap if gap <= 0.0 => 0.0,
-            gap => gap / self.primal.abs(),
-        }
+        relative_gap(self.primal, self.lower_bound)
     }
 
     /// Returns whether rounding alone takes a large part of the target gap.
@@ -171,7 +165,7 @@ pub(crate) fn value<T: Project>(
             if moved == 0.0 { 0.0 } else { (x + moved).clamp(lower, upper) - x };
     }
     let is_rounded =
-        T::HAS_SHORT && problem.ball.is_none() && problem.target_gap >= LEAST_ROUNDED_GAP;
+        T::HAS_SHORT && problem.ball.is_none() && problem.target_gap >= LEAST_SHORT_GAP;
     let mut square = match is_rounded {
         true => {
             let square = rounded_residual(engine, setting, problem, record);

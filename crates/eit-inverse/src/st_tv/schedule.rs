@@ -1,0 +1,36 @@
+//! Numbers that whole sequences and streams share.
+
+/// Smoothing of the norms relative to the size of the image and the requested gap.
+pub(super) const SMOOTHING: f64 = 0.04;
+
+/// Iterations between two checks of the clock.
+pub(super) const CLOCK: usize = 4;
+
+/// Assumed decay of the gap, as a power of the iterations.
+pub(super) const POWER: f64 = 3.0;
+
+/// Steps of the flow before each change of the data dual, and force of a bound towards the image relative to the
+/// target gap.
+pub(super) const FLOW_STEPS: usize = 5;
+pub(super) const LEAN: f64 = 0.4;
+
+/// Number of frames of a steady stream between two step maps.
+pub(super) const MAP_EVERY: usize = 4;
+
+/// A frame of a stream larger than the unit of the data by this factor sets a new unit.
+pub(super) const OUTGROWN: f64 = 1e4;
+
+/// Gap below which `f32` rounding errors matter.
+pub(super) const SINGLE_PRECISION_GAP: f64 = 1e-4;
+
+/// Target gaps below this use full-precision entries of the basis, and sum the data term of a candidate in `f64`:
+/// the bound on the rounding error of `f32` is small compared with larger gaps.
+pub(super) const LEAST_SHORT_GAP: f64 = 3e-3;
+
+/// Returns the relative gap of a primal value and a lower bound; 0 where rounding puts the bound above.
+pub(super) fn relative_gap(primal: f64, lower_bound: f64) -> f64 {
+    match primal - lower_bound {
+        gap if gap <= 0.0 => 0.0,
+        gap => gap / primal.abs(),
+    }
+}
