@@ -323,21 +323,6 @@ fn touches_are_paired_with_blobs() {
     assert_eq!((found.missed, found.extra), (3, 0));
 }
 
-/// The blob nearest to touch 0 is also the only one near touch 1: greedy pairing would miss one.
-#[test]
-fn pairing_is_not_greedy() {
-    let (_, _, cells) = skin();
-    let shown = [[0.0, 0.0], [-0.05, 0.0]];
-    let values = image(&cells, |x, y| shown.iter().map(|c| bell(x, y, *c, 0.008)).sum());
-    let truth = [[-0.02, 0.0], [0.025, 0.0]];
-    let settings = TouchSettings { within_m: 0.035, ..TouchSettings::default() };
-    let found = metrics::touch_position_errors_m(&values, &cells, &truth, &settings).unwrap();
-    assert_eq!((found.missed, found.extra), (0, 0));
-    for (error, wanted) in found.errors_m.iter().zip([0.03, 0.025]) {
-        assert!((error.unwrap() - wanted).abs() < 1e-4, "{found:?}");
-    }
-}
-
 #[test]
 fn touches_refuse_bad_settings() {
     let (_, _, cells) = skin();
