@@ -13,7 +13,7 @@ use faer::{Mat, Side};
 use ndarray::Array2;
 
 /// Accuracy of the voltages relative to the largest: far below any noise, and within reach of nodal
-/// assembly for all but stiff contacts.
+/// assembly for all but stiff contacts. Residuals relative to the frame that are smaller count as this much.
 const ACCURACY: f64 = 1e-8;
 
 /// Convergence threshold: squared length of a step in units of the standard deviations.
@@ -27,9 +27,6 @@ const FIRST_DAMPING: f64 = 1e-3;
 
 /// Most attempts at one step; starting undamped, the last damping is 1e7 of the curvature.
 const MAX_REFUSALS: usize = 12;
-
-/// Least residual relative to the frame; anything smaller counts as this much.
-const EXACT: f64 = ACCURACY;
 
 impl Calibration {
     /// Fits a frame, `[measurement]`, volts, starting from the contact impedances of the settings; those of
@@ -112,7 +109,7 @@ impl<'a> Fit<'a> {
             };
             let size: f64 = step.iter().zip(&gradient).map(|(s, g)| s * g).sum();
             // below the least residual the objective cannot rank points
-            if size <= SMALLEST_STEP || (!self.known && self.relative(&point) <= EXACT) {
+            if size <= SMALLEST_STEP || (!self.known && self.relative(&point) <= ACCURACY) {
                 break CalibrationStatus::Converged;
             }
             if iterations == self.settings.max_iterations {
@@ -155,7 +152,7 @@ impl<'a> Fit<'a> {
             Some(scale) => (scale * scale, sum / (scale * scale)),
             None => {
                 let count = used.len() as f64;
-                let variance = sum.max(EXACT * EXACT * self.frame_square()) / count;
+                let variance = sum.max(ACCURACY * ACCURACY * self.frame_square()) / count;
                 (variance, count * variance.ln())
             }
         };

@@ -17,12 +17,12 @@ mod kernels;
 use super::data::seen::{Seen, Target};
 use super::dense::{Congruent, Eigen, Invert};
 use super::float::Float;
-use super::kernel::{LANES, RANKS};
+use super::kernel::{CHUNK, LANES, RANKS};
 use super::operators::Operators;
 use super::problem::{DataTerm, Problem};
 use super::state::{REFRESH, State};
 use crate::InverseError;
-use kernels::{Apply, CHUNK, Gram};
+use kernels::{Apply, Gram};
 use pulp::Arch;
 
 /// Data steps of all frames.

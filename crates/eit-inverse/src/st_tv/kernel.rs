@@ -25,6 +25,10 @@ pub(crate) const PANEL: usize = 4;
 /// Ranks are padded to a multiple of this number.
 pub(crate) const RANKS: usize = 2 * PANEL;
 
+/// Number of unknowns whose rows fit the L1 cache, and rows of a tile of a product of them.
+pub(crate) const CHUNK: usize = 64;
+pub(crate) const TILE: usize = 4;
+
 /// Calls tile functions for a row: pieces of two registers, eight rows of which fit 32 registers and four of
 /// them 16, then one register, and [`LANES`] frames that do not fill one.
 macro_rules! for_tiles {

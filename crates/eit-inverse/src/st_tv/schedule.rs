@@ -14,6 +14,9 @@ pub(super) const POWER: f64 = 3.0;
 pub(super) const FLOW_STEPS: usize = 5;
 pub(super) const LEAN: f64 = 0.4;
 
+/// Iterations from rest at which the uniform step is updated, before the first step map.
+pub(super) const MEASURE_AT: [usize; 2] = [8, 16];
+
 /// Number of frames of a steady stream between two step maps.
 pub(super) const MAP_EVERY: usize = 4;
 

@@ -77,6 +77,7 @@ mod search;
 mod settings;
 mod slides;
 mod step;
+mod vectors;
 mod whitening;
 
 #[cfg(feature = "learn")]
@@ -104,8 +105,8 @@ use places::Spot;
 use rows::Rows;
 use search::{Fit, Scene, Search};
 use slides::Slides;
+pub(crate) use vectors::dot;
 use whitening::Whitening;
-pub(crate) use whitening::dot;
 
 /// Inputs of a [`TouchDetector`]. Rows `[measurement]` are in protocol order.
 #[derive(Debug, Clone, Copy)]

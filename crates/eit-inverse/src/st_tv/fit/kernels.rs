@@ -3,14 +3,10 @@
 use super::DataSteps;
 use crate::st_tv::ball;
 use crate::st_tv::float::Float;
-use crate::st_tv::kernel::{LANES, PANEL, add_row, lanes};
+use crate::st_tv::kernel::{CHUNK, LANES, PANEL, TILE, add_row, lanes};
 use crate::st_tv::operators::Operators;
 use crate::st_tv::state::State;
 use pulp::{Simd, WithSimd};
-
-/// Number of unknowns whose rows fit the L1 cache, and rows of a tile of the product.
-pub(super) const CHUNK: usize = 64;
-const TILE: usize = 4;
 
 /// Computes the upper triangle of `V' T V` of the head, in tiles.
 pub(super) struct Gram<'a, T> {

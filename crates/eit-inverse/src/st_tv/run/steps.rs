@@ -2,15 +2,13 @@
 
 use super::super::certificate::LARGEST_WEIGHT;
 use super::super::float::Float;
-use super::super::schedule::{CLOCK, SMOOTHING};
+use super::super::schedule::{CLOCK, MEASURE_AT, SMOOTHING};
 use super::super::state::Weights;
 use super::super::step::{self, MapSize};
 use super::super::travel::Travel;
 use super::{Limits, Run};
 use crate::InverseError;
 
-/// Iterations at which the uniform step before the first map is updated.
-const MEASURE_AT: [usize; 2] = [8, 16];
 /// Iterations at which a step map is computed, and the factor between later ones.
 pub(super) const MAP_AT: [usize; 3] = [24, 64, 150];
 const MAP_GROWTH: f64 = 2.0;

@@ -1,7 +1,7 @@
 //! Iterations of a stream on one frame.
 
 use super::super::certificate::{Effort, Iterate, LARGEST_WEIGHT};
-use super::super::schedule::{CLOCK, FLOW_STEPS, LEAN, MAP_EVERY, POWER, SMOOTHING};
+use super::super::schedule::{CLOCK, FLOW_STEPS, LEAN, MAP_EVERY, MEASURE_AT, POWER, SMOOTHING};
 use super::super::settings::StreamSettings;
 use super::super::single_frame::Outcome;
 use super::super::state::Weights;
@@ -17,8 +17,7 @@ const SHARE: f64 = 0.4;
 const BOUNDED_SHARE: f64 = 0.3;
 /// Number of iterations of a push after which the smoothing decreases.
 const SMOOTH: f64 = 120.0;
-/// Iterations after rest at which the uniform step is updated, and at which maps are computed.
-const MEASURE_AT: [usize; 2] = [8, 16];
+/// Iterations after rest at which maps are computed.
 const MAP_AT: [usize; 3] = [24, 48, 96];
 /// Effort of a bound, as for a whole sequence but with half as many rounds.
 const ROUNDS: usize = 6;

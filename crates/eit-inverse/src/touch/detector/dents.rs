@@ -14,7 +14,8 @@
 use super::dictionary::Dictionary;
 use super::places::Places;
 use super::rows::Rows;
-use super::whitening::{Whitening, dot};
+use super::vectors::dot;
+use super::whitening::Whitening;
 use crate::geometry::distance_m;
 use ndarray::ArrayRef2;
 

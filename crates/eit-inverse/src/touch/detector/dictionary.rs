@@ -3,7 +3,8 @@
 use super::places::{Places, Spot};
 use super::rows::Rows;
 use super::settings::DetectorSettings;
-use super::whitening::{Whitening, dot, widest};
+use super::vectors::{dot, widest};
+use super::whitening::Whitening;
 use crate::InverseError;
 use eit_mesh::Surface;
 use faer::linalg::matmul::matmul;

@@ -5,7 +5,8 @@ use super::joint::remove_all;
 use super::rows::Rows;
 use super::search::Search;
 use super::step::MOST_PER_ROW;
-use super::whitening::{Whitening, dot};
+use super::vectors::dot;
+use super::whitening::Whitening;
 
 /// Largest fraction of the residual that one electrode's gain may leave for the electrode to be
 /// reported: of a frame without touches, of what touches leave, and of the frame without its

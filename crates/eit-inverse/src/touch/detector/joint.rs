@@ -14,7 +14,8 @@ use super::dents::Dents;
 use super::dictionary::Dictionary;
 use super::electrodes::Electrodes;
 use super::places::Places;
-use super::whitening::{Whitening, dot, widest};
+use super::vectors::{dot, widest};
+use super::whitening::Whitening;
 use crate::geometry::distance_m;
 
 /// Columns of a position: pressure on contacts, pull, drags along three axes, dent, and the touch's own response.

@@ -1,6 +1,6 @@
 //! Small dense systems for the strengths of touches and the shares of the fabric's memory.
 
-use super::whitening::{dot, widest};
+use super::vectors::{dot, widest};
 
 /// Relative addition to the diagonal, since columns may be equal.
 const RIDGE: f64 = 1e-9;

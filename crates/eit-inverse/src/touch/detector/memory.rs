@@ -4,7 +4,8 @@ use super::dictionary::Dictionary;
 use super::places::Spot;
 use super::rows::Rows;
 use super::settings::DetectorSettings;
-use super::whitening::{Whitening, dot};
+use super::vectors::dot;
+use super::whitening::Whitening;
 
 /// Memory columns whose whitened squared length is below this are ignored.
 const FAINT: f64 = 1.0;

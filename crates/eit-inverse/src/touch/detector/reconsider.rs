@@ -18,7 +18,7 @@ use super::evidence::Evidence;
 use super::joint::{Found, remove_all};
 use super::places::Spot;
 use super::search::{Fit, MERGE, Scene};
-use super::whitening::dot;
+use super::vectors::dot;
 use crate::geometry::distance_m;
 
 /// Reach of the search around a touch, metres: from the apparent position of a finger beyond the

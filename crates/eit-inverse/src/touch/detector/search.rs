@@ -14,7 +14,8 @@ use super::responses::Responses;
 use super::settings::DetectorSettings;
 use super::slides::{SAME_M, Slides};
 use super::step::MOST_PER_ROW;
-use super::whitening::{Whitening, dot, widest};
+use super::vectors::{dot, widest};
+use super::whitening::Whitening;
 use crate::geometry::distance_m;
 
 /// Gauss-Newton steps of each fit; starts are at most half a spacing away.

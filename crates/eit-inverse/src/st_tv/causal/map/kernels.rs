@@ -5,6 +5,7 @@ use super::super::fields::{Fields, Setting};
 use super::super::lanes::{LANES, Lane, Project, each, largest, load, splat, store};
 use super::{FLOOR, STEP, Weights};
 pub(super) use crate::st_tv::dense::{Congruent, Invert};
+use crate::st_tv::kernel::{CHUNK, TILE};
 use pulp::{Simd, WithSimd};
 
 /// Computes the largest differences of an image, dilated by two groups.
@@ -99,10 +100,6 @@ pub(super) struct Gram<'a, T: Project> {
     /// `[padded rank][padded rank]`.
     pub(super) out: &'a mut [T],
 }
-
-/// Number of rows of a tile, and number of unknowns whose rows fit the L1 cache.
-const TILE: usize = 4;
-const CHUNK: usize = 64;
 
 impl<T: Project> WithSimd for Gram<'_, T> {
     type Output = ();

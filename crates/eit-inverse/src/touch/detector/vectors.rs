@@ -1,0 +1,33 @@
+//! Products of vectors of rows, in a fixed order of sums.
+
+/// Runs loops with the widest vectors of this processor. Results do not depend on them: sums are in parts of their own
+/// ([`dot`]), and products are rounded before they are added.
+#[inline(always)]
+pub(super) fn widest<R>(loops: impl FnOnce() -> R) -> R {
+    pulp::Arch::new().dispatch(loops)
+}
+
+/// Scales the component along a unit vector.
+#[inline(always)]
+pub(super) fn shrink(y: &mut [f64], direction: &[f64], kept: f64) {
+    let part = (1.0 - kept) * dot(direction, y);
+    y.iter_mut().zip(direction).for_each(|(y, u)| *y -= part * u);
+}
+
+/// Dot product in eight partial sums, which lets the compiler vectorise it.
+#[inline(always)]
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = a8.remainder().iter().zip(b8.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a8.zip(b8) {
+        for k in 0..8 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}
+
+pub(super) fn norm(a: &[f64]) -> f64 {
+    dot(a, a).sqrt()
+}
