@@ -67,7 +67,7 @@ impl TvStream {
         })
     }
 
-    /// Records a lost frame: the previous image is kept.
+    /// Records a lost frame: a coupled stream keeps its image, one without a time term shows none (zero).
     pub(crate) fn push_dropped(&mut self) -> TvStep<'_> {
         match &mut self.solver {
             Solver::Causal(stream) => TvStep::causal(stream.push_dropped()),
