@@ -10,6 +10,12 @@ use super::source::{Event, FrameSource, Statistics};
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple};
 use crate::recording::FrameMap;
+#[cfg(feature = "mcap")]
+use {
+    super::setup::{Identity, Limits},
+    crate::capture::{CaptureReader, Entry, SessionRecord},
+    crate::recording::{Layout, Unit},
+};
 
 /// Speed at which a recording is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -98,37 +104,7 @@ impl Replay {
         pace: Pace,
     ) -> Result<Self, HwError> {
         let path = path.as_ref();
-        use super::setup::{Identity, Limits};
-        use crate::capture::{CaptureReader, Entry};
-        use crate::recording::{Layout, Unit};
-        // read up to the first frame, for the session and the number of values
-        let mut reader = CaptureReader::open(path)?;
-        let mut session = None;
-        let first = loop {
-            match reader.next_entry()? {
-                Some(Entry::Frame(frame)) => break frame,
-                Some(Entry::Session(found)) => session = Some(found),
-                Some(_) => {}
-                None => {
-                    let place = crate::Place::file(path);
-                    return Err(HwError::NoFrames { place, skipped: 0 });
-                }
-            }
-        };
-        let session = session.unwrap_or_default();
-        let layout = match session.quadruples.len() {
-            0 => Layout::ProtocolOrder,
-            _ => Layout::Quadruples(session.quadruples.clone()),
-        };
-        let setup = Setup {
-            identity: Identity::one_line("replay", &session.instrument, &session.serial),
-            layout,
-            value_count: first.values.len(),
-            complex: first.imaginary.is_some(),
-            unit: Unit::from(session.unit),
-            frame_rate_hz: session.frame_rate_hz,
-            limits: Limits::default(),
-        };
+        let (session, setup) = recorded_setup(path)?;
         let place = path.to_path_buf();
         let mut reader = CaptureReader::open(path)?;
         // each run of an appended recording begins at epoch 0
@@ -316,6 +292,35 @@ impl FrameSource for Replay {
     fn is_over(&self) -> bool {
         self.is_over
     }
+}
+
+/// Reads up to the first frame, for the session and the number of values.
+#[cfg(feature = "mcap")]
+fn recorded_setup(path: &Path) -> Result<(SessionRecord, Setup), HwError> {
+    let mut reader = CaptureReader::open(path)?;
+    let mut session = SessionRecord::default();
+    let first = loop {
+        match reader.next_entry()? {
+            Some(Entry::Frame(frame)) => break frame,
+            Some(Entry::Session(found)) => session = found,
+            Some(_) => {}
+            None => return Err(HwError::NoFrames { place: crate::Place::file(path), skipped: 0 }),
+        }
+    };
+    let layout = match session.quadruples.is_empty() {
+        true => Layout::ProtocolOrder,
+        false => Layout::Quadruples(session.quadruples.clone()),
+    };
+    let setup = Setup {
+        identity: Identity::one_line("replay", &session.instrument, &session.serial),
+        layout,
+        value_count: first.values.len(),
+        complex: first.imaginary.is_some(),
+        unit: Unit::from(session.unit),
+        frame_rate_hz: session.frame_rate_hz,
+        limits: Limits::default(),
+    };
+    Ok((session, setup))
 }
 
 #[cfg(test)]

@@ -189,36 +189,22 @@ fn findings(
     quadruples: &[Quadruple],
     facts: &StreamFacts,
 ) -> Vec<Finding> {
-    let mut findings = Vec::new();
     let share_of = |flag: Quality| {
         let with = frames.quality.iter().filter(|quality| quality.contains(flag)).count();
         with as f64 / frames.quality.len().max(1) as f64
     };
-    let mut at_fault = open_electrodes(frames, quadruples, report.electrodes.len());
-    for &(electrode, flagged_share) in &at_fault {
-        findings.push(Finding::of_electrode(electrode, Trouble::Open { flagged_share }));
-    }
-    // flagged values would distort the mean, and with it the reciprocity
-    if at_fault.is_empty() {
-        for (electrode, health) in (0..).zip(&report.electrodes) {
-            if let Some(trouble) = electrode_trouble(report, health) {
-                at_fault.push((electrode, health.flagged_share));
-                findings.push(Finding::of_electrode(electrode, trouble));
-            }
-        }
-    }
-    if report.reciprocity.is_some_and(|error| error > MOST_ERROR) && at_fault.is_empty() {
-        findings.push(Finding::of_whole(Trouble::Reciprocity {
-            error: report.reciprocity.unwrap_or_default(),
-        }));
+    let mut findings = electrode_findings(report, frames, quadruples);
+    let are_all_good = findings.is_empty();
+    if let Some(error) = report.reciprocity.filter(|error| *error > MOST_ERROR && are_all_good) {
+        findings.push(Finding::of_whole(Trouble::Reciprocity { error }));
     }
     let limit = share_of(Quality::SATURATED) + share_of(Quality::OVER_RANGE);
     // an open electrode saturates its measurements and is reported already
-    if limit > LOST_SHARE && at_fault.is_empty() {
+    if limit > LOST_SHARE && are_all_good {
         findings.push(Finding::of_whole(Trouble::Saturation { share: limit }));
     }
     let is_missing = |quality: &&Quality| {
-        let is_no_number = quality.contains(Quality::NON_FINITE) && at_fault.is_empty();
+        let is_no_number = quality.contains(Quality::NON_FINITE) && are_all_good;
         quality.contains(Quality::MISSING) || is_no_number
     };
     let missing = frames.quality.iter().filter(is_missing).count() as f64
@@ -227,16 +213,7 @@ fn findings(
     if lost > LOST_SHARE {
         findings.push(Finding::of_whole(Trouble::Loss { share: lost }));
     }
-    let is_stuck = |column: &ArrayView1<'_, Quality>| {
-        column.iter().any(|quality| quality.contains(Quality::STUCK))
-    };
-    let columns = frames.quality.columns().into_iter().zip(quadruples);
-    let mut stuck = columns.filter(|(column, _)| is_stuck(column)).map(|(_, quadruple)| *quadruple);
-    if let Some(first) = stuck.next() {
-        let second = stuck.next();
-        let measurements = 1 + usize::from(second.is_some()) + stuck.count();
-        findings.push(Finding::of_whole(Trouble::Stuck { measurements, first, second }));
-    }
+    findings.extend(stuck(frames, quadruples).map(Finding::of_whole));
     if let Some(resolution) = report.resolution.filter(Resolution::is_coarse) {
         let Resolution { step, steps_per_touch, still } = resolution;
         let measurements = quadruples.len();
@@ -259,6 +236,39 @@ fn findings(
         findings.push(Finding::of_whole(Trouble::Frozen { frames: frames.values.nrows() }));
     }
     findings
+}
+
+/// Returns open electrodes; without any, those that are noisy or have a poor contact: flagged values would distort
+/// the mean, and with it the reciprocity.
+fn electrode_findings(
+    report: &HealthReport,
+    frames: &MeasuredFrames,
+    quadruples: &[Quadruple],
+) -> Vec<Finding> {
+    let open = open_electrodes(frames, quadruples, report.electrodes.len());
+    if !open.is_empty() {
+        let finding = |(electrode, flagged_share)| {
+            Finding::of_electrode(electrode, Trouble::Open { flagged_share })
+        };
+        return open.into_iter().map(finding).collect();
+    }
+    let troubles = report.electrodes.iter().map(|health| electrode_trouble(report, health));
+    let findings = (0..).zip(troubles);
+    findings
+        .filter_map(|(electrode, trouble)| Some(Finding::of_electrode(electrode, trouble?)))
+        .collect()
+}
+
+/// Returns the measurements that repeat one value, if any does.
+fn stuck(frames: &MeasuredFrames, quadruples: &[Quadruple]) -> Option<Trouble> {
+    let is_stuck = |column: &ArrayView1<'_, Quality>| {
+        column.iter().any(|quality| quality.contains(Quality::STUCK))
+    };
+    let columns = frames.quality.columns().into_iter().zip(quadruples);
+    let mut stuck = columns.filter(|(column, _)| is_stuck(column)).map(|(_, quadruple)| *quadruple);
+    let (first, second) = (stuck.next()?, stuck.next());
+    let measurements = 1 + usize::from(second.is_some()) + stuck.count();
+    Some(Trouble::Stuck { measurements, first, second })
 }
 
 /// Returns what is wrong with one electrode, checking the surest sign first.

@@ -1,6 +1,7 @@
 //! The thread that reads an instrument and reconnects to it.
 
 use eit_core::event;
+use std::io::ErrorKind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -104,10 +105,7 @@ impl Reader {
             match end {
                 Some(TakeEnd::Overflow) => return End::Overflow,
                 Some(TakeEnd::Restarted) => {
-                    let source = std::io::Error::other("the instrument has restarted");
-                    let endpoint = self.endpoint.to_string();
-                    let error = HwError::Lost { endpoint, source };
-                    return End::Lost("the instrument has restarted".into(), error);
+                    return self.lost(ErrorKind::Other, "the instrument has restarted".into());
                 }
                 None => {}
             }
@@ -132,14 +130,18 @@ impl Reader {
                 let reason = format!("no frame for {for_s:.1} s{although}: setting it up again");
                 let silent_s = self.silence.end(now);
                 self.count_silence(silent_s);
-                let source = std::io::Error::new(std::io::ErrorKind::TimedOut, reason.clone());
-                let endpoint = self.endpoint.to_string();
-                return End::Lost(reason, HwError::Lost { endpoint, source });
+                return self.lost(ErrorKind::TimedOut, reason);
             }
         }
         let silent_s = self.silence.end(Instant::now());
         self.count_silence(silent_s);
         End::Quit
+    }
+
+    /// Ends a connection that carries nothing any more.
+    fn lost(&self, kind: ErrorKind, reason: String) -> End {
+        let source = std::io::Error::new(kind, reason.clone());
+        End::Lost(reason, HwError::Lost { endpoint: self.endpoint.to_string(), source })
     }
 
     /// Counts a silence, unless it is part of the time after a lost connection.
