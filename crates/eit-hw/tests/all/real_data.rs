@@ -12,6 +12,10 @@ use eit_hw::{
     read_recording, reciprocity_error, recognise_order,
 };
 
+const METAL: &str = "pyeidors_tank16/electrode01_metal.csv";
+const METAL_AND_PLASTIC: &str = "pyeidors_tank16/electrode01_metal_electrode05_plastic.csv";
+const GOLF_BALL: &str = "golf_ball_b/phantom_16elec_1planeB_256xN.npy";
+
 fn recognised(path: &Path) -> Recording {
     read_recording(path, None, &ReadOptions::default()).unwrap_or_else(|error| panic!("{error}"))
 }
@@ -51,33 +55,82 @@ fn order_is_recognised(frame: &[f64], right: &[Quadruple], wrong: &[Quadruple]) 
     }
 }
 
+/// Each recording's reciprocity errors are those stated, and its order of measurements is recognised. Its shape is
+/// that of a homogeneous disc with point electrodes, with the sign of the instrument.
 #[test]
-fn goe_200_frames() {
-    let Some(folder) = fixtures::shared_data("goe_mf2_ball") else { return };
-    let recording = recognised(&folder.join("ball_200_frames.get"));
-    assert_eq!(recording.format, Format::Goe);
-    assert_eq!(recording.real.dim(), (200, 208));
-    assert_eq!(recording.skipped.frames, 0);
+fn orders_errors_and_signs_are_those_stated() {
+    let turned = [rotated(16), ascending(16)];
+    let ascends = [ascending(16), rotated(16)];
+    let kept = [ascending_kept(16), rotated_kept(16)];
+    let (goe, sciospec, lct) = (Format::Goe, Format::Sciospec, Format::Lct);
+    let lct_errors = [0.0975, 0.146];
+    // the right order of the measurements and a wrong one, the lowest and highest error of a frame, and the sign
+    // unless what is in the tank may hide its shape
+    for (file, format, dim, [right, wrong], [low, high], sign) in [
+        // single frames vary by 0.1 to 0.3 %
+        ("goe_mf2_ball/ball_200_frames.get", goe, (200, 208), &turned, [0.0265, 0.0315], -1),
+        // frames with and without object vary by 0.4 %
+        ("sciospec_tank_adjacent", sciospec, (255, 256), &turned, [0.024, 0.032], 1),
+        ("lct_2004/plastic_1.txt", lct, (1, 208), &ascends, [0.0975, 0.0985], 0),
+        ("lct_2004/metal_1.txt", lct, (1, 208), &ascends, lct_errors, 0),
+        ("lct_2004/metal_2_180.txt", lct, (1, 208), &ascends, lct_errors, 0),
+        ("lct_2004/water_1.txt", lct, (1, 208), &ascends, lct_errors, -1),
+        ("lct_2004/water_2.txt", lct, (1, 208), &ascends, lct_errors, 0),
+        ("lct_2004/water_3.txt", lct, (1, 208), &ascends, lct_errors, 0),
+        (METAL, Format::Csv, (2, 208), &turned, [0.012, 0.03], -1),
+        (METAL_AND_PLASTIC, Format::Csv, (2, 208), &turned, [0.012, 0.03], 0),
+        // the rod adds up to 1.2 %
+        ("iirc_rod_2006/iirc_re_101x256.npy", Format::Npy, (101, 256), &kept, [0.055, 0.07], 1),
+        (GOLF_BALL, Format::Npy, (4, 256), &kept, [0.0045, 0.0055], -1),
+        // frames in which an electrode is off have errors of their own
+        ("umitooko_serial16/__3.txt", Format::SerialLog, (243, 208), &turned, [0.0, f64::MAX], -1),
+    ] {
+        let Some(path) = fixtures::shared_data(file) else { continue };
+        let is_csv = format == Format::Csv;
+        let columns = table(FrameOrientation::Columns, true);
+        let options = if is_csv { columns } else { ReadOptions::default() };
+        let recording = read_recording(&path, None, &options).unwrap();
+        assert_eq!((recording.format, recording.real.dim()), (format, dim), "{file}");
+        let unit = match format {
+            Format::Sciospec => Unit::Volt,
+            Format::Lct => Unit::Ohm,
+            _ => Unit::Arbitrary,
+        };
+        assert_eq!(recording.unit, unit, "{file}");
+        let frames = real_frames(&recording, right);
+        within(&errors(&frames, right), low, high);
+        let mean = frames.mean_frame();
+        order_is_recognised(&mean, right, wrong);
+        let correlation = model_correlation(&mean, &point_electrode_disc(right, 16)).unwrap();
+        // point electrodes, tanks with objects in them, and instruments of 20 years
+        assert!(sign == 0 || f64::from(sign) * correlation > 0.95, "{file}: {correlation}");
+    }
+}
+
+#[test]
+fn goe_and_golf_ball() {
+    let Some(goe) = fixtures::shared_data("goe_mf2_ball/ball_200_frames.get") else { return };
+    let recording = recognised(&goe);
     assert!(recording.notes.is_empty() && recording.imaginary.is_none());
-    let frames = real_frames(&recording, &rotated(16));
-    // stated: 2.8 %; single frames vary by 0.1 to 0.3 %
-    within(&errors(&frames, &rotated(16)), 0.0265, 0.0315);
-    let mean = frames.mean_frame();
+    assert_eq!(recording.skipped.frames, 0);
+    let mean = real_frames(&recording, &rotated(16)).mean_frame();
     let error = reciprocity_error(&rotated(16), &mean).unwrap();
     assert!((error - 0.028).abs() < 0.0005, "{error}");
-    order_is_recognised(&mean, &rotated(16), &ascending(16));
+
+    let Some(npy) = fixtures::shared_data(GOLF_BALL) else { return };
+    let (csv, npy) = (recognised(&npy.with_extension("csv")).real, recognised(&npy).real);
+    assert_eq!(csv.dim(), npy.dim());
+    // the text has 8 digits
+    for (text, binary) in csv.iter().zip(&npy) {
+        assert!((text - binary).abs() <= 1e-8 * binary.abs().max(1.0), "{text} {binary}");
+    }
 }
 
 #[test]
 fn sciospec_255_frames_at_20_a_second() {
     let Some(folder) = fixtures::shared_data("sciospec_tank_adjacent") else { return };
     let recording = recognised(&folder);
-    assert_eq!(recording.format, Format::Sciospec);
-    assert_eq!(recording.real.dim(), (255, 256));
-    assert_eq!(recording.unit, Unit::Volt);
-    assert_eq!(recording.frequency_hz, Some(10e3));
-    assert_eq!(recording.current_a, Some(5e-3));
-    assert!(recording.notes.is_empty());
+    assert_eq!((recording.frequency_hz, recording.current_a), (Some(10e3), Some(5e-3)));
     let Layout::Potentials { drives, electrodes: 16 } = &recording.layout else { panic!() };
     assert_eq!(drives[15], [15, 0]);
 
@@ -86,9 +139,6 @@ fn sciospec_255_frames_at_20_a_second() {
     assert_eq!(times[0], 0.0);
     // 254 periods of 50 ms; the time stamps in the files jitter by less than one
     assert!((times[254] - 12.7).abs() < 0.05, "{}", times[254]);
-    // stated: 2.7 %; frames with and without object vary by 0.4 %
-    within(&errors(&frames, &rotated(16)), 0.024, 0.032);
-    order_is_recognised(&frames.mean_frame(), &rotated(16), &ascending(16));
 
     // the scene's current of 1 mA instead of the file's 5 mA: a fifth of the volts
     let mut scaled = frames.clone();
@@ -131,20 +181,10 @@ fn lct_voltage_over_current() {
     let Some(folder) = fixtures::shared_data("lct_2004") else { return };
     for name in ["metal_1", "metal_2_180", "plastic_1", "water_1", "water_2", "water_3"] {
         let recording = recognised(&folder.join(format!("{name}.txt")));
-        assert_eq!(recording.format, Format::Lct);
-        assert_eq!(recording.real.dim(), (1, 208));
-        assert_eq!(recording.unit, Unit::Ohm);
         assert_eq!(recording.frequency_hz, Some(10e3));
         // 13 header lines, 208 rows, and one more
         assert_eq!(recording.notes, [Note::RepeatedLastRow { line: 222 }]);
         let frames = real_frames(&recording, &ascending(16));
-        let error = errors(&frames, &ascending(16))[0];
-        // stated: 9.8 % (plastic_1); the others are up to 14.5 %
-        within(&[error], 0.0975, 0.146);
-        if name == "plastic_1" {
-            assert!((error - 0.098).abs() < 0.0005, "{error}");
-        }
-        order_is_recognised(&frames.mean_frame(), &ascending(16), &rotated(16));
         let mut volts = frames.clone();
         volts.to_volts(2e-3);
         assert_eq!((volts.unit, volts.values), (Unit::Volt, frames.values * 2e-3));
@@ -153,25 +193,20 @@ fn lct_voltage_over_current() {
 
 #[test]
 fn pyeidors_columns_alternate() {
-    let Some(folder) = fixtures::shared_data("pyeidors_tank16") else { return };
     let frames_are = Some(FrameOrientation::Columns);
     let options = ReadOptions { frames_are, complex: true, ..ReadOptions::default() };
-    for name in ["electrode01_metal.csv", "electrode01_metal_electrode05_plastic.csv"] {
-        let path = folder.join(name);
+    for file in [METAL, METAL_AND_PLASTIC] {
+        let Some(path) = fixtures::shared_data(file) else { return };
         let recording = read_recording(&path, None, &options).unwrap();
-        assert_eq!(recording.format, Format::Csv);
-        assert_eq!(recording.real.dim(), (2, 208));
-        for component in [Component::Real, Component::Phased] {
-            let frames = recording.frames_for(Some(&rotated(16)), 208, component).unwrap();
-            // stated: 1.2 to 3 %
-            within(&errors(&frames, &rotated(16)), 0.012, 0.03);
-            order_is_recognised(&frames.mean_frame(), &rotated(16), &ascending(16));
-        }
+        let phased = recording.frames_for(Some(&rotated(16)), 208, Component::Phased).unwrap();
+        within(&errors(&phased, &rotated(16)), 0.012, 0.03);
+        order_is_recognised(&phased.mean_frame(), &rotated(16), &ascending(16));
         // read as rows, the file is rejected with the right key
         let refused = recognised(&path).frames_for(None, 208, Component::Real).unwrap_err();
         assert!(refused.to_string().contains("frames_are = \"columns\""), "{refused}");
     }
-    let first = read_recording(&folder.join("electrode01_metal.csv"), None, &options).unwrap();
+    let path = fixtures::shared_data(METAL).unwrap();
+    let first = read_recording(&path, None, &options).unwrap();
     // first row of the file
     assert_eq!(first.real[[0, 0]], 0.105_571_510_388_850_71);
     assert_eq!(first.imaginary.unwrap()[[0, 0]], -0.050_626_061_392_131_43);
@@ -183,8 +218,6 @@ fn umitooko_logs() {
     let Some(folder) = fixtures::shared_data("umitooko_serial16") else { return };
     // a reference and 242 frames that start with `s`, all complete
     let recording = recognised(&folder.join("__3.txt"));
-    assert_eq!(recording.format, Format::SerialLog);
-    assert_eq!(recording.real.dim(), (243, 208));
     assert_eq!(recording.skipped.frames, 0);
     assert_eq!(recording.reference_frame, Some(0));
     assert_eq!(recording.notes, [Note::Reference { line: 1, frame: 0 }]);
@@ -202,7 +235,6 @@ fn umitooko_logs() {
     let mean = good.iter().map(error).sum::<f64>() / good.len() as f64;
     // stated: 1.5 to 4 %
     assert!((0.015..0.04).contains(&mean), "{mean}");
-    order_is_recognised(&frames.mean_frame(), &rotated(16), &ascending(16));
 
     // with an electrode off no order fits, and none is suggested
     let off = frames.frames().nth(74).unwrap();
@@ -211,22 +243,18 @@ fn umitooko_logs() {
 }
 
 #[test]
-fn umitooko_log_that_starts_within_a_frame() {
+fn umitooko_log_that_starts_within_a_frame_and_reference_of_one_line() {
     let Some(folder) = fixtures::shared_data("umitooko_serial16") else { return };
     let recording = recognised(&folder.join("efl_4_good.txt"));
     assert_eq!(recording.real.dim(), (284, 208));
     assert_eq!(recording.skipped.frames, 1);
     let reason = SkipReason::NoStart;
     assert_eq!(recording.skipped.first, [SkippedFrame { at: At::Line(1), reason }]);
-    let errors = errors(&real_frames(&recording, &rotated(16)), &rotated(16));
+    let found = errors(&real_frames(&recording, &rotated(16)), &rotated(16));
     // stated: 1.5 to 4 %; single frames up to 5.1 %
-    within(&errors, 0.015, 0.052);
-    assert!(errors.iter().sum::<f64>() / 284.0 < 0.04);
-}
+    within(&found, 0.015, 0.052);
+    assert!(found.iter().sum::<f64>() / 284.0 < 0.04);
 
-#[test]
-fn umitooko_reference_of_one_line() {
-    let Some(folder) = fixtures::shared_data("umitooko_serial16") else { return };
     let path = folder.join("ref_data.txt");
     let log = read_recording(&path, Some(Format::SerialLog), &ReadOptions::default()).unwrap();
     let csv = recognised(&path);
@@ -314,34 +342,12 @@ fn khu_noise() {
 fn iirc_rod_with_driven_electrodes() {
     let Some(folder) = fixtures::shared_data("iirc_rod_2006") else { return };
     let recording = recognised(&folder.join("iirc_re_101x256.npy"));
-    assert_eq!(recording.format, Format::Npy);
-    assert_eq!(recording.real.dim(), (101, 256));
-    let frames = real_frames(&recording, &ascending_kept(16));
-    let errors = errors(&frames, &ascending_kept(16));
-    // stated: 5.6 % (the reference, row 0); the rod adds up to 1.2 %
+    let errors = errors(&real_frames(&recording, &ascending_kept(16)), &ascending_kept(16));
+    // the reference
     assert!((errors[0] - 0.056).abs() < 0.0005, "{}", errors[0]);
-    within(&errors, 0.055, 0.07);
-    order_is_recognised(&frames.mean_frame(), &ascending_kept(16), &rotated_kept(16));
     // for a scene that drops driven electrodes, the error says so
     let refused = recording.frames_for(None, 208, Component::Real).unwrap_err();
     assert!(refused.to_string().contains("driven_electrodes = \"keep\""), "{refused}");
-}
-
-#[test]
-fn golf_ball_as_csv_and_npy() {
-    let Some(folder) = fixtures::shared_data("golf_ball_b") else { return };
-    let npy = recognised(&folder.join("phantom_16elec_1planeB_256xN.npy"));
-    let csv = recognised(&folder.join("phantom_16elec_1planeB_256xN.csv"));
-    assert_eq!(npy.real.dim(), (4, 256));
-    assert_eq!(csv.real.dim(), (4, 256));
-    // the text has 8 digits
-    for (text, binary) in csv.real.iter().zip(&npy.real) {
-        assert!((text - binary).abs() <= 1e-8 * binary.abs().max(1.0), "{text} {binary}");
-    }
-    let frames = real_frames(&npy, &ascending_kept(16));
-    // stated: 0.5 %
-    within(&errors(&frames, &ascending_kept(16)), 0.0045, 0.0055);
-    order_is_recognised(&frames.mean_frame(), &ascending_kept(16), &rotated_kept(16));
 }
 
 #[test]
@@ -395,31 +401,6 @@ fn hydrogel_has_no_reciprocal_pairs() {
     assert_eq!(verdict, OrderVerdict::Unclear { ours: None, best: None });
     let refused = recording.frames_for(None, 208, Component::Real).unwrap_err();
     assert!(refused.to_string().contains("opposite drive"), "{refused}");
-}
-
-/// Compares each recording with a model of the tank: the shape fits, the sign is that of the
-/// recording.
-#[test]
-fn sign_against_a_homogeneous_disc() {
-    for (file, order, sign) in [
-        ("sciospec_tank_adjacent", rotated(16), 1.0),
-        ("iirc_rod_2006/iirc_re_101x256.npy", ascending_kept(16), 1.0),
-        ("goe_mf2_ball/ball_200_frames.get", rotated(16), -1.0),
-        ("golf_ball_b/phantom_16elec_1planeB_256xN.npy", ascending_kept(16), -1.0),
-        ("lct_2004/water_1.txt", ascending(16), -1.0),
-        ("pyeidors_tank16/electrode01_metal.csv", rotated(16), -1.0),
-        ("umitooko_serial16/__3.txt", rotated(16), -1.0),
-    ] {
-        let Some(path) = fixtures::shared_data(file) else { continue };
-        let is_csv = file.ends_with(".csv");
-        let columns = table(FrameOrientation::Columns, true);
-        let options = if is_csv { columns } else { ReadOptions::default() };
-        let recording = read_recording(&path, None, &options).unwrap();
-        let mean = real_frames(&recording, &order).mean_frame();
-        let correlation = model_correlation(&mean, &point_electrode_disc(&order, 16)).unwrap();
-        // point electrodes, tanks with objects in them, and instruments of 20 years
-        assert!(sign * correlation > 0.95, "{file}: {correlation}");
-    }
 }
 
 #[test]
