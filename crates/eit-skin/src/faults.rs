@@ -26,7 +26,6 @@ pub use stream::StreamMonitor;
 pub(crate) use stream::of_frames;
 
 use eit_fem::Protocol;
-use serde_json::{Value, json};
 
 /// Returns the measurements of each electrode among those given.
 pub(crate) fn of_electrode(protocol: &Protocol, measured: &[bool]) -> Vec<Vec<usize>> {
@@ -96,13 +95,15 @@ impl ElectrodeFault {
         format!("electrode {} {}; excluded from {since_s:.2} s on", electrode + 1, kind.words())
     }
 
-    /// Returns the fault as JSON; electrodes are numbered from 1.
-    pub fn json(&self) -> Value {
-        json!({
-            "electrode": self.electrode + 1,
-            "fault": self.kind.words(),
-            "since_s": self.since_s,
-        })
+    /// Returns what a report in JSON holds of the fault; electrodes are numbered from 1.
+    pub fn json(&self) -> impl serde::Serialize + use<> {
+        #[derive(serde::Serialize)]
+        struct Reported {
+            electrode: usize,
+            fault: &'static str,
+            since_s: f64,
+        }
+        Reported { electrode: self.electrode + 1, fault: self.kind.words(), since_s: self.since_s }
     }
 }
 

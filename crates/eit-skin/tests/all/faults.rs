@@ -47,7 +47,7 @@ fn every_open_electrode_is_named_at_once() {
         assert!((fault.since_s - 10.0 * DT_S).abs() < 1e-12);
         let words = fault.words();
         assert!(words.contains(&format!("electrode {} ", electrode + 1)), "{words}");
-        assert_eq!(fault.json()["electrode"], electrode + 1);
+        assert_eq!(serde_json::json!(fault.json())["electrode"], electrode + 1);
     }
 }
 
