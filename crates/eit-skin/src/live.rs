@@ -27,10 +27,10 @@ use crate::progress::Progress;
 use crate::scene::{LEAST_REFERENCE_FRAMES, NoiseSettings, Scene};
 use crate::skin::Skin;
 use crate::words::event_words;
+use clock::Arrival;
 use eit_hw::driver::{Event, FrameSource};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use summary::Arrival;
 
 /// Default number of reference frames.
 pub const REFERENCE_FRAMES: usize = 40;

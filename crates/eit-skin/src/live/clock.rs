@@ -2,6 +2,7 @@
 
 use crate::touches::DEFAULT_RATE_HZ;
 use eit_hw::Frame;
+use std::time::Instant;
 
 /// Range of plausible frame rates, hertz; a clock that jumps gives others.
 const RATES_HZ: std::ops::RangeInclusive<f64> = 1e-4..=1e6;
@@ -9,6 +10,20 @@ const RATES_HZ: std::ops::RangeInclusive<f64> = 1e-4..=1e6;
 const MOST_STEP_S: f64 = 1e6;
 /// Largest plausible time, seconds: 31 000 years. Adding a millisecond to it still changes it.
 const MAX_S: f64 = 1e12;
+
+/// When a frame was shown, and when it arrived if it was live, seconds.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arrival {
+    pub shown: Instant,
+    pub arrived_s: Option<f64>,
+}
+
+impl Arrival {
+    /// Of a frame that is shown now.
+    pub(super) fn of(arrived_s: Option<f64>) -> Self {
+        Self { shown: Instant::now(), arrived_s }
+    }
+}
 
 /// Time stamps of frames: the instrument's, else those of their arrival, else sequence number over frame
 /// rate. They increase over a whole session, whatever is reconnected ([`Clock::next_epoch`]).

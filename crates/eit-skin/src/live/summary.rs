@@ -1,10 +1,10 @@
 //! Summary of a live session, in bounded memory.
 
+use super::clock::Arrival;
 use super::{ImageState, LiveImages, TouchFrame};
 use crate::faults::ElectrodeFault;
 use eit_core::quantile;
 use eit_inverse::touch::{Touch, TouchState};
-use std::time::Instant;
 
 /// Number of latest latencies on which the summary is based.
 const LATENCIES: usize = 10_000;
@@ -13,20 +13,6 @@ pub(super) const NOTICES: usize = 100;
 
 /// Longest time between the arrivals of two frames, seconds; a longer gap counts as silence.
 const MOST_STEP_S: f64 = 60.0;
-
-/// When a frame was shown, and when it arrived if it was live, seconds.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Arrival {
-    shown: Instant,
-    arrived_s: Option<f64>,
-}
-
-impl Arrival {
-    /// Of a frame that is shown now.
-    pub(super) fn of(arrived_s: Option<f64>) -> Self {
-        Self { shown: Instant::now(), arrived_s }
-    }
-}
 
 /// Summary of a live session.
 #[derive(Debug, Clone, Default, serde::Serialize)]

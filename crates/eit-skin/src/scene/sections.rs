@@ -1,9 +1,10 @@
 //! Sections of a scene file, in the order of docs/SCENE.md.
 
-use super::{
-    ChangeSign, Component, Direction, DrivenElectrodes, ElementOrder, FrameOrientation, FrameRange,
-    Order,
-};
+use super::FrameRange;
+use eit_fem::{DrivenElectrodes, ElementOrder, Order};
+use eit_hw::{Component, FrameOrientation};
+use eit_inverse::metrics::ChangeSign;
+use eit_mesh::Direction;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
