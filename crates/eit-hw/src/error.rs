@@ -158,7 +158,7 @@ pub enum HwError {
         /// Name of the format, as in a scene.
         format: &'static str,
     },
-    /// A last line without a line end, which a program would have written.
+    /// The last line has no line end, so it may be truncated: programs write one.
     #[error(
         "{place}: has no line end, so its last number may be truncated; copy the file again, or end the \
          line if it is complete"
@@ -581,7 +581,7 @@ pub enum HwError {
          set `[recording] frames_are`"
     )]
     LongFrame {
-        /// Number of values.
+        /// Number of values of the frame.
         values: usize,
         /// Largest number of values.
         most: usize,

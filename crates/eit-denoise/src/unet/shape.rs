@@ -97,7 +97,7 @@ impl UnetShape {
         self.fold * self.fold
     }
 
-    /// Rows and columns must be a multiple of it.
+    /// Returns the number of which rows and columns of an image must be multiples.
     pub(crate) fn multiple(&self) -> usize {
         self.fold << self.depth
     }

@@ -112,8 +112,8 @@ impl Session {
         self.queue.frames_waiting()
     }
 
-    /// Returns what sets the number of frames that may wait, for use while the session is lent to a
-    /// loop.
+    /// Returns a handle that sets how many frames may wait, also while a loop has borrowed the
+    /// session.
     pub fn waiting(&self) -> Waiting {
         Waiting::of(&self.queue)
     }

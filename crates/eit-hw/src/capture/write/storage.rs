@@ -45,7 +45,7 @@ impl Storage for File {
     }
 }
 
-/// The folder of a recording, in which its files are created. Tests replace it, too.
+/// The folder of a recording, in which its files are created. Tests replace it with one that fails.
 pub(super) trait Folder: Send {
     /// Creates a new file that no other recorder can write to.
     fn create(&mut self, path: &Path) -> Result<Box<dyn Storage>, HwError>;
@@ -121,7 +121,7 @@ pub(super) fn lock(file: &File, path: &Path) -> Result<(), HwError> {
 pub struct CutTail {
     /// Number of bytes.
     pub bytes: u64,
-    /// The file next to the recording that holds them.
+    /// File next to the recording to which the bytes were saved.
     pub path: PathBuf,
 }
 

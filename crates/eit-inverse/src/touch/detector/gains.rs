@@ -39,7 +39,7 @@ pub(super) const BLAME_FROM: f64 = 5.0;
 /// because with few electrodes a gain fits much of any frame.
 const ENOUGH: f64 = 30.0;
 
-/// Returns the factor for these fractions.
+/// Returns the factor, at most 1, by which small frames reduce the fractions above.
 pub(super) fn share(whitening: &Whitening) -> f64 {
     (whitening.expected() / ENOUGH).min(1.0).powi(2)
 }

@@ -53,7 +53,7 @@ impl Found {
 }
 
 impl Joint {
-    /// Computes the actions of touches at the positions of dents; no positions if dents are not
+    /// Computes the whitened actions of touches at all positions of `dents`; empty if dents are not
     /// known.
     pub(super) fn new(
         dents: &Dents,
