@@ -13,11 +13,9 @@
 //! the numbers. (Volume and boundary forms of shape derivatives: Hiptmair, Paganini, Sargheini,
 //! *BIT* 55 (2015), 459-485; the boundary form for electrodes: Darde, Hakula, Hyvonen, Staboulis,
 //! *Inverse Probl. Imaging* 6 (2012), 399-421.)
-//!
-//! The file is long because movement along the rim, its corners and the extension into the skin
-//! depend on each other.
 
 use super::displacement::Displacement;
+use super::places::{Bounds, to_segment, unit};
 use crate::error::FemError;
 use eit_core::vector::{Vector, along, cross, dot, norm, scaled, sub};
 use eit_mesh::{Electrode, Mesh};
@@ -387,43 +385,10 @@ struct Chord {
     width_m: f64,
 }
 
-/// An axis-aligned bounding box.
-struct Bounds([Vector; 2]);
-
-impl Bounds {
-    fn around(places: impl Iterator<Item = Vector>, margin: f64) -> Self {
-        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-        for place in places {
-            for k in 0..3 {
-                bounds[0][k] = bounds[0][k].min(place[k] - margin);
-                bounds[1][k] = bounds[1][k].max(place[k] + margin);
-            }
-        }
-        Self(bounds)
-    }
-
-    fn holds(&self, place: Vector) -> bool {
-        (0..3).all(|k| (self.0[0][k]..=self.0[1][k]).contains(&place[k]))
-    }
-}
-
-/// Distance from a point to a segment.
-fn to_segment(point: Vector, a: Vector, b: Vector) -> f64 {
-    let side = sub(b, a);
-    let t = (dot(sub(point, a), side) / dot(side, side)).clamp(0.0, 1.0);
-    norm(sub(point, along(a, t, side)))
-}
-
 fn nodes_of(mesh: &Mesh, electrode: &Electrode) -> Vec<u32> {
     let triangles = mesh.surface().triangles();
     match electrode {
         Electrode::Rim(edges) => edges.iter().flatten().copied().collect(),
         Electrode::Patch(patch) => patch.iter().flat_map(|&t| triangles[t as usize]).collect(),
     }
-}
-
-/// Unit vector in the direction of `a`; `None` if `a` is zero.
-fn unit(a: Vector) -> Option<Vector> {
-    let length = norm(a);
-    (length > 0.0).then(|| scaled(1.0 / length, a))
 }

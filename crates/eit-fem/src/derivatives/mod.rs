@@ -18,6 +18,7 @@ pub(crate) mod contact;
 pub(crate) mod displacement;
 mod electrode_motion;
 pub(crate) mod movement;
+mod places;
 pub(crate) mod solved_fields;
 
 pub use conductivity::JacobianValue;

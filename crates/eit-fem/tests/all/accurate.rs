@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
 use crate::common;
-use crate::common::{noise, ring_disc, strip};
+use crate::common::{largest, noise, ring_disc, strip};
 use eit_fem::{DrivenElectrodes, FemError, ForwardModel, PairProtocol, Protocol, SolvePath};
 use eit_mesh::{Electrode, Mesh, MeshSettings, RimElectrodes, SkinShape, Surface, generate};
 use num_rational::BigRational;
@@ -11,10 +11,6 @@ use proptest::prelude::*;
 
 /// The smallest required accuracy that is accepted.
 const FINEST: f64 = 1e-15;
-
-fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
-    values.into_iter().fold(0.0, |m, v| m.max(v.abs()))
-}
 
 /// Every value of every case is accurate to 4 eps of the value (rounding of the result and of the
 /// file), and the reported bound holds.

@@ -3,7 +3,7 @@
 //! solver.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{mesh_of, noise, ring_disc, ring_disc_angles, strip};
+use crate::common::{mesh_of, noise, ring_disc, ring_disc_angles, says, series_voltages, strip};
 use eit_fem::analytic::DiscSeries;
 use eit_fem::{
     AdmittivityModel, Complex64, DrivenElectrodes, FemError, ForwardModel, PairProtocol, Protocol,
@@ -122,13 +122,7 @@ fn homogeneous_disc_converges_to_the_turned_series() {
         degree: 12,
         harmonics: 3000,
     };
-    let potentials = series.electrode_potentials(protocol.stimulations_a()).unwrap();
-    let patterns = protocol.measurement_patterns();
-    let exact: Array1<Complex64> = protocol
-        .data()
-        .iter()
-        .map(|&[s, m]| potentials.row(s as usize).dot(&patterns.row(m as usize)) / turn)
-        .collect();
+    let exact = series_voltages(&series, &protocol, &[0.3; 12]).mapv(|v| v / turn);
     let error = |rings: usize| {
         let z = [Complex64::from(0.3) / turn; 12];
         let model = AdmittivityModel::new(&ring_disc(rings), &protocol, &z).unwrap();
@@ -425,12 +419,6 @@ fn growth_stays_below_three_in_passive_skins() {
         assert!(report.growth < 3.0, "{}", report.growth);
         assert!(report.backward_error < 10.0 * found.backward_error);
     }
-}
-
-fn says<T: std::fmt::Debug>(result: Result<T, FemError>, wanted: &str) {
-    let message = result.unwrap_err().to_string();
-    assert_eq!(message, wanted);
-    assert_eq!(message.lines().count(), 1);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Invalid input to models and the error messages. Those of protocols are in `protocol.rs`.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{ring_disc, strip};
+use crate::common::{ring_disc, says, strip};
 use eit_fem::analytic::DiscSeries;
 use eit_fem::{DrivenElectrodes, FemError, ForwardModel, PairProtocol, Protocol};
 use ndarray::{Array2, array};
@@ -13,12 +13,6 @@ fn protocol() -> Protocol {
 
 fn model() -> ForwardModel {
     ForwardModel::new(&ring_disc(4), &protocol(), &[0.05; 12]).unwrap()
-}
-
-fn says<T: std::fmt::Debug>(result: Result<T, FemError>, wanted: &str) {
-    let message = result.unwrap_err().to_string();
-    assert_eq!(message, wanted);
-    assert_eq!(message.lines().count(), 1);
 }
 
 #[test]

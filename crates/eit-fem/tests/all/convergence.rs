@@ -1,7 +1,7 @@
 //! Convergence on generated meshes, graded towards electrode ends.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
-use eit_fem::analytic::DiscSeries;
+use crate::common::{largest, paper_voltages};
 use eit_fem::{ForwardModel, PairProtocol, Protocol};
 use eit_mesh::{Direction, Mesh, MeshSettings, Placement, RimElectrodes, SkinShape, generate};
 use ndarray::Array1;
@@ -37,32 +37,11 @@ fn voltages(mesh: &Mesh, conductivity: impl Fn([f64; 3]) -> f64) -> Array1<f64> 
     model.forward(&values).unwrap()
 }
 
-fn series(degree: usize, harmonics: usize) -> Array1<f64> {
-    let series = DiscSeries {
-        radius_m: RADIUS_M,
-        conductivity_s: CONDUCTIVITY_S,
-        electrode_angles_rad: (0..16).map(|l| (PITCH_DEG * l as f64).to_radians()).collect(),
-        electrode_width_m: WIDTH_M,
-        contact_impedance_ohm_m: IMPEDANCE_OHM_M,
-        degree,
-        harmonics,
-    };
-    let protocol = protocol();
-    let potentials = series.electrode_potentials(protocol.stimulations_a()).unwrap();
-    let patterns = protocol.measurement_patterns();
-    let voltage = |&[s, m]: &[u32; 2]| potentials.row(s as usize).dot(&patterns.row(m as usize));
-    protocol.data().iter().map(voltage).collect()
-}
-
-fn largest(values: &Array1<f64>) -> f64 {
-    values.iter().fold(0.0, |m, v| m.max(v.abs()))
-}
-
 /// The paper's disc: errors of all 208 voltages against the mesh-free series.
 #[test]
 fn voltages_converge_to_the_series_on_generated_meshes() {
-    let exact = series(16, 4000);
-    let change = largest(&((series(12, 2000) - &exact) / &exact));
+    let exact = paper_voltages(16, 4000);
+    let change = largest(&((paper_voltages(12, 2000) - &exact) / &exact));
     println!("change of the series: {change:.1e}");
     let (mut nodes, mut errors) = (Vec::new(), Vec::new());
     for wanted in [500, 2000, 8000, 32000] {
@@ -99,7 +78,7 @@ fn turning_the_scene_changes_only_discretisation_error() {
             CONDUCTIVITY_S * (1.0 + 0.5 * (-square / 4e-4).exp())
         }
     };
-    let exact = series(12, 2000);
+    let exact = paper_voltages(12, 2000);
     for nodes in [2000, 8000] {
         let (here, turned) = (mesh(nodes, 0.0), mesh(nodes, PITCH_DEG));
         let error = largest(&(voltages(&here, |_| CONDUCTIVITY_S) - &exact)) / largest(&exact);

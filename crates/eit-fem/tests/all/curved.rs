@@ -1,7 +1,7 @@
 //! Curved skins and patch electrodes against closed forms.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
-use eit_fem::analytic::DiscSeries;
+use crate::common::paper_voltages;
 use eit_fem::{ForwardModel, PairProtocol, Protocol};
 use eit_mesh::{
     Electrode, Mesh, MeshSettings, PlacedElectrode, RimElectrodes, SkinShape, generate,
@@ -25,25 +25,6 @@ fn voltages(mesh: &Mesh) -> Array1<f64> {
     model.forward(&vec![CONDUCTIVITY_S; mesh.surface().triangles().len()]).unwrap()
 }
 
-/// Mesh-free voltages of the flat disc; electrode 1 is on the x axis.
-fn series() -> Array1<f64> {
-    let (degree, harmonics) = (16, 4000);
-    let series = DiscSeries {
-        radius_m: RADIUS_M,
-        conductivity_s: CONDUCTIVITY_S,
-        electrode_angles_rad: (0..16).map(|l| TAU * l as f64 / 16.0).collect(),
-        electrode_width_m: WIDTH_M,
-        contact_impedance_ohm_m: IMPEDANCE_OHM_M,
-        degree,
-        harmonics,
-    };
-    let protocol = protocol();
-    let potentials = series.electrode_potentials(protocol.stimulations_a()).unwrap();
-    let patterns = protocol.measurement_patterns();
-    let voltage = |&[s, m]: &[u32; 2]| potentials.row(s as usize).dot(&patterns.row(m as usize));
-    protocol.data().iter().map(voltage).collect()
-}
-
 /// Largest relative error of all 208 voltages.
 fn error(mesh: &Mesh, exact: &Array1<f64>) -> f64 {
     ((voltages(mesh) - exact) / exact).iter().fold(0.0, |m, e| m.max(e.abs()))
@@ -60,7 +41,7 @@ fn orders(nodes: &[usize], errors: &[f64]) -> Vec<f64> {
 /// electrodes on its rim has the voltages of the flat disc.
 #[test]
 fn a_hemisphere_has_the_voltages_of_the_flat_disc() {
-    let exact = series();
+    let exact = paper_voltages(16, 4000);
     let skin = SkinShape::Hemisphere { radius_m: RADIUS_M };
     let electrodes = RimElectrodes::equally_spaced(16, WIDTH_M);
     let (mut nodes, mut errors) = (Vec::new(), Vec::new());
@@ -85,7 +66,7 @@ fn a_hemisphere_has_the_voltages_of_the_flat_disc() {
 /// sphere, from a binary STL file in millimetres, with electrodes given by position.
 #[test]
 fn a_hemisphere_from_an_stl_file_has_them_as_well() {
-    let exact = series();
+    let exact = paper_voltages(16, 4000);
     let (mut nodes, mut errors) = (Vec::new(), Vec::new());
     for halvings in [4, 5, 6, 7] {
         let file = half_sphere_stl(halvings, 1e3 * RADIUS_M);

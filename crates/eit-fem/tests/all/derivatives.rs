@@ -9,7 +9,7 @@
     reason = "tests"
 )]
 
-use crate::common::{noise, ring_disc, strip};
+use crate::common::{largest, noise, paper_series, ring_disc, series_voltages, strip};
 use eit_fem::analytic::DiscSeries;
 use eit_fem::{
     Displacement, DrivenElectrodes, ElectrodeMotion, FemError, ForwardModel, PairProtocol,
@@ -29,10 +29,6 @@ const MOTIONS: [ElectrodeMotion; 6] = [
     ElectrodeMotion::Carried([0.3, -0.5, 0.8]),
     ElectrodeMotion::Stretched,
 ];
-
-fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
-    values.into_iter().fold(0.0, |m, v| m.max(v.abs()))
-}
 
 /// Includes measurements on driven electrodes, where contacts matter most.
 fn protocol(electrodes: usize) -> Protocol {
@@ -372,19 +368,11 @@ impl Disc {
     /// Mesh-free voltages.
     fn exact(&self) -> Array1<f64> {
         let series = DiscSeries {
-            radius_m: RADIUS_M,
-            conductivity_s: SIGMA_S,
             electrode_angles_rad: self.angles.clone(),
             electrode_width_m: self.width_m,
-            contact_impedance_ohm_m: self.impedance,
-            degree: 12,
-            harmonics: 3000,
+            ..paper_series(12, 3000)
         };
-        let protocol = self.protocol();
-        let potentials = series.electrode_potentials(protocol.stimulations_a()).unwrap();
-        let senses = protocol.measurement_patterns();
-        let voltage = |&[s, m]: &[u32; 2]| potentials.row(s as usize).dot(&senses.row(m as usize));
-        protocol.data().iter().map(voltage).collect()
+        series_voltages(&series, &self.protocol(), &[self.impedance; 16])
     }
 
     fn mesh(&self, edge_m: f64) -> Mesh {

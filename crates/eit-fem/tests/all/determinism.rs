@@ -1,18 +1,13 @@
 //! The same input gives bit-identical results: repeated, in reused memory, on other threads.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
-use crate::common::{noise, ring_disc};
-use eit_fem::{ForwardModel, PairProtocol, Protocol, Solution, Workspace};
+use crate::common::{adjacent, noise, random_conductivity, round_disc};
+use eit_fem::{ElementOrder, ForwardModel, Protocol, Solution, Workspace};
 use ndarray::{Array1, Array2};
 
-fn model() -> ForwardModel {
-    let protocol = PairProtocol { electrodes: 12, ..Default::default() }.protocol().unwrap();
+fn model(order: ElementOrder) -> ForwardModel {
     let impedance: Vec<f64> = noise(7, 12).iter().map(|x| 0.01 + x).collect();
-    ForwardModel::new(&ring_disc(8), &protocol, &impedance).unwrap()
-}
-
-fn conductivity(model: &ForwardModel, seed: u64) -> Vec<f64> {
-    noise(seed, model.elements()).iter().map(|x| 0.5 + x).collect()
+    ForwardModel::with_element_order(&round_disc(4), &adjacent(12), &impedance, order).unwrap()
 }
 
 fn everything(
@@ -20,28 +15,32 @@ fn everything(
     seed: u64,
     workspace: &mut Workspace,
 ) -> (Array1<f64>, Array2<f64>, Array2<f64>) {
-    let mut solution = model.solve(&conductivity(model, seed), workspace).unwrap();
+    let mut solution = model.solve(&random_conductivity(model, seed), workspace).unwrap();
     let voltages = solution.measurements();
     (voltages, solution.node_potentials(), solution.jacobian())
 }
 
+/// Reused memory and a model rebuilt from the same input give the same bits.
 #[test]
 fn a_used_workspace_gives_the_bits_of_a_fresh_one() {
-    let model = model();
-    let mut used = model.workspace().unwrap();
-    for seed in [1, 2, 1, 1] {
-        let fresh = everything(&model, seed, &mut model.workspace().unwrap());
-        assert_eq!(everything(&model, seed, &mut used), fresh);
+    for order in [ElementOrder::Linear, ElementOrder::Quadratic] {
+        let (model, rebuilt) = (model(order), model(order));
+        let mut used = model.workspace().unwrap();
+        for seed in [1, 2, 1] {
+            let fresh = everything(&model, seed, &mut model.workspace().unwrap());
+            assert_eq!(everything(&model, seed, &mut used), fresh);
+            assert_eq!(everything(&rebuilt, seed, &mut used), fresh);
+        }
     }
 }
 
 /// Results do not depend on which ones are requested and in which order.
 #[test]
 fn answers_do_not_depend_on_the_questions_before_them() {
-    let model = model();
+    let model = model(ElementOrder::Linear);
     let mut workspace = model.workspace().unwrap();
     let wanted = everything(&model, 3, &mut workspace);
-    let mut solution = model.solve(&conductivity(&model, 3), &mut workspace).unwrap();
+    let mut solution = model.solve(&random_conductivity(&model, 3), &mut workspace).unwrap();
     let first = solution.report();
     assert_eq!(solution.jacobian(), wanted.2);
     assert_eq!(solution.measurements(), wanted.0);
@@ -54,16 +53,6 @@ fn answers_do_not_depend_on_the_questions_before_them() {
     assert_eq!(solution.report(), first);
 }
 
-/// A model rebuilt from the same input gives the same results.
-#[test]
-fn a_rebuilt_model_gives_the_same_bits() {
-    let (one, other) = (model(), model());
-    let mut workspace = one.workspace().unwrap();
-    let wanted = everything(&one, 4, &mut workspace);
-    // equal sizes: one workspace serves both
-    assert_eq!(everything(&other, 4, &mut workspace), wanted);
-}
-
 #[test]
 fn threads_that_share_a_model_give_the_bits_of_one_thread() {
     fn shared<T: Send + Sync>() {}
@@ -72,7 +61,7 @@ fn threads_that_share_a_model_give_the_bits_of_one_thread() {
     shared::<Protocol>();
     sent::<Workspace>();
     sent::<Solution>();
-    let model = &model();
+    let model = &model(ElementOrder::Linear);
     let alone: Vec<_> =
         (0..8).map(|seed| everything(model, seed, &mut model.workspace().unwrap())).collect();
     let together: Vec<_> = std::thread::scope(|scope| {

@@ -1,34 +1,10 @@
 //! The Jacobian against closed forms and the energy identity.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{noise, ring_disc, strip};
-use eit_fem::{DrivenElectrodes, ForwardModel, PairProtocol, Protocol};
+use crate::common::{largest, noise, ring_disc};
+use eit_fem::{DrivenElectrodes, ForwardModel, PairProtocol};
 use eit_mesh::Electrode;
 use ndarray::{Array1, Array2, aview1};
-
-fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
-    values.into_iter().fold(0.0, |m, v| m.max(v.abs()))
-}
-
-/// A strip carries a uniform current, so element `e` of area `A_e` has
-/// `dV/dsigma_e = -A_e I / (sigma width)^2`, and `V = I (length / (sigma width) + 2 z / width)`
-/// gives the sum over all elements.
-#[test]
-fn strip_has_its_closed_form_jacobian() {
-    let (length, width, sigma, z, current) = (0.3, 0.1, 2e-5, 40.0, 1e-4);
-    let mesh = strip(length, width, 12, 5);
-    let protocol = Protocol::from_quadruples(2, &[[0, 1, 0, 1]], current).unwrap();
-    let model = ForwardModel::new(&mesh, &protocol, &[z, z]).unwrap();
-    let conductivity = vec![sigma; model.elements()];
-    let jacobian = model.jacobian(&conductivity).unwrap();
-    for (found, area) in jacobian.row(0).iter().zip(mesh.surface().areas_m2()) {
-        let wanted = -area * current / (sigma * width).powi(2);
-        // the condition number is about 1e4; gradients lose one more digit
-        assert!((found - wanted).abs() < 1e-11 * wanted.abs(), "{found} {wanted}");
-    }
-    let (along, wanted) = (sigma * jacobian.sum(), -current * length / (sigma * width));
-    assert!((along - wanted).abs() < 1e-12 * wanted.abs(), "{along} {wanted}");
-}
 
 /// Voltage is energy: `v = sum_e -J_e sigma_e + sum_l 1/z_l integral (U - u)(U* - u*)`, the second
 /// sum from node potentials and edge integrals, with random conductivity and impedances.

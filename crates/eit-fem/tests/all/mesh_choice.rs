@@ -7,7 +7,7 @@
     reason = "tests"
 )]
 
-use eit_fem::analytic::DiscSeries;
+use crate::common::{largest, paper_voltages};
 use eit_fem::{
     ChosenMesh, ElementOrder, FemError, ForwardModel, MeshSearch, PairProtocol, Protocol,
     RequiredAccuracy,
@@ -47,26 +47,6 @@ fn disc(scale: f64) -> Result<Mesh, FemError> {
     Ok(generate(&skin, &electrodes, &settings).unwrap())
 }
 
-fn series(protocol: &Protocol) -> Array1<f64> {
-    let series = DiscSeries {
-        radius_m: RADIUS_M,
-        conductivity_s: CONDUCTIVITY_S,
-        electrode_angles_rad: (0..16).map(|l| (22.5 * f64::from(l)).to_radians()).collect(),
-        electrode_width_m: WIDTH_M,
-        contact_impedance_ohm_m: IMPEDANCE_OHM_M,
-        degree: 16,
-        harmonics: 4000,
-    };
-    let potentials = series.electrode_potentials(protocol.stimulations_a()).unwrap();
-    let patterns = protocol.measurement_patterns();
-    let voltage = |&[s, m]: &[u32; 2]| potentials.row(s as usize).dot(&patterns.row(m as usize));
-    protocol.data().iter().map(voltage).collect()
-}
-
-fn largest(values: &Array1<f64>) -> f64 {
-    values.iter().fold(0.0, |m, v| m.max(v.abs()))
-}
-
 fn true_error(chosen: &ChosenMesh, protocol: &Protocol, exact: &Array1<f64>) -> f64 {
     let count = protocol.electrodes();
     let impedance = vec![IMPEDANCE_OHM_M; count];
@@ -90,7 +70,7 @@ fn words(chosen: &ChosenMesh) -> String {
 #[test]
 fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {
     let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
-    let exact = series(&protocol);
+    let exact = paper_voltages(16, 4000);
     for kind in [None, Some(ElementOrder::Linear), Some(ElementOrder::Quadratic)] {
         let accuracies: &[f64] = if kind == Some(ElementOrder::Linear) {
             &[1e-2, 3e-3, 1e-3]
@@ -219,7 +199,7 @@ fn what_cannot_be_had_is_refused_with_what_can() {
 #[test]
 fn linear_elements_are_judged_by_quadratic_ones_on_the_same_mesh() {
     let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
-    let exact = series(&protocol);
+    let exact = paper_voltages(16, 4000);
     for scale in [1.0, 0.4, 0.15] {
         let mesh = disc(scale).unwrap();
         let nodes = mesh.surface().nodes().len();

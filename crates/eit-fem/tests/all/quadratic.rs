@@ -1,70 +1,18 @@
-//! Quadratic elements: closed forms, symmetry, conservation, derivative, moved nodes, invalid input.
-//! The file is long because it repeats the properties of `properties.rs` for quadratic elements.
+//! Quadratic elements: closed forms, homogeneity, conservation, moved nodes, invalid input. Properties that both
+//! orders share are in `properties.rs`.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common;
-use crate::common::{noise, ring_disc, round_disc, strip};
-use eit_fem::{
-    DrivenElectrodes, ElementOrder, FemError, ForwardModel, PairPattern, PairProtocol, Protocol,
+use crate::common::{
+    adjacent, largest, noise, random_conductivity, ring_disc, rough_strip, round_disc, strip,
 };
+use eit_fem::{ElementOrder, FemError, ForwardModel, PairProtocol, Protocol};
 use eit_mesh::{Electrode, Mesh, MeshSettings, RimElectrodes, SkinShape, Surface, generate};
-use ndarray::{Array1, Array2, aview1};
+use ndarray::{Array1, aview1};
 
 const IMPEDANCE: f64 = 0.05;
 
-fn adjacent(electrodes: usize) -> Protocol {
-    PairProtocol { electrodes, current_a: 1.0, ..Default::default() }.protocol().unwrap()
-}
-
 fn quadratic(mesh: &Mesh, protocol: &Protocol, impedance: &[f64]) -> ForwardModel {
     ForwardModel::with_element_order(mesh, protocol, impedance, ElementOrder::Quadratic).unwrap()
-}
-
-fn random_conductivity(model: &ForwardModel, seed: u64) -> Vec<f64> {
-    noise(seed, model.elements()).iter().map(|x| 0.5 + x).collect()
-}
-
-fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
-    values.into_iter().fold(0.0, |m, v| m.max(v.abs()))
-}
-
-/// A strip with randomly displaced inner nodes, to avoid symmetry.
-fn rough_strip(length: f64, width: f64, columns: usize, rows: usize) -> Mesh {
-    let even = strip(length, width, columns, rows);
-    let shifts = noise(11, 2 * even.surface().nodes().len());
-    let step = (length / columns as f64).min(width / rows as f64);
-    let inside = |x: f64, size: f64| x > 1e-9 * size && x < (1.0 - 1e-9) * size;
-    let nodes = even.surface().nodes().iter().zip(shifts.chunks_exact(2)).map(|(p, shift)| {
-        let free = inside(p[0], length) && inside(p[1], width);
-        let by = |k: usize| if free { 0.5 * step * (shift[k] - 0.5) } else { 0.0 };
-        [p[0] + by(0), p[1] + by(1), 0.0]
-    });
-    let surface = Surface::new(nodes.collect(), even.surface().triangles().to_vec()).unwrap();
-    Mesh::new(surface, even.electrodes().to_vec()).unwrap()
-}
-
-/// Linear potentials are exact: V = I (length / (sigma width) + 2 z / width), and each element has
-/// `dV/dsigma = -A I / (sigma width)^2`.
-#[test]
-fn strip_has_its_closed_form_resistance_and_jacobian() {
-    let (length, width, sigma, z, current) = (0.3, 0.1, 2e-5, 40.0, 1e-4);
-    let mesh = rough_strip(length, width, 12, 5);
-    let protocol = Protocol::from_quadruples(2, &[[0, 1, 0, 1]], current).unwrap();
-    let model = quadratic(&mesh, &protocol, &[z, z]);
-    let conductivity = vec![sigma; model.elements()];
-    let mut workspace = model.workspace().unwrap();
-    let mut solution = model.solve(&conductivity, &mut workspace).unwrap();
-    let found = solution.measurements()[0];
-    let wanted = current * (length / (sigma * width) + 2.0 * z / width);
-    // the condition number of this matrix is about 1e5
-    assert!((found - wanted).abs() < 1e-11 * wanted, "{found} {wanted}");
-    let jacobian = solution.jacobian();
-    for (found, area) in jacobian.row(0).iter().zip(mesh.surface().areas_m2()) {
-        let wanted = -area * current / (sigma * width).powi(2);
-        assert!((found - wanted).abs() < 1e-10 * wanted.abs(), "{found} {wanted}");
-    }
-    // gradients lose one more digit
-    assert!(solution.report().backward_error < 1e-13);
 }
 
 /// Quadratic potentials are exact. A patch over the whole strip feeds current evenly in the limit
@@ -158,28 +106,6 @@ fn polygon_agrees_with_fine_linear_elements() {
     assert!(apart[2] < 5e-4, "{apart:?}");
 }
 
-#[test]
-fn reciprocity_and_rotation() {
-    let mesh = round_disc(4);
-    let protocol = adjacent(12);
-    let model = quadratic(&mesh, &protocol, &[IMPEDANCE; 12]);
-    let v = model.forward(&random_conductivity(&model, 1)).unwrap();
-    let quadruples = protocol.quadruples().unwrap();
-    for (i, &[a, b, m, n]) in quadruples.iter().enumerate() {
-        let j = quadruples.iter().position(|&q| q == [m, n, a, b]).unwrap();
-        // both values come from one symmetric matrix: rounding only
-        assert!((v[i] - v[j]).abs() < 1e-13 * largest(&v));
-    }
-    let v = model.forward(&vec![1.3; model.elements()]).unwrap();
-    for drive in 0..12 {
-        for k in 0..9 {
-            let turned = v[(drive + 2) % 12 * 9 + k];
-            // another elimination order with a condition number of about 1e4
-            assert!((v[drive * 9 + k] - turned).abs() < 1e-12 * largest(&v));
-        }
-    }
-}
-
 /// `v(t sigma, z / t) = v(sigma, z) / t`, so by Euler `v` is minus its derivative along the
 /// conductivities (the Jacobian) plus that along the impedances (five-point differences).
 #[test]
@@ -236,51 +162,6 @@ fn the_system_is_solved_and_balanced() {
     }
 }
 
-/// Slope 2 of the Taylor remainder in a random direction, for pairs and for general patterns.
-#[test]
-fn jacobian_passes_the_taylor_test() {
-    let mesh = round_disc(4);
-    let trigonometric = Array2::from_shape_fn((12, 7), |(e, p)| {
-        let angle = common::ring_disc_angles()[e] * (p / 2 + 1) as f64;
-        if p % 2 == 0 { angle.cos() } else { angle.sin() }
-    });
-    let differences = Array2::from_shape_fn((12, 12), |(e, m)| {
-        f64::from(u8::from(e == m)) - f64::from(u8::from(e == (m + 1) % 12))
-    });
-    let keep = PairProtocol {
-        electrodes: 12,
-        drive: PairPattern::Opposite,
-        driven_electrodes: DrivenElectrodes::Keep,
-        ..Default::default()
-    };
-    let protocols = [
-        adjacent(12),
-        keep.protocol().unwrap(),
-        Protocol::from_patterns(trigonometric.view(), differences.view()).unwrap(),
-    ];
-    for protocol in protocols {
-        let model = quadratic(&mesh, &protocol, &[IMPEDANCE; 12]);
-        let sigma = random_conductivity(&model, 3);
-        let direction: Vec<f64> = noise(4, sigma.len()).iter().map(|x| x - 0.5).collect();
-        let at = |t: f64| {
-            let moved: Vec<f64> = sigma.iter().zip(&direction).map(|(s, d)| s + t * d).collect();
-            model.forward(&moved).unwrap()
-        };
-        let base = at(0.0);
-        let slope = model.jacobian(&sigma).unwrap().dot(&aview1(&direction));
-        let remainder = |t: f64| largest(&(at(t) - &base - &slope * t));
-        let rates: Vec<f64> = [1e-1, 1e-2, 1e-3]
-            .windows(2)
-            .map(|t| (remainder(t[0]) / remainder(t[1])).log10())
-            .collect();
-        // third-order terms affect the first rate; rounding is far below the last remainder
-        assert!(rates.iter().all(|r| (r - 2.0).abs() < 0.1), "{rates:?}");
-        let central = (at(1e-4) - at(-1e-4)) / 2e-4;
-        // central differences: h^2 = 1e-8 of the third derivative
-        assert!(largest(&(&central - &slope)) < 1e-7 * largest(&slope));
-    }
-}
-
 /// Curved edges move with the skin: rotation changes nothing, nor does scaling both skin and
 /// contact impedances by t, and a disc stretched to an ellipse equals the model of the ellipse's
 /// own mesh.
@@ -317,22 +198,6 @@ fn curved_edges_move_with_the_skin() {
     let wanted = quadratic(&ellipse, &adjacent(12), &[IMPEDANCE; 12]).forward(&sigma).unwrap();
     assert!(largest(&(&stretched - &wanted)) < 1e-11 * largest(&wanted));
     assert!(largest(&(&stretched - &still)) > 0.1 * largest(&still), "another skin");
-}
-
-#[test]
-fn same_input_same_bits() {
-    let model = quadratic(&round_disc(4), &adjacent(12), &[IMPEDANCE; 12]);
-    let again = quadratic(&round_disc(4), &adjacent(12), &[IMPEDANCE; 12]);
-    let sigma = random_conductivity(&model, 6);
-    let mut workspace = model.workspace().unwrap();
-    let mut all = |model: &ForwardModel| {
-        let mut solution = model.solve(&sigma, &mut workspace).unwrap();
-        (solution.measurements(), solution.jacobian(), solution.node_potentials())
-    };
-    let first = all(&model);
-    assert_eq!(all(&model), first, "a used workspace");
-    assert_eq!(all(&again), first, "a rebuilt model");
-    assert_eq!(model.element_order(), ElementOrder::Quadratic);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Orders of convergence of linear and quadratic elements against mesh-free solutions.
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "tests")]
 
-use eit_fem::analytic::DiscSeries;
+use crate::common::{largest, paper_series, series_voltages};
 use eit_fem::{ElementOrder, ForwardModel, PairProtocol, Protocol};
 use eit_mesh::{Direction, Mesh, MeshSettings, Placement, RimElectrodes, SkinShape, generate};
 use ndarray::Array1;
@@ -48,29 +48,6 @@ fn voltages(mesh: &Mesh, elements: ElementOrder) -> Array1<f64> {
     model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap()
 }
 
-fn series(degree: usize, harmonics: usize) -> Array1<f64> {
-    let series = DiscSeries {
-        radius_m: RADIUS_M,
-        conductivity_s: CONDUCTIVITY_S,
-        electrode_angles_rad: (0..16).map(|l| (22.5 * f64::from(l)).to_radians()).collect(),
-        electrode_width_m: WIDTH_M,
-        // replaced by the impedance of each electrode
-        contact_impedance_ohm_m: 1e3,
-        degree,
-        harmonics,
-    };
-    let protocol = protocol();
-    let currents = protocol.stimulations_a();
-    let potentials = series.electrode_potentials_with(currents, &impedance()).unwrap();
-    let patterns = protocol.measurement_patterns();
-    let voltage = |&[s, m]: &[u32; 2]| potentials.row(s as usize).dot(&patterns.row(m as usize));
-    protocol.data().iter().map(voltage).collect()
-}
-
-fn largest(values: &Array1<f64>) -> f64 {
-    values.iter().fold(0.0, |m, v| m.max(v.abs()))
-}
-
 /// Checks the convergence orders of linear and quadratic elements on levels 0, 1, 2 and so on;
 /// returns the last error of the quadratic elements.
 fn check_orders(meshes: &[Mesh], exact: &Array1<f64>) -> f64 {
@@ -90,7 +67,10 @@ fn check_orders(meshes: &[Mesh], exact: &Array1<f64>) -> f64 {
 
 #[test]
 fn paper_disc_with_uneven_contacts() {
-    let exact = series(20, 8_000);
+    let series = |degree, harmonics| {
+        series_voltages(&paper_series(degree, harmonics), &protocol(), &impedance())
+    };
+    let exact = series_voltages(&paper_series(20, 8_000), &protocol(), &impedance());
     let change = largest(&(series(16, 4_000) - &exact)) / largest(&exact);
     let disc = SkinShape::Disc { radius_m: RADIUS_M };
     let meshes: Vec<Mesh> = (0..3).map(|level| graded(&disc, level)).collect();
@@ -103,7 +83,7 @@ fn paper_disc_with_uneven_contacts() {
 /// electrodes on its equator has the voltages of the flat disc, if elements follow the sphere.
 #[test]
 fn hemisphere_has_the_voltages_of_the_disc() {
-    let exact = series(20, 8_000);
+    let exact = series_voltages(&paper_series(20, 8_000), &protocol(), &impedance());
     let dome = SkinShape::Hemisphere { radius_m: RADIUS_M };
     let meshes: Vec<Mesh> = (0..3).map(|level| graded(&dome, level)).collect();
     check_orders(&meshes, &exact);

@@ -102,22 +102,11 @@ impl Symbolic {
             let end = firsts.get(f + 1).copied().unwrap_or(count);
             front_of[first..end].fill(f as u32);
             let below_at = self.below.len();
-            let mut add = |row: u32, below: &mut Vec<u32>| {
-                if row as usize >= end && seen[row as usize] != f as u32 {
-                    seen[row as usize] = f as u32;
-                    below.push(row);
-                }
-            };
             let own = &rows[starts[first] as usize..starts[end] as usize];
-            own.iter().for_each(|&row| add(row, &mut self.below));
-            for &child in &children[f] {
-                let child = &self.fronts[child as usize];
-                for at in child.below_at..child.below_at + child.below {
-                    let row = self.below[at];
-                    add(row, &mut self.below);
-                }
-            }
-            self.below[below_at..].sort_unstable();
+            self.append_below(own, &children[f], |row| {
+                let row = row as usize;
+                row >= end && std::mem::replace(&mut seen[row], f as u32) != f as u32
+            });
             let (columns, below) = (end - first, self.below.len() - below_at);
             let padded = columns.next_multiple_of(LANES);
             let stride = padded + below.next_multiple_of(LANES);
@@ -157,6 +146,23 @@ impl Symbolic {
             self.longest = self.longest.max(stride);
         }
         parents
+    }
+
+    /// Appends the rows of a front below its own columns, sorted: those of the columns (`own`) and of
+    /// its children that `is_new` accepts.
+    fn append_below(&mut self, own: &[u32], children: &[u32], mut is_new: impl FnMut(u32) -> bool) {
+        let start = self.below.len();
+        self.below.extend(own.iter().copied().filter(|&row| is_new(row)));
+        for &child in children {
+            let child = &self.fronts[child as usize];
+            for at in child.below_at..child.below_at + child.below {
+                let row = self.below[at];
+                if is_new(row) {
+                    self.below.push(row);
+                }
+            }
+        }
+        self.below[start..].sort_unstable();
     }
 
     /// Computes the processing order and the stack size that it needs.

@@ -1,8 +1,11 @@
-//! Meshes for tests.
+//! Meshes, protocols and numbers for tests.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
+use eit_fem::analytic::DiscSeries;
+use eit_fem::{ForwardModel, PairProtocol, Protocol};
 use eit_mesh::{Electrode, Mesh, Surface};
 use fixtures::MeshArrays;
+use ndarray::Array1;
 
 /// Builds a mesh from the arrays of a fixture.
 pub(crate) fn mesh_of(arrays: &MeshArrays) -> Mesh {
@@ -101,4 +104,73 @@ pub(crate) fn round_disc(rings: usize) -> Mesh {
         if edge.into_iter().all(on_rim) { [p[0] / r, p[1] / r, 0.0] } else { p }
     };
     mesh.with_midpoints(middle).unwrap()
+}
+
+/// Largest magnitude.
+pub(crate) fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
+    values.into_iter().fold(0.0, |m, v| m.max(v.abs()))
+}
+
+/// Adjacent pairs, one ampere.
+pub(crate) fn adjacent(electrodes: usize) -> Protocol {
+    PairProtocol { electrodes, current_a: 1.0, ..Default::default() }.protocol().unwrap()
+}
+
+/// Conductivities from 0.5 to 1.5.
+pub(crate) fn random_conductivity(model: &ForwardModel, seed: u64) -> Vec<f64> {
+    noise(seed, model.elements()).iter().map(|x| 0.5 + x).collect()
+}
+
+/// The paper's disc with 16 electrodes, mesh-free.
+pub(crate) fn paper_series(degree: usize, harmonics: usize) -> DiscSeries {
+    DiscSeries {
+        radius_m: 0.1,
+        conductivity_s: 1e-5,
+        electrode_angles_rad: (0..16).map(|l| (22.5 * f64::from(l)).to_radians()).collect(),
+        electrode_width_m: 0.0196,
+        contact_impedance_ohm_m: 1e3,
+        degree,
+        harmonics,
+    }
+}
+
+/// Voltages of a series in protocol order, with the contact impedance of each electrode.
+pub(crate) fn series_voltages(
+    series: &DiscSeries,
+    protocol: &Protocol,
+    impedance: &[f64],
+) -> Array1<f64> {
+    let currents = protocol.stimulations_a();
+    let potentials = series.electrode_potentials_with(currents, impedance).unwrap();
+    let patterns = protocol.measurement_patterns();
+    let voltage = |&[s, m]: &[u32; 2]| potentials.row(s as usize).dot(&patterns.row(m as usize));
+    protocol.data().iter().map(voltage).collect()
+}
+
+/// Voltages of [`paper_series`] for adjacent pairs.
+pub(crate) fn paper_voltages(degree: usize, harmonics: usize) -> Array1<f64> {
+    let protocol = PairProtocol::default().protocol().unwrap();
+    series_voltages(&paper_series(degree, harmonics), &protocol, &[1e3; 16])
+}
+
+/// A strip with randomly displaced inner nodes, to avoid symmetry.
+pub(crate) fn rough_strip(length: f64, width: f64, columns: usize, rows: usize) -> Mesh {
+    let even = strip(length, width, columns, rows);
+    let shifts = noise(11, 2 * even.surface().nodes().len());
+    let step = (length / columns as f64).min(width / rows as f64);
+    let inside = |x: f64, size: f64| x > 1e-9 * size && x < (1.0 - 1e-9) * size;
+    let nodes = even.surface().nodes().iter().zip(shifts.chunks_exact(2)).map(|(p, shift)| {
+        let free = inside(p[0], length) && inside(p[1], width);
+        let by = |k: usize| if free { 0.5 * step * (shift[k] - 0.5) } else { 0.0 };
+        [p[0] + by(0), p[1] + by(1), 0.0]
+    });
+    let surface = Surface::new(nodes.collect(), even.surface().triangles().to_vec()).unwrap();
+    Mesh::new(surface, even.electrodes().to_vec()).unwrap()
+}
+
+/// Checks that a call fails with this message, in one line.
+pub(crate) fn says<T: std::fmt::Debug>(result: Result<T, eit_fem::FemError>, wanted: &str) {
+    let message = result.unwrap_err().to_string();
+    assert_eq!(message, wanted);
+    assert_eq!(message.lines().count(), 1);
 }
