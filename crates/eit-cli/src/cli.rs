@@ -1,19 +1,23 @@
-//! The command line. One file, because `--help` is a single list of all commands and their arguments.
+//! The command line: what `--help` shows. One file for each group of commands.
 
-#[cfg(test)]
-mod documented;
 mod init;
 mod learn;
 mod live;
+mod net;
 mod report;
 mod shell;
+#[cfg(test)]
+mod tests;
 
 pub(crate) use init::{InitArgs, ShapeArg};
 pub(crate) use learn::LearnArgs;
 pub(crate) use live::{
-    BodyArgs, CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, NetworkArgs, PageArgs,
-    PublishArgs, RecordArgs, RecoverArgs, ReplayArgs, SplitArgs, WatchArgs,
+    BodyArgs, CheckArgs, ConvertArgs, EmulateArgs, LiveArgs, NetworkArgs, PageArgs, PublishArgs,
+    RecordArgs, ReplayArgs, SplitArgs, WatchArgs,
 };
+#[cfg(feature = "train")]
+pub(crate) use net::TrainArgs;
+pub(crate) use net::{ApplyArgs, BaseArgs, NetCommand, PairsArgs};
 pub(crate) use report::ReportArgs;
 pub(crate) use shell::{CompletionsArgs, ManArgs};
 
@@ -26,29 +30,7 @@ use std::path::PathBuf;
     name = "eit",
     version,
     arg_required_else_help = true,
-    after_help = "A SCENE is a TOML file or the name of a built-in scene: paper-disc, stiff-contact, \
-        high-contrast, general-32, single-frame, plate-with-hole, patches, hemisphere.\n\n\
-        First steps:\n  \
-        eit demo                               a simulated skin, from voltages to touches\n  \
-        eit demo --web                         the same, live in a browser\n  \
-        eit plan paper-disc                    what a scene needs and what it costs\n  \
-        eit plan paper-disc --print-scene      a scene file to start from\n  \
-        eit mesh paper-disc --out skin.png     draw the mesh\n  \
-        eit forward paper-disc --out v.csv     voltages of the untouched skin\n  \
-        eit reconstruct my.toml --frames f.csv --reference 0 --out images\n  \
-        eit simulate paper-disc --out touched  frames of a touched fabric, with ground truth\n  \
-        eit train paper-disc --out w.safetensors   a U-net that removes artefacts\n  \
-        eit report                             compare all methods on simulated touches\n\n\
-        With an instrument ([instrument] in the scene; `eit emulate` replaces the hardware):\n  \
-        eit init my.toml --port /dev/ttyACM0   a scene for your skin, from its size and two presses\n  \
-        eit devices                            list the serial ports of this computer\n  \
-        eit check my.toml                      check every electrode\n  \
-        eit live my.toml                       show touches as they happen\n  \
-        eit record my.toml --out press.mcap    a recording that survives a crash\n\n\
-        Options that a skin always needs can stand in eit.toml beside its scene: a table per command, such as [live] \
-        with web = true (docs/SCENE.md). Options given on the command line win.\n\n\
-        Exit codes: 0 success, 1 failure, 2 wrong usage or invalid input, 3 ended while the instrument was \
-        silent or unplugged, 4 `eit check` found a fault."
+    after_help = include_str!("cli/help.txt").trim_ascii_end()
 )]
 pub(crate) struct Cli {
     /// Command to run.
@@ -107,11 +89,11 @@ pub(crate) enum Command {
     /// Compute the voltage of every measurement, in protocol order.
     ///
     /// The voltages are complex if capacitances of the scene carry current (docs/SCENE.md).
-    Forward(ForwardArgs),
+    Forward(SolveArgs),
     /// Compute the Jacobian [measurement, element], volt per siemens.
     ///
     /// The Jacobian is complex if capacitances of the scene carry current (docs/SCENE.md).
-    Jacobian(JacobianArgs),
+    Jacobian(SolveArgs),
     /// Fit background conductivity and contact impedances to the untouched skin.
     ///
     /// Absolute images need both (method gauss-newton-absolute), and difference images are scaled by the
@@ -169,43 +151,12 @@ pub(crate) enum Command {
     /// report.json. Formats of frames: recordings (.mcap), .npy, .csv, Sciospec .eit folders, GOE .get, LCT
     /// text, KHU Mark2.5 scan folders, raw serial logs.
     Reconstruct(ReconstructArgs),
-    /// Make a learning base for a U-net: simulated sequences with their raw and true images
+    /// Make a learning base for a U-net, train the net, and apply it to images.
     ///
-    /// Simulates touched fabrics on a finer mesh and reconstructs them as `eit reconstruct` would.
-    /// Every sequence has its own random fingers (one to six, with tips of 4 to 25 mm, up to 97 % of the
-    /// radius), foundation, rim, weave, drift, gain, noise (from 48 dB below the voltages down to that of
-    /// the scene's instrument) and missing measurements. Continues after an interruption.
-    ///
-    /// Sequences depend only on --seed and their number, so any scheduler can divide the work with
-    /// --shard, for example a Slurm job array:
-    ///
-    ///   sbatch --array=1-64 --cpus-per-task=1 --wrap \
-    ///     'eit base paper-disc --out base --threads 1 --shard $SLURM_ARRAY_TASK_ID/64'
-    ///   eit base paper-disc --out base      (merges the parts, makes what is missing)
-    ///
-    /// Then: eit train paper-disc --base base --out w.safetensors
-    #[command(verbatim_doc_comment)]
-    Base(BaseArgs),
-    /// Train a U-net that removes the artefacts of a scene's images.
-    ///
-    /// First completes the learning base (see `eit base`). If the skin's electrodes are symmetric, sequences are
-    /// also rotated and mirrored. The progress bar shows the remaining time. A checkpoint is written after every
-    /// epoch: after an interruption, run the same command again, and it continues to the same weights. Ctrl-C ends
-    /// training with the best weights so far.
-    ///
-    /// Training uses burn and needs a build with it: cargo install --path crates/eit-cli --features train. The
-    /// default build runs trained nets.
-    ///
-    /// Writes the weights W (safetensors), their learning curve (W with the extensions csv and png) and a
-    /// checkpoint. W is not written if it makes the held-out images worse than the raw ones, unless --force is
-    /// given.
-    Train(TrainArgs),
-    /// Remove artefacts from images with a trained U-net.
-    ///
-    /// `eit reconstruct` does this itself if the scene has denoise.weights = "W".
-    ///
-    /// Writes images.npy [frame, row, column], sheet.png, movie.gif for a sequence, and report.json.
-    Denoise(DenoiseArgs),
+    /// A U-net removes the artefacts of images that electrode movement and the linear model leave. `eit reconstruct`
+    /// and `eit live` apply the net that the scene names in its table [denoise].
+    #[command(subcommand)]
+    Net(NetCommand),
     /// Measure error against run time of every solver on every built-in scene.
     ///
     /// Simulates soft and hard fingers with a finer mesh and noise; solves the forward problem on meshes of
@@ -229,16 +180,16 @@ pub(crate) enum Command {
     ///
     /// Example: eit init my.toml --width-mm 120 --height-mm 80 --electrodes 16 --port /dev/ttyACM0
     Init(InitArgs),
-    /// List the serial ports, or identify the scene's instrument.
-    ///
-    /// Example: eit devices my.toml --port /dev/ttyACM0
-    Devices(DevicesArgs),
-    /// Check a live instrument: which electrode is faulty, and what to try.
+    /// Find faulty electrodes of a live instrument and say what to try; without a scene, list the serial ports
     ///
     /// Takes frames of the untouched skin and looks for open electrodes, bad contacts, noise, saturation,
-    /// lost frames, drift and a wrong order. The verdict is good, usable or faulty.
+    /// lost frames, drift and a wrong order. The verdict is good, usable or faulty. With --identify, the instrument
+    /// only says what it is.
     ///
-    /// Example: eit check my.toml
+    /// Examples: eit check
+    /// eit check my.toml
+    /// eit check my.toml --identify --port /dev/ttyACM0
+    #[command(verbatim_doc_comment)]
     Check(CheckArgs),
     /// Show touches of a live instrument as they happen.
     ///
@@ -279,17 +230,15 @@ pub(crate) enum Command {
     ///
     /// Example: eit replay my.toml --from press.mcap --speed 1
     Replay(ReplayArgs),
-    /// Write the intact parts of a damaged recording to a new one.
-    ///
-    /// Keeps messages of every topic with their clocks, notes, attachments and metadata, and reports what is
-    /// missing. The damaged recording is not changed.
-    Recover(RecoverArgs),
-    /// Convert recordings of any supported format to MCAP, CSV or NPY.
+    /// Convert recordings of any supported format to MCAP, CSV or NPY, and rescue damaged ones
     ///
     /// From MCAP to MCAP, clocks, epochs, notes and log times are kept; messages of other programs and
-    /// attachments are not (`eit recover` keeps them).
+    /// attachments are not. With --recover they are: everything intact in a damaged recording is copied unchanged,
+    /// and what is missing is reported. The input is never changed.
     ///
-    /// Example: eit convert press.mcap --out press.csv
+    /// Examples: eit convert press.mcap --out press.csv
+    /// eit convert damaged.mcap --out whole.mcap --recover
+    #[command(verbatim_doc_comment)]
     Convert(ConvertArgs),
     /// Emulate the scene's instrument on a pseudo-terminal or TCP port, optionally with faults.
     ///
@@ -302,10 +251,12 @@ pub(crate) enum Command {
     /// Print completions for a shell.
     ///
     /// Example: eit completions bash > ~/.local/share/bash-completion/completions/eit
+    #[command(hide = true)]
     Completions(CompletionsArgs),
     /// Write the manual pages: eit.1 and one per command.
     ///
     /// Example: eit man --out ~/.local/share/man/man1
+    #[command(hide = true)]
     Man(ManArgs),
 }
 
@@ -374,26 +325,9 @@ pub(crate) struct SolveArgs {
     /// scene.
     #[arg(long, value_name = "R")]
     pub accuracy: Option<f64>,
-}
-
-/// `eit forward`
-#[derive(Debug, Args)]
-pub(crate) struct ForwardArgs {
-    #[command(flatten)]
-    pub solve: SolveArgs,
-    /// Output file: F.npy or F.csv, one value per measurement, volt; complex values as complex128, in CSV as
-    /// alternating real and imaginary parts.
+    /// Output file: F.npy, for voltages also F.csv. Voltages are one value per measurement, volt; complex values are
+    /// complex128, in CSV alternating real and imaginary parts.
     #[arg(long, value_name = "F")]
-    pub out: PathBuf,
-}
-
-/// `eit jacobian`
-#[derive(Debug, Args)]
-pub(crate) struct JacobianArgs {
-    #[command(flatten)]
-    pub solve: SolveArgs,
-    /// Output file: F.npy.
-    #[arg(long, value_name = "F.npy")]
     pub out: PathBuf,
 }
 
@@ -461,145 +395,6 @@ pub(crate) struct ReconstructArgs {
     /// gauss-newton-absolute (iterative, non-linear model).
     #[arg(long, value_name = "METHOD", verbatim_doc_comment)]
     pub method: Option<String>,
-    /// Folder for the results.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-}
-
-/// `eit train`
-#[derive(Debug, Args)]
-#[cfg_attr(not(feature = "train"), allow(dead_code, reason = "refused whatever they are"))]
-pub(crate) struct TrainArgs {
-    /// Scene file or built-in scene.
-    pub scene: String,
-    /// Output file: W.safetensors.
-    #[arg(long, value_name = "W")]
-    pub out: PathBuf,
-    /// Folder of the learning base [default: W with the extension base]. A complete base is only read.
-    #[arg(long, value_name = "DIR")]
-    pub base: Option<PathBuf>,
-    #[command(flatten)]
-    pub pairs: PairsArgs,
-    /// Start from these weights instead of random ones: "default" (shipped), or a file written by this
-    /// command. They may be those of another skin.
-    #[arg(long, value_name = "W", conflicts_with_all = ["history", "images", "fold", "width", "depth"])]
-    pub from: Option<String>,
-    /// Number of frames that the net takes, including the current one.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub history: usize,
-    /// Images per frame that the net takes. 2: the touches that were detected, drawn as bells, and the raw image,
-    /// with the signal-to-noise ratio and the strength of the touches; 3 and 4: one-step images as well. With 1 it
-    /// takes the raw image alone (`eit denoise`), and is much less accurate.
-    #[arg(long, value_name = "N", default_value_t = 2)]
-    pub images: usize,
-    /// Side of the blocks of pixels that become channels, 1 or 2: with 2 the net runs on a quarter of the
-    /// pixels.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub fold: usize,
-    /// Channels of the net's first level; the cost grows with their square.
-    #[arg(long, value_name = "N", default_value_t = 4)]
-    pub width: usize,
-    /// How often the net halves rows and columns.
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    pub depth: usize,
-    /// Largest number of epochs. 0 (only with --from) keeps the net and only measures the limit beyond which
-    /// its images are rejected.
-    #[arg(long, value_name = "N", default_value_t = 12)]
-    pub epochs: usize,
-    /// Examples per step.
-    #[arg(long, value_name = "N", default_value_t = 16)]
-    pub batch: usize,
-    /// Learning rate of the first epoch; falls to a hundredth.
-    #[arg(long, value_name = "R", default_value_t = 2e-3)]
-    pub rate: f64,
-    /// Stop after this many epochs without a smaller error on the held-out sequences; 0: never.
-    #[arg(long, value_name = "N", default_value_t = 8)]
-    pub patience: usize,
-    /// Device: flex (the processor), cuda or wgpu (a graphics processor). The last two need a build with the
-    /// feature of that name; an H100 trained small nets about as fast as 16 processor cores.
-    #[arg(long, value_name = "DEVICE", default_value_t)]
-    pub device: eit_denoise::TrainDevice,
-    /// Write the weights even if they make the held-out images worse than the raw ones.
-    #[arg(long)]
-    pub force: bool,
-}
-
-/// Contents of a learning base.
-#[derive(Debug, Args)]
-pub(crate) struct PairsArgs {
-    /// Number of sequences to simulate; with --recording, recordings are rotated and mirrored by the skin's
-    /// symmetries until there are this many. Every sixth, and at least one, is held out.
-    #[arg(long, value_name = "N", default_value_t = 600)]
-    pub sequences: usize,
-    /// Frames of a simulated sequence, including 20 quiet ones.
-    #[arg(long, value_name = "N", default_value_t = 60)]
-    pub frames: usize,
-    /// Learn from this recording of the real skin instead of simulated touches; can be repeated. The true
-    /// image is unknown: wanted images are the raw ones after the rule of Duan, Taurand
-    /// and Soleimani (2019), which removes the ring along the rim, values below 55 % of the
-    /// largest, and blobs of fewer than 15 pixels. Reference and noise as in the scene. The
-    /// last sixth of the recordings is held out, at least one, or the last sixth of a single one.
-    #[arg(long, value_name = "F")]
-    pub recording: Vec<PathBuf>,
-    /// Simulate this built-in script on the scene's own fabric, with another seed for each sequence,
-    /// instead of random touches on random fabrics.
-    #[arg(long, value_name = "NAME", conflicts_with = "recording")]
-    pub script: Option<String>,
-    /// Wanted images of simulated sequences: truth, or rule (the rule of the paper, see --recording).
-    #[arg(long, value_name = "KIND", default_value = "truth", value_parser = ["truth", "rule"])]
-    pub wanted: String,
-    /// Fingers of every sequence, 1 to 6 [default: one to six, fewer more often].
-    #[arg(long, value_name = "N")]
-    pub fingers: Option<usize>,
-    /// Share of the sequences, 0 to 1, whose tips are within 25 % of a usual fingertip's, 10 mm on the paper's
-    /// skin; tips of the others are anything from 4 to 25 mm.
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
-    pub usual_tips: f64,
-    /// Method of the raw images: st-tv, tv or gauss-newton [default: the scene's, or st-tv].
-    #[arg(long, value_name = "METHOD")]
-    pub method: Option<String>,
-    /// Seed of all random quantities.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
-    /// Number of threads [default: all]; the result does not depend on it.
-    #[arg(long, value_name = "N")]
-    pub threads: Option<usize>,
-}
-
-/// `eit base`
-#[derive(Debug, Args)]
-pub(crate) struct BaseArgs {
-    /// Scene file or built-in scene.
-    pub scene: String,
-    /// Folder of the learning base.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    #[command(flatten)]
-    pub pairs: PairsArgs,
-    /// Make only part I of N: every N-th sequence. Processes on any machines may make the parts in one
-    /// folder, or in several whose files are then copied into one; `eit base` or `eit train` without
-    /// --shard merges them. The bytes do not depend on the number of parts.
-    #[arg(long, value_name = "I/N")]
-    pub shard: Option<eit_denoise::Part>,
-}
-
-/// `eit denoise`
-#[derive(Debug, Args)]
-pub(crate) struct DenoiseArgs {
-    /// Scene file or built-in scene.
-    pub scene: String,
-    /// Images of this scene: images.npy of `eit reconstruct`, [frame, row, column].
-    #[arg(long, value_name = "F.npy")]
-    pub images: PathBuf,
-    /// "default" (for the built-in scene), or a file written by `eit train` [default: the scene's].
-    #[arg(long, value_name = "W")]
-    pub weights: Option<String>,
-    /// Use the weights even if they were trained for another skin or pixel count.
-    #[arg(long)]
-    pub any_skin: bool,
-    /// True images (truth_conductivity.npy of `eit simulate`), to report how much the error decreases.
-    #[arg(long, value_name = "F.npy")]
-    pub truth: Option<PathBuf>,
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,

@@ -3,76 +3,81 @@
 use eit_report::ReportError;
 use eit_skin::SkinError;
 
+/// Exit codes of the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum Exit {
+    Done = 0,
+    /// A failure although the input was valid.
+    Failed = 1,
+    /// Wrong usage or invalid input.
+    Input = 2,
+    /// The instrument was silent or unplugged at the end.
+    Silent = 3,
+    /// `eit check` found a fault.
+    Faulty = 4,
+}
+
 /// The reason why a command stopped.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum CliError {
-    /// Wrong usage or invalid input: exit code 2.
-    #[error("{0}")]
-    Input(String),
-    /// The instrument was silent: exit code 3.
-    #[error("{0}")]
-    Silent(String),
-    /// A failure although the input was valid: exit code 1.
-    #[error("{0}")]
-    Failure(String),
+#[error("{message}")]
+pub(crate) struct CliError {
+    message: String,
+    pub(crate) exit: Exit,
 }
 
 impl CliError {
     /// Creates an error for invalid input.
-    pub fn input(message: impl Into<String>) -> Self {
-        Self::Input(message.into())
+    pub(crate) fn input(message: impl Into<String>) -> Self {
+        Self { message: message.into(), exit: Exit::Input }
+    }
+
+    /// Creates a failure with valid input.
+    pub(crate) fn failure(message: impl Into<String>) -> Self {
+        Self { message: message.into(), exit: Exit::Failed }
+    }
+
+    /// Creates the error for an instrument that sends nothing.
+    pub(crate) fn silent(message: impl Into<String>) -> Self {
+        Self { message: message.into(), exit: Exit::Silent }
     }
 
     /// Creates a failure at a path.
-    pub fn at(path: &std::path::Path, error: impl std::fmt::Display) -> Self {
-        Self::Failure(format!("{}: {error}", path.display()))
-    }
-
-    /// Returns the process's exit code.
-    pub fn exit_code(&self) -> u8 {
-        match self {
-            Self::Input(_) => 2,
-            Self::Failure(_) => 1,
-            Self::Silent(_) => crate::commands::SILENT,
-        }
+    pub(crate) fn at(path: &std::path::Path, error: impl std::fmt::Display) -> Self {
+        Self::failure(format!("{}: {error}", path.display()))
     }
 
     /// Prefixes the error with its location.
-    pub fn within(self, place: &str) -> Self {
-        match self {
-            Self::Input(m) => Self::Input(format!("{place}: {m}")),
-            Self::Failure(m) => Self::Failure(format!("{place}: {m}")),
-            Self::Silent(m) => Self::Silent(format!("{place}: {m}")),
-        }
+    pub(crate) fn within(self, place: &str) -> Self {
+        Self { message: format!("{place}: {}", self.message), ..self }
+    }
+
+    fn of(error: impl std::fmt::Display, is_input: bool) -> Self {
+        let exit = if is_input { Exit::Input } else { Exit::Failed };
+        Self { message: error.to_string(), exit }
     }
 }
 
 impl From<ReportError> for CliError {
     fn from(error: ReportError) -> Self {
-        match error.is_input() {
-            true => Self::Input(with_option(&error)),
-            false => Self::Failure(error.to_string()),
-        }
+        Self::of(with_option(&error), error.is_input())
     }
 }
 
-/// Text of an error in which the argument of a function is replaced by its option: `usual_tips` is
+/// Text of an error, in which an argument of a function is the option that it comes from: `usual_tips` is
 /// `--usual-tips`.
 fn with_option(error: &ReportError) -> String {
-    let words = error.to_string();
-    let ReportError::Skin(skin) = error else { return words };
-    let Some((name, problem)) = skin.as_argument() else { return words };
+    let text = error.to_string();
+    let ReportError::Skin(skin) = error else { return text };
+    let Some((name, problem)) = skin.as_argument() else { return text };
     // the place comes first
-    let place = words.strip_suffix(&format!("{name}: {problem}")).unwrap_or_default();
+    let place = text.strip_suffix(&format!("{name}: {problem}")).unwrap_or_default();
     format!("{place}--{}: {problem}", name.replace('_', "-"))
 }
 
 impl From<eit_publish::PublishError> for CliError {
     fn from(error: eit_publish::PublishError) -> Self {
-        match error.is_input() {
-            true => Self::Input(error.to_string()),
-            false => Self::Failure(error.to_string()),
-        }
+        Self::of(&error, error.is_input())
     }
 }
 

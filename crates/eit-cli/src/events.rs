@@ -10,7 +10,7 @@ use tracing_subscriber::layer::{Layer, SubscriberExt};
 /// Shows the events of this project's crates from now on, if --verbose was given. Without it there is no
 /// subscriber, and an event costs one comparison.
 pub(crate) fn show() {
-    if !terminal::is_verbose() {
+    if !terminal::flags().is_verbose {
         return;
     }
     let ours = filter_fn(|about| {

@@ -4,88 +4,71 @@
 use crate::error::CliError;
 use eit_skin::StopFlag;
 #[cfg(unix)]
-use std::sync::Arc;
-#[cfg(unix)]
-use std::sync::OnceLock;
-#[cfg(unix)]
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use signal_hook::consts::{SIGHUP, SIGXFSZ};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::{flag, low_level};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, LazyLock, OnceLock};
+use std::time::Duration;
 
-/// Whether the command ends by itself after a signal.
-#[cfg(unix)]
-static LISTENS: AtomicBool = AtomicBool::new(false);
 /// The last signal, or 0.
-#[cfg(unix)]
-static SIGNAL: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
+static LAST: LazyLock<Arc<AtomicUsize>> = LazyLock::new(Arc::default);
+/// The request to stop, once the command ends by itself after a signal.
+static STOP: OnceLock<StopFlag> = OnceLock::new();
 
 /// Lets Ctrl-C, a closed terminal and a request to terminate end the program as they do by default, but
-/// removes its temporary files first. A command that [listens](listen) ends by itself instead.
-#[cfg(unix)]
+/// removes its temporary files first. A command that [listens](listen) ends by itself instead; a second signal then
+/// kills the program, unless it is another one of the closed terminal.
 pub(crate) fn end_tidily() {
-    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-    /// How often to check for a signal; a handler itself may not remove files.
-    const LOOK: std::time::Duration = std::time::Duration::from_millis(20);
-    let got = SIGNAL.get_or_init(Arc::default);
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
+    for signal in [
+        SIGINT,
+        SIGTERM,
+        #[cfg(unix)]
+        SIGHUP,
+    ] {
         // without a handler the signal has its default effect
         if !is_ignored(signal) {
-            let _ = signal_hook::flag::register_usize(signal, Arc::clone(got), signal as usize);
+            let _ = flag::register_usize(signal, Arc::clone(&LAST), signal as usize);
         }
     }
-    std::thread::spawn(move || {
+    // a handler itself may not remove files
+    std::thread::spawn(|| {
         loop {
-            std::thread::sleep(LOOK);
-            let signal = got.load(Ordering::SeqCst);
-            if LISTENS.load(Ordering::SeqCst) {
-                return;
-            }
-            if signal != 0 {
-                eit_report::output::remove_temporaries();
-                // ends the program
-                let _ = signal_hook::low_level::emulate_default_handler(signal as i32);
+            std::thread::sleep(Duration::from_millis(20));
+            let signal = LAST.swap(0, Ordering::SeqCst) as i32;
+            match STOP.get() {
+                _ if signal == 0 => {}
+                Some(stop) if !stop.is_set() => stop.set(),
+                #[cfg(unix)]
+                Some(_) if signal == SIGHUP => {}
+                Some(_) => low_level::exit(128 + signal),
+                None => {
+                    eit_report::output::remove_temporaries();
+                    // ends the program as the signal does
+                    #[cfg(unix)]
+                    let _ = low_level::emulate_default_handler(signal);
+                    low_level::exit(128 + signal);
+                }
             }
         }
     });
 }
 
-/// On other systems, signals keep their default effect.
-#[cfg(not(unix))]
-pub(crate) fn end_tidily() {}
-
-/// Returns a flag that is set by Ctrl-C or the system's request to terminate; a second signal kills the
-/// program.
+/// Returns a flag that is set by Ctrl-C or the system's request to terminate, even if the program was started with
+/// these ignored, as in the background of a script.
 pub(crate) fn listen() -> Result<StopFlag, CliError> {
-    let stop = StopFlag::default();
-    #[cfg(unix)]
-    LISTENS.store(true, Ordering::SeqCst);
-    let failed = |e| CliError::Failure(format!("signal handlers cannot be installed: {e}"));
-    #[cfg(unix)]
-    {
-        use signal_hook::consts::{SIGHUP, SIGXFSZ};
-        // a closed terminal acts like Ctrl-C, unless the program was started with `nohup`
-        if !is_ignored(SIGHUP) {
-            signal_hook::flag::register(SIGHUP, stop.shared()).map_err(failed)?;
-        }
-        // a file beyond the user's size limit is a write error, and does not end the program
-        signal_hook::flag::register(SIGXFSZ, Arc::default()).map_err(failed)?;
+    let failed = |e| CliError::failure(format!("signal handlers cannot be installed: {e}"));
+    for signal in [SIGINT, SIGTERM].into_iter().filter(|signal| is_ignored(*signal)) {
+        flag::register_usize(signal, Arc::clone(&LAST), signal as usize).map_err(failed)?;
     }
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        // in this order: the first handler must see the flag unset
-        let kill =
-            signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, stop.shared());
-        kill.map_err(failed)?;
-        signal_hook::flag::register(signal, stop.shared()).map_err(failed)?;
-    }
-    // one that came just before
+    // a file beyond the user's size limit is a write error, and does not end the program
     #[cfg(unix)]
-    if SIGNAL.get().is_some_and(|signal| signal.load(Ordering::SeqCst) != 0) {
-        stop.shared().store(true, Ordering::SeqCst);
-    }
-    Ok(stop)
+    flag::register(SIGXFSZ, Arc::default()).map_err(failed)?;
+    Ok(STOP.get_or_init(StopFlag::default).clone())
 }
 
-/// Whether the program was started with this signal ignored. A handler would override that, and asking the
-/// system directly needs `unsafe`; if unknown, false.
-#[cfg(unix)]
+/// Whether the program was started with this signal ignored, as `nohup` does with that of a closed terminal. A handler
+/// would override that, and asking the system directly needs `unsafe`; if unknown, false.
 fn is_ignored(signal: i32) -> bool {
     // bit 0 is signal 1
     ignored_signals().is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
@@ -106,4 +89,9 @@ fn ignored_signals() -> Option<u64> {
     let output = std::process::Command::new("ps").args(["-o", "sigignore=", "-p", &id]).output();
     let text = String::from_utf8(output.ok()?.stdout).ok()?;
     u64::from_str_radix(text.trim().trim_start_matches("0x"), 16).ok()
+}
+
+#[cfg(not(unix))]
+fn ignored_signals() -> Option<u64> {
+    None
 }

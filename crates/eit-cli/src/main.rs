@@ -16,92 +16,65 @@ mod interrupt;
 mod progress;
 mod terminal;
 
-use cli::Command;
 use commands::Ended;
 use eit_skin::words::{printable, printable_json};
-use error::CliError;
+use error::{CliError, Exit};
 use std::io::Write as _;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let arguments: Vec<_> = std::env::args_os().collect();
-    let cli = match defaults::parse(arguments.clone()) {
-        Ok(Ok(cli)) => cli,
-        Ok(Err(error)) => {
-            terminal::set_early(&arguments);
-            return usage(&error);
-        }
-        Err(error) => {
-            terminal::set_early(&arguments);
-            return failed(&error);
-        }
+    let parsed = defaults::parse(arguments.clone());
+    if !matches!(parsed, Ok(Ok(_))) {
+        terminal::set_early(&arguments);
+    }
+    let exit = match parsed {
+        Ok(Ok(cli)) => run(cli),
+        Ok(Err(error)) => usage(&error),
+        Err(error) => failed(&error),
     };
+    ExitCode::from(exit as u8)
+}
+
+/// Runs a command and prints its answer.
+fn run(cli: cli::Cli) -> Exit {
     terminal::set(&cli);
     events::show();
     interrupt::end_tidily();
-    let result: Result<Ended, CliError> = match &cli.command {
-        Command::Demo(args) => commands::demo::run(args, cli.json).map(Ended::from),
-        Command::Plan(args) => commands::plan::run(args).map(Ended::from),
-        Command::Mesh(args) => commands::mesh::run(args).map(Ended::from),
-        Command::Forward(args) => commands::forward::run(args).map(Ended::from),
-        Command::Jacobian(args) => commands::jacobian::run(args).map(Ended::from),
-        Command::Calibrate(args) => commands::calibrate::run(args).map(Ended::from),
-        Command::Init(args) => commands::init::run(args, cli.json).map(Ended::from),
-        Command::Learn(args) => commands::learn::run(args),
-        Command::Simulate(args) => commands::simulate::run(args).map(Ended::from),
-        Command::Reconstruct(args) => commands::reconstruct::run(args).map(Ended::from),
-        Command::Base(args) => commands::base::run(args).map(Ended::from),
-        Command::Train(args) => commands::train::run(args).map(Ended::from),
-        Command::Denoise(args) => commands::denoise::run(args).map(Ended::from),
-        Command::Report(args) => commands::report::run(args).map(Ended::from),
-        Command::Devices(args) => commands::devices::run(args).map(Ended::from),
-        Command::Check(args) => commands::check::run(args),
-        Command::Record(args) => commands::record::run(args),
-        Command::Live(args) => commands::live::run(args, cli.json),
-        Command::Body(args) => commands::body::run(args, cli.json).map(Ended::from),
-        Command::Replay(args) => commands::replay::run(args, cli.json).map(Ended::from),
-        Command::Recover(args) => commands::recover::run(args).map(Ended::from),
-        Command::Convert(args) => commands::convert::run(args).map(Ended::from),
-        Command::Emulate(args) => commands::emulate::run(args, cli.json).map(Ended::from),
-        Command::Completions(args) => commands::shell::completions(args).map(Ended::from),
-        Command::Man(args) => commands::shell::man(args).map(Ended::from),
-    };
-    match result {
-        Ok(ended) if cli.json => {
-            said(say(&printable_json(&ended.answer.json.to_string())), ended.exit_code)
+    match commands::run(cli.command) {
+        Ok(Ended { answer, exit }) => {
+            let printed = match terminal::flags().is_json {
+                true => say(&printable_json(&answer.json.to_string())),
+                false => say(&printable(&answer.text)),
+            };
+            if printed == Exit::Done { exit } else { printed }
         }
-        Ok(ended) => said(say(&printable(&ended.answer.text)), ended.exit_code),
         Err(error) => failed(&error),
     }
 }
 
 /// Prints why a command stopped, on one line.
-fn failed(error: &CliError) -> ExitCode {
+fn failed(error: &CliError) -> Exit {
     eprintln!("{} {}", terminal::error_name(), printable(&error.to_string()));
-    ExitCode::from(error.exit_code())
+    error.exit
 }
 
-/// Returns the exit code for a command whose answer was printed.
-fn said(printed: ExitCode, exit_code: u8) -> ExitCode {
-    if printed == ExitCode::SUCCESS { ExitCode::from(exit_code) } else { printed }
-}
-
-/// Prints an answer, if there is one; a closed pipe is not an error.
-fn say(text: &str) -> ExitCode {
+/// Prints an answer, if there is one; a reader that has gone away is not an error.
+fn say(text: &str) -> Exit {
     if text.is_empty() {
-        return ExitCode::SUCCESS;
+        return Exit::Done;
     }
     match writeln!(std::io::stdout().lock(), "{text}") {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             eprintln!("eit: cannot write the answer: {error}");
-            ExitCode::from(1)
+            Exit::Failed
         }
-        _ => ExitCode::SUCCESS,
+        _ => Exit::Done,
     }
 }
 
 /// Prints help and version unchanged, and wrong usage on one line.
-fn usage(error: &clap::Error) -> ExitCode {
+fn usage(error: &clap::Error) -> Exit {
     if !error.use_stderr() {
         let help = error.render();
         return match terminal::is_colored(&std::io::stdout()) {
@@ -111,16 +84,7 @@ fn usage(error: &clap::Error) -> ExitCode {
     }
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
         eprintln!("{}", error.render());
-        return ExitCode::from(2);
+        return Exit::Input;
     }
-    let text = defaults::words_of(error);
-    // lines before the usage, or before the pointer to --help where there is none: the error and tips
-    let is_end =
-        |line: &str| line.starts_with("Usage:") || line.starts_with("For more information");
-    let lines = text.lines().take_while(|line| !is_end(line)).map(str::trim);
-    let words: Vec<&str> = lines.filter(|l| !l.is_empty()).collect();
-    let words = words.join(" ");
-    let name = terminal::error_name();
-    eprintln!("{name} {}; see --help", printable(words.trim_start_matches("error: ")));
-    ExitCode::from(2)
+    failed(&CliError::input(format!("{}; see --help", defaults::one_line(error))))
 }

@@ -7,12 +7,9 @@ use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-/// Terminal width below which a bar has no room next to its text.
-const NARROW: u16 = 60;
-
 /// Creates a progress that is shown on the terminal.
 pub(crate) fn terminal() -> Progress {
-    match terminal::is_quiet() {
+    match terminal::flags().is_quiet {
         true => Progress::silent(),
         false => Progress::new(Box::new(Bars { all: BARS.clone(), current: None, stage: None })),
     }
@@ -48,7 +45,7 @@ impl Observer for Bars {
             "" => stage.to_owned(),
             group => format!("{group}: {stage}"),
         };
-        self.stage = terminal::is_verbose().then(|| (name.clone(), Instant::now()));
+        self.stage = terminal::flags().is_verbose.then(|| (name.clone(), Instant::now()));
         bar.set_message(name);
         bar.enable_steady_tick(Duration::from_millis(100));
         self.current = Some(bar);
@@ -83,9 +80,9 @@ impl Observer for Bars {
     }
 }
 
-/// Returns the template of a line; on a narrow terminal the text is truncated to fit.
+/// Returns the template of a line; on a narrow terminal, where a bar has no room beside its text, the text is truncated.
 fn template(steps: usize, columns: Option<u16>) -> &'static str {
-    match (steps, columns.is_some_and(|columns| columns < NARROW)) {
+    match (steps, columns.is_some_and(|columns| columns < 60)) {
         (0, false) => "{spinner} {msg:<28} {elapsed}",
         (0, true) => "{spinner} {wide_msg} {elapsed}",
         (_, false) => "{spinner} {msg:<28} {wide_bar} {pos}/{len} {eta}",

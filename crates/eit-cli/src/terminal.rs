@@ -6,9 +6,13 @@ use std::sync::OnceLock;
 
 /// Flags that concern all output.
 #[derive(Debug, Clone, Copy, Default)]
-struct Flags {
-    is_quiet: bool,
-    is_verbose: bool,
+pub(crate) struct Flags {
+    /// Whether progress and notes are left out.
+    pub(crate) is_quiet: bool,
+    /// Whether the time of every stage is printed.
+    pub(crate) is_verbose: bool,
+    /// Whether stdout is reserved for one JSON object.
+    pub(crate) is_json: bool,
     color: ColorWhen,
 }
 
@@ -16,22 +20,12 @@ static FLAGS: OnceLock<Flags> = OnceLock::new();
 
 /// Sets the flags; only the first call counts.
 pub(crate) fn set(cli: &Cli) {
-    let Cli { quiet: is_quiet, verbose: is_verbose, color, .. } = *cli;
-    FLAGS.get_or_init(|| Flags { is_quiet, is_verbose, color });
+    let Cli { quiet: is_quiet, verbose: is_verbose, json: is_json, color, .. } = *cli;
+    FLAGS.get_or_init(|| Flags { is_quiet, is_verbose, is_json, color });
 }
 
-fn flags() -> Flags {
+pub(crate) fn flags() -> Flags {
     FLAGS.get().copied().unwrap_or_default()
-}
-
-/// Whether progress and notes are left out.
-pub(crate) fn is_quiet() -> bool {
-    flags().is_quiet
-}
-
-/// Whether the time of every stage is printed.
-pub(crate) fn is_verbose() -> bool {
-    flags().is_verbose
 }
 
 /// Whether to use colours on a stream.
@@ -53,14 +47,8 @@ fn choose(when: ColorWhen, is_terminal: bool, is_plain: bool) -> bool {
 /// Colour requested before the command line is parsed, for `--help` and usage errors.
 pub(crate) fn set_early(arguments: &[std::ffi::OsString]) {
     let words: Vec<_> = arguments.iter().filter_map(|argument| argument.to_str()).collect();
-    let after = |at: usize| words.get(at + 1).copied();
-    let value =
-        words.iter().enumerate().find_map(|(at, word)| match word.strip_prefix("--color") {
-            Some("") => after(at),
-            Some(rest) => rest.strip_prefix('='),
-            None => None,
-        });
-    let color = match value {
+    let mut words = words.iter().flat_map(|word| word.split('='));
+    let color = match words.by_ref().find(|word| *word == "--color").and_then(|_| words.next()) {
         Some("always") => ColorWhen::Always,
         Some("never") => ColorWhen::Never,
         _ => ColorWhen::Auto,

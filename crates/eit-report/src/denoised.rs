@@ -1,4 +1,4 @@
-//! `eit denoise`: applies a trained U-net to images.
+//! `eit net apply`: applies a trained U-net to images.
 
 use crate::error::ReportError;
 use crate::output::{OutFolder, io, read_images, write_npy};
@@ -24,7 +24,7 @@ fn input(args: &DenoiseImages, scene: &Scene) -> Result<Input, ReportError> {
     let of_scene = scene.stage_settings().denoise;
     let name = args.weights.clone().or(of_scene.map(|keys| keys.weights)).ok_or_else(|| {
         ReportError::input(
-            "no weights: give --weights default, a file of `eit train`, or [denoise]",
+            "no weights: give --weights default, a file of `eit net train`, or [denoise]",
         )
     })?;
     let raw = read_images(&args.images)?;

@@ -3,16 +3,19 @@
 #![deny(clippy::missing_errors_doc)]
 
 pub mod comparison;
+pub mod convert;
 pub mod curve;
 pub mod demo;
 pub mod denoised;
 mod error;
 mod html;
+pub mod learnt;
 pub mod output;
 pub mod reconstruct;
 pub mod report;
 pub mod settings;
 pub mod simulated;
+pub mod solve;
 pub mod watched;
 
 pub use error::ReportError;

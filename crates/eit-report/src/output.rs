@@ -5,7 +5,7 @@
 mod stack;
 mod stray;
 
-pub(crate) use stack::ImageFile;
+pub(crate) use stack::{ImageFile, npy_header};
 pub use stray::{remember, remove_temporaries};
 
 use crate::error::ReportError;

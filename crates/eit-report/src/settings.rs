@@ -80,3 +80,44 @@ pub struct DenoiseImages {
     /// Output folder.
     pub out: PathBuf,
 }
+
+/// What a solve is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Solution {
+    /// The voltage of every measurement.
+    Voltages,
+    /// The Jacobian [measurement, element].
+    Jacobian,
+}
+
+/// Settings of a solve.
+#[derive(Debug, Clone)]
+pub struct SolveSettings {
+    /// Scene file or name of a built-in scene.
+    pub scene: String,
+    /// Mesh file, instead of the scene's mesh.
+    pub mesh: Option<PathBuf>,
+    /// One conductivity per element; `None` for the scene's background.
+    pub conductivity: Option<PathBuf>,
+    /// Largest rounding error relative to the largest voltage, if it is stated.
+    pub accuracy: Option<f64>,
+    /// What is computed.
+    pub wanted: Solution,
+    /// Output file.
+    pub out: PathBuf,
+}
+
+/// Settings of a conversion.
+#[derive(Debug, Clone)]
+pub struct ConvertSettings {
+    /// Recording of any format.
+    pub input: PathBuf,
+    /// Output file, which names its format.
+    pub out: PathBuf,
+    /// Scene whose protocol the values are arranged for.
+    pub scene: Option<String>,
+    /// Whether rows of a table alternate real and imaginary parts.
+    pub complex: bool,
+    /// Whether to copy what is intact of a damaged recording.
+    pub recover: bool,
+}

@@ -99,7 +99,7 @@ impl Net {
         let is_of_this_skin = fits.is_ok();
         if !any_skin {
             fits.map_err(|e| {
-                let how = "(`eit denoise --any-skin`, or both keys in the scene's [denoise]";
+                let how = "(`eit net apply --any-skin`, or both keys in the scene's [denoise]";
                 SkinError::input(format!("{name}: {e} {how}: weights = {name:?}, any_skin = true)"))
             })?;
         }

@@ -1,6 +1,7 @@
 //! A learning base out of simulated touches or recordings (feature `base`), then a net (feature
 //! `train`).
 
+#[cfg(feature = "train")]
 mod held_out;
 #[cfg(feature = "train")]
 mod learn;
@@ -10,11 +11,10 @@ mod sequences;
 mod shared;
 mod simulated;
 
-pub use held_out::{JudgeCounts, MeasuredJudge, held_out_scores, judge};
 #[cfg(feature = "train")]
-pub use learn::{
-    HeldOutResult, MadeBy, Training, judged_weights, learn, parameter_checksum, weights,
-};
+pub use held_out::{JudgeCounts, MeasuredJudge};
+#[cfg(feature = "train")]
+pub use learn::{TrainRequest, Trained, Training, learn, parameter_checksum, train};
 pub use sequences::Sequences;
 
 use crate::error::SkinError;

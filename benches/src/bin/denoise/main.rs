@@ -3,7 +3,7 @@
 //!
 //! Usage: `denoise [--quick] [--seed N] [--method METHOD] [--weights W]... [--out DIR]`. N is added to
 //! the seed of every sequence: fresh noise, weave and drift. METHOD makes the raw images (default:
-//! st-tv). W is "default" or a file of `eit train`.
+//! st-tv). W is "default" or a file of `eit net train`.
 #![allow(clippy::print_stdout, reason = "the tables are this program's output")]
 
 mod held_out;

@@ -40,7 +40,7 @@ pub(crate) struct InitArgs {
     /// degrees. The presses determine which electrode is the first.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
     pub electrode_at_deg: f64,
-    /// Port of the board: /dev/ttyACM0, COM3, tcp:host:port (`eit devices` lists the serial ports). Without
+    /// Port of the board: /dev/ttyACM0, COM3, tcp:host:port (`eit check` lists the serial ports). Without
     /// it, the scene gets a template: adjacent drive and measurement, and an instrument that prints lines of
     /// numbers (driver = "csv") at no port yet.
     #[arg(long, value_name = "PORT")]

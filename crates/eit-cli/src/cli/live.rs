@@ -3,29 +3,22 @@
 use clap::Args;
 use std::path::PathBuf;
 
-/// `eit devices`
+/// `eit check`
 #[derive(Debug, Args)]
-pub(crate) struct DevicesArgs {
-    /// Identify this scene's instrument.
+pub(crate) struct CheckArgs {
+    /// Scene file or built-in scene [default: none, to list the serial ports].
     pub scene: Option<String>,
     /// Port instead of the scene's: /dev/ttyACM0, COM3 or tcp:host:port.
     #[arg(long, value_name = "P", requires = "scene")]
     pub port: Option<String>,
-}
-
-/// `eit check`
-#[derive(Debug, Args)]
-pub(crate) struct CheckArgs {
-    /// Scene file or built-in scene.
-    pub scene: String,
-    /// Port instead of the scene's.
-    #[arg(long, value_name = "P")]
-    pub port: Option<String>,
+    /// Only identify the instrument: name, serial number, values per frame, rate and unit.
+    #[arg(long, requires = "scene")]
+    pub identify: bool,
     /// Number of frames to take, at least 8.
-    #[arg(long, value_name = "N", default_value_t = 100)]
+    #[arg(long, value_name = "N", default_value_t = 100, requires = "scene")]
     pub frames: usize,
     /// Maximum waiting time, seconds; fewer frames suffice from 8 on.
-    #[arg(long, value_name = "S", default_value_t = 30.0)]
+    #[arg(long, value_name = "S", default_value_t = 30.0, requires = "scene")]
     pub seconds: f64,
 }
 
@@ -232,16 +225,6 @@ pub(crate) struct ReplayArgs {
     pub step: bool,
 }
 
-/// `eit recover`
-#[derive(Debug, Args)]
-pub(crate) struct RecoverArgs {
-    /// Damaged recording; it is not changed.
-    pub input: PathBuf,
-    /// New recording: F.mcap.
-    #[arg(value_name = "OUT")]
-    pub out: PathBuf,
-}
-
 /// `eit convert`
 #[derive(Debug, Args)]
 pub(crate) struct ConvertArgs {
@@ -256,6 +239,10 @@ pub(crate) struct ConvertArgs {
     /// Rows of the table alternate real and imaginary parts.
     #[arg(long)]
     pub complex: bool,
+    /// Copy everything intact of a damaged MCAP recording to F.mcap: messages of every topic with their clocks,
+    /// notes, attachments and metadata.
+    #[arg(long, conflicts_with_all = ["scene", "complex"])]
+    pub recover: bool,
 }
 
 /// `eit emulate`

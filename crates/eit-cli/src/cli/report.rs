@@ -23,7 +23,7 @@ pub(crate) struct ReportArgs {
     /// Only measure images: every solver on every scene, without the forward problems.
     #[arg(long, conflicts_with = "forward")]
     pub images: bool,
-    /// U-nets to compare: "default", or a file written by `eit train`; can be repeated.
+    /// U-nets to compare: "default", or a file written by `eit net train`; can be repeated.
     #[arg(long, value_name = "W", default_value = "default")]
     pub weights: Vec<String>,
 }

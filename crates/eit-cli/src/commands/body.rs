@@ -1,61 +1,47 @@
 //! `eit body`: many patches as one list of touches.
 
-use super::{Answer, record};
+use super::publish;
 use crate::cli::BodyArgs;
-use crate::error::CliError;
-use crate::interrupt;
+use crate::commands::prelude::*;
 use eit_publish::body::{Body, BodyNews, BodySettings};
 use eit_skin::words::printable_json;
-use serde_json::{Value, json};
 use std::io::{ErrorKind, Write as _};
-use std::time::{Duration, Instant};
-
-/// How often to check for shutdown.
-const TICK: Duration = Duration::from_millis(50);
 
 /// Joins patches until Ctrl-C, the end of `--seconds` or a closed pipe.
-pub(crate) fn run(args: &BodyArgs, is_json: bool) -> Result<Answer, CliError> {
-    let limit = record::duration(args.seconds)?;
+pub(super) fn run(args: &BodyArgs) -> Result<Answer, CliError> {
+    let (mut until, is_json) = (Until::new(args.seconds)?, terminal::flags().is_json);
     let settings = BodySettings::load(&args.body)?;
-    let stop = interrupt::listen()?;
     let mut body = Body::open(&settings)?;
-    let start = Instant::now();
+    until.restart();
     let mut lists = 0_u64;
     let mut is_open = is_json || print(&body.start_line(&settings))?;
-    while is_open && !stop.is_set() && limit.is_none_or(|limit| start.elapsed() < limit) {
-        let Some(news) = body.next(TICK) else { continue };
+    while is_open && !until.is_over() {
+        let Some(news) = body.next(SHUTDOWN_WAIT) else { continue };
         lists += u64::from(matches!(news, BodyNews::Touches(_)));
         is_open = is_json || print(&body.line(&news))?;
     }
-    let answer = summary(&body, lists, start.elapsed());
+    let answer = summary(&body, lists, until.start.elapsed());
     if is_open && !is_json {
         print(&body.end_line(lists))?;
     }
-    if is_json {
-        return Ok(answer);
-    }
-    // stdout has held lines
-    eprintln!("{}", eit_skin::words::printable(&answer.text));
-    Ok(Answer { text: String::new(), ..answer })
+    Ok(publish::moved(answer, !is_json))
 }
 
-/// Prints a line; returns whether the output still has a reader.
+/// Prints a line; whether there is still a reader.
 fn print(line: &Value) -> Result<bool, CliError> {
     let text = line.to_string();
     let mut out = std::io::stdout().lock();
     match writeln!(out, "{}", printable_json(&text)).and_then(|()| out.flush()) {
         Ok(()) => Ok(true),
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
-        Err(error) => Err(CliError::Failure(format!("cannot write a line: {error}"))),
+        Err(error) => Err(CliError::failure(format!("cannot write a line: {error}"))),
     }
 }
 
 fn summary(body: &Body, lists: u64, time: Duration) -> Answer {
     let patches = body.patches();
-    let [received, lost] = [
-        patches.iter().map(|patch| patch.received).sum::<u64>(),
-        patches.iter().map(|patch| patch.lost).sum::<u64>(),
-    ];
+    let received: u64 = patches.iter().map(|patch| patch.received).sum();
+    let lost: u64 = patches.iter().map(|patch| patch.lost).sum();
     let silent: Vec<&str> =
         patches.iter().filter(|patch| patch.silent).map(|patch| patch.name.as_str()).collect();
     let [overflowed, refused] = body.dropped();
@@ -76,10 +62,8 @@ fn summary(body: &Body, lists: u64, time: Duration) -> Answer {
         text += &format!("\ndropped here: {overflowed} messages, {refused} lists");
     }
     let of_patch = |patch: &eit_publish::ros::PatchState| {
-        json!({
-            "name": patch.name, "silent": patch.silent, "received": patch.received,
-            "lost": patch.lost,
-        })
+        let (name, silent) = (&patch.name, patch.silent);
+        json!({ "name": name, "silent": silent, "received": patch.received, "lost": patch.lost })
     };
     let json = json!({
         "seconds": time.as_secs_f64(),

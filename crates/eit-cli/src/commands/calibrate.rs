@@ -1,17 +1,13 @@
 //! `eit calibrate`: fits background conductivity and contact impedances to the untouched skin.
 
-use super::Answer;
 use crate::cli::CalibrateArgs;
-use crate::error::CliError;
-use crate::progress;
+use crate::commands::prelude::*;
 use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 use eit_skin::frames::{Frames, has_driven_electrodes};
-use eit_skin::scene::{ElementOrder, Reference, Scene};
-use eit_skin::{MeshOverride, Progress, Skin};
-use serde_json::{Value, json};
+use eit_skin::scene::{ElementOrder, Reference};
 
 /// Reads the frame of the untouched skin, fits, and reports what to write into the scene.
-pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
+pub(super) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
     let mut scene = Scene::load(&args.scene)?;
     scene.reconstruction.use_driven_electrodes |= args.use_driven_electrodes;
     if scene.mesh.required_accuracy.is_some() {
@@ -30,10 +26,9 @@ pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
         fit(&skin.model, &frames, settings(args, &skin, &frames), &mut notes)
     });
     let found = found.map_err(|error| error.within(&scene.place))?;
-    let json = to_json(&skin.name, &frames, &found, &notes, &progress);
     let may_use_driven =
         !scene.reconstruction.use_driven_electrodes && has_driven_electrodes(&skin.protocol);
-    Ok(Answer { text: text(&frames, &found, &notes, may_use_driven), json })
+    Ok(answer(&skin.name, &frames, &found, &notes, may_use_driven, &progress))
 }
 
 fn settings(args: &CalibrateArgs, skin: &Skin, frames: &Frames) -> CalibrationSettings {
@@ -48,10 +43,8 @@ fn settings(args: &CalibrateArgs, skin: &Skin, frames: &Frames) -> CalibrationSe
     }
 }
 
-/// A misfit above this multiple of the stated noise is model error, and then counts as noise.
-const MODEL_ERROR: f64 = 2.0;
-
-/// Fits with the stated noise, or with the unexplained part if that is much larger.
+/// Fits with the stated noise, or with the unexplained part if that is much larger: model error, which then counts as
+/// noise.
 fn fit(
     model: &eit_fem::ForwardModel,
     frames: &Frames,
@@ -60,7 +53,7 @@ fn fit(
 ) -> Result<Calibration, CliError> {
     let found = Calibration::of_frame(model, &frames.reference, &settings)?;
     let times = found.reduced_chi_square.sqrt();
-    if times <= MODEL_ERROR {
+    if times <= 2.0 {
         return Ok(found);
     }
     notes.push(format!(
@@ -68,14 +61,6 @@ fn fit(
     ));
     let settings = CalibrationSettings { noise_std_v: None, ..settings };
     Ok(Calibration::of_frame(model, &frames.reference, &settings)?)
-}
-
-fn status(found: &Calibration) -> &'static str {
-    match found.status {
-        CalibrationStatus::Converged => "converged",
-        CalibrationStatus::IterationCap => "iteration cap",
-        CalibrationStatus::Stalled => "stalled",
-    }
 }
 
 /// Electrodes (from 1) whose contacts are determined less by the data than by the prior.
@@ -86,28 +71,38 @@ fn undetermined(found: &Calibration) -> Vec<usize> {
     all.filter(|l| weak.contains(if common { &1 } else { l })).collect()
 }
 
-fn text(frames: &Frames, found: &Calibration, notes: &[String], may_use_driven: bool) -> String {
-    let std = found.std();
-    let contact = |l: usize| std[(1 + l).min(std.len() - 1)];
+fn answer(
+    name: &str,
+    frames: &Frames,
+    found: &Calibration,
+    notes: &[String],
+    may_use_driven: bool,
+    progress: &Progress,
+) -> Answer {
+    let Calibration { conductivity_s, contact_impedance, iterations, .. } = found;
+    let (std, weak) = (found.std(), undetermined(found));
     let used = frames.used.iter().filter(|used| **used).count();
+    let (status, heading) = match found.status {
+        CalibrationStatus::Converged => ("converged", "for the scene:"),
+        CalibrationStatus::Stalled => ("stalled", "for the scene:"),
+        CalibrationStatus::IterationCap => {
+            ("iteration cap", "not converged, so not for a scene as they are:")
+        }
+    };
+    let [before, after] = [found.residual_before, found.residual_after].map(|part| 100.0 * part);
     let mut lines = vec![
         format!(
-            "{}: {used} measurements, {} after {} steps; unexplained {:.2} % of the frame, {:.2} % \
-             before",
-            frames.reference_source,
-            status(found),
-            found.iterations,
-            100.0 * found.residual_after,
-            100.0 * found.residual_before,
+            "{}: {used} measurements, {status} after {iterations} steps; unexplained {after:.2} % of the frame, \
+             {before:.2} % before",
+            frames.reference_source
         ),
-        format!("conductivity {:.4e} S, to {:.2} %", found.conductivity_s, 100.0 * std[0]),
+        format!("conductivity {conductivity_s:.4e} S, to {:.2} %", 100.0 * std[0]),
     ];
-    for (l, z) in found.contact_impedance.iter().enumerate() {
+    for (number, z) in (1..).zip(contact_impedance) {
         // exponential of the standard deviation of a logarithm
-        let factor = contact(l).exp();
-        lines.push(format!("contact {}: {z:.3e} ohm m, to a factor of {factor:.2}", l + 1));
+        let factor = std[number.min(std.len() - 1)].exp();
+        lines.push(format!("contact {number}: {z:.3e} ohm m, to a factor of {factor:.2}"));
     }
-    let weak = undetermined(found);
     if !weak.is_empty() {
         let advice = match may_use_driven {
             true => " (measurements on driven electrodes would tell: --use-driven-electrodes)",
@@ -118,46 +113,37 @@ fn text(frames: &Frames, found: &Calibration, notes: &[String], may_use_driven: 
         ));
     }
     lines.extend(notes.iter().map(|note| format!("note: {note}")));
-    let contacts: Vec<String> =
-        found.contact_impedance.iter().map(|z| format!("{z:.4e}")).collect();
-    lines.push(match found.status {
-        CalibrationStatus::IterationCap => {
-            "not converged, so not for a scene as they are:".to_owned()
-        }
-        _ => "for the scene:".to_owned(),
-    });
-    lines.push(format!("  [skin] conductivity_s = {:.5e}", found.conductivity_s));
-    lines.push(format!("  [electrodes] contact_impedance_ohm_m = [{}]", contacts.join(", ")));
-    lines.join("\n")
-}
-
-fn to_json(
-    name: &str,
-    frames: &Frames,
-    found: &Calibration,
-    notes: &[String],
-    progress: &Progress,
-) -> Value {
-    let covariance: Vec<Vec<f64>> =
-        found.covariance.rows().into_iter().map(|row| row.to_vec()).collect();
-    json!({
+    let contacts: Vec<String> = contact_impedance.iter().map(|z| format!("{z:.4e}")).collect();
+    let contacts = contacts.join(", ");
+    lines.push(heading.to_owned());
+    lines.push(format!("  [skin] conductivity_s = {conductivity_s:.5e}"));
+    lines.push(format!("  [electrodes] contact_impedance_ohm_m = [{contacts}]"));
+    let json = json!({
         "scene": name,
         "frame": frames.reference_source,
-        "measurements_used": frames.used.iter().filter(|used| **used).count(),
-        "status": status(found),
+        "measurements_used": used,
+        "status": status,
+        "undetermined_electrodes": weak,
+        "std_of_logarithms": std,
+        "notes": notes,
+        "stages": progress.times(),
+    });
+    Answer { text: lines.join("\n"), json: joined(json, numbers(found)) }
+}
+
+/// What was fitted, for programs.
+fn numbers(found: &Calibration) -> Value {
+    let covariance = found.covariance.rows().into_iter().map(|row| row.to_vec());
+    json!({
         "iterations": found.iterations,
         "forward_solves": found.forward_solves,
         "conductivity_s": found.conductivity_s,
         "contact_impedance_ohm_m": found.contact_impedance,
-        "std_of_logarithms": found.std(),
-        "covariance_of_logarithms": covariance,
+        "covariance_of_logarithms": covariance.collect::<Vec<_>>(),
         "determined": found.determined,
-        "undetermined_electrodes": undetermined(found),
         "residual_before": found.residual_before,
         "residual_after": found.residual_after,
         "noise_std_v": found.noise_std_v.first(),
         "reduced_chi_square": found.reduced_chi_square,
-        "notes": notes,
-        "stages": progress.times(),
     })
 }

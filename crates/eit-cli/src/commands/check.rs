@@ -1,158 +1,176 @@
-//! `eit check`: whether the instrument is ready for use, and what to try if not.
+//! `eit check`: which serial ports there are, which instrument answers, and whether it is ready for use.
 
-use super::{Answer, Ended, FAULTY};
 use crate::cli::CheckArgs;
-use crate::error::CliError;
-use crate::progress;
-use eit_hw::driver::Statistics;
+use crate::commands::prelude::*;
+use eit_hw::driver::{Statistics, identify};
 use eit_hw::{
-    HealthReport, ReferenceFrames, Resolution, Severity, Verdict, measure_reference_frames,
+    Finding, HealthReport, ReferenceFrames, Resolution, Verdict, measure_reference_frames,
 };
-use eit_skin::Skin;
 use eit_skin::connect::{self, Backlog};
 use eit_skin::health;
-use eit_skin::scene::Scene;
-use serde_json::{Value, json};
-use std::time::Duration;
+use eit_skin::scene::Instrument;
 
-/// Measures frames of the untouched skin and checks their health.
-pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
-    if !(args.seconds > 0.0 && args.seconds <= 3600.0) {
-        let message = format!("--seconds {}: it must be above 0, to 3600", args.seconds);
-        return Err(CliError::input(message));
-    }
-    if args.frames < HealthReport::LEAST_FRAMES {
-        let (frames, least) = (args.frames, HealthReport::LEAST_FRAMES);
-        let message = format!("--frames {frames}: it must be at least {least}, to tell the noise");
-        return Err(CliError::input(message));
-    }
-    let scene = Scene::load(&args.scene)?;
+/// Lists the ports, or identifies or checks the scene's instrument.
+pub(super) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
+    let Some(scene) = &args.scene else { return Ok(ports()?.into()) };
+    let least = HealthReport::LEAST_FRAMES;
+    let in_range = args.seconds > 0.0 && args.seconds <= 3600.0;
+    check_option("--seconds", args.seconds, in_range, "above 0, to 3600")?;
+    let wanted = format!("at least {least}, to tell the noise");
+    check_option("--frames", args.frames, args.frames >= least, &wanted)?;
+    let scene = Scene::load(scene)?;
     let instrument = scene.instrument()?;
+    match args.identify {
+        true => Ok(identity(&instrument, args.port.as_deref())?.into()),
+        false => check(args, &scene, &instrument),
+    }
+}
+
+/// Lists the serial ports of this computer.
+fn ports() -> Result<Answer, CliError> {
+    let (mut lines, mut list) = (Vec::new(), Vec::new());
+    for port in &eit_hw::serial_ports()? {
+        let usb = port.usb.as_ref();
+        let name = usb.and_then(|usb| usb.name.as_deref());
+        let serial = usb.and_then(|usb| usb.serial.as_deref());
+        let ids = usb.map(|usb| format!("{:04x}:{:04x}", usb.vendor, usb.product));
+        let words = [Some(port.path.as_str()), ids.as_deref(), name, serial];
+        lines.push(words.into_iter().flatten().collect::<Vec<_>>().join("  "));
+        list.push(json!({ "port": port.path, "usb": ids, "name": name, "serial": serial }));
+    }
+    if lines.is_empty() {
+        let none =
+            "no serial ports: plug the instrument in; for one on a network use tcp:host:port";
+        lines.push(none.to_owned());
+    }
+    Ok(Answer { text: lines.join("\n"), json: json!({ "ports": list }) })
+}
+
+/// Asks the instrument what it is.
+fn identity(instrument: &Instrument, port: Option<&str>) -> Result<Answer, CliError> {
+    let endpoint = instrument.endpoint(port)?;
+    let setup = identify(&mut *instrument.driver()?, &endpoint)?;
+    let unit = word(setup.unit);
+    let rate =
+        setup.frame_rate_hz.map_or(String::new(), |rate| format!(", {rate} frames per second"));
+    let kind = if setup.complex { "complex" } else { "real" };
+    let text = format!(
+        "{endpoint}: {} (driver {}), {} {kind} values per frame{rate}, unit {unit}",
+        setup.identity, setup.identity.driver, setup.value_count
+    );
+    let json = json!({
+        "port": endpoint.to_string(),
+        "driver": setup.identity.driver,
+        "instrument": setup.identity.name,
+        "serial": setup.identity.serial,
+        "values": setup.value_count,
+        "complex": setup.complex,
+        "unit": unit,
+        "frame_rate_hz": setup.frame_rate_hz,
+    });
+    Ok(Answer { text, json })
+}
+
+/// Takes frames of the untouched skin and judges them.
+fn check(args: &CheckArgs, scene: &Scene, instrument: &Instrument) -> Result<Ended, CliError> {
     let mut progress = progress::terminal();
-    let mut session = progress
-        .stage("connect", || connect::open(&instrument, args.port.as_deref(), Backlog::Recorded))?;
+    let port = args.port.as_deref();
+    let mut session =
+        progress.stage("connect", || connect::open(instrument, port, Backlog::Recorded))?;
     let limit = Duration::from_secs_f64(args.seconds);
     let quiet = progress.stage("measure: do not touch the skin", || {
         measure_reference_frames(&mut session, args.frames, limit)
     })?;
     let statistics = session.statistics();
     session.stop();
-    let found = quiet.frames.values.nrows();
+    let (found, seconds, bytes) = (quiet.frames.values.nrows(), args.seconds, statistics.bytes);
     let name = session.setup().identity.to_string();
     if found == 0 {
-        return Err(CliError::Silent(format!(
-            "{name}: no frame within {} s, {} bytes in total: check its power and cable, and that its \
-             scan is running",
-            args.seconds, statistics.bytes
+        return Err(CliError::silent(format!(
+            "{name}: no frame within {seconds} s, {bytes} bytes in total: check its power and cable, and that \
+             its scan is running"
         )));
     }
-    let mut report = health::check(&quiet, &instrument).map_err(|error| {
-        CliError::Failure(format!(
-            "{found} frames within {} s, {} bytes in total: {error}",
-            args.seconds, statistics.bytes
-        ))
+    let mut report = health::check(&quiet, instrument).map_err(|error| {
+        let came = format!("{found} frames within {seconds} s, {bytes} bytes in total");
+        CliError::failure(format!("{came}: {error}"))
     })?;
     // a scene whose skin cannot be modelled here, such as one that stores charge, can be checked nevertheless
-    if let Ok(skin) = Skin::set_up(&scene, &Default::default(), &mut progress) {
+    if let Ok(skin) = Skin::set_up(scene, &Default::default(), &mut progress) {
         health::check_model(&mut report, &quiet, &skin)?;
     }
-    let answer = Answer {
-        text: text(&name, &report, &quiet, &statistics),
-        json: to_json(&name, &report, &quiet, &statistics),
-    };
-    let exit_code = if report.verdict() == Verdict::Faulty { FAULTY } else { 0 };
-    Ok(Ended { answer, exit_code })
+    let exit = if report.verdict() == Verdict::Faulty { Exit::Faulty } else { Exit::Done };
+    Ok(Ended { answer: answer(&name, &report, &quiet, &statistics), exit })
 }
 
-fn verdict(report: &HealthReport) -> &'static str {
-    match report.verdict() {
-        Verdict::Good => "good",
-        Verdict::Usable => "usable",
-        Verdict::Faulty => "faulty",
-    }
+/// The name of a variant, as in the text.
+fn word(variant: impl std::fmt::Debug) -> String {
+    format!("{variant:?}").to_lowercase()
 }
 
-fn severity(severity: Severity) -> &'static str {
-    match severity {
-        Severity::Warning => "warning",
-        Severity::Fault => "fault",
-    }
-}
-
-fn text(
+fn answer(
     name: &str,
     report: &HealthReport,
     quiet: &ReferenceFrames,
     statistics: &Statistics,
-) -> String {
-    let number = |value: Option<f64>, digits: usize| {
-        value.map_or_else(|| "unknown".to_owned(), |value| format!("{value:.digits$}"))
+) -> Answer {
+    let verdict = word(report.verdict());
+    let number = |value: Option<f64>, digits: usize, unit: &str| {
+        value.map_or_else(|| "unknown".to_owned(), |value| format!("{value:.digits$}{unit}"))
     };
+    let (frames, lost) = (quiet.frames.values.nrows(), quiet.facts.lost_frames);
     let mut lines = vec![
-        format!("{name}: {}", verdict(report)),
+        format!("{name}: {verdict}"),
         format!(
-            "{} frames at {} Hz, {} lost, {} bytes damaged; signal-to-noise ratio {}, reciprocity \
-             error {}",
-            quiet.frames.values.nrows(),
-            number(report.frame_rate_hz, 2),
-            quiet.facts.lost_frames,
+            "{frames} frames at {} Hz, {lost} lost, {} bytes damaged; signal-to-noise ratio {}, reciprocity error {}",
+            number(report.frame_rate_hz, 2, ""),
             statistics.damaged_bytes,
-            report
-                .signal_to_noise_db
-                .map_or_else(|| "unknown".to_owned(), |db| format!("{db:.1} dB")),
-            number(report.reciprocity, 3),
+            number(report.signal_to_noise_db, 1, " dB"),
+            number(report.reciprocity, 3, ""),
         ),
     ];
     if let Some(Resolution { step, steps_per_touch, still }) = &report.resolution {
         lines.push(format!(
-            "resolution {step:.2e}: a change of 1 % is {steps_per_touch:.1} steps; {still} of {} \
-             measurements never change",
+            "resolution {step:.2e}: a change of 1 % is {steps_per_touch:.1} steps; {still} of {} measurements never \
+             change",
             report.noise_std.len()
         ));
     }
     let findings = report.findings.iter();
-    lines.extend(findings.map(|finding| format!("{}: {finding}", severity(finding.severity))));
+    lines.extend(findings.map(|finding| format!("{}: {finding}", word(finding.severity))));
     if report.findings.is_empty() {
         lines.push("no faults found".to_owned());
     }
     lines.extend(quiet.notices.iter().map(|notice| format!("notice of the instrument: {notice}")));
-    lines.join("\n")
+    let json = json!({
+        "instrument": name,
+        "verdict": verdict,
+        "frames": frames,
+        "lost_frames": lost,
+        "damaged_bytes": statistics.damaged_bytes,
+        "notices": quiet.notices,
+    });
+    Answer { text: lines.join("\n"), json: joined(json, numbers(report)) }
 }
 
-fn to_json(
-    name: &str,
-    report: &HealthReport,
-    quiet: &ReferenceFrames,
-    statistics: &Statistics,
-) -> Value {
-    let findings: Vec<Value> = report
-        .findings
-        .iter()
-        .map(|finding| {
-            json!({
-                "severity": severity(finding.severity),
-                // numbered from 1, as in the text
-                "electrode": finding.electrode.map(|electrode| electrode + 1),
-                "what": finding.to_string(),
-                "try": finding.advice(),
-            })
+/// What was measured and found, for programs.
+fn numbers(report: &HealthReport) -> Value {
+    let finding = |finding: &Finding| {
+        json!({
+            "severity": word(finding.severity),
+            // numbered from 1, as in the text
+            "electrode": finding.electrode.map(|electrode| electrode + 1),
+            "what": finding.to_string(),
+            "try": finding.advice(),
         })
-        .collect();
+    };
     json!({
-        "instrument": name,
-        "verdict": verdict(report),
-        "frames": quiet.frames.values.nrows(),
         "frame_rate_hz": report.frame_rate_hz,
-        "lost_frames": quiet.facts.lost_frames,
-        "damaged_bytes": statistics.damaged_bytes,
         "signal_to_noise_db": report.signal_to_noise_db,
         "reciprocity_error": report.reciprocity,
-        "resolution": report.resolution.map(|resolution| json!({
-            "step": resolution.step,
-            "steps_per_touch": resolution.steps_per_touch,
-            "still_measurements": resolution.still,
-        })),
-        "findings": findings,
-        "notices": quiet.notices,
+        "resolution": report.resolution.map(|Resolution { step, steps_per_touch, still }| {
+            json!({ "step": step, "steps_per_touch": steps_per_touch, "still_measurements": still })
+        }),
+        "findings": report.findings.iter().map(finding).collect::<Vec<_>>(),
     })
 }

@@ -1,13 +1,10 @@
 //! Electrodes that fail during a recording.
 
+use crate::commands::prelude::*;
 use eit_hw::Frame;
 use eit_skin::faults::{ElectrodeFault, StreamMonitor};
 use eit_skin::live::REFERENCE_FRAMES;
 use eit_skin::scene::Instrument;
-use serde_json::{Value, json};
-
-/// Maximum number of faults reported: an electrode with a loose contact fails repeatedly.
-const KEPT: usize = 100;
 
 /// Checks each frame after it was recorded, without a model of the skin.
 pub(super) struct ElectrodeWatch {
@@ -18,13 +15,9 @@ pub(super) struct ElectrodeWatch {
     period_s: f64,
     /// Faults in the previous frame.
     before: Vec<ElectrodeFault>,
-    seen: Vec<Seen>,
+    /// The first faults, and when each one ended, in seconds.
+    kept: Vec<(ElectrodeFault, Option<f64>)>,
     more: u64,
-}
-
-struct Seen {
-    fault: ElectrodeFault,
-    healed_s: Option<f64>,
 }
 
 impl ElectrodeWatch {
@@ -36,7 +29,7 @@ impl ElectrodeWatch {
             frames: 0,
             period_s: instrument.frame_rate_hz.recip(),
             before: Vec::with_capacity(electrodes),
-            seen: Vec::new(),
+            kept: Vec::new(),
             more: 0,
         }
     }
@@ -61,27 +54,24 @@ impl ElectrodeWatch {
             return Ok(());
         }
         let now = monitor.faults();
-        if now == self.before {
-            return Ok(());
-        }
         for fault in now.iter().filter(|fault| !self.before.contains(fault)) {
             let (number, words) = (fault.electrode + 1, fault.kind.words());
             tell(&format!("electrode {number} {words}; since {time_s:.2} s"))?;
-            match self.seen.len() < KEPT {
-                true => self.seen.push(Seen { fault: *fault, healed_s: None }),
+            // an electrode with a loose contact fails repeatedly
+            match self.kept.len() < 100 {
+                true => self.kept.push((*fault, None)),
                 false => self.more += 1,
             }
         }
         for fault in self.before.iter().filter(|fault| !now.contains(fault)) {
-            tell(&format!(
-                "electrode {} is sound again; since {time_s:.2} s",
-                fault.electrode + 1
-            ))?;
-            let seen = self.seen.iter_mut().find(|seen| seen.fault == *fault);
-            seen.into_iter().for_each(|seen| seen.healed_s = Some(time_s));
+            let number = fault.electrode + 1;
+            tell(&format!("electrode {number} is sound again; since {time_s:.2} s"))?;
+            let kept = self.kept.iter_mut().find(|(kept, _)| kept == fault);
+            kept.into_iter().for_each(|(_, until_s)| *until_s = Some(time_s));
         }
-        self.before.clear();
-        self.before.extend_from_slice(now);
+        if now != self.before {
+            now.clone_into(&mut self.before);
+        }
         Ok(())
     }
 
@@ -95,13 +85,12 @@ impl ElectrodeWatch {
 
     /// Describes each fault on a line, for people.
     pub(super) fn lines(&self) -> String {
-        let line = |Seen { fault, healed_s }: &Seen| {
-            let until =
-                healed_s.map_or_else(|| "to the end".to_owned(), |s| format!("to {s:.2} s"));
+        let mut lines = String::new();
+        for (fault, until_s) in &self.kept {
+            let until = until_s.map_or("to the end".to_owned(), |s| format!("to {s:.2} s"));
             let (number, words, since_s) = (fault.electrode + 1, fault.kind.words(), fault.since_s);
-            format!("\nelectrode {number} {words}; {since_s:.2} s {until}")
-        };
-        let mut lines: String = self.seen.iter().map(line).collect();
+            lines += &format!("\nelectrode {number} {words}; {since_s:.2} s {until}");
+        }
         if self.more > 0 {
             lines += &format!("\nand {} more faults", self.more);
         }
@@ -110,14 +99,9 @@ impl ElectrodeWatch {
 
     /// Returns the faults as JSON; electrodes are numbered from 1.
     pub(super) fn json(&self) -> Value {
-        let of = |Seen { fault, healed_s }: &Seen| {
-            json!({
-                "electrode": fault.electrode + 1,
-                "fault": fault.kind.words(),
-                "since_s": fault.since_s,
-                "until_s": healed_s,
-            })
+        let with_end = |(fault, until_s): &(ElectrodeFault, Option<f64>)| {
+            joined(json!({ "until_s": until_s }), fault.json())
         };
-        self.seen.iter().map(of).collect()
+        self.kept.iter().map(with_end).collect()
     }
 }

@@ -1,45 +1,21 @@
 //! `eit emulate`: emulates the scene's instrument, to try everything without hardware.
 
-use super::{Answer, record};
 use crate::cli::EmulateArgs;
-use crate::error::CliError;
-use crate::interrupt;
-use crate::progress;
+use crate::commands::prelude::*;
 use eit_hw::emulator::{Emulator, FaultPlan, Listen};
 use eit_skin::emulate::{self, Content, PlayedFrames};
 use eit_skin::scene::from_toml;
-use eit_skin::{MeshOverride, Scene, Skin};
-use serde::Deserialize;
-use serde_json::json;
 use std::io::Write as _;
-use std::time::{Duration, Instant};
-
-/// `--fault KEY=VALUE`, see [`FaultPlan`].
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct FaultKeys {
-    spared_bytes: u64,
-    drop_byte: f64,
-    flip_bit: f64,
-    insert_byte: f64,
-    pause: f64,
-    pause_s: f64,
-    unplug_after_bytes: Vec<u64>,
-    unplugged_s: f64,
-    line_baud: Option<u32>,
-}
 
 /// Runs the instrument until Ctrl-C or the end of `--seconds`.
-pub(crate) fn run(args: &EmulateArgs, is_json: bool) -> Result<Answer, CliError> {
-    let limit = record::duration(args.seconds)?;
+pub(super) fn run(args: &EmulateArgs) -> Result<Answer, CliError> {
+    let mut until = Until::new(args.seconds)?;
     let faults = faults(args)?;
     let listen = listen(&args.port)?;
     let scene = Scene::load(&args.scene)?;
     let mut instrument = scene.instrument()?;
     if let Some(rate_hz) = args.rate_hz {
-        if !(rate_hz > 0.0 && rate_hz.is_finite()) {
-            return Err(CliError::input(format!("--rate-hz {rate_hz}: it must be above 0")));
-        }
+        check_option("--rate-hz", rate_hz, rate_hz > 0.0 && rate_hz.is_finite(), "above 0")?;
         instrument.frame_rate_hz = rate_hz;
     }
     let frames = args.frames.as_deref().map_or(PlayedFrames::Untouched, PlayedFrames::File);
@@ -47,37 +23,32 @@ pub(crate) fn run(args: &EmulateArgs, is_json: bool) -> Result<Answer, CliError>
     let mut progress = progress::terminal();
     let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
     let device = emulate::device(&skin, &instrument, &content, &mut progress)?;
-    let interrupt = interrupt::listen()?;
     let mut emulator = Emulator::start(device, &listen, faults)?;
-    let place = emulator.endpoint().to_string();
-    let driver = instrument.driver_name().to_owned();
-    if !is_json {
+    let (port, driver) = (emulator.endpoint().to_string(), instrument.driver_name());
+    if !terminal::flags().is_json {
         // flush at once: other programs wait for it
         let mut out = std::io::stdout().lock();
         // a reader that has gone away is not an error
-        let _ = writeln!(out, "{driver} at {place}; Ctrl-C stops it").and_then(|()| out.flush());
+        let _ = writeln!(out, "{driver} at {port}; Ctrl-C stops it").and_then(|()| out.flush());
     }
-    let start = Instant::now();
-    while !interrupt.is_set() && limit.is_none_or(|limit| start.elapsed() < limit) {
+    until.restart();
+    while !until.is_over() {
         std::thread::sleep(Duration::from_millis(20));
     }
     emulator.stop();
-    let statistics = emulator.statistics();
+    let (statistics, time_s) = (emulator.statistics(), until.start.elapsed().as_secs_f64());
+    let (sent, received, faults) = (statistics.sent, statistics.received, statistics.faults);
     Ok(Answer {
         text: format!(
-            "{} bytes sent, {} received, {} faults simulated, {:.1} s",
-            statistics.sent,
-            statistics.received,
-            statistics.faults,
-            start.elapsed().as_secs_f64()
+            "{sent} bytes sent, {received} received, {faults} faults simulated, {time_s:.1} s"
         ),
         json: json!({
             "driver": driver,
-            "port": place,
-            "sent_bytes": statistics.sent,
-            "received_bytes": statistics.received,
-            "faults": statistics.faults,
-            "time_s": start.elapsed().as_secs_f64(),
+            "port": port,
+            "sent_bytes": sent,
+            "received_bytes": received,
+            "faults": faults,
+            "time_s": time_s,
         }),
     })
 }
@@ -105,20 +76,10 @@ fn listen(port: &str) -> Result<Listen, CliError> {
     Err(CliError::input(format!("--port {port}: only tcp:127.0.0.1:PORT on this system")))
 }
 
+/// The faults of `--fault KEY=VALUE`; the seed is that of the noise.
 fn faults(args: &EmulateArgs) -> Result<FaultPlan, CliError> {
-    let keys: FaultKeys = from_toml(&args.fault.join("\n"), "--fault")?;
-    let plan = FaultPlan {
-        seed: args.seed,
-        spared_bytes: keys.spared_bytes,
-        drop_byte: keys.drop_byte,
-        flip_bit: keys.flip_bit,
-        insert_byte: keys.insert_byte,
-        pause: keys.pause,
-        pause_s: keys.pause_s,
-        unplug_after_bytes: keys.unplug_after_bytes,
-        unplugged_s: keys.unplugged_s,
-        line_baud: keys.line_baud,
-    };
+    let plan: FaultPlan = from_toml(&args.fault.join("\n"), "--fault")?;
+    let plan = FaultPlan { seed: args.seed, ..plan };
     plan.validate().map_err(|error| CliError::from(error).within("--fault"))?;
     Ok(plan)
 }

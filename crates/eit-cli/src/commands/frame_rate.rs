@@ -1,11 +1,6 @@
 //! Rate at which frames arrive during a recording.
 
-use std::time::Instant;
-
-/// Averaging time of the recent rate, seconds.
-const RECENT_S: f64 = 2.0;
-/// Fraction of the stated rate below which the rate is too low.
-const LEAST_SHARE: f64 = 0.9;
+use crate::commands::prelude::*;
 
 /// Arrival of frames: their rate while frames come, and the longest interval between two of them.
 #[derive(Debug, Default)]
@@ -27,7 +22,7 @@ pub(super) struct FrameRate {
 
 impl FrameRate {
     /// Counts a frame that arrived at `now`.
-    pub fn frame(&mut self, now: Instant) {
+    pub(super) fn frame(&mut self, now: Instant) {
         if let Some(last) = self.last.replace(now) {
             let interval_s = seconds(last, now);
             self.longest_wait_s = self.longest_wait_s.max(interval_s);
@@ -42,7 +37,7 @@ impl FrameRate {
         // the first frame starts the interval
         self.recent_frames = if since == now { 0 } else { self.recent_frames + 1 };
         let lasted_s = seconds(since, now);
-        if lasted_s >= RECENT_S {
+        if lasted_s >= 2.0 {
             self.recent_hz = Some(self.recent_frames as f64 / lasted_s);
             (self.since, self.recent_frames) = (Some(now), 0);
         }
@@ -50,42 +45,42 @@ impl FrameRate {
 
     /// Excludes the time from the last frame to the next one from the rate: the instrument is silent
     /// or unplugged.
-    pub fn interrupt(&mut self) {
+    pub(super) fn interrupt(&mut self) {
         self.is_interrupted = self.last.is_some();
     }
 
-    /// Returns the frame rate over the last seconds, or over all if there were fewer.
-    pub fn recent_hz(&self) -> Option<f64> {
+    /// Returns the frame rate over the last two seconds, or over all if there were fewer.
+    pub(super) fn recent_hz(&self) -> Option<f64> {
         self.recent_hz.or_else(|| self.mean_hz())
     }
 
-    /// Describes a rate that has fallen below nine tenths of the stated one, or has recovered;
-    /// `None` while that does not change.
-    pub fn change(&mut self, stated_hz: Option<f64>) -> Option<String> {
+    /// Describes a rate that has fallen below nine tenths of the stated one or is back; `None` while
+    /// that does not change.
+    pub(super) fn change(&mut self, stated_hz: Option<f64>) -> Option<String> {
         let (stated_hz, recent_hz) = (stated_hz?, self.recent_hz?);
-        let is_slow = recent_hz < LEAST_SHARE * stated_hz;
+        let is_slow = recent_hz < 0.9 * stated_hz;
         let is_new = std::mem::replace(&mut self.is_slow, is_slow) != is_slow;
         let state = if is_slow { "only " } else { "again " };
         is_new.then(|| format!("{state}{recent_hz:.1} of {stated_hz} frames per second arrive"))
     }
 
     /// Returns whether the rate was too low when [`change`](Self::change) was last called.
-    pub fn is_slow(&self) -> bool {
+    pub(super) fn is_slow(&self) -> bool {
         self.is_slow
     }
 
     /// Returns the mean frame rate while frames came; `None` for fewer than two frames.
-    pub fn mean_hz(&self) -> Option<f64> {
+    pub(super) fn mean_hz(&self) -> Option<f64> {
         (self.sum_s > 0.0).then(|| self.intervals as f64 / self.sum_s)
     }
 
     /// Returns the longest interval between two frames; `None` for fewer than two.
-    pub fn longest_wait_s(&self) -> Option<f64> {
+    pub(super) fn longest_wait_s(&self) -> Option<f64> {
         (self.longest_wait_s > 0.0).then_some(self.longest_wait_s)
     }
 
     /// Describes rate and interval after a comma; empty for fewer than two frames.
-    pub fn words(&self) -> String {
+    pub(super) fn words(&self) -> String {
         match (self.mean_hz(), self.longest_wait_s()) {
             (Some(mean_hz), Some(wait_s)) => {
                 format!(", {mean_hz:.1} per second, at most {wait_s:.3} s apart")

@@ -2,42 +2,16 @@
 //!
 //! `live.rs` collects them with an instrument; otherwise they are read from a table and recordings.
 
-mod answer;
 mod live;
-mod outputs;
 
-use self::outputs::Outputs;
-use super::{Answer, Ended};
 use crate::cli::LearnArgs;
-use crate::error::CliError;
-use crate::progress;
-use eit_skin::learn::{
-    CurvePoint, Frame, LearnedSkin, Learning, PressFrames, PressTable, learning_curve,
-};
-use eit_skin::scene::{Reference, Scene};
-use eit_skin::{FittedFrames, MeshOverride, Progress, Skin};
-use std::path::Path;
-use std::sync::Arc;
-
-/// What was learnt, for the answer.
-struct Found {
-    learning: Learning,
-    curve: Vec<CurvePoint>,
-    /// Notes about the frames and the presses.
-    notes: Vec<String>,
-}
-
-/// What is learnt from, however it was collected.
-struct Parts<'a> {
-    fitted: &'a FittedFrames,
-    pressed: &'a PressFrames,
-    frame: Frame,
-    earlier: Option<&'a LearnedSkin>,
-    notes: Vec<String>,
-}
+use crate::commands::prelude::*;
+use eit_report::learnt::{LearnFiles, Presses};
+use eit_skin::learn::{Frame, LearnedSkin, PressFrames, PressTable};
+use eit_skin::scene::Reference;
 
 /// Learns from files, or from presses that are made now.
-pub(crate) fn run(args: &LearnArgs) -> Result<Ended, CliError> {
+pub(super) fn run(args: &LearnArgs) -> Result<Ended, CliError> {
     match &args.presses {
         _ if args.live.live => live::run(args),
         Some(presses) => from_files(args, presses).map(Ended::from),
@@ -53,7 +27,7 @@ fn from_files(args: &LearnArgs, presses: &Path) -> Result<Answer, CliError> {
     // the table counts frames from the start of the recording
     scene.recording.first_frame = None;
     super::check_ending(&args.out, &["learned"])?;
-    let outputs = Outputs::new(args, &scene)?;
+    let outputs = LearnFiles::new(&args.out, &inputs(args, &scene))?;
     let table = PressTable::read(presses)?;
     let earlier = args.with.as_deref().map(LearnedSkin::read).transpose()?;
     let mut progress = progress::terminal();
@@ -65,25 +39,35 @@ fn from_files(args: &LearnArgs, presses: &Path) -> Result<Answer, CliError> {
     let notes = frames.notes.clone();
     let fitted = linearised.fit(frames)?;
     let pressed = &PressFrames::new(&table, &fitted.frames)?;
-    let frame = if args.fit_frame { Frame::Fitted } else { Frame::Scene };
-    let parts = Parts { fitted: &fitted, pressed, frame, earlier: earlier.as_ref(), notes };
-    finish(args, parts, outputs, &mut progress)
+    let (fitted, frame, earlier) = (&fitted, args.frame(), earlier.as_ref());
+    let presses = Presses { fitted, pressed, frame, earlier, notes };
+    Ok(outputs.learn(presses, &mut progress)?)
 }
 
-/// Learns, and writes the file and the learning curve.
-fn finish(
-    args: &LearnArgs,
-    parts: Parts<'_>,
-    outputs: Outputs,
-    progress: &mut Progress,
-) -> Result<Answer, CliError> {
-    let Parts { fitted, pressed, frame, earlier, mut notes } = parts;
-    let learning = LearnedSkin::learn(fitted, pressed, frame, earlier, progress)?;
-    let curve = learning_curve(fitted, pressed, frame, earlier, progress)?;
-    notes.extend(answer::notes(&learning, pressed));
-    let found = Found { learning, curve, notes };
-    outputs.write(&found)?;
-    Ok(answer::answer(args, &found, progress))
+/// Input files, with their roles.
+fn inputs(args: &LearnArgs, scene: &Scene) -> Vec<(&'static str, PathBuf)> {
+    let recording = &scene.recording;
+    let stated = recording.files().into_iter().flatten().map(|file| scene.resolve(file));
+    let frames = if args.frames.is_empty() { stated.collect() } else { args.frames.clone() };
+    // a text that is not a file name leads to no existing file
+    let reference = match (&args.reference, &recording.reference) {
+        (Some(text), _) => Some(PathBuf::from(text)),
+        (None, Some(Reference::Text(text))) => Some(scene.resolve(Path::new(text))),
+        _ => None,
+    };
+    let mut inputs = vec![("the scene", PathBuf::from(&args.scene))];
+    inputs.extend(args.presses.iter().map(|file| ("the presses", file.clone())));
+    inputs.extend(args.with.iter().map(|file| ("the earlier file", file.clone())));
+    inputs.extend(frames.into_iter().map(|file| ("the frames", file)));
+    inputs.extend(reference.map(|file| ("the reference", file)));
+    inputs
+}
+
+impl LearnArgs {
+    /// The coordinates of the places.
+    fn frame(&self) -> Frame {
+        if self.fit_frame { Frame::Fitted } else { Frame::Scene }
+    }
 }
 
 /// The reference; any frame serves if every press has its own.

@@ -1,21 +1,15 @@
 //! `eit mesh`
 
-use super::{Answer, check_ending};
 use crate::cli::MeshArgs;
-use crate::error::CliError;
-use crate::progress;
+use crate::commands::prelude::*;
 use eit_mesh::{GmshVersion, Mesh, Quality};
-use eit_picture::View;
-use eit_picture::{ColorMap, MeshDrawing, PictureSettings, draw_mesh};
+use eit_picture::{ColorMap, MeshDrawing, PictureSettings, SkinDrawing, View, draw_mesh};
 use eit_report::ReportError;
-use eit_report::output::OutFile;
-
-use eit_skin::scene::{MeshChoice, Scene, element_words};
-use serde_json::json;
+use eit_skin::scene::{MeshChoice, element_words};
 use std::io::Write;
 
 /// Generates the mesh, reports its quality, and writes it.
-pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
+pub(super) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
     let format = check_ending(&args.out, &["msh", "vtu", "png"])?;
     let scene = Scene::load(&args.scene)?;
     let out = OutFile::new(&args.out)?;
@@ -29,21 +23,12 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
         "vtu" => Ok(eit_mesh::write_vtu(&mesh, &mut &mut *writer, &[])?),
         _ => picture(&mesh, &scene.name, writer),
     })?;
+    // length in metres, or area in square metres, of each electrode
+    let measures = (0..mesh.electrodes().len()).map(|l| mesh.electrode_measure(l));
     let json = json!({
         "scene": scene.name,
         "out": args.out.display().to_string(),
-        "nodes": quality.nodes,
-        "triangles": quality.triangles,
-        "rim_edges": quality.rim_edges,
-        "smallest_angle_deg": quality.smallest_angle_deg,
-        "largest_angle_deg": quality.largest_angle_deg,
-        "mean_quality": quality.mean_quality,
-        "smallest_quality": quality.smallest_quality,
-        "shortest_edge_m": quality.shortest_edge_m,
-        "longest_edge_m": quality.longest_edge_m,
-        "area_m2": quality.area_m2,
-        "elements_per_electrode": quality.elements_per_electrode,
-        "electrode_measures": measures(&mesh),
+        "electrode_measures": measures.collect::<Vec<_>>(),
         "elements": element_words(element_order),
         "accuracy": accuracy,
         "mesh_notes": notes,
@@ -52,12 +37,8 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
     let chosen = accuracy.map_or_else(String::new, |accuracy| {
         format!("\nfor {} elements: {}", element_words(element_order), accuracy.words())
     });
-    Ok(Answer { text: format!("{quality}{chosen}\nwritten: {}", args.out.display()), json })
-}
-
-/// Length in metres, or area in square metres, of each electrode.
-fn measures(mesh: &Mesh) -> Vec<Option<f64>> {
-    (0..mesh.electrodes().len()).map(|l| mesh.electrode_measure(l)).collect()
+    let text = format!("{quality}{chosen}\nwritten: {}", args.out.display());
+    Ok(Answer { text, json: joined(json, quality) })
 }
 
 fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), ReportError> {
@@ -82,6 +63,5 @@ fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), Report
         range: Some([0.0, 1.0]),
         ..Default::default()
     };
-    let canvas = draw_mesh(&drawing, &eit_picture::SkinDrawing::from_mesh(mesh, &view), &settings)?;
-    Ok(canvas.write_png(writer)?)
+    Ok(draw_mesh(&drawing, &SkinDrawing::from_mesh(mesh, &view), &settings)?.write_png(writer)?)
 }

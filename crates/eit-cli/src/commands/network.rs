@@ -1,22 +1,33 @@
 //! `--zenoh` and `--foxglove`, which are behind cargo features of the same names.
 
 use crate::cli::NetworkArgs;
-use crate::error::CliError;
+use crate::commands::prelude::*;
 use eit_publish::Publisher;
 #[cfg(feature = "foxglove")]
 use eit_publish::{FoxgloveSettings, FoxgloveSink};
 #[cfg(feature = "zenoh")]
 use eit_publish::{SessionSettings, ZenohSettings, ZenohSink};
 
-/// Whether any of these outputs is requested.
+/// Whether any of them is asked for.
 pub(super) fn is_wanted(args: &NetworkArgs) -> bool {
     args.zenoh.is_some() || args.foxglove.is_some() || args.foxglove_record.is_some()
 }
 
-/// Adds the requested sinks.
+/// Adds the sinks that are asked for.
 pub(super) fn open(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
+    #[cfg(not(feature = "zenoh"))]
+    if args.zenoh.is_some() {
+        return Err(super::built_without("zenoh", "zenoh").within("--zenoh"));
+    }
+    #[cfg(not(feature = "foxglove"))]
+    if args.foxglove.is_some() || args.foxglove_record.is_some() {
+        return Err(super::built_without("foxglove", "foxglove").within("--foxglove"));
+    }
+    #[cfg(feature = "zenoh")]
     let publisher = open_zenoh(args, publisher)?;
-    open_foxglove(args, publisher)
+    #[cfg(feature = "foxglove")]
+    let publisher = open_foxglove(args, publisher)?;
+    Ok(publisher)
 }
 
 #[cfg(feature = "zenoh")]
@@ -36,14 +47,6 @@ fn open_zenoh(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, Cli
     }
     let sink = ZenohSink::new(&settings).map_err(|e| CliError::from(e).within("--zenoh"))?;
     Ok(publisher.with_zenoh(sink))
-}
-
-#[cfg(not(feature = "zenoh"))]
-fn open_zenoh(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
-    match args.zenoh {
-        None => Ok(publisher),
-        Some(_) => Err(absent("--zenoh", "zenoh")),
-    }
 }
 
 /// The domain given, else that of the environment.
@@ -76,24 +79,7 @@ fn open_foxglove(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, 
     Ok(publisher.with_foxglove(sink))
 }
 
-#[cfg(not(feature = "foxglove"))]
-fn open_foxglove(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
-    match (&args.foxglove, &args.foxglove_record) {
-        (None, None) => Ok(publisher),
-        _ => Err(absent("--foxglove", "foxglove")),
-    }
-}
-
-/// Explains how to build a program that has them.
-#[cfg(not(all(feature = "zenoh", feature = "foxglove")))]
-fn absent(flag: &str, feature: &str) -> CliError {
-    CliError::input(format!(
-        "{flag}: this eit was built without {feature}: build it with cargo install --path crates/eit-cli \
-         --features {feature}"
-    ))
-}
-
-/// Reports how much was dropped.
+/// Reports what was dropped.
 #[cfg_attr(
     not(any(feature = "zenoh", feature = "foxglove")),
     allow(unused_variables, reason = "nothing to report")
@@ -104,13 +90,11 @@ pub(super) fn report(publisher: &Publisher) {
         let dropped = sink.statistics();
         let (sent, refused) = sink.sent();
         if dropped.dropped_frames > 0 || refused > 0 {
+            let (topic, all) = (sink.topic(), sent + refused);
             eprintln!(
-                "eit: note: --zenoh {}: {} of {} frames were dropped because sending was slower, and zenoh \
-                 refused {refused} of {} messages",
-                sink.topic(),
-                dropped.dropped_frames,
-                dropped.frames,
-                sent + refused
+                "eit: note: --zenoh {topic}: {} of {} frames were dropped because sending was slower, and zenoh \
+                 refused {refused} of {all} messages",
+                dropped.dropped_frames, dropped.frames
             );
         }
     }

@@ -1,17 +1,13 @@
 //! `eit plan`
 
-use super::Answer;
 use crate::cli::PlanArgs;
-use crate::error::CliError;
-use crate::progress;
+use crate::commands::prelude::*;
 use eit_skin::method;
 use eit_skin::plan::{self, Plan, PlanText};
 use eit_skin::reactive::ReactiveSkin;
-use eit_skin::{MeshOverride, Scene, Skin};
-use serde_json::json;
 
 /// Prints the scene, or plans for it.
-pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
+pub(super) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     if args.print_scene {
         let text = Scene::text(&args.scene)?;
         let json = json!({ "scene": text });

@@ -1,21 +1,16 @@
 //! Publishes touches to other programs, in addition to the output of `eit live` and `eit replay`.
 
-use super::{Answer, network};
+use super::network;
 use crate::cli::PublishArgs;
-use crate::error::CliError;
+use crate::commands::prelude::*;
 use eit_picture::SkinDrawing;
-use eit_publish::{Publisher, SkinImage, SkinShape, UdpSink, WebServer};
-use eit_skin::Progress;
+use eit_publish::{Publisher, SkinImage, SkinShape, Start, UdpSink, WebServer};
 use eit_skin::live::{LiveModel, TouchFrame};
 use eit_skin::words::printable;
 
 /// Opens the requested outputs; `None` if there are none. The page can record if frames are those of an instrument.
-pub(super) fn open(
-    args: &PublishArgs,
-    is_json: bool,
-    can_record: bool,
-) -> Result<Option<Publisher>, CliError> {
-    if args.json_lines && is_json {
+pub(super) fn open(args: &PublishArgs, can_record: bool) -> Result<Option<Publisher>, CliError> {
+    if args.json_lines && terminal::flags().is_json {
         let message = "--json-lines and --json both need stdout: use one";
         return Err(CliError::input(message));
     }
@@ -52,6 +47,26 @@ pub(super) fn open_page(
     Ok(publisher.with_web(server))
 }
 
+/// Announces a skin and the instrument or recording whose frames follow.
+pub(super) fn start(
+    publisher: &mut Publisher,
+    model: &LiveModel,
+    instrument: &str,
+    is_live: bool,
+) -> Result<(), CliError> {
+    if publisher.takes_images() {
+        publisher.skin(&shape(model)?)?;
+    }
+    let skin = model.skin();
+    Ok(publisher.start(&Start {
+        skin: &skin.name,
+        instrument,
+        electrodes: skin.mesh.electrodes().len(),
+        reference_frames: model.reference_frames,
+        is_live,
+    })?)
+}
+
 /// Publishes the image of a frame, if there is one and it is wanted.
 pub(super) fn image(publisher: &mut Publisher, shown: &TouchFrame<'_>) -> Result<(), CliError> {
     let Some(images) = shown.images else { return Ok(()) };
@@ -70,7 +85,7 @@ pub(super) fn image(publisher: &mut Publisher, shown: &TouchFrame<'_>) -> Result
 }
 
 /// Converts the skin for drawing on the page.
-pub(super) fn shape(model: &LiveModel) -> Result<SkinShape, CliError> {
+fn shape(model: &LiveModel) -> Result<SkinShape, CliError> {
     let raster = model.linearised.raster(&mut Progress::silent())?;
     let mut drawing = SkinDrawing::from_raster(&model.skin().mesh, raster);
     drawing.electrodes.sort_by_key(|electrode| electrode.number);
@@ -89,20 +104,18 @@ pub(super) fn end(mut publisher: Publisher) -> Result<(), CliError> {
     publisher.end()?;
     for sink in publisher.udp() {
         if let Some(error) = sink.last_error() {
-            let (unsent, all) = (sink.unsent(), sink.sent() + sink.unsent());
-            eprintln!(
-                "eit: note: --udp {}: {unsent} of {all} lines were not sent: {error}",
-                sink.address()
-            );
+            let (address, unsent) = (sink.address(), sink.unsent());
+            let all = sink.sent() + unsent;
+            eprintln!("eit: note: --udp {address}: {unsent} of {all} lines were not sent: {error}");
         }
     }
     network::report(&publisher);
     Ok(())
 }
 
-/// Prints an answer to stderr if stdout is used for lines.
-pub(super) fn told(args: &PublishArgs, answer: Answer) -> Answer {
-    if !args.json_lines {
+/// Moves the text of an answer to stderr if stdout is used for lines.
+pub(super) fn moved(answer: Answer, has_lines: bool) -> Answer {
+    if !has_lines {
         return answer;
     }
     eprintln!("{}", printable(&answer.text));

@@ -1,15 +1,11 @@
 //! Recordings that are started and stopped on the live page.
 
-use super::record;
-use crate::error::CliError;
+use crate::commands::prelude::*;
 use eit_hw::HwError;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
-use eit_hw::driver::{Event, Waiting};
+use eit_hw::driver::Waiting;
 use eit_publish::{Publisher, Recording};
-use eit_report::watched::record_of;
 use eit_skin::connect::RECORDER_FRAMES;
-use eit_skin::live::TouchFrame;
-use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Writes recordings beside the scene while the page wants them. A recording that fails, for example because the disk
@@ -23,15 +19,15 @@ pub(super) struct PageRecorder {
     /// Recording of `--record`, which the page cannot stop.
     fixed: Option<PathBuf>,
     waiting: Waiting,
-    /// Queue length for the view alone, and number of frames skipped when the recording began.
+    /// How many frames may wait for the view alone, and how many had been skipped when the recording began.
     before: Option<(usize, u64)>,
 }
 
 impl PageRecorder {
-    /// Creates a recorder for a scene file; recordings of a built-in scene go to the working
-    /// directory. `fixed` is the file of `--record`. `waiting` sets the session's queue: while a
-    /// recording runs, frames wait instead of being skipped for the view.
-    pub fn new(
+    /// For a scene file, or a built-in scene, whose recordings go to the working directory. `fixed` is the file of
+    /// `--record`. `waiting` is that of the session: while a recording runs, frames wait for it as they do for
+    /// `--record`, and are not skipped for the view.
+    pub(super) fn new(
         scene: &str,
         session: SessionRecord,
         fixed: Option<PathBuf>,
@@ -40,19 +36,12 @@ impl PageRecorder {
         let path = Path::new(scene);
         let stem = path.file_stem().map_or_else(|| "skin".into(), |stem| stem.to_string_lossy());
         let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
-        Self {
-            folder,
-            stem: stem.into_owned(),
-            session,
-            writer: None,
-            fixed,
-            waiting,
-            before: None,
-        }
+        let stem = stem.into_owned();
+        Self { folder, stem, session, writer: None, fixed, waiting, before: None }
     }
 
-    /// Tells the page the state of the recording.
-    pub fn tell(&self, publisher: &Publisher) -> Result<(), CliError> {
+    /// Tells the page what is recorded.
+    pub(super) fn tell(&self, publisher: &Publisher) -> Result<(), CliError> {
         let (file, can_stop) = match (&self.writer, &self.fixed) {
             (Some((file, _)), _) => (file, true),
             (None, Some(file)) => (file, false),
@@ -61,98 +50,71 @@ impl PageRecorder {
         Ok(publisher.recording(Recording::On { file: &file.display().to_string(), can_stop })?)
     }
 
-    /// Starts or stops a recording as the page requested, and records an event.
-    pub fn event(&mut self, event: &Event, publisher: &Publisher) -> Result<(), CliError> {
-        self.follow(publisher)?;
-        self.write(publisher, |writer| record::write_event(writer, event))
-    }
-
-    /// Starts or stops a recording as the page requested, and writes buffered data.
-    pub fn idle(&mut self, publisher: &Publisher) -> Result<(), CliError> {
-        self.follow(publisher)?;
-        self.write(publisher, CaptureWriter::tick)
-    }
-
-    /// Records the touches of a frame.
-    pub fn touches(
-        &mut self,
-        shown: &TouchFrame<'_>,
-        publisher: &Publisher,
-    ) -> Result<(), CliError> {
-        match shown.touches {
-            [] => Ok(()),
-            _ => self.write(publisher, |writer| writer.touches(&record_of(shown))),
-        }
-    }
-
-    /// Ends the recording, if there is one.
-    pub fn stop(&mut self, publisher: &Publisher) -> Result<(), CliError> {
-        let Some((file, mut writer)) = self.writer.take() else { return Ok(()) };
-        let skipped = self.skip_again();
-        let told = match skipped {
-            0 => Ok(()),
-            _ => {
-                let words =
-                    format!("{skipped} frames are missing: this computer could not keep up");
-                eprintln!("eit: note: {}: {words}", file.display());
-                writer.note(&words)
-            }
-        };
-        match told.and_then(|()| writer.finish()) {
-            Ok(()) => {
-                let file = file.display().to_string();
-                eprintln!("eit: recorded: {file}");
-                Ok(publisher.recording(Recording::Off { file: Some(&file) })?)
-            }
-            Err(error) => fail(&file, &error, publisher),
-        }
-    }
-
-    /// Lets the view skip frames again; returns how many were skipped while recording.
-    fn skip_again(&mut self) -> u64 {
-        let Some((capacity, dropped)) = self.before.take() else { return 0 };
-        self.waiting.set_capacity(capacity);
-        self.waiting.dropped().saturating_sub(dropped)
-    }
-
-    fn follow(&mut self, publisher: &Publisher) -> Result<(), CliError> {
-        match publisher.recording_request() {
-            Some(true) if self.writer.is_none() && self.fixed.is_none() => self.start(publisher),
-            Some(false) if self.writer.is_some() => self.stop(publisher),
-            // pages that asked twice, or for what is already so, get the state again
-            Some(_) => self.tell(publisher),
-            None => Ok(()),
-        }
-    }
-
-    fn start(&mut self, publisher: &Publisher) -> Result<(), CliError> {
-        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let file = self.folder.join(format!("{}-{}.mcap", self.stem, time_words(since.as_secs())));
-        match CaptureWriter::create(&file, &self.session, CaptureSettings::default()) {
-            Ok(mut writer) => match writer.note("started on the live page") {
-                Ok(()) => {
-                    let capacity = self.waiting.set_capacity(RECORDER_FRAMES);
-                    self.before = Some((capacity, self.waiting.dropped()));
-                    self.writer = Some((file, writer));
-                }
-                Err(error) => return fail(&file, &error, publisher),
-            },
-            Err(error) => return fail(&file, &error, publisher),
-        }
-        self.tell(publisher)
-    }
-
-    fn write(
+    /// Does what the page asked for, and writes to the recording, if there is one.
+    pub(super) fn write(
         &mut self,
         publisher: &Publisher,
         what: impl FnOnce(&mut CaptureWriter) -> Result<(), HwError>,
     ) -> Result<(), CliError> {
+        match publisher.recording_request() {
+            Some(true) if self.writer.is_none() && self.fixed.is_none() => self.start(publisher)?,
+            Some(false) if self.writer.is_some() => self.stop(publisher)?,
+            // pages that asked twice, or for what is already so, get the state again
+            Some(_) => self.tell(publisher)?,
+            None => {}
+        }
         let Some((file, writer)) = &mut self.writer else { return Ok(()) };
         let Err(error) = what(writer) else { return Ok(()) };
         let file = std::mem::take(file);
         self.writer = None;
         self.skip_again();
         fail(&file, &error, publisher)
+    }
+
+    /// Ends the recording, if there is one.
+    pub(super) fn stop(&mut self, publisher: &Publisher) -> Result<(), CliError> {
+        let Some((file, mut writer)) = self.writer.take() else { return Ok(()) };
+        let name = file.display().to_string();
+        let noted = match self.skip_again() {
+            0 => Ok(()),
+            skipped => {
+                let words =
+                    format!("{skipped} frames are missing: this computer could not keep up");
+                eprintln!("eit: note: {name}: {words}");
+                writer.note(&words)
+            }
+        };
+        if let Err(error) = noted.and_then(|()| writer.finish()) {
+            return fail(&file, &error, publisher);
+        }
+        eprintln!("eit: recorded: {name}");
+        Ok(publisher.recording(Recording::Off { file: Some(&name) })?)
+    }
+
+    /// Lets frames be skipped for the view again; returns how many were skipped while recording.
+    fn skip_again(&mut self) -> u64 {
+        let Some((capacity, dropped)) = self.before.take() else { return 0 };
+        self.waiting.set_capacity(capacity);
+        self.waiting.dropped().saturating_sub(dropped)
+    }
+
+    fn start(&mut self, publisher: &Publisher) -> Result<(), CliError> {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let file = self.folder.join(format!("{}-{}.mcap", self.stem, time_words(since.as_secs())));
+        let begun = CaptureWriter::create(&file, &self.session, CaptureSettings::default());
+        let begun = begun.and_then(|mut writer| {
+            writer.note("started on the live page")?;
+            Ok(writer)
+        });
+        match begun {
+            Ok(writer) => {
+                let capacity = self.waiting.set_capacity(RECORDER_FRAMES);
+                self.before = Some((capacity, self.waiting.dropped()));
+                self.writer = Some((file, writer));
+                self.tell(publisher)
+            }
+            Err(error) => fail(&file, &error, publisher),
+        }
     }
 }
 

@@ -1,35 +1,18 @@
 //! The latest image and its touches, on a terminal or as a picture that is redrawn continuously.
 
-use crate::error::CliError;
-use crate::terminal;
+use super::frame_rate::FrameRate;
+use crate::commands::prelude::*;
 use eit_inverse::touch::TouchState;
 use eit_picture::{ColorMap, FrameLabels, PictureSettings, SkinDrawing, draw_sheet};
-use eit_report::output::OutFile;
 use eit_skin::live::{LiveImages, LiveModel, TouchFrame};
 use eit_skin::words::printable;
-use ndarray::{Array3, ArrayView2};
+use ndarray::{ArrayView2, Axis};
 use std::collections::VecDeque;
 use std::fmt::Write as _;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
-/// Minimum interval between pictures.
-const PICTURE_EVERY: Duration = Duration::from_millis(200);
-/// Minimum interval between updates of the terminal.
-const TERMINAL_EVERY: Duration = Duration::from_millis(100);
-/// Duration from which a silence is shown.
-const TOLD_SILENCE: Duration = Duration::from_millis(500);
-/// Width of the image on a terminal, in characters; a line shows two image rows.
-const COLUMNS: usize = 44;
-/// Maximum number of notes remembered, as in a summary.
-const MOST_TOLD: usize = 100;
-/// Number of frames over whose largest value the colour range is taken, and its least value as a
-/// multiple of the weakest touch, so that noise stays pale.
-const RANGE_FRAMES: usize = 50;
-const RANGE_IN_LEVELS: f64 = 2.0;
-
-/// Colour range, steady over some frames.
+/// Colour range, steady over 50 frames: their largest value, and at least twice the weakest touch, so that noise
+/// stays pale.
 #[derive(Debug, Default)]
 struct Range {
     largest: VecDeque<f64>,
@@ -40,24 +23,16 @@ impl Range {
     fn of(&mut self, images: &LiveImages, level_s: f64) -> f64 {
         let size = images.pixels().iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         self.largest.push_back(size);
-        if self.largest.len() > RANGE_FRAMES {
+        if self.largest.len() > 50 {
             self.largest.pop_front();
         }
         let largest = self.largest.iter().copied().fold(0.0, f64::max);
-        largest.max(RANGE_IN_LEVELS * level_s)
+        largest.max(2.0 * level_s)
     }
 }
 
-/// The current image, [1, row, column].
-pub(super) fn image(images: &LiveImages) -> Result<Array3<f64>, CliError> {
-    let pixels = images.pixels();
-    let row = ArrayView2::from_shape((1, pixels.len()), pixels)
-        .map_err(|e| CliError::Failure(format!("image: {e}")))?;
-    Ok(images.raster().images_from_pixels(row)?)
-}
-
 /// A PNG file of the latest image, replaced atomically.
-pub(crate) struct Picture {
+pub(super) struct Picture {
     path: PathBuf,
     skin: Option<SkinDrawing>,
     range: Range,
@@ -66,34 +41,37 @@ pub(crate) struct Picture {
 
 impl Picture {
     /// Creates a picture at this path, which must be writable.
-    pub fn new(path: &Path) -> Result<Self, CliError> {
+    pub(super) fn new(path: &Path) -> Result<Self, CliError> {
         OutFile::new(path)?;
         Ok(Self { path: path.to_path_buf(), skin: None, range: Range::default(), last: None })
     }
 
     /// Draws the picture if the last one is old enough.
-    pub fn show(&mut self, model: &LiveModel, shown: &TouchFrame<'_>) -> Result<(), CliError> {
+    pub(super) fn show(
+        &mut self,
+        model: &LiveModel,
+        shown: &TouchFrame<'_>,
+    ) -> Result<(), CliError> {
         let Some(images) = shown.images else { return Ok(()) };
         let range = self.range.of(images, shown.level_s);
-        if self.last.is_some_and(|last| last.elapsed() < PICTURE_EVERY) {
+        if self.last.is_some_and(|last| last.elapsed() < Duration::from_millis(200)) {
             return Ok(());
         }
-        let skin = self.skin.get_or_insert_with(|| {
-            eit_picture::SkinDrawing::from_raster(&model.skin().mesh, images.raster())
-        });
+        let raster = images.raster();
+        let mesh = &model.skin().mesh;
+        let skin = self.skin.get_or_insert_with(|| SkinDrawing::from_raster(mesh, raster));
         let marks = shown.touches.iter().filter(|touch| touch.valid);
+        let label = format!("frame {}, {:.2} s", shown.sequence, shown.time_s);
         let settings = PictureSettings {
             title: model.skin().name.clone(),
             footnote: images.words().to_owned(),
-            labels: FrameLabels::Text(vec![format!(
-                "frame {}, {:.2} s",
-                shown.sequence, shown.time_s
-            )]),
+            labels: FrameLabels::Text(vec![label]),
             range: Some([-range, range]),
             marks_m: vec![marks.map(|t| [t.position_m[0], t.position_m[1]]).collect()],
             ..Default::default()
         };
-        let sheet = draw_sheet(image(images)?.view(), skin, &settings)?;
+        let image = raster.image_from_pixels(images.pixels())?.insert_axis(Axis(0));
+        let sheet = draw_sheet(image.view(), skin, &settings)?;
         OutFile::new(&self.path)?.write(|out| Ok(sheet.write_png(out)?))?;
         self.last = Some(Instant::now());
         Ok(())
@@ -101,112 +79,87 @@ impl Picture {
 }
 
 /// The view on a terminal; does nothing if stdout is not a terminal.
-pub(crate) struct Terminal {
-    is_on: bool,
+#[derive(Default)]
+pub(super) struct Terminal {
+    pub(super) is_on: bool,
     range: Range,
     last: Option<Instant>,
-    /// Arrival times of the last frames.
-    arrivals: VecDeque<Instant>,
+    rate: FrameRate,
     /// Number of lost frames.
-    lost: u64,
+    pub(super) lost: u64,
     /// Text shown last.
     shown: String,
-    /// The first notes that were printed on stderr.
-    told: Vec<String>,
+    /// The first notes that were printed on stderr and stay: the summary need not repeat them.
+    pub(super) printed: Vec<String>,
 }
 
 impl Terminal {
     /// Creates a view on stdout if that is a terminal and not reserved for an answer.
-    pub fn new(is_wanted: bool) -> Self {
+    pub(super) fn new(is_wanted: bool) -> Self {
         use std::io::IsTerminal as _;
-        let is_on = is_wanted && std::io::stdout().is_terminal();
-        let (range, arrivals, shown) = (Range::default(), VecDeque::new(), String::new());
-        Self { is_on, range, last: None, arrivals, lost: 0, shown, told: Vec::new() }
-    }
-
-    /// Returns whether it shows anything.
-    pub fn is_on(&self) -> bool {
-        self.is_on
+        Self { is_on: is_wanted && std::io::stdout().is_terminal(), ..Self::default() }
     }
 
     /// Shows progress while the reference is taken.
-    pub fn waiting(&mut self, left: usize) {
+    pub(super) fn waiting(&mut self, left: usize) {
         if self.is_on {
             self.say(&format!("do not touch the skin: {left} more frames for the reference\n"));
         }
     }
 
     /// Reports something to the user at once; on a terminal the view shows it.
-    pub fn news(&mut self, words: &str) {
-        if !self.is_on {
-            if !terminal::is_quiet() {
-                eprintln!("eit: note: {}", printable(words));
-                // a broken line repeats the same note all day, and the summary has the first ones only
-                if self.told.len() < MOST_TOLD && !self.told.iter().any(|told| told == words) {
-                    self.told.push(words.to_owned());
-                }
+    pub(super) fn news(&mut self, words: &str) {
+        if self.is_on {
+            self.say(&format!("{}{}\n", self.shown, printable(words)));
+        } else if !terminal::flags().is_quiet {
+            eprintln!("eit: note: {}", printable(words));
+            // as many as a summary has: a broken line repeats the same note all day
+            if self.printed.len() < 100 && !self.printed.iter().any(|note| note == words) {
+                self.printed.push(words.to_owned());
             }
-            return;
         }
-        let text = format!("{}{}\n", self.shown, printable(words));
-        self.say(&text);
-    }
-
-    /// Returns the notes that were already printed, which the summary need not repeat.
-    pub fn told(&self) -> &[String] {
-        &self.told
-    }
-
-    /// Counts lost frames for the view.
-    pub fn lose(&mut self, frames: u64) {
-        self.lost = self.lost.saturating_add(frames);
     }
 
     /// Shows a silence: the picture is outdated.
-    pub fn silent(&mut self, silence: Duration) {
-        if !self.is_on
-            || silence < TOLD_SILENCE
-            || self.last.is_some_and(|last| last.elapsed() < TERMINAL_EVERY)
-        {
+    pub(super) fn silent(&mut self, silence: Duration) {
+        if !self.is_due() {
             return;
         }
-        self.last = Some(Instant::now());
-        self.arrivals.clear();
+        self.rate.interrupt();
         let silent_s = silence.as_secs_f64();
         let words = "check its power and cable; the picture is outdated";
-        let text = format!("{}NO FRAME for {silent_s:.1} s: {words}\n", self.shown);
-        self.say(&text);
+        self.say(&format!("{}NO FRAME for {silent_s:.1} s: {words}\n", self.shown));
+    }
+
+    /// Whether the view is on and the last one is old enough; the next one is counted from now on.
+    fn is_due(&mut self) -> bool {
+        let is_old = |last: Instant| last.elapsed() >= Duration::from_millis(100);
+        let is_due = self.is_on && self.last.is_none_or(is_old);
+        self.last = if is_due { Some(Instant::now()) } else { self.last };
+        is_due
     }
 
     /// Draws the view if the last one is old enough.
-    pub fn show(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
-        self.arrivals.push_back(Instant::now());
-        if self.arrivals.len() > RANGE_FRAMES {
-            self.arrivals.pop_front();
-        }
+    pub(super) fn show(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
+        self.rate.frame(Instant::now());
         let range = shown.images.map(|images| self.range.of(images, shown.level_s));
-        if !self.is_on || self.last.is_some_and(|last| last.elapsed() < TERMINAL_EVERY) {
+        if !self.is_due() {
             return Ok(());
         }
-        self.last = Some(Instant::now());
         let mut text = match (shown.images, range) {
-            (Some(made), Some(range)) => {
+            (Some(images), Some(range)) => {
                 let is_colored = terminal::is_colored(&std::io::stdout());
-                blocks(image(made)?.index_axis(ndarray::Axis(0), 0), range, is_colored)
+                let image = images.raster().image_from_pixels(images.pixels())?;
+                blocks(image.view(), range, is_colored)
             }
             _ => String::new(),
         };
-        let rate = match (self.arrivals.front(), self.arrivals.back()) {
-            (Some(first), Some(last)) if last > first => {
-                (self.arrivals.len() - 1) as f64 / (*last - *first).as_secs_f64()
-            }
-            _ => 0.0,
-        };
+        let rate_hz = self.rate.recent_hz().unwrap_or_default();
         let latency =
             shown.latency_s.map_or(String::new(), |s| format!(", latency {:.1} ms", 1e3 * s));
         // writing to a String cannot fail
         let (frame, lost) = (shown.sequence, self.lost);
-        let _ = writeln!(text, "frame {frame}, {rate:.1} per second, {lost} lost{latency}");
+        let _ = writeln!(text, "frame {frame}, {rate_hz:.1} per second, {lost} lost{latency}");
         for touch in shown.touches.iter().filter(|touch| touch.state != TouchState::End) {
             let [x, y, _] = touch.position_m.map(|part| 1e3 * part);
             let _ = writeln!(
@@ -230,22 +183,17 @@ impl Terminal {
         Ok(())
     }
 
-    /// Clears the terminal and writes; a closed terminal is not an error.
+    /// Clears the terminal and writes; a terminal that has gone away is not an error.
     fn say(&self, text: &str) {
         let mut out = std::io::stdout().lock();
         let _ = write!(out, "\x1b[H\x1b[J{text}").and_then(|()| out.flush());
     }
 }
 
-/// Characters for values from zero to the end of the range, for terminals without colours: rises,
-/// then falls.
-const RISES: [char; 5] = [' ', '\u{2591}', '\u{2592}', '\u{2593}', '\u{2588}'];
-const FALLS: [char; 5] = [' ', '.', '-', '=', '#'];
-
-/// Draws an image; each character shows two pixels.
+/// Draws an image in at most 44 columns of characters, each of which shows two pixels.
 fn blocks(image: ArrayView2<'_, f64>, range: f64, is_colored: bool) -> String {
     let (rows, columns) = image.dim();
-    let step = (columns.max(rows) as f64 / COLUMNS as f64).max(1.0);
+    let step = (columns.max(rows) as f64 / 44.0).max(1.0);
     let at = |row: usize, column: usize| {
         let [i, j] = [row, column].map(|index| ((index as f64 + 0.5) * step) as usize);
         image.get([i, j]).copied().filter(|value| value.is_finite())
@@ -275,12 +223,13 @@ fn blocks(image: ArrayView2<'_, f64>, range: f64, is_colored: bool) -> String {
     text
 }
 
-/// Character of the larger of two values.
+/// The character of the stronger of two values, for terminals without colours: a rise or a fall.
 fn shade(values: impl Iterator<Item = f64>, range: f64) -> char {
     let value =
         values.fold(0.0, |most: f64, value| if value.abs() > most.abs() { value } else { most });
     let step = ((value.abs() / range).min(1.0) * 4.0).round() as usize;
-    if value < 0.0 { FALLS[step] } else { RISES[step] }
+    let shades = if value < 0.0 { " .-=#" } else { " \u{2591}\u{2592}\u{2593}\u{2588}" };
+    shades.chars().nth(step).unwrap_or(' ')
 }
 
 #[cfg(test)]

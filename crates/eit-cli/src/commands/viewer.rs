@@ -1,35 +1,32 @@
 //! What `eit live` and `eit replay` show and store.
 
 use super::publish;
-use super::record::{self, is_news};
+use super::record::{is_news, write_event};
 use super::recorder::PageRecorder;
+use super::silence::Silence;
 use super::view::{Picture, Terminal};
 use crate::cli::WatchArgs;
-use crate::error::CliError;
-use crate::interrupt;
+use crate::commands::prelude::*;
+use eit_hw::HwError;
 use eit_hw::capture::CaptureWriter;
-use eit_hw::driver::Event;
-use eit_publish::{Publisher, Start};
-use eit_report::watched::{Kept, record_of};
-use eit_skin::StopFlag;
+use eit_hw::driver::{Event, Statistics};
+use eit_publish::Publisher;
+use eit_report::watched::{self, Kept, record_of};
 use eit_skin::live::{LiveModel, LiveObserver, Summary, TouchFrame};
 use eit_skin::words::event_words;
-use std::time::{Duration, Instant};
 
 /// Shows, records and stores frames.
 pub(super) struct Viewer<'a> {
     model: &'a LiveModel,
-    frames: u64,
-    start: Instant,
-    limit: Option<Duration>,
-    interrupt: StopFlag,
-    /// Time since when no frame has arrived, once reported; also set before the first frame.
-    silent_since: Option<Instant>,
-    /// Whether the session has reported that nothing arrives.
-    is_told_silent: bool,
+    args: &'a WatchArgs,
+    until: Until,
+    /// Whether each frame waits for a line of standard input.
+    pub(super) waits_for_line: bool,
+    pub(super) silence: Silence,
     terminal: Terminal,
     picture: Option<Picture>,
-    writer: Option<CaptureWriter>,
+    /// The recording of `--record`.
+    pub(super) writer: Option<CaptureWriter>,
     kept: Option<Kept>,
     publisher: Option<Publisher>,
     /// Recordings that the page starts.
@@ -38,97 +35,86 @@ pub(super) struct Viewer<'a> {
 
 impl<'a> Viewer<'a> {
     /// Reserves the output files.
-    pub fn new(
+    pub(super) fn new(
         model: &'a LiveModel,
-        args: &WatchArgs,
-        limit: Option<Duration>,
-        is_shown: bool,
+        args: &'a WatchArgs,
+        mut until: Until,
     ) -> Result<Self, CliError> {
-        let kept = args.out.as_deref().map(Kept::new).transpose()?;
+        until.restart();
+        let published = &args.publish;
+        // stdout is reserved for JSON, and the view would overwrite the printed addresses
+        let is_shown = !terminal::flags().is_json
+            && !published.json_lines
+            && published.page.web.is_none()
+            && published.network.foxglove.is_none();
         Ok(Self {
             model,
-            frames: args.frames.unwrap_or(u64::MAX),
-            start: Instant::now(),
-            limit,
-            interrupt: interrupt::listen()?,
-            silent_since: Some(Instant::now()),
-            is_told_silent: false,
-            // stdout is reserved for lines, and the view would overwrite the printed addresses
-            terminal: Terminal::new(
-                is_shown
-                    && !args.publish.json_lines
-                    && args.publish.page.web.is_none()
-                    && args.publish.network.foxglove.is_none(),
-            ),
+            args,
+            until,
+            waits_for_line: false,
+            silence: Silence::new(),
+            terminal: Terminal::new(is_shown),
             picture: args.picture.as_deref().map(Picture::new).transpose()?,
             writer: None,
-            kept,
+            kept: args.out.as_deref().map(Kept::new).transpose()?,
             publisher: None,
             recorder: None,
         })
     }
 
-    /// Starts recording.
-    pub fn record(&mut self, writer: CaptureWriter) {
-        self.writer = Some(writer);
-    }
-
-    /// Allows the page to record.
-    pub fn let_record(&mut self, recorder: PageRecorder) -> Result<(), CliError> {
-        if let Some(publisher) = &self.publisher {
-            recorder.tell(publisher)?;
-        }
-        self.recorder = Some(recorder);
-        Ok(())
-    }
-
-    /// Starts publishing the touches of this instrument or recording.
-    pub fn publish(
+    /// Publishes touches of this instrument or recording from now on; the page records if there is a recorder for it.
+    pub(super) fn publish(
         &mut self,
         publisher: Option<Publisher>,
         instrument: &str,
+        recorder: Option<PageRecorder>,
         is_live: bool,
     ) -> Result<(), CliError> {
-        self.publisher = publisher;
+        (self.publisher, self.recorder) = (publisher, recorder);
         let Some(publisher) = &mut self.publisher else { return Ok(()) };
-        if publisher.takes_images() {
-            publisher.skin(&publish::shape(self.model)?)?;
-        }
-        let skin = self.model.skin();
-        Ok(publisher.start(&Start {
-            skin: &skin.name,
-            instrument,
-            electrodes: skin.mesh.electrodes().len(),
-            reference_frames: self.model.reference_frames,
-            is_live,
-        })?)
+        publish::start(publisher, self.model, instrument, is_live)?;
+        self.recorder.iter().try_for_each(|recorder| recorder.tell(publisher))
     }
 
-    /// Returns whether the instrument is silent or unplugged.
-    pub fn is_silent(&self) -> bool {
-        record::is_silent(self.silent_since, self.is_told_silent, Instant::now())
+    /// Writes to the recordings of `--record` and of the page.
+    fn record(
+        &mut self,
+        what: impl Fn(&mut CaptureWriter) -> Result<(), HwError>,
+    ) -> Result<(), CliError> {
+        if let (Some(recorder), Some(publisher)) = (&mut self.recorder, &self.publisher) {
+            recorder.write(publisher, &what)?;
+        }
+        Ok(self.writer.as_mut().map_or(Ok(()), &what)?)
     }
 
-    /// Returns whether images are needed by anything but the publisher; without any other output,
-    /// the summary reports on them.
-    fn is_seen(&self) -> bool {
-        let is_kept = self.picture.is_some() || self.kept.is_some();
-        self.terminal.is_on() || is_kept || self.publisher.is_none()
+    /// Whether images are needed other than by the publisher; without any other output, the summary reports on
+    /// them.
+    fn shows_images(&self) -> bool {
+        let is_stored = self.picture.is_some() || self.kept.is_some();
+        self.terminal.is_on || is_stored || self.publisher.is_none()
     }
 
-    /// Finishes the recording and writes what was stored; returns the names of the files, and the notes that were printed.
-    pub fn finish(self) -> Result<(Vec<&'static str>, Vec<String>), CliError> {
-        let told = self.terminal.told().to_vec();
-        if let (Some(mut recorder), Some(publisher)) = (self.recorder, &self.publisher) {
-            recorder.stop(publisher)?;
-        }
-        if let Some(publisher) = self.publisher {
-            publish::end(publisher)?;
-        }
-        if let Some(writer) = self.writer {
-            writer.finish()?;
-        }
-        Ok((self.kept.map_or(Ok(Vec::new()), Kept::finish)?, told))
+    /// Finishes the recording, writes what was stored, and summarises the run.
+    pub(super) fn finish(
+        self,
+        instrument: &str,
+        summary: Result<Summary, CliError>,
+        statistics: &Statistics,
+    ) -> Result<(Answer, Summary), CliError> {
+        let Self { publisher, recorder, writer, kept, terminal, .. } = self;
+        let files = || {
+            if let Some(publisher) = publisher {
+                recorder.map_or(Ok(()), |mut recorder| recorder.stop(&publisher))?;
+                publish::end(publisher)?;
+            }
+            writer.map_or(Ok(()), CaptureWriter::finish)?;
+            Ok::<_, CliError>(kept.map_or(Ok(Vec::new()), Kept::finish)?)
+        };
+        let files = files();
+        // report first what stopped the view: a writer that failed fails again
+        let summary = summary?;
+        let answer = watched::answer(instrument, &summary, statistics, &files?, &terminal.printed);
+        Ok((answer, summary))
     }
 }
 
@@ -136,59 +122,37 @@ impl LiveObserver for Viewer<'_> {
     type Error = CliError;
 
     fn event(&mut self, event: &Event) -> Result<(), CliError> {
-        if let Some(publisher) = &mut self.publisher {
-            publisher.event(event)?;
+        if self.waits_for_line && matches!(event, Event::Frame(_)) {
+            // treat a stdin that cannot be read as ended
+            let _ = std::io::stdin().read_line(&mut String::new());
         }
-        match event {
-            Event::Frame(_) => (self.silent_since, self.is_told_silent) = (None, false),
-            Event::Gap { frames } | Event::Skipped { frames } => self.terminal.lose(*frames),
-            Event::Silent { .. } | Event::Disconnected { .. } => {
-                self.silent_since.get_or_insert_with(Instant::now);
-                self.is_told_silent = true;
-            }
-            _ => {}
+        self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.event(event))?;
+        self.silence.follow(event);
+        if let Event::Gap { frames } | Event::Skipped { frames } = event {
+            self.terminal.lost = self.terminal.lost.saturating_add(*frames);
         }
-        if is_news(event)
-            && let Some(words) = event_words(event)
-        {
-            self.terminal.news(&words);
+        if is_news(event) {
+            event_words(event).iter().for_each(|words| self.terminal.news(words));
         }
-        if let (Some(recorder), Some(publisher)) = (&mut self.recorder, &self.publisher) {
-            recorder.event(event, publisher)?;
-        }
-        match &mut self.writer {
-            Some(writer) => Ok(record::write_event(writer, event)?),
-            None => Ok(()),
-        }
+        self.record(|writer| write_event(writer, event))
     }
 
     fn idle(&mut self) -> Result<(), CliError> {
-        if let Some(since) = self.silent_since {
-            self.terminal.silent(since.elapsed());
+        if let Some(silence) = self.silence.shown() {
+            self.terminal.silent(silence);
         }
-        if let (Some(recorder), Some(publisher)) = (&mut self.recorder, &self.publisher) {
-            recorder.idle(publisher)?;
-        }
-        match &mut self.writer {
-            Some(writer) => Ok(writer.tick()?),
-            None => Ok(()),
-        }
+        self.record(CaptureWriter::tick)
     }
 
     fn waiting(&mut self, left: usize) -> Result<(), CliError> {
         self.terminal.waiting(left);
-        match &mut self.publisher {
-            Some(publisher) => Ok(publisher.waiting(left)?),
-            None => Ok(()),
-        }
+        Ok(self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.waiting(left))?)
     }
 
     fn reference(&mut self, notes: &[String]) -> Result<(), CliError> {
         for note in notes {
             self.terminal.news(note);
-            if let Some(publisher) = &mut self.publisher {
-                publisher.notice(note)?;
-            }
+            self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.notice(note))?;
         }
         Ok(())
     }
@@ -196,16 +160,11 @@ impl LiveObserver for Viewer<'_> {
     fn touches(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
         if let Some(publisher) = &mut self.publisher {
             publisher.touches(shown)?;
-            if let Some(recorder) = &mut self.recorder {
-                recorder.touches(shown, publisher)?;
-            }
         }
-        if let Some(writer) = &mut self.writer
-            && !shown.touches.is_empty()
-        {
-            writer.touches(&record_of(shown))?;
+        match shown.touches {
+            [] => Ok(()),
+            _ => self.record(|writer| writer.touches(&record_of(shown))),
         }
-        Ok(())
     }
 
     fn frame(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
@@ -216,29 +175,25 @@ impl LiveObserver for Viewer<'_> {
         if let Some(picture) = &mut self.picture {
             picture.show(self.model, shown)?;
         }
-        if let Some(kept) = &mut self.kept {
-            kept.take(shown)?;
-        }
-        Ok(())
+        Ok(self.kept.as_mut().map_or(Ok(()), |kept| kept.take(shown))?)
     }
 
     fn wants_images(&self) -> bool {
-        self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::takes_images)
+        self.shows_images() || self.publisher.as_ref().is_some_and(Publisher::takes_images)
     }
 
     fn wants_image(&self) -> bool {
-        self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::has_viewer)
+        self.shows_images() || self.publisher.as_ref().is_some_and(Publisher::has_viewer)
     }
 
-    /// Returns true if images are stored, because every frame is then needed.
+    /// Stored images are those of all frames.
     fn wants_every_image(&self) -> bool {
         self.kept.is_some()
     }
 
     fn goes_on(&mut self, summary: &Summary) -> bool {
-        summary.frames < self.frames
-            && !self.interrupt.is_set()
+        summary.frames < self.args.frames.unwrap_or(u64::MAX)
+            && !self.until.is_over()
             && !self.publisher.as_ref().is_some_and(Publisher::is_closed)
-            && self.limit.is_none_or(|limit| self.start.elapsed() < limit)
     }
 }

@@ -1,51 +1,41 @@
 //! Scenes that state the required accuracy of their voltages: choice of mesh and of arithmetic.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
-use crate::common::{SMALL, refuse, succeed, text, write_scene};
+use crate::common::{Folder, SMALL, answer, read_array, refuse, succeed};
 use eit_fem::{ForwardModel, PairProtocol};
 use ndarray::Array1;
 use serde_json::Value;
-use std::path::Path;
-
-fn json(arguments: &[&str]) -> Value {
-    serde_json::from_str(&succeed(&[arguments, &["--json"]].concat())).unwrap()
-}
 
 /// [`SMALL`] with other lines under `[mesh]`.
 fn meshed(lines: &str) -> String {
     SMALL.replace("edge_m = 0.012", lines)
 }
 
-fn read(path: &Path) -> Array1<f64> {
-    ndarray_npy::read_npy(path).unwrap()
-}
-
 /// The estimate is below the requirement, and so is the true error (against the series; the allowance of a
 /// half is that of eit-fem's `mesh_choice`); more accuracy needs more unknowns.
 #[test]
 fn the_mesh_is_chosen_for_the_required_accuracy() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let mut unknowns = 0;
     for required in [1e-2, 1e-3, 1e-4] {
         let scene =
-            write_scene(folder.path(), &meshed(&format!("required_accuracy = {required:e}")));
-        let plan = json(&["plan", text(&scene)]);
+            folder.write("scene.toml", &meshed(&format!("required_accuracy = {required:e}")));
+        let plan = answer(format!("plan {scene}"));
         let choice = &plan["voltage_error"]["choice"];
         assert_eq!(choice["required"].as_f64().unwrap(), required);
         assert!(choice["estimated_error"].as_f64().unwrap() <= required, "{choice}");
         let error = plan["expected_voltage_error"].as_f64().unwrap();
         assert!(error < 1.5 * required, "{error:e} for {required:e}");
-        let out = folder.path().join("v.npy");
-        let forward = json(&["forward", text(&scene), "--out", text(&out)]);
+        let out = folder.path("v.npy");
+        let forward = answer(format!("forward {scene} --out {out}"));
         let found = forward["solve"]["unknowns"].as_u64().unwrap();
         assert!(found > unknowns, "{found} for {required:e}, {unknowns} before");
         unknowns = found;
     }
     // the mesh command shows the same mesh
-    let scene = folder.path().join("scene.toml");
-    let mesh = json(&["mesh", text(&scene), "--out", text(&folder.path().join("m.msh"))]);
+    let scene = folder.path("scene.toml");
+    let mesh = answer(format!("mesh {scene} --out {}", folder.path("m.msh")));
     assert_eq!(mesh["elements"], "quadratic");
-    let plan = succeed(&["plan", text(&scene)]);
+    let plan = succeed(format!("plan {scene}"));
     let (nodes, triangles) = (&mesh["nodes"], &mesh["triangles"]);
     assert!(plan.contains(&format!("{nodes} nodes, {triangles} triangles")), "{plan}");
     assert!(plan.contains("mesh chosen for the required accuracy: quadratic elements"), "{plan}");
@@ -54,12 +44,12 @@ fn the_mesh_is_chosen_for_the_required_accuracy() {
 /// Noise in volts; both numbers are printed, with and without a choice.
 #[test]
 fn the_mesh_is_chosen_below_the_noise() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let noise =
         |volts: f64, lines: &str| format!("{}\n[noise]\nadditive_v = {volts:e}\n", meshed(lines));
     // the largest voltage of this skin is about 4 V
-    let scene = write_scene(folder.path(), &noise(1e-3, "required_accuracy = \"noise\""));
-    let plan = json(&["plan", text(&scene)]);
+    let scene = folder.write("scene.toml", &noise(1e-3, "required_accuracy = \"noise\""));
+    let plan = answer(format!("plan {scene}"));
     let error = &plan["voltage_error"];
     let (of_mesh, of_noise) =
         (error["of_mesh"].as_f64().unwrap(), error["noise"].as_f64().unwrap());
@@ -67,41 +57,41 @@ fn the_mesh_is_chosen_below_the_noise() {
     // the largest voltage differs between meshes by less than their error
     let ratio = error["choice"]["required"].as_f64().unwrap() / of_noise;
     assert!((ratio - 1.0).abs() < 1e-2, "{error}");
-    let told = succeed(&["plan", text(&scene)]);
+    let told = succeed(format!("plan {scene}"));
     assert!(
         told.contains("mesh chosen for the noise") && told.contains("noise of the instrument:")
     );
-    let scene = write_scene(folder.path(), &noise(1e-6, "edge_m = 0.012"));
-    let told = succeed(&["plan", text(&scene)]);
+    let scene = folder.write("scene.toml", &noise(1e-6, "edge_m = 0.012"));
+    let told = succeed(format!("plan {scene}"));
     assert!(told.contains("times less than the error of the mesh"), "{told}");
-    let scene = write_scene(folder.path(), SMALL);
-    assert!(succeed(&["plan", text(&scene)]).contains("noise of the instrument: not stated"));
+    let scene = folder.write("scene.toml", SMALL);
+    assert!(succeed(format!("plan {scene}")).contains("noise of the instrument: not stated"));
 }
 
 /// For the mesh of a file, only the kind of elements can be chosen.
 #[test]
 fn elements_are_chosen_on_the_mesh_of_a_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = write_scene(folder.path(), SMALL);
-    let mesh = folder.path().join("skin.msh");
-    succeed(&["mesh", text(&scene), "--out", text(&mesh)]);
+    let folder = Folder::new();
+    let scene = folder.write("scene.toml", SMALL);
+    let mesh = folder.path("skin.msh");
+    succeed(format!("mesh {scene} --out {mesh}"));
     let of_file = |lines: &str| {
         let content = meshed(lines)
             .replace("shape = \"disc\"", "shape = \"mesh\"\nfile = \"skin.msh\"")
             .replace("radius_m = 0.1\n", "")
             .replace("count = 8\nwidth_m = 0.02\n", "");
-        write_scene(folder.path(), &content)
+        folder.write("scene.toml", &content)
     };
     let elements = |required: f64| {
         let file = of_file(&format!("required_accuracy = {required:e}"));
-        let out = folder.path().join("m.vtu");
-        json(&["mesh", text(&file), "--out", text(&out)])["elements"].clone()
+        let out = folder.path("m.vtu");
+        answer(format!("mesh {file} --out {out}"))["elements"].clone()
     };
     assert_eq!(elements(0.5), "linear");
     assert_eq!(elements(1e-5), "quadratic");
     let scene = of_file("required_accuracy = 1e-5\nelements = \"linear\"");
-    let out = folder.path().join("v.npy");
-    let told = refuse(&["forward", text(&scene), "--out", text(&out)]);
+    let out = folder.path("v.npy");
+    let told = refuse(format!("forward {scene} --out {out}"));
     assert!(told.contains("linear elements on this mesh have an error of"), "{told}");
 }
 
@@ -109,17 +99,17 @@ fn elements_are_chosen_on_the_mesh_of_a_file() {
 /// library's solve in twice the precision; a mesh file preserves all bits.
 #[test]
 fn stiff_contacts_cost_no_digits() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let impedance = "[1e-3, 1e6, 1e3, 1e-3, 1e6, 1e3, 1e-3, 1e6]";
     let scene =
-        write_scene(folder.path(), &SMALL.replace("ohm_m = 1e3", &format!("ohm_m = {impedance}")));
-    let (out, mesh) = (folder.path().join("v.npy"), folder.path().join("m.msh"));
-    let forward = json(&["forward", text(&scene), "--out", text(&out)]);
+        folder.write("scene.toml", &SMALL.replace("ohm_m = 1e3", &format!("ohm_m = {impedance}")));
+    let (out, mesh) = (folder.path("v.npy"), folder.path("m.msh"));
+    let forward = answer(format!("forward {scene} --out {out}"));
     assert_eq!(forward["solve"]["path"], "electrodes-eliminated");
     assert_eq!(forward["warning"], Value::Null);
     let bound = forward["solve"]["error_bound"].as_f64().unwrap();
     assert!(bound < 1e-9, "{forward}");
-    succeed(&["mesh", text(&scene), "--out", text(&mesh)]);
+    succeed(format!("mesh {scene} --out {mesh}"));
     let (mesh, _) = eit_mesh::read_mesh(&mesh, 1.0).unwrap();
     let protocol = PairProtocol { electrodes: 8, current_a: 1e-4, ..Default::default() };
     let protocol = protocol.protocol().unwrap();
@@ -129,39 +119,33 @@ fn stiff_contacts_cost_no_digits() {
     let sigma = vec![1e-5; model.elements()];
     let exact = model.solve_to(&sigma, 1e-14, &mut workspace).unwrap().measurements();
     let largest = |v: &Array1<f64>| v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-    assert!(largest(&(read(&out) - &exact)) <= bound * largest(&exact));
+    assert!(largest(&(read_array::<ndarray::Ix1>(&out) - &exact)) <= bound * largest(&exact));
     // an ordinary skin incurs no extra cost
-    let scene = write_scene(folder.path(), SMALL);
-    assert_eq!(
-        json(&["forward", text(&scene), "--out", text(&out)])["solve"]["path"],
-        "nodal-assembly"
-    );
+    let scene = folder.write("scene.toml", SMALL);
+    assert_eq!(answer(format!("forward {scene} --out {out}"))["solve"]["path"], "nodal-assembly");
 }
 
 /// Contacts are fitted on linear elements, so the mesh is chosen for those.
 #[test]
 fn calibration_takes_linear_elements() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = write_scene(folder.path(), &meshed("elements = \"quadratic\"\nnodes = 1000"));
-    let frames = folder.path().join("v.csv");
-    succeed(&["forward", text(&scene), "--out", text(&frames)]);
-    let scene = write_scene(folder.path(), &meshed("required_accuracy = 3e-3"));
-    let told = succeed(&["calibrate", text(&scene), "--frames", text(&frames)]);
+    let folder = Folder::new();
+    let scene = folder.write("scene.toml", &meshed("elements = \"quadratic\"\nnodes = 1000"));
+    let frames = folder.path("v.csv");
+    succeed(format!("forward {scene} --out {frames}"));
+    let scene = folder.write("scene.toml", &meshed("required_accuracy = 3e-3"));
+    let told = succeed(format!("calibrate {scene} --frames {frames}"));
     assert!(told.contains("conductivity"), "{told}");
-    let out = folder.path().join("m.msh");
-    let mesh = json(&["mesh", text(&scene), "--out", text(&out)]);
+    let out = folder.path("m.msh");
+    let mesh = answer(format!("mesh {scene} --out {out}"));
     assert_eq!(mesh["elements"], "quadratic", "without calibration");
 }
 
 #[test]
 fn keys_that_contradict_each_other_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let plan = |lines: &str| refuse(&["plan", text(&write_scene(folder.path(), &meshed(lines)))]);
+    let folder = Folder::new();
+    let plan = |lines: &str| refuse(format!("plan {}", folder.write("scene.toml", &meshed(lines))));
     for (lines, wanted) in [
-        (
-            "required_accuracy = 0.0",
-            "mesh.required_accuracy is 0: a fraction of the largest voltage",
-        ),
+        ("required_accuracy = 0.0", "required_accuracy is 0: a fraction of the largest voltage"),
         ("required_accuracy = 1.5", "mesh.required_accuracy is 1.5"),
         ("required_accuracy = nan", "mesh.required_accuracy is NaN"),
         ("required_accuracy = \"loud\"", "a fraction of the largest voltage, or \"noise\""),

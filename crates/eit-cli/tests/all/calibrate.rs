@@ -1,20 +1,12 @@
 //! `eit calibrate`: real tanks of water, and a simulated frame.
 //!
 //! Every number printed here appears in `docs/validation/recordings.md`. The recordings are read in place.
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    reason = "tests"
-)]
 
-use crate::common::{SMALL, refuse, scene, succeed, text, write_scene};
+use crate::common::{Folder, SMALL, answer, refuse, scene, succeed};
 use serde_json::Value;
 
-fn calibrate(scene: &str, more: &[&str]) -> Value {
-    let answer = succeed(&[&["calibrate", scene, "--json"], more].concat());
-    serde_json::from_str(&answer).unwrap()
+fn calibrate(scene: &str, more: &str) -> Value {
+    answer(format!("calibrate {scene} {more}"))
 }
 
 fn number(json: &Value, key: &str) -> f64 {
@@ -30,11 +22,8 @@ fn numbers(json: &Value, key: &str) -> Vec<f64> {
 fn water(name: &str) -> Option<[Value; 3]> {
     fixtures::shared_data(name)?;
     let scene = scene(&format!("{name}.toml"));
-    let runs = [
-        calibrate(&scene, &["--one-contact"]),
-        calibrate(&scene, &[]),
-        calibrate(&scene, &["--use-driven-electrodes"]),
-    ];
+    let options = ["--one-contact", "", "--use-driven-electrodes"];
+    let runs = options.map(|options| calibrate(&scene, options));
     for (run, what) in runs.iter().zip(["one contact", "each", "each, driven electrodes too"]) {
         let mut contacts = numbers(run, "contact_impedance_ohm_m");
         contacts.sort_by(f64::total_cmp);
@@ -86,65 +75,59 @@ fn ktc2023_training_water() {
 /// scene.
 #[test]
 fn a_simulated_frame_gives_the_scene_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let truth = succeed(&["plan", "paper-disc", "--print-scene"]);
+    let folder = Folder::new();
+    let truth = succeed("plan paper-disc --print-scene");
     let kept = truth.replace("driven_electrodes = \"drop\"", "driven_electrodes = \"keep\"");
-    let path = write_scene(folder.path(), &kept);
-    let frame = folder.path().join("v.csv");
-    succeed(&["forward", text(&path), "--out", text(&frame)]);
-    let exact = calibrate(text(&path), &["--frames", text(&frame)]);
+    let path = folder.write("scene.toml", &kept);
+    let frame = folder.path("v.csv");
+    succeed(format!("forward {path} --out {frame}"));
+    let exact = calibrate(&path, &format!("--frames {frame}"));
     assert!(number(&exact, "residual_before") < 1e-12);
     // a wrong start
     let line = |key: &str| kept.lines().find(|l| l.trim_start().starts_with(key)).unwrap();
     let wrong = kept
         .replace(line("conductivity_s"), "conductivity_s = 7e-5")
         .replace(line("contact_impedance_ohm_m"), "contact_impedance_ohm_m = 300.0");
-    let path = write_scene(folder.path(), &wrong);
-    let arguments = ["--frames", text(&frame), "--use-driven-electrodes"];
-    let found = calibrate(text(&path), &arguments);
+    let path = folder.write("scene.toml", &wrong);
+    let arguments = format!("--frames {frame} --use-driven-electrodes");
+    let found = calibrate(&path, &arguments);
     let same = |a: f64, b: f64| (a / b).ln().abs() < 1e-3;
     assert!(same(number(&found, "conductivity_s"), number(&exact, "conductivity_s")));
     let contacts = numbers(&found, "contact_impedance_ohm_m");
     let wanted = numbers(&exact, "contact_impedance_ohm_m");
     assert!(contacts.iter().zip(&wanted).all(|(a, b)| same(*a, *b)), "{contacts:?}");
     assert!(number(&found, "residual_after") < 1e-6);
-    let said = succeed(&[&["calibrate", text(&path)], &arguments[..]].concat());
+    let said = succeed(format!("calibrate {path} {arguments}"));
     assert!(said.contains("[electrodes] contact_impedance_ohm_m = ["), "{said}");
 }
 
 #[test]
 fn frames_that_do_not_fit_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = succeed(&["plan", "paper-disc", "--print-scene"]);
-    let path = write_scene(folder.path(), &scene);
-    let says = refuse(&["calibrate", text(&path)]);
-    assert!(
-        says.contains("--frames: no frames: give their files, or set [recording] file"),
-        "{says}"
-    );
-    let short = folder.path().join("short.csv");
-    std::fs::write(&short, "1.0,2.0,3.0\n").unwrap();
-    let says = refuse(&["calibrate", text(&path), "--frames", text(&short)]);
-    assert!(says.contains("208"), "{says}");
+    let (folder, scene) = (Folder::new(), "calibrate paper-disc");
+    let said = refuse(scene);
+    let told = "--frames: no frames: give their files, or set [recording] file";
+    assert!(said.contains(told), "{said}");
+    let short = folder.write("short.csv", "1.0,2.0,3.0\n");
+    let said = refuse(format!("{scene} --frames {short}"));
+    assert!(said.contains("208"), "{said}");
 }
 
 /// The option is advised only where it adds measurements.
 #[test]
 fn driven_electrodes_are_advised_where_they_help() {
-    let folder = tempfile::tempdir().unwrap();
-    let frame = folder.path().join("v.csv");
+    let folder = Folder::new();
+    let frame = folder.path("v.csv");
     let option = "--use-driven-electrodes";
     for (driven, more, is_advised) in
-        [("drop", &[][..], false), ("keep", &[], true), ("keep", &[option], false)]
+        [("drop", "", false), ("keep", "", true), ("keep", option, false)]
     {
         let keys = format!("drive = \"adjacent\"\ndriven_electrodes = \"{driven}\"");
         // so much noise that the data determine nothing
         let noise = "\n[noise]\nadditive_v = 1e3\n";
         let content = SMALL.replace("drive = \"adjacent\"", &keys) + noise;
-        let scene = write_scene(folder.path(), &content);
-        succeed(&["forward", text(&scene), "--out", text(&frame)]);
-        let arguments = ["calibrate", text(&scene), "--frames", text(&frame)];
-        let said = succeed(&[&arguments[..], more].concat());
+        let scene = folder.write("scene.toml", &content);
+        succeed(format!("forward {scene} --out {frame}"));
+        let said = succeed(format!("calibrate {scene} --frames {frame} {more}"));
         assert!(said.contains("contact 1: ") && said.contains(" ohm m, to a factor of"), "{said}");
         assert!(said.contains("hardly determine"), "{said}");
         assert_eq!(said.contains(option), is_advised, "{said}");

@@ -1,31 +1,23 @@
 //! What `eit check` reports about a faulty instrument: our own emulated device behind TCP.
 #![cfg(unix)]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common;
 use crate::common::emulated::{information, start};
-use crate::common::{SMALL, eit, text, write_scene};
+use crate::common::{Folder, SMALL, eit, recorded, succeed};
 use eit_hw::Quadruple;
 use eit_hw::emulator::Eits1Device;
 use serde_json::Value;
-use std::path::Path;
 
 /// Frames of 16 electrodes through the emulator: the verdict, the findings, and the answer of `check`.
-fn checked(folder: &Path, change: impl Fn(usize, [u32; 4], f64) -> f64) -> (Option<i32>, Value) {
+fn checked(folder: &Folder, change: impl Fn(usize, [u32; 4], f64) -> f64) -> (Option<i32>, Value) {
     let quadruples: Vec<[u32; 4]> = (0..16)
         .flat_map(|d| (2..15).map(move |k| [d, d + 1, d + k, d + k + 1].map(|e| e % 16)))
         .collect();
-    let scene = write_scene(
-        folder,
-        &SMALL.replace("count = 8", "count = 16").replace("edge_m = 0.012", "nodes = 800").replace(
-            "[mesh]",
-            "[instrument]\ndriver = \"eits1\"\nport = \"unused\"\nframe_rate_hz = 200.0\n[mesh]",
-        ),
-    );
-    let voltages = folder.join("v.csv");
-    common::succeed(&["forward", text(&scene), "--out", text(&voltages)]);
-    let read = eit_hw::read_recording(&voltages, None, &Default::default()).unwrap().real;
-    let table: Vec<f64> = read.row(0).to_vec();
+    let instrument = "[instrument]\ndriver = \"eits1\"\nport = \"unused\"\nframe_rate_hz = 200.0\n";
+    let sixteen = SMALL.replace("count = 8", "count = 16").replace("edge_m = 0.012", "nodes = 800");
+    let scene = folder.write("scene.toml", sixteen + instrument);
+    let voltages = folder.path("v.csv");
+    succeed(format!("forward {scene} --out {voltages}"));
+    let table = recorded(&voltages, false).row(0).to_vec();
     assert_eq!(table.len(), 208);
     let values: Vec<Vec<f64>> = (0..120)
         .map(|frame| {
@@ -41,7 +33,7 @@ fn checked(folder: &Path, change: impl Fn(usize, [u32; 4], f64) -> f64) -> (Opti
     };
     let emulator = start(Box::new(Eits1Device::new(information(16, "skin"), Box::new(source))));
     let port = emulator.endpoint().to_string();
-    let output = eit(&["check", text(&scene), "--port", &port, "--frames", "100", "--json"]);
+    let output = eit(format!("check {scene} --port {port} --frames 100 --json"));
     let answer = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
     (output.status.code(), answer)
 }
@@ -54,21 +46,17 @@ fn electrodes(answer: &Value) -> Vec<u64> {
 /// The faulty electrode is named, and no other.
 #[test]
 fn check_names_the_electrode_at_fault_and_exits_4() {
-    let folder = tempfile::tempdir().unwrap();
-    let (code, answer) = checked(folder.path(), |_, _, value| value);
+    let folder = Folder::new();
+    let (code, answer) = checked(&folder, |_, _, value| value);
     assert_eq!((code, &answer["verdict"]), (Some(0), &"good".into()), "{answer}");
     // dead; floating at the largest value; noisy. Electrode 13, counted from 1
-    let noise = |frame: usize, q: [u32; 4]| {
-        let seed = q.iter().fold(frame as u64, |seed, &e| seed * 31 + u64::from(e));
-        ((seed * 7907) as f64).sin()
-    };
     let faults: [&dyn Fn(usize, [u32; 4], f64) -> f64; 3] = [
         &|_, q, value| if q.contains(&12) { 0.0 } else { value },
         &|_, q, value| if q.contains(&12) { 10.0 } else { value },
         &|frame, q, value| if q.contains(&12) { value * (1.0 + noise(frame, q)) } else { value },
     ];
     for (index, fault) in faults.iter().enumerate() {
-        let (code, answer) = checked(folder.path(), fault);
+        let (code, answer) = checked(&folder, fault);
         assert_eq!((code, &answer["verdict"]), (Some(4), &"faulty".into()), "{index}: {answer}");
         assert_eq!(electrodes(&answer), [13], "{index}: {answer}");
     }
@@ -77,22 +65,22 @@ fn check_names_the_electrode_at_fault_and_exits_4() {
 /// Two channels that never change are reported as two, and a converter too coarse for touches is a fault.
 #[test]
 fn check_counts_stuck_channels_and_the_steps_of_the_converter() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let stuck = [[0, 1, 12, 13], [4, 5, 11, 12]];
     let (code, answer) =
-        checked(folder.path(), |_, q, value| if stuck.contains(&q) { 0.02 } else { value });
+        checked(&folder, |_, q, value| if stuck.contains(&q) { 0.02 } else { value });
     assert_eq!(code, Some(0), "{answer}");
     let what = answer["findings"].to_string();
     let both = "2 measurements do not change: drive (1, 2), pair (13, 14) and drive (5, 6), pair (12, 13);";
     assert!(what.contains(both), "{what}");
     // 10 bits of the largest voltage: hardly any value changes, and a touch is less than a step
-    let (_, answer) = checked(folder.path(), |_, _, value| value);
+    let (_, answer) = checked(&folder, |_, _, value| value);
     let fine = answer["resolution"]["steps_per_touch"].as_f64().unwrap();
     assert!(fine > 100.0, "{answer}");
     let step = 0.05 / 1023.0 * 40.0;
-    let (code, answer) = checked(folder.path(), |frame, q, value| {
+    let (code, answer) = checked(&folder, |frame, q, value| {
         // noise of a twentieth of a step, as from an amplifier
-        step * (value / step + 0.05 * noise_of(frame, q)).round()
+        step * (value / step + 0.05 * noise(frame, q)).round()
     });
     assert_eq!(code, Some(4), "{answer}");
     let resolution = &answer["resolution"];
@@ -101,7 +89,7 @@ fn check_counts_stuck_channels_and_the_steps_of_the_converter() {
     assert!(answer["findings"].to_string().contains("measurements never change"), "{answer}");
 }
 
-fn noise_of(frame: usize, q: [u32; 4]) -> f64 {
+fn noise(frame: usize, q: [u32; 4]) -> f64 {
     let seed = q.iter().fold(frame as u64, |seed, &e| seed * 31 + u64::from(e));
     ((seed * 104_729) as f64).sin()
 }

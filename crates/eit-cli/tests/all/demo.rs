@@ -1,32 +1,36 @@
 //! `eit demo` as a user runs it, and obstacles it may meet.
 #![cfg(unix)]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{refuse, succeed, text};
+use crate::common::emulated::{LIMIT, signal};
+use crate::common::{
+    Folder, answer, command, exists, parse, read, read_array, read_text, refuse, stderr, stdout,
+    succeed,
+};
 use ndarray::Array3;
 use serde_json::Value;
-use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-/// Maximum time that a test waits.
-const LIMIT: Duration = Duration::from_secs(240);
-
-fn json(text: &str) -> Value {
-    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
+fn images(folder: &str) -> Array3<f64> {
+    read_array(format!("{folder}/images.npy"))
 }
 
-fn images(folder: &Path) -> Array3<f64> {
-    ndarray_npy::read_npy(folder.join("images.npy")).unwrap()
+/// Every file that an answer names exists; returns how many.
+fn files_exist(out: &str, answer: &Value) -> usize {
+    let files = answer["files"].as_array().unwrap();
+    for file in files {
+        assert!(exists(format!("{out}/{}", file.as_str().unwrap())), "{file}");
+    }
+    files.len()
 }
 
 /// Fingers are found, every result exists, the page needs no other files, and the recordings reproduce
 /// images, raw images and touches bit for bit.
 #[test]
 fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("demo");
-    let answer = json(&succeed(&["demo", "--quick", "--out", text(&out), "--json"]));
+    let folder = Folder::new();
+    let out = folder.path("demo");
+    let answer = answer(format!("demo --quick --out {out}"));
     for experiment in answer["experiments"].as_array().unwrap() {
         let judged = &experiment["judged"];
         assert_eq!(experiment["line"], "a pseudo-terminal", "{experiment}");
@@ -41,10 +45,8 @@ fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
         // proven for every frame, as the scene requires
         assert!(experiment["images"]["worst_gap"].as_f64().unwrap() <= 0.1, "{experiment}");
     }
-    for file in answer["files"].as_array().unwrap() {
-        assert!(out.join(file.as_str().unwrap()).exists(), "{file}");
-    }
-    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    files_exist(&out, &answer);
+    let page = read_text(format!("{out}/report.html"));
     // overview and tracks are in the page, the others and the movies beside it
     assert_eq!(page.matches("data:image/png;base64,").count(), 3);
     assert!(page.len() < 1_000_000 && !page.contains("data:image/gif"), "{} bytes", page.len());
@@ -52,20 +54,20 @@ fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
         page.split("<img src=\"").skip(1).map(|p| p.split('"').next().unwrap()).collect();
     let files = named.iter().filter(|name| !name.starts_with("data:"));
     assert_eq!(files.clone().count(), 11, "{named:?}");
-    assert!(files.clone().all(|name| out.join(name).exists()), "{named:?}");
+    assert!(files.clone().all(|name| exists(format!("{out}/{name}"))), "{named:?}");
     for never in ["http:", "https:", "<script", "src=\"/", "href=\"/"] {
         assert!(!page.contains(never), "{never}");
     }
     for experiment in ["one-finger", "two-fingers"] {
-        let (scene, again) = (out.join("scene.toml"), folder.path().join(experiment));
-        let recording = out.join(format!("{experiment}.mcap"));
-        let from = ["--from", text(&recording), "--out", text(&again)];
-        succeed(&[&["replay", text(&scene)], &from[..]].concat());
+        let again = folder.path(experiment);
+        succeed(format!("replay {out}/scene.toml --from {out}/{experiment}.mcap --out {again}"));
         assert_eq!(images(&again).dim(), (30, 32, 32));
         for file in ["images.npy", "raw.npy", "touches.csv"] {
-            let [one, other] =
-                [&out.join(experiment), &again].map(|f| std::fs::read(f.join(file)).unwrap());
-            assert!(one == other, "{experiment}: {file} differs");
+            let [one, other] = [&format!("{out}/{experiment}"), &again];
+            assert!(
+                read(format!("{one}/{file}")) == read(format!("{other}/{file}")),
+                "{experiment}: {file} differs"
+            );
         }
     }
 }
@@ -75,79 +77,65 @@ fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
 /// by TCP, and the answer says so.
 #[test]
 fn other_content_is_never_written_over_and_tcp_stands_in() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("thesis");
+    let folder = Folder::new();
+    let out = folder.path("thesis");
     std::fs::create_dir(&out).unwrap();
     let names = ["a.txt", "b.txt", "c.txt", "d.txt", "scene.toml"];
     for name in names {
-        std::fs::write(out.join(name), "mine").unwrap();
+        std::fs::write(format!("{out}/{name}"), "mine").unwrap();
     }
-    let said = refuse(&["demo", "--quick", "--out", text(&out)]);
+    let said = refuse(format!("demo --quick --out {out}"));
     assert!(said.contains("contains a.txt, b.txt, c.txt and 2 more"), "{said}");
     assert!(said.contains("--force"), "{said}");
     for name in names {
-        assert_eq!(std::fs::read_to_string(out.join(name)).unwrap(), "mine", "{name}");
+        assert_eq!(read_text(format!("{out}/{name}")), "mine", "{name}");
     }
-    std::fs::remove_file(out.join("scene.toml")).unwrap();
-    let nowhere = folder.path().join("nowhere");
-    let output = Command::new(env!("CARGO_BIN_EXE_eit"))
-        .args(["demo", "--quick", "--force", "--out", text(&out)])
-        .env("TMPDIR", &nowhere)
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    std::fs::remove_file(format!("{out}/scene.toml")).unwrap();
+    let mut demo = command(format!("demo --quick --force --out {out}"));
+    let output = demo.env("TMPDIR", folder.path("nowhere")).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let said = stdout(&output);
     assert!(said.contains("TCP on this computer, because no pseudo-terminal was available"));
-    assert!(out.join("report.html").exists());
-    assert_eq!(std::fs::read_to_string(out.join("a.txt")).unwrap(), "mine");
+    assert!(exists(format!("{out}/report.html")));
+    assert_eq!(read_text(format!("{out}/a.txt")), "mine");
     // the demo's own files are accepted, the others still are not
-    let said = refuse(&["demo", "--quick", "--out", text(&out)]);
+    let said = refuse(format!("demo --quick --out {out}"));
     assert!(said.contains("contains a.txt, b.txt, c.txt and 1 more"), "{said}");
-    assert!(out.join("report.html").exists(), "what was refused is left alone");
+    assert!(exists(format!("{out}/report.html")), "what was refused is left alone");
 }
 
 /// Ctrl-C in the middle: files are complete and listed, and the next demo accepts the folder.
 #[test]
 fn ctrl_c_leaves_whole_files() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("demo");
+    let folder = Folder::new();
+    let out = folder.path("demo");
     // the whole demo takes more than half a minute: the signal arrives in the middle on any computer
-    let child = Command::new(env!("CARGO_BIN_EXE_eit"))
-        .args(["demo", "--out", text(&out), "--json"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::inherit())
-        .spawn()
-        .unwrap();
-    let recording = out.join("one-finger.mcap");
+    let mut demo = command(format!("demo --out {out} --json"));
+    let child = demo.stdout(Stdio::piped()).stderr(Stdio::inherit()).spawn().unwrap();
+    let recording = format!("{out}/one-finger.mcap");
     let start = Instant::now();
-    while !recording.exists() {
+    while !exists(&recording) {
         assert!(start.elapsed() < LIMIT, "no recording");
         std::thread::sleep(Duration::from_millis(10));
     }
-    let interrupt = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(interrupt.success());
+    signal(&child, "-INT");
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0));
-    let answer = json(&String::from_utf8(output.stdout).unwrap());
+    let answer = parse(&stdout(&output));
     assert_eq!(answer["interrupted"], true, "{answer}");
-    for file in answer["files"].as_array().unwrap() {
-        assert!(out.join(file.as_str().unwrap()).exists(), "{file}");
-    }
-    let named = answer["files"].as_array().unwrap().len();
+    let named = files_exist(&out, &answer);
     assert_eq!(std::fs::read_dir(&out).unwrap().count(), named, "nothing that is not named");
     let capture = eit_hw::capture::read(&recording).unwrap();
     assert!(!capture.damage.unfinished, "its end is written");
-    let is_frame =
-        |entry: &&eit_hw::capture::Entry| matches!(entry, eit_hw::capture::Entry::Frame(_));
-    let recorded = capture.entries.iter().filter(is_frame).count();
+    let recorded = capture.frames().count();
     let seen = answer["experiments"][0]["frames"].as_u64().unwrap() as usize;
     assert!(seen < 377, "{answer}");
     // the first 40 are the reference
     assert!((seen..=seen + 40).contains(&recorded), "{recorded} recorded, {seen} seen");
     if seen > 0 {
-        assert_eq!(images(&out.join("one-finger")).dim(), (seen, 64, 64));
+        assert_eq!(images(&format!("{out}/one-finger")).dim(), (seen, 64, 64));
     }
-    assert!(!out.join("report.html").exists());
-    succeed(&["demo", "--quick", "--out", text(&out)]);
-    assert!(out.join("report.html").exists());
+    assert!(!exists(format!("{out}/report.html")));
+    succeed(format!("demo --quick --out {out}"));
+    assert!(exists(format!("{out}/report.html")));
 }

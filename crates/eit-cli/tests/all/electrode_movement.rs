@@ -1,13 +1,11 @@
 //! `reconstruction.electrode_movement_m`: displacements of electrodes as nuisance parameters, on the
 //! simulated fabric with its compliant rim.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{SMALL, refuse, succeed, text, write_scene};
+use crate::common::{Folder, SMALL, answer, parse, read_array, read_text, refuse, succeed};
 use eit_hw::Quality;
 use eit_hw::capture::{CaptureSettings, CaptureWriter};
 use ndarray::{Array1, Array2, Array3, Axis};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
 
 /// The value in the scenes: twice the mean movement in these recordings.
 const KEY: &str = "electrode_movement_m = 0.2e-3";
@@ -18,24 +16,26 @@ fn with(scene: &str, keys: &str) -> String {
     format!("{scene}\n[reconstruction]\npixels = 32\n{keys}\n")
 }
 
-/// A recording of the simulated fabric, and its scene.
-fn simulated(folder: &Path) -> (PathBuf, String) {
-    let plain = succeed(&["plan", "paper-disc", "--print-scene"]);
-    let (scene, out) = (write_scene(folder, &plain), folder.join("sim"));
-    let arguments = ["simulate", text(&scene), "--script", "stroking", "--out", text(&out)];
-    succeed(&[&arguments[..], &["--nodes", "2500", "--frames", "45", "--seed", "7"]].concat());
-    let scene = std::fs::read_to_string(out.join("scene.toml")).unwrap();
-    (out, scene)
+/// A folder with a recording of the simulated fabric, and its scene.
+fn simulated() -> (Folder, String) {
+    let folder = Folder::new();
+    let scene = folder.write("plain.toml", succeed("plan paper-disc --print-scene"));
+    let some = "--script stroking --nodes 2500 --frames 45 --seed 7";
+    succeed(format!("simulate {scene} {some} --out {}", folder.path("sim")));
+    for file in ["frames.npy", "scene.toml"] {
+        std::fs::copy(folder.path(&format!("sim/{file}")), folder.path(file)).unwrap();
+    }
+    let scene = read_text(folder.path("scene.toml"));
+    (folder, scene)
 }
 
 /// The same frames as a recording whose frame 40 has a value that its instrument flags.
-fn with_a_bad_value(sim: &Path) -> PathBuf {
-    let (good, bad) = (sim.join("good.mcap"), sim.join("bad.mcap"));
-    succeed(&["convert", text(&sim.join("frames.npy")), "--out", text(&good)]);
+fn with_a_bad_value(folder: &Folder) -> String {
+    let [frames, good, bad] = folder.paths(["frames.npy", "good.mcap", "bad.mcap"]);
+    succeed(format!("convert {frames} --out {good}"));
     let capture = eit_hw::capture::read(&good).unwrap();
     let session = capture.sessions().next().unwrap();
-    let settings = CaptureSettings::default();
-    let mut writer = CaptureWriter::create(&bad, session, settings).unwrap();
+    let mut writer = CaptureWriter::create(&bad, session, CaptureSettings::default()).unwrap();
     for (number, frame) in capture.frames().enumerate() {
         let mut frame = frame.clone();
         if number == 40 {
@@ -48,14 +48,15 @@ fn with_a_bad_value(sim: &Path) -> PathBuf {
 }
 
 /// Reconstructs a scene in the folder of its frames; `report.json` and images.
-fn reconstruct(folder: &Path, scene: &str, method: &str) -> (Value, Array3<f64>) {
-    let file = folder.join("tried.toml");
-    std::fs::write(&file, scene).unwrap();
-    let out = folder.join("out");
-    succeed(&["reconstruct", text(&file), "--method", method, "--out", text(&out)]);
-    let report = std::fs::read_to_string(out.join("report.json")).unwrap();
-    let images = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
-    (serde_json::from_str(&report).unwrap(), images)
+fn reconstruct(folder: &Folder, scene: &str, method: &str) -> (Value, Array3<f64>) {
+    let (scene, out) = (folder.write("tried.toml", scene), folder.path("out"));
+    succeed(format!("reconstruct {scene} --method {method} --out {out}"));
+    (parse(&read_text(format!("{out}/report.json"))), read_array(format!("{out}/images.npy")))
+}
+
+/// Root of the sum of squares.
+fn norm<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
+    values.into_iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt()
 }
 
 /// Time of the stages of this name, seconds.
@@ -66,8 +67,8 @@ fn time_s(report: &Value, name: &str) -> f64 {
 }
 
 /// Fraction of the images' energy farther than 40 mm from the finger, over the frames with one.
-fn energy_away(sim: &Path, images: &Array3<f64>) -> f64 {
-    let truth = std::fs::read_to_string(sim.join("touches.csv")).unwrap();
+fn energy_away(folder: &Folder, images: &Array3<f64>) -> f64 {
+    let truth = read_text(folder.path("sim/touches.csv"));
     let pixel_m = 0.2 / images.dim().1 as f64;
     let (mut away, mut all) = (0.0, 0.0);
     for line in truth.lines().skip(1) {
@@ -87,43 +88,36 @@ fn energy_away(sim: &Path, images: &Array3<f64>) -> f64 {
 /// Images and touches of one recording, with bad values too, live as recorded.
 #[test]
 fn images_and_touches_are_made_of_what_is_left() {
-    let folder = tempfile::tempdir().unwrap();
-    let (sim, scene) = simulated(folder.path());
-    let (plain, came) = reconstruct(&sim, &with(&scene, ""), "gauss-newton");
-    let (report, images) = reconstruct(&sim, &with(&scene, KEY), "gauss-newton");
+    let (folder, scene) = simulated();
+    let (plain, came) = reconstruct(&folder, &with(&scene, ""), "gauss-newton");
+    let (report, images) = reconstruct(&folder, &with(&scene, KEY), "gauss-newton");
     assert_eq!(plain["electrode_movement_m"], Value::Null);
     assert_eq!(report["electrode_movement_m"], 0.2e-3);
     assert_eq!(report["hyperparameter_rule"], "noise figure 1 of the data with movement");
-    assert!(
-        time_s(&report, "electrode movement") > 0.0 && time_s(&plain, "electrode movement") == 0.0
-    );
+    let times = [&report, &plain].map(|report| time_s(report, "electrode movement"));
+    assert!(times[0] > 0.0 && times[1] == 0.0);
     // one finger; touches allow for movement whether images do or not
     for report in [&report, &plain] {
-        assert_eq!(
-            (&report["touches"]["count"], &report["touches"]["most_at_once"]),
-            (&1.into(), &1.into())
-        );
+        let touches = &report["touches"];
+        assert_eq!((&touches["count"], &touches["most_at_once"]), (&1.into(), &1.into()));
     }
-    let norm = |images: &Array3<f64>| {
-        images.iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt()
-    };
     let taken = norm(&(&came - &images)) / norm(&came);
     // mostly spots at electrodes; measured 0.19 and 0.05: the ringing of one-step images remains
-    let [before, after] = [&came, &images].map(|images| energy_away(&sim, images));
+    let [before, after] = [&came, &images].map(|images| energy_away(&folder, images));
     assert!(before > 0.12 && after < 0.5 * before, "{before} {after}");
     // the spots are part of the image, and most of it remains
     assert!((0.05..0.9).contains(&taken), "{taken}");
 
     // less movement than any changes nothing: the image of equal weights and the same prior
     let (_, same) =
-        reconstruct(&sim, &with(&scene, "electrode_movement_m = 1e-12"), "gauss-newton");
+        reconstruct(&folder, &with(&scene, "electrode_movement_m = 1e-12"), "gauss-newton");
     let off = norm(&(&came - &same)) / norm(&came);
     assert!(off < 1e-6, "{off}");
 
     // measurements are mixed: a frame that lacks one of them has no image, the others keep theirs
-    with_a_bad_value(&sim);
+    with_a_bad_value(&folder);
     let scene = scene.replace("frames.npy", "bad.mcap");
-    let (report, holed) = reconstruct(&sim, &with(&scene, KEY), "gauss-newton");
+    let (report, holed) = reconstruct(&folder, &with(&scene, KEY), "gauss-newton");
     assert!(report["notes"].to_string().contains("1 of 45 frames have bad values"), "{report}");
     let zero =
         |frame: usize| holed.index_axis(Axis(0), frame).iter().all(|v| *v == 0.0 || v.is_nan());
@@ -136,27 +130,26 @@ fn images_and_touches_are_made_of_what_is_left() {
 /// one-step, 0.08 for total variation. The rest is due to the other mesh.
 #[test]
 fn a_moved_patch_is_no_touch() {
-    let folder = tempfile::tempdir().unwrap();
-    let plain = succeed(&["plan", "patches", "--print-scene"]);
+    let folder = Folder::new();
+    let plain = succeed("plan patches --print-scene");
     let place = "[0.025, -0.025]";
     assert_eq!(plain.matches(place).count(), 1);
     let voltages = |scene: &str| -> Array1<f64> {
-        let (scene, out) = (write_scene(folder.path(), scene), folder.path().join("v.npy"));
-        succeed(&["forward", text(&scene), "--out", text(&out)]);
-        ndarray_npy::read_npy(&out).unwrap()
+        let (scene, out) = (folder.write("scene.toml", scene), folder.path("v.npy"));
+        succeed(format!("forward {scene} --out {out}"));
+        read_array(&out)
     };
     // 1.7 mm of 50 between neighbours
     let (still, moved) = (voltages(&plain), voltages(&plain.replace(place, "[0.0265, -0.0243]")));
     let frames = ndarray::stack![Axis(0), still, moved, moved];
-    ndarray_npy::write_npy(folder.path().join("frames.npy"), &frames).unwrap();
+    folder.write_array("frames.npy", &frames);
     let recording =
         "[recording]\nfile = \"frames.npy\"\nreference = 0\n[noise]\nadditive_v = 1e-5\n";
     let scene = format!("{plain}\n{recording}");
     for method in ["gauss-newton", "tv"] {
         let [came, left] = ["", "electrode_movement_m = 1e-3"].map(|keys| {
-            let (_, images) = reconstruct(folder.path(), &with(&scene, keys), method);
-            let last = images.index_axis(Axis(0), 2).to_owned();
-            last.iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt()
+            let (_, images) = reconstruct(&folder, &with(&scene, keys), method);
+            norm(images.index_axis(Axis(0), 2))
         });
         assert!(came > 0.0 && left < 0.2 * came, "{method}: {came:e} {left:e}");
     }
@@ -165,18 +158,16 @@ fn a_moved_patch_is_no_touch() {
 /// The same live, frame by frame; a bad frame is counted and skipped.
 #[test]
 fn a_stream_of_frames_loses_what_electrodes_leave() {
-    let folder = tempfile::tempdir().unwrap();
-    let (sim, _) = simulated(folder.path());
-    let recording = with_a_bad_value(&sim);
-    let scene = succeed(&["plan", "paper-disc", "--print-scene"]);
+    let (folder, _) = simulated();
+    let recording = with_a_bad_value(&folder);
+    let scene = succeed("plan paper-disc --print-scene");
     let replay = |keys: &str| {
-        let (file, out) = (folder.path().join("live.toml"), folder.path().join("out"));
         let rate = "[recording]\nframe_rate_hz = 20.0\n";
-        std::fs::write(&file, format!("{}\n{rate}", with(&scene, keys))).unwrap();
-        let arguments = ["replay", text(&file), "--from", text(&recording), "--out", text(&out)];
-        let answer = succeed(&[&arguments[..], &["--reference-frames", "20", "--json"]].concat());
-        let images: Array3<f64> = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
-        (serde_json::from_str::<Value>(&answer).unwrap(), images)
+        let file = folder.write("live.toml", format!("{}\n{rate}", with(&scene, keys)));
+        let line = format!("replay {file} --from {recording} --reference-frames 20");
+        let out = folder.path("out");
+        let json = answer(format!("{line} --out {out}"));
+        (json, read_array::<ndarray::Ix3>(format!("{out}/images.npy")))
     };
     for method in ["gauss-newton", "tv"] {
         let (plain, came) = replay(&format!("method = \"{method}\""));
@@ -194,59 +185,57 @@ fn a_stream_of_frames_loses_what_electrodes_leave() {
 /// Rejected before any work, with the reason.
 #[test]
 fn what_cannot_be_together_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    let out = text(&out);
-    let key = |keys: &str| write_scene(folder.path(), &with(SMALL, keys));
-    let says = refuse(&["plan", text(&key("electrode_movement_m = -1.0"))]);
-    assert!(says.contains("electrode_movement_m is -1: it must be finite and above"), "{says}");
-    let absolute = format!("method = \"gauss-newton-absolute\"\n{KEY}");
-    let says = refuse(&["plan", text(&key(&absolute))]);
-    assert!(says.contains("movement is removed from differences"), "{says}");
+    let folder = Folder::new();
+    let key = |keys: &str| folder.write("scene.toml", with(SMALL, keys));
     let quadratic = SMALL.replace("[mesh]", "[mesh]\nelements = \"quadratic\"");
-    let scene = write_scene(folder.path(), &with(&quadratic, KEY));
-    let says = refuse(&["plan", text(&scene)]);
-    assert!(says.contains("those of linear elements"), "{says}");
-
-    let scene = key(KEY);
-    let says = refuse(&["train", text(&scene), "--out", &format!("{out}.safetensors")]);
+    let absolute = format!("method = \"gauss-newton-absolute\"\n{KEY}");
+    for (scene, told) in [
+        (with(SMALL, "electrode_movement_m = -1.0"), "must be finite and above"),
+        (with(SMALL, &absolute), "movement is removed from differences"),
+        (with(&quadratic, KEY), "those of linear elements"),
+    ] {
+        let said = refuse(format!("plan {}", folder.write("scene.toml", scene)));
+        assert!(said.contains(told), "{said}");
+    }
+    let (scene, out) = (key(KEY), folder.path("out"));
+    let said = refuse(format!("net train {scene} --out {out}.safetensors"));
     let why = match cfg!(feature = "train") {
-        true => "`eit train` does not support",
+        true => "`eit net train` does not support",
         false => "built without training",
     };
-    assert!(says.contains(why), "{says}");
-    let images = folder.path().join("images.npy");
-    ndarray_npy::write_npy(&images, &Array3::<f64>::zeros((1, 32, 32))).unwrap();
-    let says = refuse(&["denoise", text(&scene), "--images", text(&images), "--out", out]);
-    assert!(says.contains("`eit denoise` does not support"), "{says}");
+    assert!(said.contains(why), "{said}");
+    let images = folder.write_array("images.npy", &Array3::<f64>::zeros((1, 32, 32)));
+    let said = refuse(format!("net apply {scene} --images {images} --out {out}"));
+    assert!(said.contains("`eit net apply` does not support"), "{said}");
 
-    let voltages = folder.path().join("v.npy");
-    succeed(&["forward", text(&scene), "--out", text(&voltages)]);
-    let still: ndarray::Array1<f64> = ndarray_npy::read_npy(&voltages).unwrap();
+    let voltages = folder.path("v.npy");
+    succeed(format!("forward {scene} --out {voltages}"));
+    let still: ndarray::Array1<f64> = read_array(&voltages);
     let frames = Array2::from_shape_fn((4, still.len()), |(f, i)| {
         still[i] * (1.0 + 1e-3 * f as f64 * (i as f64).sin())
     });
-    ndarray_npy::write_npy(&voltages, &frames).unwrap();
-    let made = |scene: &Path, method: &str| {
-        let from = ["--frames", text(&voltages), "--reference", "0", "--method", method];
-        refuse(&[&["reconstruct", text(scene), "--out", out][..], &from].concat())
-    };
-    let says = made(&scene, "gauss-newton");
-    assert!(says.contains("needs the noise: state [noise]"), "{says}");
-    let scene = key(&format!("{KEY}\n[noise]\nadditive_v = 1e-6"));
-    let says = made(&scene, "gauss-newton-absolute");
-    assert!(says.contains("before a linear method"), "{says}");
+    folder.write_array("v.npy", &frames);
+    for (keys, method, told) in [
+        (KEY.to_owned(), "gauss-newton", "needs the noise: state [noise]"),
+        (
+            format!("{KEY}\n[noise]\nadditive_v = 1e-6"),
+            "gauss-newton-absolute",
+            "before a linear method",
+        ),
+    ] {
+        let from = format!("--frames {voltages} --reference 0 --method {method}");
+        let said = refuse(format!("reconstruct {} --out {out} {from}", key(&keys)));
+        assert!(said.contains(told), "{said}");
+    }
 }
 
 /// The plan has the stage, or says why it is omitted; its predicted time is within a wide factor of the real
 /// one (the machine is loaded: see the report for accurate values).
 #[test]
 fn the_plan_shows_the_stage_or_why_it_is_left_out() {
-    let folder = tempfile::tempdir().unwrap();
-    let plan = |keys: &str| -> Value {
-        let scene = write_scene(folder.path(), &with(SMALL, keys));
-        serde_json::from_str(&succeed(&["plan", text(&scene), "--json"])).unwrap()
-    };
+    let folder = Folder::new();
+    let plan =
+        |keys: &str| answer(format!("plan {}", folder.write("scene.toml", with(SMALL, keys))));
     let (plain, moves) = (plan(""), plan(KEY));
     let stage = |plan: &Value| {
         let stages = plan["stages"].as_array().unwrap();
@@ -262,9 +251,8 @@ fn the_plan_shows_the_stage_or_why_it_is_left_out() {
 
     // a mesh chosen for accuracy has elements with known derivatives along displacements
     let accurate = SMALL.replace("edge_m = 0.012", "required_accuracy = 3e-3");
-    let scene = write_scene(folder.path(), &with(&accurate, KEY));
-    let out = folder.path().join("m.msh");
-    let mesh = succeed(&["mesh", text(&scene), "--out", text(&out), "--json"]);
-    let mesh: Value = serde_json::from_str(&mesh).unwrap();
+    let scene = folder.write("scene.toml", &with(&accurate, KEY));
+    let out = folder.path("m.msh");
+    let mesh = answer(format!("mesh {scene} --out {out}"));
     assert_eq!(mesh["elements"], "linear", "{mesh}");
 }

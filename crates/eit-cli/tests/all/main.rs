@@ -1,5 +1,12 @@
 //! Tests of the crate, in one program: linking one is faster than linking 30. Those of one file:
 //! `cargo test --release -p eit-cli --test all FILE::`.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "tests"
+)]
 
 mod common;
 
@@ -13,7 +20,6 @@ mod conventions;
 mod demo;
 mod denoise;
 mod electrode_movement;
-mod events;
 mod geometry;
 mod hydrogel;
 mod init;

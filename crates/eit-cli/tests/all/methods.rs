@@ -1,11 +1,9 @@
 //! Every method from frames to images, on a small simulated skin.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
-use crate::common::{SMALL, refuse, succeed, text, write_scene};
+use crate::common::{Folder, SMALL, answer, exists, read_array, read_text, refuse, succeed};
 use fixtures::Random;
 use ndarray::{Array1, Array2, Array3, Axis};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
 
 const METHODS: [&str; 5] = ["st-tv", "tv", "gauss-newton", "time-prior", "gauss-newton-absolute"];
 
@@ -20,29 +18,24 @@ fn finger(frame: usize) -> [f64; 2] {
     [0.04, 0.02 - 0.01 * frame as f64]
 }
 
-/// Recorded frames of a finger and their scene.
+/// Recorded frames of a finger.
 struct Fixture {
-    folder: tempfile::TempDir,
-    frames: PathBuf,
+    folder: Folder,
+    frames: String,
 }
 
 /// Voltages of the finger on a finer mesh than the scene's, computed by the program itself.
 fn fixture() -> Fixture {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    let fine = write_scene(folder.path(), &SMALL.replace("edge_m = 0.012", "edge_m = 0.008"));
-    let mesh_file = path("fine.msh");
-    succeed(&["mesh", text(&fine), "--out", text(&mesh_file)]);
-    let mesh = eit_mesh::read_gmsh(&mesh_file).unwrap();
+    let folder = Folder::new();
+    let fine = folder.write("fine.toml", SMALL.replace("edge_m = 0.012", "edge_m = 0.008"));
+    let [mesh, out] = folder.paths(["fine.msh", "v.npy"]);
+    succeed(format!("mesh {fine} --out {mesh}"));
+    let centroids = eit_mesh::read_gmsh(&mesh).unwrap().surface().centroids();
     let solve = |sigma: &dyn Fn([f64; 3]) -> f64| -> Array1<f64> {
-        let centroids = mesh.surface().centroids();
-        let values: Vec<f64> = centroids.into_iter().map(sigma).collect();
-        let conductivity = Array2::from_shape_vec((1, values.len()), values).unwrap();
-        let (file, out) = (path("sigma.npy"), path("v.npy"));
-        ndarray_npy::write_npy(&file, &conductivity).unwrap();
-        let files = ["--mesh", text(&mesh_file), "--conductivity", text(&file)];
-        succeed(&[&["forward", text(&fine), "--out", text(&out)], &files[..]].concat());
-        ndarray_npy::read_npy(&out).unwrap()
+        let values = Array1::from_iter(centroids.iter().map(|c| sigma(*c)));
+        let file = folder.write_array("sigma.npy", &values.insert_axis(Axis(0)));
+        succeed(format!("forward {fine} --out {out} --mesh {mesh} --conductivity {file}"));
+        read_array(&out)
     };
     let untouched = solve(&|_| 1e-5);
     let mut noise = Random::new(1);
@@ -56,29 +49,31 @@ fn fixture() -> Fixture {
         };
         row.assign(&clean.mapv(|v| v + NOISE_V * noise.normal()));
     }
-    let frames_file = path("frames.npy");
-    ndarray_npy::write_npy(&frames_file, &frames).unwrap();
-    Fixture { frames: frames_file, folder }
+    Fixture { frames: folder.write_array("frames.npy", &frames), folder }
 }
 
 impl Fixture {
-    /// A scene with more keys than [`SMALL`].
-    fn scene(&self, more: &str) -> PathBuf {
-        write_scene(self.folder.path(), &format!("{SMALL}\n{more}"))
+    /// Images and report of a run.
+    fn run(&self, scene: &str, more: &str) -> (Array3<f64>, Value) {
+        let (frames, out) = (&self.frames, self.folder.path("out"));
+        let report = answer(format!("reconstruct {scene} --frames {frames} --out {out} {more}"));
+        for file in ["sheet.png", "movie.gif", "report.json"] {
+            assert!(std::fs::metadata(format!("{out}/{file}")).unwrap().len() > 500, "{file}");
+        }
+        (read_array(format!("{out}/images.npy")), report)
     }
 
-    /// Images and report of a run.
-    fn run(&self, scene: &Path, more: &[&str]) -> (Array3<f64>, Value) {
-        let out = self.folder.path().join("out");
-        let fixed =
-            ["reconstruct", text(scene), "--frames", text(&self.frames), "--out", text(&out)];
-        let answer = succeed(&[&fixed[..], more, &["--json"]].concat());
-        let images = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
-        for file in ["sheet.png", "movie.gif", "report.json"] {
-            assert!(std::fs::metadata(out.join(file)).unwrap().len() > 500, "{file}");
-        }
-        (images, serde_json::from_str(&answer).unwrap())
+    /// The same with frames 0 to 7 as reference, for keys of the scene.
+    fn run_keys(&self, keys: &str) -> (Array3<f64>, Value) {
+        self.run(&self.folder.scene(keys), "--reference 0..8")
     }
+}
+
+/// Distance of two images over the size of the first.
+fn apart(one: &Array3<f64>, other: &Array3<f64>) -> f64 {
+    let pairs = || one.iter().zip(other).filter(|(a, _)| a.is_finite());
+    let apart = pairs().map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    apart / pairs().map(|(a, _)| a * a).sum::<f64>().sqrt()
 }
 
 /// Centre of the region above half of the largest value of a frame, metres, on a raster over the disc of 0.1
@@ -103,10 +98,10 @@ fn distance([a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
 #[test]
 fn every_method_finds_the_finger() {
     let fixture = fixture();
-    let scene = fixture.scene("[reconstruction]\npixels = 24\n[noise]\nquiet_frames = \"0..8\"\n");
+    let keys = "[reconstruction]\npixels = 24\n[noise]\nquiet_frames = \"0..8\"\n";
+    let scene = fixture.folder.scene(keys);
     for method in METHODS {
-        let reference = ["--method", method, "--reference", "0..8"];
-        let (images, report) = fixture.run(&scene, &reference);
+        let (images, report) = fixture.run(&scene, &format!("--method {method} --reference 0..8"));
         assert_eq!(images.dim(), (QUIET + TOUCHED, 24, 24), "{method}");
         assert_eq!(report["method"], method);
         for f in 0..TOUCHED {
@@ -121,8 +116,7 @@ fn every_method_finds_the_finger() {
             continue;
         }
         // nothing in the quiet frames is taken for a touch
-        let quiet = report["quiet_frames"].as_u64().unwrap();
-        assert_eq!(quiet, QUIET as u64, "{method}");
+        assert_eq!(report["quiet_frames"], QUIET, "{method}");
         assert!(images.index_axis(Axis(0), 0).iter().all(|v| v.is_nan() || *v == 0.0));
         let number = |key: &str| report[key].as_f64().unwrap();
         assert!(number("gap") <= number("target_gap") && number("gap") >= 0.0, "{method}");
@@ -134,7 +128,7 @@ fn every_method_finds_the_finger() {
             let ratio = r.as_f64().unwrap() / number("residual_wanted");
             assert!((0.3..1.5).contains(&ratio), "{method}: {ratio}");
         }
-        assert!(fixture.folder.path().join("out/hyperparameter.png").exists(), "{method}");
+        assert!(exists(fixture.folder.path("out/hyperparameter.png")), "{method}");
     }
 }
 
@@ -143,57 +137,39 @@ fn every_method_finds_the_finger() {
 fn the_scene_chooses() {
     let fixture = fixture();
     let noise = format!("[noise]\nadditive_v = {NOISE_V}\n");
-    let reference = ["--reference", "0..8"];
-    let scene = fixture.scene(&format!("[reconstruction]\npixels = 24\nlower_s = 0.0\n{noise}"));
-    let (images, report) = fixture.run(&scene, &reference);
-    assert_eq!(report["method"], "st-tv");
-    assert_eq!(report["quiet_frames"], QUIET);
+    let keys = "[reconstruction]\npixels = 24\n";
+    let (images, report) = fixture.run_keys(&format!("{keys}lower_s = 0.0\n{noise}"));
+    assert_eq!((&report["method"], &report["quiet_frames"]), (&"st-tv".into(), &QUIET.into()));
     assert!(images.iter().all(|v| v.is_nan() || *v >= 0.0), "the bound holds");
     assert!(report["noise"]["source"].as_str().unwrap().contains("from the scene"));
-    let scene = fixture.scene("[reconstruction]\npixels = 24\n");
-    assert_eq!(fixture.run(&scene, &reference).1["method"], "gauss-newton");
+    assert_eq!(fixture.run_keys(keys).1["method"], "gauss-newton");
     // the paper's form: every frame within its noise
-    let scene =
-        fixture.scene(&format!("[reconstruction]\npixels = 24\ndelta = \"noise\"\n{noise}"));
-    let (images, report) = fixture.run(&scene, &reference);
+    let (images, report) = fixture.run_keys(&format!("{keys}delta = \"noise\"\n{noise}"));
     let delta = report["weights"]["delta"].as_f64().unwrap();
     // the noise includes the model error, the stated delta refers to the noise alone, as numbers in scenes do
     let raised = report["noise"]["model_error_factor"].as_f64().unwrap();
     assert!(((delta / raised).powi(2) - 40.0).abs() < 1e-9, "40 measurements: {delta}, {raised}");
-    let stated = format!("[reconstruction]\npixels = 24\ndelta = {delta:e}\n{noise}");
-    let again = fixture.run(&fixture.scene(&stated), &reference).0;
-    let pairs = || images.iter().zip(&again).filter(|(a, _)| a.is_finite());
-    let apart = pairs().map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-    let size = pairs().map(|(a, _)| a * a).sum::<f64>().sqrt();
+    let again = fixture.run_keys(&format!("{keys}delta = {delta:e}\n{noise}")).0;
     // both within 1e-2 of one optimum
-    assert!(apart <= 0.1 * size, "{apart:e} of {size:e}: {report}");
+    assert!(apart(&images, &again) <= 0.1, "{}: {report}", apart(&images, &again));
     // weights from a report give the same images when stated in the scene: with known noise, which the model
     // error raised, and with unknown noise
     for noise in [noise.as_str(), ""] {
-        let keys = "[reconstruction]\nmethod = \"st-tv\"\npixels = 24\ntarget_gap = 1e-4\n";
-        let scene = fixture.scene(&format!("{keys}{noise}"));
-        let (images, report) = fixture.run(&scene, &reference);
+        let keys = format!("{keys}method = \"st-tv\"\ntarget_gap = 1e-4\n");
+        let (images, report) = fixture.run_keys(&format!("{keys}{noise}"));
         let weight = |name: &str| report["weights"][name].as_f64().unwrap();
-        let stated = format!(
-            "lambda_space = {:e}\nlambda_time = {:e}\n",
-            weight("lambda_space"),
-            weight("lambda_time")
-        );
-        let again = fixture.run(&fixture.scene(&format!("{keys}{stated}{noise}")), &reference).0;
-        let pairs = || images.iter().zip(&again).filter(|(a, _)| a.is_finite());
-        let apart = pairs().map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-        let size = pairs().map(|(a, _)| a * a).sum::<f64>().sqrt();
+        let (space, time) = (weight("lambda_space"), weight("lambda_time"));
+        let stated = format!("{keys}lambda_space = {space:e}\nlambda_time = {time:e}\n{noise}");
+        let again = fixture.run_keys(&stated).0;
         // both within 1e-4 of one optimum, which determines the images to a few percent
-        assert!(apart <= 0.05 * size, "{apart:e} of {size:e}: {report}");
+        assert!(apart(&images, &again) <= 0.05, "{}: {report}", apart(&images, &again));
     }
-    let scene = fixture.scene("[reconstruction]\npixels = 24\nlambda_space = 1.0\n");
-    let report = fixture.run(&scene, &reference).1;
+    let report = fixture.run_keys(&format!("{keys}lambda_space = 1.0\n")).1;
     assert_eq!(report["weights"]["lambda_space"], 1.0);
     assert_eq!(report["weights"]["rule"], "fixed by the scene");
     // a gap that cannot be reached in a millisecond: the best image so far, with its certificate
     let keys = "pixels = 64\nlambda_space = 1e7\ntarget_gap = 1e-12\ndeadline_s = 1e-3\n";
-    let scene = fixture.scene(&format!("[reconstruction]\n{keys}"));
-    let (images, report) = fixture.run(&scene, &reference);
+    let (images, report) = fixture.run_keys(&format!("[reconstruction]\n{keys}"));
     assert_eq!(report["status"], "deadline", "{report}");
     assert!(report["gap"].as_f64().unwrap() > 1e-12);
     assert!(images.iter().any(|v| v.is_finite()));
@@ -203,65 +179,51 @@ fn the_scene_chooses() {
 #[test]
 fn what_a_recording_does_not_need_is_left_out() {
     let fixture = fixture();
-    let frames: Array2<f64> = ndarray_npy::read_npy(&fixture.frames).unwrap();
-    let scene = fixture.scene(&format!(
-        "[reconstruction]\npixels = 16\n[noise]\nadditive_v = {NOISE_V}\n[recording]\nreference = \
-         \"reference.npy\"\n"
-    ));
-    let write = |name: &str, rows: &[usize]| {
-        let file = fixture.folder.path().join(name);
-        ndarray_npy::write_npy(&file, &frames.select(Axis(0), rows)).unwrap();
-        file
+    let folder = &fixture.folder;
+    let frames: Array2<f64> = read_array(&fixture.frames);
+    let select = |rows: &[usize]| frames.select(Axis(0), rows);
+    folder.write_array("reference.npy", &select(&[0, 1, 2, 3, 4, 5]));
+    let noise = format!("[reconstruction]\npixels = 16\n[noise]\nadditive_v = {NOISE_V}\n");
+    let scene = folder.scene(&format!("{noise}[recording]\nreference = \"reference.npy\"\n"));
+    let out = folder.path("part");
+    let run = |name: &str, frames: Array2<f64>| {
+        let file = folder.write_array(name, &frames);
+        answer(format!("reconstruct {scene} --frames {file} --out {out}"))
     };
-    write("reference.npy", &[0, 1, 2, 3, 4, 5]);
-    let run = |rows: &[usize]| -> Value {
-        let file = write("part.npy", rows);
-        let out = fixture.folder.path().join("part");
-        let arguments = ["--frames", text(&file), "--out", text(&out), "--json"];
-        let answer = succeed(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
-        serde_json::from_str(&answer).unwrap()
-    };
-    let one = run(&[QUIET]);
+    let one = run("part.npy", select(&[QUIET]));
     assert_eq!(one["method"], "tv", "{one}");
     assert_eq!(one["weights"]["lambda_time"], 0.0);
-    let nothing = run(&[6, 7]);
+    let nothing = run("part.npy", select(&[6, 7]));
     assert_eq!(nothing["quiet_frames"], 2, "{nothing}");
     assert_eq!(nothing["status"], "nothing to solve");
     // the same touch with other noise: moving frames are not equal
-    assert_eq!(run(&[8, 9, 10, 11])["still"], false);
-    let mut noise = Random::new(11);
+    assert_eq!(run("part.npy", select(&[8, 9, 10, 11]))["still"], false);
+    let mut noisy = Random::new(11);
     let alike = Array2::from_shape_fn((5, frames.ncols()), |(_, i)| {
-        frames[[QUIET, i]] + NOISE_V * noise.normal()
+        frames[[QUIET, i]] + NOISE_V * noisy.normal()
     });
-    let file = fixture.folder.path().join("alike.npy");
-    ndarray_npy::write_npy(&file, &alike).unwrap();
-    let out = fixture.folder.path().join("alike");
-    let arguments = ["--frames", text(&file), "--out", text(&out), "--json"];
-    let answer = succeed(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
-    let still: Value = serde_json::from_str(&answer).unwrap();
+    let still = run("alike.npy", alike);
     assert_eq!((&still["still"], &still["method"]), (&true.into(), &"st-tv".into()), "{still}");
     assert_eq!(still["weights"]["lambda_time"], 0.0, "one image has nothing to couple");
-    // the plan reads the recording and agrees
-    let noise = format!("[reconstruction]\npixels = 16\n[noise]\nadditive_v = {NOISE_V}\n");
-    let told = |file: &str| {
-        let recording = format!("[recording]\nfile = \"{file}\"\nreference = \"reference.npy\"\n");
-        let scene = fixture.scene(&format!("{noise}{recording}"));
-        succeed(&["plan", text(&scene)])
-    };
-    let plan = told("alike.npy");
-    for words in
-        ["time term: dropped, the 5 frames", "a static scene: one image", "mean of 5 frames"]
-    {
-        assert!(plan.contains(words), "{words}: {plan}");
-    }
-    let plan = told("frames.npy");
-    assert!(plan.contains("time term: couples 12 frames"), "{plan}");
-    let images: Array3<f64> = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
+    let images: Array3<f64> = read_array(format!("{out}/images.npy"));
     let same = |f: usize| {
         let pair = images.index_axis(Axis(0), 0).into_owned();
         pair.iter().zip(images.index_axis(Axis(0), f)).all(|(a, b)| a == b || a.is_nan())
     };
     assert!((1..5).all(same), "one image serves all");
+    // the plan reads the recording and agrees
+    for (file, words) in [
+        (
+            "alike.npy",
+            &["time term: dropped, the 5 frames", "a static scene: one image", "mean of 5 frames"]
+                [..],
+        ),
+        ("frames.npy", &["time term: couples 12 frames"]),
+    ] {
+        let recording = format!("[recording]\nfile = \"{file}\"\nreference = \"reference.npy\"\n");
+        let plan = succeed(format!("plan {}", folder.scene(&format!("{noise}{recording}"))));
+        assert!(words.iter().all(|words| plan.contains(words)), "{words:?}: {plan}");
+    }
 }
 
 /// Limits beyond what a clock can count are ignored; a frame is named by its number in the recording.
@@ -269,39 +231,33 @@ fn what_a_recording_does_not_need_is_left_out() {
 fn numbers_out_of_reach() {
     let fixture = fixture();
     let noise = format!("[noise]\nadditive_v = {NOISE_V}\n");
-    let keys = "pixels = 16\ndeadline_s = 1e300\n";
-    let scene = fixture.scene(&format!("[reconstruction]\n{keys}{noise}"));
-    assert_eq!(fixture.run(&scene, &["--reference", "0..8"]).1["status"], "converged");
-    let scene = fixture.scene(&format!("[reconstruction]\npixels = 16\ndelta = 0.0\n{noise}"));
-    let out = fixture.folder.path().join("none");
-    let arguments = ["--frames", text(&fixture.frames), "--reference", "0..8", "--out", text(&out)];
-    let found = refuse(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
+    let keys = format!("[reconstruction]\npixels = 16\ndeadline_s = 1e300\n{noise}");
+    assert_eq!(fixture.run_keys(&keys).1["status"], "converged");
+    let scene =
+        fixture.folder.scene(&format!("[reconstruction]\npixels = 16\ndelta = 0.0\n{noise}"));
+    let (frames, out) = (&fixture.frames, fixture.folder.path("none"));
+    let found =
+        refuse(format!("reconstruct {scene} --frames {frames} --reference 0..8 --out {out}"));
     // the first eight frames are quiet and not solved: the first one solved is number 8
     assert!(found.contains(&format!("frame {QUIET}: delta is 0")), "{found}");
-    let scene = fixture.scene("[reconstruction]\ntarget_gap = 5.0\n");
-    assert!(refuse(&["plan", text(&scene)]).contains("target_gap is 5: "));
+    let scene = fixture.folder.scene("[reconstruction]\ntarget_gap = 5.0\n");
+    assert!(refuse(format!("plan {scene}")).contains("target_gap is 5: "));
 }
 
 /// Residuals of the element-based methods are in units of the noise of a difference, including the gain of
 /// the recording against the model and the noise of the reference.
 #[test]
 fn residuals_are_in_units_of_the_noise() {
-    let fixture = fixture();
-    let frames: Array2<f64> = ndarray_npy::read_npy(&fixture.frames).unwrap();
-    // a recording in another unit: everything, noise included, is ten times as large
-    let file = fixture.folder.path().join("ten.npy");
-    ndarray_npy::write_npy(&file, &(10.0 * &frames)).unwrap();
-    let run = |file: &Path, noise_v: f64| -> Value {
-        let keys = "pixels = 16\nmethod = \"time-prior\"\n";
-        let noise = format!("[noise]\nadditive_v = {noise_v:e}\n");
-        let scene = fixture.scene(&format!("[reconstruction]\n{keys}{noise}"));
-        let out = fixture.folder.path().join("out");
-        let recording = ["--frames", text(file), "--reference", "0..8", "--out", text(&out)];
-        let answer =
-            succeed(&[&["reconstruct", text(&scene)], &recording[..], &["--json"]].concat());
-        serde_json::from_str(&answer).unwrap()
+    let mut fixture = fixture();
+    let frames: Array2<f64> = read_array(&fixture.frames);
+    let run = |fixture: &Fixture, noise_v: f64| {
+        let keys = "[reconstruction]\npixels = 16\nmethod = \"time-prior\"\n";
+        fixture.run_keys(&format!("{keys}[noise]\nadditive_v = {noise_v:e}\n")).1
     };
-    let [one, ten] = [run(&fixture.frames, NOISE_V), run(&file, 10.0 * NOISE_V)];
+    let one = run(&fixture, NOISE_V);
+    // a recording in another unit: everything, noise included, is ten times as large
+    fixture.frames = fixture.folder.write_array("ten.npy", &(10.0 * &frames));
+    let ten = run(&fixture, 10.0 * NOISE_V);
     let residual = |report: &Value, frame: usize| report["residual"][frame].as_f64().unwrap();
     for frame in 0..QUIET + TOUCHED {
         let ratio = residual(&ten, frame) / residual(&one, frame);
@@ -322,8 +278,8 @@ fn residuals_are_in_units_of_the_noise() {
 #[test]
 fn unknown_noise_is_said() {
     let fixture = fixture();
-    let scene = fixture.scene("[reconstruction]\npixels = 24\nmethod = \"st-tv\"\n");
-    let (images, report) = fixture.run(&scene, &["--reference", "0"]);
+    let scene = fixture.folder.scene("[reconstruction]\npixels = 24\nmethod = \"st-tv\"\n");
+    let (images, report) = fixture.run(&scene, "--reference 0");
     assert!(report["notes"].to_string().contains("additive_v"), "{}", report["notes"]);
     assert_eq!(report["quiet_frames"], 0, "without noise no frame is quiet");
     let error = distance(centre_m(&images, QUIET + 1), finger(1));
@@ -335,17 +291,23 @@ fn unknown_noise_is_said() {
 #[test]
 fn touches_are_written_where_the_noise_is_known() {
     let fixture = fixture();
-    let out = fixture.folder.path().join("out");
+    let (folder, frames) = (&fixture.folder, &fixture.frames);
+    let out = folder.path("out");
+    let list = format!("{out}/touches.csv");
     // the object is a disc of 20 mm: with a bell of 7 mm it would appear as two touches
-    let known = fixture.scene(
+    let known = folder.scene(
         "[reconstruction]\npixels = 24\n[noise]\nadditive_v = 1e-4\n[touch]\nradius_m = 0.02\n",
     );
     for method in ["st-tv", "gauss-newton"] {
-        let (_, report) = fixture.run(&known, &["--method", method, "--reference", "0..8"]);
-        assert_eq!(report["touches"]["count"], 1, "{method}: {report}");
-        assert_eq!(report["touches"]["most_at_once"], 1);
-        assert_eq!(report["touches"]["frames_with_touch"], TOUCHED, "{report}");
-        let csv = std::fs::read_to_string(out.join("touches.csv")).unwrap();
+        let (_, report) = fixture.run(&known, &format!("--method {method} --reference 0..8"));
+        let touches = &report["touches"];
+        assert_eq!(
+            (&touches["count"], &touches["most_at_once"]),
+            (&1.into(), &1.into()),
+            "{report}"
+        );
+        assert_eq!(touches["frames_with_touch"], TOUCHED, "{report}");
+        let csv = read_text(&list);
         let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
         assert_eq!(
             rows[0].join(","),
@@ -365,10 +327,9 @@ fn touches_are_written_where_the_noise_is_known() {
         }
     }
     // without noise no list, and none is left from the earlier run
-    let unknown = fixture.scene("[reconstruction]\npixels = 24\n");
-    let (_, report) = fixture.run(&unknown, &["--method", "gauss-newton", "--reference", "0"]);
-    assert!(report["touches"].is_null());
-    assert!(!out.join("touches.csv").exists());
+    let unknown = folder.scene("[reconstruction]\npixels = 24\n");
+    let (_, report) = fixture.run(&unknown, "--method gauss-newton --reference 0");
+    assert!(report["touches"].is_null() && !exists(&list));
     for (keys, name) in [
         ("max_touches = 0", "max_touches"),
         ("least_strength_m2 = -1.0", "touch.least_strength_m2"),
@@ -378,9 +339,8 @@ fn touches_are_written_where_the_noise_is_known() {
         ("birth_hits = 2", "birth_frames"),
         ("max_touch = 1", "max_touches"),
     ] {
-        let scene = fixture.scene(&format!("[noise]\nadditive_v = 1e-4\n[touch]\n{keys}\n"));
-        let frames = text(&fixture.frames);
-        let said = refuse(&["reconstruct", text(&scene), "--frames", frames, "--out", text(&out)]);
+        let scene = folder.scene(&format!("[noise]\nadditive_v = 1e-4\n[touch]\n{keys}\n"));
+        let said = refuse(format!("reconstruct {scene} --frames {frames} --out {out}"));
         assert!(said.contains(name), "{keys}: {said}");
     }
 }
@@ -388,59 +348,60 @@ fn touches_are_written_where_the_noise_is_known() {
 #[test]
 fn unknown_methods_list_the_names() {
     let fixture = fixture();
-    let out = fixture.folder.path().join("none");
-    let arguments = ["--frames", text(&fixture.frames), "--reference", "0", "--out", text(&out)];
-    let scene = fixture.scene("");
-    let wrong = [&["reconstruct", text(&scene), "--method", "st-tw"], &arguments[..]].concat();
-    let found = refuse(&wrong);
-    for method in METHODS {
-        assert!(found.contains(&format!("\"{method}\"")), "{found}");
-    }
-    assert!(!out.exists(), "refused before anything is made");
-    let found = refuse(&["plan", text(&fixture.scene("[reconstruction]\nmethod = \"TV\"\n"))]);
+    let (folder, frames, out) = (&fixture.folder, &fixture.frames, fixture.folder.path("none"));
+    let files = format!("--frames {frames} --reference 0 --out {out}");
+    let found = refuse(format!("reconstruct {} --method st-tw {files}", folder.scene("")));
+    assert!(METHODS.iter().all(|method| found.contains(&format!("\"{method}\""))), "{found}");
+    assert!(!exists(&out), "refused before anything is made");
+    let found = refuse(format!("plan {}", folder.scene("[reconstruction]\nmethod = \"TV\"\n")));
     assert!(found.contains("reconstruction.method = \"TV\"") && found.contains("\"time-prior\""));
     // quiet frames beyond the recording
-    let scene = fixture.scene("[noise]\nquiet_frames = \"0..100\"\n");
-    let found = refuse(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
+    let scene = folder.scene("[noise]\nquiet_frames = \"0..100\"\n");
+    let found = refuse(format!("reconstruct {scene} {files}"));
     assert!(found.contains("quiet_frames") && found.contains("0 to 11"), "{found}");
 }
 
 #[test]
 fn plan_tells_the_method_and_why() {
-    let folder = tempfile::tempdir().unwrap();
-    let plan = |more: &str, arguments: &[&str]| {
-        let scene = write_scene(folder.path(), &format!("{SMALL}\n{more}"));
-        succeed(&[&["plan", text(&scene)], arguments].concat())
-    };
-    let told = plan("", &[]);
-    assert!(told.contains("method gauss-newton") && told.contains("states no noise"), "{told}");
+    let folder = Folder::new();
+    // the recording is read for its size
+    folder.write("one.csv", vec!["1"; 40].join(","));
     let noise = "[noise]\nadditive_v = 1e-6\n";
-    let told = plan(noise, &[]);
-    for words in [
-        "method st-tv: the scene states its noise",
-        "static scene",
-        "single one (plain total variation)",
-        "discrepancy principle",
-        "iterations to gap 1e-2",
-        "iterations as on paper-disc-60",
-        "Gflop/s effective",
-        "20 frames assumed",
-        "rank 20 at most",
+    for (keys, wanted) in [
+        (String::new(), &["method gauss-newton", "states no noise"][..]),
+        (
+            noise.into(),
+            &[
+                "method st-tv: the scene states its noise",
+                "static scene",
+                "single one (plain total variation)",
+                "discrepancy principle",
+                "iterations to gap 1e-2",
+                "iterations as on paper-disc-60",
+                "Gflop/s effective",
+                "20 frames assumed",
+                "rank 20 at most",
+            ],
+        ),
+        (
+            format!("{noise}[recording]\nfile = \"one.csv\"\nreference = 0\n"),
+            &[
+                "method tv: one frame",
+                "time term: dropped, one frame is plain total variation",
+                "pixels, one frame",
+            ],
+        ),
+        // without a weight in time nothing is coupled, whatever the frames
+        (format!("{noise}[reconstruction]\nlambda_time = 0.0\n"), &["time term: none"]),
     ] {
-        assert!(told.contains(words), "{words}: {told}");
+        let told = succeed(format!("plan {}", folder.scene(&keys)));
+        assert!(wanted.iter().all(|words| told.contains(words)), "{wanted:?}: {told}");
+        assert!(!keys.contains("lambda_time") || !told.contains("couples"), "{told}");
     }
-    // the recording is read for its size: one frame is plain total variation
-    let one = folder.path().join("one.csv");
-    std::fs::write(&one, vec!["1"; 40].join(",")).unwrap();
-    let told = plan(&format!("{noise}[recording]\nfile = \"one.csv\"\nreference = 0\n"), &[]);
-    assert!(told.contains("method tv: one frame"), "{told}");
-    assert!(told.contains("time term: dropped, one frame is plain total variation"), "{told}");
-    assert!(told.contains("pixels, one frame"), "{told}");
-    // without a weight in time nothing is coupled, whatever the frames
-    let told = plan(&format!("{noise}[reconstruction]\nlambda_time = 0.0\n"), &[]);
-    assert!(told.contains("time term: none") && !told.contains("couples"), "{told}");
+    let scene = folder.scene("");
     for method in METHODS {
-        assert!(plan("", &["--method", method]).contains(&format!("method {method}: requested")));
+        let told = succeed(format!("plan {scene} --method {method}"));
+        assert!(told.contains(&format!("method {method}: requested")), "{told}");
     }
 }
 
@@ -449,46 +410,34 @@ fn plan_tells_the_method_and_why() {
 /// program.
 #[test]
 fn plan_of_one_frame_leaves_out_what_it_does_not_need() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let row = |k: usize| (0..40).map(|i| (1 + k * i % 7).to_string()).collect::<Vec<_>>().join(",");
-    std::fs::write(folder.path().join("one.csv"), row(0)).unwrap();
-    std::fs::write(folder.path().join("many.csv"), [0, 1, 2, 3].map(row).join("\n")).unwrap();
-    let left_out = |more: &str| {
-        let scene = write_scene(folder.path(), &format!("{SMALL}\n{more}"));
-        let json: Value =
-            serde_json::from_str(&succeed(&["plan", text(&scene), "--json"])).unwrap();
-        let list = json["left_out"].as_array().unwrap();
-        let names: Vec<String> = list.iter().map(|l| l["what"].as_str().unwrap().into()).collect();
-        assert!(list.iter().all(|l| !l["why"].as_str().unwrap().is_empty()), "{list:?}");
-        (json["method"].as_str().unwrap().to_owned(), names)
-    };
-    let all = ["complex arithmetic", "time coupling", "U-net", "instrument"];
-    let missing = |names: &[String]| all.map(|what| !names.iter().any(|name| name == what));
+    folder.write("one.csv", row(0));
+    folder.write("many.csv", [0, 1, 2, 3].map(row).join("\n"));
     let noise = "[noise]\nadditive_v = 1e-6\n";
     let recording = |file| format!("[recording]\nfile = \"{file}.csv\"\nreference = 0\n");
-    for (scene, method) in
-        [(recording("one"), "gauss-newton"), (format!("{noise}{}", recording("one")), "tv")]
-    {
-        let (chosen, names) = left_out(&scene);
-        assert_eq!((chosen.as_str(), missing(&names)), (method, [false; 4]), "{names:?}");
-    }
     let more =
         "[denoise]\nweights = \"default\"\nany_skin = true\n[instrument]\ndriver = \"emulator\"\n";
-    let (chosen, names) = left_out(&format!("{noise}{}{more}", recording("many")));
-    assert_eq!(
-        (chosen.as_str(), missing(&names)),
-        ("st-tv", [false, true, true, true]),
-        "{names:?}"
-    );
+    for (keys, method, has) in [
+        (recording("one"), "gauss-newton", [false; 4]),
+        (format!("{noise}{}", recording("one")), "tv", [false; 4]),
+        (format!("{noise}{}{more}", recording("many")), "st-tv", [false, true, true, true]),
+    ] {
+        let json = answer(format!("plan {}", folder.scene(&keys)));
+        let list = json["left_out"].as_array().unwrap();
+        assert!(list.iter().all(|l| !l["why"].as_str().unwrap().is_empty()), "{list:?}");
+        let parts = ["complex arithmetic", "time coupling", "U-net", "instrument"];
+        let found = parts.map(|what| !list.iter().any(|l| l["what"] == what));
+        assert_eq!((&json["method"], found), (&method.into(), has), "{list:?}");
+    }
 }
 
 /// The whole comparison in seconds: it contains every method and every file.
 #[test]
 fn report_compares_every_method() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("report");
-    let race = ["report", "--scenes", "paper-disc-60", "--out", text(&out), "--json"];
-    let json: Value = serde_json::from_str(&succeed(&race)).unwrap();
+    let folder = Folder::new();
+    let out = folder.path("report");
+    let json = answer(format!("report --images --scenes paper-disc-60 --out {out}"));
     let rows = json["scenes"][0]["solvers"].as_array().unwrap();
     for method in METHODS {
         let of = |r: &&Value| r["solver"].as_str().unwrap().trim_end_matches(" ≥ 0") == method;
@@ -504,8 +453,17 @@ fn report_compares_every_method() {
     let live = rows.iter().filter(|r| r["live"] == true).count();
     // one-step images and two streams on each of two rasters
     assert_eq!(live, 2 * 3);
-    let files = ["error_paper_disc_60.png", "images_paper_disc_60_bell.png", "report.md"];
-    for name in files {
-        assert!(std::fs::metadata(out.join(name)).unwrap().len() > 1000, "{name}");
+    // images alone: every solver in the table that plans read, and no forward problem
+    assert!(
+        json["forward"].as_array().unwrap().is_empty() && !exists(format!("{out}/forward.csv"))
+    );
+    assert!(!read_text(format!("{out}/report.md")).contains("\n## Forward problem\n"));
+    let table = read_text(format!("{out}/inverse.csv"));
+    for method in METHODS {
+        let row = format!("paper-disc-60,{method},");
+        assert!(table.lines().any(|line| line.starts_with(&row)), "{method}: {table}");
+    }
+    for name in ["error_paper_disc_60.png", "images_paper_disc_60_bell.png", "report.md"] {
+        assert!(std::fs::metadata(format!("{out}/{name}")).unwrap().len() > 1000, "{name}");
     }
 }

@@ -1,12 +1,10 @@
 //! Files with values that are not numbers, through the commands: missing values are accepted, and a frame
 //! without any value does not interrupt detection.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{SMALL, succeed, text, touched_frames, write_scene};
+use crate::common::{Folder, SMALL, answer, parse, read_text, succeed, touched_frames};
 use ndarray::Array2;
 use serde_json::Value;
 use std::fmt::Write;
-use std::path::Path;
 
 /// Frames with the finger, which stays: it appears in frame 101 of 200.
 const TOUCHED: std::ops::Range<usize> = 101..200;
@@ -16,7 +14,7 @@ const EMPTY: [usize; 3] = [60, 120, 150];
 const HOLED: usize = 7;
 
 /// Frames with holes, as NPY and as CSV.
-fn holed(folder: &Path, scene: &Path) -> [std::path::PathBuf; 2] {
+fn holed(folder: &Folder, scene: &str) -> [String; 2] {
     let (_, mut frames) = touched_frames(folder, scene);
     for (frame, mut values) in frames.rows_mut().into_iter().enumerate() {
         if EMPTY.contains(&frame) {
@@ -26,10 +24,7 @@ fn holed(folder: &Path, scene: &Path) -> [std::path::PathBuf; 2] {
             [frame % 40, (3 * frame + 17) % 40].iter().for_each(|&i| values[i] = f64::NAN);
         }
     }
-    let [npy, csv] = ["holed.npy", "holed.csv"].map(|name| folder.join(name));
-    ndarray_npy::write_npy(&npy, &frames).unwrap();
-    std::fs::write(&csv, table(&frames)).unwrap();
-    [npy, csv]
+    [folder.write_array("holed.npy", &frames), folder.write("holed.csv", table(&frames))]
 }
 
 fn table(frames: &Array2<f64>) -> String {
@@ -42,8 +37,8 @@ fn table(frames: &Array2<f64>) -> String {
 }
 
 /// Frames of a touch list with a valid touch, and the ids of all touches.
-fn valid_frames(csv: &Path) -> (Vec<usize>, Vec<String>) {
-    let text = std::fs::read_to_string(csv).unwrap();
+fn valid_frames(csv: &str) -> (Vec<usize>, Vec<String>) {
+    let text = read_text(csv);
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
     let column = |name: &str| header.iter().position(|word| *word == name).unwrap();
@@ -58,7 +53,7 @@ fn valid_frames(csv: &Path) -> (Vec<usize>, Vec<String>) {
 
 /// The finger is detected from its second frame to the last in all but the empty frames, and in no frame
 /// without it. Returns how many ids its touches get (this small skin splits the finger).
-fn check(csv: &Path, first: usize) -> usize {
+fn check(csv: &str, first: usize) -> usize {
     let (frames, ids) = valid_frames(csv);
     let found: Vec<usize> = frames.iter().map(|frame| frame + first).collect();
     let wanted: Vec<usize> = TOUCHED.skip(1).filter(|frame| !EMPTY.contains(frame)).collect();
@@ -75,30 +70,25 @@ fn faults(report: &Value) -> usize {
 
 #[test]
 fn values_that_are_no_numbers_are_missing() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene =
-        write_scene(folder.path(), &format!("{SMALL}\n[recording]\nframe_rate_hz = 20.0\n"));
-    let whole = folder.path().join("touched.npy");
-    let files = holed(folder.path(), &scene);
+    let folder = Folder::new();
+    let scene = folder.write("scene.toml", format!("{SMALL}\n[recording]\nframe_rate_hz = 20.0\n"));
+    let whole = folder.path("touched.npy");
+    let files = holed(&folder, &scene);
     let mut ids = Vec::new();
     for file in [&whole, &files[0], &files[1]] {
-        let out = folder.path().join("out");
-        let fixed = ["reconstruct", text(&scene), "--frames", text(file), "--out", text(&out)];
-        succeed(&[&fixed[..], &["--reference", "0..30"]].concat());
-        ids.push(check(&out.join("touches.csv"), 0));
-        let report = std::fs::read_to_string(out.join("report.json")).unwrap();
-        assert_eq!(faults(&serde_json::from_str(&report).unwrap()), 0);
+        let out = folder.path("out");
+        succeed(format!("reconstruct {scene} --frames {file} --out {out} --reference 0..30"));
+        ids.push(check(&format!("{out}/touches.csv"), 0));
+        assert_eq!(faults(&parse(&read_text(format!("{out}/report.json")))), 0);
 
         // as a recording
-        let recording = file.with_extension("mcap");
-        succeed(&["convert", text(file), "--out", text(&recording), "--scene", text(&scene)]);
-        let out = folder.path().join("again");
-        let fixed = ["replay", text(&scene), "--from", text(&recording), "--out", text(&out)];
-        let answer = succeed(&[&fixed[..], &["--reference-frames", "30", "--json"]].concat());
-        let answer: Value = serde_json::from_str(&answer).unwrap();
+        let (recording, out) = (folder.path("recording.mcap"), folder.path("again"));
+        succeed(format!("convert {file} --out {recording} --scene {scene}"));
+        let replay = format!("replay {scene} --from {recording} --out {out}");
+        let answer = answer(format!("{replay} --reference-frames 30"));
         assert_eq!(answer["frames"], 170, "{answer}");
         assert_eq!(answer["faulty_electrodes"].as_array().unwrap().len(), 0, "{answer}");
-        ids.push(check(&out.join("touches.csv"), 30));
+        ids.push(check(&format!("{out}/touches.csv"), 30));
         std::fs::remove_file(&recording).unwrap();
     }
     // missing values do not change ids

@@ -1,77 +1,54 @@
 //! Touches for other programs, as read by those programs.
 #![cfg(unix)]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common;
-use crate::common::{SMALL, eit, refuse, text, touched_frames, write_scene};
+use crate::common::emulated::{Emulated, LIMIT, emulate, scene_at_port};
+use crate::common::{
+    Folder, command, eit, parse, read_array, refuse, stderr, stdout, succeed, touched_frames,
+};
 use serde_json::Value;
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::UdpSocket;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
-
-/// Maximum time that a test waits.
-const LIMIT: Duration = Duration::from_secs(120);
 
 /// An emulated skin that is touched from the hundredth of its 200 frames on, and stops with the test.
 struct Skin {
-    folder: tempfile::TempDir,
-    scene: PathBuf,
-    emulator: Child,
-}
-
-impl Drop for Skin {
-    fn drop(&mut self) {
-        // it may have exited already
-        let _ = Command::new("kill").arg(self.emulator.id().to_string()).status();
-        let _ = self.emulator.wait();
-    }
+    folder: Folder,
+    scene: String,
+    _emulated: Emulated,
 }
 
 impl Skin {
     fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let port = folder.path().join("skin");
-        let instrument = "driver = \"eits1\"\nframe_rate_hz = 100.0";
-        let content = format!("{SMALL}\n[instrument]\nport = \"{}\"\n{instrument}\n", text(&port));
-        let scene = write_scene(folder.path(), &content);
-        let (frames, _) = touched_frames(folder.path(), &scene);
-        let mut emulator = Command::new(env!("CARGO_BIN_EXE_eit"))
-            .args(["emulate", text(&scene), "--port", text(&port), "--frames", text(&frames)])
-            .stdout(Stdio::null())
-            .spawn()
-            .unwrap();
-        let start = Instant::now();
-        while !port.exists() {
-            assert!(start.elapsed() < LIMIT && emulator.try_wait().unwrap().is_none(), "no port");
-            std::thread::sleep(Duration::from_millis(10));
-        }
-        Self { folder, scene, emulator }
+        let (folder, scene, port) = scene_at_port("driver = \"eits1\"\nframe_rate_hz = 100.0");
+        let (frames, _) = touched_frames(&folder, &scene);
+        let _emulated = emulate(&scene, &port, &format!("--frames {frames}"));
+        Self { folder, scene, _emulated }
     }
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
+    /// A recording of it.
+    fn record(&self, frames: usize) -> String {
+        let recording = self.folder.path("press.mcap");
+        succeed(format!("record {} --out {recording} --frames {frames}", self.scene));
+        recording
     }
 }
 
 /// Runs `eit`; returns its lines, each checked against the schema, and its stderr.
-fn lines(arguments: &[&str]) -> (Vec<Value>, String) {
-    let output = eit(arguments);
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "eit {arguments:?}: {said}");
-    (checked(&String::from_utf8(output.stdout).unwrap()), said)
+fn lines(line: impl AsRef<str>) -> (Vec<Value>, String) {
+    let output = eit(line);
+    let said = stderr(&output);
+    assert!(output.status.success(), "{said}");
+    (checked(&stdout(&output)), said)
 }
 
 fn checked(text: &str) -> Vec<Value> {
-    let schema = jsonschema::validator_for(&serde_json::from_str(eit_publish::SCHEMA).unwrap());
-    let schema = schema.unwrap();
-    let read = |line: &str| {
-        let line = serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}"));
-        assert!(schema.is_valid(&line), "{line}: {:?}", schema.validate(&line).err());
-        line
-    };
-    text.lines().map(read).collect()
+    let schema = jsonschema::validator_for(&parse(eit_publish::SCHEMA)).unwrap();
+    let lines: Vec<Value> = text.lines().map(parse).collect();
+    for line in &lines {
+        assert!(schema.is_valid(line), "{line}: {:?}", schema.validate(line).err());
+    }
+    lines
 }
 
 fn frames(lines: &[Value]) -> Vec<&Value> {
@@ -89,7 +66,7 @@ fn others(lines: &[Value]) -> Vec<&str> {
 #[test]
 fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
     let skin = Skin::new();
-    let recording = skin.path("press.mcap");
+    let recording = skin.folder.path("press.mcap");
     let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
     receiver.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     let address = receiver.local_addr().unwrap().to_string();
@@ -104,17 +81,10 @@ fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
         }
         text
     });
-    let (live, said) = lines(&[
-        "live",
-        text(&skin.scene),
-        "--json-lines",
-        "--udp",
-        &address,
-        "--frames",
-        "120",
-        "--record",
-        text(&recording),
-    ]);
+    let (live, said) = lines(format!(
+        "live {} --json-lines --udp {address} --frames 120 --record {recording}",
+        skin.scene
+    ));
     assert!(said.contains("120 frames") && !said.contains("image"), "{said}");
     assert_eq!(checked(&listen.join().unwrap()), live);
     assert_eq!(others(&live), ["start", "reference_started", "reference_taken", "ended"]);
@@ -137,8 +107,8 @@ fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
     assert!((0..15).contains(&delay), "the touch begins {delay} frames late");
     assert_eq!(first["touches"][0]["state"], "begin");
 
-    let from = ["replay", text(&skin.scene), "--from", text(&recording), "--json-lines"];
-    let (again, _) = lines(&[&from[..], &["--frames", "120"]].concat());
+    let from = format!("replay {} --from {recording} --json-lines", skin.scene);
+    let (again, _) = lines(format!("{from} --frames 120"));
     assert_eq!(others(&again), ["start", "reference_started", "reference_taken", "ended"]);
     let without_latency = |frame: &&Value| {
         let mut frame = (*frame).clone();
@@ -155,91 +125,62 @@ fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
 #[test]
 fn a_closed_pipe_ends_the_run() {
     let skin = Skin::new();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_eit"))
-        .args(["live", text(&skin.scene), "--json-lines"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut live = command(format!("live {} --json-lines", skin.scene));
+    let mut child = live.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut line = String::new();
     let mut out = BufReader::new(child.stdout.take().unwrap());
     out.read_line(&mut line).unwrap();
     assert_eq!(checked(&line)[0]["type"], "start");
     drop(out);
     let start = Instant::now();
-    let status = loop {
-        if let Some(status) = child.try_wait().unwrap() {
-            break status;
-        }
+    while child.try_wait().unwrap().is_none() {
         assert!(start.elapsed() < LIMIT, "goes on without a reader");
         std::thread::sleep(Duration::from_millis(10));
-    };
-    let mut said = String::new();
-    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-    assert!(status.success(), "{said}");
-}
-
-/// Images are made if a file needs them, and touches are the same with and without.
-#[test]
-fn images_are_made_for_who_asks() {
-    let skin = Skin::new();
-    let recording = skin.path("press.mcap");
-    let record = ["record", text(&skin.scene), "--out", text(&recording), "--frames", "160"];
-    common::succeed(&record);
-    let replay = |more: &[&str]| {
-        lines(
-            &[&["replay", text(&skin.scene), "--from", text(&recording), "--json-lines"], more]
-                .concat(),
-        )
-    };
-    let (plain, said) = replay(&[]);
-    assert!(!said.contains("images"), "{said}");
-    let out = skin.path("out");
-    let (with, said) = replay(&["--out", text(&out)]);
-    assert!(said.contains("with images"), "{said}");
-    assert_eq!(plain, with);
-    let images: ndarray::Array3<f64> = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
-    assert_eq!(images.dim().0, frames(&plain).len());
+    }
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
 }
 
 #[test]
 fn bad_wishes_are_refused_before_any_work() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = write_scene(folder.path(), SMALL);
-    let nowhere = Path::new("never.mcap");
-    let base = ["replay", text(&scene), "--from", text(nowhere)];
-    let said = refuse(&[&base[..], &["--json-lines", "--json"]].concat());
-    assert!(said.contains("--json-lines and --json"), "{said}");
-    for address in ["9000", "127.0.0.1:0"] {
-        let said = refuse(&[&base[..], &["--udp", address]].concat());
-        assert!(said.contains(&format!("--udp: {address}: ")), "{said}");
-        assert!(said.contains("HOST:PORT"), "{said}");
+    let scene = Folder::new().scene("");
+    let line = format!("replay {scene} --from never.mcap");
+    for (more, told) in [
+        ("--json-lines --json", "--json-lines and --json"),
+        ("--udp 9000", "--udp: 9000: "),
+        ("--udp 127.0.0.1:0", "--udp: 127.0.0.1:0: "),
+    ] {
+        let said = refuse(format!("{line} {more}"));
+        assert!(said.contains(told), "{said}");
+        assert_eq!(said.contains("HOST:PORT"), more.starts_with("--udp"), "{said}");
     }
 }
 
-/// The page of a replay: its address is printed, and the data sent to it show the finger and an image.
+/// Images are made if a file or a page needs them, and touches are the same with and without. The address of the page is
+/// printed, and the data sent to it show the finger and an image.
 #[test]
-fn a_page_shows_touches_and_images() {
+fn images_are_made_for_who_asks() {
     let skin = Skin::new();
-    let recording = skin.path("press.mcap");
-    let record = ["record", text(&skin.scene), "--out", text(&recording), "--frames", "190"];
-    common::succeed(&record);
-    let mut child = Command::new(env!("CARGO_BIN_EXE_eit"))
-        .args(["replay", text(&skin.scene), "--from", text(&recording), "--speed", "0.5"])
-        .arg("--web=127.0.0.1:0")
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let replay = format!("replay {} --from {}", skin.scene, skin.record(190));
+    let (plain, said) = lines(format!("{replay} --json-lines"));
+    assert!(!said.contains("images"), "{said}");
+    let out = skin.folder.path("out");
+    let (with, said) = lines(format!("{replay} --json-lines --out {out}"));
+    assert!(said.contains("with images"), "{said}");
+    assert_eq!(plain, with);
+    let images: ndarray::Array3<f64> = read_array(format!("{out}/images.npy"));
+    assert_eq!(images.dim().0, frames(&plain).len());
+
+    let mut page = command(format!("{replay} --speed 0.5 --web=127.0.0.1:0"));
+    let mut child = page.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let mut said = String::new();
     BufReader::new(child.stderr.take().unwrap()).read_line(&mut said).unwrap();
     let address = said.trim().split("http://").nth(1).expect("an address").trim_end_matches('/');
     let mut stream = std::net::TcpStream::connect(address).unwrap();
     write!(stream, "GET /events HTTP/1.1\r\nHost: {address}\r\n\r\n").unwrap();
     let lines = BufReader::new(stream).lines().map_while(Result::ok);
-    let events: Vec<Value> = lines
-        .filter_map(|line| Some(serde_json::from_str(line.strip_prefix("data: ")?).unwrap()))
-        .collect();
+    let events: Vec<Value> =
+        lines.filter_map(|line| Some(parse(line.strip_prefix("data: ")?))).collect();
     assert!(child.wait().unwrap().success());
     let of = |name: &str| -> Vec<&Value> {
         events.iter().filter(|event| event["type"] == name).collect()

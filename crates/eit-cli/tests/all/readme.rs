@@ -3,11 +3,11 @@
 //!
 //! A word behind `sh` says why a block cannot run here: `board` needs an instrument or another terminal,
 //! `robot` a robot's software, `long` more time or other programs. That the program understands their
-//! commands is tested beside its arguments (`src/cli/documented.rs`), and every command that needs a board is
+//! commands is tested beside its arguments (`src/cli/tests.rs`), and every command that needs a board is
 //! run by `init.rs`, `silence.rs` or `instruments.rs`.
 #![cfg(unix)]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
+use crate::common::{Folder, read_text, stderr};
 use eit_skin::Scene;
 use eit_skin::eit_fem::fabric::TouchScript;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ fn root() -> PathBuf {
 
 /// The blocks of a page with this text behind the fence.
 fn blocks(page: &Path, mark: &str) -> Vec<String> {
-    let text = std::fs::read_to_string(page).unwrap();
+    let text = read_text(page);
     let mut blocks = Vec::new();
     let mut block: Option<String> = None;
     for line in text.lines() {
@@ -50,7 +50,7 @@ fn blocks(page: &Path, mark: &str) -> Vec<String> {
 
 /// Runs the lines of the blocks that can run here; returns how many.
 fn run(page: &Path) -> usize {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let program = PathBuf::from(env!("CARGO_BIN_EXE_eit"));
     let path =
         format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap());
@@ -58,10 +58,13 @@ fn run(page: &Path) -> usize {
     let lines = blocks.lines().filter(|line| !line.is_empty() && !line.starts_with('#'));
     let mut count = 0;
     for line in lines {
-        let output =
-            Command::new("sh").args(["-c", line]).env("PATH", &path).current_dir(&folder).output();
+        let output = Command::new("sh")
+            .args(["-c", line])
+            .env("PATH", &path)
+            .current_dir(folder.path(""))
+            .output();
         let output = output.unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
+        let said = stderr(&output);
         assert!(output.status.success(), "{}: `{line}`: {said}", page.display());
         count += 1;
     }
@@ -78,20 +81,10 @@ fn commands_of_all_pages() {
 /// Blocks have a language, and those of the shell a known reason not to run.
 #[test]
 fn blocks_are_of_known_kinds() {
-    let known = [
-        "sh",
-        "sh board",
-        "sh robot",
-        "sh long",
-        "toml",
-        "rust",
-        "rust,no_run",
-        "text",
-        "c",
-        "json",
-    ];
+    let known = "sh,sh board,sh robot,sh long,toml,rust,text,c,json";
+    let known: Vec<&str> = known.split(',').chain(["rust,no_run"]).collect();
     for page in pages() {
-        let text = std::fs::read_to_string(&page).unwrap();
+        let text = read_text(&page);
         let fences: Vec<&str> =
             text.lines().filter_map(|line| line.trim().strip_prefix("```")).collect();
         for pair in fences.chunks(2) {
@@ -104,14 +97,12 @@ fn blocks_are_of_known_kinds() {
 /// Pages with Rust code are compiled as documentation of the benches.
 #[test]
 fn rust_of_all_pages_is_compiled() {
-    let compiled = std::fs::read_to_string(root().join("benches/src/lib.rs")).unwrap();
+    let compiled = read_text(root().join("benches/src/lib.rs"));
     for page in pages() {
         let code = blocks(&page, "rust").len() + blocks(&page, "rust,no_run").len();
         let name = page.strip_prefix(root()).unwrap().display().to_string();
-        assert!(
-            code == 0 || compiled.contains(&format!("../../{name}\"")),
-            "{name} is not compiled"
-        );
+        let named = format!("../../{name}\"");
+        assert!(code == 0 || compiled.contains(&named), "{name} is not compiled");
     }
 }
 
@@ -131,11 +122,8 @@ fn keys_of_scenes_and_scripts_exist() {
     let scenes = blocks(&root().join("docs/SCENE.md"), "toml");
     // the last one is eit.toml, options of commands beside the scene
     let scene = scenes[..scenes.len() - 1].concat();
-    assert!(
-        toml::from_str::<Scene>(&scene).is_ok(),
-        "{}",
-        toml::from_str::<Scene>(&scene).unwrap_err()
-    );
+    let read = toml::from_str::<Scene>(&scene);
+    assert!(read.is_ok(), "{}", read.unwrap_err());
     for script in blocks(&root().join("docs/FABRIC.md"), "toml") {
         let read = toml::from_str::<TouchScript>(&script);
         assert!(read.is_ok(), "{}", read.unwrap_err());
@@ -146,7 +134,7 @@ fn keys_of_scenes_and_scripts_exist() {
 #[test]
 fn pages_are_short() {
     for page in pages() {
-        let lines = std::fs::read_to_string(&page).unwrap().lines().count();
+        let lines = read_text(&page).lines().count();
         let is_generated = page.ends_with("docs/PERFORMANCE.md");
         assert!(lines < 250 || is_generated, "{}: {lines} lines", page.display());
     }

@@ -1,32 +1,34 @@
-//! Recordings and arrays as read and written by `eit recover`, `eit convert` and others.
+//! Recordings and arrays as `eit convert` and others read and write them.
 #![cfg(unix)]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common;
-use crate::common::emulated::{device, record, scene, start, stderr};
-use crate::common::{eit, succeed, text};
-use eit_hw::capture::{CaptureReader, Damage};
-use serde_json::Value;
-use std::path::Path;
-use std::time::Duration;
+use crate::common::emulated::{device, record, scene, start};
+use crate::common::{
+    Folder, SMALL, answer, command, eit, exists, parse, read, read_array, read_text, recorded,
+    refuse, stderr, stdout, succeed, touched_frames,
+};
+use eit_hw::capture::{CaptureReader, CaptureWriter, Damage, MAGIC, SessionRecord};
+use ndarray::Array2;
+use std::os::unix::fs::symlink;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
-/// `eit recover` writes the intact parts, and reports the rest.
+fn make_pipe(path: &str) {
+    assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
+}
+
+/// `--recover` writes the intact parts, and reports the rest.
 #[test]
 fn recover_reports_what_is_missing() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let emulator = start(device("skin"));
-    let (_, json, out) = record(folder.path(), &emulator, "3");
-    let mut bytes = std::fs::read(&out).unwrap();
+    let (_, json, out) = record(&folder, &emulator, "3");
+    let mut bytes = read(&out);
     let all = json["frames"].as_u64().unwrap();
     // a byte in the middle of the content of some chunk
     let at = bytes.len() / 2;
     bytes[at] ^= 4;
-    let damaged = folder.path().join("damaged.mcap");
-    std::fs::write(&damaged, &bytes).unwrap();
-    let whole = folder.path().join("whole.mcap");
-    let output = eit(&["recover", text(&damaged), text(&whole), "--json"]);
-    assert!(output.status.success(), "{}", stderr(&output));
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let (damaged, whole) = (folder.write("damaged.mcap", &bytes), folder.path("whole.mcap"));
+    let found = answer(format!("convert {damaged} --recover --out {whole}"));
     assert_eq!(found["bad_chunks"], 1, "{found}");
     let frames = found["frames"].as_u64().unwrap();
     // chunks contain a second each, or more if the processor was busy for long: at least three quarters of
@@ -34,14 +36,15 @@ fn recover_reports_what_is_missing() {
     assert!(frames < all && frames > all / 4, "{frames} of {all}");
     let capture = eit_hw::capture::read(&whole).unwrap();
     assert!(capture.frames().count() as u64 == frames && !capture.damage.unfinished);
-    assert_eq!(eit(&["recover", text(&damaged), text(&whole)]).status.code(), Some(2));
+    refuse(format!("convert {damaged} --recover --out {whole}"));
+    assert!(refuse(format!("convert {damaged} --recover --out {whole}.csv")).contains(".mcap"));
 }
 
 /// Messages that are no frames are told, not called damage-free, and so is a recording of two set-ups.
 #[test]
 fn recover_does_not_call_other_content_undamaged() {
-    let folder = tempfile::tempdir().unwrap();
-    let [from, to] = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    let folder = Folder::new();
+    let [from, to] = folder.paths(["a.mcap", "b.mcap"]);
     let frame = |values: &[f64]| eit_hw::Frame {
         values: values.to_vec(),
         imaginary: None,
@@ -51,18 +54,11 @@ fn recover_does_not_call_other_content_undamaged() {
         device_time_s: None,
         host_time_s: None,
     };
-    let session = eit_hw::capture::SessionRecord::default();
-    let mut writer =
-        eit_hw::capture::CaptureWriter::create(&from, &session, Default::default()).unwrap();
+    let session = SessionRecord::default();
+    let mut writer = CaptureWriter::create(&from, &session, Default::default()).unwrap();
     writer.frame(&frame(&[1.0, 2.0])).unwrap();
     writer.frame(&frame(&[1.0])).unwrap();
     writer.finish().unwrap();
-    let said = succeed(&["recover", text(&from), text(&to)]);
-    assert!(
-        said.contains("1 frame(s) or session(s) have other measurements")
-            && !said.contains("no damage"),
-        "{said}"
-    );
     // a channel and a message of it, by hand
     let record = |op: u8, parts: &[&[u8]]| {
         let content = parts.concat();
@@ -71,40 +67,34 @@ fn recover_does_not_call_other_content_undamaged() {
     let text_of =
         |words: &str| [&(words.len() as u32).to_le_bytes()[..], words.as_bytes()].concat();
     let bytes = [
-        eit_hw::capture::MAGIC.to_vec(),
+        MAGIC.to_vec(),
         record(1, &[&text_of(""), &text_of("test")]),
         record(4, &[&[1, 0, 0, 0], &text_of("/eit/frame"), &text_of("json"), &[0; 4]]),
         record(5, &[&[1, 0], &[0; 20], b"{\"no\": 1}"]),
-    ]
-    .concat();
-    let [from, to] = ["c.mcap", "d.mcap"].map(|name| folder.path().join(name));
-    std::fs::write(&from, &bytes).unwrap();
-    let output = eit(&["recover", text(&from), text(&to), "--json"]);
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    ];
+    let other = folder.write("c.mcap", bytes.concat());
+    for (from, words) in [
+        (from, "1 frame(s) or session(s) have other measurements"),
+        (other.clone(), "1 message(s) are not what their topic holds"),
+    ] {
+        let said = succeed(format!("convert {from} --recover --out {to}"));
+        assert!(said.contains(words) && !said.contains("no damage"), "{said}");
+        std::fs::remove_file(&to).unwrap();
+    }
+    let found = answer(format!("convert {other} --recover --out {to}"));
     assert_eq!((&found["frames"], &found["unreadable"]), (&0.into(), &1.into()), "{found}");
-    let said = succeed(&["recover", text(&from), text(&folder.path().join("e.mcap"))]);
-    assert!(
-        said.contains("1 message(s) are not what their topic holds") && !said.contains("no damage"),
-        "{said}"
-    );
 }
 
 /// Whoever ends a command that writes a file finds no half of it that could be taken for the whole, and no
 /// stray files; after SIGKILL the half has `.part` or a dot in its name.
 #[test]
 fn a_command_that_is_ended_leaves_no_half_files() {
-    let folder = tempfile::tempdir().unwrap();
-    let table = folder.path().join("a.csv");
-    let mut random = fixtures::Random::new(2);
-    let row = |_| (0..208).map(|_| random.uniform().to_string()).collect::<Vec<_>>().join(",");
-    let rows: Vec<String> = (0..6000).map(row).collect();
-    std::fs::write(&table, rows.join("\n") + "\n").unwrap();
-    let whole = folder.path().join("whole.mcap");
-    succeed(&["convert", text(&table), "--out", text(&whole)]);
+    let folder = Folder::new();
+    let whole = folder.path("whole.mcap");
+    let table = random_table(&folder, 6000);
+    succeed(format!("convert {table} --out {whole}"));
     let names = || {
-        let entries = std::fs::read_dir(folder.path()).unwrap();
-        let mut names: Vec<String> =
-            entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        let mut names = folder.names();
         names.retain(|name| name != "a.csv" && name != "whole.mcap");
         names
     };
@@ -117,22 +107,16 @@ fn a_command_that_is_ended_leaves_no_half_files() {
         ("KILL", "r.mcap"),
         ("INT", "r.mcap"),
     ] {
-        let out = folder.path().join(name);
-        let arguments = match name {
-            "r.mcap" => vec!["recover", text(&whole), text(&out)],
-            _ => vec!["convert", text(&whole), "--out", text(&out)],
-        };
-        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_eit"))
-            .args(arguments)
-            .stdout(std::process::Stdio::null())
-            .spawn()
-            .unwrap();
+        let out = folder.path(name);
+        let form = if name == "r.mcap" { "--recover" } else { "" };
+        let line = format!("convert {whole} {form} --out {out}");
+        let mut child = command(&line).stdout(Stdio::null()).spawn().unwrap();
         // until it writes
         while names().is_empty() && child.try_wait().unwrap().is_none() {
             std::thread::sleep(Duration::from_millis(1));
         }
         let kill = ["-s", signal, &child.id().to_string()];
-        assert!(std::process::Command::new("kill").args(kill).status().unwrap().success());
+        assert!(Command::new("kill").args(kill).status().unwrap().success());
         if child.wait().unwrap().success() {
             // it was faster; then everything is there
             assert_eq!(names(), [name], "{signal}");
@@ -146,10 +130,7 @@ fn a_command_that_is_ended_leaves_no_half_files() {
         assert!(signal == "KILL" || left.is_empty(), "{signal}: {left:?}");
         assert!(left.iter().all(|name| name.ends_with(".part")), "{left:?}");
         // the next run is not in the way of what was left
-        let again = match name {
-            "r.mcap" => succeed(&["recover", text(&whole), text(&out)]),
-            _ => succeed(&["convert", text(&whole), "--out", text(&out)]),
-        };
+        let again = succeed(&line);
         assert!(again.starts_with("6000 frames"), "{again}");
         assert_eq!(names(), [name]);
         std::fs::remove_file(&out).unwrap();
@@ -157,276 +138,220 @@ fn a_command_that_is_ended_leaves_no_half_files() {
     assert!(ended >= 3, "{ended} of 6 were ended while they wrote, {seen} files left");
 }
 
-/// A pipe or device is not replaced by a file, and a link stays one.
+/// A table of 208 random values a row.
+fn random_table(folder: &Folder, rows: usize) -> String {
+    let mut random = fixtures::Random::new(2);
+    let row = |_| (0..208).map(|_| random.uniform().to_string()).collect::<Vec<_>>().join(",");
+    let rows: Vec<String> = (0..rows).map(row).collect();
+    folder.write("a.csv", rows.join("\n") + "\n")
+}
+
+/// A pipe or device is not replaced by a file, a link stays one, and what is read is not written over.
 #[test]
 fn an_output_that_is_no_file_is_refused() {
-    use std::os::unix::fs::symlink;
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    let table = path("a.csv");
-    std::fs::write(&table, "1,2,3\n4,5,6\n").unwrap();
-    assert!(std::process::Command::new("mkfifo").arg(path("pipe.csv")).status().unwrap().success());
-    symlink("/dev/null", path("null.csv")).unwrap();
-    symlink(path("nothing.csv"), path("dangling.csv")).unwrap();
-    std::fs::write(path("target.csv"), "old").unwrap();
-    symlink("target.csv", path("link.csv")).unwrap();
-    let convert = |out: &Path| -> Vec<String> {
-        ["convert", text(&table), "--out", text(out)].map(str::to_owned).to_vec()
-    };
+    let folder = Folder::new();
+    let table = folder.write("a.csv", "1,2,3\n4,5,6\n");
+    make_pipe(&folder.path("pipe.csv"));
+    symlink("/dev/null", folder.path("null.csv")).unwrap();
+    symlink(folder.path("nothing.csv"), folder.path("dangling.csv")).unwrap();
+    let target = folder.write("target.csv", "old");
+    symlink("target.csv", folder.path("link.csv")).unwrap();
     for (name, wanted) in [
         ("pipe.csv", "is a device, pipe or socket"),
         ("null.csv", "is a device, pipe or socket"),
         ("dangling.csv", "is a link to nothing"),
+        ("./a.csv", "is the file to convert"),
     ] {
-        let arguments = convert(&path(name));
-        let said = common::refuse(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        let said = refuse(format!("convert {table} --out {}", folder.path(name)));
         assert!(said.contains(name) && said.contains(wanted), "{said}");
     }
-    let arguments = convert(&path("link.csv"));
-    succeed(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
-    assert!(path("link.csv").is_symlink());
-    assert_eq!(std::fs::read_to_string(path("target.csv")).unwrap().lines().count(), 2);
+    let link = folder.path("link.csv");
+    succeed(format!("convert {table} --out {link}"));
+    assert!(std::path::Path::new(&link).is_symlink());
+    assert_eq!((read_text(&target).lines().count(), read_text(&table).lines().count()), (2, 2));
 }
 
-/// Nothing intact is an error, and no empty recording is left that would look complete.
+/// Nothing intact is an error, and no empty recording is left that would look complete; nor is one of a recording of
+/// ours without a frame.
 #[test]
 fn nothing_whole_is_refused_and_leaves_no_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let [damaged, new] = ["damaged.mcap", "new.mcap"].map(|name| folder.path().join(name));
-    std::fs::write(&damaged, [eit_hw::capture::MAGIC, &[0xa5; 5000]].concat()).unwrap();
-    let said = common::refuse(&["recover", text(&damaged), text(&new)]);
-    assert!(said.contains("damaged.mcap: its 5008 bytes hold no intact message"), "{said}");
-    assert!(!new.exists());
-    std::fs::write(&damaged, b"").unwrap();
-    let said = common::refuse(&["recover", text(&damaged), text(&new)]);
-    assert!(said.contains("damaged.mcap") && !new.exists(), "{said}");
-    // a folder that does not exist
-    std::fs::write(&damaged, [eit_hw::capture::MAGIC, &[0xa5; 5000]].concat()).unwrap();
-    let nowhere = folder.path().join("none").join("new.mcap");
-    let said = common::refuse(&["recover", text(&damaged), text(&nowhere)]);
-    assert!(said.contains("new.mcap: cannot be written"), "{said}");
-}
-
-/// A recording of ours without a frame is no success, and leaves no file that looks like one.
-#[test]
-fn recovering_no_frame_fails() {
-    let folder = tempfile::tempdir().unwrap();
-    let [table, whole, cut, new] =
-        ["a.csv", "whole.mcap", "cut.mcap", "new.mcap"].map(|name| folder.path().join(name));
-    std::fs::write(&table, "1,2,3\n4,5,6\n").unwrap();
-    succeed(&["convert", text(&table), "--out", text(&whole)]);
+    let folder = Folder::new();
+    let new = folder.path("new.mcap");
+    let noise = [MAGIC, &[0xa5; 5000]].concat();
+    for (content, to, wanted) in [
+        (&noise[..], "new.mcap", "damaged.mcap: its 5008 bytes hold no intact message"),
+        (b"", "new.mcap", "damaged.mcap"),
+        (&noise, "none/new.mcap", "new.mcap: cannot be written"),
+    ] {
+        let damaged = folder.write("damaged.mcap", content);
+        let said = refuse(format!("convert {damaged} --recover --out {}", folder.path(to)));
+        assert!(said.contains(wanted), "{said}");
+        assert!(!exists(&new));
+    }
+    let (table, whole) = (folder.write("a.csv", "1,2,3\n4,5,6\n"), folder.path("whole.mcap"));
+    succeed(format!("convert {table} --out {whole}"));
     // the first chunk holds the session alone
-    let bytes = std::fs::read(&whole).unwrap();
+    let bytes = read(&whole);
     let mut said = String::new();
     for length in (0..bytes.len()).step_by(50) {
-        std::fs::write(&cut, &bytes[..length]).unwrap();
-        let output = eit(&["recover", text(&cut), text(&new)]);
+        let cut = folder.write("cut.mcap", &bytes[..length]);
+        let output = eit(format!("convert {cut} --recover --out {new}"));
         if output.status.code() == Some(1) {
             said = stderr(&output);
             break;
         }
-        assert_eq!((output.status.code(), new.exists()), (Some(2), false));
+        assert_eq!((output.status.code(), exists(&new)), (Some(2), false));
     }
     assert!(said.contains("cut.mcap: no frame is intact; "), "{said}");
-    assert!(said.contains("new.mcap is not written") && !new.exists(), "{said}");
+    assert!(said.contains("new.mcap is not written") && !exists(&new), "{said}");
 }
 
 /// A frame that the file's end cuts off is counted, and told in the singular.
 #[test]
 fn convert_tells_of_a_cut_frame() {
-    let folder = tempfile::tempdir().unwrap();
-    let [cut, table] = ["cut.get", "table.csv"].map(|name| folder.path().join(name));
+    let folder = Folder::new();
     // two frames of 256 values and a part of one
     let bytes: Vec<u8> = (0..600).flat_map(|k| (0.1 + 0.001 * k as f32).to_le_bytes()).collect();
-    std::fs::write(&cut, bytes).unwrap();
-    let answer = succeed(&["convert", text(&cut), "--out", text(&table), "--json"]);
-    let answer: serde_json::Value = serde_json::from_str(&answer).unwrap();
-    assert_eq!((&answer["frames"], &answer["skipped_frames"]), (&2.into(), &1.into()), "{answer}");
+    let (cut, table) = (folder.write("cut.get", bytes), folder.path("table.csv"));
+    let found = answer(format!("convert {cut} --out {table}"));
+    assert_eq!((&found["frames"], &found["skipped_frames"]), (&2.into(), &1.into()), "{found}");
     let note = "1 cut frame skipped (byte 2048: 352 bytes instead of 1024)";
-    assert_eq!(answer["notes"], serde_json::json!([note]));
+    assert_eq!(found["notes"], serde_json::json!([note]));
 }
 
 /// A skin that never rests: what to do, also for programs.
 #[test]
 fn a_replay_without_a_reference_says_why() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    let plain = common::write_scene(folder.path(), common::SMALL);
-    let (array, _) = common::touched_frames(folder.path(), &plain);
-    let frames: ndarray::Array2<f64> = ndarray_npy::read_npy(&array).unwrap();
+    let folder = Folder::new();
+    let scene = folder.scene("");
+    let (_, frames) = touched_frames(&folder, &scene);
     // each measurement swings by 5 %
-    let swings = ndarray::Array2::from_shape_fn((72, frames.ncols()), |(f, i)| {
+    let swings = Array2::from_shape_fn((72, frames.ncols()), |(f, i)| {
         frames[[0, i]] * (1.0 + 0.05 * (f as f64 / 3.0).sin() * (i as f64 / 20.0 - 1.0))
     });
-    let [array, recording] = ["swings.npy", "swings.mcap"].map(path);
-    ndarray_npy::write_npy(&array, &swings).unwrap();
-    succeed(&["convert", text(&array), "--out", text(&recording), "--scene", text(&plain)]);
-    let replay = ["replay", text(&plain), "--from", text(&recording)];
-    let said = eit(&replay);
-    let said = String::from_utf8(said.stdout).unwrap();
+    let (array, recording) = (folder.write_array("a.npy", &swings), folder.path("swings.mcap"));
+    succeed(format!("convert {array} --out {recording} --scene {scene}"));
+    let replay = format!("replay {scene} --from {recording}");
+    let said = stdout(&eit(&replay));
     assert!(said.contains("72 frames came, and none was searched for touches: begin"), "{said}");
     assert!(said.contains("--reference-frames; in a replay also [recording] reference"), "{said}");
-    let answer = eit(&[&replay[..], &["--json"]].concat());
-    let answer: serde_json::Value = serde_json::from_slice(&answer.stdout).unwrap();
-    assert_eq!(answer["unsearched"]["frames"], 72, "{answer}");
-    assert!(answer["unrest"].as_f64().unwrap() > 0.01, "{answer}");
-}
-
-/// Values of a table are not replaced by those in another order.
-#[test]
-fn convert_does_not_write_over_what_it_reads() {
-    let folder = tempfile::tempdir().unwrap();
-    let table = folder.path().join("a.csv");
-    std::fs::write(&table, "1,2,3\n4,5,6\n").unwrap();
-    let other = folder.path().join("./a.csv");
-    let said = common::refuse(&["convert", text(&table), "--out", text(&other)]);
-    assert!(said.contains("is the file to convert"), "{said}");
-    assert_eq!(std::fs::read(&table).unwrap(), b"1,2,3\n4,5,6\n");
+    let found = parse(&stdout(&eit(format!("{replay} --json"))));
+    assert_eq!(found["unsearched"]["frames"], 72, "{found}");
+    assert!(found["unrest"].as_f64().unwrap() > 0.01, "{found}");
 }
 
 /// A table is no recording: the command that makes one of it is named, and works. Where its frames have no times, the
 /// assumed rate is told once, by whatever command reads it, and not where it is stated.
 #[test]
 fn a_table_is_replayed_after_the_command_that_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    let plain = common::write_scene(folder.path(), common::SMALL);
-    let stated = path("stated.toml");
-    let rate = "[recording]\nframe_rate_hz = 50.0\n[mesh]";
-    std::fs::write(&stated, common::SMALL.replace("[mesh]", rate)).unwrap();
-    let (array, _) = common::touched_frames(folder.path(), &plain);
-    let [table, recording] = ["press.csv", "press.mcap"].map(path);
-    succeed(&["convert", text(&array), "--out", text(&table)]);
+    let folder = Folder::new();
+    let plain = folder.scene("");
+    let of_recording = |name: &str, key: &str| {
+        folder.write(name, SMALL.replace("[mesh]", &format!("[recording]\n{key}\n[mesh]")))
+    };
+    let stated = of_recording("stated.toml", "frame_rate_hz = 50.0");
+    let (array, _) = touched_frames(&folder, &plain);
+    let [table, recording, out] = folder.paths(["press.csv", "press.mcap", "out"]);
+    succeed(format!("convert {array} --out {table}"));
 
-    let said = common::refuse(&["replay", text(&plain), "--from", text(&table)]);
-    let command =
-        format!("eit convert {} --scene {} --out {}", text(&table), text(&plain), text(&recording));
-    assert!(said.contains(&format!("`{command}`")), "{said}");
+    let said = refuse(format!("replay {plain} --from {table}"));
+    let named = format!("convert {table} --scene {plain} --out {recording}");
+    assert!(said.contains(&format!("`eit {named}`")), "{said}");
     assert!(said.contains("[recording] frame_rate_hz"), "{said}");
-    succeed(&command.split(' ').skip(1).collect::<Vec<_>>());
+    succeed(&named);
 
     // the column of times is named, whatever reads the table
-    let timed = path("timed.csv");
-    let rows = std::fs::read_to_string(&table).unwrap();
-    let rows = rows.lines().enumerate().map(|(k, row)| format!("{},{row}\n", 0.02 * k as f64));
-    std::fs::write(&timed, rows.collect::<String>()).unwrap();
-    let [out, other] = ["out", "other.mcap"].map(path);
-    let reconstruct = |scene: &Path, table: &Path| {
-        let (scene, table, out) =
-            (text(scene).to_owned(), text(table).to_owned(), text(&out).to_owned());
-        ["reconstruct", &scene, "--frames", &table, "--reference", "0..40", "--out", &out]
-            .map(str::to_owned)
+    let content = read_text(&table);
+    let rows = content.lines().enumerate().map(|(k, row)| format!("{},{row}\n", 0.02 * k as f64));
+    let timed = folder.write("timed.csv", rows.collect::<String>());
+    let reconstruct = |scene: &str, table: &str| {
+        format!("reconstruct {scene} --frames {table} --reference 0..40 --out {out}")
     };
-    let words = |arguments: &[String]| -> Vec<String> { arguments.to_vec() };
-    let convert = ["convert", text(&timed), "--scene", text(&plain), "--out", text(&other)];
-    for arguments in [words(&reconstruct(&plain, &timed)), words(&convert.map(str::to_owned))] {
-        let said = common::refuse(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
-        assert!(said.contains("remove that column"), "{said}");
+    let convert = format!("convert {timed} --scene {plain} --out {}", folder.path("other.mcap"));
+    for line in [reconstruct(&plain, &timed), convert] {
+        assert!(refuse(&line).contains("remove that column"), "{line}");
     }
 
     // the arrangement that the scene states is that of the table
-    let [turned, scene, back] = ["turned.csv", "turned.toml", "back.csv"].map(path);
-    let content = std::fs::read_to_string(&table).unwrap();
     let rows: Vec<Vec<&str>> = content.lines().map(|row| row.split(',').collect()).collect();
     let column = |k: usize| rows.iter().map(|row| row[k]).collect::<Vec<_>>().join(",") + "\n";
-    std::fs::write(&turned, (0..rows[0].len()).map(column).collect::<String>()).unwrap();
-    let columns = "[recording]\nframes_are = \"columns\"\n[mesh]";
-    std::fs::write(&scene, common::SMALL.replace("[mesh]", columns)).unwrap();
-    succeed(&["convert", text(&turned), "--scene", text(&scene), "--out", text(&back)]);
-    assert_eq!(std::fs::read_to_string(&back).unwrap(), content);
+    let turned = folder.write("turned.csv", (0..rows[0].len()).map(column).collect::<String>());
+    let scene = of_recording("turned.toml", "frames_are = \"columns\"");
+    let back = folder.path("back.csv");
+    succeed(format!("convert {turned} --scene {scene} --out {back}"));
+    assert_eq!(read_text(&back), content);
 
     for (scene, told) in [(&plain, 1), (&stated, 0)] {
-        let replay = ["replay", text(scene), "--from", text(&recording)].map(str::to_owned);
-        for arguments in [words(&reconstruct(scene, &table)), words(&replay)] {
-            let output = eit(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
-            let said = String::from_utf8(output.stdout.clone()).unwrap() + &stderr(&output);
-            assert!(output.status.success(), "{arguments:?}: {said}");
+        let replay = format!("replay {scene} --from {recording}");
+        for line in [reconstruct(scene, &table), replay] {
+            let output = eit(&line);
+            let said = stdout(&output) + &stderr(&output);
+            assert!(output.status.success(), "{line}: {said}");
             let notes = said.matches("20 frames a second; if it is another one").count();
-            assert_eq!(notes, told, "{arguments:?}: {said}");
+            assert_eq!(notes, told, "{line}: {said}");
         }
     }
 }
 
-/// A disk that fills up during conversion leaves no recording that looks complete.
+/// A disk that fills up during conversion leaves no recording that looks complete; the error names the file, not its
+/// temporary one, and nothing of it is left.
 #[test]
 fn a_conversion_that_fails_leaves_no_recording() {
-    let folder = tempfile::tempdir().unwrap();
-    let [table, out] = ["a.csv", "a.mcap"].map(|name| folder.path().join(name));
-    let mut random = fixtures::Random::new(1);
-    let row = |_| (0..208).map(|_| random.uniform().to_string()).collect::<Vec<_>>().join(",");
-    let rows: Vec<String> = (0..500).map(row).collect();
-    std::fs::write(&table, rows.join("\n") + "\n").unwrap();
-    let eit = env!("CARGO_BIN_EXE_eit");
-    let line = format!(
-        "trap '' XFSZ; ulimit -f 400; exec {eit} convert {} --out {}",
-        text(&table),
-        text(&out)
-    );
-    let output = std::process::Command::new("sh").args(["-c", &line]).output().unwrap();
-    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-    assert!(stderr(&output).contains("a.mcap: cannot be written"), "{}", stderr(&output));
-    assert!(!out.exists());
-    // a table is named, not its temporary file, and nothing of it is left
-    let out = folder.path().join("b.npy");
-    let line = line.replace("a.mcap", "b.npy");
-    let output = std::process::Command::new("sh").args(["-c", &line]).output().unwrap();
-    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-    assert!(
-        stderr(&output).contains(text(&out)) && !stderr(&output).contains(".eit-"),
-        "{}",
-        stderr(&output)
-    );
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    let folder = Folder::new();
+    let table = random_table(&folder, 500);
+    for name in ["a.mcap", "b.npy"] {
+        let (program, out) = (env!("CARGO_BIN_EXE_eit"), folder.path(name));
+        let line =
+            format!("trap '' XFSZ; ulimit -f 400; exec '{program}' convert {table} --out {out}");
+        let output = Command::new("sh").args(["-c", &line]).output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains(&out) && !said.contains(".eit-"), "{said}");
+        assert!(name != "a.mcap" || said.contains("a.mcap: cannot be written"), "{said}");
+        assert_eq!(folder.names(), ["a.csv"]);
+    }
 }
 
 /// Nested brackets in the header of images once took a minute, and were echoed in full.
 #[test]
 fn a_hostile_header_of_images_is_refused_at_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("nest.npy");
-    let out = folder.path().join("out");
-    for nested in ["[".repeat(24), "[".repeat(60_000)] {
-        let closed = nested.replace('[', "]");
+    let folder = Folder::new();
+    let headed = |length: [u8; 4], header: &str| {
+        [b"\x93NUMPY\x02\x00", &length[..], header.as_bytes()].concat()
+    };
+    let nested = [24, 60_000].map(|depth| {
+        let (open, closed) = ("[".repeat(depth), "]".repeat(depth));
         let header =
-            format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {nested}{closed}, }}\n");
-        let mut bytes = b"\x93NUMPY\x02\x00".to_vec();
-        bytes.extend((header.len() as u32).to_le_bytes());
-        bytes.extend(header.as_bytes());
-        std::fs::write(&file, &bytes).unwrap();
-        refused_shortly(&file, &out);
+            format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {open}{closed}, }}\n");
+        headed((header.len() as u32).to_le_bytes(), &header)
+    });
+    for bytes in nested.into_iter().chain([headed([0xff; 4], "{}")]) {
+        let (images, out, start) =
+            (folder.write("nest.npy", bytes), folder.path("out"), Instant::now());
+        let options = format!("--weights default --images {images} --out {out}");
+        let said = refuse(format!("net apply paper-disc {options}"));
+        assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+        assert!(said.len() < 400, "{} bytes", said.len());
     }
-    std::fs::write(&file, b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}").unwrap();
-    refused_shortly(&file, &out);
-}
-
-fn refused_shortly(file: &Path, out: &Path) {
-    let start = std::time::Instant::now();
-    let (images, out) = (text(file), text(out));
-    let arguments =
-        ["denoise", "paper-disc", "--weights", "default", "--images", images, "--out", out];
-    let said = common::refuse(&arguments);
-    assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
-    assert!(said.len() < 400, "{} bytes", said.len());
 }
 
 #[test]
 fn devices_without_an_end_are_no_files() {
-    let folder = tempfile::tempdir().unwrap();
-    let [endless, pipe] = ["zero.toml", "pipe.toml"].map(|name| folder.path().join(name));
-    std::os::unix::fs::symlink("/dev/zero", &endless).unwrap();
-    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let folder = Folder::new();
+    let [endless, pipe] = folder.paths(["zero.toml", "pipe.toml"]);
+    symlink("/dev/zero", &endless).unwrap();
+    make_pipe(&pipe);
     for script in [&endless, &pipe] {
-        let arguments = ["simulate", "paper-disc", "--script", text(script), "--out", "never"];
-        let said = common::refuse(&arguments);
-        assert!(said.contains(text(script)) && said.contains("not a file of at most"), "{said}");
+        let said = refuse(format!("simulate paper-disc --script {script} --out never"));
+        assert!(said.contains(script) && said.contains("not a file of at most"), "{said}");
     }
-    for arguments in [
-        vec!["plan", "/dev/zero"],
-        vec!["convert", "/dev/zero", "--out", "never.csv"],
-        vec!["reconstruct", "paper-disc", "--frames", "/dev/zero", "--out", "never"],
-        vec!["recover", "/dev/zero", "never.mcap"],
+    for line in [
+        "plan /dev/zero",
+        "convert /dev/zero --out never.csv",
+        "reconstruct paper-disc --frames /dev/zero --out never",
+        "convert /dev/zero --recover --out never.mcap",
     ] {
-        let said = common::refuse(&arguments);
+        let said = refuse(line);
         assert!(said.contains("/dev/zero") && !said.contains("never"), "{said}");
     }
 }
@@ -434,21 +359,21 @@ fn devices_without_an_end_are_no_files() {
 /// Converted message by message: epochs, clocks and notes are kept, and a scene's order applies.
 #[test]
 fn convert_keeps_what_a_recording_holds() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let emulator = start(device("skin"));
-    let (_, json, out) = record(folder.path(), &emulator, "1");
-    let frames = json["frames"].as_u64().unwrap() as usize;
-    let [other, table, array] = ["b.mcap", "b.csv", "b.npy"].map(|name| folder.path().join(name));
-    let scene = folder.path().join("scene.toml");
-    for (to, more) in [(&other, &["--scene", text(&scene)][..]), (&table, &[]), (&array, &[])] {
-        let arguments = [&["convert", text(&out), "--out", text(to)], more].concat();
-        let said = common::succeed(&arguments);
+    let (_, json, out) = record(&folder, &emulator, "1");
+    let frames = json["frames"].as_u64().unwrap();
+    let [other, table, array, scene] = folder.paths(["b.mcap", "b.csv", "b.npy", "scene.toml"]);
+    for (to, more) in
+        [(&other, format!("--scene {scene}")), (&table, "".into()), (&array, "".into())]
+    {
+        let said = succeed(format!("convert {out} --out {to} {more}"));
         assert!(said.starts_with(&format!("{frames} frames of 40 values")), "{said}");
     }
     let [one, same] = [&out, &other].map(|path| eit_hw::capture::read(path).unwrap());
     assert_eq!(one.entries, same.entries);
     // log times of the messages, which players use
-    let times = |path: &Path| {
+    let times = |path: &str| {
         let (mut reader, mut times) = (CaptureReader::open(path).unwrap(), Vec::new());
         while reader.next_entry().unwrap().is_some() {
             times.push(reader.times().unwrap());
@@ -459,105 +384,106 @@ fn convert_keeps_what_a_recording_holds() {
     let lasted_ns = wanted.last().unwrap().log_ns - wanted[0].log_ns;
     assert!(lasted_ns > 500_000_000, "frames of one second: {lasted_ns} ns");
     assert_eq!(times(&other), wanted);
-    let wanted = eit_hw::read_recording(&out, None, &Default::default()).unwrap().real;
     for path in [&table, &array] {
-        let read = eit_hw::read_recording(path, None, &Default::default()).unwrap().real;
-        assert_eq!(read, wanted);
+        assert_eq!(recorded(path, false), recorded(&out, false));
     }
 }
 
 /// Every command reads the parts of a split recording as one.
 #[test]
 fn a_split_recording_is_one_recording_for_every_command() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let emulator = start(device("skin"));
-    let (scene, port) = (scene(folder.path()), emulator.endpoint().to_string());
-    let path = |name: &str| folder.path().join(name);
-    let out = path("press.mcap");
-    let common = ["record", text(&scene), "--port", &port, "--out", text(&out), "--json"];
-    let record = |more: &[&str]| -> Value {
-        serde_json::from_str(&succeed(&[&common[..], more].concat())).unwrap()
-    };
-    let json = record(&["--seconds", "3.5", "--split-s", "1"]);
-    let frames = json["frames"].as_u64().unwrap() as usize;
+    let (scene, port, out) = (scene(&folder), emulator.endpoint(), folder.path("press.mcap"));
+    let record = format!("record {scene} --port {port} --out {out}");
+    let json = answer(format!("{record} --seconds 3.5 --split-s 1"));
+    let frames = json["frames"].as_u64().unwrap();
     let files = eit_hw::capture::files(&out);
-    let names: Vec<&str> = files.iter().map(|file| text(file)).collect();
+    let names: Vec<&str> = files.iter().map(|file| file.to_str().unwrap()).collect();
     assert_eq!(json["files"], serde_json::json!(names));
-    assert!((3..=4).contains(&files.len()) && !out.exists(), "{names:?}");
+    assert!((3..=4).contains(&files.len()) && !exists(&out), "{names:?}");
     let bytes: u64 = files.iter().map(|file| file.metadata().unwrap().len()).sum();
     assert_eq!(json["bytes"], bytes);
     // a name that is taken by parts
-    let exists = common::refuse(&[&common[..], &["--seconds", "1"]].concat());
-    assert!(exists.contains("press.00001.mcap: exists") && exists.contains("--append"), "{exists}");
-    let exists = common::refuse(&["convert", text(&files[0]), "--out", text(&out)]);
-    assert!(exists.contains("press.00001.mcap: exists"), "{exists}");
+    let taken = refuse(format!("{record} --seconds 1"));
+    assert!(taken.contains("press.00001.mcap: exists") && taken.contains("--append"), "{taken}");
+    let taken = refuse(format!("convert {} --out {out}", names[0]));
+    assert!(taken.contains("press.00001.mcap: exists"), "{taken}");
     // a second run in the last part
-    let json = record(&["--seconds", "1", "--append"]);
-    let all = frames + json["frames"].as_u64().unwrap() as usize;
+    let json = answer(format!("{record} --seconds 1 --append"));
+    let all = frames + json["frames"].as_u64().unwrap();
     assert_eq!(eit_hw::capture::files(&out), files);
     let capture = eit_hw::capture::read(&out).unwrap();
-    assert_eq!((capture.frames().count(), capture.damage), (all, Damage::default()));
+    assert_eq!((capture.frames().count() as u64, capture.damage), (all, Damage::default()));
     for name in ["all.csv", "all.npy", "all.mcap"] {
-        let said = succeed(&["convert", text(&out), "--out", text(&path(name))]);
+        let said = succeed(format!("convert {out} --out {}", folder.path(name)));
         assert!(said.starts_with(&format!("{all} frames of 40 values")), "{said}");
     }
-    let copy = eit_hw::capture::read(&path("all.mcap")).unwrap();
-    assert_eq!(copy.entries, capture.entries);
-    let said = succeed(&["recover", text(&out), text(&path("whole.mcap"))]);
+    let [one, whole, rest] = folder.paths(["all.mcap", "whole.mcap", "rest.mcap"]);
+    assert_eq!(eit_hw::capture::read(&one).unwrap().entries, capture.entries);
+    let said = succeed(format!("convert {out} --recover --out {whole}"));
     assert!(said.starts_with(&format!("{all} frames")) && said.contains("no damage"), "{said}");
     // images and touches are those of the converted recording
-    let images = |from: &Path, to: &str| {
-        let to = path(to);
-        let frames = ["--frames", text(from), "--reference", "0..20", "--out", text(&to)];
-        succeed(&[&["reconstruct", text(&scene)][..], &frames].concat());
-        let replayed = path(&format!("replay-{}", text(to.file_name().unwrap().as_ref())));
+    let images = |from: &str, to: &str| {
+        let [to, replayed] = folder.paths([to, &format!("replay-{to}")]);
+        succeed(format!("reconstruct {scene} --frames {from} --reference 0..20 --out {to}"));
         // the second run is another epoch, which stderr says
-        let arguments = ["replay", text(&scene), "--from", text(from), "--out", text(&replayed)];
-        assert!(eit(&arguments).status.success());
-        [to, replayed].map(|folder| std::fs::read(folder.join("images.npy")).unwrap())
+        let output = eit(format!("replay {scene} --from {from} --out {replayed}"));
+        assert!(output.status.success());
+        [to, replayed].map(|folder| read(format!("{folder}/images.npy")))
     };
-    assert_eq!(images(&out, "parts"), images(&path("all.mcap"), "one"));
-    // a missing part is reported, and `recover` writes the rest
+    assert_eq!(images(&out, "parts"), images(&one, "one"));
+    // a missing part is reported, and the rest is written
     std::fs::remove_file(&files[1]).unwrap();
-    let said = succeed(&["recover", text(&out), text(&path("rest.mcap"))]);
-    assert!(said.contains("1 part(s) of the recording are missing"), "{said}");
-    let said = succeed(&["convert", text(&out), "--out", text(&path("rest.csv"))]);
-    assert!(said.contains("1 part(s) of the recording are missing"), "{said}");
-    for (key, value) in [("--split-mb", "0"), ("--split-mb", "nan"), ("--split-s", "0.5")] {
-        let said = common::refuse(&[&common[..], &[key, value]].concat());
-        assert!(said.contains(&format!("{key} ")), "{said}");
+    for to in [format!("{rest} --recover"), folder.path("rest.csv")] {
+        let said = succeed(format!("convert {out} --out {to}"));
+        assert!(said.contains("1 part(s) of the recording are missing"), "{said}");
     }
-    let said = common::refuse(&["live", text(&scene), "--port", &port, "--split-s", "1"]);
+    for (key, value) in [("--split-mb", "0"), ("--split-mb", "nan"), ("--split-s", "0.5")] {
+        assert!(refuse(format!("{record} {key} {value}")).contains(&format!("{key} ")));
+    }
+    let said = refuse(format!("live {scene} --port {port} --split-s 1"));
     assert!(said.contains("need --record"), "{said}");
 }
 
 /// Total variation of live frames with more pixels than it can keep up with is rejected before work.
 #[test]
 fn live_total_variation_of_too_many_pixels_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let emulator = start(device("skin"));
-    let (_, _, out) = record(folder.path(), &emulator, "1");
-    let content = std::fs::read_to_string(scene(folder.path())).unwrap();
-    let many = folder.path().join("many.toml");
-    for (pixels, wanted) in [
-        (
-            648,
-            "40 measurements on 648 x 648 pixels are too many for total variation of live frames: use at \
-               most 647",
-        ),
-        (4096, "40 measurements on 4096 x 4096 pixels"),
-    ] {
+    let (_, _, out) = record(&folder, &emulator, "1");
+    let content = read_text(scene(&folder));
+    let too_many = "40 measurements on 648 x 648 pixels are too many for total variation of live frames: use at \
+                    most 647";
+    for (pixels, wanted) in [(648, too_many), (4096, "40 measurements on 4096 x 4096 pixels")] {
         let keys = format!("[reconstruction]\nmethod = \"st-tv\"\npixels = {pixels}\n");
-        std::fs::write(&many, format!("{content}\n{keys}")).unwrap();
-        let port = emulator.endpoint().to_string();
-        let start = std::time::Instant::now();
-        for arguments in [
-            ["live", text(&many), "--port", &port, "--seconds", "9"],
-            ["replay", text(&many), "--from", text(&out), "--speed", "1"],
+        let many = folder.write("many.toml", format!("{content}\n{keys}"));
+        let (port, start) = (emulator.endpoint(), Instant::now());
+        for line in [
+            format!("live {many} --port {port} --seconds 9"),
+            format!("replay {many} --from {out} --speed 1"),
         ] {
-            let said = common::refuse(&arguments);
+            let said = refuse(line);
             assert!(said.contains(wanted), "{said}");
         }
         assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
+    }
+}
+
+/// Tables become recordings and tables again, with identical numbers.
+#[test]
+fn convert_keeps_every_bit() {
+    let folder = Folder::new();
+    let frames = Array2::from_shape_fn((5, 40), |(i, j)| (0.1 + i as f64).powf(j as f64 - 20.0));
+    folder.write_array("a.npy", &frames);
+    let convert = |from, to| format!("convert {} --out {}", folder.path(from), folder.path(to));
+    for (from, to) in
+        [("a.npy", "b.mcap"), ("b.mcap", "c.csv"), ("c.csv", "d.mcap"), ("d.mcap", "e.npy")]
+    {
+        succeed(convert(from, to));
+    }
+    assert_eq!(read_array::<ndarray::Ix2>(folder.path("e.npy")), frames);
+    for (to, wanted) in [("b.mcap", "never overwritten"), ("b.txt", "--out must end in")] {
+        assert!(refuse(convert("a.npy", to)).contains(wanted), "{to}");
     }
 }

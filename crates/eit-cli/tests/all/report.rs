@@ -1,23 +1,19 @@
 //! `eit report`, and how `eit plan` uses it.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
-use crate::common::{refuse, succeed, text};
+#[cfg(unix)]
+use crate::common::emulated::signal;
+use crate::common::{
+    Folder, answer, command, exists, parse, read, read_text, refuse, stderr, succeed,
+};
 use serde_json::Value;
-use std::process::{Command, Stdio};
-use std::time::Duration;
-
-fn json(answer: &str) -> Value {
-    serde_json::from_str(answer).unwrap()
-}
 
 /// The report of a scene: page, tables and pictures; meaningful errors; choices that are the best of
 /// their table.
 #[test]
 fn the_report_of_a_scene_is_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("report");
-    let arguments = ["report", "--scenes", "single-frame", "--out", text(&out), "--json"];
-    let report = json(&succeed(&arguments));
+    let folder = Folder::new();
+    let out = folder.path("report");
+    let report = answer(format!("report --scenes single-frame --out {out}"));
     let scene = &report["scenes"][0];
     let solvers = scene["solvers"].as_array().unwrap();
     // two rasters: two rules of one-step images, two kinds of total variation at two gaps; and the
@@ -43,7 +39,7 @@ fn the_report_of_a_scene_is_whole() {
         assert!(choice["live"] == false || choice["choice"]["live"] == true, "{choice}");
     }
     check_forward(&report["forward"][0], "single-frame");
-    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    let page = read_text(format!("{out}/report.html"));
     // the result in a sentence and a picture; the other pictures lie beside the page
     let result = "single-frame (one frame, nothing in time): relative error of the best images ";
     assert!(page.contains(result) && page.contains("an empty image has 100 %"), "{page}");
@@ -51,14 +47,15 @@ fn the_report_of_a_scene_is_whole() {
     assert_eq!(page.matches("data:image/png;base64").count(), 1);
     assert!(page.len() < 1_000_000, "{} bytes", page.len());
     assert!(page.contains("src=\"forward_single_frame.png\""));
+    let size = |name: &str| read(format!("{out}/{name}")).len();
     for name in ["report.md", "inverse.csv", "forward.csv"] {
-        assert!(std::fs::metadata(out.join(name)).unwrap().len() > 100, "{name}");
+        assert!(size(name) > 100, "{name}");
     }
     let images = ["images_single_frame_bell.png", "images_single_frame_pad.png"];
     for name in ["error_single_frame.png", "forward_single_frame.png"].into_iter().chain(images) {
-        assert!(std::fs::metadata(out.join(name)).unwrap().len() > 10_000, "{name}");
+        assert!(size(name) > 10_000, "{name}");
     }
-    assert!(!out.join("incomplete.txt").exists());
+    assert!(!exists(format!("{out}/incomplete.txt")));
 }
 
 /// Errors of the forward problem are meaningful: quadratic elements are better on every mesh, finer meshes
@@ -69,10 +66,7 @@ fn check_forward(skin: &Value, name: &str) {
     let number = |mesh: &Value, key: &str| mesh[key].as_f64().unwrap();
     let median = |mesh: &Value, key: &str| mesh[key]["median_s"].as_f64().unwrap();
     for mesh in meshes {
-        assert!(
-            number(mesh, "error") >= 10.0 * skin["reference_error"].as_f64().unwrap(),
-            "{mesh}"
-        );
+        assert!(number(mesh, "error") >= 10.0 * number(skin, "reference_error"), "{mesh}");
         assert!(median(mesh, "voltages_time") < median(mesh, "time"), "{mesh}");
         assert!(number(mesh, "voltages_floor_s") <= number(mesh, "floor_s"), "{mesh}");
     }
@@ -91,10 +85,8 @@ fn check_forward(skin: &Value, name: &str) {
     let even = of("even", "linear");
     // round patches have twelve corners on both
     let most = if name == "patches" { 1.2 } else { 1.0 };
-    assert!(
-        number(even[1], "error") < most * number(even[0], "error"),
-        "finer is better: {even:?}"
-    );
+    let [coarse, fine] = [0, 1].map(|mesh| number(even[mesh], "error"));
+    assert!(fine < most * coarse, "finer is better: {even:?}");
     for choice in skin["choices"].as_array().unwrap() {
         if let Some(error) = choice["choice"]["error"].as_f64() {
             assert!(error <= choice["error"].as_f64().unwrap(), "{choice}");
@@ -105,73 +97,49 @@ fn check_forward(skin: &Value, name: &str) {
 /// Skins without images: one compared with the series, one with a finer mesh, one with patches.
 #[test]
 fn forward_problems_of_other_skins_are_compared() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("report");
+    let folder = Folder::new();
+    let out = folder.path("report");
     let names = ["hemisphere", "plate-with-hole", "patches"];
     let scenes = names.join(",");
-    let arguments = ["report", "--scenes", &scenes, "--out", text(&out), "--json"];
-    let report = json(&succeed(&arguments));
+    let report = answer(format!("report --scenes {scenes} --out {out}"));
     assert!(report["scenes"].as_array().unwrap().is_empty());
     for (skin, name) in report["forward"].as_array().unwrap().iter().zip(names) {
         check_forward(skin, name);
         let is_series = skin["reference"] == "the mesh-free series";
         assert_eq!(is_series, name == "hemisphere", "{skin}");
     }
-    let table = std::fs::read_to_string(out.join("forward.csv")).unwrap();
+    let table = read_text(format!("{out}/forward.csv"));
     assert!(names.iter().all(|name| table.contains(name)), "{table}");
-    let words = std::fs::read_to_string(out.join("report.md")).unwrap();
+    let words = read_text(format!("{out}/report.md"));
     assert!(words.contains("\n## Forward problem\n") && !words.contains("Incomplete"), "{words}");
-    assert!(!out.join("inverse.csv").exists());
-    let refused = refuse(&["report", "--images", "--scenes", "patches", "--out", text(&out)]);
+    assert!(!exists(format!("{out}/inverse.csv")));
+    let refused = refuse(format!("report --images --scenes patches --out {out}"));
     assert!(refused.contains("--images: the report has no images of patches"), "{refused}");
-}
-
-/// Images alone: every solver in the table that plans read, and no forward problem.
-#[test]
-fn images_are_measured_without_forward_problems() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("report");
-    let scenes = ["--scenes", "single-frame"];
-    let report = ["report", "--images", scenes[0], scenes[1], "--out", text(&out), "--json"];
-    let report = json(&succeed(&report));
-    assert!(report["forward"].as_array().unwrap().is_empty(), "{report}");
-    let table = std::fs::read_to_string(out.join("inverse.csv")).unwrap();
-    for solver in ["gauss-newton,", "gauss-newton-absolute,", "tv,", "tv ≥ 0,"] {
-        let row = format!("single-frame,{solver}");
-        assert!(table.lines().any(|line| line.starts_with(&row)), "{solver}: {table}");
-    }
-    let words = std::fs::read_to_string(out.join("report.md")).unwrap();
-    assert!(!words.contains("\n## Forward problem\n"), "{words}");
-    assert!(!out.join("forward.csv").exists());
 }
 
 /// Ctrl-C keeps the finished scenes, and they say so.
 #[cfg(unix)]
 #[test]
 fn an_interrupted_report_keeps_what_it_has() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("report");
-    let child = Command::new(env!("CARGO_BIN_EXE_eit"))
-        .args(["report", "--scenes", "hemisphere,paper-disc-60", "--out", text(&out)])
-        .stderr(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let folder = Folder::new();
+    let out = folder.path("report");
+    let mut report = command(format!("report --scenes hemisphere,paper-disc-60 --out {out}"));
+    let (stdout, piped) = (std::process::Stdio::piped(), std::process::Stdio::piped());
+    let child = report.stdout(stdout).stderr(piped).spawn().unwrap();
     // the last file of a set to be renamed into place
-    while !out.join("report.json").exists() {
-        std::thread::sleep(Duration::from_millis(10));
+    while !exists(format!("{out}/report.json")) {
+        std::thread::sleep(std::time::Duration::from_millis(10));
     }
-    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(killed.success());
+    signal(&child, "-INT");
     let output = child.wait_with_output().unwrap();
-    let error = String::from_utf8(output.stderr).unwrap();
+    let error = stderr(&output);
     assert_eq!(output.status.code(), Some(1), "{error}");
     assert!(error.contains("1 of 2 scenes"), "{error}");
-    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    let page = read_text(format!("{out}/report.html"));
     assert!(page.contains("Incomplete, without paper-disc-60"));
-    let words = std::fs::read_to_string(out.join("incomplete.txt")).unwrap();
+    let words = read_text(format!("{out}/incomplete.txt"));
     assert!(words.contains("paper-disc-60"), "{words}");
-    let report = json(&std::fs::read_to_string(out.join("report.json")).unwrap());
+    let report = parse(&read_text(format!("{out}/report.json")));
     assert_eq!(report["missing"], serde_json::json!(["paper-disc-60"]));
     check_forward(&report["forward"][0], "hemisphere");
     let left: Vec<_> = std::fs::read_dir(&out).unwrap().map(|f| f.unwrap().file_name()).collect();
@@ -180,9 +148,9 @@ fn an_interrupted_report_keeps_what_it_has() {
 
 #[test]
 fn unknown_scenes_are_refused_before_any_work() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("report");
-    let error = refuse(&["report", "--scenes", "paper-disk", "--out", text(&out)]);
+    let folder = Folder::new();
+    let out = folder.path("report");
+    let error = refuse(format!("report --scenes paper-disk --out {out}"));
     assert!(error.contains("paper-disk") && error.contains("stiff-contact"), "{error}");
 }
 
@@ -196,7 +164,7 @@ fn a_plan_expects_what_was_measured_on_the_nearest_scene() {
         ("general-32", "general-32"),
         ("single-frame", "single-frame"),
     ] {
-        let plan = json(&succeed(&["plan", scene, "--json"]));
+        let plan = answer(format!("plan {scene}"));
         let expected = &plan["expected_images"];
         assert_eq!(expected["measured_on"], like);
         let error = expected["relative_error"].as_f64().unwrap();
@@ -213,28 +181,26 @@ fn a_plan_expects_what_was_measured_on_the_nearest_scene() {
 /// Every built-in scene is a template for a scene file.
 #[test]
 fn built_in_scenes_print_and_mesh() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let scenes = ["paper-disc", "stiff-contact", "high-contrast", "general-32", "single-frame"];
     for scene in scenes {
-        let file = folder.path().join(format!("{scene}.toml"));
-        std::fs::write(&file, succeed(&["plan", scene, "--print-scene"])).unwrap();
+        let file = folder.write("scene.toml", succeed(format!("plan {scene} --print-scene")));
         let voltages = |scene: &str, name: &str| {
-            let out = folder.path().join(name);
-            succeed(&["forward", scene, "--out", text(&out)]);
-            std::fs::read_to_string(out).unwrap()
+            let out = folder.path(name);
+            succeed(format!("forward {scene} --out {out}"));
+            read_text(out)
         };
-        assert_eq!(voltages(scene, "a.csv"), voltages(text(&file), "b.csv"), "{scene}");
+        assert_eq!(voltages(scene, "a.csv"), voltages(&file, "b.csv"), "{scene}");
     }
 }
 
 /// Currents on all electrodes at once leave none undriven: the scene must say so.
 #[test]
 fn trigonometric_currents_keep_driven_electrodes() {
-    let folder = tempfile::tempdir().unwrap();
-    let text_of = succeed(&["plan", "general-32", "--print-scene"]);
-    let file = folder.path().join("scene.toml");
-    let without = text_of.replace("driven_electrodes = \"keep\"", "driven_electrodes = \"drop\"");
-    std::fs::write(&file, without).unwrap();
-    let error = refuse(&["plan", text(&file)]);
+    let folder = Folder::new();
+    let scene = succeed("plan general-32 --print-scene");
+    let dropped = scene.replace("driven_electrodes = \"keep\"", "driven_electrodes = \"drop\"");
+    let file = folder.write("scene.toml", dropped);
+    let error = refuse(format!("plan {file}"));
     assert!(error.contains("trigonometric") && error.contains("keep"), "{error}");
 }

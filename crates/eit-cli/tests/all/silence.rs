@@ -1,11 +1,9 @@
 //! Instruments that fall silent, restart, report wrong numbers or send hostile text, as a user of the
 //! commands meets them. The instrument is our own emulated device behind TCP, with interference in between.
 #![cfg(unix)]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common;
-use crate::common::emulated::{Meddled, device, record, scene, start, stderr};
-use crate::common::{eit, text};
+use crate::common::emulated::{Meddled, device, record, scene, start};
+use crate::common::{Folder, command, eit, exists, read_text, stderr, stdout, succeed};
 use eit_hw::emulator::{Device, Emulator, FaultPlan, Listen};
 use std::time::Duration;
 
@@ -14,7 +12,7 @@ const HOSTILE: &str = "sk\u{1b}]0;OWNED\u{7}\u{1b}[31min\n\rFAKE LINE\u{9b}2J";
 /// It loses its set-up without telling the host, which configures it again.
 #[test]
 fn a_restart_that_nobody_heard_of_leads_to_a_new_set_up() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let (mut frames, mut is_done) = (0, false);
     let emulator = start(Box::new(Meddled {
         device: device("skin"),
@@ -29,7 +27,7 @@ fn a_restart_that_nobody_heard_of_leads_to_a_new_set_up() {
             }
         },
     }));
-    let (output, json, out) = record(folder.path(), &emulator, "6");
+    let (output, json, out) = record(&folder, &emulator, "6");
     assert!(output.status.success(), "{}", stderr(&output));
     assert_eq!(json["reconnections"], 1, "{json}");
     assert_eq!(json["ended_silent"], false);
@@ -63,15 +61,13 @@ fn a_board_that_sends_other_lines_is_named() {
 
         fn power_cycle(&mut self) {}
     }
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let emulator = start(Box::new(Board { sent: 0 }));
-    let board = scene(folder.path());
-    let keys = std::fs::read_to_string(&board).unwrap();
+    let keys = read_text(scene(&folder));
     let keys = keys.replace("\"eits1\"", "\"csv\"").replace("frame_rate_hz = 100.0", "");
-    std::fs::write(&board, keys).unwrap();
-    let (out, port) = (folder.path().join("out.mcap"), emulator.endpoint().to_string());
-    let base = ["record", text(&board), "--port", &port, "--out", text(&out)];
-    let output = eit(&[&base[..], &["--seconds", "16"]].concat());
+    let (board, out) = (folder.write("scene.toml", keys), folder.path("out.mcap"));
+    let port = emulator.endpoint();
+    let output = eit(format!("record {board} --port {port} --out {out} --seconds 16"));
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(3), "{said}");
     assert!(said.contains("bytes came: it sends something else than before"), "{said}");
@@ -84,14 +80,14 @@ fn a_board_that_sends_other_lines_is_named() {
 /// Frames of the time in which it was unplugged are estimated, and that time does not lower the rate.
 #[test]
 fn frames_of_an_unplugged_time_are_estimated() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     // some 100 frames
     let plan =
         FaultPlan { unplug_after_bytes: vec![20_000], unplugged_s: 1.5, ..FaultPlan::default() };
     // not TCP: another program could take its port meanwhile
-    let listen = Listen::PseudoTerminal(folder.path().join("port"));
+    let listen = Listen::PseudoTerminal(folder.path("port").into());
     let emulator = Emulator::start(device("skin"), &listen, plan).unwrap();
-    let (output, json, out) = record(folder.path(), &emulator, "6");
+    let (output, json, out) = record(&folder, &emulator, "6");
     assert!(output.status.success(), "{}", stderr(&output));
     let number = |key: &str| json[key].as_f64().unwrap();
     assert_eq!((number("reconnections"), number("lost")), (1.0, 0.0), "{json}");
@@ -109,17 +105,14 @@ fn frames_of_an_unplugged_time_are_estimated() {
         eit_hw::capture::read(&out).unwrap().frames().map(|frame| frame.epoch).collect();
     assert!(epochs.is_sorted() && epochs.last() == Some(&1));
     // the same in words
-    let (scene, port) = (scene(folder.path()), emulator.endpoint().to_string());
-    let other = folder.path().join("other.mcap");
-    let seconds = ["--seconds", "1", "--out", text(&other)];
-    let said =
-        common::succeed(&[&["record", text(&scene), "--port", &port], &seconds[..]].concat());
+    let (scene, port, other) = (scene(&folder), emulator.endpoint(), folder.path("other.mcap"));
+    let said = succeed(format!("record {scene} --port {port} --seconds 1 --out {other}"));
     assert!(!said.contains("no data"), "{said}");
 }
 
 #[test]
 fn silence_at_the_end_is_exit_code_3() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let emulator = start(Box::new(Meddled {
         device: device("skin"),
         meddle: |now: Duration, _: &mut Box<dyn Device>, sent: &mut Vec<u8>| {
@@ -128,27 +121,27 @@ fn silence_at_the_end_is_exit_code_3() {
             }
         },
     }));
-    let (output, json, _) = record(folder.path(), &emulator, "3");
+    let (output, json, _) = record(&folder, &emulator, "3");
     assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
     assert_eq!(json["ended_silent"], true, "{json}");
     // up to 1.5 s after its start at 100 Hz, some of which the set-up takes
     assert!((20..150).contains(&json["frames"].as_u64().unwrap()), "{json}");
     // the same while watching, and if nothing arrives at all
-    let (scene, port) = (scene(folder.path()), emulator.endpoint().to_string());
-    let output = eit(&["live", text(&scene), "--port", &port, "--seconds", "2"]);
-    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
-    assert!(String::from_utf8_lossy(&output.stdout).contains("silent or unplugged at the end"));
-    assert!(stderr(&output).contains("no frame for"), "{}", stderr(&output));
-    let output = eit(&["check", text(&scene), "--port", &port, "--seconds", "1"]);
-    assert_eq!(output.status.code(), Some(3));
-    assert!(stderr(&output).contains("no frame within 1 s"), "{}", stderr(&output));
+    let (scene, port) = (scene(&folder), emulator.endpoint());
+    for (command, wanted) in [("live", "no frame for"), ("check", "no frame within 2 s")] {
+        let output = eit(format!("{command} {scene} --port {port} --seconds 2"));
+        assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+        assert!(stderr(&output).contains(wanted), "{}", stderr(&output));
+        let said = stdout(&output);
+        assert!(command != "live" || said.contains("silent or unplugged at the end"), "{said}");
+    }
 }
 
 /// The frame counter restarts or has one impossible value: hardly a frame is lost.
 #[test]
 fn a_count_that_begins_anew_or_jumps_loses_few_frames() {
     for (name, epochs) in [("anew", 1), ("jump", 0)] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = Folder::new();
         let mut frames = 0_u32;
         let emulator = start(Box::new(Meddled {
             device: device("skin"),
@@ -169,7 +162,7 @@ fn a_count_that_begins_anew_or_jumps_loses_few_frames() {
                 *sent = out;
             },
         }));
-        let (output, json, out) = record(folder.path(), &emulator, "3");
+        let (output, json, out) = record(&folder, &emulator, "3");
         assert!(output.status.success(), "{}", stderr(&output));
         let (found, lost) = (json["frames"].as_u64().unwrap(), json["lost"].as_u64().unwrap());
         // 3 s at 100 Hz, of which a third may pass while others occupy the processor; lost are the frame with
@@ -184,91 +177,56 @@ fn a_count_that_begins_anew_or_jumps_loses_few_frames() {
 /// Names, notes and files from elsewhere cannot move the cursor or fake a line.
 #[test]
 fn nothing_of_others_reaches_the_terminal_as_it_is() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let emulator = start(device(HOSTILE));
-    let (scene, port) = (scene(folder.path()), emulator.endpoint().to_string());
-    let out = folder.path().join("out.mcap");
+    let (scene, port, out) = (scene(&folder), emulator.endpoint(), folder.path("out.mcap"));
     let note = "a\u{1b}[2Jb";
-    let runs = [
-        vec!["devices", text(&scene), "--port", &port],
-        vec!["devices", text(&scene), "--port", &port, "--json"],
-        vec!["check", text(&scene), "--port", &port, "--frames", "20"],
-        vec![
-            "record",
-            text(&scene),
-            "--port",
-            &port,
-            "--out",
-            text(&out),
-            "--seconds",
-            "1",
-            "--note",
-            note,
-        ],
-        vec!["replay", text(&scene), "--from", text(&out)],
-        vec!["replay", text(&scene), "--from", text(&out), "--json"],
-        vec!["plan", "no\u{1b}[31mscene.toml"],
-    ];
-    for run in &runs {
-        let output = eit(run);
+    for line in [
+        format!("check {scene} --identify --port {port}"),
+        format!("check {scene} --identify --port {port} --json"),
+        format!("check {scene} --port {port} --frames 20"),
+        format!("record {scene} --port {port} --out {out} --seconds 1 --note {note}"),
+        format!("replay {scene} --from {out}"),
+        format!("replay {scene} --from {out} --json"),
+        "plan no\u{1b}[31mscene.toml".to_owned(),
+    ] {
+        let output = eit(&line);
         // the text is printed, not dropped; `eit replay` names a recording, not its instrument
-        let (code, name) = match run[0] {
-            "plan" => (2, "scene.toml"),
-            "replay" => (0, ""),
+        let (code, name) = match line.split(' ').next() {
+            Some("plan") => (2, "scene.toml"),
+            Some("replay") => (0, ""),
             _ => (0, "OWNED"),
         };
-        assert_eq!(output.status.code(), Some(code), "eit {run:?}: {}", stderr(&output));
-        let mut all = String::new();
-        for bytes in [&output.stdout, &output.stderr] {
-            let said = String::from_utf8(bytes.clone()).unwrap();
-            assert!(!said.contains(|c: char| c.is_control() && c != '\n'), "eit {run:?}: {said:?}");
+        assert_eq!(output.status.code(), Some(code), "eit {line}: {}", stderr(&output));
+        for said in [stdout(&output), stderr(&output)] {
+            assert!(!said.contains(|c: char| c.is_control() && c != '\n'), "eit {line}: {said:?}");
             // nor start a line within the name
             assert!(!said.lines().any(|line| line.trim_start().starts_with("FAKE")), "{said:?}");
-            all += &said;
         }
-        assert!(all.contains(name), "eit {run:?}: {all}");
+        let all = stdout(&output) + &stderr(&output);
+        assert!(all.contains(name), "eit {line}: {all}");
     }
 }
 
 /// Two programs cannot record to one file, nor two hosts use one instrument.
 #[test]
 fn a_second_recorder_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let (first, second) = (start(device("one")), start(device("two")));
-    let scene = scene(folder.path());
-    let out = folder.path().join("out.mcap");
-    let arguments = |port: &str, seconds: &str, more: &[&str]| {
-        let base = ["record", text(&scene), "--port", port, "--out", text(&out)];
-        let all = [&base[..], &["--seconds", seconds], more].concat();
-        all.iter().map(|&argument| argument.to_owned()).collect::<Vec<String>>()
-    };
-    let ports = [first.endpoint().to_string(), second.endpoint().to_string()];
-    let mut running = std::process::Command::new(env!("CARGO_BIN_EXE_eit"))
-        .args(arguments(&ports[0], "4", &[]))
-        .stdout(std::process::Stdio::null())
-        .spawn()
-        .unwrap();
-    while !out.exists() {
+    let (scene, out) = (scene(&folder), folder.path("out.mcap"));
+    let [one, two] = [first.endpoint(), second.endpoint()];
+    let line = format!("record {scene} --port {one} --out {out} --seconds 4");
+    let mut running = command(line).stdout(std::process::Stdio::null()).spawn().unwrap();
+    while !exists(&out) {
         assert!(running.try_wait().unwrap().is_none());
         std::thread::sleep(Duration::from_millis(10));
     }
-    let run =
-        |arguments: &[String]| eit(&arguments.iter().map(String::as_str).collect::<Vec<&str>>());
-    let refused = run(&arguments(&ports[1], "1", &["--append"]));
+    let refused = eit(format!("record {scene} --port {two} --out {out} --seconds 1 --append"));
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
     assert!(stderr(&refused).contains("out.mcap: another program is recording to it"));
     // the instrument has one host
-    let other = folder.path().join("other.mcap");
-    let refused = eit(&[
-        "record",
-        text(&scene),
-        "--port",
-        &ports[0],
-        "--out",
-        text(&other),
-        "--seconds",
-        "1",
-    ]);
+    let other = folder.path("other.mcap");
+    let refused = eit(format!("record {scene} --port {one} --out {other} --seconds 1"));
     assert!(!refused.status.success());
     assert!(running.wait().unwrap().success());
     let capture = eit_hw::capture::read(&out).unwrap();

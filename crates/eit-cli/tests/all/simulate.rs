@@ -1,37 +1,36 @@
 //! `eit simulate`: its files, and that they reconstruct.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, reason = "tests")]
 
-use crate::common::{SMALL, eit, refuse, succeed, text, write_scene};
+use crate::common::{
+    Folder, SMALL, answer, eit, parse, read, read_array, read_text, refuse, stdout, succeed,
+};
 use ndarray::{Array2, Array3};
 use serde_json::Value;
 
-const FAST: [&str; 4] = ["--nodes", "1500", "--frames", "40"];
+const FAST: &str = "--nodes 1500 --frames 40";
 
 /// Simulates, then reconstructs from the files alone: the finger is found at its true place. The rim is
 /// rigid, because the artefacts of moving electrodes are brighter than the finger.
 #[test]
 fn simulated_frames_reconstruct_from_their_own_scene() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("touched");
-    let scene = succeed(&["plan", "paper-disc", "--print-scene"]);
+    let folder = Folder::new();
+    let out = folder.path("touched");
+    let scene = succeed("plan paper-disc --print-scene");
     let rigid = "\n[fabric.rim]\ncompliance = 0.0\ncontact_gain = 0.0\n";
-    let scene = write_scene(folder.path(), &format!("{scene}{rigid}"));
-    let arguments = ["simulate", text(&scene), "--out", text(&out), "--json"];
-    let answer = succeed(&[&arguments[..], &FAST[..]].concat());
-    let json: Value = serde_json::from_str(&answer).unwrap();
+    let scene = folder.write("scene.toml", format!("{scene}{rigid}"));
+    let json = answer(format!("simulate {scene} --out {out} {FAST}"));
     assert_eq!(json["frames"], 40);
     for name in json["files"].as_array().unwrap() {
-        assert!(out.join(name.as_str().unwrap()).metadata().unwrap().len() > 0, "{name}");
+        assert!(!read(format!("{out}/{}", name.as_str().unwrap())).is_empty(), "{name}");
     }
-    let frames: Array2<f64> = ndarray_npy::read_npy(out.join("frames.npy")).unwrap();
+    let frames: Array2<f64> = read_array(format!("{out}/frames.npy"));
     assert_eq!(frames.dim(), (40, 208));
-    let truth: Array3<f64> = ndarray_npy::read_npy(out.join("truth_conductivity.npy")).unwrap();
+    let truth: Array3<f64> = read_array(format!("{out}/truth_conductivity.npy"));
     assert_eq!(truth.dim(), (40, 64, 64));
 
-    let images = folder.path().join("images");
-    let scene = out.join("scene.toml");
-    succeed(&["reconstruct", text(&scene), "--method", "gauss-newton", "--out", text(&images)]);
-    let images: Array3<f64> = ndarray_npy::read_npy(images.join("images.npy")).unwrap();
+    let images = folder.path("images");
+    let scene = format!("{out}/scene.toml");
+    succeed(format!("reconstruct {scene} --method gauss-newton --out {images}"));
+    let images: Array3<f64> = read_array(format!("{images}/images.npy"));
     let brightest = |images: &Array3<f64>| {
         let image = images.index_axis(ndarray::Axis(0), 35);
         let values = image.indexed_iter().filter(|(_, v)| v.is_finite());
@@ -67,23 +66,20 @@ fn part_at_fingers(truth: &Array3<f64>, images: &Array3<f64>) -> f64 {
 /// of the rounding, which no residual reaches: then the corner of the L-curve is taken.
 #[test]
 fn total_variation_does_not_explain_moving_electrodes() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("random");
-    let arguments = ["simulate", "paper-disc", "--script", "random", "--out", text(&out)];
-    succeed(&[&arguments[..], &["--nodes", "2500", "--frames", "60"]].concat());
-    let truth: Array3<f64> = ndarray_npy::read_npy(out.join("truth_conductivity.npy")).unwrap();
-    let measured = std::fs::read_to_string(out.join("scene.toml")).unwrap();
+    let folder = Folder::new();
+    let out = folder.path("random");
+    succeed(format!("simulate paper-disc --script random --out {out} --nodes 2500 --frames 60"));
+    let truth: Array3<f64> = read_array(format!("{out}/truth_conductivity.npy"));
+    let measured = read_text(format!("{out}/scene.toml"));
     let quiet = "quiet_frames = \"0..20\"";
     assert!(measured.contains(quiet), "{measured}");
     for (noise, rule) in [(quiet, "discrepancy"), ("additive_v = 5e-7", "corner")] {
-        std::fs::write(out.join("scene.toml"), measured.replace(quiet, noise)).unwrap();
-        let (scene, images) = (out.join("scene.toml"), folder.path().join(rule));
-        let run = ["reconstruct", text(&scene), "--method", "st-tv", "--out", text(&images)];
-        let answer = succeed(&[&run[..], &["--json"]].concat());
-        let json: Value = serde_json::from_str(&answer).unwrap();
+        std::fs::write(format!("{out}/scene.toml"), measured.replace(quiet, noise)).unwrap();
+        let (scene, images) = (format!("{out}/scene.toml"), folder.path(rule));
+        let json = answer(format!("reconstruct {scene} --method st-tv --out {images}"));
         let weights = &json["weights"];
         assert!(weights["rule"].as_str().unwrap().starts_with(rule), "{noise}: {weights}");
-        let images: Array3<f64> = ndarray_npy::read_npy(images.join("images.npy")).unwrap();
+        let images: Array3<f64> = read_array(format!("{images}/images.npy"));
         let part = part_at_fingers(&truth, &images);
         println!("{rule}: {part:.3} of the image is at the fingers");
         assert!(part > 0.7, "{noise}: only {part:.2} is at the fingers: {weights}");
@@ -93,42 +89,33 @@ fn total_variation_does_not_explain_moving_electrodes() {
 /// The script that was run, run again from its file, gives the same frames.
 #[test]
 fn scripts_round_trip_through_files() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = write_scene(folder.path(), &format!("{SMALL}\n[fabric.weave]\namplitude = 0.1\n"));
+    let folder = Folder::new();
+    let scene = folder.write("scene.toml", format!("{SMALL}\n[fabric.weave]\namplitude = 0.1\n"));
     let run = |script: &str, name: &str| {
-        let out = folder.path().join(name);
-        let arguments =
-            ["simulate", text(&scene), "--script", script, "--seed", "7", "--out", text(&out)];
-        succeed(&[&arguments[..], &FAST[..]].concat());
+        let out = folder.path(name);
+        succeed(format!("simulate {scene} --script {script} --seed 7 --out {out} {FAST}"));
         out
     };
     let first = run("random", "first");
-    let again = run(text(&first.join("script.toml")), "again");
+    let again = run(&format!("{first}/script.toml"), "again");
     for name in ["frames.npy", "touches.csv", "script.toml"] {
-        let [a, b] = [&first, &again].map(|f| std::fs::read(f.join(name)).unwrap());
+        let [a, b] = [&first, &again].map(|folder| read(format!("{folder}/{name}")));
         assert!(a == b, "{name}");
     }
-    let threads = folder.path().join("two.npy");
-    let script = first.join("script.toml");
-    let arguments = ["simulate", text(&scene), "--script", text(&script), "--seed", "7"];
-    let more = ["--threads", "2", "--out", text(&threads)];
-    succeed(&[&arguments[..], &FAST[..], &more[..]].concat());
-    assert!(std::fs::read(&threads).unwrap() == std::fs::read(first.join("frames.npy")).unwrap());
+    let threads = folder.path("two.npy");
+    let line = format!("simulate {scene} --script {first}/script.toml --seed 7 {FAST}");
+    succeed(format!("{line} --threads 2 --out {threads}"));
+    assert!(read(&threads) == read(format!("{first}/frames.npy")));
 }
 
 #[test]
 fn bad_scripts_and_settings_are_one_line() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
+    let folder = Folder::new();
+    let out = folder.path("out");
     let run = |scene: &str, script: &str| {
-        refuse(&["simulate", scene, "--script", script, "--nodes", "1200", "--out", text(&out)])
+        refuse(format!("simulate {scene} --script {script} --nodes 1200 --out {out}"))
     };
     assert!(run("paper-disc", "dance").contains("known scripts are paper-one-finger"));
-    let script = |text: &str| {
-        let path = folder.path().join("s.toml");
-        std::fs::write(&path, text).unwrap();
-        path
-    };
     let head = "frame_rate_hz = 10.0\nframes = 30\n[[finger]]\nid = 1\n";
     let key = |time: f64, x: f64, force: f64| {
         format!(
@@ -136,33 +123,41 @@ fn bad_scripts_and_settings_are_one_line() {
              radius_m = 0.01\n"
         )
     };
-    let bad = script(&format!("{head}{}", key(1.0, 0.3, 1.0)));
-    assert!(run("paper-disc", text(&bad)).contains("finger 1, at key 0, 1 s: (0.3, 0) m"));
-    let bad = script(&format!("{head}{}", key(1.0, 0.0, -1.0)));
-    assert!(run("paper-disc", text(&bad)).contains("key 0: force_n is -1"));
-    let bad = script(&format!("{head}{}{}", key(1.0, 0.0, 1.0), key(1.0, 0.0, 1.0)));
-    assert!(run("paper-disc", text(&bad)).contains("is not after"));
-    let bad = script(&format!("{head}speed = 3\n{}", key(1.0, 0.0, 1.0)));
-    assert!(run("paper-disc", text(&bad)).contains("unknown key \"speed\""));
-    let scene = write_scene(folder.path(), &format!("{SMALL}\n[fabric.rim]\ncompliance = 2.0\n"));
-    assert!(run(text(&scene), "random").contains("fabric.rim.compliance is 2"));
-    let scene = write_scene(folder.path(), &format!("{SMALL}\n[fabric.rim]\ncomplianc = 0.2\n"));
-    assert!(run(text(&scene), "random").contains("did you mean \"compliance\""));
+    let lines = |lines: &[String]| folder.write("s.toml", format!("{head}{}", lines.concat()));
+    let fabric = |key: &str| folder.scene(&format!("[fabric.rim]\n{key}\n"));
+    for (keys, told) in [
+        (vec![key(1.0, 0.3, 1.0)], "finger 1, at key 0, 1 s: (0.3, 0) m"),
+        (vec![key(1.0, 0.0, -1.0)], "key 0: force_n is -1"),
+        (vec![key(1.0, 0.0, 1.0), key(1.0, 0.0, 1.0)], "is not after"),
+        (vec!["speed = 3\n".into(), key(1.0, 0.0, 1.0)], "unknown key \"speed\""),
+    ] {
+        let said = run("paper-disc", &lines(&keys));
+        assert!(said.contains(told), "{told}: {said}");
+    }
+    for (key, told) in [
+        ("compliance = 2.0", "fabric.rim.compliance is 2"),
+        ("complianc = 0.2", "did you mean \"compliance\""),
+    ] {
+        assert!(run(&fabric(key), "random").contains(told), "{key}");
+    }
+    // frames that would all be quiet: the option is named, and how many there are
+    let said = refuse(format!("simulate paper-disc --frames 20 --out {out}.npy"));
+    let told =
+        "--frames 20: the script paper-one-finger begins with 20 frames of the untouched skin";
+    assert!(said.contains(told), "{said}");
 }
 
 /// The script "random" keeps its fingers on the skin, whatever its shape: also where the centroid lies in a hole or off
 /// the skin, or where the skin is curved.
 #[test]
 fn random_touches_fit_every_skin() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let shape = |name: &str, shape: &str, electrodes: &str| {
         let rest = format!(
             "[electrodes]\n{electrodes}\nwidth_m = 0.01\ncontact_impedance_ohm_m = 1e3\n\
              [protocol]\ncurrent_a = 1e-4\n"
         );
-        let path = folder.path().join(name);
-        std::fs::write(&path, format!("[skin]\n{shape}\nconductivity_s = 1e-5\n{rest}")).unwrap();
-        text(&path).to_owned()
+        folder.write(name, format!("[skin]\n{shape}\nconductivity_s = 1e-5\n{rest}"))
     };
     // narrow: a fingertip of 20 mm would not fit
     let rectangle =
@@ -176,7 +171,7 @@ fn random_touches_fit_every_skin() {
         &format!("shape = \"polygon\"\noutline = {outline}"),
         &format!("positions_m = {places}"),
     );
-    let out = folder.path().join("frames.npy");
+    let out = folder.path("frames.npy");
     for (scene, nodes) in [
         (rectangle.as_str(), "1500"),
         (&angle, "2500"),
@@ -185,9 +180,9 @@ fn random_touches_fit_every_skin() {
         ("hemisphere", "2500"),
     ] {
         for seed in ["1", "2"] {
-            let fixed =
-                ["simulate", scene, "--script", "random", "--frames", "60", "--nodes", nodes];
-            succeed(&[&fixed[..], &["--seed", seed, "--out", text(&out)]].concat());
+            succeed(format!(
+                "simulate {scene} --script random --frames 60 --nodes {nodes} --seed {seed} --out {out}"
+            ));
         }
     }
 }
@@ -195,21 +190,20 @@ fn random_touches_fit_every_skin() {
 /// A simulation is replayed with the reference and the frame rate of its scene, and its truth is not replaced.
 #[test]
 fn a_simulation_is_replayed_as_its_scene_says() {
-    let folder = tempfile::tempdir().unwrap();
-    let (out, recording) = (folder.path().join("held"), folder.path().join("held.mcap"));
-    let fixed = ["simulate", "paper-disc", "--script", "press-and-hold", "--nodes", "1500"];
-    succeed(&[&fixed[..], &["--frames", "80", "--out", text(&out)]].concat());
-    let scene = out.join("scene.toml");
-    let frames = out.join("frames.npy");
-    succeed(&["convert", text(&frames), "--scene", text(&scene), "--out", text(&recording)]);
+    let folder = Folder::new();
+    let (out, recording) = (folder.path("held"), folder.path("held.mcap"));
+    let fixed = "simulate paper-disc --script press-and-hold --nodes 1500";
+    succeed(format!("{fixed} --frames 80 --out {out}"));
+    let scene = format!("{out}/scene.toml");
+    let frames = format!("{out}/frames.npy");
+    succeed(format!("convert {frames} --scene {scene} --out {recording}"));
 
     // the finger lands before frame 40, the usual length of a reference
-    let replay = ["replay", text(&scene), "--from", text(&recording)];
+    let replay = format!("replay {scene} --from {recording}");
     // the summary of such a run is on stderr
-    let output = eit(&[&replay[..], &["--json-lines"]].concat());
+    let output = eit(format!("{replay} --json-lines"));
     assert!(output.status.success(), "{output:?}");
-    let lines = String::from_utf8(output.stdout).unwrap();
-    let lines: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let lines: Vec<Value> = stdout(&output).lines().map(parse).collect();
     assert_eq!(lines[0]["reference_frames"], 20);
     let shown: Vec<&Value> = lines.iter().filter(|line| line["type"] == "frame").collect();
     assert_eq!(shown.len(), 60);
@@ -221,26 +215,15 @@ fn a_simulation_is_replayed_as_its_scene_says() {
     assert!(touched.count() > 40, "{:?}", shown.last());
     assert!(shown.iter().all(|frame| frame["explained"] == true && frame["frozen"] == false));
 
-    let short = succeed(&[&replay[..], &["--reference-frames", "90"]].concat());
+    let short = succeed(format!("{replay} --reference-frames 90"));
     assert!(short.contains("80 frames came, fewer than the reference needs"), "{short}");
     let begun = std::time::Instant::now();
-    succeed(&[&replay[..], &["--speed", "20", "--json"]].concat());
+    succeed(format!("{replay} --speed 20 --json"));
     // 80 frames of 0.1 s, twenty times as fast; only at least this long, whatever the machine does
     assert!(begun.elapsed().as_secs_f64() > 0.39, "{:?}", begun.elapsed());
 
-    let before = std::fs::read(out.join("touches.csv")).unwrap();
-    let refused = refuse(&["reconstruct", text(&scene), "--out", text(&out)]);
+    let before = read(format!("{out}/touches.csv"));
+    let refused = refuse(format!("reconstruct {scene} --out {out}"));
     assert!(refused.contains("holds a simulation"), "{refused}");
-    assert_eq!(std::fs::read(out.join("touches.csv")).unwrap(), before);
-}
-
-/// Frames that would all be quiet: the option is named, and how many there are.
-#[test]
-fn frames_of_the_untouched_skin_alone_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("never.npy");
-    let said = refuse(&["simulate", "paper-disc", "--frames", "20", "--out", text(&out)]);
-    let wanted =
-        "--frames 20: the script paper-one-finger begins with 20 frames of the untouched skin";
-    assert!(said.contains(wanted), "{said}");
+    assert_eq!(read(format!("{out}/touches.csv")), before);
 }

@@ -1,5 +1,4 @@
 //! Every claim of docs/VALIDATION.md and docs/validation names a test that exists, or a program of the repository.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -205,7 +205,7 @@ impl fmt::Display for Note {
                     f,
                     "damaged: {chunks} chunk(s), {messages} message(s) and {skipped_bytes} bytes \
                      skipped, {mended} chunk(s) repaired, {truncated_bytes} bytes incomplete at the \
-                     end; `eit recover` writes an intact file"
+                     end; `eit convert --recover` writes an intact file"
                 )
             }
             Self::MissingValues { values, frame, value } => write!(

@@ -26,8 +26,8 @@ pub(super) fn advice(endpoint: &Endpoint, error: &io::Error) -> String {
         ErrorKind::NotFound | ErrorKind::ResourceBusy if path.exists() => {
             "another program uses the port: close it (on Linux, `fuser PORT` shows which)".into()
         }
-        ErrorKind::NotFound => "plug it in, or name another port (`eit devices` lists them)".into(),
-        _ => "check that it is a serial port (`eit devices` lists them)".into(),
+        ErrorKind::NotFound => "plug it in, or name another port (`eit check` lists them)".into(),
+        _ => "check that it is a serial port (`eit check` lists them)".into(),
     }
 }
 

@@ -14,7 +14,7 @@ pub(crate) struct ImageFile {
     name: &'static str,
     file: BufWriter<NamedTempFile>,
     shape: [usize; 2],
-    count: u64,
+    count: usize,
 }
 
 impl ImageFile {
@@ -29,7 +29,7 @@ impl ImageFile {
         shape: [usize; 2],
     ) -> Result<Self, ReportError> {
         let mut file = folder.begin(name)?;
-        file.write_all(&header(0, shape)).map_err(io)?;
+        file.write_all(&npy_header(&[0, shape[0], shape[1]])).map_err(io)?;
         Ok(Self { name, file, shape, count: 0 })
     }
 
@@ -66,16 +66,17 @@ impl ImageFile {
     pub(crate) fn finish(self, folder: &mut OutFolder) -> Result<(), ReportError> {
         let Self { name, mut file, shape, count } = self;
         file.seek(SeekFrom::Start(0)).map_err(io)?;
-        file.write_all(&header(count, shape)).map_err(io)?;
+        file.write_all(&npy_header(&[count, shape[0], shape[1]])).map_err(io)?;
         folder.end(name, file)
     }
 }
 
-/// Header of format version 1.0, with the same length for every count.
-fn header(count: u64, [rows, columns]: [usize; 2]) -> Vec<u8> {
-    let words = format!(
-        "{{'descr': '<f8', 'fortran_order': False, 'shape': ({count}, {rows}, {columns}), }}"
-    );
+/// Header of a `.npy` file of numbers, format version 1.0 (NumPy enhancement proposal 1); it has the same length for
+/// every shape.
+pub fn npy_header(shape: &[usize]) -> Vec<u8> {
+    let shape: Vec<String> = shape.iter().map(usize::to_string).collect();
+    let words =
+        format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}), }}", shape.join(", "));
     let length = HEADER - 10;
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
     bytes.extend((length as u16).to_le_bytes());
@@ -113,7 +114,7 @@ mod tests {
     /// The longest possible shape does not change the length of the header.
     #[test]
     fn no_count_outgrows_the_header() {
-        assert_eq!(header(u64::MAX, [65_536, 65_536]).len(), HEADER);
-        assert_eq!(header(0, [1, 1]).len(), HEADER);
+        assert_eq!(npy_header(&[usize::MAX, 65_536, 65_536]).len(), HEADER);
+        assert_eq!(npy_header(&[0, 1, 1]).len(), HEADER);
     }
 }

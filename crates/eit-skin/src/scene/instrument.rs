@@ -273,7 +273,7 @@ impl Instrument {
     pub fn endpoint(&self, given: Option<&str>) -> Result<Endpoint, SkinError> {
         let port = given.or(self.port.as_deref()).ok_or_else(|| {
             let problem =
-                "instrument.port is missing: set it, or give a port (`eit devices` lists them)";
+                "instrument.port is missing: set it, or give a port (`eit check` lists them)";
             SkinError::argument("port", problem).within(&self.place)
         })?;
         Ok(match Endpoint::parse(port, self.baud)? {

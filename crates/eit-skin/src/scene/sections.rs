@@ -378,7 +378,7 @@ pub struct TouchSettings {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct DenoiseSettings {
-    /// "default", or a file written by `eit train`.
+    /// "default", or a file written by `eit net train`.
     pub weights: String,
     /// Set to true to allow the weights of another skin.
     #[serde(default)]

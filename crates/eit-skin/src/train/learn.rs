@@ -1,6 +1,7 @@
 //! Training on a learning base, and what the weights' file says of it.
 
-use super::held_out::MeasuredJudge;
+use super::BaseRequest;
+use super::held_out::{MeasuredJudge, held_out_scores, judge};
 use super::sequences::Sequences;
 use crate::denoise::Scores;
 use crate::error::SkinError;
@@ -9,7 +10,7 @@ use crate::skin::Skin;
 use crate::stop::StopFlag;
 use eit_denoise::{
     Examples, ImageNet, LearningBase, Shard, TrainSettings, TrainStatus, TrainStep, Trainer, Unet,
-    Weights,
+    UnetShape, Weights,
 };
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -104,24 +105,149 @@ fn step_s<N: ImageNet>(
     Ok(start.elapsed().as_secs_f64())
 }
 
-/// Quality of a trained net on held-out sequences.
-#[derive(Debug, Clone)]
-pub struct HeldOutResult {
-    /// Error relative to the raw images.
+/// A net to train for a skin.
+#[derive(Debug)]
+pub struct TrainRequest<'a> {
+    /// The learning base, which is completed first.
+    pub base: &'a BaseRequest,
+    /// Its folder.
+    pub folder: &'a Path,
+    /// Size of the net.
+    pub shape: UnetShape,
+    /// Epochs, batches and learning rate.
+    pub settings: TrainSettings,
+    /// Weights to start from instead of random ones. With no epochs they are kept, and only their judge is measured.
+    pub first: Option<Weights>,
+    /// Where the net is trained ([`eit_denoise::TrainDevice::open`]).
+    pub device: &'a eit_denoise::burn::tensor::Device,
+    /// File written after every epoch; if it exists, training resumes from it.
+    pub checkpoint: &'a Path,
+    /// Name and version of the program, and the commit that it was built from, for the weights' file.
+    pub made_by: [&'a str; 2],
+    /// Number of threads; the result does not depend on it.
+    pub threads: usize,
+    /// Stops the training when set.
+    pub stop: &'a StopFlag,
+}
+
+/// A trained net.
+#[derive(Debug)]
+pub struct Trained {
+    /// The weights, with the metadata of their file.
+    pub weights: Weights,
+    /// The training, with its curve; `None` for a request without epochs.
+    pub trainer: Option<Trainer<Unet>>,
+    /// The learning base.
+    pub base: LearningBase,
+    /// [`parameter_checksum`] of the weights that the training started from; `None` for random ones.
+    pub from: Option<String>,
+    /// Error on held-out sequences relative to the raw images.
     pub scores: Scores,
     /// Judge of the net's images.
     pub judge: Option<MeasuredJudge>,
 }
 
-/// The program that wrote a weights file.
-#[derive(Debug, Clone, Copy)]
-pub struct MadeBy<'a> {
-    /// Name and version.
-    pub program: &'a str,
-    /// Commit that it was built from.
-    pub commit: &'a str,
-    /// [`parameter_checksum`] of the weights that the training started from; `None` for random ones.
-    pub from: Option<&'a str>,
+/// Completes the learning base, and trains a U-net on it or resumes its training.
+///
+/// # Errors
+///
+/// Those of [`base`](super::base) and [`learn`]; first weights of another skin without epochs, and a base with too few
+/// measurements to measure their judge.
+pub fn train(
+    skin: &Skin,
+    request: TrainRequest<'_>,
+    progress: &mut Progress,
+) -> Result<Trained, SkinError> {
+    let TrainRequest { shape, settings, first, threads, stop, made_by, .. } = request;
+    let sequences = &Sequences::new(skin, request.base, progress)?;
+    let base = super::base(request.base, sequences, request.folder, None, threads, stop, progress)?;
+    let (mut learnt, mut held_out) = progress.stage("read the base", || super::shards(&base))?;
+    progress.stage("inputs of the net", || {
+        sequences.complete(&mut learnt, shape, threads)?;
+        sequences.complete(&mut held_out, shape, threads)
+    })?;
+    let (checksum, pixels) = (base.checksum()?, base.settings().pixels);
+    let from = first.as_ref().map(parameter_checksum);
+    let (net, trainer) = match first {
+        Some(weights) if settings.epochs == 0 => {
+            let checked = weights.check_skin(&skin.fingerprint, pixels);
+            checked.map_err(|e| SkinError::argument("epochs", format!("0: {e}")))?;
+            (weights, None)
+        }
+        first => {
+            let net = match &first {
+                Some(weights) => Unet::from_weights(weights, request.device)?,
+                None => Unet::new(shape, settings.seed, request.device)?,
+            };
+            let started = from.as_ref().map_or_else(String::new, |from| format!(" from {from}"));
+            let training = Training {
+                settings: &settings,
+                base: &format!("{checksum}{started}"),
+                checkpoint: request.checkpoint,
+                threads,
+                stop,
+            };
+            let trainer = learn(net, &training, sequences, &learnt, &held_out, progress)?;
+            let net = trainer.weights(&skin.fingerprint, pixels, &BTreeMap::new())?;
+            (net, Some(trainer))
+        }
+    };
+    let (scores, judge) = progress.stage("compare", || {
+        let scores = held_out_scores(&net, &held_out)?;
+        Ok::<_, SkinError>((scores, judge(&net, &learnt, &held_out, sequences)?))
+    })?;
+    let made = Trained { weights: net, trainer, base, from, scores, judge };
+    made.with_metadata(skin, made_by)
+}
+
+impl Trained {
+    /// Adds to the weights what their file says about their origin. Weights that were not trained here keep theirs.
+    fn with_metadata(self, skin: &Skin, [program, commit]: [&str; 2]) -> Result<Self, SkinError> {
+        let (base, judge) = (self.base.settings(), self.judge.as_ref());
+        let checksum = self.base.checksum()?;
+        let Some(trainer) = &self.trainer else {
+            let Some(judge) = judge else {
+                return Err(SkinError::Failure(
+                    "the learning base has no measurements, or too few to measure the judge"
+                        .to_owned(),
+                ));
+            };
+            let entries = [
+                ("judge_base", checksum),
+                ("judge_recipe", base.recipe.clone()),
+                ("judge_sequences", base.shards.to_string()),
+                ("judge_program", program.to_owned()),
+                ("judge_commit", commit.to_owned()),
+            ];
+            let mut weights = self.weights;
+            weights.about.extend(entries.map(|(key, value)| (key.to_owned(), value)));
+            weights.model_error = Some(judge.error.clone());
+            return Ok(Self { weights, ..self });
+        };
+        let (settings, best) = (trainer.settings(), trainer.best());
+        let entries = [
+            ("scene", skin.name.clone()),
+            ("base", checksum),
+            ("recipe", base.recipe.clone()),
+            ("sequences", base.shards.to_string()),
+            ("examples", self.base.frames().to_string()),
+            ("seed", settings.seed.to_string()),
+            ("epochs", trainer.curve().len().to_string()),
+            ("best_epoch", best.map_or(String::new(), |e| e.epoch.to_string())),
+            ("batch", settings.batch.to_string()),
+            ("rate", settings.rate.to_string()),
+            ("held_out_error", best.map_or(String::new(), |e| e.held_out_error.to_string())),
+            ("held_out_net_over_raw", self.scores.net_over_raw.to_string()),
+            ("held_out_rule_over_raw", self.scores.rule_over_raw.to_string()),
+            ("program", program.to_owned()),
+            ("commit", commit.to_owned()),
+        ];
+        let from = self.from.as_ref().map(|from| ("from", from.clone()));
+        let about = entries.into_iter().chain(from).map(|(key, value)| (key.to_owned(), value));
+        let weights = trainer.weights(&skin.fingerprint, base.pixels, &about.collect())?;
+        let model_error = judge.map(|judge| judge.error.clone());
+        Ok(Self { weights: Weights { model_error, ..weights }, ..self })
+    }
 }
 
 /// CRC-32 of the parameters, ignoring the metadata of their file.
@@ -129,73 +255,4 @@ pub fn parameter_checksum(weights: &Weights) -> String {
     let mut hasher = crc32fast::Hasher::new();
     weights.parameters.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
     format!("{:08x}", hasher.finalize())
-}
-
-/// Returns the trained weights with the metadata of their file.
-///
-/// # Errors
-///
-/// A net with parameters that are not finite, or a base whose manifest cannot be read.
-pub fn weights(
-    skin: &Skin,
-    base: &LearningBase,
-    trainer: &Trainer<Unet>,
-    result: &HeldOutResult,
-    made_by: &MadeBy<'_>,
-) -> Result<Weights, SkinError> {
-    let HeldOutResult { scores, judge } = result;
-    let settings = trainer.settings();
-    let best = trainer.best();
-    let entries = [
-        ("scene", skin.name.clone()),
-        ("base", base.checksum()?),
-        ("recipe", base.settings().recipe.clone()),
-        ("sequences", base.settings().shards.to_string()),
-        ("examples", base.frames().to_string()),
-        ("seed", settings.seed.to_string()),
-        ("epochs", trainer.curve().len().to_string()),
-        ("best_epoch", best.map_or(String::new(), |e| e.epoch.to_string())),
-        ("batch", settings.batch.to_string()),
-        ("rate", settings.rate.to_string()),
-        ("held_out_error", best.map_or(String::new(), |e| e.held_out_error.to_string())),
-        ("held_out_net_over_raw", scores.net_over_raw.to_string()),
-        ("held_out_rule_over_raw", scores.rule_over_raw.to_string()),
-        ("program", made_by.program.to_owned()),
-        ("commit", made_by.commit.to_owned()),
-    ];
-    let from = made_by.from.map(|from| ("from", from.to_owned()));
-    let about: BTreeMap<String, String> =
-        entries.into_iter().chain(from).map(|(key, value)| (key.to_owned(), value)).collect();
-    let weights = trainer.weights(&skin.fingerprint, base.settings().pixels, &about)?;
-    Ok(Weights { model_error: judge.as_ref().map(|judge| judge.error.clone()), ..weights })
-}
-
-/// Returns existing weights with a judge measured on this base. Their metadata are kept, and the base of the
-/// judge is added.
-///
-/// # Errors
-///
-/// A base without measurements, or with too few of them to measure a judge.
-pub fn judged_weights(
-    weights: Weights,
-    base: &LearningBase,
-    result: &HeldOutResult,
-    made_by: &MadeBy<'_>,
-) -> Result<Weights, SkinError> {
-    let Some(judge) = &result.judge else {
-        return Err(SkinError::Failure(
-            "the learning base has no measurements, or too few to measure the judge".to_owned(),
-        ));
-    };
-    let entries = [
-        ("judge_base", base.checksum()?),
-        ("judge_recipe", base.settings().recipe.clone()),
-        ("judge_sequences", base.settings().shards.to_string()),
-        ("judge_program", made_by.program.to_owned()),
-        ("judge_commit", made_by.commit.to_owned()),
-    ];
-    let entries = entries.into_iter().map(|(key, value)| (key.to_owned(), value));
-    let about = weights.about.iter().map(|(key, value)| (key.clone(), value.clone()));
-    let about = about.chain(entries).collect();
-    Ok(Weights { about, model_error: Some(judge.error.clone()), ..weights })
 }

@@ -1,40 +1,30 @@
 //! Determines a board's protocol from what it prints.
 
-use super::ask::Questions;
-use super::presses;
-use super::{CLEAR, EVEN, Found, UNLIKE};
+use super::ask::say;
+use super::{CLEAR, Found, UNLIKE, presses};
 use crate::cli::InitArgs;
-use crate::error::CliError;
-use crate::progress;
+use crate::commands::prelude::*;
 use eit_fem::PairProtocol;
 use eit_hw::Endpoint;
 use eit_hw::driver::{Heard, listen};
 use eit_skin::first_scene::{FirstScene, FittingProtocol, fitting_protocols};
-use std::time::Duration;
+use std::collections::BTreeSet;
 
-/// Listening time for a board that prints text, but fewer than two frames in the first seconds.
-const SLOW: Duration = Duration::from_secs(15);
 /// Fraction of binary bytes above which the output is not text.
 const BINARY: f64 = 0.1;
 
-/// Listens, finds matching protocols, and asks for presses.
-pub(super) fn find(
-    args: &InitArgs,
-    port: &str,
-    first: &mut FirstScene,
-    questions: &Questions,
-) -> Result<Found, CliError> {
+/// Listens to the board, finds a matching protocol, and asks for presses.
+pub(super) fn find(args: &InitArgs, port: &str, first: &mut FirstScene) -> Result<Found, CliError> {
     let mut found = Found::default();
     let endpoint = Endpoint::parse(port, args.baud)?;
-    questions.say(&format!("listening to {port} for {} s: do not touch the skin", args.listen_s));
+    say(&format!("listening to {port} for {} s: do not touch the skin", args.listen_s));
     let mut progress = progress::terminal();
-    let heard =
-        progress.stage("listen", || listen(&endpoint, Duration::from_secs_f64(args.listen_s)));
-    let mut heard = heard?;
+    let time = Duration::from_secs_f64(args.listen_s);
+    let mut heard = progress.stage("listen", || listen(&endpoint, time))?;
     if heard.frame_lines < 2 && heard.bytes > 0 && heard.binary_share <= BINARY {
         // a line may take a second or more
-        questions.say(&format!("a slow board: listening for {} s more", SLOW.as_secs()));
-        heard = progress.stage("listen", || listen(&endpoint, SLOW))?;
+        say("a slow board: listening for 15 s more");
+        heard = progress.stage("listen", || listen(&endpoint, Duration::from_secs(15)))?;
     }
     let mut rivals = Vec::new();
     if heard.frame_lines >= 2 {
@@ -44,8 +34,8 @@ pub(super) fn find(
     }
     if !args.no_presses {
         // before the presses, which may take a while; the answer has them again, with what the presses tell
-        found.lines.iter().for_each(|line| questions.say(line));
-        presses::find(args, first, &rivals, &mut found, questions)?;
+        found.lines.iter().for_each(|line| say(line));
+        presses::find(args, first, &rivals, &mut found)?;
     } else if let Some(rival) = rivals.first() {
         found.warnings.push(format!("equally likely is {}", words(rival)));
     }
@@ -64,41 +54,34 @@ fn text_board(
     first: &mut FirstScene,
     found: &mut Found,
 ) -> Result<Vec<FittingProtocol>, CliError> {
-    found.values = Some(heard.values);
-    found.rate_hz = heard.rate_hz;
+    let values = heard.values;
+    (found.values, found.rate_hz) = (Some(values), heard.rate_hz);
     let rate = heard.rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} a second"));
     let step = heard.step().map_or(String::new(), |step| format!(", smallest change {step:.2e}"));
-    found.lines.push(format!("The board prints lines of {} numbers{rate}{step}.", heard.values));
+    found.lines.push(format!("The board prints lines of {values} numbers{rate}{step}."));
     if heard.other_lines > 0 {
         let example = heard.other_line.as_deref().unwrap_or_default();
-        let message = format!(
-            "{} of {} lines were not frames, such as \"{example}\"",
-            heard.other_lines,
-            heard.other_lines + heard.frame_lines
-        );
-        found.warnings.push(message);
+        let (other, all) = (heard.other_lines, heard.other_lines + heard.frame_lines);
+        let warning = format!("{other} of {all} lines were not frames, such as \"{example}\"");
+        found.warnings.push(warning);
     }
     let count = heard.frames.len().max(1) as f64;
-    let mean: Vec<f64> = (0..heard.values)
+    let mean: Vec<f64> = (0..values)
         .map(|i| heard.frames.iter().map(|frame| frame[i]).sum::<f64>() / count)
         .collect();
     let fitting = fitting_protocols(&mean, first.outline, Some(first.electrodes))?;
-    let Some(best) = fitting.first() else {
-        return Err(no_protocol(heard.values, &mean, first));
-    };
+    let Some(best) = fitting.first() else { return Err(no_protocol(&mean, first)) };
     first.protocol = best.protocol.clone();
     found.reciprocity = best.reciprocity;
     found.correlation = Some(best.correlation);
     found.swapped = best.swapped;
     found.lines.push(format!("Best match: {}.", words(best)));
     if best.violates_reciprocity() || best.correlation < UNLIKE {
-        found.warnings.push(
-            "no protocol fits well: a contact may be open (`eit check`), the board may use its own \
-             order of the \
-             values ([protocol] quadruples_file), or the electrodes may not be equally spaced"
-                .to_owned(),
-        );
-    } else if best.correlation < EVEN {
+        let warning = "no protocol fits well: a contact may be open (`eit check`), the board may use its own order of \
+                       the values ([protocol] quadruples_file), or the electrodes may not be equally spaced";
+        found.warnings.push(warning.to_owned());
+    } else if best.correlation < 0.97 {
+        // places on a rectangle that are off by up to 0.3 of the spacing give 0.955, equally spaced ones 0.99 and more
         found.warnings.push(format!(
             "the untouched skin matches equally spaced electrodes only to {:.2}: if yours are not equally spaced, measure \
              where they are and give [electrodes] positions_m (docs/SCENE.md)",
@@ -121,32 +104,26 @@ pub(super) fn words(fit: &FittingProtocol) -> String {
     let pattern = format!(
         "drive {drive:?}, measured {measure:?}, driven electrodes {driven_electrodes:?}, order {order:?}"
     );
-    let exchanged = fit.swapped.map_or(String::new(), |pair| {
-        let [one, other] = pair.map(|electrode| electrode + 1);
-        format!(" once the wires of {one} and {other} are exchanged")
+    let exchanged = fit.swapped.map_or(String::new(), |[one, other]| {
+        format!(" once the wires of {} and {} are exchanged", one + 1, other + 1)
     });
-    format!(
-        "{} ({reciprocity}, correlation with the model {:.3}{exchanged})",
-        pattern.to_lowercase(),
-        fit.correlation
-    )
+    let (pattern, correlation) = (pattern.to_lowercase(), fit.correlation);
+    format!("{pattern} ({reciprocity}, correlation with the model {correlation:.3}{exchanged})")
 }
 
 /// Explains why no protocol matches, with the numbers of electrodes that would.
-fn no_protocol(values: usize, mean: &[f64], first: &FirstScene) -> CliError {
+fn no_protocol(mean: &[f64], first: &FirstScene) -> CliError {
     let others = fitting_protocols(mean, first.outline, None).unwrap_or_default();
-    let mut counts: Vec<usize> = others.iter().map(|fit| fit.protocol.electrodes).collect();
-    counts.sort_unstable();
-    counts.dedup();
-    let advice = match counts[..] {
-        [] => "no pair protocol has this number; is each line a whole frame? The order can be given by \
-               [protocol] quadruples_file"
+    let counts: BTreeSet<usize> = others.iter().map(|fit| fit.protocol.electrodes).collect();
+    let advice = match counts.is_empty() {
+        true => "no pair protocol has this number; is each line a whole frame? The order can be given by \
+                 [protocol] quadruples_file"
             .to_owned(),
-        _ => format!("it matches {counts:?} electrodes: give --electrodes"),
+        false => format!("it matches {:?} electrodes: give --electrodes", Vec::from_iter(counts)),
     };
+    let (values, electrodes) = (mean.len(), first.electrodes);
     CliError::input(format!(
-        "the board prints lines of {values} numbers, which no pair protocol of {} electrodes has: {advice}",
-        first.electrodes
+        "the board prints lines of {values} numbers, which no pair protocol of {electrodes} electrodes has: {advice}"
     ))
 }
 
@@ -161,39 +138,29 @@ fn other_board(
     let scene = first.scene()?;
     let instrument = scene.instrument()?;
     let endpoint = instrument.endpoint(Some(port))?;
-    match eit_hw::driver::identify(&mut *instrument.driver()?, &endpoint) {
-        Ok(setup) => {
-            found.values = Some(setup.value_count);
-            found.rate_hz = setup.frame_rate_hz;
-            found.lines.push(format!(
-                "{} answers by EITS-1 and measures what the host sets: adjacent drive and measurement, {} \
-                 values a frame.",
-                setup.identity, setup.value_count
-            ));
-            Ok(())
-        }
-        Err(error) => {
-            let what = match (heard.bytes, heard.binary_share > BINARY) {
-                (0, _) => "nothing was received".to_owned(),
-                (bytes, true) => format!(
-                    "{bytes} bytes were received, {:.0} % of them not text (a binary protocol, or \
-                     another --baud)",
-                    100.0 * heard.binary_share
-                ),
-                (bytes, false) => {
-                    let line = heard.other_line.as_ref();
-                    let example =
-                        line.map_or(String::new(), |line| format!("; such as \"{line}\""));
-                    format!(
-                        "{bytes} bytes of text were received, but no two lines of 4 or more numbers{example}"
-                    )
-                }
-            };
-            Err(CliError::Silent(format!(
-                "{port}: {what}; request by EITS-1: {error}. For another kind of board, set \
-                 [instrument] driver in the \
-                 scene (docs/SCENE.md)"
-            )))
-        }
-    }
+    let setup = eit_hw::driver::identify(&mut *instrument.driver()?, &endpoint).map_err(|error| {
+        let bytes = heard.bytes;
+        let what = match (bytes, heard.binary_share > BINARY) {
+            (0, _) => "nothing was received".to_owned(),
+            (_, true) => format!(
+                "{bytes} bytes were received, {:.0} % of them not text (a binary protocol, or another --baud)",
+                100.0 * heard.binary_share
+            ),
+            (_, false) => {
+                let such_as = |line: &String| format!("; such as \"{line}\"");
+                let example = heard.other_line.as_ref().map_or(String::new(), such_as);
+                format!("{bytes} bytes of text were received, but no two lines of 4 or more numbers{example}")
+            }
+        };
+        CliError::silent(format!(
+            "{port}: {what}; request by EITS-1: {error}. For another kind of board, set [instrument] driver in the \
+             scene (docs/SCENE.md)"
+        ))
+    })?;
+    (found.values, found.rate_hz) = (Some(setup.value_count), setup.frame_rate_hz);
+    found.lines.push(format!(
+        "{} answers by EITS-1 and measures what the host sets: adjacent drive and measurement, {} values a frame.",
+        setup.identity, setup.value_count
+    ));
+    Ok(())
 }

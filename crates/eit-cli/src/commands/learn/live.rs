@@ -1,37 +1,23 @@
 //! `eit learn --live`: asks for presses, collects them, and learns.
-//!
-//! Over 300 lines because one dialogue with a person asks, waits, answers and ends in many ways.
 
-use super::outputs::Outputs;
-use super::{Parts, finish};
+use super::inputs;
 use crate::cli::LearnArgs;
-use crate::commands::{Ended, SILENT, record};
-use crate::error::CliError;
-use crate::interrupt;
-use crate::progress;
+use crate::commands::prelude::*;
+use crate::commands::record::is_news;
 use eit_hw::capture::SessionRecord;
-use eit_hw::driver::{Event, FrameSource, Session};
+use eit_hw::driver::{Event, Session};
+use eit_report::learnt::{LearnFiles, Presses};
+use eit_skin::LinearisedSkin;
 use eit_skin::connect::{self, Backlog};
+use eit_skin::learn::LearnedSkin;
 use eit_skin::learn::collect::{
     AskedPress, CollectSettings, Collecting, ErrorPoint, FallingError, PressCollector, PressStore,
     StoredPresses, draw_places, place_words,
 };
-use eit_skin::learn::{Frame, LearnedSkin};
-use eit_skin::scene::Scene;
 use eit_skin::words::{event_words, printable};
-use eit_skin::{LinearisedSkin, MeshOverride, Progress, Skin, StopFlag};
 use std::io::IsTerminal as _;
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::time::{Duration, Instant};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 
-/// How often to check for shutdown.
-const WAIT: Duration = Duration::from_millis(50);
-/// The error is shown after every so many presses.
-const SHOWN_EVERY: usize = 5;
-/// A touch that is neither held nor released for this long is reported, repeatedly.
-const UNSTEADY: Duration = Duration::from_secs(10);
 /// Fewest presses from which anything is learnt.
 const LEAST_PRESSES: usize = 4;
 
@@ -41,10 +27,11 @@ pub(super) fn run(args: &LearnArgs) -> Result<Ended, CliError> {
     let mut scene = Scene::load(&args.scene)?;
     scene.touch.learned = None;
     let instrument = scene.instrument()?;
-    let [table, recording] = places(args);
-    let outputs = Outputs::new(args, &scene)?;
-    let earlier = args.with.as_deref().map(LearnedSkin::read).transpose()?;
+    let table = args.presses.clone().unwrap_or_else(|| args.out.with_extension("presses.csv"));
+    let recording = table.with_extension("mcap");
+    let outputs = LearnFiles::new(&args.out, &inputs(args, &scene))?;
     let interrupt = interrupt::listen()?;
+    let earlier = args.with.as_deref().map(LearnedSkin::read).transpose()?;
     let mut progress = progress::terminal();
     let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
     let linearised = Arc::new(skin.linearise(&mut progress)?);
@@ -52,133 +39,101 @@ pub(super) fn run(args: &LearnArgs) -> Result<Ended, CliError> {
     let mut session =
         progress.stage("connect", || connect::open(&instrument, port, Backlog::Recorded))?;
     let record = connect::session_record(&scene.to_toml()?, &instrument, &session);
-    let (store, stored) = open(args, [&table, &recording], &record)?;
+    let (store, stored) = open(args, &table, &recording, &record)?;
     stored.notes.iter().for_each(|note| say(&format!("note: {note}")));
-    let begun = stored.presses.len();
-    let setup = session.setup();
-    let (unit, rate_hz) = (setup.unit, setup.frame_rate_hz);
+    let before = stored.presses.len();
+    let (unit, rate_hz) = (session.setup().unit, session.setup().frame_rate_hz);
     let StoredPresses { presses: made, frames, .. } = stored;
     let collector = PressCollector::new(&linearised, unit, rate_hz, settings, made, frames)?;
-    let mut teacher =
-        Teacher::new(args, &linearised, collector, store, earlier.as_ref(), &interrupt);
-    let ended = teacher.teach(&mut session);
+    let mut dialogue = Dialogue {
+        args,
+        skin: linearised,
+        collector,
+        store,
+        earlier: earlier.as_ref(),
+        interrupt,
+        typed: None,
+        falling: FallingError::default(),
+        state: None,
+        unsteady_since: None,
+        asked: None,
+        shown: before,
+    };
+    let end = dialogue.hold(&session);
     session.stop();
-    let Teacher { collector, store, .. } = teacher;
+    let Dialogue { collector, store, .. } = dialogue;
     let stored = store.finish();
-    let why = ended?;
+    let (why, exit) = end?;
     stored?;
     let presses = collector.presses().len();
+    let (now, table, recording) = (presses - before, table.display(), recording.display());
     let collected = format!(
-        "{why}: {} presses made now, {presses} in {}; their frames are in {}",
-        presses - begun,
-        table.display(),
-        recording.display()
+        "{why}: {now} presses made now, {presses} in {table}; their frames are in {recording}"
     );
     let Some((fitted, pressed)) = collector.pressed().filter(|_| presses >= LEAST_PRESSES) else {
-        return Err(CliError::Failure(format!(
+        return Err(CliError::failure(format!(
             "{collected}; at least {LEAST_PRESSES} are needed: continue with --append"
         )));
     };
-    let is_silent = why == Why::Lost;
-    let parts = Parts {
-        fitted,
-        pressed: &pressed,
-        frame: frame(args),
-        earlier: earlier.as_ref(),
-        notes: vec![collected],
-    };
-    let answer = finish(args, parts, outputs, &mut progress)?;
-    Ok(Ended { answer, exit_code: if is_silent { SILENT } else { 0 } })
-}
-
-fn frame(args: &LearnArgs) -> Frame {
-    if args.fit_frame { Frame::Fitted } else { Frame::Scene }
+    let (pressed, earlier, notes) = (&pressed, earlier.as_ref(), vec![collected]);
+    let presses = Presses { fitted, pressed, frame: args.frame(), earlier, notes };
+    let answer = outputs.learn(presses, &mut progress)?;
+    Ok(Ended { answer, exit })
 }
 
 fn settings(args: &LearnArgs) -> Result<CollectSettings, CliError> {
-    crate::commands::check_ending(&args.out, &["learned"])?;
+    check_ending(&args.out, &["learned"])?;
     let live = &args.live;
+    let wanted = format!("{LEAST_PRESSES} or more");
+    check_option("--number", live.number, live.number >= LEAST_PRESSES, &wanted)?;
     let settings = CollectSettings {
         presses: live.number,
         forces_n: live.force_n.clone(),
         hold_s: live.hold_s,
-        frame: frame(args),
+        frame: args.frame(),
     };
-    if live.number < LEAST_PRESSES {
-        let message = format!("--number {}: it must be {LEAST_PRESSES} or more", live.number);
-        return Err(CliError::input(message));
-    }
     settings.validate()?;
     Ok(settings)
 }
 
-/// Table and recording.
-fn places(args: &LearnArgs) -> [PathBuf; 2] {
-    let table = args.presses.clone().unwrap_or_else(|| args.out.with_extension("presses.csv"));
-    let recording = table.with_extension("mcap");
-    [table, recording]
-}
-
-/// Creates or continues both files.
+/// Creates or continues table and recording.
 fn open(
     args: &LearnArgs,
-    [table, recording]: [&PathBuf; 2],
+    table: &Path,
+    recording: &Path,
     record: &SessionRecord,
 ) -> Result<(PressStore, StoredPresses), CliError> {
-    let exists = table.exists() || recording.exists();
-    if args.live.append && exists {
-        return Ok(PressStore::append(recording, table, record)?);
-    }
-    if exists {
-        let place = if table.exists() { table } else { recording };
-        return Err(CliError::input(format!(
+    match [table, recording].into_iter().find(|path| path.exists()) {
+        Some(_) if args.live.append => Ok(PressStore::append(recording, table, record)?),
+        Some(path) => Err(CliError::input(format!(
             "{} exists: continue it with --append, or name another table with --presses",
-            place.display()
-        )));
+            path.display()
+        ))),
+        None => {
+            let none = StoredPresses { presses: Vec::new(), frames: 0, notes: Vec::new() };
+            Ok((PressStore::create(recording, table, record)?, none))
+        }
     }
-    let none = StoredPresses { presses: Vec::new(), frames: 0, notes: Vec::new() };
-    Ok((PressStore::create(recording, table, record)?, none))
 }
 
 fn say(text: &str) {
     eprintln!("{}", printable(text));
 }
 
-/// Why collecting ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Why {
-    All,
-    Settled,
-    Interrupted,
-    Lost,
-}
-
-impl std::fmt::Display for Why {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::All => "all presses are made",
-            Self::Settled => "the error no longer falls",
-            Self::Interrupted => "interrupted",
-            Self::Lost => "the instrument has gone",
-        })
-    }
-}
-
 /// Asks for presses and stores them.
-struct Teacher<'a> {
+struct Dialogue<'a> {
     args: &'a LearnArgs,
     skin: Arc<LinearisedSkin>,
     collector: PressCollector,
     store: PressStore,
     earlier: Option<&'a LearnedSkin>,
-    interrupt: &'a StopFlag,
+    interrupt: StopFlag,
     /// Lines of standard input, once a force was asked for.
     typed: Option<Receiver<std::io::Result<String>>>,
     falling: FallingError,
     /// State after the last frame.
     state: Option<Collecting>,
-    /// Time since when something touches the skin without being held, or since the last report of
-    /// it.
+    /// Since when something touches the skin without being held, or since that was last said.
     unsteady_since: Option<Instant>,
     /// Number of the press that was asked for.
     asked: Option<usize>,
@@ -186,75 +141,47 @@ struct Teacher<'a> {
     shown: usize,
 }
 
-impl<'a> Teacher<'a> {
-    fn new(
-        args: &'a LearnArgs,
-        skin: &Arc<LinearisedSkin>,
-        collector: PressCollector,
-        store: PressStore,
-        earlier: Option<&'a LearnedSkin>,
-        interrupt: &'a StopFlag,
-    ) -> Self {
-        Self {
-            args,
-            skin: Arc::clone(skin),
-            shown: collector.presses().len(),
-            collector,
-            store,
-            earlier,
-            interrupt,
-            typed: None,
-            falling: FallingError::default(),
-            state: None,
-            unsteady_since: None,
-            asked: None,
-        }
-    }
-
-    /// Collects until the end.
-    fn teach(&mut self, session: &mut Session) -> Result<Why, CliError> {
-        loop {
-            if self.interrupt.is_set() {
-                return Ok(Why::Interrupted);
-            }
-            match session.next_event(WAIT)? {
+impl Dialogue<'_> {
+    /// Collects until the end; returns why it ended.
+    fn hold(&mut self, session: &Session) -> Result<(&'static str, Exit), CliError> {
+        while !self.interrupt.is_set() {
+            match session.next_event(SHUTDOWN_WAIT)? {
                 Some(Event::Frame(frame)) => {
                     self.store.frame(&frame)?;
                     let state = self.collector.push(&frame)?;
                     session.recycle(frame);
                     if let Some(why) = self.follow(state)? {
-                        return Ok(why);
+                        return Ok((why, Exit::Done));
                     }
                 }
-                Some(event) => self.tell(&event)?,
-                None if session.is_over() => return Ok(Why::Lost),
+                Some(event) => self.event(&event)?,
+                None if session.is_over() => {
+                    return Ok(("the instrument has gone", Exit::Silent));
+                }
                 None => self.store.tick()?,
             }
         }
+        Ok(("interrupted", Exit::Done))
     }
 
-    /// Handles events other than frames: after a lost connection the untouched skin is measured
-    /// again.
-    fn tell(&mut self, event: &Event) -> Result<(), CliError> {
+    /// Something other than a frame: after a lost connection the untouched skin is measured again.
+    fn event(&mut self, event: &Event) -> Result<(), CliError> {
         if matches!(event, Event::Disconnected { .. } | Event::Reconnected { .. }) {
             self.collector.restart();
             (self.state, self.asked) = (None, None);
         }
-        if let Some(words) = event_words(event) {
-            self.store.note(&words)?;
-            if record::is_news(event) {
-                say(&words);
-            }
+        let Some(words) = event_words(event) else { return Ok(()) };
+        if is_news(event) {
+            say(&words);
         }
-        Ok(())
+        Ok(self.store.note(&words)?)
     }
 
     /// Acts on the state after a frame; returns why collecting ends, if it does.
-    fn follow(&mut self, state: Collecting) -> Result<Option<Why>, CliError> {
+    fn follow(&mut self, state: Collecting) -> Result<Option<&'static str>, CliError> {
         let before = self.state.replace(state);
-        let is_new = before != Some(state);
         match state {
-            Collecting::Measuring if is_new => {
+            Collecting::Measuring if before != Some(state) => {
                 say("measuring the untouched skin: do not touch it");
             }
             Collecting::Collected => self.collected()?,
@@ -272,40 +199,38 @@ impl<'a> Teacher<'a> {
         let is_held = |state| matches!(state, Collecting::Held | Collecting::Collected);
         let is_released = before.is_some_and(is_held) && !is_held(state);
         let presses = self.collector.presses().len();
-        if is_released && presses.is_multiple_of(SHOWN_EVERY) && presses > self.shown {
+        if is_released && presses.is_multiple_of(5) && presses > self.shown {
             self.shown = presses;
             self.show_error();
             if self.falling.has_settled() && !self.args.live.all {
-                return Ok(Some(Why::Settled));
+                return Ok(Some("the error no longer falls"));
             }
         }
-        match self.collector.asked() {
-            None => return Ok((!is_held(state)).then_some(Why::All)),
-            Some(asked) if state == Collecting::Waiting && self.asked != Some(asked.number) => {
-                self.asked = Some(asked.number);
-                self.ask(&asked)?;
-            }
-            Some(_) => {}
+        let Some(asked) = self.collector.asked() else {
+            return Ok((!is_held(state)).then_some("all presses are made"));
+        };
+        if state == Collecting::Waiting && self.asked != Some(asked.number) {
+            self.asked = Some(asked.number);
+            self.ask(&asked)?;
         }
         Ok(None)
     }
 
-    /// Reports a touch that has lasted long without being held, since nothing is collected then.
+    /// Says if something has touched the skin for long without being held: nothing is collected then.
     fn follow_unsteady(&mut self, state: Collecting) {
         if state != Collecting::Unsteady {
             self.unsteady_since = None;
             return;
         }
         let since = self.unsteady_since.get_or_insert_with(Instant::now);
-        if since.elapsed() >= UNSTEADY {
+        if since.elapsed() >= Duration::from_secs(10) {
             *since = Instant::now();
             // the press that follows may be another try: it is asked for again
             self.asked = None;
-            say(&format!(
-                "the touch has changed for {} s: hold it still, or release it; if nothing touches the skin, stop with \
-                 Ctrl-C and continue with --append, which measures the untouched skin anew",
-                UNSTEADY.as_secs()
-            ));
+            say(
+                "the touch has changed for 10 s: hold it still, or release it; if nothing touches the skin, stop \
+                 with Ctrl-C and continue with --append, which measures the untouched skin anew",
+            );
         }
     }
 
@@ -319,12 +244,9 @@ impl<'a> Teacher<'a> {
             say(&draw_places(mesh, &done, asked.place_m)?);
         }
         let force = asked.force_n.map_or_else(String::new, |n| format!(" with {n} N"));
-        say(&format!(
-            "press {} of {}{force} at {}; hold it",
-            asked.number + 1,
-            self.args.live.number,
-            place_words(mesh, asked.place_m)
-        ));
+        let (number, all) = (asked.number + 1, self.args.live.number);
+        let place = place_words(mesh, asked.place_m);
+        say(&format!("press {number} of {all}{force} at {place}; hold it"));
         Ok(())
     }
 
@@ -336,10 +258,8 @@ impl<'a> Teacher<'a> {
         {
             self.collector.set_last_force(force_n)?;
         }
-        match self.collector.presses().last() {
-            Some(made) => Ok(self.store.press(&made.press)?),
-            None => Ok(()),
-        }
+        let made = self.collector.presses().last();
+        Ok(made.map_or(Ok(()), |made| self.store.press(&made.press))?)
     }
 
     /// Learns from the presses so far and shows the error.
@@ -359,22 +279,19 @@ impl<'a> Teacher<'a> {
     fn read_force(&mut self) -> Result<Option<f64>, CliError> {
         loop {
             say("force of this press, N (empty line if unknown):");
-            let Some(line) = self.read_line()? else { return Ok(None) };
-            let text = line.trim().replace(',', ".");
-            if text.is_empty() {
-                return Ok(None);
-            }
+            let text = self.read_line()?.trim().replace(',', ".");
             match text.parse::<f64>() {
                 Ok(force_n) if force_n > 0.0 && force_n.is_finite() => return Ok(Some(force_n)),
+                _ if text.is_empty() => return Ok(None),
                 _ => say(&format!("\"{text}\" is not a force above 0")),
             }
         }
     }
 
-    /// Waits for a line of standard input, but not after Ctrl-C: the press must still be stored.
-    fn read_line(&mut self) -> Result<Option<String>, CliError> {
+    /// Waits for a line of standard input, but not after Ctrl-C: the press must still be stored. Empty at its end.
+    fn read_line(&mut self) -> Result<String, CliError> {
         let typed = self.typed.get_or_insert_with(|| {
-            let (sender, receiver) = std::sync::mpsc::channel();
+            let (sender, receiver) = channel();
             // reading cannot be interrupted; the thread ends with the program
             std::thread::spawn(move || {
                 let mut lines = std::io::stdin().lines();
@@ -383,34 +300,32 @@ impl<'a> Teacher<'a> {
             receiver
         });
         while !self.interrupt.is_set() {
-            match typed.recv_timeout(WAIT) {
+            match typed.recv_timeout(SHUTDOWN_WAIT) {
                 Ok(line) => {
-                    let failed = |e| CliError::Failure(format!("standard input: {e}"));
-                    return line.map(Some).map_err(failed);
+                    return line.map_err(|e| CliError::failure(format!("standard input: {e}")));
                 }
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return Ok(None),
+                Err(RecvTimeoutError::Disconnected) => break,
             }
         }
-        Ok(None)
+        Ok(String::new())
     }
 }
 
-/// Describes the error after some presses, and the one before.
+/// The error after some presses, and that before them.
 fn error_words(now: &ErrorPoint, before: Option<&ErrorPoint>) -> String {
     let mm = |m: f64| format!("{:.1} mm", 1e3 * m);
-    let was = |words: String| format!(" (was {words})");
-    let place = before.map_or_else(String::new, |b| was(mm(b.place.mean_m)));
     let percent = |ln: f64| format!("{:.0} %", 100.0 * ln);
+    let was =
+        |words: Option<String>| words.map_or(String::new(), |words| format!(" (was {words})"));
+    let place = was(before.map(|before| mm(before.place.mean_m)));
     let force = now.force_ln.map_or_else(String::new, |ln| {
-        let old = before.and_then(|b| b.force_ln).map_or_else(String::new, |l| was(percent(l)));
-        format!("; force {}{old}", percent(ln))
+        let before = was(before.and_then(|before| before.force_ln).map(percent));
+        format!("; force {}{before}", percent(ln))
     });
+    let (presses, median, mean) = (now.presses, mm(now.place.median_m), mm(now.place.mean_m));
+    let by = now.places_by.words();
     format!(
-        "{} presses: error of held-out presses {} median, {} mean{place}{force}, by {}",
-        now.presses,
-        mm(now.place.median_m),
-        mm(now.place.mean_m),
-        now.places_by.words()
+        "{presses} presses: error of held-out presses {median} median, {mean} mean{place}{force}, by {by}"
     )
 }

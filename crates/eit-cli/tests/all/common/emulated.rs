@@ -1,13 +1,18 @@
-//! Our own emulated device behind TCP, with interference in between.
+//! Our own emulated device behind TCP, with interference in between; and `eit emulate`.
 
-use super::{SMALL, eit, text, write_scene};
+use super::{Folder, command, eit};
+use eit_fem::fabric::Random;
 use eit_hw::codec::eits1::Information;
 use eit_hw::emulator::{Device, Eits1Device, Emulator, FaultPlan, Listen};
 use eit_hw::{Quadruple, Unit};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
-use std::process::Output;
-use std::time::Duration;
+use std::io::{BufRead as _, BufReader};
+use std::process::{Child, ChildStdin, Command, Output, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Maximum time that a test waits.
+pub const LIMIT: Duration = Duration::from_secs(240);
 
 /// Information reported by a device with this number of electrodes.
 pub fn information(electrodes: u16, name: &str) -> Information {
@@ -63,30 +68,132 @@ pub fn start(device: Box<dyn Device>) -> Emulator {
 }
 
 /// A scene for [`device`].
-pub fn scene(folder: &Path) -> PathBuf {
-    let rate = "[instrument]\ndriver = \"eits1\"\nport = \"unused\"\nframe_rate_hz = 100.0\n";
-    write_scene(folder, &format!("{SMALL}\n{rate}"))
+pub fn scene(folder: &Folder) -> String {
+    folder.scene("[instrument]\ndriver = \"eits1\"\nport = \"unused\"\nframe_rate_hz = 100.0\n")
 }
 
 /// Runs `eit record` on it: the program's output, its answer, and the recording.
-pub fn record(folder: &Path, emulator: &Emulator, seconds: &str) -> (Output, Value, PathBuf) {
-    let (scene, out) = (scene(folder), folder.join("out.mcap"));
-    let port = emulator.endpoint().to_string();
-    let output = eit(&[
-        "record",
-        text(&scene),
-        "--port",
-        &port,
-        "--out",
-        text(&out),
-        "--seconds",
-        seconds,
-        "--json",
-    ]);
+pub fn record(folder: &Folder, emulator: &Emulator, seconds: &str) -> (Output, Value, String) {
+    let (scene, out, port) = (scene(folder), folder.path("out.mcap"), emulator.endpoint());
+    let output =
+        eit(format!("record {scene} --port {port} --out {out} --seconds {seconds} --json"));
     let json = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
     (output, json, out)
 }
 
-pub fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
+/// A running `eit emulate`; stopped when dropped, so that its path does not remain: the system may give the
+/// terminal behind it to another test.
+pub struct Emulated(Child);
+
+impl Drop for Emulated {
+    fn drop(&mut self) {
+        // it may have exited already
+        let _ = Command::new("kill").arg(self.0.id().to_string()).status();
+        let _ = self.0.wait();
+    }
+}
+
+/// Starts `eit emulate` on a pseudo-terminal and waits until its port exists.
+pub fn emulate(scene: &str, port: &str, more: &str) -> Emulated {
+    let mut command = command(format!("emulate {scene} --port {port} {more}"));
+    let (start, mut emulated) =
+        (Instant::now(), Emulated(command.stdout(Stdio::null()).spawn().unwrap()));
+    while !super::exists(port) {
+        assert!(start.elapsed() < LIMIT, "no port");
+        assert!(emulated.0.try_wait().unwrap().is_none(), "eit emulate {scene} {more} has ended");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    emulated
+}
+
+/// A folder, and a scene in it with this instrument on a pseudo-terminal.
+pub fn scene_at_port(instrument: &str) -> (Folder, String, String) {
+    let folder = Folder::new();
+    let port = folder.path("skin");
+    let scene = folder.scene(&format!("[instrument]\nport = \"{port}\"\n{instrument}\n"));
+    (folder, scene, port)
+}
+
+/// Sends a signal to a child.
+pub fn signal(child: &Child, name: &str) {
+    let status = Command::new("kill").args([name, &child.id().to_string()]).status().unwrap();
+    assert!(status.success());
+}
+
+/// A board that prints a line of whole numbers per frame: converter steps, with noise.
+pub struct Board {
+    pub frame: Arc<Mutex<Vec<f64>>>,
+    /// Standard deviation, steps.
+    pub noise: Arc<Mutex<f64>>,
+    pub port: String,
+    _emulator: Emulator,
+}
+
+impl Board {
+    pub fn start(rate_hz: f64, frame: Vec<f64>) -> Self {
+        let (frame, noise) = (Arc::new(Mutex::new(frame)), Arc::new(Mutex::new(1.0)));
+        let (now, level) = (Arc::clone(&frame), Arc::clone(&noise));
+        let printer = Printer { rate_hz, now, level, sent: 0, random: Random::new(5) };
+        let emulator = start(Box::new(printer));
+        Self { frame, noise, port: emulator.endpoint().to_string(), _emulator: emulator }
+    }
+
+    /// From now on it prints this frame.
+    pub fn show(&self, frame: Vec<f64>) {
+        *self.frame.lock().unwrap() = frame;
+    }
+}
+
+struct Printer {
+    rate_hz: f64,
+    now: Arc<Mutex<Vec<f64>>>,
+    level: Arc<Mutex<f64>>,
+    sent: u64,
+    random: Random,
+}
+
+impl Device for Printer {
+    fn receive(&mut self, _: &[u8], _: Duration, _: &mut Vec<u8>) {}
+
+    fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
+        while (self.sent as f64) < now.as_secs_f64() * self.rate_hz {
+            let (frame, noise) = (self.now.lock().unwrap(), *self.level.lock().unwrap());
+            let mut cell = |value: &f64| match (value + noise * self.random.normal()).round() {
+                step if step.is_nan() => "nan".to_owned(),
+                step => (step as i64).to_string(),
+            };
+            let line: Vec<String> = frame.iter().map(&mut cell).collect();
+            out.extend(format!("{}\r\n", line.join(",")).bytes());
+            self.sent += 1;
+        }
+    }
+
+    fn power_cycle(&mut self) {}
+}
+
+/// Runs `eit` as someone who reads each line on stderr at once, and may type; returns stdout, exit code and stderr.
+pub fn converse(
+    line: impl AsRef<str>,
+    mut hear: impl FnMut(&str, &Child, &mut ChildStdin),
+) -> (String, i32, String) {
+    let mut command = command(line);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    // open until the end: otherwise its end would be an answer
+    let mut typed = child.stdin.take().unwrap();
+    let (sender, lines) = std::sync::mpsc::channel();
+    let stderr = BufReader::new(child.stderr.take().unwrap());
+    std::thread::spawn(move || stderr.lines().try_for_each(|line| sender.send(line.unwrap())));
+    let (end, mut said) = (Instant::now() + LIMIT, String::new());
+    while let Ok(line) = lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+        println!("{line}");
+        said += &format!("{line}\n");
+        hear(&line, &child, &mut typed);
+    }
+    if Instant::now() >= end {
+        child.kill().unwrap();
+        panic!("still running after {LIMIT:?}: {said}");
+    }
+    let output = child.wait_with_output().unwrap();
+    (super::stdout(&output), output.status.code().unwrap(), said)
 }

@@ -1,7 +1,7 @@
-//! Every command of the README, the book and the crates' pages is one that the program understands.
+//! Every command of the README, the book, the crates' pages and the help is one that the program understands.
 
 use super::Cli;
-use clap::Parser;
+use clap::{Command, CommandFactory as _, Parser as _};
 use std::path::{Path, PathBuf};
 
 /// Pages of the repository; none in the package of this crate.
@@ -63,4 +63,34 @@ fn every_documented_command_parses() {
         }
     }
     assert!(count >= 35, "only {count} commands found");
+}
+
+/// The `eit` commands of a help text: lines, examples and text in backticks.
+fn examples(command: &Command, found: &mut Vec<String>) {
+    let texts = [command.get_long_about(), command.get_after_help()];
+    for text in texts.into_iter().flatten().map(ToString::to_string) {
+        for line in text.lines().map(str::trim) {
+            let line = line.trim_start_matches("Examples: ").trim_start_matches("Example: ");
+            let quoted = line.split('`').skip(1).step_by(2);
+            let whole = (!line.contains('`')).then_some(line);
+            let commands = whole.into_iter().chain(quoted).filter(|text| text.starts_with("eit "));
+            // what follows two spaces explains
+            let commands = commands.map(|text| text.split("  ").next().unwrap().to_owned());
+            found.extend(commands.filter(|text| text.split(' ').count() > 2));
+        }
+    }
+    command.get_subcommands().for_each(|command| examples(command, found));
+}
+
+#[test]
+fn every_example_of_the_help_parses() {
+    let mut found = Vec::new();
+    examples(&Cli::command(), &mut found);
+    for example in &found {
+        let words = example.split_whitespace().take_while(|word| *word != ">");
+        if let Err(error) = Cli::try_parse_from(words) {
+            panic!("`{example}`: {error}");
+        }
+    }
+    assert!(found.len() >= 35, "only {} examples found", found.len());
 }

@@ -1,0 +1,282 @@
+//! Learning from presses at known places, and the files and the answer of it.
+
+use crate::Answer;
+use crate::error::ReportError;
+use crate::output::{OutFile, io};
+use eit_picture::{Plot, Series, draw_plot};
+use eit_skin::learn::{
+    CurvePoint, Frame, LearnedSkin, Learning, PlaceErrors, PlacesBy, PressFrames, learning_curve,
+};
+use eit_skin::{FittedFrames, Progress};
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// What is learnt from, however it was collected.
+#[derive(Debug)]
+pub struct Presses<'a> {
+    /// Frames of the presses.
+    pub fitted: &'a FittedFrames,
+    /// The presses.
+    pub pressed: &'a PressFrames,
+    /// Coordinates of the places.
+    pub frame: Frame,
+    /// What was learnt before.
+    pub earlier: Option<&'a LearnedSkin>,
+    /// Notes for the user.
+    pub notes: Vec<String>,
+}
+
+/// Files of what is learnt and of its learning curve, reserved before any work.
+#[derive(Debug)]
+pub struct LearnFiles {
+    out: PathBuf,
+    learned: OutFile,
+    csv: OutFile,
+    png: OutFile,
+}
+
+/// What was learnt.
+struct Found {
+    learning: Learning,
+    curve: Vec<CurvePoint>,
+    frame: Frame,
+    notes: Vec<String>,
+}
+
+/// File name of the curve: skin.curve.csv for skin.learned.
+fn beside(out: &Path, ending: &str) -> PathBuf {
+    out.with_extension(format!("curve.{ending}"))
+}
+
+impl LearnFiles {
+    /// Reserves the files. `inputs` are files that are read, with their roles.
+    ///
+    /// # Errors
+    ///
+    /// An output that is also an input, and a folder that cannot be written.
+    pub fn new(out: &Path, inputs: &[(&str, PathBuf)]) -> Result<Self, ReportError> {
+        let outs = [out.to_path_buf(), beside(out, "csv"), beside(out, "png")];
+        for (what, input) in inputs {
+            let same = outs.iter().find(|out| {
+                let [one, other] = [*out, input].map(|path| path.canonicalize());
+                matches!((one, other), (Ok(one), Ok(other)) if one == other)
+            });
+            if let Some(same) = same {
+                let (same, input) = (same.display(), input.display());
+                return Err(ReportError::input(format!(
+                    "{same}: --out would overwrite {what} {input}: name another file with --out"
+                )));
+            }
+        }
+        let [learned, csv, png] = outs.each_ref().map(OutFile::new);
+        Ok(Self { out: out.to_path_buf(), learned: learned?, csv: csv?, png: png? })
+    }
+
+    /// Learns, and writes what was learnt and the learning curve; a curve without points gets no picture.
+    ///
+    /// # Errors
+    ///
+    /// Presses from which nothing can be learnt, and a disk that is full.
+    pub fn learn(
+        self,
+        presses: Presses<'_>,
+        progress: &mut Progress,
+    ) -> Result<Answer, ReportError> {
+        let Presses { fitted, pressed, frame, earlier, mut notes } = presses;
+        let learning = LearnedSkin::learn(fitted, pressed, frame, earlier, progress)?;
+        let curve = learning_curve(fitted, pressed, frame, earlier, progress)?;
+        notes.extend(self::notes(&learning, pressed));
+        let bytes = learning.skin.to_bytes()?;
+        self.learned.write(|w| w.write_all(&bytes).map_err(io))?;
+        self.csv.write(|w| write_csv(w, &curve).map_err(io))?;
+        if !curve.is_empty() {
+            let picture = draw_plot(&plot(&learning.skin, &curve))?;
+            self.png.write(|w| Ok(picture.write_png(w)?))?;
+        }
+        Ok(answer(&self.out, &Found { learning, curve, frame, notes }, progress))
+    }
+}
+
+fn write_csv(w: &mut dyn Write, curve: &[CurvePoint]) -> std::io::Result<()> {
+    writeln!(w, "learnt,earlier,tested,places_by,median_m,mean_m,force_median,force_p90,time_s")?;
+    for CurvePoint { learnt, earlier, tested, places_by, place, force, time_s } in curve {
+        let force = force.map(|parts| parts.map(|part| format!("{part:.4}")));
+        let [median, p90] = force.unwrap_or_default();
+        let by = format!("{places_by:?}").to_lowercase();
+        let (m, a) = (place.median_m, place.mean_m);
+        writeln!(w, "{learnt},{earlier},{tested},{by},{m:.6},{a:.6},{median},{p90},{time_s:.3}")?;
+    }
+    Ok(())
+}
+
+fn plot(learned: &LearnedSkin, curve: &[CurvePoint]) -> Plot {
+    let line = |name: &str, value: &dyn Fn(&CurvePoint) -> f64| Series {
+        name: name.to_owned(),
+        points: curve.iter().map(|p| [p.learnt as f64, 1e3 * value(p)]).collect(),
+        line: true,
+        markers: true,
+    };
+    let mut series = vec![line("median", &|p| p.place.median_m), line("mean", &|p| p.place.mean_m)];
+    if let Some(model) = &learned.errors.model {
+        let alone = line("model alone, median", &|_| model.median_m);
+        series.push(Series { markers: false, ..alone });
+    }
+    Plot {
+        title: "Position error after learning".to_owned(),
+        footnote: "the first presses are learnt, all later ones tested".to_owned(),
+        x_label: "presses learnt".to_owned(),
+        y_label: "error, mm".to_owned(),
+        x_log: true,
+        y_log: true,
+        series,
+        zoom: 2,
+    }
+}
+
+/// Notes about presses that should be checked, by their lines.
+fn notes(learning: &Learning, pressed: &PressFrames) -> Vec<String> {
+    let unlike = learning.unlike.iter().map(|unlike| {
+        format!(
+            "{}: judging by the other presses, no touch anywhere explains {:.0} % of its change: was the skin pressed \
+             at this place, and only there? The press is learnt all the same",
+            pressed.name(unlike.press),
+            100.0 * unlike.rest
+        )
+    });
+    let forces = learning.without_touch.iter().map(|&press| {
+        let press = pressed.name(press);
+        format!("{press}: no touch was found in its frames, so its force is not learnt")
+    });
+    unlike.chain(forces).collect()
+}
+
+/// The answer as text and as JSON.
+fn answer(out: &Path, found: &Found, progress: &Progress) -> Answer {
+    let Found { learning: Learning { skin: learned, without_touch, .. }, curve, notes, .. } = found;
+    let presses = learned.presses.places_m.len();
+    let mut lines =
+        vec![format!("{presses} presses; touches are located by {}", learned.places_by.words())];
+    lines.extend(gain(learned));
+    if let Some(model) = &learned.errors.model {
+        lines.push(format!("error of the model alone: {}", mm(model)));
+    }
+    for (what, errors) in [
+        (
+            "with a learnt correction, presses held out singly or a tenth at a time",
+            &learned.errors.map,
+        ),
+        ("regression from frames to places, presses held out singly", &learned.errors.regression),
+    ] {
+        lines.push(format!("{what}: {}", mm(errors)));
+    }
+    if found.frame == Frame::Fitted {
+        lines.push(pose(learned));
+    }
+    lines.push(force(learned, without_touch.len()));
+    lines.extend(curve.iter().map(tested));
+    lines.extend(notes.iter().map(|note| format!("note: {note}")));
+    let place = out.display();
+    lines.push(format!("written to {place}; for the scene:\n  [touch] learned = \"{place}\""));
+    Answer { text: lines.join("\n"), json: json(out, found, progress) }
+}
+
+fn mm(errors: &PlaceErrors) -> String {
+    format!("{:.1} mm (median), {:.1} mm (mean)", 1e3 * errors.median_m, 1e3 * errors.mean_m)
+}
+
+/// By how much the mean error of the method used is below that of the model alone; `None` if it is the model's.
+fn gain(learned: &LearnedSkin) -> Option<String> {
+    let by = match learned.places_by {
+        PlacesBy::Model => return None,
+        PlacesBy::Map => learned.errors.map,
+        PlacesBy::Regression => learned.errors.regression,
+    };
+    let less = 100.0 * (1.0 - by.mean_m / learned.errors.model?.mean_m);
+    Some(format!("its mean error is {less:.0} % less than that of the model alone"))
+}
+
+/// Where the table's places are on the scene's skin.
+fn pose(learned: &LearnedSkin) -> String {
+    let pose = &learned.pose;
+    let [x_mm, y_mm] = [pose.shift_m[0], pose.shift_m[1]].map(|m| 1e3 * m);
+    format!(
+        "the table's places are turned by {:.1} degrees{}, scaled by {:.3} and shifted by {x_mm:.1} and {y_mm:.1} mm on \
+         the scene's skin; a touch {} the conductivity",
+        pose.turn_rad.to_degrees(),
+        if pose.is_mirrored { " after y is reversed" } else { "" },
+        pose.scale,
+        if learned.sign > 0.0 { "raises" } else { "lowers" }
+    )
+}
+
+/// Which forces were learnt, or why none.
+fn force(learned: &LearnedSkin, without_touch: usize) -> String {
+    if let Some(force) = &learned.force {
+        let ([from, to], by) = (force.curve.forces_n, force.strength_by.words());
+        let percent = 100.0 * force.curve.error_ln;
+        return format!(
+            "force: {from:.2} to {to:.2} N were learnt, from the strength by {by}; error of presses held out singly \
+             {percent:.0} %"
+        );
+    }
+    let stated = learned.forces_n.iter().flatten().count();
+    let found = match without_touch {
+        0 => String::new(),
+        _ => format!(" and a touch was found in {} of them,", stated.saturating_sub(without_touch)),
+    };
+    format!("no force: {stated} presses state force_n,{found} but three are needed")
+}
+
+/// A point of the learning curve.
+fn tested(point: &CurvePoint) -> String {
+    let learnt = match (point.earlier, point.learnt - point.earlier) {
+        (0, new) => format!("the first {new} presses"),
+        (earlier, 0) => format!("the {earlier} presses of the earlier file alone"),
+        (earlier, new) => format!("the {earlier} earlier presses and the first {new} new ones"),
+    };
+    let force = point.force.map_or(String::new(), |force| {
+        let [median, high] = force.map(|part| 100.0 * part);
+        format!("; force error {median:.0} % (median), {high:.0} % (90 % quantile)")
+    });
+    let (tested, place) = (point.tested, mm(&point.place));
+    format!("{learnt}, tested on the {tested} after them: {place}{force}")
+}
+
+fn json(out: &Path, found: &Found, progress: &Progress) -> Value {
+    let Found { learning: Learning { skin: learned, .. }, curve, notes, .. } = found;
+    let point = |p: &CurvePoint| {
+        json!({
+            "learnt": p.learnt,
+            "earlier": p.earlier,
+            "tested": p.tested,
+            "places_by": p.places_by,
+            "place": p.place,
+            "force_error": p.force.map(|[median, p90]| json!({ "median": median, "p90": p90 })),
+            "time_s": p.time_s,
+        })
+    };
+    json!({
+        "presses": learned.presses.places_m.len(),
+        "measurements": learned.channels.len(),
+        "places_by": learned.places_by,
+        "errors": learned.errors,
+        "frame": {
+            "turn_rad": learned.pose.turn_rad,
+            "is_mirrored": learned.pose.is_mirrored,
+            "scale": learned.pose.scale,
+            "shift_m": learned.pose.shift_m,
+            "sign": learned.sign,
+        },
+        "force": learned.force.as_ref().map(|force| json!({
+            "learnt_n": force.curve.forces_n,
+            "relative_error": force.curve.error_ln,
+            "strength_by": force.strength_by,
+        })),
+        "learning_curve": curve.iter().map(point).collect::<Vec<_>>(),
+        "notes": notes,
+        "stages": progress.times(),
+        "out": out.display().to_string(),
+        "curve": beside(out, "csv").display().to_string(),
+    })
+}
