@@ -154,7 +154,7 @@ pub(crate) enum Command {
     /// Make a learning base for a U-net, train the net, and apply it to images.
     ///
     /// A U-net removes the artefacts of images that electrode movement and the linear model leave. `eit reconstruct`
-    /// and `eit live` apply the net that the scene names in its table [denoise].
+    /// and `eit live` apply the net that the scene names in its table "denoise".
     #[command(subcommand)]
     Net(NetCommand),
     /// Measure error against run time of every solver on every built-in scene.

@@ -97,7 +97,7 @@ impl CaptureWriter {
     /// say so.
     ///
     /// # Errors
-    /// Those of [`create`](Self::create) and [`read`](super::read); [`HwError::Busy`] if another
+    /// Those of [`create`](Self::create) and [`read`](crate::capture::read); [`HwError::Busy`] if another
     /// program is writing to it; [`HwError::Container`] if its measurements, unit or current
     /// differ, and if one file is to be split.
     pub fn append(

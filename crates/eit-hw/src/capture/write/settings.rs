@@ -2,7 +2,7 @@
 
 use crate::error::HwError;
 
-/// Settings of [`CaptureWriter`].
+/// Settings of [`CaptureWriter`](super::CaptureWriter).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -11,7 +11,7 @@ use crate::error::HwError;
 )]
 pub struct CaptureSettings {
     /// Maximum age of an open chunk in seconds: what a killed program loses. Once its first message
-    /// is this old, the next message or [`CaptureWriter::tick`] writes the chunk.
+    /// is this old, the next message or [`CaptureWriter::tick`](super::CaptureWriter::tick) writes the chunk.
     pub flush_s: f64,
     /// Whether to force each chunk to the disk, so that it survives a power cut; waits for the disk
     /// each time.
