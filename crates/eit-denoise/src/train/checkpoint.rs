@@ -134,13 +134,13 @@ impl<N: ImageNet> Trainer<N> {
 impl State {
     fn read(bytes: &[u8]) -> Result<Self, DenoiseError> {
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
-        let wrong = DenoiseError::format::<String>;
         let text = header.metadata().as_ref().and_then(|m| m.get(KEY));
-        let text = text.ok_or_else(|| wrong("no checkpoint of a training".to_owned()))?;
-        let json = |e: serde_json::Error| wrong(e.to_string());
+        let text = text.ok_or_else(|| DenoiseError::format("no checkpoint of a training"))?;
+        let json = |e: serde_json::Error| DenoiseError::format(e.to_string());
         let Version { version } = serde_json::from_str(text).map_err(json)?;
         if version != VERSION {
-            return Err(wrong(format!("version {version} of the format, not {VERSION}")));
+            let what = format!("version {version} of the format, not {VERSION}");
+            return Err(DenoiseError::format(what));
         }
         serde_json::from_str(text).map_err(json)
     }
