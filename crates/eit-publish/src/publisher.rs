@@ -6,7 +6,7 @@ use crate::VERSION;
 use crate::error::PublishError;
 use crate::line::{EventLine, FrameLine, StartLine};
 #[cfg(any(feature = "foxglove", feature = "zenoh"))]
-use crate::outbox::{QueuedSink, Severity};
+use crate::outbox::Severity;
 use crate::udp::UdpSink;
 use eit_skin::TouchFrame;
 use eit_skin::eit_hw::driver::Event;

@@ -4,7 +4,6 @@
 
 use crate::common;
 use crate::common::{disc, names, touched, weights};
-use eit_denoise::burn::config::Config as _;
 use eit_denoise::burn::module::Module as _;
 use eit_denoise::burn::store::{ModuleSnapshot as _, SafetensorsStore};
 use eit_denoise::{
