@@ -20,7 +20,7 @@ struct Input {
 
 /// Reads images and weights and checks both against the scene.
 fn input(args: &DenoiseImages, scene: &Scene) -> Result<Input, ReportError> {
-    scene.refuse_movement("denoise")?;
+    scene.refuse_movement("net apply")?;
     let of_scene = scene.stage_settings().denoise;
     let name = args.weights.clone().or(of_scene.map(|keys| keys.weights)).ok_or_else(|| {
         ReportError::input(

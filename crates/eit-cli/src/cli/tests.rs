@@ -76,7 +76,9 @@ fn examples(command: &Command, found: &mut Vec<String>) {
             let commands = whole.into_iter().chain(quoted).filter(|text| text.starts_with("eit "));
             // what follows two spaces explains
             let commands = commands.map(|text| text.split("  ").next().unwrap().to_owned());
-            found.extend(commands.filter(|text| text.split(' ').count() > 2));
+            // a command's mere name is no example
+            let name = |text: &str| 2 + usize::from(text.starts_with("eit net "));
+            found.extend(commands.filter(|text| text.split(' ').count() > name(text)));
         }
     }
     command.get_subcommands().for_each(|command| examples(command, found));

@@ -11,7 +11,7 @@ fn help_teaches_every_command() {
     let commands = commands.take_while(|line| line.starts_with("  "));
     let commands: Vec<&str> = commands.filter_map(|line| line.split_whitespace().next()).collect();
     assert_eq!(commands.len(), 19 + 1, "with `help`: {commands:?}");
-    for command in commands {
+    for command in commands.into_iter().filter(|command| *command != "help") {
         assert!(succeed(format!("{command} --help")).contains("Usage"), "{command}");
     }
     // words that are gone are named as such, and those that are hidden work
