@@ -84,8 +84,10 @@ fn frames_of_an_unplugged_time_are_estimated() {
     // some 100 frames
     let plan =
         FaultPlan { unplug_after_bytes: vec![20_000], unplugged_s: 1.5, ..FaultPlan::default() };
-    // not TCP: another program could take its port meanwhile
-    let listen = Listen::PseudoTerminal(folder.path("port").into());
+    // on Linux at a loopback address of its own, so that no other program takes its port meanwhile
+    let [low, high, ..] = std::process::id().to_le_bytes();
+    let host = if cfg!(target_os = "linux") { [127, high, low, 1] } else { [127, 0, 0, 1] };
+    let listen = Listen::Tcp(format!("{}:0", std::net::Ipv4Addr::from(host)));
     let emulator = Emulator::start(device("skin"), &listen, plan).unwrap();
     let (output, json, out) = record(&folder, &emulator, "6");
     assert!(output.status.success(), "{}", stderr(&output));
