@@ -3,7 +3,7 @@
 
 use crate::common::{Folder, SMALL, answer, read, read_text, refuse, succeed};
 use eit_fem::Complex64;
-use ndarray::{Array1, Array2};
+use ndarray::{Array1, Array2, ArrayView, Dimension};
 use serde_json::Value;
 
 /// Ratio of the total admittance of the skin of [`SMALL`] with a capacitance of equal admittance to that
@@ -38,10 +38,40 @@ fn voltages(path: &str) -> Array1<Complex64> {
     ndarray_npy::read_npy(path).unwrap()
 }
 
+fn largest<D: Dimension>(values: ArrayView<'_, Complex64, D>) -> f64 {
+    values.iter().fold(0.0, |m, v| m.max(v.norm()))
+}
+
 /// Largest difference over the largest value.
 fn differ(found: &Array1<Complex64>, wanted: &Array1<Complex64>) -> f64 {
-    let largest = |v: &Array1<Complex64>| v.iter().fold(0.0_f64, |m, v| m.max(v.norm()));
-    largest(&(found - wanted)) / largest(wanted)
+    largest((found - wanted).view()) / largest(wanted.view())
+}
+
+/// `V(t gamma, z / t) = V(gamma, z) / t` and `dV/dgamma` over `t` squared, for every complex `t`: with
+/// contacts of the skin's own phase every voltage is the real one over `1 + i`, as for a resistor and a
+/// capacitor of equal admittance in parallel.
+#[test]
+fn of_one_phase_voltages_and_jacobian_are_the_real_ones_turned() {
+    let folder = Folder::new();
+    let file = |command: &str, content: &str, out: &str| made(&folder, command, content, out);
+    let real: Array1<f64> = ndarray_npy::read_npy(file("forward", SMALL, "v.npy")).unwrap();
+    let real_jacobian: Array2<f64> =
+        ndarray_npy::read_npy(file("jacobian", SMALL, "j.npy")).unwrap();
+    let content = capacitive(CONTACTS_OF_45_DEGREES);
+    let turned = voltages(&file("forward", &content, "v.npy"));
+    let wanted = real.mapv(|v| Complex64::from(v) / TURN);
+    let error = differ(&turned, &wanted);
+    let jacobian: Array2<Complex64> =
+        ndarray_npy::read_npy(file("jacobian", &content, "j.npy")).unwrap();
+    let wanted_jacobian = real_jacobian.mapv(|j| Complex64::from(j) / (TURN * TURN));
+    assert_eq!(jacobian.dim(), (40, real_jacobian.ncols()));
+    let slope = largest((jacobian - &wanted_jacobian).view()) / largest(wanted_jacobian.view());
+    println!("voltages {error:.1e}, Jacobian {slope:.1e}");
+    // condition number about 1e4; the frequency of the scene is rounded to the last digit
+    assert!(error < 1e-12 && slope < 1e-12, "{error:e} {slope:e}");
+    // contacts without capacitance have another phase, and then so do the voltages
+    let mixed = voltages(&file("forward", &capacitive(""), "v.npy"));
+    assert!(differ(&mixed, &wanted) > 1e-4);
 }
 
 /// On a strip the current is uniform: `V = I (length / (gamma width) + (z_1 + z_2) / width)`, with
@@ -70,6 +100,42 @@ fn a_strip_has_its_closed_form() {
     println!("{error:.1e}");
     // linear elements represent a uniform field exactly; condition number about 1e4
     assert!(found.len() == 1 && error < 1e-12, "{found} {wanted}");
+}
+
+/// The Jacobian of a skin with mixed phases: the remainder `V(gamma + h d) - V(gamma) - h J d` falls with `h`
+/// squared along a complex direction. Admittivities are read from files, so their order is that of the
+/// Jacobian's columns.
+#[test]
+fn taylor_remainders_of_the_jacobian_fall_with_the_square() {
+    let folder = Folder::new();
+    let scene = folder.write("scene.toml", capacitive("contact_capacitance_f_per_m = 3e-9"));
+    let (sheet, out) = (folder.path("sheet.npy"), folder.path("out.npy"));
+    let run = |command: &str, gamma: &Array1<Complex64>| {
+        ndarray_npy::write_npy(&sheet, gamma).unwrap();
+        succeed(format!("{command} {scene} --conductivity {sheet} --out {out}"));
+    };
+    let json = answer(format!("jacobian {scene} --out {out}"));
+    assert_eq!(json["complex"], true);
+    let elements = json["shape"][1].as_u64().unwrap() as usize;
+    let phase = |e: usize| 1.5 * ((e * 37 % 101) as f64 / 101.0);
+    let gamma = Array1::from_shape_fn(elements, |e| Complex64::from_polar(1e-5, phase(e)));
+    let direction = Array1::from_shape_fn(elements, |e| {
+        Complex64::from_polar(1e-6, std::f64::consts::TAU * (e * 53 % 97) as f64 / 97.0)
+    });
+    run("jacobian", &gamma);
+    let jacobian: Array2<Complex64> = ndarray_npy::read_npy(&out).unwrap();
+    let along = jacobian.dot(&direction);
+    run("forward", &gamma);
+    let base = voltages(&out);
+    let remainders = [0.5, 0.25, 0.125].map(|h: f64| {
+        run("forward", &(&gamma + &direction.mapv(|d| d * h)));
+        largest((voltages(&out) - &base - along.mapv(|a| a * h)).view())
+    });
+    let slopes = [0, 1].map(|k| (remainders[k] / remainders[k + 1]).log2());
+    println!("{remainders:?} {slopes:?}");
+    // steps of up to 5 %: the cubic term is some percent of the quadratic one and halves with the step
+    assert!((slopes[0] - 2.0).abs() < 0.1 && (slopes[1] - 2.0).abs() < 0.05, "{slopes:?}");
+    assert!(remainders[0] < 0.1 * 0.5 * largest(along.view()), "{remainders:?}");
 }
 
 /// CSV alternates real and imaginary parts; a file of conductivities is combined with the scene's
