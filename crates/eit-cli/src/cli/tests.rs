@@ -1,6 +1,7 @@
 //! Every command of the README, the book, the crates' pages and the help is one that the program understands.
 
 use super::Cli;
+use clap::error::ErrorKind;
 use clap::{Command, CommandFactory as _, Parser as _};
 use std::path::{Path, PathBuf};
 
@@ -65,34 +66,36 @@ fn every_documented_command_parses() {
     assert!(count >= 35, "only {count} commands found");
 }
 
-/// The `eit` commands of a help text: lines, examples and text in backticks.
-fn examples(command: &Command, found: &mut Vec<String>) {
+/// The `eit` commands of a help text: whole lines, which are examples (`true`), and mentions in backticks.
+fn examples(command: &Command, found: &mut Vec<(String, bool)>) {
     let texts = [command.get_long_about(), command.get_after_help()];
     for text in texts.into_iter().flatten().map(ToString::to_string) {
         for line in text.lines().map(str::trim) {
             let line = line.trim_start_matches("Examples: ").trim_start_matches("Example: ");
-            let quoted = line.split('`').skip(1).step_by(2);
-            let whole = (!line.contains('`')).then_some(line);
-            let commands = whole.into_iter().chain(quoted).filter(|text| text.starts_with("eit "));
+            let mentions = line.split('`').skip(1).step_by(2).map(|text| (text, false));
+            let whole = (!line.contains('`')).then_some((line, true));
+            let commands = whole.into_iter().chain(mentions);
+            let commands = commands.filter(|(text, _)| text.starts_with("eit "));
             // what follows two spaces explains
-            let commands = commands.map(|text| text.split("  ").next().unwrap().to_owned());
-            // a command's mere name is no example
-            let name = |text: &str| 2 + usize::from(text.starts_with("eit net "));
-            found.extend(commands.filter(|text| text.split(' ').count() > name(text)));
+            let command = |text: &str| text.split("  ").next().unwrap().to_owned();
+            found.extend(commands.map(|(text, is_whole)| (command(text), is_whole)));
         }
     }
     command.get_subcommands().for_each(|command| examples(command, found));
 }
 
+/// Examples parse; what prose mentions has words and options that exist, but not every argument.
 #[test]
 fn every_example_of_the_help_parses() {
     let mut found = Vec::new();
     examples(&Cli::command(), &mut found);
-    for example in &found {
+    for (example, is_whole) in &found {
         let words = example.split_whitespace().take_while(|word| *word != ">");
-        if let Err(error) = Cli::try_parse_from(words) {
-            panic!("`{example}`: {error}");
-        }
+        let Err(error) = Cli::try_parse_from(words) else { continue };
+        let unknown = [ErrorKind::UnknownArgument, ErrorKind::InvalidSubcommand];
+        assert!(!is_whole && !unknown.contains(&error.kind()), "`{example}`: {error}");
     }
-    assert!(found.len() >= 35, "only {} examples found", found.len());
+    let whole = found.iter().filter(|(_, is_whole)| *is_whole).count();
+    // 31 examples today: the search still finds them
+    assert!(whole >= 31 && found.len() >= 35, "only {whole} examples of {} found", found.len());
 }
