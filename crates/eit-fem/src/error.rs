@@ -160,7 +160,6 @@ pub enum FemError {
         value: num_complex::Complex64,
     },
     /// Inductive and capacitive parts may cancel (resonance).
-    #[cfg(feature = "complex")]
     #[error(
         "the phases of the admittivities and contact admittances range from {:.3} to {:.3} degrees: \
          they must span less than 180 degrees, or capacitors and inductors may cancel (capacitive \
@@ -172,7 +171,6 @@ pub enum FemError {
         degrees: [f64; 2],
     },
     /// Rounding pushed a pivot of the complex factorisation out of its half plane.
-    #[cfg(feature = "complex")]
     #[error(
         "the pivot of unknown {unknown} of {unknowns} is outside the phase range of the admittivities: \
          they or the contact impedances span too many decades for this mesh"

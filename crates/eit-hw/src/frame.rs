@@ -67,6 +67,7 @@ pub struct Frame {
 
 impl Frame {
     /// Checks that all lists have as many entries as there are values, and as wanted if that is known.
+    #[cfg(feature = "mcap")]
     pub(crate) fn check(&self, wanted: Option<usize>, source: &Path) -> Result<(), HwError> {
         let wanted = wanted.unwrap_or(self.values.len());
         let fields = [

@@ -50,6 +50,10 @@ pub struct SkinModel {
     /// The mesh-free series for this skin, if there is one.
     pub series: Option<DiscSeries>,
     /// Rotations and reflections that map a disc with its electrodes onto itself.
+    #[cfg_attr(
+        not(feature = "base"),
+        expect(dead_code, reason = "turns pairs of a learning base")
+    )]
     pub(crate) symmetry: Option<Symmetry>,
     /// Settings of the simulated fabric.
     pub fabric: FabricSettings,

@@ -27,6 +27,7 @@ impl<'a> DifferenceFrames<'a> {
     }
 
     /// Rejects wrong shapes and non-finite values of good channels.
+    #[cfg(feature = "st-tv")]
     pub(crate) fn check(&self, measurements: usize) -> Result<(), InverseError> {
         self.check_shape(measurements)?;
         for ((frame, measurement), &value) in self.values.indexed_iter() {

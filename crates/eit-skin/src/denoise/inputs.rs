@@ -39,7 +39,7 @@ const CONDITIONS: usize = 2;
 /// conductivity in pixels, which tells how wide it presses.
 #[derive(Debug, Clone)]
 pub(crate) struct NetInputs {
-    shape: UnetShape,
+    pub(super) shape: UnetShape,
     makers: Vec<(Reconstructor, Workspace)>,
     raster: Raster,
     /// Protocol indices of the measurements that the reconstructions use.
@@ -105,16 +105,6 @@ impl NetInputs {
             pixel_s_m2: linearised.skin.conductivity_s * raster.pixel_m().powi(2),
             raster,
         })
-    }
-
-    /// Returns whether the net takes measurements, not only an image.
-    pub(crate) fn needs_data(&self) -> bool {
-        needs_data(self.shape)
-    }
-
-    /// Returns whether the net takes the touches of a frame.
-    pub(crate) fn needs_touches(&self) -> bool {
-        needs_touches(self.shape)
     }
 
     /// Takes the raw image [row, column] of a frame, its differences `[measurement]` (NaN where a
@@ -183,7 +173,7 @@ impl NetInputs {
     /// Limits the image [row, column] of the last frame outside its touches: the net corrects their
     /// drawing and shows no other touch. Does nothing for nets that see no touches.
     pub(crate) fn limit(&mut self, image: ArrayViewMut2<'_, f64>) {
-        if self.needs_touches() {
+        if needs_touches(self.shape) {
             self.surroundings.limit(image);
         }
     }
@@ -202,10 +192,10 @@ impl NetInputs {
     /// A shard without its measurements; the errors of the reconstruction.
     #[cfg(feature = "base")]
     pub(crate) fn complete(&mut self, shard: &mut Shard) -> Result<(), SkinError> {
-        if !self.needs_data() {
+        if !needs_data(self.shape) {
             return Ok(());
         }
-        let touches = match (&shard.touches, self.needs_touches()) {
+        let touches = match (&shard.touches, needs_touches(self.shape)) {
             (Some(touches), _) => touches.clone(),
             (None, false) => ShardTouches::zeros((shard.raw.dim().0, 0, 3)),
             (None, true) => {
@@ -249,7 +239,7 @@ impl NetInputs {
         let conditions = (self.shape.conditions > 0).then_some(conditions);
         // the raw images are the shard's own
         let mut images = images.into_iter();
-        let first = if self.needs_touches() { images.next() } else { None };
+        let first = if needs_touches(self.shape) { images.next() } else { None };
         shard.beside = Beside { first, images: images.skip(1).collect(), conditions };
         Ok(())
     }

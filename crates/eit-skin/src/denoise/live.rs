@@ -1,5 +1,6 @@
 //! A net that takes images one by one, as they come.
 
+use super::inputs::needs_touches;
 use super::trust::Trust;
 use super::{Checked, DrawnTouch, DrawnTouches, Net, NetInputs};
 use crate::error::SkinError;
@@ -137,7 +138,7 @@ impl LiveNet {
         }
         inputs.limit(made.view_mut());
         made.mapv_inplace(|value| *sign * value);
-        let is_explained = is_explained || !inputs.needs_touches();
+        let is_explained = is_explained || !needs_touches(inputs.shape);
         Ok(trust.verdict(judge, is_explained, made.view(), raw, differences)?)
     }
 }
