@@ -4,6 +4,7 @@ use super::Placement;
 use crate::error::PublishError;
 use crate::ros::check_topic;
 use crate::zenoh_sink::SessionSettings;
+use eit_skin::scene::from_toml;
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -117,7 +118,7 @@ impl BodySettings {
     ///
     /// A sentence that names the wrong line, key or patch.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let file: File = toml::from_str(text).map_err(|error| error.to_string())?;
+        let file: File = from_toml(text, "body").map_err(|error| error.to_string())?;
         let in_range = |name: &str, value: f64, least: f64, most: f64| {
             let message = format!("{name} = {value}: it must be {least} to {most}");
             if (least..=most).contains(&value) { Ok(value) } else { Err(message) }
