@@ -199,16 +199,16 @@ impl Choice {
     /// Returns the row's name, without crates that are dependencies of others in the row.
     fn name(&self) -> String {
         let has = |wanted: &str| self.crates.iter().any(|(name, _)| *name == wanted);
-        let is_told = |(name, _): &&(&str, &[&str])| match *name {
+        let is_listed = |(name, _): &&(&str, &[&str])| match *name {
             "eit-mesh" => !has("eit-fem"),
             "eit-fem" => !has("eit-inverse"),
             _ => true,
         };
-        let told = |(name, features): &(&str, &[&str])| match features {
+        let written = |(name, features): &(&str, &[&str])| match features {
             [] => format!("`{name}`"),
             _ => format!("`{name}` ({})", features.join(", ")),
         };
-        let names: Vec<String> = self.crates.iter().filter(is_told).map(told).collect();
+        let names: Vec<String> = self.crates.iter().filter(is_listed).map(written).collect();
         names.join(", ")
     }
 

@@ -17,7 +17,7 @@ mod progress;
 mod terminal;
 
 use commands::Ended;
-use eit_skin::words::{printable, printable_json};
+use eit_skin::text::{printable, printable_json};
 use error::{CliError, Exit};
 use std::io::Write as _;
 use std::process::ExitCode;

@@ -1,7 +1,7 @@
 //! Shows progress on a terminal, but not in a pipe.
 
 use crate::terminal;
-use eit_skin::words::printable;
+use eit_skin::text::printable;
 use eit_skin::{Observer, Progress};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::sync::LazyLock;

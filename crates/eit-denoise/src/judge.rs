@@ -109,7 +109,7 @@ impl Judge {
     }
 
     /// The rule in words.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         match &self.rule {
             Rule::ModelError(norm) => format!(
                 "more than {:.0} % of their energy left outside noise and model error",

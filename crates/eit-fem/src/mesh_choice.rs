@@ -164,7 +164,7 @@ struct Level {
 
 /// Position of a trial: its level and its index within the level.
 #[derive(Clone, Copy)]
-struct Place {
+struct TrialIndex {
     level: usize,
     trial: usize,
 }
@@ -318,10 +318,10 @@ impl MeshSearch<'_> {
 
     /// The cheapest trial that meets the requirement, once every cheaper trial has an error
     /// estimate.
-    fn settled(&self, levels: &[Level], required: f64) -> Option<Place> {
+    fn settled(&self, levels: &[Level], required: f64) -> Option<TrialIndex> {
         let allowed =
             |trial: &MeshTrial| self.element_order.is_none_or(|order| order == trial.element_order);
-        let mut best: Option<(f64, Place)> = None;
+        let mut best: Option<(f64, TrialIndex)> = None;
         let mut waiting = f64::INFINITY;
         for (l, level) in levels.iter().enumerate() {
             let triangles = level.mesh.surface().triangles().len();
@@ -332,7 +332,7 @@ impl MeshSearch<'_> {
                     Some(error)
                         if error <= required && best.is_none_or(|(least, _)| work < least) =>
                     {
-                        best = Some((work, Place { level: l, trial: t }));
+                        best = Some((work, TrialIndex { level: l, trial: t }));
                     }
                     Some(_) => {}
                 }
@@ -355,7 +355,7 @@ impl MeshSearch<'_> {
 }
 
 /// Moves the chosen mesh out of its level and assembles the result.
-fn chosen(mut levels: Vec<Level>, place: Place, required: f64, largest_v: f64) -> ChosenMesh {
+fn chosen(mut levels: Vec<Level>, place: TrialIndex, required: f64, largest_v: f64) -> ChosenMesh {
     let found = levels[place.level].trials[place.trial].0;
     let trials = levels.iter().flat_map(|l| l.trials.iter().map(|(trial, _)| *trial)).collect();
     ChosenMesh {

@@ -106,12 +106,12 @@ fn open(emulator: &Emulator, rate_hz: f32, capacity: usize, overflow: Overflow) 
 }
 
 /// Streams for this time and checks each frame.
-pub fn stream(folder: &std::path::Path, rate_hz: f32, time: Duration, is_told: bool) -> Report {
+pub fn stream(folder: &std::path::Path, rate_hz: f32, time: Duration, is_reported: bool) -> Report {
     let emulator = emulator(folder);
     let mut session = open(&emulator, rate_hz, 4096, Overflow::Fail);
     let (start, mut frames, mut wrong) = (Instant::now(), 0, 0);
     let cpu_before = cpu_s();
-    let (mut early_mb, mut told) = (None, 0);
+    let (mut early_mb, mut reported) = (None, 0);
     while start.elapsed() < time {
         if start.elapsed() > time / 10 {
             early_mb.get_or_insert_with(memory_mb);
@@ -122,8 +122,8 @@ pub fn stream(folder: &std::path::Path, rate_hz: f32, time: Duration, is_told: b
             session.recycle(frame);
         }
         let minutes = start.elapsed().as_secs() / 60;
-        if is_told && minutes > told {
-            told = minutes;
+        if is_reported && minutes > reported {
+            reported = minutes;
             println!("{minutes} min: {frames} frames, {:.1} MB", memory_mb());
         }
     }

@@ -56,7 +56,7 @@ impl View {
     }
 
     /// Returns a description for a picture's title; empty for a flat surface seen from +z.
-    pub fn words(&self, surface: &Surface) -> String {
+    pub fn description(&self, surface: &Surface) -> String {
         let [low, high] = surface.bounds_m();
         if *self == Self::TOP {
             return if low[2] == high[2] { String::new() } else { ", seen from +z".to_owned() };
@@ -87,14 +87,14 @@ mod tests {
         assert!((apart(0, 1) - 3.0).abs() < 1e-12 && (apart(1, 2) - 2.0).abs() < 1e-12);
         assert!(corners[3][1] > corners[0][1], "z points upwards");
         assert_eq!(view.visible(&plate), [0, 1]);
-        assert!(view.words(&plate).contains("seen from ["));
+        assert!(view.description(&plate).contains("seen from ["));
     }
 
     #[test]
     fn flat_skins_are_seen_as_their_images() {
         let flat = surface(vec![[0., 0., 0.], [3., 0., 0.], [0., 2., 0.]], vec![[0, 1, 2]]);
         assert_eq!(View::of(&flat), View::TOP);
-        assert_eq!(View::TOP.words(&flat), "");
+        assert_eq!(View::TOP.description(&flat), "");
         assert_eq!(View::TOP.flat([3.0, 2.0, 7.0]), [3.0, 2.0]);
     }
 

@@ -10,7 +10,7 @@ use crate::outbox::Severity;
 use crate::udp::UdpSink;
 use eit_skin::TouchFrame;
 use eit_skin::eit_hw::driver::Event;
-use eit_skin::words::{event_words, printable_json};
+use eit_skin::text::{event_text, printable_json};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::io::{ErrorKind, Write};
@@ -141,7 +141,7 @@ impl Publisher {
     ///
     /// A line that cannot be written.
     pub fn event(&mut self, event: &Event) -> Result<(), PublishError> {
-        let Some(words) = event_words(event) else { return Ok(()) };
+        let Some(words) = event_text(event) else { return Ok(()) };
         #[cfg(any(feature = "foxglove", feature = "zenoh"))]
         self.incident(
             match event {

@@ -14,7 +14,7 @@ use eit_hw::capture::{
 };
 use eit_hw::{Frame, FrameMap, HwError, Layout, Quadruple, Recording};
 use eit_skin::scene::Scene;
-use eit_skin::words::counted;
+use eit_skin::text::counted;
 use serde_json::json;
 use std::cell::OnceCell;
 use std::io::Write;

@@ -104,10 +104,10 @@ pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, Repo
     });
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
     let mut lines = vec![
-        format!("{frames} images; {}", net.words()),
+        format!("{frames} images; {}", net.description()),
         "not checked against measurements; `eit reconstruct` with [denoise] does that".to_owned(),
     ];
-    lines.extend(compared.map(|s| s.words()));
+    lines.extend(compared.map(|s| s.description()));
     lines.push(format!("written to {}: {}", out.path().display(), out.names().join(", ")));
     out.commit(&["movie.gif"])?;
     Ok(Answer { text: lines.join("\n"), json })

@@ -98,7 +98,7 @@ impl Page {
     /// A writer that fails, and a picture that cannot be encoded.
     pub(crate) fn write(&self, out: &mut dyn Write) -> Result<(), ReportError> {
         let page = self.markup().into_string();
-        out.write_all(eit_skin::words::printable(&page).as_bytes()).map_err(io)
+        out.write_all(eit_skin::text::printable(&page).as_bytes()).map_err(io)
     }
 
     fn markup(&self) -> Markup {

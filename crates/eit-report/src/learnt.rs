@@ -155,8 +155,10 @@ fn notes(learning: &Learning, pressed: &PressFrames) -> Vec<String> {
 fn answer(out: &Path, found: &Found, progress: &Progress) -> Answer {
     let Found { learning: Learning { skin: learned, without_touch, .. }, curve, notes, .. } = found;
     let presses = learned.presses.places_m.len();
-    let mut lines =
-        vec![format!("{presses} presses; touches are located by {}", learned.places_by.words())];
+    let mut lines = vec![format!(
+        "{presses} presses; touches are located by {}",
+        learned.places_by.description()
+    )];
     lines.extend(gain(learned));
     if let Some(model) = &learned.errors.model {
         lines.push(format!("error of the model alone: {}", mm(model)));
@@ -213,7 +215,7 @@ fn pose(learned: &LearnedSkin) -> String {
 /// Which forces were learnt, or why none.
 fn force(learned: &LearnedSkin, without_touch: usize) -> String {
     if let Some(force) = &learned.force {
-        let ([from, to], by) = (force.curve.forces_n, force.strength_by.words());
+        let ([from, to], by) = (force.curve.forces_n, force.strength_by.description());
         let percent = 100.0 * force.curve.error_ln;
         return format!(
             "force: {from:.2} to {to:.2} N were learnt, from the strength by {by}; error of presses held out singly \

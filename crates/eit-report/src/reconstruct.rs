@@ -5,7 +5,7 @@ mod gauss_newton;
 mod total_variation;
 pub(super) mod touches;
 
-pub(crate) use total_variation::status_words as movie_status_words;
+pub(crate) use total_variation::status_text as movie_status_text;
 
 use crate::Answer;
 use crate::error::ReportError;
@@ -173,11 +173,11 @@ fn denoise(
 ) -> Result<(), ReportError> {
     let checked = net.apply(&mut made.images, &made.raster, Some(check), progress)?;
     made.footnote += ", U-net";
-    made.lines.push(net.words());
+    made.lines.push(net.description());
     made.report["denoise"] = net.json();
     match checked {
         Some(checked) => {
-            made.lines.push(checked.words());
+            made.lines.push(checked.description());
             made.report["denoise"]["check"] = json!(checked);
         }
         None => made.notes.push(
@@ -311,7 +311,7 @@ fn report(
             "elements": skin.model.elements(),
         },
         "solve": solve_json(&linearised.report),
-        "difference": kind_words(linearised.difference_kind()),
+        "difference": kind_text(linearised.difference_kind()),
         "pixels": made.raster.pixels(),
         "extent_m": made.raster.extent_m(),
         "unit": "S",
@@ -325,7 +325,7 @@ fn report(
 }
 
 /// Name of the difference, as in the scene file.
-fn kind_words(kind: DifferenceKind) -> &'static str {
+fn kind_text(kind: DifferenceKind) -> &'static str {
     match kind {
         DifferenceKind::Plain => "plain",
         DifferenceKind::Normalised => "normalised",

@@ -9,7 +9,7 @@ use eit_hw::driver::Statistics;
 use eit_inverse::touch::TouchState;
 use eit_skin::faults::{ElectrodeFault, fault_lines};
 use eit_skin::live::{LiveImages, Summary, TouchFrame};
-use eit_skin::words::counted;
+use eit_skin::text::counted;
 use serde_json::json;
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
@@ -185,7 +185,7 @@ fn text(
         counted(summary.references, "reference", "references"),
     );
     if let Some(change) = summary.unrest {
-        text += &format!("\n{}", eit_skin::live::unrest_words(change));
+        text += &format!("\n{}", eit_skin::live::unrest_text(change));
     }
     if let Some(words) = unsearched {
         text += &format!("\n{words}");
@@ -214,7 +214,7 @@ fn text(
         text += &format!("\n{line}");
     }
     if !summary.images.how.is_empty() {
-        text += &format!("\nimages: {}", summary.images.words());
+        text += &format!("\nimages: {}", summary.images.description());
     }
     for notice in summary.notices.iter().filter(|notice| !shown.contains(notice)).take(20) {
         text += &format!("\nnotice: {notice}");

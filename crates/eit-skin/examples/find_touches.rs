@@ -107,7 +107,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         for fault in finder.faults() {
             if !faults.contains(fault) {
                 faults.push(*fault);
-                println!("frame {frame}: electrode {} {}", fault.electrode + 1, fault.kind.words());
+                println!(
+                    "frame {frame}: electrode {} {}",
+                    fault.electrode + 1,
+                    fault.kind.description()
+                );
             }
         }
     }

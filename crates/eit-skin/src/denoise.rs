@@ -254,7 +254,7 @@ impl Net {
     }
 
     /// Describes it in words.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         let shape = self.weights.shape;
         format!(
             "U-net of {} weights ({}), {} frame{} deep in time",

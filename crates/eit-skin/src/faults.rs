@@ -47,7 +47,7 @@ pub enum FaultKind {
 
 impl FaultKind {
     /// Describes the fault for people, to follow "electrode 5 ".
-    pub fn words(self) -> &'static str {
+    pub fn description(self) -> &'static str {
         match self {
             Self::Contradicts => "contradicts the others: open, shorted or noisy",
             Self::Stuck => "is stuck: its measurements repeat exactly",
@@ -83,16 +83,20 @@ pub fn fault_lines(faults: &[ElectrodeFault]) -> Vec<String> {
                 format!(", and {} times again, first from {:.2} s on", again.len(), first.since_s)
             }
         };
-        faults[k].words() + &more
+        faults[k].description() + &more
     };
     (0..faults.len()).filter(is_first).map(line).collect()
 }
 
 impl ElectrodeFault {
     /// Describes the fault for people; electrodes are numbered from 1.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         let Self { electrode, kind, since_s } = self;
-        format!("electrode {} {}; excluded from {since_s:.2} s on", electrode + 1, kind.words())
+        format!(
+            "electrode {} {}; excluded from {since_s:.2} s on",
+            electrode + 1,
+            kind.description()
+        )
     }
 
     /// Returns what a report in JSON holds of the fault; electrodes are numbered from 1.
@@ -103,7 +107,11 @@ impl ElectrodeFault {
             fault: &'static str,
             since_s: f64,
         }
-        Reported { electrode: self.electrode + 1, fault: self.kind.words(), since_s: self.since_s }
+        Reported {
+            electrode: self.electrode + 1,
+            fault: self.kind.description(),
+            since_s: self.since_s,
+        }
     }
 }
 

@@ -65,7 +65,7 @@ pub enum PlacesBy {
 
 impl PlacesBy {
     /// Describes the method in words.
-    pub fn words(self) -> &'static str {
+    pub fn description(self) -> &'static str {
         match self {
             Self::Model => "the model alone",
             Self::Map => "the model with a learnt correction",
@@ -126,7 +126,7 @@ pub enum StrengthBy {
 
 impl StrengthBy {
     /// Describes the strength in words.
-    pub fn words(self) -> &'static str {
+    pub fn description(self) -> &'static str {
         match self {
             Self::Model => "the model alone",
             Self::Map => "the model with a learnt correction",

@@ -43,11 +43,11 @@ pub mod sequence;
 mod skin;
 mod stop;
 mod synthetic_touch;
+pub mod text;
 pub mod total_variation;
 pub mod touches;
 #[cfg(feature = "base")]
 pub mod train;
-pub mod words;
 
 // re-exported so that a robot's program needs no further dependency
 #[cfg(feature = "mint")]

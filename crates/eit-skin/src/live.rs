@@ -26,7 +26,7 @@ use crate::method::{self, Method};
 use crate::progress::Progress;
 use crate::scene::{LEAST_REFERENCE_FRAMES, NoiseSettings, Scene};
 use crate::skin::Skin;
-use crate::words::event_words;
+use crate::text::event_text;
 use clock::Arrival;
 use eit_hw::driver::{Event, FrameSource};
 use std::sync::Arc;
@@ -227,7 +227,7 @@ impl LiveModel {
                 before = before.filter(|_| !is_interruption(event));
                 // skipped frames are counted by the source
                 let is_said = !matches!(event, Event::Skipped { .. });
-                event_words(event)
+                event_text(event)
                     .filter(|_| is_said)
                     .into_iter()
                     .for_each(|words| summary.say(words));
@@ -273,11 +273,11 @@ fn wait<O: LiveObserver>(
     let was_restless = summary.unrest.is_some();
     summary.unrest = stream.unrest();
     if let (Some(change), false) = (summary.unrest, was_restless) {
-        observer.event(&Event::Notice(unrest_words(change)))?;
+        observer.event(&Event::Notice(unrest_text(change)))?;
     }
     if left == 0 {
         summary.references += 1;
-        summary.images.how = stream.image_words().to_owned();
+        summary.images.how = stream.image_text().to_owned();
         stream.notes().iter().for_each(|note| summary.say(note.clone()));
         observer.reference(stream.notes())?;
     }
@@ -290,7 +290,7 @@ fn is_interruption(event: &Event) -> bool {
 }
 
 /// Describes why the reference waits, from the relative change of the voltages.
-pub fn unrest_words(change: f64) -> String {
+pub fn unrest_text(change: f64) -> String {
     format!(
         "frames change by {:.1} % of the voltages, as if the skin were touched or let go: the reference waits until they \
          rest",

@@ -36,7 +36,7 @@ impl Method {
     }
 
     /// Describes the method in a few words, such as for a caption.
-    pub fn words(self) -> &'static str {
+    pub fn description(self) -> &'static str {
         match self {
             Self::StTv => "spatio-temporal total variation",
             Self::Tv => "total variation frame by frame",

@@ -65,7 +65,7 @@ struct Before {
 }
 
 /// Describes how far electrodes may move.
-pub(crate) fn words(movement_m: f64) -> String {
+pub(crate) fn description(movement_m: f64) -> String {
     format!("electrodes may move by {:.2} mm", 1e3 * movement_m)
 }
 
@@ -155,8 +155,10 @@ impl FittedFrames {
                 return Ok(None);
             };
             let given = side.kept_variance().iter().map(|kept| 1.0 - kept).sum::<f64>();
-            let mut line =
-                format!("{}: this takes {given:.1} directions of the data", words(movement_m));
+            let mut line = format!(
+                "{}: this takes {given:.1} directions of the data",
+                description(movement_m)
+            );
             if error > 1.0 {
                 line += &format!(", weighted against {error:.0} times the noise");
             }

@@ -9,7 +9,7 @@ mod images;
 pub mod left_out;
 pub mod machine;
 pub mod measured;
-mod method_words;
+mod method_notes;
 mod net;
 mod rates;
 #[cfg(feature = "complex")]
@@ -63,7 +63,7 @@ pub struct Plan {
     /// Work that is omitted.
     left_out: Vec<LeftOut>,
     /// Notes on how the method works on this skin.
-    words: Vec<String>,
+    method_notes: Vec<String>,
     error: VoltageError,
     expected: Expected,
     machine: Machine,
@@ -107,7 +107,7 @@ impl Plan {
         Ok(Self {
             name: skin.name.clone(),
             left_out: left_out::of(&skin, choice.method, sequence, noise_is_known),
-            words: method_words::of(&skin, choice.method, sequence),
+            method_notes: method_notes::of(&skin, choice.method, sequence),
             choice,
             frames,
             sequence,
@@ -126,7 +126,7 @@ impl Plan {
             "scene": self.name,
             "method": self.choice.method.name(),
             "method_because": self.choice.why,
-            "method_notes": self.words,
+            "method_notes": self.method_notes,
             "mesh_notes": self.mesh_notes,
             "frames": self.frames,
             "still": matches!(self.sequence, Sequence::Still(_)),
@@ -147,12 +147,12 @@ impl Plan {
             format!("{}: what is done", self.name),
         ];
         lines.extend(self.stages.iter().flat_map(stage_lines));
-        lines.push(format!("times on this machine: {}", self.machine.words()));
-        lines.extend(self.error.words());
-        lines.extend(self.expected.words());
-        if !self.words.is_empty() {
+        lines.push(format!("times on this machine: {}", self.machine.description()));
+        lines.extend(self.error.description());
+        lines.extend(self.expected.description());
+        if !self.method_notes.is_empty() {
             lines.push("how the method works on this scene".to_owned());
-            lines.extend(self.words.iter().map(|line| format!("  {line}")));
+            lines.extend(self.method_notes.iter().map(|line| format!("  {line}")));
         }
         lines.push("left out".to_owned());
         lines.extend(self.left_out.iter().map(LeftOut::line));

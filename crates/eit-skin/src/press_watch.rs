@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn each_press_is_told_once_and_only_when_held() {
+    fn each_press_is_reported_once_and_only_when_held() {
         let mut random = Random::new(5);
         let untouched: Vec<_> = (0..20).map(|_| frame(&mut random, 0.0)).collect();
         let mut watch = PressWatch::new(&untouched, 8).unwrap();

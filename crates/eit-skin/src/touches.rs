@@ -23,7 +23,7 @@ use ndarray::Array2;
 pub(crate) const DEFAULT_RATE_HZ: f64 = 20.0;
 
 /// Says that a frame rate is assumed: times and velocities of touches depend on it.
-pub(crate) fn assumed_rate_words() -> String {
+pub(crate) fn assumed_rate_text() -> String {
     format!(
         "neither the scene nor the recording states the frame rate: times and velocities of touches are those of \
          {DEFAULT_RATE_HZ} frames a second; if it is another one, set [recording] frame_rate_hz"
@@ -156,7 +156,7 @@ impl Frames {
     /// Returns a note for the user if the frame rate of these touches is assumed
     /// ([`Touches::rate_hz`]).
     pub fn rate_note(&self) -> Option<String> {
-        (self.rate_hz.is_none() && self.values.nrows() > 1).then(assumed_rate_words)
+        (self.rate_hz.is_none() && self.values.nrows() > 1).then(assumed_rate_text)
     }
 }
 

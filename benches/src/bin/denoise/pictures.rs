@@ -65,7 +65,10 @@ pub(crate) fn draw(imaged: &[ImagedSequence], chain: &Chain, out: &Path) -> Resu
     );
     let settings = PictureSettings {
         title: "Truth, raw image, and image after the U-net".to_owned(),
-        footnote: format!("{}; held-out scripts of the simulated fabric", chain.method.words()),
+        footnote: format!(
+            "{}; held-out scripts of the simulated fabric",
+            chain.method.description()
+        ),
         labels: FrameLabels::Text(labels),
         ..Default::default()
     };

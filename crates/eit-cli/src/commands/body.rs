@@ -4,7 +4,7 @@ use super::publish;
 use crate::cli::BodyArgs;
 use crate::commands::prelude::*;
 use eit_publish::body::{Body, BodyNews, BodySettings};
-use eit_skin::words::printable_json;
+use eit_skin::text::printable_json;
 use std::io::{ErrorKind, Write as _};
 
 /// Joins patches until Ctrl-C, the end of `--seconds` or a closed pipe.

@@ -8,7 +8,7 @@ use eit_publish::Publisher;
 use eit_report::demo::{self, FrameWatcher, RECORDINGS};
 use eit_report::settings::DemoSettings;
 use eit_skin::live::{LiveModel, LiveObserver, REFERENCE_FRAMES, Summary, TouchFrame};
-use eit_skin::words::printable;
+use eit_skin::text::printable;
 use std::sync::{Mutex, PoisonError};
 
 /// Runs the demo until its end or Ctrl-C; with a page, repeats its experiments until Ctrl-C.

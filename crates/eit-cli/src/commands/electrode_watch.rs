@@ -55,7 +55,7 @@ impl ElectrodeWatch {
         }
         let now = monitor.faults();
         for fault in now.iter().filter(|fault| !self.before.contains(fault)) {
-            let (number, words) = (fault.electrode + 1, fault.kind.words());
+            let (number, words) = (fault.electrode + 1, fault.kind.description());
             tell(&format!("electrode {number} {words}; since {time_s:.2} s"))?;
             // an electrode with a loose contact fails repeatedly
             match self.kept.len() < 100 {
@@ -88,7 +88,8 @@ impl ElectrodeWatch {
         let mut lines = String::new();
         for (fault, until_s) in &self.kept {
             let until = until_s.map_or("to the end".to_owned(), |s| format!("to {s:.2} s"));
-            let (number, words, since_s) = (fault.electrode + 1, fault.kind.words(), fault.since_s);
+            let (number, words, since_s) =
+                (fault.electrode + 1, fault.kind.description(), fault.since_s);
             lines += &format!("\nelectrode {number} {words}; {since_s:.2} s {until}");
         }
         if self.more > 0 {

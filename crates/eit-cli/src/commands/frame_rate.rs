@@ -80,7 +80,7 @@ impl FrameRate {
     }
 
     /// Describes rate and interval after a comma; empty for fewer than two frames.
-    pub(super) fn words(&self) -> String {
+    pub(super) fn description(&self) -> String {
         match (self.mean_hz(), self.longest_wait_s()) {
             (Some(mean_hz), Some(wait_s)) => {
                 format!(", {mean_hz:.1} per second, at most {wait_s:.3} s apart")
@@ -116,7 +116,7 @@ mod tests {
         assert!(near(rate.mean_hz(), mean_hz), "{rate:?}");
         assert!(near(rate.longest_wait_s(), 3.0), "{rate:?}");
         assert!(near(rate.recent_hz(), 20.0), "{rate:?}");
-        assert_eq!(rate.words(), format!(", {mean_hz:.1} per second, at most 3.000 s apart"));
+        assert_eq!(rate.description(), format!(", {mean_hz:.1} per second, at most 3.000 s apart"));
     }
 
     #[test]
@@ -124,17 +124,17 @@ mod tests {
         let (mut rate, start) = (FrameRate::default(), Instant::now());
         // 5 s at 100 Hz, 6 s at 80 Hz, 5 s at 95 Hz
         let intervals_us = [(500, 10_000), (480, 12_500), (475, 10_526)];
-        let (mut told, mut time_us) = (Vec::new(), 0);
+        let (mut reported, mut time_us) = (Vec::new(), 0);
         for interval_us in intervals_us.iter().flat_map(|&(count, us)| vec![us; count]) {
             rate.frame(start + Duration::from_micros(time_us));
-            told.extend(rate.change(Some(100.0)).map(|words| (time_us / 1_000_000, words)));
+            reported.extend(rate.change(Some(100.0)).map(|words| (time_us / 1_000_000, words)));
             assert_eq!(rate.change(None), None);
             time_us += interval_us;
         }
-        let [(fell_s, fell), (back_s, back)] = &told[..] else { unreachable!("{told:?}") };
-        assert!((6..=9).contains(fell_s) && fell.starts_with("only 8"), "{told:?}");
-        assert!((12..=15).contains(back_s) && back.starts_with("again 9"), "{told:?}");
-        assert!(back.ends_with("of 100 frames per second arrive"), "{told:?}");
+        let [(fell_s, fell), (back_s, back)] = &reported[..] else { unreachable!("{reported:?}") };
+        assert!((6..=9).contains(fell_s) && fell.starts_with("only 8"), "{reported:?}");
+        assert!((12..=15).contains(back_s) && back.starts_with("again 9"), "{reported:?}");
+        assert!(back.ends_with("of 100 frames per second arrive"), "{reported:?}");
     }
 
     #[test]

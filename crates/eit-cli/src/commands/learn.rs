@@ -70,7 +70,7 @@ impl LearnArgs {
     }
 }
 
-/// The reference; any frame serves if every press has its own.
+/// Returns the reference; the mean is good enough if every press has frames before it.
 fn reference(args: &LearnArgs, scene: &Scene, table: &PressTable) -> Option<Reference> {
     let own = table.presses.iter().all(|press| press.before_first.is_some());
     let any = (own && scene.recording.reference.is_none()).then(|| "mean".to_owned());

@@ -50,7 +50,7 @@ pub(super) fn run(args: &LiveArgs) -> Result<Ended, CliError> {
     let without_s = [statistics.silent_s, statistics.disconnected_s];
     let stated_hz = session.setup().frame_rate_hz;
     let no_data = NoData::new(without_s, stated_hz, summary.frame_rate_hz(), is_silent);
-    answer.text += &no_data.words().replacen("; ", "\n", 1);
+    answer.text += &no_data.description().replacen("; ", "\n", 1);
     answer.json = joined(answer.json, no_data);
     let exit = if is_silent { Exit::Silent } else { Exit::Done };
     Ok(Ended { answer: publish::moved(answer, args.watch.publish.json_lines), exit })

@@ -5,7 +5,7 @@ use crate::commands::prelude::*;
 use eit_mesh::{GmshVersion, Mesh, Quality};
 use eit_picture::{ColorMap, MeshDrawing, PictureSettings, SkinDrawing, View, draw_mesh};
 use eit_report::ReportError;
-use eit_skin::scene::{MeshChoice, element_words};
+use eit_skin::scene::{MeshChoice, element_text};
 use std::io::Write;
 
 /// Generates the mesh, reports its quality, and writes it.
@@ -29,13 +29,13 @@ pub(super) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
         "scene": scene.name,
         "out": args.out.display().to_string(),
         "electrode_measures": measures.collect::<Vec<_>>(),
-        "elements": element_words(element_order),
+        "elements": element_text(element_order),
         "accuracy": accuracy,
         "mesh_notes": notes,
         "stages": progress.times(),
     });
     let chosen = accuracy.map_or_else(String::new, |accuracy| {
-        format!("\nfor {} elements: {}", element_words(element_order), accuracy.words())
+        format!("\nfor {} elements: {}", element_text(element_order), accuracy.description())
     });
     let text = format!("{quality}{chosen}\nwritten: {}", args.out.display());
     Ok(Answer { text, json: joined(json, quality) })
@@ -52,7 +52,7 @@ fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), Report
     let drawing = MeshDrawing { nodes_m: &nodes_m, triangles: &triangles, values: Some(&quality) };
     let hidden = surface.triangles().len() - visible.len();
     let settings = PictureSettings {
-        title: format!("{name}: mesh{}", view.words(surface)),
+        title: format!("{name}: mesh{}", view.description(surface)),
         footnote: match hidden {
             0 => String::new(),
             _ => format!("{hidden} more triangles face away"),

@@ -6,7 +6,7 @@ use crate::commands::prelude::*;
 use eit_picture::SkinDrawing;
 use eit_publish::{Publisher, SkinImage, SkinShape, Start, UdpSink, WebServer};
 use eit_skin::live::{LiveModel, TouchFrame};
-use eit_skin::words::printable;
+use eit_skin::text::printable;
 
 /// Opens the requested outputs; `None` if there are none. The page can record if frames are those of an instrument.
 pub(super) fn open(args: &PublishArgs, can_record: bool) -> Result<Option<Publisher>, CliError> {

@@ -11,7 +11,7 @@ use eit_hw::capture::{self, CaptureReader, CaptureSettings, CaptureWriter, Entry
 use eit_hw::driver::{Event, Session};
 use eit_skin::Steps;
 use eit_skin::connect::{self, Backlog};
-use eit_skin::words::event_words;
+use eit_skin::text::event_text;
 
 /// Records until enough frames arrived, the time is over, or Ctrl-C.
 pub(super) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
@@ -169,7 +169,7 @@ impl Recorder<'_> {
             _ => {}
         }
         if is_news(&event) {
-            event_words(&event).iter().for_each(|words| warn(words));
+            event_text(&event).iter().for_each(|words| warn(words));
         }
         write_event(writer, &event)?;
         let Event::Frame(frame) = event else {
@@ -210,13 +210,13 @@ impl Recorder<'_> {
             "{frames} frames of {} in {path}{parts}{}, {:.1} kB per frame; {} lost, {} with flagged values, {} \
              damaged bytes, {} reconnections{}{}",
             setup.identity,
-            rate.words(),
+            rate.description(),
             new_kb / (*frames).max(1) as f64,
             statistics.lost,
             statistics.flagged,
             statistics.damaged_bytes,
             statistics.reconnections,
-            no_data.words(),
+            no_data.description(),
             electrodes.lines()
         );
         let json = json!({
@@ -241,7 +241,7 @@ impl Recorder<'_> {
 
 /// Records a frame, or a note of what else happened.
 pub(super) fn write_event(writer: &mut CaptureWriter, event: &Event) -> Result<(), HwError> {
-    match (event, event_words(event)) {
+    match (event, event_text(event)) {
         (Event::Frame(frame), _) => writer.frame(frame),
         (_, Some(words)) => writer.note(&words),
         _ => Ok(()),

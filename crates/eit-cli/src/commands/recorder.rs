@@ -100,7 +100,7 @@ impl PageRecorder {
 
     fn start(&mut self, publisher: &Publisher) -> Result<(), CliError> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let file = self.folder.join(format!("{}-{}.mcap", self.stem, time_words(since.as_secs())));
+        let file = self.folder.join(format!("{}-{}.mcap", self.stem, time_text(since.as_secs())));
         let begun = CaptureWriter::create(&file, &self.session, CaptureSettings::default());
         let begun = begun.and_then(|mut writer| {
             writer.note("started on the live page")?;
@@ -126,7 +126,7 @@ fn fail(file: &Path, error: &HwError, publisher: &Publisher) -> Result<(), CliEr
 }
 
 /// UTC date and time of a number of seconds since 1970, fit for a file name: 2026-11-23T130503Z.
-fn time_words(seconds: u64) -> String {
+fn time_text(seconds: u64) -> String {
     let (days, of_day) = (seconds / 86_400, seconds % 86_400);
     // years from March, so that leap days come last (H. Hinnant, "chrono-compatible low-level date algorithms")
     let from_march = days + 719_468;
@@ -157,7 +157,7 @@ mod tests {
             (1_798_761_599, "2026-12-31T235959Z"),
             (4_107_542_400, "2100-03-01T000000Z"),
         ] {
-            assert_eq!(time_words(seconds), wanted);
+            assert_eq!(time_text(seconds), wanted);
         }
     }
 }

@@ -80,7 +80,7 @@ impl NoData {
     }
 
     /// Describes it after a semicolon; empty if data came all the time.
-    pub(super) fn words(&self) -> String {
+    pub(super) fn description(&self) -> String {
         let mut words = String::new();
         let Self { silent_s, disconnected_s, .. } = *self;
         if silent_s + disconnected_s > 0.0 {
@@ -133,8 +133,8 @@ mod tests {
             ([2.0, 0.0], None, None, None, "; no data for 2.0 s (silent)"),
         ] {
             let data = NoData::new(no_data_s, stated_hz, measured_hz, false);
-            assert_eq!((data.frames, data.words().as_str()), (frames, words));
-            let ended = NoData::new(no_data_s, stated_hz, measured_hz, true).words();
+            assert_eq!((data.frames, data.description().as_str()), (frames, words));
+            let ended = NoData::new(no_data_s, stated_hz, measured_hz, true).description();
             let end = "; it was silent or unplugged at the end: check its power and cable";
             assert_eq!(ended, format!("{words}{end}"));
         }

@@ -89,7 +89,7 @@ fn answer(
         _ => String::new(),
     };
     let judged =
-        judge.map_or_else(String::new, |judge| format!("\njudge: {}", judge.counts.words()));
+        judge.map_or_else(String::new, |judge| format!("\njudge: {}", judge.counts.description()));
     let text = format!(
         "{} frames of {} sequences in {folder}\n{} weights, {epochs} epochs ({status}), held-out error {:.4}\n\
          held-out sequences: {}{judged}\nwritten to {out} ({kilobytes} kB), learning curve beside it\nnext: \
@@ -98,7 +98,7 @@ fn answer(
         args.pairs.sequences,
         shape.parameters(),
         error.unwrap_or(f64::NAN),
-        scores.words(),
+        scores.description(),
     );
     Ok(Answer { text, json })
 }

@@ -5,7 +5,7 @@ use crate::commands::prelude::*;
 use eit_inverse::touch::TouchState;
 use eit_picture::{ColorMap, FrameLabels, PictureSettings, SkinDrawing, draw_sheet};
 use eit_skin::live::{LiveImages, LiveModel, TouchFrame};
-use eit_skin::words::printable;
+use eit_skin::text::printable;
 use ndarray::{ArrayView2, Axis};
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -64,7 +64,7 @@ impl Picture {
         let label = format!("frame {}, {:.2} s", shown.sequence, shown.time_s);
         let settings = PictureSettings {
             title: model.skin().name.clone(),
-            footnote: images.words().to_owned(),
+            footnote: images.description().to_owned(),
             labels: FrameLabels::Text(vec![label]),
             range: Some([-range, range]),
             marks_m: vec![marks.map(|t| [t.position_m[0], t.position_m[1]]).collect()],

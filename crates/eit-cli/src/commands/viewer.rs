@@ -13,7 +13,7 @@ use eit_hw::driver::{Event, Statistics};
 use eit_publish::Publisher;
 use eit_report::watched::{self, Kept, record_of};
 use eit_skin::live::{LiveModel, LiveObserver, Summary, TouchFrame};
-use eit_skin::words::event_words;
+use eit_skin::text::event_text;
 
 /// Shows, records and stores frames.
 pub(super) struct Viewer<'a> {
@@ -132,7 +132,7 @@ impl LiveObserver for Viewer<'_> {
             self.terminal.lost = self.terminal.lost.saturating_add(*frames);
         }
         if is_news(event) {
-            event_words(event).iter().for_each(|words| self.terminal.news(words));
+            event_text(event).iter().for_each(|words| self.terminal.news(words));
         }
         self.record(|writer| write_event(writer, event))
     }

@@ -57,13 +57,13 @@ fn the_mesh_is_chosen_below_the_noise() {
     // the largest voltage differs between meshes by less than their error
     let ratio = error["choice"]["required"].as_f64().unwrap() / of_noise;
     assert!((ratio - 1.0).abs() < 1e-2, "{error}");
-    let told = succeed(format!("plan {scene}"));
+    let output = succeed(format!("plan {scene}"));
     assert!(
-        told.contains("mesh chosen for the noise") && told.contains("noise of the instrument:")
+        output.contains("mesh chosen for the noise") && output.contains("noise of the instrument:")
     );
     let scene = folder.write("scene.toml", &noise(1e-6, "edge_m = 0.012"));
-    let told = succeed(format!("plan {scene}"));
-    assert!(told.contains("times less than the error of the mesh"), "{told}");
+    let output = succeed(format!("plan {scene}"));
+    assert!(output.contains("times less than the error of the mesh"), "{output}");
     let scene = folder.write("scene.toml", SMALL);
     assert!(succeed(format!("plan {scene}")).contains("noise of the instrument: not stated"));
 }
@@ -91,8 +91,8 @@ fn elements_are_chosen_on_the_mesh_of_a_file() {
     assert_eq!(elements(1e-5), "quadratic");
     let scene = of_file("required_accuracy = 1e-5\nelements = \"linear\"");
     let out = folder.path("v.npy");
-    let told = refuse(format!("forward {scene} --out {out}"));
-    assert!(told.contains("linear elements on this mesh have an error of"), "{told}");
+    let output = refuse(format!("forward {scene} --out {out}"));
+    assert!(output.contains("linear elements on this mesh have an error of"), "{output}");
 }
 
 /// Stiff contacts: digits are preserved without asking for it. Compares the command's voltages with the
@@ -133,8 +133,8 @@ fn calibration_takes_linear_elements() {
     let frames = folder.path("v.csv");
     succeed(format!("forward {scene} --out {frames}"));
     let scene = folder.write("scene.toml", &meshed("required_accuracy = 3e-3"));
-    let told = succeed(format!("calibrate {scene} --frames {frames}"));
-    assert!(told.contains("conductivity"), "{told}");
+    let output = succeed(format!("calibrate {scene} --frames {frames}"));
+    assert!(output.contains("conductivity"), "{output}");
     let out = folder.path("m.msh");
     let mesh = answer(format!("mesh {scene} --out {out}"));
     assert_eq!(mesh["elements"], "quadratic", "without calibration");
@@ -155,7 +155,7 @@ fn keys_that_contradict_each_other_are_refused() {
         ("required_accuracy = 1e-9\nnode_limit = 800", "no mesh of at most 800 nodes"),
         ("required_accuracy = 1e-18", "at least 9e-16"),
     ] {
-        let told = plan(lines);
-        assert!(told.contains(wanted), "{lines}: {told}");
+        let output = plan(lines);
+        assert!(output.contains(wanted), "{lines}: {output}");
     }
 }

@@ -6,7 +6,7 @@ use crate::common::refuse;
 /// One sentence that says how to build it, before any work.
 #[cfg(not(feature = "zenoh"))]
 #[test]
-fn without_zenoh_the_way_to_get_it_is_told() {
+fn without_zenoh_the_way_to_get_it_is_reported() {
     let said = refuse("body never.toml");
     assert!(said.contains("cargo install --path crates/eit-cli --features zenoh"), "{said}");
     let said = refuse("replay paper-disc --from never.mcap --zenoh skin");
@@ -15,7 +15,7 @@ fn without_zenoh_the_way_to_get_it_is_told() {
 
 #[cfg(not(feature = "foxglove"))]
 #[test]
-fn without_foxglove_the_way_to_get_it_is_told() {
+fn without_foxglove_the_way_to_get_it_is_reported() {
     for flag in ["--foxglove", "--foxglove-record=F.mcap"] {
         let said = refuse(format!("replay paper-disc --from never.mcap {flag}"));
         assert!(said.contains("cargo install --path crates/eit-cli --features foxglove"), "{said}");

@@ -105,8 +105,8 @@ fn a_simulated_frame_gives_the_scene_back() {
 fn frames_that_do_not_fit_are_refused() {
     let (folder, scene) = (Folder::new(), "calibrate paper-disc");
     let said = refuse(scene);
-    let told = "--frames: no frames: give their files, or set [recording] file";
-    assert!(said.contains(told), "{said}");
+    let output = "--frames: no frames: give their files, or set [recording] file";
+    assert!(said.contains(output), "{said}");
     let short = folder.write("short.csv", "1.0,2.0,3.0\n");
     let said = refuse(format!("{scene} --frames {short}"));
     assert!(said.contains("208"), "{said}");

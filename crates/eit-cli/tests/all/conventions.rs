@@ -66,7 +66,7 @@ fn stages_are_timed_or_nothing_is_said() {
 /// What was told on stderr while the work went on is not told again with the result: here that the electrodes are in
 /// another order. The report has every note.
 #[test]
-fn a_note_is_told_once() {
+fn a_note_is_reported_once() {
     let folder = Folder::new();
     let content = SMALL.replace("[protocol]", "[protocol]\ncheck_order = false");
     let scene = folder.write("scene.toml", &content);

@@ -189,13 +189,13 @@ fn what_cannot_be_together_is_refused() {
     let key = |keys: &str| folder.write("scene.toml", with(SMALL, keys));
     let quadratic = SMALL.replace("[mesh]", "[mesh]\nelements = \"quadratic\"");
     let absolute = format!("method = \"gauss-newton-absolute\"\n{KEY}");
-    for (scene, told) in [
+    for (scene, output) in [
         (with(SMALL, "electrode_movement_m = -1.0"), "must be finite and above"),
         (with(SMALL, &absolute), "movement is removed from differences"),
         (with(&quadratic, KEY), "those of linear elements"),
     ] {
         let said = refuse(format!("plan {}", folder.write("scene.toml", scene)));
-        assert!(said.contains(told), "{said}");
+        assert!(said.contains(output), "{said}");
     }
     let (scene, out) = (key(KEY), folder.path("out"));
     let said = refuse(format!("net train {scene} --out {out}.safetensors"));
@@ -215,7 +215,7 @@ fn what_cannot_be_together_is_refused() {
         still[i] * (1.0 + 1e-3 * f as f64 * (i as f64).sin())
     });
     folder.write_array("v.npy", &frames);
-    for (keys, method, told) in [
+    for (keys, method, output) in [
         (KEY.to_owned(), "gauss-newton", "needs the noise: state [noise]"),
         (
             format!("{KEY}\n[noise]\nadditive_v = 1e-6"),
@@ -225,7 +225,7 @@ fn what_cannot_be_together_is_refused() {
     ] {
         let from = format!("--frames {voltages} --reference 0 --method {method}");
         let said = refuse(format!("reconstruct {} --out {out} {from}", key(&keys)));
-        assert!(said.contains(told), "{said}");
+        assert!(said.contains(output), "{said}");
     }
 }
 

@@ -179,28 +179,28 @@ fn exchanged_wires_are_named() {
     }
 }
 
-/// Electrodes that are not equally spaced are doubted; equally spaced ones are not, nor any wires taken for exchanged.
+/// Electrodes that are not equally spaced are reported; equally spaced ones are not, nor are any wires reported as exchanged.
 #[test]
-fn uneven_electrodes_are_doubted() {
+fn uneven_electrodes_are_noticed() {
     let options = format!("{RECTANGLE} --json --no-presses");
-    for (uneven, is_doubted) in [(0.0, false), (0.05, false), (0.3, true)] {
+    for (uneven, is_reported) in [(0.0, false), (0.05, false), (0.3, true)] {
         let (folder, wiring) = (Folder::new(), Wiring { uneven, ..Wiring::default() });
         let (_, answer, _) = init(&folder, &rectangle(), wiring, 1.5, &options);
         let answer = parse(&answer);
         let unsure = answer["unsure"].to_string();
-        assert_eq!(unsure.contains("not equally spaced"), is_doubted, "{uneven}: {answer}");
+        assert_eq!(unsure.contains("not equally spaced"), is_reported, "{uneven}: {answer}");
         assert!(answer["swapped_electrodes"].is_null(), "{uneven}: {answer}");
         let correlation = answer["model_correlation"].as_f64().unwrap();
-        assert!(is_doubted || correlation > 0.98, "{uneven}: {correlation}");
+        assert!(is_reported || correlation > 0.98, "{uneven}: {correlation}");
     }
 }
 
 /// Invalid settings are rejected before anything is opened or written.
 #[test]
-fn wrong_arguments_are_told_by_name() {
+fn wrong_arguments_are_reported_by_name() {
     let folder = Folder::new();
     let file = folder.path("my.toml");
-    for (options, told) in [
+    for (options, output) in [
         ("", "--shape"),
         ("--radius-mm 100", "--electrodes"),
         ("--radius-mm -1 --electrodes 16", "--radius-mm -1"),
@@ -212,7 +212,7 @@ fn wrong_arguments_are_told_by_name() {
         ("--radius-mm 5 --electrodes 16 --electrode-width-mm 9", "electrode"),
     ] {
         let said = refuse(format!("init {file} {options}"));
-        assert!(said.contains(told) && !exists(&file), "{options}: {said}");
+        assert!(said.contains(output) && !exists(&file), "{options}: {said}");
     }
     let good = format!("init {file} --radius-mm 100 --electrodes 16");
     succeed(&good);

@@ -335,7 +335,7 @@ fn a_replay_gives_the_images_of_the_live_view_to_the_bit() {
 
 /// One line each: what is wrong, where, how to fix it; before any work.
 #[test]
-fn bad_input_is_told_in_one_line() {
+fn bad_input_is_reported_in_one_line() {
     let (folder, good, port) = scene_at_port("driver = \"eits1\"");
     let [out, none, jpg, csv] = folder.paths(["out.mcap", "none", "now.jpg", "press.csv"]);
     let with = |instrument: &str| {

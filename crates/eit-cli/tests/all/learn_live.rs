@@ -237,7 +237,7 @@ fn ctrl_c_ends_the_wait_for_a_force() {
 /// Flags that belong together, and numbers out of range.
 #[test]
 fn wrong_arguments() {
-    for (options, told) in [
+    for (options, output) in [
         ("", "--presses"),
         ("--live --frames f.mcap", "--frames"),
         ("--presses p.csv --force-n 1", "--live"),
@@ -247,6 +247,6 @@ fn wrong_arguments() {
         ("--live", "instrument"),
     ] {
         let said = refuse(format!("learn paper-disc --out x.learned {options}"));
-        assert!(said.contains(told), "{options}: {said}");
+        assert!(said.contains(output), "{options}: {said}");
     }
 }

@@ -393,14 +393,14 @@ fn plan_tells_the_method_and_why() {
         // without a weight in time nothing is coupled, whatever the frames
         (format!("{noise}[reconstruction]\nlambda_time = 0.0\n"), &["time term: none"]),
     ] {
-        let told = succeed(format!("plan {}", folder.scene(&keys)));
-        assert!(wanted.iter().all(|words| told.contains(words)), "{wanted:?}: {told}");
-        assert!(!keys.contains("lambda_time") || !told.contains("couples"), "{told}");
+        let output = succeed(format!("plan {}", folder.scene(&keys)));
+        assert!(wanted.iter().all(|words| output.contains(words)), "{wanted:?}: {output}");
+        assert!(!keys.contains("lambda_time") || !output.contains("couples"), "{output}");
     }
     let scene = folder.scene("");
     for method in METHODS {
-        let told = succeed(format!("plan {scene} --method {method}"));
-        assert!(told.contains(&format!("method {method}: requested")), "{told}");
+        let output = succeed(format!("plan {scene} --method {method}"));
+        assert!(output.contains(&format!("method {method}: requested")), "{output}");
     }
 }
 

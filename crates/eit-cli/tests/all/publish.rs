@@ -145,13 +145,13 @@ fn a_closed_pipe_ends_the_run() {
 fn bad_wishes_are_refused_before_any_work() {
     let scene = Folder::new().scene("");
     let line = format!("replay {scene} --from never.mcap");
-    for (more, told) in [
+    for (more, output) in [
         ("--json-lines --json", "--json-lines and --json"),
         ("--udp 9000", "--udp: 9000: "),
         ("--udp 127.0.0.1:0", "--udp: 127.0.0.1:0: "),
     ] {
         let said = refuse(format!("{line} {more}"));
-        assert!(said.contains(told), "{said}");
+        assert!(said.contains(output), "{said}");
         assert_eq!(said.contains("HOST:PORT"), more.starts_with("--udp"), "{said}");
     }
 }

@@ -200,21 +200,21 @@ fn without_capacitance_or_frequency_results_are_the_real_ones_to_the_bit() {
             assert!(real == bytes(command, content, out), "{command} {out}: {content}");
         }
     }
-    let told = succeed(format!("plan {}", folder.write("scene.toml", &still[0])));
-    assert!(told.contains("frequency are zero: no current flows through them"), "{told}");
+    let output = succeed(format!("plan {}", folder.write("scene.toml", &still[0])));
+    assert!(output.contains("frequency are zero: no current flows through them"), "{output}");
 }
 
 #[test]
 fn plan_says_whether_arithmetic_is_complex_and_why() {
     let folder = Folder::new();
     let plan = |content: &str| succeed(format!("plan {}", folder.write("scene.toml", content)));
-    let told = plan(&capacitive(""));
-    assert!(told.contains("complex arithmetic: capacitances carry current at 1591"), "{told}");
+    let output = plan(&capacitive(""));
+    assert!(output.contains("complex arithmetic: capacitances carry current at 1591"), "{output}");
     for stage in ["forward, complex", "Jacobian, complex", "images", "pivoting"] {
-        assert!(told.contains(stage), "{stage}: {told}");
+        assert!(output.contains(stage), "{stage}: {output}");
     }
-    let told = plan(SMALL);
-    assert!(told.contains("complex arithmetic     the scene has no reactive part"), "{told}");
+    let output = plan(SMALL);
+    assert!(output.contains("complex arithmetic     the scene has no reactive part"), "{output}");
     let scene = folder.write("scene.toml", &capacitive(CONTACTS_OF_45_DEGREES));
     let json = answer(format!("plan {scene}"));
     assert_eq!(json["complex"], true);
@@ -257,7 +257,7 @@ fn keys_are_checked() {
     let (sheet, contacts) = ("sheet_capacitance_f", "count = 8\ncontact_capacitance_f_per_m = ");
     let [negative, infinite] = ["-1.0 #", "inf #"].map(|value| format!("{sheet} = {value}"));
     let [two, nan] = ["[1e-9, 1e-9]", "nan"].map(|value| format!("{contacts}{value}"));
-    for (told, from, to) in [
+    for (message, from, to) in [
         ("skin.sheet_capacitance_f is -1", sheet, &negative[..]),
         ("skin.sheet_capacitance_f is inf", sheet, &infinite),
         ("protocol.frequency_hz is NaN", "frequency_hz = ", "frequency_hz = nan #"),
@@ -272,7 +272,7 @@ fn keys_are_checked() {
     ] {
         assert!(content.contains(from), "{from}");
         let found = refused(&content.replace(from, to));
-        assert!(found.contains(told), "{told}: {found}");
+        assert!(found.contains(message), "{message}: {found}");
     }
     // a capacitance without a resistance in parallel is a contact
     let content = capacitive(CONTACTS_OF_45_DEGREES).replace("_ohm_m = 1e3", "_ohm_m = inf");

@@ -281,14 +281,14 @@ fn a_table_is_replayed_after_the_command_that_is_named() {
     succeed(format!("convert {turned} --scene {scene} --out {back}"));
     assert_eq!(read_text(&back), content);
 
-    for (scene, told) in [(&plain, 1), (&stated, 0)] {
+    for (scene, count) in [(&plain, 1), (&stated, 0)] {
         let replay = format!("replay {scene} --from {recording}");
         for line in [reconstruct(scene, &table), replay] {
             let output = eit(&line);
             let said = stdout(&output) + &stderr(&output);
             assert!(output.status.success(), "{line}: {said}");
             let notes = said.matches("20 frames a second; if it is another one").count();
-            assert_eq!(notes, told, "{line}: {said}");
+            assert_eq!(notes, count, "{line}: {said}");
         }
     }
 }

@@ -125,26 +125,26 @@ fn bad_scripts_and_settings_are_one_line() {
     };
     let lines = |lines: &[String]| folder.write("s.toml", format!("{head}{}", lines.concat()));
     let fabric = |key: &str| folder.scene(&format!("[fabric.rim]\n{key}\n"));
-    for (keys, told) in [
+    for (keys, output) in [
         (vec![key(1.0, 0.3, 1.0)], "finger 1, at key 0, 1 s: (0.3, 0) m"),
         (vec![key(1.0, 0.0, -1.0)], "key 0: force_n is -1"),
         (vec![key(1.0, 0.0, 1.0), key(1.0, 0.0, 1.0)], "is not after"),
         (vec!["speed = 3\n".into(), key(1.0, 0.0, 1.0)], "unknown key \"speed\""),
     ] {
         let said = run("paper-disc", &lines(&keys));
-        assert!(said.contains(told), "{told}: {said}");
+        assert!(said.contains(output), "{output}: {said}");
     }
-    for (key, told) in [
+    for (key, output) in [
         ("compliance = 2.0", "fabric.rim.compliance is 2"),
         ("complianc = 0.2", "did you mean \"compliance\""),
     ] {
-        assert!(run(&fabric(key), "random").contains(told), "{key}");
+        assert!(run(&fabric(key), "random").contains(output), "{key}");
     }
     // frames that would all be quiet: the option is named, and how many there are
     let said = refuse(format!("simulate paper-disc --frames 20 --out {out}.npy"));
-    let told =
+    let output =
         "--frames 20: the script paper-one-finger begins with 20 frames of the untouched skin";
-    assert!(said.contains(told), "{said}");
+    assert!(said.contains(output), "{said}");
 }
 
 /// The script "random" keeps its fingers on the skin, whatever its shape: also where the centroid lies in a hole or off

@@ -157,7 +157,7 @@ impl TouchScript {
         for finger in &self.fingers {
             self.check_keys(finger)?;
         }
-        let place = Place::new(mesh.surface());
+        let place = SkinTest::new(mesh.surface());
         for finger in &self.fingers {
             for (k, key) in finger.keys.iter().enumerate() {
                 place.check(finger.id, Some(k), key.time_s, key.position_m)?;
@@ -209,11 +209,11 @@ impl TouchScript {
 }
 
 /// Tests whether points lie on the skin, seen from +z.
-struct Place<'a> {
+struct SkinTest<'a> {
     surface: &'a Surface,
 }
 
-impl<'a> Place<'a> {
+impl<'a> SkinTest<'a> {
     fn new(surface: &'a Surface) -> Self {
         Self { surface }
     }

@@ -57,7 +57,7 @@ fn true_error(chosen: &ChosenMesh, protocol: &Protocol, exact: &Array1<f64>) -> 
     largest(&(voltages - exact)) / largest(exact)
 }
 
-fn words(chosen: &ChosenMesh) -> String {
+fn description(chosen: &ChosenMesh) -> String {
     let nodes = chosen.mesh.surface().nodes().len();
     format!("{:?}, {nodes} nodes, estimated {:.1e}", chosen.element_order, chosen.error)
 }
@@ -83,7 +83,7 @@ fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {
                 MeshSearch { element_order: kind, ..search(&protocol, &impedance, accuracy) };
             let chosen = search.run(disc).unwrap();
             let error = true_error(&chosen, &protocol, &exact);
-            println!("{accuracy:.0e}: {}, true {error:.1e}", words(&chosen));
+            println!("{accuracy:.0e}: {}, true {error:.1e}", description(&chosen));
             assert!(chosen.error <= accuracy);
             assert!(error < 1.5 * accuracy, "{error:e} for {accuracy:e}");
             assert!(kind.is_none_or(|kind| kind == chosen.element_order));
@@ -152,7 +152,7 @@ fn chosen_meshes_of_a_plate_with_patches() {
         .unwrap();
         let voltages = model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap();
         let error = largest(&(voltages - &exact)) / largest(&exact);
-        println!("{accuracy:.0e}: {}, true {error:.1e}", words(&chosen));
+        println!("{accuracy:.0e}: {}, true {error:.1e}", description(&chosen));
         assert!(error < 1.5 * accuracy, "{error:e} for {accuracy:e}");
     }
 }
@@ -167,7 +167,7 @@ fn shunts_are_searched_with_linear_elements() {
     assert_eq!(chosen.element_order, ElementOrder::Linear);
     assert!(chosen.error <= 5e-3);
     assert!(chosen.trials.iter().all(|t| t.element_order == ElementOrder::Linear));
-    println!("shunt: {}", words(&chosen));
+    println!("shunt: {}", description(&chosen));
 }
 
 #[test]

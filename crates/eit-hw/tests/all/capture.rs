@@ -223,15 +223,15 @@ fn a_second_run_is_another_epoch() {
         writer.finish().unwrap();
     }
     let mut replay = Replay::open(&path, None, Pace::OnDemand).unwrap();
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     while let Some(event) = replay.next_event(Duration::ZERO).unwrap() {
-        told.push(match event {
+        reported.push(match event {
             Event::Frame(frame) => format!("{}.{}", frame.epoch, frame.sequence),
             Event::Reconnected { epoch } => format!("epoch {epoch}"),
             other => panic!("{other:?}"),
         });
     }
-    assert_eq!(told, ["0.0", "0.1", "0.2", "epoch 1", "1.0", "1.1", "1.2"]);
+    assert_eq!(reported, ["0.0", "0.1", "0.2", "epoch 1", "1.0", "1.1", "1.2"]);
 
     // a recording of another set-up is rejected and stays as it is
     let before = std::fs::read(&path).unwrap();
@@ -296,7 +296,7 @@ fn a_recording_is_read_like_any_other_file() {
 }
 
 #[test]
-fn what_cannot_be_written_or_read_is_told() {
+fn what_cannot_be_written_or_read_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let create = |settings| CaptureWriter::create(&path, &session(), settings);

@@ -53,7 +53,7 @@ fn a_replay_tells_what_is_damaged() {
     let mut bad = bytes.clone();
     bad[third.0 + third.1 / 2] ^= 4;
     let cut = bytes[..third.0 + third.1 / 2].to_vec();
-    for (bytes, frames, told) in [(bytes, 20, 0), (bad, 15, 1), (cut, 10, 1)] {
+    for (bytes, frames, reported) in [(bytes, 20, 0), (bad, 15, 1), (cut, 10, 1)] {
         std::fs::write(&path, bytes).unwrap();
         let mut replay = Replay::open(&path, None, Pace::OnDemand).unwrap();
         let (mut found, mut notices) = (0, Vec::new());
@@ -64,7 +64,7 @@ fn a_replay_tells_what_is_damaged() {
                 _ => {}
             }
         }
-        assert_eq!((found, notices.len()), (frames, told), "{notices:?}");
+        assert_eq!((found, notices.len()), (frames, reported), "{notices:?}");
         assert!(notices.iter().all(|(at, text)| *at == frames && text.contains("damaged")));
     }
 }

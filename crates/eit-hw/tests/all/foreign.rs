@@ -44,7 +44,7 @@ fn zstandard_is_read_and_gone_on_with_only_by_the_same_set_up() {
 
 /// Wrong lengths allocate no memory, and content that unpacks endlessly is skipped.
 #[test]
-fn hostile_lengths_are_told_at_once() {
+fn hostile_lengths_are_reported_at_once() {
     let path = Path::new("hostile.mcap");
     // a text of 4 GiB in the first record
     let long = [&0xFFFF_FFF0_u32.to_le_bytes()[..], b"abcd", &[b'x'; 64]].concat();

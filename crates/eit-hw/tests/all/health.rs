@@ -124,7 +124,7 @@ fn a_coarse_converter_makes_no_electrode_noisy() {
 }
 
 #[test]
-fn troubles_of_the_whole_are_told_with_what_to_try() {
+fn troubles_of_the_whole_are_reported_with_what_to_try() {
     let only = |report: &HealthReport, start: &str| {
         assert_eq!(report.findings.len(), 1, "{:?}", report.findings);
         let line = report.findings[0].to_string();

@@ -58,15 +58,15 @@ fn sequences(path: &Path) -> Vec<u64> {
 /// Replays a recording; returns its frames as `epoch.sequence`, and its other events but notes.
 fn replayed(path: &Path) -> Vec<String> {
     let mut replay = Replay::open(path, None, Pace::OnDemand).unwrap();
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     while let Some(event) = replay.next_event(Duration::ZERO).unwrap() {
         match event {
-            Event::Frame(frame) => told.push(format!("{}.{}", frame.epoch, frame.sequence)),
+            Event::Frame(frame) => reported.push(format!("{}.{}", frame.epoch, frame.sequence)),
             Event::Notice(_) => {}
-            other => told.push(format!("{other:?}")),
+            other => reported.push(format!("{other:?}")),
         }
     }
-    told
+    reported
 }
 
 #[test]
@@ -202,13 +202,13 @@ fn an_unfinished_part_is_appended_to() {
         writer.finish().unwrap();
         assert!(files(&killed).len() > parts);
         assert!(!read(&killed).unwrap().damage.unfinished);
-        let told = replayed(&killed);
+        let reported = replayed(&killed);
         let wanted = |epoch: u32, count: u64| (0..count).map(move |n| format!("{epoch}.{n}"));
         let wanted: Vec<String> = wanted(0, flushed)
             .chain([format!("{:?}", Event::Reconnected { epoch: 1 })])
             .chain(wanted(1, 2 * PER_PART))
             .collect();
-        assert_eq!(told, wanted);
+        assert_eq!(reported, wanted);
         for file in files(&path).iter().chain(&files(&killed)) {
             std::fs::remove_file(file).unwrap();
         }
@@ -267,9 +267,9 @@ fn damage_of_one_part_costs_nothing_of_the_others() {
         let missing = usize::from(number < 3);
         assert_eq!(capture.damage, Damage { missing_parts: missing, ..Damage::default() });
         // frames before and after a gap may belong to different runs
-        let told = replayed(&path);
-        let is_split = told.iter().any(|told| told.contains("Reconnected"));
-        assert_eq!(is_split, number == 1 || number == 2, "{told:?}");
+        let reported = replayed(&path);
+        let is_split = reported.iter().any(|reported| reported.contains("Reconnected"));
+        assert_eq!(is_split, number == 1 || number == 2, "{reported:?}");
         for _ in 0..20 {
             let length = random.below(bytes.len());
             std::fs::write(part, &bytes[..length]).unwrap();
@@ -309,8 +309,8 @@ fn a_part_that_cannot_be_created_costs_no_frame() {
     let counts: Vec<u64> = parts.iter().map(|part| sequences(part).len() as u64).collect();
     assert_eq!(counts, [2 * PER_PART, PER_PART, PER_PART]);
     let first = read(&parts[0]).unwrap();
-    let is_told = first.entries.iter().any(
+    let is_reported = first.entries.iter().any(
         |entry| matches!(entry, Entry::Note(text) if text.contains("press.00002.mcap: exists")),
     );
-    assert!(is_told);
+    assert!(is_reported);
 }

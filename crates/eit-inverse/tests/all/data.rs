@@ -11,7 +11,7 @@ use fixtures::Random;
 use ndarray::Array2;
 
 /// 40 measurements; two are unused and hold invalid values.
-struct Scene {
+struct Setup {
     jacobian: Array2<f64>,
     model_voltages_v: Vec<f64>,
     frame: Vec<f64>,
@@ -19,7 +19,7 @@ struct Scene {
     used: Vec<bool>,
 }
 
-fn scene() -> Scene {
+fn scene() -> Setup {
     let mut jacobian = jacobian(&disc(0.1, 4), 0.1, 8);
     let count = jacobian.nrows();
     let mut random = Random::new(23);
@@ -29,7 +29,7 @@ fn scene() -> Scene {
     (model_voltages_v[4], model_voltages_v[11]) = (0.0, f64::NAN);
     (frame[4], reference_frame[11]) = (f64::INFINITY, 0.0);
     jacobian[(11, 2)] = f64::NAN;
-    Scene { jacobian, model_voltages_v, frame, reference_frame, used }
+    Setup { jacobian, model_voltages_v, frame, reference_frame, used }
 }
 
 fn bits<'a>(values: impl IntoIterator<Item = &'a f64>) -> Vec<u64> {
@@ -39,7 +39,7 @@ fn bits<'a>(values: impl IntoIterator<Item = &'a f64>) -> Vec<u64> {
 /// Bit for bit, because programs compare images made before and after they used these functions.
 #[test]
 fn differences_are_the_formula() {
-    let Scene { frame, reference_frame, used, .. } = scene();
+    let Setup { frame, reference_frame, used, .. } = scene();
     for (kind, missing) in [(DifferenceKind::Plain, 0.0), (DifferenceKind::Normalised, f64::NAN)] {
         let mut found = vec![7.0; frame.len()];
         kind.difference_into(&frame, &reference_frame, |i| used[i], missing, &mut found).unwrap();
@@ -55,7 +55,7 @@ fn differences_are_the_formula() {
 
 #[test]
 fn rows_are_divided_by_the_models_voltages() {
-    let Scene { jacobian, model_voltages_v, used, .. } = scene();
+    let Setup { jacobian, model_voltages_v, used, .. } = scene();
     let normalised = DifferenceData::Normalised { model_voltages_v: model_voltages_v.clone() };
     assert_eq!(normalised.kind(), DifferenceKind::Normalised);
     assert_eq!(DifferenceData::Plain.kind(), DifferenceKind::Plain);
@@ -76,7 +76,7 @@ fn rows_are_divided_by_the_models_voltages() {
 /// normalised ones.
 #[test]
 fn the_reconstruction_makes_the_same_of_a_frame() {
-    let Scene { jacobian, model_voltages_v, frame, reference_frame, used } = scene();
+    let Setup { jacobian, model_voltages_v, frame, reference_frame, used } = scene();
     let data = DifferenceData::Normalised { model_voltages_v };
     let settings =
         OneStepSettings { data: data.clone(), used: Some(used.clone()), ..Default::default() };
@@ -101,7 +101,7 @@ fn the_reconstruction_makes_the_same_of_a_frame() {
 
 #[test]
 fn wrong_input_is_named() {
-    let Scene { mut jacobian, model_voltages_v, frame, reference_frame, used } = scene();
+    let Setup { mut jacobian, model_voltages_v, frame, reference_frame, used } = scene();
     let kind = DifferenceKind::Plain;
     let wrong = |what, found, wanted| Err(InverseError::WrongLength { what, found, wanted });
     let mut difference = vec![0.0; 40];

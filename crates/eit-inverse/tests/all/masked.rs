@@ -14,7 +14,7 @@ use proptest::prelude::*;
 
 /// A scene with 8 electrodes (40 measurements, 20 independent) in which everything differs from channel to
 /// channel: noise, normalised data, one unused channel.
-struct Scene {
+struct Setup {
     jacobian: Array2<f64>,
     settings: OneStepSettings,
     frame: Vec<f64>,
@@ -23,7 +23,7 @@ struct Scene {
 
 const UNUSED: usize = 17;
 
-fn scene(hyperparameter: f64) -> Scene {
+fn scene(hyperparameter: f64) -> Setup {
     let jacobian = jacobian(&disc(0.1, 8), 0.1, 8);
     let count = jacobian.nrows();
     let mut random = Random::new(4071);
@@ -36,7 +36,7 @@ fn scene(hyperparameter: f64) -> Scene {
         noise_std: Some(noise_std),
         used: Some((0..count).map(|i| i != UNUSED).collect()),
     };
-    Scene { jacobian, settings, frame, reference_frame }
+    Setup { jacobian, settings, frame, reference_frame }
 }
 
 /// Hyperparameter at which the prior has the same weight in `built` as in `full`, in absolute units
@@ -78,7 +78,7 @@ fn a_frame_without_bad_values_is_as_if_they_were_never_measured() {
     let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
     let raster = Raster::new(&surface, 10).unwrap();
     for hyperparameter in [1e-3, 0.03, 1.0] {
-        let Scene { jacobian, settings, frame, reference_frame } = scene(hyperparameter);
+        let Setup { jacobian, settings, frame, reference_frame } = scene(hyperparameter);
         let full = OneStepGaussNewton::new(&jacobian, &prior, settings.clone()).unwrap();
         let on_raster = full.on_raster(raster.pixel_from_element()).unwrap();
         for masked in sets() {
@@ -177,7 +177,7 @@ proptest! {
 
 #[test]
 fn a_workspace_serves_sets_of_every_size_in_any_order() {
-    let Scene { jacobian, settings, frame, reference_frame } = scene(0.03);
+    let Setup { jacobian, settings, frame, reference_frame } = scene(0.03);
     let prior = Tikhonov::new(&disc(0.1, 8));
     let full = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
     let map = full.reconstructor();
@@ -194,7 +194,7 @@ fn a_workspace_serves_sets_of_every_size_in_any_order() {
 
 #[test]
 fn wrong_sets_are_named() {
-    let Scene { jacobian, settings, frame, reference_frame } = scene(0.03);
+    let Setup { jacobian, settings, frame, reference_frame } = scene(0.03);
     let prior = Tikhonov::new(&disc(0.1, 8));
     let full = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
     let map = full.reconstructor();

@@ -73,19 +73,19 @@ fn methods_in_time(
 }
 
 /// A random problem: Jacobian, prior covariance, noise, data.
-struct Scene {
+struct Setup {
     jacobian: Array2<f64>,
     prior: Dense,
     difference: OneStepSettings,
     values: Array2<f64>,
 }
 
-fn scene(seed: u64, [frames, measurements, elements]: [usize; 3], lambda: f64) -> Scene {
+fn scene(seed: u64, [frames, measurements, elements]: [usize; 3], lambda: f64) -> Setup {
     let mut random = Random::new(seed);
     let root = random.normals(elements, elements);
     let jacobian = random.normals(measurements, elements);
     let noise_std = (0..measurements).map(|_| 1e-3 * (0.5 + random.uniform())).collect();
-    Scene {
+    Setup {
         values: random.normals(frames, measurements),
         jacobian,
         prior: Dense(root.t().dot(&root)),
@@ -96,11 +96,11 @@ fn scene(seed: u64, [frames, measurements, elements]: [usize; 3], lambda: f64) -
 /// Maximum a posteriori images and their residuals, with all covariances of the sequence as dense
 /// matrices: `(K (x) P) J~' (J~ (K (x) P) J~' + lambda^2 s W^-1)^-1 dv`, without masked rows.
 fn batch(
-    scene: &Scene,
+    scene: &Setup,
     in_time: &Array2<f64>,
     good: impl Fn(usize, usize) -> bool,
 ) -> (Array2<f64>, Vec<f64>) {
-    let Scene { jacobian, prior, difference, values } = scene;
+    let Setup { jacobian, prior, difference, values } = scene;
     let noise_std = difference.noise_std.as_ref().unwrap();
     let (frames, m) = values.dim();
     let sensed = jacobian.dot(&prior.0); // J P
@@ -128,7 +128,7 @@ fn batch(
 }
 
 /// Compares every temporal method with the dense solution; masked values are NaN.
-fn compare_with_batch(scene: &Scene, good: &Array2<bool>, tolerance: f64) {
+fn compare_with_batch(scene: &Setup, good: &Array2<bool>, tolerance: f64) {
     let mut values = scene.values.clone();
     values.iter_mut().zip(good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
     let frames = DifferenceFrames { values: values.view(), good: Some(good.view()) };

@@ -28,7 +28,7 @@ const GAP: f64 = 1e-2;
 const SHARE: f64 = 0.25;
 
 /// A basis with a smooth Jacobian, and touches on it.
-struct Scene {
+struct Setup {
     jacobian: Array2<f64>,
     gradient: Gradient,
     places: Vec<[f64; 2]>,
@@ -36,7 +36,7 @@ struct Scene {
 
 /// Fields of dipoles near the rim of the unit disc: large near the rim and small in the middle, as in a
 /// real skin.
-fn scene_on(places: Vec<[f64; 2]>, gradient: Gradient, weight: impl Fn(usize) -> f64) -> Scene {
+fn scene_on(places: Vec<[f64; 2]>, gradient: Gradient, weight: impl Fn(usize) -> f64) -> Setup {
     let mut random = Random::new(7);
     let mut jacobian = Array2::zeros((MEASUREMENTS, places.len()));
     for mut row in jacobian.rows_mut() {
@@ -49,10 +49,10 @@ fn scene_on(places: Vec<[f64; 2]>, gradient: Gradient, weight: impl Fn(usize) ->
             *value = weight(p) * dipole / (0.02 + dx * dx + dy * dy);
         }
     }
-    Scene { jacobian, gradient, places }
+    Setup { jacobian, gradient, places }
 }
 
-fn pixels(side: usize) -> Scene {
+fn pixels(side: usize) -> Setup {
     let centre = 0.5 * (side as f64 - 1.0);
     let place = |i: usize, j: usize| [(j as f64 - centre) / centre, (i as f64 - centre) / centre];
     let mask = Array2::from_shape_fn((side, side), |(i, j)| {
@@ -65,14 +65,14 @@ fn pixels(side: usize) -> Scene {
 }
 
 /// Two separate rectangles: a skin in two parts.
-fn two_parts() -> Scene {
+fn two_parts() -> Setup {
     let mask = Array2::from_shape_fn((9, 21), |(_, j)| j != 10);
     let inside = mask.indexed_iter().filter(|(_, m)| **m);
     let places = inside.map(|((i, j), _)| [j as f64 / 10.0 - 1.0, i as f64 / 10.0 - 0.4]).collect();
     scene_on(places, Gradient::pixels(&mask, 1.0).unwrap(), |_| 0.1)
 }
 
-fn mesh(nodal: bool) -> Scene {
+fn mesh(nodal: bool) -> Setup {
     let surface = disc(1.0, 7);
     let (gradient, points): (_, Vec<[f64; 3]>) = match nodal {
         true => (Gradient::nodal(&surface).unwrap(), surface.nodes().to_vec()),
@@ -97,7 +97,7 @@ fn touches(f: usize) -> Vec<([f64; 2], f64)> {
     }
 }
 
-impl Scene {
+impl Setup {
     fn image(&self, f: usize) -> Array1<f64> {
         let touches = touches(f);
         let value = |p: &[f64; 2]| -> f64 {
@@ -149,7 +149,7 @@ struct Audit {
 }
 
 fn audit(
-    scene: &Scene,
+    scene: &Setup,
     settings: &StTvSettings,
     good: &[bool],
     dv: &[f64],
@@ -229,7 +229,7 @@ fn audit(
 
 /// Streams frames and checks the certificate of each; returns their numbers of iterations.
 fn stream_and_audit(
-    scene: &Scene,
+    scene: &Setup,
     settings: &StTvSettings,
     target_gap: f64,
     frames: usize,

@@ -14,13 +14,13 @@ const SIDE: usize = 14;
 const MEASUREMENTS: usize = 40;
 
 /// A smooth random Jacobian on a disc of pixels, and noisy frames of a moving touch.
-struct Scene {
+struct Setup {
     jacobian: Array2<f64>,
     gradient: Gradient,
     frames: Vec<Vec<f64>>,
 }
 
-fn scene(count: usize, noise: f64) -> Scene {
+fn scene(count: usize, noise: f64) -> Setup {
     let centre = 0.5 * (SIDE as f64 - 1.0);
     let place = |i: usize, j: usize| [i as f64 - centre, j as f64 - centre];
     let mask = Array2::from_shape_fn((SIDE, SIDE), |(i, j)| {
@@ -55,7 +55,7 @@ fn scene(count: usize, noise: f64) -> Scene {
             dv
         })
         .collect();
-    Scene { gradient: Gradient::pixels(&mask, 1.0).unwrap(), jacobian, frames }
+    Setup { gradient: Gradient::pixels(&mask, 1.0).unwrap(), jacobian, frames }
 }
 
 fn settings(noise: f64) -> StTvSettings {

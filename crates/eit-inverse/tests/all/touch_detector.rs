@@ -189,22 +189,24 @@ fn what_quiet_frames_do_is_no_touch() {
     let settings = DetectorSettings::with_least(LEAST);
     let all = [true; MEASUREMENTS];
     let model = DetectorModel { quiet_v: quiet_v.view(), ..SKIN.model(&all) };
-    let mut told = TouchDetector::new(&model, settings).unwrap();
-    let mut untold = SKIN.detector(LEAST);
+    let mut with_quiet = TouchDetector::new(&model, settings).unwrap();
+    let mut plain = SKIN.detector(LEAST);
     let mut shown = [0; 2];
     for _ in 0..1000 {
         let frame = on_wave(&SKIN.model_v, &mut random);
-        for (shown, detector) in shown.iter_mut().zip([&mut told, &mut untold]) {
+        for (shown, detector) in shown.iter_mut().zip([&mut with_quiet, &mut plain]) {
             *shown += usize::from(!push(detector, &frame).is_empty());
         }
     }
-    println!("touches in {shown:?} of 1000 frames, told and untold");
+    println!("touches in {shown:?} of 1000 frames, with and without quiet frames");
     assert_eq!(shown[0], 0);
     assert!(shown[1] > 200, "{shown:?}");
     let at = [0.03, -0.05];
     let finger = touched(&[(at, FINGER)]);
     for _ in 0..100 {
-        let [touch] = push(&mut told.clone(), &on_wave(&finger, &mut random))[..] else { panic!() };
+        let [touch] = push(&mut with_quiet.clone(), &on_wave(&finger, &mut random))[..] else {
+            panic!()
+        };
         // five standard deviations of the position, which the wave's direction hardly increases
         assert!(distance_m(&touch, at) < 5e-3, "{touch:?}");
     }

@@ -2,7 +2,7 @@
 
 use super::PAGE;
 use super::request::{Method, read};
-use super::server::{Place, Shared};
+use super::server::{BrowserSlot, Shared};
 use std::io::{self, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::sync::mpsc::RecvTimeoutError;
@@ -101,7 +101,7 @@ fn reply(stream: &TcpStream, status: &str, text: &str) -> io::Result<()> {
 }
 
 /// Sends lines until the browser disconnects or the server ends.
-fn send_events(stream: &TcpStream, shared: &Shared, place: &Place<'_>) -> io::Result<()> {
+fn send_events(stream: &TcpStream, shared: &Shared, place: &BrowserSlot<'_>) -> io::Result<()> {
     let head = "HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n\
         Connection: close\r\n\r\n";
     Until::patience(stream).write_all(head.as_bytes())?;

@@ -64,13 +64,13 @@ struct Browser {
 }
 
 /// A browser's slot, freed on drop.
-pub(super) struct Place<'a> {
+pub(super) struct BrowserSlot<'a> {
     shared: &'a Shared,
     number: usize,
     pub(crate) lines: Receiver<Line>,
 }
 
-impl Drop for Place<'_> {
+impl Drop for BrowserSlot<'_> {
     fn drop(&mut self) {
         self.shared.browsers().retain(|browser| browser.number != self.number);
         self.shared.sending.fetch_sub(1, Ordering::Relaxed);
@@ -102,7 +102,7 @@ impl Shared {
     }
 
     /// Reserves a slot for a browser; returns `None` if all are taken.
-    pub(super) fn place(&self) -> Option<Place<'_>> {
+    pub(super) fn place(&self) -> Option<BrowserSlot<'_>> {
         let mut browsers = self.browsers();
         if browsers.len() >= MOST_BROWSERS {
             return None;
@@ -111,7 +111,7 @@ impl Shared {
         let (sender, lines) = sync_channel(WAITING_LINES);
         browsers.push(Browser { number, lines: sender });
         self.sending.fetch_add(1, Ordering::Relaxed);
-        Some(Place { shared: self, number, lines })
+        Some(BrowserSlot { shared: self, number, lines })
     }
 
     /// Returns the first messages for a browser: the skin, the state of the recording, and what is being waited

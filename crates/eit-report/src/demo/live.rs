@@ -14,7 +14,7 @@ use eit_skin::connect::{self, Backlog};
 use eit_skin::emulate::{self, Content, PlayedFrames};
 use eit_skin::live::{LiveModel, LiveObserver, REFERENCE_FRAMES, Summary, TouchFrame};
 use eit_skin::scene::Instrument;
-use eit_skin::words::event_words;
+use eit_skin::text::event_text;
 use ndarray::{Array2, Array3, Axis};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -175,7 +175,7 @@ impl LiveObserver for Demo<'_, '_> {
     type Error = ReportError;
 
     fn event(&mut self, event: &Event) -> Result<(), ReportError> {
-        match (event, event_words(event)) {
+        match (event, event_text(event)) {
             (Event::Frame(frame), _) => {
                 self.last = Instant::now();
                 self.writer.frame(frame)?;

@@ -203,7 +203,7 @@ fn latency(shown: &[Shown], files: &[File]) -> Section {
     let mut blocks: Vec<Block> =
         beside(files, pictures::LATENCY, caption.to_owned()).into_iter().collect();
     let pair =
-        |shown: &Shown| (shown.experiment.name.to_owned(), shown.live.summary.images.words());
+        |shown: &Shown| (shown.experiment.name.to_owned(), shown.live.summary.images.description());
     blocks.push(Block::List(shown.iter().map(pair).collect()));
     Section { title: "Speed and distance from the optimum".to_owned(), blocks }
 }

@@ -178,7 +178,7 @@ impl Shown {
         let mut series: Vec<Series> =
             lasting.iter().map(|id| of(&[*id], format!("touch {id}"))).collect();
         if !brief.is_empty() {
-            series.push(of(&brief, brief_words(brief.len())));
+            series.push(of(&brief, brief_text(brief.len())));
         }
         Ok(draw_plot(&Plot {
             title: format!(
@@ -225,7 +225,7 @@ impl Shown {
             .map(|(k, id)| panel(k, &[*id], format!("touch {id}")))
             .collect();
         if !brief.is_empty() || panels.is_empty() {
-            panels.push(panel(lasting.len(), &brief, brief_words(brief.len())));
+            panels.push(panel(lasting.len(), &brief, brief_text(brief.len())));
         }
         let Accuracy { fingers, found, false_touches, without_finger, .. } = self.accuracy;
         let settings = PictureSettings {
@@ -242,7 +242,7 @@ impl Shown {
 }
 
 /// Names touches that are drawn together.
-fn brief_words(count: usize) -> String {
+fn brief_text(count: usize) -> String {
     format!("{count} brief touch{}", if count == 1 { "" } else { "es" })
 }
 

@@ -1,6 +1,6 @@
 //! The Gauss-Newton methods: one-step images, and methods for whole sequences.
 
-use super::{Made, Task, kind_words};
+use super::{Made, Task, kind_text};
 use crate::error::ReportError;
 use eit_inverse::{CurvePoint, DifferenceFrames, HyperparameterStatus, SequenceReport};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
@@ -26,7 +26,7 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
     let mut report = imaging_json(&imaging);
     match &movie {
         Some(movie) => {
-            report["status"] = json!(super::movie_status_words(movie.status));
+            report["status"] = json!(super::movie_status_text(movie.status));
             report["iterations"] = json!(movie.iterations);
             report["seconds"] = json!(movie.seconds);
             report["residual"] = json!(movie.residual);
@@ -44,13 +44,13 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
         "hyperparameter {:.3e}, {} ({}), {:.1} degrees of freedom",
         inverse.hyperparameter,
         imaging.rule,
-        status_words(imaging.chosen.status),
+        status_text(imaging.chosen.status),
         inverse.degrees_of_freedom
     )];
     if let Some(movie) = movie.as_ref().filter(|movie| movie.iterations > 0) {
         lines.push(format!(
             "{} after {} steps, {:.2} s",
-            super::movie_status_words(movie.status),
+            super::movie_status_text(movie.status),
             movie.iterations,
             movie.seconds
         ));
@@ -113,11 +113,11 @@ fn footnote(method: Method, kind: DifferenceKind, imaging: &Imaging) -> String {
     let report = imaging.difference.report();
     format!(
         "{}, {} prior, hyperparameter {:.3e} ({}), {} difference",
-        method.words(),
+        method.description(),
         report.prior,
         report.hyperparameter,
         imaging.rule,
-        kind_words(kind)
+        kind_text(kind)
     )
 }
 
@@ -127,7 +127,7 @@ fn imaging_json(imaging: &Imaging) -> Value {
         "prior": inverse.prior,
         "hyperparameter": inverse.hyperparameter,
         "hyperparameter_rule": imaging.rule,
-        "hyperparameter_status": status_words(imaging.chosen.status),
+        "hyperparameter_status": status_text(imaging.chosen.status),
         "criterion": imaging.chosen.criterion,
         "degrees_of_freedom": inverse.degrees_of_freedom,
         "rank": inverse.rank,
@@ -144,13 +144,13 @@ fn edge_note(imaging: &Imaging) -> Option<String> {
             "{} found no optimum inside its range ({}): images may be useless; set \
              [reconstruction] hyperparameter = \"noise-figure\" or a number",
             imaging.rule,
-            status_words(status)
+            status_text(status)
         )
     })
 }
 
 /// Describes how the hyperparameter was chosen.
-fn status_words(status: HyperparameterStatus) -> &'static str {
+fn status_text(status: HyperparameterStatus) -> &'static str {
     match status {
         HyperparameterStatus::Given => "given",
         HyperparameterStatus::NoiseFigureReached => "reached",
@@ -184,7 +184,7 @@ fn curve_picture(imaging: &Imaging) -> Result<Option<Canvas>, ReportError> {
     };
     let plot = Plot {
         title: format!("Hyperparameter: {}", imaging.rule),
-        footnote: format!("λ = {:.3e}: {}", chosen.hyperparameter, status_words(chosen.status)),
+        footnote: format!("λ = {:.3e}: {}", chosen.hyperparameter, status_text(chosen.status)),
         x_label: x_label.to_owned(),
         y_label: y_label.to_owned(),
         x_log: true,

@@ -1,6 +1,6 @@
 //! The total-variation methods.
 
-use super::{Made, Task, kind_words};
+use super::{Made, Task, kind_text};
 use crate::error::ReportError;
 use eit_core::median;
 use eit_inverse::{Certificate, SequenceReport, SequenceStatus, WeightPoint, WeightStatus};
@@ -26,7 +26,7 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
 }
 
 /// Describes why a method stopped.
-pub(crate) fn status_words(status: SequenceStatus) -> &'static str {
+pub(crate) fn status_text(status: SequenceStatus) -> &'static str {
     match status {
         SequenceStatus::Direct => "direct",
         SequenceStatus::Converged => "converged",
@@ -38,7 +38,7 @@ pub(crate) fn status_words(status: SequenceStatus) -> &'static str {
 }
 
 /// Describes how the weights were chosen.
-fn weight_words(status: WeightStatus) -> &'static str {
+fn weight_text(status: WeightStatus) -> &'static str {
     match status {
         WeightStatus::Reached => "reached",
         WeightStatus::Flattened => "the residual hardly falls below",
@@ -64,7 +64,7 @@ fn weights_json(weights: &Weights) -> Value {
         "lambda_time": weights.lambda_time,
         "delta": weights.delta,
         "rule": weights.rule,
-        "search": chosen.map(|c| weight_words(c.status)),
+        "search": chosen.map(|c| weight_text(c.status)),
         "search_lambda_space": chosen.map(|c| c.lambda_space),
         "search_residual": chosen.map(|c| c.residual),
         "l_curve_corner": chosen.and_then(|c| c.corner),
@@ -77,7 +77,7 @@ fn report(task: &Task<'_>, movie: &TvMovie) -> Value {
     let certificate = solved.and_then(|report| report.certificate);
     let median = movie.noise.as_ref().and_then(|noise| median(noise.std.iter().copied()));
     json!({
-        "status": solved.map_or("nothing to solve", |report| status_words(report.status)),
+        "status": solved.map_or("nothing to solve", |report| status_text(report.status)),
         "iterations": solved.map_or(0, |report| report.iterations),
         "seconds": solved.map_or(0.0, |report| report.seconds),
         "target_gap": stop(&task.fitted.skin.skin.settings.reconstruction).target_gap,
@@ -151,7 +151,7 @@ fn weights_line(weights: &Weights) -> String {
         line += &format!(", delta {delta:.3e}");
     }
     if let Some(chosen) = &weights.chosen {
-        line += &format!(" ({}, {:.2} s)", weight_words(chosen.status), chosen.seconds);
+        line += &format!(" ({}, {:.2} s)", weight_text(chosen.status), chosen.seconds);
     }
     line
 }
@@ -170,7 +170,7 @@ fn solved_line(report: &SequenceReport) -> String {
     };
     format!(
         "{} after {} iterations, {:.2} s{certificate}",
-        status_words(report.status),
+        status_text(report.status),
         report.iterations,
         report.seconds
     )
@@ -231,13 +231,13 @@ fn notes(movie: &TvMovie) -> Vec<String> {
 }
 
 fn footnote(task: &Task<'_>, movie: &TvMovie) -> String {
-    let kind = kind_words(task.kind());
+    let kind = kind_text(task.kind());
     let weights = movie.weights.as_ref().map_or_else(String::new, |weights| {
         format!(", λ {:.2e}, {:.2e} ({})", weights.lambda_space, weights.lambda_time, weights.rule)
     });
     let certificate = movie.report.as_ref().and_then(|report| report.certificate);
     let gap = certificate.map_or_else(String::new, |c| format!(", gap {:.2} %", percent(c)));
-    format!("{}{weights}{gap}, {kind} difference", task.method.words())
+    format!("{}{weights}{gap}, {kind} difference", task.method.description())
 }
 
 /// Plots the search for the weights: residual against weight, with the noise, the weight used and
@@ -265,7 +265,7 @@ fn curve_picture(movie: &TvMovie) -> Result<Option<Canvas>, ReportError> {
             "λ = {:.3e}, in time {:.3e}; residual of the noise {}",
             weights.lambda_space,
             weights.lambda_time,
-            weight_words(chosen.status)
+            weight_text(chosen.status)
         ),
         x_label: "weight in space λ".to_owned(),
         y_label: "residual, in units of the noise".to_owned(),

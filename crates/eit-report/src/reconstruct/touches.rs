@@ -4,8 +4,8 @@ use crate::error::ReportError;
 use crate::output::io;
 use eit_inverse::touch::{Touch, TouchState};
 use eit_skin::faults::{ElectrodeFault, fault_lines};
+use eit_skin::text::counted;
 use eit_skin::touches::{TouchRow, Touches};
-use eit_skin::words::counted;
 use serde_json::{Value, json};
 use std::io::Write;
 

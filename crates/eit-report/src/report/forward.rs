@@ -51,7 +51,7 @@ pub(super) fn run(
     let reference = ReferenceVoltages::of(&problem, size.reference_scales)?;
     let mut results = ForwardResults {
         case: case.clone(),
-        reference: reference.words.clone(),
+        reference: reference.description.clone(),
         reference_error: reference.error,
         points: Vec::new(),
         left_out: 0,

@@ -4,7 +4,7 @@
 use super::cases::Case;
 use super::recording::RecordingResults;
 use super::work_precision::{WorkPrecisionCurve, WorkPrecisionPoint};
-use crate::reconstruct::movie_status_words;
+use crate::reconstruct::movie_status_text;
 use eit_inverse::SequenceStatus;
 use eit_skin::plan::machine::Machine;
 use eit_skin::plan::measured::Measured;
@@ -112,5 +112,5 @@ fn status(points: &[&WorkPrecisionPoint]) -> &'static str {
         matches!(p.convergence.status, SequenceStatus::Direct | SequenceStatus::Converged)
     };
     let worst = points.iter().find(|p| !done(p)).unwrap_or(&points[0]);
-    movie_status_words(worst.convergence.status)
+    movie_status_text(worst.convergence.status)
 }

@@ -73,7 +73,7 @@ pub(super) fn write(
     let shown = [choices, chosen_meshes].into_iter().find(|table| !table.is_empty());
     let text = format!(
         "{}\n{}\nwritten to {}: {}; open report.html",
-        machine.words(),
+        machine.description(),
         shown.map(Table::markdown).unwrap_or_default(),
         out.path().display(),
         out.names().join(", ")
@@ -125,7 +125,7 @@ impl Document {
     /// documents copy, at its start.
     fn new(lead: &str, machine: &Machine) -> Self {
         let (title, lead) = (TITLE.to_owned(), lead.to_owned());
-        let text = format!("# {TITLE}\n\n{lead} Machine: {}.\n", machine.words());
+        let text = format!("# {TITLE}\n\n{lead} Machine: {}.\n", machine.description());
         Self { page: Page { title, lead, sections: Vec::new() }, text }
     }
 
@@ -218,7 +218,7 @@ fn about(size: &Size, machine: &Machine) -> Section {
         size.direct_runs,
         size.stream_runs.max(size.direct_runs)
     );
-    let machine = machine.words();
+    let machine = machine.description();
     let version = format!("eit report, version {}", env!("CARGO_PKG_VERSION"));
     let pairs = [
         ("machine", machine.as_str()),

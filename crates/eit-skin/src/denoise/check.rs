@@ -97,14 +97,14 @@ impl Checked {
             scores: judgements.iter().map(|judgement| judgement.net).collect(),
             raw_frames: frames(|verdict| verdict != Verdict::Net),
             unexplained_frames: frames(|verdict| verdict == Verdict::Neither),
-            rule: rule.words(),
+            rule: rule.description(),
             trust,
             judgements,
         })
     }
 
     /// Describes the verdicts in words.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         let (aside, count) = (&self.raw_frames, self.judgements.len());
         let also = match self.unexplained_frames.len() {
             0 => String::new(),

@@ -277,11 +277,11 @@ mod tests {
         assert!(!is_off, "{kept:?} {wanted:?}");
     }
 
-    /// Beside a touch at (10, 10) of the largest value: its own blob, which reaches 7 pixels from it, stays as it is;
-    /// another one 2 or 6 pixels from it, apart or joined by a low bridge, is limited, and so is one of the other
-    /// sign; that of a second touch stays. If no blob is near a touch, the largest value's stays.
+    /// The touch at (10, 10) has the largest value, and its own blob, which extends 7 pixels, is kept. Other blobs 2
+    /// or 6 pixels away, separate or joined by a low bridge, are limited, and so is one of the other sign. The blob
+    /// of the second touch is kept. If no blob is near a touch, the blob with the largest value is kept.
     #[test]
-    fn a_blob_that_is_no_touchs_is_limited() {
+    fn a_blob_of_no_touch_is_limited() {
         let raster = raster();
         let touch = |row: usize, column: usize| {
             let [x, y] = raster.centre_m(row, column);

@@ -66,7 +66,7 @@ fn squared(image: ArrayView2<'_, f64>, truth: ArrayView2<'_, f64>) -> f64 {
 
 impl Scores {
     /// Describes it in words.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         format!(
             "mean squared error against the truth, median of {} frames: {:.3} of the raw image's \
              (threshold rule {:.3}); nearer than raw in {:.0} %, than the rule in {:.0} % of them",

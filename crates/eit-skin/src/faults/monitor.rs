@@ -325,7 +325,7 @@ impl FaultMonitor {
         let suspect = &mut self.suspects[electrode];
         suspect.good_since_s = None;
         if suspect.fault.is_none() {
-            let (number, why) = (electrode + 1, kind.words());
+            let (number, why) = (electrode + 1, kind.description());
             event!(WARN, "left out an electrode", number = number, why = why, since_s = since_s);
         }
         suspect.fault.get_or_insert(ElectrodeFault { electrode, kind, since_s });

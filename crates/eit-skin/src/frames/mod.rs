@@ -18,7 +18,7 @@ use crate::error::SkinError;
 use crate::faults::{self, ElectrodeFault, FaultKind};
 use crate::scene::{DifferenceKind, Reference};
 use crate::skin::Skin;
-use crate::words::counted;
+use crate::text::counted;
 use eit_fem::Protocol;
 use eit_hw::{MeasuredFrames, Quality};
 use eit_inverse::noise_std_of_quiet_frames;
@@ -186,7 +186,7 @@ fn assemble(
     if !found.touched {
         let reference::FlaggedValues { values, quality } = &found.frames;
         let is_good = |f: usize, i: usize| used[i] && quality[(f, i)].is_good();
-        notes.extend(steady::unrest(values.view(), is_good).map(steady::words));
+        notes.extend(steady::unrest(values.view(), is_good).map(steady::description));
     }
     let quiet = quiet::find(skin, &loaded.frames, &found, &used, &mut notes)?;
     let mut faults = leave_out_lost(skin, &reasons, &found.values, &mut used, &mut notes);
@@ -233,7 +233,7 @@ fn leave_out_floating(
     let Some(Ok(std_v)) = noise else { return Ok(Vec::new()) };
     let (found, left_out) = faults::of_reference(&skin.protocol, used, &std_v, &found.values)?;
     for fault in &found {
-        notes.push(format!("electrode {} {}", fault.electrode + 1, fault.kind.words()));
+        notes.push(format!("electrode {} {}", fault.electrode + 1, fault.kind.description()));
     }
     left_out.into_iter().for_each(|i| used[i] = false);
     Ok(found)
@@ -271,7 +271,7 @@ fn leave_out_lost(
     }
     let lost = kinds.iter().enumerate().filter_map(|(e, kind)| Some((e, (*kind)?)));
     lost.map(|(electrode, kind)| {
-        notes.push(format!("electrode {} {}", electrode + 1, kind.words()));
+        notes.push(format!("electrode {} {}", electrode + 1, kind.description()));
         of_electrode[electrode].iter().for_each(|&i| used[i] = false);
         ElectrodeFault { electrode, kind, since_s: 0.0 }
     })

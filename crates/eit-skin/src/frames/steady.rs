@@ -97,7 +97,7 @@ pub(crate) fn unrest(
 }
 
 /// Describes [`unrest`] in words.
-pub(crate) fn words(change: f64) -> String {
+pub(crate) fn description(change: f64) -> String {
     format!(
         "the reference frames change by {:.1} % of the voltages, far more than noise: the skin was touched or let go \
          meanwhile, and touches may be missed or shown where there is none; take the reference from the untouched skin",

@@ -26,6 +26,6 @@ mod store;
 
 pub use collector::{AskedPress, CollectSettings, CollectedPress, Collecting, PressCollector};
 pub use falling::{ErrorPoint, FallingError};
-pub use places::{draw_places, place_words};
+pub use places::{draw_places, place_text};
 #[cfg(feature = "recording")]
 pub use store::{PressStore, StoredPresses};

@@ -85,14 +85,16 @@ impl LiveImages {
             true => {
                 let tv = left.tv_stream(method, &mut silent)?;
                 let words = match tv.has_time() {
-                    true => format!("st-tv, each frame linked to the one before, {}", tv.words()),
-                    false => format!("total variation of each frame, {}", tv.words()),
+                    true => {
+                        format!("st-tv, each frame linked to the one before, {}", tv.description())
+                    }
+                    false => format!("total variation of each frame, {}", tv.description()),
                 };
                 (Maker::TotalVariation(Box::new(tv)), words)
             }
         };
         if let Some(movement_m) = movement_m {
-            words += &format!(", {}", movement::words(movement_m));
+            words += &format!(", {}", movement::description(movement_m));
         }
         if model.net.is_some() {
             words += ", U-net";
@@ -205,7 +207,7 @@ impl LiveImages {
     }
 
     /// Returns a line that describes how the images are made, such as for a caption.
-    pub fn words(&self) -> &str {
+    pub fn description(&self) -> &str {
         &self.words
     }
 

@@ -6,7 +6,7 @@ use super::{LiveImages, LiveModel};
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;
 use crate::progress::Progress;
-use crate::touches::{TouchFinder, assumed_rate_words};
+use crate::touches::{TouchFinder, assumed_rate_text};
 use eit_hw::driver::{Event, FrameSource, Setup};
 use eit_hw::{Frame, Unit};
 use eit_inverse::touch::Touch;
@@ -175,7 +175,7 @@ impl LiveStream {
     }
 
     /// Returns by what part of the voltages frames change, if the reference waits for that reason
-    /// ([`unrest_words`](super::unrest_words)); `None` once it is taken.
+    /// ([`unrest_text`](super::unrest_text)); `None` once it is taken.
     pub fn unrest(&self) -> Option<f64> {
         self.reference.unrest().filter(|_| self.epoch.is_none())
     }
@@ -305,8 +305,11 @@ impl LiveStream {
 
     /// Returns a line that describes how the images are made, such as for a caption; empty if there are none
     /// yet.
-    pub(crate) fn image_words(&self) -> &str {
-        self.epoch.as_ref().and_then(|epoch| epoch.images.as_ref()).map_or("", LiveImages::words)
+    pub(crate) fn image_text(&self) -> &str {
+        self.epoch
+            .as_ref()
+            .and_then(|epoch| epoch.images.as_ref())
+            .map_or("", LiveImages::description)
     }
 
     /// Returns what the reference of this epoch says about the scene, such as voltages that are not those of its
@@ -339,7 +342,7 @@ impl LiveStream {
         let mut notes = fitted.frames.notes;
         // later epochs have the rate of the first
         if clock.is_assumed && self.clock.is_none() {
-            notes.push(assumed_rate_words());
+            notes.push(assumed_rate_text());
         }
         Ok(Epoch { notes, finder, images, clock })
     }

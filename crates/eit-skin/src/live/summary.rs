@@ -78,7 +78,7 @@ pub struct ImageSummary {
 
 impl ImageSummary {
     /// Describes for people how the images were made.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         let mut words = self.how.clone();
         if let Some(gap) = self.worst_gap {
             words += &format!(", proven to within {:.1} % of the optimum", 100.0 * gap.max(0.0));

@@ -36,7 +36,7 @@ impl BestIn {
             expected_time_s: row.map(time_s),
             words: row.map(|row| {
                 let time_ms = row.cost_ms_a_frame * row.slowness(machine);
-                format!("{}: error {:.2}, {time_ms:.2} ms", row.words(), row.relative_error)
+                format!("{}: error {:.2}, {time_ms:.2} ms", row.description(), row.relative_error)
             }),
         }
     }
@@ -100,7 +100,7 @@ impl Expected {
     }
 
     /// Returns lines for the plan.
-    pub(crate) fn words(&self) -> Vec<String> {
+    pub(crate) fn description(&self) -> Vec<String> {
         let Nearest { scene, why } = &self.nearest;
         let mut lines = vec![match &self.row {
             Some(row) => format!(
@@ -108,7 +108,7 @@ impl Expected {
                  measured with \
                  {} on {scene}, the built-in scene most like this one ({why})",
                 row.relative_error,
-                row.words()
+                row.description()
             ),
             None => format!("expected error of the images: not measured on {scene} ({why})"),
         }];

@@ -28,7 +28,7 @@ impl Sizes<'_> {
             time_s: PRIOR_ENTRY_S * m * n
                 + products_flops / PRODUCT_FLOPS_PER_S
                 + decomposition / DECOMPOSITION_FLOPS_PER_S,
-            why: hyperparameter_words(skin),
+            why: hyperparameter_text(skin),
         }
     }
 
@@ -159,7 +159,7 @@ impl Sizes<'_> {
     }
 }
 
-fn hyperparameter_words(skin: &Skin) -> String {
+fn hyperparameter_text(skin: &Skin) -> String {
     let keys = &skin.settings.reconstruction;
     match &keys.hyperparameter {
         None | Some(Hyperparameter::Rule(Rule::NoiseFigure)) => {

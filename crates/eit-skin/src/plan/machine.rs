@@ -57,7 +57,7 @@ impl Machine {
     }
 
     /// Describes the machine, for tables.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         let load = self.load.map_or_else(String::new, |load| format!(", load average {load}"));
         format!(
             "{}, {} threads, {}{load}; one thread: dense product {:.0} GFLOP/s in f64, {:.0} in \
@@ -150,6 +150,6 @@ mod tests {
         assert!((machine.floor_s(2.0 * flops, bytes) - 2.0).abs() < 1e-12);
         assert!((machine.floor_s(flops, 3.0 * bytes) - 3.0).abs() < 1e-12);
         assert!(machine.floor_s(0.0, 1e4) <= 1e4 / third);
-        assert!(machine.words().contains("GFLOP/s"));
+        assert!(machine.description().contains("GFLOP/s"));
     }
 }

@@ -100,7 +100,7 @@ impl Measured {
     }
 
     /// Describes the solver and its setting.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         let pixels = self.pixels.map_or_else(String::new, |n| format!(", {n} pixels"));
         let gap = self.target_gap.map_or_else(String::new, |gap| format!(", gap {gap:e}"));
         format!("{}{pixels}{gap}", self.label())

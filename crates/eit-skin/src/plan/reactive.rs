@@ -43,7 +43,7 @@ pub fn of_reactive(skin: &ReactiveSkin, progress: &mut Progress) -> Result<PlanT
     });
     let mut lines = vec![why, format!("{}: what is done", skin.name)];
     lines.extend(stages.iter().flat_map(stage_lines));
-    lines.push(format!("times on this machine: {}", machine.words()));
+    lines.push(format!("times on this machine: {}", machine.description()));
     lines.push(
         "expected error of the voltages: not computed (the mesh-free series does not support \
          capacitances); compare with a finer [mesh]"

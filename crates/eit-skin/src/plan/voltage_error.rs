@@ -1,7 +1,7 @@
 //! Error of the voltages due to the mesh, compared with the instrument's noise.
 
 use crate::error::SkinError;
-use crate::scene::{Accuracy, MESH_NODES, element_words};
+use crate::scene::{Accuracy, MESH_NODES, element_text};
 use crate::skin::Skin;
 use eit_fem::{ElementOrder, MeshSearch, ModelCost, RequiredAccuracy};
 use serde::Serialize;
@@ -63,7 +63,7 @@ impl VoltageError {
     }
 
     /// Returns lines for the plan.
-    pub(crate) fn words(&self) -> Vec<String> {
+    pub(crate) fn description(&self) -> Vec<String> {
         let mut lines = vec![match self.of_mesh {
             Some(error) => format!(
                 "expected error of the voltages on this mesh: {error:.1e} of the largest \
@@ -110,9 +110,9 @@ impl VoltageError {
         format!(
             "mesh chosen for {}: {} elements with {} unknowns; {}{}",
             if self.by_noise { "the noise" } else { "the required accuracy" },
-            element_words(self.elements),
+            element_text(self.elements),
             self.cost.unknowns,
-            accuracy.words(),
+            accuracy.description(),
             finest.map_or_else(String::new, |nodes| format!(
                 " (judged once, by {} solves on meshes of up to {nodes} nodes)",
                 accuracy.trials.len()

@@ -53,7 +53,7 @@ impl From<&MeshTrial> for Trial {
     fn from(trial: &MeshTrial) -> Self {
         Self {
             nodes: trial.nodes,
-            elements: element_words(trial.element_order),
+            elements: element_text(trial.element_order),
             unknowns: trial.cost.unknowns,
             factor_flops: trial.cost.factor_flops,
             estimated_error: trial.error,
@@ -63,7 +63,7 @@ impl From<&MeshTrial> for Trial {
 
 impl Accuracy {
     /// Describes required and estimated accuracy.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         let required = self.required;
         match self.error {
             Some(error) => format!(
@@ -78,7 +78,7 @@ impl Accuracy {
 }
 
 /// Returns the name of an element order.
-pub fn element_words(element_order: ElementOrder) -> &'static str {
+pub fn element_text(element_order: ElementOrder) -> &'static str {
     match element_order {
         ElementOrder::Linear => "linear",
         ElementOrder::Quadratic => "quadratic",

@@ -31,7 +31,7 @@ pub use instrument::{DriverKind, Instrument, InstrumentSettings};
 pub use mesh::{BuiltMesh, ElectrodeSource, MeshSource};
 #[cfg(feature = "plan")]
 pub(crate) use mesh_choice::MESH_NODES;
-pub use mesh_choice::{Accuracy, MeshChoice, element_words};
+pub use mesh_choice::{Accuracy, MeshChoice, element_text};
 pub use parse::from_toml;
 pub use range::FrameRange;
 pub(crate) use reconstruction::DEFAULT_PIXELS;

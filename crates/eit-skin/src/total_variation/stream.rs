@@ -85,7 +85,7 @@ impl TvStream {
     }
 
     /// Describes the weights in a few words, such as for a caption.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         let Weights { lambda_space, lambda_time, rule, .. } = &self.weights;
         format!("λ {lambda_space:.2e}, {lambda_time:.2e} ({rule})")
     }

@@ -16,7 +16,7 @@ const RIGHT_TO_WRONG: usize = 6;
 /// more than 0.16 to 0.19, and the worst 0.5. Images without any touch leave 0.14 to 0.48 in four
 /// frames of five: a limit that lets every better image pass would let data of the wrong sign pass,
 /// too.
-const NOT_BELIEVED: f64 = 0.005;
+const MOST_BETTER_REJECTED: f64 = 0.005;
 /// Range of the limit: an empty image, which explains nothing, is above it.
 const LIMITS: [f64; 2] = [0.05, 0.6];
 /// Frames whose truth has less than this fraction of the largest energy in their sequence are not counted.
@@ -55,7 +55,7 @@ impl JudgeCounts {
     }
 
     /// Describes the counts in words.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         format!(
             "of {} touched frames it rejects {} rightly and {} wrongly, and shows {} that are worse than \
              the raw image",
@@ -188,7 +188,7 @@ fn limit_of_half(known: &[Known], half: usize) -> Option<f64> {
 }
 
 /// The smallest limit at which at least [`RIGHT_TO_WRONG`] times as many images are rejected rightly as
-/// wrongly, but none above that which rejects the fraction [`NOT_BELIEVED`] of the better images: a single worse
+/// wrongly, but none above that which rejects the fraction [`MOST_BETTER_REJECTED`] of the better images: a single worse
 /// image above all others would meet the first condition.
 fn limit<'a>(known: impl Iterator<Item = &'a Known>) -> Option<f64> {
     let mut known: Vec<&Known> = known.collect();
@@ -203,7 +203,7 @@ fn limit<'a>(known: impl Iterator<Item = &'a Known>) -> Option<f64> {
     }
     let better: Vec<f64> =
         known.iter().filter(|frame| !frame.is_worse).map(|frame| frame.left).collect();
-    let at = (NOT_BELIEVED * better.len() as f64) as usize;
+    let at = (MOST_BETTER_REJECTED * better.len() as f64) as usize;
     let largest = better.get(at).copied();
     let limit = [limit, largest].into_iter().flatten().reduce(f64::min)?;
     Some(limit.clamp(LIMITS[0], LIMITS[1]))

@@ -127,7 +127,7 @@ fn without_touches_another_skin_keeps_its_raw_images() {
         let mut images = raw.clone();
         let check = Check::new(&fitted);
         let checked = net.apply(&mut images, raster, Some(&check), &mut Progress::silent());
-        let words = checked.unwrap().unwrap().words();
+        let words = checked.unwrap().unwrap().description();
         let is_same = images.iter().zip(&raw).all(|(a, b)| a == b || a.is_nan() && b.is_nan());
         assert_eq!((is_same, words.starts_with("the raw images stay")), (stays, stays), "{words}");
         let mut live = LiveNet::new(&net, &fitted).unwrap();
@@ -172,7 +172,11 @@ fn another_skin_shows_what_touches_explain() {
         assert!(same, "foreign: {is_foreign}");
         let touched = recording_frames(&script).collect::<Vec<_>>();
         let shown = touched.iter().filter(|f| verdicts[**f] == Verdict::Net).count();
-        println!("foreign {is_foreign}: {shown} of {} frames; {}", touched.len(), checked.words());
+        println!(
+            "foreign {is_foreign}: {shown} of {} frames; {}",
+            touched.len(),
+            checked.description()
+        );
         assert!(if is_foreign {
             10 * shown <= touched.len()
         } else {

@@ -45,7 +45,7 @@ fn every_open_electrode_is_named_at_once() {
         bench.check_missing(&lost);
         let fault = bench.monitor.faults()[0];
         assert!((fault.since_s - 10.0 * DT_S).abs() < 1e-12);
-        let words = fault.words();
+        let words = fault.description();
         assert!(words.contains(&format!("electrode {} ", electrode + 1)), "{words}");
         assert_eq!(serde_json::json!(fault.json())["electrode"], electrode + 1);
     }

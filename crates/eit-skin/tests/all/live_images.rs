@@ -107,9 +107,9 @@ fn an_image_after_a_gap_shows_nothing_of_an_old_touch() {
 
 /// Users of a live stream are told when the voltages are not those of the scene.
 #[test]
-fn a_reference_of_another_level_is_told() {
+fn a_reference_of_another_level_is_reported() {
     let model = model();
-    for (factor, is_told) in [(1.0, false), (3.0, true)] {
+    for (factor, is_reported) in [(1.0, false), (3.0, true)] {
         let mut stream = LiveStream::of_unit(Arc::clone(&model), Unit::Volt, Some(20.0));
         for mut frame in frames(&model, 0.05).into_iter().take(REFERENCE) {
             assert!(stream.notes().is_empty(), "{:?}", stream.notes());
@@ -118,11 +118,11 @@ fn a_reference_of_another_level_is_told() {
         }
         let notes = stream.notes();
         let tells = notes.iter().any(|note| note.starts_with("voltages are 3.0"));
-        assert_eq!(tells, is_told, "{notes:?}");
+        assert_eq!(tells, is_reported, "{notes:?}");
         let names = |words: &str| notes.iter().any(|note| note.contains(words));
         assert_eq!(
             names("strengths (intensity)") && names("1e-3 for millivolts"),
-            is_told,
+            is_reported,
             "{notes:?}"
         );
     }
@@ -160,13 +160,13 @@ impl FrameSource for Backlog {
 
 /// Numbers of the frames whose touches were given, and of those that had an image.
 #[derive(Default)]
-struct Seen {
+struct FrameNumbers {
     wants_every_image: bool,
     touches: Vec<u64>,
     images: Vec<u64>,
 }
 
-impl LiveObserver for Seen {
+impl LiveObserver for FrameNumbers {
     type Error = SkinError;
 
     fn touches(&mut self, frame: &TouchFrame<'_>) -> Result<(), SkinError> {
@@ -212,7 +212,7 @@ fn images_are_skipped_while_frames_wait_and_touches_never() {
             frame_rate_hz: Some(20.0),
             limits: Limits::default(),
         };
-        let mut seen = Seen { wants_every_image, ..Seen::default() };
+        let mut seen = FrameNumbers { wants_every_image, ..FrameNumbers::default() };
         let mut source = Backlog { setup, frames };
         let summary = model.watch(&mut source, is_live, &mut seen).unwrap();
         assert_eq!(seen.touches, all);

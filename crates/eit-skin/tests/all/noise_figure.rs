@@ -74,7 +74,7 @@ fn fitted(scene: &Scene, values: &Array2<f64>, additive_v: Option<f64>) -> Fitte
 
 /// Quality of an image at a hyperparameter.
 #[derive(Debug)]
-struct Worth {
+struct NetQuality {
     degrees_of_freedom: f64,
     /// Distance from the largest value to the finger, metres.
     off_m: f64,
@@ -87,7 +87,7 @@ fn worths(
     mut difference: OneStepGaussNewton,
     chosen: &ChosenHyperparameter,
     at: [f64; 2],
-) -> [Worth; 2] {
+) -> [NetQuality; 2] {
     let mut pairs = chosen.curve.windows(2);
     let last = pairs.rfind(|w| w[0].criterion > 1.0 && w[1].criterion <= 1.0).unwrap();
     let skin = &fitted.skin.skin;
@@ -99,7 +99,7 @@ fn worths(
         difference.set_hyperparameter(hyperparameter).unwrap();
         let image = difference.reconstruct(&frame, &fitted.frames.reference).unwrap();
         let peak = (0..image.len()).max_by(|a, b| image[*a].total_cmp(&image[*b])).unwrap();
-        Worth {
+        NetQuality {
             degrees_of_freedom: difference.report().degrees_of_freedom,
             off_m: (centroids[peak][0] - at[0]).hypot(centroids[peak][1] - at[1]),
         }
@@ -107,7 +107,7 @@ fn worths(
 }
 
 /// Images are those of the first crossing; the last one, which was used before, gives no image.
-fn check(name: &str, [first, last]: &[Worth; 2]) {
+fn check(name: &str, [first, last]: &[NetQuality; 2]) {
     println!("{name}: {first:?}, at the last crossing {last:?}");
     // the case has several crossings
     assert!(last.degrees_of_freedom < 2.0 && last.off_m > 20e-3, "{last:?}");

@@ -69,7 +69,7 @@ fn frames(values: &Array2<f64>) -> Vec<Frame> {
 
 /// What is told of a frame.
 #[derive(Debug, Clone)]
-struct Told {
+struct Output {
     frame: usize,
     /// Valid touches at [`AT`], and others.
     touches: [usize; 2],
@@ -79,7 +79,7 @@ struct Told {
     frozen: bool,
 }
 
-fn told(sensor: &mut Sensor, frames: &[Frame]) -> Vec<Told> {
+fn output(sensor: &mut Sensor, frames: &[Frame]) -> Vec<Output> {
     let mut all = Vec::new();
     for frame in frames {
         let Some(shown) = sensor.push(frame).unwrap() else { continue };
@@ -88,7 +88,7 @@ fn told(sensor: &mut Sensor, frames: &[Frame]) -> Vec<Told> {
             let [x, y, _] = touch.position_m;
             touches[usize::from((x - AT[0]).hypot(y - AT[1]) > 0.025)] += 1;
         }
-        all.push(Told {
+        all.push(Output {
             frame: frame.sequence as usize,
             touches,
             faults: shown.faults.iter().map(|fault| fault.electrode).collect(),
@@ -101,12 +101,12 @@ fn told(sensor: &mut Sensor, frames: &[Frame]) -> Vec<Told> {
 }
 
 /// Frames in which the finger is shown.
-fn found(told: &[Told]) -> Vec<usize> {
-    told.iter().filter(|told| told.touches[0] > 0).map(|told| told.frame).collect()
+fn found(output: &[Output]) -> Vec<usize> {
+    output.iter().filter(|output| output.touches[0] > 0).map(|output| output.frame).collect()
 }
 
-fn others(told: &[Told]) -> usize {
-    told.iter().map(|told| told.touches[1]).sum()
+fn others(output: &[Output]) -> usize {
+    output.iter().map(|output| output.touches[1]).sum()
 }
 
 /// An instrument that sends one frame again and again says nothing of the skin, and the finger of that frame is not shown
@@ -119,13 +119,17 @@ fn a_frozen_instrument_is_reported() {
     let frozen = 70..sent.len();
     let old = sent[70].values.clone();
     sent[frozen].iter_mut().for_each(|frame| frame.values.clone_from(&old));
-    let told = told(&mut skin.sensor().unwrap(), &sent);
-    let first = told.iter().find(|told| told.frozen).unwrap().frame;
+    let output = output(&mut skin.sensor().unwrap(), &sent);
+    let first = output.iter().find(|output| output.frozen).unwrap().frame;
     // ten equal frames
     assert_eq!(first, 79);
-    assert!(told.iter().all(|told| told.frozen == (told.frame >= first)));
-    assert!(told.iter().filter(|told| told.frozen).all(|told| !told.whole));
-    assert!(found(&told).last().is_some_and(|last| (78..80).contains(last)), "{:?}", found(&told));
+    assert!(output.iter().all(|output| output.frozen == (output.frame >= first)));
+    assert!(output.iter().filter(|output| output.frozen).all(|output| !output.whole));
+    assert!(
+        found(&output).last().is_some_and(|last| (78..80).contains(last)),
+        "{:?}",
+        found(&output)
+    );
 }
 
 /// Zeros of an instrument that starts again are neither faulty electrodes for long nor the end of a finger's touch.
@@ -134,11 +138,14 @@ fn an_outage_does_not_swallow_a_finger() {
     let (skin, bench) = disc();
     let mut sent = frames(&held(&bench, 52));
     sent[70..78].iter_mut().for_each(|frame| frame.values.fill(0.0));
-    let told = told(&mut skin.sensor().unwrap(), &sent);
-    let after = told.iter().filter(|told| (102..110).contains(&told.frame));
+    let output = output(&mut skin.sensor().unwrap(), &sent);
+    let after = output.iter().filter(|output| (102..110).contains(&output.frame));
     // electrodes are used again after a second
-    assert!(after.clone().all(|told| told.touches[0] == 1 && told.faults.is_empty()), "{told:?}");
-    assert_eq!(others(&told), 0);
+    assert!(
+        after.clone().all(|output| output.touches[0] == 1 && output.faults.is_empty()),
+        "{output:?}"
+    );
+    assert_eq!(others(&output), 0);
 }
 
 /// With opposite drive, and with three electrodes between those driven, no measurement has a reciprocal. An electrode that does
@@ -163,13 +170,13 @@ fn lost_electrode_is_named(drive: &str) {
     // quiet, and under the finger
     for from in [44, 70] {
         sent[..from].clone_from_slice(&sound[..from]);
-        let told = told(&mut skin.sensor().unwrap(), &sent);
-        let named = told.iter().find(|told| !told.faults.is_empty()).unwrap();
+        let output = output(&mut skin.sensor().unwrap(), &sent);
+        let named = output.iter().find(|output| !output.faults.is_empty()).unwrap();
         println!("{drive}, lost from frame {from}: named in frame {}", named.frame);
         assert!(named.frame <= from + 4 && named.faults == [4], "{named:?}");
-        let held = told.iter().filter(|told| (75..100).contains(&told.frame));
-        assert!(held.clone().all(|told| told.touches[0] == 1 && !told.whole), "{told:?}");
-        assert_eq!(others(&told), 0);
+        let held = output.iter().filter(|output| (75..100).contains(&output.frame));
+        assert!(held.clone().all(|output| output.touches[0] == 1 && !output.whole), "{output:?}");
+        assert_eq!(others(&output), 0);
     }
 }
 
@@ -187,12 +194,15 @@ fn a_step_under_a_finger_is_named() {
                 let involved = quadruples.iter().zip(&mut frame.values);
                 involved.filter(|(q, _)| q.contains(&electrode)).for_each(|(_, v)| *v *= gain);
             }
-            let told = told(&mut skin.sensor().unwrap(), &sent);
-            let named = told.iter().find(|told| !told.faults.is_empty()).unwrap();
+            let output = output(&mut skin.sensor().unwrap(), &sent);
+            let named = output.iter().find(|output| !output.faults.is_empty()).unwrap();
             assert!(named.frame <= 72 && named.faults == [electrode as usize], "{named:?}");
-            let held = told.iter().filter(|told| (73..120).contains(&told.frame));
-            assert!(held.clone().all(|told| told.touches[0] == 1), "{electrode} {gain}: {told:?}");
-            assert_eq!(others(&told), 0);
+            let held = output.iter().filter(|output| (73..120).contains(&output.frame));
+            assert!(
+                held.clone().all(|output| output.touches[0] == 1),
+                "{electrode} {gain}: {output:?}"
+            );
+            assert_eq!(others(&output), 0);
         }
     }
 }
@@ -213,10 +223,10 @@ fn a_loose_contact_is_no_touch() {
         let mut script = Drawn::new(seed, 1).press_at(&[AT], 1.0..1.5).script();
         script.frames = 600;
         script.fingers.clear();
-        let told =
-            told(&mut skin.sensor().unwrap(), &frames(&bench.simulate(&script, seed).values));
-        shown += told.iter().filter(|told| told.touches != [0, 0]).count();
-        unexplained += told.iter().filter(|told| !told.explained).count();
+        let output =
+            output(&mut skin.sensor().unwrap(), &frames(&bench.simulate(&script, seed).values));
+        shown += output.iter().filter(|output| output.touches != [0, 0]).count();
+        unexplained += output.iter().filter(|output| !output.explained).count();
     }
     println!("{shown} frames with a touch, {unexplained} unexplained");
     assert!(shown <= MOST_SHOWN && unexplained > 0, "{shown} {unexplained}");
@@ -235,8 +245,8 @@ fn the_reference_is_that_of_an_untouched_skin() {
         let mut sent = sound.clone();
         sent[10].values.iter_mut().for_each(|v| *v *= edit);
         let mut sensor = skin.sensor().unwrap();
-        let told = told(&mut sensor, &sent);
-        assert!(found(&told).len() > 40 && others(&told) == 0, "{name}: {:?}", found(&told));
+        let output = output(&mut sensor, &sent);
+        assert!(found(&output).len() > 40 && others(&output) == 0, "{name}: {:?}", found(&output));
         assert!(sensor.notes().iter().any(|note| note.contains("1 frame left out")), "{name}");
     }
     // a finger that lifts while the reference is taken: what comes after it is the reference
@@ -246,8 +256,8 @@ fn the_reference_is_that_of_an_untouched_skin() {
         (frame.sequence, frame.device_time_s) = (k as u64, Some(k as f64 / RATE_HZ));
     }
     let mut sensor = skin.sensor().unwrap();
-    let told = told(&mut sensor, &sent);
-    assert!(found(&told).len() > 40 && others(&told) == 0, "{:?}", found(&told));
+    let output = output(&mut sensor, &sent);
+    assert!(found(&output).len() > 40 && others(&output) == 0, "{:?}", found(&output));
     assert!(sensor.notes().iter().any(|note| note.contains("later")), "{:?}", sensor.notes());
 }
 
@@ -267,11 +277,11 @@ fn another_connection_takes_a_reference() {
     }
     let count = sent.len();
     sent.append(&mut again);
-    let told = told(&mut skin.sensor().unwrap(), &sent);
-    assert!(told.iter().all(|told| !(count..count + QUIET_FRAMES - 1).contains(&told.frame)));
+    let output = output(&mut skin.sensor().unwrap(), &sent);
+    assert!(output.iter().all(|output| !(count..count + QUIET_FRAMES - 1).contains(&output.frame)));
     let [first, second] = [0..count, count..2 * count]
-        .map(|range| found(&told).iter().filter(|frame| range.contains(frame)).count());
-    assert!(first > 40 && first.abs_diff(second) <= 2 && others(&told) == 0, "{first} {second}");
+        .map(|range| found(&output).iter().filter(|frame| range.contains(frame)).count());
+    assert!(first > 40 && first.abs_diff(second) <= 2 && others(&output) == 0, "{first} {second}");
 }
 
 /// With a new reference nothing from before is shown, and no id is used twice. The first frame of a recording that the
@@ -307,7 +317,7 @@ fn a_new_reference_forgets_touches_and_continues_their_ids() {
 fn a_damaged_frame_costs_itself_only() {
     let (skin, bench) = disc();
     let sent = frames(&held(&bench, 57));
-    let sound = found(&told(&mut skin.sensor().unwrap(), &sent));
+    let sound = found(&output(&mut skin.sensor().unwrap(), &sent));
     let largest = sent[0].values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
     for (what, at) in
         [("full scale", 60), ("full scale", 115), ("10", 80), ("1.3", 115), ("1.1", 115)]
@@ -319,11 +329,15 @@ fn a_damaged_frame_costs_itself_only() {
                 Err(_) => 1.25 * largest,
             };
         }
-        let told = told(&mut skin.sensor().unwrap(), &sent);
-        let left: Vec<usize> = found(&told).into_iter().filter(|frame| *frame != at).collect();
+        let output = output(&mut skin.sensor().unwrap(), &sent);
+        let left: Vec<usize> = found(&output).into_iter().filter(|frame| *frame != at).collect();
         let missing = sound.iter().filter(|frame| **frame != at && !left.contains(frame)).count();
-        assert!(missing <= 1 && others(&told) == 0, "{what} at {at}: {missing}, {}", others(&told));
-        assert!(told.iter().all(|told| told.faults.is_empty()), "{what} at {at}");
+        assert!(
+            missing <= 1 && others(&output) == 0,
+            "{what} at {at}: {missing}, {}",
+            others(&output)
+        );
+        assert!(output.iter().all(|output| output.faults.is_empty()), "{what} at {at}");
     }
 }
 
@@ -335,8 +349,8 @@ fn a_frozen_instrument_is_reported_after_a_repeated_frame() {
     sent[7].values = sent[6].values.clone();
     let old = sent[70].values.clone();
     sent[70..].iter_mut().for_each(|frame| frame.values.clone_from(&old));
-    let told = told(&mut skin.sensor().unwrap(), &sent);
-    assert_eq!(told.iter().find(|told| told.frozen).unwrap().frame, 88);
+    let output = output(&mut skin.sensor().unwrap(), &sent);
+    assert_eq!(output.iter().find(|output| output.frozen).unwrap().frame, 88);
 }
 
 /// Eight electrodes on a long skin: so few measurements that a gain fits much of any touch. No electrode is blamed for one,
@@ -434,8 +448,8 @@ fn what_is_wrong_from_the_start_is_named() {
         let faulty: Vec<usize> = touches.faults.iter().map(|fault| fault.electrode).collect();
         assert_eq!(faulty, [5], "{value}");
         assert!(touches.rows.iter().all(|row| !row.touch.whole), "{value}");
-        let told = told(&mut skin.sensor().unwrap(), &frames(&broken.values));
-        assert!(told.iter().all(|told| !told.whole && told.faults == [5]), "{value}");
+        let output = output(&mut skin.sensor().unwrap(), &frames(&broken.values));
+        assert!(output.iter().all(|output| !output.whole && output.faults == [5]), "{value}");
         assert!(touches.frames_with_touch() + 3 >= sound.frames_with_touch(), "{value}");
     }
     let mut damaged = recording.clone();

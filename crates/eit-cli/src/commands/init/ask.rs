@@ -7,7 +7,7 @@ use std::io::{BufRead as _, IsTerminal as _, Write as _};
 /// Tells the user what to do next, on stderr: stdout only contains the answer.
 pub(super) fn say(text: &str) {
     if !terminal::flags().is_json {
-        eprintln!("{}", eit_skin::words::printable(text));
+        eprintln!("{}", eit_skin::text::printable(text));
     }
 }
 

@@ -37,7 +37,7 @@ pub(super) fn find(args: &InitArgs, port: &str, first: &mut FirstScene) -> Resul
         found.lines.iter().for_each(|line| say(line));
         presses::find(args, first, &rivals, &mut found)?;
     } else if let Some(rival) = rivals.first() {
-        found.warnings.push(format!("equally likely is {}", words(rival)));
+        found.warnings.push(format!("equally likely is {}", description(rival)));
     }
     if let Some([one, other]) = found.swapped.map(|pair| pair.map(|electrode| electrode + 1)) {
         found.warnings.push(format!(
@@ -75,7 +75,7 @@ fn text_board(
     found.reciprocity = best.reciprocity;
     found.correlation = Some(best.correlation);
     found.swapped = best.swapped;
-    found.lines.push(format!("Best match: {}.", words(best)));
+    found.lines.push(format!("Best match: {}.", description(best)));
     if best.violates_reciprocity() || best.correlation < UNLIKE {
         let warning = "no protocol fits well: a contact may be open (`eit check`), the board may use its own order of \
                        the values ([protocol] quadruples_file), or the electrodes may not be equally spaced";
@@ -95,7 +95,7 @@ fn text_board(
     Ok(fitting[1..].iter().filter(is_rival).cloned().collect())
 }
 
-pub(super) fn words(fit: &FittingProtocol) -> String {
+pub(super) fn description(fit: &FittingProtocol) -> String {
     let reciprocity = match fit.reciprocity {
         Some(error) => format!("reciprocity error {error:.3}"),
         None => "no reciprocal pairs".to_owned(),

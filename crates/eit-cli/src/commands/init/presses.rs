@@ -1,7 +1,7 @@
 //! Determines the electrode numbering from two presses.
 
 use super::ask::say;
-use super::board::words;
+use super::board::description;
 use super::{CLEAR, Found, UNLIKE};
 use crate::cli::InitArgs;
 use crate::commands::prelude::*;
@@ -26,7 +26,7 @@ pub(super) fn find(
         let other = FirstScene { protocol: rival.protocol.clone(), ..first.clone() };
         let mut of_other = find_numbering(&other, &reference, &presses)?;
         if of_other.likeness > numbering.likeness {
-            found.lines.push(format!("The presses match better: {}.", words(rival)));
+            found.lines.push(format!("The presses match better: {}.", description(rival)));
             std::mem::swap(&mut numbering, &mut of_other);
             first.protocol = other.protocol;
         }

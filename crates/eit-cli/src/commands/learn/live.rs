@@ -12,9 +12,9 @@ use eit_skin::connect::{self, Backlog};
 use eit_skin::learn::LearnedSkin;
 use eit_skin::learn::collect::{
     AskedPress, CollectSettings, Collecting, ErrorPoint, FallingError, PressCollector, PressStore,
-    StoredPresses, draw_places, place_words,
+    StoredPresses, draw_places, place_text,
 };
-use eit_skin::words::{event_words, printable};
+use eit_skin::text::{event_text, printable};
 use std::io::IsTerminal as _;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 
@@ -170,7 +170,7 @@ impl Dialogue<'_> {
             self.collector.restart();
             (self.state, self.asked) = (None, None);
         }
-        let Some(words) = event_words(event) else { return Ok(()) };
+        let Some(words) = event_text(event) else { return Ok(()) };
         if is_news(event) {
             say(&words);
         }
@@ -245,7 +245,7 @@ impl Dialogue<'_> {
         }
         let force = asked.force_n.map_or_else(String::new, |n| format!(" with {n} N"));
         let (number, all) = (asked.number + 1, self.args.live.number);
-        let place = place_words(mesh, asked.place_m);
+        let place = place_text(mesh, asked.place_m);
         say(&format!("press {number} of {all}{force} at {place}; hold it"));
         Ok(())
     }
@@ -268,7 +268,7 @@ impl Dialogue<'_> {
         match self.collector.learn(self.earlier, &mut Progress::silent()) {
             Ok(learning) => {
                 let now = self.falling.push(&learning.skin);
-                say(&error_words(&now, before.as_ref()));
+                say(&error_text(&now, before.as_ref()));
             }
             // one more press may mend it; all are stored
             Err(error) => say(&format!("not learnt yet: {error}")),
@@ -313,7 +313,7 @@ impl Dialogue<'_> {
 }
 
 /// The error after some presses, and that before them.
-fn error_words(now: &ErrorPoint, before: Option<&ErrorPoint>) -> String {
+fn error_text(now: &ErrorPoint, before: Option<&ErrorPoint>) -> String {
     let mm = |m: f64| format!("{:.1} mm", 1e3 * m);
     let percent = |ln: f64| format!("{:.0} %", 100.0 * ln);
     let was =
@@ -324,7 +324,7 @@ fn error_words(now: &ErrorPoint, before: Option<&ErrorPoint>) -> String {
         format!("; force {}{before}", percent(ln))
     });
     let (presses, median, mean) = (now.presses, mm(now.place.median_m), mm(now.place.mean_m));
-    let by = now.places_by.words();
+    let by = now.places_by.description();
     format!(
         "{presses} presses: error of held-out presses {median} median, {mean} mean{place}{force}, by {by}"
     )

@@ -191,7 +191,7 @@ impl Finding {
 }
 
 /// A measurement in words; electrodes are numbered from 1.
-fn words(quadruple: Quadruple) -> String {
+fn description(quadruple: Quadruple) -> String {
     let [a, b, m, n] = quadruple.map(|electrode| electrode + 1);
     format!("drive ({a}, {b}), pair ({m}, {n})")
 }
@@ -221,10 +221,10 @@ impl fmt::Display for Finding {
             Trouble::Loss { share } => write!(f, "{:.1} % of the data are lost", 100.0 * share),
             Trouble::Stuck { measurements, first, second } => {
                 let Some(second) = second else {
-                    return write!(f, "{} does not change; {}", words(first), self.advice());
+                    return write!(f, "{} does not change; {}", description(first), self.advice());
                 };
                 let which = if measurements > 2 { ", the first two are" } else { ":" };
-                let [first, second] = [first, second].map(words);
+                let [first, second] = [first, second].map(description);
                 write!(f, "{measurements} measurements do not change{which} {first} and {second}")
             }
             Trouble::Coarse { step, steps_per_touch, still, measurements } => write!(

@@ -103,20 +103,24 @@ fn row_02_one_damaged_byte_at_each_offset() {
             ];
             for (what, wire) in cases {
                 let events = decode(&[&wire]);
-                let told: Vec<_> = events.iter().filter(|e| e.starts_with(frame)).collect();
-                assert!(told.len() + 2 >= good.len(), "{name}, {what} at {offset}: {events:?}");
-                let wrong = told.iter().filter(|event| !good.contains(event)).count();
+                let reported: Vec<_> = events.iter().filter(|e| e.starts_with(frame)).collect();
+                assert!(reported.len() + 2 >= good.len(), "{name}, {what} at {offset}: {events:?}");
+                let wrong = reported.iter().filter(|event| !good.contains(event)).count();
                 // a changed digit or float: at most the damaged frame
                 let may_be = usize::from(is_text || name == "sciospec");
-                assert!(wrong <= may_be, "{name}, {what} at {offset}: {told:?}");
+                assert!(wrong <= may_be, "{name}, {what} at {offset}: {reported:?}");
                 let lengths_change = what != "flipped";
                 if name == "sciospec" && lengths_change {
-                    let shifted = told.iter().filter(|e| !good.contains(e)).count();
+                    let shifted = reported.iter().filter(|e| !good.contains(e)).count();
                     // only a byte within the floats can be doubled or dropped without notice, and
                     // then the end tag is in the wrong place
-                    assert_eq!(shifted, 0, "{what} at {offset}: {told:?}");
+                    assert_eq!(shifted, 0, "{what} at {offset}: {reported:?}");
                 }
-                assert_eq!(told.last(), good.iter().last().as_ref(), "{name}, {what} at {offset}");
+                assert_eq!(
+                    reported.last(),
+                    good.iter().last().as_ref(),
+                    "{name}, {what} at {offset}"
+                );
             }
         }
     }
@@ -259,15 +263,18 @@ fn row_15_every_flipped_bit_and_a_million_bytes_of_garbage() {
         let mut wire = one.clone();
         wire[bit / 8] ^= 1 << (bit % 8);
         let events = eits1_events(&[&wire, &next]);
-        let told: Vec<_> = events.iter().filter(|e| e.starts_with("Message")).collect();
-        assert!(told.len() == 1 && told[0].contains("sequence: 8"), "bit {bit}: {events:?}");
+        let reported: Vec<_> = events.iter().filter(|e| e.starts_with("Message")).collect();
+        assert!(
+            reported.len() == 1 && reported[0].contains("sequence: 8"),
+            "bit {bit}: {events:?}"
+        );
     }
     let garbage = garbage(1_000_000, 42);
     for (name, decode, frames, frame) in streams() {
         let events = decode(&[&garbage, b"\0\n", &frames.concat(), &frames.concat()]);
-        let told = events.iter().filter(|event| event.starts_with(frame)).count();
+        let reported = events.iter().filter(|event| event.starts_with(frame)).count();
         // of twice four or five frames, at most the first ones are lost with the garbage
         let sent = 2 * frames.len();
-        assert!(told <= sent && told + 3 >= sent, "{name}: {told} of {sent}");
+        assert!(reported <= sent && reported + 3 >= sent, "{name}: {reported} of {sent}");
     }
 }

@@ -304,8 +304,9 @@ fn row_06_data_before_the_acknowledgement_and_hold_up_in_the_stream() {
     let session = open_sciospec(&emulator);
     let (frames, others) = take(&session, 12, check_sciospec);
     assert!(frames.iter().all(|frame| frame.epoch == 0));
-    let told = |event: &&Event| matches!(event, Event::Notice(text) if text.contains("held up"));
-    assert!(others.iter().filter(told).count() >= 3, "{others:?}");
+    let reported =
+        |event: &&Event| matches!(event, Event::Notice(text) if text.contains("held up"));
+    assert!(others.iter().filter(reported).count() >= 3, "{others:?}");
     assert_eq!(session.statistics().lost, 0);
 }
 
@@ -603,10 +604,10 @@ fn a_set_up_takes_the_time_of_its_line() {
     }
 }
 
-/// If an instrument identifies itself and then falls silent, the error does not blame the baud
+/// If an instrument identifies itself and then falls silent, the error does not name the baud
 /// rate.
 #[test]
-fn an_instrument_that_falls_silent_in_the_set_up_is_told_so() {
+fn an_instrument_that_falls_silent_in_the_set_up_is_reported() {
     struct Deaf(Eits1Device);
     impl Device for Deaf {
         fn receive(&mut self, bytes: &[u8], now: Duration, out: &mut Vec<u8>) {

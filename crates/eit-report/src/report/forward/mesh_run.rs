@@ -8,7 +8,7 @@ use super::results::ForwardPoint;
 use crate::error::ReportError;
 use eit_fem::{ElementOrder, ForwardModel};
 use eit_mesh::{Mesh, MeshSettings};
-use eit_skin::scene::element_words;
+use eit_skin::scene::element_text;
 use ndarray::{Array1, Array2};
 use std::time::Instant;
 
@@ -39,7 +39,7 @@ impl MeshRun<'_> {
         let cost = model.cost();
         let sizes = [model.protocol().measurements(), model.elements()];
         Ok(ForwardPoint {
-            elements: element_words(elements),
+            elements: element_text(elements),
             mesh: self.family.name(),
             edge_m: self.settings.edge_m,
             electrode_edge_m: self.settings.electrode_edge_m,

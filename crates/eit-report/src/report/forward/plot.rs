@@ -25,7 +25,7 @@ pub(super) fn draw(results: &ForwardResults) -> Result<Canvas, ReportError> {
              same work at this machine's best rates",
             case.skin(),
             case.what,
-            results.reference_words()
+            results.reference_text()
         ),
         x_label: "time (s)".to_owned(),
         y_label: "error".to_owned(),

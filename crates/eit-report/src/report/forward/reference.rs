@@ -20,7 +20,7 @@ pub(super) struct ReferenceVoltages {
     /// Largest voltage, volts.
     largest: f64,
     /// Description for the report.
-    pub words: String,
+    pub description: String,
     /// Its own error: the difference from the next coarser reference, divided by the largest
     /// voltage.
     pub error: f64,
@@ -44,13 +44,13 @@ impl ReferenceVoltages {
     fn of_meshes(problem: &ForwardProblem, [coarse, fine]: [f64; 2]) -> Result<Self, ReportError> {
         let coarse = ReferenceSolution::new(problem, coarse)?;
         let ReferenceSolution { voltages, nodes } = ReferenceSolution::new(problem, fine)?;
-        let words = format!("quadratic elements on {nodes} nodes");
-        Ok(Self::new(voltages, &coarse.voltages, words))
+        let description = format!("quadratic elements on {nodes} nodes");
+        Ok(Self::new(voltages, &coarse.voltages, description))
     }
 
-    fn new(voltages: Array1<f64>, coarser: &Array1<f64>, words: String) -> Self {
+    fn new(voltages: Array1<f64>, coarser: &Array1<f64>, description: String) -> Self {
         let largest = voltages.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-        let mut reference = Self { voltages, largest, words, error: 0.0 };
+        let mut reference = Self { voltages, largest, description, error: 0.0 };
         reference.error = reference.error_of(coarser);
         reference
     }
@@ -96,7 +96,7 @@ mod tests {
             let problem = ForwardProblem::new(&case).unwrap();
             let scales = [2.0, 1.5];
             let series = ReferenceVoltages::of(&problem, scales).unwrap();
-            assert_eq!(series.words, "the mesh-free series");
+            assert_eq!(series.description, "the mesh-free series");
             let meshes = ReferenceVoltages::of_meshes(&problem, scales).unwrap();
             let error = series.error_of(&meshes.voltages);
             println!("{}: {error:.1e}, stated {:.1e}", case.scene, meshes.error);
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_over_the_largest_voltage_and_told_above_the_margin() {
+    fn errors_are_relative_to_the_largest_voltage_and_given_above_the_margin() {
         let exact = Array1::from(vec![1.0, -4.0, 2.0]);
         let coarser = Array1::from(vec![1.0, -4.0, 2.004]);
         let reference = ReferenceVoltages::new(exact, &coarser, String::new());

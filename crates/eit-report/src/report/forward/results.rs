@@ -52,7 +52,7 @@ pub(in super::super) struct ForwardResults {
 
 impl ForwardResults {
     /// Describes the reference, its own error, and the number of results that it cannot judge.
-    pub(crate) fn reference_words(&self) -> String {
+    pub(crate) fn reference_text(&self) -> String {
         let left_out = match self.left_out {
             0 => String::new(),
             count => format!("; {count} results with errors below ten times that are omitted"),

@@ -43,7 +43,7 @@ pub(in super::super) fn choices(all: &[ForwardResults]) -> Table {
     }
     let references: Vec<String> = all
         .iter()
-        .map(|results| format!("{}: {}", results.case.skin(), results.reference_words()))
+        .map(|results| format!("{}: {}", results.case.skin(), results.reference_text()))
         .collect();
     Table::new(
         HEAD,

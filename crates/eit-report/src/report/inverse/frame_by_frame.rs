@@ -77,7 +77,7 @@ pub(super) fn stream(
     let fitted = problem.fit_with(model, settings);
     let start = Instant::now();
     let first = fitted.tv_stream(method.method, &mut Progress::silent())?;
-    let (set_up_s, choice) = (start.elapsed().as_secs_f64(), first.words());
+    let (set_up_s, choice) = (start.elapsed().as_secs_f64(), first.description());
     let solver = || {
         let mut stream = fitted.tv_stream(method.method, &mut Progress::silent())?;
         let solver: FrameSolver<'_> = Box::new(move |_, differences, image| {

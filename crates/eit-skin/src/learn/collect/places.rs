@@ -57,7 +57,7 @@ pub(crate) fn press_places(mesh: &Mesh) -> Vec<[f64; 3]> {
 
 /// Describes a place: its coordinates, and its distances from the two nearest electrodes, by which it is found
 /// with a ruler.
-pub fn place_words(mesh: &Mesh, place_m: [f64; 3]) -> String {
+pub fn place_text(mesh: &Mesh, place_m: [f64; 3]) -> String {
     let [x, y, z] = place_m.map(|m| 1e3 * m);
     let at = match z == 0.0 {
         true => format!("({x:.1}, {y:.1}) mm"),
@@ -159,7 +159,7 @@ mod tests {
     #[test]
     fn a_place_in_words_and_drawn() {
         let skin = skin(DISC);
-        let words = place_words(&skin.mesh, [0.0, 0.04, 0.0]);
+        let words = place_text(&skin.mesh, [0.0, 0.04, 0.0]);
         // electrode 1 is on the +x axis by default, so the third of eight is at the top
         assert!(words.starts_with("(0.0, 40.0) mm: 10 mm from electrode 3, "), "{words}");
         let drawn = draw_places(&skin.mesh, &[[0.0, -0.02, 0.0]], [0.02, 0.02, 0.0]).unwrap();

@@ -39,7 +39,7 @@ fn is_hostile(character: char) -> bool {
 /// Returns a number of things.
 ///
 /// ```
-/// use eit_skin::words::counted;
+/// use eit_skin::text::counted;
 ///
 /// assert_eq!(counted(1, "touch", "touches"), "1 touch");
 /// assert_eq!(counted(2_u64, "touch", "touches"), "2 touches");
@@ -49,7 +49,7 @@ pub fn counted<N: fmt::Display + PartialEq + From<u8>>(count: N, one: &str, many
 }
 
 /// Describes an event; `None` for a frame.
-pub fn event_words(event: &Event) -> Option<String> {
+pub fn event_text(event: &Event) -> Option<String> {
     Some(match event {
         Event::Frame(_) => return None,
         Event::Gap { frames: 1 } => "1 frame was lost".to_owned(),
