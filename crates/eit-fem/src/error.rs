@@ -252,6 +252,20 @@ pub enum FemError {
         /// Smallest local area ratio of the curved element to the straight triangle.
         stretch: f64,
     },
+    /// A derivative with respect to the anisotropy of a model that has none.
+    #[error(
+        "the model has no direction of conductivity: give it an anisotropy, of ratio 1 if need be"
+    )]
+    NoAnisotropy,
+    /// The direction of an anisotropic element is at right angles to it.
+    #[error(
+        "the direction of triangle {triangle} is at right angles to it: the conductivity along needs a \
+         direction in the triangle's plane"
+    )]
+    NoDirection {
+        /// Triangle index.
+        triangle: usize,
+    },
     /// Every node of an electrode is shared with other electrodes.
     #[error(
         "electrode {electrode} shares all its nodes with other electrodes: accurate solves need a gap \

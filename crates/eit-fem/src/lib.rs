@@ -27,7 +27,7 @@ pub use derivatives::{Displacement, ElectrodeMotion, JacobianValue};
 pub use element::ElementOrder;
 pub use error::FemError;
 pub use mesh_choice::{ChosenMesh, Estimate, MeshSearch, MeshTrial, RequiredAccuracy};
-pub use model::{ForwardModel, Geometry, ModelCost, SystemMatrix};
+pub use model::{Anisotropy, ForwardModel, Geometry, ModelCost, SystemMatrix};
 #[cfg(feature = "complex")]
 pub use num_complex::Complex64;
 pub use protocol::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};

@@ -49,4 +49,4 @@ pub use st_tv::{
     CausalDual, CausalSettings, CausalStep, CausalStream, ChosenWeights, Fidelity, Gradient, StTv,
     StTvSettings, StTvStream, Stop, StreamSettings, StreamStep, WeightPoint, WeightStatus,
 };
-pub use unevenness::{ReferenceModel, UnevenSheet, Unevenness};
+pub use unevenness::{Effects, ReferenceModel, UnevenSheet, Unevenness};

@@ -79,6 +79,17 @@ pub struct Unevenness {
     coefficients: Col<f64>,
 }
 
+/// Effects on a reference frame, in standard deviations of each.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Effects {
+    /// Mean of each, ...
+    pub mean: Vec<f64>,
+    /// ... and standard deviation, at most 1.
+    pub std: Vec<f64>,
+    /// Logarithm of the evidence relative to that without them.
+    pub log_evidence: f64,
+}
+
 impl UnevenSheet {
     /// Builds a basis of the given correlation length, which is increased on a very large skin.
     ///
@@ -118,6 +129,57 @@ impl UnevenSheet {
         model: &ReferenceModel<'_>,
         before: Option<&Unevenness>,
     ) -> Result<Unevenness, InverseError> {
+        let (columns, frame) = self.frame(model, before)?;
+        let even = frame.better(frame.at(0.0, 1.0)?, ERROR_SCALES.map(|scale| (0.0, scale)))?;
+        let best = frame.uneven(&even)?;
+        let log_evidence = best.log_evidence - even.log_evidence;
+        let best = if log_evidence > 0.0 { best } else { even };
+        let variance = best.amplitude.powi(2);
+        let coefficients = faer::Scale(variance) * (columns.transpose() * &best.solved);
+        Ok(Unevenness {
+            log_change: (&self.basis * &coefficients).iter().copied().collect(),
+            amplitude: best.amplitude,
+            error_scale: best.error_scale,
+            log_evidence: log_evidence.max(0.0),
+            coefficients,
+        })
+    }
+
+    /// Estimates further effects on the reference frame, `[measurement, effect]` for one standard deviation of
+    /// each, together with an uneven sheet and errors as [`UnevenSheet::fit`] finds them.
+    ///
+    /// # Errors
+    /// Those of [`UnevenSheet::fit`].
+    pub fn estimate(
+        &self,
+        model: &ReferenceModel<'_>,
+        effects: &ArrayRef2<f64>,
+    ) -> Result<Effects, InverseError> {
+        check_length("rows of the effects", effects.nrows(), model.used.len())?;
+        let rows = self.check(model)?;
+        let (_, mut frame) = self.frame(model, None)?;
+        let without = frame.best()?;
+        let effects = Mat::from_fn(rows.len(), effects.ncols(), |row, k| {
+            effects[(rows[row], k)] / model.error_v[rows[row]]
+        });
+        frame.errors += &effects * effects.transpose();
+        let with = frame.best()?;
+        let factor = frame.factor(with.amplitude, with.error_scale)?;
+        let solved = factor.solve(&effects);
+        let explained = effects.transpose() * &solved;
+        Ok(Effects {
+            mean: (effects.transpose() * &with.solved).iter().copied().collect(),
+            std: (0..effects.ncols()).map(|k| (1.0 - explained[(k, k)]).max(0.0).sqrt()).collect(),
+            log_evidence: with.log_evidence - without.log_evidence,
+        })
+    }
+
+    /// The frame in units of each voltage's error, and the effect of each bell on it.
+    fn frame(
+        &self,
+        model: &ReferenceModel<'_>,
+        before: Option<&Unevenness>,
+    ) -> Result<(Mat<f64>, Frame), InverseError> {
         let rows = self.check(model)?;
         // in units of each voltage's error
         let weight = |row: usize| model.error_v[rows[row]].recip();
@@ -136,26 +198,8 @@ impl UnevenSheet {
             weight(row) * model.unknowns[(rows[row], k)]
         });
         let gram = &columns * columns.transpose();
-        let frame = Frame { left, errors: &unknowns * unknowns.transpose(), gram };
-        let even = frame.better(frame.at(0.0, 1.0)?, ERROR_SCALES.map(|scale| (0.0, scale)))?;
-        let mut best = frame.at(AMPLITUDES[0], even.error_scale)?;
-        for _ in 0..ROUNDS {
-            let error_scale = best.error_scale;
-            best = frame.better(best, AMPLITUDES.map(|amplitude| (amplitude, error_scale)))?;
-            let amplitude = best.amplitude;
-            best = frame.better(best, ERROR_SCALES.map(|scale| (amplitude, scale)))?;
-        }
-        let log_evidence = best.log_evidence - even.log_evidence;
-        let best = if log_evidence > 0.0 { best } else { even };
-        let variance = best.amplitude.powi(2);
-        let coefficients = faer::Scale(variance) * (columns.transpose() * &best.solved);
-        Ok(Unevenness {
-            log_change: (&self.basis * &coefficients).iter().copied().collect(),
-            amplitude: best.amplitude,
-            error_scale: best.error_scale,
-            log_evidence: log_evidence.max(0.0),
-            coefficients,
-        })
+        let errors = &unknowns * unknowns.transpose();
+        Ok((columns, Frame { left, errors, gram }))
     }
 
     /// Checks the input and returns the used measurements.
@@ -203,12 +247,36 @@ struct Choice {
 }
 
 impl Frame {
-    fn at(&self, amplitude: f64, error_scale: f64) -> Result<Choice, InverseError> {
+    /// Returns the uneven sheet of greatest evidence.
+    fn uneven(&self, even: &Choice) -> Result<Choice, InverseError> {
+        let mut best = self.at(AMPLITUDES[0], even.error_scale)?;
+        for _ in 0..ROUNDS {
+            let error_scale = best.error_scale;
+            best = self.better(best, AMPLITUDES.map(|amplitude| (amplitude, error_scale)))?;
+            let amplitude = best.amplitude;
+            best = self.better(best, ERROR_SCALES.map(|scale| (amplitude, scale)))?;
+        }
+        Ok(best)
+    }
+
+    /// Returns the sheet of greatest evidence, even or uneven.
+    fn best(&self) -> Result<Choice, InverseError> {
+        let even = self.better(self.at(0.0, 1.0)?, ERROR_SCALES.map(|scale| (0.0, scale)))?;
+        let uneven = self.uneven(&even)?;
+        Ok(if uneven.log_evidence > even.log_evidence { uneven } else { even })
+    }
+
+    /// Factor of the covariance of the frame.
+    fn factor(&self, amplitude: f64, error_scale: f64) -> Result<Llt<f64>, InverseError> {
         let size = self.left.nrows();
         let mut covariance = &self.errors + faer::Scale(amplitude * amplitude) * &self.gram;
         (0..size).for_each(|i| covariance[(i, i)] += error_scale * error_scale);
-        let factor = Llt::new(covariance.as_ref(), Side::Lower)
-            .map_err(|_| InverseError::Factorisation { what: "covariance of a frame", size })?;
+        Llt::new(covariance.as_ref(), Side::Lower)
+            .map_err(|_| InverseError::Factorisation { what: "covariance of a frame", size })
+    }
+
+    fn at(&self, amplitude: f64, error_scale: f64) -> Result<Choice, InverseError> {
+        let factor = self.factor(amplitude, error_scale)?;
         let solved: Col<f64> = factor.solve(&self.left);
         let square: f64 = self.left.iter().zip(solved.iter()).map(|(a, b)| a * b).sum();
         let diagonal = factor.L().diagonal().column_vector();

@@ -293,7 +293,7 @@ fn report(
     Remarks { why, notes, .. }: &Remarks,
     progress: &Progress,
 ) -> Value {
-    let FittedFrames { skin: linearised, frames, fit } = task.fitted;
+    let FittedFrames { skin: linearised, frames, fit, .. } = task.fitted;
     let skin = &linearised.skin;
     let mut report = json!({
         "scene": skin.name,

@@ -5,21 +5,30 @@ use crate::frames::{Frames, ModelFit, QuietFrames};
 use crate::linearised::LinearisedSkin;
 use crate::noise::DataNoise;
 use crate::scene::DifferenceKind;
+use crate::weave::FoundWeave;
 use eit_inverse::{DifferenceData, noise_std_of_quiet_frames};
 use ndarray::{Array2, ArrayView1};
 use std::sync::Arc;
 
 impl LinearisedSkin {
-    /// Fits the model to the reference of frames.
+    /// Fits the model to the reference of frames. If the scene states no weave, and the reference shows one, the
+    /// result has the skin of that weave.
     ///
     /// # Errors
     ///
     /// A reference of zero, or of the opposite sign if differences are plain.
     pub fn fit(self: &Arc<Self>, mut frames: Frames) -> Result<FittedFrames, SkinError> {
-        let voltages = self.voltages.to_vec();
-        let kind = self.difference_kind();
-        let fit = frames.fit_model(&voltages, kind, self.skin.conductivity_s)?;
-        Ok(FittedFrames { skin: Arc::clone(self), frames, fit })
+        let weave = self.skin.find_weave(&frames.reference, &frames.used)?;
+        let skin = match &weave {
+            None => Arc::clone(self),
+            Some(found) => {
+                frames.notes.push(found.description());
+                Arc::new(self.with_weave(found.weave)?)
+            }
+        };
+        let kind = skin.difference_kind();
+        let fit = frames.fit_model(&skin.voltages.to_vec(), kind, skin.skin.conductivity_s)?;
+        Ok(FittedFrames { skin, frames, fit, weave })
     }
 }
 
@@ -32,6 +41,8 @@ pub struct FittedFrames {
     pub frames: Frames,
     /// How well the model's voltages explain the reference.
     pub fit: ModelFit,
+    /// The weave that the reference showed.
+    pub weave: Option<FoundWeave>,
 }
 
 impl FittedFrames {
@@ -92,7 +103,7 @@ impl FittedFrames {
     ///
     /// Quiet frames that the settings name, but that show no noise.
     pub fn noise(&self) -> Result<Option<DataNoise>, SkinError> {
-        let Self { skin, frames, fit } = self;
+        let Self { skin, frames, fit, .. } = self;
         if skin.is_white {
             return Ok(Some(DataNoise::white(frames)));
         }

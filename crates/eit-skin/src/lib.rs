@@ -48,6 +48,7 @@ pub mod total_variation;
 pub mod touches;
 #[cfg(feature = "base")]
 pub mod train;
+mod weave;
 
 // re-exported so that a robot's program needs no further dependency
 #[cfg(feature = "mint")]
@@ -66,6 +67,7 @@ pub use progress::{Observer, Progress, Silent, StageTime, Steps};
 pub use scene::Scene;
 pub use skin::{MeshOverride, Skin, SkinModel};
 pub use stop::StopFlag;
+pub use weave::{FoundWeave, Weave};
 
 /// Compiles the program of the guide.
 #[cfg(all(doctest, feature = "hw"))]

@@ -6,6 +6,7 @@ use crate::limits::rounding_warning;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, PriorKind, ReconstructionSettings};
 use crate::skin::Skin;
+use crate::weave::Weave;
 use eit_fem::SolveReport;
 use eit_inverse::{
     DifferenceData, Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov,
@@ -103,6 +104,12 @@ impl LinearisedSkin {
             )
             .within(&self.skin.place)),
         }
+    }
+
+    /// Returns the skin linearised with a weave.
+    pub(crate) fn with_weave(&self, weave: Weave) -> Result<Self, SkinError> {
+        let skin = self.skin.with_weave(weave)?;
+        Ok(Self { raster: self.raster.clone(), ..skin.linearise(&mut Progress::silent())? })
     }
 
     /// Returns the skin with a Jacobian for white differences.

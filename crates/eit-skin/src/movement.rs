@@ -164,7 +164,12 @@ impl FittedFrames {
             }
             let White { frames, note } =
                 whitened(&self.frames, self.skin.difference_kind(), &side)?;
-            let fitted = FittedFrames { skin: Arc::new(linearised), frames, fit: self.fit };
+            let fitted = FittedFrames {
+                skin: Arc::new(linearised),
+                frames,
+                fit: self.fit,
+                weave: self.weave,
+            };
             Ok(Some(WithoutMovement { fitted, side, line, note, before }))
         })
     }

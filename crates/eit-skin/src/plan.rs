@@ -29,6 +29,7 @@ use crate::error::SkinError;
 use crate::method::{self, MethodChoice};
 use crate::progress::{Progress, StageTime};
 use crate::skin::Skin;
+use crate::weave::Weave;
 use eit_fem::SolvePath;
 use expected::Expected;
 use left_out::LeftOut;
@@ -64,6 +65,8 @@ pub struct Plan {
     left_out: Vec<LeftOut>,
     /// Notes on how the method works on this skin.
     method_notes: Vec<String>,
+    /// Weave that the scene states or the reference frame shows.
+    weave: Option<Weave>,
     error: VoltageError,
     expected: Expected,
     machine: Machine,
@@ -87,6 +90,15 @@ impl Plan {
         let is_live = skin.instrument.is_some() && skin.settings.recording.file.is_none();
         let recording = sequence::read(&skin, progress);
         let frames = recording.as_ref().map(|frames| frames.values.nrows());
+        let weave = match &recording {
+            Some(frames) => {
+                progress.stage("weave", || skin.find_weave(&frames.reference, &frames.used))?
+            }
+            None => None,
+        };
+        if let Some(found) = &weave {
+            skin = skin.with_weave(found.weave)?;
+        }
         // a reference that is yet to be taken shows the noise
         let has_quiet = recording.as_ref().map(|frames| frames.quiet.is_some());
         let (voltages, path) = progress.stage("voltages", || untouched(&skin))?;
@@ -107,7 +119,12 @@ impl Plan {
         Ok(Self {
             name: skin.name.clone(),
             left_out: left_out::of(&skin, choice.method, sequence, noise_is_known),
-            method_notes: method_notes::of(&skin, choice.method, sequence),
+            method_notes: {
+                let mut notes = method_notes::of(&skin, choice.method, sequence);
+                notes.extend(weave.map(|found| found.description()));
+                notes
+            },
+            weave: skin.weave,
             choice,
             frames,
             sequence,
@@ -128,6 +145,7 @@ impl Plan {
             "method_because": self.choice.why,
             "method_notes": self.method_notes,
             "mesh_notes": self.mesh_notes,
+            "weave": self.weave,
             "frames": self.frames,
             "still": matches!(self.sequence, Sequence::Still(_)),
             "stages": self.stages,

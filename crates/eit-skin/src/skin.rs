@@ -7,6 +7,7 @@ use crate::scene::{
     Accuracy, BuiltMesh, DEFAULT_PIXELS, DifferenceKind, FabricSettings, Instrument,
     InstrumentSettings, MeshChoice, MeshSource, Scene, StageSettings, Symmetry,
 };
+use crate::weave::Weave;
 use eit_fem::analytic::DiscSeries;
 #[cfg(feature = "fabric")]
 use eit_fem::fabric::Fabric;
@@ -35,6 +36,8 @@ pub struct SkinModel {
     pub model: ForwardModel,
     /// Conductivity of the untouched sheet, siemens per square.
     pub conductivity_s: f64,
+    /// Ratio and direction of its conductivity, if the scene states them or a reference frame showed them.
+    pub weave: Option<Weave>,
     /// Contact impedance per electrode: ohm metre on the rim, ohm square metre for a patch.
     pub contact_impedance: Vec<f64>,
     /// File or generator that the mesh came from.
@@ -152,6 +155,7 @@ impl Skin {
             pairs,
             check_order: scene.protocol.check_order != Some(false),
             conductivity_s: scene.skin.conductivity_s,
+            weave: None,
             fabric: scene.fabric.clone().unwrap_or_default(),
             fingerprint: scene.skin_fingerprint()?,
             scene_toml: scene.to_toml()?,
@@ -166,7 +170,11 @@ impl Skin {
             notes,
             accuracy,
         };
-        Ok(Self { parts: Arc::new(model), settings: scene.stage_settings() })
+        let skin = Self { parts: Arc::new(model), settings: scene.stage_settings() };
+        match scene.weave() {
+            Some(weave) => skin.with_weave(weave).map_err(|e| e.within(&scene.place)),
+            None => Ok(skin),
+        }
     }
 
     /// Returns the same skin on another mesh with about this many nodes, for simulation.
@@ -188,7 +196,14 @@ impl Skin {
         })?;
         let parts =
             SkinModel { mesh, model, source, notes, accuracy: None, ..self.parts.as_ref().clone() };
-        Ok(Self { parts: Arc::new(parts), settings: self.settings.clone() })
+        let skin = Self { parts: Arc::new(parts), settings: self.settings.clone() };
+        self.weave.map_or(Ok(skin.clone()), |weave| skin.with_weave(weave))
+    }
+
+    /// Returns the same skin with a model of a weave.
+    pub(crate) fn of_weave(&self, weave: Weave, model: ForwardModel) -> Self {
+        let parts = SkinModel { model, weave: Some(weave), ..self.parts.as_ref().clone() };
+        Self { parts: Arc::new(parts), settings: self.settings.clone() }
     }
 
     /// Returns whether differences are plain or normalised. Pair protocols are normalised, which cancels
@@ -231,7 +246,7 @@ impl Skin {
         self.fabric_with(&self.fabric)
     }
 
-    /// Returns the simulated fabric with other settings than the scene's.
+    /// Returns the simulated fabric with other settings than the scene's; of the scene's weave, unless they have one.
     ///
     /// # Errors
     ///
@@ -239,7 +254,11 @@ impl Skin {
     #[cfg(feature = "fabric")]
     pub fn fabric_with(&self, settings: &FabricSettings) -> Result<Fabric, SkinError> {
         let (sheet_s, impedance) = (self.conductivity_s, &self.contact_impedance);
-        let fabric = Fabric::new(&self.mesh, &self.protocol, sheet_s, impedance, settings);
+        let mut settings = settings.clone();
+        if let (Some(weave), 1.0) = (self.weave, settings.weave.ratio) {
+            (settings.weave.ratio, settings.weave.angle_deg) = (weave.ratio, weave.angle_deg);
+        }
+        let fabric = Fabric::new(&self.mesh, &self.protocol, sheet_s, impedance, &settings);
         fabric.map_err(|e| SkinError::from(e).within(&self.place))
     }
 

@@ -6,10 +6,12 @@ mod choices;
 mod finder;
 mod model;
 
+pub(crate) use background::{UNTOUCHED, reference_errors, reference_of_model, uneven_sheet};
 pub use choices::{Choices, FoundSheet};
 #[cfg(feature = "learn")]
 pub(crate) use finder::PressTouch;
 pub use finder::TouchFinder;
+pub(crate) use model::unknowns;
 
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;

@@ -3,6 +3,7 @@
 use crate::cli::CalibrateArgs;
 use crate::commands::prelude::*;
 use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
+use eit_skin::Weave;
 use eit_skin::frames::{Frames, has_driven_electrodes};
 use eit_skin::scene::{ElementOrder, Reference};
 
@@ -22,13 +23,21 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
     let frames =
         progress.stage("read frames", || skin.read_frames(&args.frames, reference.as_ref()))?;
     let mut notes = frames.notes.clone();
+    let weave = progress.stage("weave", || skin.find_weave(&frames.reference, &frames.used))?;
+    let skin = match &weave {
+        Some(found) => {
+            notes.push(found.description());
+            skin.with_weave(found.weave)?
+        }
+        None => skin,
+    };
     let found = progress.stage("calibrate", || {
         fit(&skin.model, &frames, settings(args, &skin, &frames), &mut notes)
     });
     let found = found.map_err(|error| error.within(&scene.place))?;
     let may_use_driven =
         !scene.reconstruction.use_driven_electrodes && has_driven_electrodes(&skin.protocol);
-    Ok(answer(&skin.name, &frames, &found, &notes, may_use_driven, &progress))
+    Ok(answer(&skin, &frames, &found, &notes, may_use_driven, &progress))
 }
 
 fn settings(args: &CalibrateArgs, skin: &Skin, frames: &Frames) -> CalibrationSettings {
@@ -72,7 +81,7 @@ fn undetermined(found: &Calibration) -> Vec<usize> {
 }
 
 fn answer(
-    name: &str,
+    skin: &Skin,
     frames: &Frames,
     found: &Calibration,
     notes: &[String],
@@ -117,9 +126,13 @@ fn answer(
     let contacts = contacts.join(", ");
     lines.push(heading.to_owned());
     lines.push(format!("  [skin] conductivity_s = {conductivity_s:.5e}"));
+    if let Some(Weave { ratio, angle_deg }) = skin.weave {
+        lines.push(format!("  [skin] weave_ratio = {ratio:.3}, weave_angle_deg = {angle_deg:.1}"));
+    }
     lines.push(format!("  [electrodes] contact_impedance_ohm_m = [{contacts}]"));
     let json = json!({
-        "scene": name,
+        "scene": skin.name,
+        "weave": skin.weave,
         "frame": frames.reference_source,
         "measurements_used": used,
         "status": status,

@@ -13,6 +13,7 @@
 //! [`movement`] the strain of triangles and the stretch of electrode parts. [`electrode_motion`]
 //! computes how nodes move when an electrode does.
 
+pub(crate) mod anisotropy;
 pub(crate) mod conductivity;
 pub(crate) mod contact;
 pub(crate) mod displacement;

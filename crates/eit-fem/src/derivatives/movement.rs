@@ -16,6 +16,7 @@ use super::contact::{ContactFields, Under, mean_product};
 use super::displacement::Displacement;
 use super::solved_fields::SolvedFields;
 use crate::element::gradient::gradient;
+use crate::model::Grain;
 use eit_core::vector::{Vector, cross, dot, norm, scaled, sub};
 use ndarray::ArrayViewMut2;
 
@@ -108,7 +109,9 @@ impl Moves {
             }
             let corners = triangle.map(|n| solved.geometry.positions[n as usize]);
             let vectors = triangle.map(|n| self.vectors[n as usize]);
-            let [along, across] = strain(corners, vectors).map(|s| sigma * s);
+            let grain = solved.geometry.anisotropy.as_ref();
+            let grain = grain.map(|anisotropy| &anisotropy.grains()[element as usize]);
+            let [along, across] = strain(corners, vectors, grain).map(|s| sigma * s);
             strains.push(Strain { element, displacement, along, across });
         }
     }
@@ -151,10 +154,14 @@ impl Moves {
 }
 
 /// Computes `S22 - S11` and `-2 S12` of a triangle whose corners move, in the frame of its first
-/// edge.
-fn strain(corners: [Vector; 3], vectors: [Vector; 3]) -> [f64; 2] {
-    let (e1, e2) = (sub(corners[1], corners[0]), sub(corners[2], corners[0]));
-    let (w1, w2) = (sub(vectors[1], vectors[0]), sub(vectors[2], vectors[0]));
+/// edge; of an anisotropic one after its map ([`Grain::mapped`]).
+fn strain(corners: [Vector; 3], vectors: [Vector; 3], grain: Option<&Grain>) -> [f64; 2] {
+    let mut edges = [1, 2].map(|k| sub(corners[k], corners[0]));
+    let mut moves = [1, 2].map(|k| sub(vectors[k], vectors[0]));
+    if let Some(grain) = grain {
+        (edges, moves) = (grain.mapped(edges), grain.mapped_moves(edges, moves));
+    }
+    let ([e1, e2], [w1, w2]) = (edges, moves);
     let normal = cross(e1, e2);
     let (l, double_area) = (norm(e1), norm(normal));
     let first = scaled(1.0 / l, e1);

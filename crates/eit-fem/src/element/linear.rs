@@ -1,11 +1,12 @@
 //! Linear triangles; see [`crate::element`].
 
+use crate::model::Grain;
 use eit_core::vector::{cross, dot, norm, sub};
 
 /// Computes the dimensionless coefficients of a linear triangle: `alpha`, `-gamma`, `beta`.
-pub(crate) fn linear(corners: [[f64; 3]; 3]) -> [f64; 3] {
-    let edge = |k: usize| sub(corners[k], corners[0]);
-    let (e1, e2) = (edge(1), edge(2));
+pub(crate) fn linear(corners: [[f64; 3]; 3], grain: Option<&Grain>) -> [f64; 3] {
+    let edges = [1, 2].map(|k| sub(corners[k], corners[0]));
+    let [e1, e2] = grain.map_or(edges, |grain| grain.mapped(edges));
     let l = dot(e1, e1).sqrt();
     let double_area = norm(cross(e1, e2));
     let h = double_area / l;
@@ -25,7 +26,8 @@ mod tests {
 
     #[test]
     fn stiffness_of_the_right_triangle_is_the_textbook_one() {
-        let k = stiffness::<3, 3>(&linear([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]));
+        let k =
+            stiffness::<3, 3>(&linear([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], None));
         // the exact values, up to a few roundings
         for (found, wanted) in k.iter().zip([-0.5, -0.5, 0.0]) {
             assert!((found - wanted).abs() < 4.0 * f64::EPSILON);
@@ -37,7 +39,7 @@ mod tests {
         let corners = [[0.1, 0.2, 0.3], [1.0, -0.4, 0.5], [0.3, 0.9, -0.7]];
         let slope = [0.7, -1.1, 0.4];
         let u = corners.map(|p| dot(p, slope));
-        let g: [f64; 2] = gradient(&linear(corners), u);
+        let g: [f64; 2] = gradient(&linear(corners, None), u);
         // |g|^2 = A |tangential slope|^2, computed with the unit normal
         let normal = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]));
         let along = dot(slope, normal) / norm(normal);

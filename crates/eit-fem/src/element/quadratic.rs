@@ -14,6 +14,7 @@
 //! work per field and Jacobian entry.
 
 use super::gradient::pair;
+use crate::model::Grain;
 use eit_core::vector::{cross, dot, norm, sub};
 
 /// Number of nodes of a triangle.
@@ -87,12 +88,13 @@ pub(crate) fn least_stretch(nodes: [[f64; 3]; NODES]) -> f64 {
 }
 
 /// Computes the dimensionless coefficients of an element; see [`crate::element`].
-pub(crate) fn coefficients(nodes: [[f64; 3]; NODES]) -> [f64; PAIRS] {
+pub(crate) fn coefficients(nodes: [[f64; 3]; NODES], grain: Option<&Grain>) -> [f64; PAIRS] {
     // contribution of node i + 1 to each of the twelve components
     let mut columns = [[0.0; 2 * NODES]; COMPONENTS];
     for (k, (at, weight)) in points().enumerate() {
         let along = slopes(at);
-        let [t1, t2] = along.map(|s| tangent(&nodes, &s));
+        let tangents = along.map(|s| tangent(&nodes, &s));
+        let [t1, t2] = grain.map_or(tangents, |grain| grain.mapped(tangents));
         let l = norm(t1);
         let double_area = norm(cross(t1, t2));
         let h = double_area / l;
@@ -189,8 +191,8 @@ mod tests {
     fn linear_functions_have_the_energy_of_linear_elements() {
         let nodes = straight(CORNERS);
         let slope = [0.7, -1.1, 0.4];
-        let g: [f64; 2] = gradient(&linear(CORNERS), CORNERS.map(|p| dot(p, slope)));
-        let q: [f64; 5] = gradient(&coefficients(nodes), nodes.map(|p| dot(p, slope)));
+        let g: [f64; 2] = gradient(&linear(CORNERS, None), CORNERS.map(|p| dot(p, slope)));
+        let q: [f64; 5] = gradient(&coefficients(nodes, None), nodes.map(|p| dot(p, slope)));
         let square = |g: &[f64]| g.iter().map(|x| x * x).sum::<f64>();
         assert!((square(&g) - square(&q)).abs() < 1e-14 * square(&g));
         assert!((least_stretch(nodes) - 1.0).abs() < 1e-14);
@@ -201,7 +203,7 @@ mod tests {
     #[test]
     fn stiffness_of_the_right_triangle() {
         let right = straight([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
-        let k = stiffness::<6, 15>(&coefficients(right));
+        let k = stiffness::<6, 15>(&coefficients(right, None));
         let wanted = [
             (0, 1, 1.0),
             (0, 2, 1.0),
@@ -231,7 +233,7 @@ mod tests {
         let mut nodes = straight(CORNERS);
         nodes[3] = [0.5, -0.2, 0.5];
         nodes[4][2] += 0.1;
-        let a = coefficients(nodes);
+        let a = coefficients(nodes, None);
         let u = [0.3, -0.8, 0.5, 1.1, 0.2, -0.4];
         let g: [f64; 5] = gradient(&a, u);
         // |surface gradient|^2 by the metric of the tangents

@@ -2,9 +2,9 @@
 
 use super::conductivity::Elements;
 use super::motion::Motion;
-use super::settings::FabricSettings;
+use super::settings::{FabricSettings, Weave};
 use crate::error::FemError;
-use crate::model::ForwardModel;
+use crate::model::{Anisotropy, ForwardModel};
 use crate::protocol::Protocol;
 use eit_mesh::Mesh;
 
@@ -40,7 +40,12 @@ impl Fabric {
             let (quantity, must) = ("conductivity_s", "finite and above zero");
             return Err(FemError::OutOfRange { quantity, value: conductivity_s, must });
         }
-        let model = ForwardModel::new(mesh, protocol, contact_impedance)?;
+        let mut model = ForwardModel::new(mesh, protocol, contact_impedance)?;
+        let Weave { ratio, angle_deg, .. } = settings.weave;
+        if ratio != 1.0 {
+            let weave = Anisotropy::uniform(mesh.surface(), ratio, angle_deg.to_radians())?;
+            model = model.with_anisotropy(&weave)?;
+        }
         let membrane = &settings.membrane;
         let length_m = (membrane.tension_n_per_m / membrane.foundation_pa_per_m).sqrt();
         Ok(Self {

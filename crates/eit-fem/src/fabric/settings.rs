@@ -16,7 +16,7 @@ pub struct FabricSettings {
     pub piezo: Piezoresistance,
     /// Compliance of the rim and response of the contacts.
     pub rim: Rim,
-    /// Unevenness of the conductivity.
+    /// Unevenness and direction of the conductivity.
     pub weave: Weave,
     /// Slow drift of the conductivity and the contact impedances.
     pub drift: Drift,
@@ -126,8 +126,8 @@ impl Default for Rim {
     }
 }
 
-/// Unevenness of the fabric: ln(conductivity) is a Gaussian field with covariance `amplitude^2
-/// exp(-r^2 / 2 correlation^2)`.
+/// Unevenness of the fabric, and how much better it conducts along than across: ln(conductivity) is a
+/// Gaussian field with covariance `amplitude^2 exp(-r^2 / 2 correlation^2)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
@@ -136,11 +136,16 @@ pub struct Weave {
     pub amplitude: f64,
     /// Correlation length, metres, above zero. Default 0.02, assumed.
     pub correlation_m: f64,
+    /// Conductivity along `angle_deg` divided by that across, above zero. Default 1; knits have 1.3 to 2
+    /// (see `docs/FABRIC.md`).
+    pub ratio: f64,
+    /// Angle of the better direction, degrees counter-clockwise from x ([`Anisotropy::uniform`](crate::Anisotropy::uniform)).
+    pub angle_deg: f64,
 }
 
 impl Default for Weave {
     fn default() -> Self {
-        Self { amplitude: 0.05, correlation_m: 0.02 }
+        Self { amplitude: 0.05, correlation_m: 0.02, ratio: 1.0, angle_deg: 0.0 }
     }
 }
 

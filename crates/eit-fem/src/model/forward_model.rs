@@ -14,6 +14,7 @@
 //! voltages take `electrodes^2`. Fields, which only the Jacobian needs, take `2 f` flops per
 //! independent pattern.
 
+use super::anisotropy::Anisotropy;
 use super::assembly::Assembly;
 use super::checks::{check_conductivity, check_impedances};
 use super::dof_map::DofMap;
@@ -143,6 +144,25 @@ impl ForwardModel {
             assembly,
             geometry,
         })
+    }
+
+    /// Returns the same model of a sheet that conducts better along one direction than across.
+    ///
+    /// Conductivities of solves are then the geometric means of those along and across.
+    ///
+    /// # Errors
+    /// An anisotropy of another number of elements; a direction at right angles to its element.
+    pub fn with_anisotropy(mut self, anisotropy: &Anisotropy) -> Result<Self, FemError> {
+        let what = "elements of the anisotropy";
+        FemError::check_length(what, anisotropy.elements(), self.elements())?;
+        self.geometry = self.geometry.with_anisotropy(&self.dofs, anisotropy.clone())?;
+        Ok(self)
+    }
+
+    /// Returns the direction and ratio of the conductivity of each element, unless it is a scalar
+    /// everywhere.
+    pub fn anisotropy(&self) -> Option<&Anisotropy> {
+        self.geometry.anisotropy.as_ref()
     }
 
     /// Returns the protocol whose voltages the model computes.

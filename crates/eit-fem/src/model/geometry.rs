@@ -8,6 +8,7 @@
 //!
 //! Results are bit-identical to those of a model built on the moved mesh (`tests/all/geometry.rs`).
 
+use super::anisotropy::{Anisotropy, Grain};
 use super::assembly::Assembly;
 use super::dof_map::DofMap;
 use crate::element::gradient::stiffness;
@@ -27,6 +28,8 @@ const ZERO_AREA: f64 = 4.0 * f64::EPSILON;
 pub struct Geometry {
     /// Coefficients of the scaled gradients, in element order.
     pub(crate) elements: Vec<f64>,
+    /// Direction and ratio of the conductivity of each element, unless it is a scalar everywhere.
+    pub(crate) anisotropy: Option<Anisotropy>,
     /// Off-diagonal unit stiffness, in element order.
     stiffness: Vec<f64>,
     /// Electrode part of the matrix values.
@@ -48,6 +51,7 @@ impl Geometry {
         let pairs = dofs.elements() * dofs.order.pairs();
         let mut geometry = Self {
             elements: vec![0.0; pairs],
+            anisotropy: None,
             stiffness: vec![0.0; pairs],
             contact_values: vec![0.0; assembly.pattern.entries()],
             positions: vec![[0.0; 3]; dofs.nodes()],
@@ -72,14 +76,29 @@ impl Geometry {
         dofs.midside_nodes.places(nodes_m, |middle, position| {
             self.positions[of_midside_nodes[middle] as usize] = position;
         });
-        match dofs.order {
-            ElementOrder::Linear => self.fill_elements(dofs, linear, |_| 1.0)?,
-            ElementOrder::Quadratic => {
-                self.fill_elements(dofs, quadratic::coefficients, quadratic::least_stretch)?;
-            }
-        }
+        self.fill_all_elements(dofs)?;
         self.fill_contacts(dofs, assembly, contact_impedance);
         Ok(())
+    }
+
+    /// Returns the same geometry with another direction and ratio of the conductivity of each element.
+    pub(crate) fn with_anisotropy(
+        mut self,
+        dofs: &DofMap,
+        anisotropy: Anisotropy,
+    ) -> Result<Self, FemError> {
+        self.anisotropy = Some(anisotropy);
+        self.fill_all_elements(dofs)?;
+        Ok(self)
+    }
+
+    fn fill_all_elements(&mut self, dofs: &DofMap) -> Result<(), FemError> {
+        match dofs.order {
+            ElementOrder::Linear => self.fill_elements(dofs, linear, |_| 1.0),
+            ElementOrder::Quadratic => {
+                self.fill_elements(dofs, quadratic::coefficients, quadratic::least_stretch)
+            }
+        }
     }
 
     /// Recomputes the contact terms for the current positions.
@@ -100,7 +119,7 @@ impl Geometry {
     fn fill_elements<const NODES: usize, const PAIRS: usize>(
         &mut self,
         dofs: &DofMap,
-        coefficients: impl Fn([[f64; 3]; NODES]) -> [f64; PAIRS],
+        coefficients: impl Fn([[f64; 3]; NODES], Option<&Grain>) -> [f64; PAIRS],
         least_stretch: impl Fn([[f64; 3]; NODES]) -> f64,
     ) -> Result<(), FemError> {
         let (elements, _) = self.elements.as_chunks_mut::<PAIRS>();
@@ -114,7 +133,11 @@ impl Geometry {
             if stretch <= 0.0 || stretch.is_nan() {
                 return Err(FemError::FoldedElement { triangle, stretch });
             }
-            *element = coefficients(places);
+            let grain = self.anisotropy.as_ref().map(|anisotropy| &anisotropy.grains()[triangle]);
+            *element = coefficients(places, grain);
+            if grain.is_some() && !element.iter().all(|a| a.is_finite()) {
+                return Err(FemError::NoDirection { triangle });
+            }
             *entries = stiffness::<NODES, PAIRS>(element);
         }
         Ok(())
@@ -128,6 +151,11 @@ impl Geometry {
         values: &mut [f64],
     ) {
         assembly.fill(&self.stiffness, &self.contact_values, conductivity_s, values);
+    }
+
+    /// Leaves the contacts out of the matrix.
+    pub(crate) fn leave_out_contacts(&mut self) {
+        self.contact_values.fill(0.0);
     }
 
     /// Whether any contact is a shunt or an ideal current source, which nodal assembly does not

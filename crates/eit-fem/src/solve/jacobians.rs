@@ -3,7 +3,7 @@
 use super::solution::Solution;
 use crate::derivatives::conductivity::{self, JacobianValue};
 use crate::derivatives::displacement::Displacement;
-use crate::derivatives::{contact, movement};
+use crate::derivatives::{anisotropy, contact, movement};
 use crate::element::ElementOrder;
 use crate::error::FemError;
 use crate::model::ForwardModel;
@@ -65,6 +65,23 @@ impl Solution<'_> {
         let (solved, block) = self.solved_fields();
         conductivity::fill_unique(&solved, block, jacobian);
         Ok(())
+    }
+
+    /// Returns the derivative of each voltage with respect to ratio and direction of an anisotropic
+    /// sheet ([`Anisotropy`](crate::Anisotropy)), [measurement, 2], in volt.
+    ///
+    /// Column 0 is the derivative with respect to `ln(ratio)`, all directions and scales kept. Column 1
+    /// is that with respect to the logarithm of a further ratio at 45 degrees, counter-clockwise, from each
+    /// direction; times `2 ln(ratio)` it is the derivative with respect to the angle, radians. It remains
+    /// defined at a ratio of 1, where the angle has no effect.
+    ///
+    /// # Errors
+    /// [`FemError::NoAnisotropy`] for a scalar conductivity (a ratio of 1 will do).
+    pub fn anisotropy_jacobian(&mut self) -> Result<Array2<f64>, FemError> {
+        let (solved, _) = self.solved_fields();
+        let mut jacobian = Array2::zeros((solved.model.protocol().measurements(), 2));
+        anisotropy::fill(&solved, jacobian.view_mut())?;
+        Ok(jacobian)
     }
 
     /// Returns the derivative of each voltage with respect to the contact impedance of each

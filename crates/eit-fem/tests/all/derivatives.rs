@@ -12,8 +12,8 @@
 use crate::common::{largest, noise, paper_series, ring_disc, series_voltages, strip};
 use eit_fem::analytic::DiscSeries;
 use eit_fem::{
-    Displacement, DrivenElectrodes, ElectrodeMotion, FemError, ForwardModel, PairProtocol,
-    Protocol, Solution,
+    Anisotropy, Displacement, DrivenElectrodes, ElectrodeMotion, FemError, ForwardModel,
+    PairProtocol, Protocol, Solution,
 };
 use eit_mesh::{
     Electrode, Mesh, MeshSettings, Placement, RimElectrodes, SkinShape, Surface, generate,
@@ -153,7 +153,19 @@ fn taylor_contacts() {
 
 #[test]
 fn taylor_nodes_and_electrodes() {
+    check_movement(&State::new());
+    // ratios from 0.5 to 2.5, and directions in space, whose part in the plane moves with it
     let state = State::new();
+    let count = state.model.elements();
+    let ratios: Vec<f64> = noise(13, count).iter().map(|x| 0.5 + 2.0 * x).collect();
+    let parts = noise(17, 3 * count);
+    let directions: Vec<[f64; 3]> =
+        parts.chunks_exact(3).map(|d| std::array::from_fn(|k| 0.2 + d[k])).collect();
+    let sheet = Anisotropy::new(&ratios, &directions).unwrap();
+    check_movement(&State { model: state.model.clone().with_anisotropy(&sheet).unwrap(), ..state });
+}
+
+fn check_movement(state: &State) {
     let zero = state.voltages(state.nodes(), &state.impedance);
     let mut workspace = state.model.workspace().unwrap();
     let mut solution = state.model.solve(&state.sigma, &mut workspace).unwrap();

@@ -7,6 +7,7 @@ mod accurate;
 #[cfg(feature = "complex")]
 mod admittivity;
 mod allocations;
+mod anisotropy;
 mod bad_input;
 mod convergence;
 mod curved;

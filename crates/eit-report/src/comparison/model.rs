@@ -64,7 +64,7 @@ impl ReconstructionModel {
         let mut linearised = self.linearised.clone().with_reconstruction(settings);
         linearised.skin.settings.noise.additive_v = Some(noise_std_v);
         let fit = ModelFit { gain: 1.0, correlation: 1.0, level_scatter: 0.0 };
-        FittedFrames { skin: Arc::new(linearised), frames: frames.clone(), fit }
+        FittedFrames { skin: Arc::new(linearised), frames: frames.clone(), fit, weave: None }
     }
 
     /// Returns the masked pixels of images [frame, row, column] as [frame, masked pixel].

@@ -49,6 +49,10 @@ pub fn of(skin: &Skin, method: Method, sequence: Sequence, noise_is_known: bool)
             ),
         ),
     ];
+    if skin.weave.is_none() {
+        let why = "no skin.weave_ratio, and no reference frame yet that shows the fabric to conduct better along than across";
+        list.push(("weave", why.to_owned()));
+    }
     if m > products {
         let why = format!("{} of {m} rows are multiples of others (reciprocity)", m - products);
         list.push(("Jacobian products", why));

@@ -114,7 +114,24 @@ impl Scene {
         Ok(())
     }
 
+    fn check_weave(&self) -> Result<(), SkinError> {
+        let (ratio, angle_deg) = (self.skin.weave_ratio, self.skin.weave_angle_deg);
+        if angle_deg.is_some() && ratio.is_none() {
+            return Err(SkinError::input(
+                "skin.weave_angle_deg needs skin.weave_ratio: how much better the fabric conducts along that angle",
+            ));
+        }
+        // beyond what any fabric has: a slip of the point
+        let ratios = (0.1..=10.0, "from 0.1 to 10");
+        let angles = (-360.0..=360.0, "from -360 to 360 (degrees)");
+        check_numbers([
+            ("skin.weave_ratio", ratio, Must::Within(ratios)),
+            ("skin.weave_angle_deg", angle_deg, Must::Within(angles)),
+        ])
+    }
+
     fn check_numbers(&self) -> Result<(), SkinError> {
+        self.check_weave()?;
         let image = &self.reconstruction;
         let fixed = match image.hyperparameter {
             Some(Hyperparameter::Value(value)) => Some(value),

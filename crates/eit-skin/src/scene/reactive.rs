@@ -126,6 +126,11 @@ impl Scene {
                  use mesh.nodes or edge_m",
             ));
         }
+        if self.is_reactive() && self.skin.weave_ratio.is_some_and(|ratio| ratio != 1.0) {
+            return Err(SkinError::input(
+                "skin.weave_ratio is only supported for conductivities, not for a skin that stores charge",
+            ));
+        }
         if self.is_reactive() && self.mesh.elements == Some(ElementOrder::Quadratic) {
             return Err(SkinError::input(
                 "mesh.elements is \"quadratic\": skins that store charge are only solved on linear \

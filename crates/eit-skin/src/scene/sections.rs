@@ -31,6 +31,11 @@ pub struct SkinSettings {
     pub scale_m: Option<f64>,
     /// Conductivity of the untouched sheet, siemens per square.
     pub conductivity_s: f64,
+    /// How much better the fabric conducts along `weave_angle_deg` than across; found from the reference frame if
+    /// it is not set, and 1 for a sheet of scalar conductivity.
+    pub weave_ratio: Option<f64>,
+    /// Angle from x to the direction along, degrees counter-clockwise; 0 if it is not set.
+    pub weave_angle_deg: Option<f64>,
     /// Capacitance of the sheet, farad per square.
     pub sheet_capacitance_f: Option<f64>,
 }
@@ -47,6 +52,8 @@ impl SkinSettings {
             file: None,
             scale_m: None,
             conductivity_s,
+            weave_ratio: None,
+            weave_angle_deg: None,
             sheet_capacitance_f: None,
         }
     }

@@ -18,7 +18,8 @@ impl Scene {
     /// its contacts differ or have no finite positive impedance, or it has too many electrodes for a quick
     /// answer.
     pub(crate) fn disc_series(&self, electrodes: usize) -> Result<Option<DiscSeries>, SkinError> {
-        if self.skin.shape == Shape::Mesh || electrodes > MOST_SERIES_ELECTRODES {
+        let is_scalar = self.skin.weave_ratio.is_none_or(|ratio| ratio == 1.0);
+        if self.skin.shape == Shape::Mesh || !is_scalar || electrodes > MOST_SERIES_ELECTRODES {
             return Ok(None);
         }
         let ElectrodeSource::Rim(rim) = self.electrodes()? else { return Ok(None) };

@@ -5,6 +5,7 @@ use super::{
     RecordingSettings, Reference, Scene, Shape, TouchSettings,
 };
 use crate::error::SkinError;
+use crate::weave::Weave;
 use eit_hw::{Format, ReadOptions};
 use std::path::PathBuf;
 
@@ -100,10 +101,17 @@ impl Scene {
         recording
     }
 
+    /// Returns the weave that the scene states.
+    pub(crate) fn weave(&self) -> Option<Weave> {
+        let angle_deg = self.skin.weave_angle_deg.unwrap_or(0.0);
+        self.skin.weave_ratio.map(|ratio| Weave { ratio, angle_deg })
+    }
+
     /// Returns the symmetry of a disc with equal electrodes; `None` for every other skin.
     pub(crate) fn symmetry(&self) -> Option<Symmetry> {
         let electrodes = &self.electrodes;
         let is_even = self.skin.shape == Shape::Disc
+            && self.skin.weave_ratio.is_none_or(|ratio| ratio == 1.0)
             && electrodes.positions_m.is_none()
             && !matches!(electrodes.contact_impedance_ohm_m, Some(OneOrMany::Many(_)))
             && matches!(electrodes.width_m, Some(OneOrMany::One(_)));

@@ -6,6 +6,7 @@ use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::frames::are_magnitudes;
 use crate::progress::Progress;
+use crate::skin::Skin;
 use eit_inverse::{ReferenceModel, UnevenSheet, Unevenness};
 use ndarray::{Array1, Array2, ArrayView1};
 
@@ -17,7 +18,7 @@ const ERROR: f64 = 2e-3;
 /// ... and this fraction of the median voltage.
 const FLOOR: f64 = 1e-4;
 /// Uncertainty of electrode positions, contacts (logarithm) and gain, standard deviations.
-const PLACES: Spread = Spread { movement_m: 5e-4, contact: 0.5, sheet: 0.05 };
+pub(crate) const UNTOUCHED: Spread = Spread { movement_m: 5e-4, contact: 0.5, sheet: 0.05 };
 /// Logarithm of the evidence above which an uneven sheet is accepted.
 const BELIEVED: f64 = 10.0;
 /// Largest plausible change of a conductivity, logarithm: no fabric varies by a factor of 150.
@@ -44,21 +45,12 @@ pub(super) fn of_reference(
     noise: &VoltageNoise,
 ) -> Result<Option<Background>, SkinError> {
     let FittedFrames { skin, frames, fit, .. } = fitted;
-    let surface = skin.skin.mesh.surface();
-    let [low, high] = surface.bounds_m();
-    let side_m = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
-    let sheet = UnevenSheet::new(surface, LENGTH * side_m)?;
-    let mut reference_v: Vec<f64> = frames.reference.iter().map(|v| v / fit.gain).collect();
-    let of_used = frames.reference.iter().zip(&frames.used).filter(|(_, used)| **used);
-    if are_magnitudes(of_used.map(|(v, _)| v)) {
-        let signed = reference_v.iter_mut().zip(&skin.voltages);
-        signed.for_each(|(v, of_model)| *v = v.abs().copysign(*of_model));
-    }
-    let floor_v = FLOOR * eit_core::median(skin.voltages.iter().map(|v| v.abs())).unwrap_or(0.0);
-    let error_of = |(v, std): (&f64, &f64)| (ERROR * v).hypot(std / fit.gain).hypot(floor_v);
-    let error_v: Vec<f64> = skin.voltages.iter().zip(&noise.std_v).map(error_of).collect();
+    let sheet = uneven_sheet(&skin.skin)?;
+    let reference_v =
+        reference_of_model(&frames.reference, &frames.used, fit.gain, &skin.voltages.to_vec());
+    let error_v = reference_errors(&skin.voltages.to_vec(), &noise.std_v, fit.gain);
     let even_s = skin.skin.background_s();
-    let unknowns = unknowns(skin, &even_s, &PLACES, &mut Progress::silent())?;
+    let unknowns = unknowns(&skin.skin, &even_s, &UNTOUCHED, &mut Progress::silent())?;
     let mut best: Option<Background> = None;
     for _ in 0..STEPS {
         let (jacobian, conductivity_s, voltages) = match &best {
@@ -93,6 +85,37 @@ pub(super) fn of_reference(
     }
     // if the scene does not describe the skin, steps may diverge
     Ok(best.filter(|best| best.left[1] < best.left[0]))
+}
+
+/// Basis of the unevenness of a skin's sheet.
+pub(crate) fn uneven_sheet(skin: &Skin) -> Result<UnevenSheet, SkinError> {
+    let surface = skin.mesh.surface();
+    let [low, high] = surface.bounds_m();
+    let side_m = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+    Ok(UnevenSheet::new(surface, LENGTH * side_m)?)
+}
+
+/// A reference divided by its gain relative to a model's voltages; magnitudes get the model's signs.
+pub(crate) fn reference_of_model(
+    reference: &[f64],
+    used: &[bool],
+    gain: f64,
+    voltages: &[f64],
+) -> Vec<f64> {
+    let mut reference_v: Vec<f64> = reference.iter().map(|v| v / gain).collect();
+    let of_used = reference.iter().zip(used).filter(|(_, used)| **used);
+    if are_magnitudes(of_used.map(|(v, _)| v)) {
+        let signed = reference_v.iter_mut().zip(voltages);
+        signed.for_each(|(v, of_model)| *v = v.abs().copysign(*of_model));
+    }
+    reference_v
+}
+
+/// Errors of a model's voltages that no sheet explains, with noise of these standard deviations in frames of a gain.
+pub(crate) fn reference_errors(voltages: &[f64], noise_std_v: &[f64], gain: f64) -> Vec<f64> {
+    let floor_v = FLOOR * eit_core::median(voltages.iter().map(|v| v.abs())).unwrap_or(0.0);
+    let error_of = |(v, std): (&f64, &f64)| (ERROR * v).hypot(std / gain).hypot(floor_v);
+    voltages.iter().zip(noise_std_v).map(error_of).collect()
 }
 
 /// Root mean square of a reference minus voltages, relative to the reference's own.

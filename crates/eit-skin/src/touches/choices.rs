@@ -33,7 +33,20 @@ pub struct FoundSheet {
     pub left: f64,
 }
 
+/// Part of the reference that no sheet explains above which touches, of which a firm one changes as much, are lost.
+const UNEXPLAINED: f64 = 0.1;
+
 impl Choices {
+    /// Warns that touches will be lost, if the model explains the reference badly.
+    pub fn warning(&self) -> Option<String> {
+        let FoundSheet { left, .. } = self.sheet.filter(|sheet| sheet.left > UNEXPLAINED)?;
+        Some(format!(
+            "the model explains the untouched skin only to {:.0} % of its voltages: touches will be lost or misplaced; \
+             check the scene (shape, electrodes, protocol), or learn the skin from presses (`eit learn`)",
+            100.0 * left
+        ))
+    }
+
     /// Describes each choice on a line, for people.
     pub fn lines(&self) -> Vec<String> {
         let sheet = match self.sheet {
@@ -53,7 +66,8 @@ impl Choices {
             0 => String::new(),
             blind => format!(", {blind} more are not seen"),
         };
-        vec![
+        let warning = self.warning().map(|warning| format!("warning: {warning}"));
+        let lines = [
             format!("touches: {sheet}"),
             format!(
                 "touches: noise {}; sought at {} places{blind}, as bells of {:.0} mm from {:.1e} S m2 on",
@@ -62,6 +76,7 @@ impl Choices {
                 1e3 * self.radius_m,
                 self.least_s_m2
             ),
-        ]
+        ];
+        lines.into_iter().chain(warning).collect()
     }
 }

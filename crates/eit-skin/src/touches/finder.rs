@@ -116,7 +116,7 @@ impl TouchFinder {
             None => (&even_s, &skin.jacobian, &skin.voltages),
         };
         let unknowns =
-            unknowns(skin, background_s, &Spread::in_use(skin), &mut Progress::silent())?;
+            unknowns(&skin.skin, background_s, &Spread::in_use(skin), &mut Progress::silent())?;
         let std_v: Vec<f64> = noise.std_v.iter().map(|e| e * noise.with_reference).collect();
         let quiet = match &frames.quiet {
             Some(quiet) => quiet.values.clone(),

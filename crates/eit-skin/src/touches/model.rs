@@ -5,6 +5,7 @@ use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
+use crate::skin::Skin;
 use eit_fem::{Displacement, ElementOrder};
 use eit_inverse::touch::{DentPlace, UnknownKind};
 use eit_inverse::{noise_std_of_quiet_frames, smallest_step};
@@ -12,7 +13,7 @@ use ndarray::{Array2, Axis, concatenate};
 
 /// Standard deviations of effects other than touches.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Spread {
+pub(crate) struct Spread {
     /// Displacement of electrodes, metres.
     pub movement_m: f64,
     /// Logarithm of a contact impedance.
@@ -75,19 +76,19 @@ impl VoltageNoise {
 
 /// Other effects on the voltages of a sheet, for one standard deviation each: electrode movement, the whole
 /// sheet, contacts; `[measurement, unknown]`, volts.
-pub(super) fn unknowns(
-    skin: &LinearisedSkin,
+pub(crate) fn unknowns(
+    skin: &Skin,
     background_s: &[f64],
     spread: &Spread,
     progress: &mut Progress,
 ) -> Result<Array2<f64>, SkinError> {
-    let mut workspace = skin.skin.model.workspace()?;
-    let mut solution = skin.skin.solve(background_s, &mut workspace)?;
+    let mut workspace = skin.model.workspace()?;
+    let mut solution = skin.solve(background_s, &mut workspace)?;
     let sheet = (solution.measurements() * spread.sheet).insert_axis(Axis(1));
-    if skin.skin.model.element_order() != ElementOrder::Linear {
+    if skin.model.element_order() != ElementOrder::Linear {
         return Ok(sheet);
     }
-    let impedances = &skin.skin.contact_impedance;
+    let impedances = &skin.contact_impedance;
     let mut parts = vec![sheet];
     // shunts and ideal sources have no derivative
     if impedances.iter().all(|z| *z > 0.0 && z.is_finite()) {
@@ -98,8 +99,7 @@ pub(super) fn unknowns(
         parts.push(contacts);
     }
     drop(solution);
-    parts
-        .insert(0, displacement::jacobian(background_s, &skin.skin, progress)? * spread.movement_m);
+    parts.insert(0, displacement::jacobian(background_s, skin, progress)? * spread.movement_m);
     let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
     concatenate(Axis(1), &views).map_err(|e| SkinError::Failure(format!("unknowns: {e}")))
 }

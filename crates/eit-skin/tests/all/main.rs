@@ -22,3 +22,4 @@ mod shared;
 mod stream_faults;
 mod touches;
 mod trouble;
+mod weave;

@@ -76,11 +76,17 @@ fn text_board(
     found.correlation = Some(best.correlation);
     found.swapped = best.swapped;
     found.lines.push(format!("Best match: {}.", description(best)));
-    if best.violates_reciprocity() || best.correlation < UNLIKE {
+    let is_poor = best.violates_reciprocity() || best.correlation < UNLIKE;
+    let weave = match is_poor || best.swapped.is_some() {
+        true => None,
+        false => Skin::from_scene(first.scene()?)?.find_weave(&mean, &vec![true; values])?,
+    };
+    found.lines.extend(weave.map(|weave| format!("The fabric {}.", weave.weave.description())));
+    if is_poor {
         let warning = "no protocol fits well: a contact may be open (`eit check`), the board may use its own order of \
                        the values ([protocol] quadruples_file), or the electrodes may not be equally spaced";
         found.warnings.push(warning.to_owned());
-    } else if best.correlation < 0.97 {
+    } else if best.correlation < 0.97 && weave.is_none() {
         // places on a rectangle that are off by up to 0.3 of the spacing give 0.955, equally spaced ones 0.99 and more
         found.warnings.push(format!(
             "the untouched skin matches equally spaced electrodes only to {:.2}: if yours are not equally spaced, measure \

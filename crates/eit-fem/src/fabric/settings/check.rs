@@ -17,6 +17,7 @@ impl FabricSettings {
             ("fabric.membrane.stiffness_n_per_m", membrane.stiffness_n_per_m),
             ("fabric.piezo.half_pressure_pa", piezo.half_pressure_pa),
             ("fabric.weave.correlation_m", weave.correlation_m),
+            ("fabric.weave.ratio", weave.ratio),
             ("fabric.drift.time_s", drift.time_s),
             ("fabric.instrument.range_v", instrument.range_v.unwrap_or(1.0)),
             ("fabric.instrument.compliance_v", instrument.compliance_v.unwrap_or(1.0)),
@@ -61,6 +62,7 @@ impl FabricSettings {
         let change =
             linear.map(|linear| ("fabric.linear.change_per_newton", linear.change_per_newton));
         require(change, |_| true, "finite")?;
+        require([("fabric.weave.angle_deg", weave.angle_deg)], |_| true, "finite")?;
         let bits = [("fabric.instrument.bits", f64::from(instrument.bits))];
         require(bits, |v| v == 0.0 || (2.0..=32.0).contains(&v), "0 or from 2 to 32")?;
         let factor = [("fabric.instrument.open_factor", instrument.open_factor)];

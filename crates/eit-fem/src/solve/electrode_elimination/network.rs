@@ -12,7 +12,7 @@
 
 use crate::error::FemError;
 use crate::model::contact::Contact;
-use crate::model::{ForwardModel, Geometry};
+use crate::model::{ForwardModel, Geometry, Grain};
 use crate::sparse::real::Real;
 use std::cmp::Ordering::Equal;
 
@@ -70,8 +70,9 @@ impl<T: Real> Network<T> {
         }
         // this path supports linear elements only
         let (triangles, _) = model.dofs.element_nodes.as_chunks::<3>();
-        for (triangle, &sigma) in triangles.iter().zip(conductivity_s) {
-            network.add_triangle(*triangle, geometry, sigma);
+        for (index, (triangle, &sigma)) in triangles.iter().zip(conductivity_s).enumerate() {
+            let grain = geometry.anisotropy.as_ref().map(|anisotropy| anisotropy.grains()[index]);
+            network.add_triangle(*triangle, geometry, sigma, grain);
         }
         Ok(network)
     }
@@ -150,16 +151,23 @@ impl<T: Real> Network<T> {
 
     /// Adds the three branches of a triangle, weighted by half the cotangent of the angle opposite
     /// each edge.
-    fn add_triangle(&mut self, triangle: [u32; 3], geometry: &Geometry, sigma: f64) {
+    fn add_triangle(
+        &mut self,
+        triangle: [u32; 3],
+        geometry: &Geometry,
+        sigma: f64,
+        grain: Option<Grain>,
+    ) {
         let corner = |k: usize| geometry.positions[triangle[k % 3] as usize];
         for k in 0..3 {
             let (a, b) = (edge(corner(k), corner(k + 1)), edge(corner(k), corner(k + 2)));
             let double_area = length(cross(a, b));
             let scale = T::of(sigma) / (T::of(2.0) * double_area);
-            let terms: [T; 3] = std::array::from_fn(|c| a[c] * b[c]);
-            let dot = terms[0] + terms[1] + terms[2];
+            let (mut dot, mut product) = dot(a, b);
+            if let Some(Grain { ratio, direction }) = grain {
+                (dot, product) = along_and_across(a, b, (dot, product), ratio, direction);
+            }
             // covers rounding of the edges' dot product and of the area of a flat triangle
-            let product: f64 = terms.iter().map(|t| t.high().abs()).sum();
             let flat = (length(a) * length(b) / double_area).high();
             let size = scale.high() * (product + dot.high().abs() * flat);
             let [i, j] = [triangle[(k + 1) % 3], triangle[(k + 2) % 3]];
@@ -220,7 +228,37 @@ fn cross<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
 }
 
 fn length<T: Real>(a: Vector<T>) -> T {
-    (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
+    dot(a, a).0.sqrt()
+}
+
+/// Dot product, and the sum of the magnitudes of its terms.
+fn dot<T: Real>(a: Vector<T>, b: Vector<T>) -> (T, f64) {
+    let terms: [T; 3] = std::array::from_fn(|c| a[c] * b[c]);
+    (terms[0] + terms[1] + terms[2], terms.iter().map(|t| t.high().abs()).sum())
+}
+
+/// Dot product of two edges in the plane where the element's conductivity is a scalar, and its size:
+/// `sqrt(r) a . b + (1/sqrt(r) - sqrt(r)) (d . a) (d . b) / (d . d)` ([`Anisotropy`](crate::Anisotropy)).
+fn along_and_across<T: Real>(
+    a: Vector<T>,
+    b: Vector<T>,
+    (product, size): (T, f64),
+    ratio: f64,
+    direction: [f64; 3],
+) -> (T, f64) {
+    let normal = cross(a, b);
+    let direction = direction.map(T::of);
+    let out = dot(direction, normal).0;
+    // square of the direction's part in the plane
+    let square = dot(direction, direction).0 - out * out / dot(normal, normal).0;
+    let across = T::of(ratio).sqrt();
+    let factor = (T::of(1.0) / across - across) / square;
+    let [(along_a, size_a), (along_b, size_b)] = [a, b].map(|edge| dot(direction, edge));
+    let mapped = across * product + factor * along_a * along_b;
+    let directed = size_a * along_b.high().abs() + size_b * along_a.high().abs();
+    // covers the rounding of the part in the plane too
+    let directed = directed * (dot(direction, direction).0 / square).high();
+    (mapped, across.high() * size + factor.high().abs() * directed)
 }
 
 /// Computes the length of an edge or the area of a triangle.
