@@ -59,7 +59,10 @@ impl Elements {
                 continue;
             }
             let cut = touches.iter().any(|t| beyond(t, *middle).abs() <= *size);
-            let here = |place| law.drive(&together(touches, place));
+            let here = |place| {
+                let rings = touches.iter().map(|t| t.ring_at(t.seat.distance_m(place)));
+                law.drive(&together(touches, place)) + rings.sum::<f64>()
+            };
             *drive =
                 if cut { sixteenths(corners).map(here).sum::<f64>() / 16.0 } else { here(*middle) };
         }

@@ -9,6 +9,7 @@ use super::stream::Purpose;
 use super::truth::TrueQuality;
 use crate::protocol::Protocol;
 use eit_core::Random;
+use std::f64::consts::{PI, TAU};
 
 /// Channels of one instrument.
 #[derive(Debug)]
@@ -20,6 +21,8 @@ pub(super) struct Channels {
     /// Gain of each measurement.
     gains: Option<Vec<f64>>,
     noise_v: Option<Vec<f64>>,
+    /// Slow noise and mains: amplitude, radians per frame and phase of each sine of each measurement, and its channel.
+    slow: Vec<Vec<[f64; 3]>>,
     /// Step and range of the converter, volt.
     converter: Option<[f64; 2]>,
 }
@@ -31,6 +34,7 @@ impl Channels {
         settings: &Instrument,
         protocol: &Protocol,
         reference_v: &[f64],
+        rate_hz: f64,
         seed: u64,
     ) -> Self {
         let patterns = protocol.measurement_patterns().nrows();
@@ -49,6 +53,7 @@ impl Channels {
                 .then(|| per_channel(Purpose::NoiseLevel, &|random| random.between(low, high))),
             converter: (settings.bits > 0)
                 .then(|| [range_v / 2_f64.powi(settings.bits as i32 - 1), range_v]),
+            slow: slow_sines(settings, protocol, rate_hz, seed),
             settings: settings.clone(),
             seed,
             largest_v: largest,
@@ -77,6 +82,10 @@ impl Channels {
             let mut random = Purpose::Noise.stream(self.seed, frame);
             values_v.iter_mut().zip(noise_v).for_each(|(v, std)| *v += std * random.normal());
         }
+        for (v, sines) in values_v.iter_mut().zip(&self.slow) {
+            let at = |[size, turn, phase]: &[f64; 3]| size * (turn * frame as f64 + phase).sin();
+            *v += sines.iter().map(at).sum::<f64>();
+        }
         if quality.contains(&TrueQuality::Lost) {
             // no current through the electrode, and floating inputs
             let mut random = Purpose::Floating.stream(self.seed, frame);
@@ -97,6 +106,37 @@ impl Channels {
             *v = step * clipped;
         }
     }
+}
+
+/// Sines of slow noise and mains of each measurement, the same for all of a channel; empty without either.
+///
+/// Slow noise has eight waves in each of the eight octaves of periods from two frames on, all of one variance: a
+/// spectrum of 1/f in steps.
+fn slow_sines(
+    settings: &Instrument,
+    protocol: &Protocol,
+    rate_hz: f64,
+    seed: u64,
+) -> Vec<Vec<[f64; 3]>> {
+    const OCTAVES: u32 = 8;
+    const WAVES: u32 = 8;
+    let Instrument { flicker_v, mains_v, mains_hz, .. } = *settings;
+    if flicker_v == 0.0 && mains_v == 0.0 {
+        return Vec::new();
+    }
+    let of_channel = |channel: usize| -> Vec<[f64; 3]> {
+        let mut random = Purpose::Mains.stream(seed, channel);
+        let mut sines = vec![[mains_v, TAU * mains_hz / rate_hz, random.between(0.0, TAU)]];
+        let mut random = Purpose::Flicker.stream(seed, channel);
+        for wave in 0..OCTAVES * WAVES {
+            let turn = PI * 0.5_f64.powf(f64::from(wave / WAVES) + random.between(0.0, 1.0));
+            let size = flicker_v * (2.0 / f64::from(OCTAVES * WAVES)).sqrt();
+            sines.push([size, turn, random.between(0.0, TAU)]);
+        }
+        sines
+    };
+    let channels: Vec<_> = (0..protocol.measurement_patterns().nrows()).map(of_channel).collect();
+    protocol.data().iter().map(|datum| channels[datum[1] as usize].clone()).collect()
 }
 
 /// Simulates which loose contacts are open in which frame: an alternating process that starts

@@ -23,10 +23,12 @@
 //! longer side, is the distance at which the rim holds the fabric.
 
 use super::contact::Indentation;
+use super::piezo::PiezoLaw;
 use super::seat::Seat;
-use super::settings::{FabricSettings, Rim};
+use super::settings::{FabricSettings, Piezoresistance, Rim};
 use eit_core::vector::{along, dot, norm, sub};
 use eit_mesh::{Electrode, Mesh};
+use std::f64::consts::{E, PI, TAU};
 
 /// A dent and its position, metres.
 #[derive(Debug, Clone, Copy)]
@@ -35,6 +37,36 @@ pub(super) struct Placed {
     pub dent: Indentation,
     /// Displacement by friction at the distance where the logarithm is one, metres.
     pub drag_m: [f64; 3],
+    /// Height of the ring around it, as a drive, and the radius at which it is highest, metres.
+    pub ring: [f64; 2],
+}
+
+impl Placed {
+    /// Height `a x^2 exp(1 - x^2)` of the ring at `x` radii from the centre.
+    pub(crate) fn ring_at(&self, distance_m: f64) -> f64 {
+        let [height, radius_m] = self.ring;
+        if height == 0.0 {
+            return 0.0;
+        }
+        let square = (distance_m / radius_m).powi(2);
+        height * square * (1.0 - square).exp()
+    }
+}
+
+/// Height of a ring whose integral over the sheet, `e pi radius^2 height`, is minus a share of that of a dent's drive.
+pub(super) fn ring(piezo: &Piezoresistance, dent: &Indentation, length_m: f64) -> [f64; 2] {
+    /// Midpoints of the integral over the radius.
+    const POINTS: usize = 400;
+    let Piezoresistance { ring, ring_radius_m, .. } = *piezo;
+    if ring == 0.0 {
+        return [0.0, ring_radius_m];
+    }
+    let law = PiezoLaw::new(piezo, 1.0);
+    // strains fall with K1^2, to e^-20 of their value ten lengths away
+    let step_m = (dent.contact_radius_m + 10.0 * length_m) / POINTS as f64;
+    let radii_m = (0..POINTS).map(|k| (k as f64 + 0.5) * step_m);
+    let integral: f64 = radii_m.map(|r| TAU * r * step_m * law.drive(&dent.at(r))).sum();
+    [-ring * integral / (E * PI * ring_radius_m.powi(2)), ring_radius_m]
 }
 
 /// Data for node movement that does not change between frames.
@@ -77,6 +109,11 @@ impl Motion {
             electrodes: mesh.electrodes().iter().map(|e| weights(mesh, e)).collect(),
             nodes_m,
         }
+    }
+
+    /// Half of the skin's longer side, metres.
+    pub(crate) fn half_m(&self) -> f64 {
+        self.half_m
     }
 
     /// Whether touches move the nodes.

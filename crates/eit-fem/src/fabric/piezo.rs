@@ -54,7 +54,7 @@ impl PiezoLaw {
             [*share, (-x).exp(), 1.0 + (-x).exp_m1() / x]
         };
         let terms = settings.relaxing.iter().zip(&settings.relaxation_s);
-        let terms = terms.filter(|(share, _)| **share > 0.0).map(term).collect();
+        let terms = terms.filter(|(share, _)| **share != 0.0).map(term).collect();
         let play_weight = settings.hysteresis / settings.thresholds.len().max(1) as f64;
         Self { settings, play_weight, terms }
     }

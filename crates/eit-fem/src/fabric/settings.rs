@@ -85,11 +85,17 @@ pub struct Piezoresistance {
     pub hysteresis: f64,
     /// Thresholds of the play operators, in ln(conductivity), above zero. Defaults are assumed.
     pub thresholds: Vec<f64>,
-    /// Shares of the response that relax after a step, each at least 0, with a sum below 1. Default
-    /// 0.08 and 0.07, assumed: fabrics overshoot and settle (Bozali et al. and others).
+    /// Shares of the response that relax after a step, from -1 to 1, whose magnitudes sum to below 1. Default
+    /// 0.08 and 0.07, assumed: fabrics overshoot and settle (Bozali et al. and others). Negative: the
+    /// response creeps up, and that share of it is left after a lift, as on foams and films.
     pub relaxing: Vec<f64>,
     /// Time constants of the relaxing shares, seconds, above zero. Default 0.5 and 10, assumed.
     pub relaxation_s: Vec<f64>,
+    /// Strength of a ring of the other sign around a touch, as a share of the touch's own, from -1 to 1. Default
+    /// 0; 0.35 to 0.7 assumed where fabric is drawn in from around a finger.
+    pub ring: f64,
+    /// Radius at which the ring is strongest, metres, above zero. Default 0.02, assumed.
+    pub ring_radius_m: f64,
 }
 
 impl Default for Piezoresistance {
@@ -102,6 +108,8 @@ impl Default for Piezoresistance {
             thresholds: vec![0.02, 0.05, 0.1, 0.2],
             relaxing: vec![0.08, 0.07],
             relaxation_s: vec![0.5, 10.0],
+            ring: 0.0,
+            ring_radius_m: 0.02,
         }
     }
 }
@@ -162,11 +170,22 @@ pub struct Drift {
     pub contact: f64,
     /// Correlation time, seconds, above zero. Default 60, assumed.
     pub time_s: f64,
+    /// Steady change of ln(conductivity) per minute, mean over the sheet. Default 0; 0.003 to 0.01 assumed for a sheet
+    /// that a hand or a motor warms.
+    pub warming_per_min: f64,
+    /// Standard deviation of that change over the sheet, relative to its mean. Default 0.5, assumed.
+    pub warming_unevenness: f64,
 }
 
 impl Default for Drift {
     fn default() -> Self {
-        Self { conductivity: 1e-3, contact: 5e-3, time_s: 60.0 }
+        Self {
+            conductivity: 1e-3,
+            contact: 5e-3,
+            time_s: 60.0,
+            warming_per_min: 0.0,
+            warming_unevenness: 0.5,
+        }
     }
 }
 
@@ -182,6 +201,17 @@ pub struct Instrument {
     /// Standard deviation of the channels' gains around one. Default 1e-3, assumed. Zero: exact
     /// gains.
     pub gain_error: f64,
+    /// Common-mode rejection, decibel, above zero: the mean potential of the measured electrodes above the sink of
+    /// the current leaks into each value by `10^(-dB / 20)`. `None`: none leaks. Instrumentation
+    /// amplifiers have 80 to 120 at 0 Hz; boards with multiplexers, at tens of kilohertz, 45 to 60 (assumed).
+    pub common_mode_db: Option<f64>,
+    /// Standard deviation of slow noise of each channel, volt, equal in each octave of time from one frame to 256
+    /// (1/f). Default 0.
+    pub flicker_v: f64,
+    /// Amplitude of mains that sampling turns into a slow sine, volt, with a phase of its own for each channel. Default 0.
+    pub mains_v: f64,
+    /// Frequency of that sine, hertz. Default 0.1, assumed.
+    pub mains_hz: f64,
     /// Resolution of the converter, 2 to 32 bits; 0: values are neither quantised nor clipped.
     pub bits: u32,
     /// Largest magnitude that the converter can represent, volt, above zero. `None`: 1.25 times the
@@ -209,6 +239,10 @@ impl Default for Instrument {
         Self {
             noise_v: [4e-7, 1.4e-6],
             gain_error: 1e-3,
+            common_mode_db: None,
+            flicker_v: 0.0,
+            mains_v: 0.0,
+            mains_hz: 0.1,
             bits: 16,
             range_v: None,
             compliance_v: None,

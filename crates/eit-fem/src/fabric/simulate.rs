@@ -11,7 +11,7 @@ pub use settings::SimulationSettings;
 use super::contact::Indentation;
 use super::fabric_model::Fabric;
 use super::instrument::Channels;
-use super::motion::Placed;
+use super::motion::{Placed, ring};
 use super::script::{Touch, TouchScript};
 use super::seat::Seat;
 use super::truth::Simulation;
@@ -52,7 +52,8 @@ impl Fabric {
         let (reference_v, untouched) = self.untouched(&plan, &mut workers[0])?;
         let protocol = self.model.protocol();
         let instrument = &self.settings.instrument;
-        let channels = Channels::new(instrument, protocol, &reference_v.to_vec(), settings.seed);
+        let (reference, rate_hz) = (reference_v.to_vec(), script.frame_rate_hz);
+        let channels = Channels::new(instrument, protocol, &reference, rate_hz, settings.seed);
         let mut made = self.empty(script, &plan, settings, reference_v, untouched);
         made.report.range_v = channels.range_v();
         made.truth.noise_std_v = channels.noise_std_v(protocol.measurements()).into();
@@ -137,7 +138,9 @@ impl Fabric {
                 let [x_m, y_m] = position_m;
                 FemError::OutsideSkin { finger, place, time_s, x_m, y_m }
             })?;
-            Ok(Placed { seat, dent, drag_m: seat.tangent(direction).map(|d| d * drag_m) })
+            let length_m = (membrane.tension_n_per_m / membrane.foundation_pa_per_m).sqrt();
+            let ring = ring(&self.settings.piezo, &dent, length_m);
+            Ok(Placed { seat, dent, drag_m: seat.tangent(direction).map(|d| d * drag_m), ring })
         };
         let frame = |f: usize| script.touches(f).iter().map(|touch| place(f, touch)).collect();
         (0..script.frames).map(frame).collect()

@@ -14,6 +14,9 @@ pub(super) enum Purpose {
     Gain,
     Noise,
     Floating,
+    Warming,
+    Flicker,
+    Mains,
 }
 
 impl Purpose {

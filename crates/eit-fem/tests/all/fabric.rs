@@ -187,6 +187,20 @@ fn parts_switch_off_one_by_one() {
     for (name, settings) in on {
         assert!(simulate(&settings, &script, 1, 1).frames_v != base.frames_v, "{name}");
     }
+    type Change = fn(&mut FabricSettings);
+    let rough: [(&str, Change); 6] = [
+        ("direction", |s| s.weave.ratio = 1.6),
+        ("ring", |s| s.piezo.ring = 0.5),
+        ("warming", |s| s.drift.warming_per_min = 0.01),
+        ("common mode", |s| s.instrument.common_mode_db = Some(55.0)),
+        ("slow noise", |s| s.instrument.flicker_v = 1e-6),
+        ("mains", |s| s.instrument.mains_v = 1e-6),
+    ];
+    for (name, change) in rough {
+        let mut settings = ideal.clone();
+        change(&mut settings);
+        assert!(simulate(&settings, &script, 1, 1).frames_v != base.frames_v, "{name}");
+    }
     // other settings of an effect that is off do not matter
     let mut off = ideal.clone();
     off.weave.correlation_m = 0.5;
@@ -194,6 +208,10 @@ fn parts_switch_off_one_by_one() {
     off.instrument.loose_time_s = 9.0;
     off.instrument.range_v = Some(1e-9);
     off.instrument.open_factor = 7.0;
+    off.weave.angle_deg = 40.0;
+    off.piezo.ring_radius_m = 0.04;
+    off.drift.warming_unevenness = 2.0;
+    off.instrument.mains_hz = 3.0;
     assert_eq!(simulate(&off, &script, 99, 1).frames_v, base.frames_v, "nor has the seed");
     // switching one effect off does not change the random numbers of the others
     let noisy = |weave: Weave| {

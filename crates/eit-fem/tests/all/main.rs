@@ -24,6 +24,8 @@ mod fabric_linear;
 mod fabric_parts;
 #[cfg(feature = "fabric")]
 mod fabric_paths;
+#[cfg(feature = "fabric")]
+mod fabric_rough;
 mod geometry;
 mod jacobian;
 mod mesh_choice;

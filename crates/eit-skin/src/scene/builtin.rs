@@ -1,8 +1,9 @@
 //! Built-in scenes.
 
 /// Names and texts.
-pub(super) const SCENES: [(&str, &str); 8] = [
+pub(super) const SCENES: [(&str, &str); 9] = [
     ("paper-disc", include_str!("builtin/paper-disc.toml")),
+    ("rough-disc", include_str!("builtin/rough-disc.toml")),
     ("stiff-contact", include_str!("builtin/stiff-contact.toml")),
     ("high-contrast", include_str!("builtin/high-contrast.toml")),
     ("general-32", include_str!("builtin/general-32.toml")),

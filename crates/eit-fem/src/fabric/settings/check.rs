@@ -16,6 +16,8 @@ impl FabricSettings {
             ("fabric.membrane.foundation_pa_per_m", membrane.foundation_pa_per_m),
             ("fabric.membrane.stiffness_n_per_m", membrane.stiffness_n_per_m),
             ("fabric.piezo.half_pressure_pa", piezo.half_pressure_pa),
+            ("fabric.piezo.ring_radius_m", piezo.ring_radius_m),
+            ("fabric.instrument.common_mode_db", instrument.common_mode_db.unwrap_or(1.0)),
             ("fabric.weave.correlation_m", weave.correlation_m),
             ("fabric.weave.ratio", weave.ratio),
             ("fabric.drift.time_s", drift.time_s),
@@ -27,13 +29,16 @@ impl FabricSettings {
         let list = |name, values: &[f64]| values.iter().map(|v| (name, *v)).collect::<Vec<_>>();
         require(list("fabric.piezo.thresholds", &piezo.thresholds), |v| v > 0.0, "above zero")?;
         require(list("fabric.piezo.relaxation_s", &piezo.relaxation_s), |v| v > 0.0, "above zero")?;
-        require(list("fabric.piezo.relaxing", &piezo.relaxing), |v| v >= 0.0, "at least zero")?;
         let amplitudes = [
             ("fabric.membrane.friction", membrane.friction),
             ("fabric.weave.amplitude", weave.amplitude),
             ("fabric.drift.conductivity", drift.conductivity),
             ("fabric.drift.contact", drift.contact),
+            ("fabric.drift.warming_unevenness", drift.warming_unevenness),
             ("fabric.instrument.gain_error", instrument.gain_error),
+            ("fabric.instrument.flicker_v", instrument.flicker_v),
+            ("fabric.instrument.mains_v", instrument.mains_v),
+            ("fabric.instrument.mains_hz", instrument.mains_hz),
             ("fabric.instrument.noise_v[0]", instrument.noise_v[0]),
             ("fabric.instrument.noise_v[1] - noise_v[0]", {
                 instrument.noise_v[1] - instrument.noise_v[0]
@@ -44,13 +49,17 @@ impl FabricSettings {
         let below_one = [
             ("fabric.membrane.poisson_ratio", membrane.poisson_ratio),
             ("fabric.piezo.hysteresis", piezo.hysteresis),
-            ("the sum of fabric.piezo.relaxing", piezo.relaxing.iter().sum()),
+            ("the sum of magnitudes of fabric.piezo.relaxing", {
+                piezo.relaxing.iter().map(|share| share.abs()).sum()
+            }),
+            ("the magnitude of fabric.piezo.ring", piezo.ring.abs()),
         ];
         require(below_one, |v| (0.0..1.0).contains(&v), "from 0 to below 1")?;
         let gains = [
             ("fabric.piezo.pressure_gain", piezo.pressure_gain),
             ("fabric.piezo.strain_gain", piezo.strain_gain),
             ("fabric.rim.contact_gain", rim.contact_gain),
+            ("fabric.drift.warming_per_min", drift.warming_per_min),
         ];
         // beyond this, ln(conductivity) would span decades under a finger
         require(gains, |v| v.abs() <= 10.0, "from -10 to 10")?;

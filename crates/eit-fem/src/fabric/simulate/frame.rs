@@ -98,9 +98,14 @@ impl Fabric {
         self.model.deform(nodes_m, &frame.contact_impedance, geometry)?;
         let solution = self.model.solve_deformed(geometry, &frame.elements, workspace)?;
         solution.measurements_into(&mut frame.voltages_v)?;
-        if let Some(compliance_v) = instrument.compliance_v {
+        if instrument.compliance_v.is_some() || instrument.common_mode_db.is_some() {
             let potentials = solution.electrode_potentials();
-            self.limit(compliance_v, &potentials, frame);
+            if let Some(rejection_db) = instrument.common_mode_db {
+                self.leak(rejection_db, &potentials, &mut frame.voltages_v);
+            }
+            if let Some(compliance_v) = instrument.compliance_v {
+                self.limit(compliance_v, &potentials, frame);
+            }
         }
         match self.settings.linear {
             None => {
@@ -130,6 +135,22 @@ impl Fabric {
             least = least.min(ratio);
         }
         Ok(least)
+    }
+
+    /// Adds the part of the mean potential of the measured electrodes, above the sink of the current, that an amplifier
+    /// does not reject.
+    fn leak(&self, rejection_db: f64, potentials: &Array2<f64>, voltages_v: &mut [f64]) {
+        let leaking = 10_f64.powf(-0.05 * rejection_db);
+        let patterns = &self.model.patterns;
+        for (v, [stimulation, pattern]) in voltages_v.iter_mut().zip(self.model.protocol().data()) {
+            let row = potentials.row(*stimulation as usize);
+            let currents = &patterns.stimulations_a[*stimulation as usize];
+            let sink = currents.iter().min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |c| c.0);
+            let weights = &patterns.measurements[*pattern as usize];
+            let whole: f64 = weights.iter().map(|(_, w)| w.abs()).sum();
+            let mean = weights.iter().map(|(l, w)| w.abs() * row[*l as usize]).sum::<f64>() / whole;
+            *v += leaking * (mean - row[sink as usize]);
+        }
     }
 
     /// Scales down stimulations whose drive voltage exceeds the compliance voltage of the source.
@@ -176,6 +197,14 @@ pub(super) fn follow(plan: &Plan<'_>, frame: &mut Frame) {
     for (value, untouched) in frame.elements.iter_mut().zip(&plan.untouched_s) {
         *value = untouched * (1.0 + *value) * drift;
     }
+    warm(plan, frame);
+}
+
+/// Warms the sheet.
+fn warm(plan: &Plan<'_>, frame: &mut Frame) {
+    for (value, warming) in frame.elements.iter_mut().zip(&plan.warming) {
+        *value *= (frame.index as f64 * warming).exp();
+    }
 }
 
 /// Converts drives to conductivities, with the memory of each element.
@@ -186,4 +215,5 @@ pub(super) fn remember(plan: &Plan<'_>, frame: &mut Frame, memory: &mut [f64]) {
         let change = drift + plan.law.step(*value, &mut memory[e * size..(e + 1) * size]);
         *value = if change == 0.0 { *untouched } else { untouched * change.exp() };
     }
+    warm(plan, frame);
 }

@@ -26,6 +26,8 @@ pub(super) struct Plan<'a> {
     /// frame.
     pub sheet_drift: Vec<f64>,
     pub contact_drift: Vec<Vec<f64>>,
+    /// Change of ln(conductivity) of each element by warming, from one frame to the next; empty without.
+    pub warming: Vec<f64>,
     pub open: Vec<Vec<bool>>,
 }
 
@@ -41,6 +43,16 @@ impl Fabric {
             for (sigma, c) in untouched_s.iter_mut().zip(self.mesh.surface().centroids()) {
                 *sigma *= (weave.amplitude * waves.at([c[0], c[1]])).exp();
             }
+        }
+        let mut warming = Vec::new();
+        if drift.warming_per_min != 0.0 {
+            let mut random = Purpose::Warming.stream(seed, 0);
+            // as even as the skin is small: half of it is warmer
+            let waves: Waves<2> = Waves::new(&mut random, self.motion.half_m(), WEAVE_WAVES);
+            let per_frame = drift.warming_per_min / (60.0 * rate_hz);
+            let at = |c: &[f64; 3]| 1.0 + drift.warming_unevenness * waves.at([c[0], c[1]]);
+            let centroids = self.mesh.surface().centroids();
+            warming = centroids.iter().map(|c| per_frame * at(c)).collect();
         }
         let slow = |purpose: Purpose, index, amplitude: f64| -> Vec<f64> {
             let mut random = purpose.stream(seed, index);
@@ -66,6 +78,7 @@ impl Fabric {
                 vec![0.0; frames]
             },
             contact_drift,
+            warming,
             open: open_contacts(instrument, frames, rate_hz, electrodes, seed),
         }
     }
