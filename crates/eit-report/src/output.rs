@@ -52,7 +52,13 @@ impl OutFile {
             Some(p) if !p.as_os_str().is_empty() => p,
             _ => Path::new("."),
         };
-        temporary_in(folder).map_err(|e| {
+        // named after the file, so that the next run removes what one that was killed has left
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        // at most 240 of the 255 bytes that a name may have
+        let name: String = name.chars().take(60).collect();
+        let prefix = format!(".eit-{name}.");
+        remove_left(folder, &prefix);
+        temporary_in(folder, &prefix).map_err(|e| {
             let message =
                 format!("{}: cannot write in this folder: {}", folder.display(), e.kind());
             ReportError::input(message)
@@ -122,7 +128,7 @@ impl OutFolder {
             ))
         };
         std::fs::create_dir_all(path).map_err(refused)?;
-        temporary_in(path).map_err(refused)?;
+        temporary_in(path, ".eit-").map_err(refused)?;
         Ok(Self { path: path.to_path_buf(), files: Vec::new() })
     }
 
@@ -148,7 +154,9 @@ impl OutFolder {
     /// A folder that cannot be written.
     pub(crate) fn begin(&self, name: &str) -> Result<BufWriter<NamedTempFile>, ReportError> {
         let place = self.path.join(name);
-        Ok(BufWriter::new(temporary_in(&self.path).map_err(|e| ReportError::at(&place, e))?))
+        Ok(BufWriter::new(
+            temporary_in(&self.path, ".eit-").map_err(|e| ReportError::at(&place, e))?,
+        ))
     }
 
     /// Completes a file begun with [`begin`](Self::begin), under a temporary name for now.
@@ -217,9 +225,21 @@ fn fill(
     })
 }
 
-fn temporary_in(folder: &Path) -> std::io::Result<NamedTempFile> {
+/// Removes the temporary files of this beginning that no program has locked.
+fn remove_left(folder: &Path, prefix: &str) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    let is_ours = |name: &std::ffi::OsStr| name.to_string_lossy().starts_with(prefix);
+    for entry in entries.flatten().filter(|entry| is_ours(&entry.file_name())) {
+        if std::fs::File::open(entry.path()).is_ok_and(|file| file.try_lock().is_ok()) {
+            // another program may have removed it
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
+fn temporary_in(folder: &Path, prefix: &str) -> std::io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".eit-");
+    builder.prefix(prefix);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
@@ -227,6 +247,8 @@ fn temporary_in(folder: &Path) -> std::io::Result<NamedTempFile> {
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let file = builder.tempfile_in(folder)?;
+    // where there are no locks, nothing counts as left
+    let _ = file.as_file().try_lock();
     stray::remember(file.path());
     Ok(file)
 }
