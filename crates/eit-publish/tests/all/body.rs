@@ -226,7 +226,7 @@ fn files_that_cannot_be_are_refused() {
         (patch("quaternion = [0.0, 0.0, 0.0, 2.0]"), "length 2"),
         (patch("quaternion = [0.0, 0.0, 0.0, 1.0]\nrpy_deg = [0.0, 0.0, 0.0]"), "not both"),
         (patch("position_m = [nan, 0.0, 0.0]"), "finite"),
-        (patch("position_m = [0.0, 0.0]"), "line 4: invalid length 2"),
+        (patch("position_m = [0.0, 0.0]"), "position_m"),
         (format!("silent_after_s = 0.0\n{}", patch("")), "silent_after_s = 0"),
         (format!("max_rate_hz = inf\n{}", patch("")), "max_rate_hz = inf"),
         (format!("topic = \"a b\"\n{}", patch("")), "topic: a b"),

@@ -14,7 +14,12 @@ pub fn from_toml<T: DeserializeOwned>(text: &str, place: &str) -> Result<T, Skin
         let at = line.map_or_else(String::new, |l| format!("line {l}: "));
         let written = line.and_then(|line| text.lines().nth(line - 1)).unwrap_or_default();
         let hint = comma_hint(written, error.message());
-        SkinError::input(format!("{place}: {at}{}{hint}", explain(error.message())))
+        // a message of a wrong value does not name its key
+        let key = match (error.message().starts_with("invalid "), written.split_once('=')) {
+            (true, Some((key, _))) => format!("{}: ", key.trim()),
+            _ => String::new(),
+        };
+        SkinError::input(format!("{place}: {at}{key}{}{hint}", explain(error.message())))
     })
 }
 
