@@ -202,8 +202,8 @@ pub struct Instrument {
     /// gains.
     pub gain_error: f64,
     /// Common-mode rejection, decibel, above zero: the mean potential of the measured electrodes above the sink of
-    /// the current leaks into each value by `10^(-dB / 20)`. `None`: none leaks. Instrumentation
-    /// amplifiers have 80 to 120 at 0 Hz; boards with multiplexers, at tens of kilohertz, 45 to 60 (assumed).
+    /// the current leaks into each value by `10^(-dB / 20)`. `None`: none leaks. 45 to 60
+    /// assumed behind multiplexers at tens of kilohertz.
     pub common_mode_db: Option<f64>,
     /// Standard deviation of slow noise of each channel, volt, equal in each octave of time from one frame to 256
     /// (1/f). Default 0.

@@ -44,16 +44,6 @@ impl Fabric {
                 *sigma *= (weave.amplitude * waves.at([c[0], c[1]])).exp();
             }
         }
-        let mut warming = Vec::new();
-        if drift.warming_per_min != 0.0 {
-            let mut random = Purpose::Warming.stream(seed, 0);
-            // as even as the skin is small: half of it is warmer
-            let waves: Waves<2> = Waves::new(&mut random, self.motion.half_m(), WEAVE_WAVES);
-            let per_frame = drift.warming_per_min / (60.0 * rate_hz);
-            let at = |c: &[f64; 3]| 1.0 + drift.warming_unevenness * waves.at([c[0], c[1]]);
-            let centroids = self.mesh.surface().centroids();
-            warming = centroids.iter().map(|c| per_frame * at(c)).collect();
-        }
         let slow = |purpose: Purpose, index, amplitude: f64| -> Vec<f64> {
             let mut random = purpose.stream(seed, index);
             let waves: Waves<1> = Waves::new(&mut random, drift.time_s, DRIFT_WAVES);
@@ -78,8 +68,23 @@ impl Fabric {
                 vec![0.0; frames]
             },
             contact_drift,
-            warming,
+            warming: self.warming(rate_hz, seed),
             open: open_contacts(instrument, frames, rate_hz, electrodes, seed),
         }
+    }
+
+    /// Change of ln(conductivity) of each element by warming, from one frame to the next; empty without.
+    fn warming(&self, rate_hz: f64, seed: u64) -> Vec<f64> {
+        let drift = &self.settings.drift;
+        if drift.warming_per_min == 0.0 {
+            return Vec::new();
+        }
+        let mut random = Purpose::Warming.stream(seed, 0);
+        // as even as the skin is small: half of it is warmer
+        let waves: Waves<2> = Waves::new(&mut random, self.motion.half_m(), WEAVE_WAVES);
+        let per_frame = drift.warming_per_min / (60.0 * rate_hz);
+        let at = |c: &[f64; 3]| 1.0 + drift.warming_unevenness * waves.at([c[0], c[1]]);
+        let centroids = self.mesh.surface().centroids();
+        centroids.iter().map(|c| per_frame * at(c)).collect()
     }
 }
