@@ -17,7 +17,7 @@ use eit_inverse::UnevenSheet;
 /// Ratio and direction of the conductivity of a whole sheet.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Weave {
-    /// Conductivity along divided by that across, at least 1.
+    /// Conductivity along divided by that across, above zero; at least 1 where it was found.
     pub ratio: f64,
     /// Angle from the x axis to the direction along, counter-clockwise seen from +z, degrees from -90 to 90
     /// ([`Anisotropy::uniform`] says what it is on curved skins).

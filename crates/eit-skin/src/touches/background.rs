@@ -118,6 +118,14 @@ pub(crate) fn reference_errors(voltages: &[f64], noise_std_v: &[f64], gain: f64)
     voltages.iter().zip(noise_std_v).map(error_of).collect()
 }
 
+/// Root mean square of the reference that an even sheet leaves unexplained, relative to its own.
+pub(super) fn left_even(fitted: &FittedFrames) -> f64 {
+    let FittedFrames { skin, frames, fit, .. } = fitted;
+    let voltages = skin.voltages.to_vec();
+    let reference_v = reference_of_model(&frames.reference, &frames.used, fit.gain, &voltages);
+    left(&reference_v, skin.voltages.view(), &frames.used)
+}
+
 /// Root mean square of a reference minus voltages, relative to the reference's own.
 fn left(reference_v: &[f64], voltages: ArrayView1<'_, f64>, used: &[bool]) -> f64 {
     let (mut rest, mut whole) = (0.0, 0.0);

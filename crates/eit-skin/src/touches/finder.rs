@@ -178,6 +178,7 @@ impl TouchFinder {
                     left_even: sheet.left[0],
                     left: sheet.left[1],
                 }),
+                left_even: background::left_even(fitted),
                 rows: detector.rows(),
                 places: seen,
                 blind: places - seen,

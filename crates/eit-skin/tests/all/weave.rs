@@ -68,8 +68,8 @@ fn a_weave_is_found_in_an_uneven_fabric() {
     {
         let mut fabric = FabricSettings::default();
         fabric.weave.amplitude = 0.1;
-        // of a median voltage of 0.02 V
-        fabric.instrument.noise_v = [2e-5, 2e-5];
+        // a thousandth of 0.44 V, the root mean square of the voltages
+        fabric.instrument.noise_v = [4.4e-4, 4.4e-4];
         let found = found("paper-disc", fabric, [ratio, angle_deg], seed);
         println!("{ratio} {angle_deg}: {found:?}");
         if ratio == 1.0 {
