@@ -21,7 +21,7 @@ pub(super) struct Channels {
     /// Gain of each measurement.
     gains: Option<Vec<f64>>,
     noise_v: Option<Vec<f64>>,
-    /// Slow noise and mains: amplitude, radians per frame and phase of each sine of each measurement, and its channel.
+    /// Slow noise and mains: amplitude, radians per frame and phase of each sine of each measurement.
     slow: Vec<Vec<[f64; 3]>>,
     /// Step and range of the converter, volt.
     converter: Option<[f64; 2]>,

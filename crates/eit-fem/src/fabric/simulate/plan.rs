@@ -80,7 +80,7 @@ impl Fabric {
             return Vec::new();
         }
         let mut random = Purpose::Warming.stream(seed, 0);
-        // as even as the skin is small: half of it is warmer
+        // correlated over half of the skin's longer side
         let waves: Waves<2> = Waves::new(&mut random, self.motion.half_m(), WEAVE_WAVES);
         let per_frame = drift.warming_per_min / (60.0 * rate_hz);
         let at = |c: &[f64; 3]| 1.0 + drift.warming_unevenness * waves.at([c[0], c[1]]);
