@@ -131,13 +131,10 @@ impl DiscSeries {
             ("harmonics", self.harmonics as f64, self.harmonics > 0),
             ("covered part of the rim", covered, covered < 1.0),
         ];
-        match checks.into_iter().find(|(_, value, good)| !(*good && value.is_finite())) {
-            None => Ok(()),
-            Some((quantity, value, _)) => {
-                let must = "above zero and finite (the covered part: below one)";
-                Err(FemError::OutOfRange { quantity, value, must })
-            }
-        }
+        let must = "above zero and finite (the covered part: below one)";
+        checks
+            .into_iter()
+            .try_for_each(|(quantity, value, fits)| FemError::require(quantity, value, fits, must))
     }
 
     /// Computes `G` for all electrodes and degrees.

@@ -500,6 +500,17 @@ impl FemError {
     ) -> Result<(), Self> {
         if found == wanted { Ok(()) } else { Err(Self::WrongLength { what, found, wanted }) }
     }
+
+    /// Requires a quantity to be finite and to fit.
+    pub(crate) fn require(
+        quantity: &'static str,
+        value: f64,
+        fits: bool,
+        must: &'static str,
+    ) -> Result<(), Self> {
+        let good = fits && value.is_finite();
+        if good { Ok(()) } else { Err(Self::OutOfRange { quantity, value, must }) }
+    }
 }
 
 impl From<SparseError> for FemError {

@@ -249,9 +249,7 @@ impl MeshSearch<'_> {
             }
             RequiredAccuracy::Volts(value) => ("required accuracy, volt", value),
         };
-        if !(value.is_finite() && value > 0.0) {
-            return Err(FemError::OutOfRange { quantity, value, must: "finite and above zero" });
-        }
+        FemError::require(quantity, value, value > 0.0, "finite and above zero")?;
         let limit = self.contact_impedance.iter().any(|z| *z == 0.0 || z.is_infinite());
         Ok(if limit && self.element_order != Some(ElementOrder::Quadratic) {
             &[ElementOrder::Linear]
@@ -319,13 +317,13 @@ impl MeshSearch<'_> {
     /// The cheapest trial that meets the requirement, once every cheaper trial has an error
     /// estimate.
     fn settled(&self, levels: &[Level], required: f64) -> Option<TrialIndex> {
-        let allowed =
-            |trial: &MeshTrial| self.element_order.is_none_or(|order| order == trial.element_order);
         let mut best: Option<(f64, TrialIndex)> = None;
         let mut waiting = f64::INFINITY;
         for (l, level) in levels.iter().enumerate() {
             let triangles = level.mesh.surface().triangles().len();
-            for (t, (trial, _)) in level.trials.iter().enumerate().filter(|(_, t)| allowed(&t.0)) {
+            for (t, (trial, _)) in
+                level.trials.iter().enumerate().filter(|(_, t)| self.allows(&t.0))
+            {
                 let work = trial.work(self.protocol.measurements(), triangles);
                 match trial.error {
                     None => waiting = waiting.min(work),
@@ -341,12 +339,14 @@ impl MeshSearch<'_> {
         best.filter(|(work, _)| *work <= waiting).map(|(_, place)| place)
     }
 
+    fn allows(&self, trial: &MeshTrial) -> bool {
+        self.element_order.is_none_or(|order| order == trial.element_order)
+    }
+
     fn none(&self, levels: &[Level]) -> FemError {
-        let allowed = |trial: &&MeshTrial| {
-            self.element_order.is_none_or(|order| order == trial.element_order)
-        };
         let trials = levels.iter().flat_map(|level| level.trials.iter().map(|(trial, _)| trial));
-        let judged = trials.filter(allowed).filter_map(|trial| Some((trial.error?, trial.nodes)));
+        let allowed = trials.filter(|trial| self.allows(trial));
+        let judged = allowed.filter_map(|trial| Some((trial.error?, trial.nodes)));
         let least = judged.min_by(|a, b| a.0.total_cmp(&b.0));
         let (reached, nodes) = least.unwrap_or((f64::INFINITY, 0));
         let required = self.relative(levels).map_or(f64::NAN, |(required, _)| required);

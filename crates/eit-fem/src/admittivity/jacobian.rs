@@ -33,13 +33,12 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// Number of gradient values.
-    pub(crate) fn size(&self) -> usize {
-        self.gradients.len()
+    /// Number of gradient values, and that needed for a model.
+    pub(crate) fn sizes(&self, model: &ForwardModel) -> [usize; 2] {
+        [self.gradients.len(), Self::size_for(model)]
     }
 
-    /// [`Block::size`] needed for a model.
-    pub(crate) fn size_for(model: &ForwardModel) -> usize {
+    fn size_for(model: &ForwardModel) -> usize {
         model.fields.slot_count() * PLANES * STRIDE
     }
 

@@ -43,19 +43,7 @@ impl AdmittivityWorkspace {
 
     /// Checks every size that a solve of `model` relies on.
     pub(super) fn check(&self, model: &AdmittivityModel) -> Result<(), FemError> {
-        let real = &model.real;
-        self.nodal.check(real)?;
-        let (elements, gradients) = (self.part_s.len(), self.block.size());
-        FemError::check_length(
-            "workspace of another model: its elements",
-            elements,
-            real.elements(),
-        )?;
-        FemError::check_length(
-            "workspace of another model: its gradients",
-            gradients,
-            Block::size_for(real),
-        )
+        self.nodal.check(&model.real, self.part_s.len(), self.block.sizes(&model.real))
     }
 
     /// Assembles the matrix; the code of the real model computes its real and imaginary parts.

@@ -17,7 +17,7 @@
 use super::displacement::Displacement;
 use super::places::{Bounds, to_segment, unit};
 use crate::error::FemError;
-use eit_core::vector::{Vector, along, cross, dot, norm, scaled, sub};
+use eit_core::vector::{Vector, along, cross, dot, norm, normal, scaled, sub};
 use eit_mesh::{Electrode, Mesh};
 use std::collections::HashMap;
 
@@ -124,8 +124,7 @@ impl<'a> Skin<'a> {
         }
         let mut normals = vec![[0.0; 3]; surface.nodes().len()];
         for (index, triangle) in surface.triangles().iter().enumerate() {
-            let [a, b, c] = surface.corners(index);
-            let normal = cross(sub(b, a), sub(c, a));
+            let normal = normal(surface.corners(index));
             for &node in triangle {
                 normals[node as usize] = along(normals[node as usize], 1.0, normal);
             }

@@ -52,7 +52,6 @@ pub(crate) fn fill(
         moves.set(solved, displacement);
         moves.strains(solved, index, &mut strains);
         moves.stretches(solved, index, &mut stretches);
-        moves.clear(solved, displacement);
     }
     let count = displacements.len();
     // derivative of the energy, [product, displacement]
@@ -81,18 +80,12 @@ impl Moves {
     }
 
     fn set(&mut self, solved: &SolvedFields<'_>, displacement: &Displacement) {
+        self.vectors.fill([0.0; 3]);
+        self.moved.fill(false);
         for &(node, vector) in displacement.nodes() {
             let unknown = solved.model.dofs.unknown_of_node[node as usize] as usize;
             self.vectors[unknown].iter_mut().zip(vector).for_each(|(sum, v)| *sum += v);
             self.moved[unknown] = true;
-        }
-    }
-
-    fn clear(&mut self, solved: &SolvedFields<'_>, displacement: &Displacement) {
-        for &(node, _) in displacement.nodes() {
-            let unknown = solved.model.dofs.unknown_of_node[node as usize] as usize;
-            self.vectors[unknown] = [0.0; 3];
-            self.moved[unknown] = false;
         }
     }
 

@@ -84,18 +84,12 @@ impl RandomPaths {
     /// Radius of the circle that contains all fingers, and of each finger's territory, metres.
     fn room(&self, circle: &PlayCircle) -> Result<(f64, f64), FemError> {
         let Self { fingers, frames, step_m, apart_m, .. } = *self;
-        let out_of_range =
-            |quantity, value, must| Err(FemError::OutOfRange { quantity, value, must });
-        if !(1..=4).contains(&fingers) {
-            return out_of_range("fingers", fingers as f64, "from 1 to 4");
-        }
+        let few = (1..=4).contains(&fingers);
+        FemError::require("fingers", fingers as f64, few, "from 1 to 4")?;
         // more are probably a typing error
-        if !(1..=1_000_000).contains(&frames) {
-            return out_of_range("frames", frames as f64, "from 1 to 1000000");
-        }
-        if !(apart_m >= 0.0 && apart_m.is_finite()) {
-            return out_of_range("apart_m", apart_m, "finite and at least zero");
-        }
+        let some = (1..=1_000_000).contains(&frames);
+        FemError::require("frames", frames as f64, some, "from 1 to 1000000")?;
+        FemError::require("apart_m", apart_m, apart_m >= 0.0, "finite and at least zero")?;
         let reach_m = INSIDE * circle.radius_m;
         let territory_m = match fingers {
             1 => reach_m,
@@ -162,8 +156,7 @@ impl Path {
         };
         let mut length_m = 0.0;
         for k in 0..CHORDS {
-            let (p, q) = (path.point(path.parameter(k as f64)), path.parameter((k + 1) as f64));
-            let q = path.point(q);
+            let [p, q] = [k, k + 1].map(|k| path.point(path.parameter(k as f64)));
             length_m += (q[0] - p[0]).hypot(q[1] - p[1]);
             path.lengths_m.push(length_m);
         }

@@ -78,10 +78,7 @@ impl Anisotropy {
     /// # Errors
     /// A ratio that is not finite and above zero, an angle that is not finite.
     pub fn uniform(surface: &Surface, ratio: f64, angle_rad: f64) -> Result<Self, FemError> {
-        if !angle_rad.is_finite() {
-            let quantity = "angle of the conductivity along";
-            return Err(FemError::OutOfRange { quantity, value: angle_rad, must: "finite" });
-        }
+        FemError::require("angle of the conductivity along", angle_rad, true, "finite")?;
         Self::new(&vec![ratio; surface.triangles().len()], &transported(surface, angle_rad))
     }
 
@@ -155,10 +152,7 @@ impl Grain {
 }
 
 fn check(quantity: &'static str, value: f64) -> Result<(), FemError> {
-    if value.is_finite() && value > 0.0 {
-        return Ok(());
-    }
-    Err(FemError::OutOfRange { quantity, value, must: "finite and above zero" })
+    FemError::require(quantity, value, value > 0.0, "finite and above zero")
 }
 
 /// Direction of each triangle: at one angle in the triangle nearest to the centroid, and parallel from

@@ -6,14 +6,9 @@ use std::cmp::Ordering::{Equal, Greater};
 
 /// Rejects a required accuracy that `f64` results cannot meet.
 pub(crate) fn check_accuracy(required_accuracy: f64) -> Result<(), FemError> {
-    if (4.0 * f64::EPSILON..1.0).contains(&required_accuracy) {
-        return Ok(());
-    }
-    Err(FemError::OutOfRange {
-        quantity: "required_accuracy",
-        value: required_accuracy,
-        must: "at least 9e-16 and below 1",
-    })
+    let fits = (4.0 * f64::EPSILON..1.0).contains(&required_accuracy);
+    let must = "at least 9e-16 and below 1";
+    FemError::require("required_accuracy", required_accuracy, fits, must)
 }
 
 /// Requires one non-negative impedance per electrode; for quadratic elements above zero and finite.

@@ -15,6 +15,7 @@
 use crate::element::linear::area_m2;
 use crate::element::midside_nodes::MidsideNodes;
 use crate::element::quadratic::{edge_points, triangle_points};
+use eit_core::vector::distance;
 use eit_mesh::{Electrode, Surface};
 
 /// Largest number of nodes of a part: those of a quadratic triangle.
@@ -169,10 +170,7 @@ impl Integrals {
 pub(crate) fn measure(nodes: &[u32], positions: &[[f64; 3]]) -> f64 {
     let place = |n: &u32| positions[*n as usize];
     match nodes {
-        [a, b] => {
-            let (a, b) = (place(a), place(b));
-            (0..3).map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt()
-        }
+        [a, b] => distance(place(a), place(b)),
         [a, b, c] => area_m2([place(a), place(b), place(c)]),
         // linear parts are edges or triangles
         _ => 0.0,

@@ -6,11 +6,8 @@ use crate::error::FemError;
 
 /// Whether a frame includes measurements on current-carrying electrodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum DrivenElectrodes {
     /// Leaves out pairs that include a driven electrode, because their voltages depend on its
     /// contact impedance.
@@ -22,11 +19,8 @@ pub enum DrivenElectrodes {
 
 /// Order of the measured pairs under one drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Order {
     /// Relative to the drive's first electrode `a`: pairs that start at `a`, `a + 1`, ... (mod L).
     /// For adjacent pairs without driven electrodes: `(d + 2 + k, d + 3 + k)`, `k` ascending.
@@ -48,11 +42,8 @@ pub enum Order {
 /// # Ok::<(), eit_fem::FemError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(default, deny_unknown_fields)
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct PairProtocol {
     /// Number of electrodes, `L`.
     pub electrodes: usize,

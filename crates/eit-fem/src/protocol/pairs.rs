@@ -64,9 +64,6 @@ pub(super) fn check_pair(
 
 /// Rejects more electrodes than any skin has: adjacent pairs of 4096 give 17 million measurements.
 pub(super) fn check_electrodes(electrodes: usize) -> Result<(), FemError> {
-    if electrodes <= 4096 {
-        return Ok(());
-    }
     let (quantity, value) = ("the number of electrodes", electrodes as f64);
-    Err(FemError::OutOfRange { quantity, value, must: "at most 4096" })
+    FemError::require(quantity, value, electrodes <= 4096, "at most 4096")
 }

@@ -36,27 +36,29 @@ impl<T: Scalar> Nodal<T> {
         })
     }
 
-    /// Checks every size that a solve of `model` relies on.
-    pub(crate) fn check(&self, model: &ForwardModel) -> Result<(), FemError> {
+    /// Checks every size that a solve of `model` relies on. `elements` is the number of elements of the workspace,
+    /// `gradients` that of its gradients and of those needed.
+    pub(crate) fn check(
+        &self,
+        model: &ForwardModel,
+        elements: usize,
+        gradients: [usize; 2],
+    ) -> Result<(), FemError> {
         let electrodes = model.protocol().electrodes();
         let (factor, scratch) = self.factor.sizes();
+        let (matrix, entries) = (self.matrix.len(), model.assembly.pattern.entries());
+        let found = self.electrode_potentials.len();
         let potentials = model.patterns.stimulations_a.len() * electrodes;
         let fields = model.unknowns() * model.fields.basis.nrows();
         [
-            (
-                "workspace of another model: its matrix",
-                self.matrix.len(),
-                model.assembly.pattern.entries(),
-            ),
+            ("workspace of another model: its matrix", matrix, entries),
             ("workspace of another model: its factor", factor, model.cholesky.factor_entries()),
             ("workspace of another model: its scratch", scratch, model.cholesky.scratch_entries()),
             ("workspace of another model: its electrodes", self.transfer.nrows() + 1, electrodes),
-            (
-                "workspace of another model: its electrode potentials",
-                self.electrode_potentials.len(),
-                potentials,
-            ),
+            ("workspace of another model: its electrode potentials", found, potentials),
             ("workspace of another model: its fields", self.potentials.len(), fields),
+            ("workspace of another model: its elements", elements, model.elements()),
+            ("workspace of another model: its gradients", gradients[0], gradients[1]),
         ]
         .into_iter()
         .try_for_each(|(what, found, wanted)| FemError::check_length(what, found, wanted))

@@ -40,16 +40,6 @@ impl Workspace {
 
     /// Checks every size that a solve of `model` relies on.
     pub(crate) fn check(&self, model: &ForwardModel) -> Result<(), FemError> {
-        self.nodal.check(model)?;
-        FemError::check_length(
-            "workspace of another model: its elements",
-            self.conductivity_s.len(),
-            model.elements(),
-        )?;
-        FemError::check_length(
-            "workspace of another model: its gradients",
-            self.block.size(),
-            Block::size_for(model),
-        )
+        self.nodal.check(model, self.conductivity_s.len(), self.block.sizes(model))
     }
 }
