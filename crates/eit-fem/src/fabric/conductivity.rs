@@ -55,13 +55,13 @@ impl Elements {
             drives.iter_mut().zip(&self.middles).zip(&self.corners)
         {
             *drive = 0.0;
-            if touches.iter().all(|t| beyond(t, *middle) > self.reach_m + size) {
+            if touches.iter().all(|t| beyond(t, *middle) > self.reach_m + size * t.stretch) {
                 continue;
             }
-            let cut = touches.iter().any(|t| beyond(t, *middle).abs() <= *size);
+            let cut = touches.iter().any(|t| beyond(t, *middle).abs() <= size * t.stretch);
             let here = |place| {
-                let rings = touches.iter().map(|t| t.ring_at(t.seat.distance_m(place)));
-                law.drive(&together(touches, place)) + rings.sum::<f64>()
+                let rings = touches.iter().map(|t| t.ring_at(t.distance_m(place)));
+                law.saturated(law.drive(&together(touches, place)) + rings.sum::<f64>())
             };
             *drive =
                 if cut { sixteenths(corners).map(here).sum::<f64>() / 16.0 } else { here(*middle) };
@@ -71,13 +71,13 @@ impl Elements {
 
 /// Distance from the edge of a touch's contact area; negative inside.
 fn beyond(touch: &Placed, place: [f64; 3]) -> f64 {
-    touch.seat.distance_m(place) - touch.dent.contact_radius_m
+    touch.distance_m(place) - touch.dent.contact_radius_m
 }
 
 /// Sums the pressure and strain of all touches at a point.
 fn together(touches: &[Placed], place: [f64; 3]) -> Dent {
     touches.iter().fold(Dent::default(), |mut sum, touch| {
-        let dent = touch.dent.at(touch.seat.distance_m(place));
+        let dent = touch.dent.at(touch.distance_m(place));
         sum.pressure_pa += dent.pressure_pa;
         sum.areal_strain += dent.areal_strain;
         sum
@@ -123,7 +123,7 @@ pub(super) fn pressures_into(
         let [x, y, _] = seat.place_m;
         // a steep pixel is longer on the skin than seen from +z
         let reach_m = pixel_m / seat.normal[2];
-        if touches.iter().all(|t| beyond(t, seat.place_m) > reach_m) {
+        if touches.iter().all(|t| beyond(t, seat.place_m) > reach_m * t.stretch) {
             continue;
         }
         let at = |point| together(touches, seat.beside(point)).pressure_pa;

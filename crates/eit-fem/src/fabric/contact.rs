@@ -108,7 +108,7 @@ impl Indentation {
     /// Force, radius and membrane must be finite and above zero.
     pub fn new(membrane: &Membrane, tip: Tip, radius_m: f64, force_n: f64) -> Option<Self> {
         let Membrane { tension_n_per_m, foundation_pa_per_m, poisson_ratio, .. } = *membrane;
-        let length_m = (tension_n_per_m / foundation_pa_per_m).sqrt();
+        let length_m = membrane.length_m();
         let contact_radius_m = match tip {
             Tip::Flat => radius_m,
             Tip::Round => round_contact(membrane, radius_m, force_n)?,
@@ -233,7 +233,7 @@ impl Indentation {
 /// Computes the contact radius of a round tip: the root of F(a) = force, where F increases with a.
 fn round_contact(membrane: &Membrane, radius_m: f64, force_n: f64) -> Option<f64> {
     let Membrane { tension_n_per_m: t, foundation_pa_per_m: k, .. } = *membrane;
-    let l = (t / k).sqrt();
+    let l = membrane.length_m();
     let force = |a: f64| {
         let [k0, k1] = k_scaled(a / l);
         let depth = a * l / radius_m * k0 / k1 + 0.5 * a * a / radius_m;

@@ -36,20 +36,16 @@ impl Fabric {
         settings: &FabricSettings,
     ) -> Result<Self, FemError> {
         settings.validate(mesh.electrodes().len())?;
-        if !(conductivity_s.is_finite() && conductivity_s > 0.0) {
-            let (quantity, must) = ("conductivity_s", "finite and above zero");
-            return Err(FemError::OutOfRange { quantity, value: conductivity_s, must });
-        }
+        let fits = conductivity_s > 0.0;
+        FemError::require("conductivity_s", conductivity_s, fits, "finite and above zero")?;
         let mut model = ForwardModel::new(mesh, protocol, contact_impedance)?;
         let Weave { ratio, angle_deg, .. } = settings.weave;
         if ratio != 1.0 {
             let weave = Anisotropy::uniform(mesh.surface(), ratio, angle_deg.to_radians())?;
             model = model.with_anisotropy(&weave)?;
         }
-        let membrane = &settings.membrane;
-        let length_m = (membrane.tension_n_per_m / membrane.foundation_pa_per_m).sqrt();
         Ok(Self {
-            elements: Elements::new(mesh.surface(), length_m),
+            elements: Elements::new(mesh.surface(), settings.membrane.length_m()),
             motion: Motion::new(mesh, settings),
             mesh: mesh.clone(),
             model,

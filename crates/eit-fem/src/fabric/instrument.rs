@@ -95,6 +95,12 @@ impl Channels {
                 *v = if *quality == TrueQuality::Lost { floating } else { *v };
             }
         }
+        let mut random = Purpose::Spike.stream(self.seed, frame);
+        if random.between(0.0, 1.0) < self.settings.spiked {
+            let k = random.below(values_v.len());
+            values_v[k] += self.largest_v * random.between(-1.0, 1.0);
+            quality[k] = TrueQuality::Spiked;
+        }
         let Some([step, _]) = self.converter else { return };
         let most = 2_f64.powi(self.settings.bits as i32 - 1);
         for (v, quality) in values_v.iter_mut().zip(quality) {
@@ -104,6 +110,15 @@ impl Channels {
                 *quality = (*quality).max(TrueQuality::Saturated);
             }
             *v = step * clipped;
+        }
+    }
+
+    /// How many of a frame's values are of its own scan. The others are those of the former one.
+    pub(crate) fn own_values(&self, frame: usize, values: usize) -> usize {
+        let mut random = Purpose::Torn.stream(self.seed, frame);
+        match frame > 0 && random.between(0.0, 1.0) < self.settings.torn {
+            true => 1 + random.below(values - 1),
+            false => values,
         }
     }
 }

@@ -17,7 +17,8 @@
 //! Places are stated as seen from +z. On a curved skin each touch dents the tangent plane of its place, which holds for
 //! touches much smaller than the radius of curvature; the truth's images are those seen from +z. Frames are bit-identical for any number of threads. An effect
 //! whose amplitude is zero is not computed and does not change the others. The script is sampled at
-//! frame times only, so a tap shorter than a frame may be missed, as with a real instrument.
+//! frame times only, or four times a frame where the drives of a scan take turns, so a shorter tap may be missed, as with a
+//! real instrument.
 //!
 //! # Example
 //! ```
@@ -52,6 +53,7 @@ mod paths;
 mod piezo;
 mod pixels;
 mod play_circle;
+mod print;
 mod random_field;
 mod script;
 mod seat;
@@ -68,7 +70,7 @@ pub use piezo::PiezoLaw;
 pub use play_circle::PlayCircle;
 pub use script::{Finger, Interpolation, Key, Touch, TouchScript};
 pub use settings::{
-    Drift, FabricSettings, Instrument, LinearResponse, Membrane, Piezoresistance, Rim, Weave,
+    Drift, FabricSettings, Instrument, LinearResponse, Membrane, Piezoresistance, Print, Rim, Weave,
 };
 pub use simulate::SimulationSettings;
 pub use truth::{Simulation, SimulationReport, TrueQuality, TrueTouch, Truth};

@@ -26,7 +26,7 @@ use super::contact::Indentation;
 use super::piezo::PiezoLaw;
 use super::seat::Seat;
 use super::settings::{FabricSettings, Piezoresistance, Rim};
-use eit_core::vector::{along, dot, norm, sub};
+use eit_core::vector::{along, distance, dot, norm, sub};
 use eit_mesh::{Electrode, Mesh};
 use std::f64::consts::{E, PI, TAU};
 
@@ -39,9 +39,23 @@ pub(super) struct Placed {
     pub drag_m: [f64; 3],
     /// Height of the ring around it, as a drive, and the radius at which it is highest, metres.
     pub ring: [f64; 2],
+    /// Unit vector along the long axis of the print, and the square root of the ratio of its axes.
+    pub axis: [f64; 3],
+    pub stretch: f64,
 }
 
 impl Placed {
+    /// Distance at which the round dent is what this elliptic one is at a place, metres.
+    pub(crate) fn distance_m(&self, place_m: [f64; 3]) -> f64 {
+        let distance_m = self.seat.distance_m(place_m);
+        if self.stretch == 1.0 {
+            return distance_m;
+        }
+        let x = dot(sub(place_m, self.seat.place_m), self.axis);
+        let y = (distance_m.powi(2) - x * x).max(0.0).sqrt();
+        (x / self.stretch).hypot(y * self.stretch)
+    }
+
     /// Height `a x^2 exp(1 - x^2)` of the ring at `x` radii from the centre.
     pub(crate) fn ring_at(&self, distance_m: f64) -> f64 {
         let [height, radius_m] = self.ring;
@@ -74,9 +88,10 @@ pub(super) fn ring(piezo: &Piezoresistance, dent: &Indentation, length_m: f64) -
 pub(super) struct Motion {
     rim: Rim,
     length_m: f64,
-    moves: bool,
+    /// Whether touches move the nodes.
+    pub moves: bool,
     /// Half of the skin's longer side, metres.
-    half_m: f64,
+    pub half_m: f64,
     nodes_m: Vec<[f64; 3]>,
     /// Fraction of the free displacement by which each node moves.
     follows: Vec<f64>,
@@ -89,7 +104,7 @@ impl Motion {
         let surface = mesh.surface();
         let nodes_m = surface.nodes().to_vec();
         let membrane = &settings.membrane;
-        let length_m = (membrane.tension_n_per_m / membrane.foundation_pa_per_m).sqrt();
+        let length_m = membrane.length_m();
         let rim: Vec<[[f64; 3]; 2]> =
             surface.rim_edges().iter().map(|e| e.map(|n| nodes_m[n as usize])).collect();
         let follows = |p: &[f64; 3]| {
@@ -111,23 +126,13 @@ impl Motion {
         }
     }
 
-    /// Half of the skin's longer side, metres.
-    pub(crate) fn half_m(&self) -> f64 {
-        self.half_m
-    }
-
-    /// Whether touches move the nodes.
-    pub(crate) fn moves(&self) -> bool {
-        self.moves
-    }
-
     /// Computes the node positions under touches, metres.
     pub(crate) fn nodes_into(&self, touches: &[Placed], nodes_m: &mut [[f64; 3]]) {
         let places = self.nodes_m.iter().zip(&self.follows);
         for (moved, (place, follows)) in nodes_m.iter_mut().zip(places) {
             *moved = *place;
             for touch in touches {
-                let (r, along) = touch.seat.offset(*place);
+                let (r, along) = (touch.distance_m(*place), touch.seat.offset(*place));
                 let dent = touch.dent.at(r);
                 let outward = if r > 0.0 { dent.displacement_m / r } else { 0.0 };
                 let near = r.max(touch.dent.contact_radius_m);
@@ -161,7 +166,7 @@ impl Motion {
             for &(n, weight) in nodes {
                 let place = self.nodes_m[n as usize];
                 let deflection =
-                    |touch: &Placed| touch.dent.at(touch.seat.distance_m(place)).deflection_m;
+                    |touch: &Placed| touch.dent.at(touch.distance_m(place)).deflection_m;
                 let deflection_m: f64 = touches.iter().map(deflection).sum();
                 *log -= self.rim.contact_gain * weight * deflection_m / self.length_m;
             }
@@ -174,11 +179,9 @@ fn weights(mesh: &Mesh, electrode: &Electrode) -> Vec<(u32, f64)> {
     let surface = mesh.surface();
     let mut weights: Vec<(u32, f64)> = match electrode {
         Electrode::Rim(edges) => {
-            let length = |e: &[u32; 2]| {
-                let [a, b] = e.map(|n| surface.nodes()[n as usize]);
-                segment_distance_m(a, b, b)
-            };
-            edges.iter().flat_map(|e| e.map(|n| (n, 0.5 * length(e)))).collect()
+            let place = |n: u32| surface.nodes()[n as usize];
+            let half = |[a, b]: [u32; 2]| 0.5 * distance(place(a), place(b));
+            edges.iter().flat_map(|e| e.map(|n| (n, half(*e)))).collect()
         }
         Electrode::Patch(triangles) => triangles
             .iter()

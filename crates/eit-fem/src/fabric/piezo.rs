@@ -7,6 +7,8 @@
 //! d = pressure_gain p / (p + half_pressure) + strain_gain e       e: areal strain
 //! ```
 //!
+//! Where the response saturates at `s`, the drive becomes `d / (1 + |d| / s)`.
+//!
 //! Hysteresis is a Prandtl-Ishlinskii operator (Krejci, Hysteresis, Convexity and Dissipation in
 //! Hyperbolic Equations, 1996; Kuhnen, European Journal of Control 9:407, 2003), with `n` play
 //! operators of thresholds `r_i`, each contributing a share `h / n` of the response:
@@ -69,6 +71,11 @@ impl PiezoLaw {
         let Piezoresistance { pressure_gain, half_pressure_pa, strain_gain, .. } = self.settings;
         let p = dent.pressure_pa;
         pressure_gain * p / (p + half_pressure_pa) + strain_gain * dent.areal_strain
+    }
+
+    /// Limits a drive to the saturation.
+    pub fn saturated(&self, drive: f64) -> f64 {
+        self.settings.saturation.map_or(drive, |most| drive / (1.0 + drive.abs() / most))
     }
 
     /// Returns the change of ln(conductivity) for the drive of the next frame. `memory` must start

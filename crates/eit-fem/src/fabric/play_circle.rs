@@ -1,6 +1,7 @@
 //! Region of a skin that built-in scripts and random paths stay within.
 
 use super::motion::segment_distance_m;
+use super::seat::sides;
 use crate::error::FemError;
 use eit_mesh::{Mesh, Outline};
 
@@ -39,8 +40,8 @@ impl PlayCircle {
         let middle = circle([moment(0), moment(1)]);
         let circles = centroids.iter().map(|c| circle([c[0], c[1]]));
         let widest = circles.max_by(|a, b| a.radius_m.total_cmp(&b.radius_m)).unwrap_or(middle);
-        let is_inside = (0..centroids.len())
-            .any(|t| is_in_triangle(middle.centre_m, surface.corners(t).map(|[x, y, _]| [x, y])));
+        let is_inside =
+            (0..centroids.len()).any(|t| is_in_triangle(middle.centre_m, surface.corners(t)));
         match is_inside && middle.radius_m >= LEAST_SHARE * widest.radius_m {
             true => middle,
             false => widest,
@@ -81,11 +82,7 @@ impl PlayCircle {
 }
 
 /// Whether a triangle, of either orientation, contains a point.
-fn is_in_triangle([x, y]: [f64; 2], corners: [[f64; 2]; 3]) -> bool {
-    let side = |k: usize| {
-        let ([ax, ay], [bx, by]) = (corners[k], corners[(k + 1) % 3]);
-        (bx - ax) * (y - ay) - (by - ay) * (x - ax)
-    };
-    let sides = [side(0), side(1), side(2)];
+fn is_in_triangle(place_m: [f64; 2], corners: [[f64; 3]; 3]) -> bool {
+    let sides = sides(corners, place_m);
     sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0)
 }

@@ -3,7 +3,7 @@
 use super::contact::Tip;
 use super::seat::Seat;
 use crate::error::FemError;
-use eit_mesh::{Mesh, Surface};
+use eit_mesh::Mesh;
 
 /// Script of fingers that touch a skin over time.
 #[derive(Debug, Clone, PartialEq)]
@@ -120,11 +120,15 @@ impl Finger {
 impl TouchScript {
     /// Returns all fingers that press on the skin in a frame.
     pub fn touches(&self, frame: usize) -> Vec<Touch> {
-        let time_s = |frame: usize| frame as f64 / self.frame_rate_hz;
-        let before = |finger: &Finger| finger.at(time_s(frame.checked_sub(1)?));
+        self.touches_at(frame as f64)
+    }
+
+    /// Returns all fingers that press on the skin at a time, in frames.
+    pub(super) fn touches_at(&self, time: f64) -> Vec<Touch> {
+        let at = |finger: &Finger, time: f64| finger.at(time / self.frame_rate_hz);
         let now = |finger: &Finger| {
-            let mut touch = finger.at(time_s(frame))?;
-            if let Some(before) = before(finger) {
+            let mut touch = at(finger, time)?;
+            if let Some(before) = at(finger, time - 1.0).filter(|_| time >= 1.0) {
                 let [x, y] = [0, 1].map(|k| touch.position_m[k] - before.position_m[k]);
                 let step_m = x.hypot(y);
                 // a step below a micrometre is rounding; the finger is at rest
@@ -145,37 +149,35 @@ impl TouchScript {
     /// number of frames.
     pub fn validate(&self, mesh: &Mesh) -> Result<(), FemError> {
         let rate = self.frame_rate_hz;
-        if !(rate.is_finite() && rate > 0.0) {
-            let (quantity, must) = ("frame_rate_hz", "finite and above zero");
-            return Err(FemError::OutOfRange { quantity, value: rate, must });
-        }
+        FemError::require("frame_rate_hz", rate, rate > 0.0, "finite and above zero")?;
         // a simulation holds all frames, 34 kB each with 64 x 64 pixels; 10 million are six days at 20 Hz
-        if self.frames <= self.quiet_frames || self.frames > 10_000_000 {
-            let (quantity, must) = ("frames", "more than quiet_frames, and at most 10 million");
-            return Err(FemError::OutOfRange { quantity, value: self.frames as f64, must });
-        }
+        let (frames, must) = (self.frames, "more than quiet_frames, and at most 10 million");
+        let fits = frames > self.quiet_frames && frames <= 10_000_000;
+        FemError::require("frames", frames as f64, fits, must)?;
         for finger in &self.fingers {
             self.check_keys(finger)?;
         }
-        let place = SkinTest::new(mesh.surface());
+        let surface = mesh.surface();
         for finger in &self.fingers {
             for (k, key) in finger.keys.iter().enumerate() {
-                place.check(finger.id, Some(k), key.time_s, key.position_m)?;
+                let place = || format!("at key {k}");
+                Seat::require(surface, finger.id, place, key.time_s, key.position_m)?;
             }
         }
         // paths between keys may leave a non-convex skin
         for frame in 0..self.frames {
-            for touch in self.touches(frame) {
-                let time_s = frame as f64 / rate;
-                place.check(touch.finger, None, time_s, touch.position_m)?;
+            for Touch { finger, position_m, .. } in self.touches(frame) {
+                let (place, time_s) = (|| "between keys".to_owned(), frame as f64 / rate);
+                Seat::require(surface, finger, place, time_s, position_m)?;
             }
         }
         Ok(())
     }
 
-    fn check_keys(&self, finger: &Finger) -> Result<(), FemError> {
+    fn check_keys(&self, Finger { id, keys, .. }: &Finger) -> Result<(), FemError> {
         let quiet_s = self.quiet_frames as f64 / self.frame_rate_hz;
-        for (k, key) in finger.keys.iter().enumerate() {
+        let finger = *id;
+        for (k, key) in keys.iter().enumerate() {
             let [x, y] = key.position_m;
             let early = key.force_n > 0.0 && key.time_s < quiet_s;
             let checks = [
@@ -189,47 +191,13 @@ impl TouchScript {
                 ("time_s", key.time_s, !early, "after the quiet frames, since the finger presses"),
             ];
             if let Some(&(quantity, value, _, must)) = checks.iter().find(|c| !c.2) {
-                return Err(FemError::BadTouch {
-                    finger: finger.id,
-                    key: k,
-                    quantity,
-                    value,
-                    must,
-                });
+                return Err(FemError::BadTouch { finger, key: k, quantity, value, must });
             }
-            if let Some(before) = k.checked_sub(1).map(|b| finger.keys[b])
-                && before.time_s >= key.time_s
-            {
-                let (time_s, before_s) = (key.time_s, before.time_s);
-                return Err(FemError::UnsortedKeys { finger: finger.id, key: k, time_s, before_s });
+            let (time_s, before_s) = (key.time_s, keys[k.saturating_sub(1)].time_s);
+            if k > 0 && before_s >= time_s {
+                return Err(FemError::UnsortedKeys { finger, key: k, time_s, before_s });
             }
         }
         Ok(())
-    }
-}
-
-/// Tests whether points lie on the skin, seen from +z.
-struct SkinTest<'a> {
-    surface: &'a Surface,
-}
-
-impl<'a> SkinTest<'a> {
-    fn new(surface: &'a Surface) -> Self {
-        Self { surface }
-    }
-
-    fn check(
-        &self,
-        finger: u32,
-        key: Option<usize>,
-        time_s: f64,
-        position_m: [f64; 2],
-    ) -> Result<(), FemError> {
-        if Seat::on(self.surface, position_m).is_some() {
-            return Ok(());
-        }
-        let place = key.map_or_else(|| "between keys".to_owned(), |k| format!("at key {k}"));
-        let [x_m, y_m] = position_m;
-        Err(FemError::OutsideSkin { finger, place, time_s, x_m, y_m })
     }
 }

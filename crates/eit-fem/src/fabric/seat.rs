@@ -4,7 +4,8 @@
 //! distances are straight lines through space, and the fabric moves along the tangent plane and against its normal. That
 //! holds for touches much smaller than the radius of curvature. On a flat skin it is exact.
 
-use eit_core::vector::{normal, unit};
+use crate::error::FemError;
+use eit_core::vector::{along, dot, normal, sub, unit};
 use eit_mesh::Surface;
 
 /// Least z of a unit normal. Steeper places are not seen from +z.
@@ -22,11 +23,7 @@ impl Seat {
     pub(crate) fn on(surface: &Surface, [x, y]: [f64; 2]) -> Option<Self> {
         let seats = (0..surface.triangles().len()).filter_map(|t| {
             let corners = surface.corners(t);
-            let is_left = |k: usize| {
-                let (a, b) = (corners[k], corners[(k + 1) % 3]);
-                (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]) >= 0.0
-            };
-            if !(0..3).all(is_left) {
+            if !sides(corners, [x, y]).iter().all(|side| *side >= 0.0) {
                 return None;
             }
             let normal = unit(normal(corners));
@@ -36,6 +33,19 @@ impl Seat {
                 .then(|| Self { place_m: [x, y, a[2] - slope / normal[2]], normal })
         });
         seats.max_by(|one, other| one.place_m[2].total_cmp(&other.place_m[2]))
+    }
+
+    /// The place of a finger, which must be on the surface.
+    pub(crate) fn require(
+        surface: &Surface,
+        finger: u32,
+        place: impl FnOnce() -> String,
+        time_s: f64,
+        position_m: [f64; 2],
+    ) -> Result<Self, FemError> {
+        let [x_m, y_m] = position_m;
+        let off = || FemError::OutsideSkin { finger, place: place(), time_s, x_m, y_m };
+        Self::on(surface, position_m).ok_or_else(off)
     }
 
     /// The place beside this one in its tangent plane.
@@ -52,19 +62,25 @@ impl Seat {
         [x / long, y / long, -z / long]
     }
 
-    /// Distance of a place, and its offset along the tangent plane, metres.
-    pub(crate) fn offset(&self, place_m: [f64; 3]) -> (f64, [f64; 3]) {
-        let to: [f64; 3] = std::array::from_fn(|k| place_m[k] - self.place_m[k]);
-        let up: f64 = (0..3).map(|k| to[k] * self.normal[k]).sum();
-        let along = std::array::from_fn(|k| to[k] - up * self.normal[k]);
-        (to[0].hypot(to[1]).hypot(to[2]), along)
+    /// Offset of a place along the tangent plane, metres.
+    pub(crate) fn offset(&self, place_m: [f64; 3]) -> [f64; 3] {
+        let to = sub(place_m, self.place_m);
+        along(to, -dot(to, self.normal), self.normal)
     }
 
     /// Distance of a place, metres.
     pub(crate) fn distance_m(&self, place_m: [f64; 3]) -> f64 {
-        let to: [f64; 3] = std::array::from_fn(|k| place_m[k] - self.place_m[k]);
-        to[0].hypot(to[1]).hypot(to[2])
+        let [x, y, z] = sub(place_m, self.place_m);
+        x.hypot(y).hypot(z)
     }
+}
+
+/// Seen from +z, on which side of each edge a point is: positive where the edge has it on the left.
+pub(super) fn sides(corners: [[f64; 3]; 3], [x, y]: [f64; 2]) -> [f64; 3] {
+    std::array::from_fn(|k| {
+        let ([ax, ay, _], [bx, by, _]) = (corners[k], corners[(k + 1) % 3]);
+        (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+    })
 }
 
 #[cfg(test)]
@@ -90,8 +106,8 @@ mod tests {
         // up the slope: half of the way is height
         let [x, y, z] = seat.tangent([0.0, 1.0]);
         assert!(x == 0.0 && (y - root).abs() < 1e-15 && (z - root).abs() < 1e-15);
-        let (distance_m, along) = seat.offset(seat.beside([0.25, 0.7]));
-        assert!((distance_m - 0.2 / root).abs() < 1e-15);
+        let along = seat.offset(seat.beside([0.25, 0.7]));
+        assert!((seat.distance_m(seat.beside([0.25, 0.7])) - 0.2 / root).abs() < 1e-15);
         assert!((along[2] - 0.2).abs() < 1e-15 && along[0].abs() < 1e-15);
     }
 }

@@ -12,6 +12,8 @@ mod check;
 pub struct FabricSettings {
     /// Mechanics of the stretched fabric.
     pub membrane: Membrane,
+    /// Shape and movement of the prints of resting fingers.
+    pub print: Print,
     /// Conductivity under pressure and strain.
     pub piezo: Piezoresistance,
     /// Compliance of the rim and response of the contacts.
@@ -22,9 +24,9 @@ pub struct FabricSettings {
     pub drift: Drift,
     /// Noise, gain errors, converter and bad contacts.
     pub instrument: Instrument,
-    /// Response of a linear skin, which replaces `membrane`, `piezo` and `rim`: no node moves,
-    /// contacts do not change with touches, and no force is too large. `None`: the full model of
-    /// the fabric.
+    /// Response of a linear skin, which replaces `membrane`, `print`, `piezo` and `rim`: no node
+    /// moves, contacts do not change with touches, and no force is too large. `None`: the full model
+    /// of the fabric.
     pub linear: Option<LinearResponse>,
 }
 
@@ -65,6 +67,38 @@ impl Default for Membrane {
     }
 }
 
+impl Membrane {
+    /// Length over which a dent decays, `sqrt(tension / foundation)`, metres.
+    pub(super) fn length_m(&self) -> f64 {
+        (self.tension_n_per_m / self.foundation_pa_per_m).sqrt()
+    }
+}
+
+/// Prints of fingers: elliptic, and rolling while they rest. Each finger has a direction and a phase of its own,
+/// drawn from the seed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+pub struct Print {
+    /// Long over short axis of the print of a firm touch, at least 1; its area is that of the round print. Default
+    /// 1: round; 1.2 to 1.8 assumed for a finger that is not upright.
+    pub ratio: f64,
+    /// Force at which the print has `1 - 1/e` of that elongation, newton. Default 0: at any force; 0.5 to 2 assumed.
+    pub squash_n: f64,
+    /// Amplitude with which a print rolls to and fro across its long axis, metres. Default 0; 0.5e-3 to 2e-3 assumed.
+    pub roll_m: f64,
+    /// Amplitude with which its long axis turns, degrees. Default 0; 5 to 20 assumed.
+    pub roll_deg: f64,
+    /// Period of rolling and turning, seconds, above zero. Default 3, assumed.
+    pub roll_s: f64,
+}
+
+impl Default for Print {
+    fn default() -> Self {
+        Self { ratio: 1.0, squash_n: 0.0, roll_m: 0.0, roll_deg: 0.0, roll_s: 3.0 }
+    }
+}
+
 /// Dependence of the conductivity on pressure and strain, with hysteresis and relaxation.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -96,6 +130,9 @@ pub struct Piezoresistance {
     pub ring: f64,
     /// Radius at which the ring is strongest, metres, above zero. Default 0.02, assumed.
     pub ring_radius_m: f64,
+    /// Largest magnitude that the whole change of ln(conductivity) approaches, above zero: a drive `d` becomes
+    /// `d / (1 + |d| / saturation)`. `None`: no limit; 0.3 to 1 assumed.
+    pub saturation: Option<f64>,
 }
 
 impl Default for Piezoresistance {
@@ -110,6 +147,7 @@ impl Default for Piezoresistance {
             relaxation_s: vec![0.5, 10.0],
             ring: 0.0,
             ring_radius_m: 0.02,
+            saturation: None,
         }
     }
 }
@@ -212,6 +250,14 @@ pub struct Instrument {
     pub mains_v: f64,
     /// Frequency of that sine, hertz. Default 0.1, assumed.
     pub mains_hz: f64,
+    /// Time from the first to the last drive of a scan as a share of the time between frames, 0 to 1: each drive is
+    /// measured at its own time, evenly around the frame's. Default 0: all at once; 0.5 to 1 for instruments that
+    /// drive one pair after the other.
+    pub scan_share: f64,
+    /// Probability that a frame is torn: its first values are of this scan, the others of the former frame. Default 0.
+    pub torn: f64,
+    /// Probability that one value of a frame is off by up to the largest voltage. Default 0.
+    pub spiked: f64,
     /// Resolution of the converter, 2 to 32 bits; 0: values are neither quantised nor clipped.
     pub bits: u32,
     /// Largest magnitude that the converter can represent, volt, above zero. `None`: 1.25 times the
@@ -243,6 +289,9 @@ impl Default for Instrument {
             flicker_v: 0.0,
             mains_v: 0.0,
             mains_hz: 0.1,
+            scan_share: 0.0,
+            torn: 0.0,
+            spiked: 0.0,
             bits: 16,
             range_v: None,
             compliance_v: None,
@@ -270,25 +319,19 @@ impl FabricSettings {
     /// Settings without drift, unevenness, electrode effects, hysteresis, relaxation or instrument
     /// errors: touches only change the conductivity, and no node moves.
     pub fn ideal() -> Self {
-        Self {
-            membrane: Membrane { moves_nodes: false, ..Default::default() },
-            piezo: Piezoresistance {
-                hysteresis: 0.0,
-                relaxing: Vec::new(),
-                relaxation_s: Vec::new(),
-                ..Default::default()
-            },
-            rim: Rim { compliance: 0.0, contact_gain: 0.0 },
-            weave: Weave { amplitude: 0.0, ..Default::default() },
-            drift: Drift { conductivity: 0.0, contact: 0.0, ..Default::default() },
-            instrument: Instrument {
-                noise_v: [0.0, 0.0],
-                gain_error: 0.0,
-                bits: 0,
-                ..Default::default()
-            },
-            linear: None,
-        }
+        let mut ideal = Self::default();
+        ideal.membrane.moves_nodes = false;
+        ideal.piezo.hysteresis = 0.0;
+        ideal.piezo.relaxing.clear();
+        ideal.piezo.relaxation_s.clear();
+        ideal.rim = Rim { compliance: 0.0, contact_gain: 0.0 };
+        ideal.weave.amplitude = 0.0;
+        ideal.drift.conductivity = 0.0;
+        ideal.drift.contact = 0.0;
+        ideal.instrument.noise_v = [0.0, 0.0];
+        ideal.instrument.gain_error = 0.0;
+        ideal.instrument.bits = 0;
+        ideal
     }
 
     /// Settings of a linear skin without drift, unevenness or instrument errors.

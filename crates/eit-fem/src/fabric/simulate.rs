@@ -1,7 +1,7 @@
 //! Simulation of a script: the memory of the fabric is updated frame by frame, solves run in
 //! parallel.
 
-mod frame;
+mod instant;
 mod plan;
 mod results;
 mod settings;
@@ -12,20 +12,24 @@ use super::contact::Indentation;
 use super::fabric_model::Fabric;
 use super::instrument::Channels;
 use super::motion::{Placed, ring};
+use super::print::Ellipse;
 use super::script::{Touch, TouchScript};
 use super::seat::Seat;
+use super::settings::FabricSettings;
 use super::truth::Simulation;
 use crate::error::FemError;
 use eit_mesh::Raster;
-use frame::{Frame, Worker, each, follow, remember};
+use instant::{Instant, Worker, each, follow, remember};
 use plan::Plan;
 use results::true_touches;
 use std::f64::consts::PI;
-use std::time::Instant;
+use std::time;
 
 /// Number of frames processed together. Limits the memory, but is large enough to keep threads
 /// busy.
 const CHUNK: usize = 64;
+/// Number of instants per frame at which a scan that takes time is solved. Between them, voltages are interpolated.
+const INSTANTS: usize = 4;
 
 impl Fabric {
     /// Simulates a script. Ground-truth images use `raster`, which must be of the same mesh. Calls
@@ -44,9 +48,10 @@ impl Fabric {
         settings: &SimulationSettings,
         progress: &mut dyn FnMut(usize),
     ) -> Result<Simulation, FemError> {
-        let start = Instant::now();
-        let dents = self.check(script, raster, settings)?;
+        let start = time::Instant::now();
+        self.check(script, raster, settings)?;
         let plan = self.plan(script, raster, settings.seed);
+        let dents = self.dents(script, &plan)?;
         let mut workers: Vec<Worker> =
             (0..settings.threads.min(CHUNK)).map(|_| self.worker()).collect::<Result<_, _>>()?;
         let (reference_v, untouched) = self.untouched(&plan, &mut workers[0])?;
@@ -58,29 +63,36 @@ impl Fabric {
         made.report.range_v = channels.range_v();
         made.truth.noise_std_v = channels.noise_std_v(protocol.measurements()).into();
         let mut memory = vec![0.0; plan.law.memory() * self.model.elements()];
-        let mut frames: Vec<Frame> =
-            (0..CHUNK.min(script.frames)).map(|_| self.frame(raster)).collect();
+        let n = plan.per_frame;
+        // the first is the last of the chunk before
+        let mut instants: Vec<Instant> =
+            (0..=n * CHUNK.min(script.frames)).map(|_| self.instant(raster)).collect();
         for first in (0..script.frames).step_by(CHUNK) {
             let count = CHUNK.min(script.frames - first);
-            let chunk = &mut frames[..count];
-            for (k, frame) in chunk.iter_mut().enumerate() {
-                frame.index = first + k;
-                frame.touches = script.touches(first + k);
-                frame.dents.clone_from(&dents[first + k]);
+            let chunk = &mut instants[1..=n * count];
+            for (instant, index) in chunk.iter_mut().zip(n * first..) {
+                instant.index = index;
+                instant.touches = script.touches_at(plan.times[index]);
+                instant.dents.clone_from(&dents[index]);
             }
             self.conductivities(&plan, &mut workers, chunk, &mut memory);
-            each(&mut workers, chunk, |worker, frame| {
-                frame.error = self.solve(&plan, worker, frame).err();
+            each(&mut workers, chunk, |worker, instant| {
+                instant.error = self.solve(&plan, worker, instant).err();
             });
-            for frame in chunk.iter_mut() {
-                if let Some(error) = frame.error.take() {
-                    return Err(error);
-                }
-                self.keep(&plan, &channels, frame, &mut made)?;
+            if let Some(error) = chunk.iter_mut().find_map(|instant| instant.error.take()) {
+                return Err(error);
             }
+            if first == 0 {
+                instants[0] = instants[1].clone();
+            }
+            for k in 0..count {
+                let scan = &mut instants[n * k..=n * (k + 1)];
+                self.keep(&plan, &channels, first + k, scan, &mut made)?;
+            }
+            instants.swap(0, n * count);
             progress(first + count);
         }
-        made.truth.touches = true_touches(script, &dents);
+        made.truth.touches = true_touches(&plan, script, &dents);
         made.report.time_s = start.elapsed().as_secs_f64();
         Ok(made)
     }
@@ -90,59 +102,58 @@ impl Fabric {
         &self,
         plan: &Plan<'_>,
         workers: &mut [Worker],
-        frames: &mut [Frame],
+        instants: &mut [Instant],
         memory: &mut [f64],
     ) {
         if let Some(linear) = &self.settings.linear {
-            return each(workers, frames, |_, frame| {
-                self.elements.changes_into(linear, &frame.touches, &mut frame.elements);
-                follow(plan, frame);
+            return each(workers, instants, |_, instant| {
+                self.elements.changes_into(linear, &instant.touches, &mut instant.elements);
+                follow(plan, instant);
             });
         }
-        each(workers, frames, |_, frame| {
-            self.elements.drives_into(&frame.dents, &plan.law, &mut frame.elements);
+        each(workers, instants, |_, instant| {
+            self.elements.drives_into(&instant.dents, &plan.law, &mut instant.elements);
         });
-        frames.iter_mut().for_each(|frame| remember(plan, frame, memory));
+        instants.iter_mut().for_each(|instant| remember(plan, instant, memory));
     }
 
-    /// Validates all input before any work. Returns the dents of every frame; none on a linear
-    /// skin.
+    /// Validates the input before any work.
     fn check(
         &self,
         script: &TouchScript,
         raster: &Raster,
         settings: &SimulationSettings,
-    ) -> Result<Vec<Vec<Placed>>, FemError> {
+    ) -> Result<(), FemError> {
         script.validate(&self.mesh)?;
         let (triangles, elements) = (raster.masked_areas_m2().len(), self.model.elements());
         FemError::check_length("raster of another mesh: its triangles", triangles, elements)?;
-        if settings.threads == 0 {
-            let (quantity, must) = ("threads", "at least 1");
-            return Err(FemError::OutOfRange { quantity, value: 0.0, must });
-        }
+        FemError::require("threads", settings.threads as f64, settings.threads > 0, "at least 1")
+    }
+
+    /// Computes the dents of every instant; none on a linear skin.
+    fn dents(&self, script: &TouchScript, plan: &Plan<'_>) -> Result<Vec<Vec<Placed>>, FemError> {
         if self.settings.linear.is_some() {
-            return Ok(vec![Vec::new(); script.frames]);
+            return Ok(vec![Vec::new(); plan.times.len()]);
         }
-        let place = |frame: usize, touch: &Touch| {
-            let Touch { finger, tip, position_m, force_n, radius_m, direction } = *touch;
-            let membrane = &self.settings.membrane;
+        let FabricSettings { membrane, print, piezo, .. } = &self.settings;
+        let place = |time_s: f64, touch: &Touch| {
+            let Touch { finger, tip, force_n, radius_m, direction, .. } = *touch;
             let nu = membrane.poisson_ratio;
             let drag_m = membrane.friction * force_n * (1.0 + nu) * (3.0 - nu)
                 / (4.0 * PI * membrane.stiffness_n_per_m);
-            let dent = Indentation::new(&self.settings.membrane, tip, radius_m, force_n);
-            let time_s = frame as f64 / script.frame_rate_hz;
             let too_large = FemError::ForceTooLarge { finger, time_s, force_n, radius_m };
-            let dent = dent.ok_or(too_large)?;
-            let seat = Seat::on(self.mesh.surface(), position_m).ok_or_else(|| {
-                let place = "seen from +z".to_owned();
-                let [x_m, y_m] = position_m;
-                FemError::OutsideSkin { finger, place, time_s, x_m, y_m }
-            })?;
-            let length_m = (membrane.tension_n_per_m / membrane.foundation_pa_per_m).sqrt();
-            let ring = ring(&self.settings.piezo, &dent, length_m);
-            Ok(Placed { seat, dent, drag_m: seat.tangent(direction).map(|d| d * drag_m), ring })
+            let dent = Indentation::new(membrane, tip, radius_m, force_n).ok_or(too_large)?;
+            let Ellipse { centre_m, axis, stretch } = print.at(touch, time_s, plan.seed);
+            let seen = || "as its print rolls, seen from +z".to_owned();
+            let seat = Seat::require(self.mesh.surface(), finger, seen, time_s, centre_m)?;
+            let ring = ring(piezo, &dent, membrane.length_m());
+            let drag_m = seat.tangent(direction).map(|d| d * drag_m);
+            Ok(Placed { seat, dent, drag_m, ring, axis: seat.tangent(axis), stretch })
         };
-        let frame = |f: usize| script.touches(f).iter().map(|touch| place(f, touch)).collect();
-        (0..script.frames).map(frame).collect()
+        let at = |time: &f64| {
+            let time_s = time / script.frame_rate_hz;
+            script.touches_at(*time).iter().map(|touch| place(time_s, touch)).collect()
+        };
+        plan.times.iter().map(at).collect()
     }
 }

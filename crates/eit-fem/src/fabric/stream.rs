@@ -17,6 +17,9 @@ pub(super) enum Purpose {
     Warming,
     Flicker,
     Mains,
+    Print,
+    Torn,
+    Spike,
 }
 
 impl Purpose {

@@ -41,11 +41,15 @@ pub enum TrueQuality {
     Loose,
     /// An electrode involved has no contact.
     Lost,
+    /// The value is that of the former frame: this one is torn.
+    Torn,
+    /// A single value is off by up to the largest voltage.
+    Spiked,
 }
 
 impl TrueQuality {
     /// Returns the code used in files: 0 good, 1 source limited, 2 saturated, 3 loose contact open,
-    /// 4 lost electrode.
+    /// 4 lost electrode, 5 torn frame, 6 spiked value.
     pub fn code(self) -> u8 {
         self as u8
     }

@@ -105,6 +105,12 @@ fn same_bytes_for_any_number_of_threads() {
         assert_eq!(a.truth.contact_impedance, b.truth.contact_impedance);
         assert_eq!(a.truth.quality, b.truth.quality);
     };
+    let mut rough = everything();
+    (rough.print.ratio, rough.print.roll_m, rough.piezo.saturation) = (1.5, 1e-3, Some(0.5));
+    rough.instrument.scan_share = 0.8;
+    (rough.instrument.torn, rough.instrument.spiked) = (0.2, 0.2);
+    let scanned = simulate(&rough, &script, 5, 1);
+    same(&scanned, &simulate(&rough, &script, 5, 2));
     let one = simulate(&everything(), &script, 5, 1);
     for threads in [2, 3, usize::MAX] {
         same(&one, &simulate(&everything(), &script, 5, threads));
@@ -114,8 +120,10 @@ fn same_bytes_for_any_number_of_threads() {
     // the first frames of a longer script equal those of a shorter one
     let mut short = script.clone();
     short.frames = 50;
-    let short = simulate(&everything(), &short, 5, 2);
-    assert!(one.frames_v.slice_axis(ndarray::Axis(0), (0..50).into()) == short.frames_v);
+    for (long, settings) in [(one, everything()), (scanned, rough)] {
+        let short = simulate(&settings, &short, 5, 2);
+        assert!(long.frames_v.slice_axis(ndarray::Axis(0), (0..50).into()) == short.frames_v);
+    }
 }
 
 /// With all effects off, frames are plain solves with the ground-truth conductivities.
@@ -188,13 +196,19 @@ fn parts_switch_off_one_by_one() {
         assert!(simulate(&settings, &script, 1, 1).frames_v != base.frames_v, "{name}");
     }
     type Change = fn(&mut FabricSettings);
-    let rough: [(&str, Change); 6] = [
+    let rough: [(&str, Change); 12] = [
         ("direction", |s| s.weave.ratio = 1.6),
         ("ring", |s| s.piezo.ring = 0.5),
         ("warming", |s| s.drift.warming_per_min = 0.01),
         ("common mode", |s| s.instrument.common_mode_db = Some(55.0)),
         ("slow noise", |s| s.instrument.flicker_v = 1e-6),
         ("mains", |s| s.instrument.mains_v = 1e-6),
+        ("ellipse", |s| s.print.ratio = 1.5),
+        ("roll", |s| s.print.roll_m = 1e-3),
+        ("saturation", |s| s.piezo.saturation = Some(0.5)),
+        ("scan", |s| s.instrument.scan_share = 0.8),
+        ("torn frames", |s| s.instrument.torn = 0.5),
+        ("spikes", |s| s.instrument.spiked = 0.5),
     ];
     for (name, change) in rough {
         let mut settings = ideal.clone();
@@ -212,6 +226,9 @@ fn parts_switch_off_one_by_one() {
     off.piezo.ring_radius_m = 0.04;
     off.drift.warming_unevenness = 2.0;
     off.instrument.mains_hz = 3.0;
+    off.print.squash_n = 2.0;
+    off.print.roll_deg = 20.0;
+    off.print.roll_s = 9.0;
     assert_eq!(simulate(&off, &script, 99, 1).frames_v, base.frames_v, "nor has the seed");
     // switching one effect off does not change the random numbers of the others
     let noisy = |weave: Weave| {
@@ -467,6 +484,13 @@ fn bad_settings_are_refused() {
     says(&|s| s.weave.amplitude = -0.1, "fabric.weave.amplitude is -0.1");
     says(&|s| s.instrument.noise_v = [2e-6, 1e-6], "noise_v[1] - noise_v[0]");
     says(&|s| s.instrument.bits = 1, "fabric.instrument.bits is 1");
+    says(&|s| s.print.ratio = 0.5, "fabric.print.ratio is 0.5");
+    says(&|s| s.print.roll_m = -1e-3, "fabric.print.roll_m is -0.001");
+    says(&|s| s.print.roll_s = 0.0, "fabric.print.roll_s is 0");
+    says(&|s| s.piezo.saturation = Some(0.0), "fabric.piezo.saturation is 0");
+    says(&|s| s.instrument.torn = 1.5, "fabric.instrument.torn is 1.5");
+    says(&|s| s.instrument.spiked = f64::NAN, "fabric.instrument.spiked is NaN");
+    says(&|s| s.instrument.scan_share = -0.1, "fabric.instrument.scan_share is -0.1");
     says(&|s| s.instrument.lost = vec![17], "fabric.instrument.lost refers to electrode 17");
     let hard = press([0.0, 0.0], 1000.0);
     let fabric =
@@ -475,6 +499,11 @@ fn bad_settings_are_refused() {
     let how = SimulationSettings::default();
     let error = fabric.simulate(&hard, &raster, &how, &mut |_| {}).unwrap_err().to_string();
     assert!(error.starts_with("finger 7, 0.5 s: 500"), "{error}");
+    let mut rolling = FabricSettings::default();
+    rolling.print.roll_m = 0.2;
+    let fabric = Fabric::new(&mesh, &protocol(), SIGMA, &[1e3; 16], &rolling).unwrap();
+    let error = fabric.simulate(&press([0.0, 0.0], 1.0), &raster, &how, &mut |_| {}).unwrap_err();
+    assert!(error.to_string().contains("as its print rolls"), "{error}");
 }
 
 /// All built-in scripts are valid on the disc and start with 20 quiet frames; the paper's scripts

@@ -3,7 +3,7 @@
 
 use eit_fem::fabric::{
     Fabric, FabricSettings, Finger, Key, PiezoLaw, Piezoresistance, Simulation, SimulationSettings,
-    Tip, TouchScript,
+    Tip, TouchScript, TrueQuality,
 };
 use eit_fem::{PairProtocol, Protocol};
 use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
@@ -27,21 +27,26 @@ fn simulate_with(
     frames: usize,
     change: impl Fn(&mut FabricSettings),
 ) -> Simulation {
+    let key = |time_s, force_n| Key { time_s, position_m: [0.0; 2], force_n, radius_m: 0.01 };
+    let keys = vec![key(0.9, 0.0), key(1.0, 1.0), key(1e6, 1.0)];
+    simulate_keys(protocol, keys, (RATE_HZ, frames), 8, change)
+}
+
+fn simulate_keys(
+    protocol: &Protocol,
+    keys: Vec<Key>,
+    (frame_rate_hz, frames): (f64, usize),
+    pixels: usize,
+    change: impl Fn(&mut FabricSettings),
+) -> Simulation {
     let mut settings = FabricSettings::ideal();
     change(&mut settings);
     let mesh = mesh();
     let fabric = Fabric::new(&mesh, protocol, SIGMA, &[1e3; 16], &settings).unwrap();
-    let key = |time_s, force_n| Key { time_s, position_m: [0.0; 2], force_n, radius_m: 0.01 };
-    let keys = vec![key(0.9, 0.0), key(1.0, 1.0), key(1e6, 1.0)];
     let finger = Finger { id: 1, tip: Tip::Round, interpolation: Default::default(), keys };
-    let script = TouchScript {
-        name: String::new(),
-        frame_rate_hz: RATE_HZ,
-        frames,
-        quiet_frames: 5,
-        fingers: vec![finger],
-    };
-    let raster = Raster::new(mesh.surface(), 8).unwrap();
+    let (name, fingers) = (String::new(), vec![finger]);
+    let script = TouchScript { name, frame_rate_hz, frames, quiet_frames: 5, fingers };
+    let raster = Raster::new(mesh.surface(), pixels).unwrap();
     let how = SimulationSettings { keep_elements: true, ..Default::default() };
     fabric.simulate(&script, &raster, &how, &mut |_| {}).unwrap()
 }
@@ -164,4 +169,176 @@ fn slow_noise_and_mains() {
     }
     let most = mains.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
     assert!((most / 1e-4 - 1.0).abs() < 0.01, "{most}");
+}
+
+/// Sum, centre, ratio of the axes and angle of the long axis, radians, of weights at places.
+fn moments(weights: impl Iterator<Item = ([f64; 2], f64)>) -> (f64, [f64; 2], f64, f64) {
+    let all: Vec<_> = weights.filter(|(_, w)| w.is_finite()).collect();
+    let mean = |of: &dyn Fn([f64; 2]) -> f64| all.iter().map(|(p, w)| of(*p) * w).sum::<f64>();
+    let sum = mean(&|_| 1.0);
+    let centre = [0, 1].map(|k| mean(&|p| p[k]) / sum);
+    let second = |i: usize, j: usize| mean(&|p| (p[i] - centre[i]) * (p[j] - centre[j])) / sum;
+    let (a, b, c) = (second(0, 0), second(1, 1), second(0, 1));
+    let (half, root) = (0.5 * (a + b), (0.25 * (a - b).powi(2) + c * c).sqrt());
+    let angle = 0.5 * (2.0 * c).atan2(a - b);
+    (sum, centre, ((half + root) / (half - root)).sqrt(), angle)
+}
+
+/// A press of 1 N with its pressures in pixels of 1.6 mm, and the moments of those of a frame.
+fn pressed(frames: usize, change: impl Fn(&mut FabricSettings)) -> Simulation {
+    let key = |time_s, force_n| Key { time_s, position_m: [0.0; 2], force_n, radius_m: 0.01 };
+    let keys = vec![key(0.9, 0.0), key(1.0, 1.0), key(1e6, 1.0)];
+    let protocol = PairProtocol::default().protocol().unwrap();
+    simulate_keys(&protocol, keys, (RATE_HZ, frames), 128, change)
+}
+
+fn pressure(made: &Simulation, frame: usize) -> (f64, [f64; 2], f64, f64) {
+    let raster = Raster::new(mesh().surface(), 128).unwrap();
+    let pixels = made.truth.pressure_pa.index_axis(ndarray::Axis(0), frame);
+    let area_m2 = raster.pixel_m().powi(2);
+    let at = |((i, j), p): ((usize, usize), &f64)| (raster.centre_m(i, j), p * area_m2);
+    moments(pixels.indexed_iter().map(at))
+}
+
+/// The print is an ellipse of the set ratio, less with little force, whose pressure and response have the integral of the
+/// round one.
+#[test]
+fn a_print_is_an_ellipse() {
+    let areas_m2 = mesh().surface().areas_m2().to_vec();
+    let response = |made: &Simulation| {
+        let centroids = mesh().surface().centroids();
+        let changes = logarithms(made, 12).into_iter().zip(&areas_m2).map(|(c, area)| c * area);
+        moments(centroids.into_iter().map(|c| [c[0], c[1]]).zip(changes))
+    };
+    // strains reach the rim, which cuts ellipses and circles differently
+    let round = pressed(13, |s| s.piezo.strain_gain = 0.0);
+    for (squash_n, wanted) in [(0.0, 1.6), (1.0, 1.6 - 0.6 * (-1.0_f64).exp())] {
+        let made = pressed(13, |s| {
+            s.piezo.strain_gain = 0.0;
+            (s.print.ratio, s.print.squash_n) = (1.6, squash_n);
+        });
+        let (force_n, _, ratio, angle) = pressure(&made, 12);
+        // pixels of 1.6 mm, contact of 11 mm
+        assert!((force_n - 1.0).abs() < 0.01 && (ratio - wanted).abs() < 0.03, "{force_n} {ratio}");
+        let ((whole, ..), (sum, _, wide, turned)) = (response(&round), response(&made));
+        // elements of 6 mm
+        assert!((sum / whole - 1.0).abs() < 0.05 && (wide - wanted).abs() < 0.15, "{sum} {wide}");
+        assert!((angle - turned).sin().abs() < 0.2, "{angle} {turned}");
+    }
+}
+
+/// A print rolls to and fro across its long axis, and turns, each by its amplitude with its period; the truth is where it is.
+#[test]
+fn a_print_rolls_and_turns() {
+    let (roll_m, turn) = (2e-3, 15.0_f64.to_radians());
+    let made = pressed(40, |s| {
+        (s.print.ratio, s.print.roll_m, s.print.roll_deg) = (1.6, roll_m, 15.0);
+        s.print.roll_s = 2.0;
+    });
+    let place = |f: usize| made.truth.touches.iter().find(|t| t.frame == f).unwrap().position_m;
+    let squares = |f: usize| place(f).iter().map(|x| x * x).sum::<f64>();
+    for f in 12..25 {
+        let (_, centre, _, angle) = pressure(&made, f);
+        let [x, y] = place(f);
+        // a quarter of a period is five frames
+        assert!(((squares(f) + squares(f + 5)).sqrt() / roll_m - 1.0).abs() < 1e-9, "{f}");
+        assert!((centre[0] - x).hypot(centre[1] - y) < 1e-4, "{f}: {centre:?} {x} {y}");
+        assert!((x * angle.cos() + y * angle.sin()).abs() < 0.03 * roll_m, "{f}: along the axis");
+        // the mean of two angles half a period apart is that of all
+        let angles = [f, f + 5, f + 10, f + 15].map(|f| pressure(&made, f).3);
+        let apart = |a: f64, b: f64| (a - b).sin().asin();
+        let off = [apart(angles[0], angles[2]), apart(angles[1], angles[3])];
+        assert!((0.5 * off[0].hypot(off[1]) / turn - 1.0).abs() < 0.06, "{f}: {angles:?}");
+    }
+}
+
+/// The whole change, with its ring, is limited.
+#[test]
+fn a_response_saturates() {
+    let change = |saturation: Option<f64>| {
+        let made = simulate(13, |s| (s.piezo.ring, s.piezo.saturation) = (0.5, saturation));
+        logarithms(&made, 12)
+    };
+    let plain = change(None);
+    for most in [0.02, 0.2] {
+        let limited = change(Some(most));
+        let wanted = plain.iter().map(|c| c / (1.0 + c.abs() / most));
+        let exact = limited.iter().zip(wanted).filter(|(c, wanted)| (*c - wanted).abs() < 1e-12);
+        // those that the contact's edge cuts are means of limited values
+        assert!(limited.len() - exact.count() < 30);
+        assert!(limited.iter().all(|c| c.abs() < most));
+        assert!(limited.iter().any(|c| *c > 0.3 * most) && limited.iter().any(|c| *c < 0.0));
+    }
+}
+
+/// Frames are torn, and values spiked, as often as set; all else is as without.
+#[test]
+fn frames_tear_and_spike() {
+    let with = |torn, spiked| {
+        simulate(400, |s| {
+            s.instrument.noise_v = [1e-6; 2];
+            (s.instrument.torn, s.instrument.spiked) = (torn, spiked);
+        })
+    };
+    let (plain, torn, spiked) = (with(0.0, 0.0), with(0.25, 0.0), with(0.0, 0.25));
+    let largest_v = plain.reference_v.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+    let mut counts = [0; 2];
+    for f in 0..400 {
+        let of = |made: &Simulation, quality| {
+            let is = |k: &usize| made.truth.quality[[f, *k]] == quality;
+            (0..208).filter(is).collect::<Vec<_>>()
+        };
+        let (rest, spikes) = (of(&torn, TrueQuality::Torn), of(&spiked, TrueQuality::Spiked));
+        let from = 208 - rest.len();
+        assert!(from > 0 && rest.iter().all(|k| *k >= from), "{f}: {rest:?}");
+        assert!((0..from).all(|k| torn.frames_v[[f, k]] == plain.frames_v[[f, k]]));
+        assert!((from..208).all(|k| torn.frames_v[[f, k]] == torn.frames_v[[f - 1, k]]));
+        assert!(spikes.len() <= 1, "{f}: {spikes:?}");
+        for k in 0..208 {
+            let off_v = (spiked.frames_v[[f, k]] - plain.frames_v[[f, k]]).abs();
+            assert!(off_v <= largest_v && (off_v > 0.0) == spikes.contains(&k), "{f} {k}: {off_v}");
+        }
+        counts[0] += usize::from(from < 208);
+        counts[1] += spikes.len();
+    }
+    // four standard deviations of 400 draws of a quarter
+    assert!(counts.iter().all(|count| (65..=135).contains(count)), "{counts:?}");
+}
+
+/// The values of each drive are those of a faster recording at the drive's own time.
+#[test]
+fn each_drive_has_its_own_time() {
+    /// Frames of the faster recording per frame.
+    const FINE: usize = 32;
+    let protocol = PairProtocol::default().protocol().unwrap();
+    // 50 mm/s, 5 mm from frame to frame
+    let key = |time_s, x, force_n| Key { time_s, position_m: [x, 0.02], force_n, radius_m: 0.01 };
+    let keys = || vec![key(0.5, -0.04, 0.0), key(0.6, -0.04, 1.0), key(1.6, 0.01, 1.0)];
+    let norm = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let linear = FabricSettings::linear(0.3).linear;
+    // linear between instants 1.25 mm apart; on the fabric, elements of 6 mm under a print of 7 mm let the voltages jump
+    for (linear, allowed) in [(linear, 0.003), (None, 0.03)] {
+        let scanned = |rate: (f64, usize), scan_share: f64| {
+            simulate_keys(&protocol, keys(), rate, 8, |s| {
+                (s.instrument.scan_share, s.linear) = (scan_share, linear);
+            })
+        };
+        let fine = scanned((FINE as f64 * RATE_HZ, 12 * FINE), 0.0);
+        let made = scanned((RATE_HZ, 12), 1.0);
+        assert_eq!(made.frames_v.row(3), fine.frames_v.row(3), "nothing moves");
+        for f in 8..11 {
+            let touch = made.truth.touches.iter().find(|t| t.frame == f).unwrap();
+            assert!((touch.position_m[0] - (0.005 * f as f64 - 0.07)).abs() < 1e-12);
+            let (mut off, mut late, mut signal) = (Vec::new(), Vec::new(), Vec::new());
+            for (k, [drive, _]) in protocol.data().iter().enumerate() {
+                let (v, place) = (made.exact_v[[f, k]], FINE * f);
+                off.push(v - fine.exact_v[[place + 2 * *drive as usize - 15, k]]);
+                late.push(v - fine.exact_v[[place, k]]);
+                signal.push(v - made.reference_v[k]);
+            }
+            let [off, late] = [off, late].map(|values| norm(&values) / norm(&signal));
+            println!("frame {f}: off by {off:.4} of the signal, by {late:.3} all at once");
+            assert!(off < allowed && late > 0.03, "{f}: {off} {late}");
+        }
+    }
 }

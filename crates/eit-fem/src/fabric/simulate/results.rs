@@ -1,7 +1,7 @@
 //! Assembly of results and ground truth.
 
 use super::CHUNK;
-use super::frame::Frame;
+use super::instant::Instant;
 use super::plan::Plan;
 use super::settings::SimulationSettings;
 use crate::error::FemError;
@@ -50,87 +50,105 @@ impl Fabric {
         Simulation { frames_v: exact_v.clone(), exact_v, reference_v, truth, report }
     }
 
-    /// Passes a solved frame through the instrument and stores it in the results.
+    /// Passes a frame, solved at the instants of its scan, through the instrument and stores it in the results.
     pub(super) fn keep(
         &self,
         plan: &Plan<'_>,
         channels: &Channels,
-        frame: &mut Frame,
+        f: usize,
+        scan: &mut [Instant],
         made: &mut Simulation,
     ) -> Result<(), FemError> {
-        let (f, truth) = (frame.index, &mut made.truth);
-        made.exact_v.row_mut(f).assign(&ArrayView1::from(&frame.voltages_v));
-        let mut quality = self.quality(plan, frame);
-        channels.measure(f, &mut frame.voltages_v, &mut quality);
-        made.frames_v.row_mut(f).assign(&ArrayView1::from(&frame.voltages_v));
+        let (mut values_v, mut quality) = self.scanned(plan, scan);
+        let (instant, truth) = (&mut scan[1 + plan.middle], &mut made.truth);
+        made.exact_v.row_mut(f).assign(&ArrayView1::from(&values_v));
+        channels.measure(f, &mut values_v, &mut quality);
+        let count = values_v.len();
+        for k in channels.own_values(f, count)..count {
+            (values_v[k], quality[k]) = (made.frames_v[[f - 1, k]], TrueQuality::Torn);
+        }
+        made.frames_v.row_mut(f).assign(&ArrayView1::from(&values_v));
         truth.quality.row_mut(f).assign(&Array1::from_vec(quality));
-        for (sigma, untouched) in frame.elements.iter_mut().zip(&plan.untouched_s) {
+        for (sigma, untouched) in instant.elements.iter_mut().zip(&plan.untouched_s) {
             *sigma -= untouched;
         }
         if let Some(changes) = &mut truth.element_change_s {
-            changes.row_mut(f).assign(&ArrayView1::from(&frame.elements));
+            changes.row_mut(f).assign(&ArrayView1::from(&instant.elements));
         }
         let image = |array: &mut Array3<f64>, pixels: &[f64]| {
-            let sizes = |_| FemError::WrongLength {
-                what: "pixels of the raster",
-                found: pixels.len(),
-                wanted: plan.raster.masked_pixels().len(),
-            };
+            let (what, wanted) = ("pixels of the raster", plan.raster.masked_pixels().len());
+            let sizes = |_| FemError::WrongLength { what, found: pixels.len(), wanted };
             let row = array.index_axis_mut(Axis(0), f);
             plan.raster.image_from_pixels_into(pixels, row).map_err(sizes)
         };
-        image(&mut truth.pressure_pa, &frame.pixels_pa)?;
+        image(&mut truth.pressure_pa, &instant.pixels_pa)?;
         // the pressures are stored, so reuse their memory for the conductivities
-        let pixels = &mut frame.pixels_pa;
-        plan.raster.pixel_from_element().apply(&frame.elements, pixels).map_err(|_| {
-            let (found, wanted) = (frame.elements.len(), self.model.elements());
+        let pixels = &mut instant.pixels_pa;
+        plan.raster.pixel_from_element().apply(&instant.elements, pixels).map_err(|_| {
+            let (found, wanted) = (instant.elements.len(), self.model.elements());
             FemError::WrongLength { what: "elements of the raster", found, wanted }
         })?;
         image(&mut truth.conductivity_change_s, pixels)?;
-        for (l, shift) in frame.shifts_m.iter().enumerate() {
+        for (l, shift) in instant.shifts_m.iter().enumerate() {
             (0..3).for_each(|k| truth.electrode_shift_m[[f, l, k]] = shift[k]);
         }
-        truth.contact_impedance.row_mut(f).assign(&ArrayView1::from(&frame.contact_impedance));
-        made.report.least_area_ratio = made.report.least_area_ratio.min(frame.area_ratio);
+        truth.contact_impedance.row_mut(f).assign(&ArrayView1::from(&instant.contact_impedance));
+        made.report.least_area_ratio = made.report.least_area_ratio.min(instant.area_ratio);
         Ok(())
     }
 
-    /// Quality of each measurement before the converter.
-    pub(super) fn quality(&self, plan: &Plan<'_>, frame: &Frame) -> Vec<TrueQuality> {
+    /// Exact value and quality of each measurement when its drive is on, interpolated between the last instant of the
+    /// former frame and those of this one.
+    fn scanned(&self, plan: &Plan<'_>, scan: &[Instant]) -> (Vec<f64>, Vec<TrueQuality>) {
+        let at = |(k, datum): (usize, &[u32; 2])| {
+            let place = (1 + plan.middle) as f64 + plan.scan[datum[0] as usize];
+            let (before, part) = (&scan[place as usize], place.fract());
+            let after = if part > 0.0 { &scan[place as usize + 1] } else { before };
+            let [v, next_v] = [before, after].map(|instant| instant.voltages_v[k]);
+            let quality = [before, after].map(|instant| self.quality(plan, instant, datum));
+            (v + part * (next_v - v), quality[0].max(quality[1]))
+        };
+        self.model.protocol().data().iter().enumerate().map(at).unzip()
+    }
+
+    /// Quality of a measurement before the converter.
+    fn quality(&self, plan: &Plan<'_>, instant: &Instant, datum: &[u32; 2]) -> TrueQuality {
         let patterns = &self.model.patterns;
         let lost = |l: u32| self.settings.instrument.lost.contains(&(l as usize + 1));
-        let open = |l: u32| plan.open[frame.index][l as usize];
-        let of = |datum: &[u32; 2]| {
-            let [stimulation, pattern] = datum.map(|k| k as usize);
-            let involved =
-                patterns.stimulations_a[stimulation].iter().chain(&patterns.measurements[pattern]);
-            let mut electrodes = involved.map(|entry| entry.0);
-            if electrodes.clone().any(lost) {
-                TrueQuality::Lost
-            } else if electrodes.any(open) {
-                TrueQuality::Loose
-            } else if frame.limited[stimulation] {
-                TrueQuality::SourceLimited
-            } else {
-                TrueQuality::Good
-            }
-        };
-        self.model.protocol().data().iter().map(of).collect()
+        let open = |l: u32| plan.open[instant.index][l as usize];
+        let [stimulation, pattern] = datum.map(|k| k as usize);
+        let involved =
+            patterns.stimulations_a[stimulation].iter().chain(&patterns.measurements[pattern]);
+        let mut electrodes = involved.map(|entry| entry.0);
+        if electrodes.clone().any(lost) {
+            TrueQuality::Lost
+        } else if electrodes.any(open) {
+            TrueQuality::Loose
+        } else if instant.limited[stimulation] {
+            TrueQuality::SourceLimited
+        } else {
+            TrueQuality::Good
+        }
     }
 }
 
 /// Collects the touches of all frames. Without dents (linear skin), the contact radius is that of
 /// the tip.
-pub(super) fn true_touches(script: &TouchScript, placed: &[Vec<Placed>]) -> Vec<TrueTouch> {
-    let frames = placed.iter().enumerate();
+pub(super) fn true_touches(
+    plan: &Plan<'_>,
+    script: &TouchScript,
+    placed: &[Vec<Placed>],
+) -> Vec<TrueTouch> {
+    let middles = placed.iter().skip(plan.middle).step_by(plan.per_frame);
     let of_frame = |(frame, dents): (usize, &Vec<Placed>)| {
         let of = move |(k, touch): (usize, Touch)| {
             let dent = dents.get(k).map(|placed| placed.dent);
+            let [x, y, _] = dents.get(k).map_or([0.0; 3], |placed| placed.seat.place_m);
             let contact_radius_m = dent.map_or(touch.radius_m, |dent| dent.contact_radius_m);
             TrueTouch {
                 frame,
                 finger: touch.finger,
-                position_m: touch.position_m,
+                position_m: dent.map_or(touch.position_m, |_| [x, y]),
                 force_n: touch.force_n,
                 tip_radius_m: touch.radius_m,
                 contact_radius_m,
@@ -140,5 +158,5 @@ pub(super) fn true_touches(script: &TouchScript, placed: &[Vec<Placed>]) -> Vec<
         };
         script.touches(frame).into_iter().enumerate().map(of).collect::<Vec<_>>()
     };
-    frames.flat_map(of_frame).collect()
+    middles.enumerate().flat_map(of_frame).collect()
 }

@@ -1,4 +1,4 @@
-//! One frame: move the nodes, solve, and compute exact voltages.
+//! One instant: move the nodes, solve, and compute exact voltages. A frame has one instant, or several if its scan takes time.
 
 use super::plan::Plan;
 use crate::error::FemError;
@@ -12,10 +12,12 @@ use crate::model::Geometry;
 use crate::solve::{SolveReport, Workspace};
 use eit_core::vector::{dot, normal, unit};
 use eit_mesh::Raster;
-use ndarray::{Array1, Array2};
+use ndarray::{Array1, Array2, ArrayView1};
 
-/// Intermediate results of one frame.
-pub(super) struct Frame {
+/// Intermediate results of one instant.
+#[derive(Clone)]
+pub(super) struct Instant {
+    /// Index in [`Plan::times`].
     pub index: usize,
     /// Touches and their dents; a linear skin has no dents.
     pub touches: Vec<Touch>,
@@ -48,9 +50,9 @@ impl Fabric {
         })
     }
 
-    pub(super) fn frame(&self, raster: &Raster) -> Frame {
+    pub(super) fn instant(&self, raster: &Raster) -> Instant {
         let electrodes = self.contact_impedance.len();
-        Frame {
+        Instant {
             index: 0,
             touches: Vec::new(),
             dents: Vec::new(),
@@ -80,40 +82,43 @@ impl Fabric {
         &self,
         plan: &Plan<'_>,
         worker: &mut Worker,
-        frame: &mut Frame,
+        instant: &mut Instant,
     ) -> Result<(), FemError> {
         let Worker { workspace, geometry, nodes_m } = worker;
-        frame.contact_impedance.copy_from_slice(&plan.contact_drift[frame.index]);
-        self.motion.add_contacts(&frame.dents, &mut frame.contact_impedance);
+        for (log, drift) in instant.contact_impedance.iter_mut().zip(&plan.contact_drift) {
+            *log = drift[instant.index];
+        }
+        self.motion.add_contacts(&instant.dents, &mut instant.contact_impedance);
         let instrument = &self.settings.instrument;
-        for (l, z) in frame.contact_impedance.iter_mut().enumerate() {
-            let open = plan.open[frame.index][l] || instrument.lost.contains(&(l + 1));
+        for (l, z) in instant.contact_impedance.iter_mut().enumerate() {
+            let open = plan.open[instant.index][l] || instrument.lost.contains(&(l + 1));
             let factor = if open { instrument.open_factor } else { 1.0 };
             *z = if *z == 0.0 { 1.0 } else { z.exp() } * factor * self.contact_impedance[l];
         }
-        let touches = if self.motion.moves() { frame.dents.as_slice() } else { &[] };
+        let touches = if self.motion.moves { instant.dents.as_slice() } else { &[] };
         self.motion.nodes_into(touches, nodes_m);
-        self.motion.shifts_into(nodes_m, &mut frame.shifts_m);
-        frame.area_ratio = self.area_ratio(frame.index, nodes_m)?;
-        self.model.deform(nodes_m, &frame.contact_impedance, geometry)?;
-        let solution = self.model.solve_deformed(geometry, &frame.elements, workspace)?;
-        solution.measurements_into(&mut frame.voltages_v)?;
+        self.motion.shifts_into(nodes_m, &mut instant.shifts_m);
+        let frame = plan.times[instant.index].round() as usize;
+        instant.area_ratio = self.area_ratio(frame, nodes_m)?;
+        self.model.deform(nodes_m, &instant.contact_impedance, geometry)?;
+        let solution = self.model.solve_deformed(geometry, &instant.elements, workspace)?;
+        solution.measurements_into(&mut instant.voltages_v)?;
         if instrument.compliance_v.is_some() || instrument.common_mode_db.is_some() {
             let potentials = solution.electrode_potentials();
             if let Some(rejection_db) = instrument.common_mode_db {
-                self.leak(rejection_db, &potentials, &mut frame.voltages_v);
+                self.leak(rejection_db, &potentials, &mut instant.voltages_v);
             }
             if let Some(compliance_v) = instrument.compliance_v {
-                self.limit(compliance_v, &potentials, frame);
+                self.limit(compliance_v, &potentials, instant);
             }
         }
         match self.settings.linear {
             None => {
-                pressures_into(plan.raster, &plan.seats, &frame.dents, &mut frame.pixels_pa);
+                pressures_into(plan.raster, &plan.seats, &instant.dents, &mut instant.pixels_pa);
             }
             Some(_) => {
-                let at = |place| linear::pressure_pa(&frame.touches, place);
-                pixel_means_into(plan.raster, at, &mut frame.pixels_pa);
+                let at = |place| linear::pressure_pa(&instant.touches, place);
+                pixel_means_into(plan.raster, at, &mut instant.pixels_pa);
             }
         }
         Ok(())
@@ -154,66 +159,61 @@ impl Fabric {
     }
 
     /// Scales down stimulations whose drive voltage exceeds the compliance voltage of the source.
-    pub(super) fn limit(&self, compliance_v: f64, potentials: &Array2<f64>, frame: &mut Frame) {
-        let factors: Vec<f64> = self
-            .model
-            .patterns
-            .stimulations_a
-            .iter()
-            .zip(potentials.rows())
-            .map(|(currents, row)| {
-                let driven = currents.iter().map(|c| row[c.0 as usize]);
-                let (low, high) = driven
-                    .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-                (compliance_v / (high - low)).min(1.0)
-            })
-            .collect();
-        frame.limited.iter_mut().zip(&factors).for_each(|(limited, f)| *limited = *f < 1.0);
-        for (v, datum) in frame.voltages_v.iter_mut().zip(self.model.protocol().data()) {
+    pub(super) fn limit(&self, compliance_v: f64, potentials: &Array2<f64>, instant: &mut Instant) {
+        let factor = |(currents, row): (&Vec<(u32, f64)>, ArrayView1<'_, f64>)| {
+            let driven = currents.iter().map(|c| row[c.0 as usize]);
+            let (low, high) =
+                driven.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+            (compliance_v / (high - low)).min(1.0)
+        };
+        let stimulations = &self.model.patterns.stimulations_a;
+        let factors: Vec<f64> = stimulations.iter().zip(potentials.rows()).map(factor).collect();
+        instant.limited.iter_mut().zip(&factors).for_each(|(limited, f)| *limited = *f < 1.0);
+        for (v, datum) in instant.voltages_v.iter_mut().zip(self.model.protocol().data()) {
             *v *= factors[datum[0] as usize];
         }
     }
 }
 
-/// Processes frames in parallel. Each frame is independent of the others, so results do not depend
+/// Processes instants in parallel. Each is independent of the others, so results do not depend
 /// on the number of threads.
 pub(super) fn each(
     workers: &mut [Worker],
-    frames: &mut [Frame],
-    work: impl Fn(&mut Worker, &mut Frame) + Sync,
+    instants: &mut [Instant],
+    work: impl Fn(&mut Worker, &mut Instant) + Sync,
 ) {
-    let share = frames.len().div_ceil(workers.len());
+    let share = instants.len().div_ceil(workers.len());
     std::thread::scope(|scope| {
-        for (worker, frames) in workers.iter_mut().zip(frames.chunks_mut(share)) {
+        for (worker, instants) in workers.iter_mut().zip(instants.chunks_mut(share)) {
             let work = &work;
-            scope.spawn(move || frames.iter_mut().for_each(|frame| work(worker, frame)));
+            scope.spawn(move || instants.iter_mut().for_each(|instant| work(worker, instant)));
         }
     });
 }
 
 /// Converts relative changes to conductivities, without memory.
-pub(super) fn follow(plan: &Plan<'_>, frame: &mut Frame) {
-    let drift = plan.sheet_drift[frame.index].exp();
-    for (value, untouched) in frame.elements.iter_mut().zip(&plan.untouched_s) {
+pub(super) fn follow(plan: &Plan<'_>, instant: &mut Instant) {
+    let drift = plan.sheet_drift[instant.index].exp();
+    for (value, untouched) in instant.elements.iter_mut().zip(&plan.untouched_s) {
         *value = untouched * (1.0 + *value) * drift;
     }
-    warm(plan, frame);
+    warm(plan, instant);
 }
 
 /// Warms the sheet.
-fn warm(plan: &Plan<'_>, frame: &mut Frame) {
-    for (value, warming) in frame.elements.iter_mut().zip(&plan.warming) {
-        *value *= (frame.index as f64 * warming).exp();
+fn warm(plan: &Plan<'_>, instant: &mut Instant) {
+    for (value, warming) in instant.elements.iter_mut().zip(&plan.warming) {
+        *value *= (plan.times[instant.index] * warming).exp();
     }
 }
 
 /// Converts drives to conductivities, with the memory of each element.
-pub(super) fn remember(plan: &Plan<'_>, frame: &mut Frame, memory: &mut [f64]) {
+pub(super) fn remember(plan: &Plan<'_>, instant: &mut Instant, memory: &mut [f64]) {
     let size = plan.law.memory();
-    let drift = plan.sheet_drift[frame.index];
-    for (e, (value, untouched)) in frame.elements.iter_mut().zip(&plan.untouched_s).enumerate() {
+    let drift = plan.sheet_drift[instant.index];
+    for (e, (value, untouched)) in instant.elements.iter_mut().zip(&plan.untouched_s).enumerate() {
         let change = drift + plan.law.step(*value, &mut memory[e * size..(e + 1) * size]);
         *value = if change == 0.0 { *untouched } else { untouched * change.exp() };
     }
-    warm(plan, frame);
+    warm(plan, instant);
 }
