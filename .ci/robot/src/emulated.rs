@@ -22,7 +22,8 @@ pub fn start(skin: &Skin) -> Result<Emulator, Box<dyn Error>> {
     let how = SimulationSettings { seed: 1, threads: 2, keep_elements: false };
     let raster = finer.raster(&mut Progress::silent())?;
     let made = finer.simulated_fabric()?.simulate(&script, &raster, &how, &mut |_| {})?;
-    let content = Content { frames: PlayedFrames::Values(&made.frames_v), serial: "1", seed: 1 };
+    let frames = PlayedFrames::Values(&made.frames_v);
+    let content = Content { frames, serial: "1", seed: 1, scan_share: 0.0 };
     let instrument = skin.instrument()?;
     let device = device(skin, &instrument, &content, &mut Progress::silent())?;
     let anywhere = Listen::Tcp("127.0.0.1:0".to_owned());

@@ -295,6 +295,8 @@ impl Made<'_> {
                 "saturated": bad(TrueQuality::Saturated),
                 "loose": bad(TrueQuality::Loose),
                 "lost": bad(TrueQuality::Lost),
+                "torn": bad(TrueQuality::Torn),
+                "spiked": bad(TrueQuality::Spiked),
             },
             "untouched_solve": crate::reconstruct::solve_json(&report.untouched),
             "threads": report.threads,

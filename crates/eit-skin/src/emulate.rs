@@ -30,19 +30,40 @@ struct Played {
     imaginary: Option<Array2<f64>>,
     noise: f64,
     random: Random,
+    /// When each value is measured, from half a frame before the frame's time to half a frame after it.
+    shifts: Vec<f64>,
 }
 
 impl Played {
-    /// Value `index` of frame `number`.
+    /// Value `index` of frame `number`, between those of the nearest frames of the loop.
     fn at(&mut self, number: u64, index: usize) -> [f64; 2] {
-        let row = (number % self.real.nrows() as u64) as usize;
+        let rows = self.real.nrows();
+        let (row, shift) = ((number % rows as u64) as usize, self.shifts[index]);
+        let other = if shift < 0.0 { row.saturating_sub(1) } else { (row + 1).min(rows - 1) };
+        let between = |parts: &Array2<f64>| {
+            let value = parts[[row, index]];
+            value + shift.abs() * (parts[[other, index]] - value)
+        };
         let noise = match self.noise > 0.0 {
             true => self.noise * self.random.normal(),
             false => 0.0,
         };
-        let imaginary = self.imaginary.as_ref().map_or(0.0, |parts| parts[[row, index]]);
-        [self.real[[row, index]] + noise, imaginary]
+        [between(&self.real) + noise, self.imaginary.as_ref().map_or(0.0, between)]
     }
+}
+
+/// When each value is measured, in frames after the frame's time, if the drives of a scan take turns, evenly around it.
+fn shifts(quadruples: &[Quadruple], scan_share: f64) -> Vec<f64> {
+    let mut drives: Vec<[u32; 2]> = Vec::new();
+    let mut number = |&[a, b, ..]: &Quadruple| {
+        drives.iter().position(|drive| *drive == [a, b]).unwrap_or_else(|| {
+            drives.push([a, b]);
+            drives.len() - 1
+        })
+    };
+    let numbers: Vec<usize> = quadruples.iter().map(&mut number).collect();
+    let shift = |k: usize| scan_share * ((k as f64 + 0.5) / drives.len() as f64 - 0.5);
+    numbers.into_iter().map(shift).collect()
 }
 
 /// Frames that an emulated instrument plays in a loop.
@@ -65,6 +86,9 @@ pub struct Content<'a> {
     pub serial: &'a str,
     /// Seed of the noise.
     pub seed: u64,
+    /// Time from the first to the last drive of a scan as a share of the time between frames, 0 to 1: values of a drive
+    /// lie between those of two frames of a file. 0: all drives at once.
+    pub scan_share: f64,
 }
 
 /// Builds the device that the scene's driver talks to.
@@ -79,7 +103,11 @@ pub fn device(
     progress: &mut Progress,
 ) -> Result<Box<dyn Device>, SkinError> {
     let wanted = quadruples(instrument);
-    let played = match content.frames {
+    if !(0.0..=1.0).contains(&content.scan_share) {
+        let why = format!("{}: it must be from 0 to 1", content.scan_share);
+        return Err(SkinError::argument("scan_share", why));
+    }
+    let mut played = match content.frames {
         PlayedFrames::File(file) => from_file(skin, instrument, &wanted, file)?,
         PlayedFrames::Values(values) => Played {
             real: arranged(&instrument.quadruples, values, &wanted)
@@ -87,9 +115,11 @@ pub fn device(
             imaginary: None,
             noise: 0.0,
             random: Random::new(0),
+            shifts: Vec::new(),
         },
         PlayedFrames::Untouched => from_model(skin, instrument, &wanted, content.seed, progress)?,
     };
+    played.shifts = shifts(&wanted, content.scan_share);
     match &instrument.kind {
         DriverKind::Eits1 => Ok(eits1(instrument, content.serial, played)),
         DriverKind::Sciospec(_) => sciospec(instrument, content.serial, played),
@@ -160,6 +190,7 @@ fn from_model(
         imaginary: None,
         noise: skin.settings.noise.additive_v.unwrap_or(DEFAULT_NOISE * median),
         random: Random::stream(seed, 0x0a02_bdbf_7bb3_c0a7),
+        shifts: Vec::new(),
     })
 }
 
@@ -187,7 +218,7 @@ fn from_file(
         true => Some(part(eit_hw::Component::Imaginary)?),
         false => None,
     };
-    Ok(Played { real, imaginary, noise: 0.0, random: Random::new(0) })
+    Ok(Played { real, imaginary, noise: 0.0, random: Random::new(0), shifts: Vec::new() })
 }
 
 fn mismatch(skin: &Skin, instrument: &Instrument, why: &str) -> SkinError {
@@ -277,4 +308,32 @@ fn text_board(
     // the device has no scene: it sends what it is given
     board.layout = Layout::ProtocolOrder;
     Box::new(BoardDevice::new(board, instrument.frame_rate_hz, Box::new(source)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    /// Values lie between those of the frames around them, each drive's at its own time; ends of the loop stay.
+    #[test]
+    fn drives_take_turns() {
+        let quadruples = [[0, 1, 2, 3], [0, 1, 3, 4], [1, 2, 3, 4], [2, 3, 4, 0], [2, 3, 0, 1]];
+        let mut played = Played {
+            real: array![[1.0; 5], [5.0; 5], [13.0; 5]],
+            imaginary: None,
+            noise: 0.0,
+            random: Random::new(0),
+            shifts: shifts(&quadruples, 0.75),
+        };
+        // three drives: a quarter of a frame before, at and after its time
+        for (number, wanted) in
+            [(0, [1.0, 1.0, 2.0]), (1, [4.0, 5.0, 7.0]), (5, [11.0, 13.0, 13.0])]
+        {
+            let found = [0, 1, 2, 3, 4].map(|index| played.at(number, index)[0]);
+            let [before, at, after] = wanted;
+            assert_eq!(found, [before, before, at, after, after], "{number}");
+        }
+        assert!(shifts(&quadruples, 0.0).iter().all(|shift| *shift == 0.0));
+    }
 }

@@ -261,6 +261,10 @@ pub(crate) struct EmulateArgs {
     /// host's rate.
     #[arg(long, value_name = "R")]
     pub rate_hz: Option<f64>,
+    /// Time from the first to the last drive of a scan as a share of the time between frames, 0 to 1: as the drives
+    /// take turns, their values lie between those of two frames of --frames.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub scan_share: f64,
     /// Serial number.
     #[arg(long, value_name = "TEXT", default_value = "1")]
     pub serial: String,

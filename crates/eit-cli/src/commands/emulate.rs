@@ -19,7 +19,8 @@ pub(super) fn run(args: &EmulateArgs) -> Result<Answer, CliError> {
         instrument.frame_rate_hz = rate_hz;
     }
     let frames = args.frames.as_deref().map_or(PlayedFrames::Untouched, PlayedFrames::File);
-    let content = Content { frames, serial: &args.serial, seed: args.seed };
+    let (serial, seed, scan_share) = (args.serial.as_str(), args.seed, args.scan_share);
+    let content = Content { frames, serial, seed, scan_share };
     let mut progress = progress::terminal();
     let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
     let device = emulate::device(&skin, &instrument, &content, &mut progress)?;

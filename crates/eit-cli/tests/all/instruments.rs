@@ -412,6 +412,7 @@ fn bad_input_is_reported_in_one_line() {
             "did you mean \"drop_byte\"?",
         ),
         (format!("emulate {good} --port {none} --fault drop_byte=2.0"), "drop_byte is 2"),
+        (format!("emulate {good} --port {none} --scan-share 2"), "--scan-share: 2: it must be"),
     ] {
         let said = refuse(&line);
         assert!(said.contains(wanted), "{line}: {said}");

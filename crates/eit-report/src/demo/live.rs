@@ -110,7 +110,8 @@ fn stacked(images: &[Array2<f64>]) -> Result<Array3<f64>, ReportError> {
 /// Starts the instrument on a pseudo-terminal and opens it; if that fails, uses TCP and gives the
 /// reason.
 fn connect(model: &LiveModel, instrument: &Instrument, frames: &Path) -> Result<Wire, ReportError> {
-    let content = Content { frames: PlayedFrames::File(frames), serial: "demo", seed: 0 };
+    let frames = PlayedFrames::File(frames);
+    let content = Content { frames, serial: "demo", seed: 0, scan_share: 0.0 };
     let open = |listen: &Listen, line: &str| {
         let mut silent = Progress::silent();
         let device = emulate::device(model.skin(), instrument, &content, &mut silent)?;
