@@ -1,37 +1,35 @@
-//! Learning from presses at known positions: where a touch is and how hard it presses.
+//! Learning from presses at known positions: what a press does to each channel, how sure that is, and how hard it is.
 //!
 //! ```text
-//! presses (frames, positions) + model --pose--> positions on the model's skin
-//!        --choose--> ResponseMap     response to a press at each position, searched for the position
-//!                    PlaceRegression frame -> position directly
-//!        --force---> ForceCurve      strength and position of a touch -> newtons
+//! presses (changes, positions) + model --Orientation--> ResponseMap   response at each place, and its covariance
+//!                                                 |--> touch::LearntDetector   touches of a frame
+//! strength and position of a touch --ForceCurve--> newtons
 //! ```
 //!
 //! | file | holds |
 //! |---|---|
 //! | `presses.rs` | [`Presses`], [`ModelResponses`]: data to learn from, and the model's responses |
-//! | `response_map.rs` | [`ResponseMap`]: a Gaussian process over positions with the model as its mean |
-//! | `locate.rs` | [`Locator`], [`Located`]: position, covariance and strength of a touch in a frame |
-//! | `choose.rs` | its parameters by cross-validation, and the remaining errors |
-//! | `regression.rs` | [`PlaceRegression`]: kernel ridge regression from frame to position |
-//! | `pose.rs` | [`Pose`]: rotation, mirror, scale and shift from press table to model, and sign |
+//! | `orientation.rs` | [`Orientation`]: turn, mirror and sign of the model under which it predicts presses best |
+//! | `process.rs` | Gaussian process over places, with presses left out in closed form |
+//! | `response_map.rs` | [`ResponseMap`]: gains and process, their settings by cross-validation, and their error |
+//! | `covariance.rs` | covariances of few rows, and quantiles |
 //! | `force.rs` | [`ForceCurve`]: strength and position to newtons, monotone |
 //!
 //! Frames here are differences `[channel]`, pressed minus untouched, in any unit. A channel is a
 //! measurement that is used.
 
-mod choose;
+mod covariance;
 mod force;
-mod locate;
-mod pose;
+mod linear;
+mod orientation;
 mod presses;
-mod regression;
+mod process;
 mod response_map;
 
-pub use choose::{Choice, FoldErrors};
+pub(crate) use covariance::{Covariance, chi_square_level, f_level, shrunk, tail_level};
 pub use force::{ForceCurve, ForceEstimate, ForceSample};
-pub use locate::{Located, Locator};
-pub use pose::{Pose, PoseFit};
+pub(crate) use linear::{eigen, inverse_of_factor};
+pub use orientation::Orientation;
 pub use presses::{ModelResponses, Presses, bell_responses, candidates};
-pub use regression::{PlaceEstimate, PlaceRegression, PlaceRegressionSettings};
-pub use response_map::{ResponseMap, ResponseMapSettings};
+pub(crate) use response_map::{CLIP, folds};
+pub use response_map::{MapSettings, ResponseMap};

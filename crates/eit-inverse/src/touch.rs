@@ -7,6 +7,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `detector/` | [`TouchDetector`]: the touches of a frame, and a reference that follows everything else |
+//! | `learnt/` | [`LearntDetector`]: the same on a skin that was learnt from presses |
 //! | `points.rs` | [`TouchTracker`]: ids and velocities of detected touches |
 //! | `contact.rs` | [`Touch`]: what is reported for each touch |
 //! | `assign.rs`, `filter.rs`, `motion.rs` | optimal assignment, Kalman filter, rest or motion |
@@ -16,6 +17,8 @@ mod assign;
 mod contact;
 mod detector;
 mod filter;
+#[cfg(feature = "learn")]
+mod learnt;
 mod motion;
 mod points;
 mod skin;
@@ -26,5 +29,7 @@ pub use detector::{
     TouchDetector, UnknownKind,
 };
 #[cfg(feature = "learn")]
-pub(crate) use detector::{Places, bell_at, dot};
+pub(crate) use detector::{Places, bell_at};
+#[cfg(feature = "learn")]
+pub use learnt::{HeldPress, LearntDetector, LearntSettings, Untouched};
 pub use points::{TouchTracker, TrackerSettings};

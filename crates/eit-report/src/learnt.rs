@@ -5,7 +5,7 @@ use crate::error::ReportError;
 use crate::output::{OutFile, io};
 use eit_picture::{Plot, Series, draw_plot};
 use eit_skin::learn::{
-    CurvePoint, Frame, LearnedSkin, Learning, PlaceErrors, PlacesBy, PressFrames, learning_curve,
+    CurvePoint, Frame, HeldOut, LearnedSkin, Learning, PlaceErrors, PressFrames, learning_curve,
 };
 use eit_skin::{FittedFrames, Progress};
 use serde_json::{Value, json};
@@ -40,7 +40,6 @@ pub struct LearnFiles {
 struct Found {
     learning: Learning,
     curve: Vec<CurvePoint>,
-    frame: Frame,
     notes: Vec<String>,
 }
 
@@ -94,18 +93,26 @@ impl LearnFiles {
             let picture = draw_plot(&plot(&learning.skin, &curve))?;
             self.png.write(|w| Ok(picture.write_png(w)?))?;
         }
-        Ok(answer(&self.out, &Found { learning, curve, frame, notes }, progress))
+        Ok(answer(&self.out, &Found { learning, curve, notes }, progress))
     }
 }
 
 fn write_csv(w: &mut dyn Write, curve: &[CurvePoint]) -> std::io::Result<()> {
-    writeln!(w, "learnt,earlier,tested,places_by,median_m,mean_m,force_median,force_p90,time_s")?;
-    for CurvePoint { learnt, earlier, tested, places_by, place, force, time_s } in curve {
+    writeln!(
+        w,
+        "learnt,earlier,tested,places_by,shown,median_m,mean_m,beside,ghosts,force_median,force_p90,time_s"
+    )?;
+    for point in curve {
+        let CurvePoint { learnt, earlier, tested, places_by, place, force, time_s, .. } = point;
+        let ([beside, ghosts], shown) = (point.ghosts, point.shown);
         let force = force.map(|parts| parts.map(|part| format!("{part:.4}")));
         let [median, p90] = force.unwrap_or_default();
         let by = format!("{places_by:?}").to_lowercase();
         let (m, a) = (place.median_m, place.mean_m);
-        writeln!(w, "{learnt},{earlier},{tested},{by},{m:.6},{a:.6},{median},{p90},{time_s:.3}")?;
+        writeln!(
+            w,
+            "{learnt},{earlier},{tested},{by},{shown:.4},{m:.6},{a:.6},{beside:.4},{ghosts:.4},{median},{p90},{time_s:.3}"
+        )?;
     }
     Ok(())
 }
@@ -118,7 +125,7 @@ fn plot(learned: &LearnedSkin, curve: &[CurvePoint]) -> Plot {
         markers: true,
     };
     let mut series = vec![line("median", &|p| p.place.median_m), line("mean", &|p| p.place.mean_m)];
-    if let Some(model) = &learned.errors.model {
+    if let Some(model) = &learned.held_out.model {
         let alone = line("model alone, median", &|_| model.median_m);
         series.push(Series { markers: false, ..alone });
     }
@@ -155,25 +162,27 @@ fn notes(learning: &Learning, pressed: &PressFrames) -> Vec<String> {
 fn answer(out: &Path, found: &Found, progress: &Progress) -> Answer {
     let Found { learning: Learning { skin: learned, without_touch, .. }, curve, notes, .. } = found;
     let presses = learned.presses.places_m.len();
+    let HeldOut { model, presses: by_presses, shown, middle, false_touches } = learned.held_out;
     let mut lines = vec![format!(
-        "{presses} presses; touches are located by {}",
+        "{presses} presses; touches are found by {}",
         learned.places_by.description()
     )];
-    lines.extend(gain(learned));
-    if let Some(model) = &learned.errors.model {
-        lines.push(format!("error of the model alone: {}", mm(model)));
-    }
-    for (what, errors) in [
-        (
-            "with a learnt correction, presses held out singly or a tenth at a time",
-            &learned.errors.map,
-        ),
-        ("regression from frames to places, presses held out singly", &learned.errors.regression),
-    ] {
-        lines.push(format!("{what}: {}", mm(errors)));
-    }
-    if found.frame == Frame::Fitted {
-        lines.push(pose(learned));
+    let [false_touches, steps] = false_touches;
+    lines.push(format!(
+        "presses that are held out: {:.0} % are shown by what the others have taught, and a touch in {false_touches} of \
+         {steps} changes of the untouched skin",
+        100.0 * shown
+    ));
+    let unshown = "one that is not shown counts as the skin's radius";
+    lines.push(format!("their error: {}; {unshown}", mm(&by_presses)));
+    lines.extend(model.map(|model| format!("error of the model alone: {}; {unshown}", mm(&model))));
+    lines.push(format!("error of the middle of the others: {}", mm(&middle)));
+    if learned.frame == Frame::Fitted {
+        let [x_m, y_m, _] = learned.shift_m;
+        lines.push(format!(
+            "touches are in the table's coordinates, shifted by {x_m:.4} and {y_m:.4} m so that the middle of the \
+             presses is that of the scene's skin"
+        ));
     }
     lines.push(force(learned, without_touch.len()));
     lines.extend(curve.iter().map(tested));
@@ -187,39 +196,12 @@ fn mm(errors: &PlaceErrors) -> String {
     format!("{:.1} mm (median), {:.1} mm (mean)", 1e3 * errors.median_m, 1e3 * errors.mean_m)
 }
 
-/// By how much the mean error of the method used is below that of the model alone; `None` if it is the model's.
-fn gain(learned: &LearnedSkin) -> Option<String> {
-    let by = match learned.places_by {
-        PlacesBy::Model => return None,
-        PlacesBy::Map => learned.errors.map,
-        PlacesBy::Regression => learned.errors.regression,
-    };
-    let less = 100.0 * (1.0 - by.mean_m / learned.errors.model?.mean_m);
-    Some(format!("its mean error is {less:.0} % less than that of the model alone"))
-}
-
-/// Where the table's places are on the scene's skin.
-fn pose(learned: &LearnedSkin) -> String {
-    let pose = &learned.pose;
-    let [x_mm, y_mm] = [pose.shift_m[0], pose.shift_m[1]].map(|m| 1e3 * m);
-    format!(
-        "the table's places are turned by {:.1} degrees{}, scaled by {:.3} and shifted by {x_mm:.1} and {y_mm:.1} mm on \
-         the scene's skin; a touch {} the conductivity",
-        pose.turn_rad.to_degrees(),
-        if pose.is_mirrored { " after y is reversed" } else { "" },
-        pose.scale,
-        if learned.sign > 0.0 { "raises" } else { "lowers" }
-    )
-}
-
 /// Which forces were learnt, or why none.
 fn force(learned: &LearnedSkin, without_touch: usize) -> String {
     if let Some(force) = &learned.force {
-        let ([from, to], by) = (force.curve.forces_n, force.strength_by.description());
-        let percent = 100.0 * force.curve.error_ln;
+        let ([from, to], percent) = (force.forces_n, 100.0 * force.error_ln);
         return format!(
-            "force: {from:.2} to {to:.2} N were learnt, from the strength by {by}; error of presses held out singly \
-             {percent:.0} %"
+            "force: {from:.2} to {to:.2} N were learnt; error of presses held out singly {percent:.0} %"
         );
     }
     let stated = learned.forces_n.iter().flatten().count();
@@ -241,8 +223,17 @@ fn tested(point: &CurvePoint) -> String {
         let [median, high] = force.map(|part| 100.0 * part);
         format!("; force error {median:.0} % (median), {high:.0} % (90 % quantile)")
     });
-    let (tested, place) = (point.tested, mm(&point.place));
-    format!("{learnt}, tested on the {tested} after them: {place}{force}")
+    let (tested, place, shown) = (point.tested, mm(&point.place), 100.0 * point.shown);
+    let [beside, ghosts] = point.ghosts;
+    let more = match beside + ghosts > 0.0 {
+        true => {
+            format!("; false touches a frame: {beside:.3} beside a press, {ghosts:.3} without one")
+        }
+        false => String::new(),
+    };
+    format!(
+        "{learnt}, touch list of the {tested} after them: {shown:.0} % shown, {place}{more}{force}"
+    )
 }
 
 fn json(out: &Path, found: &Found, progress: &Progress) -> Value {
@@ -253,7 +244,9 @@ fn json(out: &Path, found: &Found, progress: &Progress) -> Value {
             "earlier": p.earlier,
             "tested": p.tested,
             "places_by": p.places_by,
+            "shown": p.shown,
             "place": p.place,
+            "false_touches": { "beside": p.ghosts[0], "untouched": p.ghosts[1] },
             "force_error": p.force.map(|[median, p90]| json!({ "median": median, "p90": p90 })),
             "time_s": p.time_s,
         })
@@ -262,18 +255,14 @@ fn json(out: &Path, found: &Found, progress: &Progress) -> Value {
         "presses": learned.presses.places_m.len(),
         "measurements": learned.channels.len(),
         "places_by": learned.places_by,
-        "errors": learned.errors,
+        "held_out": learned.held_out,
         "frame": {
-            "turn_rad": learned.pose.turn_rad,
-            "is_mirrored": learned.pose.is_mirrored,
-            "scale": learned.pose.scale,
-            "shift_m": learned.pose.shift_m,
-            "sign": learned.sign,
+            "shift_m": learned.shift_m,
+            "sign": learned.orientation.sign,
         },
         "force": learned.force.as_ref().map(|force| json!({
-            "learnt_n": force.curve.forces_n,
-            "relative_error": force.curve.error_ln,
-            "strength_by": force.strength_by,
+            "learnt_n": force.forces_n,
+            "relative_error": force.error_ln,
         })),
         "learning_curve": curve.iter().map(point).collect::<Vec<_>>(),
         "notes": notes,

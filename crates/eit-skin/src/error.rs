@@ -165,6 +165,20 @@ pub enum SkinError {
         /// What needs it.
         who: &'static str,
     },
+    /// Presses of which those that are held out are placed no better than by the middle of the others.
+    #[error(
+        "nothing is learnt from these {presses} presses: one that is held out is placed {:.1} mm off by the others, and \
+         {:.1} mm by their middle (means); does each line of the table name the place and the frames of its press?",
+        1e3 * error_m, 1e3 * middle_m
+    )]
+    NothingLearnt {
+        /// Number of presses.
+        presses: usize,
+        /// Mean error of held-out presses by the others, metres.
+        error_m: f64,
+        /// The same by their middle.
+        middle_m: f64,
+    },
     /// Settings or data that do not fit together; the message names them.
     #[error("{0}")]
     Input(String),

@@ -1,13 +1,13 @@
-//! Learns position and force of touches from presses at known places on the real skin.
+//! Learns a skin from presses at known places: what a press does to each channel, and how hard it is.
 //!
 //! ```text
-//! table of presses + frames -> LearnedSkin::learn -> file -> [touch] learned -> TouchFinder: place, force_n
+//! table of presses + frames -> LearnedSkin::learn -> file -> [touch] learned -> TouchFinder: touches, force_n
 //! ```
 //!
-//! Three ways to locate a touch are compared by cross-validation on the presses, and the best is used: the
-//! model alone (as for a skin without presses), a [`ResponseMap`] (the model's response with a learnt
-//! correction), and a [`PlaceRegression`](eit_inverse::learn::PlaceRegression) from frames to places. The
-//! file stores the presses with the chosen parameters, not the maps made from them.
+//! Touches are found by the model, as on a skin without presses, or by a
+//! [`ResponseMap`](eit_inverse::learn::ResponseMap) of the presses, with the model as its mean, whichever places presses
+//! that it does not know with the smaller mean error; one that is not shown counts as the radius of the skin. The file
+//! stores the presses with the chosen settings, not the map made from them.
 //!
 //! | file | holds |
 //! |---|---|
@@ -19,7 +19,7 @@
 //! | `curve.rs` | errors against the number of presses |
 //! | `file.rs` | file format |
 //! | `local_sheet.rs` | conductivity of an uneven sheet under a touch |
-//! | `refine.rs` | applying what was learnt to the touches of a frame |
+//! | `touches.rs` | touches of frames by what was learnt |
 
 pub mod collect;
 mod curve;
@@ -29,38 +29,35 @@ mod learning;
 mod local_sheet;
 mod model;
 mod presses;
-mod refine;
 mod table;
 mod touched;
+mod touches;
 
 pub use curve::{CurvePoint, learning_curve};
 pub use learning::{Learning, UnlikePress};
 pub(crate) use local_sheet::LocalSheet;
 pub use presses::PressFrames;
-pub(crate) use refine::LearnedTouches;
 pub use table::{Press, PressTable};
+use touched::interval_s;
+pub(crate) use touches::{LearnedTouches, ModelForces, Quiet};
 
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
-use eit_inverse::learn::{
-    FoldErrors, ForceCurve, ModelResponses, PlaceRegressionSettings, Pose, Presses, ResponseMap,
-    ResponseMapSettings, candidates,
-};
+use eit_inverse::learn::{ForceCurve, MapSettings, Orientation, Presses};
+use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 
-/// Approximate number of places for which a map is computed.
+/// Approximate number of places at which a person is asked to press, and around which a sheet is averaged.
 const CANDIDATES: usize = 700;
 
-/// How a touch is located.
+/// How touches are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PlacesBy {
-    /// By the model alone, without learning.
+    /// By the model alone.
     Model,
-    /// By the model's responses with a learnt correction.
-    Map,
-    /// By regression from frames; by the map if there are several touches or a channel is missing.
-    Regression,
+    /// By what the presses have taught, with the model as its mean.
+    Presses,
 }
 
 impl PlacesBy {
@@ -68,8 +65,7 @@ impl PlacesBy {
     pub fn description(self) -> &'static str {
         match self {
             Self::Model => "the model alone",
-            Self::Map => "the model with a learnt correction",
-            Self::Regression => "regression from frames to places",
+            Self::Presses => "the presses",
         }
     }
 }
@@ -80,12 +76,12 @@ pub enum Frame {
     /// They are the scene's.
     #[default]
     Scene,
-    /// Unknown: rotation, reflection, scale, shift and the sign of the change are fitted. The table of an
-    /// earlier file is assumed to use the same coordinates.
+    /// A robot's, in metres: the middle of the presses is that of the skin. Turn, mirror and sign of the model are fitted.
+    /// The table of an earlier file is assumed to use the same coordinates.
     Fitted,
 }
 
-/// Position errors over the presses, in metres of the table: median and mean.
+/// Position errors over the presses, metres: median and mean.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PlaceErrors {
     /// Median error, metres.
@@ -94,65 +90,20 @@ pub struct PlaceErrors {
     pub mean_m: f64,
 }
 
-impl PlaceErrors {
-    fn of(errors: &FoldErrors, scale: f64) -> Self {
-        Self { median_m: errors.median_m() / scale, mean_m: errors.mean_m() / scale }
-    }
-}
-
-/// Position errors of each method, each over the same presses: all that were learnt.
+/// What presses that are held out show. A press that is not shown counts with the radius of the skin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct ErrorsByWay {
-    /// The model alone; `None` if the noise of the frames is unknown, so that no touches can be found.
+pub struct HeldOut {
+    /// Errors of the model alone; `None` if the noise of the frames is unknown, so that it finds no touches, or the frame was
+    /// fitted, so that it does not know where they are.
     pub model: Option<PlaceErrors>,
-    /// The map, by cross-validation.
-    pub map: PlaceErrors,
-    /// Regression, by leave-one-out cross-validation.
-    pub regression: PlaceErrors,
-}
-
-/// Which strength of a touch determines its force.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum StrengthBy {
-    /// That of the model alone.
-    Model,
-    /// That of the model with a learnt correction.
-    Map,
-    /// The geometric mean of both. On simulated fabric they err independently: with the mean, the median error of
-    /// a force is 3 % instead of 5 %.
-    Both,
-}
-
-impl StrengthBy {
-    /// Describes the strength in words.
-    pub fn description(self) -> &'static str {
-        match self {
-            Self::Model => "the model alone",
-            Self::Map => "the model with a learnt correction",
-            Self::Both => "the model, without and with a learnt correction",
-        }
-    }
-
-    /// The strength from that of the model and that of the map; zero if one that is needed is unknown.
-    pub(crate) fn strength(self, by_model: Option<f64>, by_map: Option<f64>) -> f64 {
-        let [by_model, by_map] = [by_model, by_map].map(|s| s.unwrap_or(0.0).max(0.0));
-        match self {
-            Self::Model => by_model,
-            Self::Map => by_map,
-            Self::Both => (by_model * by_map).sqrt(),
-        }
-    }
-}
-
-/// Force curve and the strength that it needs.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct LearnedForce {
-    /// Both, unless the error of another on the same presses is far smaller.
-    pub strength_by: StrengthBy,
-    /// Curve of force against strength.
-    #[serde(flatten)]
-    pub curve: ForceCurve,
+    /// Errors of what the other presses have taught, ...
+    pub presses: PlaceErrors,
+    /// ... and the part of the presses that a valid touch shows.
+    pub shown: f64,
+    /// Errors of the middle of the other presses, whatever a frame shows.
+    pub middle: PlaceErrors,
+    /// In how many changes of the untouched skin a touch would be shown, judged by the others, and their number.
+    pub false_touches: [usize; 2],
 }
 
 /// What was learnt from presses on one skin.
@@ -164,32 +115,32 @@ pub struct LearnedSkin {
     pub measurements: usize,
     /// Measurements that were learnt.
     pub channels: Vec<usize>,
-    /// Factor for the model's derivatives of each channel: measured over modelled voltage.
-    pub ratios: Vec<f64>,
+    /// Voltages of the untouched skin, `[channel]`.
+    pub levels: Vec<f64>,
+    /// The untouched skin before each press, `[press, channel]`, volts.
+    pub untouched: Array2<f64>,
+    /// Time from one press to the next, seconds.
+    pub interval_s: f64,
     /// Radius of a touch in the model, metres.
     pub bell_m: f64,
-    /// Sign of the conductivity change.
-    pub sign: f64,
-    /// Transform from the table to the scene.
-    pub pose: Pose,
-    /// Frames of presses and their places on the scene's skin.
+    /// Coordinates of the table.
+    pub frame: Frame,
+    /// Shift from the table to the scene, metres.
+    pub shift_m: [f64; 3],
+    /// How the model lies under the places.
+    pub orientation: Orientation,
+    /// Changes by presses and their places on the scene's skin.
     pub presses: Presses,
     /// Forces of the presses, newtons, if known.
     pub forces_n: Vec<Option<f64>>,
-    /// Parameters of the map.
-    pub map: ResponseMapSettings,
-    /// Factor for the covariance of a place found by the map, from cross-validation.
-    pub covariance_factor: f64,
-    /// Fraction of a frame that a press may leave unexplained, from cross-validation.
-    pub rest_limit: f64,
-    /// Parameters of the regression.
-    pub regression: PlaceRegressionSettings,
-    /// Method with the smallest error on the presses.
+    /// Settings of the map.
+    pub map: MapSettings,
+    /// How touches are found.
     pub places_by: PlacesBy,
-    /// Errors of each method.
-    pub errors: ErrorsByWay,
+    /// What held-out presses show.
+    pub held_out: HeldOut,
     /// Force, if at least three presses state it and show a touch.
-    pub force: Option<LearnedForce>,
+    pub force: Option<ForceCurve>,
 }
 
 impl LearnedSkin {
@@ -211,40 +162,12 @@ impl LearnedSkin {
         )))
     }
 
-    /// Rebuilds the map from presses and parameters.
-    ///
-    /// # Errors
-    ///
-    /// A skin other than the one that this was learnt on.
-    pub(crate) fn response_map(&self, skin: &LinearisedSkin) -> Result<ResponseMap, SkinError> {
-        self.check(skin)?;
-        let Self { channels, ratios, bell_m, sign, presses, .. } = self;
-        let candidates_m = candidates(skin.skin.mesh.surface(), CANDIDATES);
-        let responses = ModelResponses {
-            at_candidates: model::responses(skin, channels, ratios, &candidates_m, *bell_m)?
-                * *sign,
-            at_presses: model::responses(skin, channels, ratios, &presses.places_m, *bell_m)?
-                * *sign,
-            candidates_m,
-        };
-        let mut map = ResponseMap::with_settings(presses, &responses, self.map)?;
-        map.covariance_factor = self.covariance_factor;
-        map.rest_limit = self.rest_limit;
-        Ok(map)
-    }
-}
-
-impl ErrorsByWay {
-    /// Returns the method with the smallest mean error. Never the model if the frame was fitted:
-    /// its errors are then not those of held-out presses, and a skin with unknown electrodes is not
-    /// the model's. With presses of several sessions the errors are those of the latest session,
-    /// which later frames resemble most.
-    fn best(&self, frame: Frame) -> PlacesBy {
-        let (by, least) = match self.regression.mean_m < self.map.mean_m {
-            true => (PlacesBy::Regression, self.regression.mean_m),
-            false => (PlacesBy::Map, self.map.mean_m),
-        };
-        let model = self.model.filter(|_| frame == Frame::Scene);
-        if model.is_some_and(|model| model.mean_m <= least) { PlacesBy::Model } else { by }
+    /// Returns the errors of the way in which touches are found.
+    pub fn errors(&self) -> PlaceErrors {
+        let HeldOut { model, presses, .. } = self.held_out;
+        match self.places_by {
+            PlacesBy::Model => model.unwrap_or(presses),
+            PlacesBy::Presses => presses,
+        }
     }
 }

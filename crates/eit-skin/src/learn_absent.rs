@@ -31,30 +31,18 @@ impl LearnedSkin {
     pub(crate) fn model_is_right(&self) -> bool {
         match *self {}
     }
+
+    pub(crate) fn model_forces(&self, _: LocalSheet) -> ModelForces {
+        match *self {}
+    }
 }
 
 /// Never constructed without feature `learn`.
 #[derive(Debug, Clone)]
-pub(crate) enum LearnedTouches {}
+pub(crate) enum ModelForces {}
 
-impl LearnedTouches {
-    pub(crate) fn new(
-        learned: &LearnedSkin,
-        _: &LinearisedSkin,
-        _: &[bool],
-        _: &[f64],
-        _: LocalSheet,
-    ) -> Result<Self, SkinError> {
-        match *learned {}
-    }
-
-    pub(crate) fn refine<'a>(
-        &'a mut self,
-        _: &[f64],
-        _: &[f64],
-        _: impl Fn(usize) -> bool,
-        _: &'a [DetectedTouch],
-    ) -> &'a [DetectedTouch] {
+impl ModelForces {
+    pub(crate) fn add_to(&mut self, _: &[DetectedTouch]) -> &[DetectedTouch] {
         match *self {}
     }
 }

@@ -5,6 +5,7 @@ mod background;
 mod choices;
 mod finder;
 mod model;
+mod source;
 
 pub(crate) use background::{UNTOUCHED, reference_errors, reference_of_model, uneven_sheet};
 pub use choices::{Choices, FoundSheet};

@@ -19,7 +19,6 @@
 //! Source of the fit: Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), section 2.1 (linear
 //! regression with Gaussian priors).
 
-use super::choose::quantile;
 use crate::InverseError;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -127,7 +126,7 @@ impl ForceCurve {
             }
         }
         let logarithms: Vec<f64> = samples.iter().map(|s| s.strength.ln()).collect();
-        let middle_ln = quantile(&logarithms, 0.5);
+        let middle_ln = eit_core::median(logarithms.iter().copied()).unwrap_or(0.0);
         let range = |of: fn(f64, f64) -> f64| {
             logarithms.iter().map(|l| l - middle_ln).reduce(of).unwrap_or(0.0)
         };

@@ -422,12 +422,15 @@ impl TouchDetector {
         self.report();
         self.follow(dt_s);
         let of = |v: &[f64]| dot(v, v);
+        let (rows, whole, rest) =
+            (self.whitening.present(), of(&self.whitened), self.search.best.rest);
         Ok(DetectorStep {
-            rows: self.whitening.present(),
-            chi_square: of(&self.whitened),
+            rows,
+            chi_square: whole,
             chi_square_without: of(&self.search.residual_without),
-            chi_square_rest: self.search.best.rest,
+            chi_square_rest: rest,
             blamed,
+            is_explained: step::is_explained(rows, whole, rest),
         })
     }
 

@@ -280,7 +280,10 @@ impl TouchTracker {
                 (false, false) => TouchState::Hold,
             };
             let state = track.motion.state();
-            let mut covariance_m2 = state.pp;
+            let mut covariance_m2 = match self.settings.errs_alike {
+                true => track.seen.position_covariance_m2,
+                false => state.pp,
+            };
             // the method's error is the same in all frames of a rest
             let least_m2 = self.settings.method_std_m.powi(2);
             (0..3).for_each(|i| covariance_m2[i][i] = covariance_m2[i][i].max(least_m2));

@@ -14,8 +14,6 @@ mod figures_of_merit;
 #[cfg(feature = "st-tv")]
 mod gradient;
 mod hyperparameter;
-#[cfg(feature = "learn")]
-mod learn;
 mod masked;
 mod metrics;
 mod noise_estimate;
@@ -36,5 +34,7 @@ mod st_tv_stability;
 mod st_tv_stream;
 mod touch_detector;
 mod touch_detector_input;
+#[cfg(feature = "learn")]
+mod touch_learnt;
 mod touch_tracker;
 mod unevenness;

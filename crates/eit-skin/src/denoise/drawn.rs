@@ -46,7 +46,7 @@ impl DrawnTouches {
                 .iter()
                 .filter_map(|touch| DrawnTouch::of(touch, image_per_strength))
                 .collect(),
-            is_explained: step.is_explained(),
+            is_explained: step.is_explained,
         };
         all.map(of).collect()
     }

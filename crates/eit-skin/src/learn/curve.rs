@@ -1,10 +1,13 @@
-//! The learning curve: errors on later presses after learning the first ones, in the order of time.
+//! The learning curve: what the touch list shows of later presses after learning the first ones, in the order of time.
 
-use super::{Frame, LearnedSkin, PlaceErrors, PlacesBy, PressFrames, StrengthBy};
+use super::{Frame, LearnedSkin, PlaceErrors, PlacesBy, PressFrames};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
+use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
-use eit_inverse::learn::{Locator, PlaceRegression};
+use crate::touches::{DEFAULT_RATE_HZ, TouchFinder};
+use eit_core::vector::{distance, sub};
+use eit_inverse::touch::{Touch, TouchState};
 use std::time::Instant;
 
 /// Numbers of presses that are learnt.
@@ -12,6 +15,9 @@ const COUNTS: [usize; 7] = [5, 10, 25, 50, 100, 200, 400];
 
 /// Smallest number of test presses for which errors are stated.
 const LEAST_TESTED: usize = 5;
+
+/// Frames of the untouched skin and of the press that are shown to the touch list for each press.
+const FRAMES: usize = 3;
 
 /// A point of the learning curve.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -22,10 +28,14 @@ pub struct CurvePoint {
     pub earlier: usize,
     /// Number of presses tested: all later ones.
     pub tested: usize,
-    /// How touches were located.
+    /// How touches were found.
     pub places_by: PlacesBy,
-    /// Position errors, metres of the table.
+    /// Part of them that a valid touch shows, ...
+    pub shown: f64,
+    /// ... position errors of those touches, metres, ...
     pub place: PlaceErrors,
+    /// ... and valid touches without a press in each frame: beside the one of a press, and on the untouched skin.
+    pub ghosts: [f64; 2],
     /// Median and 90 % quantile of the relative force error.
     pub force: Option<[f64; 2]>,
     /// Time that learning took, seconds.
@@ -35,11 +45,11 @@ pub struct CurvePoint {
 /// Learns from the first presses, together with those of an earlier file, and tests on all later ones. With
 /// an earlier file the first point is that file alone, tested on the whole table.
 ///
-/// Too few presses give an empty curve.
+/// Too few presses, or frames of unknown noise, give an empty curve.
 ///
 /// # Errors
 ///
-/// Those of [`LearnedSkin::learn`], except for too few presses.
+/// Those of [`LearnedSkin::learn`], except for too few presses and presses from which nothing is learnt.
 pub fn learning_curve(
     fitted: &FittedFrames,
     pressed: &PressFrames,
@@ -51,14 +61,12 @@ pub fn learning_curve(
     let counts = alone.into_iter().chain(COUNTS);
     let counts: Vec<usize> = counts.filter(|count| count + LEAST_TESTED <= pressed.len()).collect();
     progress.steps("learning curve", counts.len(), |bar| {
-        counts
-            .iter()
-            .map(|&learnt| {
-                let made = point(fitted, pressed, frame, earlier, learnt);
-                bar.inc();
-                made
-            })
-            .collect()
+        let mut points = Vec::with_capacity(counts.len());
+        for &learnt in &counts {
+            points.extend(point(fitted, pressed, frame, earlier, learnt)?);
+            bar.inc();
+        }
+        Ok(points)
     })
 }
 
@@ -68,74 +76,100 @@ fn point(
     frame: Frame,
     earlier: Option<&LearnedSkin>,
     learnt: usize,
-) -> Result<CurvePoint, SkinError> {
+) -> Result<Option<CurvePoint>, SkinError> {
     let first = pressed.select(&(0..learnt).collect::<Vec<_>>());
     let rest = pressed.select(&(learnt..pressed.len()).collect::<Vec<_>>());
     let start = Instant::now();
     let learned = match earlier.filter(|_| learnt == 0) {
         Some(earlier) => earlier.clone(),
-        None => LearnedSkin::learn(fitted, &first, frame, earlier, &mut Progress::silent())?.skin,
+        None => {
+            match LearnedSkin::learn(fitted, &first, frame, earlier, &mut Progress::silent()) {
+                Ok(learning) => learning.skin,
+                // the first presses are often too few to learn from
+                Err(SkinError::NothingLearnt { .. }) => return Ok(None),
+                Err(error) => return Err(error),
+            }
+        }
     };
     let time_s = start.elapsed().as_secs_f64();
-    let tested = test(&learned, fitted, &rest)?;
+    let Some(tested) = test(&learned, fitted, &rest)? else { return Ok(None) };
     let force = [0.5, 0.9].map(|part| eit_core::quantile(&tested.force_errors, part));
-    let force = force[0].zip(force[1]).map(|(half, most)| [half, most]);
-    Ok(CurvePoint {
+    let count = rest.len() as f64;
+    Ok(Some(CurvePoint {
         learnt: learned.presses.places_m.len(),
         earlier: earlier.map_or(0, |earlier| earlier.presses.places_m.len()),
         tested: rest.len(),
         places_by: learned.places_by,
+        shown: tested.errors_m.len() as f64 / count,
         place: PlaceErrors::of_errors(tested.errors_m),
-        force,
+        ghosts: tested.ghosts.map(|ghosts| ghosts as f64 / count),
+        force: force[0].zip(force[1]).map(|(half, most)| [half, most]),
         time_s,
-    })
+    }))
 }
 
-/// Errors of individual presses.
+/// What the touch list shows.
+#[derive(Default)]
 struct Tested {
+    /// Errors of the presses that are shown.
     errors_m: Vec<f64>,
     force_errors: Vec<f64>,
+    /// Valid touches beside a press, and on the untouched skin.
+    ghosts: [usize; 2],
 }
 
+/// Shows each press to the touch list, after the untouched skin before it, which is its reference.
 fn test(
     learned: &LearnedSkin,
     fitted: &FittedFrames,
     pressed: &PressFrames,
-) -> Result<Tested, SkinError> {
-    let skin = &*fitted.skin;
-    let noise = vec![0.0; learned.channels.len()];
-    let mut locator = Locator::new(learned.response_map(skin)?, &noise)?;
-    let regression = PlaceRegression::with_settings(&learned.presses, learned.regression)?;
-    let by_model = learned.places_by == PlacesBy::Model
-        || learned.force.as_ref().is_some_and(|force| force.strength_by != StrengthBy::Map);
-    let detected = if by_model { pressed.detect(fitted, learned.places_by)? } else { None };
-    let differences = pressed.differences(&learned.channels);
-    let (mut errors_m, mut force_errors) = (Vec::new(), Vec::new());
-    for (k, difference) in differences.rows().into_iter().enumerate() {
-        let difference = difference.to_vec();
-        let touch = detected.as_ref().and_then(|all| all[k]);
-        let located = locator.locate(&difference, None, 0.0);
-        let place = match learned.places_by {
-            PlacesBy::Model => touch.map(|found| found.touch.position_m),
-            PlacesBy::Map => located.map(|located| located.position_m),
-            PlacesBy::Regression => Some(regression.place(&difference)?.position_m),
-        };
-        let error_m = match place {
-            Some(place) => {
-                eit_core::vector::distance(learned.pose.to_table(place), pressed.places_m[k])
+) -> Result<Option<Tested>, SkinError> {
+    let rate_hz = fitted.frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
+    let quiet = learned.quiet_frames(fitted);
+    let mut silent = Progress::silent();
+    let finder = TouchFinder::with_learned(&quiet, rate_hz, Some(learned), &mut silent)?;
+    let Some(mut finder) = finder else { return Ok(None) };
+    let (mut tested, mut frame) = (Tested::default(), 0);
+    let is_valid = |touch: &&Touch| touch.valid && touch.state != TouchState::End;
+    for (k, [values, reference]) in pressed.pairs().enumerate() {
+        finder.set_reference(&reference);
+        let mut show = |values: &[f64]| {
+            let mut last = Vec::new();
+            for _ in 0..FRAMES {
+                frame += 1;
+                let touches = finder.push(values, |_| true, frame as f64 / rate_hz)?;
+                last = touches.iter().filter(is_valid).copied().collect::<Vec<_>>();
             }
-            None => super::model::radius_m(skin) / learned.pose.scale,
+            Ok::<_, SkinError>(last)
         };
-        errors_m.push(error_m);
-        let Some((force, known_n)) = learned.force.as_ref().zip(pressed.forces_n[k]) else {
+        tested.ghosts[1] += show(&reference)?.len();
+        let shown = show(&values)?;
+        tested.ghosts[0] += shown.len().saturating_sub(1);
+        let strength = |touch: &&Touch| touch.intensity_s_m2.abs();
+        let Some(touch) = shown.iter().max_by(|a, b| strength(a).total_cmp(&strength(b))) else {
             continue;
         };
-        let by_model = touch.map(|found| found.even_strength_s_m2);
-        let by_map = located.map(|located| located.strength_s_m2);
-        let strength = force.strength_by.strength(by_model, by_map);
-        let place = place.unwrap_or(super::model::middle_m(skin));
-        let found = force.curve.force(strength, place, 0.0);
-        force_errors.push((found.force_n / known_n - 1.0).abs());
+        let place_m = sub(touch.position_m, learned.shift_m);
+        tested.errors_m.push(distance(place_m, pressed.places_m[k]));
+        if let (Some(found_n), Some(known_n)) = (touch.force_n(), pressed.forces_n[k]) {
+            tested.force_errors.push((found_n / known_n - 1.0).abs());
+        }
     }
-    Ok(Tested { errors_m, force_errors })
+    Ok(Some(tested))
+}
+
+impl LearnedSkin {
+    /// Frames whose noise is that of the learnt presses if it is unknown.
+    fn quiet_frames(&self, fitted: &FittedFrames) -> FittedFrames {
+        let mut quiet = fitted.clone();
+        let is_known = fitted.noise().is_ok_and(|noise| noise.is_some());
+        if !is_known {
+            let std = self.noise_std(fitted);
+            let median = eit_core::median(std.iter().copied()).unwrap_or(0.0);
+            let mut skin: LinearisedSkin = (*fitted.skin).clone();
+            skin.skin.settings.noise.additive_v = Some(median.max(f64::MIN_POSITIVE));
+            quiet.skin = std::sync::Arc::new(skin);
+        }
+        quiet
+    }
 }

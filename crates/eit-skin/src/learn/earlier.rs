@@ -4,7 +4,7 @@ use super::{Frame, LearnedSkin, PressFrames};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use eit_inverse::InverseError;
-use eit_inverse::learn::{Pose, Presses};
+use eit_inverse::learn::Presses;
 use ndarray::{Array2, ArrayView1, Axis};
 
 /// Frames that differ by less than this fraction of their norm are identical: a file may lose the last digit
@@ -16,6 +16,8 @@ pub(super) struct Joined {
     /// Measurements that count.
     pub channels: Vec<usize>,
     pub table: Presses,
+    /// The untouched skin before each press, `[press, channel]`.
+    pub untouched: Array2<f64>,
     pub forces_n: Vec<Option<f64>>,
     /// Number of presses from the earlier file.
     pub earlier: usize,
@@ -31,12 +33,12 @@ impl Joined {
         fitted: &FittedFrames,
         pressed: &PressFrames,
         frame: Frame,
-        sign: f64,
         earlier: Option<&LearnedSkin>,
     ) -> Result<Self, SkinError> {
         let used = &fitted.frames.used;
         let channels: Vec<usize> = (0..used.len()).filter(|&i| used[i]).collect();
         let mut frames = pressed.differences(&channels);
+        let mut untouched = pressed.references.select(Axis(1), &channels);
         let mut places_m = pressed.places_m.clone();
         let mut forces_n = pressed.forces_n.clone();
         let mut names: Vec<String> = (0..pressed.len()).map(|k| pressed.name(k)).collect();
@@ -47,10 +49,15 @@ impl Joined {
         let mut sessions = Vec::new();
         if let Some(earlier) = earlier {
             earlier.check(&fitted.skin)?;
-            earlier.check_beside(&channels, frame, sign)?;
-            frames = ndarray::concatenate(Axis(0), &[earlier.presses.frames.view(), frames.view()])
-                .map_err(|e| SkinError::Failure(format!("joining presses: {e}")))?;
-            let old = earlier.presses.places_m.iter().map(|place| earlier.pose.to_table(*place));
+            earlier.check_beside(&channels, frame)?;
+            let join = |old: &Array2<f64>, new: &Array2<f64>| {
+                ndarray::concatenate(Axis(0), &[old.view(), new.view()])
+                    .map_err(|e| SkinError::Failure(format!("joining presses: {e}")))
+            };
+            frames = join(&earlier.presses.frames, &frames)?;
+            untouched = join(&earlier.untouched, &untouched)?;
+            let old = earlier.presses.places_m.iter();
+            let old = old.map(|place| eit_core::vector::sub(*place, earlier.shift_m));
             places_m = old.chain(places_m).collect();
             forces_n = [earlier.forces_n.clone(), forces_n].concat();
             let old =
@@ -63,6 +70,7 @@ impl Joined {
         let joined = Self {
             channels,
             table: Presses { frames, places_m, sessions },
+            untouched,
             forces_n,
             earlier,
             names,
@@ -130,7 +138,7 @@ impl LearnedSkin {
     }
 
     /// Rejects presses whose frames or places have another meaning.
-    fn check_beside(&self, channels: &[usize], frame: Frame, sign: f64) -> Result<(), SkinError> {
+    fn check_beside(&self, channels: &[usize], frame: Frame) -> Result<(), SkinError> {
         if self.channels != channels {
             return Err(SkinError::input(format!(
                 "the earlier file uses {} of {} measurements, these frames use {}, and not the same ones: \
@@ -140,18 +148,14 @@ impl LearnedSkin {
                 channels.len()
             )));
         }
-        let was_fitted = self.pose != Pose::SAME;
-        let message = match (was_fitted, frame) {
-            (true, Frame::Scene) => {
+        let message = match (self.frame, frame) {
+            (Frame::Fitted, Frame::Scene) => {
                 "the places of the earlier file were fitted to the scene, but those of the table are \
                  the scene's: fit the frame here, too"
             }
-            (false, Frame::Fitted) => {
+            (Frame::Scene, Frame::Fitted) => {
                 "the places of the earlier file are the scene's, but those of the table are to be \
                  fitted: fit both, or neither"
-            }
-            (false, Frame::Scene) if self.sign != sign => {
-                "touch.sign of the scene differs from that of the earlier file"
             }
             _ => return Ok(()),
         };

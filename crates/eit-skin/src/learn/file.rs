@@ -3,17 +3,17 @@
 
 mod check;
 
-use super::{ErrorsByWay, LearnedForce, LearnedSkin, PlacesBy};
+use super::{Frame, HeldOut, LearnedSkin, PlacesBy};
 use crate::error::SkinError;
 use crate::scene::read_file_of;
-use eit_inverse::learn::{PlaceRegressionSettings, Pose, Presses, ResponseMapSettings};
+use eit_inverse::learn::{ForceCurve, MapSettings, Orientation, Presses};
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const FORMAT: &str = "eit learned skin";
 /// Version that is written; other versions are rejected.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Maximum file size; a thousand presses of a thousand measurements take twenty megabytes.
 const MOST_BYTES: u64 = 512 << 20;
 
@@ -31,30 +31,25 @@ struct Content {
     skin: String,
     measurements: usize,
     channels: Vec<usize>,
-    ratios: Vec<f64>,
+    levels: Vec<f64>,
+    interval_s: f64,
     bell_m: f64,
-    sign: f64,
-    pose: Pose,
+    frame: Frame,
+    shift_m: [f64; 3],
+    orientation: Orientation,
     places_m: Vec<[f64; 3]>,
     forces_n: Vec<Option<f64>>,
     /// Session of each press; absent if all were made in one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     sessions: Vec<u32>,
-    /// `[press][channel]`, volts.
+    /// Changes, `[press][channel]`, volts.
     frames: Vec<Vec<f64>>,
-    map: MapRecord,
-    regression: PlaceRegressionSettings,
+    /// The untouched skin before each press, likewise.
+    untouched: Vec<Vec<f64>>,
+    map: MapSettings,
     places_by: PlacesBy,
-    errors: ErrorsByWay,
-    force: Option<LearnedForce>,
-}
-
-#[derive(Serialize, Deserialize)]
-struct MapRecord {
-    #[serde(flatten)]
-    settings: ResponseMapSettings,
-    covariance_factor: f64,
-    rest_limit: f64,
+    held_out: HeldOut,
+    force: Option<ForceCurve>,
 }
 
 impl LearnedSkin {
@@ -120,26 +115,25 @@ impl LearnedSkin {
     }
 
     fn content(&self) -> Content {
+        let rows = |of: &Array2<f64>| of.rows().into_iter().map(|row| row.to_vec()).collect();
         Content {
             skin: self.fingerprint.clone(),
             measurements: self.measurements,
             channels: self.channels.clone(),
-            ratios: self.ratios.clone(),
+            levels: self.levels.clone(),
+            interval_s: self.interval_s,
             bell_m: self.bell_m,
-            sign: self.sign,
-            pose: self.pose,
+            frame: self.frame,
+            shift_m: self.shift_m,
+            orientation: self.orientation,
             places_m: self.presses.places_m.clone(),
             forces_n: self.forces_n.clone(),
             sessions: self.presses.sessions.clone(),
-            frames: self.presses.frames.rows().into_iter().map(|row| row.to_vec()).collect(),
-            map: MapRecord {
-                settings: self.map,
-                covariance_factor: self.covariance_factor,
-                rest_limit: self.rest_limit,
-            },
-            regression: self.regression,
+            frames: rows(&self.presses.frames),
+            untouched: rows(&self.untouched),
+            map: self.map,
             places_by: self.places_by,
-            errors: self.errors,
+            held_out: self.held_out,
             force: self.force.clone(),
         }
     }
@@ -148,24 +142,30 @@ impl LearnedSkin {
 impl Content {
     fn learned(self) -> Result<LearnedSkin, SkinError> {
         let shape = (self.places_m.len(), self.channels.len());
-        let frames = Array2::from_shape_vec(shape, self.frames.concat())
-            .map_err(|e| SkinError::input(format!("content: {e}")))?;
+        let rows = |of: Vec<Vec<f64>>| {
+            Array2::from_shape_vec(shape, of.concat())
+                .map_err(|e| SkinError::input(format!("content: {e}")))
+        };
         Ok(LearnedSkin {
             fingerprint: self.skin,
             measurements: self.measurements,
             channels: self.channels,
-            ratios: self.ratios,
+            levels: self.levels,
+            untouched: rows(self.untouched)?,
+            interval_s: self.interval_s,
             bell_m: self.bell_m,
-            sign: self.sign,
-            pose: self.pose,
-            presses: Presses { frames, places_m: self.places_m, sessions: self.sessions },
+            frame: self.frame,
+            shift_m: self.shift_m,
+            orientation: self.orientation,
+            presses: Presses {
+                frames: rows(self.frames)?,
+                places_m: self.places_m,
+                sessions: self.sessions,
+            },
             forces_n: self.forces_n,
-            map: self.map.settings,
-            covariance_factor: self.map.covariance_factor,
-            rest_limit: self.map.rest_limit,
-            regression: self.regression,
+            map: self.map,
             places_by: self.places_by,
-            errors: self.errors,
+            held_out: self.held_out,
             force: self.force,
         })
     }

@@ -1,10 +1,7 @@
 //! Frames of the presses in a table.
 
-use super::{PlaceErrors, PlacesBy};
-use crate::error::SkinError;
-use crate::fitted::FittedFrames;
-use crate::progress::Progress;
-use crate::touches::{DEFAULT_RATE_HZ, PressTouch, TouchFinder};
+use super::PlaceErrors;
+use crate::touches::PressTouch;
 use eit_core::vector::distance;
 use ndarray::Array2;
 
@@ -20,6 +17,8 @@ pub struct PressFrames {
     pub places_m: Vec<[f64; 3]>,
     /// Forces, newtons, if known.
     pub forces_n: Vec<Option<f64>>,
+    /// Time from one press to the next, seconds, if known.
+    pub interval_s: Option<f64>,
     /// Lines of the table, from 1.
     pub lines: Vec<usize>,
     /// Name of the table, for messages.
@@ -37,9 +36,8 @@ impl PressFrames {
 
     /// Returns pressed minus untouched frames, `[press, channel]`.
     pub fn differences(&self, channels: &[usize]) -> Array2<f64> {
-        Array2::from_shape_fn((self.values.nrows(), channels.len()), |(press, k)| {
-            self.values[[press, channels[k]]] - self.references[[press, channels[k]]]
-        })
+        let all = &self.values - &self.references;
+        all.select(ndarray::Axis(1), channels)
     }
 
     /// Returns the presses with these indices.
@@ -50,6 +48,7 @@ impl PressFrames {
             references: self.references.select(axis, which),
             places_m: which.iter().map(|&k| self.places_m[k]).collect(),
             forces_n: which.iter().map(|&k| self.forces_n[k]).collect(),
+            interval_s: self.interval_s,
             lines: which.iter().map(|&k| self.lines[k]).collect(),
             place: self.place.clone(),
         }
@@ -70,35 +69,6 @@ impl PressFrames {
         let pairs = self.values.rows().into_iter().zip(self.references.rows());
         pairs.map(|(values, reference)| [values.to_vec(), reference.to_vec()])
     }
-
-    /// Finds the strongest touch of each press with the model alone, as touches are found on a skin whose places
-    /// are by the given method; `None` if the noise is unknown.
-    ///
-    /// # Errors
-    ///
-    /// Settings with which no touches can be found.
-    pub(crate) fn detect(
-        &self,
-        fitted: &FittedFrames,
-        places_by: PlacesBy,
-    ) -> Result<Option<Vec<Option<PressTouch>>>, SkinError> {
-        strongest(fitted, self.pairs(), places_by)
-    }
-}
-
-/// Finds the strongest touch of each frame against its reference with the model alone; `None` if the noise is
-/// unknown.
-pub(super) fn strongest(
-    fitted: &FittedFrames,
-    pairs: impl Iterator<Item = [Vec<f64>; 2]>,
-    places_by: PlacesBy,
-) -> Result<Option<Vec<Option<PressTouch>>>, SkinError> {
-    let rate_hz = fitted.frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
-    let is_right = places_by == PlacesBy::Model;
-    let finder = TouchFinder::for_presses(fitted, rate_hz, is_right, &mut Progress::silent())?;
-    let Some(finder) = finder else { return Ok(None) };
-    let found = pairs.map(|[values, reference]| finder.strongest(&values, &reference));
-    Ok(Some(found.collect::<Result<_, _>>()?))
 }
 
 impl PlaceErrors {
@@ -107,15 +77,6 @@ impl PlaceErrors {
         errors_m.sort_unstable_by(f64::total_cmp);
         let mean_m = errors_m.iter().sum::<f64>() / errors_m.len().max(1) as f64;
         Self { median_m: errors_m.get(errors_m.len() / 2).copied().unwrap_or(0.0), mean_m }
-    }
-
-    /// Errors of detected touches; a press that was not found counts with `missed_m`.
-    pub(super) fn of_detected(
-        detected: &[Option<PressTouch>],
-        places_m: &[[f64; 3]],
-        missed_m: f64,
-    ) -> Self {
-        Self::of_errors(errors_of_detected(detected, places_m, missed_m))
     }
 }
 

@@ -61,12 +61,21 @@ impl PressFrames {
             references,
             places_m: presses.iter().map(|p| [p.x_m, p.y_m, p.z_m.unwrap_or(0.0)]).collect(),
             forces_n: presses.iter().map(|p| p.force_n).collect(),
+            interval_s: interval_s(presses, frames.rate_hz),
             lines: (0..presses.len()).map(|k| table.line(k)).collect(),
             place: table.place.clone(),
         };
         refuse_untouched(&made, &ranges, frames)?;
         Ok(made)
     }
+}
+
+/// Median time from one press to the next.
+pub(super) fn interval_s(presses: &[Press], rate_hz: Option<f64>) -> Option<f64> {
+    let first = |press: &Press| press.first_frame.map(|frame| frame as f64);
+    let pairs = presses.windows(2).filter_map(|pair| Some(first(&pair[1])? - first(&pair[0])?));
+    let frames = eit_core::median(pairs.filter(|frames| *frames > 0.0))?;
+    Some(frames / rate_hz?)
 }
 
 /// The frames of each press.

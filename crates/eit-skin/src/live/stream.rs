@@ -230,7 +230,7 @@ impl LiveStream {
         }
         self.image_time_s = Some(self.time_s);
         let is_good = |i: usize| !finder.is_missing(i);
-        let is_explained = finder.step().is_none_or(|step| step.is_explained());
+        let is_explained = finder.step().is_none_or(|step| step.is_explained);
         images.push(&self.values, finder.reference(), is_good, &self.touches, is_explained)?;
         self.image_latency_s = self.came_s.map(|came_s| now_s() - came_s);
         self.has_image = true;

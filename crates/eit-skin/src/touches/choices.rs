@@ -6,6 +6,8 @@
 pub struct Choices {
     /// Source of the noise.
     pub noise: String,
+    /// Number of presses that the skin was learnt from; `None` if touches are found by the model.
+    pub presses: Option<usize>,
     /// The sheet that explains the reference frame; `None` if an even one does as well.
     pub sheet: Option<FoundSheet>,
     /// Root mean square of the reference that an even sheet leaves unexplained, relative to its own.
@@ -44,7 +46,7 @@ impl Choices {
     /// Warns that touches will be lost, if the model explains the reference badly.
     pub fn warning(&self) -> Option<String> {
         let left = self.sheet.map_or(self.left_even, |sheet| sheet.left);
-        (left > UNEXPLAINED).then(|| format!(
+        (self.presses.is_none() && left > UNEXPLAINED).then(|| format!(
             "the model leaves {:.0} % of the untouched skin's voltages unexplained: touches will be lost or misplaced; \
              check the scene (shape, electrodes, protocol), or learn the skin from presses (`eit learn`)",
             100.0 * left
@@ -53,12 +55,13 @@ impl Choices {
 
     /// Describes each choice on a line, for people.
     pub fn lines(&self) -> Vec<String> {
-        let sheet = match self.sheet {
-            None => {
+        let sheet = match (self.presses, self.sheet) {
+            (Some(presses), _) => format!("skin learnt from {presses} presses"),
+            (None, None) => {
                 "sheet assumed to be even, which explains the reference as well as an uneven one"
                     .to_owned()
             }
-            Some(FoundSheet { amplitude, left_even, left }) => format!(
+            (None, Some(FoundSheet { amplitude, left_even, left })) => format!(
                 "sheet assumed to be uneven by {:.0} %, which explains the reference to {:.2} %, an even one \
                  to {:.2} %",
                 100.0 * amplitude,

@@ -3,15 +3,18 @@
 use super::background;
 use super::choices::{Choices, FoundSheet};
 use super::model::{Spread, VoltageNoise, dents, electrode_kinds, unknowns};
+use super::source::Source;
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
-use crate::learn::{LearnedSkin, LearnedTouches, LocalSheet};
+#[cfg(feature = "learn")]
+use crate::learn::Quiet;
+use crate::learn::{LearnedSkin, LocalSheet};
 use crate::progress::Progress;
 use crate::scene::{Must, TouchSettings, check_numbers};
 use eit_inverse::InverseError;
 #[cfg(feature = "learn")]
-use eit_inverse::touch::DetectedTouch;
+use eit_inverse::touch::{DetectedTouch, LearntSettings};
 use eit_inverse::touch::{
     DetectorModel, DetectorSettings, DetectorStep, Touch, TouchDetector, TouchTracker,
     TrackerSettings,
@@ -27,7 +30,7 @@ const STRONG_M2: f64 = 6e-6;
 /// Time constant for a reference that does not follow: thirty years.
 const STANDS_STILL_S: f64 = 1e9;
 
-/// The strongest touch of a press, found by the model alone.
+/// The strongest touch of a press.
 #[cfg(feature = "learn")]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PressTouch {
@@ -44,15 +47,13 @@ pub struct TouchFinder {
     /// What the finder chose, and why.
     pub choices: Choices,
     used: Vec<bool>,
-    detector: TouchDetector,
+    source: Source,
     tracker: TouchTracker,
     monitor: FaultMonitor,
     /// Whether the reference frame resembles the model; else touches explain frames by chance.
     is_alike: bool,
     /// Measurements that have recovered and wait for a frame without touches, to set their reference.
     waiting: Vec<bool>,
-    /// Positions and forces learnt from presses, if the settings name a file.
-    learned: Option<LearnedTouches>,
     #[cfg(feature = "learn")]
     local: LocalSheet,
     /// Reference of the current frame.
@@ -77,31 +78,18 @@ impl TouchFinder {
         let skin = &*fitted.skin;
         let file = skin.skin.settings.touch.learned.as_ref();
         let learned = file.map(|file| LearnedSkin::read_for(file, skin)).transpose()?;
-        let model_is_right = learned.as_ref().is_none_or(LearnedSkin::model_is_right);
-        Self::build(fitted, rate_hz, learned.as_ref(), model_is_right, progress)
+        Self::with_learned(fitted, rate_hz, learned.as_ref(), progress)
     }
 
-    /// Creates a finder as it is used together with learnt presses on which the model alone was the best or not.
-    #[cfg(feature = "learn")]
-    pub(crate) fn for_presses(
-        fitted: &FittedFrames,
-        rate_hz: f64,
-        model_is_right: bool,
-        progress: &mut Progress,
-    ) -> Result<Option<Self>, SkinError> {
-        Self::build(fitted, rate_hz, None, model_is_right, progress)
-    }
-
-    fn build(
+    /// Creates a finder that uses what was learnt.
+    pub(crate) fn with_learned(
         fitted: &FittedFrames,
         rate_hz: f64,
         learned: Option<&LearnedSkin>,
-        model_is_right: bool,
         progress: &mut Progress,
     ) -> Result<Option<Self>, SkinError> {
         let FittedFrames { skin, frames, .. } = fitted;
         let Some(noise) = VoltageNoise::of(fitted)? else { return Ok(None) };
-        let keys = &skin.skin.settings.touch;
         let protocol = &skin.skin.protocol;
         let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)?
             .with_lasting(&frames.faults)?;
@@ -109,6 +97,86 @@ impl TouchFinder {
             Some(quiet) => monitor.with_quiet_frames(quiet.values.view())?,
             None => monitor,
         };
+        #[cfg(feature = "learn")]
+        if let Some(learned) = learned.filter(|learned| !learned.model_is_right()) {
+            return Self::of_presses(fitted, rate_hz, learned, &noise, monitor, progress).map(Some);
+        }
+        Self::of_model(fitted, rate_hz, learned, noise, monitor, progress).map(Some)
+    }
+
+    /// Finds touches by the map that presses have taught.
+    #[cfg(feature = "learn")]
+    fn of_presses(
+        fitted: &FittedFrames,
+        rate_hz: f64,
+        learned: &LearnedSkin,
+        noise: &VoltageNoise,
+        monitor: FaultMonitor,
+        progress: &mut Progress,
+    ) -> Result<Self, SkinError> {
+        let FittedFrames { skin, frames, .. } = fitted;
+        let keys = &skin.skin.settings.touch;
+        let std_v: Vec<f64> = noise.std_v.iter().map(|e| e * noise.with_reference).collect();
+        let reference = &frames.reference;
+        let default = LearntSettings::default();
+        let settings = LearntSettings {
+            max_touches: keys.max_touches.unwrap_or(default.max_touches),
+            following: following_s(keys).map(|s| (1.0 / (s * rate_hz)).min(1.0)),
+            ..default
+        };
+        let quiet = Quiet { reference, std_v: &std_v, rate_hz };
+        let touches =
+            progress.stage("detector of touches", || learned.touches(skin, quiet, settings))?;
+        let [rows, places, _] = touches.sizes();
+        let [low, high] = skin.skin.mesh.surface().bounds_m();
+        let largest_m = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+        let conductivity_s = skin.skin.conductivity_s / fitted.level();
+        let least_s_m2 = detector_settings(keys, conductivity_s).least_s_m2;
+        let bell_m2 = std::f64::consts::PI * learned.bell_m.powi(2);
+        let tracker = TrackerSettings {
+            // a place that is not known well is stated, not hidden
+            max_position_std_m: largest_m,
+            errs_alike: true,
+            ..tracker_settings(keys, conductivity_s)
+        };
+        Ok(Self {
+            choices: Choices {
+                noise: noise.source.clone(),
+                presses: Some(touches.presses),
+                sheet: None,
+                left_even: background::left_even(fitted),
+                rows,
+                places,
+                blind: 0,
+                radius_m: learned.bell_m,
+                least_s_m2,
+            },
+            used: frames.used.clone(),
+            tracker: TouchTracker::new(tracker)?,
+            source: Source::Presses(Box::new(touches)),
+            monitor,
+            is_alike: fitted.fit.is_alike(),
+            waiting: vec![false; frames.used.len()],
+            local: LocalSheet::default(),
+            reference: frames.reference.clone(),
+            period_s: rate_hz.recip(),
+            before_s: None,
+            level_s: fitted.level() * least_s_m2 / bell_m2,
+            step: None,
+        })
+    }
+
+    /// Finds touches by the model.
+    fn of_model(
+        fitted: &FittedFrames,
+        rate_hz: f64,
+        learned: Option<&LearnedSkin>,
+        noise: VoltageNoise,
+        monitor: FaultMonitor,
+        progress: &mut Progress,
+    ) -> Result<Self, SkinError> {
+        let FittedFrames { skin, frames, .. } = fitted;
+        let keys = &skin.skin.settings.touch;
         let sheet = progress.stage("background", || background::of_reference(fitted, &noise))?;
         let even_s = skin.skin.background_s();
         let (background_s, jacobian, voltages) = match &sheet {
@@ -122,12 +190,7 @@ impl TouchFinder {
             Some(quiet) => quiet.values.clone(),
             None => Array2::zeros((0, frames.used.len())),
         };
-        // a learnt map that is better than the model contains what presses do to electrodes; what it does not
-        // contain is absorbed by the wide freedom that each electrode has if touches act on none
-        let kinds = match model_is_right {
-            true => electrode_kinds(skin, unknowns.ncols())?,
-            false => Vec::new(),
-        };
+        let kinds = electrode_kinds(skin, unknowns.ncols())?;
         let model = DetectorModel {
             surface: skin.skin.mesh.surface(),
             jacobian,
@@ -150,7 +213,7 @@ impl TouchFinder {
             gain * settings.least_s_m2 / (std::f64::consts::PI * settings.radius_m.powi(2));
         let detector =
             progress.stage("detector of touches", || TouchDetector::new(&model, settings))?;
-        let detector = match kinds.is_empty() || unknowns.ncols() == 1 {
+        let detector = match unknowns.ncols() == 1 {
             true => detector,
             false => {
                 let movement_m = Spread::in_use(skin).movement_m;
@@ -163,16 +226,12 @@ impl TouchFinder {
         let local = sheet.as_ref().map_or_else(LocalSheet::default, |sheet| {
             LocalSheet::new(skin.skin.mesh.surface(), &sheet.conductivity_s, &even_s)
         });
-        let file = keys.learned.as_ref().map(|file| file.display().to_string()).unwrap_or_default();
-        let touches = |learned| {
-            LearnedTouches::new(learned, skin, &frames.used, &std_v, local.clone())
-                .map_err(|e| e.within(&file))
-        };
-        let learned = learned.map(touches).transpose()?;
+        let forces = learned.map(|learned| Box::new(learned.model_forces(local.clone())));
         let (places, seen) = detector.places();
-        Ok(Some(Self {
+        Ok(Self {
             choices: Choices {
                 noise: noise.source,
+                presses: None,
                 sheet: sheet.map(|sheet| FoundSheet {
                     amplitude: sheet.found.amplitude,
                     left_even: sheet.left[0],
@@ -187,11 +246,10 @@ impl TouchFinder {
             },
             used: frames.used.clone(),
             tracker: TouchTracker::new(tracker_settings(keys, conductivity_s))?,
-            detector,
+            source: Source::Model { detector: Box::new(detector), forces },
             monitor,
             is_alike: fitted.fit.is_alike(),
             waiting: vec![false; frames.used.len()],
-            learned,
             #[cfg(feature = "learn")]
             local,
             reference: frames.reference.clone(),
@@ -199,7 +257,7 @@ impl TouchFinder {
             before_s: None,
             level_s,
             step: None,
-        }))
+        })
     }
 
     /// Continues the ids of another finder ([`TouchFinder::next_id`]), so that none is used twice.
@@ -232,64 +290,61 @@ impl TouchFinder {
             let (quantity, must) = ("time since the last frame", "finite and above zero");
             return Err(InverseError::OutOfRange { quantity, value: dt_s, must }.into());
         }
-        let Self { used, monitor, waiting, detector, reference, .. } = self;
+        let Self { used, monitor, waiting, source, reference, .. } = self;
         let faults = monitor.faults().len();
-        monitor.push(values, detector.reference_v(), is_good, time_s)?;
+        monitor.push(values, source.reference_v(), is_good, time_s)?;
         if monitor.faults().len() > faults {
-            detector.take_back_reference();
+            source.take_back_reference();
         }
         // after an outage of the instrument old references hold
         let is_outage = 2 * monitor.healed().len() > measurements;
         monitor.healed().iter().for_each(|&i| waiting[i] = !is_outage);
         // a frame that nothing was seen in, or that nothing explains, is not one without a finger
-        let is_seen = self.step.is_none_or(|step| step.rows > 0 && step.is_explained());
-        if is_seen && detector.touches().is_empty() {
+        let is_seen = self.step.is_none_or(|step| step.rows > 0 && step.is_explained);
+        if is_seen && source.is_empty() {
             // the reference of a recovered measurement is unknown; under a finger it would take on the error of the fit
             for i in (0..measurements).filter(|&i| !monitor.is_missing(i)) {
                 if std::mem::take(&mut waiting[i]) {
-                    detector.set_reference(i, values[i]);
+                    source.set_reference(i, values[i]);
                 }
             }
         }
+        let is_faulty = |i: usize| {
+            let of_electrode = monitor.of_electrode();
+            let is_of = |fault: &ElectrodeFault| of_electrode[fault.electrode].contains(&i);
+            !used[i] || monitor.faults().iter().any(is_of)
+        };
         let is_missing = |i: usize| monitor.is_missing(i) || waiting[i];
-        reference.copy_from_slice(detector.reference_v());
+        reference.copy_from_slice(source.reference_v());
         let is_whole =
             monitor.faults().is_empty() && (0..measurements).all(|i| !used[i] || !is_missing(i));
-        let step = detector.push(values, is_missing, dt_s)?;
+        let step = source.push(values, is_faulty, is_missing, dt_s)?;
         let faults = monitor.faults().len();
         monitor.blame(step.blamed, time_s)?;
         // a model that does not explain the reference explains no frame
-        monitor.doubt(step.is_explained() || !self.is_alike, time_s)?;
+        let is_judged = self.is_alike && !source.is_learnt();
+        monitor.doubt(step.is_explained || !is_judged, time_s)?;
         if monitor.faults().len() > faults {
             // the next frame is the first one without it
-            detector.take_back_reference();
+            source.take_back_reference();
         }
         (self.before_s, self.step) = (Some(time_s), Some(step));
-        let found = self.detector.touches();
-        let found = match &mut self.learned {
-            Some(learned) => {
-                let (monitor, waiting) = (&self.monitor, &self.waiting);
-                let is_missing = |i: usize| !self.used[i] || monitor.is_missing(i) || waiting[i];
-                learned.refine(values, &self.reference, is_missing, found)
-            }
-            None => found,
-        };
         match step.rows {
             0 => self.tracker.push_unseen(time_s)?,
-            _ => self.tracker.push(found, time_s, is_whole)?,
+            _ => self.tracker.push(self.source.found(), time_s, is_whole)?,
         };
-        let detector = &self.detector;
-        self.tracker.place(|point_m| detector.nearest_on_skin(point_m));
-        // a learnt map judges frames itself; what touches do not explain may be anything
-        let is_valid = self.learned.is_some() || (self.is_alike && self.is_explained());
+        let source = &self.source;
+        self.tracker.place(|point_m| source.nearest_on_skin(point_m));
+        // what touches do not explain may be anything
+        let is_valid = (self.is_alike || self.source.is_learnt()) && self.is_explained();
         Ok(match is_valid {
             true => self.tracker.touches(),
             false => self.tracker.invalidate(),
         })
     }
 
-    /// Returns the strongest touch of a frame relative to a given reference, by the model alone and without
-    /// tracking. `None` if there is no touch.
+    /// Returns the strongest touch of a frame relative to a given reference, without tracking. `None` if there is no
+    /// touch, or touches do not explain the frame, so that none would be valid.
     ///
     /// # Errors
     ///
@@ -302,11 +357,14 @@ impl TouchFinder {
     ) -> Result<Option<PressTouch>, SkinError> {
         let measurements = self.used.len();
         SkinError::check_measurements("the frame", values.len(), measurements)?;
-        let mut detector = self.detector.clone();
-        reference.iter().enumerate().for_each(|(i, v)| detector.set_reference(i, *v));
-        detector.push(values, |i| !self.used[i], self.period_s)?;
+        let mut source = self.source.clone();
+        reference.iter().enumerate().for_each(|(i, v)| source.set_reference(i, *v));
+        let step = source.push(values, |i| !self.used[i], |_| false, self.period_s)?;
+        if !(step.is_explained && (self.is_alike || source.is_learnt())) {
+            return Ok(None);
+        }
         let strength = |touch: &&DetectedTouch| touch.strength_s_m2.abs();
-        let touches = detector.touches().iter();
+        let touches = source.found().iter();
         let strongest = touches.max_by(|a, b| strength(a).total_cmp(&strength(b))).copied();
         Ok(strongest.map(|touch| PressTouch {
             even_strength_s_m2: touch.strength_s_m2.abs() / self.local.ratio_at(touch.position_m),
@@ -314,10 +372,20 @@ impl TouchFinder {
         }))
     }
 
+    /// Sets the reference, `[measurement]`.
+    #[cfg(feature = "learn")]
+    pub(crate) fn set_reference(&mut self, reference: &[f64]) {
+        reference.iter().enumerate().for_each(|(i, v)| self.source.set_reference(i, *v));
+    }
+
     /// Returns how much a touch at each of the given positions lowers the chi^2 of the last frame, see
-    /// [`TouchDetector::evidence_at`].
+    /// [`TouchDetector::evidence_at`]; empty on a learnt skin.
     pub fn evidence_at(&mut self, positions_m: &[[f64; 3]]) -> Vec<f64> {
-        self.detector.evidence_at(positions_m)
+        match &mut self.source {
+            Source::Model { detector, .. } => detector.evidence_at(positions_m),
+            #[cfg(feature = "learn")]
+            Source::Presses(_) => Vec::new(),
+        }
     }
 
     /// Returns the electrodes that are excluded from the current frame.
@@ -341,7 +409,7 @@ impl TouchFinder {
     /// contact that gets worse looks like touches around its electrode until it is named. Nothing explains a frame of
     /// which no value counts.
     pub fn is_explained(&self) -> bool {
-        let explains = |s: DetectorStep| s.rows > 0 && s.is_explained() && s.blamed.is_none();
+        let explains = |s: DetectorStep| s.rows > 0 && s.is_explained && s.blamed.is_none();
         self.step.is_none_or(explains)
     }
 

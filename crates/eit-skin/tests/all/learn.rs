@@ -178,13 +178,12 @@ fn twelve_presses_give_newtons() {
         let (places, forces, missed) = errors(&presses, &with_file(&fitted, &file));
         let force = learned.force.as_ref().unwrap();
         println!(
-            "seed {seed}: places by {:?}, {:?}; force by {:?}, leave-one-out {:.3}, {:?}\n  places untrained {:.2} mm, learnt {:.2} mm; \
+            "seed {seed}: places by {:?}, {:?}; leave-one-out {:.3}, {:?}\n  places untrained {:.2} mm, learnt {:.2} mm; \
              force median {:.3}, 90 % {:.3}, 95 % {:.3}, most {:.3} of {} frames, {missed} missed",
             learned.places_by,
-            learned.errors,
-            force.strength_by,
-            force.curve.error_ln,
-            force.curve.coefficients,
+            learned.held_out,
+            force.error_ln,
+            force.coefficients,
             1e3 * quantile_of(&untrained, 0.5),
             1e3 * quantile_of(&places, 0.5),
             quantile_of(&forces, 0.5),

@@ -60,7 +60,7 @@ fn touches_of_a_recording_survive() {
     let read: Touches = serde_json::from_value(text).unwrap();
     let again = again(&read);
     assert_eq!(format!("{read:?}"), format!("{again:?}"));
-    assert!(again.steps[0].is_explained());
+    assert!(again.steps[0].is_explained);
     assert_eq!(
         again.faults,
         [ElectrodeFault { electrode: 2, kind: FaultKind::Stuck, since_s: 0.1 }]

@@ -52,6 +52,8 @@ pub struct DetectorStep {
     pub chi_square_rest: f64,
     /// The electrode whose gain alone explains the frame far better than touches do.
     pub blamed: Option<usize>,
+    /// Whether touches, or the absence of any, explain the frame.
+    pub is_explained: bool,
 }
 
 /// Largest residual of an explained frame, over its number of rows. Simulated fabrics leave up to
@@ -62,14 +64,10 @@ pub(super) const MOST_PER_ROW: f64 = 20.0;
 /// the model is linear, but up to a quarter of their own frame.
 const MOST_OF_FRAME: f64 = 0.3;
 
-impl DetectorStep {
-    /// Returns whether touches, or the absence of any, explain the frame: the residual is small, in
-    /// total or per row. Other data, such as touches that change the conductivity the other way, is
-    /// not explained.
-    pub fn is_explained(&self) -> bool {
-        self.chi_square_rest <= MOST_PER_ROW * self.rows.max(1) as f64
-            || self.chi_square_rest <= MOST_OF_FRAME * self.chi_square
-    }
+/// Whether a residual is small, in total or per row. Other data, such as touches that change the conductivity the other
+/// way, is not explained.
+pub(super) fn is_explained(rows: usize, whole: f64, rest: f64) -> bool {
+    rest <= MOST_PER_ROW * rows.max(1) as f64 || rest <= MOST_OF_FRAME * whole
 }
 
 #[cfg(test)]
@@ -79,17 +77,10 @@ mod tests {
     /// A frame is explained by a small residual relative to the frame or per row; either suffices.
     #[test]
     fn explained_by_part_or_by_row() {
-        let step = |chi_square: f64, chi_square_rest: f64| DetectorStep {
-            rows: 100,
-            chi_square,
-            chi_square_without: chi_square,
-            chi_square_rest,
-            blamed: None,
-        };
         // noise, memory, a strong touch whose model is off, a faint one; and touches of the other sign
         for (all, rest) in [(50.0, 50.0), (2e3, 7e2), (1e6, 2e5), (2.5e3, 1.9e3)] {
-            assert!(step(all, rest).is_explained(), "{all} {rest}");
+            assert!(is_explained(100, all, rest), "{all} {rest}");
         }
-        assert!(!step(4e5, 2e5).is_explained() && !step(3e4, 3e4).is_explained());
+        assert!(!is_explained(100, 4e5, 2e5) && !is_explained(100, 3e4, 3e4));
     }
 }

@@ -39,6 +39,9 @@ pub struct TrackerSettings {
     pub velocity_std_m_s: f64,
     /// Largest standard deviation of a valid position in any coordinate, metres. Default 15 mm.
     pub max_position_std_m: f64,
+    /// Whether positions err alike in all frames of a rest, as those of a learnt skin: the covariance that is reported
+    /// is then that of the last frame, not of the filter. Default false.
+    pub errs_alike: bool,
 }
 
 impl TrackerSettings {
@@ -56,6 +59,7 @@ impl TrackerSettings {
             acceleration_m_s2: 2.0,
             velocity_std_m_s: 0.3,
             max_position_std_m: 15e-3,
+            errs_alike: false,
         }
     }
 

@@ -325,6 +325,10 @@ impl PressCollector {
             references: rows(|press| &press.reference),
             places_m: table().map(|p| [p.x_m, p.y_m, p.z_m.unwrap_or(0.0)]).collect(),
             forces_n: table().map(|p| p.force_n).collect(),
+            interval_s: crate::learn::interval_s(
+                &table().cloned().collect::<Vec<_>>(),
+                fitted.frames.rate_hz,
+            ),
             // after the header
             lines: (2..self.presses.len() + 2).collect(),
             place: "table of presses".to_owned(),

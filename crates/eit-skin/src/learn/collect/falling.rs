@@ -31,17 +31,11 @@ pub struct FallingError {
 impl FallingError {
     /// Adds what was learnt from all presses so far.
     pub fn push(&mut self, learned: &LearnedSkin) -> ErrorPoint {
-        let errors = &learned.errors;
-        let place = match learned.places_by {
-            PlacesBy::Model => errors.model.unwrap_or(errors.map),
-            PlacesBy::Map => errors.map,
-            PlacesBy::Regression => errors.regression,
-        };
         let point = ErrorPoint {
             presses: learned.presses.places_m.len(),
             places_by: learned.places_by,
-            place,
-            force_ln: learned.force.as_ref().map(|force| force.curve.error_ln),
+            place: learned.errors(),
+            force_ln: learned.force.as_ref().map(|force| force.error_ln),
         };
         self.points.push(point);
         point

@@ -1,10 +1,10 @@
 //! Validates the content of a file of `eit learn`: the program writes it so, but a checksum does not stop
 //! anyone from writing something else.
 
-use super::{Content, LearnedForce, MapRecord};
+use super::{Content, HeldOut};
 use crate::error::SkinError;
 use crate::scene::{Must, check_numbers};
-use eit_inverse::learn::{ForceCurve, ResponseMapSettings};
+use eit_inverse::learn::{ForceCurve, MapSettings};
 
 /// Name of a number, its value, and its allowed range.
 type Check = (&'static str, Option<f64>, Must);
@@ -14,8 +14,8 @@ impl Content {
     pub(super) fn check(&self) -> Result<(), SkinError> {
         self.check_lengths()?;
         check_numbers(self.numbers()).map_err(|e| e.within("content"))?;
-        if self.sign.abs() != 1.0 {
-            let sign = self.sign;
+        let sign = self.orientation.sign;
+        if sign.abs() != 1.0 {
             return Err(SkinError::input(format!("content: sign is {sign}: it must be 1 or -1")));
         }
         Ok(())
@@ -27,14 +27,16 @@ impl Content {
         let lengths = [
             ("forces_n", self.forces_n.len(), presses),
             ("frames", self.frames.len(), presses),
-            ("ratios", self.ratios.len(), channels),
+            ("untouched", self.untouched.len(), presses),
+            ("levels", self.levels.len(), channels),
         ];
         let sessions = match self.sessions.len() {
             0 => None,
             found => Some(("sessions", found, presses)),
         };
-        let frames = self.frames.iter().map(|frame| ("a frame", frame.len(), channels));
-        let covariance = self.force.as_ref().map(|force| &force.curve.covariance);
+        let frames = self.frames.iter().chain(&self.untouched);
+        let frames = frames.map(|frame| ("a frame", frame.len(), channels));
+        let covariance = self.force.as_ref().map(|force| &force.covariance);
         let force = covariance.map(|list| ("force.covariance", list.len(), terms * terms));
         for (what, found, wanted) in lengths.into_iter().chain(sessions).chain(frames).chain(force)
         {
@@ -57,31 +59,28 @@ impl Content {
     /// Every number with its allowed range.
     fn numbers(&self) -> impl Iterator<Item = Check> {
         use Must::{Finite, NotNegative, Positive};
-        let MapRecord { settings, covariance_factor, rest_limit } = self.map;
-        let ResponseMapSettings { length_m, noise, gain_pull, independent_channels } = settings;
-        let [shift_x_m, shift_y_m] = self.pose.shift_m;
+        let MapSettings { length_m, noise, weak, gain_pull } = self.map;
         let single = [
+            ("interval_s", Some(self.interval_s), Positive),
             ("bell_m", Some(self.bell_m), Positive),
-            ("sign", Some(self.sign), Finite),
-            ("pose.turn_rad", Some(self.pose.turn_rad), Finite),
-            ("pose.scale", Some(self.pose.scale), Positive),
-            ("pose.shift_m", Some(shift_x_m), Finite),
-            ("pose.shift_m", Some(shift_y_m), Finite),
+            ("orientation.sign", Some(self.orientation.sign), Finite),
+            ("orientation.turn_rad", Some(self.orientation.turn_rad), Finite),
             ("map.length_m", Some(length_m), Positive),
             ("map.noise", Some(noise), Positive),
+            ("map.weak", Some(weak), Must::Within((0.0..=1.0, "from 0 to 1"))),
             ("map.gain_pull", gain_pull, Positive),
-            ("map.independent_channels", Some(independent_channels), Positive),
-            ("map.covariance_factor", Some(covariance_factor), NotNegative),
-            ("map.rest_limit", Some(rest_limit), Must::Part),
-            ("regression.width2", Some(self.regression.width2), Positive),
-            ("regression.ridge", Some(self.regression.ridge), Positive),
+            ("held_out.shown", Some(self.held_out.shown), NotNegative),
         ];
-        let errors = self.errors.model.into_iter().chain([self.errors.map, self.errors.regression]);
+        let HeldOut { model, presses, middle, .. } = self.held_out;
+        let errors = model.into_iter().chain([presses, middle]);
         let errors = errors.flat_map(|way| [way.median_m, way.mean_m]);
+        let shift = self.shift_m.iter().chain(&self.orientation.middle_m);
         let places = self.places_m.iter().flatten();
         single
             .into_iter()
-            .chain(self.ratios.iter().map(|&ratio| ("ratios", Some(ratio), Finite)))
+            .chain(shift.map(|&x| ("shift_m", Some(x), Finite)))
+            .chain(self.levels.iter().map(|&level| ("levels", Some(level), Finite)))
+            .chain(self.untouched.iter().flatten().map(|&v| ("untouched", Some(v), Finite)))
             .chain(places.map(|&x| ("places_m", Some(x), Finite)))
             .chain(self.frames.iter().flatten().map(|&value| ("frames", Some(value), Finite)))
             .chain(self.forces_n.iter().flatten().map(|&force| ("forces_n", Some(force), Positive)))
@@ -90,9 +89,8 @@ impl Content {
     }
 }
 
-fn force_numbers(force: &LearnedForce) -> impl Iterator<Item = Check> {
+fn force_numbers(curve: &ForceCurve) -> impl Iterator<Item = Check> {
     use Must::{Finite, NotNegative, Positive};
-    let curve = &force.curve;
     let [low_ln, high_ln] = curve.range_ln;
     let [least_n, most_n] = curve.forces_n;
     let single = [

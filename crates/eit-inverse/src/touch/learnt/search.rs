@@ -1,0 +1,517 @@
+//! The touches of a frame: one more at a time while that is far more likely, each refined with the others fixed.
+
+use super::basis::{Basis, LANES, minus2};
+use super::places::SkinPlaces;
+use super::thresholds::Thresholds;
+use crate::learn::ResponseMap;
+use eit_core::vector::sub;
+use pulp::{Arch, Simd, WithSimd};
+
+/// Strengths from which a further touch is sought, in units of the one that the squared length suggests.
+const STARTS: [f64; 2] = [1.0, 2.5];
+/// Rounds in which touches are refined, one after the other: for the first touch, and for further ones.
+const ROUNDS: [usize; 2] = [1, 3];
+/// Most touches that any settings allow.
+const MOST: usize = 16;
+
+/// A touch of a hypothesis.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Candidate {
+    place: usize,
+    strength: f64,
+    /// -2 ln L gained when it was added.
+    evidence: f64,
+    /// Index of its coarse place.
+    home: usize,
+    /// -2 ln L at the fine places around, and at all coarse places, the other touches fixed.
+    near: Vec<f64>,
+    far: Vec<f64>,
+}
+
+/// What a frame shows.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Looked {
+    pub(super) touches: usize,
+    /// -2 ln L that the first touch gains, shown or not.
+    pub(super) evidence: f64,
+    /// Whitened squared length of the frame, and of what the touches leave.
+    pub(super) whole: f64,
+    pub(super) rest: f64,
+}
+
+/// Score of a hypothesis.
+#[derive(Debug, Clone, Copy)]
+struct Fit {
+    minus2: f64,
+    rest: f64,
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Search {
+    arch: Arch,
+    freedom: f64,
+    most: usize,
+    /// Touches that are believed, and those of the hypothesis that is tried.
+    found: Vec<Candidate>,
+    tried: Vec<Candidate>,
+    spare: Vec<Candidate>,
+    frame: Vec<f64>,
+    rest: Vec<f64>,
+    variance: Vec<f64>,
+    work: Vec<f64>,
+    strengths: Vec<f64>,
+    scores: Vec<f64>,
+    /// Score of the touch that [`first`](Self::first) found.
+    one: f64,
+}
+
+/// Strength and -2 ln L of one more touch at each of some places.
+struct Evaluate<'a> {
+    basis: &'a Basis,
+    /// Variance of the response at each place.
+    of_places: &'a [f64],
+    places: &'a [usize],
+    rest: &'a [f64],
+    variance: &'a [f64],
+    first: f64,
+    rounds: usize,
+    freedom: f64,
+    strengths: &'a mut [f64],
+    scores: &'a mut [f64],
+}
+
+impl WithSimd for Evaluate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { basis, of_places, places, rest, variance, first, rounds, freedom, .. } = self;
+        let outs = self.strengths.iter_mut().zip(self.scores.iter_mut());
+        for (&place, (strength, score)) in places.iter().zip(outs) {
+            let response = basis.response(place);
+            *strength = first;
+            for _ in 0..rounds {
+                let weight = *strength * *strength * of_places[place];
+                let (mut product, mut square) = ([0.0; LANES], [0.0; LANES]);
+                for (((g, r), v), l) in lanes(response, rest, variance, &basis.lambda) {
+                    for i in 0..LANES {
+                        let part = g[i] / (v[i] + weight * l[i]);
+                        product[i] += part * r[i];
+                        square[i] += part * g[i];
+                    }
+                }
+                let square = square.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+                *strength = (product.iter().sum::<f64>() / square).max(0.0);
+            }
+            let weight = *strength * *strength * of_places[place];
+            let (mut square, mut determinant) = ([0.0; LANES], [1.0; LANES]);
+            let mut logarithm = 0.0;
+            for (chunk, (((g, r), v), l)) in
+                lanes(response, rest, variance, &basis.lambda).enumerate()
+            {
+                for i in 0..LANES {
+                    let variance = v[i] + weight * l[i];
+                    let left = r[i] - *strength * g[i];
+                    square[i] += left * left / variance;
+                    determinant[i] *= variance;
+                }
+                // products of eight stay below 1e308 for variances up to 1e38
+                if chunk % 8 == 7 {
+                    logarithm += determinant.iter().map(|d| d.ln()).sum::<f64>();
+                    determinant = [1.0; LANES];
+                }
+            }
+            logarithm += determinant.iter().map(|d| d.ln()).sum::<f64>();
+            *score = minus2(square.iter().sum(), logarithm, basis.channels.len(), freedom);
+        }
+    }
+}
+
+type Lanes<'a> = (((&'a [f64; LANES], &'a [f64; LANES]), &'a [f64; LANES]), &'a [f64; LANES]);
+
+#[inline(always)]
+fn lanes<'a>(
+    response: &'a [f64],
+    rest: &'a [f64],
+    variance: &'a [f64],
+    lambda: &'a [f64],
+) -> impl Iterator<Item = Lanes<'a>> {
+    let [response, rest, variance, lambda] =
+        [response, rest, variance, lambda].map(|values| values.as_chunks::<LANES>().0);
+    response.iter().zip(rest).zip(variance).zip(lambda)
+}
+
+impl Search {
+    pub(super) fn new(map: &ResponseMap, places: &SkinPlaces, most: usize) -> Self {
+        let most = most.clamp(1, MOST);
+        let width = map.scale.len().next_multiple_of(LANES);
+        let near = places.near.iter().map(Vec::len).max().unwrap_or(0);
+        let room = near.max(places.coarse.len());
+        let candidate = || Candidate {
+            near: Vec::with_capacity(near),
+            far: Vec::with_capacity(places.coarse.len()),
+            ..Candidate::default()
+        };
+        Self {
+            arch: Arch::new(),
+            freedom: map.freedom,
+            most,
+            found: Vec::with_capacity(most + 1),
+            tried: Vec::with_capacity(most + 1),
+            spare: (0..2 * most + 2).map(|_| candidate()).collect(),
+            frame: vec![0.0; width],
+            rest: vec![0.0; width],
+            variance: vec![0.0; width],
+            work: vec![0.0; width],
+            strengths: vec![0.0; room],
+            scores: vec![0.0; room],
+            one: 0.0,
+        }
+    }
+
+    /// The touches of the last frame.
+    pub(super) fn candidates(&self) -> &[Candidate] {
+        &self.found
+    }
+
+    /// Touches of the last frame: place, strength, and -2 ln L gained.
+    pub(super) fn found(&self) -> impl Iterator<Item = (usize, f64, f64)> {
+        self.found.iter().map(|c| (c.place, c.strength, c.evidence))
+    }
+
+    /// Finds the touches of a difference over all channels, in units of the scales.
+    pub(super) fn look(
+        &mut self,
+        basis: &Basis,
+        map: &ResponseMap,
+        places: &SkinPlaces,
+        thresholds: &Thresholds,
+        difference: &[f64],
+    ) -> Looked {
+        let of_places = map.variance.as_slice().unwrap_or_default();
+        let mut best = self.take(basis, difference);
+        let whole = best.rest;
+        let mut evidence = 0.0;
+        while self.found.len() < self.most {
+            let more = usize::from(!self.found.is_empty());
+            let added = self.found.len() + 1;
+            let fit = self.add(basis, of_places, places, ROUNDS[more]);
+            let gained = best.minus2 - fit.minus2;
+            if more == 0 {
+                evidence = gained;
+            }
+            let need = if more == 0 { thresholds.first } else { thresholds.more };
+            if self.tried.len() < added || gained < need {
+                break;
+            }
+            self.accept(gained);
+            best = fit;
+        }
+        Looked { touches: self.found.len(), evidence, whole, rest: best.rest }
+    }
+
+    /// Takes a difference, without touches: -2 ln L of none, and its squared length.
+    fn take(&mut self, basis: &Basis, difference: &[f64]) -> Fit {
+        let width = basis.width;
+        for of in [&mut self.frame, &mut self.rest, &mut self.variance, &mut self.work] {
+            of.resize(width, 0.0);
+        }
+        self.spare.append(&mut self.found);
+        basis.turn(difference, &mut self.frame);
+        let rest = self.frame.iter().map(|z| z * z).sum();
+        Fit { minus2: basis.without_touch(difference, self.freedom, &mut self.work), rest }
+    }
+
+    /// -2 ln L that one touch gains over none, and its squared rest; the touch is then found.
+    pub(super) fn first(
+        &mut self,
+        basis: &Basis,
+        of_places: &[f64],
+        places: &SkinPlaces,
+        difference: &[f64],
+    ) -> (f64, f64) {
+        let none = self.take(basis, difference);
+        let one = self.add(basis, of_places, places, ROUNDS[0]);
+        let gained = none.minus2 - one.minus2;
+        self.one = one.minus2;
+        if !self.tried.is_empty() {
+            self.accept(gained);
+        }
+        (gained, one.rest)
+    }
+
+    /// -2 ln L that a second touch gains over the first, which [`first`](Self::first) found.
+    pub(super) fn second(&mut self, basis: &Basis, of_places: &[f64], places: &SkinPlaces) -> f64 {
+        self.one - self.add(basis, of_places, places, ROUNDS[1] - 1).minus2
+    }
+
+    /// Tries one more touch than are found.
+    fn add(&mut self, basis: &Basis, of_places: &[f64], places: &SkinPlaces, rounds: usize) -> Fit {
+        self.spare.append(&mut self.tried);
+        for k in 0..self.found.len() {
+            let mut copy = self.spare.pop().unwrap_or_default();
+            copy.clone_from(&self.found[k]);
+            self.tried.push(copy);
+        }
+        self.leave(basis, of_places, None);
+        let (place, strength) = self.best_place(basis, of_places, places);
+        let mut new = self.spare.pop().unwrap_or_default();
+        (new.place, new.strength) = (place, strength);
+        self.tried.push(new);
+        for _ in 0..rounds {
+            for k in 0..self.tried.len() {
+                self.refine(basis, of_places, places, k);
+            }
+            if self.tried.len() > 1 {
+                self.strengths_together(basis, of_places);
+            }
+        }
+        for k in (0..self.tried.len()).rev() {
+            if self.tried[k].strength <= 0.0 {
+                let dropped = self.tried.remove(k);
+                self.spare.push(dropped);
+            }
+        }
+        self.leave(basis, of_places, None);
+        self.fit(basis)
+    }
+
+    fn accept(&mut self, gained: f64) {
+        for (new, old) in self.tried.iter_mut().zip(&self.found) {
+            new.evidence = old.evidence;
+        }
+        if let Some(last) = self.tried.last_mut() {
+            last.evidence = gained;
+        }
+        std::mem::swap(&mut self.found, &mut self.tried);
+    }
+
+    /// Sets rest and variance to those of the tried touches but one.
+    fn leave(&mut self, basis: &Basis, of_places: &[f64], but: Option<usize>) {
+        self.rest.copy_from_slice(&self.frame);
+        self.variance.fill(1.0);
+        for (_, touch) in self.tried.iter().enumerate().filter(|(k, _)| Some(*k) != but) {
+            let weight = touch.strength * touch.strength * of_places[touch.place];
+            let response = basis.response(touch.place);
+            for (rest, g) in self.rest.iter_mut().zip(response) {
+                *rest -= touch.strength * g;
+            }
+            for (variance, lambda) in self.variance.iter_mut().zip(&basis.lambda) {
+                *variance += weight * lambda;
+            }
+        }
+    }
+
+    /// Score of what [`leave`](Self::leave) left.
+    fn fit(&self, basis: &Basis) -> Fit {
+        let (mut square, mut logarithm) = (0.0, 0.0);
+        for (rest, variance) in self.rest.iter().zip(&self.variance) {
+            square += rest * rest / variance;
+            logarithm += variance.ln();
+        }
+        let minus2 = minus2(square, logarithm, basis.channels.len(), self.freedom);
+        Fit { minus2, rest: square }
+    }
+
+    /// Evaluates one more touch at some places into `strengths` and `scores`.
+    fn evaluate(
+        &mut self,
+        basis: &Basis,
+        of_places: &[f64],
+        places: &[usize],
+        first: f64,
+        rounds: usize,
+    ) {
+        let Self { arch, freedom, rest, variance, strengths, scores, .. } = self;
+        let freedom = *freedom;
+        arch.dispatch(Evaluate {
+            basis,
+            of_places,
+            places,
+            rest,
+            variance,
+            first,
+            rounds,
+            freedom,
+            strengths,
+            scores,
+        });
+    }
+
+    /// Best coarse place for one more touch, and its strength.
+    fn best_place(
+        &mut self,
+        basis: &Basis,
+        of_places: &[f64],
+        places: &SkinPlaces,
+    ) -> (usize, f64) {
+        let square: f64 = self.rest.iter().zip(&self.variance).map(|(r, v)| r * r / v).sum();
+        let guess = ((square - basis.channels.len() as f64).max(1e-9) / basis.typical2).sqrt();
+        let mut best = (f64::INFINITY, places.coarse.first().copied().unwrap_or(0), 0.0);
+        for start in STARTS {
+            self.evaluate(basis, of_places, &places.coarse, start * guess, 1);
+            let evaluated = self.scores.iter().zip(&self.strengths).zip(&places.coarse);
+            for ((&score, &strength), &place) in evaluated {
+                if strength > 0.0 && score < best.0 {
+                    best = (score, place, strength);
+                }
+            }
+        }
+        (best.1, best.2)
+    }
+
+    /// Moves one of the tried touches to the best fine place near it, the others fixed.
+    fn refine(&mut self, basis: &Basis, of_places: &[f64], places: &SkinPlaces, k: usize) {
+        self.leave(basis, of_places, Some(k));
+        let home = places.home(self.tried[k].place);
+        let near = &places.near[home];
+        self.evaluate(basis, of_places, near, self.tried[k].strength, 2);
+        let scores = self.scores[..near.len()].iter().enumerate();
+        let best = scores.min_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(at, _)| at);
+        let (place, strength) = (near[best], self.strengths[best]);
+        let touch = &mut self.tried[k];
+        (touch.place, touch.strength, touch.home) = (place, strength, home);
+        touch.near.clear();
+        touch.near.extend_from_slice(&self.scores[..near.len()]);
+        self.evaluate(basis, of_places, &places.coarse, strength, 1);
+        let touch = &mut self.tried[k];
+        touch.far.clear();
+        touch.far.extend_from_slice(&self.scores[..places.coarse.len()]);
+    }
+
+    /// Refits all strengths together, unless one falls below zero.
+    fn strengths_together(&mut self, basis: &Basis, of_places: &[f64]) {
+        self.leave(basis, of_places, None);
+        let count = self.tried.len().min(MOST);
+        let mut matrix = [[0.0; MOST + 1]; MOST];
+        for (i, (row, touch)) in matrix.iter_mut().zip(&self.tried).enumerate() {
+            let response = basis.response(touch.place);
+            let weighted = |other: &[f64]| -> f64 {
+                let values = response.iter().zip(other).zip(&self.variance);
+                values.map(|((g, o), v)| g * o / v).sum()
+            };
+            for (value, other) in row.iter_mut().zip(&self.tried) {
+                *value = weighted(basis.response(other.place));
+            }
+            row[i] += 1e-9;
+            row[MOST] = weighted(&self.frame);
+        }
+        eliminate(&mut matrix, count);
+        if matrix[..count].iter().all(|row| row[MOST] > 0.0) {
+            for (touch, row) in self.tried.iter_mut().zip(&matrix) {
+                touch.strength = row[MOST];
+            }
+        }
+    }
+
+    /// Standard deviation of the strength of a found touch, relative to it.
+    pub(super) fn relative_std(&self, k: usize, basis: &Basis, map: &ResponseMap) -> f64 {
+        let touch = &self.found[k];
+        let mut square = 0.0;
+        for (g, lambda) in basis.response(touch.place).iter().zip(&basis.lambda) {
+            let of = |t: &Candidate| t.strength * t.strength * map.variance[t.place] * lambda;
+            square += g * g / (1.0 + self.found.iter().map(of).sum::<f64>());
+        }
+        1.0 / (square.max(f64::MIN_POSITIVE).sqrt() * touch.strength)
+    }
+}
+
+impl Candidate {
+    /// Mean and covariance of the place, from the likelihoods at the fine places around it and, where
+    /// that is wider, on the whole skin.
+    pub(super) fn place(
+        &self,
+        places: &SkinPlaces,
+        thresholds: &Thresholds,
+    ) -> ([f64; 3], [[f64; 3]; 3]) {
+        let touch = self;
+        let position_m = mean_place(&places.near[touch.home], &touch.near, places, thresholds);
+        let tangents = &places.at[touch.place].tangents;
+        let spread = |which: &[usize], scores: &[f64], cell_m2: f64| {
+            let mut sum = 0.0;
+            let mut spread = [[0.0; 2]; 2];
+            let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
+            for (&at, score) in which.iter().zip(scores) {
+                let weight = (-0.5 * (score - least) / thresholds.mild).exp();
+                let way = places.along(tangents, position_m, at);
+                sum += weight;
+                for (i, row) in spread.iter_mut().enumerate() {
+                    (0..2).for_each(|j| row[j] += weight * way[i] * way[j]);
+                }
+            }
+            for (i, row) in spread.iter_mut().enumerate() {
+                row.iter_mut().for_each(|v| *v /= sum);
+                row[i] += cell_m2 + thresholds.floor_m2;
+            }
+            spread
+        };
+        let fine = spread(&places.near[touch.home], &touch.near, places.cells_m2[0]);
+        let whole = spread(&places.coarse, &touch.far, places.cells_m2[1]);
+        let trace = |s: &[[f64; 2]; 2]| s[0][0] + s[1][1];
+        let wider = if trace(&whole) > trace(&fine) { whole } else { fine };
+        let covariance = std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let mut sum = 0.0;
+                for (a, row) in wider.iter().enumerate() {
+                    for (b, value) in row.iter().enumerate() {
+                        sum += value * tangents[a][i] * tangents[b][j];
+                    }
+                }
+                thresholds.wide * sum
+            })
+        });
+        (position_m, covariance)
+    }
+
+    /// Squared distance from where the touch was, in units of its covariance, and the determinant of that.
+    pub(super) fn distance2(
+        &self,
+        truth_m: [f64; 3],
+        places: &SkinPlaces,
+        thresholds: &Thresholds,
+    ) -> (f64, f64) {
+        let (position_m, covariance) = self.place(places, thresholds);
+        let tangents = &places.at[self.place].tangents;
+        let along =
+            |t: &[f64; 3], v: [f64; 3]| -> f64 { t.iter().zip(v).map(|(a, b)| a * b).sum() };
+        let times = |t: &[f64; 3]| covariance.map(|row| along(t, row));
+        let way = sub(position_m, truth_m);
+        let [x, y] = [along(&tangents[0], way), along(&tangents[1], way)];
+        let [a, b, c] = [
+            along(&tangents[0], times(&tangents[0])),
+            along(&tangents[0], times(&tangents[1])),
+            along(&tangents[1], times(&tangents[1])),
+        ];
+        let determinant = (a * c - b * b).max(f64::MIN_POSITIVE);
+        ((c * x * x - 2.0 * b * x * y + a * y * y) / determinant, determinant)
+    }
+}
+
+fn mean_place(
+    near: &[usize],
+    scores: &[f64],
+    places: &SkinPlaces,
+    thresholds: &Thresholds,
+) -> [f64; 3] {
+    let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
+    let (mut sum, mut mean) = (0.0, [0.0; 3]);
+    for (&at, score) in near.iter().zip(scores) {
+        let weight = (-0.5 * (score - least) / thresholds.mild).exp();
+        sum += weight;
+        (0..3).for_each(|i| mean[i] += weight * places.at[at].position_m[i]);
+    }
+    mean.map(|m| m / sum)
+}
+
+/// Gauss-Jordan elimination of a small positive definite system; the solution is in the last column.
+fn eliminate(matrix: &mut [[f64; MOST + 1]; MOST], count: usize) {
+    for k in 0..count {
+        let pivot = matrix[k][k];
+        matrix[k].iter_mut().for_each(|v| *v /= pivot);
+        let row = matrix[k];
+        for (_, other) in matrix[..count].iter_mut().enumerate().filter(|(i, _)| *i != k) {
+            let factor = other[k];
+            other.iter_mut().zip(row).for_each(|(v, r)| *v -= factor * r);
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! Thresholds that follow from stated error rates, and how far stated places are off.
+
+use super::basis::Basis;
+use super::places::SkinPlaces;
+use super::search::{Candidate, Search};
+use super::{LearntSettings, ResponseMap, Untouched};
+use crate::InverseError;
+use crate::learn::{chi_square_level, f_level, folds, tail_level};
+use ndarray::{Array2, Axis};
+
+/// Fewest changes of the untouched skin from which thresholds are learnt, and their folds.
+const LEAST_STEPS: usize = 6;
+const STEP_FOLDS: usize = 5;
+/// Most presses that are held out one after the other.
+const HELD: usize = 300;
+/// Divisors of -2 ln L, and standard deviations in parts of the skin's radius, that are tried for stated places.
+const MILD: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
+const FLOORS: usize = 12;
+const LEAST_FLOOR: f64 = 0.01;
+/// Squared distance within which 90 % of a normal variable in the plane lie.
+const WITHIN_90: f64 = 4.605;
+
+/// A press that was found by a map that did not know it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct HeldPress {
+    /// Index of the press.
+    pub press: usize,
+    /// Whether a valid touch shows it.
+    pub is_shown: bool,
+    /// Where it is found, metres.
+    pub position_m: [f64; 3],
+    /// Conductivity change that the model gives it, S m^2, with its sign.
+    pub strength_s_m2: f64,
+    /// Index of the nearest place of the map.
+    pub(super) place: usize,
+    /// Part of the frame, 0 to 1, that no touch anywhere explains.
+    pub rest: f64,
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Thresholds {
+    /// -2 ln L that a first and a further touch must gain.
+    pub(super) first: f64,
+    pub(super) more: f64,
+    /// Gain above which the reference stands still.
+    pub(super) freeze: f64,
+    /// Squared length per channel of an explained frame, and of one in which nothing has changed.
+    pub(super) explained: f64,
+    pub(super) changed: f64,
+    /// Divisor of -2 ln L, variance, square metres, and factor of the covariance of a place.
+    pub(super) mild: f64,
+    pub(super) floor_m2: f64,
+    pub(super) wide: f64,
+    settings: LearntSettings,
+}
+
+impl Thresholds {
+    /// Those that a normal variable exceeds by chance at one of the coarse places.
+    pub(super) fn of_chance(
+        settings: &LearntSettings,
+        rate_hz: f64,
+        places: &SkinPlaces,
+        map: &ResponseMap,
+    ) -> Self {
+        let coarse = places.coarse.len().max(1) as f64;
+        let level = |probability: f64| chi_square_level(2.0 * probability / coarse);
+        let first = level(settings.alarms_hz / rate_hz);
+        let [explained, changed] = Self::limits(settings, map.scale.len(), map.freedom);
+        Self {
+            first,
+            more: first,
+            freeze: level(settings.frozen),
+            explained,
+            changed,
+            mild: 1.0,
+            floor_m2: 0.0,
+            wide: 1.0,
+            settings: *settings,
+        }
+    }
+
+    /// Raises them by changes of the untouched skin in units of the scales, each judged by a background that did not see
+    /// it. Returns in how many a touch would be shown.
+    pub(super) fn raise(
+        &mut self,
+        steps: &Array2<f64>,
+        untouched: &Untouched<'_>,
+        map: &ResponseMap,
+        places: &SkinPlaces,
+        search: &mut Search,
+        basis_of: impl Fn(&Array2<f64>) -> Result<Basis, InverseError>,
+    ) -> Result<usize, InverseError> {
+        let count = steps.nrows();
+        if count < LEAST_STEPS {
+            return Ok(0);
+        }
+        let variance = map.variance.to_vec();
+        let mut gains = Vec::with_capacity(count);
+        for fold in 0..STEP_FOLDS {
+            let (held, others): (Vec<usize>, Vec<usize>) =
+                (0..count).partition(|k| k % STEP_FOLDS == fold);
+            let basis = basis_of(&steps.select(Axis(0), &others))?;
+            for k in held {
+                let step = steps.row(k).to_vec();
+                gains.push(search.first(&basis, &variance, places, &step).0);
+            }
+        }
+        let probability = (self.settings.alarms_hz * untouched.interval_s).min(0.5);
+        self.first = self.first.max(tail_level(&gains, probability));
+        self.freeze = self.freeze.max(tail_level(&gains, self.settings.frozen));
+        Ok(gains.iter().filter(|gain| **gain >= self.first).count())
+    }
+
+    /// Finds presses by maps that do not know them; sets the threshold of further touches, and how places are stated.
+    pub(super) fn hold_out(
+        &mut self,
+        map: &ResponseMap,
+        places: &SkinPlaces,
+        basis: &Basis,
+        search: &mut Search,
+    ) -> Result<Vec<HeldPress>, InverseError> {
+        let (mut held, mut seconds, mut kept) = (Vec::new(), Vec::new(), Vec::new());
+        for fold in folds(map.presses_m.len(), HELD) {
+            let (responses, variance) = map.without(&fold)?;
+            let variance = variance.to_vec();
+            let without = basis.with_responses(&responses, map.unit);
+            for &press in &fold {
+                let change = map.changes.row(press).to_vec();
+                let (gained, rest) = search.first(&without, &variance, places, &change);
+                let Some((place, strength, _)) = search.found().next() else { continue };
+                let is_explained = rest <= change.len() as f64 * self.explained;
+                held.push(HeldPress {
+                    press,
+                    is_shown: gained >= self.first && is_explained,
+                    position_m: places.at[place].position_m,
+                    strength_s_m2: strength,
+                    place,
+                    rest: rest_part(&change, &responses, place),
+                });
+                kept.extend(search.candidates().first().map(|c| (held.len() - 1, c.clone())));
+                seconds.push(search.second(&without, &variance, places));
+            }
+        }
+        let more = self.more.max(tail_level(&seconds, self.settings.extra));
+        self.more = more;
+        self.state_places(map, places, &kept, &held);
+        for (k, found) in &kept {
+            held[*k].position_m = found.place(places, self).0;
+        }
+        held.sort_unstable_by_key(|held| held.press);
+        Ok(held)
+    }
+
+    /// Chooses how places are stated by a proper score, that of a t distribution of 4 degrees of freedom.
+    fn state_places(
+        &mut self,
+        map: &ResponseMap,
+        places: &SkinPlaces,
+        kept: &[(usize, Candidate)],
+        held: &[HeldPress],
+    ) {
+        if kept.is_empty() {
+            return;
+        }
+        let radius_m =
+            (places.cells_m2[0] * 12.0 * places.at.len() as f64 / std::f64::consts::PI).sqrt();
+        let count = kept.len() as f64;
+        let mut best = (f64::INFINITY, self.clone());
+        for mild in MILD {
+            for step in 0..FLOORS {
+                let floor_m = match step {
+                    0 => 0.0,
+                    _ => LEAST_FLOOR * radius_m * 2.0_f64.powf(0.5 * (step - 1) as f64),
+                };
+                let tried = Self { mild, floor_m2: floor_m * floor_m, wide: 1.0, ..self.clone() };
+                let of = |(k, found): &(usize, Candidate)| {
+                    let truth_m = map.presses_m[held[*k].press];
+                    found.distance2(truth_m, places, &tried)
+                };
+                let found: Vec<(f64, f64)> = kept.iter().map(of).collect();
+                let score = found.iter().map(|(d2, size)| size.ln() + 6.0 * (0.25 * d2).ln_1p());
+                let score = score.sum::<f64>() / count;
+                if score < best.0 {
+                    let distances: Vec<f64> = found.iter().map(|(d2, _)| *d2).collect();
+                    let part = (0.9 + 0.15 / count.sqrt()).min(1.0);
+                    let reach = eit_core::quantile(&distances, part).unwrap_or(0.0) / WITHIN_90;
+                    let wide = reach.clamp(1.0, 9.0).powf(count / (count + 5.0));
+                    best = (score, Self { wide, ..tried });
+                }
+            }
+        }
+        *self = best.1;
+    }
+
+    /// Limits of the squared length per channel: of an explained frame, and of one without a change.
+    fn limits(settings: &LearntSettings, channels: usize, freedom: f64) -> [f64; 2] {
+        [settings.unexplained, settings.frozen].map(|part| f_level(part, channels as f64, freedom))
+    }
+}
+
+/// Part of a change that the response at a place does not explain, by squared length.
+fn rest_part(change: &[f64], responses: &Array2<f64>, place: usize) -> f64 {
+    let response = responses.row(place);
+    let (mut product, mut square, mut whole) = (0.0, 0.0, 0.0);
+    for (c, r) in change.iter().zip(response) {
+        product += c * r;
+        square += r * r;
+        whole += c * c;
+    }
+    let explained = product * product / (square * whole).max(f64::MIN_POSITIVE);
+    (1.0 - explained).clamp(0.0, 1.0)
+}
