@@ -31,5 +31,5 @@ pub use detector::{
 #[cfg(feature = "learn")]
 pub(crate) use detector::{Places, bell_at};
 #[cfg(feature = "learn")]
-pub use learnt::{HeldPress, LearntDetector, LearntSettings, Untouched};
+pub use learnt::{HeldPress, LearntDetector, LearntSettings, Stated, Untouched};
 pub use points::{TouchTracker, TrackerSettings};

@@ -89,7 +89,7 @@ impl LearnFiles {
         let bytes = learning.skin.to_bytes()?;
         self.learned.write(|w| w.write_all(&bytes).map_err(io))?;
         self.csv.write(|w| write_csv(w, &curve).map_err(io))?;
-        if !curve.is_empty() {
+        if curve.iter().any(|point| point.place.mean_m > 0.0) {
             let picture = draw_plot(&plot(&learning.skin, &curve))?;
             self.png.write(|w| Ok(picture.write_png(w)?))?;
         }

@@ -44,6 +44,7 @@ pub(crate) use touches::{LearnedTouches, ModelForces, Quiet};
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use eit_inverse::learn::{ForceCurve, MapSettings, Orientation, Presses};
+use eit_inverse::touch::Stated;
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 
@@ -135,6 +136,8 @@ pub struct LearnedSkin {
     pub forces_n: Vec<Option<f64>>,
     /// Settings of the map.
     pub map: MapSettings,
+    /// How places are stated, and further touches found.
+    pub stated: Stated,
     /// How touches are found.
     pub places_by: PlacesBy,
     /// What held-out presses show.

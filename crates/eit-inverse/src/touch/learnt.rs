@@ -29,7 +29,7 @@ mod places;
 mod search;
 mod thresholds;
 
-pub use thresholds::HeldPress;
+pub use thresholds::{HeldPress, Stated};
 
 use super::{DetectedTouch, DetectorStep, LearntTouch};
 use crate::InverseError;
@@ -139,7 +139,8 @@ pub struct LearntDetector {
 
 impl LearntDetector {
     /// Prepares a map for frames of this untouched skin. `strength_s_m2` is the conductivity change that the model gives
-    /// a touch of strength 1 at each place of the map, for forces and images; `bell_m` the radius of a touch.
+    /// a touch of strength 1 at each place of the map, for forces and images; `bell_m` the radius of a touch. Without
+    /// `stated`, the presses are held out to find it, which takes most of the time.
     ///
     /// # Errors
     /// Lengths that do not match, settings that are not above zero, values that are not finite.
@@ -150,6 +151,7 @@ impl LearntDetector {
         strength_s_m2: Vec<f64>,
         bell_m: f64,
         settings: LearntSettings,
+        stated: Option<Stated>,
     ) -> Result<Self, InverseError> {
         settings.validate()?;
         let channels = map.scale.len();
@@ -176,7 +178,13 @@ impl LearntDetector {
             unit(&(&noise + &shrunk(others, None)?.all))
         })?;
         let basis = unit(&background)?;
-        let mut held = thresholds.hold_out(&map, &places, &basis, &mut search)?;
+        let mut held = match stated {
+            Some(stated) => {
+                thresholds.state(stated);
+                Vec::new()
+            }
+            None => thresholds.hold_out(&map, &places, &basis, &mut search)?,
+        };
         for press in &mut held {
             press.strength_s_m2 *= strength_s_m2[press.place];
         }
@@ -210,6 +218,11 @@ impl LearntDetector {
     /// Returns where presses that were left out are found, for some of the presses, in order of time.
     pub fn held_presses(&self) -> &[HeldPress] {
         &self.held
+    }
+
+    /// Returns how places are stated.
+    pub fn stated(&self) -> Stated {
+        self.thresholds.stated
     }
 
     /// Returns in how many changes of the untouched skin a touch would be shown, judged by the others, and their number.
@@ -331,9 +344,10 @@ impl LearntDetector {
     fn report(&mut self, touches: usize, is_explained: bool) {
         let Self { search, places, thresholds, .. } = self;
         for (k, (place, strength, evidence)) in search.found().take(touches).enumerate() {
-            let (position_m, covariance_m2) = search.candidates()[k].place(places, thresholds);
+            let (position_m, covariance_m2) =
+                search.candidates()[k].place(places, &thresholds.stated);
             let strength_s_m2 = strength * self.strength_s_m2[place];
-            let need = if k == 0 { thresholds.first } else { thresholds.more };
+            let need = if k == 0 { thresholds.first } else { thresholds.more[0] };
             self.touches.push(DetectedTouch {
                 position_m,
                 normal: places.normal(places.nearest(position_m)),

@@ -103,7 +103,8 @@ impl Skin {
         };
         let strengths = vec![1e-5; map.places_m.len()];
         let settings = LearntSettings::default();
-        LearntDetector::new(map, MESH.surface(), &untouched, strengths, 0.012, settings).unwrap()
+        LearntDetector::new(map, MESH.surface(), &untouched, strengths, 0.012, settings, None)
+            .unwrap()
     }
 }
 
@@ -221,7 +222,7 @@ fn the_reference_follows_what_is_no_touch() {
         let along = detector.reference().iter().zip(&drift).map(|(r, d)| r * d).sum::<f64>();
         along / drift.iter().map(|d| d * d).sum::<f64>()
     };
-    let mut press = |detector: &mut LearntDetector, skin: &mut Skin, size: f64, strength: f64| {
+    let press = |detector: &mut LearntDetector, skin: &mut Skin, size: f64, strength: f64| {
         let mut frame = skin.frame(&[([0.02, 0.03], strength)]);
         frame.iter_mut().zip(&drift).for_each(|(f, d)| *f += size * d);
         detector.push(&frame, |_| false).unwrap();

@@ -7,6 +7,7 @@ use super::{Frame, HeldOut, LearnedSkin, PlacesBy};
 use crate::error::SkinError;
 use crate::scene::read_file_of;
 use eit_inverse::learn::{ForceCurve, MapSettings, Orientation, Presses};
+use eit_inverse::touch::Stated;
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -47,6 +48,7 @@ struct Content {
     /// The untouched skin before each press, likewise.
     untouched: Vec<Vec<f64>>,
     map: MapSettings,
+    stated: Stated,
     places_by: PlacesBy,
     held_out: HeldOut,
     force: Option<ForceCurve>,
@@ -132,6 +134,7 @@ impl LearnedSkin {
             frames: rows(&self.presses.frames),
             untouched: rows(&self.untouched),
             map: self.map,
+            stated: self.stated,
             places_by: self.places_by,
             held_out: self.held_out,
             force: self.force.clone(),
@@ -164,6 +167,7 @@ impl Content {
             },
             forces_n: self.forces_n,
             map: self.map,
+            stated: self.stated,
             places_by: self.places_by,
             held_out: self.held_out,
             force: self.force,

@@ -11,7 +11,7 @@ use crate::touches::{DEFAULT_RATE_HZ, PressTouch, TouchFinder};
 use eit_core::vector::{distance, sub};
 use eit_inverse::learn::{ForceCurve, ForceSample, MapSettings, Orientation, Presses, ResponseMap};
 use eit_inverse::noise_std_of_quiet_frames;
-use eit_inverse::touch::{HeldPress, LearntDetector, LearntSettings};
+use eit_inverse::touch::{HeldPress, LearntDetector, LearntSettings, Stated};
 
 /// Radius of a touch if the scene states none, as a fraction of the skin's: 10 mm on one of 85.
 const BELL_PART: f64 = 0.12;
@@ -85,8 +85,9 @@ impl LearnedSkin {
         let rate_hz = fitted.frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
         let settings = LearntSettings::default();
         let detector = progress.stage("presses held out", || {
-            made.detector(skin, map, &made.levels, &noise_std, rate_hz, settings)
+            made.detector(skin, map, &made.levels, &noise_std, rate_hz, settings, None)
         })?;
+        made.stated = detector.stated();
         let by_model = match frame {
             Frame::Scene => progress.stage("model alone", || by_model(fitted, pressed, &joined))?,
             Frame::Fitted => None,
@@ -152,6 +153,7 @@ impl LearnedSkin {
             forces_n: joined.forces_n.clone(),
             map: MapSettings { length_m: bell_m, noise: 1.0, weak: 0.0, gain_pull: None },
             orientation: Orientation::of_model(sign),
+            stated: Stated::NONE,
             places_by: PlacesBy::Presses,
             force: None,
             channels,

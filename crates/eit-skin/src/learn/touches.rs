@@ -5,7 +5,7 @@ use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use eit_inverse::learn::{ForceCurve, ResponseMap};
 use eit_inverse::touch::{
-    DetectedTouch, DetectorStep, LearntDetector, LearntSettings, LearntTouch, Untouched,
+    DetectedTouch, DetectorStep, LearntDetector, LearntSettings, LearntTouch, Stated, Untouched,
 };
 use ndarray::Array2;
 use std::path::Path;
@@ -86,7 +86,9 @@ impl LearnedSkin {
             |values: &[f64]| -> Vec<f64> { self.channels.iter().map(|&i| values[i]).collect() };
         let (reference, noise_std) = (of_channels(quiet.reference), of_channels(quiet.std_v));
         let map = self.map(skin)?;
-        let detector = self.detector(skin, map, &reference, &noise_std, quiet.rate_hz, settings)?;
+        let stated = Some(self.stated);
+        let detector =
+            self.detector(skin, map, &reference, &noise_std, quiet.rate_hz, settings, stated)?;
         let mut channel_of = vec![None; quiet.reference.len()];
         self.channels.iter().enumerate().for_each(|(channel, &i)| channel_of[i] = Some(channel));
         Ok(LearnedTouches {
@@ -116,6 +118,7 @@ impl LearnedSkin {
         noise_std: &[f64],
         rate_hz: f64,
         settings: LearntSettings,
+        stated: Option<Stated>,
     ) -> Result<LearntDetector, SkinError> {
         let Self { channels, bell_m, orientation, .. } = self;
         let ones = vec![1.0; channels.len()];
@@ -132,7 +135,7 @@ impl LearnedSkin {
         let untouched =
             Untouched { reference, noise_std, steps: &steps, interval_s: self.interval_s, rate_hz };
         let surface = skin.skin.mesh.surface();
-        Ok(LearntDetector::new(map, surface, &untouched, strength_s_m2, *bell_m, settings)?)
+        Ok(LearntDetector::new(map, surface, &untouched, strength_s_m2, *bell_m, settings, stated)?)
     }
 
     /// Changes of the untouched skin from one press to the next of the same session, `[interval, channel]`.

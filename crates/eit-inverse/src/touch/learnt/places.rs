@@ -10,8 +10,13 @@ const COARSE: f64 = 1.0 / 12.0;
 /// Fine places within this many coarse distances of a coarse one belong to its neighbourhood.
 const AROUND: f64 = 2.3;
 
+/// Distance from other touches, as a fraction of the skin's radius, from which a touch is far from them: on three skins,
+/// what presses of which nothing is known show beside themselves is nearer.
+const FAR: f64 = 0.75;
+
 #[derive(Debug, Clone)]
 pub(super) struct SkinPlaces {
+    far_m: f64,
     pub(super) at: Vec<Place>,
     /// Indices of the coarse places, ...
     pub(super) coarse: Vec<usize>,
@@ -43,11 +48,17 @@ impl SkinPlaces {
         let area_m2: f64 = surface.areas_m2().iter().sum();
         let cell = |count: usize| area_m2 / count.max(1) as f64 / 12.0;
         Self {
+            far_m: FAR * 0.5 * extent_m(surface),
             at: places_m.iter().map(place).collect(),
             near: coarse.iter().map(around).collect(),
             cells_m2: [cell(places_m.len()), cell(coarse.len())],
             coarse,
         }
+    }
+
+    /// Whether two places are far from each other.
+    pub(super) fn are_far(&self, one: usize, other: usize) -> bool {
+        distance_m(self.at[one].position_m, self.at[other].position_m) >= self.far_m
     }
 
     /// Index of the fine place nearest to a point.

@@ -2,7 +2,7 @@
 
 use super::basis::{Basis, LANES, minus2};
 use super::places::SkinPlaces;
-use super::thresholds::Thresholds;
+use super::thresholds::{Stated, Thresholds};
 use crate::learn::ResponseMap;
 use eit_core::vector::sub;
 use pulp::{Arch, Simd, WithSimd};
@@ -193,21 +193,38 @@ impl Search {
         let whole = best.rest;
         let mut evidence = 0.0;
         while self.found.len() < self.most {
-            let more = usize::from(!self.found.is_empty());
-            let added = self.found.len() + 1;
-            let fit = self.add(basis, of_places, places, ROUNDS[more]);
-            let gained = best.minus2 - fit.minus2;
-            if more == 0 {
+            let is_first = self.found.is_empty();
+            let mut fit = self.add(basis, of_places, places, ROUNDS[usize::from(!is_first)], false);
+            let mut gained = best.minus2 - fit.minus2;
+            if is_first {
                 evidence = gained;
             }
-            let need = if more == 0 { thresholds.first } else { thresholds.more };
-            if self.tried.len() < added || gained < need {
+            let mut need = self.need(places, thresholds);
+            if !is_first && gained < need && need == thresholds.more[0] {
+                // not one near the others, but perhaps one far from them
+                fit = self.add(basis, of_places, places, ROUNDS[1], true);
+                (gained, need) = (best.minus2 - fit.minus2, self.need(places, thresholds));
+            }
+            if gained < need {
                 break;
             }
             self.accept(gained);
             best = fit;
         }
         Looked { touches: self.found.len(), evidence, whole, rest: best.rest }
+    }
+
+    /// -2 ln L that the last of the tried touches must gain; infinite if one was dropped.
+    fn need(&self, places: &SkinPlaces, thresholds: &Thresholds) -> f64 {
+        match self.tried.split_last() {
+            _ if self.tried.len() <= self.found.len() => f64::INFINITY,
+            None => f64::INFINITY,
+            Some((_, [])) => thresholds.first,
+            Some((last, others)) => {
+                let is_far = others.iter().all(|other| places.are_far(last.place, other.place));
+                thresholds.more[usize::from(is_far)]
+            }
+        }
     }
 
     /// Takes a difference, without touches: -2 ln L of none, and its squared length.
@@ -231,7 +248,7 @@ impl Search {
         difference: &[f64],
     ) -> (f64, f64) {
         let none = self.take(basis, difference);
-        let one = self.add(basis, of_places, places, ROUNDS[0]);
+        let one = self.add(basis, of_places, places, ROUNDS[0], false);
         let gained = none.minus2 - one.minus2;
         self.one = one.minus2;
         if !self.tried.is_empty() {
@@ -240,13 +257,26 @@ impl Search {
         (gained, one.rest)
     }
 
-    /// -2 ln L that a second touch gains over the first, which [`first`](Self::first) found.
-    pub(super) fn second(&mut self, basis: &Basis, of_places: &[f64], places: &SkinPlaces) -> f64 {
-        self.one - self.add(basis, of_places, places, ROUNDS[1] - 1).minus2
+    /// -2 ln L that a second touch, anywhere or far from it, gains over the first, which [`first`](Self::first) found.
+    pub(super) fn second(
+        &mut self,
+        basis: &Basis,
+        of_places: &[f64],
+        places: &SkinPlaces,
+        is_far: bool,
+    ) -> f64 {
+        self.one - self.add(basis, of_places, places, ROUNDS[1] - 1, is_far).minus2
     }
 
-    /// Tries one more touch than are found.
-    fn add(&mut self, basis: &Basis, of_places: &[f64], places: &SkinPlaces, rounds: usize) -> Fit {
+    /// Tries one more touch than are found, anywhere or far from all of them.
+    fn add(
+        &mut self,
+        basis: &Basis,
+        of_places: &[f64],
+        places: &SkinPlaces,
+        rounds: usize,
+        is_far: bool,
+    ) -> Fit {
         self.spare.append(&mut self.tried);
         for k in 0..self.found.len() {
             let mut copy = self.spare.pop().unwrap_or_default();
@@ -254,7 +284,7 @@ impl Search {
             self.tried.push(copy);
         }
         self.leave(basis, of_places, None);
-        let (place, strength) = self.best_place(basis, of_places, places);
+        let (place, strength) = self.best_place(basis, of_places, places, is_far);
         let mut new = self.spare.pop().unwrap_or_default();
         (new.place, new.strength) = (place, strength);
         self.tried.push(new);
@@ -338,12 +368,13 @@ impl Search {
         });
     }
 
-    /// Best coarse place for one more touch, and its strength.
+    /// Best coarse place for one more touch, anywhere or far from all others, and its strength.
     fn best_place(
         &mut self,
         basis: &Basis,
         of_places: &[f64],
         places: &SkinPlaces,
+        is_far: bool,
     ) -> (usize, f64) {
         let square: f64 = self.rest.iter().zip(&self.variance).map(|(r, v)| r * r / v).sum();
         let guess = ((square - basis.channels.len() as f64).max(1e-9) / basis.typical2).sqrt();
@@ -352,7 +383,9 @@ impl Search {
             self.evaluate(basis, of_places, &places.coarse, start * guess, 1);
             let evaluated = self.scores.iter().zip(&self.strengths).zip(&places.coarse);
             for ((&score, &strength), &place) in evaluated {
-                if strength > 0.0 && score < best.0 {
+                let is_beside = |touch: &Candidate| !places.are_far(touch.place, place);
+                if strength > 0.0 && score < best.0 && !(is_far && self.found.iter().any(is_beside))
+                {
                     best = (score, place, strength);
                 }
             }
@@ -419,20 +452,16 @@ impl Search {
 impl Candidate {
     /// Mean and covariance of the place, from the likelihoods at the fine places around it and, where
     /// that is wider, on the whole skin.
-    pub(super) fn place(
-        &self,
-        places: &SkinPlaces,
-        thresholds: &Thresholds,
-    ) -> ([f64; 3], [[f64; 3]; 3]) {
+    pub(super) fn place(&self, places: &SkinPlaces, stated: &Stated) -> ([f64; 3], [[f64; 3]; 3]) {
         let touch = self;
-        let position_m = mean_place(&places.near[touch.home], &touch.near, places, thresholds);
+        let position_m = mean_place(&places.near[touch.home], &touch.near, places, stated);
         let tangents = &places.at[touch.place].tangents;
         let spread = |which: &[usize], scores: &[f64], cell_m2: f64| {
             let mut sum = 0.0;
             let mut spread = [[0.0; 2]; 2];
             let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
             for (&at, score) in which.iter().zip(scores) {
-                let weight = (-0.5 * (score - least) / thresholds.mild).exp();
+                let weight = (-0.5 * (score - least) / stated.mild).exp();
                 let way = places.along(tangents, position_m, at);
                 sum += weight;
                 for (i, row) in spread.iter_mut().enumerate() {
@@ -441,7 +470,7 @@ impl Candidate {
             }
             for (i, row) in spread.iter_mut().enumerate() {
                 row.iter_mut().for_each(|v| *v /= sum);
-                row[i] += cell_m2 + thresholds.floor_m2;
+                row[i] += cell_m2 + stated.floor_m2;
             }
             spread
         };
@@ -457,7 +486,7 @@ impl Candidate {
                         sum += value * tangents[a][i] * tangents[b][j];
                     }
                 }
-                thresholds.wide * sum
+                stated.wide * sum
             })
         });
         (position_m, covariance)
@@ -468,9 +497,9 @@ impl Candidate {
         &self,
         truth_m: [f64; 3],
         places: &SkinPlaces,
-        thresholds: &Thresholds,
+        stated: &Stated,
     ) -> (f64, f64) {
-        let (position_m, covariance) = self.place(places, thresholds);
+        let (position_m, covariance) = self.place(places, stated);
         let tangents = &places.at[self.place].tangents;
         let along =
             |t: &[f64; 3], v: [f64; 3]| -> f64 { t.iter().zip(v).map(|(a, b)| a * b).sum() };
@@ -487,16 +516,11 @@ impl Candidate {
     }
 }
 
-fn mean_place(
-    near: &[usize],
-    scores: &[f64],
-    places: &SkinPlaces,
-    thresholds: &Thresholds,
-) -> [f64; 3] {
+fn mean_place(near: &[usize], scores: &[f64], places: &SkinPlaces, stated: &Stated) -> [f64; 3] {
     let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
     let (mut sum, mut mean) = (0.0, [0.0; 3]);
     for (&at, score) in near.iter().zip(scores) {
-        let weight = (-0.5 * (score - least) / thresholds.mild).exp();
+        let weight = (-0.5 * (score - least) / stated.mild).exp();
         sum += weight;
         (0..3).for_each(|i| mean[i] += weight * places.at[at].position_m[i]);
     }

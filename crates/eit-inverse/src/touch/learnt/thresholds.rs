@@ -38,20 +38,38 @@ pub struct HeldPress {
     pub rest: f64,
 }
 
+/// How places are stated, and when a further touch is: what presses that were held out have shown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Stated {
+    /// Divisor of -2 ln L.
+    pub mild: f64,
+    /// Variance of a place that -2 ln L does not know of, square metres.
+    pub floor_m2: f64,
+    /// Factor of the covariance.
+    pub wide: f64,
+    /// -2 ln L that a touch near another one must gain, and one far from all others: an error of a response looks like
+    /// another touch near it.
+    pub beside: [f64; 2],
+}
+
+impl Stated {
+    /// Before any press was held out.
+    pub const NONE: Self = Self { mild: 1.0, floor_m2: 0.0, wide: 1.0, beside: [0.0; 2] };
+}
+
 #[derive(Debug, Clone)]
 pub(super) struct Thresholds {
-    /// -2 ln L that a first and a further touch must gain.
+    /// -2 ln L that a first touch must gain, and a further one near others and far from them.
     pub(super) first: f64,
-    pub(super) more: f64,
+    pub(super) more: [f64; 2],
     /// Gain above which the reference stands still.
     pub(super) freeze: f64,
     /// Squared length per channel of an explained frame, and of one in which nothing has changed.
     pub(super) explained: f64,
     pub(super) changed: f64,
-    /// Divisor of -2 ln L, variance, square metres, and factor of the covariance of a place.
-    pub(super) mild: f64,
-    pub(super) floor_m2: f64,
-    pub(super) wide: f64,
+    pub(super) stated: Stated,
+    first_by_chance: f64,
     settings: LearntSettings,
 }
 
@@ -69,13 +87,12 @@ impl Thresholds {
         let [explained, changed] = Self::limits(settings, map.scale.len(), map.freedom);
         Self {
             first,
-            more: first,
+            more: [first; 2],
             freeze: level(settings.frozen),
             explained,
             changed,
-            mild: 1.0,
-            floor_m2: 0.0,
-            wide: 1.0,
+            stated: Stated::NONE,
+            first_by_chance: first,
             settings: *settings,
         }
     }
@@ -120,7 +137,8 @@ impl Thresholds {
         basis: &Basis,
         search: &mut Search,
     ) -> Result<Vec<HeldPress>, InverseError> {
-        let (mut held, mut seconds, mut kept) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut held, mut kept) = (Vec::new(), Vec::new());
+        let mut seconds = [Vec::new(), Vec::new()];
         for fold in folds(map.presses_m.len(), HELD) {
             let (responses, variance) = map.without(&fold)?;
             let variance = variance.to_vec();
@@ -139,41 +157,44 @@ impl Thresholds {
                     rest: rest_part(&change, &responses, place),
                 });
                 kept.extend(search.candidates().first().map(|c| (held.len() - 1, c.clone())));
-                seconds.push(search.second(&without, &variance, places));
+                for (is_far, seconds) in [false, true].into_iter().zip(&mut seconds) {
+                    seconds.push(search.second(&without, &variance, places, is_far));
+                }
             }
         }
-        let more = self.more.max(tail_level(&seconds, self.settings.extra));
-        self.more = more;
-        self.state_places(map, places, &kept, &held);
+        let beside = seconds.map(|gains| tail_level(&gains, 0.5 * self.settings.extra));
+        self.state(Stated { beside, ..Self::best_stated(map, places, &kept, &held) });
         for (k, found) in &kept {
-            held[*k].position_m = found.place(places, self).0;
+            held[*k].position_m = found.place(places, &self.stated).0;
         }
         held.sort_unstable_by_key(|held| held.press);
         Ok(held)
     }
 
+    /// Sets how places are stated, and the threshold of further touches.
+    pub(super) fn state(&mut self, stated: Stated) {
+        self.stated = stated;
+        self.more = [0, 1].map(|far| self.first_by_chance.max(stated.beside[far]));
+    }
+
     /// Chooses how places are stated by a proper score, that of a t distribution of 4 degrees of freedom.
-    fn state_places(
-        &mut self,
+    fn best_stated(
         map: &ResponseMap,
         places: &SkinPlaces,
         kept: &[(usize, Candidate)],
         held: &[HeldPress],
-    ) {
-        if kept.is_empty() {
-            return;
-        }
+    ) -> Stated {
         let radius_m =
             (places.cells_m2[0] * 12.0 * places.at.len() as f64 / std::f64::consts::PI).sqrt();
         let count = kept.len() as f64;
-        let mut best = (f64::INFINITY, self.clone());
+        let mut best = (f64::INFINITY, Stated::NONE);
         for mild in MILD {
             for step in 0..FLOORS {
                 let floor_m = match step {
                     0 => 0.0,
                     _ => LEAST_FLOOR * radius_m * 2.0_f64.powf(0.5 * (step - 1) as f64),
                 };
-                let tried = Self { mild, floor_m2: floor_m * floor_m, wide: 1.0, ..self.clone() };
+                let tried = Stated { mild, floor_m2: floor_m * floor_m, ..Stated::NONE };
                 let of = |(k, found): &(usize, Candidate)| {
                     let truth_m = map.presses_m[held[*k].press];
                     found.distance2(truth_m, places, &tried)
@@ -186,11 +207,11 @@ impl Thresholds {
                     let part = (0.9 + 0.15 / count.sqrt()).min(1.0);
                     let reach = eit_core::quantile(&distances, part).unwrap_or(0.0) / WITHIN_90;
                     let wide = reach.clamp(1.0, 9.0).powf(count / (count + 5.0));
-                    best = (score, Self { wide, ..tried });
+                    best = (score, Stated { wide, ..tried });
                 }
             }
         }
-        *self = best.1;
+        best.1
     }
 
     /// Limits of the squared length per channel: of an explained frame, and of one without a change.

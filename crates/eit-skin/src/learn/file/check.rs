@@ -69,6 +69,11 @@ impl Content {
             ("map.noise", Some(noise), Positive),
             ("map.weak", Some(weak), Must::Within((0.0..=1.0, "from 0 to 1"))),
             ("map.gain_pull", gain_pull, Positive),
+            ("stated.mild", Some(self.stated.mild), Positive),
+            ("stated.floor_m2", Some(self.stated.floor_m2), NotNegative),
+            ("stated.wide", Some(self.stated.wide), Positive),
+            ("stated.beside", Some(self.stated.beside[0]), NotNegative),
+            ("stated.beside", Some(self.stated.beside[1]), NotNegative),
             ("held_out.shown", Some(self.held_out.shown), NotNegative),
         ];
         let HeldOut { model, presses, middle, .. } = self.held_out;
