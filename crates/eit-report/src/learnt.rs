@@ -223,7 +223,11 @@ fn tested(point: &CurvePoint) -> String {
         let [median, high] = force.map(|part| 100.0 * part);
         format!("; force error {median:.0} % (median), {high:.0} % (90 % quantile)")
     });
-    let (tested, place, shown) = (point.tested, mm(&point.place), 100.0 * point.shown);
+    let (tested, shown) = (point.tested, 100.0 * point.shown);
+    let place = match point.shown > 0.0 {
+        true => format!(", {}", mm(&point.place)),
+        false => String::new(),
+    };
     let [beside, ghosts] = point.ghosts;
     let more = match beside + ghosts > 0.0 {
         true => {
@@ -232,7 +236,7 @@ fn tested(point: &CurvePoint) -> String {
         false => String::new(),
     };
     format!(
-        "{learnt}, touch list of the {tested} after them: {shown:.0} % shown, {place}{more}{force}"
+        "{learnt}, touch list of the {tested} after them: {shown:.0} % shown{place}{more}{force}"
     )
 }
 

@@ -23,9 +23,9 @@ pub(crate) struct LearnArgs {
     /// before_first have their own.
     #[arg(long, value_name = "F|N|N..M|mean", allow_hyphen_values = true)]
     pub reference: Option<String>,
-    /// The places are in their own coordinates, or it is unknown which electrode is the first: fit rotation,
-    /// reflection, scale, shift, and whether a touch raises or lowers the conductivity. Ten presses spread
-    /// over the skin suffice. Touches are then in the scene's coordinates.
+    /// The places are a robot's own, in metres, or it is unknown which electrode is the first: the middle of the
+    /// presses, spread over the whole skin, is taken as that of the scene's skin, and rotation and reflection of the
+    /// model are fitted. Touches are then in the robot's coordinates, shifted by what is printed.
     #[arg(long)]
     pub fit_frame: bool,
     /// Earlier file of the same skin, whose presses are learnt together with the new ones. With --fit-frame

@@ -101,7 +101,7 @@ fn presses_become_newtons() {
     let bytes = read_text(&learned);
     for (content, wanted) in [
         (bytes.replacen("\"sign\":1.0", "\"sign\":-1.0", 1), "damaged: its checksum is"),
-        (bytes.replacen("\"version\":1", "\"version\":7", 1), "version 7 of the format"),
+        (bytes.replacen("\"version\":2", "\"version\":7", 1), "version 7 of the format"),
         ("x_m,y_m\n".into(), "not a file of `eit learn`"),
     ] {
         std::fs::write(&learned, content).unwrap();

@@ -135,18 +135,16 @@ fn twelve_presses_interrupted_and_continued() {
     }
     let learnt = learnt.unwrap();
     assert_eq!(learnt["presses"], 12);
-    let error_m = |answer: &Value, way: &str| answer["errors"][way]["median_m"].as_f64().unwrap();
-    assert!(error_m(&learnt, "map") < 5e-3, "{learnt}");
+    let error_m = |answer: &Value| answer["held_out"]["presses"]["median_m"].as_f64().unwrap();
+    assert!(error_m(&learnt) < 5e-3, "{learnt}");
     assert!(learnt["force"]["relative_error"].as_f64().unwrap() < 0.15, "{learnt}");
     // the stored table and recording teach the same
     let (scene, again) = (&bench.scene, bench.folder.path("again.learned"));
     let files = format!("--presses {table} --frames {recording}");
     let offline = answer(format!("learn {scene} {files} --reference 0..40 --out {again}"));
     assert_eq!(offline["presses"], 12);
-    for way in ["map", "regression"] {
-        let [one, other] = [&learnt, &offline].map(|answer| error_m(answer, way));
-        assert!((one - other).abs() < 1e-6, "{way}: {one} {other}");
-    }
+    let [one, other] = [&learnt, &offline].map(error_m);
+    assert!((one - other).abs() < 1e-6, "{one} {other}");
 }
 
 /// Forces typed after each press; too few presses are kept but not learnt.

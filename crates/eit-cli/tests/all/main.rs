@@ -26,6 +26,7 @@ mod init;
 mod instruments;
 mod learn;
 mod learn_live;
+mod learn_real;
 mod memory;
 mod methods;
 mod missing_values;

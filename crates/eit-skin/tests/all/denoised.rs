@@ -49,7 +49,7 @@ fn live(net: &Net, fitted: &FittedFrames, raw: &Array3<f64>) -> (Array3<f64>, Ve
         let time_s = frame as f64 / common::script::RATE_HZ;
         let good = fitted.frames.good.row(frame);
         let found = finder.push(&values, |i| good[i], time_s).unwrap().to_vec();
-        let explained = finder.step().unwrap().is_explained();
+        let explained = finder.step().unwrap().is_explained;
         raster.pixels_from_image_into(raw.index_axis(Axis(0), frame), &mut before).unwrap();
         let row = differences.row(frame).to_vec();
         let verdict = net.push(&raster, &before, &row, &found, explained, &mut after).unwrap();

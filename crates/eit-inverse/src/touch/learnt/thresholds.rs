@@ -69,7 +69,7 @@ pub(super) struct Thresholds {
     pub(super) explained: f64,
     pub(super) changed: f64,
     pub(super) stated: Stated,
-    first_by_chance: f64,
+    more_by_chance: f64,
     settings: LearntSettings,
 }
 
@@ -84,15 +84,16 @@ impl Thresholds {
         let coarse = places.coarse.len().max(1) as f64;
         let level = |probability: f64| chi_square_level(2.0 * probability / coarse);
         let first = level(settings.alarms_hz / rate_hz);
+        let more = level(0.5 * settings.extra);
         let [explained, changed] = Self::limits(settings, map.scale.len(), map.freedom);
         Self {
             first,
-            more: [first; 2],
+            more: [more; 2],
             freeze: level(settings.frozen),
             explained,
             changed,
             stated: Stated::NONE,
-            first_by_chance: first,
+            more_by_chance: more,
             settings: *settings,
         }
     }
@@ -174,7 +175,7 @@ impl Thresholds {
     /// Sets how places are stated, and the threshold of further touches.
     pub(super) fn state(&mut self, stated: Stated) {
         self.stated = stated;
-        self.more = [0, 1].map(|far| self.first_by_chance.max(stated.beside[far]));
+        self.more = stated.beside.map(|beside| self.more_by_chance.max(beside));
     }
 
     /// Chooses how places are stated by a proper score, that of a t distribution of 4 degrees of freedom.
