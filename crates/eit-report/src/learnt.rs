@@ -235,9 +235,7 @@ fn tested(point: &CurvePoint) -> String {
         }
         false => String::new(),
     };
-    format!(
-        "{learnt}, touch list of the {tested} after them: {shown:.0} % shown{place}{more}{force}"
-    )
+    format!("{learnt}, touch list of {tested} after them: {shown:.0} % shown{place}{more}{force}")
 }
 
 fn json(out: &Path, found: &Found, progress: &Progress) -> Value {

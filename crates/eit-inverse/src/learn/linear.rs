@@ -1,7 +1,7 @@
 //! Dense symmetric matrices of `ndarray`, decomposed by `faer`.
 
 use crate::InverseError;
-use faer::linalg::solvers::Solve;
+use faer::linalg::solvers::DenseSolveCore;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, Par, Side};
 use ndarray::Array2;
@@ -28,14 +28,19 @@ pub(crate) fn eigen(
     Ok((values, Array2::from_shape_fn(of.dim(), |(i, j)| vectors[(i, j)])))
 }
 
+/// Returns a product; several times faster than `dot` for thousands of rows.
+pub(super) fn product(a: &Array2<f64>, b: &Array2<f64>) -> Array2<f64> {
+    let made = matrix(a) * matrix(b);
+    Array2::from_shape_fn((a.nrows(), b.ncols()), |(i, j)| made[(i, j)])
+}
+
 /// Returns the inverse of a symmetric positive definite matrix.
 ///
 /// # Errors
 /// [`InverseError::Factorisation`] for any other matrix.
 pub(super) fn inverse(of: &Array2<f64>, what: &'static str) -> Result<Array2<f64>, InverseError> {
-    let size = of.nrows();
     let factor = matrix(of).llt(Side::Lower).map_err(|_| failed(what, of))?;
-    let inverse = factor.solve(Mat::<f64>::identity(size, size));
+    let inverse = factor.inverse();
     Ok(Array2::from_shape_fn(of.dim(), |(i, j)| inverse[(i, j)]))
 }
 

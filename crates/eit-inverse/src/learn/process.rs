@@ -16,7 +16,7 @@
 //!
 //! Source: Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sections 2.2, 2.7 and 5.4.2.
 
-use super::linear::inverse;
+use super::linear::{inverse, product};
 use super::presses::Presses;
 use crate::InverseError;
 use ndarray::{Array1, Array2, ArrayRef2, Axis};
@@ -85,7 +85,7 @@ impl Process {
                 self.kernel.between(&places_m[at], &presses.places_m[press])
                     + if is_same { self.drift } else { 0.0 }
             });
-        let known = to_places.dot(&self.inverse);
+        let known = product(&to_places, &self.inverse);
         let prior = 1.0 + COMMON + self.drift;
         let explained = known.rows().into_iter().zip(to_places.rows());
         let variance = explained

@@ -14,6 +14,7 @@
 //! much presses differ from it.
 
 use super::covariance::{Covariance, shrunk};
+use super::linear::product;
 use super::presses::{ModelResponses, Presses};
 use super::process::{GainSums, Kernel, Process};
 use crate::InverseError;
@@ -186,7 +187,7 @@ impl Data {
     fn left_out(&self, process: &Process, pull: Option<f64>) -> Result<LeftOut, InverseError> {
         let presses = self.shapes.nrows();
         let [of_shapes, of_model] =
-            [&self.shapes, &self.model].map(|rows| process.inverse.dot(rows));
+            [&self.shapes, &self.model].map(|rows| product(&process.inverse, rows));
         let sums = GainSums::new(&self.shapes, &self.model);
         let (mut predicted, mut variance) = (self.shapes.clone(), vec![0.0; presses]);
         for fold in folds(presses, presses) {
@@ -321,7 +322,7 @@ impl ResponseMap {
         data.refit_lengths(&left);
         let left = data.left_out(&process, settings.gain_pull)?;
         let (known, variance) = process.at(presses, &model.candidates_m);
-        let (of_shapes, of_model) = (known.dot(&data.shapes), known.dot(&data.model));
+        let [of_shapes, of_model] = [&data.shapes, &data.model].map(|rows| product(&known, rows));
         let sums = GainSums::new(&data.shapes, &data.model);
         let gains = sums.without(&data.shapes, &data.model, &[], settings.gain_pull);
         let responses = (&data.model_at_places - &of_model) * &gains + &of_shapes;

@@ -18,13 +18,17 @@
 //! |---|---|
 //! | `basis.rs` | the two bases in which covariances are diagonal |
 //! | `places.rs` | places on the skin, coarse and fine |
-//! | `search.rs` | the touches of a frame, and their scores |
+//! | `evaluate.rs` | strength and score of a touch at many places |
+//! | `candidate.rs` | a touch of a hypothesis, and where it is |
+//! | `search.rs` | the touches of a frame |
 //! | `thresholds.rs` | thresholds, and how far stated places of left-out presses are off |
 //!
 //! Source of the test: a likelihood ratio against a null with the same freedom, as in Robey et al., *IEEE Trans. Aerosp.
 //! Electron. Syst.* 28 (1992), 208-216 (adaptive matched filter), with Student's distribution.
 
 mod basis;
+mod candidate;
+mod evaluate;
 mod places;
 mod search;
 mod thresholds;

@@ -16,6 +16,9 @@ const COUNTS: [usize; 7] = [5, 10, 25, 50, 100, 200, 400];
 /// Smallest number of test presses for which errors are stated.
 const LEAST_TESTED: usize = 5;
 
+/// Most presses that are tested, evenly chosen from all later ones.
+const MOST_TESTED: usize = 100;
+
 /// Frames of the untouched skin and of the press that are shown to the touch list for each press.
 const FRAMES: usize = 3;
 
@@ -26,7 +29,7 @@ pub struct CurvePoint {
     pub learnt: usize,
     /// Number of those from the earlier file.
     pub earlier: usize,
-    /// Number of presses tested: all later ones.
+    /// Number of presses tested, of all later ones.
     pub tested: usize,
     /// How touches were found.
     pub places_by: PlacesBy,
@@ -78,7 +81,10 @@ fn point(
     learnt: usize,
 ) -> Result<Option<CurvePoint>, SkinError> {
     let first = pressed.select(&(0..learnt).collect::<Vec<_>>());
-    let rest = pressed.select(&(learnt..pressed.len()).collect::<Vec<_>>());
+    let later = pressed.len() - learnt;
+    let tested = later.min(MOST_TESTED);
+    let later: Vec<usize> = (0..tested).map(|k| learnt + k * later / tested).collect();
+    let rest = pressed.select(&later);
     let start = Instant::now();
     let learned = match earlier.filter(|_| learnt == 0) {
         Some(earlier) => earlier.clone(),

@@ -6,6 +6,7 @@ use super::presses::errors_of_detected;
 use super::{Frame, HeldOut, LearnedSkin, PlaceErrors, PlacesBy, PressFrames};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
+use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
 use crate::touches::{DEFAULT_RATE_HZ, PressTouch, TouchFinder};
 use eit_core::vector::{distance, sub};
@@ -173,7 +174,7 @@ impl LearnedSkin {
     /// The orientation of the model under places in a robot's coordinates.
     fn oriented(
         &self,
-        skin: &crate::linearised::LinearisedSkin,
+        skin: &LinearisedSkin,
         middle_m: [f64; 3],
     ) -> Result<Orientation, SkinError> {
         let (places_m, factors) = (places(skin), ratios(skin, &self.channels, &self.levels));

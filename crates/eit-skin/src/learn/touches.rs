@@ -64,11 +64,7 @@ impl LearnedSkin {
 
     /// Forces of touches that the model alone finds.
     pub(crate) fn model_forces(&self, local: LocalSheet) -> ModelForces {
-        ModelForces { curve: self.curve(), local, touches: Vec::with_capacity(MOST) }
-    }
-
-    fn curve(&self) -> Option<ForceCurve> {
-        self.force.clone()
+        ModelForces { curve: self.force.clone(), local, touches: Vec::with_capacity(MOST) }
     }
 
     /// Prepares the map of presses for frames of this untouched skin.
@@ -95,7 +91,7 @@ impl LearnedSkin {
             frame: vec![0.0; reference.len()],
             reference: quiet.reference.to_vec(),
             touches: Vec::with_capacity(settings.max_touches),
-            curve: self.curve(),
+            curve: self.force.clone(),
             presses: self.presses.places_m.len(),
             channels: self.channels.clone(),
             channel_of,
@@ -121,10 +117,8 @@ impl LearnedSkin {
         stated: Option<Stated>,
     ) -> Result<LearntDetector, SkinError> {
         let Self { channels, bell_m, orientation, .. } = self;
-        let ones = vec![1.0; channels.len()];
         let factors = model::ratios(skin, channels, &self.levels);
-        let scales = map.scale.iter().zip(factors.iter().zip(&ones));
-        let scaled: Vec<f64> = scales.map(|(c, (ratio, one))| ratio * one / c).collect();
+        let scaled: Vec<f64> = map.scale.iter().zip(&factors).map(|(c, ratio)| ratio / c).collect();
         // the length alone counts, which a turn changes little
         let responses = model::responses(skin, channels, &scaled, &map.places_m, *bell_m)?;
         let strength = |row: ndarray::ArrayView1<'_, f64>| {

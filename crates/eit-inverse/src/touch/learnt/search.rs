@@ -1,11 +1,12 @@
 //! The touches of a frame: one more at a time while that is far more likely, each refined with the others fixed.
 
 use super::basis::{Basis, LANES, minus2};
+use super::candidate::Candidate;
+use super::evaluate::Evaluate;
 use super::places::SkinPlaces;
-use super::thresholds::{Stated, Thresholds};
+use super::thresholds::Thresholds;
 use crate::learn::ResponseMap;
-use eit_core::vector::sub;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
 
 /// Strengths from which a further touch is sought, in units of the one that the squared length suggests.
 const STARTS: [f64; 2] = [1.0, 2.5];
@@ -13,20 +14,6 @@ const STARTS: [f64; 2] = [1.0, 2.5];
 const ROUNDS: [usize; 2] = [1, 3];
 /// Most touches that any settings allow.
 const MOST: usize = 16;
-
-/// A touch of a hypothesis.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Candidate {
-    place: usize,
-    strength: f64,
-    /// -2 ln L gained when it was added.
-    evidence: f64,
-    /// Index of its coarse place.
-    home: usize,
-    /// -2 ln L at the fine places around, and at all coarse places, the other touches fixed.
-    near: Vec<f64>,
-    far: Vec<f64>,
-}
 
 /// What a frame shows.
 #[derive(Debug, Clone, Copy)]
@@ -63,82 +50,6 @@ pub(super) struct Search {
     scores: Vec<f64>,
     /// Score of the touch that [`first`](Self::first) found.
     one: f64,
-}
-
-/// Strength and -2 ln L of one more touch at each of some places.
-struct Evaluate<'a> {
-    basis: &'a Basis,
-    /// Variance of the response at each place.
-    of_places: &'a [f64],
-    places: &'a [usize],
-    rest: &'a [f64],
-    variance: &'a [f64],
-    first: f64,
-    rounds: usize,
-    freedom: f64,
-    strengths: &'a mut [f64],
-    scores: &'a mut [f64],
-}
-
-impl WithSimd for Evaluate<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { basis, of_places, places, rest, variance, first, rounds, freedom, .. } = self;
-        let outs = self.strengths.iter_mut().zip(self.scores.iter_mut());
-        for (&place, (strength, score)) in places.iter().zip(outs) {
-            let response = basis.response(place);
-            *strength = first;
-            for _ in 0..rounds {
-                let weight = *strength * *strength * of_places[place];
-                let (mut product, mut square) = ([0.0; LANES], [0.0; LANES]);
-                for (((g, r), v), l) in lanes(response, rest, variance, &basis.lambda) {
-                    for i in 0..LANES {
-                        let part = g[i] / (v[i] + weight * l[i]);
-                        product[i] += part * r[i];
-                        square[i] += part * g[i];
-                    }
-                }
-                let square = square.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-                *strength = (product.iter().sum::<f64>() / square).max(0.0);
-            }
-            let weight = *strength * *strength * of_places[place];
-            let (mut square, mut determinant) = ([0.0; LANES], [1.0; LANES]);
-            let mut logarithm = 0.0;
-            for (chunk, (((g, r), v), l)) in
-                lanes(response, rest, variance, &basis.lambda).enumerate()
-            {
-                for i in 0..LANES {
-                    let variance = v[i] + weight * l[i];
-                    let left = r[i] - *strength * g[i];
-                    square[i] += left * left / variance;
-                    determinant[i] *= variance;
-                }
-                // products of eight stay below 1e308 for variances up to 1e38
-                if chunk % 8 == 7 {
-                    logarithm += determinant.iter().map(|d| d.ln()).sum::<f64>();
-                    determinant = [1.0; LANES];
-                }
-            }
-            logarithm += determinant.iter().map(|d| d.ln()).sum::<f64>();
-            *score = minus2(square.iter().sum(), logarithm, basis.channels.len(), freedom);
-        }
-    }
-}
-
-type Lanes<'a> = (((&'a [f64; LANES], &'a [f64; LANES]), &'a [f64; LANES]), &'a [f64; LANES]);
-
-#[inline(always)]
-fn lanes<'a>(
-    response: &'a [f64],
-    rest: &'a [f64],
-    variance: &'a [f64],
-    lambda: &'a [f64],
-) -> impl Iterator<Item = Lanes<'a>> {
-    let [response, rest, variance, lambda] =
-        [response, rest, variance, lambda].map(|values| values.as_chunks::<LANES>().0);
-    response.iter().zip(rest).zip(variance).zip(lambda)
 }
 
 impl Search {
@@ -447,84 +358,6 @@ impl Search {
         }
         1.0 / (square.max(f64::MIN_POSITIVE).sqrt() * touch.strength)
     }
-}
-
-impl Candidate {
-    /// Mean and covariance of the place, from the likelihoods at the fine places around it and, where
-    /// that is wider, on the whole skin.
-    pub(super) fn place(&self, places: &SkinPlaces, stated: &Stated) -> ([f64; 3], [[f64; 3]; 3]) {
-        let touch = self;
-        let position_m = mean_place(&places.near[touch.home], &touch.near, places, stated);
-        let tangents = &places.at[touch.place].tangents;
-        let spread = |which: &[usize], scores: &[f64], cell_m2: f64| {
-            let mut sum = 0.0;
-            let mut spread = [[0.0; 2]; 2];
-            let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
-            for (&at, score) in which.iter().zip(scores) {
-                let weight = (-0.5 * (score - least) / stated.mild).exp();
-                let way = places.along(tangents, position_m, at);
-                sum += weight;
-                for (i, row) in spread.iter_mut().enumerate() {
-                    (0..2).for_each(|j| row[j] += weight * way[i] * way[j]);
-                }
-            }
-            for (i, row) in spread.iter_mut().enumerate() {
-                row.iter_mut().for_each(|v| *v /= sum);
-                row[i] += cell_m2 + stated.floor_m2;
-            }
-            spread
-        };
-        let fine = spread(&places.near[touch.home], &touch.near, places.cells_m2[0]);
-        let whole = spread(&places.coarse, &touch.far, places.cells_m2[1]);
-        let trace = |s: &[[f64; 2]; 2]| s[0][0] + s[1][1];
-        let wider = if trace(&whole) > trace(&fine) { whole } else { fine };
-        let covariance = std::array::from_fn(|i| {
-            std::array::from_fn(|j| {
-                let mut sum = 0.0;
-                for (a, row) in wider.iter().enumerate() {
-                    for (b, value) in row.iter().enumerate() {
-                        sum += value * tangents[a][i] * tangents[b][j];
-                    }
-                }
-                stated.wide * sum
-            })
-        });
-        (position_m, covariance)
-    }
-
-    /// Squared distance from where the touch was, in units of its covariance, and the determinant of that.
-    pub(super) fn distance2(
-        &self,
-        truth_m: [f64; 3],
-        places: &SkinPlaces,
-        stated: &Stated,
-    ) -> (f64, f64) {
-        let (position_m, covariance) = self.place(places, stated);
-        let tangents = &places.at[self.place].tangents;
-        let along =
-            |t: &[f64; 3], v: [f64; 3]| -> f64 { t.iter().zip(v).map(|(a, b)| a * b).sum() };
-        let times = |t: &[f64; 3]| covariance.map(|row| along(t, row));
-        let way = sub(position_m, truth_m);
-        let [x, y] = [along(&tangents[0], way), along(&tangents[1], way)];
-        let [a, b, c] = [
-            along(&tangents[0], times(&tangents[0])),
-            along(&tangents[0], times(&tangents[1])),
-            along(&tangents[1], times(&tangents[1])),
-        ];
-        let determinant = (a * c - b * b).max(f64::MIN_POSITIVE);
-        ((c * x * x - 2.0 * b * x * y + a * y * y) / determinant, determinant)
-    }
-}
-
-fn mean_place(near: &[usize], scores: &[f64], places: &SkinPlaces, stated: &Stated) -> [f64; 3] {
-    let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
-    let (mut sum, mut mean) = (0.0, [0.0; 3]);
-    for (&at, score) in near.iter().zip(scores) {
-        let weight = (-0.5 * (score - least) / stated.mild).exp();
-        sum += weight;
-        (0..3).for_each(|i| mean[i] += weight * places.at[at].position_m[i]);
-    }
-    mean.map(|m| m / sum)
 }
 
 /// Gauss-Jordan elimination of a small positive definite system; the solution is in the last column.

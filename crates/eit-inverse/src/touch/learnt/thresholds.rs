@@ -1,8 +1,9 @@
 //! Thresholds that follow from stated error rates, and how far stated places are off.
 
 use super::basis::Basis;
+use super::candidate::Candidate;
 use super::places::SkinPlaces;
-use super::search::{Candidate, Search};
+use super::search::Search;
 use super::{LearntSettings, ResponseMap, Untouched};
 use crate::InverseError;
 use crate::learn::{chi_square_level, f_level, folds, tail_level};
