@@ -9,6 +9,7 @@
 //! | `detector/` | [`TouchDetector`]: the touches of a frame, and a reference that follows everything else |
 //! | `points.rs` | [`TouchTracker`]: ids and velocities of detected touches |
 //! | `contact.rs` | [`Touch`]: what is reported for each touch |
+//! | `score/` | `ScoreDetector` (feature `one-score`): the same by one model and one score |
 //! | `assign.rs`, `filter.rs`, `motion.rs` | optimal assignment, Kalman filter, rest or motion |
 //! | `skin.rs` | points on a surface and tangent planes |
 
@@ -18,6 +19,8 @@ mod detector;
 mod filter;
 mod motion;
 mod points;
+#[cfg(feature = "one-score")]
+mod score;
 mod skin;
 
 pub use contact::{Touch, TouchState};
@@ -28,3 +31,5 @@ pub use detector::{
 #[cfg(feature = "learn")]
 pub(crate) use detector::{Places, bell_at, dot};
 pub use points::{TouchTracker, TrackerSettings};
+#[cfg(feature = "one-score")]
+pub use score::{ElectrodeState, ScoreDetector, ScoreModel, ScoreSettings};
