@@ -72,7 +72,7 @@ const MOST_ODDS: f64 = 50.0;
 const CLEAR: f64 = 200.0;
 /// Factor by which another size of the model's error is tried, and the frames between.
 const ETA_STEP: f64 = 1.2;
-const ETA_EVERY: u64 = 1;
+const ETA_EVERY: u64 = 10;
 
 /// Finds touches in frames, with ids that last.
 #[derive(Debug, Clone)]
@@ -247,15 +247,10 @@ impl ScoreDetector {
         self.frame.set(&self.base, &self.error, &self.y, counts);
         let mut found = search.search(&scene, &mut self.frame, &known);
         for _ in 1..PASSES {
-            background.errors(&scene, &found.touches, eta, &self.gains, &mut self.other_error);
-            let is_close = |i: usize| {
-                let at = linear::start(i) + i;
-                self.other_error.packed[at] <= 2.0 * self.error.packed[at] + 1.0
-            };
-            if (0..model.n).all(is_close) {
+            if !background.grows(&scene, &found.touches, eta, &self.gains, &self.error) {
                 break;
             }
-            std::mem::swap(&mut self.error, &mut self.other_error);
+            background.errors(&scene, &found.touches, eta, &self.gains, &mut self.error);
             self.frame.set(&self.base, &self.error, &self.y, counts);
             found = search.search(&scene, &mut self.frame, &found.touches);
         }
@@ -264,7 +259,7 @@ impl ScoreDetector {
 
     /// Tries a larger or smaller error of the model, in turn.
     fn fit_error(&mut self, found: &Hypothesis, dt_s: f64) {
-        if found.touches.is_empty() || self.frames % ETA_EVERY != 0 {
+        if found.touches.is_empty() || !self.frames.is_multiple_of(ETA_EVERY) {
             return;
         }
         let is_larger = self.frames / ETA_EVERY % 2 == 1;

@@ -13,6 +13,7 @@
 //! 2.2 Mflop with 104 rows; `E` `n^2 k / 2` for `k` electrode columns (64 with 16 electrodes), 0.7 Mflop.
 
 use super::actions::{FIRST_ACTION, Features};
+use super::dictionary::CONTACT_M;
 use super::estimate::Scene;
 use super::linear::{Factor, Symmetric, start};
 use super::model::Model;
@@ -49,6 +50,7 @@ pub(super) struct Background {
     /// Workspace: vectors `[column][row]`, their transpose, and `E`.
     columns: Vec<f64>,
     rows: Vec<f64>,
+    diagonal: Vec<f64>,
     signal: Vec<f64>,
     innovation: Vec<f64>,
     of_update: Factor,
@@ -78,6 +80,7 @@ impl Background {
             least_eta,
             columns: Vec::new(),
             rows: Vec::new(),
+            diagonal: Vec::new(),
             signal: vec![0.0; n],
             innovation: Vec::new(),
             of_update: Factor::default(),
@@ -120,27 +123,55 @@ impl Background {
         gains: &[f64],
         out: &mut Symmetric,
     ) {
-        let (model, s, n) = (scene.model, scene.settings, scene.model.n);
+        let n = scene.model.n;
         out.reset(n);
         if touches.is_empty() {
             return;
         }
+        self.set_error(scene, touches, eta, gains);
+        self.diagonal.iter().enumerate().for_each(|(i, d)| out.packed[start(i) + i] = *d);
+        transpose(&self.columns, n, 0..n, &mut self.rows);
+        out.add_product(1.0, &self.rows);
+    }
+
+    /// Returns whether `E` of some touches is more than twice as large in any row as one that is given.
+    pub(super) fn grows(
+        &mut self,
+        scene: &Scene<'_>,
+        touches: &[TouchState],
+        eta: f64,
+        gains: &[f64],
+        given: &Symmetric,
+    ) -> bool {
+        if touches.is_empty() {
+            return false;
+        }
+        self.set_error(scene, touches, eta, gains);
+        for column in self.columns.chunks_exact(scene.model.n) {
+            self.diagonal.iter_mut().zip(column).for_each(|(d, c)| *d += c * c);
+        }
+        self.diagonal.iter().enumerate().any(|(i, d)| *d > 2.0 * given.get(i, i) + 1.0)
+    }
+
+    /// Sets the parts of `E`: a diagonal, and columns.
+    fn set_error(&mut self, scene: &Scene<'_>, touches: &[TouchState], eta: f64, gains: &[f64]) {
+        let (model, s, n) = (scene.model, scene.settings, scene.model.n);
+        self.diagonal.clear();
+        self.diagonal.resize(n, 0.0);
         let mut whole = std::mem::take(&mut self.signal);
         whole.fill(0.0);
-        self.columns.clear();
-        self.columns.resize(n, 0.0);
         for touch in touches {
-            let signal = &mut self.columns[..n];
-            signal.fill(0.0);
-            add_print(scene, touch, touch.strength_m2, signal);
-            for (i, (whole, signal)) in whole.iter_mut().zip(&*signal).enumerate() {
-                *whole += signal;
-                out.packed[start(i) + i] += (eta * eta + gains[i]) * signal * signal;
+            self.columns.clear();
+            self.columns.resize(n, 0.0);
+            add_print(scene, touch, touch.strength_m2, &mut self.columns);
+            for (i, signal) in self.columns.iter().enumerate() {
+                whole[i] += signal;
+                self.diagonal[i] += (eta * eta + gains[i]) * signal * signal;
             }
         }
         self.columns.clear();
         let far = |d: f64| (PULLED_M / d).min(1.0);
-        let near = |d: f64| (-d / super::dictionary::CONTACT_M).exp();
+        let near = |d: f64| (-d / CONTACT_M).exp();
         self.electrode_columns(&model.moved_at, &model.moved, |at_m| {
             s.single * s.pull_m * of_touches(s, touches, at_m, far)
         });
@@ -148,12 +179,11 @@ impl Background {
             s.single * s.press * of_touches(s, touches, at_m, near)
         });
         for of in &model.of {
-            let gain =
-                |i: usize| if of[i] { (eta * eta + gains[i]).sqrt() * whole[i] } else { 0.0 };
-            self.columns.extend((0..n).map(gain));
+            for i in 0..n {
+                let error = if of[i] { (eta * eta + gains[i]).sqrt() * whole[i] } else { 0.0 };
+                self.columns.push(error);
+            }
         }
-        transpose(&self.columns, n, 0..n, &mut self.rows);
-        out.add_product(1.0, &self.rows);
         self.signal = whole;
     }
 

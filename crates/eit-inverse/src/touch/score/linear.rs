@@ -14,27 +14,45 @@ pub(super) fn start(row: usize) -> usize {
     row * (row + 1) / 2
 }
 
-/// Four dot products with one vector at once.
+/// Four dot products with one vector at once, each in eight partial sums. Explicit loops: closures would not be compiled for
+/// the widest vectors.
 #[inline(always)]
 fn dots(a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
-    let b = b.map(|b| &b[..a.len()]);
+    let n = a.len();
+    let b = [&b[0][..n], &b[1][..n], &b[2][..n], &b[3][..n]];
     let mut sums = [[0.0; 8]; 4];
-    let whole = a.len() / 8 * 8;
     let mut from = 0;
-    while from < whole {
+    while from + 8 <= n {
         let part = &a[from..from + 8];
-        for (sums, b) in sums.iter_mut().zip(&b) {
-            let b = &b[from..from + 8];
+        for i in 0..4 {
+            let other = &b[i][from..from + 8];
             for k in 0..8 {
-                sums[k] += part[k] * b[k];
+                sums[i][k] += part[k] * other[k];
             }
         }
         from += 8;
     }
-    std::array::from_fn(|i| {
-        let rest: f64 = a[whole..].iter().zip(&b[i][whole..]).map(|(a, b)| a * b).sum();
-        sums[i].iter().sum::<f64>() + rest
-    })
+    if from + 4 <= n {
+        let part = &a[from..from + 4];
+        for i in 0..4 {
+            let other = &b[i][from..from + 4];
+            for k in 0..4 {
+                sums[i][k] += part[k] * other[k];
+            }
+        }
+        from += 4;
+    }
+    let mut out = [0.0; 4];
+    for i in 0..4 {
+        let s = &sums[i];
+        out[i] = ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]));
+    }
+    for k in from..n {
+        for i in 0..4 {
+            out[i] += a[k] * b[i][k];
+        }
+    }
+    out
 }
 
 /// A symmetric matrix: its lower triangle, row by row.
@@ -105,8 +123,8 @@ impl Symmetric {
                         let sums = dots(row(i), [row(j), row(j + 1), row(j + 2), row(j + 3)]);
                         (0..4).for_each(|q| out[j + q] += weight * sums[q]);
                     }
-                    for j in fours..=i {
-                        out[j] += weight * dot(row(i), row(j));
+                    for (j, out) in out.iter_mut().enumerate().skip(fours) {
+                        *out += weight * dot(row(i), row(j));
                     }
                 }
             },

@@ -177,7 +177,7 @@ impl ScoreSettings {
         check_range("settle", self.settle, self.settle.is_finite(), "finite")
     }
 
-    fn above_zero(&self) -> [(&'static str, f64); 20] {
+    fn above_zero(&self) -> [(&'static str, f64); 21] {
         [
             ("pitch_m", self.pitch_m),
             ("bell_m", self.bell_m),
@@ -192,7 +192,8 @@ impl ScoreSettings {
             ("error", self.error),
             ("error_std", self.error_std),
             ("error_s", self.error_s),
-            ("settle_s", self.settle_s[0].min(self.settle_s[1])),
+            ("settle_s", self.settle_s[0]),
+            ("settle_s", self.settle_s[1]),
             ("trail", self.trail),
             ("trail_m", self.trail_m),
             ("trail_s", self.trail_s),
