@@ -126,6 +126,9 @@ impl ScoreDetector {
         settings: ScoreSettings,
     ) -> Result<Self, InverseError> {
         settings.validate()?;
+        // without times all rows are simultaneous
+        let skew_s = if model.times.is_empty() { 0.0 } else { settings.skew_s };
+        let settings = ScoreSettings { skew_s, ..settings };
         let made = Model::new(model, dents_v, &settings)?;
         let (n, measurements) = (made.n, made.reference_v.len());
         Ok(Self {

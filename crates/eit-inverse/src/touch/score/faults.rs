@@ -14,6 +14,8 @@ use std::f64::consts::TAU;
 
 /// Standard deviations of chi^2 beyond which a frame is unlikely.
 const UNLIKELY: f64 = 6.0;
+/// Score above that of touches up to which a drift is searched for; only to save time.
+const NEARLY: f64 = 200.0;
 /// Standard deviation of a gain that begins to drift.
 const FIRST_GAIN: f64 = 0.02;
 
@@ -130,7 +132,11 @@ impl ScoreDetector {
         let present = &frame.present;
         other.set(&self.base, &self.error, &self.y, |row| present.binary_search(&row).is_ok());
         let heat = search.heat;
-        let found = search.search(&scene, other, &self.touches);
+        let known = search.estimator.fit(&scene, other, &self.touches, 3, 0);
+        let found = match search.total(&scene, &known) + cost < whole + NEARLY {
+            true => search.search(&scene, other, &self.touches),
+            false => known,
+        };
         search.heat = heat;
         if search.total(&scene, &found) + cost >= whole {
             self.base.add_square(-FIRST_GAIN * FIRST_GAIN, work);

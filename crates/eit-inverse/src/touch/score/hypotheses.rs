@@ -314,7 +314,7 @@ impl Estimator {
     pub(super) fn products(&self, frame: &Whitened, vector: &[f64], out: &mut Vec<f64>) {
         out.clear();
         for (features, &cell) in self.features.iter().zip(&self.cells) {
-            let columns = std::array::from_fn(|c| dot(frame.column_of(cell, c), vector));
+            let columns = frame.products_with(cell, vector);
             out.extend((0..features.count).map(|f| features.times(f, &columns)));
         }
     }

@@ -68,6 +68,8 @@ pub(super) struct Model {
     pub(super) conductivity_s: f64,
     pub(super) step_v: f64,
     pub(super) reference_frames: usize,
+    /// Whether the rows of a frame are measured one after the other.
+    pub(super) has_skew: bool,
 }
 
 impl Model {
@@ -163,6 +165,7 @@ impl Model {
             of_electrode: skin.of_electrode.to_vec(),
             step_v: given.step_v,
             reference_frames: given.reference_frames.max(1),
+            has_skew: settings.skew_s > 0.0,
             rows,
         })
     }

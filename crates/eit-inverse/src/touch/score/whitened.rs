@@ -7,7 +7,7 @@
 //! with the fourteen columns `X_j` of a place `j`. A place costs `14 n^2` flops once a frame, a pair of places `2 * 14^2 n`:
 //! 0.15 and 0.04 Mflop with 104 rows. Fits need nothing else of the frame.
 
-use super::dictionary::COLUMNS;
+use super::dictionary::{COLUMNS, SKEW};
 use super::linear::{Factor, Symmetric, start};
 use super::model::Model;
 use crate::touch::detector::{dot, widest};
@@ -41,6 +41,8 @@ pub(super) struct Whitened {
     pub(super) log_determinant: f64,
     cells: Vec<Cell>,
     count: usize,
+    /// Number of columns in use: without skew, those of moving touches are not.
+    columns: usize,
     /// Index of the products of each pair of cells in `grams`, by [`start`].
     pairs: Vec<u32>,
     grams: Vec<Gram>,
@@ -99,9 +101,12 @@ impl Whitened {
         if self.count == self.cells.len() {
             self.cells.push(Cell { place, columns: Vec::new(), products: [0.0; COLUMNS] });
         }
+        self.columns = if model.has_skew { COLUMNS } else { SKEW };
         let mut columns = std::mem::take(&mut self.cells[self.count].columns);
-        self.whiten(model.dictionary.of(place).chunks_exact(model.n), &mut columns);
-        let products = std::array::from_fn(|c| dot(self.column(&columns, c), &self.data));
+        let of_place = model.dictionary.of(place).chunks_exact(model.n);
+        self.whiten(of_place.take(self.columns), &mut columns);
+        let mut products = [0.0; COLUMNS];
+        self.multiply(&columns, &self.data, &mut products);
         self.cells[self.count] = Cell { place, columns, products };
         self.pairs.extend(std::iter::repeat_n(NONE, self.count + 1));
         self.count += 1;
@@ -110,6 +115,26 @@ impl Whitened {
 
     fn column<'a>(&self, columns: &'a [f64], c: usize) -> &'a [f64] {
         &columns[c * self.n()..(c + 1) * self.n()]
+    }
+
+    /// Products of whitened columns with a whitened vector.
+    fn multiply(&self, columns: &[f64], vector: &[f64], out: &mut [f64; COLUMNS]) {
+        let n = self.n().max(1);
+        widest(
+            #[inline(always)]
+            || {
+                for (column, out) in columns.chunks_exact(n).zip(out) {
+                    *out = dot(column, vector);
+                }
+            },
+        );
+    }
+
+    /// Products of the columns of a cell with a whitened vector.
+    pub(super) fn products_with(&self, cell: usize, vector: &[f64]) -> [f64; COLUMNS] {
+        let mut products = [0.0; COLUMNS];
+        self.multiply(&self.cells[cell].columns, vector, &mut products);
+        products
     }
 
     /// Products of the columns of a cell with the frame.
@@ -132,9 +157,9 @@ impl Whitened {
             widest(
                 #[inline(always)]
                 || {
-                    for (c, row) in gram.iter_mut().enumerate() {
+                    for (c, row) in gram.iter_mut().enumerate().take(self.columns) {
                         let own = self.column(first, c);
-                        for (d, out) in row.iter_mut().enumerate() {
+                        for (d, out) in row.iter_mut().enumerate().take(self.columns) {
                             *out = dot(own, self.column(second, d));
                         }
                     }
