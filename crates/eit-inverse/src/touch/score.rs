@@ -151,13 +151,7 @@ impl ScoreDetector {
             healed: Vec::new(),
             work: Vec::new(),
             reference_v: made.reference_v.clone(),
-            step: DetectorStep {
-                rows: n,
-                chi_square: 0.0,
-                chi_square_without: 0.0,
-                chi_square_rest: 0.0,
-                blamed: None,
-            },
+            step: step_of(n, 0.0, 0.0),
             model: made,
             settings,
         })
@@ -315,13 +309,7 @@ impl ScoreDetector {
         for ((r, noise), pair) in reference.zip(&self.model.rows.of) {
             pair.iter().for_each(|&i| self.reference_v[i] = self.model.reference_v[i] + r * noise);
         }
-        self.step = DetectorStep {
-            rows: self.frame.n(),
-            chi_square: self.frame.square,
-            chi_square_without: self.frame.square,
-            chi_square_rest: found.chi_square,
-            blamed: None,
-        };
+        self.step = step_of(self.frame.n(), self.frame.square, found.chi_square);
         let is_whole = self.frame.n() == self.model.n;
         self.report.push(&self.model, &self.settings, &self.touches, &self.step, is_whole, dt_s);
     }
@@ -385,4 +373,10 @@ impl ScoreDetector {
     pub fn with_first_id(self, first: u64) -> Self {
         Self { next_id: first.max(1), ..self }
     }
+}
+
+/// How a frame was explained, for programs that know the other detector.
+fn step_of(rows: usize, chi_square: f64, chi_square_rest: f64) -> DetectorStep {
+    let chi_square_without = chi_square;
+    DetectorStep { rows, chi_square, chi_square_without, chi_square_rest, blamed: None }
 }

@@ -94,18 +94,13 @@ impl Model {
         let row_noise_v: Vec<f64> =
             rows.of.iter().map(|&[i, j]| row_noise(&noise_v, i, j)).collect();
         let scale: Vec<f64> = (0..n).map(|row| rows.ratio_of_row(row) / row_noise_v[row]).collect();
-        let fold = |v: &dyn Fn(usize) -> f64, row: usize| {
-            let [i, j] = rows.of[row];
-            0.5 * (v(i) + v(j))
-        };
         let unknowns: Vec<f64> = (0..skin.kinds.len())
-            .flat_map(|k| (0..n).map(move |row| (k, row)))
-            .map(|(k, row)| scale[row] * fold(&|i| skin.unknowns[(i, k)], row))
+            .flat_map(|k| fold(&rows, move |i| skin.unknowns[(i, k)]))
+            .zip(scale.iter().cycle())
+            .map(|(unknown, scale)| scale * unknown)
             .collect();
-        let times: Vec<f64> = match given.times.is_empty() {
-            true => vec![0.0; n],
-            false => (0..n).map(|row| fold(&|i| given.times[i], row) - 0.5).collect(),
-        };
+        let time = |i: usize| given.times.get(i).map_or(0.0, |time| time - 0.5);
+        let times: Vec<f64> = fold(&rows, time).collect();
         let grid = Grid::new(skin.surface, settings.pitch_m);
         let effects = Effects {
             surface: skin.surface,
@@ -119,28 +114,11 @@ impl Model {
             times: &times,
         };
         let dictionary = Dictionary::new(&grid, &effects, settings);
-        let reference: Vec<f64> = (0..n).map(|row| fold(&|i| skin.reference_v[i], row)).collect();
+        let reference: Vec<f64> = fold(&rows, |i| skin.reference_v[i]).collect();
         let sheet: Vec<f64> =
             reference.iter().zip(&row_noise_v).map(|(v, noise)| v / noise).collect();
-        let (mut moved_at, mut moved) = (Vec::new(), Vec::new());
-        let (mut contact_at, mut contact) = (Vec::new(), Vec::new());
-        for (kind, column) in skin.kinds.iter().zip(unknowns.chunks_exact(n)) {
-            match kind {
-                UnknownKind::Displacement { at_m, .. } => {
-                    moved_at.push(*at_m);
-                    moved.extend_from_slice(column);
-                }
-                UnknownKind::Contact { at_m } => {
-                    contact_at.push(*at_m);
-                    contact.extend_from_slice(column);
-                }
-                UnknownKind::Other => {}
-            }
-        }
-        let involves = |list: &Vec<usize>| -> Vec<bool> {
-            rows.of.iter().map(|pair| pair.iter().any(|i| list.contains(i))).collect()
-        };
-        let of: Vec<Vec<bool>> = skin.of_electrode.iter().map(involves).collect();
+        let [(moved_at, moved), (contact_at, contact)] = split(skin.kinds, &unknowns, n);
+        let of: Vec<Vec<bool>> = skin.of_electrode.iter().map(|all| involves(&rows, all)).collect();
         let square = |of: &Vec<bool>| {
             of.iter().zip(&sheet).filter(|(of, _)| **of).map(|(_, s)| s * s).sum::<f64>()
         };
@@ -174,6 +152,34 @@ impl Model {
     pub(super) fn gain(&self, electrode: usize, row: usize) -> f64 {
         if self.of[electrode][row] { self.sheet[row] } else { 0.0 }
     }
+}
+
+/// Means of values of measurements in each row.
+fn fold(rows: &Rows, value: impl Fn(usize) -> f64) -> impl Iterator<Item = f64> {
+    rows.of.iter().map(move |&[i, j]| 0.5 * (value(i) + value(j)))
+}
+
+/// Which rows have one of some measurements.
+fn involves(rows: &Rows, measurements: &[usize]) -> Vec<bool> {
+    rows.of.iter().map(|pair| pair.iter().any(|i| measurements.contains(i))).collect()
+}
+
+/// Positions of electrodes, and columns of their effects.
+type Columns = (Vec<[f64; 3]>, Vec<f64>);
+
+/// Displacements and contacts among unknowns, `[unknown][row]`.
+fn split(kinds: &[UnknownKind], unknowns: &[f64], n: usize) -> [Columns; 2] {
+    let mut columns = [Columns::default(), Columns::default()];
+    for (kind, column) in kinds.iter().zip(unknowns.chunks_exact(n)) {
+        let (which, at_m) = match kind {
+            UnknownKind::Displacement { at_m, .. } => (0, *at_m),
+            UnknownKind::Contact { at_m } => (1, *at_m),
+            UnknownKind::Other => continue,
+        };
+        columns[which].0.push(at_m);
+        columns[which].1.extend_from_slice(column);
+    }
+    columns
 }
 
 /// Standard deviation of each measurement's noise: that of the quiet frames as a whole, and of its rounding at least.
