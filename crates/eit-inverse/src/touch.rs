@@ -10,6 +10,7 @@
 //! | `learnt/` | [`LearntDetector`]: the same on a skin that was learnt from presses |
 //! | `points.rs` | [`TouchTracker`]: ids and velocities of detected touches |
 //! | `contact.rs` | [`Touch`]: what is reported for each touch |
+//! | `score/` | `ScoreDetector` (feature `one-score`): the same by one model and one score |
 //! | `assign.rs`, `filter.rs`, `motion.rs` | optimal assignment, Kalman filter, rest or motion |
 //! | `skin.rs` | points on a surface and tangent planes |
 
@@ -21,6 +22,8 @@ mod filter;
 mod learnt;
 mod motion;
 mod points;
+#[cfg(feature = "one-score")]
+mod score;
 mod skin;
 
 pub use contact::{Touch, TouchState};
@@ -33,3 +36,5 @@ pub(crate) use detector::{Places, bell_at};
 #[cfg(feature = "learn")]
 pub use learnt::{HeldPress, LearntDetector, LearntSettings, Stated, Untouched};
 pub use points::{TouchTracker, TrackerSettings};
+#[cfg(feature = "one-score")]
+pub use score::{ElectrodeState, ScoreDetector, ScoreModel, ScoreSettings};

@@ -5,6 +5,8 @@ mod background;
 mod choices;
 mod finder;
 mod model;
+#[cfg(feature = "one-score")]
+mod score;
 mod source;
 
 pub(crate) use background::{UNTOUCHED, reference_errors, reference_of_model, uneven_sheet};

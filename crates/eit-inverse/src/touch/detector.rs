@@ -84,8 +84,11 @@ mod whitening;
 pub(crate) use dictionary::bell_at;
 pub use electrodes::UnknownKind;
 pub(crate) use places::Places;
+pub(super) use rows::Rows;
 pub use settings::DetectorSettings;
 pub use step::{DetectedTouch, DetectorStep, LearntTouch};
+#[cfg(feature = "one-score")]
+pub(super) use vectors::widest;
 
 use super::skin::{Place, in_space};
 use crate::InverseError;
@@ -102,7 +105,6 @@ use late::Late;
 use memory::Memory;
 use ndarray::{ArrayRef2, ArrayView2};
 use places::Spot;
-use rows::Rows;
 use search::{Fit, Scene, Search};
 use slides::Slides;
 pub(crate) use vectors::dot;
@@ -648,7 +650,7 @@ impl TouchDetector {
     }
 }
 
-fn check(model: &DetectorModel<'_>) -> Result<(), InverseError> {
+pub(super) fn check(model: &DetectorModel<'_>) -> Result<(), InverseError> {
     let DetectorModel { surface, jacobian, unknowns, .. } = model;
     let (measurements, elements) = jacobian.dim();
     check_length("Jacobian columns", elements, surface.triangles().len())?;

@@ -379,6 +379,26 @@ pub struct TouchSettings {
     pub drift_time_s: Option<f64>,
     /// File of `eit learn`: position and force of touches, learnt from presses at known places.
     pub learned: Option<PathBuf>,
+    /// How touches are found.
+    #[serde(default, skip_serializing_if = "TouchModel::is_default")]
+    pub model: TouchModel,
+}
+
+/// How touches are found.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TouchModel {
+    /// By the search of bells and its rules.
+    #[default]
+    Search,
+    /// By one model and one score; needs the feature `one-score`.
+    OneScore,
+}
+
+impl TouchModel {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// `[denoise]`

@@ -3,6 +3,8 @@
 use super::background;
 use super::choices::{Choices, FoundSheet};
 use super::model::{Spread, VoltageNoise, dents, electrode_kinds, unknowns};
+#[cfg(feature = "one-score")]
+use super::score::{Linearised, ScoreFinder};
 use super::source::Source;
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
@@ -11,7 +13,7 @@ use crate::fitted::FittedFrames;
 use crate::learn::Quiet;
 use crate::learn::{LearnedSkin, LocalSheet};
 use crate::progress::Progress;
-use crate::scene::{Must, TouchSettings, check_numbers};
+use crate::scene::{Must, TouchModel, TouchSettings, check_numbers};
 use eit_inverse::InverseError;
 #[cfg(feature = "learn")]
 use eit_inverse::touch::{DetectedTouch, LearntSettings};
@@ -56,6 +58,9 @@ pub struct TouchFinder {
     waiting: Vec<bool>,
     #[cfg(feature = "learn")]
     local: LocalSheet,
+    /// Finds the touches instead of the detector, if the scene asks for it.
+    #[cfg(feature = "one-score")]
+    score: Option<Box<ScoreFinder>>,
     /// Reference of the current frame.
     reference: Vec<f64>,
     period_s: f64,
@@ -158,6 +163,8 @@ impl TouchFinder {
             is_alike: fitted.fit.is_alike(),
             waiting: vec![false; frames.used.len()],
             local: LocalSheet::default(),
+            #[cfg(feature = "one-score")]
+            score: None,
             reference: frames.reference.clone(),
             period_s: rate_hz.recip(),
             before_s: None,
@@ -182,6 +189,15 @@ impl TouchFinder {
         let (background_s, jacobian, voltages) = match &sheet {
             Some(sheet) => (&sheet.conductivity_s, &sheet.jacobian, &sheet.voltages),
             None => (&even_s, &skin.jacobian, &skin.voltages),
+        };
+        #[cfg(feature = "one-score")]
+        let score = match keys.model {
+            TouchModel::OneScore => {
+                let sheet = Linearised { conductivity_s: background_s, voltages, jacobian };
+                let finder = ScoreFinder::new(fitted, &noise, sheet, &monitor, progress)?;
+                Some(Box::new(finder))
+            }
+            TouchModel::Search => None,
         };
         let unknowns =
             unknowns(&skin.skin, background_s, &Spread::in_use(skin), &mut Progress::silent())?;
@@ -252,6 +268,8 @@ impl TouchFinder {
             waiting: vec![false; frames.used.len()],
             #[cfg(feature = "learn")]
             local,
+            #[cfg(feature = "one-score")]
+            score,
             reference: frames.reference.clone(),
             period_s: rate_hz.recip(),
             before_s: None,
@@ -262,11 +280,22 @@ impl TouchFinder {
 
     /// Continues the ids of another finder ([`TouchFinder::next_id`]), so that none is used twice.
     pub(crate) fn with_first_id(self, first: u64) -> Self {
-        Self { tracker: self.tracker.with_first_id(first), ..self }
+        #[cfg(feature = "one-score")]
+        let score = self.score.map(|score| Box::new(score.with_first_id(first)));
+        Self {
+            tracker: self.tracker.with_first_id(first),
+            #[cfg(feature = "one-score")]
+            score,
+            ..self
+        }
     }
 
     /// Returns the id that the next new touch will get.
     pub(crate) fn next_id(&self) -> u64 {
+        #[cfg(feature = "one-score")]
+        if let Some(score) = &self.score {
+            return score.next_id();
+        }
         self.tracker.next_id()
     }
 
@@ -289,6 +318,10 @@ impl TouchFinder {
         if !(dt_s > 0.0 && dt_s.is_finite()) {
             let (quantity, must) = ("time since the last frame", "finite and above zero");
             return Err(InverseError::OutOfRange { quantity, value: dt_s, must }.into());
+        }
+        #[cfg(feature = "one-score")]
+        if self.score.is_some() {
+            return self.push_score(values, is_good, [time_s, dt_s]);
         }
         let Self { used, monitor, waiting, source, reference, .. } = self;
         let faults = monitor.faults().len();
@@ -343,6 +376,20 @@ impl TouchFinder {
         })
     }
 
+    /// The same by one score.
+    #[cfg(feature = "one-score")]
+    fn push_score(
+        &mut self,
+        values: &[f64],
+        is_good: impl Fn(usize) -> bool,
+        [time_s, dt_s]: [f64; 2],
+    ) -> Result<&[Touch], SkinError> {
+        let Some(score) = &mut self.score else { return Ok(&[]) };
+        self.reference.copy_from_slice(score.reference_v());
+        self.before_s = Some(time_s);
+        score.push(values, is_good, [time_s, dt_s])
+    }
+
     /// Returns the strongest touch of a frame relative to a given reference, without tracking. `None` if there is no
     /// touch, or touches do not explain the frame, so that none would be valid.
     ///
@@ -390,18 +437,30 @@ impl TouchFinder {
 
     /// Returns the electrodes that are excluded from the current frame.
     pub fn faults(&self) -> &[ElectrodeFault] {
+        #[cfg(feature = "one-score")]
+        if let Some(score) = &self.score {
+            return score.faults();
+        }
         self.monitor.faults()
     }
 
     /// Returns whether a measurement of the current frame is excluded, because it is bad, its electrode is faulty, or
     /// its electrode has recovered under a touch that has not ended yet.
     pub fn is_missing(&self, measurement: usize) -> bool {
+        #[cfg(feature = "one-score")]
+        if let Some(score) = &self.score {
+            return score.is_missing(measurement);
+        }
         let is_waiting = self.waiting.get(measurement).copied().unwrap_or(false);
         self.monitor.is_missing(measurement) || is_waiting
     }
 
     /// Returns whether the instrument repeats an old frame, so that nothing is known of the skin.
     pub fn is_frozen(&self) -> bool {
+        #[cfg(feature = "one-score")]
+        if let Some(score) = &self.score {
+            return score.is_frozen();
+        }
         self.monitor.is_frozen()
     }
 
@@ -409,12 +468,20 @@ impl TouchFinder {
     /// contact that gets worse looks like touches around its electrode until it is named. Nothing explains a frame of
     /// which no value counts.
     pub fn is_explained(&self) -> bool {
+        #[cfg(feature = "one-score")]
+        if let Some(score) = &self.score {
+            return score.is_explained();
+        }
         let explains = |s: DetectorStep| s.rows > 0 && s.is_explained && s.blamed.is_none();
         self.step.is_none_or(explains)
     }
 
     /// Returns how the last frame was explained.
     pub fn step(&self) -> Option<DetectorStep> {
+        #[cfg(feature = "one-score")]
+        if let Some(score) = &self.score {
+            return score.step();
+        }
         self.step
     }
 
@@ -451,6 +518,11 @@ impl TouchSettings {
             ("touch.drift_time_s", self.drift_time_s, Must::Within(times)),
         ])?;
         let refuse = |e| SkinError::input(format!("touch: {e}"));
+        if self.model == TouchModel::OneScore && !cfg!(feature = "one-score") {
+            let text =
+                "touch.model: this build has no one-score; build it with the feature one-score";
+            return Err(SkinError::input(text.to_owned()));
+        }
         detector_settings(self, 1.0).validate().map_err(refuse)?;
         tracker_settings(self, 1.0).validate().map_err(refuse)
     }

@@ -164,6 +164,15 @@ pub(super) fn dents(
     concatenate(Axis(1), &views).map_err(|e| SkinError::Failure(format!("dents: {e}")))
 }
 
+/// Displacement of the skin under a finger by the drag of [`dents`], relative to that of electrodes.
+#[cfg(feature = "one-score")]
+pub(super) fn drag_at_finger(skin: &LinearisedSkin) -> f64 {
+    let [low, high] = skin.skin.mesh.surface().bounds_m();
+    let held_m = 0.5 * (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+    let at_finger = (held_m / CONTACT_M).ln() / (held_m / DRAG_M).ln().max(1.0);
+    DRAG * at_finger.max(f64::MIN_POSITIVE)
+}
+
 /// What each column of [`unknowns`] is.
 pub(super) fn electrode_kinds(
     skin: &LinearisedSkin,

@@ -5,12 +5,12 @@ use eit_core::median;
 
 /// Rows of the detector: each is the mean of a measurement and its reciprocal, or a single measurement.
 #[derive(Debug, Clone)]
-pub(super) struct Rows {
+pub(in crate::touch) struct Rows {
     /// Measurements of each row; the same index twice if there is no reciprocal.
-    pub(super) of: Vec<[usize; 2]>,
+    pub(in crate::touch) of: Vec<[usize; 2]>,
     /// Measured over modelled voltage of each measurement, which scales its derivatives; where magnitudes are measured,
     /// with the sign of the model's voltage.
-    pub(super) ratio: Vec<f64>,
+    pub(in crate::touch) ratio: Vec<f64>,
 }
 
 /// Why a reference differs from the model's voltages: `v_ref / g = v (1 + gain) + error`.
@@ -70,7 +70,7 @@ const RATIO_RANGE: f64 = 3.0;
 impl Rows {
     /// Builds the rows of the used measurements from the index of each one's reciprocal (its own index if
     /// it has none).
-    pub(super) fn new(
+    pub(in crate::touch) fn new(
         reciprocal: &[usize],
         used: &[bool],
         reference_v: &[f64],
@@ -113,12 +113,12 @@ impl Rows {
     }
 
     /// Median size of the ratios of measured to modelled voltage.
-    pub(super) fn gain(&self) -> f64 {
+    pub(in crate::touch) fn gain(&self) -> f64 {
         median(self.ratio.iter().map(|ratio| ratio.abs())).unwrap_or(f64::NAN)
     }
 
     /// Factor for the model's derivatives of one row.
-    pub(super) fn ratio_of_row(&self, row: usize) -> f64 {
+    pub(in crate::touch) fn ratio_of_row(&self, row: usize) -> f64 {
         let [i, j] = self.of[row];
         0.5 * (self.ratio[i] + self.ratio[j])
     }

@@ -3,7 +3,7 @@
 /// Runs loops with the widest vectors of this processor. Results do not depend on them: sums are in parts of their own
 /// ([`dot`]), and products are rounded before they are added.
 #[inline(always)]
-pub(super) fn widest<R>(loops: impl FnOnce() -> R) -> R {
+pub(in crate::touch) fn widest<R>(loops: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(loops)
 }
 

@@ -77,7 +77,7 @@ mod tests {
             let place = PlaceErrors { median_m: 1e-3 * mm, mean_m: 1e-3 * mm };
             falling.points.push(ErrorPoint {
                 presses: 5 * (k + 1),
-                places_by: PlacesBy::Map,
+                places_by: PlacesBy::Presses,
                 place,
                 force_ln: forces.map(|forces| forces[k]),
             });

@@ -1,0 +1,388 @@
+//! Touches by one model and one score: everything that is decided is a comparison of -2 log posterior.
+//!
+//! ```text
+//! y = z - r = sum_k a_k d(p_k) + sum_k B_k g_k + memory + error + noise,   g ~ N(0, I)
+//! C = S + E(touches) + sum_k B_k B_k'
+//! J = r' C^-1 r + ln|C| + ln|Lambda / 2 pi| - 2 ln prior,                  r = y - D a
+//! ```
+//!
+//! A row is a reciprocal pair in units of its noise. `z`: change since the reference frame.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `model.rs`, `places.rs`, `dictionary.rs` | what is known before the first frame: rows, places, prints `d`, effects of touches |
+//! | `background.rs` | `S` (noise, drift of the reference, memory of the fabric) and `E` (error of the model) |
+//! | `actions.rs` | `B`: what a touch does besides its print |
+//! | `whitened.rs`, `linear.rs` | a frame whitened by `S + E`, and the products of which scores are made |
+//! | `prior.rs`, `estimate.rs` | the score of a hypothesis, at its maximum over strengths and positions |
+//! | `hypotheses.rs` | births, deaths, relocations |
+//! | `electrodes.rs`, `faults.rs` | open, noisy, stuck and drifting electrodes under the same score |
+//! | `state.rs` | state of a touch, with its id, from frame to frame |
+//! | `report.rs` | touches as reported: confidence, covariance, validity |
+//!
+//! **Cost** of a frame with 104 rows (`n`), in Mflop: whitening `n^3 / 3` 0.4, once or twice, twice more in every tenth frame
+//! for the size of the model's error; `E` 0.7; scan for births 1; each place 0.15 and each pair of places 0.04; each fit 0.1 to
+//! 1; reference 2.2. Nothing is allocated once vectors have grown to the largest number of touches and places of a frame.
+
+mod actions;
+mod background;
+mod dictionary;
+mod electrodes;
+mod estimate;
+mod faults;
+mod hypotheses;
+mod linear;
+mod model;
+mod places;
+mod prior;
+mod report;
+mod settings;
+mod state;
+#[cfg(test)]
+mod tests;
+mod whitened;
+
+pub use electrodes::ElectrodeState;
+pub use model::ScoreModel;
+pub use settings::ScoreSettings;
+
+use super::detector::{DentPlace, DetectorModel};
+use super::{DetectorStep, Touch};
+use crate::InverseError;
+use crate::check::check_length;
+use background::Background;
+use electrodes::Electrodes;
+use estimate::Scene;
+use hypotheses::Search;
+use linear::Symmetric;
+use model::Model;
+use ndarray::ArrayRef2;
+use report::Report;
+use state::{Before, Hypothesis, Touches};
+use whitened::Whitened;
+
+/// Rows of electrodes that come back have a reference of their own, up to this part of their voltage.
+const BACK: f64 = 0.05;
+/// Number of searches in a frame: the error of the model follows the touches found.
+const PASSES: usize = 3;
+/// Odds of a touch that are computed no further, and their largest gain in a frame.
+const CERTAIN: f64 = 200.0;
+const MOST_ODDS: f64 = 50.0;
+/// Squared strength over its variance from which a touch is clear without a fit that lacks it.
+const CLEAR: f64 = 200.0;
+/// Factor by which another size of the model's error is tried, and the frames between.
+const ETA_STEP: f64 = 1.2;
+const ETA_EVERY: u64 = 10;
+
+/// Finds touches in frames, with ids that last.
+#[derive(Debug, Clone)]
+pub struct ScoreDetector {
+    settings: ScoreSettings,
+    model: Model,
+    background: Background,
+    electrodes: Electrodes,
+    search: Search,
+    report: Report,
+    /// Touches of the last frame.
+    touches: Touches,
+    frames: u64,
+    next_id: u64,
+    /// `S`, and `E` of the touches.
+    base: Symmetric,
+    error: Symmetric,
+    other_error: Symmetric,
+    /// Error of each row's gain because an electrode drifts, squared.
+    gains: Vec<f64>,
+    frame: Whitened,
+    other: Whitened,
+    /// The change in all rows.
+    y: Vec<f64>,
+    is_missing: Vec<bool>,
+    has_no_half: Vec<bool>,
+    healed: Vec<usize>,
+    work: Vec<f64>,
+    reference_v: Vec<f64>,
+    step: DetectorStep,
+}
+
+impl ScoreDetector {
+    /// Returns the places at which the deformations of the fabric are needed, see [`new`](Self::new).
+    pub fn dent_places(model: &DetectorModel<'_>, settings: &ScoreSettings) -> Vec<DentPlace> {
+        Model::dent_places(model, settings)
+    }
+
+    /// Builds a detector for frames of one skin.
+    ///
+    /// `dents_v`: effects on the model's voltages, volts per metre, `[measurement, effect]`, three for each of
+    /// [`dent_places`](Self::dent_places) in turn: a pull of 1 m at 15 mm towards its position, a drag of 1 m at the finger along
+    /// each of its tangents. No columns: unknown.
+    ///
+    /// # Errors
+    /// Wrong lengths, invalid settings, non-finite values of used measurements, noise that is not above zero, or no used
+    /// measurement.
+    pub fn new(
+        model: &ScoreModel<'_>,
+        dents_v: &ArrayRef2<f64>,
+        settings: ScoreSettings,
+    ) -> Result<Self, InverseError> {
+        settings.validate()?;
+        // without times all rows are simultaneous
+        let skew_s = if model.times.is_empty() { 0.0 } else { settings.skew_s };
+        let settings = ScoreSettings { skew_s, ..settings };
+        let made = Model::new(model, dents_v, &settings)?;
+        let (n, measurements) = (made.n, made.reference_v.len());
+        Ok(Self {
+            background: Background::new(&made, &settings),
+            electrodes: Electrodes::new(&made),
+            search: Search::new(),
+            report: Report::new(model.skin.surface),
+            touches: Touches::none(),
+            frames: 0,
+            next_id: 1,
+            base: Symmetric::zeros(n),
+            error: Symmetric::zeros(n),
+            other_error: Symmetric::zeros(n),
+            gains: vec![0.0; n],
+            frame: Whitened::default(),
+            other: Whitened::default(),
+            y: vec![0.0; n],
+            is_missing: vec![false; measurements],
+            has_no_half: vec![false; n],
+            healed: Vec::new(),
+            work: Vec::new(),
+            reference_v: made.reference_v.clone(),
+            step: step_of(n, 0.0, 0.0),
+            model: made,
+            settings,
+        })
+    }
+
+    /// Takes a frame `[measurement]`, volts, recorded `dt_s` seconds after the previous one, and returns its touches.
+    ///
+    /// `is_missing` says which values of the frame must not be used; values that are not finite are not.
+    ///
+    /// # Errors
+    /// Wrong lengths, or a time step that is not above zero. The detector is then unchanged.
+    pub fn push(
+        &mut self,
+        frame_v: &[f64],
+        is_missing: impl Fn(usize) -> bool,
+        dt_s: f64,
+    ) -> Result<&[Touch], InverseError> {
+        check_length("frame", frame_v.len(), self.is_missing.len())?;
+        if !(dt_s > 0.0 && dt_s.is_finite()) {
+            let (quantity, must) = ("time since the last frame", "finite and above zero");
+            return Err(InverseError::OutOfRange { quantity, value: dt_s, must });
+        }
+        for (i, missing) in self.is_missing.iter_mut().enumerate() {
+            *missing = is_missing(i) || !frame_v[i].is_finite();
+        }
+        self.frames += 1;
+        self.begin(frame_v, dt_s);
+        let found = self.find(dt_s);
+        let found = self.find_faults(found, dt_s);
+        self.fit_error(&found, dt_s);
+        self.end(found, dt_s);
+        Ok(self.report.touches())
+    }
+
+    /// Sets the background, the rows that count and the change of this frame.
+    fn begin(&mut self, frame_v: &[f64], dt_s: f64) {
+        let Self { model, settings, background, electrodes, healed, gains, work, .. } = self;
+        background.advance(settings, dt_s);
+        for e in 0..model.of.len() {
+            if electrodes.states[e] == ElectrodeState::Drifting {
+                background.loosen_gain(model, e, settings.gain_per_s * dt_s);
+            }
+        }
+        electrodes.push(model, settings, frame_v, &self.is_missing, dt_s, healed);
+        for &e in &*healed {
+            background.loosen(model, (0..model.n).filter(|&row| model.of[e][row]), BACK);
+        }
+        gains.fill(0.0);
+        for e in (0..model.of.len()).filter(|&e| electrodes.states[e] == ElectrodeState::Drifting) {
+            background::gain_column(model, e, work);
+            let product = super::detector::dot(work, &background.reference);
+            let part = (product / model.gain_squares[e].max(f64::MIN_POSITIVE)).powi(2);
+            gains.iter_mut().zip(&model.of[e]).filter(|(_, of)| **of).for_each(|(g, _)| *g += part);
+        }
+        background.sum(model, settings, &mut self.base);
+        for (row, &[i, j]) in model.rows.of.iter().enumerate() {
+            let change = |i: usize| frame_v[i] - model.reference_v[i];
+            let (sum, count) = match [self.is_missing[i], self.is_missing[j]] {
+                [false, false] => (0.5 * (change(i) + change(j)), 2),
+                [false, true] => (change(i), 1),
+                [true, false] => (change(j), 1),
+                [true, true] => (0.0, 0),
+            };
+            self.has_no_half[row] = count == 0;
+            self.y[row] = sum / model.row_noise_v[row];
+            if count == 1 {
+                // one half alone has twice the variance
+                self.base.packed[linear::start(row) + row] += 1.0;
+            }
+        }
+        background.subtract(settings, &mut self.y);
+    }
+
+    /// Searches for touches while the error of the model follows them.
+    fn find(&mut self, dt_s: f64) -> Hypothesis {
+        for touch in self.touches.iter_mut() {
+            touch.before = Some(Before {
+                spot: touch.spot,
+                covariance_m2: touch.covariance_m2,
+                velocity_m_s: touch.velocity_m_s,
+            });
+        }
+        self.search.known = self.touches.len();
+        self.search.turn = (self.frames % 840) as usize;
+        let Self { model, settings, background, electrodes, search, .. } = self;
+        let scene = Scene { model, settings, dt_s };
+        let counts = |row: usize| !electrodes.is_lost[row] && !self.has_no_half[row];
+        let (eta, known) = (background.eta, self.touches);
+        background.errors(&scene, &known, eta, &self.gains, &mut self.error);
+        self.frame.set(&self.base, &self.error, &self.y, counts);
+        let mut found = search.search(&scene, &mut self.frame, &known);
+        for _ in 1..PASSES {
+            if !background.grows(&scene, &found.touches, eta, &self.gains, &self.error) {
+                break;
+            }
+            background.errors(&scene, &found.touches, eta, &self.gains, &mut self.error);
+            self.frame.set(&self.base, &self.error, &self.y, counts);
+            found = search.search(&scene, &mut self.frame, &found.touches);
+        }
+        found
+    }
+
+    /// Tries a larger or smaller error of the model, in turn.
+    fn fit_error(&mut self, found: &Hypothesis, dt_s: f64) {
+        if found.touches.is_empty() || !self.frames.is_multiple_of(ETA_EVERY) {
+            return;
+        }
+        let is_larger = self.frames / ETA_EVERY % 2 == 1;
+        let other_eta = self.background.eta * if is_larger { ETA_STEP } else { ETA_STEP.recip() };
+        let own = self.cost_of_error(found, self.background.eta, dt_s);
+        if self.cost_of_error(found, other_eta, dt_s) < own {
+            self.background.eta = other_eta.max(self.background.least_eta);
+        }
+    }
+
+    /// Score of some touches with an error of the model.
+    fn cost_of_error(&mut self, found: &Hypothesis, eta: f64, dt_s: f64) -> f64 {
+        let Self { model, settings, background, search, frame, other, other_error, .. } = self;
+        let scene = Scene { model, settings, dt_s };
+        background.errors(&scene, &found.touches, eta, &self.gains, other_error);
+        let present = &frame.present;
+        other.set(&self.base, other_error, &self.y, |row| present.binary_search(&row).is_ok());
+        let fit = search.estimator.fit(&scene, other, &found.touches, 1, 0);
+        fit.score + ((eta / settings.error).ln() / settings.error_std).powi(2)
+    }
+
+    /// Updates the state after a frame: odds, motion, ids, reference, memory.
+    fn end(&mut self, found: Hypothesis, dt_s: f64) {
+        let Self { model, settings, background, search, frame, .. } = self;
+        let scene = Scene { model, settings, dt_s };
+        let mut touches = found.touches;
+        let least = search.total(&scene, &found);
+        for k in 0..touches.len() {
+            let touch = touches[k];
+            if touch.odds < CERTAIN {
+                let gain = match touch.wald() > CLEAR {
+                    true => MOST_ODDS,
+                    false => {
+                        let fewer = found.touches.without(k);
+                        let fewer = search.estimator.fit(&scene, frame, &fewer, 1, 0);
+                        search.total(&scene, &fewer) - least
+                    }
+                };
+                touches[k].odds += gain.min(MOST_ODDS);
+            }
+            touches[k].follow(dt_s);
+            if touches[k].odds >= settings.shown && touch.id.is_none() {
+                touches[k].id = Some(self.next_id);
+                self.next_id += 1;
+            }
+        }
+        background.learn(&scene, frame, &mut touches, &self.y);
+        self.touches = touches;
+        let reference = self.background.reference.iter().zip(&self.model.row_noise_v);
+        for ((r, noise), pair) in reference.zip(&self.model.rows.of) {
+            pair.iter().for_each(|&i| self.reference_v[i] = self.model.reference_v[i] + r * noise);
+        }
+        self.step = step_of(self.frame.n(), self.frame.square, found.chi_square);
+        let is_whole = self.frame.n() == self.model.n;
+        self.report.push(&self.model, &self.settings, &self.touches, &self.step, is_whole, dt_s);
+    }
+
+    /// Returns the touches of the last frame.
+    pub fn touches(&self) -> &[Touch] {
+        self.report.touches()
+    }
+
+    /// Returns whether touches, or the absence of any, explain the last frame.
+    pub fn is_explained(&self) -> bool {
+        self.step.is_explained
+    }
+
+    /// Returns how the last frame was explained.
+    pub fn step(&self) -> DetectorStep {
+        self.step
+    }
+
+    /// Returns the state of each electrode.
+    pub fn electrodes(&self) -> &[ElectrodeState] {
+        &self.electrodes.states
+    }
+
+    /// Returns whether a measurement of the last frame does not count.
+    pub fn is_missing(&self, measurement: usize) -> bool {
+        let is_lost = |(of, state): (&Vec<usize>, &ElectrodeState)| {
+            matches!(state, ElectrodeState::Noisy | ElectrodeState::Stuck)
+                && of.contains(&measurement)
+        };
+        self.is_missing.get(measurement).copied().unwrap_or(true)
+            || self.model.of_electrode.iter().zip(&self.electrodes.states).any(is_lost)
+    }
+
+    /// Returns the reference of the last frame, volts, `[measurement]`.
+    pub fn reference_v(&self) -> &[f64] {
+        &self.reference_v
+    }
+
+    /// Returns the number of rows, and of places at which touches are sought.
+    pub fn size(&self) -> [usize; 2] {
+        [self.model.n, self.model.grid.at.len()]
+    }
+
+    /// Returns the error of the model of a change, relative, as found from the frames.
+    pub fn model_error(&self) -> f64 {
+        self.background.eta
+    }
+
+    /// Returns the number of fits since the start.
+    pub fn fits(&self) -> u64 {
+        self.search.estimator.fits
+    }
+
+    /// Returns the id that the next touch will get; the first is 1.
+    pub fn next_id(&self) -> u64 {
+        self.next_id
+    }
+
+    /// Continues the ids of another detector.
+    pub fn with_first_id(self, first: u64) -> Self {
+        Self { next_id: first.max(1), ..self }
+    }
+}
+
+/// How a frame was explained, for programs that know the other detector.
+fn step_of(rows: usize, chi_square: f64, chi_square_rest: f64) -> DetectorStep {
+    DetectorStep {
+        rows,
+        chi_square,
+        chi_square_without: chi_square,
+        chi_square_rest,
+        blamed: None,
+        is_explained: report::is_explained(rows, chi_square_rest),
+    }
+}

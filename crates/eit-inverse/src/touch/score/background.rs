@@ -1,0 +1,359 @@
+//! Everything that is not a touch: noise, the reference and its drift, the fabric's memory, the error of the model.
+//!
+//! ```text
+//! S = I + R + M + waves + settling,   y = z - r + settled signal
+//! E = diag((eta a d)^2) + eta^2 (a d on the rows of each electrode)^2 + each electrode's own movement and contact
+//! ```
+//!
+//! `r, R`: Kalman filter of the reference, a random walk. `M`: covariance of the trails of touches; it flows into `R` as it
+//! fades, and an update does not consume it. Settling: a low-pass of the touches' signal with each time constant, whose share
+//! is normal. All `[row]` or `[row, row]`, in units of each row's noise.
+//!
+//! **Cost** for `n` rows: update of `R` `n^3` flops for the solve and `n^3` for the product of which one triangle is computed,
+//! 2.2 Mflop with 104 rows; `E` `n^2 k / 2` for `k` electrode columns (64 with 16 electrodes), 0.7 Mflop.
+
+use super::actions::{FIRST_ACTION, Features};
+use super::dictionary::CONTACT_M;
+use super::estimate::Scene;
+use super::linear::{Factor, Symmetric, start};
+use super::model::Model;
+use super::settings::ScoreSettings;
+use super::state::{TouchState, Touches};
+use super::whitened::Whitened;
+use crate::geometry::distance_m;
+
+/// Time over which drifts are stated, seconds.
+const DRIFT_S: f64 = 60.0;
+/// Uncertainty of strength, relative, and of position, metres, beyond which a touch takes nothing more from the reference.
+const WIDE_STRENGTH: f64 = 10.0;
+const WIDE_M: f64 = 10e-3;
+/// Way from which a touch lays a trail, metres.
+const LAID_FROM_M: f64 = 3e-3;
+/// Distance up to which the pull of a touch on an electrode does not fall, metres.
+const PULLED_M: f64 = 0.03;
+
+/// State of everything that is not a touch.
+#[derive(Debug, Clone)]
+pub(super) struct Background {
+    /// Change of the reference since the start, and its covariance.
+    pub(super) reference: Vec<f64>,
+    pub(super) covariance: Symmetric,
+    /// Random walk in [`DRIFT_S`].
+    walk: Symmetric,
+    /// Covariance of what the fabric remembers.
+    memory: Symmetric,
+    /// Low-pass of the touches' signal with each time constant.
+    settled: [Vec<f64>; 2],
+    /// Relative error of the model of a change, and its least value: no better on changes than on the reference.
+    pub(super) eta: f64,
+    pub(super) least_eta: f64,
+    /// Workspace: vectors `[column][row]`, their transpose, and `E`.
+    columns: Vec<f64>,
+    rows: Vec<f64>,
+    diagonal: Vec<f64>,
+    signal: Vec<f64>,
+    innovation: Vec<f64>,
+    of_update: Factor,
+    update: Symmetric,
+}
+
+impl Background {
+    pub(super) fn new(model: &Model, s: &ScoreSettings) -> Self {
+        let n = model.n;
+        let mut walk = Symmetric::zeros(n);
+        for (columns, std) in
+            [(&model.contact, s.drift_contact), (&model.moved, s.drift_electrode_m)]
+        {
+            columns.chunks_exact(n).for_each(|column| walk.add_square(std * std, column));
+        }
+        walk.add_square(s.drift_sheet * s.drift_sheet, &model.sheet);
+        let mut covariance = Symmetric::zeros(n);
+        covariance.add_diagonal(1.0 / model.reference_frames as f64);
+        let least_eta = s.error.max(model.misfit);
+        Self {
+            reference: vec![0.0; n],
+            covariance,
+            walk,
+            memory: Symmetric::zeros(n),
+            settled: [vec![0.0; n], vec![0.0; n]],
+            eta: least_eta,
+            least_eta,
+            columns: Vec::new(),
+            rows: Vec::new(),
+            diagonal: Vec::new(),
+            signal: vec![0.0; n],
+            innovation: Vec::new(),
+            of_update: Factor::default(),
+            update: Symmetric::default(),
+        }
+    }
+
+    /// Lets the reference drift, and what the fabric remembers flow into it.
+    pub(super) fn advance(&mut self, s: &ScoreSettings, dt_s: f64) {
+        self.covariance.add(dt_s / DRIFT_S, &self.walk);
+        self.covariance.add_diagonal((dt_s / s.drift_s).min(1.0).powi(2));
+        self.covariance.add(2.0 * dt_s / s.trail_s, &self.memory);
+    }
+
+    /// Sets `total` to `S`.
+    pub(super) fn sum(&self, model: &Model, s: &ScoreSettings, total: &mut Symmetric) {
+        total.n = model.n;
+        total.packed.clone_from(&self.covariance.packed);
+        total.add(1.0, &self.memory);
+        total.add(1.0, &model.waves);
+        total.add_diagonal(1.0);
+        for settled in &self.settled {
+            total.add_square(s.settle_std * s.settle_std, settled);
+        }
+    }
+
+    /// Subtracts from rows what is known of the reference and of settling.
+    pub(super) fn subtract(&self, s: &ScoreSettings, rows: &mut [f64]) {
+        for (i, row) in rows.iter_mut().enumerate() {
+            *row += s.settle * (self.settled[0][i] + self.settled[1][i]) - self.reference[i];
+        }
+    }
+
+    /// Sets `out` to `E` of some touches. `gains`: by how much each row's gain is off because an electrode drifts, squared.
+    pub(super) fn errors(
+        &mut self,
+        scene: &Scene<'_>,
+        touches: &[TouchState],
+        eta: f64,
+        gains: &[f64],
+        out: &mut Symmetric,
+    ) {
+        let n = scene.model.n;
+        out.reset(n);
+        if touches.is_empty() {
+            return;
+        }
+        self.set_error(scene, touches, eta, gains);
+        self.diagonal.iter().enumerate().for_each(|(i, d)| out.packed[start(i) + i] = *d);
+        transpose(&self.columns, n, 0..n, &mut self.rows);
+        out.add_product(1.0, &self.rows);
+    }
+
+    /// Returns whether `E` of some touches is more than twice as large in any row as one that is given.
+    pub(super) fn grows(
+        &mut self,
+        scene: &Scene<'_>,
+        touches: &[TouchState],
+        eta: f64,
+        gains: &[f64],
+        given: &Symmetric,
+    ) -> bool {
+        if touches.is_empty() {
+            return false;
+        }
+        self.set_error(scene, touches, eta, gains);
+        for column in self.columns.chunks_exact(scene.model.n) {
+            self.diagonal.iter_mut().zip(column).for_each(|(d, c)| *d += c * c);
+        }
+        self.diagonal.iter().enumerate().any(|(i, d)| *d > 2.0 * given.get(i, i) + 1.0)
+    }
+
+    /// Sets the parts of `E`: a diagonal, and columns.
+    fn set_error(&mut self, scene: &Scene<'_>, touches: &[TouchState], eta: f64, gains: &[f64]) {
+        let (model, s, n) = (scene.model, scene.settings, scene.model.n);
+        self.diagonal.clear();
+        self.diagonal.resize(n, 0.0);
+        let mut whole = std::mem::take(&mut self.signal);
+        whole.fill(0.0);
+        for touch in touches {
+            self.columns.clear();
+            self.columns.resize(n, 0.0);
+            add_print(scene, touch, touch.strength_m2, &mut self.columns);
+            for (i, signal) in self.columns.iter().enumerate() {
+                whole[i] += signal;
+                self.diagonal[i] += (eta * eta + gains[i]) * signal * signal;
+            }
+        }
+        self.columns.clear();
+        let far = |d: f64| (PULLED_M / d).min(1.0);
+        let near = |d: f64| (-d / CONTACT_M).exp();
+        self.electrode_columns(&model.moved_at, &model.moved, |at_m| {
+            s.single * s.pull_m * of_touches(s, touches, at_m, far)
+        });
+        self.electrode_columns(&model.contact_at, &model.contact, |at_m| {
+            s.single * s.press * of_touches(s, touches, at_m, near)
+        });
+        for of in &model.of {
+            for i in 0..n {
+                let error = if of[i] { (eta * eta + gains[i]).sqrt() * whole[i] } else { 0.0 };
+                self.columns.push(error);
+            }
+        }
+        self.signal = whole;
+    }
+
+    /// Adds columns of electrodes, each with a factor that depends on where it is.
+    fn electrode_columns(
+        &mut self,
+        at_m: &[[f64; 3]],
+        columns: &[f64],
+        factor: impl Fn([f64; 3]) -> f64,
+    ) {
+        let n = columns.len() / at_m.len().max(1);
+        for (at_m, column) in at_m.iter().zip(columns.chunks_exact(n.max(1))) {
+            let factor = factor(*at_m);
+            self.columns.extend(column.iter().map(|c| factor * c));
+        }
+    }
+
+    /// Updates reference, memory and settling after a frame `y` of all rows that these touches explain.
+    pub(super) fn learn(
+        &mut self,
+        scene: &Scene<'_>,
+        frame: &Whitened,
+        touches: &mut Touches,
+        y: &[f64],
+    ) {
+        let n = scene.model.n;
+        self.signal.fill(0.0);
+        let mut signal = std::mem::take(&mut self.signal);
+        touches.iter().for_each(|t| add_print(scene, t, t.strength_m2, &mut signal));
+        self.set_update(scene, frame, touches);
+        self.innovation.clear();
+        self.innovation.extend(frame.present.iter().map(|&i| y[i] - signal[i]));
+        self.update_reference(frame, n);
+        self.remember(scene, touches);
+        for (settled, time_s) in self.settled.iter_mut().zip(scene.settings.settle_s) {
+            let weight = -(-scene.dt_s / time_s).exp_m1();
+            settled.iter_mut().zip(&signal).for_each(|(s, now)| *s += weight * (now - *s));
+        }
+        self.signal = signal;
+    }
+
+    /// Factorises the covariance by which the reference is updated: touches have wide priors, and their errors last, so that
+    /// each frame tells less.
+    fn set_update(&mut self, scene: &Scene<'_>, frame: &Whitened, touches: &Touches) {
+        self.update.n = frame.n();
+        self.update.packed.clone_from(&frame.covariance.packed);
+        let (s, n) = (scene.settings, scene.model.n);
+        let lasting = 2.0 * s.error_s / scene.dt_s;
+        self.columns.clear();
+        for touch in touches.iter() {
+            let features = Features::new(touch, s);
+            let rows = scene.model.dictionary.of(touch.spot.place);
+            for feature in 0..features.count {
+                let weight = match feature {
+                    0 => WIDE_STRENGTH * touch.strength_m2,
+                    f if f < FIRST_ACTION => WIDE_M,
+                    _ => lasting.sqrt(),
+                };
+                let from = self.columns.len();
+                self.columns.resize(from + n, 0.0);
+                features.add_rows(feature, weight, rows, &mut self.columns[from..]);
+            }
+            let own = self.columns.len() - features.count * n;
+            for (a, &i) in frame.present.iter().enumerate() {
+                let print = self.columns[own + i] / WIDE_STRENGTH;
+                self.update.packed[start(a) + a] += self.eta * self.eta * lasting * print * print;
+            }
+        }
+        transpose(&self.columns, n, frame.present.iter().copied(), &mut self.rows);
+        self.update.add_product(1.0, &self.rows);
+        self.of_update.of(&self.update);
+    }
+
+    /// `r += R C^-1 (y - D a)`, `R -= R C^-1 R`.
+    fn update_reference(&mut self, frame: &Whitened, n: usize) {
+        let Self { covariance, rows, of_update, innovation, reference, .. } = self;
+        rows.clear();
+        for i in 0..n {
+            rows.extend(frame.present.iter().map(|&j| covariance.get(i, j)));
+        }
+        of_update.solve_all(rows);
+        of_update.solve(innovation);
+        let m = frame.n().max(1);
+        for (r, row) in reference.iter_mut().zip(rows.chunks_exact(m)) {
+            *r += crate::touch::detector::dot(row, innovation);
+        }
+        covariance.add_product(-1.0, rows);
+    }
+
+    /// Lets trails fade, and adds those of touches that press harder or have moved.
+    fn remember(&mut self, scene: &Scene<'_>, touches: &mut Touches) {
+        let (s, n) = (scene.settings, scene.model.n);
+        let time_s = if touches.is_empty() { s.trail_s } else { s.error_s };
+        self.memory.scale((-2.0 * scene.dt_s / time_s).exp());
+        for touch in touches.iter_mut() {
+            let part = newly_laid(touch, s);
+            if part <= 0.0 {
+                continue;
+            }
+            self.columns.clear();
+            self.columns.resize(n, 0.0);
+            add_print(scene, touch, s.trail * touch.strength_m2, &mut self.columns);
+            self.memory.add_square(part, &self.columns);
+            let wide = &scene.model.dictionary.of(touch.spot.place)[6 * n..7 * n];
+            self.memory.add_square(part * (s.trail_wide * touch.strength_m2).powi(2), wide);
+        }
+    }
+
+    /// Forgets the reference of rows: they have one of their own, up to a part of their voltage.
+    pub(super) fn loosen(&mut self, model: &Model, rows: impl Iterator<Item = usize>, part: f64) {
+        for i in rows {
+            self.covariance.packed[start(i) + i] += (part * model.sheet[i]).powi(2);
+        }
+    }
+
+    /// Adds the variance of an electrode's gain.
+    pub(super) fn loosen_gain(&mut self, model: &Model, electrode: usize, std: f64) {
+        gain_column(model, electrode, &mut self.columns);
+        self.covariance.add_square(std * std, &self.columns);
+    }
+}
+
+/// Effect of an electrode's gain on all rows.
+pub(super) fn gain_column(model: &Model, electrode: usize, out: &mut Vec<f64>) {
+    out.clear();
+    out.extend((0..model.n).map(|row| model.gain(electrode, row)));
+}
+
+/// Part of a whole trail that a touch lays in this frame.
+fn newly_laid(touch: &mut TouchState, s: &ScoreSettings) -> f64 {
+    let moved_m = distance_m(touch.spot.position_m, touch.laid_at_m);
+    if moved_m > LAID_FROM_M {
+        (touch.laid_at_m, touch.laid_m2) = (touch.spot.position_m, touch.strength_m2);
+        (moved_m / s.trail_m).min(1.0)
+    } else if touch.strength_m2 > touch.laid_m2 {
+        let before = std::mem::replace(&mut touch.laid_m2, touch.strength_m2);
+        1.0 - before / touch.strength_m2
+    } else {
+        0.0
+    }
+}
+
+/// Root of the sum of squares over touches of a function of the distance to a point.
+fn of_touches(
+    s: &ScoreSettings,
+    touches: &[TouchState],
+    at_m: [f64; 3],
+    of: impl Fn(f64) -> f64,
+) -> f64 {
+    let square = |t: &TouchState| {
+        let part = t.strength_m2 / (t.strength_m2 + s.typical_m2);
+        (part * of(distance_m(t.spot.position_m, at_m))).powi(2)
+    };
+    touches.iter().map(square).sum::<f64>().sqrt()
+}
+
+/// Adds the effect of a touch's print on all rows, with a strength.
+fn add_print(scene: &Scene<'_>, touch: &TouchState, strength_m2: f64, out: &mut [f64]) {
+    let n = out.len();
+    let columns = scene.model.dictionary.of(touch.spot.place);
+    let [print, ..] = touch.print();
+    for (column, factor) in columns.chunks_exact(n).zip(print) {
+        out.iter_mut().zip(column).for_each(|(o, c)| *o += strength_m2 * factor * c);
+    }
+}
+
+/// Turns `[column][row]` into `[row][column]` for some of the rows.
+fn transpose(columns: &[f64], n: usize, rows: impl Iterator<Item = usize>, out: &mut Vec<f64>) {
+    out.clear();
+    for i in rows {
+        out.extend(columns.iter().skip(i).step_by(n));
+    }
+}

@@ -1,0 +1,196 @@
+//! Electrodes: open, shorted or noisy; stuck; drifting.
+//!
+//! A linear passive skin is reciprocal, so halves of pairs differ by noise, or by that of a faulty electrode:
+//!
+//! ```text
+//! d = (v_i - v_j) - (ref_i - ref_j),   d ~ N(0, var)  or  N(0, s^2), s^2 = max(mean d^2, 30 var)
+//! ```
+//!
+//! with `var` the noise of both and what halves may differ by under a change. Electrodes are added or healed one by one while
+//! -2 log posterior falls. The rows of a faulty electrode do not count. Drifting electrodes keep theirs: their gain is a
+//! random walk of the reference. `20 n` flops a frame and electrode.
+
+use super::model::Model;
+use super::settings::ScoreSettings;
+use eit_core::median;
+
+/// Least variance of a faulty electrode's halves, relative to that of sound ones: noise that matters. With a free size noise
+/// that is small by chance would be a fault of small size.
+const MATTERS: f64 = 30.0;
+/// Squared difference over variance up to which halves are not looked at, to save time.
+const ORDINARY: f64 = 20.0;
+/// Fewest pairs by which an electrode is judged.
+const LEAST_PAIRS: usize = 4;
+/// Relative difference of reciprocal halves that may come and go without a change: 0.1 % of a voltage, instruments' linearity.
+const LINEARITY: f64 = 1e-3;
+/// Factor on the reference's own reciprocity error.
+const OF_REFERENCE: f64 = 3.0;
+
+/// What is wrong with an electrode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ElectrodeState {
+    /// Nothing.
+    Sound,
+    /// Open, shorted or noisy: its measurements do not count.
+    Noisy,
+    /// Its measurements repeat exactly: they do not count.
+    Stuck,
+    /// Its gain drifts: its measurements count with a gain of their own.
+    Drifting,
+}
+
+/// States of all electrodes.
+#[derive(Debug, Clone)]
+pub(super) struct Electrodes {
+    pub(super) states: Vec<ElectrodeState>,
+    /// Whether all measurements of each are those of the last frame.
+    pub(super) repeated: Vec<bool>,
+    /// Whether no row of the frame counts because of a faulty electrode.
+    pub(super) is_lost: Vec<bool>,
+    /// The last frame; empty before the first.
+    last_v: Vec<f64>,
+    /// Squared difference over variance, and logarithm of the variance, of each row; infinite if it has no halves.
+    squares: Vec<f64>,
+    logs: Vec<f64>,
+    changes: Vec<f64>,
+    before: Vec<ElectrodeState>,
+}
+
+impl Electrodes {
+    pub(super) fn new(model: &Model) -> Self {
+        let (n, count) = (model.n, model.of.len());
+        Self {
+            states: vec![ElectrodeState::Sound; count],
+            repeated: vec![false; count],
+            is_lost: vec![false; n],
+            last_v: Vec::with_capacity(model.reference_v.len()),
+            squares: vec![0.0; n],
+            logs: vec![0.0; n],
+            changes: Vec::with_capacity(n),
+            before: Vec::with_capacity(count),
+        }
+    }
+
+    /// Judges a frame by itself; `healed` receives the electrodes whose rows count again.
+    pub(super) fn push(
+        &mut self,
+        model: &Model,
+        s: &ScoreSettings,
+        frame_v: &[f64],
+        is_missing: &[bool],
+        dt_s: f64,
+        healed: &mut Vec<usize>,
+    ) {
+        self.before.clone_from(&self.states);
+        self.compare(model, s, frame_v, is_missing);
+        self.find_noisy(model, s, dt_s);
+        for (e, repeated) in self.repeated.iter_mut().enumerate() {
+            let is_same = |&i: &usize| {
+                self.last_v.get(i).is_some_and(|last| *last == frame_v[i]) && !is_missing[i]
+            };
+            let measured = &model.of_electrode[e];
+            *repeated = !measured.is_empty() && measured.iter().all(is_same);
+            if self.states[e] == ElectrodeState::Stuck && !*repeated {
+                self.states[e] = ElectrodeState::Sound;
+            }
+        }
+        self.last_v.clear();
+        self.last_v.extend_from_slice(frame_v);
+        self.leave_out(model);
+        healed.clear();
+        let counts =
+            |state: ElectrodeState| !matches!(state, ElectrodeState::Noisy | ElectrodeState::Stuck);
+        let pairs = self.before.iter().zip(&self.states).enumerate();
+        healed
+            .extend(pairs.filter(|(_, (was, is))| !counts(**was) && counts(**is)).map(|(e, _)| e));
+    }
+
+    /// Updates which rows are lost.
+    pub(super) fn leave_out(&mut self, model: &Model) {
+        self.is_lost.fill(false);
+        for (of, state) in model.of.iter().zip(&self.states) {
+            if matches!(state, ElectrodeState::Noisy | ElectrodeState::Stuck) {
+                self.is_lost.iter_mut().zip(of).for_each(|(lost, of)| *lost |= of);
+            }
+        }
+    }
+
+    /// Compares the halves of each row.
+    fn compare(&mut self, model: &Model, s: &ScoreSettings, frame_v: &[f64], is_missing: &[bool]) {
+        let change = |i: usize| frame_v[i] - model.reference_v[i];
+        let is_pair = |i: usize, j: usize| i != j && !is_missing[i] && !is_missing[j];
+        let largest = |[i, j]: [usize; 2]| change(i).abs().max(change(j).abs());
+        self.changes.clear();
+        let pairs = model.rows.of.iter().filter(|&&[i, j]| is_pair(i, j));
+        self.changes.extend(pairs.map(|&pair| largest(pair).powi(2)));
+        let typical = median(self.changes.iter().copied()).unwrap_or(0.0);
+        let unequal = s.unequal.max(OF_REFERENCE * model.unequal);
+        for (row, &[i, j]) in model.rows.of.iter().enumerate() {
+            (self.squares[row], self.logs[row]) = match is_pair(i, j) {
+                true => {
+                    let own = largest([i, j]).powi(2) + typical;
+                    let variance = model.noise_v[i].powi(2)
+                        + model.noise_v[j].powi(2)
+                        + unequal * unequal * own
+                        + (LINEARITY * model.reference_v[i]).powi(2);
+                    ((change(i) - change(j)).powi(2) / variance, variance.ln())
+                }
+                false => (f64::INFINITY, 0.0),
+            };
+        }
+    }
+
+    /// Adds and heals noisy electrodes while -2 log posterior falls.
+    fn find_noisy(&mut self, model: &Model, s: &ScoreSettings, dt_s: f64) {
+        let is_noisy = |state: &ElectrodeState| *state == ElectrodeState::Noisy;
+        let is_ordinary = |square: &f64| *square < ORDINARY || square.is_infinite();
+        if !self.states.iter().any(is_noisy) && self.squares.iter().all(is_ordinary) {
+            return;
+        }
+        let [fault, heal] = [s.fault_hz, s.heal_hz].map(|hz| -2.0 * (hz * dt_s).min(0.5).ln());
+        for e in 0..self.states.len() {
+            if self.states[e] == ElectrodeState::Noisy && self.gain(model, e) <= -heal {
+                self.states[e] = ElectrodeState::Sound;
+            }
+        }
+        loop {
+            let sound = (0..self.states.len()).filter(|&e| self.states[e] != ElectrodeState::Noisy);
+            let gains = sound.map(|e| (self.gain(model, e) - fault, e));
+            match gains.max_by(|a, b| a.0.total_cmp(&b.0)) {
+                Some((gain, e)) if gain > 0.0 => self.states[e] = ElectrodeState::Noisy,
+                _ => break,
+            }
+        }
+    }
+
+    /// Decrease of -2 log likelihood if an electrode is noisy, besides the others that are faulty.
+    fn gain(&self, model: &Model, electrode: usize) -> f64 {
+        let is_faulty = |e: usize| {
+            e != electrode
+                && matches!(self.states[e], ElectrodeState::Noisy | ElectrodeState::Stuck)
+        };
+        let counts = |row: usize| {
+            model.of[electrode][row]
+                && self.squares[row].is_finite()
+                && !(0..model.of.len()).any(|e| is_faulty(e) && model.of[e][row])
+        };
+        let rows = || (0..model.n).filter(|&row| counts(row));
+        let (mut count, mut sum) = (0, 0.0);
+        for row in rows() {
+            count += 1;
+            sum += self.squares[row] * self.logs[row].exp();
+        }
+        if count < LEAST_PAIRS {
+            return 0.0;
+        }
+        let mean = sum / count as f64;
+        rows()
+            .map(|row| {
+                let variance = self.logs[row].exp();
+                let size = mean.max(MATTERS * variance);
+                let square = self.squares[row];
+                square + variance.ln() - size.ln() - square * variance / size
+            })
+            .sum()
+    }
+}

@@ -1,0 +1,152 @@
+//! The state of a touch, and a hypothesis: some touches, and how well they explain a frame.
+
+use super::dictionary::COLUMNS;
+use super::places::Spot;
+use super::settings::MOST_TOUCHES;
+
+/// Time over which velocities are averaged, seconds.
+const VELOCITY_S: f64 = 0.1;
+/// Standard deviations beyond which a touch has slid.
+const SLID: f64 = 3.0;
+
+/// A touch in the last frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Before {
+    pub(super) spot: Spot,
+    /// Covariance of its position along the tangents of its place, square metres.
+    pub(super) covariance_m2: [[f64; 2]; 2],
+    /// Velocity, metres per second.
+    pub(super) velocity_m_s: [f64; 3],
+}
+
+/// All that is known of a touch. It lives from frame to frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TouchState {
+    pub(super) spot: Spot,
+    /// Area of doubled conductivity, square metres.
+    pub(super) strength_m2: f64,
+    /// Velocity, metres per second.
+    pub(super) velocity_m_s: [f64; 3],
+    /// `None`: it begins with this frame.
+    pub(super) before: Option<Before>,
+    /// Its id, once it has been shown.
+    pub(super) id: Option<u64>,
+    /// Sum of 2 ln odds for it over the frames.
+    pub(super) odds: f64,
+    /// Way that it has slid, metres.
+    pub(super) path_m: f64,
+    /// Strength and position at which it has last left a trail.
+    pub(super) laid_m2: f64,
+    pub(super) laid_at_m: [f64; 3],
+    /// From the last fit: covariance of the position along the place's tangents, variance of the strength, and what the touch
+    /// and all that it does to the fabric give in the columns of its place.
+    pub(super) covariance_m2: [[f64; 2]; 2],
+    pub(super) strength_variance: f64,
+    pub(super) response: [f64; COLUMNS],
+}
+
+impl TouchState {
+    pub(super) fn new(spot: Spot) -> Self {
+        Self {
+            spot,
+            strength_m2: 0.0,
+            velocity_m_s: [0.0; 3],
+            before: None,
+            id: None,
+            odds: 0.0,
+            path_m: 0.0,
+            laid_m2: 0.0,
+            laid_at_m: spot.position_m,
+            covariance_m2: [[0.0; 2]; 2],
+            strength_variance: 0.0,
+            response: [0.0; COLUMNS],
+        }
+    }
+
+    /// Updates velocity and way after a frame.
+    pub(super) fn follow(&mut self, dt_s: f64) {
+        let Some(before) = &self.before else { return };
+        let way: [f64; 3] =
+            std::array::from_fn(|i| self.spot.position_m[i] - before.spot.position_m[i]);
+        let weight = (dt_s / VELOCITY_S).min(1.0);
+        self.velocity_m_s = std::array::from_fn(|i| {
+            before.velocity_m_s[i] + weight * (way[i] / dt_s - before.velocity_m_s[i])
+        });
+        let trace = |c: [[f64; 2]; 2]| c[0][0] + c[1][1];
+        let spread_m2 = trace(self.covariance_m2) + trace(before.covariance_m2);
+        let squared: f64 = way.iter().map(|w| w * w).sum();
+        if squared > SLID * SLID * spread_m2 {
+            self.path_m += squared.sqrt();
+        }
+    }
+
+    /// Squared strength over its variance.
+    pub(super) fn wald(&self) -> f64 {
+        self.strength_m2 * self.strength_m2 / self.strength_variance.max(f64::MIN_POSITIVE)
+    }
+
+    /// Coefficients in the columns of its place of the print and of its derivatives with respect to the position.
+    pub(super) fn print(&self) -> [[f64; 6]; 3] {
+        let [x, y] = self.spot.step_m;
+        [
+            [1.0, x, y, 0.5 * x * x, x * y, 0.5 * y * y],
+            [0.0, 1.0, 0.0, x, y, 0.0],
+            [0.0, 0.0, 1.0, 0.0, x, y],
+        ]
+    }
+}
+
+/// At most [`MOST_TOUCHES`] touches.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Touches {
+    at: [TouchState; MOST_TOUCHES],
+    count: usize,
+}
+
+impl Touches {
+    pub(super) fn none() -> Self {
+        let spot = Spot { place: 0, step_m: [0.0; 2], position_m: [0.0; 3] };
+        Self { at: [TouchState::new(spot); MOST_TOUCHES], count: 0 }
+    }
+
+    /// Adds a touch, if there is room.
+    pub(super) fn with(mut self, touch: TouchState) -> Self {
+        if let Some(free) = self.at.get_mut(self.count) {
+            *free = touch;
+            self.count += 1;
+        }
+        self
+    }
+
+    pub(super) fn without(mut self, k: usize) -> Self {
+        if k < self.count {
+            self.at.copy_within(k + 1..self.count, k);
+            self.count -= 1;
+        }
+        self
+    }
+}
+
+impl std::ops::Deref for Touches {
+    type Target = [TouchState];
+
+    fn deref(&self) -> &[TouchState] {
+        &self.at[..self.count]
+    }
+}
+
+impl std::ops::DerefMut for Touches {
+    fn deref_mut(&mut self) -> &mut [TouchState] {
+        &mut self.at[..self.count]
+    }
+}
+
+/// Touches fitted to a frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Hypothesis {
+    pub(super) touches: Touches,
+    /// Squared length of the residual, whitened by everything that touches may do.
+    pub(super) chi_square: f64,
+    /// -2 log posterior, without what ended touches cost.
+    pub(super) score: f64,
+}
