@@ -31,5 +31,5 @@ pub use force::{ForceCurve, ForceEstimate, ForceSample};
 pub(crate) use linear::{eigen, inverse_of_factor};
 pub use orientation::Orientation;
 pub use presses::{ModelResponses, Presses, bell_responses, candidates};
-pub(crate) use response_map::{CLIP, folds};
+pub(crate) use response_map::folds;
 pub use response_map::{MapSettings, ResponseMap};

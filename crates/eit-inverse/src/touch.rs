@@ -7,7 +7,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `detector/` | [`TouchDetector`]: the touches of a frame, and a reference that follows everything else |
-//! | `learnt/` | [`LearntDetector`]: the same on a skin that was learnt from presses |
+//! | `learnt/` | `LearntDetector` (feature `learn`): the same on a skin that was learnt from presses |
 //! | `points.rs` | [`TouchTracker`]: ids and velocities of detected touches |
 //! | `contact.rs` | [`Touch`]: what is reported for each touch |
 //! | `score/` | `ScoreDetector` (feature `one-score`): the same by one model and one score |

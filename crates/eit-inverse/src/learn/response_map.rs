@@ -30,8 +30,9 @@ const LEAST_SPREAD_M: f64 = 1e-9;
 /// Presses as which a channel's share of the level counts in its scale, and the part of the median scale that is added.
 const LEVEL_PRESSES: f64 = 3.0;
 const LEAST_SCALE: f64 = 0.05;
-/// Largest change of a channel, in its scale: a single outlying channel must not decide a place.
-pub(crate) const CLIP: f64 = 8.0;
+/// Largest change of a channel, in its scale, unless two presses have changed it more: a single outlying value must not
+/// decide a place.
+const CLIP: f64 = 8.0;
 /// Largest squared ratio of the typical press to another one.
 const WEAKEST: f64 = 10.0;
 
@@ -96,6 +97,8 @@ pub struct ResponseMap {
     pub places_m: Vec<[f64; 3]>,
     /// Scale of each channel, in the unit of the changes.
     pub scale: Vec<f64>,
+    /// Largest change of each channel, in its scale: larger ones are outliers.
+    pub(crate) most: Vec<f64>,
     /// Length of the median press in units of the scales: a touch of strength 1 has it.
     pub unit: f64,
     /// Responses to a press of length 1, `[place, channel]`.
@@ -268,7 +271,7 @@ impl ResponseMap {
         radius_m: f64,
     ) -> Result<Self, InverseError> {
         check(presses, levels, model)?;
-        let (changes, scale, unit) = scaled(&presses.frames, levels);
+        let Scaled { changes, scale, unit, .. } = scaled(&presses.frames, levels);
         let which: Vec<usize> = folds(presses.places_m.len(), CHOOSING).concat();
         let mut which = which;
         which.sort_unstable();
@@ -315,7 +318,7 @@ impl ResponseMap {
     ) -> Result<Self, InverseError> {
         check(presses, levels, model)?;
         settings.validate()?;
-        let (changes, scale, unit) = scaled(&presses.frames, levels);
+        let Scaled { changes, scale, most, unit } = scaled(&presses.frames, levels);
         let mut data = Data::new(&changes, &scale, unit, model);
         let process = Process::new(presses, &data.relative2, settings.kernel())?;
         let left = data.left_out(&process, settings.gain_pull)?;
@@ -333,6 +336,7 @@ impl ResponseMap {
             settings,
             places_m,
             scale,
+            most,
             unit,
             responses,
             variance,
@@ -366,14 +370,30 @@ impl ResponseMap {
     }
 }
 
-/// Changes in units of the channels' scales, clipped; the scales; and the length of the median press.
-fn scaled(frames: &Array2<f64>, levels: &[f64]) -> (Array2<f64>, Vec<f64>, f64) {
+/// Changes in units of the channels' scales, clipped; the scales and limits; and the length of the median press.
+struct Scaled {
+    changes: Array2<f64>,
+    scale: Vec<f64>,
+    most: Vec<f64>,
+    unit: f64,
+}
+
+fn scaled(frames: &Array2<f64>, levels: &[f64]) -> Scaled {
     let scale = scales(frames, levels);
     let mut changes = frames / &Array1::from_iter(scale.iter().copied());
-    changes.mapv_inplace(|v| v.clamp(-CLIP, CLIP));
+    let mut most = Vec::with_capacity(scale.len());
+    for mut column in changes.columns_mut() {
+        let [mut largest, mut second] = [0.0_f64; 2];
+        for size in column.iter().map(|v| v.abs()) {
+            (largest, second) = (largest.max(size), second.max(size.min(largest)));
+        }
+        let limit = second.max(CLIP);
+        column.mapv_inplace(|v| v.clamp(-limit, limit));
+        most.push(limit);
+    }
     let lengths = changes.rows().into_iter().map(|row| row.dot(&row).sqrt());
     let unit = eit_core::median(lengths).unwrap_or(1.0).max(f64::MIN_POSITIVE);
-    (changes, scale, unit)
+    Scaled { changes, scale, most, unit }
 }
 
 /// Prior covariance of the errors of responses.

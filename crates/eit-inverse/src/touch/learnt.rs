@@ -38,7 +38,7 @@ pub use thresholds::{HeldPress, Stated};
 use super::{DetectedTouch, DetectorStep, LearntTouch};
 use crate::InverseError;
 use crate::check::{check_length, check_positive};
-use crate::learn::{CLIP, ResponseMap, shrunk};
+use crate::learn::{ResponseMap, shrunk};
 use basis::Basis;
 use eit_mesh::Surface;
 use ndarray::{Array1, Array2, Axis};
@@ -47,9 +47,9 @@ use search::Search;
 use std::collections::VecDeque;
 use thresholds::Thresholds;
 
-/// Clipping of channels while touches are sought, in scales: several touches add up, and presses may be stronger than
-/// the learnt ones.
-const CLIP_LIVE: f64 = 4.0 * CLIP;
+/// Clipping of channels while touches are sought, in units of the largest change in learning: several touches add up, and
+/// presses may be stronger than the learnt ones.
+const CLIP: f64 = 4.0;
 /// Least variance of a channel's noise relative to the median one: a quiet channel is so by chance.
 const LEAST_NOISE: f64 = 0.1;
 /// Least weight of a new frame in the reference: that of one in a mean of 60.
@@ -302,8 +302,9 @@ impl LearntDetector {
         let mut missing = 0;
         for (i, value) in self.difference.iter_mut().enumerate() {
             let change = (frame[i] - self.reference[i]) / self.map.scale[i];
+            let most = CLIP * self.map.most[i];
             self.is_missing[i] = is_missing(i) || !change.is_finite();
-            *value = if self.is_missing[i] { 0.0 } else { change.clamp(-CLIP_LIVE, CLIP_LIVE) };
+            *value = if self.is_missing[i] { 0.0 } else { change.clamp(-most, most) };
         }
         for &channel in &self.basis.channels {
             missing += usize::from(self.is_missing[channel]);
