@@ -70,7 +70,7 @@ pub(super) struct Thresholds {
     pub(super) explained: f64,
     pub(super) changed: f64,
     pub(super) stated: Stated,
-    more_by_chance: f64,
+    more_by_chance: [f64; 2],
     settings: LearntSettings,
 }
 
@@ -85,11 +85,12 @@ impl Thresholds {
         let coarse = places.coarse.len().max(1) as f64;
         let level = |probability: f64| chi_square_level(2.0 * probability / coarse);
         let first = level(settings.alarms_hz / rate_hz);
-        let more = level(0.5 * settings.extra);
+        // near another one as much as a first touch
+        let more = [first, level(0.5 * settings.extra)];
         let [explained, changed] = Self::limits(settings, map.scale.len(), map.freedom);
         Self {
             first,
-            more: [more; 2],
+            more,
             freeze: level(settings.frozen),
             explained,
             changed,
@@ -176,7 +177,7 @@ impl Thresholds {
     /// Sets how places are stated, and the threshold of further touches.
     pub(super) fn state(&mut self, stated: Stated) {
         self.stated = stated;
-        self.more = stated.beside.map(|beside| self.more_by_chance.max(beside));
+        self.more = [0, 1].map(|far| self.more_by_chance[far].max(stated.beside[far]));
     }
 
     /// Chooses how places are stated by a proper score, that of a t distribution of 4 degrees of freedom.
