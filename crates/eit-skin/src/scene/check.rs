@@ -349,9 +349,6 @@ pub(crate) enum Must {
     NotZero,
     #[cfg(feature = "learn")]
     Finite,
-    /// Above zero and at most one.
-    #[cfg(feature = "learn")]
-    Part,
     /// A range, and its description.
     Within((RangeInclusive<f64>, &'static str)),
 }
@@ -368,8 +365,6 @@ pub(crate) fn check_numbers(
             Must::NotZero => (value.is_finite() && value != 0.0, "finite and not zero"),
             #[cfg(feature = "learn")]
             Must::Finite => (value.is_finite(), "finite"),
-            #[cfg(feature = "learn")]
-            Must::Part => (value > 0.0 && value <= 1.0, "above zero and at most 1"),
             Must::Within((range, words)) => (range.contains(&value), words),
         };
         if !is_met {
