@@ -3,7 +3,7 @@
 use super::earlier::Joined;
 use super::model::{middle_m, places, radius_m, ratios, responses};
 use super::presses::errors_of_detected;
-use super::{Frame, HeldOut, LearnedSkin, PlaceErrors, PlacesBy, PressFrames};
+use super::{Frame, HeldOut, LearnedSkin, PlaceErrors, PlacesBy, PressFrames, Quiet};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::linearised::LinearisedSkin;
@@ -86,7 +86,8 @@ impl LearnedSkin {
         let rate_hz = fitted.frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
         let settings = LearntSettings::default();
         let detector = progress.stage("presses held out", || {
-            made.detector(skin, map, &made.levels, &noise_std, rate_hz, settings, None)
+            let quiet = Quiet { reference: &made.levels, std_v: &noise_std, rate_hz };
+            made.detector(skin, map, quiet, settings, None)
         })?;
         made.stated = detector.stated();
         let by_model = match frame {

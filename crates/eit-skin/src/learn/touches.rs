@@ -36,7 +36,7 @@ pub(crate) struct LearnedTouches {
     touches: Vec<DetectedTouch>,
 }
 
-/// What a [`LearnedTouches`] knows of the untouched skin, `[measurement]`.
+/// What is known of the untouched skin when touches are sought, `[measurement]` or `[channel]`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Quiet<'a> {
     pub(crate) reference: &'a [f64],
@@ -80,11 +80,11 @@ impl LearnedSkin {
     ) -> Result<LearnedTouches, SkinError> {
         let of_channels =
             |values: &[f64]| -> Vec<f64> { self.channels.iter().map(|&i| values[i]).collect() };
-        let (reference, noise_std) = (of_channels(quiet.reference), of_channels(quiet.std_v));
+        let (reference, std_v) = (of_channels(quiet.reference), of_channels(quiet.std_v));
+        let of_quiet = Quiet { reference: &reference, std_v: &std_v, ..quiet };
         let map = self.map(skin)?;
         let stated = Some(self.stated);
-        let detector =
-            self.detector(skin, map, &reference, &noise_std, quiet.rate_hz, settings, stated)?;
+        let detector = self.detector(skin, map, of_quiet, settings, stated)?;
         let mut channel_of = vec![None; quiet.reference.len()];
         self.channels.iter().enumerate().for_each(|(channel, &i)| channel_of[i] = Some(channel));
         Ok(LearnedTouches {
@@ -110,9 +110,7 @@ impl LearnedSkin {
         &self,
         skin: &LinearisedSkin,
         map: ResponseMap,
-        reference: &[f64],
-        noise_std: &[f64],
-        rate_hz: f64,
+        quiet: Quiet<'_>,
         settings: LearntSettings,
         stated: Option<Stated>,
     ) -> Result<LearntDetector, SkinError> {
@@ -126,6 +124,7 @@ impl LearnedSkin {
         };
         let strength_s_m2 = responses.rows().into_iter().map(strength).collect();
         let steps = self.steps();
+        let Quiet { reference, std_v: noise_std, rate_hz } = quiet;
         let untouched =
             Untouched { reference, noise_std, steps: &steps, interval_s: self.interval_s, rate_hz };
         let surface = skin.skin.mesh.surface();
