@@ -28,10 +28,6 @@ impl LearnedSkin {
         .within(&skin.skin.place))
     }
 
-    pub(crate) fn model_is_right(&self) -> bool {
-        match *self {}
-    }
-
     pub(crate) fn model_forces(&self, _: LocalSheet) -> ModelForces {
         match *self {}
     }
