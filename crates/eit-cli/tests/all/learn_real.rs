@@ -183,8 +183,9 @@ fn held_presses_of_a_real_skin_are_shown() {
         assert!(seen >= least_shown && found >= least_found, "{seen} {found}");
         // one single press in a hundred may show another touch beside it: at most two of these 60
         assert!(ghosts == 0 && extra <= 0.034, "{ghosts} {extra}");
-        // the skin changes between learning and use
-        assert!(median_m <= 1.6 * stated_m, "{median_m} {stated_m}");
+        // the skin changes between learning and use, and few presses do not tell how far they are off
+        let most = if learnt < 100 { 2.5 } else { 1.6 };
+        assert!(median_m <= most * stated_m, "{median_m} {stated_m}");
     }
 }
 

@@ -30,10 +30,9 @@ const LEAST_SPREAD_M: f64 = 1e-9;
 /// Presses as which a channel's share of the level counts in its scale, and the part of the median scale that is added.
 const LEVEL_PRESSES: f64 = 3.0;
 const LEAST_SCALE: f64 = 0.05;
-/// Largest change of a channel, in its scale, unless more than the rest of the presses have changed it more: a few
-/// outlying values must not decide a place, but a channel may respond to few places only.
+/// Largest change of a channel, in its scale, unless two presses have changed it more: a single outlying value must not
+/// decide a place.
 const CLIP: f64 = 8.0;
-const UNCLIPPED: f64 = 0.95;
 /// Largest squared ratio of the typical press to another one.
 const WEAKEST: f64 = 10.0;
 
@@ -384,8 +383,11 @@ fn scaled(frames: &Array2<f64>, levels: &[f64]) -> Scaled {
     let mut changes = frames / &Array1::from_iter(scale.iter().copied());
     let mut most = Vec::with_capacity(scale.len());
     for mut column in changes.columns_mut() {
-        let sizes: Vec<f64> = column.iter().map(|v| v.abs()).collect();
-        let limit = eit_core::quantile(&sizes, UNCLIPPED).unwrap_or(0.0).max(CLIP);
+        let [mut largest, mut second] = [0.0_f64; 2];
+        for size in column.iter().map(|v| v.abs()) {
+            (largest, second) = (largest.max(size), second.max(size.min(largest)));
+        }
+        let limit = second.max(CLIP);
         column.mapv_inplace(|v| v.clamp(-limit, limit));
         most.push(limit);
     }

@@ -52,7 +52,8 @@ fn touches_of_a_recording_survive() {
         },
         "faults": [{"electrode": 2, "kind": "Stuck", "since_s": 0.1}],
         "steps": [{
-            "rows": 104, "chi_square": 5e3, "chi_square_without": 4.9e3, "chi_square_rest": 110.0, "blamed": null
+            "rows": 104, "chi_square": 5e3, "chi_square_without": 4.9e3, "chi_square_rest": 110.0, "blamed": null,
+            "is_explained": true
         }],
         "not_explained": [3], "frozen": [],
         "is_missing": {"v": 1, "dim": [1, 2], "data": [true, false]}
