@@ -131,7 +131,7 @@ fn plot(learned: &LearnedSkin, curve: &[CurvePoint]) -> Plot {
     }
     Plot {
         title: "Position error after learning".to_owned(),
-        footnote: "the first presses are learnt, all later ones tested".to_owned(),
+        footnote: "the first presses are learnt, up to a hundred later ones tested".to_owned(),
         x_label: "presses learnt".to_owned(),
         y_label: "error, mm".to_owned(),
         x_log: true,
