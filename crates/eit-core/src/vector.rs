@@ -45,6 +45,12 @@ pub fn distance(a: Vector, b: Vector) -> f64 {
     norm(sub(a, b))
 }
 
+/// Index of the first of the points that are nearest to one, and its distance; `None` if there are none.
+pub fn nearest(points: impl IntoIterator<Item = Vector>, to: Vector) -> Option<(usize, f64)> {
+    let distances = points.into_iter().map(|point| distance(point, to)).enumerate();
+    distances.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
 /// Vector of length 1 in the direction of `a`; NaN if `a` is zero.
 #[inline]
 pub fn unit(a: Vector) -> Vector {

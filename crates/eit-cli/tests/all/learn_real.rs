@@ -183,9 +183,8 @@ fn held_presses_of_a_real_skin_are_shown() {
         assert!(seen >= least_shown && found >= least_found, "{seen} {found}");
         // one single press in a hundred may show another touch beside it: at most two of these 60
         assert!(ghosts == 0 && extra <= 0.034, "{ghosts} {extra}");
-        // the skin changes between learning and use, and few presses do not tell how far they are off
-        let most = if learnt < 100 { 2.5 } else { 1.6 };
-        assert!(median_m <= most * stated_m, "{median_m} {stated_m}");
+        // the skin changes between learning and use; 25 presses do not tell yet how far they are off
+        assert!(learnt < 100 || median_m <= 1.5 * stated_m, "{median_m} {stated_m}");
     }
 }
 
@@ -223,5 +222,6 @@ fn two_presses_of_a_real_skin_are_two() {
     let both = pairs.iter().filter(|pair| is_both(pair)).count();
     let most = pairs.iter().map(|(frame, _)| shown[*frame].len()).max();
     println!("{both} of 100 pairs are shown as two within 15 mm, at most {most:?} touches");
-    assert!(both >= 60 && most == Some(2), "{both} {most:?}");
+    // found 71, less two standard deviations of a hundred draws
+    assert!(both >= 62 && most == Some(2), "{both} {most:?}");
 }

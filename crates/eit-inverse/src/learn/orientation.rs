@@ -2,7 +2,7 @@
 
 use super::process::gain;
 use super::response_map::unit_rows;
-use crate::geometry::distance_m;
+use eit_core::vector::nearest;
 use ndarray::{Array2, ArrayRef2, Axis};
 
 /// Number of turns that are tried: 5.6 degrees apart, a tenth of the angle that a bell covers half way to the rim.
@@ -57,7 +57,10 @@ impl Orientation {
         for (is_mirrored, turn) in tried {
             let turn_rad = turn as f64 * std::f64::consts::TAU / TURNS as f64;
             let turned = Self { middle_m, turn_rad, is_mirrored, sign: 1.0 };
-            let at = |place: &[f64; 3]| nearest(places_m, turned.to_model(*place));
+            let at = |place: &[f64; 3]| {
+                let at = nearest(places_m.iter().copied(), turned.to_model(*place));
+                at.map_or(0, |(at, _)| at)
+            };
             let at: Vec<usize> = presses_m.iter().map(at).collect();
             let model = responses.select(Axis(0), &at);
             for sign in [1.0, -1.0] {
@@ -69,12 +72,6 @@ impl Orientation {
         }
         best.1
     }
-}
-
-/// Index of the nearest place.
-fn nearest(places_m: &[[f64; 3]], place_m: [f64; 3]) -> usize {
-    let distances = places_m.iter().map(|place| distance_m(*place, place_m)).enumerate();
-    distances.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(at, _)| at)
 }
 
 /// Squared length of what gains learnt from the other presses leave of each press, in closed form.

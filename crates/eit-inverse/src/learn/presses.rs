@@ -3,6 +3,7 @@
 use crate::InverseError;
 use crate::check::{check_length, check_positive, check_range};
 use crate::touch::{Places, bell_at};
+use eit_core::vector::nearest;
 use eit_mesh::Surface;
 use ndarray::{Array2, ArrayRef2, Axis};
 
@@ -147,15 +148,11 @@ pub fn bell_responses(
             return Err(InverseError::OutsideSkin {
                 touch: place,
                 position_m: centre,
-                distance_m: nearest_m(&centroids, centre),
+                distance_m: nearest(centroids, centre).map_or(f64::INFINITY, |(_, m)| m),
                 limit_m: radius_m,
             });
         }
         row /= whole;
     }
     Ok(bells.dot(&jacobian.t()))
-}
-
-fn nearest_m(points: &[[f64; 3]], place_m: [f64; 3]) -> f64 {
-    points.iter().map(|p| crate::geometry::distance_m(*p, place_m)).fold(f64::INFINITY, f64::min)
 }

@@ -10,9 +10,10 @@
 //! comparison of `-2 ln L`, and every threshold follows from stated error rates ([`LearntSettings`]).
 //!
 //! One eigenproblem, `S` against `B`, makes every covariance diagonal (`W B W' = 1`, `W S W' = diag(lambda)`): after
-//! `z = W d`, for `2 n^2` flops a frame, a touch of any strength at any place costs `18 n`. With 190 channels and 400
-//! coarse places a frame without touches takes some 3 Mflop, one with a touch 9; the responses of 2 000 places, 3 MB, are
-//! read near touches only. Nothing is allocated after set-up, except when the set of channels that count changes.
+//! `z = W d`, for `2 n^2` flops a frame, a touch of any strength at any place costs `16 n`. With `n` = 190 channels and 400
+//! coarse places, of which two strengths are tried, a frame without touches takes some 3 Mflop. A touch adds two searches for
+//! another one, near and far, with three rounds in 70 places for each of both: some 9 more. The responses of 2 000 places,
+//! 3 MB, are read near touches only. Nothing is allocated after set-up, except when the set of channels that count changes.
 //!
 //! | file | holds |
 //! |---|---|
@@ -44,12 +45,13 @@ use eit_mesh::Surface;
 use ndarray::{Array1, Array2, Axis};
 use places::SkinPlaces;
 use search::Search;
-use std::collections::VecDeque;
 use thresholds::Thresholds;
 
 /// Clipping of channels while touches are sought, in units of the largest change in learning: several touches add up, and
 /// presses may be stronger than the learnt ones.
 const CLIP: f64 = 4.0;
+/// Evidence ratio that a tracker calls sure by default ([`TrackerSettings`](super::TrackerSettings)).
+const SURE: f64 = 8.0;
 /// Least variance of a channel's noise relative to the median one: a quiet channel is so by chance.
 const LEAST_NOISE: f64 = 0.1;
 /// Least weight of a new frame in the reference: that of one in a mean of 60.
@@ -116,6 +118,14 @@ pub struct Untouched<'a> {
     pub rate_hz: f64,
 }
 
+/// Quiet frames that have not entered the reference yet: the oldest is the next one once all slots are in use.
+#[derive(Debug, Clone)]
+struct Waiting {
+    frames: Vec<Vec<f64>>,
+    next: usize,
+    count: usize,
+}
+
 /// Finds the touches of each frame of a learnt skin, against a reference that follows what is no touch.
 #[derive(Debug, Clone)]
 pub struct LearntDetector {
@@ -134,8 +144,7 @@ pub struct LearntDetector {
     false_steps: [usize; 2],
     reference: Vec<f64>,
     following: f64,
-    waiting: VecDeque<Vec<f64>>,
-    delay_frames: usize,
+    waiting: Waiting,
     difference: Vec<f64>,
     is_missing: Vec<bool>,
     touches: Vec<DetectedTouch>,
@@ -195,8 +204,8 @@ impl LearntDetector {
         let drift_part = drift.diag().sum() / noise.diag().sum() / frames;
         let following = 0.5 * ((drift_part * (drift_part + 4.0)).sqrt() - drift_part);
         let delay_frames = (settings.delay_s * untouched.rate_hz).ceil().min(1e4) as usize;
-        let waiting = (0..=delay_frames).map(|_| vec![0.0; channels]).collect::<VecDeque<_>>();
-        let mut made = Self {
+        let frames = (0..=delay_frames).map(|_| vec![0.0; channels]).collect();
+        Ok(Self {
             following: settings.following.unwrap_or(following.max(LEAST_FOLLOWING)),
             bell_m2: std::f64::consts::PI * bell_m * bell_m,
             map,
@@ -209,14 +218,11 @@ impl LearntDetector {
             held,
             false_steps: [shown, steps.nrows()],
             reference: untouched.reference.to_vec(),
-            waiting,
-            delay_frames,
+            waiting: Waiting { frames, next: 0, count: 0 },
             difference: vec![0.0; channels],
             is_missing: vec![false; channels],
             touches: Vec::with_capacity(settings.max_touches),
-        };
-        made.waiting.clear();
-        Ok(made)
+        })
     }
 
     /// Returns where presses that were left out are found, for some of the presses, in order of time.
@@ -229,7 +235,8 @@ impl LearntDetector {
         self.thresholds.stated
     }
 
-    /// Returns in how many changes of the untouched skin a touch would be shown, judged by the others, and their number.
+    /// Returns in how many changes of the untouched skin a touch would be shown against a background of the others, and their
+    /// number; the threshold is that of all.
     pub fn false_steps(&self) -> [usize; 2] {
         self.false_steps
     }
@@ -253,7 +260,7 @@ impl LearntDetector {
 
     /// Forgets the frames that wait to enter the reference, as when an electrode turns out to be faulty.
     pub fn forget_waiting(&mut self) {
-        self.waiting.clear();
+        self.waiting.count = 0;
     }
 
     /// Returns the number of channels that count, of coarse places, and of all places.
@@ -272,10 +279,11 @@ impl LearntDetector {
     /// # Errors
     /// [`InverseError::Factorisation`].
     pub fn leave_out(&mut self, is_faulty: impl Fn(usize) -> bool) -> Result<(), InverseError> {
-        let channels: Vec<usize> = (0..self.reference.len()).filter(|&i| !is_faulty(i)).collect();
-        if channels == self.basis.channels || channels.is_empty() {
+        let channels = || (0..self.reference.len()).filter(|&i| !is_faulty(i));
+        if channels().eq(self.basis.channels.iter().copied()) || channels().next().is_none() {
             return Ok(());
         }
+        let channels: Vec<usize> = channels().collect();
         let Self { map, background, places, .. } = self;
         let error = crate::learn::Covariance {
             all: map.error.all.select(Axis(0), &channels).select(Axis(1), &channels),
@@ -312,7 +320,7 @@ impl LearntDetector {
         let rows = self.basis.channels.len() - missing;
         self.touches.clear();
         if 2 * rows < self.basis.channels.len() {
-            self.waiting.clear();
+            self.waiting.count = 0;
             return Ok(step(0, [0.0; 2], false));
         }
         let mut found = self.look();
@@ -361,7 +369,8 @@ impl LearntDetector {
                 strength_std_s_m2: (strength_s_m2 * search.relative_std(k, &self.basis, &self.map))
                     .abs(),
                 peak_s: strength_s_m2 / self.bell_m2,
-                worth: 8.0 * evidence / need,
+                // the tracker reports at once what is worth as much as it calls sure, which all of these are
+                worth: SURE * evidence / need,
                 learnt: Some(LearntTouch { force_n: None, is_unlike: !is_explained }),
             });
         }
@@ -369,23 +378,22 @@ impl LearntDetector {
 
     /// Lets the reference follow a frame that has been quiet, and was followed by quiet ones for a while.
     fn follow(&mut self, frame: &[f64], is_quiet: bool) {
+        let Waiting { frames, next, count } = &mut self.waiting;
         if !is_quiet {
-            self.waiting.clear();
+            *count = 0;
             return;
         }
-        // the frame that leaves the queue gives its memory to the one that enters
-        let mut entering = match self.waiting.len() > self.delay_frames {
-            true => self.waiting.pop_front().unwrap_or_default(),
-            false => Vec::new(),
-        };
-        let reference = self.reference.iter_mut().zip(&entering);
-        for (reference, value) in reference.filter(|(_, value)| value.is_finite()) {
-            *reference += self.following * (value - *reference);
+        let (slots, slot) = (frames.len(), &mut frames[*next]);
+        if *count == slots {
+            let waited = self.reference.iter_mut().zip(&*slot);
+            for (reference, value) in waited.filter(|(_, value)| value.is_finite()) {
+                *reference += self.following * (value - *reference);
+            }
         }
-        entering.clear();
-        let missing = frame.iter().zip(&self.is_missing);
-        entering.extend(missing.map(|(v, missing)| if *missing { f64::NAN } else { *v }));
-        self.waiting.push_back(entering);
+        for ((to, value), missing) in slot.iter_mut().zip(frame).zip(&self.is_missing) {
+            *to = if *missing { f64::NAN } else { *value };
+        }
+        (*next, *count) = ((*next + 1) % slots, (*count + 1).min(slots));
     }
 }
 

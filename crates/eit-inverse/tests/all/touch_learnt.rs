@@ -161,6 +161,26 @@ fn presses_are_shown_where_they_are() {
     assert!(held.len() == 100 && held.iter().filter(|held| held.is_shown).count() >= 95);
 }
 
+/// Frames without a touch, with one and with two allocate nothing.
+#[test]
+fn a_frame_allocates_nothing() {
+    let mut skin = Skin::new(17);
+    let mut detector = skin.detector(50);
+    let touches =
+        [vec![], vec![([0.02, 0.03], 1.0)], vec![([0.05, 0.0], 1.0), ([-0.05, 0.0], 1.0)]];
+    for touches in touches {
+        let frames: Vec<Vec<f64>> = (0..20).map(|_| skin.frame(&touches)).collect();
+        let counted = allocation_counter::measure(|| {
+            for frame in &frames {
+                detector.leave_out(|_| false).unwrap();
+                detector.push(frame, |i| i == 3).unwrap();
+            }
+        });
+        assert_eq!(detector.touches().len(), touches.len());
+        assert_eq!(counted.count_total, 0, "{} touches", touches.len());
+    }
+}
+
 /// Two touches far apart are two; a touch of another sign is none, and such a frame is not explained.
 #[test]
 fn two_touches_are_two_and_others_are_unlike() {

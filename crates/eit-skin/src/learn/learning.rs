@@ -137,7 +137,6 @@ impl LearnedSkin {
             .into_iter()
             .map(|column| eit_core::median(column.iter().copied()).unwrap_or(0.0));
         let levels: Vec<f64> = levels.collect();
-        let sign = skin.skin.settings.touch.sign.factor();
         let of_table = pressed.interval_s.or(earlier.map(|earlier| earlier.interval_s));
         let errors = PlaceErrors { median_m: 0.0, mean_m: 0.0 };
         let held_out = HeldOut {
@@ -154,7 +153,7 @@ impl LearnedSkin {
             interval_s: of_table.unwrap_or(INTERVAL_S),
             forces_n: joined.forces_n.clone(),
             map: MapSettings { length_m: bell_m, noise: 1.0, weak: 0.0, gain_pull: None },
-            orientation: Orientation::of_model(sign),
+            orientation: Orientation::of_model(1.0),
             stated: Stated::NONE,
             places_by: PlacesBy::Presses,
             force: None,
@@ -166,17 +165,20 @@ impl LearnedSkin {
             presses,
             held_out,
         };
-        if frame == Frame::Fitted {
-            made.orientation = made.oriented(skin, middle_m)?;
-        }
+        let found = made.oriented(skin, middle_m, frame == Frame::Fitted)?;
+        made.orientation = match frame {
+            Frame::Fitted => found,
+            Frame::Scene => Orientation::of_model(found.sign),
+        };
         Ok(made)
     }
 
-    /// The orientation of the model under places in a robot's coordinates.
+    /// The orientation of the model under places in a robot's coordinates; its sign alone if it is not turned.
     fn oriented(
         &self,
         skin: &LinearisedSkin,
         middle_m: [f64; 3],
+        is_turned: bool,
     ) -> Result<Orientation, SkinError> {
         let (places_m, factors) = (places(skin), ratios(skin, &self.channels, &self.levels));
         let model = responses(skin, &self.channels, &factors, &places_m, self.bell_m)?;
@@ -184,7 +186,8 @@ impl LearnedSkin {
         let scale = ndarray::Array1::from_vec(scale);
         let changes = &self.presses.frames / &scale;
         let model = model / &scale;
-        Ok(Orientation::find(&changes, &self.presses.places_m, &places_m, &model, middle_m, true))
+        let presses_m = &self.presses.places_m;
+        Ok(Orientation::find(&changes, presses_m, &places_m, &model, middle_m, is_turned))
     }
 
     /// Noise of a frame minus the reference, `[channel]`: that of quiet frames, else that of the untouched skin between

@@ -3,7 +3,7 @@
 use super::LearnedSkin;
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
-use eit_core::vector::distance;
+use eit_core::vector::{distance, nearest};
 use eit_inverse::learn::{ModelResponses, Orientation, bell_responses, candidates};
 use ndarray::Array2;
 
@@ -93,18 +93,17 @@ impl LearnedSkin {
     }
 }
 
-/// A place turned to the model's skin; the nearest place of that if a turned one is beside it.
+/// A place turned to the model's skin; the nearest place of that if a turned one is farther from it than places are from
+/// each other.
 fn on_skin(all: &[[f64; 3]], orientation: &Orientation, place_m: [f64; 3]) -> [f64; 3] {
     let turned = orientation.to_model(place_m);
     if *orientation == Orientation::of_model(orientation.sign) {
         return turned;
     }
-    let spacing_m = distance(all[0], all[nearest(&all[1..], all[0]) + 1]);
-    let at = all[nearest(all, turned)];
-    if distance(at, turned) > spacing_m { at } else { turned }
-}
-
-fn nearest(places_m: &[[f64; 3]], place_m: [f64; 3]) -> usize {
-    let distances = places_m.iter().map(|place| distance(*place, place_m)).enumerate();
-    distances.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(at, _)| at)
+    let others = all.iter().skip(1).copied();
+    let spacing_m = all.first().and_then(|first| nearest(others, *first));
+    match (nearest(all.iter().copied(), turned), spacing_m) {
+        (Some((at, distance_m)), Some((_, spacing_m))) if distance_m > spacing_m => all[at],
+        _ => turned,
+    }
 }

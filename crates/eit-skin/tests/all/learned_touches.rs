@@ -224,11 +224,11 @@ fn by(places_by: PlacesBy) -> LearnedSkin {
     LearnedSkin { places_by, ..LEARNED.clone() }
 }
 
-/// Presses that were not learnt: what was learnt comes as close as the model, whose error is half of the distance of
-/// places on a skin whose channels are wrong by 17 %, and closer if they are wrong by half; forces are known.
+/// Presses that were not learnt: what was learnt comes as close as the model where channels are wrong by 17 %; with 28 %
+/// a third of its error at least goes away, with half of them wrong more; forces are known.
 #[test]
 fn presses_place_what_the_model_misplaces() {
-    for (gain_std, part) in [(GAIN_STD, 1.05), (0.35, 0.8)] {
+    for (gain_std, part) in [(GAIN_STD, 1.0), (0.2, 0.7), (0.35, 0.5)] {
         let script = |count: usize, turn_rad: f64, seed: u64| Script {
             gains: vec![gains(gain_std, "real"); count],
             ..Script::new(spread(count, turn_rad), seed)
@@ -242,8 +242,8 @@ fn presses_place_what_the_model_misplaces() {
         let [places, forces] = errors(&script, &touches_of(&frames, Some(&learned)));
         let [before, after] = [&untrained, &places].map(|errors| 1e3 * median(errors));
         println!("{after:.2} mm, untrained {before:.2} mm, force {:.3}", median(&forces));
-        assert!(after < part * before, "{after} mm, untrained {before} mm");
-        assert!(forces.len() >= 18 && median(&forces) < 0.15, "{forces:?}");
+        assert!(after <= part * before, "{after} mm, untrained {before} mm");
+        assert!(forces.len() >= 18 && median(&forces) < 0.1, "{forces:?}");
     }
 }
 
@@ -258,21 +258,19 @@ fn two_fingers_have_their_places_and_forces() {
     ];
     let script = Script::new(pairs, 3);
     let frames = script.frames();
-    for places_by in [PlacesBy::Presses] {
-        let rows = touches_of(&frames, Some(&by(places_by)));
-        for (press, fingers) in script.presses.iter().enumerate() {
-            let found = at_end(&rows, press);
-            for (at, force_n) in fingers {
-                let nearest = found
-                    .iter()
-                    .min_by(|a, b| distance_m(a, *at).total_cmp(&distance_m(b, *at)))
-                    .unwrap();
-                let (error_m, found_n) = (distance_m(nearest, *at), nearest.touch.force_n());
-                println!("{places_by:?}: {:.1} mm, {found_n:?} of {force_n} N", 1e3 * error_m);
-                // found 0.2 to 2.7 mm, where the error of the model alone is up to 6.8; forces within 9 %
-                assert!(error_m < 4e-3, "{at:?}: {:?}", nearest.touch);
-                assert!((found_n.unwrap() / force_n - 1.0).abs() < 0.15, "{:?}", nearest.touch);
-            }
+    let rows = touches_of(&frames, Some(&by(PlacesBy::Presses)));
+    for (press, fingers) in script.presses.iter().enumerate() {
+        let found = at_end(&rows, press);
+        for (at, force_n) in fingers {
+            let nearest = found
+                .iter()
+                .min_by(|a, b| distance_m(a, *at).total_cmp(&distance_m(b, *at)))
+                .unwrap();
+            let (error_m, found_n) = (distance_m(nearest, *at), nearest.touch.force_n());
+            println!("{:.1} mm, {found_n:?} of {force_n} N", 1e3 * error_m);
+            // places are up to half of their distance off, where the error of the model alone is up to 6.8 mm
+            assert!(error_m < 4e-3, "{at:?}: {:?}", nearest.touch);
+            assert!((found_n.unwrap() / force_n - 1.0).abs() < 0.15, "{:?}", nearest.touch);
         }
     }
 }

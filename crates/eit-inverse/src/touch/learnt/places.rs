@@ -2,7 +2,7 @@
 
 use crate::geometry::{distance_m, extent_m};
 use crate::touch::skin::{Place, tangents};
-use eit_core::vector::{cross, dot, sub};
+use eit_core::vector::{cross, dot, nearest, sub};
 use eit_mesh::Surface;
 
 /// Distance between coarse places, as a fraction of the skin's radius: half of the radius of a press.
@@ -30,8 +30,7 @@ impl SkinPlaces {
     pub(super) fn new(surface: &Surface, places_m: &[[f64; 3]]) -> Self {
         let centroids = surface.centroids();
         let place = |position_m: &[f64; 3]| {
-            let distances = centroids.iter().map(|c| distance_m(*c, *position_m)).enumerate();
-            let triangle = distances.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(at, _)| at);
+            let triangle = nearest(centroids.iter().copied(), *position_m).map_or(0, |(at, _)| at);
             Place { position_m: *position_m, tangents: tangents(surface.corners(triangle)) }
         };
         let apart_m = COARSE * 0.5 * extent_m(surface);
@@ -63,13 +62,14 @@ impl SkinPlaces {
 
     /// Index of the fine place nearest to a point.
     pub(super) fn nearest(&self, point_m: [f64; 3]) -> usize {
-        nearest_of(0..self.at.len(), |k| &self.at[k], point_m)
+        nearest(self.at.iter().map(|place| place.position_m), point_m).map_or(0, |(at, _)| at)
     }
 
     /// Index in the list of coarse places of the one nearest to a fine place.
     pub(super) fn home(&self, place: usize) -> usize {
         let point_m = self.at[place].position_m;
-        nearest_of(0..self.coarse.len(), |k| &self.at[self.coarse[k]], point_m)
+        let coarse = self.coarse.iter().map(|&k| self.at[k].position_m);
+        nearest(coarse, point_m).map_or(0, |(at, _)| at)
     }
 
     /// Unit normal at a place.
@@ -83,20 +83,4 @@ impl SkinPlaces {
         let way = sub(self.at[to].position_m, from_m);
         [dot(tangents[0], way), dot(tangents[1], way)]
     }
-}
-
-fn nearest_of<'a>(
-    which: impl Iterator<Item = usize>,
-    at: impl Fn(usize) -> &'a Place,
-    point_m: [f64; 3],
-) -> usize {
-    let (mut best, mut least) = (0, f64::INFINITY);
-    for k in which {
-        let way = sub(at(k).position_m, point_m);
-        let squared = dot(way, way);
-        if squared < least {
-            (best, least) = (k, squared);
-        }
-    }
-    best
 }

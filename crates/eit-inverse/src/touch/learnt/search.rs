@@ -110,32 +110,47 @@ impl Search {
             if is_first {
                 evidence = gained;
             }
-            let mut need = self.need(places, thresholds);
-            if !is_first && gained < need && need == thresholds.more[0] {
+            if !is_first && gained < self.need(places, thresholds) && !self.is_far(places) {
                 // not one near the others, but perhaps one far from them
                 fit = self.add(basis, of_places, places, ROUNDS[1], true);
-                (gained, need) = (best.minus2 - fit.minus2, self.need(places, thresholds));
+                gained = best.minus2 - fit.minus2;
             }
-            if gained < need {
+            if gained < self.need(places, thresholds) {
                 break;
             }
             self.accept(gained);
             best = fit;
         }
+        self.look_far(basis, of_places, places);
         Looked { touches: self.found.len(), evidence, whole, rest: best.rest }
     }
 
     /// -2 ln L that the last of the tried touches must gain; infinite if one was dropped.
     fn need(&self, places: &SkinPlaces, thresholds: &Thresholds) -> f64 {
-        match self.tried.split_last() {
-            _ if self.tried.len() <= self.found.len() => f64::INFINITY,
-            None => f64::INFINITY,
-            Some((_, [])) => thresholds.first,
-            Some((last, others)) => {
-                let is_far = others.iter().all(|other| places.are_far(last.place, other.place));
-                thresholds.more[usize::from(is_far)]
-            }
+        match self.tried.len() {
+            tried if tried <= self.found.len() => f64::INFINITY,
+            1 => thresholds.first,
+            _ => thresholds.more[usize::from(self.is_far(places))],
         }
+    }
+
+    /// Whether the last of the tried touches is far from all others.
+    fn is_far(&self, places: &SkinPlaces) -> bool {
+        let Some((last, others)) = self.tried.split_last() else { return false };
+        others.iter().all(|other| places.are_far(last.place, other.place))
+    }
+
+    /// Evaluates each of the found touches at all coarse places, the others fixed.
+    fn look_far(&mut self, basis: &Basis, of_places: &[f64], places: &SkinPlaces) {
+        std::mem::swap(&mut self.found, &mut self.tried);
+        for k in 0..self.tried.len() {
+            self.leave(basis, of_places, Some(k));
+            self.evaluate(basis, of_places, &places.coarse, self.tried[k].strength, 1);
+            let touch = &mut self.tried[k];
+            touch.far.clear();
+            touch.far.extend_from_slice(&self.scores[..places.coarse.len()]);
+        }
+        std::mem::swap(&mut self.found, &mut self.tried);
     }
 
     /// Takes a difference, without touches: -2 ln L of none, and its squared length.
@@ -168,6 +183,17 @@ impl Search {
         (gained, one.rest)
     }
 
+    /// The touch that [`first`](Self::first) found.
+    pub(super) fn first_found(
+        &mut self,
+        basis: &Basis,
+        of_places: &[f64],
+        places: &SkinPlaces,
+    ) -> Option<&Candidate> {
+        self.look_far(basis, of_places, places);
+        self.found.first()
+    }
+
     /// -2 ln L that a second touch, anywhere or far from it, gains over the first, which [`first`](Self::first) found.
     pub(super) fn second(
         &mut self,
@@ -191,7 +217,7 @@ impl Search {
         self.spare.append(&mut self.tried);
         for k in 0..self.found.len() {
             let mut copy = self.spare.pop().unwrap_or_default();
-            copy.clone_from(&self.found[k]);
+            (copy.place, copy.strength) = (self.found[k].place, self.found[k].strength);
             self.tried.push(copy);
         }
         self.leave(basis, of_places, None);
@@ -317,10 +343,6 @@ impl Search {
         (touch.place, touch.strength, touch.home) = (place, strength, home);
         touch.near.clear();
         touch.near.extend_from_slice(&self.scores[..near.len()]);
-        self.evaluate(basis, of_places, &places.coarse, strength, 1);
-        let touch = &mut self.tried[k];
-        touch.far.clear();
-        touch.far.extend_from_slice(&self.scores[..places.coarse.len()]);
     }
 
     /// Refits all strengths together, unless one falls below zero.

@@ -15,7 +15,7 @@ const STEP_FOLDS: usize = 5;
 /// Most presses that are held out one after the other.
 const HELD: usize = 300;
 /// Divisors of -2 ln L, and standard deviations in parts of the skin's radius, that are tried for stated places.
-const MILD: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
+const MILD: [f64; 7] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
 const FLOORS: usize = 12;
 const LEAST_FLOOR: f64 = 0.01;
 /// Squared distance within which 90 % of a normal variable in the plane lie.
@@ -149,7 +149,9 @@ impl Thresholds {
             for &press in &fold {
                 let change = map.changes.row(press).to_vec();
                 let (gained, rest) = search.first(&without, &variance, places, &change);
-                let Some((place, strength, _)) = search.found().next() else { continue };
+                let Some(found) = search.first_found(&without, &variance, places) else { continue };
+                let (place, strength) = (found.place, found.strength);
+                kept.push((held.len(), found.clone()));
                 let is_explained = rest <= change.len() as f64 * self.explained;
                 held.push(HeldPress {
                     press,
@@ -159,7 +161,6 @@ impl Thresholds {
                     place,
                     rest: rest_part(&change, &responses, place),
                 });
-                kept.extend(search.candidates().first().map(|c| (held.len() - 1, c.clone())));
                 for (is_far, seconds) in [false, true].into_iter().zip(&mut seconds) {
                     seconds.push(search.second(&without, &variance, places, is_far));
                 }
