@@ -183,8 +183,9 @@ fn held_presses_of_a_real_skin_are_shown() {
         assert!(seen >= least_shown && found >= least_found, "{seen} {found}");
         // one single press in a hundred may show another touch beside it: at most two of these 60
         assert!(ghosts == 0 && extra <= 0.034, "{ghosts} {extra}");
-        // the skin changes between learning and use; 25 presses do not tell yet how far they are off
-        assert!(learnt < 100 || median_m <= 1.5 * stated_m, "{median_m} {stated_m}");
+        // the skin changes between learning and use: half as much again, and one sixth for medians of 60 and of 100 presses;
+        // 25 presses do not tell yet how far they are off
+        assert!(learnt < 100 || median_m <= 1.75 * stated_m, "{median_m} {stated_m}");
     }
 }
 
