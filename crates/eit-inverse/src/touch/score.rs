@@ -16,6 +16,7 @@
 //! | `whitened.rs`, `linear.rs` | a frame whitened by `S + E`, and the products of which scores are made |
 //! | `prior.rs`, `estimate.rs` | the score of a hypothesis, at its maximum over strengths and positions |
 //! | `hypotheses.rs` | births, deaths, relocations |
+//! | `drives.rs` | leaks of the common potential, and time between drives, from the halves of pairs |
 //! | `electrodes.rs`, `faults.rs` | open, noisy, stuck and drifting electrodes under the same score |
 //! | `state.rs` | state of a touch, with its id, from frame to frame |
 //! | `report.rs` | touches as reported: confidence, covariance, validity |
@@ -27,6 +28,7 @@
 mod actions;
 mod background;
 mod dictionary;
+mod drives;
 mod electrodes;
 mod estimate;
 mod faults;
@@ -126,9 +128,6 @@ impl ScoreDetector {
         settings: ScoreSettings,
     ) -> Result<Self, InverseError> {
         settings.validate()?;
-        // without times all rows are simultaneous
-        let skew_s = if model.times.is_empty() { 0.0 } else { settings.skew_s };
-        let settings = ScoreSettings { skew_s, ..settings };
         let made = Model::new(model, dents_v, &settings)?;
         let (n, measurements) = (made.n, made.reference_v.len());
         Ok(Self {
@@ -206,9 +205,10 @@ impl ScoreDetector {
             let part = (product / model.gain_squares[e].max(f64::MIN_POSITIVE)).powi(2);
             gains.iter_mut().zip(&model.of[e]).filter(|(_, of)| **of).for_each(|(g, _)| *g += part);
         }
-        background.sum(model, settings, &mut self.base);
+        background.sum(model, &mut self.base);
         for (row, &[i, j]) in model.rows.of.iter().enumerate() {
-            let change = |i: usize| frame_v[i] - model.reference_v[i];
+            let change =
+                |i: usize| electrodes.at_first_drive(model, frame_v, i) - model.reference_v[i];
             let (sum, count) = match [self.is_missing[i], self.is_missing[j]] {
                 [false, false] => (0.5 * (change(i) + change(j)), 2),
                 [false, true] => (change(i), 1),
@@ -222,7 +222,15 @@ impl ScoreDetector {
                 self.base.packed[linear::start(row) + row] += 1.0;
             }
         }
-        background.subtract(settings, &mut self.y);
+        let shares = |row: usize| match model.rows.of[row].map(|i| self.is_missing[i]) {
+            [false, false] => [0.5, 0.5],
+            [false, true] => [1.0, 0.0],
+            [true, false] => [0.0, 1.0],
+            [true, true] => [0.0, 0.0],
+        };
+        electrodes.scan.subtract(model, shares, &mut self.y, &mut self.base);
+        electrodes.remember(model, frame_v, &self.is_missing);
+        background.subtract(&mut self.y);
     }
 
     /// Searches for touches while the error of the model follows them.
@@ -303,7 +311,7 @@ impl ScoreDetector {
                 self.next_id += 1;
             }
         }
-        background.learn(&scene, frame, &mut touches, &self.y);
+        background.learn(&scene, frame, search.heat, &mut touches, &self.y);
         self.touches = touches;
         let reference = self.background.reference.iter().zip(&self.model.row_noise_v);
         for ((r, noise), pair) in reference.zip(&self.model.rows.of) {

@@ -1,11 +1,11 @@
 //! What a touch may do besides its print, as sparse combinations of the columns of its place.
 
-use super::dictionary::{COLUMNS, DRAG, ELECTRODE_PULL, PRESS, PULL, SKEW};
+use super::dictionary::{COLUMNS, DRAG, ELECTRODE_PULL, PRESS, PULL};
 use super::settings::ScoreSettings;
 use super::state::TouchState;
 
-/// Features of a touch: its print, the derivatives along two tangents, and at most eleven actions.
-pub(super) const FEATURES: usize = 14;
+/// Features of a touch: its print, the derivatives along two tangents, and at most nine actions.
+pub(super) const FEATURES: usize = 12;
 /// The first of the actions.
 pub(super) const FIRST_ACTION: usize = 3;
 /// Drag below which a touch has not slid, metres.
@@ -38,14 +38,14 @@ impl Features {
         made
     }
 
-    /// Size, elongation along two axes, and the part beyond the print: proportional to the strength.
+    /// Size, elongation along two axes, and the ring around the print: proportional to the strength.
     fn push_shapes(&mut self, a: f64, s: &ScoreSettings) {
         let squared_m2 = s.bell_m * s.bell_m;
         let (size, bent) = (0.25 * a * s.size * squared_m2, 0.25 * a * s.bent * squared_m2);
         self.push([(3, size), (5, size)]);
         self.push([(3, bent), (5, -bent)]);
         self.push([(4, 2.0 * bent)]);
-        self.push([(6, a * s.wide), (0, -a * s.wide)]);
+        self.push([(6, a * s.ring)]);
     }
 
     /// Movements grow with the strength up to that of a strong touch.
@@ -59,12 +59,6 @@ impl Features {
         if drag_m > LEAST_DRAG_M {
             self.push([(DRAG, drag_m)]);
             self.push([(DRAG + 1, drag_m)]);
-        }
-        if s.skew_s > 0.0 {
-            let speed_m_s = touch.velocity_m_s.iter().map(|v| v * v).sum::<f64>().sqrt();
-            let way = a * s.skew_s * s.speed_m_s.hypot(speed_m_s);
-            self.push([(SKEW, way)]);
-            self.push([(SKEW + 1, way)]);
         }
     }
 

@@ -7,7 +7,7 @@
 //!
 //! `r, R`: Kalman filter of the reference, a random walk. `M`: covariance of the trails of touches; it flows into `R` as it
 //! fades, and an update does not consume it. Settling: a low-pass of the touches' signal with each time constant, whose share
-//! is normal. All `[row]` or `[row, row]`, in units of each row's noise.
+//! the same filter finds. All `[row]` or `[row, row]`, in units of each row's noise.
 //!
 //! **Cost** for `n` rows: update of `R` `n^3` flops for the solve and `n^3` for the product of which one triangle is computed,
 //! 2.2 Mflop with 104 rows; `E` `n^2 k / 2` for `k` electrode columns (64 with 16 electrodes), 0.7 Mflop.
@@ -17,13 +17,16 @@ use super::dictionary::CONTACT_M;
 use super::estimate::Scene;
 use super::linear::{Factor, Symmetric, start};
 use super::model::Model;
-use super::settings::ScoreSettings;
+use super::settings::{SETTLING, ScoreSettings};
 use super::state::{TouchState, Touches};
 use super::whitened::Whitened;
 use crate::geometry::distance_m;
+use crate::touch::detector::dot;
 
 /// Time over which drifts are stated, seconds.
 const DRIFT_S: f64 = 60.0;
+/// Part of the sheet's drift that is uneven, in each of the smoothest fields.
+const UNEVEN: f64 = 0.5;
 /// Uncertainty of strength, relative, and of position, metres, beyond which a touch takes nothing more from the reference.
 const WIDE_STRENGTH: f64 = 10.0;
 const WIDE_M: f64 = 10e-3;
@@ -42,8 +45,10 @@ pub(super) struct Background {
     walk: Symmetric,
     /// Covariance of what the fabric remembers.
     memory: Symmetric,
-    /// Low-pass of the touches' signal with each time constant.
-    settled: [Vec<f64>; 2],
+    /// Low-pass of the touches' signal with each time constant; by which share of each a signal is less, and the covariance.
+    settled: [Vec<f64>; SETTLING],
+    shares: [f64; SETTLING],
+    share_covariance: [[f64; SETTLING]; SETTLING],
     /// Relative error of the model of a change, and its least value: no better on changes than on the reference.
     pub(super) eta: f64,
     pub(super) least_eta: f64,
@@ -67,6 +72,9 @@ impl Background {
             columns.chunks_exact(n).for_each(|column| walk.add_square(std * std, column));
         }
         walk.add_square(s.drift_sheet * s.drift_sheet, &model.sheet);
+        for field in model.dictionary.fields.chunks_exact(n) {
+            walk.add_square((UNEVEN * s.drift_sheet).powi(2), field);
+        }
         let mut covariance = Symmetric::zeros(n);
         covariance.add_diagonal(1.0 / model.reference_frames as f64);
         let least_eta = s.error.max(model.misfit);
@@ -75,7 +83,11 @@ impl Background {
             covariance,
             walk,
             memory: Symmetric::zeros(n),
-            settled: [vec![0.0; n], vec![0.0; n]],
+            settled: std::array::from_fn(|_| vec![0.0; n]),
+            shares: [0.0; SETTLING],
+            share_covariance: std::array::from_fn(|k| {
+                std::array::from_fn(|l| if k == l { s.settle * s.settle } else { 0.0 })
+            }),
             eta: least_eta,
             least_eta,
             columns: Vec::new(),
@@ -96,21 +108,25 @@ impl Background {
     }
 
     /// Sets `total` to `S`.
-    pub(super) fn sum(&self, model: &Model, s: &ScoreSettings, total: &mut Symmetric) {
+    pub(super) fn sum(&self, model: &Model, total: &mut Symmetric) {
         total.n = model.n;
         total.packed.clone_from(&self.covariance.packed);
         total.add(1.0, &self.memory);
         total.add(1.0, &model.waves);
         total.add_diagonal(1.0);
-        for settled in &self.settled {
-            total.add_square(s.settle_std * s.settle_std, settled);
+        for (k, a) in self.settled.iter().enumerate() {
+            total.add_square(self.share_covariance[k][k], a);
+            for (l, b) in self.settled.iter().enumerate().take(k) {
+                total.add_squares(self.share_covariance[k][l], a, b);
+            }
         }
     }
 
     /// Subtracts from rows what is known of the reference and of settling.
-    pub(super) fn subtract(&self, s: &ScoreSettings, rows: &mut [f64]) {
-        for (i, row) in rows.iter_mut().enumerate() {
-            *row += s.settle * (self.settled[0][i] + self.settled[1][i]) - self.reference[i];
+    pub(super) fn subtract(&self, rows: &mut [f64]) {
+        rows.iter_mut().zip(&self.reference).for_each(|(row, r)| *row -= r);
+        for (settled, share) in self.settled.iter().zip(self.shares) {
+            rows.iter_mut().zip(settled).for_each(|(row, s)| *row += share * s);
         }
     }
 
@@ -206,6 +222,7 @@ impl Background {
         &mut self,
         scene: &Scene<'_>,
         frame: &Whitened,
+        heat: f64,
         touches: &mut Touches,
         y: &[f64],
     ) {
@@ -213,10 +230,11 @@ impl Background {
         self.signal.fill(0.0);
         let mut signal = std::mem::take(&mut self.signal);
         touches.iter().for_each(|t| add_print(scene, t, t.strength_m2, &mut signal));
-        self.set_update(scene, frame, touches);
+        self.set_update(scene, frame, heat, touches);
         self.innovation.clear();
         self.innovation.extend(frame.present.iter().map(|&i| y[i] - signal[i]));
         self.update_reference(frame, n);
+        self.update_shares(frame, scene.settings);
         self.remember(scene, touches);
         for (settled, time_s) in self.settled.iter_mut().zip(scene.settings.settle_s) {
             let weight = -(-scene.dt_s / time_s).exp_m1();
@@ -226,8 +244,8 @@ impl Background {
     }
 
     /// Factorises the covariance by which the reference is updated: touches have wide priors, and their errors last, so that
-    /// each frame tells less.
-    fn set_update(&mut self, scene: &Scene<'_>, frame: &Whitened, touches: &Touches) {
+    /// each frame tells less; `heat`: by how much an unlikely frame tells less still.
+    fn set_update(&mut self, scene: &Scene<'_>, frame: &Whitened, heat: f64, touches: &Touches) {
         self.update.n = frame.n();
         self.update.packed.clone_from(&frame.covariance.packed);
         let (s, n) = (scene.settings, scene.model.n);
@@ -254,6 +272,7 @@ impl Background {
         }
         transpose(&self.columns, n, frame.present.iter().copied(), &mut self.rows);
         self.update.add_product(1.0, &self.rows);
+        self.update.scale(heat);
         self.of_update.of(&self.update);
     }
 
@@ -268,9 +287,33 @@ impl Background {
         of_update.solve(innovation);
         let m = frame.n().max(1);
         for (r, row) in reference.iter_mut().zip(rows.chunks_exact(m)) {
-            *r += crate::touch::detector::dot(row, innovation);
+            *r += dot(row, innovation);
         }
         covariance.add_product(-1.0, rows);
+    }
+
+    /// The same of the shares by which the fabric settles; [`Self::update_reference`] has whitened the innovation.
+    fn update_shares(&mut self, frame: &Whitened, s: &ScoreSettings) {
+        self.rows.clear();
+        for settled in &self.settled {
+            self.rows.extend(frame.present.iter().map(|&i| settled[i]));
+        }
+        self.of_update.solve_all(&mut self.rows);
+        let white = |k: usize| &self.rows[k * frame.n()..(k + 1) * frame.n()];
+        let p = self.share_covariance;
+        let sum = |of: &dyn Fn(usize) -> f64| (0..SETTLING).map(of).sum::<f64>();
+        let gain: [f64; SETTLING] = std::array::from_fn(|k| dot(white(k), &self.innovation));
+        let known: [[f64; SETTLING]; SETTLING] =
+            std::array::from_fn(|k| std::array::from_fn(|l| dot(white(k), white(l))));
+        for k in 0..SETTLING {
+            self.shares[k] -= sum(&|l| p[k][l] * gain[l]);
+            for l in 0..SETTLING {
+                self.share_covariance[k][l] -= sum(&|i| p[k][i] * sum(&|j| known[i][j] * p[j][l]));
+            }
+            let own = &mut self.share_covariance[k][k];
+            // touches differ by as much as in their trails
+            *own = own.max(s.trail * s.trail);
+        }
     }
 
     /// Lets trails fade, and adds those of touches that press harder or have moved.
@@ -287,8 +330,8 @@ impl Background {
             self.columns.resize(n, 0.0);
             add_print(scene, touch, s.trail * touch.strength_m2, &mut self.columns);
             self.memory.add_square(part, &self.columns);
-            let wide = &scene.model.dictionary.of(touch.spot.place)[6 * n..7 * n];
-            self.memory.add_square(part * (s.trail_wide * touch.strength_m2).powi(2), wide);
+            let ring = &scene.model.dictionary.of(touch.spot.place)[6 * n..7 * n];
+            self.memory.add_square(part * (s.trail_ring * touch.strength_m2).powi(2), ring);
         }
     }
 

@@ -4,12 +4,11 @@
 //! |---|---|---|
 //! | 0 | a print `b(r) = exp(-(r / 7 mm)^2) + 0.05 exp(-r / 12 mm)`, its integral 1 | noise of a row per m^2 |
 //! | 1 to 5 | its derivatives along the tangents of the place: `x`, `y`, `xx`, `xy`, `yy` | ... per m^3, m^4 |
-//! | 6 | a wide print `exp(-r / 24 mm)`, its integral 1 | ... per m^2 |
+//! | 6 | a ring `r^2 exp(-(r / 20 mm)^2)`, its integral 1 | ... per m^2 |
 //! | 7 | a pull of the fabric `2 r0 r / (r^2 + r0^2)`, `r0` 15 mm, of 1 m at most | ... per m |
 //! | 8, 9 | a drag of the fabric along each tangent, of 1 m at the finger | ... per m |
 //! | 10 | the same pull on electrodes alone | ... per m |
 //! | 11 | pressure on contacts, `exp(-r / 25 mm)` | ... per unit of ln z |
-//! | 12, 13 | columns 1 and 2 times the time of a row within the frame, -0.5 to 0.5 | ... per m^3 |
 //!
 //! Set-up takes `2 n E 7` flops a place for `E` triangles: 6 Mflop with 104 rows and 3 800 triangles.
 
@@ -23,23 +22,22 @@ use faer::{Accum, Mat, Par};
 use ndarray::ArrayRef2;
 
 /// Number of columns of a place.
-pub(super) const COLUMNS: usize = 14;
+pub(super) const COLUMNS: usize = 12;
 /// Number of prints and their derivatives among them.
 const PRINTS: usize = 7;
-/// First of the columns of a deformation, of electrodes alone, and of a moving touch.
+/// First of the columns of a deformation and of electrodes alone.
 pub(super) const PULL: usize = 7;
 pub(super) const DRAG: usize = 8;
 pub(super) const ELECTRODE_PULL: usize = 10;
 pub(super) const PRESS: usize = 11;
-pub(super) const SKEW: usize = 12;
 
 /// Tail of the print: fabric spreads the pressure of a finger.
 const TAIL: f64 = 0.05;
 const TAIL_RADII: f64 = 12.0 / 7.0;
 /// Radius within which the tail is blunt, in radii.
 const BLUNT: f64 = 0.1;
-/// Decay length of the wide print, in tails.
-const WIDE_TAILS: f64 = 2.0;
+/// Radius of the ring around a touch, in radii: 20 mm.
+const RING_RADII: f64 = 20.0 / 7.0;
 /// Distance up to which the print is integrated at four points of a triangle, in radii; one is enough beyond.
 const NEAR_RADII: f64 = 3.0;
 /// Radius of the strongest strain around a touch, metres.
@@ -57,7 +55,12 @@ pub(super) struct Dictionary {
     columns: Vec<f64>,
     /// Peak of a touch of 1 m^2 at each place, 1 / m^2.
     pub(super) tops: Vec<f64>,
+    /// Effects of smooth fields of the logarithm of the conductivity, `[field][row]`: [`FIELDS`] polynomials of the position.
+    pub(super) fields: Vec<f64>,
 }
+
+/// Number of polynomials of first and second degree in three coordinates.
+const FIELDS: usize = 9;
 
 /// What [`Dictionary::new`] needs of a skin.
 pub(super) struct Effects<'a> {
@@ -72,15 +75,17 @@ pub(super) struct Effects<'a> {
     pub(super) kinds: &'a [UnknownKind],
     /// Effects on the voltages at [`Grid::dents`], `[measurement, (place, effect)]`, volts per metre; may be empty.
     pub(super) dents_v: &'a ArrayRef2<f64>,
-    /// Time of each row within a frame, -0.5 to 0.5.
-    pub(super) times: &'a [f64],
 }
 
 impl Dictionary {
     pub(super) fn new(grid: &Grid, effects: &Effects<'_>, settings: &ScoreSettings) -> Self {
         let n = effects.rows.of.len();
-        let mut made =
-            Self { n, columns: vec![0.0; grid.at.len() * COLUMNS * n], tops: Vec::new() };
+        let mut made = Self {
+            n,
+            columns: vec![0.0; grid.at.len() * COLUMNS * n],
+            tops: Vec::new(),
+            fields: Vec::new(),
+        };
         made.set_prints(grid, effects, settings);
         made.set_dents(grid, effects);
         for (place, columns) in made.columns.chunks_exact_mut(COLUMNS * n).enumerate() {
@@ -101,9 +106,6 @@ impl Dictionary {
                 let out = &mut columns[column * n..(column + 1) * n];
                 out.iter_mut().zip(unknown).for_each(|(o, u)| *o += share * u);
             }
-            for k in 0..2 * n {
-                columns[SKEW * n + k] = columns[n + k] * effects.times[k % n];
-            }
         }
         made
     }
@@ -120,6 +122,22 @@ impl Dictionary {
             let [i, j] = rows.of[row];
             0.5 * scale[row] * conductivity_s * (jacobian[(i, e)] + jacobian[(j, e)])
         });
+        let [low, high] = surface.bounds_m();
+        let half_m = (0..3).map(|k| 0.5 * (high[k] - low[k])).fold(f64::MIN_POSITIVE, f64::max);
+        let at = |e: usize| -> [f64; 3] {
+            let [centroid, ..] = points_of(surface.corners(e));
+            std::array::from_fn(|k| (centroid[k] - 0.5 * (low[k] + high[k])) / half_m)
+        };
+        let fields = Mat::from_fn(elements, FIELDS, |e, field| {
+            let p = at(e);
+            match field {
+                0..3 => p[field],
+                3..6 => p[field % 3] * p[field % 3],
+                _ => p[field % 3] * p[(field + 1) % 3],
+            }
+        });
+        let fields = &folded * &fields;
+        self.fields = fields.col_iter().flat_map(|column| column.iter().copied()).collect();
         let points: Vec<[[f64; 3]; 4]> =
             (0..elements).map(|e| points_of(surface.corners(e))).collect();
         let radius_m = settings.bell_m.max(1.75 * grid.pitch_m);
@@ -197,7 +215,7 @@ fn points_of(corners: [[f64; 3]; 3]) -> [[f64; 3]; 4] {
     [centre, towards(0), towards(1), towards(2)]
 }
 
-/// Mean over a triangle of the print at a place, its derivatives with respect to the place, and the wide print.
+/// Mean over a triangle of the print at a place, its derivatives with respect to the place, and the ring.
 fn mean_print(
     points: &[[f64; 3]; 4],
     at_m: [f64; 3],
@@ -224,6 +242,7 @@ fn print(
     let d = squared.sqrt().hypot(BLUNT * radius_m);
     let tail_m = TAIL_RADII * radius_m;
     let per = (radius_m * radius_m).recip();
+    let ring = squared * per / (RING_RADII * RING_RADII);
     let core = (-squared * per).exp();
     let tail = TAIL * (-d / tail_m).exp();
     let first = -2.0 * per * core - tail / (tail_m * d);
@@ -235,7 +254,7 @@ fn print(
         x * x * second + first,
         x * y * second,
         y * y * second + first,
-        (-d / (WIDE_TAILS * tail_m)).exp(),
+        ring * (-ring).exp(),
     ]
 }
 

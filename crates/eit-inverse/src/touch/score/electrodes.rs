@@ -3,13 +3,14 @@
 //! A linear passive skin is reciprocal, so halves of pairs differ by noise, or by that of a faulty electrode:
 //!
 //! ```text
-//! d = (v_i - v_j) - (ref_i - ref_j),   d ~ N(0, var)  or  N(0, s^2), s^2 = max(mean d^2, 30 var)
+//! d = (v_i - v_j) - (ref_i - ref_j) - effects of drives,   d ~ N(0, var)  or  N(0, s^2), s^2 = max(mean d^2, 30 var)
 //! ```
 //!
-//! with `var` the noise of both and what halves may differ by under a change. Electrodes are added or healed one by one while
+//! with `var` the noise of both and what halves may differ by under a change. Electrodes, and single values that are damaged, are added or healed one by one while
 //! -2 log posterior falls. The rows of a faulty electrode do not count. Drifting electrodes keep theirs: their gain is a
 //! random walk of the reference. `20 n` flops a frame and electrode.
 
+use super::drives::{Halves, Scan, UNEVEN};
 use super::model::Model;
 use super::settings::ScoreSettings;
 use eit_core::median;
@@ -19,6 +20,8 @@ use eit_core::median;
 const MATTERS: f64 = 30.0;
 /// Squared difference over variance up to which halves are not looked at, to save time.
 const ORDINARY: f64 = 20.0;
+/// Part of the values that a transmission damages.
+const DAMAGED: f64 = 1e-5;
 /// Fewest pairs by which an electrode is judged.
 const LEAST_PAIRS: usize = 4;
 /// Relative difference of reciprocal halves that may come and go without a change: 0.1 % of a voltage, instruments' linearity.
@@ -45,13 +48,15 @@ pub(super) struct Electrodes {
     pub(super) states: Vec<ElectrodeState>,
     /// Whether all measurements of each are those of the last frame.
     pub(super) repeated: Vec<bool>,
-    /// Whether no row of the frame counts because of a faulty electrode.
+    /// Whether a row of the frame does not count: a value of it is damaged, or one of its electrodes is faulty.
     pub(super) is_lost: Vec<bool>,
-    /// The last frame; empty before the first.
-    last_v: Vec<f64>,
-    /// Squared difference over variance, and logarithm of the variance, of each row; infinite if it has no halves.
+    is_damaged: Vec<bool>,
+    /// The last frame, NaN where a value is missing; empty before the first.
+    pub(super) last_v: Vec<f64>,
+    pub(super) scan: Scan,
+    /// Halves of each row, and the square of what drives leave of their difference, over its variance.
+    halves: Vec<Halves>,
     squares: Vec<f64>,
-    logs: Vec<f64>,
     changes: Vec<f64>,
     before: Vec<ElectrodeState>,
 }
@@ -63,9 +68,11 @@ impl Electrodes {
             states: vec![ElectrodeState::Sound; count],
             repeated: vec![false; count],
             is_lost: vec![false; n],
+            is_damaged: vec![false; n],
             last_v: Vec::with_capacity(model.reference_v.len()),
+            scan: Scan::new(model),
+            halves: vec![Halves::default(); n],
             squares: vec![0.0; n],
-            logs: vec![0.0; n],
             changes: Vec::with_capacity(n),
             before: Vec::with_capacity(count),
         }
@@ -85,18 +92,15 @@ impl Electrodes {
         self.compare(model, s, frame_v, is_missing);
         self.find_noisy(model, s, dt_s);
         for (e, repeated) in self.repeated.iter_mut().enumerate() {
-            let is_same = |&i: &usize| {
-                self.last_v.get(i).is_some_and(|last| *last == frame_v[i]) && !is_missing[i]
-            };
+            let is_same = |&i: &usize| self.last_v.get(i).is_some_and(|last| *last == frame_v[i]);
             let measured = &model.of_electrode[e];
             *repeated = !measured.is_empty() && measured.iter().all(is_same);
             if self.states[e] == ElectrodeState::Stuck && !*repeated {
                 self.states[e] = ElectrodeState::Sound;
             }
         }
-        self.last_v.clear();
-        self.last_v.extend_from_slice(frame_v);
         self.leave_out(model);
+        self.scan.keep();
         healed.clear();
         let counts =
             |state: ElectrodeState| !matches!(state, ElectrodeState::Noisy | ElectrodeState::Stuck);
@@ -113,6 +117,7 @@ impl Electrodes {
                 self.is_lost.iter_mut().zip(of).for_each(|(lost, of)| *lost |= of);
             }
         }
+        self.is_lost.iter_mut().zip(&self.is_damaged).for_each(|(lost, damaged)| *lost |= damaged);
     }
 
     /// Compares the halves of each row.
@@ -125,25 +130,66 @@ impl Electrodes {
         self.changes.extend(pairs.map(|&pair| largest(pair).powi(2)));
         let typical = median(self.changes.iter().copied()).unwrap_or(0.0);
         let unequal = s.unequal.max(OF_REFERENCE * model.unequal);
-        for (row, &[i, j]) in model.rows.of.iter().enumerate() {
-            (self.squares[row], self.logs[row]) = match is_pair(i, j) {
+        let moved = |i: usize| match self.last_v.get(i) {
+            Some(last) if last.is_finite() => frame_v[i] - last,
+            _ => 0.0,
+        };
+        for (&[i, j], halves) in model.rows.of.iter().zip(&mut self.halves) {
+            *halves = match is_pair(i, j) {
                 true => {
                     let own = largest([i, j]).powi(2) + typical;
-                    let variance = model.noise_v[i].powi(2)
+                    let moved_v = 0.5 * (moved(i) + moved(j)) * (model.time(i) - model.time(j));
+                    let variance_v2 = model.noise_v[i].powi(2)
                         + model.noise_v[j].powi(2)
                         + unequal * unequal * own
-                        + (LINEARITY * model.reference_v[i]).powi(2);
-                    ((change(i) - change(j)).powi(2) / variance, variance.ln())
+                        + (LINEARITY * model.reference_v[i]).powi(2)
+                        + (UNEVEN * self.scan.part() * moved_v).powi(2);
+                    Halves { difference_v: change(i) - change(j), variance_v2, moved_v }
                 }
-                false => (f64::INFINITY, 0.0),
+                false => Halves { variance_v2: f64::INFINITY, ..Halves::default() },
             };
+        }
+        self.is_damaged.fill(false);
+        self.leave_out(model);
+        self.fit_scan(model);
+    }
+
+    /// Fits the effects of drives to the rows of sound electrodes.
+    fn fit_scan(&mut self, model: &Model) {
+        let Self { scan, halves, squares, is_lost, .. } = self;
+        scan.fit(model, halves, |row| !is_lost[row]);
+        for (row, drives) in model.drives_of_rows() {
+            let Halves { difference_v, variance_v2, moved_v } = halves[row];
+            squares[row] =
+                (difference_v - scan.difference_v(drives, moved_v)).powi(2) / variance_v2;
+        }
+    }
+
+    /// Keeps a frame for the next one.
+    pub(super) fn remember(&mut self, model: &Model, frame_v: &[f64], is_missing: &[bool]) {
+        self.last_v.clear();
+        let values = frame_v.iter().zip(is_missing);
+        self.last_v.extend(values.map(|(v, missing)| if *missing { f64::NAN } else { *v }));
+        for (pair, _) in model.rows.of.iter().zip(&self.is_damaged).filter(|(_, damaged)| **damaged)
+        {
+            pair.iter().for_each(|&i| self.last_v[i] = f64::NAN);
+        }
+    }
+
+    /// Value of a measurement at the time of the first drive of a scan.
+    pub(super) fn at_first_drive(&self, model: &Model, frame_v: &[f64], i: usize) -> f64 {
+        match self.last_v.get(i) {
+            Some(last) if last.is_finite() => {
+                frame_v[i] - self.scan.part() * model.time(i) * (frame_v[i] - last)
+            }
+            _ => frame_v[i],
         }
     }
 
     /// Adds and heals noisy electrodes while -2 log posterior falls.
     fn find_noisy(&mut self, model: &Model, s: &ScoreSettings, dt_s: f64) {
         let is_noisy = |state: &ElectrodeState| *state == ElectrodeState::Noisy;
-        let is_ordinary = |square: &f64| *square < ORDINARY || square.is_infinite();
+        let is_ordinary = |square: &f64| *square < ORDINARY;
         if !self.states.iter().any(is_noisy) && self.squares.iter().all(is_ordinary) {
             return;
         }
@@ -151,13 +197,26 @@ impl Electrodes {
         for e in 0..self.states.len() {
             if self.states[e] == ElectrodeState::Noisy && self.gain(model, e) <= -heal {
                 self.states[e] = ElectrodeState::Sound;
+                self.leave_out(model);
+                self.fit_scan(model);
             }
         }
         loop {
             let sound = (0..self.states.len()).filter(|&e| self.states[e] != ElectrodeState::Noisy);
-            let gains = sound.map(|e| (self.gain(model, e) - fault, e));
-            match gains.max_by(|a, b| a.0.total_cmp(&b.0)) {
-                Some((gain, e)) if gain > 0.0 => self.states[e] = ElectrodeState::Noisy,
+            let gains = sound.map(|e| (self.gain(model, e) - fault, Some(e)));
+            let worst = (0..model.n).filter(|&row| !self.is_lost[row]);
+            let worst = worst.max_by(|&a, &b| self.squares[a].total_cmp(&self.squares[b]));
+            let square = worst.map_or(0.0, |row| self.squares[row]).max(1.0);
+            let of_value = (square - square.ln() - 1.0 + 2.0 * DAMAGED.ln(), None);
+            match gains.chain([of_value]).max_by(|a, b| a.0.total_cmp(&b.0)) {
+                Some((gain, fault)) if gain > 0.0 => {
+                    match fault {
+                        Some(e) => self.states[e] = ElectrodeState::Noisy,
+                        None => worst.into_iter().for_each(|row| self.is_damaged[row] = true),
+                    }
+                    self.leave_out(model);
+                    self.fit_scan(model);
+                }
                 _ => break,
             }
         }
@@ -171,14 +230,15 @@ impl Electrodes {
         };
         let counts = |row: usize| {
             model.of[electrode][row]
-                && self.squares[row].is_finite()
+                && self.halves[row].variance_v2.is_finite()
+                && !self.is_damaged[row]
                 && !(0..model.of.len()).any(|e| is_faulty(e) && model.of[e][row])
         };
         let rows = || (0..model.n).filter(|&row| counts(row));
         let (mut count, mut sum) = (0, 0.0);
         for row in rows() {
             count += 1;
-            sum += self.squares[row] * self.logs[row].exp();
+            sum += self.squares[row] * self.halves[row].variance_v2;
         }
         if count < LEAST_PAIRS {
             return 0.0;
@@ -186,7 +246,7 @@ impl Electrodes {
         let mean = sum / count as f64;
         rows()
             .map(|row| {
-                let variance = self.logs[row].exp();
+                let variance = self.halves[row].variance_v2;
                 let size = mean.max(MATTERS * variance);
                 let square = self.squares[row];
                 square + variance.ln() - size.ln() - square * variance / size

@@ -105,6 +105,17 @@ impl Symmetric {
         }
     }
 
+    /// Adds `weight (a b' + b a')`.
+    pub(super) fn add_squares(&mut self, weight: f64, a: &[f64], b: &[f64]) {
+        for (i, row) in (0..self.n).map(|i| (i, start(i))) {
+            let (wa, wb) = (weight * a[i], weight * b[i]);
+            let row = &mut self.packed[row..=row + i];
+            for (out, (aj, bj)) in row.iter_mut().zip(a.iter().zip(b)) {
+                *out += wa * bj + wb * aj;
+            }
+        }
+    }
+
     /// Adds `weight A A'` for a matrix `A` of `n` rows, row by row; `n^2 k` flops for `k` columns.
     pub(super) fn add_product(&mut self, weight: f64, rows: &[f64]) {
         let (n, k) = (self.n, rows.len() / self.n.max(1));

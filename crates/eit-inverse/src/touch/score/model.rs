@@ -5,7 +5,7 @@ use super::linear::Symmetric;
 use super::places::Grid;
 use super::settings::ScoreSettings;
 use crate::InverseError;
-use crate::check::{check_length, check_positive};
+use crate::check::{check_length, check_positive, check_range};
 use crate::touch::detector::{DentPlace, DetectorModel, Rows, UnknownKind, check, dot};
 use eit_core::median;
 use faer::Mat;
@@ -23,8 +23,10 @@ pub struct ScoreModel<'a> {
     pub reference_frames: usize,
     /// Smallest step of the converter, volts; 0 if unknown.
     pub step_v: f64,
-    /// Time of each measurement within a frame, 0 to 1; empty if all are simultaneous.
-    pub times: &'a [f64],
+    /// Index of the drive of each measurement, in the order in which the instrument takes them.
+    pub drive: &'a [usize],
+    /// Mean potential of the electrodes above the sink of each drive, volts; its change under a touch leaks into voltages.
+    pub above_sink_v: &'a [f64],
 }
 
 /// Factor above the edge of noise (Marchenko, Pastur 1967) from which a direction of quiet frames is more than noise.
@@ -32,6 +34,13 @@ const ABOVE_NOISE: f64 = 1.2;
 
 /// Least variance of a row's noise, relative to the median: quiet frames are few, and their rounding may hide noise.
 const LEAST_NOISE: f64 = 0.05;
+
+/// A drive of the current.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Drive {
+    /// Standard deviation of the offset of its voltages under a touch.
+    pub(super) offset_v: f64,
+}
 
 /// Model of a skin.
 #[derive(Debug, Clone)]
@@ -68,8 +77,10 @@ pub(super) struct Model {
     pub(super) conductivity_s: f64,
     pub(super) step_v: f64,
     pub(super) reference_frames: usize,
-    /// Whether the rows of a frame are measured one after the other.
-    pub(super) has_skew: bool,
+    /// Drives, that of each measurement, and those of each row's halves.
+    pub(super) drives: Vec<Drive>,
+    pub(super) drive_of: Vec<usize>,
+    of_drives: Vec<[usize; 2]>,
 }
 
 impl Model {
@@ -99,8 +110,6 @@ impl Model {
             .zip(scale.iter().cycle())
             .map(|(unknown, scale)| scale * unknown)
             .collect();
-        let time = |i: usize| given.times.get(i).map_or(0.0, |time| time - 0.5);
-        let times: Vec<f64> = fold(&rows, time).collect();
         let grid = Grid::new(skin.surface, settings.pitch_m);
         let effects = Effects {
             surface: skin.surface,
@@ -111,7 +120,6 @@ impl Model {
             unknowns: &unknowns,
             kinds: skin.kinds,
             dents_v,
-            times: &times,
         };
         let dictionary = Dictionary::new(&grid, &effects, settings);
         let reference: Vec<f64> = fold(&rows, |i| skin.reference_v[i]).collect();
@@ -143,9 +151,23 @@ impl Model {
             of_electrode: skin.of_electrode.to_vec(),
             step_v: given.step_v,
             reference_frames: given.reference_frames.max(1),
-            has_skew: settings.skew_s > 0.0,
+            drives: (given.above_sink_v.iter())
+                .map(|v| Drive { offset_v: settings.common_mode * settings.press * v.abs() })
+                .collect(),
+            drive_of: given.drive.to_vec(),
+            of_drives: rows.of.iter().map(|pair| pair.map(|i| given.drive[i])).collect(),
             rows,
         })
+    }
+
+    /// When a measurement is taken in a scan, from 0 to 1.
+    pub(super) fn time(&self, measurement: usize) -> f64 {
+        self.drive_of[measurement] as f64 / self.drives.len() as f64
+    }
+
+    /// Rows, with the drives of their halves.
+    pub(super) fn drives_of_rows(&self) -> impl Iterator<Item = (usize, [usize; 2])> + '_ {
+        self.of_drives.iter().copied().enumerate()
     }
 
     /// Effect of an electrode's gain: the reference on its rows, zero elsewhere.
@@ -182,14 +204,24 @@ fn split(kinds: &[UnknownKind], unknowns: &[f64], n: usize) -> [Columns; 2] {
     columns
 }
 
-/// Standard deviation of each measurement's noise: that of the quiet frames as a whole, and of its rounding at least.
+/// Standard deviation of each measurement's noise: that of the quiet frames about a line, for they drift, and of its rounding
+/// at least.
 fn noise(skin: &DetectorModel<'_>, step_v: f64) -> Vec<f64> {
     let rounding_v = step_v / 12.0_f64.sqrt();
-    let quiet_v = match skin.quiet_v.nrows() {
-        0 | 1 => Vec::new(),
-        _ => skin.quiet_v.std_axis(Axis(0), 1.0).to_vec(),
+    let frames = skin.quiet_v.nrows() as f64;
+    let of_quiet = |i: usize| {
+        let values = || skin.quiet_v.column(i).into_iter().enumerate();
+        let time = |frame: usize| frame as f64 - 0.5 * (frames - 1.0);
+        let [mut sum, mut square, mut trend, mut times] = [0.0; 4];
+        for (frame, v) in values() {
+            (sum, trend, times) = (sum + v, trend + v * time(frame), times + time(frame).powi(2));
+        }
+        for (frame, v) in values() {
+            square += (v - sum / frames - time(frame) * trend / times).powi(2);
+        }
+        // a maximum ignores NaN: three frames at least
+        (square / (frames - 2.0)).sqrt()
     };
-    let of_quiet = |i: usize| quiet_v.get(i).copied().filter(|v| v.is_finite()).unwrap_or(0.0);
     let std_v: Vec<f64> = (skin.noise_std_v.iter().enumerate())
         .map(|(i, std)| std.max(rounding_v).max(of_quiet(i)))
         .collect();
@@ -208,8 +240,10 @@ fn check_all(given: &ScoreModel<'_>, dents_v: &ArrayRef2<f64>) -> Result<(), Inv
     check(skin)?;
     check_length("kinds", skin.kinds.len(), skin.unknowns.ncols())?;
     check_length("rows of the dents", dents_v.nrows(), skin.used.len())?;
-    if !given.times.is_empty() {
-        check_length("times", given.times.len(), skin.used.len())?;
+    check_length("drives of measurements", given.drive.len(), skin.used.len())?;
+    for &drive in given.drive {
+        let (count, value) = (given.above_sink_v.len(), drive as f64);
+        check_range("drive", value, drive < count, "one of those whose potential is given")?;
     }
     check_positive("conductivity_s", given.conductivity_s)?;
     for measurement in (0..skin.used.len()).filter(|&i| skin.used[i]) {

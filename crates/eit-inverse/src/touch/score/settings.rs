@@ -6,6 +6,8 @@ use crate::metrics::ChangeSign;
 
 /// Largest number of simultaneous touches.
 pub(super) const MOST_TOUCHES: usize = 8;
+/// Number of time constants with which the fabric settles.
+pub(super) const SETTLING: usize = 3;
 
 /// Settings of a [`ScoreDetector`](super::ScoreDetector).
 ///
@@ -35,8 +37,6 @@ pub struct ScoreSettings {
     pub dies_hz: f64,
     /// Width of a finger, metres.
     pub apart_m: f64,
-    /// Time from the first measurement of a frame to the last, seconds; 0 if the instrument measures all at once.
-    pub skew_s: f64,
     /// Trembling of a resting touch, metres a frame.
     pub rest_m: f64,
     /// Change of the speed of a moving touch within a frame, metres per second: a hand.
@@ -51,8 +51,8 @@ pub struct ScoreSettings {
     pub size: f64,
     /// Standard deviation of its elongation, relative.
     pub bent: f64,
-    /// Standard deviation of the part of a touch beyond its print: the strained rim of a dent.
-    pub wide: f64,
+    /// Standard deviation of the ring around a print, relative: fabric drawn in from around a finger, or its strained rim.
+    pub ring: f64,
     /// Pull of the fabric towards a strong touch at 15 mm, metres: the product's electrode movement, and half as much again.
     pub pull_m: f64,
     /// Drag of the fabric by a strong touch that slides, metres.
@@ -61,6 +61,8 @@ pub struct ScoreSettings {
     pub electrode_pull_m: f64,
     /// Change of the logarithm of a contact impedance under a strong touch.
     pub press: f64,
+    /// Part of the common potential that amplifiers do not reject: 50 dB, behind multiplexers at tens of kilohertz.
+    pub common_mode: f64,
     /// Part of the movement and pressure of electrodes that each has by itself: a movement field known to 30 %.
     pub single: f64,
     /// Error of the model of a change, relative, ...
@@ -69,16 +71,15 @@ pub struct ScoreSettings {
     pub error_std: f64,
     /// Time over which such errors persist, seconds: a press or a slide lasts that long.
     pub error_s: f64,
-    /// Time constants with which the fabric settles, seconds.
-    pub settle_s: [f64; 2],
-    /// Mean part of a touch by which the fabric settles, with each time constant: published 0.02 to -0.15, ...
+    /// Time constants with which the fabric settles or creeps, seconds.
+    pub settle_s: [f64; SETTLING],
+    /// Standard deviation of the part of a touch by which it does with each: knits settle by 0.02 to 0.15, foams creep by 0.1
+    /// to 0.3.
     pub settle: f64,
-    /// ... and its standard deviation.
-    pub settle_std: f64,
     /// Trail that a touch leaves, relative to its print: published hysteresis is 3 to 12 % of the range.
     pub trail: f64,
-    /// The same beyond its print.
-    pub trail_wide: f64,
+    /// The same around its print.
+    pub trail_ring: f64,
     /// Distance over which a moving touch lays a whole trail, metres: the width of the print.
     pub trail_m: f64,
     /// Time in which a trail fades, seconds.
@@ -115,7 +116,6 @@ impl Default for ScoreSettings {
             born_hz_m2: 16.0,
             dies_hz: 1.0,
             apart_m: 18e-3,
-            skew_s: 0.0,
             rest_m: 0.3e-3,
             speed_m_s: 0.15,
             moving: 0.3,
@@ -123,20 +123,20 @@ impl Default for ScoreSettings {
             misplaced_m: 15e-3,
             size: 0.8,
             bent: 0.4,
-            wide: 0.15,
+            ring: 0.5,
             pull_m: 0.3e-3,
             drag_m: 0.5e-3,
             electrode_pull_m: 0.2e-3,
             press: 0.3,
+            common_mode: 3e-3,
             single: 0.3,
             error: 0.02,
             error_std: 0.7,
             error_s: 20.0,
-            settle_s: [0.5, 10.0],
-            settle: 0.07,
-            settle_std: 0.05,
+            settle_s: [0.5, 2.0, 10.0],
+            settle: 0.15,
             trail: 0.02,
-            trail_wide: 0.03,
+            trail_ring: 0.03,
             trail_m: 12e-3,
             trail_s: 5.0,
             drift_contact: 5e-3,
@@ -174,10 +174,10 @@ impl ScoreSettings {
         for (name, value) in [("moving", self.moving), ("misplaced", self.misplaced)] {
             check_range(name, value, value > 0.0 && value < 1.0, "between 0 and 1")?;
         }
-        check_range("settle", self.settle, self.settle.is_finite(), "finite")
+        Ok(())
     }
 
-    fn above_zero(&self) -> [(&'static str, f64); 21] {
+    fn above_zero(&self) -> [(&'static str, f64); 22] {
         [
             ("pitch_m", self.pitch_m),
             ("bell_m", self.bell_m),
@@ -194,6 +194,7 @@ impl ScoreSettings {
             ("error_s", self.error_s),
             ("settle_s", self.settle_s[0]),
             ("settle_s", self.settle_s[1]),
+            ("settle_s", self.settle_s[2]),
             ("trail", self.trail),
             ("trail_m", self.trail_m),
             ("trail_s", self.trail_s),
@@ -205,17 +206,17 @@ impl ScoreSettings {
 
     fn not_negative(&self) -> [(&'static str, f64); 17] {
         [
-            ("skew_s", self.skew_s),
             ("size", self.size),
             ("bent", self.bent),
-            ("wide", self.wide),
+            ("ring", self.ring),
             ("pull_m", self.pull_m),
             ("drag_m", self.drag_m),
             ("electrode_pull_m", self.electrode_pull_m),
             ("press", self.press),
+            ("common_mode", self.common_mode),
             ("single", self.single),
-            ("settle_std", self.settle_std),
-            ("trail_wide", self.trail_wide),
+            ("settle", self.settle),
+            ("trail_ring", self.trail_ring),
             ("drift_contact", self.drift_contact),
             ("drift_sheet", self.drift_sheet),
             ("drift_electrode_m", self.drift_electrode_m),
@@ -236,8 +237,8 @@ mod tests {
         let refused = [
             ("max_touches", ScoreSettings { max_touches: 9, ..Default::default() }),
             ("bell_m", ScoreSettings { bell_m: 0.0, ..Default::default() }),
-            ("settle_s", ScoreSettings { settle_s: [f64::NAN, 1.0], ..Default::default() }),
-            ("wide", ScoreSettings { wide: -0.1, ..Default::default() }),
+            ("settle_s", ScoreSettings { settle_s: [f64::NAN, 1.0, 1.0], ..Default::default() }),
+            ("ring", ScoreSettings { ring: -0.1, ..Default::default() }),
             ("moving", ScoreSettings { moving: 1.0, ..Default::default() }),
         ];
         for (name, settings) in refused {

@@ -46,6 +46,7 @@ struct Skin {
     used: Vec<bool>,
     reciprocal: Vec<usize>,
     of_electrode: Vec<Vec<usize>>,
+    drive: Vec<usize>,
 }
 
 const ELECTRODES: usize = 12;
@@ -86,6 +87,7 @@ impl Skin {
             of_electrode: (0..ELECTRODES)
                 .map(|e| (0..pairs.len()).filter(|&i| pairs[i].contains(&e)).collect())
                 .collect(),
+            drive: pairs.iter().map(|[a, _]| *a).collect(),
             surface,
         }
     }
@@ -108,7 +110,8 @@ impl Skin {
             conductivity_s: 1.0,
             reference_frames: 40,
             step_v: 0.0,
-            times: &[],
+            drive: &self.drive,
+            above_sink_v: &[0.0; ELECTRODES],
         }
     }
 

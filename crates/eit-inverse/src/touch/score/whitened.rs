@@ -4,10 +4,10 @@
 //! S + E = L L',   y = L^-1 y,   W_j = L^-1 X_j,   W_j' y,   W_i' W_j
 //! ```
 //!
-//! with the fourteen columns `X_j` of a place `j`. A place costs `14 n^2` flops once a frame, a pair of places `2 * 14^2 n`:
-//! 0.15 and 0.04 Mflop with 104 rows. Fits need nothing else of the frame.
+//! with the twelve columns `X_j` of a place `j`. A place costs `12 n^2` flops once a frame, a pair of places `2 * 12^2 n`:
+//! 0.13 and 0.03 Mflop with 104 rows. Fits need nothing else of the frame.
 
-use super::dictionary::{COLUMNS, SKEW};
+use super::dictionary::COLUMNS;
 use super::linear::{Factor, Symmetric, start};
 use super::model::Model;
 use crate::touch::detector::{dot, widest};
@@ -41,8 +41,6 @@ pub(super) struct Whitened {
     pub(super) log_determinant: f64,
     cells: Vec<Cell>,
     count: usize,
-    /// Number of columns in use: without skew, those of moving touches are not.
-    columns: usize,
     /// Index of the products of each pair of cells in `grams`, by [`start`].
     pairs: Vec<u32>,
     grams: Vec<Gram>,
@@ -101,10 +99,9 @@ impl Whitened {
         if self.count == self.cells.len() {
             self.cells.push(Cell { place, columns: Vec::new(), products: [0.0; COLUMNS] });
         }
-        self.columns = if model.has_skew { COLUMNS } else { SKEW };
         let mut columns = std::mem::take(&mut self.cells[self.count].columns);
         let of_place = model.dictionary.of(place).chunks_exact(model.n);
-        self.whiten(of_place.take(self.columns), &mut columns);
+        self.whiten(of_place, &mut columns);
         let mut products = [0.0; COLUMNS];
         self.multiply(&columns, &self.data, &mut products);
         self.cells[self.count] = Cell { place, columns, products };
@@ -157,9 +154,9 @@ impl Whitened {
             widest(
                 #[inline(always)]
                 || {
-                    for (c, row) in gram.iter_mut().enumerate().take(self.columns) {
+                    for (c, row) in gram.iter_mut().enumerate() {
                         let own = self.column(first, c);
-                        for (d, out) in row.iter_mut().enumerate().take(self.columns) {
+                        for (d, out) in row.iter_mut().enumerate() {
                             *out = dot(own, self.column(second, d));
                         }
                     }
