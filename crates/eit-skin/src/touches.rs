@@ -9,12 +9,12 @@ mod model;
 mod score;
 mod source;
 
-pub(crate) use background::{UNTOUCHED, reference_errors, reference_of_model, uneven_sheet};
+pub(crate) use background::{LEAK, UNTOUCHED, reference_errors, reference_of_model, uneven_sheet};
 pub use choices::{Choices, FoundSheet};
 #[cfg(feature = "learn")]
 pub(crate) use finder::PressTouch;
 pub use finder::TouchFinder;
-pub(crate) use model::unknowns;
+pub(crate) use model::{common_mode, unknowns};
 
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;

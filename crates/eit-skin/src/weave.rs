@@ -8,11 +8,14 @@ use crate::error::SkinError;
 use crate::frames::ALIKE;
 use crate::progress::Progress;
 use crate::skin::Skin;
-use crate::touches::{UNTOUCHED, reference_errors, reference_of_model, uneven_sheet, unknowns};
+use crate::touches::{
+    LEAK, UNTOUCHED, common_mode, reference_errors, reference_of_model, uneven_sheet, unknowns,
+};
 use eit_fem::Anisotropy;
 use eit_inverse::ReferenceModel;
 #[cfg(doc)]
 use eit_inverse::UnevenSheet;
+use ndarray::{Array1, Axis, concatenate};
 
 /// Ratio and direction of the conductivity of a whole sheet.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -171,6 +174,8 @@ fn step(
     }
     reference_v.iter_mut().for_each(|v| *v /= gain);
     let unknowns = unknowns(skin, &even_s, &UNTOUCHED, &mut Progress::silent())?;
+    let leak = Array1::from(common_mode(skin, &even_s)?).insert_axis(Axis(1)) * LEAK;
+    let unknowns = concatenate![Axis(1), unknowns, leak];
     let model = ReferenceModel {
         jacobian: &jacobian,
         conductivity_s: &even_s,

@@ -63,7 +63,8 @@ use report::Report;
 use state::{Before, Hypothesis, Touches};
 use whitened::Whitened;
 
-/// Rows of electrodes that come back have a reference of their own, up to this part of their voltage.
+/// A contact that was lost for a second comes back with a reference of its own, up to this part of the voltages, and the sooner
+/// the less.
 const BACK: f64 = 0.05;
 /// Number of searches in a frame: the error of the model follows the touches found.
 const PASSES: usize = 3;
@@ -101,7 +102,6 @@ pub struct ScoreDetector {
     y: Vec<f64>,
     is_missing: Vec<bool>,
     has_no_half: Vec<bool>,
-    healed: Vec<usize>,
     work: Vec<f64>,
     reference_v: Vec<f64>,
     step: DetectorStep,
@@ -147,7 +147,6 @@ impl ScoreDetector {
             y: vec![0.0; n],
             is_missing: vec![false; measurements],
             has_no_half: vec![false; n],
-            healed: Vec::new(),
             work: Vec::new(),
             reference_v: made.reference_v.clone(),
             step: step_of(n, 0.0, 0.0),
@@ -187,16 +186,18 @@ impl ScoreDetector {
 
     /// Sets the background, the rows that count and the change of this frame.
     fn begin(&mut self, frame_v: &[f64], dt_s: f64) {
-        let Self { model, settings, background, electrodes, healed, gains, work, .. } = self;
+        let Self { model, settings, background, electrodes, gains, work, .. } = self;
         background.advance(settings, dt_s);
         for e in 0..model.of.len() {
             if electrodes.states[e] == ElectrodeState::Drifting {
                 background.loosen_gain(model, e, settings.gain_per_s * dt_s);
             }
         }
-        electrodes.push(model, settings, frame_v, &self.is_missing, dt_s, healed);
-        for &e in &*healed {
-            background.loosen(model, (0..model.n).filter(|&row| model.of[e][row]), BACK);
+        electrodes.push(model, settings, frame_v, &self.is_missing, dt_s);
+        for (e, &lost_s) in electrodes.lost_s.iter().enumerate().filter(|(_, s)| **s > 0.0) {
+            let [before, now] = [lost_s - dt_s, lost_s].map(|s| s.clamp(0.0, 1.0));
+            let part = BACK * (now * now - before * before).sqrt();
+            background.loosen(model, (0..model.n).filter(|&row| model.of[e][row]), part);
         }
         gains.fill(0.0);
         for e in (0..model.of.len()).filter(|&e| electrodes.states[e] == ElectrodeState::Drifting) {

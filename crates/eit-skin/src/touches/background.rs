@@ -1,14 +1,14 @@
 //! Estimates the untouched sheet from its reference frame: fabric is uneven, and where the current is dense a
 //! few percent change the effect of a touch.
 
-use super::model::{Spread, VoltageNoise, unknowns};
+use super::model::{Spread, VoltageNoise, common_mode, unknowns};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::frames::are_magnitudes;
 use crate::progress::Progress;
 use crate::skin::Skin;
 use eit_inverse::{ReferenceModel, UnevenSheet, Unevenness};
-use ndarray::{Array1, Array2, ArrayView1};
+use ndarray::{Array1, Array2, ArrayView1, Axis};
 
 /// Correlation length of the unevenness, as a fraction of the skin's longer side.
 const LENGTH: f64 = 0.1;
@@ -39,15 +39,42 @@ pub(super) struct Background {
     pub left: [f64; 2],
 }
 
+/// Part of the common potential that amplifiers do not reject, standard deviation: 50 dB, behind multiplexers.
+pub(crate) const LEAK: f64 = 3e-3;
+
+/// What an amplifier of finite rejection adds to the reference, volts, `[measurement]`: the part of the common potential that
+/// explains it best; zero unless it is believed.
+pub(super) fn leak_v(fitted: &FittedFrames, noise: &VoltageNoise) -> Result<Vec<f64>, SkinError> {
+    let FittedFrames { skin, frames, fit, .. } = fitted;
+    let voltages = skin.voltages.to_vec();
+    let even_s = skin.skin.background_s();
+    let effect = Array1::from(common_mode(&skin.skin, &even_s)?).insert_axis(Axis(1)) * LEAK;
+    let model = ReferenceModel {
+        jacobian: &skin.jacobian,
+        conductivity_s: &even_s,
+        model_v: &voltages,
+        reference_v: &reference_of_model(&frames.reference, &frames.used, fit.gain, &voltages),
+        error_v: &reference_errors(&voltages, &noise.std_v, fit.gain),
+        unknowns: &unknowns(&skin.skin, &even_s, &UNTOUCHED, &mut Progress::silent())?,
+        used: &frames.used,
+    };
+    let found = uneven_sheet(&skin.skin)?.estimate(&model, &effect)?;
+    let part = if found.log_evidence < BELIEVED { 0.0 } else { fit.gain * found.mean[0] };
+    Ok(effect.iter().map(|v| part * v).collect())
+}
+
 /// Fits the sheet that explains the reference; `None` if an even one does as well or better.
 pub(super) fn of_reference(
     fitted: &FittedFrames,
     noise: &VoltageNoise,
+    leak_v: &[f64],
 ) -> Result<Option<Background>, SkinError> {
     let FittedFrames { skin, frames, fit, .. } = fitted;
     let sheet = uneven_sheet(&skin.skin)?;
+    let reference: Vec<f64> =
+        frames.reference.iter().zip(leak_v).map(|(v, leak)| v - leak).collect();
     let reference_v =
-        reference_of_model(&frames.reference, &frames.used, fit.gain, &skin.voltages.to_vec());
+        reference_of_model(&reference, &frames.used, fit.gain, &skin.voltages.to_vec());
     let error_v = reference_errors(&skin.voltages.to_vec(), &noise.std_v, fit.gain);
     let even_s = skin.skin.background_s();
     let unknowns = unknowns(&skin.skin, &even_s, &UNTOUCHED, &mut Progress::silent())?;

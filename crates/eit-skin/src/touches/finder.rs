@@ -184,7 +184,9 @@ impl TouchFinder {
     ) -> Result<Self, SkinError> {
         let FittedFrames { skin, frames, .. } = fitted;
         let keys = &skin.skin.settings.touch;
-        let sheet = progress.stage("background", || background::of_reference(fitted, &noise))?;
+        let leak_v = background::leak_v(fitted, &noise)?;
+        let of_sheet = || background::of_reference(fitted, &noise, &leak_v);
+        let sheet = progress.stage("background", of_sheet)?;
         let even_s = skin.skin.background_s();
         let (background_s, jacobian, voltages) = match &sheet {
             Some(sheet) => (&sheet.conductivity_s, &sheet.jacobian, &sheet.voltages),
@@ -193,7 +195,12 @@ impl TouchFinder {
         #[cfg(feature = "one-score")]
         let score = match keys.model {
             TouchModel::OneScore => {
-                let sheet = Linearised { conductivity_s: background_s, voltages, jacobian };
+                let sheet = Linearised {
+                    conductivity_s: background_s,
+                    voltages,
+                    jacobian,
+                    leak_v: &leak_v,
+                };
                 let finder = ScoreFinder::new(fitted, &noise, sheet, &monitor, progress)?;
                 Some(Box::new(finder))
             }

@@ -104,6 +104,25 @@ pub(crate) fn unknowns(
     concatenate(Axis(1), &views).map_err(|e| SkinError::Failure(format!("unknowns: {e}")))
 }
 
+/// Mean potential of the measured electrodes above the sink of the current, volts, `[measurement]`: what an amplifier of finite
+/// rejection lets through in part.
+pub(crate) fn common_mode(skin: &Skin, background_s: &[f64]) -> Result<Vec<f64>, SkinError> {
+    let mut workspace = skin.model.workspace()?;
+    let potentials = skin.solve(background_s, &mut workspace)?.electrode_potentials();
+    let (currents, patterns) =
+        (skin.protocol.stimulations_a(), skin.protocol.measurement_patterns());
+    let of = |[drive, pattern]: &[u32; 2]| {
+        let [drive, pattern] = [*drive, *pattern].map(|k| k as usize);
+        let (potentials, weights) = (potentials.row(drive), patterns.row(pattern));
+        let driven = currents.row(drive);
+        let sink = driven.iter().zip(potentials).min_by(|a, b| a.0.total_cmp(b.0));
+        let whole: f64 = weights.iter().map(|w| w.abs()).sum();
+        let sum: f64 = weights.iter().zip(potentials).map(|(w, v)| w.abs() * v).sum();
+        sum / whole - sink.map_or(0.0, |(_, v)| *v)
+    };
+    Ok(skin.protocol.data().iter().map(of).collect())
+}
+
 /// Radius of the strongest strain around a touch, metres: between a fingertip's contact and the width of its dent.
 const DENT_M: f64 = 15e-3;
 /// Distance at which a pull moves the skin by [`PULL`] times the displacement of electrodes, metres, if the dent is small.

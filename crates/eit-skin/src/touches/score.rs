@@ -1,15 +1,16 @@
 //! Touches by one model and one score ([`ScoreDetector`]) of a skin and its frames.
 
-use super::model::{Spread, VoltageNoise, dents, drag_at_finger, electrode_kinds, unknowns};
+use super::model::{
+    Spread, VoltageNoise, common_mode, dents, drag_at_finger, electrode_kinds, unknowns,
+};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultKind, FaultMonitor};
 use crate::fitted::FittedFrames;
-use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
 use eit_inverse::touch::{
     DetectorModel, DetectorStep, ElectrodeState, ScoreDetector, ScoreModel, ScoreSettings, Touch,
 };
-use ndarray::{Array1, Array2, ArrayView1};
+use ndarray::{Array1, Array2};
 
 /// The sheet that explains the reference, and the model linearised there.
 #[derive(Debug, Clone, Copy)]
@@ -17,6 +18,8 @@ pub(super) struct Linearised<'a> {
     pub conductivity_s: &'a [f64],
     pub voltages: &'a Array1<f64>,
     pub jacobian: &'a Array2<f64>,
+    /// What an amplifier adds to the voltages of the untouched skin, volts.
+    pub leak_v: &'a [f64],
 }
 
 /// Finds touches by one score, frame by frame.
@@ -90,7 +93,8 @@ impl ScoreFinder {
             reference_frames: frames.reference_frames,
             step_v: noise.step_v,
             drive: &drive,
-            above_sink_v: &above_sink_v(skin, sheet.conductivity_s)?,
+            common_v: &common_mode(&skin.skin, sheet.conductivity_s)?,
+            leak_v: sheet.leak_v,
         };
         let detector = progress
             .stage("detector of touches", || ScoreDetector::new(&model, &dents_v, settings))?;
@@ -164,19 +168,4 @@ impl ScoreFinder {
     pub(super) fn with_first_id(self, first: u64) -> Self {
         Self { detector: self.detector.with_first_id(first), ..self }
     }
-}
-
-/// Mean potential of the electrodes that a drive does not use above its sink, volts, `[drive]`.
-fn above_sink_v(skin: &LinearisedSkin, conductivity_s: &[f64]) -> Result<Vec<f64>, SkinError> {
-    let mut workspace = skin.skin.model.workspace()?;
-    let potentials = skin.skin.solve(conductivity_s, &mut workspace)?.electrode_potentials();
-    let currents = skin.skin.protocol.stimulations_a();
-    let of_drive = |(currents, potentials): (ArrayView1<'_, f64>, ArrayView1<'_, f64>)| {
-        let pairs = || currents.iter().zip(&potentials);
-        let sink = pairs().min_by(|a, b| a.0.total_cmp(b.0)).map_or(0.0, |(_, v)| *v);
-        let (count, sum) = (pairs().filter(|(i, _)| **i == 0.0))
-            .fold((0.0_f64, 0.0), |(count, sum), (_, v)| (count + 1.0, sum + v));
-        sum / count.max(1.0) - sink
-    };
-    Ok(currents.rows().into_iter().zip(potentials.rows()).map(of_drive).collect())
 }

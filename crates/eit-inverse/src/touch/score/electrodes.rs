@@ -58,7 +58,8 @@ pub(super) struct Electrodes {
     halves: Vec<Halves>,
     squares: Vec<f64>,
     changes: Vec<f64>,
-    before: Vec<ElectrodeState>,
+    /// For how long the rows of each have not counted, seconds.
+    pub(super) lost_s: Vec<f64>,
 }
 
 impl Electrodes {
@@ -74,11 +75,11 @@ impl Electrodes {
             halves: vec![Halves::default(); n],
             squares: vec![0.0; n],
             changes: Vec::with_capacity(n),
-            before: Vec::with_capacity(count),
+            lost_s: vec![0.0; count],
         }
     }
 
-    /// Judges a frame by itself; `healed` receives the electrodes whose rows count again.
+    /// Judges a frame by itself.
     pub(super) fn push(
         &mut self,
         model: &Model,
@@ -86,9 +87,7 @@ impl Electrodes {
         frame_v: &[f64],
         is_missing: &[bool],
         dt_s: f64,
-        healed: &mut Vec<usize>,
     ) {
-        self.before.clone_from(&self.states);
         self.compare(model, s, frame_v, is_missing);
         self.find_noisy(model, s, dt_s);
         for (e, repeated) in self.repeated.iter_mut().enumerate() {
@@ -101,12 +100,10 @@ impl Electrodes {
         }
         self.leave_out(model);
         self.scan.keep();
-        healed.clear();
-        let counts =
-            |state: ElectrodeState| !matches!(state, ElectrodeState::Noisy | ElectrodeState::Stuck);
-        let pairs = self.before.iter().zip(&self.states).enumerate();
-        healed
-            .extend(pairs.filter(|(_, (was, is))| !counts(**was) && counts(**is)).map(|(e, _)| e));
+        for (lost_s, state) in self.lost_s.iter_mut().zip(&self.states) {
+            let is_lost = matches!(state, ElectrodeState::Noisy | ElectrodeState::Stuck);
+            *lost_s = if is_lost { *lost_s + dt_s } else { 0.0 };
+        }
     }
 
     /// Updates which rows are lost.
@@ -195,8 +192,15 @@ impl Electrodes {
         }
         let [fault, heal] = [s.fault_hz, s.heal_hz].map(|hz| -2.0 * (hz * dt_s).min(0.5).ln());
         for e in 0..self.states.len() {
-            if self.states[e] == ElectrodeState::Noisy && self.gain(model, e) <= -heal {
-                self.states[e] = ElectrodeState::Sound;
+            if self.states[e] != ElectrodeState::Noisy {
+                continue;
+            }
+            // its own rows tell the effects of its drives
+            self.states[e] = ElectrodeState::Sound;
+            self.leave_out(model);
+            self.fit_scan(model);
+            if self.gain(model, e) > -heal {
+                self.states[e] = ElectrodeState::Noisy;
                 self.leave_out(model);
                 self.fit_scan(model);
             }

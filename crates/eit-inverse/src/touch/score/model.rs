@@ -5,7 +5,7 @@ use super::linear::Symmetric;
 use super::places::Grid;
 use super::settings::ScoreSettings;
 use crate::InverseError;
-use crate::check::{check_length, check_positive, check_range};
+use crate::check::{check_length, check_positive};
 use crate::touch::detector::{DentPlace, DetectorModel, Rows, UnknownKind, check, dot};
 use eit_core::median;
 use faer::Mat;
@@ -25,8 +25,11 @@ pub struct ScoreModel<'a> {
     pub step_v: f64,
     /// Index of the drive of each measurement, in the order in which the instrument takes them.
     pub drive: &'a [usize],
-    /// Mean potential of the electrodes above the sink of each drive, volts; its change under a touch leaks into voltages.
-    pub above_sink_v: &'a [f64],
+    /// Mean potential of the measured electrodes above the sink of the current, volts, `[measurement]`; its change under a touch
+    /// leaks into the voltages.
+    pub common_v: &'a [f64],
+    /// What has leaked into the reference, volts, `[measurement]`.
+    pub leak_v: &'a [f64],
 }
 
 /// Factor above the edge of noise (Marchenko, Pastur 1967) from which a direction of quiet frames is more than noise.
@@ -99,7 +102,9 @@ impl Model {
     ) -> Result<Self, InverseError> {
         let skin = &given.skin;
         check_all(given, dents_v)?;
-        let rows = Rows::new(skin.reciprocal, skin.used, skin.reference_v, skin.model_v)?;
+        let known_v: Vec<f64> =
+            skin.reference_v.iter().zip(given.leak_v).map(|(v, leak)| v - leak).collect();
+        let rows = Rows::new(skin.reciprocal, skin.used, &known_v, skin.model_v)?;
         let n = rows.of.len();
         let noise_v = noise(skin, given.step_v);
         let row_noise_v: Vec<f64> =
@@ -122,7 +127,7 @@ impl Model {
             dents_v,
         };
         let dictionary = Dictionary::new(&grid, &effects, settings);
-        let reference: Vec<f64> = fold(&rows, |i| skin.reference_v[i]).collect();
+        let reference: Vec<f64> = fold(&rows, |i| known_v[i]).collect();
         let sheet: Vec<f64> =
             reference.iter().zip(&row_noise_v).map(|(v, noise)| v / noise).collect();
         let [(moved_at, moved), (contact_at, contact)] = split(skin.kinds, &unknowns, n);
@@ -133,7 +138,7 @@ impl Model {
         Ok(Self {
             n,
             misfit: misfit(&rows, skin, &reference),
-            unequal: unequal(&rows, skin.reference_v),
+            unequal: unequal(&rows, &known_v),
             waves: waves(&rows, &row_noise_v, skin.quiet_v),
             gain_squares: of.iter().map(square).collect(),
             conductivity_s: given.conductivity_s / rows.gain(),
@@ -151,9 +156,7 @@ impl Model {
             of_electrode: skin.of_electrode.to_vec(),
             step_v: given.step_v,
             reference_frames: given.reference_frames.max(1),
-            drives: (given.above_sink_v.iter())
-                .map(|v| Drive { offset_v: settings.common_mode * settings.press * v.abs() })
-                .collect(),
+            drives: drives(given, settings),
             drive_of: given.drive.to_vec(),
             of_drives: rows.of.iter().map(|pair| pair.map(|i| given.drive[i])).collect(),
             rows,
@@ -174,6 +177,17 @@ impl Model {
     pub(super) fn gain(&self, electrode: usize, row: usize) -> f64 {
         if self.of[electrode][row] { self.sheet[row] } else { 0.0 }
     }
+}
+
+/// The drives, with the mean of their measurements' common potential.
+fn drives(given: &ScoreModel<'_>, s: &ScoreSettings) -> Vec<Drive> {
+    let count = given.drive.iter().max().map_or(0, |last| last + 1);
+    let of = |drive: usize| {
+        let own = given.drive.iter().zip(given.common_v).filter(|(d, _)| **d == drive);
+        let (count, sum) = own.fold((0.0_f64, 0.0), |(n, sum), (_, v)| (n + 1.0, sum + v));
+        Drive { offset_v: s.common_mode * s.press * (sum / count.max(1.0)).abs() }
+    };
+    (0..count).map(of).collect()
 }
 
 /// Means of values of measurements in each row.
@@ -241,10 +255,8 @@ fn check_all(given: &ScoreModel<'_>, dents_v: &ArrayRef2<f64>) -> Result<(), Inv
     check_length("kinds", skin.kinds.len(), skin.unknowns.ncols())?;
     check_length("rows of the dents", dents_v.nrows(), skin.used.len())?;
     check_length("drives of measurements", given.drive.len(), skin.used.len())?;
-    for &drive in given.drive {
-        let (count, value) = (given.above_sink_v.len(), drive as f64);
-        check_range("drive", value, drive < count, "one of those whose potential is given")?;
-    }
+    check_length("common potentials", given.common_v.len(), skin.used.len())?;
+    check_length("leaks", given.leak_v.len(), skin.used.len())?;
     check_positive("conductivity_s", given.conductivity_s)?;
     for measurement in (0..skin.used.len()).filter(|&i| skin.used[i]) {
         let rows = [skin.jacobian.row(measurement), dents_v.row(measurement)];

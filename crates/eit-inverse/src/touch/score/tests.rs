@@ -47,6 +47,7 @@ struct Skin {
     reciprocal: Vec<usize>,
     of_electrode: Vec<Vec<usize>>,
     drive: Vec<usize>,
+    none: Vec<f64>,
 }
 
 const ELECTRODES: usize = 12;
@@ -88,6 +89,7 @@ impl Skin {
                 .map(|e| (0..pairs.len()).filter(|&i| pairs[i].contains(&e)).collect())
                 .collect(),
             drive: pairs.iter().map(|[a, _]| *a).collect(),
+            none: vec![0.0; pairs.len()],
             surface,
         }
     }
@@ -111,7 +113,8 @@ impl Skin {
             reference_frames: 40,
             step_v: 0.0,
             drive: &self.drive,
-            above_sink_v: &[0.0; ELECTRODES],
+            common_v: &self.none,
+            leak_v: &self.none,
         }
     }
 
