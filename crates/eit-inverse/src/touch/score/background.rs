@@ -22,10 +22,13 @@ use super::state::{TouchState, Touches};
 use super::whitened::Whitened;
 use crate::geometry::distance_m;
 use crate::touch::detector::dot;
+use faer::Mat;
 
+/// Addition to a correlation of 1: rounding.
+const RIDGE: f64 = 1e-6;
 /// Time over which drifts are stated, seconds.
 const DRIFT_S: f64 = 60.0;
-/// Part of the sheet's drift that is uneven, in each of the smoothest fields.
+/// Part of the sheet's drift that is uneven.
 const UNEVEN: f64 = 0.5;
 /// Uncertainty of strength, relative, and of position, metres, beyond which a touch takes nothing more from the reference.
 const WIDE_STRENGTH: f64 = 10.0;
@@ -72,9 +75,7 @@ impl Background {
             columns.chunks_exact(n).for_each(|column| walk.add_square(std * std, column));
         }
         walk.add_square(s.drift_sheet * s.drift_sheet, &model.sheet);
-        for field in model.dictionary.fields.chunks_exact(n) {
-            walk.add_square((UNEVEN * s.drift_sheet).powi(2), field);
-        }
+        walk.add_product(1.0, &uneven_drift(model, UNEVEN * s.drift_sheet));
         let mut covariance = Symmetric::zeros(n);
         covariance.add_diagonal(1.0 / model.reference_frames as f64);
         let least_eta = s.error.max(model.misfit);
@@ -347,6 +348,24 @@ impl Background {
         gain_column(model, electrode, &mut self.columns);
         self.covariance.add_square(std * std, &self.columns);
     }
+}
+
+/// Factor `[row][place]` of the covariance of an uneven drift of the sheet: a Gaussian field of this standard deviation whose
+/// correlation (Matérn, 3/2) has half of the skin's longer side as its length.
+fn uneven_drift(model: &Model, std: f64) -> Vec<f64> {
+    let grid = &model.grid;
+    let at = |k: usize| grid.at[grid.dents[k]].position_m;
+    let places = grid.dents.len();
+    let kernel = Mat::from_fn(places, places, |i, j| {
+        let d = 3.0_f64.sqrt() * distance_m(at(i), at(j)) / model.half_m;
+        (1.0 + d) * (-d).exp() + if i == j { RIDGE } else { 0.0 }
+    });
+    let of_place = std * model.area_m2 / places as f64;
+    let prints =
+        Mat::from_fn(model.n, places, |row, k| of_place * model.dictionary.of(grid.dents[k])[row]);
+    let root = kernel.llt(faer::Side::Lower).map(|factor| factor.L().to_owned());
+    let product = root.map(|root| &prints * root).unwrap_or(prints);
+    product.row_iter().flat_map(|row| row.iter().copied().collect::<Vec<_>>()).collect()
 }
 
 /// Effect of an electrode's gain on all rows.

@@ -55,12 +55,7 @@ pub(super) struct Dictionary {
     columns: Vec<f64>,
     /// Peak of a touch of 1 m^2 at each place, 1 / m^2.
     pub(super) tops: Vec<f64>,
-    /// Effects of smooth fields of the logarithm of the conductivity, `[field][row]`: [`FIELDS`] polynomials of the position.
-    pub(super) fields: Vec<f64>,
 }
-
-/// Number of polynomials of first and second degree in three coordinates.
-const FIELDS: usize = 9;
 
 /// What [`Dictionary::new`] needs of a skin.
 pub(super) struct Effects<'a> {
@@ -80,12 +75,8 @@ pub(super) struct Effects<'a> {
 impl Dictionary {
     pub(super) fn new(grid: &Grid, effects: &Effects<'_>, settings: &ScoreSettings) -> Self {
         let n = effects.rows.of.len();
-        let mut made = Self {
-            n,
-            columns: vec![0.0; grid.at.len() * COLUMNS * n],
-            tops: Vec::new(),
-            fields: Vec::new(),
-        };
+        let mut made =
+            Self { n, columns: vec![0.0; grid.at.len() * COLUMNS * n], tops: Vec::new() };
         made.set_prints(grid, effects, settings);
         made.set_dents(grid, effects);
         for (place, columns) in made.columns.chunks_exact_mut(COLUMNS * n).enumerate() {
@@ -122,22 +113,6 @@ impl Dictionary {
             let [i, j] = rows.of[row];
             0.5 * scale[row] * conductivity_s * (jacobian[(i, e)] + jacobian[(j, e)])
         });
-        let [low, high] = surface.bounds_m();
-        let half_m = (0..3).map(|k| 0.5 * (high[k] - low[k])).fold(f64::MIN_POSITIVE, f64::max);
-        let at = |e: usize| -> [f64; 3] {
-            let [centroid, ..] = points_of(surface.corners(e));
-            std::array::from_fn(|k| (centroid[k] - 0.5 * (low[k] + high[k])) / half_m)
-        };
-        let fields = Mat::from_fn(elements, FIELDS, |e, field| {
-            let p = at(e);
-            match field {
-                0..3 => p[field],
-                3..6 => p[field % 3] * p[field % 3],
-                _ => p[field % 3] * p[(field + 1) % 3],
-            }
-        });
-        let fields = &folded * &fields;
-        self.fields = fields.col_iter().flat_map(|column| column.iter().copied()).collect();
         let points: Vec<[[f64; 3]; 4]> =
             (0..elements).map(|e| points_of(surface.corners(e))).collect();
         let radius_m = settings.bell_m.max(1.75 * grid.pitch_m);

@@ -76,6 +76,9 @@ pub(super) struct Model {
     pub(super) misfit: f64,
     /// Relative difference of the reference's reciprocal halves.
     pub(super) unequal: f64,
+    /// Area of the skin, and half of its longer side.
+    pub(super) area_m2: f64,
+    pub(super) half_m: f64,
     /// Siemens of the sheet per unit of its relative change.
     pub(super) conductivity_s: f64,
     pub(super) step_v: f64,
@@ -116,6 +119,7 @@ impl Model {
             .map(|(unknown, scale)| scale * unknown)
             .collect();
         let grid = Grid::new(skin.surface, settings.pitch_m);
+        let [low, high] = skin.surface.bounds_m();
         let effects = Effects {
             surface: skin.surface,
             jacobian: skin.jacobian,
@@ -141,6 +145,8 @@ impl Model {
             unequal: unequal(&rows, &known_v),
             waves: waves(&rows, &row_noise_v, skin.quiet_v),
             gain_squares: of.iter().map(square).collect(),
+            area_m2: skin.surface.areas_m2().iter().sum(),
+            half_m: (0..3).map(|k| 0.5 * (high[k] - low[k])).fold(f64::MIN_POSITIVE, f64::max),
             conductivity_s: given.conductivity_s / rows.gain(),
             grid,
             dictionary,

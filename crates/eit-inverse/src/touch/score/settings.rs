@@ -86,7 +86,7 @@ pub struct ScoreSettings {
     pub trail_s: f64,
     /// Drift of the logarithm of a contact impedance in a minute.
     pub drift_contact: f64,
-    /// Drift of the logarithm of the sheet's conductivity in a minute.
+    /// Drift of the logarithm of the sheet's conductivity in a minute: one that warms by 0.6 % a minute for ten.
     pub drift_sheet: f64,
     /// Drift of the position of an electrode in a minute, metres.
     pub drift_electrode_m: f64,
@@ -139,8 +139,8 @@ impl Default for ScoreSettings {
             trail_ring: 0.03,
             trail_m: 12e-3,
             trail_s: 5.0,
-            drift_contact: 5e-3,
-            drift_sheet: 2e-3,
+            drift_contact: 0.02,
+            drift_sheet: 0.02,
             drift_electrode_m: 2e-5,
             drift_s: 1.0,
             fault_hz: 2e-6,
