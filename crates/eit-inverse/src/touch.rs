@@ -10,7 +10,7 @@
 //! | `learnt/` | `LearntDetector` (feature `learn`): the same on a skin that was learnt from presses |
 //! | `points.rs` | [`TouchTracker`]: ids and velocities of detected touches |
 //! | `contact.rs` | [`Touch`]: what is reported for each touch |
-//! | `score/` | `ScoreDetector` (feature `one-score`): the same by one model and one score |
+//! | `score/` | [`ScoreDetector`]: the same by one model and one score |
 //! | `assign.rs`, `filter.rs`, `motion.rs` | optimal assignment, Kalman filter, rest or motion |
 //! | `skin.rs` | points on a surface and tangent planes |
 
@@ -22,7 +22,6 @@ mod filter;
 mod learnt;
 mod motion;
 mod points;
-#[cfg(feature = "one-score")]
 mod score;
 mod skin;
 
@@ -36,5 +35,4 @@ pub(crate) use detector::{Places, bell_at};
 #[cfg(feature = "learn")]
 pub use learnt::{HeldPress, LearntDetector, LearntSettings, Stated, Untouched};
 pub use points::{TouchTracker, TrackerSettings};
-#[cfg(feature = "one-score")]
 pub use score::{ElectrodeState, ScoreDetector, ScoreModel, ScoreSettings};

@@ -5,7 +5,6 @@ mod background;
 mod choices;
 mod finder;
 mod model;
-#[cfg(feature = "one-score")]
 mod score;
 mod source;
 

@@ -87,7 +87,6 @@ pub(crate) use places::Places;
 pub(super) use rows::Rows;
 pub use settings::DetectorSettings;
 pub use step::{DetectedTouch, DetectorStep, LearntTouch};
-#[cfg(feature = "one-score")]
 pub(super) use vectors::widest;
 
 use super::skin::{Place, in_space};

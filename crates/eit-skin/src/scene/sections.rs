@@ -391,7 +391,7 @@ pub enum TouchModel {
     /// By the search of bells and its rules.
     #[default]
     Search,
-    /// By one model and one score; needs the feature `one-score`.
+    /// By one model and one score.
     OneScore,
 }
 

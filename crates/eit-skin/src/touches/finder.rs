@@ -3,7 +3,6 @@
 use super::background;
 use super::choices::{Choices, FoundSheet};
 use super::model::{Spread, VoltageNoise, dents, electrode_kinds, unknowns};
-#[cfg(feature = "one-score")]
 use super::score::{Linearised, ScoreFinder};
 use super::source::Source;
 use crate::error::SkinError;
@@ -59,7 +58,6 @@ pub struct TouchFinder {
     #[cfg(feature = "learn")]
     local: LocalSheet,
     /// Finds the touches instead of the detector, if the scene asks for it.
-    #[cfg(feature = "one-score")]
     score: Option<Box<ScoreFinder>>,
     /// Reference of the current frame.
     reference: Vec<f64>,
@@ -163,7 +161,6 @@ impl TouchFinder {
             is_alike: fitted.fit.is_alike(),
             waiting: vec![false; frames.used.len()],
             local: LocalSheet::default(),
-            #[cfg(feature = "one-score")]
             score: None,
             reference: frames.reference.clone(),
             period_s: rate_hz.recip(),
@@ -192,7 +189,6 @@ impl TouchFinder {
             Some(sheet) => (&sheet.conductivity_s, &sheet.jacobian, &sheet.voltages),
             None => (&even_s, &skin.jacobian, &skin.voltages),
         };
-        #[cfg(feature = "one-score")]
         let score = match keys.model {
             TouchModel::OneScore => {
                 let sheet = Linearised {
@@ -275,7 +271,6 @@ impl TouchFinder {
             waiting: vec![false; frames.used.len()],
             #[cfg(feature = "learn")]
             local,
-            #[cfg(feature = "one-score")]
             score,
             reference: frames.reference.clone(),
             period_s: rate_hz.recip(),
@@ -287,19 +282,12 @@ impl TouchFinder {
 
     /// Continues the ids of another finder ([`TouchFinder::next_id`]), so that none is used twice.
     pub(crate) fn with_first_id(self, first: u64) -> Self {
-        #[cfg(feature = "one-score")]
         let score = self.score.map(|score| Box::new(score.with_first_id(first)));
-        Self {
-            tracker: self.tracker.with_first_id(first),
-            #[cfg(feature = "one-score")]
-            score,
-            ..self
-        }
+        Self { tracker: self.tracker.with_first_id(first), score, ..self }
     }
 
     /// Returns the id that the next new touch will get.
     pub(crate) fn next_id(&self) -> u64 {
-        #[cfg(feature = "one-score")]
         if let Some(score) = &self.score {
             return score.next_id();
         }
@@ -326,7 +314,6 @@ impl TouchFinder {
             let (quantity, must) = ("time since the last frame", "finite and above zero");
             return Err(InverseError::OutOfRange { quantity, value: dt_s, must }.into());
         }
-        #[cfg(feature = "one-score")]
         if self.score.is_some() {
             return self.push_score(values, is_good, [time_s, dt_s]);
         }
@@ -384,7 +371,6 @@ impl TouchFinder {
     }
 
     /// The same by one score.
-    #[cfg(feature = "one-score")]
     fn push_score(
         &mut self,
         values: &[f64],
@@ -444,7 +430,6 @@ impl TouchFinder {
 
     /// Returns the electrodes that are excluded from the current frame.
     pub fn faults(&self) -> &[ElectrodeFault] {
-        #[cfg(feature = "one-score")]
         if let Some(score) = &self.score {
             return score.faults();
         }
@@ -454,7 +439,6 @@ impl TouchFinder {
     /// Returns whether a measurement of the current frame is excluded, because it is bad, its electrode is faulty, or
     /// its electrode has recovered under a touch that has not ended yet.
     pub fn is_missing(&self, measurement: usize) -> bool {
-        #[cfg(feature = "one-score")]
         if let Some(score) = &self.score {
             return score.is_missing(measurement);
         }
@@ -464,7 +448,6 @@ impl TouchFinder {
 
     /// Returns whether the instrument repeats an old frame, so that nothing is known of the skin.
     pub fn is_frozen(&self) -> bool {
-        #[cfg(feature = "one-score")]
         if let Some(score) = &self.score {
             return score.is_frozen();
         }
@@ -475,7 +458,6 @@ impl TouchFinder {
     /// contact that gets worse looks like touches around its electrode until it is named. Nothing explains a frame of
     /// which no value counts.
     pub fn is_explained(&self) -> bool {
-        #[cfg(feature = "one-score")]
         if let Some(score) = &self.score {
             return score.is_explained();
         }
@@ -485,7 +467,6 @@ impl TouchFinder {
 
     /// Returns how the last frame was explained.
     pub fn step(&self) -> Option<DetectorStep> {
-        #[cfg(feature = "one-score")]
         if let Some(score) = &self.score {
             return score.step();
         }
@@ -525,11 +506,6 @@ impl TouchSettings {
             ("touch.drift_time_s", self.drift_time_s, Must::Within(times)),
         ])?;
         let refuse = |e| SkinError::input(format!("touch: {e}"));
-        if self.model == TouchModel::OneScore && !cfg!(feature = "one-score") {
-            let text =
-                "touch.model: this build has no one-score; build it with the feature one-score";
-            return Err(SkinError::input(text.to_owned()));
-        }
         detector_settings(self, 1.0).validate().map_err(refuse)?;
         tracker_settings(self, 1.0).validate().map_err(refuse)
     }

@@ -184,7 +184,6 @@ pub(super) fn dents(
 }
 
 /// Displacement of the skin under a finger by the drag of [`dents`], relative to that of electrodes.
-#[cfg(feature = "one-score")]
 pub(super) fn drag_at_finger(skin: &LinearisedSkin) -> f64 {
     let [low, high] = skin.skin.mesh.surface().bounds_m();
     let held_m = 0.5 * (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);

@@ -88,13 +88,11 @@ impl Places {
     }
 
     /// Least distance between positions, metres.
-    #[cfg(feature = "one-score")]
     pub(in crate::touch) fn spacing_m(&self) -> f64 {
         self.spacing_m
     }
 
     /// Returns the point of the skin nearest to a point close to it, and the unit normal there.
-    #[cfg(feature = "one-score")]
     pub(in crate::touch) fn on_skin(&self, point_m: Point) -> (Point, Point) {
         let spot = self.nearest(point_m);
         (spot.position_m, self.normal(&spot))

@@ -235,7 +235,10 @@ impl Background {
         self.innovation.clear();
         self.innovation.extend(frame.present.iter().map(|&i| y[i] - signal[i]));
         self.update_reference(frame, n);
-        self.update_shares(frame, scene.settings);
+        // while something moves on the skin, errors of its print look like what it leaves behind
+        if touches.is_empty() {
+            self.update_shares(frame, scene.settings);
+        }
         self.remember(scene, touches);
         for (settled, time_s) in self.settled.iter_mut().zip(scene.settings.settle_s) {
             let weight = -(-scene.dt_s / time_s).exp_m1();

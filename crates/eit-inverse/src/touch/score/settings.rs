@@ -237,7 +237,7 @@ mod tests {
         let refused = [
             ("max_touches", ScoreSettings { max_touches: 9, ..Default::default() }),
             ("bell_m", ScoreSettings { bell_m: 0.0, ..Default::default() }),
-            ("settle_s", ScoreSettings { settle_s: [f64::NAN, 1.0, 1.0], ..Default::default() }),
+            ("settle_s", ScoreSettings { settle_s: [f64::NAN; 3], ..Default::default() }),
             ("ring", ScoreSettings { ring: -0.1, ..Default::default() }),
             ("moving", ScoreSettings { moving: 1.0, ..Default::default() }),
         ];
