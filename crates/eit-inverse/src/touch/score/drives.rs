@@ -32,6 +32,8 @@ pub(super) struct Halves {
     pub(super) variance_v2: f64,
     /// Change of the pair since the last frame times how much later the first is taken in a scan.
     pub(super) moved_v: f64,
+    /// Variance in addition if the skin has jumped at any time of the scan, instead of moving evenly.
+    pub(super) sudden_v2: f64,
 }
 
 /// Effects of drives in a frame.
@@ -73,7 +75,7 @@ impl Scan {
         precision.packed[start(s) + s] = self.variance.recip();
         fit[s] = self.part / self.variance;
         for (row, [a, b]) in model.drives_of_rows() {
-            let Halves { difference_v, variance_v2, moved_v } = halves[row];
+            let Halves { difference_v, variance_v2, moved_v, .. } = halves[row];
             let weight = variance_v2.recip();
             if a == b || weight == 0.0 || !counts(row) {
                 continue;

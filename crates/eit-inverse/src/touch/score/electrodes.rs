@@ -22,6 +22,8 @@ const MATTERS: f64 = 30.0;
 const ORDINARY: f64 = 20.0;
 /// Part of the values that a transmission damages.
 const DAMAGED: f64 = 1e-5;
+/// Part of the frames in which the skin jumps between two drives: fabric that slips under a finger.
+const SUDDEN: f64 = 0.05;
 /// Fewest pairs by which an electrode is judged.
 const LEAST_PAIRS: usize = 4;
 /// Relative difference of reciprocal halves that may come and go without a change: 0.1 % of a voltage, instruments' linearity.
@@ -40,6 +42,17 @@ pub enum ElectrodeState {
     Stuck,
     /// Its gain drifts: its measurements count with a gain of their own.
     Drifting,
+}
+
+/// Why halves of a frame differ.
+#[derive(Debug, Clone, Copy)]
+enum Cause {
+    /// An electrode is open, shorted or noisy.
+    Electrode(usize),
+    /// A value of a row is damaged.
+    Value(usize),
+    /// The skin has jumped within the scan.
+    Sudden,
 }
 
 /// States of all electrodes.
@@ -141,7 +154,11 @@ impl Electrodes {
                         + unequal * unequal * own
                         + (LINEARITY * model.reference_v[i]).powi(2)
                         + (UNEVEN * self.scan.part() * moved_v).powi(2);
-                    Halves { difference_v: change(i) - change(j), variance_v2, moved_v }
+                    let between = (self.scan.part() * (model.time(i) - model.time(j))).abs();
+                    let most_v = moved(i).abs().max(moved(j).abs());
+                    let sudden_v2 = between * (1.0 - between) * most_v * most_v;
+                    let difference_v = change(i) - change(j);
+                    Halves { difference_v, variance_v2, moved_v, sudden_v2 }
                 }
                 false => Halves { variance_v2: f64::INFINITY, ..Halves::default() },
             };
@@ -156,7 +173,7 @@ impl Electrodes {
         let Self { scan, halves, squares, is_lost, .. } = self;
         scan.fit(model, halves, |row| !is_lost[row]);
         for (row, drives) in model.drives_of_rows() {
-            let Halves { difference_v, variance_v2, moved_v } = halves[row];
+            let Halves { difference_v, variance_v2, moved_v, .. } = halves[row];
             squares[row] =
                 (difference_v - scan.difference_v(drives, moved_v)).powi(2) / variance_v2;
         }
@@ -191,39 +208,53 @@ impl Electrodes {
             return;
         }
         let [fault, heal] = [s.fault_hz, s.heal_hz].map(|hz| -2.0 * (hz * dt_s).min(0.5).ln());
+        let mut is_sudden = false;
+        while let Some(cause) = self.likeliest(model, fault, is_sudden) {
+            match cause {
+                Cause::Electrode(e) => self.states[e] = ElectrodeState::Noisy,
+                Cause::Value(row) => self.is_damaged[row] = true,
+                Cause::Sudden => {
+                    is_sudden = true;
+                    self.halves.iter_mut().for_each(|h| h.variance_v2 += h.sudden_v2);
+                }
+            }
+            self.leave_out(model);
+            self.fit_scan(model);
+        }
         for e in 0..self.states.len() {
             if self.states[e] != ElectrodeState::Noisy {
                 continue;
             }
-            // its own rows tell the effects of its drives
+            // its own rows tell the effects of its drives, and others may have explained what it was accused of
+            let least = if self.lost_s[e] > 0.0 { -heal } else { fault };
             self.states[e] = ElectrodeState::Sound;
             self.leave_out(model);
             self.fit_scan(model);
-            if self.gain(model, e) > -heal {
+            if self.gain(model, e) > least {
                 self.states[e] = ElectrodeState::Noisy;
                 self.leave_out(model);
                 self.fit_scan(model);
             }
         }
-        loop {
-            let sound = (0..self.states.len()).filter(|&e| self.states[e] != ElectrodeState::Noisy);
-            let gains = sound.map(|e| (self.gain(model, e) - fault, Some(e)));
-            let worst = (0..model.n).filter(|&row| !self.is_lost[row]);
-            let worst = worst.max_by(|&a, &b| self.squares[a].total_cmp(&self.squares[b]));
-            let square = worst.map_or(0.0, |row| self.squares[row]).max(1.0);
-            let of_value = (square - square.ln() - 1.0 + 2.0 * DAMAGED.ln(), None);
-            match gains.chain([of_value]).max_by(|a, b| a.0.total_cmp(&b.0)) {
-                Some((gain, fault)) if gain > 0.0 => {
-                    match fault {
-                        Some(e) => self.states[e] = ElectrodeState::Noisy,
-                        None => worst.into_iter().for_each(|row| self.is_damaged[row] = true),
-                    }
-                    self.leave_out(model);
-                    self.fit_scan(model);
-                }
-                _ => break,
-            }
-        }
+    }
+
+    /// What lets -2 log posterior of the halves fall most; `None` if nothing does.
+    fn likeliest(&self, model: &Model, fault: f64, is_sudden: bool) -> Option<Cause> {
+        let counted = || (0..model.n).filter(|&row| !self.is_lost[row]);
+        let sound = (0..self.states.len()).filter(|&e| self.states[e] != ElectrodeState::Noisy);
+        let electrodes = sound.map(|e| (self.gain(model, e) - fault, Cause::Electrode(e)));
+        let values = counted().map(|row| {
+            let square = self.squares[row].max(1.0);
+            (square - square.ln() - 1.0 + 2.0 * DAMAGED.ln(), Cause::Value(row))
+        });
+        let of_row = |row: usize| {
+            let larger = self.halves[row].sudden_v2 / self.halves[row].variance_v2;
+            self.squares[row] * larger / (1.0 + larger) - larger.ln_1p()
+        };
+        let sudden = (!is_sudden)
+            .then(|| (counted().map(of_row).sum::<f64>() + 2.0 * SUDDEN.ln(), Cause::Sudden));
+        let causes = electrodes.chain(values).chain(sudden).filter(|(gain, _)| *gain > 0.0);
+        causes.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, cause)| cause)
     }
 
     /// Decrease of -2 log likelihood if an electrode is noisy, besides the others that are faulty.
