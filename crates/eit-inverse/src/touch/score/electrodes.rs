@@ -24,6 +24,8 @@ const ORDINARY: f64 = 20.0;
 const DAMAGED: f64 = 1e-5;
 /// Part of the frames in which the skin jumps between two drives: fabric that slips under a finger.
 const SUDDEN: f64 = 0.05;
+/// Largest jump, relative to the median change since the reference: touches reach ten times that near the rim, damaged values more.
+const JUMP: f64 = 10.0;
 /// Fewest pairs by which an electrode is judged.
 const LEAST_PAIRS: usize = 4;
 /// Relative difference of reciprocal halves that may come and go without a change: 0.1 % of a voltage, instruments' linearity.
@@ -156,7 +158,8 @@ impl Electrodes {
                         + (UNEVEN * self.scan.part() * moved_v).powi(2);
                     let between = (self.scan.part() * (model.time(i) - model.time(j))).abs();
                     let most_v = moved(i).abs().max(moved(j).abs());
-                    let sudden_v2 = between * (1.0 - between) * most_v * most_v;
+                    let jump_v2 = (most_v * most_v).min(JUMP * JUMP * typical);
+                    let sudden_v2 = between * (1.0 - between) * jump_v2;
                     let difference_v = change(i) - change(j);
                     Halves { difference_v, variance_v2, moved_v, sudden_v2 }
                 }
@@ -251,8 +254,8 @@ impl Electrodes {
             let larger = self.halves[row].sudden_v2 / self.halves[row].variance_v2;
             self.squares[row] * larger / (1.0 + larger) - larger.ln_1p()
         };
-        let sudden = (!is_sudden)
-            .then(|| (counted().map(of_row).sum::<f64>() + 2.0 * SUDDEN.ln(), Cause::Sudden));
+        let of_sudden = counted().map(of_row).sum::<f64>() + 2.0 * SUDDEN.ln();
+        let sudden = (!is_sudden).then_some((of_sudden, Cause::Sudden));
         let causes = electrodes.chain(values).chain(sudden).filter(|(gain, _)| *gain > 0.0);
         causes.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, cause)| cause)
     }
