@@ -49,9 +49,9 @@ pub(super) struct Background {
     /// Covariance of what the fabric remembers.
     memory: Symmetric,
     /// Low-pass of the touches' signal with each time constant; by which share of each a signal is less, and the covariance.
-    settled: [Vec<f64>; SETTLING],
-    shares: [f64; SETTLING],
-    share_covariance: [[f64; SETTLING]; SETTLING],
+    pub(super) settled: [Vec<f64>; SETTLING],
+    pub(super) shares: [f64; SETTLING],
+    pub(super) share_covariance: [[f64; SETTLING]; SETTLING],
     /// Relative error of the model of a change, and its least value: no better on changes than on the reference.
     pub(super) eta: f64,
     pub(super) least_eta: f64,
