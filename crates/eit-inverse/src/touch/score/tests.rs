@@ -91,7 +91,7 @@ impl Skin {
                 .collect(),
             drive: pairs.iter().map(|[a, _]| *a).collect(),
             none: vec![0.0; pairs.len()],
-            common: vec![1.0; pairs.len()],
+            common: vec![0.0; pairs.len()],
             surface,
         }
     }
@@ -398,7 +398,8 @@ fn std_m(touch: &Touch) -> f64 {
 /// What an amplifier adds to each drive moves no touch, and accuses no electrode.
 #[test]
 fn offsets_of_drives_are_no_touches() {
-    let skin = Skin::new();
+    let mut skin = Skin::new();
+    skin.common.fill(1.0);
     let mut detector = skin.detector();
     let mut random = Random::new(19);
     let at = [0.08, 0.11];
