@@ -7,9 +7,9 @@
 //! ```
 //!
 //! An amplifier of finite rejection adds a part of the common potential, which changes with every contact: all that it reads in a
-//! drive is off by one unknown `o`. Drives are measured one after the other, at times `t` from 0 to 1, over a part `s` of the time
-//! between frames, in which the pair changes by `c`. Least squares with one unknown a drive and `s`; what halves cannot tell, the
-//! mean of all offsets, stays in the covariance. `D^3 / 3 + 2 n^2` flops for `D` drives.
+//! drive is off by one unknown `o`. Drives are measured one after the other, at times `t` from 0 to 1, over a part `s` of the
+//! time between frames, in which the pair changes by `c`. Least squares with one unknown a drive and `s`; what halves cannot
+//! tell, the mean of all offsets, stays in the covariance. `D^3 / 3 + 2 n^2` flops for `D` drives.
 //!
 //! Values are then those of the first drive's time, between the last frame and this one.
 

@@ -6,9 +6,9 @@
 //! d = (v_i - v_j) - (ref_i - ref_j) - effects of drives,   d ~ N(0, var)  or  N(0, s^2), s^2 = max(mean d^2, 30 var)
 //! ```
 //!
-//! with `var` the noise of both and what halves may differ by under a change. Electrodes, and single values that are damaged, are added or healed one by one while
-//! -2 log posterior falls. The rows of a faulty electrode do not count. Drifting electrodes keep theirs: their gain is a
-//! random walk of the reference. `20 n` flops a frame and electrode.
+//! with `var` the noise of both and what halves may differ by under a change. Electrodes, single values that are damaged, and a
+//! jump of the skin within the scan are added one by one while -2 log posterior falls, and electrodes taken back. The rows of
+//! a faulty electrode do not count. Drifting electrodes keep theirs: their gain is a random walk of the reference. `20 n` flops a frame and electrode.
 
 use super::drives::{Halves, Scan, UNEVEN};
 use super::model::Model;
@@ -24,7 +24,8 @@ const ORDINARY: f64 = 20.0;
 const DAMAGED: f64 = 1e-5;
 /// Part of the frames in which the skin jumps between two drives: fabric that slips under a finger.
 const SUDDEN: f64 = 0.05;
-/// Largest jump, relative to the median change since the reference: touches reach ten times that near the rim, damaged values more.
+/// Largest jump, relative to the median change since the reference: touches reach ten times that near the rim, damaged values
+/// more.
 const JUMP: f64 = 10.0;
 /// Fewest pairs by which an electrode is judged.
 const LEAST_PAIRS: usize = 4;

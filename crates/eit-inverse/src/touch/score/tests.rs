@@ -244,7 +244,8 @@ fn a_score_is_that_of_a_dense_density() {
     assert!((found.score - score).abs() < 1e-6 * score.abs(), "{} {score}", found.score);
 }
 
-/// A frame without touches updates the reference, the shares of settling and their covariances as dense Kalman filters; missing rows say nothing.
+/// A frame without touches updates the reference, the shares of settling and their covariances as dense Kalman filters;
+/// missing rows say nothing.
 #[test]
 fn the_reference_is_a_kalman_filter() {
     let skin = Skin::new();
