@@ -126,7 +126,7 @@ impl Scan {
 
     /// Subtracts the offsets from rows, and adds their covariance. `shares`: of each half in its row.
     pub(super) fn subtract(
-        &self,
+        &mut self,
         model: &Model,
         shares: impl Fn(usize) -> [f64; 2],
         y: &mut [f64],
@@ -135,17 +135,16 @@ impl Scan {
         let part = |row: usize| shares(row).map(|share| share / model.row_noise_v[row]);
         for (i, of_i) in model.drives_of_rows() {
             let parts = part(i);
-            let both = |value: &dyn Fn(usize) -> f64| {
-                parts[0] * value(of_i[0]) + parts[1] * value(of_i[1])
-            };
-            y[i] -= both(&|d| self.fit[d]);
+            y[i] -= parts[0] * self.fit[of_i[0]] + parts[1] * self.fit[of_i[1]];
+            self.work.clear();
+            self.work.extend((0..self.fit.len()).map(|d| {
+                parts[0] * self.covariance.get(d, of_i[0])
+                    + parts[1] * self.covariance.get(d, of_i[1])
+            }));
             let out = &mut covariance.packed[start(i)..=start(i) + i];
             for ((j, of_j), out) in model.drives_of_rows().zip(out) {
                 let others = part(j);
-                *out += both(&|d| {
-                    others[0] * self.covariance.get(d, of_j[0])
-                        + others[1] * self.covariance.get(d, of_j[1])
-                });
+                *out += others[0] * self.work[of_j[0]] + others[1] * self.work[of_j[1]];
             }
         }
     }

@@ -27,6 +27,8 @@ const SUDDEN: f64 = 0.05;
 /// Largest jump, relative to the median change since the reference: touches reach ten times that near the rim, damaged values
 /// more.
 const JUMP: f64 = 10.0;
+/// Weight of a frame in the usual time between frames.
+const PERIOD: f64 = 0.1;
 /// Fewest pairs by which an electrode is judged.
 const LEAST_PAIRS: usize = 4;
 /// Relative difference of reciprocal halves that may come and go without a change: 0.1 % of a voltage, instruments' linearity.
@@ -69,6 +71,9 @@ pub(super) struct Electrodes {
     is_damaged: Vec<bool>,
     /// The last frame, NaN where a value is missing; empty before the first.
     pub(super) last_v: Vec<f64>,
+    /// Usual time between frames, seconds, and that part of the time since the last one: a scan takes no longer after a gap.
+    period_s: f64,
+    of_gap: f64,
     pub(super) scan: Scan,
     /// Halves of each row, and the square of what drives leave of their difference, over its variance.
     halves: Vec<Halves>,
@@ -87,6 +92,8 @@ impl Electrodes {
             is_lost: vec![false; n],
             is_damaged: vec![false; n],
             last_v: Vec::with_capacity(model.reference_v.len()),
+            period_s: f64::NAN,
+            of_gap: 1.0,
             scan: Scan::new(model),
             halves: vec![Halves::default(); n],
             squares: vec![0.0; n],
@@ -104,6 +111,9 @@ impl Electrodes {
         is_missing: &[bool],
         dt_s: f64,
     ) {
+        self.period_s += PERIOD * (dt_s - self.period_s);
+        self.period_s = if self.period_s.is_nan() { dt_s } else { self.period_s };
+        self.of_gap = (self.period_s / dt_s).min(1.0);
         self.compare(model, s, frame_v, is_missing);
         self.find_noisy(model, s, dt_s);
         for (e, repeated) in self.repeated.iter_mut().enumerate() {
@@ -144,7 +154,7 @@ impl Electrodes {
         let typical = median(self.changes.iter().copied()).unwrap_or(0.0);
         let unequal = s.unequal.max(OF_REFERENCE * model.unequal);
         let moved = |i: usize| match self.last_v.get(i) {
-            Some(last) if last.is_finite() => frame_v[i] - last,
+            Some(last) if last.is_finite() => self.of_gap * (frame_v[i] - last),
             _ => 0.0,
         };
         for (&[i, j], halves) in model.rows.of.iter().zip(&mut self.halves) {
@@ -198,7 +208,7 @@ impl Electrodes {
     pub(super) fn at_first_drive(&self, model: &Model, frame_v: &[f64], i: usize) -> f64 {
         match self.last_v.get(i) {
             Some(last) if last.is_finite() => {
-                frame_v[i] - self.scan.part() * model.time(i) * (frame_v[i] - last)
+                frame_v[i] - self.of_gap * self.scan.part() * model.time(i) * (frame_v[i] - last)
             }
             _ => frame_v[i],
         }
