@@ -220,7 +220,7 @@ impl ScoreDetector {
             self.y[row] = sum / model.row_noise_v[row];
             if count == 1 {
                 // one half alone has twice the variance
-                self.base.packed[linear::start(row) + row] += 1.0;
+                self.base.add_at(row, row, 1.0);
             }
         }
         let shares = |row: usize| match model.rows.of[row].map(|i| self.is_missing[i]) {

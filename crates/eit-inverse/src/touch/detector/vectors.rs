@@ -19,13 +19,21 @@ pub(super) fn shrink(y: &mut [f64], direction: &[f64], kept: f64) {
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];
     let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = a8.remainder().iter().zip(b8.remainder()).map(|(a, b)| a * b).sum();
+    let (a_rest, b_rest) = (a8.remainder(), b8.remainder());
     for (a, b) in a8.zip(b8) {
         for k in 0..8 {
             sums[k] += a[k] * b[k];
         }
     }
-    sums.iter().sum::<f64>() + rest
+    let mut rest = 0.0;
+    for (a, b) in a_rest.iter().zip(b_rest) {
+        rest += a * b;
+    }
+    let mut sum = 0.0;
+    for part in sums {
+        sum += part;
+    }
+    sum + rest
 }
 
 pub(super) fn norm(a: &[f64]) -> f64 {

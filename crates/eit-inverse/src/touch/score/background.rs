@@ -15,7 +15,7 @@
 use super::actions::{FIRST_ACTION, Features};
 use super::dictionary::CONTACT_M;
 use super::estimate::Scene;
-use super::linear::{Factor, Symmetric, start};
+use super::linear::{Factor, Symmetric};
 use super::model::Model;
 use super::settings::{SETTLING, ScoreSettings};
 use super::state::{TouchState, Touches};
@@ -55,7 +55,7 @@ pub(super) struct Background {
     /// Relative error of the model of a change, and its least value: no better on changes than on the reference.
     pub(super) eta: f64,
     pub(super) least_eta: f64,
-    /// Workspace: vectors `[column][row]`, their transpose, and `E`.
+    /// Workspace: vectors `[column][row]`, of all rows and of those that count, and the diagonal of `E`.
     columns: Vec<f64>,
     rows: Vec<f64>,
     diagonal: Vec<f64>,
@@ -110,15 +110,13 @@ impl Background {
 
     /// Sets `total` to `S`.
     pub(super) fn sum(&self, model: &Model, total: &mut Symmetric) {
-        total.n = model.n;
-        total.packed.clone_from(&self.covariance.packed);
+        total.set(&self.covariance);
         total.add(1.0, &self.memory);
         total.add(1.0, &model.waves);
         total.add_diagonal(1.0);
         for (k, a) in self.settled.iter().enumerate() {
-            total.add_square(self.share_covariance[k][k], a);
-            for (l, b) in self.settled.iter().enumerate().take(k) {
-                total.add_squares(self.share_covariance[k][l], a, b);
+            for (l, b) in self.settled.iter().enumerate() {
+                total.add_outer(self.share_covariance[k][l], a, b);
             }
         }
     }
@@ -146,9 +144,8 @@ impl Background {
             return;
         }
         self.set_error(scene, touches, eta, gains);
-        self.diagonal.iter().enumerate().for_each(|(i, d)| out.packed[start(i) + i] = *d);
-        transpose(&self.columns, n, 0..n, &mut self.rows);
-        out.add_product(1.0, &self.rows);
+        self.diagonal.iter().enumerate().for_each(|(i, d)| out.add_at(i, i, *d));
+        out.add_product(1.0, &self.columns);
     }
 
     /// Returns whether `E` of some touches is more than twice as large in any row as one that is given.
@@ -250,8 +247,7 @@ impl Background {
     /// Factorises the covariance by which the reference is updated: touches have wide priors, and their errors last, so that
     /// each frame tells less; `heat`: by how much an unlikely frame tells less still.
     fn set_update(&mut self, scene: &Scene<'_>, frame: &Whitened, heat: f64, touches: &Touches) {
-        self.update.n = frame.n();
-        self.update.packed.clone_from(&frame.covariance.packed);
+        self.update.set(&frame.covariance);
         let (s, n) = (scene.settings, scene.model.n);
         let lasting = 2.0 * s.error_s / scene.dt_s;
         self.columns.clear();
@@ -271,10 +267,13 @@ impl Background {
             let own = self.columns.len() - features.count * n;
             for (a, &i) in frame.present.iter().enumerate() {
                 let print = self.columns[own + i] / WIDE_STRENGTH;
-                self.update.packed[start(a) + a] += self.eta * self.eta * lasting * print * print;
+                self.update.add_at(a, a, self.eta * self.eta * lasting * print * print);
             }
         }
-        transpose(&self.columns, n, frame.present.iter().copied(), &mut self.rows);
+        self.rows.clear();
+        for column in self.columns.chunks_exact(n) {
+            self.rows.extend(frame.present.iter().map(|&i| column[i]));
+        }
         self.update.add_product(1.0, &self.rows);
         self.update.scale(heat);
         self.of_update.of(&self.update);
@@ -287,13 +286,13 @@ impl Background {
         for i in 0..n {
             rows.extend(frame.present.iter().map(|&j| covariance.get(i, j)));
         }
-        of_update.solve_all(rows);
+        of_update.solve(rows);
         of_update.solve(innovation);
         let m = frame.n().max(1);
         for (r, row) in reference.iter_mut().zip(rows.chunks_exact(m)) {
             *r += dot(row, innovation);
         }
-        covariance.add_product(-1.0, rows);
+        covariance.add_inner_product(-1.0, rows, frame.n());
     }
 
     /// The same of the shares by which the fabric settles; [`Self::update_reference`] has whitened the innovation.
@@ -302,7 +301,7 @@ impl Background {
         for settled in &self.settled {
             self.rows.extend(frame.present.iter().map(|&i| settled[i]));
         }
-        self.of_update.solve_all(&mut self.rows);
+        self.of_update.solve(&mut self.rows);
         let white = |k: usize| &self.rows[k * frame.n()..(k + 1) * frame.n()];
         let p = self.share_covariance;
         let sum = |of: &dyn Fn(usize) -> f64| (0..SETTLING).map(of).sum::<f64>();
@@ -342,7 +341,7 @@ impl Background {
     /// Forgets the reference of rows: they have one of their own, up to a part of their voltage.
     pub(super) fn loosen(&mut self, model: &Model, rows: impl Iterator<Item = usize>, part: f64) {
         for i in rows {
-            self.covariance.packed[start(i) + i] += (part * model.sheet[i]).powi(2);
+            self.covariance.add_at(i, i, (part * model.sheet[i]).powi(2));
         }
     }
 
@@ -353,7 +352,7 @@ impl Background {
     }
 }
 
-/// Factor `[row][place]` of the covariance of an uneven drift of the sheet: a Gaussian field of this standard deviation whose
+/// Factor `[place][row]` of the covariance of an uneven drift of the sheet: a Gaussian field of this standard deviation whose
 /// correlation (Matérn, 3/2) has half of the skin's longer side as its length.
 fn uneven_drift(model: &Model, std: f64) -> Vec<f64> {
     let grid = &model.grid;
@@ -368,7 +367,7 @@ fn uneven_drift(model: &Model, std: f64) -> Vec<f64> {
         Mat::from_fn(model.n, places, |row, k| of_place * model.dictionary.of(grid.dents[k])[row]);
     let root = kernel.llt(faer::Side::Lower).map(|factor| factor.L().to_owned());
     let product = root.map(|root| &prints * root).unwrap_or(prints);
-    product.row_iter().flat_map(|row| row.iter().copied().collect::<Vec<_>>()).collect()
+    product.col_iter().flat_map(|column| column.iter().copied().collect::<Vec<_>>()).collect()
 }
 
 /// Effect of an electrode's gain on all rows.
@@ -412,13 +411,5 @@ fn add_print(scene: &Scene<'_>, touch: &TouchState, strength_m2: f64, out: &mut 
     let [print, ..] = touch.print();
     for (column, factor) in columns.chunks_exact(n).zip(print) {
         out.iter_mut().zip(column).for_each(|(o, c)| *o += strength_m2 * factor * c);
-    }
-}
-
-/// Turns `[column][row]` into `[row][column]` for some of the rows.
-fn transpose(columns: &[f64], n: usize, rows: impl Iterator<Item = usize>, out: &mut Vec<f64>) {
-    out.clear();
-    for i in rows {
-        out.extend(columns.iter().skip(i).step_by(n));
     }
 }

@@ -13,7 +13,7 @@
 //!
 //! Values are then those of the first drive's time, between the last frame and this one.
 
-use super::linear::{Factor, Symmetric, start};
+use super::linear::{Factor, Symmetric};
 use super::model::Model;
 
 /// Standard deviation of the part of the time between frames that a scan takes, before anything has moved.
@@ -70,9 +70,9 @@ impl Scan {
         precision.reset(all);
         fit.fill(0.0);
         for (d, drive) in model.drives.iter().enumerate() {
-            precision.packed[start(d) + d] = drive.offset_v.max(f64::MIN_POSITIVE.sqrt()).powi(-2);
+            precision.add_at(d, d, drive.offset_v.max(f64::MIN_POSITIVE.sqrt()).powi(-2));
         }
-        precision.packed[start(s) + s] = self.variance.recip();
+        precision.add_at(s, s, self.variance.recip());
         fit[s] = self.part / self.variance;
         for (row, [a, b]) in model.drives_of_rows() {
             let Halves { difference_v, variance_v2, moved_v, .. } = halves[row];
@@ -80,9 +80,7 @@ impl Scan {
             if a == b || weight == 0.0 || !counts(row) {
                 continue;
             }
-            let mut add = |i: usize, j: usize, value: f64| {
-                precision.packed[start(i.max(j)) + i.min(j)] += weight * value;
-            };
+            let mut add = |i: usize, j: usize, value: f64| precision.add_at(i, j, weight * value);
             add(a, a, 1.0);
             add(b, b, 1.0);
             add(a, b, -1.0);
@@ -96,15 +94,12 @@ impl Scan {
         factor.of(precision);
         factor.solve(fit);
         factor.solve_transposed(fit);
+        work.clear();
+        work.resize(all * all, 0.0);
+        (0..all).for_each(|d| work[d * all + d] = 1.0);
+        factor.solve(work);
         covariance.reset(all);
-        for d in 0..all {
-            work.clear();
-            work.resize(all, 0.0);
-            work[d] = 1.0;
-            factor.solve(work);
-            factor.solve_transposed(work);
-            covariance.packed[start(d)..=start(d) + d].copy_from_slice(&work[..=d]);
-        }
+        covariance.add_inner_product(1.0, work, all);
     }
 
     /// Keeps what the last fit tells of the time that a scan takes.
@@ -141,8 +136,8 @@ impl Scan {
                 parts[0] * self.covariance.get(d, of_i[0])
                     + parts[1] * self.covariance.get(d, of_i[1])
             }));
-            let out = &mut covariance.packed[start(i)..=start(i) + i];
-            for ((j, of_j), out) in model.drives_of_rows().zip(out) {
+            let out = covariance.column_mut(i);
+            for ((j, of_j), out) in model.drives_of_rows().skip(i).zip(out) {
                 let others = part(j);
                 *out += others[0] * self.work[of_j[0]] + others[1] * self.work[of_j[1]];
             }

@@ -14,7 +14,7 @@
 
 use super::actions::{FIRST_ACTION, Features};
 use super::dictionary::COLUMNS;
-use super::linear::{Factor, Symmetric, start};
+use super::linear::{Factor, Symmetric};
 use super::model::Model;
 use super::prior;
 use super::settings::{MOST_TOUCHES, ScoreSettings};
@@ -190,9 +190,9 @@ impl Estimator {
         let n = bound.len();
         marginal.reset(n);
         for (a, &i) in bound.iter().enumerate() {
-            let row = &mut marginal.packed[start(a)..=start(a) + a];
-            row.iter_mut().zip(&*bound).for_each(|(m, &j)| *m = product(i, j));
-            row[a] += 1.0;
+            let column = marginal.column_mut(a);
+            column.iter_mut().zip(&bound[a..]).for_each(|(m, &j)| *m = product(i, j));
+            column[0] += 1.0;
         }
         of_marginal.of(marginal);
         reduced.clear();
@@ -200,15 +200,15 @@ impl Estimator {
         for &f in &*free {
             reduced.extend(bound.iter().map(|&i| product(i, f)));
         }
-        of_marginal.solve_all(reduced);
+        of_marginal.solve(reduced);
         let column = |c: usize| &reduced[c * n..(c + 1) * n];
         self.hessian.reset(free.len());
         self.gradient.clear();
         for (a, &i) in free.iter().enumerate() {
             self.gradient.push(work[i] - dot(column(a + 1), column(0)));
             for (b, &j) in free.iter().enumerate().take(a + 1) {
-                self.hessian.packed[start(a) + b] =
-                    product(i, j) - dot(column(a + 1), column(b + 1));
+                let product = product(i, j) - dot(column(a + 1), column(b + 1));
+                self.hessian.add_at(a, b, product);
             }
         }
         square - dot(column(0), column(0))
@@ -220,13 +220,13 @@ impl Estimator {
         for (k, touch) in touches.iter().enumerate() {
             let strength = prior::of_strength(touch.strength_m2, s);
             self.gradient[k] += strength.pull;
-            self.hessian.packed[start(k) + k] += strength.precision;
+            self.hessian.add_at(k, k, strength.precision);
             let place = prior::of_place(touch, &scene.model.grid, s, scene.dt_s, moves);
             let i = count + 2 * k;
             for a in 0..2 {
                 self.gradient[i + a] += place.pull[a];
                 (0..=a).for_each(|b| {
-                    self.hessian.packed[start(i + a) + i + b] += place.precision[a][b];
+                    self.hessian.add_at(i + a, i + b, place.precision[a][b]);
                 });
             }
             let pairs: f64 = touches[..k].iter().map(|other| prior::of_pair(touch, other, s)).sum();
@@ -239,11 +239,10 @@ impl Estimator {
     fn factorise_hessian(&mut self) {
         let Self { hessian, scale, of_hessian, .. } = self;
         scale.clear();
-        scale.extend((0..hessian.n).map(|i| hessian.get(i, i).max(1e-12).sqrt().recip()));
-        for i in 0..hessian.n {
-            for j in 0..=i {
-                hessian.packed[start(i) + j] *= scale[i] * scale[j];
-            }
+        scale.extend((0..hessian.n()).map(|i| hessian.get(i, i).max(1e-12).sqrt().recip()));
+        for j in 0..hessian.n() {
+            let column = hessian.column_mut(j).iter_mut().zip(&scale[j..]);
+            column.for_each(|(h, scale_i)| *h *= scale_i * scale[j]);
         }
         hessian.add_diagonal(RIDGE);
         of_hessian.of(hessian);

@@ -1,274 +1,188 @@
-//! Symmetric matrices and Cholesky factors, packed by rows of the lower triangle, without allocation once grown.
-//!
-//! All sums are dot products in a fixed order ([`dot`], [`dots`]), so results do not depend on the processor. Costs for `n`
-//! rows: factor `n^3 / 3` flops, a solve `n^2` for each vector.
+//! Symmetric matrices and Cholesky factors of faer, without allocation once grown. Costs for `n` rows: factor `n^3 / 3` flops, a
+//! solve `n^2` for each vector; two thirds of what the processor can do, with vectors solved together.
 
-use crate::touch::detector::{dot, widest};
+use faer::dyn_stack::MemStack;
+use faer::linalg::cholesky::llt::factor::{self, LltRegularization};
+use faer::linalg::matmul::triangular::{BlockStructure, matmul};
+use faer::linalg::triangular_solve as triangular;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+use std::mem::MaybeUninit;
 
-/// Relative pivot below which a matrix counts as singular along that row: rounding of `n^2` sums.
+/// Pivot below which a matrix counts as singular along that row, relative to its least diagonal: rounding of `n^2` sums.
 const LEAST_PIVOT: f64 = 1e-13;
 
-/// First index of a row in a packed lower triangle.
-#[inline(always)]
-pub(super) fn start(row: usize) -> usize {
-    row * (row + 1) / 2
-}
-
-/// Four dot products with one vector at once, each in eight partial sums. Explicit loops: closures would not be compiled for
-/// the widest vectors.
-#[inline(always)]
-fn dots(a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
-    let n = a.len();
-    let b = [&b[0][..n], &b[1][..n], &b[2][..n], &b[3][..n]];
-    let mut sums = [[0.0; 8]; 4];
-    let mut from = 0;
-    while from + 8 <= n {
-        let part = &a[from..from + 8];
-        for i in 0..4 {
-            let other = &b[i][from..from + 8];
-            for k in 0..8 {
-                sums[i][k] += part[k] * other[k];
-            }
-        }
-        from += 8;
-    }
-    if from + 4 <= n {
-        let part = &a[from..from + 4];
-        for i in 0..4 {
-            let other = &b[i][from..from + 4];
-            for k in 0..4 {
-                sums[i][k] += part[k] * other[k];
-            }
-        }
-        from += 4;
-    }
-    let mut out = [0.0; 4];
-    for i in 0..4 {
-        let s = &sums[i];
-        out[i] = ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]));
-    }
-    for k in from..n {
-        for i in 0..4 {
-            out[i] += a[k] * b[i][k];
-        }
-    }
-    out
-}
-
-/// A symmetric matrix: its lower triangle, row by row.
-#[derive(Debug, Clone, Default)]
+/// A symmetric matrix: what is above the diagonal does not count.
+#[derive(Debug, Clone)]
 pub(super) struct Symmetric {
-    pub(super) n: usize,
-    pub(super) packed: Vec<f64>,
+    lower: Mat<f64>,
+}
+
+impl Default for Symmetric {
+    fn default() -> Self {
+        Self { lower: Mat::new() }
+    }
 }
 
 impl Symmetric {
     pub(super) fn zeros(n: usize) -> Self {
-        Self { n, packed: vec![0.0; start(n)] }
+        Self { lower: Mat::zeros(n, n) }
+    }
+
+    /// Number of rows.
+    pub(super) fn n(&self) -> usize {
+        self.lower.nrows()
     }
 
     /// Sets the size; all entries become zero.
     pub(super) fn reset(&mut self, n: usize) {
-        self.n = n;
-        self.packed.clear();
-        self.packed.resize(start(n), 0.0);
+        self.lower.resize_with(n, n, |_, _| 0.0);
+        self.lower.as_mut().fill(0.0);
+    }
+
+    /// Takes the entries of another matrix.
+    pub(super) fn set(&mut self, other: &Self) {
+        self.lower.resize_with(other.n(), other.n(), |_, _| 0.0);
+        self.lower.copy_from(&other.lower);
+    }
+
+    /// The diagonal and what is below it of a column.
+    #[inline(always)]
+    pub(super) fn column(&self, j: usize) -> &[f64] {
+        &self.lower.col_as_slice(j)[j..]
+    }
+
+    #[inline(always)]
+    pub(super) fn column_mut(&mut self, j: usize) -> &mut [f64] {
+        &mut self.lower.col_as_slice_mut(j)[j..]
     }
 
     #[inline(always)]
     pub(super) fn get(&self, i: usize, j: usize) -> f64 {
-        if i >= j { self.packed[start(i) + j] } else { self.packed[start(j) + i] }
+        self.lower[(i.max(j), i.min(j))]
+    }
+
+    /// Adds a value at `i, j` and `j, i`.
+    #[inline(always)]
+    pub(super) fn add_at(&mut self, i: usize, j: usize, value: f64) {
+        self.lower[(i.max(j), i.min(j))] += value;
     }
 
     pub(super) fn add_diagonal(&mut self, value: f64) {
-        (0..self.n).for_each(|i| self.packed[start(i) + i] += value);
+        (0..self.n()).for_each(|i| self.lower[(i, i)] += value);
     }
 
     /// Adds `weight` times another matrix of the same size.
     pub(super) fn add(&mut self, weight: f64, other: &Self) {
-        self.packed.iter_mut().zip(&other.packed).for_each(|(a, b)| *a += weight * b);
+        for j in 0..self.n() {
+            let column = self.column_mut(j).iter_mut().zip(other.column(j));
+            column.for_each(|(a, b)| *a += weight * b);
+        }
     }
 
     pub(super) fn scale(&mut self, factor: f64) {
-        self.packed.iter_mut().for_each(|a| *a *= factor);
+        (0..self.n()).for_each(|j| self.column_mut(j).iter_mut().for_each(|a| *a *= factor));
     }
 
     /// Adds `weight v v'`.
     pub(super) fn add_square(&mut self, weight: f64, v: &[f64]) {
-        let mut from = 0;
-        for (i, vi) in v.iter().enumerate() {
-            let w = weight * vi;
-            if w != 0.0 {
-                let row = &mut self.packed[from..=from + i];
-                row.iter_mut().zip(v).for_each(|(a, vj)| *a += w * vj);
-            }
-            from += i + 1;
+        self.add_outer(weight, v, v);
+    }
+
+    /// Adds the lower triangle of `weight a b'`.
+    pub(super) fn add_outer(&mut self, weight: f64, a: &[f64], b: &[f64]) {
+        for (j, bj) in b.iter().enumerate().filter(|(_, bj)| **bj != 0.0) {
+            let w = weight * bj;
+            self.column_mut(j).iter_mut().zip(&a[j..]).for_each(|(out, ai)| *out += w * ai);
         }
     }
 
-    /// Adds `weight (a b' + b a')`.
-    pub(super) fn add_squares(&mut self, weight: f64, a: &[f64], b: &[f64]) {
-        for (i, row) in (0..self.n).map(|i| (i, start(i))) {
-            let (wa, wb) = (weight * a[i], weight * b[i]);
-            let row = &mut self.packed[row..=row + i];
-            for (out, (aj, bj)) in row.iter_mut().zip(a.iter().zip(b)) {
-                *out += wa * bj + wb * aj;
-            }
-        }
+    /// Adds `weight A A'` for the columns of `A`, one after the other; `n^2 k` flops for `k` columns.
+    pub(super) fn add_product(&mut self, weight: f64, columns: &[f64]) {
+        let (n, k) = (self.n(), columns.len() / self.n().max(1));
+        let columns = MatRef::from_column_major_slice(&columns[..n * k], n, k);
+        self.multiply(weight, columns, columns.transpose());
     }
 
-    /// Adds `weight A A'` for a matrix `A` of `n` rows, row by row; `n^2 k` flops for `k` columns.
-    pub(super) fn add_product(&mut self, weight: f64, rows: &[f64]) {
-        let (n, k) = (self.n, rows.len() / self.n.max(1));
-        if k == 0 {
-            return;
-        }
-        let row = |i: usize| &rows[i * k..(i + 1) * k];
-        let packed = &mut self.packed;
-        widest(
-            #[inline(always)]
-            || {
-                for i in 0..n {
-                    let out = &mut packed[start(i)..=start(i) + i];
-                    let fours = (i + 1) / 4 * 4;
-                    for j in (0..fours).step_by(4) {
-                        let sums = dots(row(i), [row(j), row(j + 1), row(j + 2), row(j + 3)]);
-                        (0..4).for_each(|q| out[j + q] += weight * sums[q]);
-                    }
-                    for (j, out) in out.iter_mut().enumerate().skip(fours) {
-                        *out += weight * dot(row(i), row(j));
-                    }
-                }
-            },
-        );
+    /// Adds `weight A'A` for the columns of `A`, one after the other, of `m` rows; `n^2 m` flops.
+    pub(super) fn add_inner_product(&mut self, weight: f64, columns: &[f64], m: usize) {
+        let columns = MatRef::from_column_major_slice(columns, m, self.n());
+        self.multiply(weight, columns.transpose(), columns);
+    }
+
+    fn multiply(&mut self, weight: f64, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
+        let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
+        matmul(self.lower.as_mut(), lower, Accum::Add, a, whole, b, whole, weight, Par::Seq);
     }
 }
 
 /// Cholesky factor `L` of a symmetric matrix `L L'`.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(super) struct Factor {
-    n: usize,
-    packed: Vec<f64>,
-    reciprocal: Vec<f64>,
+    lower: Mat<f64>,
+    memory: Vec<MaybeUninit<u8>>,
+}
+
+impl Default for Factor {
+    fn default() -> Self {
+        Self { lower: Mat::new(), memory: Vec::new() }
+    }
 }
 
 impl Factor {
-    /// Factorises a matrix. A pivot that rounding has made too small is raised, so that the factor always exists.
+    /// Factorises a finite matrix. A pivot that rounding has made too small is raised, so that the factor always exists.
     pub(super) fn of(&mut self, matrix: &Symmetric) {
-        self.n = matrix.n;
-        self.packed.clone_from(&matrix.packed);
-        self.reciprocal.clear();
-        self.reciprocal.resize(self.n, 0.0);
-        let Self { n, packed, reciprocal } = self;
-        widest(
-            #[inline(always)]
-            || {
-                for first in (0..*n).step_by(4) {
-                    let count = (*n - first).min(4);
-                    factorise_rows(packed, reciprocal, first, count);
-                }
-            },
-        );
-    }
-
-    /// Computes `L^-1 x`.
-    pub(super) fn solve(&self, x: &mut [f64]) {
-        widest(
-            #[inline(always)]
-            || self.solve_one(x),
-        );
-    }
-
-    #[inline(always)]
-    fn solve_one(&self, x: &mut [f64]) {
-        for i in 0..self.n {
-            let row = &self.packed[start(i)..start(i) + i];
-            x[i] = (x[i] - dot(row, &x[..i])) * self.reciprocal[i];
+        let n = matrix.n();
+        self.lower.resize_with(n, n, |_, _| 0.0);
+        self.lower.copy_from(&matrix.lower);
+        let least = (0..n).map(|i| matrix.get(i, i)).fold(f64::INFINITY, f64::min);
+        let least = (LEAST_PIVOT * least).max(f64::MIN_POSITIVE);
+        let regularization = LltRegularization {
+            dynamic_regularization_delta: least,
+            dynamic_regularization_epsilon: least,
+        };
+        let needed = factor::cholesky_in_place_scratch::<f64>(n, Par::Seq, Default::default());
+        self.memory.resize(needed.unaligned_bytes_required(), MaybeUninit::uninit());
+        let stack = MemStack::new(&mut self.memory);
+        let lower = self.lower.as_mut();
+        let done =
+            factor::cholesky_in_place(lower, regularization, Par::Seq, stack, Default::default());
+        if done.is_err() {
+            // an entry that is not finite: nothing is known
+            self.lower.as_mut().fill(0.0);
+            (0..n).for_each(|i| self.lower[(i, i)] = f64::MAX.sqrt());
         }
+        // faer divides by the pivot that it has raised, but does not store it
+        (0..n).for_each(|i| self.lower[(i, i)] = self.lower[(i, i)].max(least.sqrt()));
     }
 
     /// Computes `L^-1 x` for vectors one after the other.
-    pub(super) fn solve_all(&self, vectors: &mut [f64]) {
-        let n = self.n.max(1);
-        widest(
-            #[inline(always)]
-            || {
-                let mut four = vectors.chunks_exact_mut(4 * n);
-                for block in &mut four {
-                    let (a, rest) = block.split_at_mut(n);
-                    let (b, rest) = rest.split_at_mut(n);
-                    let (c, d) = rest.split_at_mut(n);
-                    for i in 0..self.n {
-                        let row = &self.packed[start(i)..start(i) + i];
-                        let sums = dots(row, [&a[..i], &b[..i], &c[..i], &d[..i]]);
-                        let r = self.reciprocal[i];
-                        a[i] = (a[i] - sums[0]) * r;
-                        b[i] = (b[i] - sums[1]) * r;
-                        c[i] = (c[i] - sums[2]) * r;
-                        d[i] = (d[i] - sums[3]) * r;
-                    }
-                }
-                four.into_remainder().chunks_exact_mut(n).for_each(|x| self.solve_one(x));
-            },
-        );
+    pub(super) fn solve(&self, vectors: &mut [f64]) {
+        let n = self.lower.nrows();
+        let count = vectors.len() / n.max(1);
+        let right = MatMut::from_column_major_slice_mut(vectors, n, count);
+        triangular::solve_lower_triangular_in_place(self.lower.as_ref(), right, Par::Seq);
     }
 
-    /// Computes `L'^-1 x`.
-    pub(super) fn solve_transposed(&self, x: &mut [f64]) {
-        widest(
-            #[inline(always)]
-            || {
-                for i in (0..self.n).rev() {
-                    let (before, rest) = x.split_at_mut(i);
-                    rest[0] *= self.reciprocal[i];
-                    let row = &self.packed[start(i)..start(i) + i];
-                    before.iter_mut().zip(row).for_each(|(x, l)| *x -= l * rest[0]);
-                }
-            },
-        );
+    /// Computes `L'^-1 x` for vectors one after the other.
+    pub(super) fn solve_transposed(&self, vectors: &mut [f64]) {
+        let n = self.lower.nrows();
+        let count = vectors.len() / n.max(1);
+        let right = MatMut::from_column_major_slice_mut(vectors, n, count);
+        triangular::solve_upper_triangular_in_place(self.lower.transpose(), right, Par::Seq);
     }
 
     /// Computes `L x`.
     pub(super) fn multiply(&self, x: &mut [f64]) {
-        for i in (0..self.n).rev() {
-            x[i] = dot(&self.packed[start(i)..=start(i) + i], &x[..=i]);
+        for j in (0..x.len()).rev() {
+            let value = std::mem::take(&mut x[j]);
+            let column = &self.lower.col_as_slice(j)[j..];
+            x[j..].iter_mut().zip(column).for_each(|(x, l)| *x += value * l);
         }
     }
 
     /// Logarithm of the determinant of `L L'`.
     pub(super) fn log_determinant(&self) -> f64 {
-        -2.0 * self.reciprocal.iter().map(|r| r.ln()).sum::<f64>()
-    }
-}
-
-/// Computes up to four rows of a factor from those above them.
-#[inline(always)]
-fn factorise_rows(packed: &mut [f64], reciprocal: &mut [f64], first: usize, count: usize) {
-    let (above, rows) = packed.split_at_mut(start(first));
-    if count == 4 {
-        let (a, rest) = rows.split_at_mut(first + 1);
-        let (b, rest) = rest.split_at_mut(first + 2);
-        let (c, d) = rest.split_at_mut(first + 3);
-        for j in 0..first {
-            let row = &above[start(j)..start(j) + j];
-            let sums = dots(row, [&a[..j], &b[..j], &c[..j], &d[..j]]);
-            let r = reciprocal[j];
-            a[j] = (a[j] - sums[0]) * r;
-            b[j] = (b[j] - sums[1]) * r;
-            c[j] = (c[j] - sums[2]) * r;
-            d[j] = (d[j] - sums[3]) * r;
-        }
-    }
-    let done = if count == 4 { first } else { 0 };
-    for i in first..first + count {
-        let (before, own) = packed.split_at_mut(start(i));
-        for j in done..i {
-            let row = &before[start(j)..start(j) + j];
-            own[j] = (own[j] - dot(row, &own[..j])) * reciprocal[j];
-        }
-        let whole = own[i];
-        let pivot = (whole - dot(&own[..i], &own[..i])).max(LEAST_PIVOT * whole.abs());
-        own[i] = pivot.max(f64::MIN_POSITIVE).sqrt();
-        reciprocal[i] = own[i].recip();
+        (0..self.lower.nrows()).map(|i| 2.0 * self.lower[(i, i)].ln()).sum()
     }
 }
 
@@ -288,25 +202,21 @@ mod tests {
         (matrix, whole)
     }
 
-    /// `L L' = A`, `L^-1 A L'^-1 = I`, and the determinant, against faer; sizes around the blocks of four.
+    /// `L^-1 A L'^-1 = I`, `L x` after `L^-1`, and the determinant.
     #[test]
-    fn factors_are_those_of_faer() {
+    fn factors_solve() {
         for n in [1, 3, 4, 5, 8, 23] {
             let (matrix, whole) = random(n);
             let mut factor = Factor::default();
             factor.of(&matrix);
-            let dense = whole.llt(faer::Side::Lower).unwrap();
-            for i in 0..n {
-                for j in 0..=i {
-                    let (own, other) = (factor.packed[start(i) + j], dense.L()[(i, j)]);
-                    assert!((own - other).abs() < 1e-10 * (1.0 + other.abs()), "{n} {i} {j}");
-                }
-            }
-            let determinant: f64 = (0..n).map(|i| 2.0 * dense.L()[(i, i)].ln()).sum();
+            let determinant = whole.determinant().ln();
             assert!((factor.log_determinant() - determinant).abs() < 1e-9);
             let mut vectors: Vec<f64> =
                 (0..n).flat_map(|j| (0..n).map(move |i| (i, j))).map(|ij| whole[ij]).collect();
-            factor.solve_all(&mut vectors);
+            factor.solve(&mut vectors);
+            let mut first: Vec<f64> = vectors[..n].to_vec();
+            factor.multiply(&mut first);
+            assert!((0..n).all(|i| (first[i] - whole[(i, 0)]).abs() < 1e-9), "{n}");
             for (j, x) in vectors.chunks_exact_mut(n).enumerate() {
                 factor.solve_transposed(x);
                 for (i, x) in x.iter().enumerate() {

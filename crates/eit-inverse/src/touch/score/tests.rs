@@ -2,7 +2,7 @@
 
 use super::actions::{FIRST_ACTION, Features};
 use super::estimate::{Estimator, Scene};
-use super::linear::{Symmetric, start};
+use super::linear::Symmetric;
 use super::model::Model;
 use super::places::Grid;
 use super::state::{TouchState, Touches};
@@ -293,7 +293,7 @@ fn the_reference_is_a_kalman_filter() {
     for i in 0..n {
         assert!((background.reference[i] - reference[(i, 0)]).abs() < 1e-9, "{i}");
         for j in 0..=i {
-            let own = background.covariance.packed[start(i) + j];
+            let own = background.covariance.get(i, j);
             assert!((own - after[(i, j)]).abs() < 1e-9 * (1.0 + before[(i, i)]), "{i} {j}");
         }
     }

@@ -8,9 +8,11 @@
 //! 0.13 and 0.03 Mflop with 104 rows. Fits need nothing else of the frame.
 
 use super::dictionary::COLUMNS;
-use super::linear::{Factor, Symmetric, start};
+use super::linear::{Factor, Symmetric};
 use super::model::Model;
 use crate::touch::detector::{dot, widest};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
 
 const NONE: u32 = u32::MAX;
 
@@ -41,9 +43,14 @@ pub(super) struct Whitened {
     pub(super) log_determinant: f64,
     cells: Vec<Cell>,
     count: usize,
-    /// Index of the products of each pair of cells in `grams`, by [`start`].
+    /// Index of the products of each pair of cells in `grams`, by [`pair`].
     pairs: Vec<u32>,
     grams: Vec<Gram>,
+}
+
+/// Index of a pair.
+fn pair(late: usize, early: usize) -> usize {
+    late * (late + 1) / 2 + early
 }
 
 impl Whitened {
@@ -61,14 +68,13 @@ impl Whitened {
         counts: impl Fn(usize) -> bool,
     ) {
         self.present.clear();
-        self.present.extend((0..background.n).filter(|&i| counts(i)));
+        self.present.extend((0..background.n()).filter(|&i| counts(i)));
         let Self { present, covariance, .. } = self;
         covariance.reset(present.len());
-        for (a, &i) in present.iter().enumerate() {
-            let from = start(i);
-            let row = &mut covariance.packed[start(a)..=start(a) + a];
-            for (out, &j) in row.iter_mut().zip(&*present) {
-                *out = background.packed[from + j] + error.packed[from + j];
+        for (b, &j) in present.iter().enumerate() {
+            let (of_background, of_error) = (background.column(j), error.column(j));
+            for (out, &i) in covariance.column_mut(b).iter_mut().zip(&present[b..]) {
+                *out = of_background[i - j] + of_error[i - j];
             }
         }
         self.factor.of(&self.covariance);
@@ -88,7 +94,7 @@ impl Whitened {
         for vector in vectors {
             out.extend(self.present.iter().map(|&i| vector[i]));
         }
-        self.factor.solve_all(out);
+        self.factor.solve(out);
     }
 
     /// Returns the index of the columns of a place, which are whitened if they are not yet.
@@ -108,10 +114,6 @@ impl Whitened {
         self.pairs.extend(std::iter::repeat_n(NONE, self.count + 1));
         self.count += 1;
         self.count - 1
-    }
-
-    fn column<'a>(&self, columns: &'a [f64], c: usize) -> &'a [f64] {
-        &columns[c * self.n()..(c + 1) * self.n()]
     }
 
     /// Products of whitened columns with a whitened vector.
@@ -141,27 +143,19 @@ impl Whitened {
 
     /// A whitened column of a cell.
     pub(super) fn column_of(&self, cell: usize, c: usize) -> &[f64] {
-        self.column(&self.cells[cell].columns, c)
+        &self.cells[cell].columns[c * self.n()..(c + 1) * self.n()]
     }
 
     /// Returns the products of the columns of two cells, computed if they are not yet: of the later cell with the earlier one.
     pub(super) fn gram(&mut self, a: usize, b: usize) -> &Gram {
         let (late, early) = (a.max(b), a.min(b));
-        let at = start(late) + early;
+        let at = pair(late, early);
         if self.pairs[at] == NONE {
             let [first, second] = [late, early].map(|k| self.cells[k].columns.as_slice());
+            let of = |columns| MatRef::from_column_major_slice(columns, self.n(), COLUMNS);
             let mut gram = [[0.0; COLUMNS]; COLUMNS];
-            widest(
-                #[inline(always)]
-                || {
-                    for (c, row) in gram.iter_mut().enumerate() {
-                        let own = self.column(first, c);
-                        for (d, out) in row.iter_mut().enumerate() {
-                            *out = dot(own, self.column(second, d));
-                        }
-                    }
-                },
-            );
+            let out = MatMut::from_row_major_slice_mut(gram.as_flattened_mut(), COLUMNS, COLUMNS);
+            matmul(out, Accum::Replace, of(first).transpose(), of(second), 1.0, Par::Seq);
             self.pairs[at] = self.grams.len() as u32;
             self.grams.push(gram);
         }
