@@ -3,6 +3,8 @@
 use super::dictionary::{COLUMNS, DRAG, ELECTRODE_PULL, PRESS, PULL};
 use super::settings::ScoreSettings;
 use super::state::TouchState;
+use super::whitened::Gram;
+use crate::touch::detector::widest;
 
 /// Features of a touch: its print, the derivatives along two tangents, and at most nine actions.
 pub(super) const FEATURES: usize = 12;
@@ -74,12 +76,50 @@ impl Features {
         self.count += 1;
     }
 
+    #[inline(always)]
+    fn entries(&self, feature: usize) -> &[Entry] {
+        let from = if feature == 0 { 0 } else { usize::from(self.ends[feature - 1]) };
+        &self.entries[from..usize::from(self.ends[feature])]
+    }
+
     /// Columns and factors of a feature.
     #[inline(always)]
     pub(super) fn of(&self, feature: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
-        let from = feature.checked_sub(1).map_or(0, |last| usize::from(self.ends[last]));
-        let entries = &self.entries[from..usize::from(self.ends[feature])];
-        entries.iter().map(|(column, factor)| (usize::from(*column), *factor))
+        self.entries(feature).iter().map(|(column, factor)| (usize::from(*column), *factor))
+    }
+
+    /// Products of features of two touches, `[of the other][of this]`, for the products of the columns of their places, `[of
+    /// this][of the other]`.
+    pub(super) fn products(&self, other: &Self, gram: &Gram) -> [[f64; FEATURES]; FEATURES] {
+        widest(
+            #[inline(always)]
+            || {
+                // explicit loops: closures would not be compiled for the widest vectors
+                let mut turned = [[0.0; FEATURES]; COLUMNS];
+                for own in 0..self.count {
+                    let mut row = [0.0; COLUMNS];
+                    for &(column, factor) in self.entries(own) {
+                        let products = &gram[usize::from(column)];
+                        for k in 0..COLUMNS {
+                            row[k] += factor * products[k];
+                        }
+                    }
+                    for k in 0..COLUMNS {
+                        turned[k][own] = row[k];
+                    }
+                }
+                let mut out = [[0.0; FEATURES]; FEATURES];
+                for (feature, out) in out.iter_mut().enumerate().take(other.count) {
+                    for &(column, factor) in other.entries(feature) {
+                        let products = &turned[usize::from(column)];
+                        for k in 0..FEATURES {
+                            out[k] += factor * products[k];
+                        }
+                    }
+                }
+                out
+            },
+        )
     }
 
     /// Product of a feature with a vector of columns.

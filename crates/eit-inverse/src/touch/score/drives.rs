@@ -94,12 +94,7 @@ impl Scan {
         factor.of(precision);
         factor.solve(fit);
         factor.solve_transposed(fit);
-        work.clear();
-        work.resize(all * all, 0.0);
-        (0..all).for_each(|d| work[d * all + d] = 1.0);
-        factor.solve(work);
-        covariance.reset(all);
-        covariance.add_inner_product(1.0, work, all);
+        factor.invert(covariance, work);
     }
 
     /// Keeps what the last fit tells of the time that a scan takes.

@@ -26,6 +26,9 @@ use std::f64::consts::TAU;
 /// Relative addition to the diagonal of the Hessian: rounding of its products.
 const RIDGE: f64 = 1e-9;
 
+/// Decrease of a score below which a fit has converged.
+const CONVERGED: f64 = 0.01;
+
 /// What a fit needs to know.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scene<'a> {
@@ -40,7 +43,7 @@ pub(super) struct Estimator {
     pub(super) features: Vec<Features>,
     pub(super) cells: Vec<usize>,
     /// First of each touch's features, and their number.
-    starts: Vec<usize>,
+    pub(super) starts: Vec<usize>,
     /// Products of all features, row by row, and with the frame.
     pub(super) normal: Vec<f64>,
     pub(super) right: Vec<f64>,
@@ -54,7 +57,7 @@ pub(super) struct Estimator {
     of_hessian: Factor,
     gradient: Vec<f64>,
     scale: Vec<f64>,
-    work: Vec<f64>,
+    pub(super) work: Vec<f64>,
     /// Number of fits since the start.
     pub(super) fits: u64,
 }
@@ -78,11 +81,12 @@ impl Estimator {
         self.begin(scene, frame, &mut touches);
         let mut step = 0;
         loop {
-            self.multiply(scene, frame, &touches);
-            let chi_square = self.marginalise(frame, &touches);
-            let cost = self.add_priors(scene, &touches, step < moving);
-            self.factorise_hessian();
-            if step == steps {
+            let [chi_square, cost, gain] = self.look(scene, frame, &touches, step < moving);
+            if step < moving && gain < CONVERGED {
+                step = moving;
+                continue;
+            }
+            if step >= steps || gain < CONVERGED {
                 let of_scale: f64 = self.scale.iter().map(|s| 2.0 * s.ln()).sum();
                 let curvature = self.of_hessian.log_determinant()
                     - of_scale
@@ -95,6 +99,32 @@ impl Estimator {
             self.step(scene, &mut touches);
             step += 1;
         }
+    }
+
+    /// Returns by how much the score would fall if none of some touches rested.
+    pub(super) fn gain_of_moving(
+        &mut self,
+        scene: &Scene<'_>,
+        frame: &mut Whitened,
+        touches: &Touches,
+    ) -> f64 {
+        let [_, _, gain] = self.look(scene, frame, touches, true);
+        gain
+    }
+
+    /// Finds the next step; returns chi^2, the cost of the priors, and by how much the score will fall.
+    fn look(
+        &mut self,
+        scene: &Scene<'_>,
+        frame: &mut Whitened,
+        touches: &Touches,
+        moves: bool,
+    ) -> [f64; 3] {
+        self.multiply(scene, frame, touches);
+        let chi_square = self.marginalise(frame, touches);
+        let cost = self.add_priors(scene, touches, moves);
+        self.factorise_hessian();
+        [chi_square, cost, self.find_step()]
     }
 
     /// Sets the strengths of touches that have none, which scale what they do.
@@ -158,17 +188,11 @@ impl Estimator {
         // the products of cells are those of the later with the earlier
         let (late, early) = if self.cells[k] >= self.cells[q] { (k, q) } else { (q, k) };
         let gram = frame.gram(self.cells[late], self.cells[early]);
-        for f in 0..self.features[late].count {
-            let mut row = [0.0; COLUMNS];
-            for (column, factor) in self.features[late].of(f) {
-                row.iter_mut().zip(&gram[column]).for_each(|(r, g)| *r += factor * g);
-            }
-            let i = self.starts[late] + f;
-            for g in 0..self.features[early].count {
-                let j = self.starts[early] + g;
-                let product = self.features[early].times(g, &row);
-                self.normal[i * count + j] = product;
-                self.normal[j * count + i] = product;
+        let products = self.features[late].products(&self.features[early], gram);
+        for (j, row) in (self.starts[early]..self.starts[early + 1]).zip(&products) {
+            for (i, product) in (self.starts[late]..self.starts[late + 1]).zip(row) {
+                self.normal[i * count + j] = *product;
+                self.normal[j * count + i] = *product;
             }
         }
     }
@@ -248,13 +272,20 @@ impl Estimator {
         of_hessian.of(hessian);
     }
 
-    /// Moves touches by one step of Gauss-Newton, at most to the next place.
-    fn step(&mut self, scene: &Scene<'_>, touches: &mut Touches) {
+    /// Replaces the gradient by a step of Gauss-Newton, and returns by how much the score will fall.
+    fn find_step(&mut self) -> f64 {
         let Self { gradient, scale, of_hessian, .. } = self;
         gradient.iter_mut().zip(&*scale).for_each(|(g, s)| *g *= s);
         of_hessian.solve(gradient);
+        let gain = dot(gradient, gradient);
         of_hessian.solve_transposed(gradient);
         gradient.iter_mut().zip(&*scale).for_each(|(g, s)| *g *= s);
+        gain
+    }
+
+    /// Moves touches by the step that was found, at most to the next place.
+    fn step(&self, scene: &Scene<'_>, touches: &mut Touches) {
+        let gradient = &self.gradient;
         let count = touches.len();
         for (k, touch) in touches.iter_mut().enumerate() {
             let way = [gradient[count + 2 * k], gradient[count + 2 * k + 1]];
@@ -268,27 +299,20 @@ impl Estimator {
 
     /// Sets covariances and responses of the touches.
     fn finish(&mut self, touches: &mut Touches) {
-        let (count, all) = (touches.len(), self.scale.len());
+        let count = touches.len();
         let n = self.bound.len();
         let gamma = &mut self.reduced[..n];
         self.of_marginal.solve_transposed(gamma);
+        let Self { hessian, of_hessian, scale, work, .. } = self;
+        of_hessian.invert(hessian, work);
+        let entry = |i: usize, j: usize| hessian.get(i, j) * scale[i] * scale[j];
+        for (k, touch) in touches.iter_mut().enumerate() {
+            let place = count + 2 * k;
+            touch.strength_variance = entry(k, k);
+            touch.covariance_m2 = [0, 1].map(|i| [0, 1].map(|j| entry(place + i, place + j)));
+        }
         let mut first = 0;
         for (k, touch) in touches.iter_mut().enumerate() {
-            for (i, index) in [k, count + 2 * k, count + 2 * k + 1].into_iter().enumerate() {
-                self.work.clear();
-                self.work.resize(all, 0.0);
-                self.work[index] = 1.0;
-                self.of_hessian.solve(&mut self.work);
-                self.of_hessian.solve_transposed(&mut self.work);
-                let entry = |other: usize| self.work[other] * self.scale[index] * self.scale[other];
-                match i {
-                    0 => touch.strength_variance = entry(k),
-                    _ => {
-                        touch.covariance_m2[i - 1] =
-                            [entry(count + 2 * k), entry(count + 2 * k + 1)]
-                    }
-                }
-            }
             touch.response = [0.0; COLUMNS];
             for (c, factor) in self.features[k].of(0) {
                 touch.response[c] += touch.strength_m2 * factor;

@@ -6,6 +6,7 @@
 
 use super::estimate::{Estimator, Scene, residual};
 use super::linear::{Factor, Symmetric};
+use super::prior;
 use super::settings::MOST_TOUCHES;
 use super::state::{Hypothesis, TouchState, Touches};
 use super::whitened::Whitened;
@@ -14,10 +15,14 @@ use crate::touch::detector::{dot, widest};
 
 /// Number of moves in a frame.
 const MOST_MOVES: usize = 16;
-/// Squared strength over its variance below which the death of a touch is tried; only to save time.
-const MAY_DIE: f64 = 60.0;
+/// Estimated increase of the score without a touch up to which its death is tried; only to save time.
+const MAY_DIE: f64 = 12.0;
 /// Decrease of chi^2 from which a birth is tried; a birth costs more.
 const MAY_BEGIN: f64 = 15.0;
+/// Decrease of a score, if no touch rests, from which a start of moving touches is tried; to move costs more.
+const MAY_MOVE: f64 = 6.0;
+/// Part of what the best place explains from which another one is tried.
+const NEARLY_BEST: f64 = 0.5;
 /// Places whose denominators are computed before they are compared, and frames in which all are computed again.
 const COMPARED: usize = 24;
 const REFRESHED_IN: usize = 10;
@@ -88,9 +93,11 @@ impl Search {
         if touches.is_empty() {
             return none;
         }
-        let resting = self.estimator.fit(scene, frame, touches, 2, 0);
-        let moving = self.estimator.fit(scene, frame, touches, 4, 2);
-        let best = self.better(scene, resting, moving);
+        let mut best = self.estimator.fit(scene, frame, touches, 2, 0);
+        if self.estimator.gain_of_moving(scene, frame, &best.touches) > MAY_MOVE {
+            let moving = self.estimator.fit(scene, frame, touches, 4, 2);
+            best = self.better(scene, best, moving);
+        }
         self.better(scene, best, none)
     }
 
@@ -155,7 +162,8 @@ impl Search {
                 top = Some(top.map_or(more, |top| self.better(scene, top, more)));
             }
         }
-        for k in (0..best.touches.len()).filter(|&k| best.touches[k].wald() < MAY_DIE) {
+        let may_die = |k: &usize| prior::worth(&best.touches[*k], scene) < MAY_DIE;
+        for k in (0..best.touches.len()).filter(may_die) {
             let fewer = self.estimator.fit(scene, frame, &best.touches.without(k), 2, 0);
             top = Some(top.map_or(fewer, |top| self.better(scene, top, fewer)));
         }
@@ -217,7 +225,8 @@ impl Search {
         self.compare(scene, frame, touches);
         let (grid, near_m) = (&scene.model.grid, NEAR * scene.settings.apart_m);
         let mut chosen = [None; 2];
-        for &(exact, k) in self.best.iter().filter(|(exact, _)| *exact >= MAY_BEGIN) {
+        let least = self.best.first().map_or(0.0, |(top, _)| MAY_BEGIN.max(NEARLY_BEST * top));
+        for &(exact, k) in self.best.iter().filter(|(exact, _)| *exact >= least) {
             let place = grid.coarse[k];
             let way =
                 |other: usize| distance_m(grid.at[other].position_m, grid.at[place].position_m);
@@ -273,13 +282,16 @@ impl Search {
         self.estimator.span(scene, frame, touches, &mut self.span);
         self.of_span.of(&self.span);
         let mut best = std::mem::take(&mut self.best);
-        for ((gain, k), bell) in best.iter_mut().zip(self.bells.chunks_exact(n.max(1))) {
+        self.estimator.products(frame, &self.bells, &mut self.products);
+        self.of_span.solve(&mut self.products);
+        let count = self.span.n();
+        for (at, (gain, k)) in best.iter_mut().enumerate() {
+            let bell = &self.bells[at * n..(at + 1) * n];
+            let explained = &self.products[at * count..(at + 1) * count];
             let own = dot(bell, bell);
             let product = *gain * self.squares[*k];
             self.squares[*k] = own;
-            self.estimator.products(frame, bell, &mut self.products);
-            self.of_span.solve(&mut self.products);
-            let left = (own - dot(&self.products, &self.products)).max(0.02 * own);
+            let left = (own - dot(explained, explained)).max(0.02 * own);
             *gain = product / left;
         }
         best.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
@@ -310,12 +322,19 @@ impl Estimator {
         span.add_diagonal(1.0);
     }
 
-    /// Products `F'd` of these features with a whitened vector.
-    pub(super) fn products(&self, frame: &Whitened, vector: &[f64], out: &mut Vec<f64>) {
+    /// Products `F'd` of these features with whitened vectors `d`, one after the other.
+    pub(super) fn products(&mut self, frame: &Whitened, vectors: &[f64], out: &mut Vec<f64>) {
+        let count = self.right.len();
         out.clear();
-        for (features, &cell) in self.features.iter().zip(&self.cells) {
-            let columns = frame.products_with(cell, vector);
-            out.extend((0..features.count).map(|f| features.times(f, &columns)));
+        out.resize(count * vectors.len() / frame.n().max(1), 0.0);
+        for ((features, &cell), first) in self.features.iter().zip(&self.cells).zip(&self.starts) {
+            frame.products_with(cell, vectors, &mut self.work);
+            let (columns, _) = self.work.as_chunks();
+            for (out, columns) in out.chunks_exact_mut(count).zip(columns) {
+                for f in 0..features.count {
+                    out[first + f] = features.times(f, columns);
+                }
+            }
         }
     }
 }

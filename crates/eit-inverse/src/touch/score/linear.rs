@@ -171,6 +171,17 @@ impl Factor {
         triangular::solve_upper_triangular_in_place(self.lower.transpose(), right, Par::Seq);
     }
 
+    /// Sets `out` to the inverse of `L L'`.
+    pub(super) fn invert(&self, out: &mut Symmetric, work: &mut Vec<f64>) {
+        let n = self.lower.nrows();
+        work.clear();
+        work.resize(n * n, 0.0);
+        (0..n).for_each(|i| work[i * n + i] = 1.0);
+        self.solve(work);
+        out.reset(n);
+        out.add_inner_product(1.0, work, n);
+    }
+
     /// Computes `L x`.
     pub(super) fn multiply(&self, x: &mut [f64]) {
         for j in (0..x.len()).rev() {

@@ -7,6 +7,7 @@
 //! two        1 - exp(-(d / 18 mm)^6)
 //! ```
 
+use super::estimate::Scene;
 use super::places::Grid;
 use super::settings::ScoreSettings;
 use super::state::{Before, TouchState};
@@ -125,6 +126,16 @@ fn turned(covariance: Plane, q: Plane) -> Plane {
             .sum()
     };
     [[at(0, 0), at(0, 1)], [at(1, 0), at(1, 1)]]
+}
+
+/// Estimate of how much the score would be larger without a touch: what it explains, less what its strength, place and birth
+/// cost.
+pub(super) fn worth(touch: &TouchState, scene: &Scene<'_>) -> f64 {
+    let (s, [[a, b], [c, d]]) = (scene.settings, touch.covariance_m2);
+    let volume = touch.strength_variance * (a * d - b * c);
+    let place = of_place(touch, &scene.model.grid, s, scene.dt_s, false);
+    let cost = of_strength(touch.strength_m2, s).cost + place.cost;
+    touch.wald() - cost + volume.max(f64::MIN_POSITIVE).ln() + 3.0 * TAU.ln()
 }
 
 /// Cost of two touches this close.

@@ -109,31 +109,31 @@ impl Whitened {
         let of_place = model.dictionary.of(place).chunks_exact(model.n);
         self.whiten(of_place, &mut columns);
         let mut products = [0.0; COLUMNS];
-        self.multiply(&columns, &self.data, &mut products);
+        let n = self.n().max(1);
+        widest(
+            #[inline(always)]
+            || {
+                for (column, out) in columns.chunks_exact(n).zip(&mut products) {
+                    *out = dot(column, &self.data);
+                }
+            },
+        );
         self.cells[self.count] = Cell { place, columns, products };
         self.pairs.extend(std::iter::repeat_n(NONE, self.count + 1));
         self.count += 1;
         self.count - 1
     }
 
-    /// Products of whitened columns with a whitened vector.
-    fn multiply(&self, columns: &[f64], vector: &[f64], out: &mut [f64; COLUMNS]) {
-        let n = self.n().max(1);
-        widest(
-            #[inline(always)]
-            || {
-                for (column, out) in columns.chunks_exact(n).zip(out) {
-                    *out = dot(column, vector);
-                }
-            },
-        );
-    }
-
-    /// Products of the columns of a cell with a whitened vector.
-    pub(super) fn products_with(&self, cell: usize, vector: &[f64]) -> [f64; COLUMNS] {
-        let mut products = [0.0; COLUMNS];
-        self.multiply(&self.cells[cell].columns, vector, &mut products);
-        products
+    /// Products of the columns of a cell with whitened vectors, `[vector][column]`.
+    pub(super) fn products_with(&self, cell: usize, vectors: &[f64], out: &mut Vec<f64>) {
+        let n = self.n();
+        let count = vectors.len() / n.max(1);
+        out.clear();
+        out.resize(count * COLUMNS, 0.0);
+        let columns = MatRef::from_column_major_slice(&self.cells[cell].columns, n, COLUMNS);
+        let vectors = MatRef::from_column_major_slice(vectors, n, count);
+        let out = MatMut::from_column_major_slice_mut(out, COLUMNS, count);
+        matmul(out, Accum::Replace, columns.transpose(), vectors, 1.0, Par::Seq);
     }
 
     /// Products of the columns of a cell with the frame.
