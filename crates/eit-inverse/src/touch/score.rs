@@ -180,6 +180,8 @@ impl ScoreDetector {
         let found = self.find(dt_s);
         let found = self.find_faults(found, dt_s);
         self.fit_error(&found, dt_s);
+        self.step = step_of(self.frame.n(), self.frame.square, found.chi_square);
+        let found = self.cool(found, dt_s);
         self.end(found, dt_s);
         Ok(self.report.touches())
     }
@@ -263,6 +265,20 @@ impl ScoreDetector {
         found
     }
 
+    /// Searches again in a frame that nothing explains, with variances as large as it shows: it tells that much less.
+    fn cool(&mut self, found: Hypothesis, dt_s: f64) -> Hypothesis {
+        if self.step.is_explained {
+            return found;
+        }
+        let Self { model, settings, search, frame, other, base, error, .. } = self;
+        let scene = Scene { model, settings, dt_s };
+        base.scale(found.heat());
+        let present = &frame.present;
+        other.set(base, error, &self.y, |row| present.binary_search(&row).is_ok());
+        std::mem::swap(frame, other);
+        search.search(&scene, frame, &self.touches)
+    }
+
     /// Tries a larger or smaller error of the model, in turn.
     fn fit_error(&mut self, found: &Hypothesis, dt_s: f64) {
         if found.touches.is_empty() || !self.frames.is_multiple_of(ETA_EVERY) {
@@ -312,13 +328,12 @@ impl ScoreDetector {
                 self.next_id += 1;
             }
         }
-        background.learn(&scene, frame, search.heat, &mut touches, &self.y);
+        background.learn(&scene, frame, found.heat(), &mut touches, &self.y);
         self.touches = touches;
         let reference = self.background.reference.iter().zip(&self.model.row_noise_v);
         for ((r, noise), pair) in reference.zip(&self.model.rows.of) {
             pair.iter().for_each(|&i| self.reference_v[i] = self.model.reference_v[i] + r * noise);
         }
-        self.step = step_of(self.frame.n(), self.frame.square, found.chi_square);
         let is_whole = self.frame.n() == self.model.n;
         self.report.push(&self.model, &self.settings, &self.touches, &self.step, is_whole, dt_s);
     }

@@ -24,8 +24,7 @@ const ORDINARY: f64 = 20.0;
 const DAMAGED: f64 = 1e-5;
 /// Part of the frames in which the skin jumps between two drives: fabric that slips under a finger.
 const SUDDEN: f64 = 0.05;
-/// Largest jump, relative to the median change since the reference: touches reach ten times that near the rim, damaged values
-/// more.
+/// Largest jump of a row, relative to the median of all: touches reach ten times that near the rim, damaged values more.
 const JUMP: f64 = 10.0;
 /// Weight of a frame in the usual time between frames.
 const PERIOD: f64 = 0.1;
@@ -148,15 +147,20 @@ impl Electrodes {
         let change = |i: usize| frame_v[i] - model.reference_v[i];
         let is_pair = |i: usize, j: usize| i != j && !is_missing[i] && !is_missing[j];
         let largest = |[i, j]: [usize; 2]| change(i).abs().max(change(j).abs());
-        self.changes.clear();
-        let pairs = model.rows.of.iter().filter(|&&[i, j]| is_pair(i, j));
-        self.changes.extend(pairs.map(|&pair| largest(pair).powi(2)));
-        let typical = median(self.changes.iter().copied()).unwrap_or(0.0);
-        let unequal = s.unequal.max(OF_REFERENCE * model.unequal);
         let moved = |i: usize| match self.last_v.get(i) {
             Some(last) if last.is_finite() => self.of_gap * (frame_v[i] - last),
             _ => 0.0,
         };
+        let most_moved = |[i, j]: [usize; 2]| moved(i).abs().max(moved(j).abs());
+        let pairs = || model.rows.of.iter().filter(|&&[i, j]| is_pair(i, j));
+        let changes = &mut self.changes;
+        let mut typical = |of: &dyn Fn([usize; 2]) -> f64| {
+            changes.clear();
+            changes.extend(pairs().map(|&pair| of(pair).powi(2)));
+            median(changes.iter().copied()).unwrap_or(0.0)
+        };
+        let (typical, typical_move) = (typical(&largest), typical(&most_moved));
+        let unequal = s.unequal.max(OF_REFERENCE * model.unequal);
         for (&[i, j], halves) in model.rows.of.iter().zip(&mut self.halves) {
             *halves = match is_pair(i, j) {
                 true => {
@@ -168,8 +172,7 @@ impl Electrodes {
                         + (LINEARITY * model.reference_v[i]).powi(2)
                         + (UNEVEN * self.scan.part() * moved_v).powi(2);
                     let between = (self.scan.part() * (model.time(i) - model.time(j))).abs();
-                    let most_v = moved(i).abs().max(moved(j).abs());
-                    let jump_v2 = (most_v * most_v).min(JUMP * JUMP * typical);
+                    let jump_v2 = most_moved([i, j]).powi(2).min(JUMP * JUMP * typical_move);
                     let sudden_v2 = between * (1.0 - between) * jump_v2;
                     let difference_v = change(i) - change(j);
                     Halves { difference_v, variance_v2, moved_v, sudden_v2 }

@@ -76,7 +76,7 @@ impl Estimator {
         let mut touches = *touches;
         if touches.is_empty() {
             let score = frame.square + frame.log_determinant;
-            return Hypothesis { touches, chi_square: frame.square, score };
+            return Hypothesis { touches, chi_square: frame.square, score, rows: frame.n() };
         }
         self.begin(scene, frame, &mut touches);
         let mut step = 0;
@@ -94,7 +94,7 @@ impl Estimator {
                 let marginal = self.of_marginal.log_determinant();
                 self.finish(&mut touches);
                 let score = chi_square + frame.log_determinant + marginal + cost + curvature;
-                return Hypothesis { touches, chi_square, score };
+                return Hypothesis { touches, chi_square, score, rows: frame.n() };
             }
             self.step(scene, &mut touches);
             step += 1;

@@ -28,16 +28,11 @@ impl ScoreDetector {
         if !begins && !is_unlikely {
             return found;
         }
-        let heat = self.search.heat;
         let stuck = if is_unlikely { self.find_stuck(&found, dt_s) } else { None };
         if let Some(other) = stuck {
             return other;
         }
-        self.search.heat = heat;
         let drifting = self.find_drifting(&found, dt_s);
-        if drifting.is_none() {
-            self.search.heat = heat;
-        }
         drifting.unwrap_or(found)
     }
 
@@ -65,9 +60,8 @@ impl ScoreDetector {
         if other.n() == 0 {
             return None;
         }
-        let (whole, heat) = (search.total(&scene, found), search.heat);
+        let whole = search.total(&scene, found);
         let found = search.search(&scene, other, &self.touches);
-        search.heat = heat;
         // a row that repeats has the density of a step of the converter instead of its own
         let noise_v = median(model.row_noise_v.iter().copied()).unwrap_or(0.0);
         let of_row = TAU.ln() + 2.0 * (noise_v / model.step_v.max(1e-30)).ln();
@@ -131,13 +125,11 @@ impl ScoreDetector {
         self.base.add_square(FIRST_GAIN * FIRST_GAIN, work);
         let present = &frame.present;
         other.set(&self.base, &self.error, &self.y, |row| present.binary_search(&row).is_ok());
-        let heat = search.heat;
         let known = search.estimator.fit(&scene, other, &self.touches, 3, 0);
         let found = match search.total(&scene, &known) + cost < whole + NEARLY {
             true => search.search(&scene, other, &self.touches),
             false => known,
         };
-        search.heat = heat;
         if search.total(&scene, &found) + cost >= whole {
             self.base.add_square(-FIRST_GAIN * FIRST_GAIN, work);
             return None;

@@ -28,6 +28,10 @@ const COMPARED: usize = 24;
 const REFRESHED_IN: usize = 10;
 /// Births are not tried nearer to a touch than this part of a finger's width.
 const NEAR: f64 = 0.8;
+/// Strength and position of a touch.
+const PARAMETERS: f64 = 3.0;
+/// Part of the frames that are damaged as a whole, times the density of the logarithm of how much.
+const TORN: f64 = 1e-4;
 /// Decrease of a score that counts, for rounding.
 const LOWER: f64 = 1e-3;
 
@@ -41,8 +45,6 @@ pub(super) struct Search {
     next: usize,
     /// Number of touches of the last frame.
     pub(super) known: usize,
-    /// Factor by which chi^2 counts less, because the frame as a whole is unlikely.
-    pub(super) heat: f64,
     /// The touch that is tried elsewhere.
     pub(super) turn: usize,
     residual: Vec<f64>,
@@ -62,7 +64,6 @@ impl Search {
             present: Vec::new(),
             next: 0,
             known: 0,
-            heat: 1.0,
             turn: 0,
             residual: Vec::new(),
             back: Vec::new(),
@@ -74,12 +75,15 @@ impl Search {
         }
     }
 
-    /// Score with the cost of the last frame's touches that a hypothesis lets end.
+    /// Score with the cost of the last frame's touches that a hypothesis lets end. In a frame that is damaged as a whole all
+    /// variances are larger by an unknown factor: as much as fits best.
     pub(super) fn total(&self, scene: &Scene<'_>, h: &Hypothesis) -> f64 {
         let stayed = h.touches.iter().filter(|t| t.before.is_some()).count();
         let ended = self.known.saturating_sub(stayed) as f64;
-        h.score
-            - h.chi_square * (1.0 - self.heat.recip())
+        let (heat, rows) = (h.heat(), h.rows as f64);
+        // the same data tell less of each touch's strength and place
+        let of_heat = (rows - PARAMETERS * h.touches.len() as f64) * heat.ln() - 2.0 * TORN.ln();
+        h.score + (of_heat - h.chi_square * (1.0 - heat.recip())).min(0.0)
             - 2.0 * (scene.settings.dies_hz * scene.dt_s).ln() * ended
     }
 
@@ -108,7 +112,6 @@ impl Search {
         frame: &mut Whitened,
         touches: &Touches,
     ) -> Hypothesis {
-        self.heat = 1.0;
         self.refresh(scene, frame);
         let mut best = self.begin(scene, frame, touches);
         let mut least = self.total(scene, &best);
@@ -124,24 +127,6 @@ impl Search {
             }
             match top.filter(|_| falls(self, &top)) {
                 Some(h) => (best, least) = (h, self.total(scene, &h)),
-                None => break,
-            }
-        }
-        self.cool(scene, frame, best)
-    }
-
-    /// Lets touches end that an unlikely frame does not show clearly.
-    fn cool(&mut self, scene: &Scene<'_>, frame: &mut Whitened, best: Hypothesis) -> Hypothesis {
-        let mut best = best;
-        self.heat = (best.chi_square / frame.n().max(1) as f64).max(1.0);
-        while self.heat > 1.0 && !best.touches.is_empty() {
-            let mut top = None;
-            for k in 0..best.touches.len() {
-                let fewer = self.estimator.fit(scene, frame, &best.touches.without(k), 2, 0);
-                top = Some(top.map_or(fewer, |top| self.better(scene, top, fewer)));
-            }
-            match top.filter(|h| self.total(scene, h) < self.total(scene, &best)) {
-                Some(fewer) => best = fewer,
                 None => break,
             }
         }

@@ -149,4 +149,13 @@ pub(super) struct Hypothesis {
     pub(super) chi_square: f64,
     /// -2 log posterior, without what ended touches cost.
     pub(super) score: f64,
+    /// Number of rows that count.
+    pub(super) rows: usize,
+}
+
+impl Hypothesis {
+    /// Factor by which variances are larger in a frame that is unlikely as a whole.
+    pub(super) fn heat(&self) -> f64 {
+        (self.chi_square / self.rows.max(1) as f64).max(1.0)
+    }
 }
