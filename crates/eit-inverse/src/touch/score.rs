@@ -60,7 +60,7 @@ use linear::Symmetric;
 use model::Model;
 use ndarray::ArrayRef2;
 use report::Report;
-use state::{Before, Hypothesis, Touches};
+use state::{Hypothesis, Touches};
 use whitened::Whitened;
 
 /// A contact that was lost for a second comes back with a reference of its own, up to this part of the voltages, and the sooner
@@ -68,11 +68,8 @@ use whitened::Whitened;
 const BACK: f64 = 0.05;
 /// Number of searches in a frame: the error of the model follows the touches found.
 const PASSES: usize = 3;
-/// Odds of a touch that are computed no further, and their largest gain in a frame.
-const CERTAIN: f64 = 200.0;
-const MOST_ODDS: f64 = 50.0;
-/// Squared strength over its variance from which a touch is clear without a fit that lacks it.
-const CLEAR: f64 = 200.0;
+/// 2 ln odds of a touch that are computed no further: 3 million to one.
+const CERTAIN: f64 = 30.0;
 /// Factor by which another size of the model's error is tried, and the frames between.
 const ETA_STEP: f64 = 1.2;
 const ETA_EVERY: u64 = 10;
@@ -239,13 +236,9 @@ impl ScoreDetector {
     /// Searches for touches while the error of the model follows them.
     fn find(&mut self, dt_s: f64) -> Hypothesis {
         for touch in self.touches.iter_mut() {
-            touch.before = Some(Before {
-                spot: touch.spot,
-                covariance_m2: touch.covariance_m2,
-                velocity_m_s: touch.velocity_m_s,
-            });
+            touch.before = Some(touch.remembered(self.settings.dies_hz, dt_s));
         }
-        self.search.known = self.touches.len();
+        self.search.known = self.touches.iter().flat_map(|t| &t.before).map(|b| b.odds).sum();
         self.search.turn = (self.frames % 840) as usize;
         let Self { model, settings, background, electrodes, search, .. } = self;
         let scene = Scene { model, settings, dt_s };
@@ -308,20 +301,18 @@ impl ScoreDetector {
         let Self { model, settings, background, search, frame, .. } = self;
         let scene = Scene { model, settings, dt_s };
         let mut touches = found.touches;
-        let least = search.total(&scene, &found);
+        let least = search.total(&found);
         for k in 0..touches.len() {
             let touch = touches[k];
-            if touch.odds < CERTAIN {
-                let gain = match touch.wald() > CLEAR {
-                    true => MOST_ODDS,
-                    false => {
-                        let fewer = found.touches.without(k);
-                        let fewer = search.estimator.fit(&scene, frame, &fewer, 1, 0);
-                        search.total(&scene, &fewer) - least
-                    }
-                };
-                touches[k].odds += gain.min(MOST_ODDS);
-            }
+            let gain = match prior::worth(&touch, &scene) > CERTAIN {
+                true => CERTAIN,
+                false => {
+                    let fewer = found.touches.without(k);
+                    let fewer = search.estimator.fit(&scene, frame, &fewer, 1, 0);
+                    search.total(&fewer) - least
+                }
+            };
+            touches[k].odds = gain.min(CERTAIN);
             touches[k].follow(dt_s);
             if touches[k].odds >= settings.shown && touch.id.is_none() {
                 touches[k].id = Some(self.next_id);

@@ -60,13 +60,13 @@ impl ScoreDetector {
         if other.n() == 0 {
             return None;
         }
-        let whole = search.total(&scene, found);
+        let whole = search.total(found);
         let found = search.search(&scene, other, &self.touches);
         // a row that repeats has the density of a step of the converter instead of its own
         let noise_v = median(model.row_noise_v.iter().copied()).unwrap_or(0.0);
         let of_row = TAU.ln() + 2.0 * (noise_v / model.step_v.max(1e-30)).ln();
         let fewer = (frame.n() - other.n()) as f64;
-        if search.total(&scene, &found) + cost >= whole + of_row.clamp(-1.0, 0.0) * fewer {
+        if search.total(&found) + cost >= whole + of_row.clamp(-1.0, 0.0) * fewer {
             return None;
         }
         electrodes.states[stuck] = ElectrodeState::Stuck;
@@ -77,8 +77,7 @@ impl ScoreDetector {
 
     /// Gives the electrode a gain of its own that explains most of what the last frame's touches leave, or of the whole frame.
     fn find_drifting(&mut self, found: &Hypothesis, dt_s: f64) -> Option<Hypothesis> {
-        let whole =
-            self.search.total(&Scene { model: &self.model, settings: &self.settings, dt_s }, found);
+        let whole = self.search.total(found);
         let mut tried = None;
         for with_touches in [true, false] {
             let Some(electrode) = self.most_drifting(with_touches, dt_s) else { continue };
@@ -126,11 +125,11 @@ impl ScoreDetector {
         let present = &frame.present;
         other.set(&self.base, &self.error, &self.y, |row| present.binary_search(&row).is_ok());
         let known = search.estimator.fit(&scene, other, &self.touches, 3, 0);
-        let found = match search.total(&scene, &known) + cost < whole + NEARLY {
+        let found = match search.total(&known) + cost < whole + NEARLY {
             true => search.search(&scene, other, &self.touches),
             false => known,
         };
-        if search.total(&scene, &found) + cost >= whole {
+        if search.total(&found) + cost >= whole {
             self.base.add_square(-FIRST_GAIN * FIRST_GAIN, work);
             return None;
         }

@@ -43,8 +43,8 @@ pub(super) struct Search {
     squares: Vec<f64>,
     present: Vec<usize>,
     next: usize,
-    /// Number of touches of the last frame.
-    pub(super) known: usize,
+    /// Sum of the odds that the last frame's touches are still there.
+    pub(super) known: f64,
     /// The touch that is tried elsewhere.
     pub(super) turn: usize,
     residual: Vec<f64>,
@@ -63,7 +63,7 @@ impl Search {
             squares: Vec::new(),
             present: Vec::new(),
             next: 0,
-            known: 0,
+            known: 0.0,
             turn: 0,
             residual: Vec::new(),
             back: Vec::new(),
@@ -77,18 +77,16 @@ impl Search {
 
     /// Score with the cost of the last frame's touches that a hypothesis lets end. In a frame that is damaged as a whole all
     /// variances are larger by an unknown factor: as much as fits best.
-    pub(super) fn total(&self, scene: &Scene<'_>, h: &Hypothesis) -> f64 {
-        let stayed = h.touches.iter().filter(|t| t.before.is_some()).count();
-        let ended = self.known.saturating_sub(stayed) as f64;
+    pub(super) fn total(&self, h: &Hypothesis) -> f64 {
+        let stayed: f64 = h.touches.iter().filter_map(|t| t.before.as_ref()).map(|b| b.odds).sum();
         let (heat, rows) = (h.heat(), h.rows as f64);
         // the same data tell less of each touch's strength and place
         let of_heat = (rows - PARAMETERS * h.touches.len() as f64) * heat.ln() - 2.0 * TORN.ln();
-        h.score + (of_heat - h.chi_square * (1.0 - heat.recip())).min(0.0)
-            - 2.0 * (scene.settings.dies_hz * scene.dt_s).ln() * ended
+        h.score + (of_heat - h.chi_square * (1.0 - heat.recip())).min(0.0) + self.known - stayed
     }
 
-    fn better(&self, scene: &Scene<'_>, a: Hypothesis, b: Hypothesis) -> Hypothesis {
-        if self.total(scene, &b) < self.total(scene, &a) { b } else { a }
+    fn better(&self, a: Hypothesis, b: Hypothesis) -> Hypothesis {
+        if self.total(&b) < self.total(&a) { b } else { a }
     }
 
     /// Fits some touches of the last frame from two starts: resting as well as moving, and moving alone.
@@ -100,9 +98,9 @@ impl Search {
         let mut best = self.estimator.fit(scene, frame, touches, 2, 0);
         if self.estimator.gain_of_moving(scene, frame, &best.touches) > MAY_MOVE {
             let moving = self.estimator.fit(scene, frame, touches, 4, 2);
-            best = self.better(scene, best, moving);
+            best = self.better(best, moving);
         }
-        self.better(scene, best, none)
+        self.better(best, none)
     }
 
     /// Returns the best hypothesis that moves from some touches reach.
@@ -114,19 +112,19 @@ impl Search {
     ) -> Hypothesis {
         self.refresh(scene, frame);
         let mut best = self.begin(scene, frame, touches);
-        let mut least = self.total(scene, &best);
+        let mut least = self.total(&best);
         let mut is_relocated = false;
         for _ in 0..MOST_MOVES {
             let mut top = self.births_and_deaths(scene, frame, &best);
             let falls = |search: &Self, top: &Option<Hypothesis>| {
-                top.as_ref().is_some_and(|h| search.total(scene, h) < least - LOWER)
+                top.as_ref().is_some_and(|h| search.total(h) < least - LOWER)
             };
             if !falls(self, &top) && !best.touches.is_empty() && !is_relocated {
                 is_relocated = true;
                 top = self.relocations(scene, frame, &best);
             }
             match top.filter(|_| falls(self, &top)) {
-                Some(h) => (best, least) = (h, self.total(scene, &h)),
+                Some(h) => (best, least) = (h, self.total(&h)),
                 None => break,
             }
         }
@@ -144,13 +142,13 @@ impl Search {
             for place in self.candidates(scene, frame, &best.touches).into_iter().flatten() {
                 let born = TouchState::new(scene.model.grid.spot(place));
                 let more = self.estimator.fit(scene, frame, &best.touches.with(born), 3, 0);
-                top = Some(top.map_or(more, |top| self.better(scene, top, more)));
+                top = Some(top.map_or(more, |top| self.better(top, more)));
             }
         }
         let may_die = |k: &usize| prior::worth(&best.touches[*k], scene) < MAY_DIE;
         for k in (0..best.touches.len()).filter(may_die) {
             let fewer = self.estimator.fit(scene, frame, &best.touches.without(k), 2, 0);
-            top = Some(top.map_or(fewer, |top| self.better(scene, top, fewer)));
+            top = Some(top.map_or(fewer, |top| self.better(top, fewer)));
         }
         top
     }
@@ -176,7 +174,7 @@ impl Search {
             touches[k].spot = spot;
             touches[k].strength_m2 = 0.0;
             let other = self.estimator.fit(scene, frame, &touches, 3, 0);
-            top = Some(top.map_or(other, |top| self.better(scene, top, other)));
+            top = Some(top.map_or(other, |top| self.better(top, other)));
         }
         top
     }

@@ -73,7 +73,7 @@ pub(super) fn of_place(
             (0..2).for_each(|j| precision[i][j] += weight * part.precision[i][j]);
         }
     }
-    OfPlace { cost: -2.0 * (top + whole.ln()) + 2.0 * s.dies_hz * dt_s, pull, precision }
+    OfPlace { cost: -2.0 * (top + whole.ln()), pull, precision }
 }
 
 /// One normal density of a mixture.

@@ -17,6 +17,8 @@ pub(super) struct Before {
     pub(super) covariance_m2: [[f64; 2]; 2],
     /// Velocity, metres per second.
     pub(super) velocity_m_s: [f64; 3],
+    /// 2 ln odds that it is still there, before this frame is seen.
+    pub(super) odds: f64,
 }
 
 /// All that is known of a touch. It lives from frame to frame.
@@ -31,7 +33,7 @@ pub(super) struct TouchState {
     pub(super) before: Option<Before>,
     /// Its id, once it has been shown.
     pub(super) id: Option<u64>,
-    /// Sum of 2 ln odds for it over the frames.
+    /// 2 ln odds that it is there.
     pub(super) odds: f64,
     /// Way that it has slid, metres.
     pub(super) path_m: f64,
@@ -60,6 +62,17 @@ impl TouchState {
             covariance_m2: [[0.0; 2]; 2],
             strength_variance: 0.0,
             response: [0.0; COLUMNS],
+        }
+    }
+
+    /// What the next frame knows of it, `dt_s` seconds later; touches end at a rate of `dies_hz`.
+    pub(super) fn remembered(&self, dies_hz: f64, dt_s: f64) -> Before {
+        let there = (1.0 - (dies_hz * dt_s).min(0.5)) / (1.0 + (-0.5 * self.odds).exp());
+        Before {
+            spot: self.spot,
+            covariance_m2: self.covariance_m2,
+            velocity_m_s: self.velocity_m_s,
+            odds: 2.0 * (there / (1.0 - there)).ln(),
         }
     }
 
