@@ -87,7 +87,9 @@ impl Background {
             settled: std::array::from_fn(|_| vec![0.0; n]),
             shares: [0.0; SETTLING],
             share_covariance: std::array::from_fn(|k| {
-                std::array::from_fn(|l| if k == l { s.settle * s.settle } else { 0.0 })
+                std::array::from_fn(|l| {
+                    if k == l { s.settle * s.settle / SETTLING as f64 } else { 0.0 }
+                })
             }),
             eta: least_eta,
             least_eta,

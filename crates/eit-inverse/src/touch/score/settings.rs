@@ -73,8 +73,8 @@ pub struct ScoreSettings {
     pub error_s: f64,
     /// Time constants with which the fabric settles or creeps, seconds.
     pub settle_s: [f64; SETTLING],
-    /// Standard deviation of the part of a touch by which it does with each: knits settle by 0.02 to 0.15, foams creep by 0.1
-    /// to 0.3.
+    /// Standard deviation of the part of a touch by which it does, with any of them: knits settle by 0.02 to 0.15, foams creep by
+    /// 0.1 to 0.3.
     pub settle: f64,
     /// Trail that a touch leaves, relative to its print: published hysteresis is 3 to 12 % of the range.
     pub trail: f64,

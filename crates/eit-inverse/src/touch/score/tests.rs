@@ -276,7 +276,7 @@ fn the_reference_is_a_kalman_filter() {
     let after = &before - gain.transpose() * &solved;
     // shares are subtracted: their columns are -settled
     let columns = Mat::from_fn(present.len(), 3, |a, k| -settled[(present[a], k)]);
-    let variance = settings.settle * settings.settle;
+    let variance = settings.settle * settings.settle / 3.0;
     let solved = sum.llt(faer::Side::Lower).unwrap().solve(&columns);
     let shares = faer::Scale(variance) * (solved.transpose() * &frame_y);
     let known = faer::Scale(variance * variance) * (columns.transpose() * &solved);
