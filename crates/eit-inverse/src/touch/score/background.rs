@@ -106,7 +106,7 @@ impl Background {
     /// Lets the reference drift, and what the fabric remembers flow into it.
     pub(super) fn advance(&mut self, s: &ScoreSettings, dt_s: f64) {
         self.covariance.add(dt_s / DRIFT_S, &self.walk);
-        self.covariance.add_diagonal((dt_s / s.drift_s).min(1.0).powi(2));
+        self.covariance.add_diagonal((dt_s / s.drift_s).min(1.0));
         self.covariance.add(2.0 * dt_s / s.trail_s, &self.memory);
     }
 

@@ -90,7 +90,7 @@ pub struct ScoreSettings {
     pub drift_sheet: f64,
     /// Drift of the position of an electrode in a minute, metres.
     pub drift_electrode_m: f64,
-    /// Time in which each row by itself drifts by its noise, seconds.
+    /// Time in which each row by itself drifts (a random walk) by its noise of one frame, seconds: an amplifier warms in minutes.
     pub drift_s: f64,
     /// Faults of electrodes, per second and electrode: one in ten hours of a skin.
     pub fault_hz: f64,
@@ -142,7 +142,7 @@ impl Default for ScoreSettings {
             drift_contact: 0.02,
             drift_sheet: 0.02,
             drift_electrode_m: 2e-5,
-            drift_s: 1.0,
+            drift_s: 200.0,
             fault_hz: 2e-6,
             heal_hz: 0.1,
             gain_per_s: 0.02,
