@@ -451,3 +451,66 @@ fn the_time_of_a_scan_is_found() {
         assert!((found - part).abs() < 0.1, "{found} {part}");
     }
 }
+
+/// A finger that has moved on during a gap in the frames is found where it is, and accuses no electrode.
+#[test]
+fn a_gap_in_the_frames_is_no_longer_scan() {
+    let mut skin = Skin::new();
+    skin.volts.iter_mut().for_each(|v| *v *= 0.03);
+    let mut detector = skin.detector();
+    let mut random = Random::new(29);
+    let at = |time: f64| [0.06 + 2e-3 * time, 0.08 + 1e-3 * time];
+    for k in 0..24 {
+        let is_after = k >= 20;
+        let frames = if k == 20 { 11.0 } else { 1.0 };
+        let begin = f64::from(k) + if is_after { 10.0 } else { 0.0 };
+        let mut frame = skin.volts.clone();
+        for drive in 0..ELECTRODES {
+            let time = begin + 0.8 * drive as f64 / ELECTRODES as f64;
+            let whole = skin.frame(&[(at(time), 1e-5 * (time - 3.0).clamp(0.0, 4.0))], &mut random);
+            let own = (0..frame.len()).filter(|&i| skin.drive[i] == drive);
+            own.for_each(|i| frame[i] = whole[i]);
+        }
+        let touches = detector.push(&frame, |_| false, 0.05 * frames).unwrap().to_vec();
+        if k > 8 {
+            let [x, y] = at(begin);
+            // half a finger's width after the gap: what it knows of the motion is old
+            let near_m = |t: &Touch| if is_after { 9e-3 } else { 3.0 * std_m(t) };
+            let way_m = |t: &Touch| (t.position_m[0] - x).hypot(t.position_m[1] - y);
+            let lasting: Vec<&Touch> = touches.iter().filter(|t| t.state != Stage::End).collect();
+            assert!(
+                lasting.len() == 1 && way_m(lasting[0]) < near_m(lasting[0]),
+                "{k} {touches:?}"
+            );
+        }
+        // how long a scan takes is known once something has moved
+        let is_sound = |s: &ElectrodeState| *s == ElectrodeState::Sound;
+        assert!(k <= 8 || detector.electrodes().iter().all(is_sound), "{k}");
+    }
+}
+
+/// A damaged value is left out, in a frame in which nothing moves as well; a frame that is damaged as a whole is not
+/// explained; a touch outlives both.
+#[test]
+fn damage_ends_no_touch() {
+    let skin = Skin::new();
+    let mut detector = skin.detector();
+    let mut random = Random::new(31);
+    for k in 0..40 {
+        let mut frame = skin.frame(&[([0.08, 0.11], if k > 3 { 3e-5 } else { 0.0 })], &mut random);
+        let is_torn = k == 30;
+        match k {
+            10 | 15 | 20 | 25 => frame[3 * k as usize] += 2.0 * skin.volts[3 * k as usize],
+            30 => frame.iter_mut().for_each(|v| *v += 1e-2 * random.normal()),
+            _ => {}
+        }
+        let touches = detector.push(&frame, |_| false, 0.05).unwrap();
+        if k > 4 {
+            assert_eq!(touches.len(), 1, "{k} {touches:?}");
+            assert_eq!((touches[0].id, touches[0].valid), (1, !is_torn), "{k}");
+        }
+        if !is_torn {
+            assert!(detector.electrodes().iter().all(|s| *s == ElectrodeState::Sound), "{k}");
+        }
+    }
+}
