@@ -264,6 +264,7 @@ impl ScoreDetector {
             return found;
         }
         let Self { model, settings, search, frame, other, base, error, .. } = self;
+        self.electrodes.is_last_known = false;
         let scene = Scene { model, settings, dt_s };
         base.scale(found.heat());
         let present = &frame.present;

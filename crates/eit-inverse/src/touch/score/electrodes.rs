@@ -70,6 +70,8 @@ pub(super) struct Electrodes {
     is_damaged: Vec<bool>,
     /// The last frame, NaN where a value is missing; empty before the first.
     pub(super) last_v: Vec<f64>,
+    /// Whether something explained it: otherwise it does not tell where the skin was.
+    pub(super) is_last_known: bool,
     /// Usual time between frames, seconds, and that part of the time since the last one: a scan takes no longer after a gap.
     period_s: f64,
     of_gap: f64,
@@ -91,6 +93,7 @@ impl Electrodes {
             is_lost: vec![false; n],
             is_damaged: vec![false; n],
             last_v: Vec::with_capacity(model.reference_v.len()),
+            is_last_known: false,
             period_s: f64::NAN,
             of_gap: 1.0,
             scan: Scan::new(model),
@@ -148,7 +151,9 @@ impl Electrodes {
         let is_pair = |i: usize, j: usize| i != j && !is_missing[i] && !is_missing[j];
         let largest = |[i, j]: [usize; 2]| change(i).abs().max(change(j).abs());
         let moved = |i: usize| match self.last_v.get(i) {
-            Some(last) if last.is_finite() => self.of_gap * (frame_v[i] - last),
+            Some(last) if self.is_last_known && last.is_finite() => {
+                self.of_gap * (frame_v[i] - last)
+            }
             _ => 0.0,
         };
         let most_moved = |[i, j]: [usize; 2]| moved(i).abs().max(moved(j).abs());
@@ -198,6 +203,7 @@ impl Electrodes {
 
     /// Keeps a frame for the next one.
     pub(super) fn remember(&mut self, model: &Model, frame_v: &[f64], is_missing: &[bool]) {
+        self.is_last_known = true;
         self.last_v.clear();
         let values = frame_v.iter().zip(is_missing);
         self.last_v.extend(values.map(|(v, missing)| if *missing { f64::NAN } else { *v }));
@@ -210,7 +216,7 @@ impl Electrodes {
     /// Value of a measurement at the time of the first drive of a scan.
     pub(super) fn at_first_drive(&self, model: &Model, frame_v: &[f64], i: usize) -> f64 {
         match self.last_v.get(i) {
-            Some(last) if last.is_finite() => {
+            Some(last) if self.is_last_known && last.is_finite() => {
                 frame_v[i] - self.of_gap * self.scan.part() * model.time(i) * (frame_v[i] - last)
             }
             _ => frame_v[i],
