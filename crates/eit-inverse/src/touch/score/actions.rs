@@ -104,8 +104,8 @@ impl Features {
                             row[k] += factor * products[k];
                         }
                     }
-                    for k in 0..COLUMNS {
-                        turned[k][own] = row[k];
+                    for (turned, value) in turned.iter_mut().zip(row) {
+                        turned[own] = value;
                     }
                 }
                 let mut out = [[0.0; FEATURES]; FEATURES];
