@@ -103,7 +103,8 @@ impl Report {
             intensity_std_s_m2: Some(std),
             peak_s: intensity_s_m2 * model.dictionary.tops[place],
             learnt: None,
-            confidence: (1.0 + (-0.5 * state.odds).exp()).recip(),
+            // errors of the model that look like touches are as likely as the faintest that is shown
+            confidence: (1.0 + (0.5 * (settings.shown - state.odds)).exp()).recip(),
             age_frames: 0,
             age_s: 0.0,
             valid: largest(plane) <= MOST_STD_M * MOST_STD_M,

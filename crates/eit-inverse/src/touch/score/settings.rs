@@ -100,7 +100,7 @@ pub struct ScoreSettings {
     pub gain_per_s: f64,
     /// Part of a change by which reciprocal halves may differ; at least three times that of the reference.
     pub unequal: f64,
-    /// 2 ln odds from which a touch is shown: 9 is 90 to 1.
+    /// 2 ln odds from which a touch is shown: 9 is 90 to 1. It is then as likely an error of the model.
     pub shown: f64,
 }
 
