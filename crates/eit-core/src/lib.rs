@@ -9,7 +9,7 @@ pub mod vector;
 
 #[cfg(feature = "random")]
 pub use random::Random;
-pub use statistics::{median, quantile};
+pub use statistics::{median, median_in_place, quantile};
 // for the expansion of `event!`
 #[doc(hidden)]
 #[cfg(feature = "tracing")]

@@ -3,7 +3,11 @@
 /// Median; for an even number of values the upper of the two in the middle. `None` if there are no
 /// values. NaN counts as larger than every number, so that callers exclude it if it can occur.
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.into_iter().collect();
+    median_in_place(&mut values.into_iter().collect::<Vec<f64>>())
+}
+
+/// The same of values that are reordered, without allocation.
+pub fn median_in_place(values: &mut [f64]) -> Option<f64> {
     let middle = values.len() / 2;
     // the upper of the two needs no interpolation: the median is one of the values
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)

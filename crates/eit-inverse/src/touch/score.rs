@@ -313,7 +313,7 @@ impl ScoreDetector {
                     search.total(&fewer) - least
                 }
             };
-            touches[k].odds = gain.min(CERTAIN);
+            touches[k].odds = gain.clamp(-CERTAIN, CERTAIN);
             touches[k].follow(dt_s);
             if touches[k].odds >= settings.shown && touch.id.is_none() {
                 touches[k].id = Some(self.next_id);

@@ -13,7 +13,7 @@
 use super::drives::{Halves, Scan, UNEVEN};
 use super::model::Model;
 use super::settings::ScoreSettings;
-use eit_core::median;
+use eit_core::median_in_place;
 
 /// Least variance of a faulty electrode's halves, relative to that of sound ones: noise that matters. With a free size noise
 /// that is small by chance would be a fault of small size.
@@ -162,7 +162,7 @@ impl Electrodes {
         let mut typical = |of: &dyn Fn([usize; 2]) -> f64| {
             changes.clear();
             changes.extend(pairs().map(|&pair| of(pair).powi(2)));
-            median(changes.iter().copied()).unwrap_or(0.0)
+            median_in_place(changes).unwrap_or(0.0)
         };
         let (typical, typical_move) = (typical(&largest), typical(&most_moved));
         let unequal = s.unequal.max(OF_REFERENCE * model.unequal);

@@ -9,7 +9,6 @@ use super::electrodes::ElectrodeState;
 use super::estimate::{Scene, residual};
 use super::state::Hypothesis;
 use crate::touch::detector::dot;
-use eit_core::median;
 use std::f64::consts::TAU;
 
 /// Standard deviations of chi^2 beyond which a frame is unlikely.
@@ -63,8 +62,7 @@ impl ScoreDetector {
         let whole = search.total(found);
         let found = search.search(&scene, other, &self.touches);
         // a row that repeats has the density of a step of the converter instead of its own
-        let noise_v = median(model.row_noise_v.iter().copied()).unwrap_or(0.0);
-        let of_row = TAU.ln() + 2.0 * (noise_v / model.step_v.max(1e-30)).ln();
+        let of_row = TAU.ln() + 2.0 * (model.typical_noise_v / model.step_v.max(1e-30)).ln();
         let fewer = (frame.n() - other.n()) as f64;
         if search.total(&found) + cost >= whole + of_row.clamp(-1.0, 0.0) * fewer {
             return None;

@@ -1,5 +1,5 @@
 //! Symmetric matrices and Cholesky factors of faer, without allocation once grown. Costs for `n` rows: factor `n^3 / 3` flops, a
-//! solve `n^2` for each vector; two thirds of what the processor can do, with vectors solved together.
+//! solve `n^2` for each vector.
 
 use faer::dyn_stack::MemStack;
 use faer::linalg::cholesky::llt::factor::{self, LltRegularization};

@@ -57,6 +57,8 @@ pub(super) struct Model {
     pub(super) reference_v: Vec<f64>,
     pub(super) noise_v: Vec<f64>,
     pub(super) row_noise_v: Vec<f64>,
+    /// Median of the rows' noise, volts.
+    pub(super) typical_noise_v: f64,
     /// Displacements of electrodes: position, and effect of 1 m `[displacement][row]`.
     pub(super) moved_at: Vec<[f64; 3]>,
     pub(super) moved: Vec<f64>,
@@ -152,6 +154,7 @@ impl Model {
             dictionary,
             reference_v: skin.reference_v.to_vec(),
             noise_v,
+            typical_noise_v: median(row_noise_v.iter().copied()).unwrap_or(0.0),
             row_noise_v,
             moved_at,
             moved,

@@ -137,7 +137,6 @@ impl Skin {
         ScoreDetector::new(&self.model(), &dents, settings).unwrap()
     }
 
-    /// Voltages under bells of 7 mm with strengths in m^2, with noise.
     /// A frame whose drives take turns in a part of its time, of a touch that begins at time 3, in frames.
     fn scan(
         &self,
@@ -156,6 +155,7 @@ impl Skin {
         frame
     }
 
+    /// Voltages under bells of 7 mm with strengths in m^2, with noise.
     fn frame(&self, touches: &[([f64; 2], f64)], random: &mut Random) -> Vec<f64> {
         let centroids = self.surface.centroids();
         let areas = self.surface.areas_m2();
@@ -519,5 +519,30 @@ fn damage_ends_no_touch() {
         if matches!(k, 20 | 24 | 28 | 32) {
             assert!(detector.electrodes.is_lost.iter().filter(|lost| **lost).count() == 1, "{k}");
         }
+    }
+}
+
+/// Touches, missing values and damage come and go: nothing is allocated once the largest numbers have occurred.
+#[test]
+fn push_allocates_nothing() {
+    let skin = Skin::new();
+    let mut detector = skin.detector();
+    let mut random = Random::new(37);
+    let at = [[0.05, 0.06], [0.14, 0.07], [0.10, 0.15]];
+    for k in 0..60 {
+        let count = if k % 10 < 5 { 3 } else { k % 3 };
+        let touches: Vec<([f64; 2], f64)> = at[..count].iter().map(|at| (*at, 4e-5)).collect();
+        let mut frame = skin.frame(&touches, &mut random);
+        match k % 7 {
+            3 => frame[k] += 0.1,
+            5 => frame.iter_mut().skip(k).step_by(9).for_each(|v| *v += 1e-2 * random.normal()),
+            _ => {}
+        }
+        let missing = 11 * (k % 4);
+        let info = allocation_counter::measure(|| {
+            detector.push(&frame, |i| i < missing, 0.05).unwrap();
+        });
+        // the frame with the most places of all is among the first 36
+        assert!(k < 36 || info.count_total == 0, "{k}: {info:?}");
     }
 }
