@@ -18,17 +18,22 @@ use super::solved_fields::SolvedFields;
 use crate::element::gradient::gradient;
 use crate::model::Grain;
 use eit_core::vector::{Vector, cross, dot, norm, scaled, sub};
-use ndarray::ArrayViewMut2;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use ndarray::{ArrayViewMut2, Axis};
 
 /// Elements per block: 16 fields x 2 components x 64 x 8 bytes = 16 KiB of gradients.
 const BLOCK: usize = 64;
 
-/// Strain of one triangle by one displacement: conductivity times `S22 - S11` and `-2 S12`.
-struct Strain {
-    element: u32,
-    displacement: u32,
-    along: f64,
-    across: f64,
+/// Displacements whose strains are held in memory at a time: 1 kB a triangle.
+const AT_ONCE: usize = 64;
+
+/// Strains of the triangles, `[element][component][displacement]`: conductivity times `S22 - S11` and `-2 S12`.
+struct Strains {
+    count: usize,
+    values: Vec<f64>,
+    /// Triangles that any displacement strains.
+    elements: Vec<u32>,
 }
 
 /// Change of the length or area of one part of an electrode by one displacement.
@@ -45,18 +50,37 @@ pub(crate) fn fill(
     displacements: &[Displacement],
     mut jacobian: ArrayViewMut2<'_, f64>,
 ) {
-    let products = &solved.model.fields.products;
-    let (mut strains, mut stretches) = (Vec::new(), Vec::new());
-    let mut moves = Moves::new(solved);
-    for (index, displacement) in (0u32..).zip(displacements) {
-        moves.set(solved, displacement);
-        moves.strains(solved, index, &mut strains);
-        moves.stretches(solved, index, &mut stretches);
+    let columns = jacobian.axis_chunks_iter_mut(Axis(1), AT_ONCE);
+    for (displacements, columns) in displacements.chunks(AT_ONCE).zip(columns) {
+        fill_some(solved, displacements, columns);
     }
+}
+
+fn fill_some(
+    solved: &SolvedFields<'_>,
+    displacements: &[Displacement],
+    mut jacobian: ArrayViewMut2<'_, f64>,
+) {
+    let products = &solved.model.fields.products;
     let count = displacements.len();
+    let mut strains = vec![0.0; 2 * count * solved.conductivity_s.len()];
+    let mut is_strained = vec![false; solved.conductivity_s.len()];
+    let mut stretches = Vec::new();
+    let mut moves = Moves::new(solved);
+    for (index, displacement) in displacements.iter().enumerate() {
+        moves.set(solved, displacement);
+        moves.strains(solved, |element, [along, across]| {
+            is_strained[element] = true;
+            strains[2 * element * count + index] = along;
+            strains[(2 * element + 1) * count + index] = across;
+        });
+        moves.stretches(solved, index as u32, &mut stretches);
+    }
+    let strained = (0..is_strained.len()).filter(|&e| is_strained[e]).map(|e| e as u32);
+    let strains = Strains { count, values: strains, elements: strained.collect() };
     // derivative of the energy, [product, displacement]
     let mut sums = vec![0.0; products.len() * count];
-    add_elements(solved, &mut strains, count, &mut sums);
+    add_elements(solved, &strains, &mut sums);
     add_contacts(solved, &mut stretches, count, &mut sums);
     for (index, product) in products.iter().enumerate() {
         let sums = &sums[index * count..][..count];
@@ -93,19 +117,18 @@ impl Moves {
         nodes.iter().any(|&n| self.moved[n as usize])
     }
 
-    fn strains(&self, solved: &SolvedFields<'_>, displacement: u32, strains: &mut Vec<Strain>) {
+    fn strains(&self, solved: &SolvedFields<'_>, mut put: impl FnMut(usize, [f64; 2])) {
         let (triangles, _) = solved.model.dofs.element_nodes.as_chunks::<3>();
-        let triangles = triangles.iter().zip(solved.conductivity_s);
-        for (element, (triangle, sigma)) in (0u32..).zip(triangles) {
+        for (element, (triangle, sigma)) in triangles.iter().zip(solved.conductivity_s).enumerate()
+        {
             if !self.any(triangle) {
                 continue;
             }
             let corners = triangle.map(|n| solved.geometry.positions[n as usize]);
             let vectors = triangle.map(|n| self.vectors[n as usize]);
             let grain = solved.geometry.anisotropy.as_ref();
-            let grain = grain.map(|anisotropy| &anisotropy.grains()[element as usize]);
-            let [along, across] = strain(corners, vectors, grain).map(|s| sigma * s);
-            strains.push(Strain { element, displacement, along, across });
+            let grain = grain.map(|anisotropy| &anisotropy.grains()[element]);
+            put(element, strain(corners, vectors, grain).map(|s| sigma * s));
         }
     }
 
@@ -166,45 +189,34 @@ fn strain(corners: [Vector; 3], vectors: [Vector; 3], grain: Option<&Grain>) -> 
     [dot(second, d2) - dot(first, d1), -(dot(first, d2) + dot(second, d1))]
 }
 
-/// Adds the contributions of the strained triangles, block by block.
-fn add_elements(solved: &SolvedFields<'_>, strains: &mut [Strain], count: usize, sums: &mut [f64]) {
-    strains.sort_by_key(|s| s.element);
+/// Adds the contributions of the strained triangles, a product of matrices for each block.
+fn add_elements(solved: &SolvedFields<'_>, strains: &Strains, sums: &mut [f64]) {
     let fields = &solved.model.fields;
+    let (count, products) = (strains.count, fields.products.len());
     let mut gradients = vec![0.0; fields.slot_count() * 2 * BLOCK];
-    let (mut difference, mut mixed) = ([0.0; BLOCK], [0.0; BLOCK]);
-    let mut elements: Vec<u32> = Vec::with_capacity(BLOCK);
-    let mut rest = &*strains;
-    while !rest.is_empty() {
-        elements.clear();
-        let mut length = 0;
-        for strain in rest {
-            if elements.last() != Some(&strain.element) {
-                if elements.len() == BLOCK {
-                    break;
-                }
-                elements.push(strain.element);
-            }
-            length += 1;
-        }
-        let (block, after) = rest.split_at(length);
-        rest = after;
-        gather(solved, &elements, &mut gradients);
-        for (product, sums) in fields.products.iter().zip(sums.chunks_exact_mut(count)) {
+    let mut of_products = vec![0.0; products * 2 * BLOCK];
+    let mut of_block = vec![0.0; 2 * BLOCK * count];
+    let mut sums = MatMut::from_row_major_slice_mut(sums, products, count);
+    for elements in strains.elements.chunks(BLOCK) {
+        gather(solved, elements, &mut gradients);
+        let width = 2 * elements.len();
+        for (product, out) in fields.products.iter().zip(of_products.chunks_exact_mut(width)) {
             let [f, g] = product.fields.map(|field| {
                 let slot = fields.slots[field as usize] as usize;
                 gradients[slot * 2 * BLOCK..][..2 * BLOCK].split_at(BLOCK)
             });
-            for i in 0..elements.len() {
-                difference[i] = f.0[i] * g.0[i] - f.1[i] * g.1[i];
-                mixed[i] = f.0[i] * g.1[i] + f.1[i] * g.0[i];
-            }
-            let mut i = 0;
-            for strain in block {
-                i += usize::from(elements[i] != strain.element);
-                sums[strain.displacement as usize] +=
-                    strain.along * difference[i] + strain.across * mixed[i];
+            for (i, out) in out.chunks_exact_mut(2).enumerate() {
+                out[0] = f.0[i] * g.0[i] - f.1[i] * g.1[i];
+                out[1] = f.0[i] * g.1[i] + f.1[i] * g.0[i];
             }
         }
+        for (&e, out) in elements.iter().zip(of_block.chunks_exact_mut(2 * count)) {
+            out.copy_from_slice(&strains.values[2 * e as usize * count..][..2 * count]);
+        }
+        let of_products =
+            MatRef::from_row_major_slice(&of_products[..products * width], products, width);
+        let of_block = MatRef::from_row_major_slice(&of_block[..width * count], width, count);
+        matmul(sums.as_mut(), Accum::Add, of_products, of_block, 1.0, Par::Seq);
     }
 }
 
