@@ -314,7 +314,7 @@ impl ScoreDetector {
                 }
             };
             touches[k].odds = gain.clamp(-CERTAIN, CERTAIN);
-            touches[k].follow(dt_s);
+            touches[k].follow(settings.error_s, dt_s);
             if touches[k].odds >= settings.shown && touch.id.is_none() {
                 touches[k].id = Some(self.next_id);
                 self.next_id += 1;
@@ -385,9 +385,23 @@ impl ScoreDetector {
         self.next_id
     }
 
-    /// Continues the ids of another detector.
-    pub fn with_first_id(self, first: u64) -> Self {
-        Self { next_id: first.max(1), ..self }
+    /// Continues the ids of another detector: the next new touch has this id, or 1 for 0.
+    pub fn set_next_id(&mut self, id: u64) {
+        self.next_id = id.max(1);
+    }
+
+    /// Starts again with another reference of the same skin, `[measurement]`, volts: nothing touches it.
+    ///
+    /// # Errors
+    /// A wrong length.
+    pub fn set_reference(&mut self, reference_v: &[f64]) -> Result<(), InverseError> {
+        check_length("reference_v", reference_v.len(), self.reference_v.len())?;
+        self.model.reference_v.copy_from_slice(reference_v);
+        self.reference_v.copy_from_slice(reference_v);
+        self.background.restart(&self.model, &self.settings);
+        self.electrodes = Electrodes::new(&self.model);
+        self.touches = Touches::none();
+        Ok(())
     }
 }
 

@@ -33,6 +33,9 @@ const UNEVEN: f64 = 0.5;
 /// Uncertainty of strength, relative, and of position, metres, beyond which a touch takes nothing more from the reference.
 const WIDE_STRENGTH: f64 = 10.0;
 const WIDE_M: f64 = 10e-3;
+/// Disturbance by a touch relative to its strength over the skin's area: on a disc of radius `R`, 1 at the mean square distance
+/// from its middle (`R^2 / 2`), 0.5 at that of two of its points (`R^2`).
+const DISTURBED: f64 = 0.7;
 /// Way from which a touch lays a trail, metres.
 const LAID_FROM_M: f64 = 3e-3;
 /// Distance up to which the pull of a touch on an electrode does not fall, metres.
@@ -48,6 +51,8 @@ pub(super) struct Background {
     walk: Symmetric,
     /// Covariance of what the fabric remembers.
     memory: Symmetric,
+    /// Variance of the field of changes that strong touches look like, and leave behind.
+    disturbance: f64,
     /// Low-pass of the touches' signal with each time constant; by which share of each a signal is less, and the covariance.
     pub(super) settled: [Vec<f64>; SETTLING],
     pub(super) shares: [f64; SETTLING],
@@ -76,21 +81,16 @@ impl Background {
         }
         walk.add_square(s.drift_sheet * s.drift_sheet, &model.sheet);
         walk.add_product(1.0, &uneven_drift(model, UNEVEN * s.drift_sheet));
-        let mut covariance = Symmetric::zeros(n);
-        covariance.add_diagonal(1.0 / model.reference_frames as f64);
         let least_eta = s.error.max(model.misfit);
-        Self {
+        let mut made = Self {
             reference: vec![0.0; n],
-            covariance,
+            covariance: Symmetric::zeros(n),
             walk,
             memory: Symmetric::zeros(n),
+            disturbance: 0.0,
             settled: std::array::from_fn(|_| vec![0.0; n]),
             shares: [0.0; SETTLING],
-            share_covariance: std::array::from_fn(|k| {
-                std::array::from_fn(|l| {
-                    if k == l { s.settle * s.settle / SETTLING as f64 } else { 0.0 }
-                })
-            }),
+            share_covariance: [[0.0; SETTLING]; SETTLING],
             eta: least_eta,
             least_eta,
             columns: Vec::new(),
@@ -100,7 +100,24 @@ impl Background {
             innovation: Vec::new(),
             of_update: Factor::default(),
             update: Symmetric::default(),
-        }
+        };
+        made.restart(model, s);
+        made
+    }
+
+    /// Forgets all frames.
+    pub(super) fn restart(&mut self, model: &Model, s: &ScoreSettings) {
+        self.reference.fill(0.0);
+        self.covariance.reset(model.n);
+        self.covariance.add_diagonal(1.0 / model.reference_frames as f64);
+        self.memory.reset(model.n);
+        self.disturbance = 0.0;
+        self.settled.iter_mut().for_each(|settled| settled.fill(0.0));
+        self.shares = [0.0; SETTLING];
+        let own = s.settle * s.settle / SETTLING as f64;
+        self.share_covariance =
+            std::array::from_fn(|k| std::array::from_fn(|l| if k == l { own } else { 0.0 }));
+        self.eta = self.least_eta;
     }
 
     /// Lets the reference drift, and what the fabric remembers flow into it.
@@ -115,6 +132,7 @@ impl Background {
         total.set(&self.covariance);
         total.add(1.0, &self.memory);
         total.add(1.0, &model.waves);
+        total.add(self.disturbance, &model.field);
         total.add_diagonal(1.0);
         for (k, a) in self.settled.iter().enumerate() {
             for (l, b) in self.settled.iter().enumerate() {
@@ -146,6 +164,8 @@ impl Background {
             return;
         }
         self.set_error(scene, touches, eta, gains);
+        let beyond = second_order(scene.model, touches) - self.disturbance;
+        out.add(beyond.max(0.0), &scene.model.field);
         self.diagonal.iter().enumerate().for_each(|(i, d)| out.add_at(i, i, *d));
         out.add_product(1.0, &self.columns);
     }
@@ -166,7 +186,9 @@ impl Background {
         for column in self.columns.chunks_exact(scene.model.n) {
             self.diagonal.iter_mut().zip(column).for_each(|(d, c)| *d += c * c);
         }
-        self.diagonal.iter().enumerate().any(|(i, d)| *d > 2.0 * given.get(i, i) + 1.0)
+        let beyond = second_order(scene.model, touches) - self.disturbance;
+        let own = |i: usize| beyond.max(0.0) * scene.model.field.get(i, i);
+        self.diagonal.iter().enumerate().any(|(i, d)| *d + own(i) > 2.0 * given.get(i, i) + 1.0)
     }
 
     /// Sets the parts of `E`: a diagonal, and columns.
@@ -239,6 +261,8 @@ impl Background {
             self.update_shares(frame, scene.settings);
         }
         self.remember(scene, touches);
+        let fading = self.disturbance * (-2.0 * scene.dt_s / scene.settings.trail_s).exp();
+        self.disturbance = fading.max(second_order(scene.model, touches));
         for (settled, time_s) in self.settled.iter_mut().zip(scene.settings.settle_s) {
             let weight = -(-scene.dt_s / time_s).exp_m1();
             settled.iter_mut().zip(&signal).for_each(|(s, now)| *s += weight * (now - *s));
@@ -277,6 +301,13 @@ impl Background {
             self.rows.extend(frame.present.iter().map(|&i| column[i]));
         }
         self.update.add_product(1.0, &self.rows);
+        let field = &scene.model.field;
+        let weight = lasting * second_order(scene.model, touches);
+        for (a, &i) in frame.present.iter().enumerate() {
+            for (b, &j) in frame.present[..=a].iter().enumerate() {
+                self.update.add_at(a, b, weight * field.get(i, j));
+            }
+        }
         self.update.scale(heat);
         self.of_update.of(&self.update);
     }
@@ -370,6 +401,13 @@ fn uneven_drift(model: &Model, std: f64) -> Vec<f64> {
     let root = kernel.llt(faer::Side::Lower).map(|factor| factor.L().to_owned());
     let product = root.map(|root| &prints * root).unwrap_or(prints);
     product.col_iter().flat_map(|column| column.iter().copied().collect::<Vec<_>>()).collect()
+}
+
+/// Variance of the changes anywhere that strong touches look like: the model is linear, but a touch of strength `a` disturbs the
+/// currents like a dipole, by `a / (2 pi d^2)` at a distance `d`, relative.
+fn second_order(model: &Model, touches: &[TouchState]) -> f64 {
+    let part = |touch: &TouchState| touch.strength_m2 * DISTURBED / model.area_m2;
+    touches.iter().map(|touch| (part(touch) * touch.strength_m2).powi(2)).sum()
 }
 
 /// Effect of an electrode's gain on all rows.

@@ -38,6 +38,8 @@ const TAIL_RADII: f64 = 12.0 / 7.0;
 const BLUNT: f64 = 0.1;
 /// Radius of the ring around a touch, in radii: 20 mm.
 const RING_RADII: f64 = 20.0 / 7.0;
+/// Step of tabulated prints, in radii: linear interpolation errs by 2e-6 of the peak.
+const STEP: f64 = 1.0 / 256.0;
 /// Distance up to which the print is integrated at four points of a triangle, in radii; one is enough beyond.
 const NEAR_RADII: f64 = 3.0;
 /// Radius of the strongest strain around a touch, metres.
@@ -115,14 +117,16 @@ impl Dictionary {
         });
         let points: Vec<[[f64; 3]; 4]> =
             (0..elements).map(|e| points_of(surface.corners(e))).collect();
+        let [low, high] = surface.bounds_m();
         let radius_m = settings.bell_m.max(1.75 * grid.pitch_m);
+        let print = Print::new(radius_m, distance_m(low, high));
         let sign = settings.sign.factor();
         for (chunk, at) in grid.at.chunks(AT_ONCE).enumerate() {
             let mut prints = Mat::<f64>::zeros(elements, PRINTS * at.len());
             for (k, place) in at.iter().enumerate() {
                 let mut wholes = [0.0; 2];
                 for (e, (points, area)) in points.iter().zip(surface.areas_m2()).enumerate() {
-                    let values = mean_print(points, place.position_m, &place.tangents, radius_m);
+                    let values = print.mean(points, place.position_m, &place.tangents);
                     wholes[0] += area * values[0];
                     wholes[1] += area * values[6];
                     (0..PRINTS).for_each(|c| prints[(e, PRINTS * k + c)] = values[c]);
@@ -190,47 +194,69 @@ fn points_of(corners: [[f64; 3]; 3]) -> [[f64; 3]; 4] {
     [centre, towards(0), towards(1), towards(2)]
 }
 
-/// Mean over a triangle of the print at a place, its derivatives with respect to the place, and the ring.
-fn mean_print(
-    points: &[[f64; 3]; 4],
-    at_m: [f64; 3],
-    tangents: &[[f64; 3]; 2],
+/// The print and the ring around it as functions of the distance, tabulated: exponentials would take most of the set-up.
+struct Print {
     radius_m: f64,
-) -> [f64; PRINTS] {
-    if distance_m(points[0], at_m) > NEAR_RADII * radius_m {
-        return print(points[0], at_m, tangents, radius_m);
-    }
-    let each = points.map(|p| print(p, at_m, tangents, radius_m));
-    std::array::from_fn(|c| each.iter().map(|values| values[c]).sum::<f64>() / 4.0)
+    /// `[radial]` at each [`STEP`] of a radius.
+    table: Vec<[f64; 4]>,
 }
 
-fn print(
-    point: [f64; 3],
-    at_m: [f64; 3],
-    tangents: &[[f64; 3]; 2],
-    radius_m: f64,
-) -> [f64; PRINTS] {
-    let way: [f64; 3] = std::array::from_fn(|i| at_m[i] - point[i]);
-    let [x, y] = tangents.map(|t| (0..3).map(|i| t[i] * way[i]).sum::<f64>());
-    let squared: f64 = way.iter().map(|w| w * w).sum();
+impl Print {
+    /// A print of this radius for distances up to `most_m`.
+    fn new(radius_m: f64, most_m: f64) -> Self {
+        let count = (most_m / (STEP * radius_m)).ceil() as usize + 2;
+        let at = |k: usize| radial(k as f64 * STEP * radius_m, radius_m);
+        Self { radius_m, table: (0..count).map(at).collect() }
+    }
+
+    /// Mean over a triangle of the print at a place, its derivatives with respect to the place, and the ring.
+    fn mean(
+        &self,
+        points: &[[f64; 3]; 4],
+        at_m: [f64; 3],
+        tangents: &[[f64; 3]; 2],
+    ) -> [f64; PRINTS] {
+        if distance_m(points[0], at_m) > NEAR_RADII * self.radius_m {
+            return self.at(points[0], at_m, tangents);
+        }
+        let each = points.map(|p| self.at(p, at_m, tangents));
+        std::array::from_fn(|c| each.iter().map(|values| values[c]).sum::<f64>() / 4.0)
+    }
+
+    fn at(&self, point: [f64; 3], at_m: [f64; 3], tangents: &[[f64; 3]; 2]) -> [f64; PRINTS] {
+        let way: [f64; 3] = std::array::from_fn(|i| at_m[i] - point[i]);
+        let [x, y] = tangents.map(|t| (0..3).map(|i| t[i] * way[i]).sum::<f64>());
+        let steps = way.iter().map(|w| w * w).sum::<f64>().sqrt() / (STEP * self.radius_m);
+        let k = (steps as usize).min(self.table.len() - 2);
+        let part = steps - k as f64;
+        let (near, far) = (self.table[k], self.table[k + 1]);
+        let [value, first, second, ring] =
+            std::array::from_fn(|c| near[c] + part * (far[c] - near[c]));
+        [
+            value,
+            x * first,
+            y * first,
+            x * x * second + first,
+            x * y * second,
+            y * y * second + first,
+            ring,
+        ]
+    }
+}
+
+/// Value of the print at a distance, its derivative over the distance, the derivative of that over the distance, and the ring.
+fn radial(distance_m: f64, radius_m: f64) -> [f64; 4] {
     // without a cusp, at which second derivatives would be infinite
-    let d = squared.sqrt().hypot(BLUNT * radius_m);
+    let d = distance_m.hypot(BLUNT * radius_m);
     let tail_m = TAIL_RADII * radius_m;
     let per = (radius_m * radius_m).recip();
+    let squared = distance_m * distance_m;
     let ring = squared * per / (RING_RADII * RING_RADII);
     let core = (-squared * per).exp();
     let tail = TAIL * (-d / tail_m).exp();
     let first = -2.0 * per * core - tail / (tail_m * d);
     let second = 4.0 * per * per * core + tail / (tail_m * d * d) * (tail_m.recip() + d.recip());
-    [
-        core + tail,
-        x * first,
-        y * first,
-        x * x * second + first,
-        x * y * second,
-        y * y * second + first,
-        ring * (-ring).exp(),
-    ]
+    [core + tail, first, second, ring * (-ring).exp()]
 }
 
 #[cfg(test)]
@@ -242,19 +268,24 @@ mod tests {
     /// Derivatives of the print against differences of it.
     #[test]
     fn derivatives_are_those_of_the_print() {
-        let (point, at, h) = ([2e-3, -4e-3, 0.0], [5e-3, 1e-3, 0.0], 1e-6);
-        let own = print(point, at, &PLANE, 7e-3);
+        // steps of many entries of the table
+        let (point, at, h) = ([2e-3, -4e-3, 0.0], [5e-3, 1e-3, 0.0], 5e-4);
+        let print = Print::new(7e-3, 0.1);
+        let own = print.at(point, at, &PLANE);
         let moved = |axis: usize, by: f64| {
             let mut at = at;
             at[axis] += by;
-            print(point, at, &PLANE, 7e-3)
+            print.at(point, at, &PLANE)
         };
         for (axis, [first, seconds]) in [(0, [1, 3]), (1, [2, 4])] {
             let [ahead, behind] = [h, -h].map(|by| moved(axis, by));
             let slope = |c: usize| (ahead[c] - behind[c]) / (2.0 * h);
-            let close = |a: f64, b: f64| (a - b).abs() < 1e-5 * b.abs();
-            assert!(close(slope(0), own[first]), "{axis}");
-            assert!(close(slope(1), own[seconds]) && close(slope(2), own[seconds + 1]), "{axis}");
+            // h^2 / 6 times the third derivative
+            let close = |a: f64, b: f64, unit: f64| (a - b).abs() < 1e-2 * unit;
+            assert!(close(slope(0), own[first], 1.0 / 7e-3), "{axis}");
+            for c in 0..2 {
+                assert!(close(slope(c + 1), own[seconds + c], 1.0 / 49e-6), "{axis} {c}");
+            }
         }
     }
 }

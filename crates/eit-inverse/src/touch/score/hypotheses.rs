@@ -112,20 +112,31 @@ impl Search {
     ) -> Hypothesis {
         self.refresh(scene, frame);
         let mut best = self.begin(scene, frame, touches);
-        let mut least = self.total(&best);
+        let (mut at, mut least) = (best, self.total(&best));
         let mut is_relocated = false;
         for _ in 0..MOST_MOVES {
-            let mut top = self.births_and_deaths(scene, frame, &best);
             let falls = |search: &Self, top: &Option<Hypothesis>| {
                 top.as_ref().is_some_and(|h| search.total(h) < least - LOWER)
             };
-            if !falls(self, &top) && !best.touches.is_empty() && !is_relocated {
-                is_relocated = true;
+            // of several fingers that land at once, the first ones explain next to nothing of a frame that seems damaged
+            let leads_on = |top: &Option<Hypothesis>| {
+                top.as_ref().is_some_and(|h| {
+                    let is_birth = h.touches.len() > at.touches.len();
+                    at.heat() > 1.0 && is_birth && h.score < at.score - LOWER
+                })
+            };
+            let mut top = self.births_and_deaths(scene, frame, &at);
+            let is_left = falls(self, &top) || leads_on(&top);
+            if !is_left && !best.touches.is_empty() && !is_relocated {
+                (is_relocated, at) = (true, best);
                 top = self.relocations(scene, frame, &best);
             }
-            match top.filter(|_| falls(self, &top)) {
-                Some(h) => (best, least) = (h, self.total(&h)),
-                None => break,
+            match top {
+                Some(h) if self.total(&h) < least - LOWER => {
+                    (best, at, least) = (h, h, self.total(&h));
+                }
+                Some(h) if is_left => at = h,
+                _ => break,
             }
         }
         best
@@ -138,7 +149,7 @@ impl Search {
         best: &Hypothesis,
     ) -> Option<Hypothesis> {
         let mut top: Option<Hypothesis> = None;
-        if best.touches.len() < scene.settings.max_touches.min(MOST_TOUCHES) {
+        if best.touches.len() < most_touches(scene) {
             for place in self.candidates(scene, frame, &best.touches).into_iter().flatten() {
                 let born = TouchState::new(scene.model.grid.spot(place));
                 let more = self.estimator.fit(scene, frame, &best.touches.with(born), 3, 0);
@@ -153,7 +164,7 @@ impl Search {
         top
     }
 
-    /// Tries one touch, in turn, at other places: it may stand in the wrong one.
+    /// Tries one touch, in turn, at other places, where it may stand or, between two of them, for two touches.
     fn relocations(
         &mut self,
         scene: &Scene<'_>,
@@ -165,7 +176,8 @@ impl Search {
         let rest = self.estimator.fit(scene, frame, &others, 1, 0);
         let grid = &scene.model.grid;
         let mut top: Option<Hypothesis> = None;
-        for place in self.candidates(scene, frame, &rest.touches).into_iter().flatten() {
+        let places = self.candidates(scene, frame, &rest.touches);
+        for place in places.into_iter().flatten() {
             let spot = grid.spot(place);
             if distance_m(best.touches[k].spot.position_m, spot.position_m) <= 2.0 * grid.pitch_m {
                 continue;
@@ -175,6 +187,12 @@ impl Search {
             touches[k].strength_m2 = 0.0;
             let other = self.estimator.fit(scene, frame, &touches, 3, 0);
             top = Some(top.map_or(other, |top| self.better(top, other)));
+            let second = places.into_iter().flatten().find(|second| *second != place);
+            if let Some(second) = second.filter(|_| touches.len() < most_touches(scene)) {
+                let touches = touches.with(TouchState::new(grid.spot(second)));
+                let two = self.estimator.fit(scene, frame, &touches, 3, 0);
+                top = Some(top.map_or(two, |top| self.better(top, two)));
+            }
         }
         top
     }
@@ -280,6 +298,10 @@ impl Search {
         best.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         self.best = best;
     }
+}
+
+fn most_touches(scene: &Scene<'_>) -> usize {
+    scene.settings.max_touches.min(MOST_TOUCHES)
 }
 
 /// The print at a place, of all rows.

@@ -74,6 +74,8 @@ pub(super) struct Model {
     pub(super) gain_squares: Vec<f64>,
     /// Covariance of what quiet frames share beyond the noise.
     pub(super) waves: Symmetric,
+    /// Covariance of a field of changes that amount to 1 m^2 in the area of a print.
+    pub(super) field: Symmetric,
     /// Part of the reference that the model leaves unexplained, whatever its scale.
     pub(super) misfit: f64,
     /// Relative difference of the reference's reciprocal halves.
@@ -141,13 +143,15 @@ impl Model {
         let square = |of: &Vec<bool>| {
             of.iter().zip(&sheet).filter(|(of, _)| **of).map(|(_, s)| s * s).sum::<f64>()
         };
+        let area_m2: f64 = skin.surface.areas_m2().iter().sum();
         Ok(Self {
             n,
             misfit: misfit(&rows, skin, &reference),
             unequal: unequal(&rows, &known_v),
+            field: field(&dictionary, &grid, area_m2, settings.bell_m, n),
             waves: waves(&rows, &row_noise_v, skin.quiet_v),
             gain_squares: of.iter().map(square).collect(),
-            area_m2: skin.surface.areas_m2().iter().sum(),
+            area_m2,
             half_m: (0..3).map(|k| 0.5 * (high[k] - low[k])).fold(f64::MIN_POSITIVE, f64::max),
             conductivity_s: given.conductivity_s / rows.gain(),
             grid,
@@ -186,6 +190,16 @@ impl Model {
     pub(super) fn gain(&self, electrode: usize, row: usize) -> f64 {
         if self.of[electrode][row] { self.sheet[row] } else { 0.0 }
     }
+}
+
+/// Covariance of a field of independent changes that amount to 1 m^2 (standard deviation) in the area of a print.
+fn field(dictionary: &Dictionary, grid: &Grid, area_m2: f64, bell_m: f64, n: usize) -> Symmetric {
+    let cell_m2 = area_m2 / grid.coarse.len() as f64;
+    let prints: Vec<f64> =
+        grid.coarse.iter().flat_map(|&place| &dictionary.of(place)[..n]).copied().collect();
+    let mut covariance = Symmetric::zeros(n);
+    covariance.add_product(cell_m2 / (std::f64::consts::PI * bell_m * bell_m), &prints);
+    covariance
 }
 
 /// The drives, with the mean of their measurements' common potential.
@@ -281,17 +295,11 @@ fn check_all(given: &ScoreModel<'_>, dents_v: &ArrayRef2<f64>) -> Result<(), Inv
 
 /// Sine of the angle between the reference and the model's voltages.
 fn misfit(rows: &Rows, skin: &DetectorModel<'_>, reference: &[f64]) -> f64 {
-    let model: Vec<f64> = (rows.of.iter().zip(reference))
-        .map(|(&[i, j], v)| {
-            let of_model = 0.5 * (skin.model_v[i] + skin.model_v[j]);
-            // an instrument that gives magnitudes
-            if rows.ratio[i] * of_model * v < 0.0 && rows.ratio[i] < 0.0 {
-                -of_model
-            } else {
-                of_model
-            }
-        })
-        .collect();
+    // an instrument that gives magnitudes has ratios of both signs
+    let of_model = |&[i, j]: &[usize; 2]| {
+        0.5 * (skin.model_v[i] + skin.model_v[j]).copysign(skin.model_v[i] * rows.ratio[i])
+    };
+    let model: Vec<f64> = rows.of.iter().map(of_model).collect();
     let part = dot(&model, reference).powi(2) / (dot(&model, &model) * dot(reference, reference));
     if part.is_finite() { (1.0 - part).max(0.0).sqrt() } else { 1.0 }
 }

@@ -107,7 +107,8 @@ impl Report {
             confidence: (1.0 + (0.5 * (settings.shown - state.odds)).exp()).recip(),
             age_frames: 0,
             age_s: 0.0,
-            valid: largest(plane) <= MOST_STD_M * MOST_STD_M,
+            // one that is rather an error of the model is not acted on
+            valid: state.odds >= settings.shown && largest(plane) <= MOST_STD_M * MOST_STD_M,
             whole: true,
             split_from: None,
             merged_into: None,

@@ -3,6 +3,7 @@
 use super::dictionary::COLUMNS;
 use super::places::Spot;
 use super::settings::MOST_TOUCHES;
+use crate::geometry::distance_m;
 
 /// Time over which velocities are averaged, seconds.
 const VELOCITY_S: f64 = 0.1;
@@ -35,8 +36,9 @@ pub(super) struct TouchState {
     pub(super) id: Option<u64>,
     /// 2 ln odds that it is there.
     pub(super) odds: f64,
-    /// Way that it has slid, metres.
+    /// Way that it has slid, metres, and where it was when that was known last.
     pub(super) path_m: f64,
+    slid_to_m: [f64; 3],
     /// Strength and position at which it has last left a trail.
     pub(super) laid_m2: f64,
     pub(super) laid_at_m: [f64; 3],
@@ -57,6 +59,7 @@ impl TouchState {
             id: None,
             odds: 0.0,
             path_m: 0.0,
+            slid_to_m: spot.position_m,
             laid_m2: 0.0,
             laid_at_m: spot.position_m,
             covariance_m2: [[0.0; 2]; 2],
@@ -76,20 +79,28 @@ impl TouchState {
         }
     }
 
-    /// Updates velocity and way after a frame.
-    pub(super) fn follow(&mut self, dt_s: f64) {
-        let Some(before) = &self.before else { return };
+    /// Updates velocity and way after a frame; errors of the model last for `error_s` seconds.
+    pub(super) fn follow(&mut self, error_s: f64, dt_s: f64) {
+        let Some(before) = &self.before else {
+            self.slid_to_m = self.spot.position_m;
+            return;
+        };
         let way: [f64; 3] =
             std::array::from_fn(|i| self.spot.position_m[i] - before.spot.position_m[i]);
         let weight = (dt_s / VELOCITY_S).min(1.0);
         self.velocity_m_s = std::array::from_fn(|i| {
             before.velocity_m_s[i] + weight * (way[i] / dt_s - before.velocity_m_s[i])
         });
-        let trace = |c: [[f64; 2]; 2]| c[0][0] + c[1][1];
-        let spread_m2 = trace(self.covariance_m2) + trace(before.covariance_m2);
-        let squared: f64 = way.iter().map(|w| w * w).sum();
-        if squared > SLID * SLID * spread_m2 {
-            self.path_m += squared.sqrt();
+        let spread_m2 = self.covariance_m2[0][0] + self.covariance_m2[1][1];
+        let slid_m = distance_m(self.spot.position_m, self.slid_to_m);
+        if slid_m * slid_m > SLID * SLID * spread_m2 {
+            self.path_m += slid_m;
+            self.slid_to_m = self.spot.position_m;
+        }
+        // what moves more slowly than errors of the model last is one of them
+        let weight = (dt_s / error_s).min(1.0);
+        for (at, now) in self.slid_to_m.iter_mut().zip(self.spot.position_m) {
+            *at += weight * (now - *at);
         }
     }
 
