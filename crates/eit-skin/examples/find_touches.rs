@@ -4,8 +4,7 @@
 //! cargo run --release -p eit-skin --example find_touches -- SCENE OUT.csv [FRAMES] [--truth TOUCHES.csv]
 //! ```
 //!
-//! With the true touches of a simulation, it lists the fingers that have no touch within 25 mm, and how much
-//! evidence their frames hold for a touch there: the fall of chi^2 by a touch fitted from the true position on.
+//! With the true touches of a simulation, it lists the fingers that have no touch within 25 mm.
 
 #![allow(clippy::print_stdout, reason = "the table is this program's output")]
 
@@ -83,15 +82,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let touches = finder.push(&values, |i| good[i], time_s)?;
         times.push(begin.elapsed().as_secs_f64());
         let touches = touches.to_vec();
-        let here: Vec<&Finger> = truth.iter().filter(|finger| finger.frame == frame).collect();
-        let positions_m: Vec<[f64; 3]> = here.iter().map(|finger| finger.position_m).collect();
-        for (finger, gain) in here.iter().zip(finder.evidence_at(&positions_m)) {
+        for finger in truth.iter().filter(|finger| finger.frame == frame) {
             if !touches.iter().any(|touch| finger.has(touch)) {
                 let [x, y, _] = finger.position_m;
-                println!(
-                    "frame {frame}: finger of {:.2} N at {x:.3}, {y:.3} lost; evidence {gain:.1}",
-                    finger.force_n
-                );
+                println!("frame {frame}: finger of {:.2} N at {x:.3}, {y:.3} lost", finger.force_n);
             }
         }
         for touch in &touches {

@@ -2,11 +2,13 @@
 //! with a reference that follows drift.
 
 mod background;
+#[cfg(feature = "learn")]
+mod by_presses;
+mod by_score;
+mod by_search;
 mod choices;
 mod finder;
 mod model;
-mod score;
-mod source;
 
 pub(crate) use background::{LEAK, UNTOUCHED, reference_errors, reference_of_model, uneven_sheet};
 pub use choices::{Choices, FoundSheet};

@@ -268,11 +268,6 @@ impl LearntDetector {
         [self.basis.channels.len(), self.places.coarse.len(), self.places.at.len()]
     }
 
-    /// Returns the place nearest to a point.
-    pub fn nearest_on_skin(&self, point_m: [f64; 3]) -> [f64; 3] {
-        self.places.at[self.places.nearest(point_m)].position_m
-    }
-
     /// Leaves out channels of faulty electrodes from the next frame on; the bases are computed again if the set changes,
     /// which takes as long as 30 n^3 flops and allocates.
     ///

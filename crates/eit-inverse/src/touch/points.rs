@@ -161,9 +161,9 @@ impl TouchTracker {
         }
     }
 
-    /// Continues the ids of another tracker: the next new touch has the id `first`, or 1 for 0.
-    pub fn with_first_id(self, first: u64) -> Self {
-        Self { next_id: first.max(1), ..self }
+    /// Continues the ids of another tracker: the next new touch has this id, or 1 for 0.
+    pub fn set_next_id(&mut self, id: u64) {
+        self.next_id = id.max(1);
     }
 
     /// Returns the id that the next new touch will get.

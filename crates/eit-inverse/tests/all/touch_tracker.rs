@@ -220,7 +220,7 @@ fn ids_are_continued() {
     let mut first = Bench::new(|_| ());
     first.push(&[touch(0.02, 0.0, STRONG)]);
     let mut second = Bench::new(|_| ());
-    second.tracker = second.tracker.with_first_id(first.tracker.next_id());
+    second.tracker.set_next_id(first.tracker.next_id());
     assert_eq!(only(&second.push(&[touch(0.02, 0.0, STRONG)])).id, 2);
 }
 

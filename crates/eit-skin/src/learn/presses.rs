@@ -87,7 +87,7 @@ pub(super) fn errors_of_detected(
     missed_m: f64,
 ) -> Vec<f64> {
     let error = |(found, place): (&Option<PressTouch>, &[f64; 3])| match found {
-        Some(found) => distance(found.touch.position_m, *place),
+        Some(found) => distance(found.position_m, *place),
         None => missed_m,
     };
     detected.iter().zip(places_m).map(error).collect()

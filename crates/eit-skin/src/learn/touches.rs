@@ -223,10 +223,6 @@ impl LearnedTouches {
         self.detector.forget_waiting();
     }
 
-    pub(crate) fn nearest_on_skin(&self, point_m: [f64; 3]) -> [f64; 3] {
-        self.detector.nearest_on_skin(point_m)
-    }
-
     /// Number of channels, coarse places and places.
     pub(crate) fn sizes(&self) -> [usize; 3] {
         self.detector.sizes()

@@ -1,6 +1,7 @@
 //! Estimates the untouched sheet from its reference frame: fabric is uneven, and where the current is dense a
 //! few percent change the effect of a touch.
 
+use super::choices::FoundSheet;
 use super::model::{Spread, VoltageNoise, common_mode, unknowns};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
@@ -26,6 +27,45 @@ const LARGEST: f64 = 5.0;
 /// Number of Gauss-Newton steps.
 const STEPS: usize = 2;
 
+/// The untouched sheet as far as its reference frame tells, and the model linearised there.
+#[derive(Debug, Clone)]
+pub(super) struct Sheet {
+    /// The uneven sheet; `None` if an even one explains the frame as well.
+    pub found: Option<Background>,
+    /// Conductivity of an even sheet, siemens.
+    pub even_s: Vec<f64>,
+    /// What an amplifier adds to the voltages of the untouched skin, volts.
+    pub leak_v: Vec<f64>,
+}
+
+impl Sheet {
+    pub(super) fn new(fitted: &FittedFrames, noise: &VoltageNoise) -> Result<Self, SkinError> {
+        let leak_v = leak_v(fitted, noise)?;
+        let found = of_reference(fitted, noise, &leak_v)?;
+        Ok(Self { found, even_s: fitted.skin.skin.background_s(), leak_v })
+    }
+
+    /// Conductivity, siemens, Jacobian and voltages.
+    pub(super) fn linearised<'a>(
+        &'a self,
+        fitted: &'a FittedFrames,
+    ) -> (&'a [f64], &'a Array2<f64>, &'a Array1<f64>) {
+        match &self.found {
+            Some(sheet) => (&sheet.conductivity_s, &sheet.jacobian, &sheet.voltages),
+            None => (&self.even_s, &fitted.skin.jacobian, &fitted.skin.voltages),
+        }
+    }
+
+    /// What is told of the sheet.
+    pub(super) fn choice(&self) -> Option<FoundSheet> {
+        self.found.as_ref().map(|sheet| FoundSheet {
+            amplitude: sheet.found.amplitude,
+            left_even: sheet.left[0],
+            left: sheet.left[1],
+        })
+    }
+}
+
 /// The model linearised at the sheet that explains the reference.
 #[derive(Debug, Clone)]
 pub(super) struct Background {
@@ -44,7 +84,7 @@ pub(crate) const LEAK: f64 = 3e-3;
 
 /// What an amplifier of finite rejection adds to the reference, volts, `[measurement]`: the part of the common potential that
 /// explains it best; zero unless it is believed.
-pub(super) fn leak_v(fitted: &FittedFrames, noise: &VoltageNoise) -> Result<Vec<f64>, SkinError> {
+fn leak_v(fitted: &FittedFrames, noise: &VoltageNoise) -> Result<Vec<f64>, SkinError> {
     let FittedFrames { skin, frames, fit, .. } = fitted;
     let voltages = skin.voltages.to_vec();
     let even_s = skin.skin.background_s();
@@ -64,7 +104,7 @@ pub(super) fn leak_v(fitted: &FittedFrames, noise: &VoltageNoise) -> Result<Vec<
 }
 
 /// Fits the sheet that explains the reference; `None` if an even one does as well or better.
-pub(super) fn of_reference(
+fn of_reference(
     fitted: &FittedFrames,
     noise: &VoltageNoise,
     leak_v: &[f64],

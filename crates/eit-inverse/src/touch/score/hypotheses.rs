@@ -128,7 +128,7 @@ impl Search {
             let mut top = self.births_and_deaths(scene, frame, &at);
             let is_left = falls(self, &top) || leads_on(&top);
             if !is_left && !best.touches.is_empty() && !is_relocated {
-                (is_relocated, at) = (true, best);
+                is_relocated = true;
                 top = self.relocations(scene, frame, &best);
             }
             match top {

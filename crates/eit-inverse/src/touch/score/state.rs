@@ -38,7 +38,7 @@ pub(super) struct TouchState {
     pub(super) odds: f64,
     /// Way that it has slid, metres, and where it was when that was known last.
     pub(super) path_m: f64,
-    slid_to_m: [f64; 3],
+    pub(super) slid_to_m: [f64; 3],
     /// Strength and position at which it has last left a trail.
     pub(super) laid_m2: f64,
     pub(super) laid_at_m: [f64; 3],

@@ -1,0 +1,214 @@
+//! Touches by one model and one score ([`ScoreDetector`]) of a skin and its frames.
+
+use super::background::{self, Sheet};
+use super::choices::Choices;
+#[cfg(feature = "learn")]
+use super::finder::PressTouch;
+use super::finder::Source;
+use super::model::{
+    Spread, VoltageNoise, common_mode, dents, drag_at_finger, electrode_kinds, unknowns,
+};
+use crate::error::SkinError;
+use crate::faults::{ElectrodeFault, FaultKind, FaultMonitor};
+use crate::fitted::FittedFrames;
+use crate::progress::Progress;
+use eit_inverse::touch::{
+    DetectorModel, DetectorStep, ElectrodeState, ScoreDetector, ScoreModel, ScoreSettings, Touch,
+};
+use ndarray::Array2;
+
+/// Finds touches by one score, frame by frame.
+#[derive(Debug, Clone)]
+pub(super) struct ScoreTouches {
+    detector: ScoreDetector,
+    /// Recognises frames that repeat, and damaged ones.
+    monitor: FaultMonitor,
+    /// Faults of the reference, then those found since.
+    faults: Vec<ElectrodeFault>,
+    lasting: usize,
+    since_s: Vec<f64>,
+    states: Vec<ElectrodeState>,
+    step: Option<DetectorStep>,
+}
+
+impl ScoreTouches {
+    pub(super) fn source(
+        fitted: &FittedFrames,
+        noise: &VoltageNoise,
+        sheet: &Sheet,
+        monitor: FaultMonitor,
+        progress: &mut Progress,
+    ) -> Result<(Box<dyn Source>, Choices), SkinError> {
+        let FittedFrames { skin, frames, .. } = fitted;
+        let (background_s, jacobian, voltages) = sheet.linearised(fitted);
+        let one = Spread { movement_m: 1.0, contact: 1.0, sheet: 1.0 };
+        let unknowns = unknowns(&skin.skin, background_s, &one, &mut Progress::silent())?;
+        let no_frames = Array2::zeros((0, frames.used.len()));
+        let model = DetectorModel {
+            surface: skin.skin.mesh.surface(),
+            jacobian,
+            model_v: &voltages.to_vec(),
+            unknowns: &unknowns,
+            kinds: &electrode_kinds(skin, unknowns.ncols())?,
+            reference_v: &frames.reference,
+            noise_std_v: &noise.std_v,
+            quiet_v: frames.quiet.as_ref().map_or(no_frames.view(), |quiet| quiet.values.view()),
+            used: &frames.used,
+            reciprocal: monitor.reciprocal(),
+            of_electrode: monitor.of_electrode(),
+        };
+        let keys = &skin.skin.settings.touch;
+        let default = ScoreSettings::default();
+        let settings = ScoreSettings {
+            sign: keys.sign,
+            max_touches: keys.max_touches.unwrap_or(default.max_touches).min(default.max_touches),
+            bell_m: keys.radius_m.unwrap_or(default.bell_m),
+            ..default
+        };
+        // without electrodes that move there is no fabric that does
+        let places = match unknowns.ncols() {
+            0 | 1 => Vec::new(),
+            _ => ScoreDetector::dent_places(&model, &settings),
+        };
+        let of_dents = || dents(skin, background_s, &places, 1.0);
+        let mut dents_v = progress.stage("dents of touches", of_dents)?;
+        let drag = drag_at_finger(skin);
+        let drags = dents_v.columns_mut().into_iter().enumerate().filter(|(k, _)| k % 3 > 0);
+        drags.for_each(|(_, mut column)| column /= drag);
+        let drives = skin.skin.protocol.data().iter().map(|[drive, _]| *drive as usize);
+        let model = ScoreModel {
+            skin: model,
+            conductivity_s: skin.skin.conductivity_s,
+            reference_frames: frames.reference_frames,
+            step_v: noise.step_v,
+            drive: &drives.collect::<Vec<_>>(),
+            common_v: &common_mode(&skin.skin, background_s)?,
+            leak_v: &sheet.leak_v,
+        };
+        let least_s_m2 = settings.least_m2 * skin.skin.conductivity_s / fitted.level();
+        let radius_m = settings.bell_m;
+        let detector = progress
+            .stage("detector of touches", || ScoreDetector::new(&model, &dents_v, settings))?;
+        let [rows, places] = detector.size();
+        let choices = Choices {
+            noise: noise.source.clone(),
+            presses: None,
+            sheet: sheet.choice(),
+            left_even: background::left_even(fitted),
+            rows,
+            places,
+            blind: 0,
+            radius_m,
+            least_s_m2,
+        };
+        let faults = monitor.faults().to_vec();
+        let made = Self {
+            since_s: vec![0.0; detector.electrodes().len()],
+            states: detector.electrodes().to_vec(),
+            monitor,
+            lasting: faults.len(),
+            faults,
+            detector,
+            step: None,
+        };
+        Ok((Box::new(made), choices))
+    }
+
+    /// Names the electrodes that the detector has found faulty.
+    fn list_faults(&mut self, time_s: f64) {
+        self.faults.truncate(self.lasting);
+        for (e, state) in self.detector.electrodes().iter().enumerate() {
+            if self.states[e] != *state {
+                (self.states[e], self.since_s[e]) = (*state, time_s);
+            }
+            let kind = match state {
+                ElectrodeState::Sound => continue,
+                ElectrodeState::Noisy => FaultKind::Contradicts,
+                ElectrodeState::Stuck => FaultKind::Stuck,
+                ElectrodeState::Drifting => FaultKind::Drifts,
+            };
+            self.faults.push(ElectrodeFault { electrode: e, kind, since_s: self.since_s[e] });
+        }
+    }
+}
+
+impl Source for ScoreTouches {
+    fn push(
+        &mut self,
+        values: &[f64],
+        is_good: &dyn Fn(usize) -> bool,
+        [time_s, dt_s]: [f64; 2],
+    ) -> Result<(), SkinError> {
+        self.monitor.push(values, self.detector.reference_v(), is_good, time_s)?;
+        let is_bad = self.monitor.is_bad();
+        self.detector.push(values, |i| is_bad || !is_good(i), dt_s)?;
+        self.step = Some(self.detector.step());
+        self.list_faults(time_s);
+        Ok(())
+    }
+
+    fn touches(&self) -> &[Touch] {
+        self.detector.touches()
+    }
+
+    #[cfg(feature = "learn")]
+    fn strongest(
+        &self,
+        values: &[f64],
+        reference_v: &[f64],
+        period_s: f64,
+    ) -> Result<Option<PressTouch>, SkinError> {
+        let mut detector = self.detector.clone();
+        detector.set_reference(reference_v)?;
+        let touches = detector.push(values, |_| false, period_s)?;
+        let strength = |touch: &&Touch| touch.intensity_s_m2.abs();
+        let valid = touches.iter().filter(|touch| touch.valid);
+        let strongest = valid.max_by(|a, b| strength(a).total_cmp(&strength(b)));
+        Ok(strongest.map(|touch| PressTouch {
+            position_m: touch.position_m,
+            even_strength_s_m2: strength(&touch),
+        }))
+    }
+
+    fn faults(&self) -> &[ElectrodeFault] {
+        &self.faults
+    }
+
+    fn is_missing(&self, measurement: usize) -> bool {
+        self.detector.is_missing(measurement)
+    }
+
+    fn is_frozen(&self) -> bool {
+        self.monitor.is_frozen()
+    }
+
+    fn is_explained(&self) -> bool {
+        self.step.is_none() || self.detector.is_explained()
+    }
+
+    fn step(&self) -> Option<DetectorStep> {
+        self.step
+    }
+
+    fn reference_v(&self) -> &[f64] {
+        self.detector.reference_v()
+    }
+
+    #[cfg(feature = "learn")]
+    fn set_reference(&mut self, reference_v: &[f64]) {
+        // it has the right length
+        let _ = self.detector.set_reference(reference_v);
+    }
+
+    fn next_id(&self) -> u64 {
+        self.detector.next_id()
+    }
+
+    fn set_next_id(&mut self, id: u64) {
+        self.detector.set_next_id(id);
+    }
+
+    fn boxed(&self) -> Box<dyn Source> {
+        Box::new(self.clone())
+    }
+}
