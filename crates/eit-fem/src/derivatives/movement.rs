@@ -28,14 +28,6 @@ const BLOCK: usize = 64;
 /// Displacements whose strains are held in memory at a time: 1 kB a triangle.
 const AT_ONCE: usize = 64;
 
-/// Strains of the triangles, `[element][component][displacement]`: conductivity times `S22 - S11` and `-2 S12`.
-struct Strains {
-    count: usize,
-    values: Vec<f64>,
-    /// Triangles that any displacement strains.
-    elements: Vec<u32>,
-}
-
 /// Change of the length or area of one part of an electrode by one displacement.
 struct Stretch {
     electrode: u32,
@@ -63,6 +55,7 @@ fn fill_some(
 ) {
     let products = &solved.model.fields.products;
     let count = displacements.len();
+    // [element][component][displacement]: conductivity times S22 - S11 and -2 S12
     let mut strains = vec![0.0; 2 * count * solved.conductivity_s.len()];
     let mut is_strained = vec![false; solved.conductivity_s.len()];
     let mut stretches = Vec::new();
@@ -76,11 +69,10 @@ fn fill_some(
         });
         moves.stretches(solved, index as u32, &mut stretches);
     }
-    let strained = (0..is_strained.len()).filter(|&e| is_strained[e]).map(|e| e as u32);
-    let strains = Strains { count, values: strains, elements: strained.collect() };
+    let strained: Vec<usize> = (0..is_strained.len()).filter(|&e| is_strained[e]).collect();
     // derivative of the energy, [product, displacement]
     let mut sums = vec![0.0; products.len() * count];
-    add_elements(solved, &strains, &mut sums);
+    add_elements(solved, &strained, &strains, &mut sums);
     add_contacts(solved, &mut stretches, count, &mut sums);
     for (index, product) in products.iter().enumerate() {
         let sums = &sums[index * count..][..count];
@@ -190,14 +182,15 @@ fn strain(corners: [Vector; 3], vectors: [Vector; 3], grain: Option<&Grain>) -> 
 }
 
 /// Adds the contributions of the strained triangles, a product of matrices for each block.
-fn add_elements(solved: &SolvedFields<'_>, strains: &Strains, sums: &mut [f64]) {
+fn add_elements(solved: &SolvedFields<'_>, strained: &[usize], strains: &[f64], sums: &mut [f64]) {
     let fields = &solved.model.fields;
-    let (count, products) = (strains.count, fields.products.len());
+    let products = fields.products.len();
+    let count = sums.len() / products.max(1);
     let mut gradients = vec![0.0; fields.slot_count() * 2 * BLOCK];
     let mut of_products = vec![0.0; products * 2 * BLOCK];
     let mut of_block = vec![0.0; 2 * BLOCK * count];
     let mut sums = MatMut::from_row_major_slice_mut(sums, products, count);
-    for elements in strains.elements.chunks(BLOCK) {
+    for elements in strained.chunks(BLOCK) {
         gather(solved, elements, &mut gradients);
         let width = 2 * elements.len();
         for (product, out) in fields.products.iter().zip(of_products.chunks_exact_mut(width)) {
@@ -211,7 +204,7 @@ fn add_elements(solved: &SolvedFields<'_>, strains: &Strains, sums: &mut [f64]) 
             }
         }
         for (&e, out) in elements.iter().zip(of_block.chunks_exact_mut(2 * count)) {
-            out.copy_from_slice(&strains.values[2 * e as usize * count..][..2 * count]);
+            out.copy_from_slice(&strains[2 * e * count..][..2 * count]);
         }
         let of_products =
             MatRef::from_row_major_slice(&of_products[..products * width], products, width);
@@ -221,16 +214,14 @@ fn add_elements(solved: &SolvedFields<'_>, strains: &Strains, sums: &mut [f64]) 
 }
 
 /// Computes scaled gradients, [slot, component, element], of the given elements.
-fn gather(solved: &SolvedFields<'_>, elements: &[u32], gradients: &mut [f64]) {
+fn gather(solved: &SolvedFields<'_>, elements: &[usize], gradients: &mut [f64]) {
     let fields = &solved.model.fields;
     let solves = fields.basis.nrows();
     let (triangles, _) = solved.model.dofs.element_nodes.as_chunks::<3>();
     let (coefficients, _) = solved.geometry.elements.as_chunks::<3>();
     for (i, &e) in elements.iter().enumerate() {
-        let element = &coefficients[e as usize];
-        let rows = |values: &[f64], r: usize| {
-            triangles[e as usize].map(|n| values[n as usize * solves + r])
-        };
+        let element = &coefficients[e];
+        let rows = |values: &[f64], r: usize| triangles[e].map(|n| values[n as usize * solves + r]);
         for (r, out) in gradients.chunks_exact_mut(2 * BLOCK).take(solves).enumerate() {
             let [mut x, mut y] = gradient(element, rows(solved.potentials.values, r));
             if let Some(low) = solved.potentials.low {
