@@ -9,6 +9,7 @@ mod by_search;
 mod choices;
 mod finder;
 mod model;
+mod tracked;
 
 pub(crate) use background::{LEAK, UNTOUCHED, reference_errors, reference_of_model, uneven_sheet};
 pub use choices::{Choices, FoundSheet};

@@ -23,7 +23,8 @@
 //!
 //! **Cost** of a frame with 104 rows (`n`), in Mflop: whitening `n^3 / 3` 0.4, once or twice, twice more in every tenth frame
 //! for the size of the model's error; `E` 0.7; scan for births 1; each place 0.15 and each pair of places 0.04; each fit 0.1 to
-//! 1; reference 2.2. Nothing is allocated once vectors have grown to the largest number of touches and places of a frame.
+//! 1; reference 2.2. Nothing is allocated once vectors have grown to the largest number of touches; for places there is room
+//! from the start.
 
 mod actions;
 mod background;
@@ -139,8 +140,8 @@ impl ScoreDetector {
             error: Symmetric::zeros(n),
             other_error: Symmetric::zeros(n),
             gains: vec![0.0; n],
-            frame: Whitened::default(),
-            other: Whitened::default(),
+            frame: Whitened::with_room(n),
+            other: Whitened::with_room(n),
             y: vec![0.0; n],
             is_missing: vec![false; measurements],
             has_no_half: vec![false; n],

@@ -138,7 +138,7 @@ fn test(
     let (mut tested, mut frame) = (Tested::default(), 0);
     let is_valid = |touch: &&Touch| touch.valid && touch.state != TouchState::End;
     for (k, [values, reference]) in pressed.pairs().enumerate() {
-        finder.set_reference(&reference);
+        finder.set_reference(&reference)?;
         let mut show = |values: &[f64]| {
             let mut last = Vec::new();
             for _ in 0..FRAMES {

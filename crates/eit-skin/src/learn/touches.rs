@@ -10,15 +10,11 @@ use eit_inverse::touch::{
 use ndarray::Array2;
 use std::path::Path;
 
-/// Most touches of a frame, as in the detector.
-const MOST: usize = 16;
-
 /// Forces of touches that the model alone finds.
 #[derive(Debug, Clone)]
 pub(crate) struct ModelForces {
     curve: Option<ForceCurve>,
     local: LocalSheet,
-    touches: Vec<DetectedTouch>,
 }
 
 /// Touches by a map of presses.
@@ -64,7 +60,7 @@ impl LearnedSkin {
 
     /// Forces of touches that the model alone finds.
     pub(crate) fn model_forces(&self, local: LocalSheet) -> ModelForces {
-        ModelForces { curve: self.force.clone(), local, touches: Vec::with_capacity(MOST) }
+        ModelForces { curve: self.force.clone(), local }
     }
 
     /// Prepares the map of presses for frames of this untouched skin.
@@ -147,24 +143,19 @@ impl LearnedSkin {
 }
 
 impl ModelForces {
-    /// Adds forces to the touches that the model found. Does not allocate.
-    pub(crate) fn add_to(&mut self, found: &[DetectedTouch]) -> &[DetectedTouch] {
-        let Self { curve, local, touches } = self;
-        touches.clear();
-        touches.extend(found.iter().take(MOST).map(|touch| {
-            let strength = touch.strength_s_m2.abs() / local.ratio_at(touch.position_m);
-            let force_n = curve.as_ref().map(|curve| force(curve, strength, touch));
-            DetectedTouch { learnt: Some(LearntTouch { force_n, is_unlike: false }), ..*touch }
-        }));
-        touches
+    /// Force of a touch of this strength and standard deviation, S m^2, that the model found.
+    pub(crate) fn of(&self, [strength, std]: [f64; 2], position_m: [f64; 3]) -> LearntTouch {
+        let even = strength.abs() / self.local.ratio_at(position_m);
+        let relative = std / strength;
+        let of = |curve: &ForceCurve| force(curve, even, position_m, relative);
+        LearntTouch { force_n: self.curve.as_ref().map(of), is_unlike: false }
     }
 }
 
-/// Force of a touch of this strength, and its standard deviation, newtons.
-fn force(curve: &ForceCurve, strength: f64, touch: &DetectedTouch) -> [f64; 2] {
-    let relative = (touch.strength_std_s_m2 / touch.strength_s_m2).abs();
-    let relative = if relative.is_finite() { relative } else { 1.0 };
-    let force = curve.force(strength, touch.position_m, relative);
+/// Force of a touch of this strength and relative error, and its standard deviation, newtons.
+fn force(curve: &ForceCurve, strength: f64, position_m: [f64; 3], relative: f64) -> [f64; 2] {
+    let relative = if relative.is_finite() { relative.abs() } else { 1.0 };
+    let force = curve.force(strength, position_m, relative);
     [force.force_n, force.std_n]
 }
 
@@ -188,10 +179,10 @@ impl LearnedTouches {
         touches.clear();
         touches.extend(detector.touches().iter().map(|touch| {
             let learnt = touch.learnt.map(|learnt| LearntTouch {
-                force_n: curve
-                    .as_ref()
-                    .filter(|_| !learnt.is_unlike)
-                    .map(|curve| force(curve, touch.strength_s_m2.abs(), touch)),
+                force_n: curve.as_ref().filter(|_| !learnt.is_unlike).map(|curve| {
+                    let relative = touch.strength_std_s_m2 / touch.strength_s_m2;
+                    force(curve, touch.strength_s_m2.abs(), touch.position_m, relative)
+                }),
                 ..learnt
             });
             DetectedTouch { learnt, ..*touch }

@@ -6,6 +6,7 @@ use super::model::{Spread, VoltageNoise, common_mode, unknowns};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::frames::are_magnitudes;
+use crate::learn::LocalSheet;
 use crate::progress::Progress;
 use crate::skin::Skin;
 use eit_inverse::{ReferenceModel, UnevenSheet, Unevenness};
@@ -54,6 +55,14 @@ impl Sheet {
             Some(sheet) => (&sheet.conductivity_s, &sheet.jacobian, &sheet.voltages),
             None => (&self.even_s, &fitted.skin.jacobian, &fitted.skin.voltages),
         }
+    }
+
+    /// The sheet under a touch.
+    pub(super) fn local(&self, fitted: &FittedFrames) -> LocalSheet {
+        self.found.as_ref().map_or_else(LocalSheet::default, |found| {
+            let surface = fitted.skin.skin.mesh.surface();
+            LocalSheet::new(surface, &found.conductivity_s, &self.even_s)
+        })
     }
 
     /// What is told of the sheet.

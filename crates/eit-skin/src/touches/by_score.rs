@@ -11,6 +11,9 @@ use super::model::{
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultKind, FaultMonitor};
 use crate::fitted::FittedFrames;
+#[cfg(feature = "learn")]
+use crate::learn::LocalSheet;
+use crate::learn::{LearnedSkin, ModelForces};
 use crate::progress::Progress;
 use eit_inverse::touch::{
     DetectorModel, DetectorStep, ElectrodeState, ScoreDetector, ScoreModel, ScoreSettings, Touch,
@@ -28,92 +31,108 @@ pub(super) struct ScoreTouches {
     lasting: usize,
     since_s: Vec<f64>,
     states: Vec<ElectrodeState>,
+    /// Forces learnt for touches that the model finds, and touches with them.
+    forces: Option<ModelForces>,
+    touches: Vec<Touch>,
+    #[cfg(feature = "learn")]
+    local: LocalSheet,
+    /// Reference of the current frame.
+    reference: Vec<f64>,
     step: Option<DetectorStep>,
 }
 
-impl ScoreTouches {
-    pub(super) fn source(
-        fitted: &FittedFrames,
-        noise: &VoltageNoise,
-        sheet: &Sheet,
-        monitor: FaultMonitor,
-        progress: &mut Progress,
-    ) -> Result<(Box<dyn Source>, Choices), SkinError> {
-        let FittedFrames { skin, frames, .. } = fitted;
-        let (background_s, jacobian, voltages) = sheet.linearised(fitted);
-        let one = Spread { movement_m: 1.0, contact: 1.0, sheet: 1.0 };
-        let unknowns = unknowns(&skin.skin, background_s, &one, &mut Progress::silent())?;
-        let no_frames = Array2::zeros((0, frames.used.len()));
-        let model = DetectorModel {
-            surface: skin.skin.mesh.surface(),
-            jacobian,
-            model_v: &voltages.to_vec(),
-            unknowns: &unknowns,
-            kinds: &electrode_kinds(skin, unknowns.ncols())?,
-            reference_v: &frames.reference,
-            noise_std_v: &noise.std_v,
-            quiet_v: frames.quiet.as_ref().map_or(no_frames.view(), |quiet| quiet.values.view()),
-            used: &frames.used,
-            reciprocal: monitor.reciprocal(),
-            of_electrode: monitor.of_electrode(),
-        };
-        let keys = &skin.skin.settings.touch;
-        let default = ScoreSettings::default();
-        let settings = ScoreSettings {
-            sign: keys.sign,
-            max_touches: keys.max_touches.unwrap_or(default.max_touches).min(default.max_touches),
-            bell_m: keys.radius_m.unwrap_or(default.bell_m),
-            ..default
-        };
-        // without electrodes that move there is no fabric that does
-        let places = match unknowns.ncols() {
-            0 | 1 => Vec::new(),
-            _ => ScoreDetector::dent_places(&model, &settings),
-        };
-        let of_dents = || dents(skin, background_s, &places, 1.0);
-        let mut dents_v = progress.stage("dents of touches", of_dents)?;
-        let drag = drag_at_finger(skin);
-        let drags = dents_v.columns_mut().into_iter().enumerate().filter(|(k, _)| k % 3 > 0);
-        drags.for_each(|(_, mut column)| column /= drag);
-        let drives = skin.skin.protocol.data().iter().map(|[drive, _]| *drive as usize);
-        let model = ScoreModel {
-            skin: model,
-            conductivity_s: skin.skin.conductivity_s,
-            reference_frames: frames.reference_frames,
-            step_v: noise.step_v,
-            drive: &drives.collect::<Vec<_>>(),
-            common_v: &common_mode(&skin.skin, background_s)?,
-            leak_v: &sheet.leak_v,
-        };
-        let least_s_m2 = settings.least_m2 * skin.skin.conductivity_s / fitted.level();
-        let radius_m = settings.bell_m;
-        let detector = progress
-            .stage("detector of touches", || ScoreDetector::new(&model, &dents_v, settings))?;
-        let [rows, places] = detector.size();
-        let choices = Choices {
-            noise: noise.source.clone(),
-            presses: None,
-            sheet: sheet.choice(),
-            left_even: background::left_even(fitted),
-            rows,
-            places,
-            blind: 0,
-            radius_m,
-            least_s_m2,
-        };
-        let faults = monitor.faults().to_vec();
-        let made = Self {
-            since_s: vec![0.0; detector.electrodes().len()],
-            states: detector.electrodes().to_vec(),
-            monitor,
-            lasting: faults.len(),
-            faults,
-            detector,
-            step: None,
-        };
-        Ok((Box::new(made), choices))
-    }
+/// Makes the source of touches by one score, and tells its choices.
+pub(super) fn source(
+    fitted: &FittedFrames,
+    learned: Option<&LearnedSkin>,
+    noise: &VoltageNoise,
+    sheet: &Sheet,
+    monitor: FaultMonitor,
+    progress: &mut Progress,
+) -> Result<(Box<dyn Source>, Choices), SkinError> {
+    let FittedFrames { skin, frames, .. } = fitted;
+    let (background_s, jacobian, voltages) = sheet.linearised(fitted);
+    let one = Spread { movement_m: 1.0, contact: 1.0, sheet: 1.0 };
+    let unknowns = unknowns(&skin.skin, background_s, &one, &mut Progress::silent())?;
+    let no_frames = Array2::zeros((0, frames.used.len()));
+    let model = DetectorModel {
+        surface: skin.skin.mesh.surface(),
+        jacobian,
+        model_v: &voltages.to_vec(),
+        unknowns: &unknowns,
+        kinds: &electrode_kinds(skin, unknowns.ncols())?,
+        reference_v: &frames.reference,
+        noise_std_v: &noise.std_v,
+        quiet_v: frames.quiet.as_ref().map_or(no_frames.view(), |quiet| quiet.values.view()),
+        used: &frames.used,
+        reciprocal: monitor.reciprocal(),
+        of_electrode: monitor.of_electrode(),
+    };
+    let keys = &skin.skin.settings.touch;
+    let default = ScoreSettings::default();
+    let settings = ScoreSettings {
+        sign: keys.sign,
+        max_touches: keys.max_touches.unwrap_or(default.max_touches).min(default.max_touches),
+        bell_m: keys.radius_m.unwrap_or(default.bell_m),
+        ..default
+    };
+    // without electrodes that move there is no fabric that does
+    let places = match unknowns.ncols() {
+        0 | 1 => Vec::new(),
+        _ => ScoreDetector::dent_places(&model, &settings),
+    };
+    let of_dents = || dents(skin, background_s, &places, 1.0);
+    let mut dents_v = progress.stage("dents of touches", of_dents)?;
+    let drag = drag_at_finger(skin);
+    let drags = dents_v.columns_mut().into_iter().enumerate().filter(|(k, _)| k % 3 > 0);
+    drags.for_each(|(_, mut column)| column /= drag);
+    let drives = skin.skin.protocol.data().iter().map(|[drive, _]| *drive as usize);
+    let model = ScoreModel {
+        skin: model,
+        conductivity_s: skin.skin.conductivity_s,
+        reference_frames: frames.reference_frames,
+        step_v: noise.step_v,
+        drive: &drives.collect::<Vec<_>>(),
+        common_v: &common_mode(&skin.skin, background_s)?,
+        leak_v: &sheet.leak_v,
+    };
+    let least_s_m2 = settings.least_m2 * skin.skin.conductivity_s / fitted.level();
+    let (radius_m, most_touches) = (settings.bell_m, settings.max_touches);
+    let detector =
+        progress.stage("detector of touches", || ScoreDetector::new(&model, &dents_v, settings))?;
+    let [rows, places] = detector.size();
+    let choices = Choices {
+        noise: noise.source.clone(),
+        presses: None,
+        sheet: sheet.choice(),
+        left_even: background::left_even(fitted),
+        rows,
+        places,
+        blind: 0,
+        radius_m,
+        least_s_m2,
+    };
+    let faults = monitor.faults().to_vec();
+    let local = sheet.local(fitted);
+    let made = ScoreTouches {
+        forces: learned.map(|learned| learned.model_forces(local.clone())),
+        // those that end are told once more
+        touches: Vec::with_capacity(2 * most_touches),
+        #[cfg(feature = "learn")]
+        local,
+        reference: frames.reference.clone(),
+        since_s: vec![0.0; detector.electrodes().len()],
+        states: detector.electrodes().to_vec(),
+        monitor,
+        lasting: faults.len(),
+        faults,
+        detector,
+        step: None,
+    };
+    Ok((Box::new(made), choices))
+}
 
+impl ScoreTouches {
     /// Names the electrodes that the detector has found faulty.
     fn list_faults(&mut self, time_s: f64) {
         self.faults.truncate(self.lasting);
@@ -141,14 +160,27 @@ impl Source for ScoreTouches {
     ) -> Result<(), SkinError> {
         self.monitor.push(values, self.detector.reference_v(), is_good, time_s)?;
         let is_bad = self.monitor.is_bad();
-        self.detector.push(values, |i| is_bad || !is_good(i), dt_s)?;
+        self.reference.copy_from_slice(self.detector.reference_v());
+        self.touches.clear();
+        self.touches.extend_from_slice(self.detector.push(
+            values,
+            |i| is_bad || !is_good(i),
+            dt_s,
+        )?);
+        if let Some(forces) = &self.forces {
+            for touch in &mut self.touches {
+                let std_s_m2 = touch.intensity_std_s_m2.unwrap_or(f64::INFINITY);
+                let strength = [touch.intensity_s_m2, std_s_m2];
+                touch.learnt = Some(forces.of(strength, touch.position_m));
+            }
+        }
         self.step = Some(self.detector.step());
         self.list_faults(time_s);
         Ok(())
     }
 
     fn touches(&self) -> &[Touch] {
-        self.detector.touches()
+        &self.touches
     }
 
     #[cfg(feature = "learn")]
@@ -166,7 +198,7 @@ impl Source for ScoreTouches {
         let strongest = valid.max_by(|a, b| strength(a).total_cmp(&strength(b)));
         Ok(strongest.map(|touch| PressTouch {
             position_m: touch.position_m,
-            even_strength_s_m2: strength(&touch),
+            even_strength_s_m2: strength(&touch) / self.local.ratio_at(touch.position_m),
         }))
     }
 
@@ -190,14 +222,13 @@ impl Source for ScoreTouches {
         self.step
     }
 
-    fn reference_v(&self) -> &[f64] {
-        self.detector.reference_v()
+    fn reference(&self) -> &[f64] {
+        &self.reference
     }
 
     #[cfg(feature = "learn")]
-    fn set_reference(&mut self, reference_v: &[f64]) {
-        // it has the right length
-        let _ = self.detector.set_reference(reference_v);
+    fn set_reference(&mut self, reference_v: &[f64]) -> Result<(), SkinError> {
+        Ok(self.detector.set_reference(reference_v)?)
     }
 
     fn next_id(&self) -> u64 {

@@ -2,11 +2,10 @@
 
 use super::background::Sheet;
 #[cfg(feature = "learn")]
-use super::by_presses::PressTouches;
-use super::by_score::ScoreTouches;
-use super::by_search::SearchTouches;
+use super::by_presses;
 use super::choices::Choices;
 use super::model::VoltageNoise;
+use super::{by_score, by_search};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
@@ -75,12 +74,12 @@ pub(super) trait Source: Debug + Send + Sync {
     /// How the last frame was explained.
     fn step(&self) -> Option<DetectorStep>;
 
-    /// The reference that the next frame is compared with, `[measurement]`.
-    fn reference_v(&self) -> &[f64];
+    /// The reference that the last frame was compared with, `[measurement]`.
+    fn reference(&self) -> &[f64];
 
-    /// Sets the reference, `[measurement]`.
+    /// Sets the reference of the next frame, `[measurement]`.
     #[cfg(feature = "learn")]
-    fn set_reference(&mut self, reference_v: &[f64]);
+    fn set_reference(&mut self, reference_v: &[f64]) -> Result<(), SkinError>;
 
     /// The id that the next new touch will get.
     fn next_id(&self) -> u64;
@@ -104,8 +103,6 @@ pub struct TouchFinder {
     pub choices: Choices,
     used: Vec<bool>,
     source: Box<dyn Source>,
-    /// Reference of the current frame.
-    reference: Vec<f64>,
     period_s: f64,
     before_s: Option<f64>,
     level_s: f64,
@@ -146,16 +143,16 @@ impl TouchFinder {
         };
         #[cfg(feature = "learn")]
         if let Some(learned) = learned.filter(|learned| !learned.model_is_right()) {
-            let made = PressTouches::source(fitted, rate_hz, learned, &noise, monitor, progress)?;
+            let made = by_presses::source(fitted, rate_hz, learned, &noise, monitor, progress)?;
             return Ok(Some(Self::with_source(fitted, rate_hz, made)));
         }
         let sheet = progress.stage("background", || Sheet::new(fitted, &noise))?;
         let made = match skin.skin.settings.touch.model {
             TouchModel::OneScore => {
-                ScoreTouches::source(fitted, &noise, &sheet, monitor, progress)?
+                by_score::source(fitted, learned, &noise, &sheet, monitor, progress)?
             }
             TouchModel::Search => {
-                SearchTouches::source(fitted, learned, &noise, &sheet, monitor, progress)?
+                by_search::source(fitted, learned, &noise, &sheet, monitor, progress)?
             }
         };
         Ok(Some(Self::with_source(fitted, rate_hz, made)))
@@ -173,7 +170,6 @@ impl TouchFinder {
             choices,
             used: fitted.frames.used.clone(),
             source,
-            reference: fitted.frames.reference.clone(),
             period_s: rate_hz.recip(),
             before_s: None,
         }
@@ -209,7 +205,6 @@ impl TouchFinder {
             let (quantity, must) = ("time since the last frame", "finite and above zero");
             return Err(InverseError::OutOfRange { quantity, value: dt_s, must }.into());
         }
-        self.reference.copy_from_slice(self.source.reference_v());
         self.source.push(values, &is_good, [time_s, dt_s])?;
         self.before_s = Some(time_s);
         Ok(self.source.touches())
@@ -232,10 +227,15 @@ impl TouchFinder {
         self.source.strongest(values, reference, self.period_s)
     }
 
-    /// Sets the reference, `[measurement]`.
+    /// Sets the reference of the next frame, `[measurement]`.
+    ///
+    /// # Errors
+    ///
+    /// A reference with the wrong length.
     #[cfg(feature = "learn")]
-    pub(crate) fn set_reference(&mut self, reference: &[f64]) {
-        self.source.set_reference(reference);
+    pub(crate) fn set_reference(&mut self, reference: &[f64]) -> Result<(), SkinError> {
+        SkinError::check_measurements("the reference", reference.len(), self.used.len())?;
+        self.source.set_reference(reference)
     }
 
     /// Returns the electrodes that are excluded from the current frame.
@@ -273,7 +273,7 @@ impl TouchFinder {
 
     /// Returns the reference of the current frame, `[measurement]`.
     pub fn reference(&self) -> &[f64] {
-        &self.reference
+        self.source.reference()
     }
 
     /// Returns which measurements are used.

@@ -15,6 +15,7 @@ mod learn;
 mod learned_touches;
 mod live_images;
 mod noise_figure;
+mod one_score;
 mod other_skins;
 #[cfg(feature = "mint")]
 mod serde;

@@ -34,7 +34,7 @@ const UNEVEN: f64 = 0.5;
 const WIDE_STRENGTH: f64 = 10.0;
 const WIDE_M: f64 = 10e-3;
 /// Disturbance by a touch relative to its strength over the skin's area: on a disc of radius `R`, 1 at the mean square distance
-/// from its middle (`R^2 / 2`), 0.5 at that of two of its points (`R^2`).
+/// from its middle (`R^2 / 2`), 0.5 at that of two of its points (`R^2`). Chosen between them in sight of a tank.
 const DISTURBED: f64 = 0.7;
 /// Way from which a touch lays a trail, metres.
 const LAID_FROM_M: f64 = 3e-3;

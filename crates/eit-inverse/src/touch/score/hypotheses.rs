@@ -126,8 +126,8 @@ impl Search {
                 })
             };
             let mut top = self.births_and_deaths(scene, frame, &at);
-            let is_left = falls(self, &top) || leads_on(&top);
-            if !is_left && !best.touches.is_empty() && !is_relocated {
+            let goes_on = falls(self, &top) || leads_on(&top);
+            if !goes_on && !best.touches.is_empty() && !is_relocated {
                 is_relocated = true;
                 top = self.relocations(scene, frame, &best);
             }
@@ -135,7 +135,7 @@ impl Search {
                 Some(h) if self.total(&h) < least - LOWER => {
                     (best, at, least) = (h, h, self.total(&h));
                 }
-                Some(h) if is_left => at = h,
+                Some(h) if goes_on => at = h,
                 _ => break,
             }
         }

@@ -53,7 +53,23 @@ fn pair(late: usize, early: usize) -> usize {
     late * (late + 1) / 2 + early
 }
 
+/// Places, and pairs of them, for which there is room from the start: 43 and 215 have been seen, when six fingers land at once.
+const ROOM: usize = 64;
+const ROOM_FOR_PAIRS: usize = 512;
+
 impl Whitened {
+    /// Makes room for frames of `n` rows.
+    pub(super) fn with_room(n: usize) -> Self {
+        let columns = || Vec::with_capacity(COLUMNS * n);
+        let cell = |_| Cell { place: 0, columns: columns(), products: [0.0; COLUMNS] };
+        Self {
+            cells: (0..ROOM).map(cell).collect(),
+            pairs: Vec::with_capacity(pair(ROOM, 0)),
+            grams: Vec::with_capacity(ROOM_FOR_PAIRS),
+            ..Self::default()
+        }
+    }
+
     /// Number of rows that count.
     pub(super) fn n(&self) -> usize {
         self.present.len()
