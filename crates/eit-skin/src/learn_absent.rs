@@ -2,7 +2,7 @@
 
 use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
-use eit_inverse::touch::DetectedTouch;
+use eit_inverse::touch::LearntTouch;
 use eit_mesh::Surface;
 use std::path::Path;
 
@@ -38,7 +38,7 @@ impl LearnedSkin {
 pub(crate) enum ModelForces {}
 
 impl ModelForces {
-    pub(crate) fn add_to(&mut self, _: &[DetectedTouch]) -> &[DetectedTouch] {
+    pub(crate) fn of(&self, _: [f64; 2], _: [f64; 3]) -> LearntTouch {
         match *self {}
     }
 }
