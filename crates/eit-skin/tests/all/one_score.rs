@@ -41,11 +41,11 @@ fn six_fingers_that_land_at_once() {
     let score = counts.score();
     println!("{score:?}");
     score.check_ghosts();
-    // measured 0.988 and 0: a frame in some beginnings
+    // measured 0.992 and 0: a frame in some beginnings
     assert!(score.found >= 0.98 && score.extra <= 0.01, "{score:?}");
 }
 
-/// Presses and slides on fabric with all effects; the search finds half of them.
+/// Presses and a slide on fabric with all effects; the search finds 0.45 of the fingers, and 0.49 others beside them.
 #[test]
 fn rough_fabric() {
     let ([by_score, by_search], mut scores) =
@@ -66,6 +66,7 @@ fn rough_fabric() {
         *score = [counted.found, counted.extra];
     }
     let [[found, extra], [searched, _]] = scores;
+    // measured 1.000 and 0; the bar is that of rough fabric, with the extra touches of its worst slide (docs/validation/rough.md)
     assert!(found >= 0.95 && extra <= 0.1 && found > searched, "{scores:?}");
 }
 
