@@ -13,6 +13,7 @@
 //! | `score/` | [`ScoreDetector`]: the same by one model and one score |
 //! | `assign.rs`, `filter.rs`, `motion.rs` | optimal assignment, Kalman filter, rest or motion |
 //! | `skin.rs` | points on a surface and tangent planes |
+//! | `twins.rs` | [`Twins`]: places that a protocol cannot tell apart |
 
 mod assign;
 mod contact;
@@ -24,6 +25,7 @@ mod motion;
 mod points;
 mod score;
 mod skin;
+mod twins;
 
 pub use contact::{Touch, TouchState};
 pub use detector::{
@@ -36,3 +38,4 @@ pub(crate) use detector::{Places, bell_at};
 pub use learnt::{HeldPress, LearntDetector, LearntSettings, Stated, Untouched};
 pub use points::{TouchTracker, TrackerSettings};
 pub use score::{ElectrodeState, ScoreDetector, ScoreModel, ScoreSettings};
+pub use twins::Twins;

@@ -6,6 +6,7 @@ use crate::faults::{self, FaultKind};
 use crate::frames::{ALIKE, are_magnitudes};
 use crate::scene::Instrument;
 use crate::skin::Skin;
+use crate::twins;
 use eit_hw::{Finding, HealthReport, Quadruple, Quality, ReferenceFrames, Severity, Trouble};
 
 /// An electrode is noisy if its measurements without faulty electrodes have more than this multiple of the
@@ -55,7 +56,7 @@ pub fn check(quiet: &ReferenceFrames, instrument: &Instrument) -> Result<HealthR
 
 /// Compares the mean frame with the model of the untouched skin: an order that is wrong as a whole, such as electrodes
 /// counted from another one, does not violate reciprocity. Nothing is compared if an electrode is faulty. Magnitudes are
-/// compared with magnitudes.
+/// compared with magnitudes. Also finds places that the protocol cannot tell apart.
 ///
 /// # Errors
 ///
@@ -83,8 +84,9 @@ pub fn check_model(
     let correlation = of_values.into_iter().chain(of_sizes).reduce(f64::max);
     if let Some(correlation) = correlation.filter(|correlation| *correlation < ALIKE) {
         report.findings.push(Finding::of_whole(Trouble::Model { correlation }));
-        report.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     }
+    report.findings.extend(twins::finding(skin.twins()?.share()));
+    report.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     Ok(())
 }
 

@@ -48,6 +48,7 @@ pub mod total_variation;
 pub mod touches;
 #[cfg(feature = "base")]
 pub mod train;
+pub mod twins;
 mod weave;
 
 // re-exported so that a robot's program needs no further dependency

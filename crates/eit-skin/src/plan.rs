@@ -29,6 +29,7 @@ use crate::error::SkinError;
 use crate::method::{self, MethodChoice};
 use crate::progress::{Progress, StageTime};
 use crate::skin::Skin;
+use crate::twins;
 use crate::weave::Weave;
 use eit_fem::SolvePath;
 use expected::Expected;
@@ -67,6 +68,8 @@ pub struct Plan {
     method_notes: Vec<String>,
     /// Weave that the scene states or the reference frame shows.
     weave: Option<Weave>,
+    /// Share of the skin whose touches the protocol cannot tell from touches elsewhere.
+    twins: f64,
     error: VoltageError,
     expected: Expected,
     machine: Machine,
@@ -116,6 +119,7 @@ impl Plan {
             stages.extend(touches::of(&skin, &machine));
         }
         let error = progress.stage("error of the mesh", || VoltageError::of(&skin, &voltages))?;
+        let twins = progress.stage("places that are alike", || skin.twins())?.share();
         Ok(Self {
             name: skin.name.clone(),
             left_out: left_out::of(&skin, choice.method, sequence, noise_is_known),
@@ -125,6 +129,7 @@ impl Plan {
                 notes
             },
             weave: skin.weave,
+            twins,
             choice,
             frames,
             sequence,
@@ -146,6 +151,7 @@ impl Plan {
             "method_notes": self.method_notes,
             "mesh_notes": self.mesh_notes,
             "weave": self.weave,
+            "twins": self.twins,
             "frames": self.frames,
             "still": matches!(self.sequence, Sequence::Still(_)),
             "stages": self.stages,
@@ -174,6 +180,7 @@ impl Plan {
         }
         lines.push("left out".to_owned());
         lines.extend(self.left_out.iter().map(LeftOut::line));
+        lines.extend(twins::finding(self.twins).map(|finding| format!("warning: {finding}")));
         lines.join("\n")
     }
 }

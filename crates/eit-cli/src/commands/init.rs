@@ -7,6 +7,7 @@ mod presses;
 use crate::cli::{InitArgs, ShapeArg};
 use crate::commands::prelude::*;
 use eit_skin::first_scene::{FirstScene, Numbering, Outline};
+use eit_skin::twins;
 
 /// Correlation below which the model does not represent the skin at all.
 const UNLIKE: f64 = 0.6;
@@ -18,12 +19,13 @@ pub(super) fn run(args: &InitArgs) -> Result<Answer, CliError> {
     check(args)?;
     let mut first = described(args)?;
     first.scene()?;
-    let found = match &args.port {
+    let mut found = match &args.port {
         Some(port) => board::find(args, port, &mut first)?,
         None => Found::default(),
     };
     // never write a scene that cannot be read
-    first.scene()?;
+    let twins = Skin::from_scene(first.scene()?)?.twins()?;
+    found.warnings.extend(twins::finding(twins.share()).map(|finding| finding.to_string()));
     let notes = notes(&first, &found);
     write(&args.out, &first.to_toml(&notes), args.force)?;
     Ok(answer(&args.out, &first, &found))

@@ -176,11 +176,10 @@ impl TouchTracker {
         &self.touches
     }
 
-    /// Marks the touches of the last frame as not valid because their model is known to be wrong,
-    /// and returns them.
-    pub fn invalidate(&mut self) -> &[Touch] {
-        self.touches.iter_mut().for_each(|touch| touch.valid = false);
-        &self.touches
+    /// Marks touches of the last frame as not valid because their model is known to be wrong.
+    pub fn invalidate(&mut self, is_doubted: impl Fn(&Touch) -> bool) {
+        let doubted = self.touches.iter_mut().filter(|touch| is_doubted(touch));
+        doubted.for_each(|touch| touch.valid = false);
     }
 
     /// Pairs tracks and touches with the least sum of squared distances; tracks with an id come first.

@@ -177,6 +177,7 @@ impl ScoreDetector {
         self.begin(frame_v, dt_s);
         let found = self.find(dt_s);
         let found = self.find_faults(found, dt_s);
+        let found = self.close(found, dt_s);
         self.fit_error(&found, dt_s);
         self.step = step_of(self.frame.n(), self.frame.square, found.chi_square);
         let found = self.cool(found, dt_s);
@@ -186,6 +187,7 @@ impl ScoreDetector {
 
     /// Sets the background, the rows that count and the change of this frame.
     fn begin(&mut self, frame_v: &[f64], dt_s: f64) {
+        self.loosen_open();
         let Self { model, settings, background, electrodes, gains, work, .. } = self;
         background.advance(settings, dt_s);
         for e in 0..model.of.len() {
@@ -327,7 +329,8 @@ impl ScoreDetector {
         for ((r, noise), pair) in reference.zip(&self.model.rows.of) {
             pair.iter().for_each(|&i| self.reference_v[i] = self.model.reference_v[i] + r * noise);
         }
-        let is_whole = self.frame.n() == self.model.n;
+        let is_there = |pair: &[usize; 2]| pair.iter().all(|&i| !self.is_missing[i]);
+        let is_whole = self.frame.n() == self.model.n && self.model.rows.of.iter().all(is_there);
         self.report.push(&self.model, &self.settings, &self.touches, &self.step, is_whole, dt_s);
     }
 

@@ -340,7 +340,7 @@ impl LiveStream {
             false => None,
         };
         let mut notes = fitted.frames.notes;
-        notes.extend(finder.choices.warning());
+        notes.extend(finder.choices.warnings());
         // later epochs have the rate of the first
         if clock.is_assumed && self.clock.is_none() {
             notes.push(assumed_rate_text());

@@ -51,6 +51,7 @@ pub(super) fn source(
         rows,
         places,
         blind: 0,
+        twins: 0.0,
         radius_m: learned.bell_m,
         least_s_m2: detector_settings(keys, conductivity_s).least_s_m2,
     };

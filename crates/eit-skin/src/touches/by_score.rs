@@ -109,6 +109,7 @@ pub(super) fn source(
         rows,
         places,
         blind: 0,
+        twins: 0.0,
         radius_m,
         least_s_m2,
     };
@@ -181,6 +182,11 @@ impl Source for ScoreTouches {
 
     fn touches(&self) -> &[Touch] {
         &self.touches
+    }
+
+    fn invalidate(&mut self, is_doubted: &dyn Fn(&Touch) -> bool) {
+        let doubted = self.touches.iter_mut().filter(|touch| is_doubted(touch));
+        doubted.for_each(|touch| touch.valid = false);
     }
 
     #[cfg(feature = "learn")]

@@ -76,6 +76,7 @@ pub(super) fn source(
         rows: detector.rows(),
         places: seen,
         blind: places - seen,
+        twins: 0.0,
         radius_m: detector.settings().radius_m,
         least_s_m2: detector.settings().least_s_m2,
     };

@@ -1,5 +1,7 @@
 //! What a touch finder chose, and why, for people and programs.
 
+use crate::twins;
+
 /// Choices of a [`TouchFinder`](super::TouchFinder).
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
@@ -20,6 +22,9 @@ pub struct Choices {
     /// Number of places excluded because these measurements hardly respond to them.
     #[serde(rename = "blind_places")]
     pub blind: usize,
+    /// Share of the skin whose touches these measurements cannot tell from touches elsewhere.
+    #[serde(default)]
+    pub twins: f64,
     /// Radius of a touch, metres.
     pub radius_m: f64,
     /// Minimum strength of a touch, S m^2.
@@ -43,14 +48,16 @@ pub struct FoundSheet {
 const UNEXPLAINED: f64 = 0.1;
 
 impl Choices {
-    /// Warns that touches will be lost, if the model explains the reference badly.
-    pub fn warning(&self) -> Option<String> {
+    /// Warns that touches will be lost or misplaced: the model explains the reference badly, or cannot tell places apart.
+    pub fn warnings(&self) -> Vec<String> {
         let left = self.sheet.map_or(self.left_even, |sheet| sheet.left);
-        (self.presses.is_none() && left > UNEXPLAINED).then(|| format!(
+        let unexplained = (self.presses.is_none() && left > UNEXPLAINED).then(|| format!(
             "the model leaves {:.0} % of the untouched skin's voltages unexplained: touches will be lost or misplaced; \
              check the scene (shape, electrodes, protocol), or learn the skin from presses (`eit learn`)",
             100.0 * left
-        ))
+        ));
+        let twins = twins::finding(self.twins).map(|finding| finding.to_string());
+        unexplained.into_iter().chain(twins).collect()
     }
 
     /// Describes each choice on a line, for people.
@@ -73,7 +80,7 @@ impl Choices {
             0 => String::new(),
             blind => format!(", {blind} more are not seen"),
         };
-        let warning = self.warning().map(|warning| format!("warning: {warning}"));
+        let warnings = self.warnings().into_iter().map(|warning| format!("warning: {warning}"));
         let lines = [
             format!("touches: {sheet}"),
             format!(
@@ -84,6 +91,6 @@ impl Choices {
                 self.least_s_m2
             ),
         ];
-        lines.into_iter().chain(warning).collect()
+        lines.into_iter().chain(warnings).collect()
     }
 }

@@ -13,7 +13,7 @@ use crate::learn::LearnedSkin;
 use crate::progress::Progress;
 use crate::scene::{Must, TouchModel, TouchSettings, check_numbers};
 use eit_inverse::InverseError;
-use eit_inverse::touch::{DetectorSettings, DetectorStep, Touch, TrackerSettings};
+use eit_inverse::touch::{DetectorSettings, DetectorStep, Touch, TrackerSettings, Twins};
 use std::fmt::Debug;
 
 /// Minimum strength of a touch as an area of doubled conductivity, square metres: a finger of 0.2 N on the
@@ -48,6 +48,9 @@ pub(super) trait Source: Debug + Send + Sync {
 
     /// Touches of the last frame.
     fn touches(&self) -> &[Touch];
+
+    /// Marks touches of the last frame as not valid.
+    fn invalidate(&mut self, is_doubted: &dyn Fn(&Touch) -> bool);
 
     /// The strongest touch of a frame relative to a reference, without those of other frames; `None` if there is none, or none
     /// would be valid.
@@ -103,6 +106,8 @@ pub struct TouchFinder {
     pub choices: Choices,
     used: Vec<bool>,
     source: Box<dyn Source>,
+    /// Places that the measurements cannot tell apart, if there are any.
+    twins: Option<Twins>,
     period_s: f64,
     before_s: Option<f64>,
     level_s: f64,
@@ -144,8 +149,12 @@ impl TouchFinder {
         #[cfg(feature = "learn")]
         if let Some(learned) = learned.filter(|learned| !learned.model_is_right()) {
             let made = by_presses::source(fitted, rate_hz, learned, &noise, monitor, progress)?;
-            return Ok(Some(Self::with_source(fitted, rate_hz, made)));
+            return Ok(Some(Self::with_source(fitted, rate_hz, made, None)));
         }
+        let surface = skin.skin.mesh.surface();
+        let radius_m = skin.skin.touch_radius_m();
+        let find_twins = || Twins::find(surface, &skin.jacobian, &frames.used, radius_m);
+        let twins = progress.stage("places that are alike", find_twins)?;
         let sheet = progress.stage("background", || Sheet::new(fitted, &noise))?;
         let made = match skin.skin.settings.touch.model {
             TouchModel::OneScore => {
@@ -155,14 +164,16 @@ impl TouchFinder {
                 by_search::source(fitted, learned, &noise, &sheet, monitor, progress)?
             }
         };
-        Ok(Some(Self::with_source(fitted, rate_hz, made)))
+        Ok(Some(Self::with_source(fitted, rate_hz, made, Some(twins))))
     }
 
     fn with_source(
         fitted: &FittedFrames,
         rate_hz: f64,
-        (source, choices): (Box<dyn Source>, Choices),
+        (source, mut choices): (Box<dyn Source>, Choices),
+        twins: Option<Twins>,
     ) -> Self {
+        choices.twins = twins.as_ref().map_or(0.0, Twins::share);
         // images are relative to the scene's conductivity
         let print_m2 = std::f64::consts::PI * choices.radius_m.powi(2);
         Self {
@@ -170,6 +181,7 @@ impl TouchFinder {
             choices,
             used: fitted.frames.used.clone(),
             source,
+            twins: twins.filter(|twins| twins.share() > 0.0),
             period_s: rate_hz.recip(),
             before_s: None,
         }
@@ -206,6 +218,9 @@ impl TouchFinder {
             return Err(InverseError::OutOfRange { quantity, value: dt_s, must }.into());
         }
         self.source.push(values, &is_good, [time_s, dt_s])?;
+        if let Some(twins) = &self.twins {
+            self.source.invalidate(&|touch| twins.of(touch.position_m).is_some());
+        }
         self.before_s = Some(time_s);
         Ok(self.source.touches())
     }

@@ -145,13 +145,17 @@ impl<D: Detector> Source for Tracked<D> {
         self.step = Some(step);
         // what touches do not explain may be anything
         if self.is_alike == Some(false) || !self.is_explained() {
-            self.tracker.invalidate();
+            self.tracker.invalidate(|_| true);
         }
         Ok(())
     }
 
     fn touches(&self) -> &[Touch] {
         self.tracker.touches()
+    }
+
+    fn invalidate(&mut self, is_doubted: &dyn Fn(&Touch) -> bool) {
+        self.tracker.invalidate(is_doubted);
     }
 
     #[cfg(feature = "learn")]

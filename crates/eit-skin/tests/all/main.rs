@@ -23,4 +23,5 @@ mod shared;
 mod stream_faults;
 mod touches;
 mod trouble;
+mod undecided;
 mod weave;

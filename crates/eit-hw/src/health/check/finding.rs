@@ -114,6 +114,11 @@ pub enum Trouble {
         /// Cosine of the angle between measured and modelled voltages.
         correlation: f64,
     },
+    /// Touches in different places have the same voltages.
+    Twins {
+        /// Share of the skin whose touches cannot be told from touches elsewhere.
+        share: f64,
+    },
 }
 
 /// A problem and what to try.
@@ -186,6 +191,9 @@ impl Finding {
             Trouble::Model { .. } => {
                 "check `[protocol]`, and the number, order and places of the electrodes"
             }
+            Trouble::Twins { .. } => {
+                "drive or measure pairs of other electrodes, such as adjacent ones"
+            }
         }
     }
 }
@@ -243,6 +251,11 @@ impl fmt::Display for Finding {
             Trouble::Model { correlation } => write!(
                 f,
                 "the voltages are not those of this skin's electrodes (correlation {correlation:.2})"
+            ),
+            Trouble::Twins { share } => write!(
+                f,
+                "touches on {:.0} % of the skin give the same voltages as touches elsewhere, and are not valid",
+                (100.0 * share).max(1.0)
             ),
         }?;
         write!(f, "; {}", self.advice())

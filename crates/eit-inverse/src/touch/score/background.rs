@@ -378,6 +378,11 @@ impl Background {
         }
     }
 
+    /// Adds the variance of a change of all rows.
+    pub(super) fn loosen_along(&mut self, std: f64, change: &[f64]) {
+        self.covariance.add_square(std * std, change);
+    }
+
     /// Adds the variance of an electrode's gain.
     pub(super) fn loosen_gain(&mut self, model: &Model, electrode: usize, std: f64) {
         gain_column(model, electrode, &mut self.columns);

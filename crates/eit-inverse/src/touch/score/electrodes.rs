@@ -63,6 +63,8 @@ enum Cause {
 #[derive(Debug, Clone)]
 pub(super) struct Electrodes {
     pub(super) states: Vec<ElectrodeState>,
+    /// Noisy electrodes that the frame has shown, not the halves of its pairs.
+    pub(super) is_open: Vec<bool>,
     /// Whether all measurements of each are those of the last frame.
     pub(super) repeated: Vec<bool>,
     /// Whether a row of the frame does not count: a value of it is damaged, or one of its electrodes is faulty.
@@ -89,6 +91,7 @@ impl Electrodes {
         let (n, count) = (model.n, model.of.len());
         Self {
             states: vec![ElectrodeState::Sound; count],
+            is_open: vec![false; count],
             repeated: vec![false; count],
             is_lost: vec![false; n],
             is_damaged: vec![false; n],
@@ -245,7 +248,7 @@ impl Electrodes {
             self.fit_scan(model);
         }
         for e in 0..self.states.len() {
-            if self.states[e] != ElectrodeState::Noisy {
+            if self.states[e] != ElectrodeState::Noisy || self.is_open[e] {
                 continue;
             }
             // its own rows tell the effects of its drives, and others may have explained what it was accused of
