@@ -29,7 +29,6 @@ pub enum PublishError {
     #[error("cannot encode a line of touches: {0}")]
     Encode(#[from] serde_json::Error),
     /// No thread for a sink.
-    #[cfg(any(feature = "foxglove", feature = "zenoh"))]
     #[error("cannot start a thread that publishes: {0}")]
     Thread(#[source] io::Error),
     /// A topic that ROS 2 does not allow.

@@ -11,7 +11,11 @@ mod error;
 mod foxglove_sink;
 mod image;
 mod line;
-#[cfg(any(feature = "foxglove", feature = "zenoh"))]
+mod lines;
+#[cfg_attr(
+    not(any(feature = "foxglove", feature = "zenoh")),
+    allow(dead_code, reason = "without these features, only lines are queued")
+)]
 mod outbox;
 mod publisher;
 #[cfg(feature = "zenoh")]
@@ -29,7 +33,6 @@ pub use error::PublishError;
 #[cfg(feature = "foxglove")]
 pub use foxglove_sink::{FoxgloveSettings, FoxgloveSink};
 pub use image::SkinImage;
-#[cfg(any(feature = "foxglove", feature = "zenoh"))]
 pub use outbox::SinkStatistics;
 pub use publisher::{Publisher, Start};
 pub use shape::SkinShape;

@@ -12,12 +12,14 @@ use std::time::{Duration, Instant};
 
 /// Largest number of frames and events that wait for the sink, and the longest wait; beyond either,
 /// the oldest is dropped. As long as the queue of an instrument's frames
-/// (`eit_skin::connect::Backlog::Published`), so that a sink that is fast enough on average sends
+/// (`eit_skin::connect::open_recorder`), so that a sink that is fast enough on average sends
 /// every frame in spite of pauses and bursts.
 const CAPACITY: usize = 4096;
 const LONGEST: Duration = Duration::from_secs(4);
 /// How long the end waits for the sink to send what is queued.
 const LAST_MESSAGES: Duration = Duration::from_secs(2);
+/// How long it then waits for what is no frame, such as the last line.
+const LAST_EVENTS: Duration = Duration::from_secs(1);
 
 /// Shortest time between two images.
 const IMAGE_EVERY: Duration = Duration::from_millis(66);
@@ -92,6 +94,8 @@ pub(crate) enum Next {
     Frame(FrameCopy),
     Image(ImageCopy),
     Incident(Incident),
+    /// With its line end.
+    Line(Vec<u8>),
     /// Nothing arrived in time.
     Nothing,
     /// No more messages will arrive.
@@ -114,6 +118,25 @@ pub struct SinkStatistics {
 enum Queued {
     Frame(FrameCopy),
     Incident(Incident),
+    Line { line: Vec<u8>, is_frame: bool },
+}
+
+impl Queued {
+    fn is_frame(&self) -> bool {
+        matches!(self, Self::Frame(_) | Self::Line { is_frame: true, .. })
+    }
+}
+
+/// What becomes of frames that the sink has no time for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Policy {
+    /// They wait, and the oldest are dropped.
+    #[default]
+    DropOldest,
+    /// Only the newest waits.
+    KeepLatest,
+    /// Whoever fills the queue waits: for recordings, whose frames come on demand.
+    Wait,
 }
 
 #[derive(Debug, Default)]
@@ -122,6 +145,8 @@ struct State {
     queue: VecDeque<(Instant, Queued)>,
     /// Memory of frames that were sent.
     free: Vec<FrameCopy>,
+    free_lines: Vec<Vec<u8>>,
+    policy: Policy,
     /// Only the latest image counts.
     image: Option<ImageCopy>,
     free_image: Option<ImageCopy>,
@@ -156,6 +181,38 @@ impl Outbox {
         self.changed.notify_one();
     }
 
+    /// Queues a line.
+    pub(crate) fn line(&self, line: &[u8], is_frame: bool) {
+        let mut state = self.state();
+        while state.policy == Policy::Wait && state.queue.len() >= CAPACITY && !state.is_done {
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+        state.statistics.frames += u64::from(is_frame);
+        if is_frame && state.policy == Policy::KeepLatest {
+            state.drop_frames();
+        }
+        let now = state.make_room();
+        let mut copy = state.free_lines.pop().unwrap_or_default();
+        copy.clear();
+        copy.extend_from_slice(line);
+        copy.push(b'\n');
+        state.queue.push_back((now, Queued::Line { line: copy, is_frame }));
+        self.changed.notify_all();
+    }
+
+    /// Keeps only the newest frame for a sink that is behind.
+    pub(crate) fn keep_latest(&self, is_wanted: bool) {
+        self.state().policy = if is_wanted { Policy::KeepLatest } else { Policy::DropOldest };
+    }
+
+    /// Makes who fills the queue wait for a sink that wants every frame.
+    pub(crate) fn wait_for_room(&self) {
+        let mut state = self.state();
+        if state.policy == Policy::DropOldest {
+            state.policy = Policy::Wait;
+        }
+    }
+
     /// Queues the image of the last frame; replaces one that was not sent yet.
     pub(crate) fn image(&self, image: ArrayView2<'_, f64>) {
         let mut state = self.state();
@@ -184,10 +241,13 @@ impl Outbox {
         let end = Instant::now() + timeout;
         let mut state = self.state();
         loop {
-            match state.queue.pop_front() {
-                Some((_, Queued::Frame(frame))) => return Next::Frame(frame),
-                Some((_, Queued::Incident(incident))) => return Next::Incident(incident),
-                None => {}
+            if let Some((_, queued)) = state.queue.pop_front() {
+                self.changed.notify_all();
+                return match queued {
+                    Queued::Frame(frame) => Next::Frame(frame),
+                    Queued::Incident(incident) => Next::Incident(incident),
+                    Queued::Line { line, .. } => Next::Line(line),
+                };
             }
             if let Some(image) = state.image.take() {
                 return Next::Image(image);
@@ -212,6 +272,14 @@ impl Outbox {
         }
     }
 
+    /// Returns the memory of a line that was written.
+    pub(crate) fn recycle_line(&self, line: Vec<u8>) {
+        let mut state = self.state();
+        if state.free_lines.len() < CAPACITY {
+            state.free_lines.push(line);
+        }
+    }
+
     /// Returns the memory of a sent image.
     pub(crate) fn recycle_image(&self, image: ImageCopy) {
         self.state().free_image = Some(image);
@@ -229,17 +297,36 @@ impl State {
     fn make_room(&mut self) -> Instant {
         let now = Instant::now();
         let is_old = |queued: &(Instant, Queued)| now.duration_since(queued.0) > LONGEST;
-        while self.queue.len() >= CAPACITY || self.queue.front().is_some_and(is_old) {
-            match self.queue.pop_front() {
-                Some((_, Queued::Frame(frame))) => {
-                    self.statistics.dropped_frames += 1;
-                    self.free.push(frame);
-                }
-                Some((_, Queued::Incident(_))) => self.statistics.dropped_events += 1,
-                None => break,
-            }
+        while self.queue.len() >= CAPACITY
+            || (self.policy != Policy::Wait && self.queue.front().is_some_and(is_old))
+        {
+            let Some((_, oldest)) = self.queue.pop_front() else { break };
+            self.drop_one(oldest);
         }
         now
+    }
+
+    fn drop_one(&mut self, queued: Queued) {
+        match queued.is_frame() {
+            true => self.statistics.dropped_frames += 1,
+            false => self.statistics.dropped_events += 1,
+        }
+        match queued {
+            Queued::Frame(frame) => self.free.push(frame),
+            Queued::Line { line, .. } => self.free_lines.push(line),
+            Queued::Incident(_) => {}
+        }
+    }
+
+    /// Drops the frames, and keeps the order of the rest.
+    fn drop_frames(&mut self) {
+        for _ in 0..self.queue.len() {
+            let Some((since, queued)) = self.queue.pop_front() else { break };
+            match queued.is_frame() {
+                true => self.drop_one(queued),
+                false => self.queue.push_back((since, queued)),
+            }
+        }
     }
 }
 
@@ -269,6 +356,16 @@ pub(crate) trait QueuedSink {
     }
 }
 
+/// Says, also if the thread panics, that nobody takes from the queue any more.
+struct Done<'a>(&'a Outbox);
+
+impl Drop for Done<'_> {
+    fn drop(&mut self) {
+        self.0.state().is_done = true;
+        self.0.changed.notify_all();
+    }
+}
+
 /// A thread that sends what is queued.
 #[derive(Debug)]
 pub(crate) struct Worker {
@@ -290,29 +387,29 @@ impl Worker {
     ) -> std::io::Result<Self> {
         let queue = Arc::clone(&outbox);
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+            let done = Done(&queue);
             send(&queue);
-            queue.state().is_done = true;
-            queue.changed.notify_all();
+            drop(done);
         })?;
         Ok(Self { outbox, thread: Some(thread), last_image: None })
     }
 
-    /// Ends the thread once it has sent what is queued, or after two seconds: a network that hangs does not
-    /// hang the program.
+    /// Ends the thread once it has sent what is queued, or after three seconds, without the frames that are left after two: a
+    /// network that hangs does not hang the program. If frames wait for the sink ([`Outbox::wait_for_room`]), so does this.
     pub(crate) fn finish(&mut self) {
         let Some(thread) = self.thread.take() else { return };
-        let end = Instant::now() + LAST_MESSAGES;
+        let start = Instant::now();
         let mut state = self.outbox.state();
         state.is_over = true;
         self.outbox.changed.notify_all();
-        while !state.is_done && !thread.is_finished() {
-            let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                return;
+        while !state.is_done {
+            if state.policy != Policy::Wait && start.elapsed() >= LAST_MESSAGES {
+                state.drop_frames();
+                if start.elapsed() >= LAST_MESSAGES + LAST_EVENTS {
+                    return;
+                }
             }
-            // a thread that panicked tells nobody
-            let left = left.min(Duration::from_millis(50));
-            let waited = self.outbox.changed.wait_timeout(state, left);
+            let waited = self.outbox.changed.wait_timeout(state, Duration::from_millis(50));
             state = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
         drop(state);

@@ -5,15 +5,16 @@ mod sinks;
 use crate::VERSION;
 use crate::error::PublishError;
 use crate::line::{EventLine, FrameLine, StartLine};
+use crate::lines::LineSink;
 #[cfg(any(feature = "foxglove", feature = "zenoh"))]
 use crate::outbox::Severity;
+use crate::outbox::SinkStatistics;
 use crate::udp::UdpSink;
 use eit_skin::TouchFrame;
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::text::{event_text, printable_json};
 use serde::Serialize;
 use std::borrow::Cow;
-use std::io::{ErrorKind, Write};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// What is published.
@@ -40,12 +41,13 @@ pub struct Start<'a> {
 /// use eit_publish::Publisher;
 ///
 /// // touches as JSON lines, one per frame, on a writer of your own
-/// let publisher = Publisher::new().with_lines(std::io::sink());
+/// let publisher = Publisher::new().with_lines(std::io::sink())?;
 /// assert!(!publisher.takes_images());
+/// # Ok::<(), eit_publish::PublishError>(())
 /// ```
 #[derive(Default)]
 pub struct Publisher {
-    out: Option<Box<dyn Write + Send>>,
+    lines: Option<LineSink>,
     udp: Vec<UdpSink>,
     #[cfg(feature = "web")]
     web: Option<crate::web::WebServer>,
@@ -59,13 +61,12 @@ pub struct Publisher {
     is_live: bool,
     /// A reference is being taken.
     is_waiting: bool,
-    is_closed: bool,
 }
 
 impl std::fmt::Debug for Publisher {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Publisher")
-            .field("has_lines", &self.out.is_some())
+            .field("has_lines", &self.lines.is_some())
             .field("udp", &self.udp)
             .field("frames", &self.frames)
             .field("is_live", &self.is_live)
@@ -86,6 +87,9 @@ impl Publisher {
     /// A line that cannot be written.
     pub fn start(&mut self, start: &Start<'_>) -> Result<(), PublishError> {
         self.is_live = start.is_live;
+        if let Some(lines) = self.lines.as_ref().filter(|_| !start.is_live) {
+            lines.worker.outbox.wait_for_room();
+        }
         #[cfg(any(feature = "foxglove", feature = "zenoh"))]
         self.queued().for_each(|sink| sink.start(start));
         let line = StartLine {
@@ -194,10 +198,11 @@ impl Publisher {
         if let Some(web) = &mut self.web {
             web.frame(&self.line);
         }
-        self.write()
+        self.write(true)
     }
 
-    /// Publishes the last line, and sends what sinks have queued, within two seconds each.
+    /// Publishes the last line, and sends what sinks have queued, within three seconds each; lines of a recording wait for
+    /// their reader.
     ///
     /// # Errors
     ///
@@ -212,13 +217,23 @@ impl Publisher {
         });
         #[cfg(any(feature = "foxglove", feature = "zenoh"))]
         self.queued_mut().for_each(|sink| sink.worker_mut().finish());
+        if let Some(lines) = &mut self.lines {
+            lines.worker.finish();
+        }
         said
     }
 
-    /// Returns whether the reader of the lines has closed its pipe. That is not an error, but a program that
-    /// writes only for this reader should end.
+    /// Returns whether the reader of the lines has closed its pipe and there is no other sink. That is not an error, but a
+    /// program that has no other output should end.
     pub fn is_closed(&self) -> bool {
-        self.is_closed
+        let is_only = self.udp.is_empty() && !self.takes_images();
+        is_only && self.lines.as_ref().is_some_and(LineSink::is_closed)
+    }
+
+    /// Returns how many lines of frames were offered to their writer, and how many dropped because its reader was slow;
+    /// `None` without a writer.
+    pub fn line_statistics(&self) -> Option<SinkStatistics> {
+        self.lines.as_ref().map(|lines| lines.worker.outbox.statistics())
     }
 
     /// Whether a sink takes lines.
@@ -227,7 +242,7 @@ impl Publisher {
         if self.web.is_some() {
             return true;
         }
-        self.out.is_some() || !self.udp.is_empty()
+        self.lines.is_some() || !self.udp.is_empty()
     }
 
     /// Passes an event to sinks that do not take lines.
@@ -243,7 +258,7 @@ impl Publisher {
         if let Some(web) = &self.web {
             web.event(&self.line);
         }
-        self.write()
+        self.write(false)
     }
 
     /// Encodes a line. It may end on a terminal and contains names given by others, so control characters and those
@@ -258,19 +273,11 @@ impl Publisher {
     }
 
     /// Writes the encoded line to pipes and sockets.
-    fn write(&mut self) -> Result<(), PublishError> {
+    fn write(&mut self, is_frame: bool) -> Result<(), PublishError> {
         for sink in &mut self.udp {
             sink.send(&self.line);
         }
-        let Some(out) = self.out.as_mut().filter(|_| !self.is_closed) else { return Ok(()) };
-        self.line.push(b'\n');
-        match out.write_all(&self.line).and_then(|()| out.flush()) {
-            Err(error) if error.kind() == ErrorKind::BrokenPipe => {
-                self.is_closed = true;
-                Ok(())
-            }
-            written => Ok(written?),
-        }
+        self.lines.as_ref().map_or(Ok(()), |lines| lines.line(&self.line, is_frame))
     }
 
     /// Time by this computer's clock, if frames are live.
@@ -285,7 +292,6 @@ fn since_1970() -> Option<Duration> {
 }
 
 /// Seconds since 1970 by this computer's clock.
-#[cfg(any(feature = "foxglove", feature = "zenoh"))]
 pub(crate) fn clock_s() -> f64 {
     since_1970().map_or(0.0, |since| since.as_secs_f64())
 }

@@ -2,19 +2,22 @@
 
 use crate::error::SkinError;
 use crate::scene::Instrument;
+#[cfg(feature = "recording")]
+use crate::text::event_text;
 use eit_hw::HwError;
 #[cfg(feature = "recording")]
-use eit_hw::capture::SessionRecord;
+use eit_hw::capture::{Recorder, SessionRecord};
 #[cfg(feature = "recording")]
 use eit_hw::driver::FrameSource;
 use eit_hw::driver::{Overflow, Session, SessionSettings};
 
 /// Frames that may queue while a recorder waits for the disk: 8 s at 1000 frames per second.
-pub const RECORDER_FRAMES: usize = 8192;
+const RECORDER_FRAMES: usize = 8192;
 /// Smallest queue for a consumer that may skip frames, frames; at higher rates it holds a fixed
 /// number of seconds, so that a pause of the program loses no frame of a fast instrument.
 const LEAST_FRAMES: usize = 8;
 const LATEST_S: f64 = 0.25;
+#[cfg(feature = "recording")]
 const PUBLISHED_S: f64 = 4.0;
 
 /// How far the consumer of an instrument's frames may fall behind, and what happens then.
@@ -22,9 +25,6 @@ const PUBLISHED_S: f64 = 4.0;
 pub enum Backlog {
     /// For a robot's loop, which acts on the present: a quarter of a second; then the oldest frames are skipped.
     Latest,
-    /// For publishing and showing every frame: four seconds; then the oldest frames are skipped. A computer that is
-    /// fast enough on average publishes every frame, although other programs take the processor for moments.
-    Published,
     /// For recorders and measurements, which must not lose a frame: 8 192 frames; then the session ends with
     /// [`HwError::Overflow`].
     Recorded,
@@ -33,19 +33,35 @@ pub enum Backlog {
 impl Backlog {
     fn overflow(self) -> Overflow {
         match self {
-            Self::Latest | Self::Published => Overflow::KeepLatest,
+            Self::Latest => Overflow::KeepLatest,
             Self::Recorded => Overflow::Fail,
         }
     }
 
     fn frames(self, rate_hz: f64) -> usize {
-        let in_time = |seconds: f64| ((seconds * rate_hz).ceil() as usize).max(LEAST_FRAMES);
         match self {
-            Self::Latest => in_time(LATEST_S),
-            Self::Published => in_time(PUBLISHED_S),
+            Self::Latest => frames_in(LATEST_S, rate_hz),
             Self::Recorded => RECORDER_FRAMES,
         }
     }
+}
+
+fn frames_in(seconds: f64, rate_hz: f64) -> usize {
+    ((seconds * rate_hz).ceil() as usize).max(LEAST_FRAMES)
+}
+
+/// Opens the scene's instrument for a recorder and a consumer that may be slower: a computer that is fast enough on average shows every
+/// frame, although other programs take the processor for moments; more than four seconds behind, the oldest frames are skipped, but not
+/// in the recording.
+///
+/// # Errors
+///
+/// Those of [`open`].
+#[cfg(feature = "recording")]
+pub fn open_recorder(instrument: &Instrument, port: Option<&str>) -> Result<Recorder, SkinError> {
+    let session = open(instrument, port, Backlog::Recorded)?;
+    let waiting = frames_in(PUBLISHED_S, instrument.frame_rate_hz);
+    Ok(Recorder::new(Box::new(session), waiting, event_text))
 }
 
 /// Opens the scene's instrument. If it does not measure the scene's protocol, the error names both.

@@ -53,6 +53,9 @@ pub(crate) struct PublishArgs {
     /// --web, --zenoh or --foxglove needs them.
     #[arg(long)]
     pub json_lines: bool,
+    /// If the reader of stdout is behind, write only the newest frame; otherwise lines wait for up to four seconds.
+    #[arg(long, requires = "json_lines")]
+    pub latest: bool,
     /// Send the same lines by UDP, one per datagram; can be repeated.
     #[arg(long, value_name = "HOST:PORT")]
     pub udp: Vec<String>,

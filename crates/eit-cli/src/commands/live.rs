@@ -1,12 +1,13 @@
 //! `eit live`: touches of a live instrument as they happen.
 
-use super::recorder::PageRecorder;
+use super::recorder::Recordings;
 use super::silence::NoData;
 use super::viewer::Viewer;
-use super::{check_ending_of, check_watch, publish, record};
+use super::{check_ending_of, check_watch, publish};
 use crate::cli::LiveArgs;
 use crate::commands::prelude::*;
-use eit_skin::connect::{self, Backlog};
+use eit_hw::driver::FrameSource as _;
+use eit_skin::connect;
 use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
 
 /// Watches until Ctrl-C, the end of `--seconds` or enough frames.
@@ -27,19 +28,13 @@ pub(super) fn run(args: &LiveArgs) -> Result<Ended, CliError> {
     let frames = args.watch.reference_frames.unwrap_or(REFERENCE_FRAMES);
     let model = Arc::new(LiveModel::from_scene(&scene, frames, &mut progress)?);
     let mut viewer = Viewer::new(&model, &args.watch, until)?;
-    let backlog = if args.record.is_some() { Backlog::Recorded } else { Backlog::Published };
     let mut session =
-        progress.stage("connect", || connect::open(&instrument, args.port.as_deref(), backlog))?;
+        progress.stage("connect", || connect::open_recorder(&instrument, args.port.as_deref()))?;
     let record = connect::session_record(&model.skin().scene_toml, &instrument, &session);
-    if let Some(path) = &args.record {
-        viewer.writer = Some(record::open(path, &record, split, false)?);
-    }
+    let mut recordings = Recordings::new(&args.scene, record, session.tape());
+    args.record.iter().try_for_each(|path| recordings.record(path, split))?;
     let name = session.setup().identity.to_string();
-    let recorder =
-        args.watch.publish.page.web.as_ref().map(|_| {
-            PageRecorder::new(&args.scene, record, args.record.clone(), session.waiting())
-        });
-    viewer.publish(publisher, &name, recorder, true)?;
+    viewer.publish(publisher, &name, Some(recordings), true)?;
     let summary = model.watch(&mut session, true, &mut viewer);
     session.stop();
     let statistics = session.statistics();

@@ -27,7 +27,11 @@ pub(super) fn open(args: &PublishArgs, can_record: bool) -> Result<Option<Publis
         publisher = open_page(address, publisher, can_record)?;
     }
     if args.json_lines {
-        publisher = publisher.with_lines(std::io::stdout());
+        let out = std::io::stdout();
+        publisher = match args.latest {
+            true => publisher.with_latest_lines(out)?,
+            false => publisher.with_lines(out)?,
+        };
     }
     Ok(Some(publisher))
 }
@@ -108,6 +112,12 @@ pub(super) fn end(mut publisher: Publisher) -> Result<(), CliError> {
             let all = sink.sent() + unsent;
             eprintln!("eit: note: --udp {address}: {unsent} of {all} lines were not sent: {error}");
         }
+    }
+    if let Some(lines) = publisher.line_statistics().filter(|lines| lines.dropped_frames > 0) {
+        let (dropped, all) = (lines.dropped_frames, lines.frames);
+        eprintln!(
+            "eit: note: --json-lines: {dropped} of {all} frames were not written: the reader is slower than the skin"
+        );
     }
     network::report(&publisher);
     Ok(())

@@ -6,7 +6,6 @@ use super::frame_rate::FrameRate;
 use super::silence::{NoData, Silence};
 use crate::cli::{RecordArgs, SplitArgs};
 use crate::commands::prelude::*;
-use eit_hw::HwError;
 use eit_hw::capture::{self, CaptureReader, CaptureSettings, CaptureWriter, Entry, SessionRecord};
 use eit_hw::driver::{Event, Session};
 use eit_skin::Steps;
@@ -171,11 +170,12 @@ impl Recorder<'_> {
         if is_news(&event) {
             event_text(&event).iter().for_each(|words| warn(words));
         }
-        write_event(writer, &event)?;
         let Event::Frame(frame) = event else {
+            event_text(&event).map_or(Ok(()), |words| writer.note(&words))?;
             self.notes += 1;
             return Ok(true);
         };
+        writer.frame(&frame)?;
         self.frames += 1;
         self.rate.frame(Instant::now());
         if let Some(words) = self.rate.change(self.session.setup().frame_rate_hz) {
@@ -236,15 +236,6 @@ impl Recorder<'_> {
             "faulty_electrodes": electrodes.json(),
         });
         Answer { text, json: joined(json, no_data) }
-    }
-}
-
-/// Records a frame, or a note of what else happened.
-pub(super) fn write_event(writer: &mut CaptureWriter, event: &Event) -> Result<(), HwError> {
-    match (event, event_text(event)) {
-        (Event::Frame(frame), _) => writer.frame(frame),
-        (_, Some(words)) => writer.note(&words),
-        _ => Ok(()),
     }
 }
 

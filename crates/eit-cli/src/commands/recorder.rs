@@ -1,101 +1,81 @@
-//! Recordings that are started and stopped on the live page.
+//! The recording of a live run: that of `--record`, or those that the live page starts and stops.
 
 use crate::commands::prelude::*;
 use eit_hw::HwError;
-use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
-use eit_hw::driver::Waiting;
+use eit_hw::capture::{CaptureSettings, CaptureWriter, Entry, SessionRecord, Tape};
 use eit_publish::{Publisher, Recording};
-use eit_skin::connect::RECORDER_FRAMES;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Writes recordings beside the scene while the page wants them. A recording that fails, for example because the disk
-/// is full, ends; the view goes on, and the page says why.
-pub(super) struct PageRecorder {
-    /// Folder and first part of the file names.
+/// Records what the tape of the instrument receives. A recording of the page that fails, for example because the disk is
+/// full, ends; the view goes on, and the page says why. That of `--record` ends the run.
+pub(super) struct Recordings {
+    tape: Tape,
+    /// Folder and first part of the names of the page's files.
     folder: PathBuf,
     stem: String,
     session: SessionRecord,
-    writer: Option<(PathBuf, CaptureWriter)>,
-    /// Recording of `--record`, which the page cannot stop.
-    fixed: Option<PathBuf>,
-    waiting: Waiting,
-    /// How many frames may wait for the view alone, and how many had been skipped when the recording began.
-    before: Option<(usize, u64)>,
+    /// The file that is being written.
+    file: Option<PathBuf>,
+    /// Whether it is that of `--record`, which the page cannot stop.
+    is_fixed: bool,
 }
 
-impl PageRecorder {
-    /// For a scene file, or a built-in scene, whose recordings go to the working directory. `fixed` is the file of
-    /// `--record`. `waiting` is that of the session: while a recording runs, frames wait for it as they do for
-    /// `--record`, and are not skipped for the view.
-    pub(super) fn new(
-        scene: &str,
-        session: SessionRecord,
-        fixed: Option<PathBuf>,
-        waiting: Waiting,
-    ) -> Self {
+impl Recordings {
+    /// For a scene file, or a built-in scene, whose recordings go to the working directory.
+    pub(super) fn new(scene: &str, session: SessionRecord, tape: Tape) -> Self {
         let path = Path::new(scene);
         let stem = path.file_stem().map_or_else(|| "skin".into(), |stem| stem.to_string_lossy());
         let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
         let stem = stem.into_owned();
-        Self { folder, stem, session, writer: None, fixed, waiting, before: None }
+        Self { tape, folder, stem, session, file: None, is_fixed: false }
+    }
+
+    /// Records to the file of `--record` until the end.
+    pub(super) fn record(
+        &mut self,
+        path: &Path,
+        settings: CaptureSettings,
+    ) -> Result<(), CliError> {
+        self.tape.begin(super::record::open(path, &self.session, settings, false)?);
+        (self.file, self.is_fixed) = (Some(path.to_path_buf()), true);
+        Ok(())
+    }
+
+    /// Whether a file is being written.
+    pub(super) fn is_on(&self) -> bool {
+        self.file.is_some()
+    }
+
+    /// Adds what was computed from a frame.
+    pub(super) fn write(&self, entry: impl FnOnce() -> Entry) {
+        self.tape.write(entry);
+    }
+
+    /// Does what the page asked for, and tells it what has become of a recording.
+    pub(super) fn follow(&mut self, publisher: Option<&Publisher>) -> Result<(), CliError> {
+        if let Some(ended) = self.tape.ended() {
+            self.ended(ended, publisher)?;
+        }
+        let Some(publisher) = publisher else { return Ok(()) };
+        match publisher.recording_request() {
+            Some(true) if self.file.is_none() => self.start(publisher),
+            Some(false) if self.file.is_some() && !self.is_fixed => {
+                self.tape.end();
+                Ok(())
+            }
+            // pages that asked twice, or for what is already so, get the state again
+            Some(_) => self.tell(publisher),
+            None => Ok(()),
+        }
     }
 
     /// Tells the page what is recorded.
     pub(super) fn tell(&self, publisher: &Publisher) -> Result<(), CliError> {
-        let (file, can_stop) = match (&self.writer, &self.fixed) {
-            (Some((file, _)), _) => (file, true),
-            (None, Some(file)) => (file, false),
-            (None, None) => return Ok(publisher.recording(Recording::Off { file: None })?),
-        };
-        Ok(publisher.recording(Recording::On { file: &file.display().to_string(), can_stop })?)
-    }
-
-    /// Does what the page asked for, and writes to the recording, if there is one.
-    pub(super) fn write(
-        &mut self,
-        publisher: &Publisher,
-        what: impl FnOnce(&mut CaptureWriter) -> Result<(), HwError>,
-    ) -> Result<(), CliError> {
-        match publisher.recording_request() {
-            Some(true) if self.writer.is_none() && self.fixed.is_none() => self.start(publisher)?,
-            Some(false) if self.writer.is_some() => self.stop(publisher)?,
-            // pages that asked twice, or for what is already so, get the state again
-            Some(_) => self.tell(publisher)?,
-            None => {}
-        }
-        let Some((file, writer)) = &mut self.writer else { return Ok(()) };
-        let Err(error) = what(writer) else { return Ok(()) };
-        let file = std::mem::take(file);
-        self.writer = None;
-        self.skip_again();
-        fail(&file, &error, publisher)
-    }
-
-    /// Ends the recording, if there is one.
-    pub(super) fn stop(&mut self, publisher: &Publisher) -> Result<(), CliError> {
-        let Some((file, mut writer)) = self.writer.take() else { return Ok(()) };
-        let name = file.display().to_string();
-        let noted = match self.skip_again() {
-            0 => Ok(()),
-            skipped => {
-                let words =
-                    format!("{skipped} frames are missing: this computer could not keep up");
-                eprintln!("eit: note: {name}: {words}");
-                writer.note(&words)
-            }
-        };
-        if let Err(error) = noted.and_then(|()| writer.finish()) {
-            return fail(&file, &error, publisher);
-        }
-        eprintln!("eit: recorded: {name}");
-        Ok(publisher.recording(Recording::Off { file: Some(&name) })?)
-    }
-
-    /// Lets frames be skipped for the view again; returns how many were skipped while recording.
-    fn skip_again(&mut self) -> u64 {
-        let Some((capacity, dropped)) = self.before.take() else { return 0 };
-        self.waiting.set_capacity(capacity);
-        self.waiting.dropped().saturating_sub(dropped)
+        let file = self.file.as_ref().map(|file| file.display().to_string());
+        Ok(publisher.recording(match &file {
+            Some(file) => Recording::On { file, can_stop: !self.is_fixed },
+            None => Recording::Off { file: None },
+        })?)
     }
 
     fn start(&mut self, publisher: &Publisher) -> Result<(), CliError> {
@@ -108,21 +88,40 @@ impl PageRecorder {
         });
         match begun {
             Ok(writer) => {
-                let capacity = self.waiting.set_capacity(RECORDER_FRAMES);
-                self.before = Some((capacity, self.waiting.dropped()));
-                self.writer = Some((file, writer));
+                self.tape.begin(writer);
+                self.file = Some(file);
                 self.tell(publisher)
             }
-            Err(error) => fail(&file, &error, publisher),
+            Err(error) => fail(&file, &error, Some(publisher)),
         }
+    }
+
+    /// A recording is complete, or has failed.
+    fn ended(
+        &mut self,
+        ended: Result<(), HwError>,
+        publisher: Option<&Publisher>,
+    ) -> Result<(), CliError> {
+        let Some(file) = self.file.take() else { return Ok(()) };
+        if self.is_fixed {
+            return Ok(ended?);
+        }
+        if let Err(error) = ended {
+            return fail(&file, &error, publisher);
+        }
+        let name = file.display().to_string();
+        eprintln!("eit: recorded: {name}");
+        let off = Recording::Off { file: Some(&name) };
+        Ok(publisher.map_or(Ok(()), |publisher| publisher.recording(off))?)
     }
 }
 
 /// Tells page and terminal that a recording has failed.
-fn fail(file: &Path, error: &HwError, publisher: &Publisher) -> Result<(), CliError> {
+fn fail(file: &Path, error: &HwError, publisher: Option<&Publisher>) -> Result<(), CliError> {
     let error = format!("{}: {error}", file.display());
     eprintln!("eit: note: the recording of the live page has failed: {error}");
-    Ok(publisher.recording(Recording::Failed { error: &error })?)
+    let failed = Recording::Failed { error: &error };
+    Ok(publisher.map_or(Ok(()), |publisher| publisher.recording(failed))?)
 }
 
 /// UTC date and time of a number of seconds since 1970, fit for a file name: 2026-11-23T130503Z.

@@ -1,14 +1,13 @@
 //! What `eit live` and `eit replay` show and store.
 
 use super::publish;
-use super::record::{is_news, write_event};
-use super::recorder::PageRecorder;
+use super::record::is_news;
+use super::recorder::Recordings;
 use super::silence::Silence;
 use super::view::{Picture, Terminal};
 use crate::cli::WatchArgs;
 use crate::commands::prelude::*;
-use eit_hw::HwError;
-use eit_hw::capture::CaptureWriter;
+use eit_hw::capture::Entry;
 use eit_hw::driver::{Event, Statistics};
 use eit_publish::Publisher;
 use eit_report::watched::{self, Kept, record_of};
@@ -25,12 +24,9 @@ pub(super) struct Viewer<'a> {
     pub(super) silence: Silence,
     terminal: Terminal,
     picture: Option<Picture>,
-    /// The recording of `--record`.
-    pub(super) writer: Option<CaptureWriter>,
     kept: Option<Kept>,
     publisher: Option<Publisher>,
-    /// Recordings that the page starts.
-    recorder: Option<PageRecorder>,
+    recordings: Option<Recordings>,
 }
 
 impl<'a> Viewer<'a> {
@@ -55,36 +51,29 @@ impl<'a> Viewer<'a> {
             silence: Silence::new(),
             terminal: Terminal::new(is_shown),
             picture: args.picture.as_deref().map(Picture::new).transpose()?,
-            writer: None,
             kept: args.out.as_deref().map(Kept::new).transpose()?,
             publisher: None,
-            recorder: None,
+            recordings: None,
         })
     }
 
-    /// Publishes touches of this instrument or recording from now on; the page records if there is a recorder for it.
+    /// Publishes and records touches of this instrument, or publishes those of this recording, from now on.
     pub(super) fn publish(
         &mut self,
         publisher: Option<Publisher>,
         instrument: &str,
-        recorder: Option<PageRecorder>,
+        recordings: Option<Recordings>,
         is_live: bool,
     ) -> Result<(), CliError> {
-        (self.publisher, self.recorder) = (publisher, recorder);
+        (self.publisher, self.recordings) = (publisher, recordings);
         let Some(publisher) = &mut self.publisher else { return Ok(()) };
         publish::start(publisher, self.model, instrument, is_live)?;
-        self.recorder.iter().try_for_each(|recorder| recorder.tell(publisher))
+        self.recordings.iter().try_for_each(|recordings| recordings.tell(publisher))
     }
 
-    /// Writes to the recordings of `--record` and of the page.
-    fn record(
-        &mut self,
-        what: impl Fn(&mut CaptureWriter) -> Result<(), HwError>,
-    ) -> Result<(), CliError> {
-        if let (Some(recorder), Some(publisher)) = (&mut self.recorder, &self.publisher) {
-            recorder.write(publisher, &what)?;
-        }
-        Ok(self.writer.as_mut().map_or(Ok(()), &what)?)
+    fn follow_recordings(&mut self) -> Result<(), CliError> {
+        let publisher = self.publisher.as_ref();
+        self.recordings.as_mut().map_or(Ok(()), |recordings| recordings.follow(publisher))
     }
 
     /// Whether images are needed other than by the publisher; without any other output, the summary reports on
@@ -94,20 +83,24 @@ impl<'a> Viewer<'a> {
         self.terminal.is_on || is_stored || self.publisher.is_none()
     }
 
-    /// Finishes the recording, writes what was stored, and summarises the run.
+    /// Whether files are written, so that the run goes on without a reader of its lines.
+    fn is_stored(&self) -> bool {
+        let is_recorded = self.recordings.as_ref().is_some_and(Recordings::is_on);
+        is_recorded || self.picture.is_some() || self.kept.is_some()
+    }
+
+    /// Writes what was stored, and summarises the run; a recording was completed before.
     pub(super) fn finish(
-        self,
+        mut self,
         instrument: &str,
         summary: Result<Summary, CliError>,
         statistics: &Statistics,
     ) -> Result<(Answer, Summary), CliError> {
-        let Self { publisher, recorder, writer, kept, terminal, .. } = self;
+        let recorded = self.follow_recordings();
+        let Self { publisher, kept, terminal, .. } = self;
         let files = || {
-            if let Some(publisher) = publisher {
-                recorder.map_or(Ok(()), |mut recorder| recorder.stop(&publisher))?;
-                publish::end(publisher)?;
-            }
-            writer.map_or(Ok(()), CaptureWriter::finish)?;
+            publisher.map_or(Ok(()), publish::end)?;
+            recorded?;
             Ok::<_, CliError>(kept.map_or(Ok(Vec::new()), Kept::finish)?)
         };
         let files = files();
@@ -134,14 +127,14 @@ impl LiveObserver for Viewer<'_> {
         if is_news(event) {
             event_text(event).iter().for_each(|words| self.terminal.news(words));
         }
-        self.record(|writer| write_event(writer, event))
+        self.follow_recordings()
     }
 
     fn idle(&mut self) -> Result<(), CliError> {
         if let Some(silence) = self.silence.shown() {
             self.terminal.silent(silence);
         }
-        self.record(CaptureWriter::tick)
+        self.follow_recordings()
     }
 
     fn waiting(&mut self, left: usize) -> Result<(), CliError> {
@@ -161,10 +154,10 @@ impl LiveObserver for Viewer<'_> {
         if let Some(publisher) = &mut self.publisher {
             publisher.touches(shown)?;
         }
-        match shown.touches {
-            [] => Ok(()),
-            _ => self.record(|writer| writer.touches(&record_of(shown))),
+        if let Some(recordings) = self.recordings.as_ref().filter(|_| !shown.touches.is_empty()) {
+            recordings.write(|| Entry::Touches(record_of(shown)));
         }
+        Ok(())
     }
 
     fn frame(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
@@ -194,6 +187,6 @@ impl LiveObserver for Viewer<'_> {
     fn goes_on(&mut self, summary: &Summary) -> bool {
         summary.frames < self.args.frames.unwrap_or(u64::MAX)
             && !self.until.is_over()
-            && !self.publisher.as_ref().is_some_and(Publisher::is_closed)
+            && !(self.publisher.as_ref().is_some_and(Publisher::is_closed) && !self.is_stored())
     }
 }

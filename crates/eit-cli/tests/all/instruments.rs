@@ -319,7 +319,8 @@ fn a_replay_gives_the_images_of_the_live_view_to_the_bit() {
     let replay = format!("replay {scene} --from {recording}");
     for (name, more) in [("fast", ""), ("real", "--speed 4"), ("step", "--step")] {
         let again = folder.path(name);
-        let json = answer(format!("{replay} --out {again} --reference-frames 20 {more}"));
+        let json =
+            answer(format!("{replay} --out {again} --reference-frames 20 --frames 120 {more}"));
         assert_eq!(json["frames"], 120, "{name}: {json}");
         for file in ["images.npy", "touches.csv"] {
             let [one, other] = [&live, &again].map(|folder| read(format!("{folder}/{file}")));

@@ -1,7 +1,7 @@
 //! The queue between the reader thread and the consumer.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::source::{Event, Statistics};
@@ -21,7 +21,7 @@ pub enum Overflow {
 }
 
 #[derive(Debug)]
-pub(super) struct Queue {
+pub(crate) struct Queue {
     state: Mutex<State>,
     news: Condvar,
     overflow: Overflow,
@@ -68,33 +68,8 @@ impl State {
     }
 }
 
-/// Sets how many frames of a [`Session`](super::Session) may wait for their consumer, also while it
-/// is in use elsewhere: a recording that begins later must not lose frames, whereas a view shows the
-/// latest.
-#[derive(Clone, Debug)]
-pub struct Waiting {
-    queue: Arc<Queue>,
-}
-
-impl Waiting {
-    pub(super) fn of(queue: &Arc<Queue>) -> Self {
-        Self { queue: Arc::clone(queue) }
-    }
-
-    /// Sets the maximum number of waiting frames, at least 1; returns the previous one. Frames that
-    /// are then too many are dropped and counted when the next one arrives.
-    pub fn set_capacity(&self, frames: usize) -> usize {
-        std::mem::replace(&mut self.queue.state().capacity, frames.max(1))
-    }
-
-    /// Returns the number of received frames dropped so far because the consumer was slow.
-    pub fn dropped(&self) -> u64 {
-        self.queue.statistics().dropped
-    }
-}
-
 impl Queue {
-    pub(super) fn new(capacity: usize, overflow: Overflow) -> Self {
+    pub(crate) fn new(capacity: usize, overflow: Overflow) -> Self {
         let state = State {
             // frames, and as many other events
             events: VecDeque::with_capacity(2 * capacity + 16),
@@ -110,28 +85,36 @@ impl Queue {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub(super) fn count(&self, change: impl FnOnce(&mut Statistics)) {
+    pub(crate) fn count(&self, change: impl FnOnce(&mut Statistics)) {
         change(&mut self.state().statistics);
     }
 
-    pub(super) fn statistics(&self) -> Statistics {
+    pub(crate) fn statistics(&self) -> Statistics {
         self.state().statistics
     }
 
     /// Returns a recycled frame to fill, if there is one.
-    pub(super) fn spare(&self) -> Option<Frame> {
+    pub(crate) fn spare(&self) -> Option<Frame> {
         self.state().spare.pop()
     }
 
-    pub(super) fn recycle(&self, frame: Frame) {
+    pub(crate) fn recycle(&self, frame: Frame) {
         let mut state = self.state();
         if state.spare.len() < state.capacity + 2 {
             state.spare.push(frame);
         }
     }
 
+    /// Adds an event of a source that has these counts.
+    #[cfg(feature = "mcap")]
+    pub(crate) fn pass(&self, event: Event, counts: Statistics) {
+        self.push(event);
+        let mut state = self.state();
+        state.statistics = Statistics { dropped: state.statistics.dropped, ..counts };
+    }
+
     /// Adds an event; returns whether there was room.
-    pub(super) fn push(&self, event: Event) -> bool {
+    pub(crate) fn push(&self, event: Event) -> bool {
         let mut state = self.state();
         if let Event::Frame(frame) = &event {
             state.statistics.frames += 1;
@@ -160,12 +143,12 @@ impl Queue {
     }
 
     /// Number of frames received but not yet taken.
-    pub(super) fn frames_waiting(&self) -> usize {
+    pub(crate) fn frames_waiting(&self) -> usize {
         self.state().frames
     }
 
     /// Marks the reader thread as ended.
-    pub(super) fn end(&self, error: Option<HwError>) {
+    pub(crate) fn end(&self, error: Option<HwError>) {
         let mut state = self.state();
         state.end = error;
         state.ended = true;
@@ -174,14 +157,14 @@ impl Queue {
     }
 
     /// Returns whether the thread has ended and no event is left.
-    pub(super) fn is_over(&self) -> bool {
+    pub(crate) fn is_over(&self) -> bool {
         let state = self.state();
         state.ended && state.end.is_none() && state.events.is_empty()
     }
 
     /// Waits for the next event; returns `None` after `timeout`, or at once if the thread has ended
     /// and no event is left.
-    pub(super) fn next(&self, timeout: Duration) -> Result<Option<Event>, HwError> {
+    pub(crate) fn next(&self, timeout: Duration) -> Result<Option<Event>, HwError> {
         let start = Instant::now();
         let mut state = self.state();
         loop {

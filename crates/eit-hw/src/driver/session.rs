@@ -16,7 +16,7 @@ use self::reader::Reader;
 use self::silence::Silence;
 use self::stream::Stream;
 use super::interface::{Driver, connect};
-use super::queue::{Queue, Waiting};
+use super::queue::Queue;
 use super::setup::Setup;
 use super::source::{Event, FrameSource, Statistics};
 use crate::error::HwError;
@@ -112,12 +112,6 @@ impl Session {
         self.queue.frames_waiting()
     }
 
-    /// Returns a handle that sets how many frames may wait, also while a loop has borrowed the
-    /// session.
-    pub fn waiting(&self) -> Waiting {
-        Waiting::of(&self.queue)
-    }
-
     /// Returns whether the session has ended and every event was taken.
     pub fn is_over(&self) -> bool {
         self.queue.is_over()
@@ -169,5 +163,9 @@ impl FrameSource for Session {
 
     fn is_over(&self) -> bool {
         Session::is_over(self)
+    }
+
+    fn stop(&mut self) {
+        Session::stop(self);
     }
 }

@@ -31,6 +31,9 @@ pub trait FrameSource {
 
     /// Returns whether no more events will come.
     fn is_over(&self) -> bool;
+
+    /// Stops it; what has arrived can still be taken. Does nothing for a recording.
+    fn stop(&mut self) {}
 }
 
 /// An event of a session.

@@ -2,14 +2,19 @@
 //! and without faults. No frame may contain a value that the instrument did not measure. One file,
 //! because all drivers share the same instruments and checks.
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use crate::common::instruments::{LIMIT, events, frames, line, quick, start};
 use crate::common::{ascending, own_port, rotated};
+use eit_hw::capture::{
+    CaptureReader, CaptureSettings, CaptureWriter, Entry, Recorder, SessionRecord, Tape,
+    TouchesRecord,
+};
 use eit_hw::codec::eits1::Information;
 use eit_hw::driver::{
-    Board, Driver, Eits1, Event, Polarity, Sciospec, SciospecSettings, Session, SessionSettings,
-    identify,
+    Board, Driver, Eits1, Event, FrameSource as _, Overflow, Polarity, Sciospec, SciospecSettings,
+    Session, SessionSettings, identify,
 };
 use eit_hw::emulator::{
     BoardDevice, Device, Eits1Device, Emulator, FaultPlan, Listen, SciospecDevice,
@@ -98,7 +103,7 @@ fn falls_silent(emulator: &Emulator) {
     }
 }
 
-fn wait_for(is_so: impl Fn() -> bool) {
+fn wait_for(mut is_so: impl FnMut() -> bool) {
     let start = Instant::now();
     while !is_so() {
         assert!(start.elapsed() < LIMIT);
@@ -233,31 +238,75 @@ fn every_frame_is_taken_or_reported_as_skipped() {
     assert!(session.statistics().dropped > 60, "{:?}", session.statistics());
 }
 
-/// While a recording runs, more frames may wait for a slow consumer; after it, only the latest do.
+/// However slow the consumer is, a recording has every frame from its beginning to the end of the instrument; the consumer gets
+/// the latest, and is told how many it skipped.
 #[test]
-fn frames_wait_for_a_recording_that_begins_later() {
+fn a_recording_waits_for_nobody() {
     let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| values.fill(sequence as f64);
     let device = Eits1Device::new(information("7", false), Box::new(source));
     let emulator = start(device, FaultPlan::default());
-    let settings = SessionSettings { capacity: 4, ..quick() };
+    let settings = SessionSettings { capacity: 8192, overflow: Overflow::Fail, ..quick() };
     let session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
-    let waiting = session.waiting();
-    let take = |count: usize| -> Vec<u64> {
-        frames(&session).take(count).map(|frame| frame.sequence).collect()
+    let record = SessionRecord::default();
+    let folder = tempfile::tempdir().unwrap();
+    let words =
+        |event: &Event| Some(format!("{event:?}")).filter(|_| !matches!(event, Event::Frame(_)));
+    let mut recorder = Recorder::new(Box::new(session), 4, words);
+    let tape = recorder.tape();
+    let ended = |tape: &Tape| {
+        let mut ended = None;
+        wait_for(|| {
+            ended = ended.take().or_else(|| tape.ended());
+            ended.is_some()
+        });
+        ended.unwrap()
     };
-    wait_for(|| waiting.dropped() > 0);
-    assert_eq!(waiting.set_capacity(1000), 4);
-    let dropped = waiting.dropped();
-    wait_for(|| session.frames_waiting() >= 60);
-    let taken = take(60);
-    assert!(taken.windows(2).all(|pair| pair[1] == pair[0] + 1), "{taken:?}");
-    assert_eq!(waiting.dropped(), dropped);
-    wait_for(|| session.frames_waiting() >= 20);
-    assert_eq!(waiting.set_capacity(4), 1000);
-    wait_for(|| session.frames_waiting() <= 4);
-    assert!(waiting.dropped() >= dropped + 16, "{}", waiting.dropped());
-    let latest = take(1)[0];
-    assert!(latest > taken[59] + 16, "{latest} after {}", taken[59]);
+    let recorded = |path: &Path| -> (Vec<u64>, usize) {
+        let mut reader = CaptureReader::open(path).unwrap();
+        let entries: Vec<Entry> = std::iter::from_fn(|| reader.next_entry().unwrap()).collect();
+        let frames = entries.iter().filter_map(|entry| match entry {
+            Entry::Frame(frame) => Some(frame.sequence),
+            _ => None,
+        });
+        (frames.collect(), entries.iter().filter(|e| matches!(e, Entry::Touches(_))).count())
+    };
+    let files = ["first.mcap", "second.mcap"].map(|name| folder.path().join(name));
+    let create =
+        |path: &Path| CaptureWriter::create(path, &record, CaptureSettings::default()).unwrap();
+    assert!(matches!(recorder.next_event(LIMIT).unwrap(), Some(Event::Frame(_))));
+    // nothing is recorded yet
+    wait_for(|| recorder.statistics().frames > 20);
+    assert!(!tape.is_on());
+    tape.write(|| panic!("made although nothing is recorded"));
+    let before = recorder.statistics().frames;
+    tape.begin(create(&files[0]));
+    wait_for(|| recorder.statistics().frames > before + 60);
+    tape.write(|| Entry::Touches(TouchesRecord { sequence: 0, touches: Vec::new() }));
+    tape.end();
+    ended(&tape).unwrap();
+    tape.begin(create(&files[1]));
+    wait_for(|| recorder.statistics().frames > before + 120);
+    recorder.stop();
+    ended(&tape).unwrap();
+    let (first, touches) = recorded(&files[0]);
+    let (second, _) = recorded(&files[1]);
+    assert!(first.len() >= 60 && second.len() >= 30, "{} {}", first.len(), second.len());
+    for frames in [&first, &second] {
+        assert!(frames.windows(2).all(|pair| pair[1] == pair[0] + 1), "{frames:?}");
+    }
+    assert_eq!(touches, 1);
+    // the consumer has taken nothing
+    let statistics = recorder.statistics();
+    let events: Vec<Event> =
+        std::iter::from_fn(|| recorder.next_event(Duration::ZERO).unwrap()).collect();
+    let Some((Event::Skipped { frames }, taken)) = events.split_first() else {
+        panic!("{events:?}")
+    };
+    assert_eq!((*frames, taken.len()), (statistics.dropped, 4));
+    assert_eq!(statistics.frames, 1 + frames + 4);
+    let Some(Event::Frame(last)) = taken.last() else { panic!("{taken:?}") };
+    assert_eq!(second.last(), Some(&last.sequence));
+    assert!(recorder.is_over());
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use super::Publisher;
 use crate::error::PublishError;
 use crate::image::SkinImage;
+use crate::lines::LineSink;
 #[cfg(any(feature = "foxglove", feature = "zenoh"))]
 use crate::outbox::QueuedSink;
 use crate::shape::SkinShape;
@@ -10,10 +11,29 @@ use crate::udp::UdpSink;
 use std::io::Write;
 
 impl Publisher {
-    /// Sets the writer of lines, replacing an earlier one. A slow reader makes the publisher wait.
-    pub fn with_lines(mut self, out: impl Write + Send + 'static) -> Self {
-        self.out = Some(Box::new(out));
-        self
+    /// Sets the writer of lines, replacing an earlier one. They are written in a thread of their own: beyond four seconds, a
+    /// slow reader costs the oldest frames of a live skin, which an event `skipped` counts; frames of a recording
+    /// ([`Start::is_live`](super::Start::is_live)) wait for it.
+    ///
+    /// # Errors
+    ///
+    /// No thread.
+    pub fn with_lines(mut self, out: impl Write + Send + 'static) -> Result<Self, PublishError> {
+        self.lines = Some(LineSink::new(Box::new(out), false)?);
+        Ok(self)
+    }
+
+    /// Like [`Publisher::with_lines`], but a reader that is behind gets the newest frame, and no event for the others.
+    ///
+    /// # Errors
+    ///
+    /// No thread.
+    pub fn with_latest_lines(
+        mut self,
+        out: impl Write + Send + 'static,
+    ) -> Result<Self, PublishError> {
+        self.lines = Some(LineSink::new(Box::new(out), true)?);
+        Ok(self)
     }
 
     /// Adds a destination of datagrams.

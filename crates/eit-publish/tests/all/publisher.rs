@@ -9,8 +9,9 @@ use eit_skin::{LearntTouch, Touch, TouchFrame};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 use std::net::UdpSocket;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Memory that a publisher writes to and a test reads; counts flushes.
 #[derive(Clone, Default)]
@@ -58,7 +59,7 @@ fn speak(publisher: &mut Publisher) {
 #[test]
 fn every_line_fits_the_schema_and_says_what_happened() {
     let out = Shared::default();
-    let mut publisher = Publisher::new().with_lines(out.clone());
+    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap();
     speak(&mut publisher);
     let lines = out.lines();
     let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
@@ -110,7 +111,7 @@ fn every_line_fits_the_schema_and_says_what_happened() {
 #[test]
 fn learnt_touches_have_their_force_and_its_deviation() {
     let out = Shared::default();
-    let mut publisher = Publisher::new().with_lines(out.clone());
+    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap();
     let learnt =
         |force_n, is_unlike| Touch { learnt: Some(LearntTouch { force_n, is_unlike }), ..touch() };
     let touches = [
@@ -119,6 +120,7 @@ fn learnt_touches_have_their_force_and_its_deviation() {
         learnt(None, true),
     ];
     publisher.touches(&frame(&touches, &[])).unwrap();
+    drop(publisher);
     let line = out.lines().remove(0);
     let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
     assert!(schema.is_valid(&line), "{line}");
@@ -135,9 +137,10 @@ fn learnt_touches_have_their_force_and_its_deviation() {
 #[test]
 fn what_moves_a_cursor_is_escaped() {
     let out = Shared::default();
-    let mut publisher = Publisher::new().with_lines(out.clone());
+    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap();
     let hostile = "sk\u{1b}[31m \u{9b}2J \u{85} \u{202e}x\u{2066}";
     publisher.start(&Start { skin: hostile, instrument: hostile, ..start() }).unwrap();
+    drop(publisher);
     let text = String::from_utf8(out.0.lock().unwrap().0.clone()).unwrap();
     assert!(text.trim_end().is_ascii(), "{text:?}");
     assert_eq!(
@@ -150,7 +153,7 @@ fn what_moves_a_cursor_is_escaped() {
 #[test]
 fn the_schema_refuses_lines_that_lack_or_twist_a_field() {
     let out = Shared::default();
-    speak(&mut Publisher::new().with_lines(out.clone()));
+    speak(&mut Publisher::new().with_lines(out.clone()).unwrap());
     let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
     let mut refused = 0;
     for line in out.lines() {
@@ -183,7 +186,9 @@ fn an_error_that_is_not_finite_is_null() {
     let mut unknown = touch();
     unknown.position_covariance_m2[0][0] = f64::INFINITY;
     let out = Shared::default();
-    Publisher::new().with_lines(out.clone()).touches(&frame(&[unknown], &[])).unwrap();
+    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap();
+    publisher.touches(&frame(&[unknown], &[])).unwrap();
+    drop(publisher);
     let line = &out.lines()[0];
     assert_eq!(line["touches"][0]["position_std_m"], json!([null, 1e-3, 0.0]));
     let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
@@ -194,9 +199,10 @@ fn an_error_that_is_not_finite_is_null() {
 #[test]
 fn a_replay_stamps_no_event() {
     let out = Shared::default();
-    let mut publisher = Publisher::new().with_lines(out.clone());
+    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap();
     publisher.start(&Start { is_live: false, ..start() }).unwrap();
     publisher.event(&Event::Gap { frames: 1 }).unwrap();
+    drop(publisher);
     assert!(out.lines().iter().all(|line| line["host_time_s"].is_null()));
 }
 
@@ -212,16 +218,129 @@ impl Write for Failing {
     }
 }
 
+/// Publishes untouched frames until `is_done`.
+fn until(
+    publisher: &mut Publisher,
+    mut is_done: impl FnMut(&Publisher, Result<(), PublishError>) -> bool,
+) {
+    let start = Instant::now();
+    while {
+        let said = publisher.touches(&frame(&[], &[]));
+        !is_done(publisher, said)
+    } {
+        assert!(start.elapsed() < Duration::from_secs(20), "nothing happened");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
 #[test]
 fn a_closed_pipe_is_an_end_and_a_full_disk_an_error() {
-    let mut publisher = Publisher::new().with_lines(Failing(io::ErrorKind::BrokenPipe));
+    let closed = || Publisher::new().with_lines(Failing(io::ErrorKind::BrokenPipe)).unwrap();
+    let mut publisher = closed();
     assert!(!publisher.is_closed());
-    publisher.start(&start()).unwrap();
-    assert!(publisher.is_closed());
-    publisher.touches(&frame(&[], &[])).unwrap();
-    let mut publisher = Publisher::new().with_lines(Failing(io::ErrorKind::StorageFull));
-    let error = publisher.start(&start()).unwrap_err();
-    assert!(matches!(error, PublishError::Write(_)) && !error.is_input(), "{error}");
+    until(&mut publisher, |publisher, said| said.is_ok() && publisher.is_closed());
+    // with another sink it is none
+    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let sink = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+    let mut publisher = closed().with_udp(sink);
+    (0..50).for_each(|_| {
+        publisher.touches(&frame(&[], &[])).unwrap();
+        std::thread::sleep(Duration::from_millis(1));
+    });
+    assert!(!publisher.is_closed());
+    let mut publisher = Publisher::new().with_lines(Failing(io::ErrorKind::StorageFull)).unwrap();
+    until(&mut publisher, |_, said| {
+        said.is_err_and(|error| matches!(error, PublishError::Write(_)) && !error.is_input())
+    });
+}
+
+/// A writer that takes nothing until it is opened.
+#[derive(Clone, Default)]
+struct Gate {
+    is_open: Arc<AtomicBool>,
+    out: Shared,
+}
+
+impl Write for Gate {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        while !self.is_open.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.out.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}
+
+/// A reader that takes nothing costs live frames, which are counted in their place, and nobody time. One of a recording gets
+/// every frame; one that wants the latest gets that, and all events.
+#[test]
+fn a_slow_reader_delays_nobody() {
+    const FRAMES: u64 = 5000;
+    let sequences = |lines: &[Value]| -> Vec<u64> {
+        lines.iter().filter_map(|line| line["sequence"].as_u64()).collect()
+    };
+    for is_latest in [false, true] {
+        let gate = Gate::default();
+        let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+        receiver.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        let sink = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+        let publisher = Publisher::new().with_udp(sink);
+        let mut publisher = match is_latest {
+            true => publisher.with_latest_lines(gate.clone()).unwrap(),
+            false => publisher.with_lines(gate.clone()).unwrap(),
+        };
+        publisher.start(&start()).unwrap();
+        let mut datagram = [0; 65_536];
+        receiver.recv(&mut datagram).unwrap();
+        for sequence in 0..FRAMES {
+            publisher.touches(&TouchFrame { sequence, ..frame(&[], &[]) }).unwrap();
+            // each is there before the next one
+            let size = receiver.recv(&mut datagram).unwrap();
+            let line: Value = serde_json::from_slice(&datagram[..size]).unwrap();
+            assert_eq!(line["sequence"], sequence);
+        }
+        gate.is_open.store(true, Ordering::Relaxed);
+        publisher.end().unwrap();
+        let lines = gate.out.lines();
+        let written = sequences(&lines);
+        let dropped = publisher.line_statistics().unwrap().dropped_frames;
+        assert_eq!(written.len() as u64 + dropped, FRAMES);
+        assert_eq!(*written.last().unwrap(), FRAMES - 1);
+        assert_eq!(
+            (&lines[0]["type"], &lines[lines.len() - 1]["event"]),
+            (&json!("start"), &json!("ended"))
+        );
+        let told: Vec<u64> = lines
+            .iter()
+            .filter(|line| line["event"] == "skipped")
+            .map(|line| line["frames"].as_u64().unwrap())
+            .collect();
+        match is_latest {
+            // one may have been taken before the gate
+            true => assert!(written.len() <= 2 && told.is_empty(), "{} {told:?}", written.len()),
+            false => {
+                assert!(written.len() >= 4000, "{}", written.len());
+                assert_eq!(told, [dropped]);
+            }
+        }
+    }
+    let gate = Gate::default();
+    let mut publisher = Publisher::new().with_lines(gate.clone()).unwrap();
+    publisher.start(&Start { is_live: false, ..start() }).unwrap();
+    let opener = gate.is_open.clone();
+    let opening = std::thread::spawn(move || {
+        std::thread::sleep(Duration::from_millis(200));
+        opener.store(true, Ordering::Relaxed);
+    });
+    for sequence in 0..FRAMES {
+        publisher.touches(&TouchFrame { sequence, ..frame(&[], &[]) }).unwrap();
+    }
+    publisher.end().unwrap();
+    opening.join().unwrap();
+    assert_eq!(sequences(&gate.out.lines()), (0..FRAMES).collect::<Vec<_>>());
 }
 
 #[test]
@@ -231,7 +350,7 @@ fn each_line_is_a_datagram_and_nobody_needs_to_listen() {
     let address = receiver.local_addr().unwrap();
     let out = Shared::default();
     let sink = UdpSink::new(&address.to_string()).unwrap();
-    let mut publisher = Publisher::new().with_lines(out.clone()).with_udp(sink);
+    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap().with_udp(sink);
     speak(&mut publisher);
     let mut datagram = [0; 65_536];
     for line in out.lines() {
@@ -270,9 +389,17 @@ fn addresses_that_are_none_are_named() {
 fn nothing_is_allocated_for_a_frame() {
     let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
     let sink = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
-    let mut publisher = Publisher::new().with_lines(io::sink()).with_udp(sink);
+    let gate = Gate::default();
+    let mut publisher = Publisher::new().with_lines(gate.clone()).unwrap().with_udp(sink);
     let touches = [touch(); 5];
-    publisher.touches(&frame(&touches, &FAULTS)).unwrap();
+    // as many lines as may wait below
+    (0..110).for_each(|_| publisher.touches(&frame(&touches, &FAULTS)).unwrap());
+    gate.is_open.store(true, Ordering::Relaxed);
+    let start = Instant::now();
+    while gate.out.0.lock().unwrap().1 < 110 {
+        assert!(start.elapsed() < Duration::from_secs(20), "nothing is written");
+        std::thread::sleep(Duration::from_millis(1));
+    }
     let counted = allocation_counter::measure(|| {
         for count in [0, 1, 5, 3].into_iter().cycle().take(100) {
             publisher.touches(&frame(&touches[..count], &FAULTS)).unwrap();
