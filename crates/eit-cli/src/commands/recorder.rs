@@ -1,11 +1,11 @@
 //! Recordings that are started and stopped on the live page.
 
 use crate::commands::prelude::*;
-use eit_hw::HwError;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
 use eit_hw::driver::Waiting;
+use eit_hw::{Frame, HwError};
 use eit_publish::{Publisher, Recording};
-use eit_skin::connect::RECORDER_FRAMES;
+use eit_skin::connect::{RECORDER_FRAMES, write_reference};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Writes recordings beside the scene while the page wants them. A recording that fails, for example because the disk
@@ -16,6 +16,8 @@ pub(super) struct PageRecorder {
     stem: String,
     session: SessionRecord,
     writer: Option<(PathBuf, CaptureWriter)>,
+    /// Frames of the current reference.
+    pub(super) reference: Vec<Frame>,
     /// Recording of `--record`, which the page cannot stop.
     fixed: Option<PathBuf>,
     waiting: Waiting,
@@ -37,7 +39,8 @@ impl PageRecorder {
         let stem = path.file_stem().map_or_else(|| "skin".into(), |stem| stem.to_string_lossy());
         let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
         let stem = stem.into_owned();
-        Self { folder, stem, session, writer: None, fixed, waiting, before: None }
+        let (writer, reference, before) = (None, Vec::new(), None);
+        Self { folder, stem, session, writer, reference, fixed, waiting, before }
     }
 
     /// Tells the page what is recorded.
@@ -103,6 +106,7 @@ impl PageRecorder {
         let file = self.folder.join(format!("{}-{}.mcap", self.stem, time_text(since.as_secs())));
         let begun = CaptureWriter::create(&file, &self.session, CaptureSettings::default());
         let begun = begun.and_then(|mut writer| {
+            write_reference(&mut writer, &self.reference)?;
             writer.note("started on the live page")?;
             Ok(writer)
         });

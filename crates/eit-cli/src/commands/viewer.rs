@@ -7,11 +7,12 @@ use super::silence::Silence;
 use super::view::{Picture, Terminal};
 use crate::cli::WatchArgs;
 use crate::commands::prelude::*;
-use eit_hw::HwError;
 use eit_hw::capture::CaptureWriter;
 use eit_hw::driver::{Event, Statistics};
+use eit_hw::{Frame, HwError};
 use eit_publish::Publisher;
 use eit_report::watched::{self, Kept, record_of};
+use eit_skin::connect::reference_record;
 use eit_skin::live::{LiveModel, LiveObserver, Summary, TouchFrame};
 use eit_skin::text::event_text;
 
@@ -128,6 +129,9 @@ impl LiveObserver for Viewer<'_> {
         }
         self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.event(event))?;
         self.silence.follow(event);
+        if let (Event::Reconnected { .. }, Some(recorder)) = (event, &mut self.recorder) {
+            recorder.reference.clear();
+        }
         if let Event::Gap { frames } | Event::Skipped { frames } = event {
             self.terminal.lost = self.terminal.lost.saturating_add(*frames);
         }
@@ -149,10 +153,15 @@ impl LiveObserver for Viewer<'_> {
         Ok(self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.waiting(left))?)
     }
 
-    fn reference(&mut self, notes: &[String]) -> Result<(), CliError> {
+    fn reference(&mut self, taken: &[Frame], notes: &[String]) -> Result<(), CliError> {
         for note in notes {
             self.terminal.news(note);
             self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.notice(note))?;
+        }
+        let record = reference_record(taken);
+        self.record(|writer| record.as_ref().map_or(Ok(()), |record| writer.reference(record)))?;
+        if let Some(recorder) = &mut self.recorder {
+            recorder.reference = taken.to_vec();
         }
         Ok(())
     }
