@@ -1,11 +1,11 @@
 //! A control loop that reads touches at its own rate, whatever the instrument does.
-use eit_skin::{Skin, SkinError, Touch};
+use eit_skin::{Next, Skin, SkinError, Touch};
 use std::time::{Duration, Instant};
 
 pub const TICK: Duration = Duration::from_millis(10);
 
 /// Calls `control` at every tick with the latest touches (`None` if the instrument is silent or the reference
-/// is being taken); `control` returns whether to continue. Returns the number of late ticks.
+/// is being taken) until `control` returns false or the source ends. Returns the number of late ticks.
 pub fn run(
     skin: &Skin,
     port: Option<&str>,
@@ -16,7 +16,9 @@ pub fn run(
     loop {
         due += TICK;
         while let Some(left) = due.checked_duration_since(Instant::now()) {
-            sensor.next_within(left)?;
+            if let Next::Over = sensor.next_within(left)? {
+                return Ok(late);
+            }
         }
         if !control(sensor.touches_within(10 * TICK)) {
             return Ok(late);

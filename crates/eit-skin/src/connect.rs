@@ -4,9 +4,11 @@ use crate::error::SkinError;
 use crate::scene::Instrument;
 #[cfg(feature = "recording")]
 use crate::text::event_text;
+#[cfg(feature = "recording")]
+use eit_hw::Frame;
 use eit_hw::HwError;
 #[cfg(feature = "recording")]
-use eit_hw::capture::{Recorder, SessionRecord};
+use eit_hw::capture::{CaptureWriter, Recorder, ReferenceRecord, SessionRecord};
 #[cfg(feature = "recording")]
 use eit_hw::driver::FrameSource;
 use eit_hw::driver::{Overflow, Session, SessionSettings};
@@ -109,4 +111,31 @@ pub fn session_record(
         recorder: concat!("eit ", env!("CARGO_PKG_VERSION")).to_owned(),
         ..SessionRecord::of(source.setup(), &instrument.quadruples)
     }
+}
+
+/// Returns the record of a reference of these frames; `None` of none.
+#[cfg(feature = "recording")]
+pub fn reference_record(frames: &[Frame]) -> Option<ReferenceRecord> {
+    let first = frames.first()?;
+    let mean = |i: usize| {
+        let values = frames.iter().map(|frame| frame.values.get(i).copied().unwrap_or(f64::NAN));
+        Some(values.sum::<f64>() / frames.len() as f64).filter(|mean| mean.is_finite())
+    };
+    Some(ReferenceRecord {
+        epoch: first.epoch,
+        values: (0..first.values.len()).map(mean).collect(),
+        sequences: frames.iter().map(|frame| frame.sequence).collect(),
+    })
+}
+
+/// Begins a recording in the middle of a run: writes the frames of the current reference and which they are, so that
+/// a replay does not take the frames that follow for those of the untouched skin.
+///
+/// # Errors
+///
+/// A file that cannot be written.
+#[cfg(feature = "recording")]
+pub fn write_reference(writer: &mut CaptureWriter, frames: &[Frame]) -> Result<(), HwError> {
+    frames.iter().try_for_each(|frame| writer.frame(frame))?;
+    reference_record(frames).map_or(Ok(()), |record| writer.reference(&record))
 }

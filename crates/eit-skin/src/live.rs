@@ -14,7 +14,7 @@ mod stream;
 mod summary;
 
 pub use images::{ImageState, LiveImages};
-pub use sensor::Sensor;
+pub use sensor::{Next, Sensor};
 pub use stream::{LiveStream, Step, TouchFrame};
 pub use summary::{ImageSummary, Summary};
 
@@ -28,6 +28,7 @@ use crate::scene::{LEAST_REFERENCE_FRAMES, NoiseSettings, Scene};
 use crate::skin::Skin;
 use crate::text::event_text;
 use clock::Arrival;
+use eit_hw::Frame;
 use eit_hw::driver::{Event, FrameSource};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -84,12 +85,13 @@ pub trait LiveObserver {
         Ok(())
     }
 
-    /// Called when a reference has been taken, with what it says about the scene ([`LiveStream::notes`]).
+    /// Called when a reference has been taken, with its frames and what they say about the scene
+    /// ([`LiveStream::notes`]).
     ///
     /// # Errors
     ///
     /// Any error ends the loop.
-    fn reference(&mut self, _notes: &[String]) -> Result<(), Self::Error> {
+    fn reference(&mut self, _taken: &[Frame], _notes: &[String]) -> Result<(), Self::Error> {
         Ok(())
     }
 
@@ -279,14 +281,14 @@ fn wait<O: LiveObserver>(
         summary.references += 1;
         summary.images.how = stream.image_text().to_owned();
         stream.notes().iter().for_each(|note| summary.say(note.clone()));
-        observer.reference(stream.notes())?;
+        observer.reference(stream.reference_frames(), stream.notes())?;
     }
     Ok(())
 }
 
 /// Whether no frames come for a while, or those of another connection.
 fn is_interruption(event: &Event) -> bool {
-    !matches!(event, Event::Frame(_) | Event::Skipped { .. } | Event::Gap { .. } | Event::Notice(_))
+    matches!(event, Event::Silent { .. } | Event::Disconnected { .. } | Event::Reconnected { .. })
 }
 
 /// Describes why the reference waits, from the relative change of the voltages.
@@ -305,8 +307,24 @@ const MOST_TV_VALUES: f64 = (1 << 24) as f64;
 /// Largest number of reference frames: an hour at 28 frames a second, some hundred megabytes.
 const MOST_REFERENCE_FRAMES: usize = 100_000;
 
+/// Returns how many frames the reference of a replay has, where the recording does not name them: as many as the one
+/// that it names first, else as the scene says, else [`REFERENCE_FRAMES`].
+#[cfg(feature = "recording")]
+pub fn replayed_reference_frames(
+    replay: &mut eit_hw::driver::Replay,
+    settings: &crate::scene::RecordingSettings,
+) -> usize {
+    let of_scene = || settings.reference.as_ref()?.first_frames();
+    let recorded = replay.reference_frames().filter(|&count| is_reference(count));
+    recorded.or_else(of_scene).unwrap_or(REFERENCE_FRAMES)
+}
+
+fn is_reference(count: usize) -> bool {
+    (LEAST_REFERENCE_FRAMES..=MOST_REFERENCE_FRAMES).contains(&count)
+}
+
 fn check_reference_frames(count: usize) -> Result<(), SkinError> {
-    if (LEAST_REFERENCE_FRAMES..=MOST_REFERENCE_FRAMES).contains(&count) {
+    if is_reference(count) {
         return Ok(());
     }
     Err(SkinError::input(format!(

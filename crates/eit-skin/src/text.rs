@@ -73,6 +73,9 @@ pub fn event_text(event: &Event) -> Option<String> {
         Event::Reconnected { epoch } => {
             format!("reconnected; epoch {epoch}: earlier reference frames are invalid")
         }
+        Event::Reference { sequences, .. } => {
+            format!("the reference is that of the recording: {} frames", sequences.len())
+        }
         other => format!("{other:?}"),
     })
 }

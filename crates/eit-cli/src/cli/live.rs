@@ -26,8 +26,8 @@ pub(crate) struct CheckArgs {
 #[derive(Debug, Args)]
 pub(crate) struct WatchArgs {
     /// Number of frames at the start of each epoch that form the reference and show the noise. While they change as if
-    /// something touched the skin, further ones are taken. Default: 40; in a replay as many as reference = "0..N" of the
-    /// scene's recording says.
+    /// something touched the skin, further ones are taken. Default: 40; in a replay those of the recorded reference, else
+    /// as many as reference = "0..N" of the scene's recording says.
     #[arg(long, value_name = "N")]
     pub reference_frames: Option<usize>,
     /// Stop after N frames, not counting the reference.

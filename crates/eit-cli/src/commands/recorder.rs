@@ -1,9 +1,10 @@
 //! The recording of a live run: that of `--record`, or those that the live page starts and stops.
 
 use crate::commands::prelude::*;
-use eit_hw::HwError;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, Entry, SessionRecord, Tape};
+use eit_hw::{Frame, HwError};
 use eit_publish::{Publisher, Recording};
+use eit_skin::connect::{reference_record, write_reference};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Records what the tape of the instrument receives. A recording of the page that fails, for example because the disk is
@@ -14,6 +15,8 @@ pub(super) struct Recordings {
     folder: PathBuf,
     stem: String,
     session: SessionRecord,
+    /// Frames of the current reference.
+    reference: Vec<Frame>,
     /// The file that is being written.
     file: Option<PathBuf>,
     /// Whether it is that of `--record`, which the page cannot stop.
@@ -27,7 +30,16 @@ impl Recordings {
         let stem = path.file_stem().map_or_else(|| "skin".into(), |stem| stem.to_string_lossy());
         let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
         let stem = stem.into_owned();
-        Self { tape, folder, stem, session, file: None, is_fixed: false }
+        let reference = Vec::new();
+        Self { tape, folder, stem, session, reference, file: None, is_fixed: false }
+    }
+
+    /// Takes the frames of a new reference; none after a lost connection.
+    pub(super) fn set_reference(&mut self, taken: &[Frame]) {
+        self.reference = taken.to_vec();
+        if let Some(record) = reference_record(taken) {
+            self.tape.write(|| Entry::Reference(record));
+        }
     }
 
     /// Records to the file of `--record` until the end.
@@ -83,6 +95,7 @@ impl Recordings {
         let file = self.folder.join(format!("{}-{}.mcap", self.stem, time_text(since.as_secs())));
         let begun = CaptureWriter::create(&file, &self.session, CaptureSettings::default());
         let begun = begun.and_then(|mut writer| {
+            write_reference(&mut writer, &self.reference)?;
             writer.note("started on the live page")?;
             Ok(writer)
         });

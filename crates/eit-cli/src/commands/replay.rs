@@ -8,8 +8,7 @@ use eit_hw::capture;
 use eit_hw::driver::{FrameSource as _, Pace, Replay};
 use eit_report::output::ending;
 use eit_report::simulated::pasted;
-use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
-use eit_skin::scene::Reference;
+use eit_skin::live::{LiveModel, REFERENCE_FRAMES, replayed_reference_frames};
 
 /// Watches until the end of the recording, Ctrl-C or enough frames.
 pub(super) fn run(args: &ReplayArgs) -> Result<Answer, CliError> {
@@ -20,15 +19,20 @@ pub(super) fn run(args: &ReplayArgs) -> Result<Answer, CliError> {
     check_recording(args)?;
     let publisher = publish::open(&args.watch.publish, false)?;
     let scene = Scene::load(&args.scene)?;
-    let of_scene = scene.recording.reference.as_ref().and_then(Reference::first_frames);
-    let frames = args.watch.reference_frames.or(of_scene).unwrap_or(REFERENCE_FRAMES);
-    let model = Arc::new(LiveModel::from_scene(&scene, frames, &mut progress::terminal())?);
+    let frames = args.watch.reference_frames;
+    let counted = frames.unwrap_or(REFERENCE_FRAMES);
+    let mut model = LiveModel::from_scene(&scene, counted, &mut progress::terminal())?;
     let quadruples = model.skin().protocol.quadruples().ok_or_else(|| {
         CliError::input("[protocol] has general current patterns, which recordings do not support")
     })?;
     let pace = args.speed.map_or(Pace::OnDemand, Pace::Speed);
     let mut replay = Replay::open(&args.from, Some(quadruples), pace)?
         .with_frame_rate(scene.recording.frame_rate_hz);
+    match frames {
+        Some(_) => replay = replay.without_references(),
+        None => model.reference_frames = replayed_reference_frames(&mut replay, &scene.recording),
+    }
+    let model = Arc::new(model);
     let mut viewer = Viewer::new(&model, &args.watch, Until::new(None)?)?;
     viewer.waits_for_line = args.step;
     let name = replay.setup().identity.to_string();

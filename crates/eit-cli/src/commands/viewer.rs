@@ -7,6 +7,7 @@ use super::silence::Silence;
 use super::view::{Picture, Terminal};
 use crate::cli::WatchArgs;
 use crate::commands::prelude::*;
+use eit_hw::Frame;
 use eit_hw::capture::Entry;
 use eit_hw::driver::{Event, Statistics};
 use eit_publish::Publisher;
@@ -121,6 +122,9 @@ impl LiveObserver for Viewer<'_> {
         }
         self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.event(event))?;
         self.silence.follow(event);
+        if let (Event::Reconnected { .. }, Some(recordings)) = (event, &mut self.recordings) {
+            recordings.set_reference(&[]);
+        }
         if let Event::Gap { frames } | Event::Skipped { frames } = event {
             self.terminal.lost = self.terminal.lost.saturating_add(*frames);
         }
@@ -142,7 +146,8 @@ impl LiveObserver for Viewer<'_> {
         Ok(self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.waiting(left))?)
     }
 
-    fn reference(&mut self, notes: &[String]) -> Result<(), CliError> {
+    fn reference(&mut self, taken: &[Frame], notes: &[String]) -> Result<(), CliError> {
+        self.recordings.iter_mut().for_each(|recordings| recordings.set_reference(taken));
         for note in notes {
             self.terminal.news(note);
             self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.notice(note))?;

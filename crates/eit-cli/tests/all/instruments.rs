@@ -301,15 +301,16 @@ fn a_hang_up_ends_a_recording_but_not_below_nohup() {
     end_recording(child, "-INT", &below);
 }
 
-/// A replay reproduces the live images bit for bit, at any speed.
+/// A replay reproduces the live images bit for bit, at any speed, whatever reference the scene states for recordings.
 #[test]
 fn a_replay_gives_the_images_of_the_live_view_to_the_bit() {
-    let (folder, scene, port) = scene_at_port(EITS1);
+    let of_scene = "[recording]\nreference = \"0..20\"";
+    let (folder, scene, port) = scene_at_port(&format!("{EITS1}\n{of_scene}"));
     let (file, _) = touched_frames(&folder, &scene);
     let _emulated = emulate(&scene, &port, &format!("--frames {file}"));
     let [recording, live, picture] = folder.paths(["press.mcap", "live", "now.png"]);
     let files = format!("--record {recording} --out {live} --picture {picture}");
-    let json = answer(format!("live {scene} {files} --reference-frames 20 --frames 120"));
+    let json = answer(format!("live {scene} {files} --frames 120"));
     assert_eq!((&json["frames"], &json["references"]), (&120.into(), &1.into()), "{json}");
     assert_eq!((&json["lost"], &json["dropped"]), (&0.into(), &0.into()), "{json}");
     assert!(json["touches"].as_u64().unwrap() > 0, "{json}");
@@ -319,14 +320,17 @@ fn a_replay_gives_the_images_of_the_live_view_to_the_bit() {
     let replay = format!("replay {scene} --from {recording}");
     for (name, more) in [("fast", ""), ("real", "--speed 4"), ("step", "--step")] {
         let again = folder.path(name);
-        let json =
-            answer(format!("{replay} --out {again} --reference-frames 20 --frames 120 {more}"));
+        let json = answer(format!("{replay} --out {again} --frames 120 {more}"));
         assert_eq!(json["frames"], 120, "{name}: {json}");
+        let said = "the reference is that of the recording: 40 frames";
+        assert_eq!(json["notices"][0], said, "{name}: {json}");
         for file in ["images.npy", "touches.csv"] {
             let [one, other] = [&live, &again].map(|folder| read(format!("{folder}/{file}")));
             assert!(one == other, "{name}: {file} differs");
         }
     }
+    let json = answer(format!("{replay} --reference-frames 24"));
+    assert!(json["frames"].as_u64() > Some(120) && json["notices"][0].is_null(), "{json}");
     assert!(refuse(format!("{replay} --speed 0")).contains("--speed 0: it must be above 0"));
     // a recording can serve other programs as an instrument
     let other = folder.path("again");

@@ -109,7 +109,10 @@ fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
 
     let from = format!("replay {} --from {recording} --json-lines", skin.scene);
     let (again, _) = lines(format!("{from} --frames 120"));
-    assert_eq!(others(&again), ["start", "reference_started", "reference_taken", "ended"]);
+    assert_eq!(
+        others(&again),
+        ["start", "notice", "reference_started", "reference_taken", "ended"]
+    );
     let without_latency = |frame: &&Value| {
         let mut frame = (*frame).clone();
         frame["latency_s"] = Value::Null;
@@ -193,4 +196,58 @@ fn images_are_made_for_who_asks() {
     assert_eq!(image["pixels"].as_str().unwrap().len(), 64_usize.pow(2).div_ceil(3) * 4);
     assert!(image["range_s"].as_f64().unwrap() > 1e-7, "{}", image["range_s"]);
     assert_eq!(of("event").pop().unwrap()["event"], "ended");
+}
+
+/// A recording that the page begins while a finger rests has the reference from before, so that its replay shows the
+/// finger.
+#[test]
+fn a_recording_that_begins_under_a_finger_shows_it() {
+    let (folder, scene, port) = scene_at_port("driver = \"eits1\"\nframe_rate_hz = 100.0");
+    let (_, once) = touched_frames(&folder, &scene);
+    // three seconds each
+    let long = ndarray::Array2::from_shape_fn((600, once.ncols()), |(frame, i)| {
+        once[[if frame < 300 { frame % 100 } else { 101 + frame % 99 }, i]]
+    });
+    let file = folder.write_array("long.npy", &long);
+    let _emulated = emulate(&scene, &port, &format!("--frames {file}"));
+    let mut live = command(format!("live {scene} --json-lines --web=127.0.0.1:0"));
+    let mut child = live.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let (mut said, mut err) = (String::new(), BufReader::new(child.stderr.take().unwrap()));
+    err.read_line(&mut said).unwrap();
+    let (address, token) = said.trim().split_once("http://").unwrap().1.split_once('/').unwrap();
+    let ask = |what: &str| {
+        let mut stream = std::net::TcpStream::connect(address).unwrap();
+        let path = format!("/record/{what}{token}");
+        write!(stream, "POST {path} HTTP/1.1\r\nHost: {address}\r\nContent-Length: 0\r\n\r\n")
+            .unwrap();
+        let mut status = String::new();
+        BufReader::new(stream).read_line(&mut status).unwrap();
+        assert!(status.starts_with("HTTP/1.1 202 "), "{status}");
+    };
+    let mut touched = 0;
+    for line in BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok) {
+        let line = parse(&line);
+        if line["touches"].as_array().is_none_or(Vec::is_empty) {
+            continue;
+        }
+        touched += 1;
+        if touched == 30 {
+            ask("start");
+        }
+        if touched == 100 {
+            ask("stop");
+            break;
+        }
+    }
+    // the program ends by itself, with the pipe
+    assert!(child.wait().unwrap().success());
+    let name = folder.names().into_iter().find(|name| name.starts_with("scene-")).unwrap();
+    let (again, _) = lines(format!("replay {scene} --from {} --json-lines", folder.path(&name)));
+    assert!(others(&again).contains(&"reference_taken"), "{:?}", others(&again));
+    assert!(!others(&again).contains(&"gap"), "{:?}", others(&again));
+    let shown = frames(&again);
+    let is_touched = |frame: &&&Value| frame["touches"].as_array().unwrap().len() == 1;
+    let touched = shown.iter().filter(is_touched).count();
+    // a touch takes some frames to begin
+    assert!(shown.len() >= 40 && touched + 15 > shown.len(), "{touched} of {}", shown.len());
 }

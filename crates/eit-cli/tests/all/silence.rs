@@ -2,12 +2,31 @@
 //! commands meets them. The instrument is our own emulated device behind TCP, with interference in between.
 #![cfg(unix)]
 
-use crate::common::emulated::{Meddled, device, record, scene, start};
+use crate::common::emulated::{LIMIT, Meddled, device, record, scene, start};
 use crate::common::{Folder, command, eit, exists, read_text, stderr, stdout, succeed};
+use eit_hw::driver::Event;
 use eit_hw::emulator::{Device, Emulator, FaultPlan, Listen};
-use std::time::Duration;
+use eit_skin::Next;
+use std::time::{Duration, Instant};
 
 const HOSTILE: &str = "sk\u{1b}]0;OWNED\u{7}\u{1b}[31min\n\rFAKE LINE\u{9b}2J";
+
+/// A robot's loop is told that the instrument is gone, instead of seeing only that no frame comes.
+#[test]
+fn a_robot_hears_that_the_instrument_is_gone() {
+    let folder = Folder::new();
+    let emulator = start(device("skin"));
+    let skin = eit_skin::Skin::load(scene(&folder)).unwrap();
+    let mut sensor = skin.open_at(Some(&emulator.endpoint().to_string())).unwrap();
+    let wait = Duration::from_millis(50);
+    while !matches!(sensor.next_within(wait).unwrap(), Next::Waiting { .. }) {}
+    drop(emulator);
+    let begun = Instant::now();
+    while !matches!(sensor.next_within(wait).unwrap(), Next::Event(Event::Disconnected { .. })) {
+        assert!(begun.elapsed() < LIMIT);
+    }
+    assert!(matches!(sensor.next_within(Duration::ZERO).unwrap(), Next::Nothing));
+}
 
 /// It loses its set-up without telling the host, which configures it again.
 #[test]

@@ -117,7 +117,9 @@ impl Entry {
                 8 * parts + 2 * frame.quality.len()
             }
             Self::Session(session) => 16 * session.quadruples.len() + session.scene_toml.len(),
-            Self::Reference(reference) => 16 * reference.values.len(),
+            Self::Reference(reference) => {
+                16 * reference.values.len() + 8 * reference.sequences.len()
+            }
             Self::Touches(touches) => size_of::<TouchRecord>() * touches.touches.len(),
             Self::Note(text) => text.len(),
         };

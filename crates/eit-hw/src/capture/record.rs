@@ -103,9 +103,12 @@ impl From<UnitName> for Unit {
 pub struct ReferenceRecord {
     /// Epoch in which the reference is valid.
     pub epoch: u32,
-    /// Values in the frames' order; `null` if not finite.
+    /// Mean of the frames, values in their order; `null` if not finite.
     #[serde(deserialize_with = "bounded")]
     pub values: Vec<Option<f64>>,
+    /// Sequence numbers of these frames, in their order; empty if not known.
+    #[serde(default, deserialize_with = "bounded", skip_serializing_if = "Vec::is_empty")]
+    pub sequences: Vec<u64>,
 }
 
 /// The touches found in one frame.

@@ -2,6 +2,7 @@
 //!
 //! One file, because order of events, pace and mapping share the state of the replay.
 
+use std::collections::VecDeque;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -32,6 +33,8 @@ pub enum Pace {
     Speed(f64),
 }
 
+/// Memory that the frames may take that are read ahead for the reference of an epoch.
+const MOST_AHEAD_BYTES: usize = 8 << 20;
 /// Longest step of the instrument's clock that counts as elapsed time, in seconds.
 const MOST_DEVICE_STEP_S: f64 = 60.0;
 /// Longest step of the host's clock that counts as elapsed time, in seconds; it was set if longer.
@@ -64,8 +67,8 @@ impl Times {
 /// The events that a [`Replay`] plays.
 type Events = Box<dyn Iterator<Item = Result<Event, HwError>> + Send>;
 
-/// A recording as a [`FrameSource`]: bit-identical frames, with the recorded gaps, epochs and
-/// notes, at any speed.
+/// A recording as a [`FrameSource`]: bit-identical frames, with the recorded gaps, epochs, notes and
+/// references, at any speed.
 pub struct Replay {
     setup: Setup,
     events: Events,
@@ -73,8 +76,10 @@ pub struct Replay {
     pace: Pace,
     /// When the first frame was delivered, recorded seconds since then, and times of the last frame.
     start: Option<(Instant, f64, Times)>,
-    /// An event that is not due yet.
-    waiting: Option<Event>,
+    /// Events that were read and not delivered yet.
+    ahead: VecDeque<Result<Event, HwError>>,
+    /// Whether to deliver [`Event::Reference`].
+    has_references: bool,
     last: Option<(u64, u32)>,
     statistics: Statistics,
     spare: Vec<Frame>,
@@ -88,7 +93,8 @@ impl std::fmt::Debug for Replay {
 }
 
 impl Replay {
-    /// Plays the recording at `path`, with the memory of one chunk.
+    /// Plays the recording at `path`, with the memory of one chunk and, at the start of each epoch, of 8 MB
+    /// that are read ahead for its reference.
     ///
     /// `quadruples` are the measurements of the scene's protocol and define the order of the
     /// values; with `None`, frames are delivered as recorded.
@@ -141,13 +147,18 @@ impl Replay {
                         first_epoch = epoch.saturating_add(1);
                         continue;
                     }
-                    // recorded references and touches are computed again
+                    Ok(Some(Entry::Reference(taken))) if !taken.sequences.is_empty() => {
+                        let epoch = first_epoch.saturating_add(taken.epoch);
+                        Event::Reference { epoch, sequences: taken.sequences }
+                    }
+                    // touches, and references whose frames are not known, are computed again
                     Ok(Some(_)) => continue,
                 };
                 return Some(Ok(event));
             }
         });
-        Self::of_events(setup, Box::new(events), quadruples, pace, path)
+        let replay = Self::of_events(setup, Box::new(events), quadruples, pace, path)?;
+        Ok(Self { has_references: true, ..replay })
     }
 
     /// Plays these frames.
@@ -184,7 +195,8 @@ impl Replay {
             map: map.transpose()?,
             pace,
             start: None,
-            waiting: None,
+            ahead: VecDeque::new(),
+            has_references: false,
             last: None,
             statistics: Statistics::default(),
             spare: Vec::new(),
@@ -196,6 +208,47 @@ impl Replay {
     pub fn with_frame_rate(mut self, frame_rate_hz: Option<f64>) -> Self {
         self.setup.frame_rate_hz = self.setup.frame_rate_hz.or(frame_rate_hz);
         self
+    }
+
+    /// Leaves out [`Event::Reference`]: the reference is taken again.
+    pub fn without_references(mut self) -> Self {
+        self.has_references = false;
+        self
+    }
+
+    /// Returns the number of frames in the recorded reference of the first epoch; `None` without one, or if
+    /// it is not found ahead.
+    pub fn reference_frames(&mut self) -> Option<usize> {
+        self.find_reference(None).map(|sequences| sequences.len())
+    }
+
+    /// Reads ahead for the reference of an epoch, or of that of the next frame.
+    fn find_reference(&mut self, mut wanted: Option<u32>) -> Option<&mut Vec<u64>> {
+        let (mut bytes, mut at) = (0, 0);
+        while self.has_references && bytes <= MOST_AHEAD_BYTES {
+            if at == self.ahead.len() {
+                self.ahead.push_back(self.events.next()?);
+            }
+            bytes += size_of::<Event>();
+            match self.ahead.get(at)?.as_ref().ok()? {
+                Event::Frame(frame) if *wanted.get_or_insert(frame.epoch) != frame.epoch => break,
+                Event::Frame(frame) => {
+                    let parts = frame.values.len() + frame.imaginary.as_ref().map_or(0, Vec::len);
+                    bytes += 8 * parts + 2 * frame.quality.len();
+                }
+                Event::Reference { epoch, .. } if Some(*epoch) == wanted => {
+                    return match self.ahead.get_mut(at) {
+                        Some(Ok(Event::Reference { sequences, .. })) => Some(sequences),
+                        _ => None,
+                    };
+                }
+                Event::Reference { sequences, .. } => bytes += 8 * sequences.len(),
+                Event::Notice(text) => bytes += text.len(),
+                _ => {}
+            }
+            at += 1;
+        }
+        None
     }
 
     /// Returns how long until a frame is due; zero if it is due now.
@@ -218,24 +271,29 @@ impl Replay {
         after.saturating_sub(start.elapsed())
     }
 
-    /// Returns the frame in protocol order, or first the event that its numbers imply.
-    fn deliver(&mut self, mut frame: Frame) -> Result<Event, HwError> {
-        let news = match self.last {
-            Some((_, epoch)) if epoch != frame.epoch => {
-                self.statistics.reconnections += 1;
-                Some(Event::Reconnected { epoch: frame.epoch })
-            }
-            Some((sequence, _)) if frame.sequence > sequence.saturating_add(1) => {
-                let frames = frame.sequence - sequence - 1;
+    /// Returns the frame in protocol order; `None` if events that its numbers imply come first.
+    fn deliver(&mut self, mut frame: Frame) -> Result<Option<Event>, HwError> {
+        let epoch = frame.epoch;
+        let news = match self.last.replace((frame.sequence, epoch)) {
+            Some((sequence, before)) if before == epoch => {
+                let frames = frame.sequence.saturating_sub(sequence).saturating_sub(1);
                 self.statistics.lost = self.statistics.lost.saturating_add(frames);
-                Some(Event::Gap { frames })
+                [(frames > 0).then_some(Event::Gap { frames }), None]
             }
-            _ => None,
+            before => {
+                self.statistics.reconnections += u32::from(before.is_some());
+                // what remains in its place is empty
+                let named = self.find_reference(Some(epoch)).map(std::mem::take);
+                [
+                    before.map(|_| Event::Reconnected { epoch }),
+                    named.map(|sequences| Event::Reference { epoch, sequences }),
+                ]
+            }
         };
-        self.last = Some((frame.sequence, frame.epoch));
-        if let Some(news) = news {
-            self.waiting = Some(Event::Frame(frame));
-            return Ok(news);
+        if news.iter().any(Option::is_some) {
+            self.ahead.push_front(Ok(Event::Frame(frame)));
+            news.into_iter().rev().flatten().for_each(|event| self.ahead.push_front(Ok(event)));
+            return Ok(None);
         }
         if let Some(map) = &self.map {
             let mut mapped = self.spare.pop().unwrap_or_else(|| frame.clone());
@@ -248,7 +306,7 @@ impl Replay {
         self.statistics.frames += 1;
         self.statistics.flagged +=
             u64::from(frame.quality.iter().any(|quality| !quality.is_good()));
-        Ok(Event::Frame(frame))
+        Ok(Some(Event::Frame(frame)))
     }
 }
 
@@ -258,24 +316,34 @@ impl FrameSource for Replay {
     }
 
     fn next_event(&mut self, timeout: Duration) -> Result<Option<Event>, HwError> {
-        let event = match self.waiting.take() {
-            Some(event) => event,
-            None => match self.events.next() {
-                Some(event) => event.inspect_err(|_| self.is_over = true)?,
-                None => {
-                    self.is_over = true;
-                    return Ok(None);
+        loop {
+            let Some(event) = self.ahead.pop_front().or_else(|| self.events.next()) else {
+                self.is_over = true;
+                return Ok(None);
+            };
+            let frame = match event.inspect_err(|_| self.is_over = true)? {
+                Event::Frame(frame) => frame,
+                Event::Reference { epoch, sequences } => {
+                    // a recording may begin later than the reference it holds: that is no loss, and no pause
+                    self.last = self.last.map(|(_, epoch)| (u64::MAX, epoch));
+                    self.start = None;
+                    if sequences.is_empty() || !self.has_references {
+                        continue;
+                    }
+                    return Ok(Some(Event::Reference { epoch, sequences }));
                 }
-            },
-        };
-        let Event::Frame(frame) = event else { return Ok(Some(event)) };
-        let wait = self.due_in(&frame);
-        std::thread::sleep(wait.min(timeout));
-        if wait > timeout {
-            self.waiting = Some(Event::Frame(frame));
-            return Ok(None);
+                event => return Ok(Some(event)),
+            };
+            let wait = self.due_in(&frame);
+            std::thread::sleep(wait.min(timeout));
+            if wait > timeout {
+                self.ahead.push_front(Ok(Event::Frame(frame)));
+                return Ok(None);
+            }
+            if let Some(frame) = self.deliver(frame)? {
+                return Ok(Some(frame));
+            }
         }
-        self.deliver(frame).map(Some)
     }
 
     fn recycle(&mut self, frame: Frame) {

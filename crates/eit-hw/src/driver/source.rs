@@ -76,6 +76,13 @@ pub enum Event {
         /// Epoch of the frames that follow.
         epoch: u32,
     },
+    /// A recording tells which frames were the reference of an epoch, usually before the first of them.
+    Reference {
+        /// Epoch of these frames.
+        epoch: u32,
+        /// Their sequence numbers.
+        sequences: Vec<u64>,
+    },
 }
 
 /// Counts kept by a session.

@@ -30,7 +30,7 @@ fn entries(count: u64) -> Vec<Entry> {
         }
     }
     let values = vec![Some(0.1 + 0.2), None];
-    entries.push(Entry::Reference(ReferenceRecord { epoch: 3, values }));
+    entries.push(Entry::Reference(ReferenceRecord { epoch: 3, values, sequences: vec![3, 5] }));
     entries
 }
 
@@ -210,7 +210,8 @@ fn a_killed_recorder_loses_the_last_moment_only() {
 }
 
 /// Appends to a recording: each run begins at epoch 0 and sequence 0. Replayed, the second run is
-/// another epoch, so that no reference of the first is subtracted from it.
+/// another epoch, so that no reference of the first is subtracted from it. The reference of each is told before its
+/// first frame, and frames that were not recorded after it are not lost.
 #[test]
 fn a_second_run_is_another_epoch() {
     let folder = tempfile::tempdir().unwrap();
@@ -220,18 +221,32 @@ fn a_second_run_is_another_epoch() {
     for start in runs {
         let mut writer = start(&path, &session(), settings()).unwrap();
         (0..3).for_each(|sequence| writer.frame(&frame(sequence)).unwrap());
+        let taken = ReferenceRecord { epoch: 0, values: Vec::new(), sequences: vec![0, 1] };
+        writer.reference(&taken).unwrap();
+        [7, 9].iter().for_each(|&sequence| writer.frame(&frame(sequence)).unwrap());
         writer.finish().unwrap();
     }
-    let mut replay = Replay::open(&path, None, Pace::OnDemand).unwrap();
+    let open = || Replay::open(&path, None, Pace::OnDemand).unwrap();
+    assert_eq!(open().without_references().reference_frames(), None);
+    let mut replay = open();
+    assert_eq!(replay.reference_frames(), Some(2));
     let mut reported = Vec::new();
     while let Some(event) = replay.next_event(Duration::ZERO).unwrap() {
         reported.push(match event {
             Event::Frame(frame) => format!("{}.{}", frame.epoch, frame.sequence),
             Event::Reconnected { epoch } => format!("epoch {epoch}"),
+            Event::Reference { epoch, sequences } => format!("{epoch}: {sequences:?}"),
+            Event::Gap { frames } => format!("{frames} lost"),
             other => panic!("{other:?}"),
         });
     }
-    assert_eq!(reported, ["0.0", "0.1", "0.2", "epoch 1", "1.0", "1.1", "1.2"]);
+    let run = |epoch: u32| {
+        let frame = |sequence: u64| format!("{epoch}.{sequence}");
+        let [first, second, third, fourth, last] = [0, 1, 2, 7, 9].map(frame);
+        [format!("{epoch}: [0, 1]"), first, second, third, fourth, "1 lost".to_owned(), last]
+    };
+    let wanted = [&run(0)[..], &["epoch 1".to_owned()], &run(1)].concat();
+    assert_eq!(reported, wanted);
 
     // a recording of another set-up is rejected and stays as it is
     let before = std::fs::read(&path).unwrap();

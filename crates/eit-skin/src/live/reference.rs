@@ -1,6 +1,7 @@
 //! The first frames of an epoch, which become its reference.
 
 use crate::frames::{left_out, steady};
+use crate::scene::LEAST_REFERENCE_FRAMES;
 use eit_hw::{Frame, MeasuredFrames, Unit};
 use ndarray::Array2;
 
@@ -18,17 +19,56 @@ pub(super) struct ReferenceFrames {
     others: usize,
     /// Largest relative change of the voltages, if the skin did not rest.
     unrest: Option<f64>,
+    /// Numbers of the frames to take, ascending, if they are known; ...
+    named: Vec<u64>,
+    /// ... and what to say about those that did not come.
+    missing: Option<String>,
 }
 
 impl ReferenceFrames {
     pub(crate) fn new(wanted: usize) -> Self {
-        Self { wanted, frames: Vec::with_capacity(wanted), came: 0, others: 0, unrest: None }
+        Self {
+            wanted,
+            frames: Vec::with_capacity(wanted),
+            came: 0,
+            others: 0,
+            unrest: None,
+            named: Vec::new(),
+            missing: None,
+        }
+    }
+
+    /// Takes the frames with these numbers and no others.
+    pub(crate) fn of_named(wanted: usize, mut named: Vec<u64>) -> Self {
+        named.sort_unstable();
+        named.dedup();
+        Self { named, ..Self::new(wanted) }
     }
 
     /// Adds a frame; returns whether there are enough. Outliers (damaged frames, those before a
     /// gain was set) are left out. While the others change as if something touched the skin, the
     /// older half of them is dropped.
     pub(crate) fn take(&mut self, frame: &Frame) -> bool {
+        if let Some(last) = self.named.last() {
+            let is_named = self.named.binary_search(&frame.sequence).is_ok();
+            self.frames.extend(is_named.then(|| frame.clone()));
+            if frame.sequence < *last {
+                return false;
+            }
+            let (came, named) = (self.frames.len(), self.named.len());
+            if came < named {
+                self.missing = Some(format!(
+                    "{} of the {named} reference frames of the recording are missing",
+                    named - came
+                ));
+            }
+            let is_enough = came >= LEAST_REFERENCE_FRAMES;
+            if !is_enough {
+                // as if the recording named none
+                (self.named, self.came) = (Vec::new(), came);
+            }
+            return is_enough;
+        }
         self.frames.push(frame.clone());
         self.came += 1;
         if self.frames.len() < self.wanted {
@@ -60,14 +100,15 @@ impl ReferenceFrames {
 
     /// Number of frames still needed.
     pub(crate) fn left(&self) -> usize {
-        self.wanted - self.frames.len()
+        let wanted = if self.named.is_empty() { self.wanted } else { self.named.len() };
+        wanted.saturating_sub(self.frames.len()).max(1)
     }
 
     /// Returns the frames and notes about them, and starts again.
     pub(crate) fn finish(&mut self) -> (Vec<Frame>, Vec<String>) {
-        let Self { wanted, frames, came, others, unrest } =
+        let Self { wanted, frames, came, others, unrest, missing, .. } =
             std::mem::replace(self, Self::new(self.wanted));
-        let mut notes = Vec::new();
+        let mut notes = Vec::from_iter(missing);
         if others > 0 {
             notes.push(left_out(others));
         }

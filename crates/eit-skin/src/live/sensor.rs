@@ -4,8 +4,6 @@ use super::summary::NOTICES;
 use super::{LiveModel, LiveStream, REFERENCE_FRAMES, Step, TouchFrame, WAIT};
 use crate::error::SkinError;
 use crate::progress::Progress;
-#[cfg(any(doc, feature = "recording"))]
-use crate::scene::Reference;
 use crate::skin::Skin;
 use eit_hw::driver::{Event, FrameSource, Statistics};
 use eit_hw::{Frame, Unit};
@@ -26,6 +24,24 @@ pub struct Sensor {
     /// When touches were found last.
     found_at: Option<Instant>,
     notices: Vec<String>,
+}
+
+/// What a [`Sensor`] reports next.
+#[derive(Debug, Clone)]
+pub enum Next<'a> {
+    /// The touches of a frame.
+    Frame(TouchFrame<'a>),
+    /// A frame for the reference came, which needs `left` more; at 0 it has been taken.
+    Waiting {
+        /// Number of frames still needed.
+        left: usize,
+    },
+    /// Something that is no frame: the instrument is silent, lost or found again, or frames were lost.
+    Event(Event),
+    /// Nothing came in time.
+    Nothing,
+    /// The source has ended; nothing will come. Always if frames are pushed.
+    Over,
 }
 
 /// Where frames come from.
@@ -70,8 +86,8 @@ impl Skin {
         self.sensor_of(Box::new(session), true)
     }
 
-    /// Plays a recording as if it were live (feature `recording`), as fast as touches are requested. Its reference is as
-    /// long as that of the scene's recording ([`Reference::first_frames`]).
+    /// Plays a recording as if it were live (feature `recording`), as fast as touches are requested. Its reference is the
+    /// recorded one, if it has one ([`replayed_reference_frames`](super::replayed_reference_frames)).
     ///
     /// # Errors
     ///
@@ -85,10 +101,9 @@ impl Skin {
         })?;
         let pace = eit_hw::driver::Pace::OnDemand;
         let settings = &self.settings.recording;
-        let replay = eit_hw::driver::Replay::open(recording.as_ref(), Some(quadruples), pace)?
+        let mut replay = eit_hw::driver::Replay::open(recording.as_ref(), Some(quadruples), pace)?
             .with_frame_rate(settings.frame_rate_hz);
-        let reference = settings.reference.as_ref();
-        let frames = reference.and_then(Reference::first_frames).unwrap_or(REFERENCE_FRAMES);
+        let frames = super::replayed_reference_frames(&mut replay, settings);
         self.sensor_of_frames(Box::new(replay), false, frames)
     }
 
@@ -155,7 +170,7 @@ impl Sensor {
     #[allow(clippy::should_implement_trait, reason = "the touches are borrowed from the sensor")]
     pub fn next(&mut self) -> Result<Option<TouchFrame<'_>>, SkinError> {
         loop {
-            match self.poll(WAIT)? {
+            match self.poll(WAIT)?.0 {
                 Step::Over => return Ok(None),
                 // borrow again: a borrow that a loop may return lasts for the whole loop
                 Step::Touches => return Ok(self.shown()),
@@ -164,22 +179,22 @@ impl Sensor {
         }
     }
 
-    /// Like [`Sensor::next`], but also returns `None` if no frame with touches or without any comes within
-    /// `timeout`, such as while the reference is taken.
+    /// Waits up to `timeout` for whatever comes next: a frame, or an event.
     ///
     /// # Errors
     ///
     /// The errors of [`Sensor::next`].
-    pub fn next_within(&mut self, timeout: Duration) -> Result<Option<TouchFrame<'_>>, SkinError> {
+    pub fn next_within(&mut self, timeout: Duration) -> Result<Next<'_>, SkinError> {
         // not an end, which a long time would put beyond what a clock holds
         let start = Instant::now();
         loop {
-            match self.poll(timeout.saturating_sub(start.elapsed()))? {
-                Step::Touches => return Ok(self.shown()),
-                Step::Over => return Ok(None),
-                _ if start.elapsed() < timeout => {}
-                _ => return Ok(None),
-            }
+            return Ok(match self.poll(timeout.saturating_sub(start.elapsed()))? {
+                (Step::Idle, _) if start.elapsed() < timeout => continue,
+                (Step::Over, _) => Next::Over,
+                (Step::Touches, _) => self.shown().map_or(Next::Nothing, Next::Frame),
+                (Step::Waiting { left }, _) => Next::Waiting { left },
+                (Step::Idle | Step::Event, event) => event.map_or(Next::Nothing, Next::Event),
+            });
         }
     }
 
@@ -223,6 +238,22 @@ impl Sensor {
         self.found_at = None;
     }
 
+    /// Takes these frames of the untouched skin as the reference at once, such as those of an earlier run: in volt and
+    /// protocol order if frames are pushed, else as the source has them. It holds until the instrument is lost.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`LiveStream::set_reference`].
+    pub fn set_reference(&mut self, frames: &[Frame]) -> Result<(), SkinError> {
+        self.found_at = None;
+        self.stream.set_reference(frames)
+    }
+
+    /// Returns the frames of the reference; empty while it is taken.
+    pub fn reference(&self) -> &[Frame] {
+        self.stream.reference_frames()
+    }
+
     /// Returns counts of lost, flagged and damaged frames so far; `None` if frames are pushed.
     pub fn statistics(&self) -> Option<Statistics> {
         match &self.source {
@@ -236,19 +267,23 @@ impl Sensor {
         self.stream.shown()
     }
 
-    /// Waits for one event of the source.
-    fn poll(&mut self, timeout: Duration) -> Result<Step, SkinError> {
-        let Source::Stream { frames, is_live } = &mut self.source else { return Ok(Step::Over) };
+    /// Waits for one event of the source; returns it too if it is no frame.
+    fn poll(&mut self, timeout: Duration) -> Result<(Step, Option<Event>), SkinError> {
+        let Source::Stream { frames, is_live } = &mut self.source else {
+            return Ok((Step::Over, None));
+        };
+        let mut seen = None;
         let step = self.stream.step(frames.as_mut(), *is_live, timeout, |event| {
             if let Event::Notice(notice) = event
                 && self.notices.len() < NOTICES
             {
                 self.notices.push(notice.clone());
             }
+            seen = (!matches!(event, Event::Frame(_))).then(|| event.clone());
             Ok::<_, SkinError>(())
         })?;
         self.finish(step)?;
-        Ok(step)
+        Ok((step, seen))
     }
 
     /// Makes the image of a frame whose touches were found.

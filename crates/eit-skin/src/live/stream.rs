@@ -2,7 +2,7 @@
 
 use super::clock::Clock;
 use super::reference::{ReferenceFrames, measured};
-use super::{LiveImages, LiveModel};
+use super::{LiveImages, LiveModel, check_reference_frames, is_reference};
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;
 use crate::progress::Progress;
@@ -29,7 +29,7 @@ pub struct LiveStream {
     /// [`Frame::epoch`] of the last frame.
     connection: Option<u32>,
     /// [`Frame::sequence`] of the last frame.
-    sequence: u64,
+    sequence: Option<u64>,
     /// [`Frame::host_time_s`] of the last frame.
     host_time_s: Option<f64>,
     epoch: Option<Epoch>,
@@ -57,7 +57,9 @@ pub struct LiveStream {
 /// Objects that process the frames of an epoch.
 #[derive(Debug, Clone)]
 struct Epoch {
-    /// What its reference says about the scene.
+    /// Frames of its reference, ...
+    reference: Vec<Frame>,
+    /// ... and what they say about the scene.
     notes: Vec<String>,
     finder: TouchFinder,
     images: Option<LiveImages>,
@@ -133,7 +135,7 @@ impl LiveStream {
             with_images: true,
             reference: ReferenceFrames::new(model.reference_frames),
             connection: None,
-            sequence: 0,
+            sequence: None,
             host_time_s: None,
             model,
             epoch: None,
@@ -174,6 +176,33 @@ impl LiveStream {
         self.reference = ReferenceFrames::new(self.model.reference_frames);
     }
 
+    /// Begins a new epoch with these frames as its reference.
+    ///
+    /// # Errors
+    ///
+    /// Too few or too many frames, or some with the wrong length; a reference without noise. The next frames are
+    /// then the reference.
+    pub fn set_reference(&mut self, frames: &[Frame]) -> Result<(), SkinError> {
+        check_reference_frames(frames.len())?;
+        let measurements = self.model.skin().protocol.measurements();
+        frames.iter().try_for_each(|frame| SkinError::check_frame(frame, measurements))?;
+        self.restart();
+        self.begin(frames.to_vec(), Vec::new())
+    }
+
+    /// Returns the frames of this epoch's reference; empty while it is taken.
+    pub fn reference_frames(&self) -> &[Frame] {
+        self.epoch.as_ref().map_or(&[], |epoch| &epoch.reference)
+    }
+
+    /// Takes the frames with these numbers as the reference, unless there is one or they have passed.
+    fn name_reference(&mut self, sequences: Vec<u64>) {
+        let is_ahead = sequences.iter().max() > self.sequence.as_ref();
+        if is_ahead && self.epoch.is_none() && is_reference(sequences.len()) {
+            self.reference = ReferenceFrames::of_named(self.model.reference_frames, sequences);
+        }
+    }
+
     /// Returns by what part of the voltages frames change, if the reference waits for that reason
     /// ([`unrest_text`](super::unrest_text)); `None` once it is taken.
     pub fn unrest(&self) -> Option<f64> {
@@ -192,7 +221,7 @@ impl LiveStream {
             return Ok(Step::Over);
         }
         let Some(event) = source.next_event(timeout).map_err(SkinError::from)? else {
-            return Ok(Step::Idle);
+            return Ok(if source.is_over() { Step::Over } else { Step::Idle });
         };
         see(&event)?;
         match event {
@@ -201,9 +230,14 @@ impl LiveStream {
                 source.recycle(frame);
                 Ok(step?)
             }
-            Event::Reconnected { .. } => {
+            Event::Reconnected { epoch } => {
                 // contacts and gains may have changed: the old reference is invalid
                 self.restart();
+                (self.connection, self.sequence) = (Some(epoch), None);
+                Ok(Step::Event)
+            }
+            Event::Reference { sequences, .. } => {
+                self.name_reference(sequences);
                 Ok(Step::Event)
             }
             _ => Ok(Step::Event),
@@ -245,7 +279,7 @@ impl LiveStream {
     /// A frame with the wrong length; a reference without noise.
     pub fn push(&mut self, frame: &Frame, is_live: bool) -> Result<Step, SkinError> {
         SkinError::check_frame(frame, self.model.skin().protocol.measurements())?;
-        (self.sequence, self.host_time_s) = (frame.sequence, frame.host_time_s);
+        (self.sequence, self.host_time_s) = (Some(frame.sequence), frame.host_time_s);
         // a reference of another connection, gain or set-up does not hold any more
         if self.connection.replace(frame.epoch).is_some_and(|before| before != frame.epoch) {
             self.restart();
@@ -253,11 +287,7 @@ impl LiveStream {
         let Some(Epoch { finder, clock, .. }) = &mut self.epoch else {
             if self.reference.take(frame) {
                 let (reference, notes) = self.reference.finish();
-                let mut epoch = self.begin(&reference)?;
-                epoch.notes.splice(0..0, notes);
-                self.epoch = Some(epoch);
-                // reference frames have no touches, so there is no image to make
-                (self.has_image, self.image_time_s) = (true, None);
+                self.begin(reference, notes)?;
                 return Ok(Step::Waiting { left: 0 });
             }
             return Ok(Step::Waiting { left: self.reference.left() });
@@ -286,7 +316,7 @@ impl LiveStream {
         let mut used = finder.used().iter().enumerate();
         Some(TouchFrame {
             number: self.frames.checked_sub(1)?,
-            sequence: self.sequence,
+            sequence: self.sequence?,
             epoch: self.connection?,
             time_s: self.time_s,
             host_time_s: self.host_time_s,
@@ -318,14 +348,14 @@ impl LiveStream {
         self.epoch.as_ref().map_or(&[], |epoch| &epoch.notes)
     }
 
-    /// Begins an epoch with these reference frames.
-    fn begin(&self, reference: &[Frame]) -> Result<Epoch, SkinError> {
+    /// Begins an epoch with these reference frames and notes about them.
+    fn begin(&mut self, reference: Vec<Frame>, mut notes: Vec<String>) -> Result<(), SkinError> {
         let clock = match self.clock {
-            Some(before) => before.next_epoch(self.frame_rate_hz, reference),
-            None => Clock::new(self.frame_rate_hz, reference),
+            Some(before) => before.next_epoch(self.frame_rate_hz, &reference),
+            None => Clock::new(self.frame_rate_hz, &reference),
         };
         let skin = self.model.skin();
-        let frames = skin.frames_of_quiet(measured(reference, self.unit))?;
+        let frames = skin.frames_of_quiet(measured(&reference, self.unit))?;
         let fitted = self.model.linearised.fit(frames)?;
         let mut progress = Progress::silent();
         let finder = TouchFinder::new(&fitted, clock.rate_hz, &mut progress)?;
@@ -339,13 +369,16 @@ impl LiveStream {
             true => Some(LiveImages::new(&self.model, &fitted)?),
             false => None,
         };
-        let mut notes = fitted.frames.notes;
+        notes.extend(fitted.frames.notes);
         notes.extend(finder.choices.warnings());
         // later epochs have the rate of the first
         if clock.is_assumed && self.clock.is_none() {
             notes.push(assumed_rate_text());
         }
-        Ok(Epoch { notes, finder, images, clock })
+        self.epoch = Some(Epoch { reference, notes, finder, images, clock });
+        // reference frames have no touches, so there is no image to make
+        (self.has_image, self.image_time_s) = (true, None);
+        Ok(())
     }
 }
 

@@ -9,11 +9,13 @@
 
 use crate::common::Bench;
 use crate::common::script::{Drawn, QUIET_FRAMES, RATE_HZ};
-use eit_skin::eit_hw::{Frame, Quality, Unit};
+use eit_skin::eit_hw::driver::{Event, FrameSource, Identity, Limits, Setup, Statistics};
+use eit_skin::eit_hw::{Frame, HwError, Layout, Quality, Unit};
 use eit_skin::live::{LiveModel, LiveStream};
 use eit_skin::ndarray::Array2;
 use eit_skin::scene::Scene;
-use eit_skin::{Progress, Sensor, Skin, TouchState};
+use eit_skin::{Next, Progress, Sensor, Skin, TouchState};
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -284,6 +286,90 @@ fn another_connection_takes_a_reference() {
     assert!(first > 40 && first.abs_diff(second) <= 2 && others(&output) == 0, "{first} {second}");
 }
 
+/// A recording that tells its reference.
+struct Told {
+    setup: Setup,
+    events: VecDeque<Event>,
+}
+
+impl FrameSource for Told {
+    fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    fn next_event(&mut self, _: Duration) -> Result<Option<Event>, HwError> {
+        Ok(self.events.pop_front())
+    }
+
+    fn recycle(&mut self, _: Frame) {}
+
+    fn statistics(&self) -> Statistics {
+        Statistics::default()
+    }
+
+    fn is_over(&self) -> bool {
+        self.events.is_empty()
+    }
+}
+
+/// A reference that is told consists of exactly those frames, as if a program had set it; some that are missing are
+/// noted, and where hardly any came another is taken. Each thing is told once, and then the source is over.
+#[test]
+fn a_reference_is_the_one_that_is_told() {
+    let (skin, bench) = disc();
+    let sent = frames(&held(&bench, 57));
+    let is_told = |frame: &Frame| frame.sequence < 40 && frame.sequence.is_multiple_of(2);
+    let of = |missing: std::ops::Range<u64>| {
+        let sequences = sent.iter().filter(|frame| is_told(frame)).map(|frame| frame.sequence);
+        let told = Event::Reference { epoch: 0, sequences: sequences.collect() };
+        let came = sent.iter().filter(|frame| !missing.contains(&frame.sequence)).cloned();
+        let name = || "told".to_owned();
+        let setup = Setup {
+            identity: Identity { driver: "test", name: name(), serial: name() },
+            layout: Layout::ProtocolOrder,
+            value_count: sent[0].values.len(),
+            complex: false,
+            unit: Unit::Volt,
+            frame_rate_hz: Some(RATE_HZ),
+            limits: Limits::default(),
+        };
+        let events = std::iter::once(told).chain(came.map(Event::Frame)).collect();
+        let mut sensor = skin.sensor_of(Box::new(Told { setup, events }), false).unwrap();
+        let (mut touches, mut others) = (Vec::new(), Vec::new());
+        loop {
+            match sensor.next_within(Duration::MAX).unwrap() {
+                Next::Frame(frame) => {
+                    touches.push((frame.sequence, format!("{:?}", frame.touches)));
+                }
+                Next::Waiting { left } => others.push(format!("{left} left")),
+                Next::Event(event) => others.push(format!("{event:?}")),
+                Next::Over => break,
+                Next::Nothing => panic!("nothing, at {:?}", touches.last()),
+            }
+        }
+        assert!(others[0].starts_with("Reference"), "{}", others[0]);
+        assert_eq!(others.iter().position(|said| said == "0 left"), Some(others.len() - 1));
+        (touches, sensor.notes().join("\n"), sensor.reference().len())
+    };
+    let (touches, notes, count) = of(0..0);
+    assert!(notes.is_empty() && count == 20, "{notes}");
+    let mut sensor = skin.sensor().unwrap();
+    let told: Vec<Frame> = sent.iter().filter(|frame| is_told(frame)).cloned().collect();
+    assert!(sensor.set_reference(&told[..3]).is_err());
+    sensor.set_reference(&told).unwrap();
+    for (frame, (sequence, wanted)) in sent[39..].iter().zip(&touches) {
+        let found = sensor.push(frame).unwrap().unwrap();
+        assert_eq!((found.sequence, &format!("{:?}", found.touches)), (*sequence, wanted));
+    }
+    let is_touched = |(_, touches): &(u64, String)| touches != "[]";
+    assert!(touches.len() == sent.len() - 39 && touches.iter().any(is_touched));
+
+    let (_, notes, count) = of(9..12);
+    assert!(notes.contains("1 of the 20 reference frames") && count == 19, "{notes}");
+    let (_, notes, count) = of(0..35);
+    assert!(notes.contains("18 of the 20 reference frames") && count == 40, "{notes}");
+}
+
 /// With a new reference nothing from before is shown, and no id is used twice. The first frame of a recording that the
 /// scene states, and which live frames do not have, is no obstacle.
 #[test]
@@ -511,5 +597,5 @@ fn a_reference_that_waits_says_why() {
     }
     assert!(stream.unrest().is_some_and(|change| change > 1e-3));
     // a sensor that frames are pushed to has no next one, however long it may wait
-    assert!(skin.sensor().unwrap().next_within(Duration::MAX).unwrap().is_none());
+    assert!(matches!(skin.sensor().unwrap().next_within(Duration::MAX).unwrap(), Next::Over));
 }
