@@ -20,8 +20,8 @@ const DIFFERENT_PLACES: f64 = 2.0 * DIFFERENT;
 const MOST_PLACES: f64 = 400.0;
 /// Radii of a bell beyond which it is left out; it is 2e-3 of its peak there.
 const REACH_RADII: f64 = 2.5;
-/// Distance in spacings up to which places are neighbours: each point of a skin has a place within one.
-const NEIGHBOURS: f64 = 2.0;
+/// Distance in spacings up to which places are neighbours: bells three radii apart overlap by 1 %, exp(-3^2 / 2).
+const NEIGHBOURS: f64 = 3.0;
 
 /// For each of some places of a skin, another one that the measurements cannot tell from it.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,15 +64,17 @@ impl Twins {
         };
         let at: Vec<[f64; 3]> = spaced.at.iter().map(|place| place.position_m).collect();
         let responses: Vec<Vec<f64>> = at.iter().map(response).collect();
+        let neighbour_m = NEIGHBOURS * spacing_m;
         let twin = |k: usize| {
             let of_k = &responses[k];
             let alike = |j: &usize| is_alike(dot(of_k, &responses[*j]), DIFFERENT_PLACES);
-            let apart =
-                apart(&at, k, (0..at.len()).filter(alike).collect(), NEIGHBOURS * spacing_m);
+            let apart = apart(&at, k, (0..at.len()).filter(alike).collect(), neighbour_m);
             let like_k = |j: &usize| dot(of_k, &responses[*j]);
             let place = at[apart.into_iter().max_by(|i, j| like_k(i).total_cmp(&like_k(j)))?];
-            // a finer look around that place
-            let about = centroids.iter().filter(|c| distance_m(**c, place) <= spacing_m);
+            // a finer look around that place, at what is not near
+            let about = centroids.iter().filter(|c| {
+                distance_m(**c, place) <= spacing_m && distance_m(**c, at[k]) > neighbour_m
+            });
             let likes = about.map(|c| (*c, dot(of_k, &response(c))));
             let (point, like) = likes.max_by(|(_, a), (_, b)| a.total_cmp(b))?;
             is_alike(like, DIFFERENT).then_some(point)
