@@ -23,7 +23,7 @@ pub use entry::Entry;
 pub use parts::{check_new, files, is_recording};
 pub(crate) use read::read_frames;
 pub use read::{Capture, SameSetUp, parse, read};
-pub use record::{ReferenceRecord, SessionRecord, TouchRecord, TouchesRecord, UnitName};
+pub use record::{ReferenceRecord, SessionRecord, TouchesRecord, UnitName};
 pub use recorder::{Recorder, Tape};
 pub use recover::{Recovered, recover};
 pub use stream::{CaptureReader, Damage, MessageTimes};

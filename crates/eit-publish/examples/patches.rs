@@ -53,8 +53,6 @@ fn patch(topic: &str, address: &str, seconds: f64, kind: &str) -> Result<(), Box
             touches: if kind == "still" { &[] } else { &touches },
             faults: &[],
             whole: true,
-            explained: true,
-            frozen: false,
             latency_s: Some(0.0),
             ..Default::default()
         };

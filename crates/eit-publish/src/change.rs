@@ -5,7 +5,7 @@ use eit_skin::{Touch, TouchState};
 use std::time::{Duration, Instant};
 
 /// How much a touch must change to be published before the next heartbeat. Touches that begin or end,
-/// electrodes that fail or recover, and changes of `valid`, `whole`, `explained` and `frozen` are always published.
+/// electrodes that fail or recover, and changes of `valid`, `whole` and the state of the skin are always published.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChangeThreshold {
     /// Movement since it was last published, metres.
@@ -61,8 +61,8 @@ impl ChangeFilter {
             let faults = |frame: &FrameCopy| frame.faults.len();
             // half a millisecond: frames that come as often as heartbeats jitter
             now.duration_since(*at) + Duration::from_micros(500) >= self.heartbeat
-                || (last.epoch, last.whole, last.explained, last.frozen, faults(last))
-                    != (frame.epoch, frame.whole, frame.explained, frame.frozen, faults(frame))
+                || (last.epoch, last.whole, last.state, faults(last))
+                    != (frame.epoch, frame.whole, frame.state, faults(frame))
                 || last.touches.len() != frame.touches.len()
                 || last.faults.iter().zip(&frame.faults).any(|(a, b)| a != b)
                 || last

@@ -9,6 +9,7 @@ use crate::outbox::{
 };
 use crate::publisher::clock_s;
 use draw::Painter;
+use eit_skin::SkinState;
 use foxglove::messages::{Grid, Log, SceneUpdate, Timestamp, log};
 use foxglove::{Channel, Context, FoxgloveError, McapWriterHandle, WebSocketServerHandle};
 use std::fs::File;
@@ -112,6 +113,7 @@ impl FoxgloveSink {
             clients: Arc::clone(&clients),
             outlined: None,
             last_scene: None,
+            state: SkinState::Sound,
         };
         let worker = Worker::start("eit foxglove", Arc::default(), |outbox| sender.run(outbox))
             .map_err(PublishError::Thread)?;
@@ -171,6 +173,8 @@ struct Sender {
     clients: Arc<AtomicUsize>,
     outlined: Option<Instant>,
     last_scene: Option<Instant>,
+    /// What was known of the skin in the last frame.
+    state: SkinState,
 }
 
 impl Sender {
@@ -191,18 +195,9 @@ impl Sender {
                         Severity::Warning => log::Level::Warning,
                         Severity::Error => log::Level::Error,
                     };
-                    let time = timestamp(Some(incident.host_time_s));
-                    let message = Log {
-                        timestamp: Some(time),
-                        level: level.into(),
-                        message: incident.text,
-                        name: "eit".to_owned(),
-                        file: String::new(),
-                        line: 0,
-                    };
-                    self.log.log_with_time(&message, time);
+                    self.log(level, Some(incident.host_time_s), incident.text);
                 }
-                Next::Nothing => {}
+                Next::Nothing | Next::Line(_) => {}
                 Next::Over => break,
             }
             if let Some(server) = &self.server {
@@ -218,9 +213,29 @@ impl Sender {
         }
     }
 
+    fn log(&self, level: log::Level, time_s: Option<f64>, message: String) {
+        let time = timestamp(time_s);
+        let message = Log {
+            timestamp: Some(time),
+            level: level.into(),
+            message,
+            name: "eit".to_owned(),
+            file: String::new(),
+            line: 0,
+        };
+        self.log.log_with_time(&message, time);
+    }
+
     fn frame(&mut self, frame: &FrameCopy) {
         let has_end = frame.touches.iter().any(|touch| touch.state == eit_skin::TouchState::End);
-        if !has_end && self.last_scene.is_some_and(|last| last.elapsed() < SCENE_EVERY) {
+        let is_news = std::mem::replace(&mut self.state, frame.state) != frame.state;
+        // an event says that the reference is being taken
+        let is_told = !is_news || frame.state == SkinState::Reference;
+        if let Some(why) = frame.state.why_not_known().filter(|_| !is_told) {
+            self.log(log::Level::Warning, frame.host_time_s, format!("not known: {why}"));
+        }
+        if !has_end && !is_news && self.last_scene.is_some_and(|last| last.elapsed() < SCENE_EVERY)
+        {
             return;
         }
         self.last_scene = Some(Instant::now());

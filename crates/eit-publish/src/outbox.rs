@@ -4,7 +4,7 @@ use crate::publisher::Start;
 use crate::shape::SkinShape;
 use eit_skin::faults::ElectrodeFault;
 use eit_skin::ndarray::ArrayView2;
-use eit_skin::{Touch, TouchFrame};
+use eit_skin::{SkinState, Touch, TouchFrame};
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -33,8 +33,7 @@ pub(crate) struct FrameCopy {
     pub(crate) host_time_s: Option<f64>,
     pub(crate) latency_s: Option<f64>,
     pub(crate) whole: bool,
-    pub(crate) explained: bool,
-    pub(crate) frozen: bool,
+    pub(crate) state: SkinState,
     pub(crate) faults: Vec<ElectrodeFault>,
     pub(crate) touches: Vec<Touch>,
 }
@@ -50,8 +49,7 @@ impl FrameCopy {
             host_time_s: frame.host_time_s,
             latency_s: frame.latency_s,
             whole: frame.whole,
-            explained: frame.explained,
-            frozen: frame.frozen,
+            state: frame.state,
             faults,
             touches,
         };

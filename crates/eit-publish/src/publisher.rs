@@ -10,12 +10,15 @@ use crate::lines::LineSink;
 use crate::outbox::Severity;
 use crate::outbox::SinkStatistics;
 use crate::udp::UdpSink;
-use eit_skin::TouchFrame;
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::text::{event_text, printable_json};
+use eit_skin::{SkinState, TouchFrame};
 use serde::Serialize;
 use std::borrow::Cow;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// How often datagrams repeat the first line.
+const START_EVERY: Duration = Duration::from_secs(1);
 
 /// What is published.
 #[derive(Debug, Clone, Copy)]
@@ -56,9 +59,18 @@ pub struct Publisher {
     #[cfg(feature = "foxglove")]
     foxglove: Option<crate::FoxgloveSink>,
     line: Vec<u8>,
+    /// The first line, which datagrams repeat for receivers that start later, and when it was last sent.
+    start_line: Vec<u8>,
+    started: Option<Instant>,
     /// Frames published.
     frames: u64,
     is_live: bool,
+    /// Epoch of the first connection: the time of the start, so that the touches of another program are others; 0 for lines of a
+    /// recording, which are the same every time.
+    first_epoch: u32,
+    /// What was known of the skin in the last frame.
+    #[cfg(feature = "web")]
+    state: SkinState,
     /// A reference is being taken.
     is_waiting: bool,
 }
@@ -87,6 +99,11 @@ impl Publisher {
     /// A line that cannot be written.
     pub fn start(&mut self, start: &Start<'_>) -> Result<(), PublishError> {
         self.is_live = start.is_live;
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        let is_networked = self.queued().next().is_some();
+        #[cfg(not(any(feature = "foxglove", feature = "zenoh")))]
+        let is_networked = false;
+        self.first_epoch = if start.is_live || is_networked { clock_s() as u32 } else { 0 };
         if let Some(lines) = self.lines.as_ref().filter(|_| !start.is_live) {
             lines.worker.outbox.wait_for_room();
         }
@@ -98,9 +115,13 @@ impl Publisher {
             instrument: start.instrument,
             electrodes: start.electrodes,
             reference_frames: start.reference_frames,
+            epoch: self.first_epoch,
             host_time_s: self.now_s(),
         };
-        self.say(&line)
+        self.say(&line)?;
+        self.start_line.clone_from(&self.line);
+        self.started = Some(Instant::now());
+        Ok(())
     }
 
     /// Reports how many frames the reference still needs: only the first and the last report are published.
@@ -109,6 +130,14 @@ impl Publisher {
     ///
     /// A line that cannot be written.
     pub fn waiting(&mut self, left: usize) -> Result<(), PublishError> {
+        // a heartbeat for those who join patches
+        #[cfg(any(feature = "foxglove", feature = "zenoh"))]
+        if left > 0 {
+            let (epoch, host_time_s) = (self.first_epoch, Some(clock_s()));
+            let state = SkinState::Reference;
+            let nothing = TouchFrame { epoch, host_time_s, state, ..TouchFrame::default() };
+            self.queued().for_each(|sink| sink.worker().outbox.frame(&nothing));
+        }
         let was_waiting = std::mem::replace(&mut self.is_waiting, left > 0);
         let (event, text) = match (was_waiting, left) {
             (_, 0) => ("reference_taken", "the reference is taken: touches follow"),
@@ -171,7 +200,7 @@ impl Publisher {
             }
             Event::Disconnected { .. } => "disconnected",
             Event::Reconnected { epoch } => {
-                line.epoch = Some(epoch);
+                line.epoch = Some(self.first_epoch.wrapping_add(epoch));
                 // a reference begun before the interruption is discarded
                 self.is_waiting = false;
                 "reconnected"
@@ -187,16 +216,20 @@ impl Publisher {
     ///
     /// A line that cannot be written.
     pub fn touches(&mut self, frame: &TouchFrame<'_>) -> Result<(), PublishError> {
-        self.frames += 1;
+        let frame = &TouchFrame { epoch: self.first_epoch.wrapping_add(frame.epoch), ..*frame };
+        #[cfg(feature = "web")]
+        let is_news = std::mem::replace(&mut self.state, frame.state) != frame.state;
+        // a list that ends touches is of no frame
+        self.frames += u64::from(frame.state != SkinState::NoData);
         #[cfg(any(feature = "foxglove", feature = "zenoh"))]
         self.queued().for_each(|sink| sink.worker().outbox.frame(frame));
         if !self.has_lines() {
             return Ok(());
         }
-        self.encode(&FrameLine::from(frame))?;
+        self.encode(&FrameLine { frame })?;
         #[cfg(feature = "web")]
         if let Some(web) = &mut self.web {
-            web.frame(&self.line);
+            web.frame(&self.line, is_news);
         }
         self.write(true)
     }
@@ -274,9 +307,12 @@ impl Publisher {
 
     /// Writes the encoded line to pipes and sockets.
     fn write(&mut self, is_frame: bool) -> Result<(), PublishError> {
-        for sink in &mut self.udp {
-            sink.send(&self.line);
+        let is_due = self.started.is_some_and(|started| started.elapsed() >= START_EVERY);
+        if is_due && !self.udp.is_empty() {
+            self.started = Some(Instant::now());
+            self.udp.iter_mut().for_each(|sink| sink.send(&self.start_line));
         }
+        self.udp.iter_mut().for_each(|sink| sink.send(&self.line));
         self.lines.as_ref().map_or(Ok(()), |lines| lines.line(&self.line, is_frame))
     }
 

@@ -21,5 +21,5 @@ pub use keys::{Attachment, Endpoint, check_topic};
 pub use message::{
     BodyTouch, BodyTouchArray, DiagnosticArray, DiagnosticStatus, ElectrodeFaultMessage, Header,
     Image, KeyValue, PatchState, Point, Pose, PoseStamped, Quaternion, RosMessage, Time,
-    TouchArray, TouchMessage, Vector3, touch_state,
+    TouchArray, TouchMessage, Vector3, skin_state, touch_state,
 };

@@ -143,7 +143,7 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     let mut settings =
         picture_settings(&linearised.skin.name, made.footnote.clone(), frames.rate_hz);
     if let Some(found) = &found {
-        out.write("touches.csv", |w| touches::write_csv(&found.rows, w))?;
+        out.write("touches.csv", |w| touches::write_csv(found, w))?;
         settings.marks_m = found.marks(frames.values.nrows());
     }
     let images = made.images.view();

@@ -4,9 +4,8 @@ use crate::Answer;
 use crate::error::ReportError;
 use crate::output::{ImageFile, OutFolder, io};
 use crate::reconstruct::touches::{HEADER, write_row};
-use eit_hw::capture::{TouchRecord, TouchesRecord};
+use eit_hw::capture::{Entry, TouchesRecord};
 use eit_hw::driver::Statistics;
-use eit_inverse::touch::TouchState;
 use eit_skin::faults::{ElectrodeFault, fault_lines};
 use eit_skin::live::{LiveImages, Summary, TouchFrame};
 use eit_skin::text::counted;
@@ -48,7 +47,7 @@ impl Kept {
             self.take_image(made)?;
         }
         for touch in shown.touches {
-            write_row(shown.number, shown.time_s, touch, &mut self.touches)?;
+            write_row(shown.number, shown.time_s, touch, shown.state, &mut self.touches)?;
         }
         Ok(())
     }
@@ -92,20 +91,15 @@ impl Kept {
     }
 }
 
-/// Converts touches to a recording's format.
-pub fn record_of(shown: &TouchFrame<'_>) -> TouchesRecord {
-    let touches = shown.touches.iter().filter(|touch| touch.state != TouchState::End);
-    TouchesRecord {
-        sequence: shown.sequence,
-        touches: touches
-            .map(|touch| TouchRecord {
-                id: touch.id,
-                position_m: touch.position_m,
-                radius_m: touch.area_m2.map(|area_m2| (area_m2 / std::f64::consts::PI).sqrt()),
-                force_n: touch.force_n(),
-            })
-            .collect(),
-    }
+/// Converts a frame to a recording's format.
+///
+/// # Errors
+///
+/// A frame that cannot be encoded.
+pub fn record_of(shown: &TouchFrame<'_>) -> Result<Entry, ReportError> {
+    let json = serde_json::to_string(shown).map_err(|e| ReportError::Failure(e.to_string()))?;
+    let record = TouchesRecord::new(json).map(Entry::Touches);
+    record.ok_or_else(|| ReportError::Failure("a frame without touches".to_owned()))
 }
 
 /// Summarises a run as text and JSON. The text leaves out notices that the user has seen (`shown`).

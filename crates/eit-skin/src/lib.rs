@@ -62,7 +62,9 @@ pub use error::SkinError;
 pub use fitted::FittedFrames;
 pub use limits::{check_images, check_pixel_jacobian, rounding_warning};
 pub use linearised::LinearisedSkin;
-pub use live::{LiveModel, LiveObserver, LiveStream, Next, Sensor, TouchFrame};
+pub use live::{
+    LiveModel, LiveObserver, LiveStream, Next, Sensor, SkinState, TouchFields, TouchFrame,
+};
 pub use movement::WithoutMovement;
 pub use progress::{Observer, Progress, Silent, StageTime, Steps};
 pub use scene::Scene;

@@ -6,6 +6,7 @@
 //! live frames are skipped while further frames wait ([`LiveObserver::wants_every_image`]).
 
 mod clock;
+mod fields;
 mod images;
 mod one_step;
 mod reference;
@@ -13,6 +14,7 @@ mod sensor;
 mod stream;
 mod summary;
 
+pub use fields::{SkinState, TouchFields};
 pub use images::{ImageState, LiveImages};
 pub use sensor::{Next, Sensor};
 pub use stream::{LiveStream, Step, TouchFrame};
@@ -102,6 +104,15 @@ pub trait LiveObserver {
     ///
     /// Any error ends the loop.
     fn touches(&mut self, _frame: &TouchFrame<'_>) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// Called with the list that ends all touches ([`SkinState::NoData`]), before the event that is the reason, and at the end.
+    ///
+    /// # Errors
+    ///
+    /// Any error ends the loop.
+    fn ended(&mut self, _last: &TouchFrame<'_>) -> Result<(), Self::Error> {
         Ok(())
     }
 
@@ -213,18 +224,33 @@ impl LiveModel {
         is_live: bool,
         observer: &mut O,
     ) -> Result<Summary, O::Error> {
-        let mut summary = Summary::default();
         let mut stream = LiveStream::new(Arc::clone(self), source.setup());
         if observer.wants_images() {
             self.check_images()?;
         } else {
             stream = stream.without_images();
         }
+        let outcome = self.follow(&mut stream, source, is_live, observer);
+        if let Some(last) = stream.end() {
+            observer.ended(&last)?;
+        }
+        outcome
+    }
+
+    fn follow<O: LiveObserver>(
+        &self,
+        stream: &mut LiveStream,
+        source: &mut dyn FrameSource,
+        is_live: bool,
+        observer: &mut O,
+    ) -> Result<Summary, O::Error> {
+        let mut summary = Summary::default();
         // when the previous frame was shown and when it arrived, unless the source was interrupted since
         let mut before: Option<Arrival> = None;
         let mut last_image = Instant::now();
         while observer.goes_on(&summary) {
-            let step = stream.step(source, is_live, WAIT, |event| {
+            let step = stream.step(source, is_live, WAIT, |event, ended| {
+                ended.map_or(Ok(()), |ended| observer.ended(&ended))?;
                 observer.event(event)?;
                 before = before.filter(|_| !is_interruption(event));
                 // skipped frames are counted by the source
@@ -239,7 +265,7 @@ impl LiveModel {
                 Step::Over => break,
                 Step::Idle => observer.idle()?,
                 Step::Event => {}
-                Step::Waiting { left } => wait(&stream, left, &mut summary, observer)?,
+                Step::Waiting { left } => wait(stream, left, &mut summary, observer)?,
                 Step::Touches => {
                     stream.shown().map_or(Ok(()), |shown| observer.touches(&shown))?;
                     if observer.wants_image() {

@@ -59,8 +59,8 @@ impl Recordings {
     }
 
     /// Adds what was computed from a frame.
-    pub(super) fn write(&self, entry: impl FnOnce() -> Entry) {
-        self.tape.write(entry);
+    pub(super) fn write(&self, entry: Entry) {
+        self.tape.write(|| entry);
     }
 
     /// Does what the page asked for, and tells it what has become of a recording.

@@ -8,7 +8,6 @@ use super::view::{Picture, Terminal};
 use crate::cli::WatchArgs;
 use crate::commands::prelude::*;
 use eit_hw::Frame;
-use eit_hw::capture::Entry;
 use eit_hw::driver::{Event, Statistics};
 use eit_publish::Publisher;
 use eit_report::watched::{self, Kept, record_of};
@@ -159,10 +158,15 @@ impl LiveObserver for Viewer<'_> {
         if let Some(publisher) = &mut self.publisher {
             publisher.touches(shown)?;
         }
-        if let Some(recordings) = self.recordings.as_ref().filter(|_| !shown.touches.is_empty()) {
-            recordings.write(|| Entry::Touches(record_of(shown)));
+        if let Some(recordings) = self.recordings.as_ref().filter(|recordings| recordings.is_on()) {
+            recordings.write(record_of(shown)?);
         }
         Ok(())
+    }
+
+    fn ended(&mut self, last: &TouchFrame<'_>) -> Result<(), CliError> {
+        self.touches(last)?;
+        Ok(self.kept.as_mut().map_or(Ok(()), |kept| kept.take(last))?)
     }
 
     fn frame(&mut self, shown: &TouchFrame<'_>) -> Result<(), CliError> {
@@ -192,6 +196,6 @@ impl LiveObserver for Viewer<'_> {
     fn goes_on(&mut self, summary: &Summary) -> bool {
         summary.frames < self.args.frames.unwrap_or(u64::MAX)
             && !self.until.is_over()
-            && !(self.publisher.as_ref().is_some_and(Publisher::is_closed) && !self.is_stored())
+            && (self.is_stored() || !self.publisher.as_ref().is_some_and(Publisher::is_closed))
     }
 }

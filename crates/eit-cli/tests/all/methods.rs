@@ -311,8 +311,9 @@ fn touches_are_written_where_the_noise_is_known() {
         let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
         assert_eq!(
             rows[0].join(","),
-            "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_std,confidence,std_x,std_y,vx,vy,\
-             valid,whole,force_n,force_std_n,unlike,nx,ny,nz"
+            "frame,time_s,id,state,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,nx,ny,nz,vx_m_s,vy_m_s,vz_m_s,\
+             intensity_s_m2,intensity_std_s_m2,confidence,valid,whole,age_s,force_n,force_std_n,unlike,\
+             split_from,merged_into,skin"
         );
         assert!(rows.iter().all(|row| row.len() == rows[0].len()));
         // a touch this strong is accepted at once
@@ -322,7 +323,7 @@ fn touches_are_written_where_the_noise_is_known() {
             let error = distance([number(4), number(5)], finger(number(0) as usize - QUIET));
             // half of the finger's radius of 20 mm
             assert!(error < 0.01, "{method}: {row:?}");
-            assert!(number(9) > 0.6 && row[2] == "1", "{row:?}");
+            assert!(number(18) > 0.6 && row[2] == "1" && row[27] == "sound", "{row:?}");
             assert_eq!((row[14], row[15]), ("true", "true"), "{row:?}");
         }
     }

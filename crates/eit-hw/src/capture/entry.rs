@@ -3,7 +3,7 @@
 use mcap::records::Channel;
 
 use super::json::{FrameJson, FrameRecord};
-use super::record::{NoteRecord, ReferenceRecord, SessionRecord, TouchRecord, TouchesRecord};
+use super::record::{NoteRecord, ReferenceRecord, SessionRecord, TouchesRecord};
 use crate::frame::Frame;
 
 /// The topics of a recording.
@@ -73,7 +73,10 @@ impl Message<'_> {
             Self::Session(session) => serde_json::to_writer(json, session),
             Self::Frame(frame) => serde_json::to_writer(json, &FrameJson(frame)),
             Self::Reference(reference) => serde_json::to_writer(json, reference),
-            Self::Touches(touches) => serde_json::to_writer(json, touches),
+            Self::Touches(touches) => {
+                json.extend_from_slice(touches.json().as_bytes());
+                Ok(())
+            }
             Self::Note(text) => serde_json::to_writer(json, &NoteRecord { text: text.into() }),
         }
     }
@@ -120,7 +123,7 @@ impl Entry {
             Self::Reference(reference) => {
                 16 * reference.values.len() + 8 * reference.sequences.len()
             }
-            Self::Touches(touches) => size_of::<TouchRecord>() * touches.touches.len(),
+            Self::Touches(touches) => touches.json().len(),
             Self::Note(text) => text.len(),
         };
         (size_of::<Self>() + values) as u64
@@ -134,7 +137,10 @@ impl Entry {
                 .and_then(FrameRecord::into_frame)
                 .map(Self::Frame),
             Topic::Reference => serde_json::from_slice(json).ok().map(Self::Reference),
-            Topic::Touches => serde_json::from_slice(json).ok().map(Self::Touches),
+            Topic::Touches => {
+                let json = String::from_utf8(json.to_vec()).ok()?;
+                TouchesRecord::new(json).map(Self::Touches)
+            }
             Topic::Note => serde_json::from_slice::<NoteRecord<'_>>(json)
                 .ok()
                 .map(|record| Self::Note(record.text.into_owned())),

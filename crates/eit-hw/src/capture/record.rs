@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::json::bounded;
@@ -111,29 +112,37 @@ pub struct ReferenceRecord {
     pub sequences: Vec<u64>,
 }
 
-/// The touches found in one frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// The touches of one frame, also of an untouched one: the JSON object that other outputs have for a frame, with at least `sequence` and
+/// `touches` (docs/JSON_LINES.md). Kept as text: this crate finds no touches.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize))]
 pub struct TouchesRecord {
-    /// Sequence number of the frame.
-    pub sequence: u64,
-    /// The touches found.
-    #[serde(deserialize_with = "bounded")]
-    pub touches: Vec<TouchRecord>,
+    sequence: u64,
+    json: String,
 }
 
-/// A touch in a frame, as a recording stores it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TouchRecord {
-    /// Number that identifies the touch while it lasts.
-    pub id: u64,
-    /// Position in metres.
-    pub position_m: [f64; 3],
-    /// Radius in metres.
-    pub radius_m: Option<f64>,
-    /// Force in newtons, if calibrated.
-    pub force_n: Option<f64>,
+impl TouchesRecord {
+    /// Takes a JSON object; `None` if it is none or lacks `sequence` or a list of `touches`.
+    pub fn new(json: String) -> Option<Self> {
+        #[derive(Deserialize)]
+        struct Head {
+            sequence: u64,
+            #[serde(rename = "touches")]
+            _touches: Vec<IgnoredAny>,
+        }
+        let head: Head = serde_json::from_str(&json).ok()?;
+        Some(Self { sequence: head.sequence, json })
+    }
+
+    /// Sequence number of the frame.
+    pub fn sequence(&self) -> u64 {
+        self.sequence
+    }
+
+    /// The object.
+    pub fn json(&self) -> &str {
+        &self.json
+    }
 }
 
 /// A text note.

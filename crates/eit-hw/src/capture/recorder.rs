@@ -46,7 +46,7 @@ struct TapeState {
 
 #[derive(Debug)]
 enum Order {
-    Begin(CaptureWriter),
+    Begin(Box<CaptureWriter>),
     Write(Entry),
     End,
 }
@@ -60,7 +60,7 @@ impl Tape {
     pub fn begin(&self, writer: CaptureWriter) {
         let mut state = self.state();
         state.is_on = true;
-        state.orders.push_back(Order::Begin(writer));
+        state.orders.push_back(Order::Begin(Box::new(writer)));
     }
 
     /// Adds an entry, made only if something is recorded.
@@ -231,7 +231,7 @@ impl Worker {
             match order {
                 Order::Begin(writer) => {
                     self.end();
-                    self.writer = Some(writer);
+                    self.writer = Some(*writer);
                     self.tape.state().is_on = true;
                 }
                 Order::Write(entry) => self.write(|writer| writer.write(&entry)),

@@ -40,6 +40,9 @@ const MOST_DEVICE_STEP_S: f64 = 60.0;
 /// Longest step of the host's clock that counts as elapsed time, in seconds; it was set if longer.
 const MOST_HOST_STEP_S: f64 = 10.0;
 
+/// A consumer that was busy for longer, such as with its set-up, gets what follows at the wanted speed, and no burst.
+const MOST_LATE: Duration = Duration::from_millis(100);
+
 /// Times of a frame by the instrument's and the host's clock, in seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Times {
@@ -268,6 +271,10 @@ impl Replay {
         *since_s += now.since(*before);
         *before = now;
         let after = Duration::try_from_secs_f64(*since_s / times).unwrap_or_default();
+        let late = start.elapsed().saturating_sub(after);
+        if late > MOST_LATE {
+            *start += late;
+        }
         after.saturating_sub(start.elapsed())
     }
 

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use crate::common::recordings::{container, frame, session};
 use crate::common::rotated;
 use eit_hw::capture::{
-    Capture, CaptureSettings, CaptureWriter, Entry, ReferenceRecord, SessionRecord, TouchRecord,
-    TouchesRecord, UnitName, parse, read,
+    Capture, CaptureSettings, CaptureWriter, Entry, ReferenceRecord, SessionRecord, TouchesRecord,
+    UnitName, parse, read,
 };
 use eit_hw::driver::{Event, FrameSource as _, Pace, Replay};
 use eit_hw::{Component, Format, Frame, HwError, Quality, ReadOptions, Unit, read_recording};
@@ -19,13 +19,9 @@ fn entries(count: u64) -> Vec<Entry> {
     for sequence in 0..count {
         entries.push(Entry::Frame(frame(sequence)));
         if sequence % 20 == 3 {
-            let touch = TouchRecord {
-                id: sequence,
-                position_m: [0.01, -0.02, 0.0],
-                radius_m: Some(0.008),
-                force_n: None,
-            };
-            entries.push(Entry::Touches(TouchesRecord { sequence, touches: vec![touch] }));
+            let touch = r#"{"id":2,"position_m":[0.01,-0.02,0],"valid":true}"#;
+            let json = format!(r#"{{"sequence":{sequence},"state":"sound","touches":[{touch}]}}"#);
+            entries.push(Entry::Touches(TouchesRecord::new(json).unwrap()));
             entries.push(Entry::Note(format!("frame {sequence}: \"quoted\"\n\u{b5}")));
         }
     }

@@ -281,7 +281,10 @@ fn a_recording_waits_for_nobody() {
     let before = recorder.statistics().frames;
     tape.begin(create(&files[0]));
     wait_for(|| recorder.statistics().frames > before + 60);
-    tape.write(|| Entry::Touches(TouchesRecord { sequence: 0, touches: Vec::new() }));
+    tape.write(|| {
+        let json = r#"{"sequence":0,"touches":[]}"#.to_owned();
+        Entry::Touches(TouchesRecord::new(json).unwrap())
+    });
     tape.end();
     ended(&tape).unwrap();
     tape.begin(create(&files[1]));

@@ -7,8 +7,8 @@ use std::time::Duration;
 use crate::common::recordings::{frame, session};
 use crate::common::rotated;
 use eit_hw::capture::{
-    CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, SessionRecord, TouchRecord,
-    TouchesRecord, files, read, recover,
+    CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, SessionRecord, TouchesRecord,
+    files, read, recover,
 };
 use eit_hw::driver::{Event, FrameSource, Pace, Replay};
 use eit_hw::{HwError, ReadOptions, read_recording};
@@ -26,9 +26,9 @@ fn split() -> CaptureSettings {
 fn write(writer: &mut CaptureWriter, sequences: std::ops::Range<u64>) {
     for sequence in sequences {
         writer.frame(&frame(sequence)).unwrap();
-        let touch =
-            TouchRecord { id: 1, position_m: [0.0; 3], radius_m: Some(0.01), force_n: None };
-        writer.touches(&TouchesRecord { sequence, touches: vec![touch] }).unwrap();
+        let json =
+            format!(r#"{{"sequence":{sequence},"touches":[{{"id":1,"position_m":[0,0,0]}}]}}"#);
+        writer.touches(&TouchesRecord::new(json).unwrap()).unwrap();
         if sequence % 7 == 0 {
             writer.note(&format!("note {sequence}")).unwrap();
         }
@@ -106,7 +106,7 @@ fn parts_are_read_as_one() {
             common::recordings::session()
         );
         let of_touches = part.entries.iter().filter_map(|entry| match entry {
-            Entry::Touches(touches) => Some(touches.sequence),
+            Entry::Touches(touches) => Some(touches.sequence()),
             _ => None,
         });
         let of_frames: Vec<u64> = part.frames().map(|frame| frame.sequence).collect();

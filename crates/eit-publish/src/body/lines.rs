@@ -2,7 +2,8 @@
 
 use super::{Body, BodyNews, BodySettings, PlacedTouch};
 use crate::publisher::clock_s;
-use crate::ros::touch_state;
+use crate::ros::skin_state;
+use eit_skin::TouchFields;
 use serde_json::{Value, json};
 
 /// Version of the lines.
@@ -24,7 +25,14 @@ impl Body {
             BodyNews::Touches(list) => {
                 let touches: Vec<Value> =
                     list.touches.iter().map(|placed| self.touch(placed)).collect();
-                json!({ "type": "touches", "time_s": list.time_s, "touches": touches })
+                let patches: Vec<Value> = self
+                    .patches()
+                    .iter()
+                    .map(|patch| json!({ "patch": patch.name, "state": skin_state::of(patch.state).name() }))
+                    .collect();
+                json!({
+                    "type": "touches", "time_s": list.time_s, "patches": patches, "touches": touches,
+                })
             }
             BodyNews::Silent { patch, for_s, was_heard } => json!({
                 "type": "event", "event": "silent", "patch": self.name(*patch), "for_s": for_s,
@@ -32,6 +40,14 @@ impl Body {
             }),
             BodyNews::Back { patch, after_s } => json!({
                 "type": "event", "event": "back", "patch": self.name(*patch), "after_s": after_s,
+                "time_s": clock_s(),
+            }),
+            BodyNews::State { patch, state } => json!({
+                "type": "event", "event": "state", "patch": self.name(*patch),
+                "state": state.name(), "time_s": clock_s(),
+            }),
+            BodyNews::TwoPublishers { patch } => json!({
+                "type": "event", "event": "two_publishers", "patch": self.name(*patch),
                 "time_s": clock_s(),
             }),
             BodyNews::Unreadable { patch, reason } => json!({
@@ -46,31 +62,15 @@ impl Body {
         json!({ "type": "event", "event": "ended", "lists": lists, "time_s": clock_s() })
     }
 
+    /// The fields that every output has, in the robot's frame, and those of the patch.
     fn touch(&self, placed: &PlacedTouch) -> Value {
-        let touch = &placed.touch;
-        let state = match touch.state {
-            touch_state::BEGIN => "begin",
-            touch_state::END => "end",
-            _ => "hold",
-        };
-        let std_m = [0, 4, 8].map(|index| touch.position_covariance[index].max(0.0).sqrt());
-        json!({
-            "patch": self.name(placed.patch),
-            "epoch": placed.epoch,
-            "id": touch.id,
-            "state": state,
-            "time_s": placed.time_s,
-            "position_m": <[f64; 3]>::from(touch.position),
-            "position_std_m": std_m,
-            "velocity_m_s": <[f64; 3]>::from(touch.velocity),
-            "intensity_s_m2": touch.intensity,
-            "intensity_std_s_m2": touch.intensity_std,
-            "force_n": touch.force,
-            "force_std_n": touch.force_std,
-            "confidence": touch.confidence,
-            "valid": touch.valid,
-            "whole": touch.whole,
-            "age_s": touch.age,
-        })
+        let fields = serde_json::to_value(TouchFields::from(&placed.touch)).unwrap_or_default();
+        let mut touch = json!({
+            "patch": self.name(placed.patch), "epoch": placed.epoch, "time_s": placed.time_s,
+        });
+        if let (Value::Object(touch), Value::Object(fields)) = (&mut touch, fields) {
+            touch.extend(fields);
+        }
+        touch
     }
 }

@@ -194,14 +194,13 @@ impl Body {
             return;
         };
         let Arrived { arrived: when, arrived_s, .. } = *arrived;
-        let news = match from_cdr::<TouchArray>(&arrived.sample.payload().to_bytes()) {
+        match from_cdr::<TouchArray>(&arrived.sample.payload().to_bytes()) {
             Ok(message) => {
                 let origin = Origin { attachment, arrived: when, arrived_s };
-                self.state.receive(patch, &message, &origin)
+                self.state.receive(patch, &message, &origin, &mut self.news);
             }
-            Err(error) => self.state.unreadable(patch, error.to_string()),
-        };
-        self.news.extend(news);
+            Err(error) => self.news.extend(self.state.unreadable(patch, error.to_string())),
+        }
     }
 }
 

@@ -57,7 +57,7 @@ impl Placement {
         self.rotation.map(|row| (0..3).map(|axis| row[axis] * vector[axis]).sum())
     }
 
-    /// Transforms a touch to robot coordinates: position, its covariance, and velocity.
+    /// Transforms a touch to robot coordinates: position, its covariance, normal and velocity.
     pub fn place(&self, touch: &TouchMessage) -> TouchMessage {
         let mut position = self.rotate(touch.position.into());
         for (coordinate, origin) in position.iter_mut().zip(self.position_m) {
@@ -75,6 +75,7 @@ impl Placement {
         TouchMessage {
             position: position.into(),
             position_covariance: std::array::from_fn(|index| covariance(index / 3, index % 3)),
+            normal: self.rotate(touch.normal.into()).into(),
             velocity: self.rotate(touch.velocity.into()).into(),
             ..*touch
         }

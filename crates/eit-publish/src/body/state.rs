@@ -5,8 +5,9 @@ use super::latency::Latency;
 use super::{BodySettings, Placement};
 use crate::ros::{
     Attachment, BodyTouch, BodyTouchArray, Header, PatchState, Time, TouchArray, TouchMessage,
-    touch_state,
+    skin_state, touch_state,
 };
+use eit_skin::SkinState;
 use std::time::{Duration, Instant};
 
 /// A stamp that is further from the time of sending than this, seconds, is not of now (a replay): the time of
@@ -33,6 +34,18 @@ pub enum BodyNews {
         patch: usize,
         /// Length of the silence.
         after_s: f64,
+    },
+    /// What is known of the skin of a patch has changed; not told when a patch is heard first or again and sound.
+    State {
+        /// Its number in the settings.
+        patch: usize,
+        /// What is known now.
+        state: SkinState,
+    },
+    /// Two programs publish one patch: the one that was heard first is listened to until it is silent. Reported once.
+    TwoPublishers {
+        /// Its number in the settings.
+        patch: usize,
     },
     /// The messages of a patch cannot be read: they have another version. Reported once.
     Unreadable {
@@ -95,6 +108,9 @@ struct Patch {
     lost: u64,
     clock: ClockOffset,
     is_unreadable: bool,
+    /// A second publisher was heard.
+    has_two: bool,
+    state: SkinState,
 }
 
 /// Joins the messages of all patches.
@@ -125,6 +141,8 @@ impl BodyState {
             lost: 0,
             clock: ClockOffset::default(),
             is_unreadable: false,
+            has_two: false,
+            state: SkinState::NoData,
         };
         Self {
             patches: settings.patches.iter().enumerate().map(patch).collect(),
@@ -136,38 +154,54 @@ impl BodyState {
         }
     }
 
-    /// Processes a message of a patch; reports the patch if it had been silent.
+    /// Processes a message of a patch; reports the patch if it had been silent, or its skin is in another state.
     pub fn receive(
         &mut self,
         number: usize,
         message: &TouchArray,
         origin: &Origin,
-    ) -> Option<BodyNews> {
-        let patch = self.patches.get_mut(number)?;
+        news: &mut impl Extend<BodyNews>,
+    ) {
+        let silent_after = self.silent_after;
+        let Some(patch) = self.patches.get_mut(number) else { return };
+        let silence = origin.arrived.saturating_duration_since(patch.heard);
         let Attachment { sequence, time_ns, gid } = origin.attachment;
         match patch.last {
             // older than what is known: the network has changed the order
-            Some((publisher, last)) if publisher == gid && sequence <= last => return None,
+            Some((publisher, last)) if publisher == gid && sequence <= last => return,
             Some((publisher, last)) if publisher == gid => {
                 patch.lost += sequence.abs_diff(last).saturating_sub(1);
             }
             // the first message, or a patch that was started anew
-            _ => {}
+            None => {}
+            Some(_) if silence >= silent_after || patch.state == SkinState::NoData => {}
+            Some(_) => {
+                if !std::mem::replace(&mut patch.has_two, true) {
+                    news.extend([BodyNews::TwoPublishers { patch: number }]);
+                }
+                return;
+            }
         }
         patch.last = Some((gid, sequence));
         patch.received += 1;
         let sent_s = 1e-9 * time_ns as f64;
         patch.clock.observe(sent_s, origin.arrived_s);
-        let silence = origin.arrived.saturating_duration_since(patch.heard);
         patch.heard = origin.arrived;
         patch.was_heard = true;
         let was_silent = std::mem::replace(&mut patch.is_silent, false);
+        let state = skin_state::of(message.state);
+        let before = std::mem::replace(&mut patch.state, state);
         self.has_changed |= patch.take(message, sent_s);
         self.unlisted.push(sent_s);
         if !self.has_changed {
             self.listed(origin.arrived_s);
         }
-        was_silent.then_some(BodyNews::Back { patch: number, after_s: silence.as_secs_f64() })
+        if was_silent {
+            news.extend([BodyNews::Back { patch: number, after_s: silence.as_secs_f64() }]);
+        }
+        if (state, before) != (SkinState::Sound, SkinState::NoData) && state != before {
+            news.extend([BodyNews::State { patch: number, state }]);
+        }
     }
 
     /// Reports the first unreadable message of each patch.
@@ -177,16 +211,18 @@ impl BodyState {
         (!was_unreadable).then_some(BodyNews::Unreadable { patch: number, reason })
     }
 
-    /// Reports patches that have fallen silent, and forgets their touches.
+    /// Reports patches that have fallen silent, and ends their touches.
     pub fn silences(&mut self, now: Instant, news: &mut impl Extend<BodyNews>) {
         for (number, patch) in self.patches.iter_mut().enumerate() {
             let silence = now.saturating_duration_since(patch.heard);
             if patch.is_silent || silence < self.silent_after {
                 continue;
             }
-            patch.is_silent = true;
+            (patch.is_silent, patch.state) = (true, SkinState::NoData);
             self.has_changed |= !patch.touches.is_empty();
-            patch.touches.clear();
+            for placed in &mut patch.touches {
+                (placed.touch.state, placed.touch.valid) = (touch_state::END, false);
+            }
             let (for_s, was_heard) = (silence.as_secs_f64(), patch.was_heard);
             news.extend([BodyNews::Silent { patch: number, for_s, was_heard }]);
         }
@@ -230,6 +266,7 @@ impl BodyState {
         let state = |patch: &Patch| PatchState {
             name: patch.name.clone(),
             silent: patch.is_silent || !patch.was_heard,
+            state: skin_state::number(patch.state),
             age: match patch.was_heard {
                 true => now.saturating_duration_since(patch.heard).as_secs_f64(),
                 false => f64::NAN,

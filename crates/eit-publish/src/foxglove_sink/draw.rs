@@ -91,6 +91,9 @@ impl Painter {
             entity.arrows.extend(self.arrow(touch));
             entity.texts.push(self.label(touch));
         }
+        if let Some(why) = frame.state.why_not_known() {
+            entity.texts.push(text([0.0; 3], format!("Not known: {why}")));
+        }
         let faulty = frame.faults.iter();
         for [x, y] in faulty.filter_map(|fault| self.electrodes_m.get(fault.electrode)) {
             entity.spheres.push(sphere([*x, *y, 0.0], 0.04 * self.size_m, FAULTY));
@@ -121,18 +124,11 @@ impl Painter {
 
     fn label(&self, touch: &Touch) -> TextPrimitive {
         let [x, y, z] = touch.position_m;
-        let text = match touch.force_n() {
+        let label = match touch.force_n() {
             Some(force_n) => format!("{} {force_n:.1} N", touch.id),
             None => touch.id.to_string(),
         };
-        TextPrimitive {
-            pose: Some(pose([x, y, z + 0.06 * self.size_m])),
-            billboard: true,
-            font_size: 14.0,
-            scale_invariant: true,
-            color: Some(VALID),
-            text,
-        }
+        text([x, y, z + 0.06 * self.size_m], label)
     }
 
     /// An image as a grid, whose first cell is at the least x and y: conductivity change in siemens, and colours,
@@ -187,6 +183,17 @@ fn color(value: f32) -> [u8; 4] {
     let fade = |amount: f32| (255.0 * (1.0 - amount)).round() as u8;
     let weak = fade(value.abs());
     if value < 0.0 { [weak, weak, 255, 255] } else { [255, weak, weak, 255] }
+}
+
+fn text(position_m: [f64; 3], text: String) -> TextPrimitive {
+    TextPrimitive {
+        pose: Some(pose(position_m)),
+        billboard: true,
+        font_size: 14.0,
+        scale_invariant: true,
+        color: Some(VALID),
+        text,
+    }
 }
 
 fn vector([x, y, z]: [f64; 3]) -> Vector3 {

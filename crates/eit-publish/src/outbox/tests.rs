@@ -3,7 +3,7 @@
 use super::*;
 
 fn frame(sequence: u64) -> TouchFrame<'static> {
-    TouchFrame { number: sequence, sequence, whole: true, explained: true, ..TouchFrame::default() }
+    TouchFrame { number: sequence, sequence, whole: true, ..TouchFrame::default() }
 }
 
 /// A blocked sink costs the oldest frames, each of which is counted, and no time.

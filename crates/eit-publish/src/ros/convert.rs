@@ -2,7 +2,7 @@
 
 use super::message::{ElectrodeFaultMessage, TouchMessage, touch_state};
 use eit_skin::faults::{ElectrodeFault, FaultKind};
-use eit_skin::{Touch, TouchState};
+use eit_skin::{Touch, TouchFields, TouchState};
 
 impl From<&ElectrodeFault> for ElectrodeFaultMessage {
     fn from(fault: &ElectrodeFault) -> Self {
@@ -15,6 +15,38 @@ impl From<&ElectrodeFault> for ElectrodeFaultMessage {
                 FaultKind::Flagged => 3,
             },
             since: fault.since_s,
+        }
+    }
+}
+
+/// The fields of all outputs: what a message has no value for is unknown.
+impl From<&TouchMessage> for TouchFields {
+    fn from(touch: &TouchMessage) -> Self {
+        let known = |value: f64| Some(value).filter(|value| value.is_finite());
+        let other = |id: u64| Some(id).filter(|id| *id > 0);
+        let normal = <[f64; 3]>::from(touch.normal);
+        Self {
+            id: touch.id,
+            state: match touch.state {
+                touch_state::BEGIN => "begin",
+                touch_state::END => "end",
+                _ => "hold",
+            },
+            position_m: touch.position.into(),
+            position_std_m: [0, 4, 8].map(|index| touch.position_covariance[index].max(0.0).sqrt()),
+            normal: Some(normal).filter(|normal| normal.iter().all(|part| part.is_finite())),
+            velocity_m_s: touch.velocity.into(),
+            intensity_s_m2: touch.intensity,
+            intensity_std_s_m2: known(touch.intensity_std),
+            confidence: touch.confidence,
+            valid: touch.valid,
+            whole: touch.whole,
+            age_s: touch.age,
+            force_n: known(touch.force),
+            force_std_n: known(touch.force_std),
+            unlike: [None, Some(false), Some(true)][usize::from(touch.likeness.min(2))],
+            split_from: other(touch.split_from),
+            merged_into: other(touch.merged_into),
         }
     }
 }
@@ -35,6 +67,7 @@ impl From<&Touch> for TouchMessage {
             },
             position: touch.position_m.into(),
             position_covariance,
+            normal: touch.normal.unwrap_or([f64::NAN; 3]).into(),
             velocity: touch.velocity_m_s.into(),
             intensity: touch.intensity_s_m2,
             intensity_std: touch.intensity_std_s_m2.unwrap_or(f64::NAN),

@@ -19,6 +19,29 @@ pub mod touch_state {
     pub const END: u8 = 2;
 }
 
+/// Values of [`TouchArray::state`] and [`PatchState::state`].
+pub mod skin_state {
+    use eit_skin::SkinState;
+
+    const ALL: [SkinState; 5] = [
+        SkinState::Sound,
+        SkinState::NotExplained,
+        SkinState::Frozen,
+        SkinState::Reference,
+        SkinState::NoData,
+    ];
+
+    /// The number of a state.
+    pub fn number(state: SkinState) -> u8 {
+        ALL.iter().position(|other| *other == state).map_or(0, |place| place as u8)
+    }
+
+    /// The state with this number; an unknown one says that nothing is known.
+    pub fn of(number: u8) -> SkinState {
+        ALL.get(usize::from(number)).copied().unwrap_or(SkinState::NoData)
+    }
+}
+
 /// `builtin_interfaces/msg/Time`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Time {
@@ -229,6 +252,8 @@ pub struct TouchMessage {
     pub position: Point,
     /// Its covariance, row-major 3 x 3, square metres.
     pub position_covariance: [f64; 9],
+    /// Unit normal of the skin; NaN if unknown.
+    pub normal: Vector3,
     /// Velocity, metres per second.
     pub velocity: Vector3,
     /// Integral of the conductivity change, siemens times square metre.
@@ -270,10 +295,8 @@ pub struct TouchArray {
     pub latency: f64,
     /// Whether no measurement was left out.
     pub whole: bool,
-    /// Whether touches, or the absence of any, explain the frame.
-    pub explained: bool,
-    /// Whether the instrument repeats an old frame.
-    pub frozen: bool,
+    /// What is known of the skin: one of [`skin_state`].
+    pub state: u8,
     /// Electrodes that were left out.
     pub faulty_electrodes: Vec<ElectrodeFaultMessage>,
     /// All touches in the frame.
@@ -291,6 +314,8 @@ pub struct PatchState {
     pub name: String,
     /// Whether nothing is heard from it.
     pub silent: bool,
+    /// What is known of its skin: one of [`skin_state`].
+    pub state: u8,
     /// Age of its last message, seconds; NaN if there was none.
     pub age: f64,
     /// Messages received.

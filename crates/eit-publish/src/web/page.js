@@ -1,4 +1,6 @@
 // Receives lines, and shows the moment that is chosen.
+// what a frame says of the skin where its touches are not known
+const UNKNOWN = { not_explained: "touches do not explain the frame", frozen: "the instrument repeats an old frame", no_data: "no data" };
 const RATE_FRAMES = 30, SILENT_S = .5, LATENCY_S = 10, NUMBERS_EVERY_S = .1;
 let skin = null, heard = null, note = "", halt = "", isStale = true, numbersAt = -1;
 let pictures = { item: null, before: null, main: null };
@@ -6,7 +8,9 @@ let pictures = { item: null, before: null, main: null };
 function take(line) {
   const at = now();
   if (line.type === "skin") { skin = line; byId("name").textContent = "Skin “" + line.name + "”"; document.title = line.name + ": touches"; }
-  if (line.type === "frame") { heard = at; stop("", ""); remember(past.frames, { at, line }); }
+  // a list without data only ends touches
+  if (line.type === "frame" && line.state !== "no_data") { heard = at; stop("", ""); }
+  if (line.type === "frame") remember(past.frames, { at, line });
   if (line.type === "image") remember(past.images, { at, line });
   if (line.type === "event") news(line, at);
   if (line.type === "recording") recording(line);
@@ -62,15 +66,16 @@ function numbers() {
   const { frames, images, lost } = lists(), frame = shown(frames), touches = alive(frame), at = shownAt(), image = shown(images);
   const end = held ? held.end : frames.length && now() - endOf(frames) < SILENT_S ? now() : endOf(frames);
   drawCharts(skin, frames, end, held ? at : end);
-  const count = touches.length;
+  const count = touches.filter(touch => touch.valid).length, unsure = touches.length - count, doubt = frame && UNKNOWN[frame.line.state];
+  const counted = [count && (count === 1 ? "1 touch" : count + " touches"), unsure && unsure + " uncertain"].filter(Boolean).join(", ");
   const isOld = !held && frame && (note || isSilent());
-  say("verdict", isOld ? halt || "No signal" : frame ? count ? count === 1 ? "1 touch" : count + " touches" : "No touch." : halt || "Waiting for the skin …");
+  say("verdict", isOld ? halt || "No signal" : doubt ? "Not known: " + doubt : frame ? counted || "No touch." : halt || "Waiting for the skin …");
   byId("pictures").classList.toggle("old", Boolean(isOld));
-  byId("none").hidden = !frame || count > 0;
+  byId("none").hidden = !frame || Boolean(doubt) || touches.length > 0;
   byId("unsure").hidden = touches.every(touch => touch.valid);
   rows(touches);
   const where = touches.map(touch => `touch ${touch.id} at x ${(1e3 * touch.position_m[0]).toFixed(0)} mm, y ${(1e3 * touch.position_m[1]).toFixed(0)} mm`);
-  byId("main").lastElementChild.setAttribute("aria-label", "The skin seen from above: " + (where.join("; ") || "no touch"));
+  byId("main").lastElementChild.setAttribute("aria-label", "The skin seen from above: " + (doubt ? "not known: " + doubt : where.join("; ") || "no touch"));
   const seen = frames.filter(item => item.at <= at), recent = seen.slice(-RATE_FRAMES).filter(item => item.line.epoch === frame.line.epoch);
   const [first, last] = [recent[0], recent[recent.length - 1]], span = last ? last.line.time_s - first.line.time_s : 0;
   say("rate", span > 0 ? ((last.line.sequence - first.line.sequence) / span).toFixed(0) : "–");
@@ -106,14 +111,14 @@ function rows(touches) {
   say("strength", touches.some(touch => touch.force_n !== null) ? "force, N" : "strength, nS m²");
 }
 
+const isReplay = () => { const last = lists().frames.at(-1); return Boolean(last) && last.line.state !== "no_data" && last.line.latency_s === null; };
 const isSilent = () => heard !== null && now() - heard > SILENT_S;
 
 function state() {
   const label = byId("state"), isBad = !note && isSilent();
   label.className = isBad || halt === "No signal" ? "bad" : "hint";
-  say("state", note || (heard === null ? "Connected: waiting for the skin." : isBad ? `Nothing from the skin for ${(now() - heard).toFixed(1)} s: the picture is old.` : "Live: what happens on the skin now."));
-  const back = held ? held.end - held.at : 0;
-  say("when", held ? back < .05 ? "paused" : `${back.toFixed(1)} s earlier` : "live");
+  say("state", note || (heard === null ? "Connected: waiting for the skin." : isBad ? `Nothing from the skin for ${(now() - heard).toFixed(1)} s: the picture is old.` : isReplay() ? "Recording: what happened then." : "Live: what happens on the skin now."));
+  say("when", held ? `paused: ${(now() - held.at).toFixed(1)} s ago` : isReplay() ? "recording" : "live");
 }
 
 function toLive() { held = null; byId("scrub").value = 0; byId("scrub").min = -SPAN_S; toggled(); }

@@ -6,7 +6,7 @@ use super::request::Access;
 use crate::error::PublishError;
 use crate::shape::SkinShape;
 use std::io;
-use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _, UdpSocket};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -173,13 +173,14 @@ impl WebServer {
         Ok(Self { shared, address, next_frame: None, next_image: None })
     }
 
-    /// Address to open in a browser.
+    /// Address to open in a browser, also of another computer if it may ask.
     pub fn url(&self) -> String {
+        let address = reachable(self.address);
         match (&self.shared.access, &self.shared.recorder) {
             (Access::Token(token), _) | (_, Some(Recorder { token, .. })) => {
-                format!("http://{}/?token={token}", self.address)
+                format!("http://{address}/?token={token}")
             }
-            (Access::Loopback, None) => format!("http://{}/", self.address),
+            (Access::Loopback, None) => format!("http://{address}/"),
         }
     }
 
@@ -229,10 +230,10 @@ impl WebServer {
         self.tell(line);
     }
 
-    /// Sends a frame if the last one is old enough.
-    pub(crate) fn frame(&mut self, line: &[u8]) {
+    /// Sends a frame if the last one is old enough, or it says what no other will (`is_news`).
+    pub(crate) fn frame(&mut self, line: &[u8], is_news: bool) {
         *lock(&self.shared.event) = None;
-        if is_due(&mut self.next_frame, FRAME_EVERY) {
+        if is_due(&mut self.next_frame, FRAME_EVERY) || is_news {
             self.tell(line);
         }
     }
@@ -245,6 +246,20 @@ impl WebServer {
     /// Whether a browser is connected and the last image is old enough.
     pub(crate) fn wants_image(&mut self) -> bool {
         self.has_browser() && is_due(&mut self.next_image, IMAGE_EVERY)
+    }
+}
+
+/// The address itself, or one of this computer if it stands for all of them: the one by which other networks would be reached.
+fn reachable(address: SocketAddr) -> SocketAddr {
+    // no datagram is sent to this address, which is for documentation (RFC 5737)
+    let found = || {
+        let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
+        socket.connect((Ipv4Addr::new(192, 0, 2, 1), 9)).ok()?;
+        socket.local_addr().ok()
+    };
+    match address.ip().is_unspecified() {
+        true => found().map_or(address, |own| SocketAddr::new(own.ip(), address.port())),
+        false => address,
     }
 }
 

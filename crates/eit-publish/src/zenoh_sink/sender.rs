@@ -7,8 +7,9 @@ use crate::outbox::{FrameCopy, ImageCopy, Incident, Next, Outbox, Severity};
 use crate::publisher::clock_s;
 use crate::ros::{
     DiagnosticArray, DiagnosticStatus, ElectrodeFaultMessage, Header, Image, KeyValue, Pose,
-    PoseStamped, RosMessage, Time, TouchArray, TouchMessage,
+    PoseStamped, RosMessage, Time, TouchArray, TouchMessage, skin_state,
 };
+use eit_skin::SkinState;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -69,6 +70,7 @@ pub(super) struct Sender {
     shared: Arc<Shared>,
     /// Message whose memory is reused for each frame.
     message: TouchArray,
+    skin_state: SkinState,
     period: Period,
     period_began: Instant,
     /// Number of frames dropped before the period began.
@@ -101,8 +103,9 @@ impl Sender {
             topic: topic.to_owned(),
             filter: ChangeFilter::new(settings.change, settings.heartbeat),
             shared,
-            // no frame yet, and nothing wrong
-            message: TouchArray { explained: true, ..TouchArray::default() },
+            message: TouchArray::default(),
+            // no frame yet
+            skin_state: SkinState::NoData,
             period: Period::default(),
             period_began: Instant::now(),
             dropped_before: 0,
@@ -129,7 +132,7 @@ impl Sender {
                     self.incident = Some(incident);
                     self.state(outbox);
                 }
-                Next::Nothing => {}
+                Next::Nothing | Next::Line(_) => {}
                 Next::Over => break,
             }
             if self.period_began.elapsed() >= STATE_EVERY {
@@ -143,6 +146,7 @@ impl Sender {
     fn frame(&mut self, frame: &FrameCopy) {
         let now = Instant::now();
         self.last_frame = now;
+        self.skin_state = frame.state;
         self.period.frames += 1;
         self.period.latency_s += frame.latency_s.unwrap_or(0.0);
         if !self.filter.wants(frame, now) {
@@ -161,8 +165,7 @@ impl Sender {
         message.time = frame.time_s;
         message.latency = frame.latency_s.unwrap_or(f64::NAN);
         message.whole = frame.whole;
-        message.explained = frame.explained;
-        message.frozen = frame.frozen;
+        message.state = skin_state::number(frame.state);
         message.faulty_electrodes.clear();
         message.faulty_electrodes.extend(frame.faults.iter().map(ElectrodeFaultMessage::from));
         message.touches.clear();
@@ -222,10 +225,8 @@ impl Sender {
             (3, format!("no frame for {:.1} s{words}", silence.as_secs_f64()))
         } else if !self.faulty.is_empty() {
             (1, format!("faulty electrodes: {}", self.faulty))
-        } else if self.message.frozen {
-            (1, "the instrument repeats an old frame".to_owned())
-        } else if !self.message.explained {
-            (1, "touches do not explain the last frame".to_owned())
+        } else if let Some(why) = self.skin_state.why_not_known() {
+            (if self.skin_state == SkinState::NoData { 3 } else { 1 }, why.to_owned())
         } else if dropped > 0 {
             (1, format!("{dropped} frames dropped before sending"))
         } else {

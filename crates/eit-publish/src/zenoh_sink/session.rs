@@ -8,6 +8,8 @@ use zenoh::{Config, Session, Wait as _};
 const ROUTER: &str = "tcp/localhost:7447";
 /// Any free port of this computer.
 const ANY_PORT: &str = "tcp/127.0.0.1:0";
+/// Variable that names the configuration file of all nodes that use `rmw_zenoh`.
+const CONFIG: &str = "ZENOH_SESSION_CONFIG_URI";
 
 /// How to open a zenoh session.
 ///
@@ -19,7 +21,8 @@ pub struct SessionSettings {
     pub connect: Vec<String>,
     /// Endpoints to listen at, such as `tcp/0.0.0.0:7460`.
     pub listen: Vec<String>,
-    /// A configuration file of zenoh (JSON5) to begin with. Endpoints given here replace its own.
+    /// A configuration file of zenoh (JSON5) to begin with; `None` for that of the variable `ZENOH_SESSION_CONFIG_URI`, if it is
+    /// set, as for ROS 2's nodes. Endpoints given here replace its own.
     pub config: Option<PathBuf>,
     /// Whether to keep the peers that connect here unaware of each other. Otherwise they also connect to each
     /// other, as ROS 2 nodes do: a thousand patches would make half a million connections.
@@ -41,7 +44,8 @@ impl SessionSettings {
 
     fn configuration(&self) -> Result<Config, PublishError> {
         let failed = |source| PublishError::Zenoh { action: "read the configuration", source };
-        let mut config = match &self.config {
+        let of_ros = || std::env::var_os(CONFIG).filter(|path| !path.is_empty()).map(PathBuf::from);
+        let mut config = match self.config.clone().or_else(of_ros) {
             Some(path) => Config::from_file(path).map_err(failed)?,
             None => self.base().map_err(failed)?,
         };

@@ -5,10 +5,10 @@ use crate::common::{endpoint, frame, touch};
 use eit_publish::body::{Body, BodyNews, BodySettings, BodyState, Origin, Placement};
 use eit_publish::ros::{
     Attachment, BodyTouchArray, Header, PoseStamped, Time, TouchArray, TouchMessage, from_cdr,
-    touch_state,
+    skin_state, touch_state,
 };
 use eit_publish::{Publisher, SessionSettings, ZenohSettings, ZenohSink};
-use eit_skin::Touch;
+use eit_skin::{SkinState, Touch};
 use std::time::{Duration, Instant};
 use zenoh::Wait as _;
 
@@ -62,6 +62,18 @@ impl Bench {
         seconds: f64,
         touches: &[(u64, u8)],
     ) -> Option<BodyNews> {
+        self.hear_state(patch, publisher, sequence, seconds, 0, touches)
+    }
+
+    fn hear_state(
+        &mut self,
+        patch: usize,
+        publisher: u8,
+        sequence: i64,
+        seconds: f64,
+        state: u8,
+        touches: &[(u64, u8)],
+    ) -> Option<BodyNews> {
         let touch = |&(id, state): &(u64, u8)| TouchMessage {
             id,
             state,
@@ -75,6 +87,7 @@ impl Bench {
                 stamp: Time::from_seconds(1e9 + seconds - 0.01),
                 ..Default::default()
             },
+            state,
             touches: touches.iter().map(touch).collect(),
             ..Default::default()
         };
@@ -84,7 +97,10 @@ impl Bench {
             arrived: self.at(seconds),
             arrived_s: 1e9 + seconds,
         };
-        self.state.receive(patch, &message, &origin)
+        let mut news = Vec::new();
+        self.state.receive(patch, &message, &origin, &mut news);
+        assert!(news.len() < 2, "{news:?}");
+        news.pop()
     }
 
     fn silences(&mut self, seconds: f64) -> Vec<BodyNews> {
@@ -147,7 +163,7 @@ fn angles_are_those_of_urdf() {
     assert_eq!(half.pose().orientation.z, 1.0, "of length 1");
 }
 
-/// Silent patches are named once, with their touches forgotten, and named again when they are back.
+/// Silent patches are named once, with their touches ended, and named again when they are back.
 #[test]
 fn silence_is_named_and_so_is_its_end() {
     let mut bench = Bench::new();
@@ -161,8 +177,9 @@ fn silence_is_named_and_so_is_its_end() {
     assert!((for_s - 0.41).abs() < 1e-9);
     let news = bench.silences(0.51);
     assert!(matches!(news[..], [BodyNews::Silent { patch: 0, was_heard: true, .. }]), "{news:?}");
-    assert!(bench.state.has_changed(), "its touches have gone");
-    assert_eq!(bench.list(0.51), []);
+    assert!(bench.state.has_changed(), "its touches have ended");
+    assert_eq!(bench.list(0.51), [(0, 5, touch_state::END)]);
+    assert_eq!(bench.list(0.52), []);
     assert_eq!(bench.silences(5.0), [], "named once");
     let Some(BodyNews::Back { patch: 0, after_s }) = bench.hear(0, 1, 2, 6.1, &[]) else {
         panic!("it is back")
@@ -183,11 +200,42 @@ fn silence_is_named_and_so_is_its_end() {
 #[test]
 fn losses_are_counted() {
     let mut bench = Bench::new();
-    for (publisher, sequence) in [(1, 5), (1, 6), (1, 9), (1, 9), (1, 8), (1, 10), (2, 1), (2, 3)] {
-        bench.hear(0, publisher, sequence, 0.1, &[]);
+    for sequence in [5, 6, 9, 9, 8, 10] {
+        bench.hear(0, 1, sequence, 0.1, &[]);
+    }
+    bench.silences(0.6);
+    for sequence in [1, 3] {
+        bench.hear(0, 2, sequence, 0.6, &[]);
     }
     let state = &bench.state.states(bench.at(0.1))[0];
     assert_eq!((state.received, state.lost), (6, 3));
+}
+
+/// A second publisher of a patch is named once, and listened to when the first is silent.
+#[test]
+fn two_publishers_are_named() {
+    let mut bench = Bench::new();
+    bench.hear(0, 1, 1, 0.1, &[(5, touch_state::HOLD)]);
+    assert_eq!(bench.hear(0, 2, 1, 0.11, &[]), Some(BodyNews::TwoPublishers { patch: 0 }));
+    assert_eq!(bench.hear(0, 2, 2, 0.12, &[]), None);
+    assert_eq!(bench.list(0.13), [(0, 5, touch_state::HOLD)]);
+    bench.silences(0.6);
+    assert!(matches!(bench.hear(0, 2, 9, 0.6, &[]), Some(BodyNews::Back { .. })));
+    assert_eq!(bench.list(0.61), [(0, 5, touch_state::END)]);
+}
+
+/// What is known of a patch is told when it changes, and listed.
+#[test]
+fn the_state_of_a_patch_is_told() {
+    let mut bench = Bench::new();
+    let frozen = skin_state::number(SkinState::Frozen);
+    assert_eq!(bench.hear(0, 1, 1, 0.1, &[]), None);
+    let news = bench.hear_state(0, 1, 2, 0.11, frozen, &[]);
+    assert_eq!(news, Some(BodyNews::State { patch: 0, state: SkinState::Frozen }));
+    assert_eq!(bench.hear_state(0, 1, 3, 0.12, frozen, &[]), None);
+    assert_eq!(bench.state.states(bench.at(0.12))[0].state, frozen);
+    let news = bench.hear(0, 1, 4, 0.13, &[]);
+    assert_eq!(news, Some(BodyNews::State { patch: 0, state: SkinState::Sound }));
 }
 
 /// The end of a touch is listed once, also where the next message came before the list.

@@ -5,7 +5,7 @@ use crate::common::{FAULTS, frame, start, touch};
 use eit_publish::{FoxgloveSettings, FoxgloveSink, PublishError, Publisher, SkinShape};
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::ndarray::array;
-use eit_skin::{LearntTouch, Touch, TouchState};
+use eit_skin::{LearntTouch, SkinState, Touch, TouchFrame, TouchState};
 use foxglove::Decode;
 use foxglove::messages::{Grid, Log, SceneUpdate};
 use serde_json::{Value, json};
@@ -70,6 +70,7 @@ fn a_recording_holds_scene_image_and_log() {
     publisher.touches(&frame(1, &touches, &FAULTS)).unwrap();
     publisher.image(array![[1e-6, f64::NAN], [-2e-6, 0.0]].view()).unwrap();
     publisher.event(&Event::Disconnected { reason: "unplugged".into() }).unwrap();
+    publisher.touches(&TouchFrame { state: SkinState::Frozen, ..frame(2, &[], &[]) }).unwrap();
     publisher.end().unwrap();
     assert_eq!(publisher.foxglove().unwrap().statistics().dropped_frames, 0);
     // a second program does not write over it
@@ -122,6 +123,10 @@ fn a_recording_holds_scene_image_and_log() {
 
     let log = Log::decode(&topics["/arm/log"].1[0][..]).unwrap();
     assert!(log.message.contains("unplugged") && log.level == 4, "{log:?}");
+    let log = Log::decode(&topics["/arm/log"].1[1][..]).unwrap();
+    assert!(log.message.contains("repeats an old frame") && log.level == 3, "{log:?}");
+    let frozen = &scene.last().unwrap().entities[0];
+    assert_eq!(frozen.texts[0].text, "Not known: the instrument repeats an old frame");
 }
 
 /// A client of the protocol `foxglove.sdk.v1`, as little of it as a test needs.

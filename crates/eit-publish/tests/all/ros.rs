@@ -32,6 +32,7 @@ fn touch(id: u64, state: u8, force: f64) -> TouchMessage {
         state,
         position: [0.03, -0.01, 0.0].into(),
         position_covariance: [4e-6, 1e-7, 0.0, 1e-7, 1e-6, 0.0, 0.0, 0.0, 0.0],
+        normal: [0.6, 0.0, 0.8].into(),
         velocity: [0.1, 0.0, -0.25].into(),
         intensity: 2.5e-11,
         intensity_std: 1e-12,
@@ -59,8 +60,7 @@ fn touches(
         time: 2.0,
         latency: 0.002,
         whole: faulty_electrodes.is_empty(),
-        explained: true,
-        frozen: !faulty_electrodes.is_empty(),
+        state: if faulty_electrodes.is_empty() { 0 } else { 2 },
         faulty_electrodes,
         touches,
     }
@@ -111,7 +111,8 @@ fn every_message_has_the_bytes_of_another_encoder() {
     let orientation = Quaternion { x: 0.0, y: 0.0, z: 1.0, w: 0.0 };
     let pose = Pose { position: [0.1, 0.2, 0.3].into(), orientation };
     check("pose", &PoseStamped { header: header(1, 2, "base_link"), pose });
-    let patch = PatchState { name: "arm".into(), silent: false, age: 0.05, received: 9, lost: 2 };
+    let patch =
+        PatchState { name: "arm".into(), silent: false, state: 1, age: 0.05, received: 9, lost: 2 };
     let joined = BodyTouch {
         patch: "arm".into(),
         epoch: 1,

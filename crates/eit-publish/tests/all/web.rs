@@ -1,12 +1,12 @@
 //! The live page as a browser gets it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use eit_publish::{Publisher, Recording, SCHEMA, SkinImage, SkinShape, WebServer};
-use eit_skin::TouchFrame;
+use eit_publish::{Publisher, Recording, SCHEMA, SkinImage, SkinShape, UdpSink, WebServer};
 use eit_skin::ndarray::array;
+use eit_skin::{SkinState, TouchFrame};
 use serde_json::{Value, json};
 use std::io::{BufReader, Read as _, Write as _};
-use std::net::TcpStream;
+use std::net::{TcpStream, UdpSocket};
 use std::time::{Duration, Instant};
 
 const LIMIT: Duration = Duration::from_secs(20);
@@ -96,6 +96,7 @@ fn beyond_loopback_a_token_is_asked_for() {
     assert_eq!(token.len(), 32);
     let other = WebServer::new("0.0.0.0:0").unwrap().url();
     assert_ne!(other.split_once("?token=").unwrap().1, token);
+    // an address that a phone can open, unless this computer has no network
     let local = address(&server).replace("0.0.0.0", "127.0.0.1");
     assert!(answer(&local, &get("/", "robot")).starts_with("HTTP/1.1 403 "));
     assert!(answer(&local, &get("/events", "robot")).starts_with("HTTP/1.1 403 "));
@@ -164,6 +165,42 @@ fn a_page_hears_of_the_skin_its_frames_and_images() {
     let mut rest = String::new();
     events.read_to_string(&mut rest).unwrap();
     assert_eq!(rest.trim(), "", "the end of the stream");
+}
+
+/// A frozen instrument and the end are said in lines, datagrams and on the page, also beyond the 30 frames a second that it shows.
+#[test]
+fn what_is_known_of_the_skin_is_said_in_every_output() {
+    let server = WebServer::new("127.0.0.1:0").unwrap();
+    let address = address(&server);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lines");
+    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+    receiver.set_read_timeout(Some(LIMIT)).unwrap();
+    let udp = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+    let publisher = Publisher::new().with_web(server).with_udp(udp);
+    let mut publisher = publisher.with_lines(std::fs::File::create(&path).unwrap()).unwrap();
+    publisher.skin(&shape()).unwrap();
+    let mut events = BufReader::new(ask(&address, &get("/events", &address)));
+    assert_eq!(event(&mut events)["type"], "skin");
+    let states = [SkinState::Sound, SkinState::NotExplained, SkinState::Frozen, SkinState::NoData];
+    for (state, sequence) in states.into_iter().zip(1..) {
+        publisher.touches(&TouchFrame { state, ..frame(sequence) }).unwrap();
+    }
+    publisher.end().unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    for (line, state) in text.lines().zip(states) {
+        let line: Value = serde_json::from_str(line).unwrap();
+        assert_eq!(line["state"], state.name());
+        assert_eq!(line["explained"], state == SkinState::Sound);
+        assert_eq!(line["frozen"], state == SkinState::Frozen);
+        let mut datagram = [0; 65_536];
+        let size = receiver.recv(&mut datagram).unwrap();
+        assert_eq!(serde_json::from_slice::<Value>(&datagram[..size]).unwrap(), line);
+        assert_eq!(event(&mut events), line);
+    }
+    assert_eq!(text.lines().count(), 5, "{text}");
+    let ended: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    assert_eq!((&ended["event"], &ended["frames"]), (&json!("ended"), &json!(3)));
 }
 
 /// The page records for whoever knows the token, also on this computer: a foreign page could send the request, too.

@@ -112,7 +112,8 @@ fn a_subscriber_gets_every_frame() {
         assert_eq!((now.sequence, now.gid), (before.sequence + 1, before.gid));
         assert!(now.time_ns >= before.time_ns && now.time_ns > 1_700_000_000_000_000_000);
         let message: TouchArray = message(&sample);
-        assert_eq!((message.sequence, message.epoch, message.whole), (sequence, 1, false));
+        assert_eq!((message.sequence, message.whole), (sequence, false));
+        assert!(message.epoch > 1_700_000_000, "{}", message.epoch);
         assert_eq!(message.header.frame_id, "left_arm");
         assert_eq!(message.header.stamp.seconds(), 1.7e9 + 0.25);
         assert_eq!((message.time, message.latency), (2.0, 2e-3));

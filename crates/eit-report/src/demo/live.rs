@@ -207,9 +207,7 @@ impl LiveObserver for Demo<'_, '_> {
         if let Some((name, model, watcher)) = self.watch {
             watcher(name, model, shown);
         }
-        if !shown.touches.is_empty() {
-            self.writer.touches(&record_of(shown))?;
-        }
+        self.writer.write(&record_of(shown)?)?;
         let Some(images) = shown.images else { return Ok(()) };
         let made = images.raster().image_from_pixels(images.pixels())?;
         let raw = match images.raw() {

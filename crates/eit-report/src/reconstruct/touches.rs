@@ -2,25 +2,34 @@
 
 use crate::error::ReportError;
 use crate::output::io;
-use eit_inverse::touch::{Touch, TouchState};
+use eit_inverse::touch::Touch;
 use eit_skin::faults::{ElectrodeFault, fault_lines};
+use eit_skin::live::{SkinState, TouchFields};
 use eit_skin::text::counted;
-use eit_skin::touches::{TouchRow, Touches};
+use eit_skin::touches::Touches;
 use serde_json::{Value, json};
 use std::io::Write;
 
-/// Columns of `touches.csv`.
-pub(crate) const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_std,confidence,\
-                      std_x,std_y,vx,vy,valid,whole,force_n,force_std_n,unlike,nx,ny,nz";
+/// Columns of `touches.csv`: the fields that every output has for a touch, and what is known of the skin in that frame.
+pub(crate) const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,nx,ny,nz,vx_m_s,vy_m_s,vz_m_s,\
+     intensity_s_m2,intensity_std_s_m2,confidence,valid,whole,age_s,force_n,force_std_n,unlike,split_from,merged_into,skin";
 
 /// Writes one row per touch and frame.
 ///
 /// # Errors
 ///
 /// A writer that fails.
-pub(crate) fn write_csv(rows: &[TouchRow], out: &mut dyn Write) -> Result<(), ReportError> {
+pub(crate) fn write_csv(touches: &Touches, out: &mut dyn Write) -> Result<(), ReportError> {
     writeln!(out, "{HEADER}").map_err(io)?;
-    rows.iter().try_for_each(|row| write_row(row.frame as u64, row.time_s, &row.touch, out))
+    touches.rows.iter().try_for_each(|row| {
+        let is_in = |frames: &[usize]| frames.binary_search(&row.frame).is_ok();
+        let state = match (is_in(&touches.frozen), is_in(&touches.not_explained)) {
+            (true, _) => SkinState::Frozen,
+            (false, true) => SkinState::NotExplained,
+            (false, false) => SkinState::Sound,
+        };
+        write_row(row.frame as u64, row.time_s, &row.touch, state, out)
+    })
 }
 
 /// Writes one row.
@@ -32,29 +41,28 @@ pub(crate) fn write_row(
     frame: u64,
     time_s: f64,
     touch: &Touch,
+    skin: SkinState,
     out: &mut dyn Write,
 ) -> Result<(), ReportError> {
-    let state = match touch.state {
-        TouchState::Begin => "begin",
-        TouchState::Hold => "hold",
-        TouchState::End => "end",
-    };
-    let ([x, y, z], [vx, vy, _]) = (touch.position_m, touch.velocity_m_s);
-    let [std_x, std_y, _] = touch.position_std_m();
+    let known = |value: Option<String>| value.unwrap_or_default();
+    let number = |value: f64| format!("{value:.4}");
+    let TouchFields { id, state, confidence, valid, whole, age_s, .. } = TouchFields::from(touch);
+    let ([x, y, z], [vx, vy, vz]) = (touch.position_m, touch.velocity_m_s);
+    let [std_x, std_y, std_z] = touch.position_std_m();
+    let normal = touch.normal.map(|[x, y, z]| format!("{x:.4},{y:.4},{z:.4}"));
     writeln!(
         out,
-        "{frame},{time_s:.6},{},{state},{x:.6},{y:.6},{z:.6},{:.6e},{},{:.4},{std_x:.3e},\
-         {std_y:.3e},{vx:.4},{vy:.4},{},{},{},{},{},{}",
-        touch.id,
+        "{frame},{time_s:.6},{id},{state},{x:.6},{y:.6},{z:.6},{std_x:.3e},{std_y:.3e},{std_z:.3e},{},\
+         {vx:.4},{vy:.4},{vz:.4},{:.6e},{},{confidence:.4},{valid},{whole},{age_s:.6},{},{},{},{},{},{}",
+        normal.unwrap_or_else(|| ",,".to_owned()),
         touch.intensity_s_m2,
-        touch.intensity_std_s_m2.map_or_else(String::new, |std| format!("{std:.3e}")),
-        touch.confidence,
-        touch.valid,
-        touch.whole,
-        touch.force_n().map_or_else(String::new, |force_n| format!("{force_n:.4}")),
-        touch.force_std_n().map_or_else(String::new, |std_n| format!("{std_n:.4}")),
-        touch.learnt.map_or_else(String::new, |learnt| learnt.is_unlike.to_string()),
-        touch.normal.map_or_else(|| ",,".to_owned(), |[x, y, z]| format!("{x:.4},{y:.4},{z:.4}"))
+        known(touch.intensity_std_s_m2.map(|std| format!("{std:.3e}"))),
+        known(touch.force_n().map(number)),
+        known(touch.force_std_n().map(number)),
+        known(touch.learnt.map(|learnt| learnt.is_unlike.to_string())),
+        known(touch.split_from.map(|id| id.to_string())),
+        known(touch.merged_into.map(|id| id.to_string())),
+        skin.name()
     )
     .map_err(io)
 }

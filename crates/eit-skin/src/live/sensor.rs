@@ -273,7 +273,7 @@ impl Sensor {
             return Ok((Step::Over, None));
         };
         let mut seen = None;
-        let step = self.stream.step(frames.as_mut(), *is_live, timeout, |event| {
+        let step = self.stream.step(frames.as_mut(), *is_live, timeout, |event, _| {
             if let Event::Notice(notice) = event
                 && self.notices.len() < NOTICES
             {

@@ -2,14 +2,16 @@
 
 use super::clock::Clock;
 use super::reference::{ReferenceFrames, measured};
-use super::{LiveImages, LiveModel, check_reference_frames, is_reference};
+use super::{
+    LiveImages, LiveModel, SkinState, check_reference_frames, is_interruption, is_reference,
+};
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;
 use crate::progress::Progress;
 use crate::touches::{TouchFinder, assumed_rate_text};
 use eit_hw::driver::{Event, FrameSource, Setup};
 use eit_hw::{Frame, Unit};
-use eit_inverse::touch::Touch;
+use eit_inverse::touch::{Touch, TouchState};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -37,6 +39,10 @@ pub struct LiveStream {
     clock: Option<Clock>,
     /// Id of the next epoch's first touch: ids are never used again.
     first_id: u64,
+    /// Added to the ids of the epoch's finder, some of whose touches have ended for everybody else.
+    id_offset: u64,
+    /// Whether the list that was made last says that all touches have ended.
+    is_ended: bool,
     /// Whether a frame of this epoch was searched for touches.
     has_found: bool,
     /// Number of frames since the start that were searched for touches.
@@ -85,7 +91,7 @@ pub enum Step {
 }
 
 /// The touches of one frame, and its image if images are made.
-#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct TouchFrame<'a> {
     /// Number of frames shown before it since the start.
     pub number: u64,
@@ -98,23 +104,19 @@ pub struct TouchFrame<'a> {
     pub time_s: f64,
     /// Time when its last byte arrived by this computer's clock, seconds since 1970.
     pub host_time_s: Option<f64>,
-    /// Touches. Empty if nothing touches the skin, and if nothing is known of it: see `explained`, `whole`, `frozen`.
+    /// What is known of the skin.
+    pub state: SkinState,
+    /// Touches. Empty if nothing touches the skin, and if nothing is known of it: see `state`, `whole`.
     pub touches: &'a [Touch],
     /// Electrodes excluded from the frame: open, shorted, noisy, stuck or drifting.
     pub faults: &'a [ElectrodeFault],
     /// Whether every used measurement counted: no faulty electrode or bad value was excluded.
     pub whole: bool,
-    /// Whether the touches, or the absence of any, explain the frame. If not, it is something else, such as a fault that is
-    /// not known yet, and none of the touches is valid.
-    pub explained: bool,
-    /// Whether the instrument repeats an old frame.
-    pub frozen: bool,
     /// Conductivity change of the faintest touch, siemens.
     pub level_s: f64,
     /// Time from the last byte of a live frame to its touches, seconds.
     pub latency_s: Option<f64>,
     /// The image, if images are made and this one has been.
-    #[serde(skip)]
     pub images: Option<&'a LiveImages>,
     /// Time from the last byte of a live frame to its image, seconds.
     pub image_latency_s: Option<f64>,
@@ -141,6 +143,8 @@ impl LiveStream {
             epoch: None,
             clock: None,
             first_id: 1,
+            id_offset: 0,
+            is_ended: true,
             has_found: false,
             frames: 0,
             values: Vec::new(),
@@ -168,7 +172,7 @@ impl LiveStream {
     /// Begins a new epoch: the next frames are its reference.
     pub fn restart(&mut self) {
         if let Some(epoch) = self.epoch.take() {
-            self.first_id = epoch.finder.next_id();
+            self.first_id = epoch.finder.next_id() + std::mem::take(&mut self.id_offset);
             self.clock = Some(epoch.clock);
         }
         self.has_found = false;
@@ -203,19 +207,42 @@ impl LiveStream {
         }
     }
 
+    /// Ends the touches that were shown last, because no frame comes: the instrument is silent or gone, or the run is over. Returns
+    /// the list that says so ([`SkinState::NoData`]); `None` if the last list already did.
+    pub fn end(&mut self) -> Option<TouchFrame<'_>> {
+        if std::mem::replace(&mut self.is_ended, true) {
+            return None;
+        }
+        self.has_found = false;
+        self.touches.retain(|touch| touch.state != TouchState::End);
+        for touch in &mut self.touches {
+            (touch.state, touch.valid) = (TouchState::End, false);
+        }
+        Some(TouchFrame {
+            number: self.frames.checked_sub(1)?,
+            sequence: self.sequence?,
+            epoch: self.connection?,
+            time_s: self.time_s,
+            host_time_s: self.came_s.map(|_| now_s()).or(self.host_time_s),
+            state: SkinState::NoData,
+            touches: &self.touches,
+            ..TouchFrame::default()
+        })
+    }
+
     /// Returns by what part of the voltages frames change, if the reference waits for that reason
     /// ([`unrest_text`](super::unrest_text)); `None` once it is taken.
     pub fn unrest(&self) -> Option<f64> {
         self.reference.unrest().filter(|_| self.epoch.is_none())
     }
 
-    /// Waits for the next event of a source and processes it; `see` is called first.
+    /// Waits for the next event of a source and processes it; `see` is called first, with the list of touches that end with it.
     pub(super) fn step<E: From<SkinError>>(
         &mut self,
         source: &mut dyn FrameSource,
         is_live: bool,
         timeout: Duration,
-        see: impl FnOnce(&Event) -> Result<(), E>,
+        see: impl FnOnce(&Event, Option<TouchFrame<'_>>) -> Result<(), E>,
     ) -> Result<Step, E> {
         if source.is_over() {
             return Ok(Step::Over);
@@ -223,7 +250,8 @@ impl LiveStream {
         let Some(event) = source.next_event(timeout).map_err(SkinError::from)? else {
             return Ok(if source.is_over() { Step::Over } else { Step::Idle });
         };
-        see(&event)?;
+        let ended = if is_interruption(&event) { self.end() } else { None };
+        see(&event, ended)?;
         match event {
             Event::Frame(frame) => {
                 let step = self.push(&frame, is_live);
@@ -297,9 +325,26 @@ impl LiveStream {
         self.values.extend(frame.values.iter().map(|value| factor * value));
         let time_s = clock.next_s(frame);
         let is_good = |i: usize| frame.quality[i].is_good();
+        // what goes on after it was said to have ended is another touch to whoever was told
+        let is_resumed = self.is_ended && !self.touches.is_empty();
+        if is_resumed {
+            self.id_offset += finder.next_id() - 1;
+        }
         self.touches.clear();
         self.has_image = true;
-        self.touches.extend_from_slice(finder.push(&self.values, is_good, time_s)?);
+        let offset = self.id_offset;
+        let touches = finder.push(&self.values, is_good, time_s)?;
+        self.touches.extend(touches.iter().map(|touch| Touch {
+            id: touch.id + offset,
+            state: match touch.state {
+                TouchState::Hold if is_resumed => TouchState::Begin,
+                state => state,
+            },
+            split_from: touch.split_from.map(|id| id + offset),
+            merged_into: touch.merged_into.map(|id| id + offset),
+            ..*touch
+        }));
+        self.is_ended = false;
         self.has_image = false;
         self.has_found = true;
         self.time_s = time_s;
@@ -320,12 +365,15 @@ impl LiveStream {
             epoch: self.connection?,
             time_s: self.time_s,
             host_time_s: self.host_time_s,
+            state: match (finder.is_frozen(), finder.is_explained()) {
+                (true, _) => SkinState::Frozen,
+                (false, true) => SkinState::Sound,
+                (false, false) => SkinState::NotExplained,
+            },
             touches: &self.touches,
             faults: finder.faults(),
             whole: finder.faults().is_empty()
                 && used.all(|(i, used)| !used || !finder.is_missing(i)),
-            explained: finder.is_explained(),
-            frozen: finder.is_frozen(),
             level_s: finder.level_s(),
             latency_s: self.latency_s,
             images: images.as_ref().filter(|_| self.has_image),

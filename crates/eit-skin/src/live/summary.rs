@@ -1,7 +1,7 @@
 //! Summary of a live session, in bounded memory.
 
 use super::clock::Arrival;
-use super::{ImageState, LiveImages, TouchFrame};
+use super::{ImageState, LiveImages, SkinState, TouchFrame};
 use crate::faults::ElectrodeFault;
 use eit_core::quantile;
 use eit_inverse::touch::{Touch, TouchState};
@@ -32,7 +32,7 @@ pub struct Summary {
     /// Relative change of the voltages while the reference waited, if it was still waiting at the
     /// end.
     pub unrest: Option<f64>,
-    /// Number of frames that touches do not explain ([`TouchFrame::explained`](super::TouchFrame)).
+    /// Number of frames that touches do not explain ([`SkinState::NotExplained`]).
     pub not_explained: u64,
     /// Number of frames in which the instrument repeated an old frame.
     pub frozen: u64,
@@ -152,8 +152,8 @@ impl Summary {
     pub(crate) fn take_frame(&mut self, shown: &TouchFrame<'_>) {
         let state = shown.images.map(LiveImages::state).unwrap_or_default();
         self.take(shown.touches, state, shown.latency_s);
-        self.not_explained += u64::from(!shown.explained);
-        self.frozen += u64::from(shown.frozen);
+        self.not_explained += u64::from(shown.state == SkinState::NotExplained);
+        self.frozen += u64::from(shown.state == SkinState::Frozen);
         self.take_faults(shown.faults);
         remember(&mut self.image_latencies_s, self.frames, shown.image_latency_s);
     }

@@ -11,7 +11,7 @@ use crate::common::Bench;
 use crate::common::script::{Drawn, QUIET_FRAMES, RATE_HZ};
 use eit_skin::eit_hw::driver::{Event, FrameSource, Identity, Limits, Setup, Statistics};
 use eit_skin::eit_hw::{Frame, HwError, Layout, Quality, Unit};
-use eit_skin::live::{LiveModel, LiveStream};
+use eit_skin::live::{LiveModel, LiveStream, SkinState};
 use eit_skin::ndarray::Array2;
 use eit_skin::scene::Scene;
 use eit_skin::{Next, Progress, Sensor, Skin, TouchState};
@@ -95,8 +95,8 @@ fn output(sensor: &mut Sensor, frames: &[Frame]) -> Vec<Output> {
             touches,
             faults: shown.faults.iter().map(|fault| fault.electrode).collect(),
             whole: shown.whole,
-            explained: shown.explained,
-            frozen: shown.frozen,
+            explained: shown.state == SkinState::Sound,
+            frozen: shown.state == SkinState::Frozen,
         });
     }
     all

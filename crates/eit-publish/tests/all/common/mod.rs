@@ -48,8 +48,6 @@ pub fn frame<'a>(
         touches,
         faults,
         whole: faults.is_empty(),
-        explained: true,
-        frozen: false,
         latency_s: Some(2e-3),
         ..Default::default()
     }

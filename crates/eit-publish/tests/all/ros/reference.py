@@ -48,6 +48,7 @@ def touch(number, state, force):
         state=state,
         position=point(0.03, -0.01, 0.0),
         position_covariance=np.array([4e-6, 1e-7, 0, 1e-7, 1e-6, 0, 0, 0, 0], dtype=np.float64),
+        normal=point(0.6, 0.0, 0.8, "Vector3"),
         velocity=point(0.1, 0.0, -0.25, "Vector3"),
         intensity=2.5e-11,
         intensity_std=1e-12,
@@ -72,8 +73,7 @@ def touches(frame, faults, found):
         time=2.0,
         latency=0.002,
         whole=not faults,
-        explained=True,
-        frozen=bool(faults),
+        state=2 if faults else 0,
         faulty_electrodes=faults,
         touches=found,
     )
@@ -94,7 +94,7 @@ pose = make(
     orientation=make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=1.0, w=0.0),
 )
 patch = make(
-    "eit_skin_msgs/msg/PatchState", name="arm", silent=False, age=0.05, received=9, lost=2
+    "eit_skin_msgs/msg/PatchState", name="arm", silent=False, state=1, age=0.05, received=9, lost=2
 )
 joined = make(
     "eit_skin_msgs/msg/BodyTouch",
