@@ -146,7 +146,7 @@ function recording(line) {
   button.disabled = !hasToken || (isRecording && !line.can_stop);
   button.textContent = isRecording ? "Stop recording" : "Record";
   button.className = isRecording ? "on" : "";
-  const text = { on: `Recording to ${line.file}. A replay takes its first frames as untouched: start while nothing touches the skin.`, failed: `Not recorded: ${line.error}`, off: line.file ? `Recorded: ${line.file}` : "" }[line.state];
+  const text = { on: `Recording to ${line.file}`, failed: `Not recorded: ${line.error}`, off: line.file ? `Recorded: ${line.file}` : "" }[line.state];
   say("recording", text || (hasToken ? "" : "To record, open the address with the token that the program printed."));
 }
 byId("record").addEventListener("click", async () => {
