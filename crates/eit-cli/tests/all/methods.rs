@@ -324,7 +324,7 @@ fn touches_are_written_where_the_noise_is_known() {
             // half of the finger's radius of 20 mm
             assert!(error < 0.01, "{method}: {row:?}");
             assert!(number(18) > 0.6 && row[2] == "1" && row[27] == "sound", "{row:?}");
-            assert_eq!((row[14], row[15]), ("true", "true"), "{row:?}");
+            assert_eq!((row[19], row[20]), ("true", "true"), "{row:?}");
         }
     }
     // without noise no list, and none is left from the earlier run

@@ -223,6 +223,11 @@ impl LiveObserver for Demo<'_, '_> {
         Ok(())
     }
 
+    fn ended(&mut self, last: &TouchFrame<'_>) -> Result<(), ReportError> {
+        self.kept.take(last)?;
+        Ok(self.writer.write(&record_of(last)?)?)
+    }
+
     fn goes_on(&mut self, summary: &Summary) -> bool {
         summary.frames < self.wanted && self.failure.is_none() && (self.goes_on)()
     }
