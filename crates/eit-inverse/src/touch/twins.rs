@@ -20,8 +20,8 @@ const DIFFERENT_PLACES: f64 = 2.0 * DIFFERENT;
 const MOST_PLACES: f64 = 400.0;
 /// Radii of a bell beyond which it is left out; it is 2e-3 of its peak there.
 const REACH_RADII: f64 = 2.5;
-/// Distance in spacings up to which places are neighbours: bells three radii apart overlap by 1 %, exp(-3^2 / 2).
-const NEIGHBOURS: f64 = 3.0;
+/// Distance in spacings up to which places are neighbours: each point of a skin has a place within one.
+const NEIGHBOURS: f64 = 2.0;
 
 /// For each of some places of a skin, another one that the measurements cannot tell from it.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,7 +79,14 @@ impl Twins {
             let (point, like) = likes.max_by(|(_, a), (_, b)| a.total_cmp(b))?;
             is_alike(like, DIFFERENT).then_some(point)
         };
-        let places = (0..at.len()).map(|k| (at[k], twin(k))).collect();
+        let twins: Vec<Option<[f64; 3]>> = (0..at.len()).map(twin).collect();
+        // neighbours of twins are twins; a single one, such as in a corner, is an accident of the mesh
+        let is_one_of_more = |k: usize| {
+            let near = |j: &usize| *j != k && distance_m(at[k], at[*j]) <= neighbour_m;
+            (0..at.len()).filter(near).any(|j| twins[j].is_some())
+        };
+        let places = (0..at.len()).map(|k| (at[k], twins[k].filter(|_| is_one_of_more(k))));
+        let places = places.collect();
         Ok(Self { places })
     }
 
