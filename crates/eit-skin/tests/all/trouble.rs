@@ -599,3 +599,32 @@ fn a_reference_that_waits_says_why() {
     // a sensor that frames are pushed to has no next one, however long it may wait
     assert!(matches!(skin.sensor().unwrap().next_within(Duration::MAX).unwrap(), Next::Over));
 }
+
+/// A touch that was said to have ended, because no frame came, goes on as another one: its id is never used again.
+#[test]
+fn what_goes_on_after_its_end_is_another_touch() {
+    let (skin, bench) = disc();
+    let sent = frames(&held(&bench, 61));
+    let model = LiveModel::new(&skin, 40, &mut Progress::silent()).unwrap();
+    let mut stream =
+        LiveStream::of_unit(Arc::new(model), Unit::Volt, Some(RATE_HZ)).without_images();
+    let mut sent = sent.iter();
+    let mut touched = |stream: &mut LiveStream| loop {
+        stream.push(sent.next().unwrap(), false).unwrap();
+        let touches = stream.shown().map_or(&[][..], |shown| shown.touches);
+        if let [touch] = touches[..] {
+            return touch;
+        }
+    };
+    let before = touched(&mut stream);
+    let last = stream.end().unwrap();
+    assert_eq!((last.state, last.touches.len()), (SkinState::NoData, 1));
+    let ended = last.touches[0];
+    assert_eq!((ended.id, ended.state, ended.valid), (before.id, TouchState::End, false));
+    assert!(stream.end().is_none() && stream.shown().is_none(), "said once");
+    let after = touched(&mut stream);
+    assert_eq!(after.state, TouchState::Begin);
+    assert!(after.id > before.id, "{} after {}", after.id, before.id);
+    let next = touched(&mut stream);
+    assert_eq!((next.id, next.state), (after.id, TouchState::Hold));
+}
