@@ -12,7 +12,7 @@ use crate::outbox::SinkStatistics;
 use crate::udp::UdpSink;
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::text::{event_text, printable_json};
-use eit_skin::{SkinState, TouchFrame};
+use eit_skin::{SkinState, Touch, TouchFrame, TouchState};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -71,6 +71,9 @@ pub struct Publisher {
     /// What was known of the skin in the last frame.
     #[cfg(feature = "web")]
     state: SkinState,
+    /// Touches of the last frame that have not ended, and that frame's sequence, epoch and time.
+    open: Vec<Touch>,
+    last: (u64, u32, f64),
     /// A reference is being taken.
     is_waiting: bool,
 }
@@ -174,6 +177,12 @@ impl Publisher {
     ///
     /// A line that cannot be written.
     pub fn event(&mut self, event: &Event) -> Result<(), PublishError> {
+        if matches!(
+            event,
+            Event::Silent { .. } | Event::Disconnected { .. } | Event::Reconnected { .. }
+        ) {
+            self.end_touches()?;
+        }
         let Some(words) = event_text(event) else { return Ok(()) };
         #[cfg(any(feature = "foxglove", feature = "zenoh"))]
         self.incident(
@@ -216,6 +225,10 @@ impl Publisher {
     ///
     /// A line that cannot be written.
     pub fn touches(&mut self, frame: &TouchFrame<'_>) -> Result<(), PublishError> {
+        self.last = (frame.sequence, frame.epoch, frame.time_s);
+        self.open.clear();
+        let open = frame.touches.iter().filter(|touch| touch.state != TouchState::End);
+        self.open.extend(open);
         let frame = &TouchFrame { epoch: self.first_epoch.wrapping_add(frame.epoch), ..*frame };
         #[cfg(feature = "web")]
         let is_news = std::mem::replace(&mut self.state, frame.state) != frame.state;
@@ -234,6 +247,27 @@ impl Publisher {
         self.write(true)
     }
 
+    /// Ends the touches of the last frame, unless the program has published the list that does.
+    fn end_touches(&mut self) -> Result<(), PublishError> {
+        let mut touches = std::mem::take(&mut self.open);
+        for touch in &mut touches {
+            (touch.state, touch.valid) = (TouchState::End, false);
+        }
+        let ((sequence, epoch, time_s), host_time_s) = (self.last, self.now_s());
+        match &*touches {
+            [] => Ok(()),
+            touches => self.touches(&TouchFrame {
+                sequence,
+                epoch,
+                time_s,
+                host_time_s,
+                state: SkinState::NoData,
+                touches,
+                ..TouchFrame::default()
+            }),
+        }
+    }
+
     /// Publishes the last line, and sends what sinks have queued, within three seconds each; lines of a recording wait for
     /// their reader.
     ///
@@ -241,6 +275,7 @@ impl Publisher {
     ///
     /// A line that cannot be written.
     pub fn end(&mut self) -> Result<(), PublishError> {
+        self.end_touches()?;
         let said = self.say(&EventLine {
             event: "ended",
             text: "no frame follows",

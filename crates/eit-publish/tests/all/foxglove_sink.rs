@@ -122,8 +122,10 @@ fn a_recording_holds_scene_image_and_log() {
     assert_eq!((colour(2)[0], colour(2)[3], colour(3)), (255, 255, &[0; 4][..]));
 
     let log = Log::decode(&topics["/arm/log"].1[0][..]).unwrap();
-    assert!(log.message.contains("unplugged") && log.level == 4, "{log:?}");
+    assert!(log.message.contains("no data") && log.level == 3, "{log:?}");
     let log = Log::decode(&topics["/arm/log"].1[1][..]).unwrap();
+    assert!(log.message.contains("unplugged") && log.level == 4, "{log:?}");
+    let log = Log::decode(&topics["/arm/log"].1[2][..]).unwrap();
     assert!(log.message.contains("repeats an old frame") && log.level == 3, "{log:?}");
     let frozen = &scene.last().unwrap().entities[0];
     assert_eq!(frozen.texts[0].text, "Not known: the instrument repeats an old frame");

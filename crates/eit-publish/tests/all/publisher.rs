@@ -79,6 +79,7 @@ fn every_line_fits_the_schema_and_says_what_happened() {
         "gap",
         "skipped",
         "notice",
+        "frame",
         "silent",
         "disconnected",
         "reconnected",
@@ -89,11 +90,15 @@ fn every_line_fits_the_schema_and_says_what_happened() {
     assert_eq!(lines[0]["instrument"], "a \"board\"\nof 16");
     assert_eq!(lines[1]["frames"], 39);
     assert_eq!((&lines[5]["frames"], &lines[6]["frames"]), (&json!(3), &json!(5)));
-    assert_eq!(lines[8]["for_s"], 0.5);
+    assert_eq!((&lines[8]["state"], &lines[8]["sequence"]), (&json!("no_data"), &json!(100)));
+    let touches = lines[8]["touches"].as_array().unwrap();
+    assert_eq!(touches.len(), 2);
+    assert!(touches.iter().all(|touch| touch["state"] == "end" && touch["valid"] == false));
+    assert_eq!(lines[9]["for_s"], 0.5);
     // epochs of this program are not those of another one
     let first = lines[0]["epoch"].as_u64().unwrap();
     assert!(first > 1_700_000_000, "{first}");
-    assert_eq!((&lines[10]["epoch"], &lines[11]["frames"]), (&json!(first + 1), &json!(2)));
+    assert_eq!((&lines[11]["epoch"], &lines[12]["frames"]), (&json!(first + 1), &json!(2)));
     let wanted = json!({
         "id": 7, "state": "hold", "position_m": [0.03, -0.01, 0.0],
         "position_std_m": [2e-3, 1e-3, 0.0], "normal": [0.6, 0.0, 0.8], "velocity_m_s": [0.1, 0.0, -0.0],
@@ -360,7 +365,7 @@ fn each_line_is_a_datagram_and_nobody_needs_to_listen() {
         let size = receiver.recv(&mut datagram).unwrap();
         assert_eq!(serde_json::from_slice::<Value>(&datagram[..size]).unwrap(), line);
     }
-    assert_eq!((publisher.udp()[0].sent(), publisher.udp()[0].unsent()), (12, 0));
+    assert_eq!((publisher.udp()[0].sent(), publisher.udp()[0].unsent()), (13, 0));
     // the receiver goes: lines are lost, and the publisher goes on
     drop(receiver);
     (0..20).for_each(|_| publisher.touches(&frame(&[], &[])).unwrap());

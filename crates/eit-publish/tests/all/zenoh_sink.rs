@@ -3,12 +3,13 @@
 
 use crate::common::{FAULTS, endpoint, frame, start, touch};
 use eit_publish::ros::{
-    Attachment, DiagnosticArray, Image, PoseStamped, TouchArray, from_cdr, type_hash,
+    Attachment, DiagnosticArray, Image, PoseStamped, TouchArray, from_cdr, skin_state, touch_state,
+    type_hash,
 };
 use eit_publish::{PublishError, Publisher, SessionSettings, ZenohSettings, ZenohSink};
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::ndarray::array;
-use eit_skin::{Touch, TouchState};
+use eit_skin::{SkinState, Touch, TouchState};
 use serde::de::DeserializeOwned;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
@@ -131,6 +132,10 @@ fn a_subscriber_gets_every_frame() {
     publisher.end().unwrap();
     let statistics = publisher.zenoh()[0].statistics();
     assert_eq!((statistics.dropped_frames, publisher.zenoh()[0].sent().1), (0, 0));
+    // a last list ends the touches, once
+    let last: TouchArray = message(&listener.next());
+    assert!(last.touches.iter().all(|touch| touch.state == touch_state::END && !touch.valid));
+    assert_eq!(last.state, skin_state::number(SkinState::NoData));
     assert!(listener.samples.try_recv().is_err(), "nothing twice");
 }
 
@@ -274,6 +279,10 @@ fn only_changes_and_heartbeats_are_published() {
     while heard < sequence {
         heard += u64::from(has_moved(&listener.next()));
     }
+    // a last list ends the touches, once
+    let last: TouchArray = message(&listener.next());
+    assert!(last.touches.iter().all(|touch| touch.state == touch_state::END && !touch.valid));
+    assert_eq!(last.state, skin_state::number(SkinState::NoData));
     assert!(listener.samples.try_recv().is_err(), "nothing twice");
 }
 
@@ -343,7 +352,8 @@ fn frames_do_not_wait_for_the_network() {
     assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
     let statistics = publisher.zenoh()[0].statistics();
     let (sent, refused) = publisher.zenoh()[0].sent();
-    assert_eq!(statistics.frames, 20_000);
+    // and the list that ends the touches
+    assert_eq!(statistics.frames, 20_001);
     // diagnostics are messages, too
     assert!(sent + refused + statistics.dropped_frames >= 20_000, "{sent} {statistics:?}");
 }
